@@ -1,0 +1,1 @@
+"""Thalweg: a photo-realistic river world and a benchmark of safe reinforcement learning on it."""

@@ -1,0 +1,135 @@
+"""What is a world? One frozen record of plain arrays, the same whether it came from a seed, a line or a file.
+
+Dimension letters: S river samples, M plants, B bridges, I islands, GY x GX grid nodes (row = y, column = x).
+Metres, radians; x east, y north, z up; angles counter-clockwise from +x.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+FORMAT = 1
+"""Version of the file format and of what the generator makes: a file of another version is refused."""
+
+
+@dataclass(frozen=True)
+class River:
+    """The course: a line of samples about 1.3 m apart with the width, depth and level at each."""
+
+    closed: bool
+    """Whether the last sample joins the first. A closed course has S segments, an open one S - 1."""
+    position_m: np.ndarray
+    """[S, 2] float64, x and y of the centre line."""
+    arc_m: np.ndarray
+    """[S] float64, arc length at each sample; arc_m[0] = 0."""
+    length_m: float
+    """Whole length: of the loop with its closing segment, or of the open line."""
+    tangent: np.ndarray
+    """[S, 2] float64, unit vectors in the direction of growing arc length."""
+    width_m: np.ndarray
+    """[S] float64, from bank to bank across the centre line; the bank is where the water's edge is."""
+    depth_m: np.ndarray
+    """[S] float64, depth of the bed below the local water level on the centre line."""
+    level_m: np.ndarray
+    """[S] float64, height z of the water's surface."""
+
+    @property
+    def segments(self) -> int:
+        return len(self.arc_m) if self.closed else len(self.arc_m) - 1
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Where the maps lie: node (row, column) is at x = origin_x_m + column * cell_m, y = origin_y_m + row * cell_m."""
+
+    origin_x_m: float
+    origin_y_m: float
+    cell_m: float
+
+
+@dataclass(frozen=True)
+class Plants:
+    """Everything drawn as an impostor: trees, shrubs, reeds and rocks, one row each, in no particular order."""
+
+    position_m: np.ndarray
+    """[M, 3] float32, the foot, on the ground."""
+    height_m: np.ndarray
+    """[M] float32."""
+    width_m: np.ndarray
+    """[M] float32, full width of the crown."""
+    kind: np.ndarray
+    """[M] int16, index into `thalweg.world.species.KINDS`."""
+    turn: np.ndarray
+    """[M] float32, rotation about its axis in radians."""
+    tint: np.ndarray
+    """[M, 3] float32, factor on the reflectance of red, green, blue; about 1."""
+    light: np.ndarray
+    """[M, 2] float32 in 0..1, the share of direct sun that reaches the foot and the top of this plant."""
+
+
+@dataclass(frozen=True)
+class World:
+    """A river valley: its course, what is solid in it, and maps of its surface with the light baked in."""
+
+    name: str
+    seed: int
+    river: River
+    islands: np.ndarray
+    """[I, 5] float64: ellipses x, y, semi-axis along, semi-axis across, angle of the first axis. Land: outside the volume."""
+    bridges: np.ndarray
+    """[B, 11] float64, columns as in `BRIDGE`."""
+    grid: Grid
+    ground_m: np.ndarray
+    """[GY, GX] float32, height of the ground, which is the bed where there is water."""
+    water_m: np.ndarray
+    """[GY, GX] float32, height of the water's surface, continued smoothly under dry land; water is where it is above the ground."""
+    albedo: np.ndarray
+    """[GY, GX, 3] uint8, reflectance of the ground, square-root coded: linear = (value / 255)**2."""
+    sun: np.ndarray
+    """[GY, GX] uint8, share of the direct sun that reaches the upper surface (water or ground), 255 = all."""
+    sky: np.ndarray
+    """[GY, GX] uint8, share of the sky's light that reaches the upper surface (ambient occlusion), 255 = all."""
+    canopy_m: np.ndarray
+    """[GY, GX] float32, height of the tops of plants and bridges, or of the ground or water where there are none."""
+    plants: Plants
+    sun_azimuth: float
+    """Direction towards the sun in radians."""
+    sun_elevation: float
+    """Height of the sun in radians."""
+
+    def save(self, path: "str | Path") -> None:
+        """Write the world as one `.npz`, whole or not at all."""
+        from thalweg.world.files import save
+
+        save(self, path)
+
+    @classmethod
+    def load(cls, path: "str | Path") -> "World":
+        """A world from a file; raises `WorldFileError` for one that is truncated or of another version."""
+        from thalweg.world.files import load
+
+        return load(path)
+
+
+BRIDGE = (
+    "x",
+    "y",
+    "angle",
+    "length",
+    "width",
+    "span",
+    "spring_z",
+    "rise",
+    "deck_z",
+    "hump",
+    "parapet",
+)
+"""Columns of `World.bridges`. In the bridge's own frame u runs along its length (direction `angle`, across the river), v across
+its deck, z up. It fills |u| <= length/2, |v| <= width/2 from its arch to its deck. Top of the deck: deck_z - hump * (u / (length/2))**2.
+Arch: a half ellipse of half axes span/2 and rise over z = spring_z. Parapets 0.3 m thick stand `parapet` metres above the deck's edge."""
+
+PARAPET_THICKNESS_M = 0.3

@@ -1,0 +1,55 @@
+# From a fresh clone, with only Python 3.11+ and make: `make demo`, `make test`.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+UNFINISHED := $(VENV)/.unfinished
+OUT ?= results
+export MPLBACKEND := Agg
+
+.PHONY: help setup demo test lint format bench clean
+
+help:
+	@echo "make demo    train, evaluate and report at small scale (under ten minutes on two cores)"
+	@echo "make test    run the tests"
+	@echo "make lint    format check, lint and types, as in CI"
+	@echo "make bench   the paper's comparison: hours of training; OUT=folder, default results"
+	@echo "make setup   only make .venv and install what requirements.lock pins"
+	@echo "make clean   remove .venv and what tools leave behind (results stay)"
+
+setup: $(READY)
+
+# An interrupted set-up may leave half-copied packages that pip takes for installed: such a .venv is made afresh.
+$(READY): requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	    { echo "Thalweg needs Python 3.11 or later; '$(PYTHON)' is `$(PYTHON) --version 2>&1`. Name another: make PYTHON=python3.11" >&2; exit 1; }
+	@if [ -e $(UNFINISHED) ] || ! $(BIN)/python -m pip --version >/dev/null 2>&1; then \
+	    rm -rf $(VENV) && mkdir $(VENV) && touch $(UNFINISHED) && $(PYTHON) -m venv $(VENV); \
+	fi
+	@touch $(UNFINISHED)
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet -r requirements.lock
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation -e .
+	@rm -f $(UNFINISHED)
+	@touch $@
+
+demo: $(READY)
+	$(BIN)/thalweg bench quick --out $(OUT)/quick
+
+test: $(READY)
+	$(BIN)/python -m pytest
+
+lint: $(READY)
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/pyright
+
+format: $(READY)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: $(READY)
+	$(BIN)/thalweg bench paper --out $(OUT)/paper
+
+clean:
+	rm -rf $(VENV) .pytest_cache .ruff_cache build dist *.egg-info
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

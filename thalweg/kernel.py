@@ -19,11 +19,13 @@ KERNEL_SOURCES = ("kernel.py", "world", "render", "env")
 
 
 def kernel(
-    function: Callable[..., Any] | None = None, *, parallel: bool = False, fastmath: bool = True, inline: str = "never"
+    function: Callable[..., Any] | None = None, *, parallel: bool = False, fastmath: bool = True, inlined: bool = False
 ) -> Any:
     """The compiled form of a function, as a decorator; its cache is keyed by all kernel sources.
 
-    `fastmath=False` is for the rules, which must give the same bits as their plain Python twins.
+    `fastmath=False` is for the rules, which must give the same bits as their plain Python twins. `inlined=True` puts
+    the function into its callers: LLVM vectorises a loop only where it sees that the arrays it writes to cannot overlap
+    others, which it knows of arrays that were allocated in the same function.
     """
 
     def compile_lazily(python_function: Callable[..., Any]) -> Any:
@@ -34,7 +36,7 @@ def kernel(
                 cache=True,
                 parallel=parallel,
                 fastmath=fastmath,
-                inline=inline,
+                forceinline=inlined,
                 error_model="numpy",
                 boundscheck=False,
                 nogil=True,

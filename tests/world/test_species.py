@@ -45,6 +45,6 @@ def test_crown_radius_interpolates_the_profile_by_hand():
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 def test_light_is_not_created(kind):
     """A leaf reflects and lets through less than it receives; sizes are in order."""
-    assert all(0 < r and r + t < 1 for r, t in zip(kind.leaf_reflectance, kind.leaf_transmittance, strict=True))
+    assert all(r > 0 and r + t < 1 for r, t in zip(kind.leaf_reflectance, kind.leaf_transmittance, strict=True))
     assert 0 < kind.height_m[0] < kind.height_m[1]
     assert 0 <= kind.clear_trunk < 1

@@ -1,0 +1,168 @@
+"""What colour is the ground? Sand, grass, forest floor, earth and river bed, with detail at every scale down to a node.
+
+Reflectance only: shade, wetness by waves and the colour of the water itself are the renderer's. The bands follow the signed
+distance to the water's edge and the same wavy edges as the plants (`thalweg.world.zones`).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from thalweg.world.noise import fractal, smooth_step
+from thalweg.world.record import Grid
+from thalweg.world.zones import forest_edge_m, sand_edge_m
+
+f4 = np.float32
+
+SAND = (0.55, 0.45, 0.32)
+SAND_PINK = (0.47, 0.35, 0.245)
+SAND_WET = (0.27, 0.21, 0.14)
+RIM = (0.74, 0.66, 0.53)
+PEBBLE = (0.36, 0.33, 0.29)
+GRASS = (0.205, 0.215, 0.075)
+GRASS_DRY = (0.37, 0.31, 0.15)
+GRASS_LUSH = (0.105, 0.15, 0.045)
+LITTER = (0.105, 0.080, 0.045)
+NEEDLES = (0.175, 0.115, 0.062)
+MOSS = (0.062, 0.082, 0.028)
+EARTH = (0.25, 0.185, 0.12)
+ROCK = (0.27, 0.25, 0.22)
+BED_SAND = (0.36, 0.295, 0.205)
+BED_SILT = (0.165, 0.135, 0.095)
+BED_STONE = (0.23, 0.21, 0.18)
+ALGAE = (0.070, 0.075, 0.034)
+"""Linear reflectances of the materials, red, green, blue."""
+
+
+@dataclass(frozen=True)
+class Fields:
+    """Noise at several scales that the bands share, each [GY, GX] float32 of unit deviation; the name tells the scale."""
+
+    broad: np.ndarray
+    """From 30 m down."""
+    patch: np.ndarray
+    """From 9 m down."""
+    clump: np.ndarray
+    """From 3 m down."""
+    grain: np.ndarray
+    """From 1.2 m down to two nodes."""
+    hue: np.ndarray
+    """From 14 m down, independent of the others: what leans the colour to one side."""
+    spot: np.ndarray
+    """From 2.4 m down, independent of the others: stones and tufts."""
+
+
+def paint(
+    grid: Grid, ground_m: np.ndarray, water_m: np.ndarray, shore_m: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """[GY, GX, 3] uint8 reflectance of the ground, square-root coded: linear = (value / 255)².
+
+    ground_m, water_m and shore_m are [GY, GX] float32 in metres; shore_m is the distance to the nearest water's
+    edge, positive on land.
+    """
+    fields = _fields(ground_m.shape, grid.cell_m, rng)
+    ragged = shore_m + f4(0.55) * fields.patch + f4(0.40) * fields.clump + f4(0.16) * fields.grain
+    into_grass = smooth_step(-1.2, 1.3, ragged - sand_edge_m(grid, shore_m.shape))
+    into_forest = smooth_step(0.5, 5.0, ragged - forest_edge_m(grid, shore_m.shape) + f4(0.8) * fields.spot)
+    colour = _sand(shore_m, fields)
+    _lay(colour, into_grass, _grass(fields))
+    _lay(colour, into_forest * into_grass, _litter(fields))
+    _lay(colour, _steepness(grid, ground_m, fields), _earth(ground_m, fields))
+    edge = shore_m + f4(0.05) * fields.clump
+    _lay(colour, smooth_step(-0.30, 0.02, -edge), _bed(water_m - ground_m, fields))
+    return np.rint(np.sqrt(np.clip(colour, 0.0, 1.0)) * f4(255.0)).astype(np.uint8)
+
+
+def _fields(shape: tuple[int, int], cell_m: float, rng: np.random.Generator) -> Fields:
+    return Fields(
+        broad=fractal(shape, cell_m, 30.0, 3, rng, gain=0.65),
+        patch=fractal(shape, cell_m, 9.0, 5, rng, gain=0.7),
+        clump=fractal(shape, cell_m, 3.0, 4, rng, gain=0.75),
+        grain=fractal(shape, cell_m, 1.2, 2, rng, gain=0.9),
+        hue=fractal(shape, cell_m, 14.0, 5, rng, gain=0.65),
+        spot=fractal(shape, cell_m, 2.4, 3, rng, gain=0.85),
+    )
+
+
+def _sand(shore_m: np.ndarray, fields: Fields) -> np.ndarray:
+    """[GY, GX, 3] float32: dry sand with ripples and patches of pebbles, a pale rim, and a wet edge."""
+    colour = _mix(SAND, SAND_PINK, smooth_step(-1.0, 1.6, fields.hue + f4(0.35) * fields.clump))
+    ripple = np.sin(shore_m * f4(2.0 * np.pi / 0.85) + f4(2.2) * fields.patch + f4(0.8) * fields.clump)
+    shade = f4(0.045) * fields.broad + f4(0.055) * fields.patch + f4(0.07) * fields.clump + f4(0.06) * fields.grain
+    colour *= np.exp(shade + f4(0.035) * ripple)[..., None]
+    pebbly = smooth_step(0.75, 1.7, fields.patch + f4(0.5) * fields.broad)
+    stones = _mix(PEBBLE, tuple(f4(0.55) * np.array(PEBBLE)), smooth_step(-0.6, 1.4, fields.spot))
+    _lay(colour, f4(0.75) * pebbly * smooth_step(-0.8, 0.7, fields.grain + f4(0.5) * fields.spot), stones)
+    tufts = smooth_step(1.5, 2.2, fields.spot + f4(0.35) * fields.hue) * smooth_step(2.0, 4.0, shore_m)
+    _lay(colour, f4(0.7) * tufts, np.broadcast_to(f4(GRASS), colour.shape))
+    width = f4(0.30) + f4(0.05) * fields.clump + f4(0.05) * fields.patch
+    beyond = shore_m - width
+    rim = smooth_step(0.0, 0.15, beyond) * smooth_step(0.0, 0.8, f4(0.9) + f4(0.3) * fields.clump - beyond)
+    broken = smooth_step(-1.2, 1.0, fields.patch + f4(0.7) * fields.grain)
+    _lay(colour, rim * broken, np.broadcast_to(f4(RIM), colour.shape))
+    wet = smooth_step(-0.08, 0.14, width - shore_m)
+    _lay(colour, wet, _mix(SAND_WET, tuple(f4(1.2) * np.array(SAND_WET)), smooth_step(-1.5, 1.5, fields.clump)))
+    return colour
+
+
+def _grass(fields: Fields) -> np.ndarray:
+    """[GY, GX, 3] float32: olive grass, dry and lush by patches, tufted, thin enough here and there to show sand."""
+    colour = _mix(GRASS, GRASS_DRY, smooth_step(-0.5, 1.8, fields.hue + f4(0.5) * fields.clump))
+    _lay(
+        colour,
+        smooth_step(0.2, 1.9, fields.patch - f4(0.4) * fields.hue),
+        np.broadcast_to(f4(GRASS_LUSH), colour.shape),
+    )
+    bare = smooth_step(1.0, 1.9, fields.clump + f4(0.45) * fields.broad)
+    _lay(colour, f4(0.7) * bare, np.broadcast_to(f4(SAND_PINK), colour.shape))
+    shade = f4(0.09) * fields.broad + f4(0.09) * fields.clump + f4(0.13) * fields.grain + f4(0.08) * fields.spot
+    colour *= np.exp(shade)[..., None]
+    return colour
+
+
+def _litter(fields: Fields) -> np.ndarray:
+    """[GY, GX, 3] float32: brown litter under the trees with patches of needles, moss and herbs."""
+    colour = _mix(LITTER, NEEDLES, smooth_step(-0.6, 1.5, fields.patch))
+    _lay(colour, smooth_step(0.0, 1.4, fields.hue + f4(0.6) * fields.clump), np.broadcast_to(f4(MOSS), colour.shape))
+    _lay(colour, smooth_step(1.1, 1.9, fields.spot), np.broadcast_to(f4(GRASS_LUSH), colour.shape))
+    colour *= np.exp(f4(0.14) * fields.clump + f4(0.16) * fields.grain)[..., None]
+    return colour
+
+
+def _earth(ground_m: np.ndarray, fields: Fields) -> np.ndarray:
+    """[GY, GX, 3] float32: bare earth and rock of steep slopes, in wavy layers of height."""
+    layers = np.sin(ground_m * f4(2.0 * np.pi / 0.7) + f4(1.5) * fields.clump)
+    colour = _mix(EARTH, ROCK, smooth_step(-0.6, 0.9, layers + f4(0.7) * fields.spot))
+    colour *= np.exp(f4(0.12) * fields.clump + f4(0.14) * fields.grain)[..., None]
+    return colour
+
+
+def _steepness(grid: Grid, ground_m: np.ndarray, fields: Fields) -> np.ndarray:
+    """[GY, GX] float32 in 0..1: how much of the surface is too steep for sand and grass to hold, from 32 to 45 degrees."""
+    down, right = np.gradient(gaussian_filter(ground_m, 1.0), f4(grid.cell_m))
+    slope = np.hypot(down, right) + f4(0.06) * fields.clump
+    return smooth_step(0.62, 1.0, slope.astype(np.float32))
+
+
+def _bed(depth_m: np.ndarray, fields: Fields) -> np.ndarray:
+    """[GY, GX, 3] float32: sand near the edge, silt with depth, stones, and dark patches of algae."""
+    deep = smooth_step(0.10, 1.3, depth_m + f4(0.22) * fields.patch + f4(0.12) * fields.clump)
+    colour = _mix(BED_SAND, BED_SILT, deep)
+    stones = _mix(BED_STONE, tuple(f4(0.5) * np.array(BED_STONE)), smooth_step(-0.8, 1.0, fields.grain + fields.hue))
+    _lay(colour, f4(0.8) * smooth_step(0.5, 1.3, fields.spot + f4(0.4) * fields.patch), stones)
+    algae = smooth_step(0.15, 1.3, fields.patch + f4(0.55) * fields.clump - f4(0.3) * fields.hue)
+    _lay(colour, f4(0.8) * algae * smooth_step(0.05, 0.35, depth_m), np.broadcast_to(f4(ALGAE), colour.shape))
+    shade = f4(0.10) * fields.broad + f4(0.12) * fields.clump + f4(0.13) * fields.grain
+    colour *= np.exp(shade - f4(0.22) * np.clip(depth_m, 0.0, 3.0))[..., None]
+    return colour
+
+
+def _mix(one, other, share: np.ndarray) -> np.ndarray:
+    """[GY, GX, 3] float32: colour `one` [3] where share [GY, GX] is 0, `other` [3] where it is 1."""
+    return f4(one) + share[..., None] * (f4(other) - f4(one))
+
+
+def _lay(colour: np.ndarray, share: np.ndarray, over: np.ndarray) -> None:
+    """Lay a layer over [GY, GX, 3] on colour [GY, GX, 3], in place, with its share [GY, GX]."""
+    colour += share[..., None] * (over - colour)

@@ -1,0 +1,288 @@
+"""How do many episodes run at once? The native Gymnasium vector environment: it only wires the answers of its
+neighbours.
+
+One call of the rules and one of the renderer serve all N environments, whatever worlds they fly in. Arrays that are
+returned are never written to again.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from thalweg.env import state_arrays
+from thalweg.env.actions import action_space, from_units, units
+from thalweg.env.config import DEFAULT_CONFIG, ConfigError, DoneReason, EnvConfig
+from thalweg.env.courses import fingerprint, pack
+from thalweg.env.observation import observation_space, observed, one_of
+from thalweg.env.rules import empty_outcome, empty_state, step_all
+from thalweg.env.starts import check_pose, heading_way, located, random_start
+from thalweg.world.record import World
+
+OPTIONS = ("pose", "reset_mask")
+
+
+class RiverVectorEnv(VectorEnv):
+    """N environments over one or several worlds; environment i flies in world i % len(worlds).
+
+    `info` belongs to the action just taken in every autoreset mode: `cost` [N], `costs` [N, 2] (tight, loose),
+    `done_reason` [N], `progress` [N] (share of segments visited), `pose` [N, 4]; beside them `final_obs` and
+    `final_info` as Gymnasium defines them. Environment i draws from a generator of its own, seeded with seed + i, so
+    that its episodes do not depend on how many others there are.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": ["rgb_array"],
+        "render_fps": 20,
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+    }
+
+    def __init__(
+        self,
+        worlds: World | Sequence[World],
+        num_envs: int = 1,
+        config: EnvConfig = DEFAULT_CONFIG,
+        *,
+        renderer: Any = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+        render_mode: str | None = None,
+    ) -> None:
+        """`renderer`: any object with `.camera` and `.render(poses, world_index, time_s, out)`; None: ours, made when
+        needed."""
+        if num_envs < 1:
+            raise ConfigError(f"num_envs must be at least 1, not {num_envs}")
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ConfigError(f"unknown render_mode {render_mode!r}; known: {', '.join(self.metadata['render_modes'])}")
+        self.worlds = (worlds,) if isinstance(worlds, World) else tuple(worlds)
+        self.num_envs = int(num_envs)
+        self.config = config
+        self.autoreset_mode = _mode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self.render_mode = render_mode
+        self.camera = config.camera if renderer is None else renderer.camera
+        self._renderer = renderer
+
+        self.courses = pack(self.worlds, config)
+        self.limits = config.limits
+        self.world_index = np.arange(self.num_envs, dtype=np.int64) % len(self.worlds)
+        self.state = empty_state(self.world_index, self.courses)
+        self.generators: list[np.random.Generator | None] = [None] * self.num_envs
+        self._begun = np.zeros(self.num_envs, dtype=bool)
+        self._ended = np.zeros(self.num_envs, dtype=bool)
+        self._outcome = empty_outcome(self.num_envs)
+        self._shown: np.ndarray | None = None
+
+        self.single_action_space = action_space(config.action)
+        self.single_observation_space = observation_space(
+            config.observation, self.camera.height_px, self.camera.width_px
+        )
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin new episodes in all environments, or those of `options["reset_mask"]` [N] bool; returns observations
+        and info.
+
+        `options["pose"]`, [4] or [N, 4], begins them there; raises `UnsafePoseError` when a pose breaks a limit.
+        """
+        rows, poses = self._reset_options(options or {})
+        seeds = self._seeds(seed)
+        for row in rows:
+            if seeds[row] is not None or self.generators[row] is None:
+                self.generators[row] = seeding.np_random(seeds[row])[0]
+        for row in rows:
+            self._begin(row, None if poses is None else poses[row])
+        _clear(self._outcome, rows)
+        chosen = np.zeros(self.num_envs, dtype=bool)
+        chosen[rows] = True
+        return self._observe(self.state.pose, self.world_index, self.state.time_s), self._info(chosen)
+
+    def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """One action [N, 4] in each environment: observations, rewards [N], terminated [N], truncated [N], info.
+
+        Raises `ActionError` before anything changes, and `gymnasium.error.ResetNeeded` where an episode has to begin
+        first.
+        """
+        shares = units(self.config.action, actions, self.num_envs)
+        if not self._begun.all():
+            raise gymnasium.error.ResetNeeded("call reset() before step()")
+        mode = self.autoreset_mode
+        if mode is AutoresetMode.DISABLED and self._ended.any():
+            ended = np.flatnonzero(self._ended).tolist()
+            raise gymnasium.error.ResetNeeded(f"the episodes of environments {ended} have ended; reset them first")
+
+        active = ~self._ended
+        step_all(active, shares, self.courses, self.limits, self.state, self._outcome)
+        self.state.time_s[active] += self.config.step_s
+        for row in np.flatnonzero(~active):
+            self._begin(int(row))
+        reason = self._outcome.reason
+        truncated = reason == DoneReason.MAX_STEP_REACHED
+        terminated = (reason >= 0) & ~truncated
+        info = self._info(np.ones(self.num_envs, dtype=bool))
+        self._ended[:] = reason >= 0
+        if mode is AutoresetMode.SAME_STEP and self._ended.any():
+            observations = self._begin_ended(info)
+        else:
+            observations = self._observe(self.state.pose, self.world_index, self.state.time_s)
+        return observations, self._outcome.reward.copy(), terminated, truncated, info
+
+    def observe(self) -> Any:
+        """The observations of the present state, as `reset` and `step` return them; for use after `set_state`."""
+        return self._observe(self.state.pose, self.world_index, self.state.time_s)
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """The frames now seen, N of [H, W, 3] uint8; None without a render mode."""
+        if self.render_mode is None:
+            return None
+        if self._shown is None:
+            self._shown = self._frames(self.state.pose, self.world_index, self.state.time_s)[..., :3].copy()
+        return tuple(frame.copy() for frame in self._shown)
+
+    def pilot_actions(self) -> np.ndarray:
+        """Actions [N, 4] of the scripted pilot, which knows the map, for the present state."""
+        from thalweg.env.pilot import Pilot
+
+        if not self._begun.all():
+            raise gymnasium.error.ResetNeeded("call reset() before pilot_actions()")
+        if not hasattr(self, "_pilot"):
+            self._pilot = Pilot(self.courses, self.config)
+        return from_units(self.config.action, self._pilot.shares(self.state))
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Everything that the future depends on, generators included, as arrays of its own."""
+        prints = np.array([fingerprint(world) for world in self.worlds], dtype=np.uint64)
+        return state_arrays.gathered(self.state, self.generators, self._begun, self._ended, prints)
+
+    def set_state(self, state: Mapping[str, np.ndarray]) -> None:
+        """Go on from a state of `get_state`; raises `StateError` before anything changes when it does not fit."""
+        state_arrays.check(state, self.get_state())
+        state_arrays.scatter(state, self.state, self.generators, self._begun, self._ended)
+        self._shown = None
+
+    def _reset_options(self, options: Mapping[str, Any]) -> tuple[list[int], np.ndarray | None]:
+        """Rows to reset and their poses [N, 4] or None; everything is checked here, before anything changes."""
+        unknown = sorted(set(options) - set(OPTIONS))
+        if unknown:
+            raise ConfigError(f"unknown reset option {', '.join(map(repr, unknown))}; known: {', '.join(OPTIONS)}")
+        mask = options.get("reset_mask")
+        if mask is None:
+            mask = np.ones(self.num_envs, dtype=bool)
+        mask = np.asarray(mask)
+        if mask.dtype != bool or mask.shape != (self.num_envs,) or not mask.any():
+            raise ConfigError(f"reset_mask must be [{self.num_envs}] bool with at least one True")
+        if not (self._begun | mask).all():
+            raise gymnasium.error.ResetNeeded("the first reset must begin every environment")
+        rows = np.flatnonzero(mask).tolist()
+        poses = options.get("pose")
+        if poses is not None:
+            poses = np.asarray(poses, dtype=np.float64)
+            if poses.shape not in ((4,), (self.num_envs, 4)):
+                raise ConfigError(f"pose has shape {poses.shape}; needed: (4,) or ({self.num_envs}, 4)")
+            poses = np.broadcast_to(poses, (self.num_envs, 4))
+            for row in rows:
+                check_pose(self.courses, int(self.world_index[row]), self.config, poses[row])
+        return rows, poses
+
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
+        """One seed or None per environment."""
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, int | np.integer):
+            self._np_random_seed = int(seed)
+            return [int(seed) + row for row in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise ConfigError(f"{len(seed)} seeds for {self.num_envs} environments")
+        return seed
+
+    def _begin(self, row: int, pose: np.ndarray | None = None) -> None:
+        """Begin an episode in one environment, at a pose [4] or a random one."""
+        state, world = self.state, int(self.world_index[row])
+        generator = self.generators[row]
+        assert generator is not None
+        random_pose, time_s = random_start(self.courses, world, self.config, self.limits, generator)
+        state.pose[row] = random_pose if pose is None else pose
+        x, y, _, yaw = state.pose[row]
+        segment, fraction, _ = located(self.courses, world, x, y)
+        state.segment[row] = segment
+        state.travel[row] = heading_way(self.courses, world, segment, fraction, yaw)
+        state.visited[row] = 0
+        state.visited_count[row] = state.steps[row] = state.idle[row] = 0
+        state.time_s[row] = time_s
+        self._begun[row] = True
+        self._ended[row] = False
+
+    def _begin_ended(self, info: dict[str, Any]) -> Any:
+        """Begin anew where an episode ended, add `final_obs` and `final_info`; the observations of the new poses."""
+        state, rows = self.state, np.flatnonzero(self._ended)
+        last_pose, last_time = state.pose[rows].copy(), state.time_s[rows].copy()
+        ended = self._ended.copy()
+        for row in rows:
+            self._begin(int(row))
+        batch = self._observe(
+            np.concatenate([state.pose, last_pose]),
+            np.concatenate([self.world_index, self.world_index[rows]]),
+            np.concatenate([state.time_s, last_time]),
+        )
+        final_obs = np.full(self.num_envs, None, dtype=object)
+        for place, row in enumerate(rows):
+            final_obs[row] = one_of(batch, self.num_envs + place)
+        final_info = {key: np.zeros_like(value) for key, value in info.items()}
+        for key, value in info.items():
+            final_info[key][rows] = value[rows]
+        info |= {"final_obs": final_obs, "_final_obs": ended, "final_info": final_info, "_final_info": ended.copy()}
+        if isinstance(batch, dict):
+            return {key: value[: self.num_envs].copy() for key, value in batch.items()}
+        return batch[: self.num_envs].copy()
+
+    def _info(self, chosen: np.ndarray) -> dict[str, Any]:
+        """The info of the last action; chosen [N] bool marks the environments that it is about."""
+        state, outcome = self.state, self._outcome
+        info = {
+            "cost": outcome.costs.sum(axis=1),
+            "costs": outcome.costs.copy(),
+            "done_reason": outcome.reason.copy(),
+            "progress": state.visited_count / self.courses.segments[self.world_index],
+            "pose": state.pose.copy(),
+        }
+        return info | {f"_{key}": chosen.copy() for key in info}
+
+    def _observe(self, poses: np.ndarray, world_index: np.ndarray, time_s: np.ndarray) -> Any:
+        """Observations [M, ...] of M poses; the first N are those now seen."""
+        self._shown = None
+        if self.config.observation == "none":
+            return poses.copy()
+        frames = self._frames(poses, world_index, time_s)
+        if self.render_mode is not None:
+            self._shown = frames[: self.num_envs, ..., :3].copy()
+        return observed(self.config.observation, frames)
+
+    def _frames(self, poses: np.ndarray, world_index: np.ndarray, time_s: np.ndarray) -> np.ndarray:
+        """Frames [M, H, W, 4] uint8 in memory of their own."""
+        if self._renderer is None:
+            from thalweg.render import Renderer
+
+            self._renderer = Renderer(self.worlds, self.camera)
+        out = np.empty((len(poses), self.camera.height_px, self.camera.width_px, 4), dtype=np.uint8)
+        return self._renderer.render(poses, world_index, time_s, out)
+
+
+def _mode(given: AutoresetMode | str) -> AutoresetMode:
+    """An autoreset mode from itself or its name."""
+    for mode in AutoresetMode:
+        if given is mode or (isinstance(given, str) and given.lower() in (mode.value.lower(), mode.name.lower())):
+            return mode
+    raise ConfigError(f"unknown autoreset_mode {given!r}; known: {', '.join(mode.name for mode in AutoresetMode)}")
+
+
+def _clear(outcome: Any, rows: Sequence[int]) -> None:
+    """Forget the last step of some environments."""
+    outcome.reward[rows] = 0.0
+    outcome.costs[rows] = 0.0
+    outcome.reason[rows] = -1

@@ -48,12 +48,12 @@ class Atlas:
     """[LEVELS] int64, so that the texel of (kind, view, level, row, column) is
     offset[level] + ((kind * VIEWS + view) * rows(level) + row) * cols(level) + column."""
     shade: np.ndarray
-    """[K, VIEWS, 3] float32: radiance of the plant where no direct sun reaches it, as a share of that in full sun. With a
-    share s of the sun, the radiance is that of the texel times shade + (1 - shade) * s."""
+    """[K, VIEWS, 3] float32: radiance of the plant where no direct sun reaches it, as a share of that in full sun. With
+    a share s of the sun, the radiance is that of the texel times shade + (1 - shade) * s."""
 
     @property
     def packed(self) -> np.ndarray:
-        """[T] uint32, the same memory: one look-up fetches a texel (red in the lowest byte, on a little-endian machine)."""
+        """[T] uint32, the same memory, one number a texel (red in the lowest byte on a little-endian machine)."""
         return self.texels.view(np.uint32).ravel()
 
     def picture(self, kind: int, view: int, level: int = 0) -> np.ndarray:
@@ -117,6 +117,8 @@ def draw_kind(kind: Kind, sun_elevation: float) -> tuple[np.ndarray, np.ndarray]
     """All views of a kind: RGB times coverage, and coverage [VIEWS, ROWS, COLS, 4]; and its `shade` [VIEWS, 3]."""
     model = grow(kind)
     sun_share, sky_share = sprites.light(model, sun_elevation)
+    if kind.group == "tree":
+        sky_share = sky_share * (1 - sprites.STAND * np.clip(1 - model.centre[:, 2], 0, 1))
     front, back = sprites.radiance(model, sun_elevation, sun_share, sky_share)
     dark_front, dark_back = sprites.radiance(model, sun_elevation, np.zeros_like(sun_share), sky_share)
     looks = [(math.cos(2 * math.pi * v / VIEWS), math.sin(2 * math.pi * v / VIEWS)) for v in range(VIEWS)]
@@ -144,7 +146,7 @@ def extent(model: Model, looks: list[tuple[float, float]]) -> tuple[float, float
 
 
 def mip_levels(full: np.ndarray) -> list[np.ndarray]:
-    """Pictures [P, rows, cols, 4] (RGB times coverage, and coverage) on each level, averaged; coverage then adjusted."""
+    """Pictures [P, rows, cols, 4] (RGB times coverage, and coverage) on each level, with coverage kept."""
     levels = [full]
     for _ in range(LEVELS - 1):
         fine = levels[-1]

@@ -1,4 +1,6 @@
-"""How is a grown plant lit, and how does it look from one side? Light through its own crown, and a drawing of its ellipses.
+"""How is a grown plant lit, and how does it look from one side?
+
+Light falls through its own crown; then its ellipses are drawn, the nearest in front.
 
 In the plant's frame the sun stands in the direction +x. Radiance 1 is that of a white surface that faces the full sun
 under an open sky; sun and sky differ in colour and add up to that white.
@@ -20,10 +22,12 @@ GROUND = np.array([0.26, 0.22, 0.14])
 """Mean reflectance of the ground around: sand and grass send light up into the crowns."""
 WRAP = 0.18
 """How far round its edge the sun lights a clump of leaves (a leaf bends): 0 = not at all."""
-CELLS = 64
+CELLS = 96
 """Cells of the density volume in a plant's height."""
-LEAF_SHADE = 0.62
+LEAF_SHADE = 1.15
 """Share of the true leaf area that counts as shade: leaves scatter light on, and overlap within a clump."""
+STAND = 0.55
+"""Share of the sky that its neighbours in the stand hide from the foot of a tree; they hide none from its top."""
 
 
 def light(model: Model, sun_elevation: float) -> tuple[np.ndarray, np.ndarray]:
@@ -49,7 +53,7 @@ def light(model: Model, sun_elevation: float) -> tuple[np.ndarray, np.ndarray]:
 
 @kernel(fastmath=False)
 def through(volume, start, directions):
-    """Mean share of light [L] that comes from the directions [D, 3] to the points `start` [L, 3], in cells of the volume."""
+    """Mean share of light [L] that comes from directions [D, 3] to points `start` [L, 3], in cells of the volume."""
     result = np.empty(len(start), np.float32)
     size_x, size_y, size_z = volume.shape
     for point in range(len(start)):

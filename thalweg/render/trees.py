@@ -151,7 +151,8 @@ def leafy(
     count = len(clump)
     direction = unit(rng.normal(size=(count, 3)) + np.array([0, 0, 0.35]))
     ragged = 1 + 0.22 * np.cos(3 * np.arctan2(direction[:, 1], direction[:, 0]) + 2.4 * clump)
-    distance = radii[clump] * ragged * (0.35 + 0.65 * np.sqrt(rng.uniform(size=count)))
+    spread = 0.3 + 0.7 * np.sqrt(rng.uniform(size=count)) + np.abs(rng.normal(0, 0.14, count))
+    distance = radii[clump] * ragged * spread
     centre = centres[clump] + direction * distance[:, None] * np.array([1, 1, flat])
     inside = np.array([0, 0, kind.clear_trunk + 0.4 * (1 - kind.clear_trunk)])
     outward = unit((centre - inside) * np.array([1, 1, 0.6]))
@@ -159,8 +160,8 @@ def leafy(
     normal = unit(0.75 * direction + 0.45 * outward + 0.75 * loose)
     pointing = unit(aligned * (direction + 0.4 * outward) + (1 - aligned) * np.cross(normal, loose) + 0.35 * loose)
     size = kind.leaf_size * rng.uniform(0.7, 1.35, count)
-    tone = rng.uniform(0.72, 1.28, (count, 1)) * (1 + rng.normal(0, 0.13, (len(centres), 1)))[clump]
-    yellow = (1 + rng.normal(0, 0.07, len(centres)))[clump, None] ** np.array([1.5, 0.2, -1.0])
+    tone = rng.uniform(0.6, 1.4, (count, 1)) * (1 + rng.normal(0, 0.15, (len(centres), 1)))[clump]
+    yellow = (1 + rng.normal(0, 0.045, len(centres)))[clump, None] ** np.array([1.5, 0.2, -1.0])
     young = 0.85 + 0.3 * np.clip(distance / radii[clump], 0, 1.2)[:, None]
     paint = tone * yellow * young
     colours = (paint * np.array(kind.leaf_reflectance), paint * np.array(kind.leaf_transmittance))
@@ -186,9 +187,9 @@ def branches(
 def grow_pine(kind: Kind, rng: np.random.Generator) -> Model:
     """A Scots pine: a bare, slightly bent trunk, dead stubs, and flat cushions of needles in an irregular crown."""
     path, bark = trunk(kind, rng, 0.95, 0.025)
-    centres, radii = clump_centres(kind, rng, 0.55)
+    centres, radii = clump_centres(kind, rng, 0.7)
     centres[:, :2] += path[np.searchsorted(path[:, 2], centres[:, 2]).clip(max=len(path) - 1), :2]
-    needles = leafy(kind, rng, centres, radii, leaves=230, flat=0.6, width=0.42, aligned=0.7)
+    needles = leafy(kind, rng, centres, radii, leaves=170, flat=0.6, width=0.42, aligned=0.7)
     stubs_z = rng.uniform(0.45, 1.0, 7) * kind.clear_trunk
     stub_angle = rng.uniform(0, 2 * np.pi, 7)
     reach = rng.uniform(0.2, 0.55, 7) * kind.aspect / 2
@@ -198,22 +199,22 @@ def grow_pine(kind: Kind, rng: np.random.Generator) -> Model:
 
 def grow_cone(kind: Kind, rng: np.random.Generator) -> Model:
     """A spruce or fir: whorls of drooping branches that carry sprays of needles, shorter towards the top."""
-    path, bark = trunk(kind, rng, 0.985, 0.004)
-    count = 3 * kind.clumps
-    share = np.sort(1 - np.sqrt(rng.uniform(0.0, 1, count)) * 0.995)
-    share += 0.012 * np.sin(share * 2 * np.pi * 13)  # gathers the branches into whorls
-    share = np.clip(share, 0.0, 0.985)
+    _, bark = trunk(kind, rng, 0.985, 0.004)
+    count = 4 * kind.clumps
+    share = np.sort(1 - rng.uniform(0.0, 1, count) ** 0.62 * 0.97 - 0.03)
+    share += 0.006 * np.sin(share * 2 * np.pi * 13)  # gathers the branches into whorls
+    share = np.clip(share, 0.0, 0.975)
     outline = kind.crown_radius(kind.clear_trunk + (1 - kind.clear_trunk) * share) * kind.aspect / 2
     azimuth = np.arange(count) * GOLDEN_ANGLE + rng.normal(0, 0.3, count)
     length = outline * np.clip(lobes(rng, 0.25)(azimuth, share), 0.6, 1.1) * rng.uniform(0.72, 1.0, count) + 0.008
-    per_branch = 64
+    per_branch = 90
     t = np.sqrt(rng.uniform(0.02, 1, (count, per_branch)))
-    spread = length[:, None] * 0.30 * (1.05 - t) * rng.normal(0, 1, t.shape) + rng.normal(0, 0.006, t.shape)
+    spread = length[:, None] * 0.42 * (1.05 - t) * rng.normal(0, 1, t.shape) + rng.normal(0, 0.006, t.shape)
     out = np.stack([np.cos(azimuth), np.sin(azimuth)], -1)[:, None]
     side = np.stack([-np.sin(azimuth), np.cos(azimuth)], -1)[:, None]
     along = (length[:, None] * t)[..., None]
     flat = out * along + side * spread[..., None]
-    droop = length[:, None] * (0.55 * t - 0.22 * t**3) + 0.5 * np.abs(spread) + rng.uniform(0, 0.012, t.shape)
+    droop = length[:, None] * (0.55 * t - 0.22 * t**3) + 0.5 * np.abs(spread) + rng.uniform(0, 0.03, t.shape)
     z = kind.clear_trunk + (1 - kind.clear_trunk) * share[:, None] + 0.25 * length[:, None] - droop
     centre = np.concatenate([flat, np.clip(z, 0.005, 0.995)[..., None]], -1).reshape(-1, 3)
     total = len(centre)
@@ -230,16 +231,16 @@ def grow_cone(kind: Kind, rng: np.random.Generator) -> Model:
 def grow_round(kind: Kind, rng: np.random.Generator) -> Model:
     """An oak-like tree: a stout trunk, spreading branches, a broad crown of full clumps with dark gaps between."""
     path, bark = trunk(kind, rng, 0.8, 0.02)
-    centres, radii = clump_centres(kind, rng, 0.4)
-    leaves = leafy(kind, rng, centres, radii, leaves=210, flat=0.78, width=0.68, aligned=0.15)
+    centres, radii = clump_centres(kind, rng, 0.6)
+    leaves = leafy(kind, rng, centres, radii, leaves=150, flat=0.78, width=0.68, aligned=0.15)
     return joined(bark, branches(kind, rng, path, centres, -0.03, 0.7), leaves)
 
 
 def grow_slender(kind: Kind, rng: np.random.Generator) -> Model:
     """A birch-like tree: a thin light trunk seen through a loose crown of small hanging clumps."""
     path, bark = trunk(kind, rng, 0.95, 0.018)
-    centres, radii = clump_centres(kind, rng, 0.45)
-    leaves = leafy(kind, rng, centres, radii, leaves=190, flat=1.05, width=0.7, aligned=0.1)
+    centres, radii = clump_centres(kind, rng, 0.6)
+    leaves = leafy(kind, rng, centres, radii, leaves=145, flat=1.05, width=0.7, aligned=0.1)
     return joined(bark, branches(kind, rng, path, centres, -0.02, 1.1), leaves)
 
 

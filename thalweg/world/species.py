@@ -83,12 +83,12 @@ PINE = Kind(
     clear_trunk=0.36,
     profile=PINE_CROWN,
     density_per_m=0.42,
-    leaf_reflectance=(0.052, 0.072, 0.024),
-    leaf_transmittance=(0.020, 0.032, 0.006),
+    leaf_reflectance=(0.076, 0.085, 0.014),
+    leaf_transmittance=(0.030, 0.038, 0.004),
     bark_reflectance=(0.150, 0.092, 0.060),
     trunk_radius=0.014,
-    clumps=44,
-    clump_radius=0.30,
+    clumps=60,
+    clump_radius=0.23,
     leaf_size=0.0085,
     seed=101,
 )
@@ -102,8 +102,8 @@ FIR = Kind(
     clear_trunk=0.07,
     profile=FIR_CROWN,
     density_per_m=0.75,
-    leaf_reflectance=(0.036, 0.056, 0.024),
-    leaf_transmittance=(0.012, 0.021, 0.005),
+    leaf_reflectance=(0.051, 0.065, 0.016),
+    leaf_transmittance=(0.018, 0.025, 0.003),
     bark_reflectance=(0.085, 0.068, 0.052),
     trunk_radius=0.012,
     clumps=70,
@@ -121,12 +121,12 @@ OAK = Kind(
     clear_trunk=0.14,
     profile=OAK_CROWN,
     density_per_m=0.55,
-    leaf_reflectance=(0.066, 0.092, 0.024),
-    leaf_transmittance=(0.044, 0.070, 0.009),
+    leaf_reflectance=(0.095, 0.108, 0.014),
+    leaf_transmittance=(0.062, 0.080, 0.005),
     bark_reflectance=(0.090, 0.074, 0.055),
     trunk_radius=0.021,
-    clumps=58,
-    clump_radius=0.25,
+    clumps=84,
+    clump_radius=0.18,
     leaf_size=0.0095,
     seed=301,
 )
@@ -140,12 +140,12 @@ BIRCH = Kind(
     clear_trunk=0.18,
     profile=BIRCH_CROWN,
     density_per_m=0.38,
-    leaf_reflectance=(0.082, 0.106, 0.026),
-    leaf_transmittance=(0.060, 0.086, 0.011),
+    leaf_reflectance=(0.113, 0.125, 0.018),
+    leaf_transmittance=(0.078, 0.096, 0.006),
     bark_reflectance=(0.300, 0.280, 0.240),
     trunk_radius=0.010,
-    clumps=46,
-    clump_radius=0.27,
+    clumps=62,
+    clump_radius=0.22,
     leaf_size=0.0080,
     seed=401,
 )
@@ -159,8 +159,8 @@ BUSH = Kind(
     clear_trunk=0.0,
     profile=BUSH_CROWN,
     density_per_m=1.6,
-    leaf_reflectance=(0.072, 0.096, 0.028),
-    leaf_transmittance=(0.045, 0.066, 0.010),
+    leaf_reflectance=(0.099, 0.110, 0.016),
+    leaf_transmittance=(0.060, 0.075, 0.006),
     bark_reflectance=(0.100, 0.080, 0.060),
     trunk_radius=0.020,
     clumps=34,
@@ -178,8 +178,8 @@ REED = Kind(
     clear_trunk=0.0,
     profile=REED_CROWN,
     density_per_m=1.2,
-    leaf_reflectance=(0.120, 0.130, 0.045),
-    leaf_transmittance=(0.075, 0.090, 0.018),
+    leaf_reflectance=(0.160, 0.160, 0.040),
+    leaf_transmittance=(0.067, 0.081, 0.014),
     bark_reflectance=(0.190, 0.150, 0.085),
     trunk_radius=0.010,
     clumps=110,
@@ -210,35 +210,35 @@ STONE = Kind(
 KINDS: tuple[Kind, ...] = (
     PINE,
     replace(
-        PINE, name="pine-2", aspect=0.38, clear_trunk=0.48, clumps=36, leaf_reflectance=(0.045, 0.065, 0.025), seed=102
+        PINE, name="pine-2", aspect=0.38, clear_trunk=0.48, clumps=48, leaf_reflectance=(0.066, 0.078, 0.016), seed=102
     ),
     replace(
-        PINE, name="pine-3", aspect=0.50, clear_trunk=0.28, clumps=50, leaf_reflectance=(0.060, 0.078, 0.023), seed=103
+        PINE, name="pine-3", aspect=0.50, clear_trunk=0.28, clumps=70, leaf_reflectance=(0.085, 0.090, 0.013), seed=103
     ),
     FIR,
-    replace(FIR, name="fir-2", aspect=0.34, clumps=64, leaf_reflectance=(0.042, 0.062, 0.026), seed=202),
-    replace(FIR, name="fir-3", aspect=0.46, clear_trunk=0.12, leaf_reflectance=(0.033, 0.052, 0.020), seed=203),
+    replace(FIR, name="fir-2", aspect=0.34, clumps=64, leaf_reflectance=(0.057, 0.068, 0.016), seed=202),
+    replace(FIR, name="fir-3", aspect=0.46, clear_trunk=0.12, leaf_reflectance=(0.046, 0.060, 0.014), seed=203),
     OAK,
     replace(
-        OAK, name="oak-2", aspect=0.64, clear_trunk=0.20, clumps=52, leaf_reflectance=(0.058, 0.084, 0.024), seed=302
+        OAK, name="oak-2", aspect=0.64, clear_trunk=0.20, clumps=74, leaf_reflectance=(0.083, 0.098, 0.014), seed=302
     ),
     replace(
-        OAK, name="oak-3", aspect=0.82, clear_trunk=0.10, clumps=66, leaf_reflectance=(0.078, 0.098, 0.024), seed=303
+        OAK, name="oak-3", aspect=0.82, clear_trunk=0.10, clumps=96, leaf_reflectance=(0.111, 0.118, 0.014), seed=303
     ),
     BIRCH,
-    replace(BIRCH, name="birch-2", aspect=0.36, clumps=40, leaf_reflectance=(0.090, 0.108, 0.024), seed=402),
+    replace(BIRCH, name="birch-2", aspect=0.36, clumps=54, leaf_reflectance=(0.123, 0.128, 0.016), seed=402),
     replace(
         BIRCH,
         name="birch-3",
         aspect=0.48,
         clear_trunk=0.12,
-        clumps=52,
-        leaf_reflectance=(0.072, 0.098, 0.028),
+        clumps=70,
+        leaf_reflectance=(0.101, 0.116, 0.018),
         seed=403,
     ),
     BUSH,
-    replace(BUSH, name="bush-2", aspect=1.4, height_m=(0.7, 1.8), leaf_reflectance=(0.090, 0.106, 0.032), seed=502),
-    replace(BUSH, name="bush-3", aspect=0.9, height_m=(1.4, 3.2), leaf_reflectance=(0.054, 0.078, 0.024), seed=503),
+    replace(BUSH, name="bush-2", aspect=1.4, height_m=(0.7, 1.8), leaf_reflectance=(0.120, 0.125, 0.020), seed=502),
+    replace(BUSH, name="bush-3", aspect=0.9, height_m=(1.4, 3.2), leaf_reflectance=(0.076, 0.090, 0.014), seed=503),
     REED,
     replace(
         REED, name="grass-1", species="grass", aspect=1.2, height_m=(0.4, 0.9), clumps=140, leaf_size=0.014, seed=602

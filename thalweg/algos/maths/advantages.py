@@ -1,0 +1,70 @@
+"""How much better was an action than the policy's habit, when episodes end and when they are only cut off?
+
+The difference between the two ends is the whole point: a termination is worth 0 afterwards, a truncation is worth what
+the critic says about the state in which the clock ran out. Letters: T steps, then any further dimensions (N
+environments).
+"""
+
+import torch
+from torch import Tensor
+
+from thalweg.algos.maths.shapes import same_shape
+
+
+def gae(
+    rewards: Tensor,
+    values: Tensor,
+    next_values: Tensor,
+    terminated: Tensor,
+    truncated: Tensor,
+    *,
+    discount: float,
+    trace: float,
+) -> Tensor:
+    """Advantages [T, ...] by generalised advantage estimation (Schulman et al. 2016, equations 11 and 16).
+
+        δ_t = r_t + γ (1 - terminated_t) V(s_{t+1}) - V(s_t)
+        Â_t = Σ_l (γλ)^l δ_{t+l}, the sum stopping at the end of the episode of step t
+
+    Args:
+        rewards: [T, ...], r_t, or the cost.
+        values: [T, ...], V(s_t).
+        next_values: [T, ...], V of the state that step t reached: at the last step of an episode the final
+            observation, never the first one of the next episode.
+        terminated: [T, ...] bool, the episode ended in step t: nothing comes after.
+        truncated: [T, ...] bool, the episode was cut off after step t: V(s_{t+1}) stands for what would have come.
+        discount: γ in 0..1.
+        trace: λ in 0..1.
+
+    Raises `ValueError` if the shapes differ.
+    """
+    same_shape(rewards=rewards, values=values, next_values=next_values, terminated=terminated, truncated=truncated)
+    deltas = rewards + discount * torch.where(terminated, 0.0, next_values) - values
+    carry = discount * trace * (~(terminated | truncated)).to(deltas.dtype)
+    advantages = torch.empty_like(deltas)
+    running = torch.zeros_like(deltas[0])
+    for step in range(len(deltas) - 1, -1, -1):
+        running = deltas[step] + carry[step] * running
+        advantages[step] = running
+    return advantages
+
+
+def standardised(advantages: Tensor) -> Tensor:
+    """Advantages [B] with mean 0 and standard deviation 1: (A - mean) / (std + 1e-8), std of the population."""
+    return (advantages - advantages.mean()) / (advantages.std(correction=0) + 1e-8)
+
+
+def centred(advantages: Tensor) -> Tensor:
+    """Advantages [B] with mean 0."""
+    return advantages - advantages.mean()
+
+
+def lagrangian_advantages(reward: Tensor, cost: Tensor, multiplier: float) -> Tensor:
+    """Ã [B] = (A_r - λ A_c) / (1 + λ): one advantage of the same size whatever λ ≥ 0 is.
+
+    Source: Ray, Achiam, Amodei 2019 (section 5, the rescaled penalty of PPO-Lagrangian). FOCOPS does not divide.
+    """
+    same_shape(reward=reward, cost=cost)
+    if multiplier < 0:
+        raise ValueError(f"a multiplier is never negative, got {multiplier}")
+    return (reward - multiplier * cost) / (1.0 + multiplier)

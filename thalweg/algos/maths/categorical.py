@@ -1,0 +1,47 @@
+"""What are the probability, entropy and divergence of an action made of several independent choices?
+
+π(a|s) = Π_b π_b(a_b|s): one categorical for each of A branches, of K options each. Every quantity is a sum over
+branches and exact. `log_p` [B, A, K] are normalised log-probabilities; an option that does not exist has -1e9,
+hence probability 0.
+"""
+
+import torch
+from torch import Tensor
+
+from thalweg.algos.maths.shapes import rank, same_shape
+
+ABSENT = -1e9
+"""Logit of an option that a shorter branch does not have; not -inf, because 0 * -inf is NaN."""
+
+
+def log_prob(log_p: Tensor, actions: Tensor) -> Tensor:
+    """log π(a|s) [B] = Σ_b log π_b(a_b|s), for actions [B, A] int64 in 0..K-1."""
+    rank(3, log_p=log_p)
+    same_shape(actions=actions, branches=log_p[..., 0])
+    return log_p.gather(-1, actions.unsqueeze(-1)).squeeze(-1).sum(-1)
+
+
+def entropy(log_p: Tensor) -> Tensor:
+    """H [B] = -Σ_b Σ_k π_b(k) log π_b(k), in nats."""
+    rank(3, log_p=log_p)
+    return -(log_p.exp() * log_p).sum((-1, -2))
+
+
+def kl(log_p: Tensor, log_q: Tensor) -> Tensor:
+    """KL(p ‖ q) [B] = Σ_b Σ_k p_b(k) (log p_b(k) - log q_b(k)), in nats: of the joint distribution, exactly."""
+    rank(3, log_p=log_p)
+    same_shape(log_p=log_p, log_q=log_q)
+    return (log_p.exp() * (log_p - log_q)).sum((-1, -2))
+
+
+def sample(log_p: Tensor, uniform: Tensor) -> Tensor:
+    """Actions [B, A] int64 by the inverse of the cumulative distribution, from `uniform` [B, A] in [0, 1)."""
+    same_shape(uniform=uniform, branches=log_p[..., 0])
+    cumulative = log_p.exp().cumsum(-1)
+    # Scaled by the last sum, which rounding may leave a little off 1, so that an absent option is never drawn.
+    return (uniform.unsqueeze(-1) * cumulative[..., -1:] >= cumulative).sum(-1).clamp_(max=log_p.shape[-1] - 1)
+
+
+def mode(log_p: Tensor) -> Tensor:
+    """The most probable action [B, A] int64: the first of equals."""
+    return torch.argmax(log_p, -1)

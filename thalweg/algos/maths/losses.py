@@ -1,0 +1,68 @@
+"""What does each algorithm minimise? One function a loss; every argument is one number per state of the batch [B]."""
+
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from thalweg.algos.maths.shapes import rank, same_shape
+
+
+def ppo_clip(log_prob: Tensor, old_log_prob: Tensor, advantages: Tensor, clip: float) -> Tensor:
+    """The clipped surrogate, to be minimised (Schulman et al. 2017, equation 7).
+
+    L = -E[ min(ρ A, clip(ρ, 1-ε, 1+ε) A) ], with ρ = π_θ(a|s) / π_k(a|s)
+    """
+    rank(1, log_prob=log_prob)
+    same_shape(log_prob=log_prob, old_log_prob=old_log_prob, advantages=advantages)
+    ratio = (log_prob - old_log_prob).exp()
+    return -torch.minimum(ratio * advantages, ratio.clamp(1.0 - clip, 1.0 + clip) * advantages).mean()
+
+
+def focops(
+    log_prob: Tensor,
+    old_log_prob: Tensor,
+    kl: Tensor,
+    advantages: Tensor,
+    *,
+    temperature: float,
+    radius: float,
+    mask: Literal["state", "batch"] = "state",
+) -> Tensor:
+    """The projection onto the optimal update (Zhang, Vuong, Ross 2020, equation 11 and its per-state indicator).
+
+    L = E_s[ 1{KL_s ≤ η} ( KL_s(π_θ ‖ π_k) - (1/λ) E_a[ ρ (A_r - ν A_c) ] ) ]
+
+    Args:
+        log_prob: [B], log π_θ(a|s).
+        old_log_prob: [B], log π_k(a|s).
+        kl: [B], KL(π_θ ‖ π_k) of each state.
+        advantages: [B], A_r - ν A_c.
+        temperature: λ > 0.
+        radius: η, in nats: a state whose policy has moved further has no gradient at all.
+        mask: `"state"` is the paper. `"batch"` is what OmniSafe 0.5 computes by broadcasting [B, 1] against [B]: the
+            indicator touches the surrogate only as a factor averaged over the batch.
+    """
+    rank(1, log_prob=log_prob)
+    same_shape(log_prob=log_prob, old_log_prob=old_log_prob, kl=kl, advantages=advantages)
+    inside = (kl.detach() <= radius).to(kl.dtype)
+    surrogate = (log_prob - old_log_prob).exp() * advantages / temperature
+    if mask == "state":
+        return (inside * (kl - surrogate)).mean()
+    if mask == "batch":
+        return (inside * kl).mean() - inside.mean() * surrogate.mean()
+    raise ValueError(f"the mask is 'state' or 'batch', got {mask!r}")
+
+
+def squared_error(predictions: Tensor, targets: Tensor) -> Tensor:
+    """½ E[(V - target)²] of each critic [K], for predictions and targets [K, B]."""
+    rank(2, predictions=predictions)
+    same_shape(predictions=predictions, targets=targets)
+    return 0.5 * (predictions - targets).square().mean(-1)
+
+
+def explained_variance(predictions: Tensor, targets: Tensor) -> float:
+    """1 - Var(target - V) / Var(target) of [B]: 1 is perfect, 0 no better than a constant, NaN if nothing varies."""
+    same_shape(predictions=predictions, targets=targets)
+    spread = float(targets.var(correction=0))
+    return 1.0 - float((targets - predictions).var(correction=0)) / spread if spread > 0 else float("nan")

@@ -1,0 +1,13 @@
+"""What can be wrong with a learner before or while it learns."""
+
+
+class AlgorithmError(ValueError):
+    """An algorithm, setting, space or file that can't be used; says which are known or what was expected."""
+
+
+class NotFiniteError(ArithmeticError):
+    """A number that learning depends on has become NaN or infinite; says which one and when."""
+
+
+class LimitWarning(UserWarning):
+    """A cost limit or multiplier that can't do its work in this run."""

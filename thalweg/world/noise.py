@@ -1,8 +1,8 @@
 """Where does irregularity come from? Gradient noise on the nodes of a grid, at as many scales as wanted.
 
-A field is a sum of octaves of gradient noise (Perlin 2002), each of half the wavelength of the one before, each turned and
-shifted, so that no lattice shows. It has zero mean and about unit deviation. Octaves shorter than two nodes are left
-out: noise of single nodes would be noise of single pixels in a frame.
+A field is a sum of octaves of gradient noise (Perlin 2002), each of half the wavelength of the one before, each
+turned and shifted, so that no lattice shows. It has zero mean and about unit deviation. Octaves shorter than two
+nodes are left out: noise of single nodes would be noise of single pixels in a frame.
 """
 
 import math

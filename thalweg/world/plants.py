@@ -1,7 +1,7 @@
 """Where does each plant stand, of which kind, how tall, and of what shade? Trees, shrubs, reeds and rocks.
 
-Each group is a Poisson disk sample (dart throwing) whose spacing varies over the map. Light is filled with ones here; it is
-baked later, by `thalweg.world.light`.
+Each group is a Poisson disk sample (dart throwing) whose spacing varies over the map. Light is filled with ones
+here; it is baked later, by `thalweg.world.light`.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ f4 = np.float32
 
 FRONT_M = 18.0
 """How far behind its edge the forest stands as densely as at its edge."""
-SPACING_M = {"front": 2.6, "deep": 3.9, "shrub": 1.5, "reed": 0.5, "rock": 1.1}
+SPACING_M = {"front": 2.5, "deep": 3.6, "shrub": 1.3, "reed": 0.42, "rock": 0.9}
 """Least distance of two plants of a group at level_density = 1; about 1.2 of it is the mean spacing."""
 REED_DEPTH_M = 0.3
 """Deepest water in which reeds stand."""
@@ -65,8 +65,9 @@ def scatter(
 ) -> Plants:
     """The plants of a valley, light all ones. Maps are [GY, GX], in metres; shore_m is positive on land.
 
-    `level_density` multiplies the number of plants on an area; 0 gives none. No plant stands where `keep_clear` [GY, GX]
-    is true, and no crown of a tree or a shrub reaches over the water. Raises ValueError for a negative density.
+    `level_density` multiplies the number of plants on an area; 0 gives none. No plant stands where `keep_clear`
+    [GY, GX] is true, and no crown of a tree or a shrub reaches over the water. Raises ValueError for a negative
+    density.
     """
     if level_density < 0.0:
         raise ValueError(f"level_density must not be negative, but is {level_density}")
@@ -96,7 +97,7 @@ def _trees(site: Site, close: float, rng: np.random.Generator) -> Plants:
 
 def _shrubs(site: Site, close: float, rng: np.random.Generator) -> Plants:
     """Thickets along the forest's edge, undergrowth in its first rows, lone bushes on the grass."""
-    thicket = smooth_step(-0.6, 0.7, _waves(site, 9.0, 3, rng))
+    thicket = smooth_step(-0.8, 0.6, _waves(site, 9.0, 3, rng))
     near = smooth_step(-2.6, -0.4, site.inside_m) * smooth_step(-7.0, -2.5, -site.inside_m)
     share = thicket * near + 0.08 * smooth_step(-4.0, -2.0, site.inside_m) * smooth_step(-22.0, -12.0, -site.inside_m)
     xy = _spread(site, np.where(site.open & (site.shore_m > 1.2), close * SPACING_M["shrub"], 0.0), rng)
@@ -106,12 +107,12 @@ def _shrubs(site: Site, close: float, rng: np.random.Generator) -> Plants:
 
 def _reeds(site: Site, close: float, rng: np.random.Generator) -> Plants:
     """Clumps of reed in shallow water and on the wet sand, tufts of grass on the dry bank."""
-    clump = smooth_step(0.65, 1.15, _waves(site, 7.0, 3, rng))
+    clump = smooth_step(0.5, 1.1, _waves(site, 7.0, 3, rng))
     wet = (site.shore_m > -REED_REACH_M) & (site.shore_m < 0.8) & (site.water_m - site.ground_m < REED_DEPTH_M)
     bank = (site.shore_m > 1.5) & (site.inside_m < 2.0)
     tuft = smooth_step(0.3, 1.8, _waves(site, 4.0, 3, rng)) * smooth_step(2.0, 5.5, site.shore_m)
     xy = _spread(site, np.where(site.open & (wet | bank), close * SPACING_M["reed"], 0.0), rng)
-    share = np.where(wet, 0.75 * clump, np.where(bank, 0.30 * tuft, 0.0))
+    share = np.where(wet, 0.75 * clump, np.where(bank, 0.40 * tuft, 0.0))
     xy = xy[rng.random(len(xy)) < site.at(share, xy)]
     species = np.where(site.at(wet, xy) & (rng.random(len(xy)) < 0.9), "reed", "grass")
     return _grown(site, xy, _kinds("reed", species, rng), np.ones(len(xy)), rng)
@@ -148,7 +149,8 @@ def _kinds(group: str, species, rng: np.random.Generator, count: int = 0) -> np.
 def _grown(
     site: Site, xy: np.ndarray, kind: np.ndarray, scale: np.ndarray, rng: np.random.Generator, skew: float = 1.0
 ) -> Plants:
-    """Plants at the places [K, 2] with heights, widths, turns and tints; those whose crown would be squeezed are left out."""
+    """Plants at the places [K, 2] with heights, widths, turns and tints; those whose crown would be squeezed are
+    left out."""
     count = len(xy)
     low, high = np.array([KINDS[k].height_m for k in kind], dtype=np.float64).reshape(-1, 2).T
     soil = 0.12 * site.at(_waves(site, 20.0, 2, rng), xy)
@@ -201,7 +203,8 @@ def _spread(site: Site, spacing_m: np.ndarray, rng: np.random.Generator) -> np.n
 
 @kernel(fastmath=False)
 def throw_darts(place, spacing, least, height, width):
-    """[tries] bool: which of the places [tries, 2] are kept, in turn, since none kept so far is nearer than spacing [tries].
+    """[tries] bool: which of the places [tries, 2] are kept, in turn, since none kept so far is nearer than
+    spacing [tries].
 
     A bucket of side least / sqrt(2) holds at most one place, since `least` is the smallest spacing.
     """

@@ -1,7 +1,8 @@
-"""What colour is the ground? Sand, grass, forest floor, earth and river bed, with detail at every scale down to a node.
+"""What colour is the ground? Sand, grass, forest floor, earth and river bed, with detail at every scale down to a
+node.
 
-Reflectance only: shade, wetness by waves and the colour of the water itself are the renderer's. The bands follow the signed
-distance to the water's edge and the same wavy edges as the plants (`thalweg.world.zones`).
+Reflectance only: shade, wetness by waves and the colour of the water itself are the renderer's. The bands follow
+the signed distance to the water's edge and the same wavy edges as the plants (`thalweg.world.zones`).
 """
 
 from dataclasses import dataclass
@@ -37,7 +38,8 @@ ALGAE = (0.070, 0.075, 0.034)
 
 @dataclass(frozen=True)
 class Fields:
-    """Noise at several scales that the bands share, each [GY, GX] float32 of unit deviation; the name tells the scale."""
+    """Noise at several scales that the bands share, each [GY, GX] float32 of unit deviation; the name tells the
+    scale."""
 
     broad: np.ndarray
     """From 30 m down."""
@@ -139,7 +141,8 @@ def _earth(ground_m: np.ndarray, fields: Fields) -> np.ndarray:
 
 
 def _steepness(grid: Grid, ground_m: np.ndarray, fields: Fields) -> np.ndarray:
-    """[GY, GX] float32 in 0..1: how much of the surface is too steep for sand and grass to hold, from 32 to 45 degrees."""
+    """[GY, GX] float32 in 0..1: how much of the surface is too steep for sand and grass to hold, from 32 to 45
+    degrees."""
     down, right = np.gradient(gaussian_filter(ground_m, 1.0), f4(grid.cell_m))
     slope = np.hypot(down, right) + f4(0.06) * fields.clump
     return smooth_step(0.62, 1.0, slope.astype(np.float32))

@@ -1,7 +1,9 @@
-"""Where does the sand end, and where does the forest begin? Two wavy distances from the water that paint and plants share.
+"""Where does the sand end, and where does the forest begin? Two wavy distances from the water that paint and
+plants share.
 
 Both the colour of the ground and the places of the plants follow them, so that litter lies under the trees and
-nowhere else. They depend on the map's size alone, never on a seed, so that the two callers agree without sharing state.
+nowhere else. They depend on the map's size alone, never on a seed, so that the two callers agree without sharing
+state.
 """
 
 import numpy as np
@@ -9,10 +11,11 @@ import numpy as np
 from thalweg.world.noise import fractal, smooth_step
 from thalweg.world.record import Grid
 
-SAND_M = (3.0, 7.0)
+SAND_M = (2.8, 6.6)
 """Narrowest and widest band of sand along the water."""
-FOREST_M = (4.0, 9.0)
-"""Nearest and farthest distance of the forest's edge from the water, but for the places where it comes down to the shore."""
+FOREST_M = (4.3, 9.4)
+"""Nearest and farthest distance of the forest's edge from the water, but for the places where it comes down to the
+shore."""
 SHORE_FOREST_M = 2.6
 """Distance of the forest's edge where it comes down to the shore."""
 _PATTERN = 7919

@@ -1,0 +1,114 @@
+"""The frozen encoder: the same numbers as the model it was folded from, the same bits in any company, clear errors."""
+
+import numpy as np
+import pytest
+import torch
+from synthetic_frames import synthetic_frames
+
+from thalweg.encoder import VAE, Encoder, EncoderFileError, EncoderInputError, VAEConfig, check_render_version
+from thalweg.encoder.measure import to_batch
+
+
+def trained_looking(config: VAEConfig) -> VAE:
+    """A model whose norms are far from the identity, as after training."""
+    with torch.random.fork_rng():
+        torch.manual_seed(3)
+        vae = VAE(config)
+        for module in vae.modules():
+            if isinstance(module, torch.nn.BatchNorm2d):
+                assert module.running_mean is not None and module.running_var is not None
+                for tensor in (module.weight, module.running_var):
+                    tensor.data.uniform_(0.5, 2.0)
+                for tensor in (module.bias, module.running_mean):
+                    tensor.data.normal_(0, 0.3)
+    return vae.eval()
+
+
+@pytest.fixture(scope="module")
+def frames() -> np.ndarray:
+    return synthetic_frames(40, 128, seed=5)
+
+
+@pytest.fixture(scope="module")
+def encoder() -> Encoder:
+    return Encoder(trained_looking(VAEConfig(latent=16)), {"render_version": 3, "path": "some.safetensors"})
+
+
+@pytest.mark.parametrize("inputs", ["rgb", "mask", "rgb+mask"])
+@pytest.mark.parametrize("architecture", ["lean", "paper"])
+def test_folding_changes_no_code(inputs, architecture, frames):
+    vae = trained_looking(VAEConfig(inputs=inputs, latent=8, architecture=architecture))
+    with torch.inference_mode():
+        expected = vae.encode(to_batch(frames[:8], vae.config))[0].numpy()
+    codes = Encoder(vae)(frames[:8])
+    assert codes.dtype == np.float32 and codes.shape == (8, 8)
+    assert np.abs(codes - expected).max() < 1e-5 * max(1, np.abs(expected).max())
+    assert expected.std(0).min() > 1e-4, "the frames must have different codes for this to mean anything"
+
+
+def test_a_code_depends_only_on_its_own_frame(encoder, frames):
+    together = encoder(frames)
+    for size in (1, 2, 3, 5, 7, 16, 17):
+        parts = np.concatenate([encoder(frames[start : start + size]) for start in range(0, len(frames), size)])
+        assert np.abs(parts - together).max() <= 1e-6, size
+    assert np.abs(encoder(frames[::-1])[::-1] - together).max() <= 1e-6
+
+
+def test_the_same_frames_give_the_same_bits(encoder, frames):
+    assert np.array_equal(encoder(frames[:16]), encoder(frames[:16].copy()))
+
+
+def test_many_frames_are_coded_as_few(encoder, frames):
+    many = np.concatenate([frames, frames, frames])
+    assert np.array_equal(encoder(many)[80:96], encoder(frames[:16]))
+    assert encoder(frames[:0]).shape == (0, 16)
+
+
+@pytest.mark.parametrize(("inputs", "channels"), [("rgb", slice(0, 3)), ("mask", slice(3, 4))])
+def test_four_channels_are_cut_to_those_it_takes(inputs, channels, frames):
+    encoder = Encoder(trained_looking(VAEConfig(inputs=inputs, latent=4)))
+    assert np.array_equal(encoder(frames[:4]), encoder(frames[:4, ..., channels]))
+
+
+def test_bfloat16_agrees_with_float32(frames):
+    vae = trained_looking(VAEConfig(latent=8))
+    exact, coarse = Encoder(vae)(frames[:16]), Encoder(vae, precision="bfloat16")(frames[:16])
+    assert np.abs(exact - coarse).max() < 0.05 * np.abs(exact).max()
+
+
+def test_decode_gives_frames_of_the_inputs_channels(encoder, frames):
+    decoded = encoder.decode(encoder(frames[:3]))
+    assert decoded.shape == (3, 128, 128, 4) and decoded.dtype == np.uint8
+    with torch.inference_mode():
+        expected = encoder.vae.decode(torch.from_numpy(encoder(frames[:3]))).permute(0, 2, 3, 1).numpy() * 255
+    assert np.abs(decoded - expected).max() <= 0.5 + 1e-4
+
+
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        (np.zeros((2, 64, 64, 4), np.uint8), r"\[N, 128, 128, 4\].*not \[2, 64, 64, 4\]"),
+        (np.zeros((128, 128, 4), np.uint8), r"not \[128, 128, 4\]"),
+        (np.zeros((2, 128, 128, 3), np.uint8), r"rgb\+mask takes frames .* not \[2, 128, 128, 3\]"),
+        (np.zeros((2, 128, 128, 4), np.float32), "frames must be uint8, not float32"),
+    ],
+)
+def test_wrong_frames_are_named(encoder, frames, message):
+    with pytest.raises(EncoderInputError, match=message):
+        encoder(frames)
+
+
+def test_codes_of_the_wrong_size_are_named(encoder):
+    with pytest.raises(EncoderInputError, match=r"shape \[N, 16\], not \[2, 8\]"):
+        encoder.decode(np.zeros((2, 8), np.float32))
+
+
+def test_another_render_version_is_refused(encoder):
+    check_render_version(encoder, 3)
+    with pytest.raises(EncoderFileError, match=r"some.safetensors: trained on .* version 3, .* is version 4"):
+        check_render_version(encoder, 4)
+
+
+def test_an_unknown_precision_is_named():
+    with pytest.raises(EncoderInputError, match="unknown precision 'float8'; known: float32, bfloat16"):
+        Encoder(VAE(VAEConfig(size_px=64)), precision="float8")

@@ -1,0 +1,128 @@
+"""An encoder's file: it comes back as it was, and every other file is refused by name and reason."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+from synthetic_frames import synthetic_frames
+
+from thalweg.encoder import VAE, Encoder, EncoderFileError, VAEConfig, load_encoder, load_vae, save_vae
+from thalweg.encoder.files import KEY, write_whole
+
+CONFIG = VAEConfig(latent=6, size_px=64)
+
+
+@pytest.fixture
+def vae() -> VAE:
+    with torch.random.fork_rng():
+        torch.manual_seed(1)
+        return VAE(CONFIG).eval()
+
+
+@pytest.fixture
+def path(tmp_path, vae):
+    save_vae(tmp_path / "encoder.safetensors", vae, {"render_version": 2, "level": "Medium"})
+    return tmp_path / "encoder.safetensors"
+
+
+def test_codes_are_the_same_after_saving(vae, path):
+    frames = synthetic_frames(4, 64)
+    loaded = load_encoder(path)
+    assert np.array_equal(loaded(frames), Encoder(vae)(frames))
+    assert (loaded.latent, loaded.inputs, loaded.render_version) == (6, "rgb+mask", 2)
+    assert loaded.about["level"] == "Medium" and loaded.config == CONFIG
+
+
+def test_a_half_precision_decoder_gives_nearly_the_same_picture(vae, path):
+    codes = np.random.default_rng(0).normal(size=(4, 6)).astype(np.float32)
+    difference = load_encoder(path).decode(codes).astype(int) - Encoder(vae).decode(codes).astype(int)
+    assert np.abs(difference).max() <= 1
+
+
+def test_the_same_model_gives_the_same_bytes(tmp_path, vae, path):
+    save_vae(tmp_path / "again.safetensors", vae, {"level": "Medium", "render_version": 2})
+    assert (tmp_path / "again.safetensors").read_bytes() == path.read_bytes()
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["again.safetensors", "encoder.safetensors"]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.5, 0.999])
+def test_a_truncated_file_is_refused(path, share):
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(len(whole) * share)])
+    with pytest.raises(EncoderFileError, match=f"{path}: truncated, damaged or not a safetensors file"):
+        load_encoder(path)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(EncoderFileError, match=f"{tmp_path / 'none.safetensors'}: no such file"):
+        load_encoder(tmp_path / "none.safetensors")
+
+
+def test_a_file_of_something_else_is_refused(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    save_file({"weight": torch.zeros(3)}, path)
+    with pytest.raises(EncoderFileError, match="a safetensors file, but no encoder of Thalweg"):
+        load_encoder(path)
+    write_whole(path, {"weight": torch.zeros(3)}, {"kind": "encoder training", "format": 1})
+    with pytest.raises(EncoderFileError, match="no encoder of Thalweg .its kind: encoder training."):
+        load_encoder(path)
+
+
+def changed(path, tensors=None, **about):
+    """The same file with other tensors or another text."""
+    from safetensors import safe_open
+
+    with safe_open(path, "pt") as file:
+        old = json.loads(file.metadata()[KEY])
+    write_whole(path, load_file(path) | (tensors or {}), old | about)
+
+
+def test_another_format_is_refused(path):
+    changed(path, format=99)
+    with pytest.raises(EncoderFileError, match=f"{path}: format 99, but this Thalweg reads format 1"):
+        load_encoder(path)
+
+
+def test_an_unknown_key_in_the_configuration_is_refused(path):
+    changed(path, config={"latent": 6, "colour": "blue"})
+    with pytest.raises(EncoderFileError, match=f"{path}: the configuration has colour, latent, not "):
+        load_encoder(path)
+
+
+def test_a_bad_value_in_the_configuration_is_refused(path, vae):
+    changed(path, config={**vars(vae.config), "inputs": "sonar"})
+    with pytest.raises(EncoderFileError, match=f"{path}: bad configuration: unknown inputs 'sonar'"):
+        load_encoder(path)
+
+
+def test_tensors_that_do_not_fit_are_refused(path):
+    changed(path, {"mean.bias": torch.zeros(7)})
+    with pytest.raises(EncoderFileError, match=r"tensor mean.bias has shape \(7,\), not \(6,\)"):
+        load_vae(path)
+
+
+def test_numbers_that_are_not_finite_are_refused(path):
+    changed(path, {"mean.bias": torch.full((6,), torch.nan)})
+    with pytest.raises(EncoderFileError, match=r"mean.bias holds numbers that are not finite"):
+        load_vae(path)
+
+
+def test_another_latent_size_is_refused(path):
+    assert load_encoder(path, latent=6).latent == 6
+    with pytest.raises(EncoderFileError, match=f"{path}: encodes to 6 numbers, but 16 are needed"):
+        load_encoder(path, latent=16)
+
+
+def test_a_write_that_fails_leaves_the_old_file(path, monkeypatch):
+    before = path.read_bytes()
+
+    def full(*_):
+        raise OSError("disk full")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OSError, match="disk full"):
+        save_vae(path, VAE(CONFIG), {})
+    assert path.read_bytes() == before
+    assert [file.name for file in path.parent.iterdir()] == ["encoder.safetensors"]

@@ -1,0 +1,178 @@
+"""Training: it learns, it can be stopped and goes on to the same numbers, and it refuses what doesn't fit."""
+
+import csv
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+from synthetic_frames import synthetic_frames
+
+from thalweg.encoder import (
+    EncoderFileError,
+    EncoderInputError,
+    Source,
+    VAEConfig,
+    draw_reconstructions,
+    load_encoder,
+    load_vae,
+    mean_image_mse,
+    reconstruct,
+    reconstruction_mse,
+    train_encoder,
+)
+from thalweg.encoder.training import _State, resolve_precision
+
+CONFIG = VAEConfig(latent=6, size_px=64)
+
+
+@pytest.fixture(scope="module")
+def images() -> np.ndarray:
+    return synthetic_frames(60, 64, seed=2)
+
+
+def train(images, folder, **settings):
+    options = {"epochs": 4, "batch": 16, "seed": 7, "held_out": 10, "precision": "float32", "progress": False}
+    return train_encoder(images, CONFIG, folder, **(options | settings))
+
+
+def rows_of(folder) -> list[dict[str, str]]:
+    """The rows of metrics.csv without the speed, which differs from run to run."""
+    with (folder / "metrics.csv").open() as file:
+        return [{name: value for name, value in row.items() if name != "images_per_s"} for row in csv.DictReader(file)]
+
+
+@pytest.mark.slow
+def test_it_learns_more_than_the_mean_image(tmp_path):
+    frames = synthetic_frames(300, 64, seed=4)
+    result = train_encoder(frames, CONFIG, tmp_path, epochs=20, batch=32, held_out=60, progress=False)
+    assert result.train_mse < 0.4 * result.mean_image_mse
+    assert result.held_out_mse is not None and result.held_out_mse < 0.5 * result.mean_image_mse
+    draw_reconstructions(frames[:5], load_encoder(result.path), tmp_path / "sheet.png")
+    assert (tmp_path / "sheet.png").stat().st_size > 5000
+
+
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+def test_a_resumed_training_equals_an_unbroken_one(images, tmp_path, monkeypatch, precision):
+    unbroken = train(images, tmp_path / "unbroken", precision=precision)
+    done = _State.epoch
+
+    def stopped(self, images, epoch):
+        if epoch == 2:
+            raise KeyboardInterrupt
+        return done(self, images, epoch)
+
+    monkeypatch.setattr(_State, "epoch", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        train(images, tmp_path / "broken", precision=precision)
+    assert len(rows_of(tmp_path / "broken")) == 2
+    assert not (tmp_path / "broken" / "encoder.safetensors").exists()
+    monkeypatch.setattr(_State, "epoch", done)
+    torch.manual_seed(99)  # nothing may depend on the global generator
+    resumed = train(images, tmp_path / "broken", precision=precision)
+    assert rows_of(tmp_path / "broken") == rows_of(tmp_path / "unbroken")
+    assert resumed.train_mse == unbroken.train_mse and resumed.held_out_mse == unbroken.held_out_mse
+    assert resumed.path.read_bytes() == unbroken.path.read_bytes()
+
+
+def test_a_finished_training_is_not_repeated(images, tmp_path, monkeypatch):
+    first = train(images, tmp_path).path.read_bytes()
+    monkeypatch.setattr(_State, "epoch", lambda *_: pytest.fail("trained again"))
+    assert train(images, tmp_path).path.read_bytes() == first
+
+
+def test_another_seed_gives_another_encoder(images, tmp_path):
+    one, two = train(images, tmp_path / "1", epochs=1), train(images, tmp_path / "2", epochs=1, seed=8)
+    first, second = load_file(one.path), load_file(two.path)
+    assert not torch.equal(first["mean.weight"], second["mean.weight"])
+
+
+def test_what_is_written_is_what_was_measured(images, tmp_path):
+    source = Source(level="Medium", seed=3, render_version=5, command="thalweg encoder train")
+    result = train(images, tmp_path, source=source)
+    vae, about = load_vae(result.path)
+    aside = np.sort(np.random.default_rng([7, 0]).permutation(60)[:10])
+    kept = np.setdiff1d(np.arange(60), aside)
+    # The decoder lies on disk in half precision.
+    assert reconstruction_mse(vae, images[kept]) == pytest.approx(result.train_mse, rel=1e-3)
+    assert reconstruction_mse(vae, images[aside]) == pytest.approx(result.held_out_mse, rel=1e-3)
+    assert about["train_mse"] == result.train_mse and about["held_out_mse"] == result.held_out_mse
+    expected = {"level": "Medium", "image_seed": 3, "seed": 7, "render_version": 5, "images": 60, "epochs": 4}
+    assert {name: about[name] for name in expected} == expected
+    assert [row["epoch"] for row in rows_of(tmp_path)] == ["1", "2", "3", "4"]
+    assert float(rows_of(tmp_path)[-1]["held_out_mse"]) == result.held_out_mse
+
+
+def test_loss_of_an_epoch_is_the_error_and_the_weighted_kl(images, tmp_path):
+    for row in train(images, tmp_path, epochs=2).rows:
+        mse, kl = row["mse"], row["kl"]
+        assert mse is not None and kl is not None
+        assert row["loss"] == pytest.approx(mse + CONFIG.kl_weight * kl, rel=1e-5)
+
+
+def test_without_images_held_out_the_column_is_empty(images, tmp_path):
+    result = train(images, tmp_path, epochs=1, held_out=0)
+    assert result.held_out_mse is None
+    assert rows_of(tmp_path)[0]["held_out_mse"] == ""
+
+
+def test_another_run_in_the_folder_is_refused(images, tmp_path):
+    train(images, tmp_path, epochs=1)
+    with pytest.raises(EncoderFileError, match=r"checkpoint.safetensors: a training with seed 7, not 8"):
+        train(images, tmp_path, epochs=1, seed=8)
+    with pytest.raises(EncoderFileError, match=r"a training with images_hash \w+, not \w+; choose another folder"):
+        train(images[::-1], tmp_path, epochs=1)
+
+
+def test_a_damaged_checkpoint_is_refused(images, tmp_path):
+    train(images, tmp_path, epochs=1)
+    checkpoint = tmp_path / "checkpoint.safetensors"
+    checkpoint.write_bytes(checkpoint.read_bytes()[:-100])
+    with pytest.raises(EncoderFileError, match=f"{checkpoint}: truncated"):
+        train(images, tmp_path, epochs=1)
+
+
+def test_the_errors_by_hand():
+    images = np.zeros((3, 64, 64, 4), np.uint8)
+    images[2] = 255
+    assert mean_image_mse(images, CONFIG) == pytest.approx(2 / 9)  # the variance of 0, 0, 1
+
+
+def test_mse_is_the_mean_over_everything(images, tmp_path):
+    vae, _ = load_vae(train(images, tmp_path, epochs=1).path)
+    expected = np.square(reconstruct(vae, images) - images / 255.0).mean()
+    assert reconstruction_mse(vae, images) == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"epochs": 0}, "epochs must be at least 1 and batch at least 2, not 0 and 16"),
+        ({"batch": 1}, "not 4 and 1"),
+        ({"held_out": 59}, "of 60 images, 59 can't be held out"),
+        ({"precision": "float8"}, "unknown precision 'float8'; known: auto, float32, bfloat16"),
+    ],
+)
+def test_bad_settings_are_named(images, tmp_path, settings, message):
+    with pytest.raises(EncoderInputError, match=message):
+        train(images, tmp_path / "run", **settings)
+    assert not (tmp_path / "run").exists() or not list((tmp_path / "run").iterdir())
+
+
+@pytest.mark.parametrize(
+    "bad", [np.zeros((9, 64, 64, 3), np.uint8), np.zeros((9, 64, 64, 4)), np.zeros((64, 64, 4), np.uint8)]
+)
+def test_bad_images_are_named(bad, tmp_path):
+    with pytest.raises(EncoderInputError, match=r"images must be uint8 \[K, 64, 64, 4\], not "):
+        train(bad, tmp_path)
+
+
+def test_a_figure_needs_an_image(images, tmp_path):
+    encoder = load_encoder(train(images, tmp_path, epochs=1).path)
+    with pytest.raises(EncoderInputError, match="at least one image"):
+        draw_reconstructions(images[:0], encoder, tmp_path / "sheet.png")
+
+
+def test_precision_that_is_asked_for_is_kept():
+    assert resolve_precision("float32") == "float32" and resolve_precision("bfloat16") == "bfloat16"
+    assert resolve_precision("auto") in ("float32", "bfloat16")

@@ -1,0 +1,160 @@
+"""How do frames become codes, fast and always the same? The frozen half of the autoencoder that learning looks through.
+
+Batch norms are folded into the convolutions and the division by 255 into the first of them, so that what runs is six
+convolutions and one linear layer. float32 is the default although bfloat16 is half as fast again: codes then agree
+between machines with and without it. No compilation: it would cost more at the start than it saves.
+
+The same frame gives the same bits whatever stands beside it in a batch: a convolution works on one image at a time, and
+the linear layer, whose order of summation does depend on the number of rows, always gets blocks of the same size. That
+holds on one machine; between machines the codes agree within 1e-4.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from thalweg.encoder.files import EncoderFileError, load_vae
+from thalweg.encoder.vae import LEAK, VAE, EncoderInputError
+
+DEFAULT_PATH = Path(__file__).with_name("default.safetensors")
+"""The encoder that comes with the package."""
+ROWS = 16
+"""Rows the linear layer gets at a time."""
+CHUNK = 64
+"""Frames converted to floating point at a time, so that thousands of frames need no more memory than these."""
+PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16}
+
+
+class Encoder:
+    """Frames uint8 [N, H, W, C] to codes float32 [N, Z] (the mean of the Gaussian), on one device, without gradients.
+
+    C is the number of channels of `inputs`, or 4, of which those of `inputs` are taken.
+    """
+
+    def __init__(self, vae: VAE, about: Mapping[str, Any] | None = None, *, precision="float32", device="cpu"):
+        if precision not in PRECISIONS:
+            raise EncoderInputError(f"unknown precision {precision!r}; known: {', '.join(PRECISIONS)}")
+        self.vae = vae.cpu().eval()
+        self.config = vae.config
+        self.about = dict(about or {})
+        self._device = torch.device(device)
+        self._dtype = PRECISIONS[precision]
+        convolutions, self._head = folded(vae)
+        for layer in convolutions:
+            layer.to(self._device, self._dtype, memory_format=torch.channels_last)  # pyright: ignore
+        self._convolutions = nn.Sequential(
+            *(step for layer in convolutions for step in (layer, nn.LeakyReLU(LEAK, True)))
+        )
+        self._head.to(self._device, self._dtype)
+
+    @property
+    def latent(self) -> int:
+        """Numbers in a code, Z."""
+        return self.config.latent
+
+    @property
+    def inputs(self) -> str:
+        """What is encoded: "rgb", "mask" or "rgb+mask"."""
+        return self.config.inputs
+
+    @property
+    def render_version(self) -> int | None:
+        """Version of the renderer whose frames it was trained on; None when the file says nothing of it."""
+        return self.about.get("render_version")
+
+    def __call__(self, frames: np.ndarray) -> np.ndarray:
+        """Codes float32 [N, Z] of frames uint8 [N, H, W, C]; raises `EncoderInputError` for anything else."""
+        pixels = self._pixels(frames)
+        codes = np.empty((len(frames), self.latent), np.float32)
+        with torch.inference_mode():
+            for start in range(0, len(frames), CHUNK):
+                # Converting after the cut keeps the big array uint8; H, W, C in memory is what "channels last" means.
+                images = pixels[start : start + CHUNK].to(self._device).to(self._dtype).permute(0, 3, 1, 2)
+                features = self._convolutions(images).flatten(1)
+                codes[start : start + CHUNK] = self._codes(features).float().cpu().numpy()
+        return codes
+
+    def decode(self, codes: np.ndarray) -> np.ndarray:
+        """Reconstructed frames uint8 [N, H, W, C] from codes [N, Z]; C is the number of channels of `inputs`."""
+        if codes.ndim != 2 or codes.shape[1] != self.latent:
+            raise EncoderInputError(f"codes must have the shape [N, {self.latent}], not {list(codes.shape)}")
+        with torch.inference_mode():
+            images = self.vae.decode(torch.as_tensor(codes, dtype=torch.float32))
+        return (images.permute(0, 2, 3, 1) * 255).round().to(torch.uint8).numpy()
+
+    def _pixels(self, frames: np.ndarray) -> torch.Tensor:
+        size, channels = self.config.size_px, self.config.channels
+        shape, kind = np.shape(frames), getattr(frames, "dtype", None)
+        if len(shape) != 4 or shape[1:3] != (size, size) or shape[3] not in (len(channels), 4):
+            raise EncoderInputError(
+                f"an encoder of {self.inputs} takes frames [N, {size}, {size}, {len(channels)}]"
+                f" or [N, {size}, {size}, 4], not {list(shape)}"
+            )
+        if kind != np.uint8:
+            raise EncoderInputError(f"frames must be uint8, not {kind}")
+        if shape[3] != len(channels):
+            frames = frames[..., channels[0] : channels[-1] + 1]
+        return torch.from_numpy(np.ascontiguousarray(frames))
+
+    def _codes(self, features: torch.Tensor) -> torch.Tensor:
+        missing = -len(features) % ROWS
+        padded = nn.functional.pad(features, (0, 0, 0, missing)) if missing else features
+        blocks = [self._head(block) for block in padded.split(ROWS)]
+        return torch.cat(blocks)[: len(features)]
+
+
+@torch.no_grad()
+def folded(vae: VAE) -> tuple[list[nn.Conv2d], nn.Linear]:
+    """The convolutions with their batch norms folded in, for pixels 0..255, and a copy of the head of the mean.
+
+    With γ, β the norm's scale and shift, m, v its running mean and variance:
+    γ (Wx − m) / √(v + ε) + β = (γ/√(v + ε)) W x + β − γ m/√(v + ε). The first W also takes the division by 255.
+    """
+    convolutions = []
+    layers = list(vae.encoder)
+    for convolution, norm in zip(layers[0::3], layers[1::3], strict=True):
+        assert isinstance(convolution, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d)
+        assert norm.running_mean is not None and norm.running_var is not None
+        scale = norm.weight.double() / torch.sqrt(norm.running_var.double() + norm.eps)
+        weight = convolution.weight.double() * scale[:, None, None, None]
+        shift = norm.bias.double() - scale * norm.running_mean.double()
+        convolutions.append(_convolution(weight if convolutions else weight / 255, shift))
+    head = nn.Linear(vae.mean.in_features, vae.mean.out_features).requires_grad_(False)
+    head.load_state_dict(vae.mean.state_dict())
+    return convolutions, head
+
+
+def load_encoder(
+    path: str | Path | None = None, *, latent: int | None = None, precision: str = "float32", device: str = "cpu"
+) -> Encoder:
+    """The encoder of a file, by default the one of the package; `latent` is the size the caller needs, if it needs one.
+
+    Raises `EncoderFileError` for a file that is missing, truncated, foreign, of another version or of another size.
+    """
+    path = DEFAULT_PATH if path is None else Path(path)
+    vae, about = load_vae(path)
+    if latent is not None and vae.config.latent != latent:
+        raise EncoderFileError(f"{path}: encodes to {vae.config.latent} numbers, but {latent} are needed")
+    return Encoder(vae, {**about, "path": str(path)}, precision=precision, device=device)
+
+
+def check_render_version(encoder: Encoder, version: int) -> None:
+    """Raises `EncoderFileError` unless the encoder was trained on frames of this version of the renderer."""
+    if encoder.render_version != version:
+        raise EncoderFileError(
+            f"{encoder.about.get('path', 'the encoder')}: trained on frames of renderer version"
+            f" {encoder.render_version}, but the renderer is version {version}; train it anew"
+        )
+
+
+def _convolution(weight: torch.Tensor, bias: torch.Tensor) -> nn.Conv2d:
+    after, before, height, width = weight.shape
+    layer = nn.Conv2d(before, after, (height, width), 2, 1).requires_grad_(False)
+    layer.weight.copy_(weight)
+    assert layer.bias is not None
+    layer.bias.copy_(bias)
+    return layer

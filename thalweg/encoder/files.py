@@ -1,0 +1,103 @@
+"""How does an autoencoder lie on disk? One safetensors file: tensors, and one JSON text that says what they are.
+
+Loading one can't execute code. A file is written whole or not at all. What a file says of its making (images, level,
+seeds, errors, the command) travels in the JSON and is never read back into a computation.
+"""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save as serialize
+
+from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig
+
+FORMAT = 1
+"""Version of the file format: a file of another version is refused."""
+KEY = "thalweg"
+"""Where the JSON stands among the metadata of a safetensors file: one key, so that the bytes are always the same."""
+
+
+class EncoderFileError(ValueError):
+    """A file that is no encoder, is damaged, or doesn't fit; the message names the path and the reason."""
+
+
+def write_whole(path: str | Path, tensors: Mapping[str, torch.Tensor], about: Mapping[str, Any]) -> None:
+    """Write tensors and what is said about them to `path`; until all of it is on disk, the old file stays."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with part.open("wb") as file:
+            file.write(serialize(plain, {KEY: json.dumps(about, sort_keys=True)}))
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def read_whole(path: str | Path, kind: str) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
+    """Tensors and JSON of a file of the given kind; raises `EncoderFileError` for any other file."""
+    path = Path(path)
+    if not path.is_file():
+        raise EncoderFileError(f"{path}: no such file")
+    try:
+        with safe_open(path, framework="pt") as file:
+            text = (file.metadata() or {}).get(KEY)
+            about = json.loads(text) if text else None
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (a file, not a dict)
+    except (SafetensorError, json.JSONDecodeError, OSError) as error:
+        raise EncoderFileError(f"{path}: truncated, damaged or not a safetensors file ({error})") from error
+    if not isinstance(about, dict) or about.get("kind") != kind:
+        found = about.get("kind") if isinstance(about, dict) else None
+        raise EncoderFileError(f"{path}: a safetensors file, but no {kind} of Thalweg (its kind: {found})")
+    if about.get("format") != FORMAT:
+        raise EncoderFileError(f"{path}: format {about.get('format')}, but this Thalweg reads format {FORMAT}")
+    return tensors, about
+
+
+def save_vae(path: str | Path, vae: VAE, about: Mapping[str, Any], *, half_decoder: bool = True) -> None:
+    """Write an autoencoder and what is said about it.
+
+    `half_decoder` stores the decoder, which only makes pictures, in float16.
+    """
+    tensors = {}
+    for name, tensor in vae.state_dict().items():
+        decodes = name.startswith(("decoder.", "expand."))
+        tensors[name] = tensor.half() if half_decoder and decodes and tensor.is_floating_point() else tensor
+    write_whole(path, tensors, {**about, "kind": "encoder", "format": FORMAT, "config": asdict(vae.config)})
+
+
+def load_vae(path: str | Path) -> tuple[VAE, dict[str, Any]]:
+    """The autoencoder of a file, in float32 and evaluation mode, and its JSON; raises `EncoderFileError`."""
+    tensors, about = read_whole(path, "encoder")
+    vae = VAE(config_of(path, about))
+    expected = {name: tuple(tensor.shape) for name, tensor in vae.state_dict().items()}
+    found = {name: tuple(tensor.shape) for name, tensor in tensors.items()}
+    for name in sorted(expected.keys() | found.keys()):
+        if expected.get(name) != found.get(name):
+            raise EncoderFileError(f"{path}: tensor {name} has shape {found.get(name)}, not {expected.get(name)}")
+        if not torch.isfinite(tensors[name]).all():
+            raise EncoderFileError(f"{path}: tensor {name} holds numbers that are not finite")
+    vae.load_state_dict({name: tensor.to(vae.state_dict()[name].dtype) for name, tensor in tensors.items()})
+    return vae.eval(), about
+
+
+def config_of(path: str | Path, about: Mapping[str, Any]) -> VAEConfig:
+    """The configuration in a file's JSON; raises `EncoderFileError` for unknown, missing or bad values."""
+    found = about.get("config")
+    known = {field.name for field in fields(VAEConfig)}
+    if not isinstance(found, dict) or set(found) != known:
+        names = ", ".join(sorted(found)) if isinstance(found, dict) else found
+        raise EncoderFileError(f"{path}: the configuration has {names}, not {', '.join(sorted(known))}")
+    try:
+        return VAEConfig(**found)
+    except (EncoderInputError, TypeError) as error:
+        raise EncoderFileError(f"{path}: bad configuration: {error}") from error

@@ -1,0 +1,168 @@
+"""What turns a frame into a few numbers? A variational autoencoder, in the paper's shape or a lean one.
+
+The model knows nothing of rivers, files or training loops. Dimension letters: N frames, C channels (3 of colour, 1 of
+the water mask, or 4 of both), H x W pixels, Z latent. Images are in 0..1.
+
+Sources: Kingma and Welling 2014 (the bound, and the KL of two Gaussians in its appendix B); the layers, the weight of
+the KL and the sizes of `paper` as in Wang and Mahmoudian 2024.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import nn
+
+CHANNELS = {"rgb": (0, 1, 2), "mask": (3,), "rgb+mask": (0, 1, 2, 3)}
+"""Which channels of a frame [H, W, 4] each kind of input takes."""
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """The layers of one kind of encoder and decoder, as data."""
+
+    encoder: tuple[int, ...]
+    """Channels after each convolution of 3x3 and stride 2."""
+    decoder: tuple[int, ...]
+    """Channels at the decoder's start, and after each of its steps that doubles the size."""
+    shuffled: bool
+    """True: a step is a convolution and a pixel shuffle; False: a transposed convolution of stride 2."""
+    last: int
+    """Factor by which the last step enlarges, to the image's channels."""
+
+    @property
+    def stride(self) -> int:
+        """Pixels of the frame to one pixel of the smallest map of the encoder."""
+        return 2 ** len(self.encoder)
+
+    @property
+    def growth(self) -> int:
+        """Pixels of the frame to one pixel of the decoder's smallest map."""
+        return 2 ** (len(self.decoder) - 1) * self.last
+
+
+ARCHITECTURES = {
+    "lean": Architecture(encoder=(16, 32, 64, 128, 128, 128), decoder=(128, 128, 64, 32, 16), shuffled=True, last=2),
+    "paper": Architecture(
+        encoder=(32, 64, 128, 256, 512, 1024), decoder=(1024, 512, 256, 128, 64, 32), shuffled=False, last=2
+    ),
+}
+LEAK = 0.01
+"""Slope of the leaky ReLU below zero: the usual one; the source names none."""
+
+
+class EncoderInputError(ValueError):
+    """Frames, codes or settings that an encoder can't take; the message names the values."""
+
+
+@dataclass(frozen=True)
+class VAEConfig:
+    """What the autoencoder looks at, how small its code is, and how it is built."""
+
+    inputs: str = "rgb+mask"
+    """What is encoded: "rgb", "mask" or "rgb+mask"."""
+    latent: int = 16
+    """Numbers in a code, Z."""
+    architecture: str = "lean"
+    """"lean" (fast on a CPU) or "paper" (the layers of the paper)."""
+    size_px: int = 128
+    """Height and width of a frame."""
+    kl_weight: float = 0.00025
+    """Weight of the KL divergence beside the mean squared error."""
+    learning_rate: float = 1e-3
+    """Step size of Adam."""
+
+    def __post_init__(self) -> None:
+        if self.inputs not in CHANNELS:
+            raise EncoderInputError(f"unknown inputs {self.inputs!r}; known: {', '.join(CHANNELS)}")
+        if self.architecture not in ARCHITECTURES:
+            raise EncoderInputError(f"unknown architecture {self.architecture!r}; known: {', '.join(ARCHITECTURES)}")
+        if self.latent < 1:
+            raise EncoderInputError(f"latent must be at least 1, not {self.latent}")
+        if self.kl_weight < 0 or self.learning_rate <= 0:
+            raise EncoderInputError(
+                f"kl_weight must be 0 or more and learning_rate above 0, not {self.kl_weight} and {self.learning_rate}"
+            )
+        shape = ARCHITECTURES[self.architecture]
+        step = max(shape.stride, shape.growth)
+        if self.size_px < step or self.size_px % step:
+            raise EncoderInputError(
+                f"size_px must be a multiple of {step} for the {self.architecture} architecture, not {self.size_px}"
+            )
+
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """The channels of a frame [H, W, 4] that are encoded."""
+        return CHANNELS[self.inputs]
+
+
+class VAE(nn.Module):
+    """The autoencoder: `encode` to mean and log variance, `decode` back to an image, or both with noise."""
+
+    def __init__(self, config: VAEConfig):
+        super().__init__()
+        self.config = config
+        shape = ARCHITECTURES[config.architecture]
+        small = config.size_px // shape.stride
+        features = shape.encoder[-1] * small * small
+        self.encoder = _encoder_layers(len(config.channels), shape)
+        self.mean = nn.Linear(features, config.latent)
+        self.log_variance = nn.Linear(features, config.latent)
+        start = config.size_px // shape.growth
+        self.expand = nn.Linear(config.latent, shape.decoder[0] * start * start)
+        self.unflatten = nn.Unflatten(1, (shape.decoder[0], start, start))
+        self.decoder = _decoder_layers(len(config.channels), shape)
+        self.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
+
+    def encode(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Mean and log variance, float32 [N, Z] each, of the code of images [N, C, H, W] in 0..1."""
+        features = self.encoder(images).flatten(1)
+        return self.mean(features).float(), self.log_variance(features).float()
+
+    def decode(self, codes: torch.Tensor) -> torch.Tensor:
+        """Images [N, C, H, W] float32 in 0..1 from codes [N, Z]."""
+        start = self.unflatten(self.expand(codes)).contiguous(memory_format=torch.channels_last)
+        return torch.sigmoid(self.decoder(start).float())
+
+    def forward(self, images: torch.Tensor, noise: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Reconstruction, mean and log variance from images [N, C, H, W] and standard normal noise [N, Z]."""
+        mean, log_variance = self.encode(images)
+        return self.decode(mean + noise * torch.exp(0.5 * log_variance)), mean, log_variance
+
+
+def kl_divergence(mean: torch.Tensor, log_variance: torch.Tensor) -> torch.Tensor:
+    """KL(N(mean, variance) || N(0, 1)) in nats, summed over the code and averaged over the batch; both are [N, Z].
+
+    −½ Σ_z (1 + log σ² − μ² − σ²), Kingma and Welling 2014, appendix B.
+    """
+    return -0.5 * (1 + log_variance - mean.square() - log_variance.exp()).sum(1).mean()
+
+
+def vae_loss(
+    images: torch.Tensor, reconstruction: torch.Tensor, mean: torch.Tensor, log_variance: torch.Tensor, weight: float
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Loss, mean squared error and KL (scalars): MSE over all of [N, C, H, W] + weight × KL over codes [N, Z]."""
+    error = nn.functional.mse_loss(reconstruction, images)
+    divergence = kl_divergence(mean, log_variance)
+    return error + weight * divergence, error, divergence
+
+
+def _encoder_layers(channels: int, shape: Architecture) -> nn.Sequential:
+    layers: list[nn.Module] = []
+    for width in shape.encoder:
+        # No bias: the batch norm that follows would take it away again.
+        layers += [nn.Conv2d(channels, width, 3, 2, 1, bias=False), nn.BatchNorm2d(width), nn.LeakyReLU(LEAK, True)]
+        channels = width
+    return nn.Sequential(*layers)
+
+
+def _decoder_layers(channels: int, shape: Architecture) -> nn.Sequential:
+    layers: list[nn.Module] = []
+    for narrow, width in zip(shape.decoder[:-1], shape.decoder[1:], strict=True):
+        layers += [*_enlarge(narrow, width, 2, shape.shuffled, False), nn.BatchNorm2d(width), nn.LeakyReLU(LEAK, True)]
+    return nn.Sequential(*layers, *_enlarge(shape.decoder[-1], channels, shape.last, shape.shuffled, True))
+
+
+def _enlarge(before: int, after: int, factor: int, shuffled: bool, bias: bool) -> list[nn.Module]:
+    if shuffled:
+        return [nn.Conv2d(before, after * factor**2, 3, padding=1, bias=bias), nn.PixelShuffle(factor)]
+    return [nn.ConvTranspose2d(before, after, 3, factor, 1, output_padding=factor - 1, bias=bias)]

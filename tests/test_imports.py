@@ -17,7 +17,6 @@ ALLOWED["algos"] = set()
 ALLOWED["train"] = {*LAYERS, "encoder", "algos"}
 ALLOWED["bench"] = {*ALLOWED["train"], "train"}
 ALLOWED["cli"] = {*ALLOWED["bench"], "bench"}
-ALLOWED["__main__"] = {"cli"}
 ALLOWED["__init__"] = set(LAYERS)
 
 

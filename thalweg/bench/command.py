@@ -1,0 +1,89 @@
+"""What do `thalweg evaluate` and `thalweg bench` print? The tables, and where everything lies."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from thalweg.bench.baselines import BASELINES, Policy
+from thalweg.bench.episodes import Episode, write_episodes
+from thalweg.bench.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
+from thalweg.bench.files import ResultsError
+from thalweg.bench.results import Results, read_results
+from thalweg.bench.river import PACKAGED_POLICY, load_fitting_encoder
+from thalweg.bench.runner import flight_progress, progress_of_flights, run_suite
+from thalweg.bench.suites import PACKAGED, suite_named
+from thalweg.bench.tables import detail_table, paper_table
+from thalweg.train import load_policy
+from thalweg.world import level_named
+
+
+@dataclass(frozen=True)
+class Request:
+    """What `thalweg evaluate` was asked for; fields as in the command."""
+
+    policy: str
+    levels: tuple[str, ...]
+    config: EvaluationConfig
+    seed: int = 0
+    encoder: Path | None = None
+    out: Path | None = None
+
+
+def policy_named(name: str) -> Policy:
+    """A baseline, the packaged policy, or that of a folder or file."""
+    if name in BASELINES:
+        return BASELINES[name]
+    path = PACKAGED_POLICY if name == PACKAGED else Path(name)
+    if not path.exists():
+        known = ", ".join((PACKAGED, *BASELINES))
+        raise ResultsError(f"no policy at {path}; give a run's folder, a policy file, or one of: {known}")
+    return load_policy(path)
+
+
+def evaluate_command(request: Request) -> None:
+    """Fly, print the tables, and write the rows if asked to."""
+    if request.config.episodes < 1:
+        raise ResultsError(f"episodes must be at least 1, not {request.config.episodes}")
+    console = Console()
+    levels = [level_named(level).name for level in request.levels]
+    policy = policy_named(request.policy)
+    encoder = None if hasattr(policy, "sees") else load_fitting_encoder(request.encoder)
+    name = request.policy if request.policy in (*BASELINES, PACKAGED) else Path(request.policy).resolve().name
+    rows: list[Episode] = []
+    for level in levels:
+        course = Course.of_level(level, request.config)
+        look = through_encoder(course.world, encoder) if encoder is not None else None
+        with flight_progress(console) as progress:
+            on_step = progress_of_flights(progress, f"{name} on {level}", request.config.episodes)
+            label = Label(name, request.seed, level)
+            rows.extend(evaluate(policy, course, label, request.config, look=look, on_step=on_step))
+    if request.out is not None:
+        write_episodes(request.out, rows)
+    print_tables(console, Results(Path(), {}, [], rows, [], []))
+    if request.out is not None:
+        console.print(f"One row per episode: {request.out}", highlight=False)
+
+
+def bench_command(name: str, folder: Path) -> int:
+    """Run a suite; returns 1 if a run of it failed."""
+    console = Console()
+    outcome = run_suite(suite_named(name), folder, console=console)
+    print_tables(console, read_results(folder), detail=False)
+    lines = [f"Report: {outcome.report.page}", f"Table:  {outcome.report.table}"]
+    if outcome.report.film is not None:
+        lines.append(f"Film:   {outcome.report.film}")
+    lines.extend(f"Failed: {row.run}: {row.error}" for row in outcome.failed)
+    console.print("\n".join(lines), highlight=False, soft_wrap=True, markup=False)
+    return 1 if outcome.failed else 0
+
+
+def print_tables(console: Console, results: Results, *, detail: bool = True) -> None:
+    """The paper's table, and with `detail` what it leaves out."""
+    tables = [paper_table(results)] + ([detail_table(results)] if detail else [])
+    for header, rows in tables:
+        table = Table(*header)
+        for row in rows:
+            table.add_row(*row, style="dim" if "(" in row[0] else None)
+        console.print(table)

@@ -1,0 +1,70 @@
+"""What is a result? One row per evaluated episode; every figure of a report is computed from such rows."""
+
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+
+from thalweg.bench.files import ResultsError, csv_text, read_csv, write_whole
+from thalweg.env import DoneReason
+
+REASONS = tuple(reason.label for reason in DoneReason if reason >= 0)
+"""Why an episode ended, in the order of the codes of `thalweg.env.DoneReason`."""
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One flight from a given start to its end."""
+
+    algorithm: str
+    """As in the registry of algorithms, or the name of a baseline."""
+    seed: int
+    """Seed of the training run, and of the sampled actions."""
+    level: str
+    world_seed: int
+    episode: int
+    """Place of the start in the level's fixed list."""
+    x: float
+    """Start in metres, and the heading in radians."""
+    y: float
+    z: float
+    yaw: float
+    return_: float
+    """Sum of the rewards; the column is called `return`."""
+    cost: float
+    """Sum of the costs, tight and loose."""
+    tight: float
+    loose: float
+    length: int
+    """Steps flown."""
+    reason: str
+    """One of `REASONS`."""
+    success: bool
+    progress: float
+    """Share of the course's segments that were visited."""
+
+
+COLUMNS = tuple(field.name.rstrip("_") for field in fields(Episode))
+
+
+def write_episodes(path: Path, episodes: Sequence[Episode]) -> None:
+    """Write the rows as CSV, whole or not at all."""
+    rows = [[int(value) if isinstance(value, bool) else value for value in astuple(row)] for row in episodes]
+    write_whole(path, csv_text(COLUMNS, rows))
+
+
+def read_episodes(path: Path) -> list[Episode]:
+    """The rows of a file; raises `ResultsError` for one that is half-written or not of this kind."""
+    parse = {"int": int, "float": float, "str": str, "bool": lambda text: bool(int(text))}
+    episodes = []
+    for number, row in enumerate(read_csv(path, COLUMNS), start=2):
+        try:
+            values = [
+                parse[getattr(field.type, "__name__", "str")](row[field.name.rstrip("_")]) for field in fields(Episode)
+            ]
+        except ValueError as error:
+            raise ResultsError(f"{path.name} line {number}: {error}") from error
+        episode = Episode(*values)
+        if episode.reason not in REASONS:
+            raise ResultsError(f"{path.name} line {number}: unknown reason {episode.reason!r}")
+        episodes.append(episode)
+    return episodes

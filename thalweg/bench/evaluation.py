@@ -1,0 +1,194 @@
+"""How good is a policy? Every start of a fixed list is flown to its end exactly once.
+
+The list belongs to the level, so that it is the same for every algorithm and seed. Nothing here is first-to-finish:
+counting whichever episodes end first would favour short ones. Each episode has its own random generator, and each
+observation is encoded and acted on by itself, so that a row does not depend on what is flown beside it.
+"""
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+
+from thalweg.bench.baselines import Policy, Sight
+from thalweg.bench.episodes import REASONS, Episode
+from thalweg.encoder import Encoder
+from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
+from thalweg.env.starts import CLOCK_S
+from thalweg.render import Renderer
+from thalweg.world import World, level_named, load_or_build
+
+Look = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""From poses [K, 4] and times [K] in seconds to observations [K, D], each row on its own."""
+
+
+@dataclass(frozen=True)
+class EvaluationConfig:
+    """How policies are evaluated; the same for all that are to be compared."""
+
+    episodes: int = 20
+    """Starts per level."""
+    starts_seed: int = 0
+    """Chooses the level's list of starts."""
+    deterministic: bool = False
+    """Whether the most probable action is taken instead of a sampled one. Training samples."""
+    env: EnvConfig = field(default_factory=lambda: EnvConfig(observation="none"))
+    """The rules. Frames are drawn only for policies that look at them."""
+
+
+@dataclass(frozen=True)
+class Label:
+    """What the rows of an evaluation are called."""
+
+    algorithm: str
+    seed: int
+    level: str
+
+
+@dataclass(frozen=True)
+class Course:
+    """A world and the starts to fly on it; K starts."""
+
+    world: World
+    starts: np.ndarray
+    """[K, 4] float64: x, y, z in metres and the heading in radians."""
+    clocks_s: np.ndarray
+    """[K] float64, where the water's clock stands at each start: its ripples are the same for every policy too."""
+    places: np.ndarray
+    """[K] int64, the place of each start in the level's list."""
+
+    @classmethod
+    def of_level(cls, level: str, config: EvaluationConfig) -> "Course":
+        """The level's fixed river and its fixed list of starts."""
+        chosen = level_named(level)
+        world = load_or_build(chosen, chosen.default_seed)
+        starts = sample_starts(world, config.episodes, config.starts_seed, config=config.env)
+        clocks = np.random.default_rng([config.starts_seed, 1]).uniform(0, CLOCK_S, len(starts))
+        return cls(world, starts, clocks, np.arange(len(starts)))
+
+    def only(self, place: int) -> "Course":
+        """The course with but one start of its list; flown alone it gives the same flight."""
+        row = np.flatnonzero(self.places == place)
+        return Course(self.world, self.starts[row], self.clocks_s[row], self.places[row])
+
+
+@dataclass(frozen=True)
+class Step:
+    """What is about to be flown, as `on_step` is told: K episodes are still in the air."""
+
+    flying: np.ndarray
+    """[K] int64, rows of the course."""
+    poses: np.ndarray
+    """[K, 4] float64, before the step."""
+    time_s: np.ndarray
+    """[K] float64."""
+    returns: np.ndarray
+    """[K] float64, so far."""
+
+
+def episode_generator(label: Label, place: int) -> torch.Generator:
+    """The generator of one episode's sampled actions, given by the seed, the level and the place in the list alone."""
+    entropy = np.random.SeedSequence([label.seed, zlib.crc32(label.level.encode()), place])
+    return torch.Generator().manual_seed(int(entropy.generate_state(1, np.uint64)[0] >> np.uint64(1)))
+
+
+def through_encoder(world: World, encoder: Encoder, renderer: Renderer | None = None) -> Look:
+    """What a trained policy sees: the latents float32 [K, Z] of the frames at the given poses and times."""
+    drawn = renderer or Renderer([world])
+
+    def look(poses: np.ndarray, time_s: np.ndarray) -> np.ndarray:
+        return encoder(drawn.render(poses, np.zeros(len(poses), dtype=np.int64), time_s))
+
+    return look
+
+
+def evaluate(
+    policy: Policy,
+    course: Course,
+    label: Label,
+    config: EvaluationConfig = EvaluationConfig(),
+    *,
+    look: Look | None = None,
+    on_step: Callable[[Step], None] | None = None,
+) -> list[Episode]:
+    """One row per start of the course, in the order of the list.
+
+    `look` gives the observations of policies that see frames (see `through_encoder`); `on_step` is called before every
+    step. Raises `ValueError` for a policy that sees frames where there is no `look`.
+    """
+    sees: Sight = getattr(policy, "sees", "frames")
+    if sees == "frames" and look is None:
+        raise ValueError("this policy looks at frames: give `look`, such as through_encoder(world, load_encoder())")
+    env = _begin(course, config)
+    generators = [episode_generator(label, int(place)) for place in course.places]
+    tally = _Tally(len(course.starts))
+    actions = np.ones((len(course.starts), 4), dtype=np.int64)
+    while len(flying := np.flatnonzero(tally.reason < 0)):
+        state = env.get_state()
+        step = Step(flying, state["pose"][flying], state["time_s"][flying], tally.return_[flying])
+        if on_step is not None:
+            on_step(step)
+        if sees == "frames" and look is not None:
+            obs = look(step.poses, step.time_s)
+        else:
+            obs = env.pilot_actions()[flying] if sees == "pilot" else np.zeros((len(flying), 0), np.float32)
+        for row, index in enumerate(flying):
+            alone = obs[row : row + 1]
+            actions[index] = policy.act(alone, deterministic=config.deterministic, generator=generators[index])[0]
+        _, reward, _, _, info = env.step(actions)
+        tally.add(flying, reward, info)
+    env.close()
+    return tally.rows(course, label)
+
+
+def _begin(course: Course, config: EvaluationConfig) -> RiverVectorEnv:
+    """The rules, with every start of the course set. An episode that ends is begun anew elsewhere and not looked at."""
+    env = RiverVectorEnv([course.world], len(course.starts), config=config.env)
+    env.reset(seed=config.starts_seed, options={"pose": course.starts})
+    state = env.get_state()
+    state["time_s"] = course.clocks_s.copy()
+    env.set_state(state)
+    return env
+
+
+class _Tally:
+    """Sums over each episode until its first end; what the slot flies after that is not counted."""
+
+    def __init__(self, count: int) -> None:
+        self.return_ = np.zeros(count)
+        self.costs = np.zeros((count, 2))
+        self.cost = np.zeros(count)
+        self.length = np.zeros(count, dtype=np.int64)
+        self.progress = np.zeros(count)
+        self.reason = np.full(count, -1)
+
+    def add(self, flying: np.ndarray, reward: np.ndarray, info: dict) -> None:
+        self.return_[flying] += reward[flying]
+        self.costs[flying] += info["costs"][flying]
+        self.cost[flying] += info["cost"][flying]
+        self.length[flying] += 1
+        self.progress[flying] = info["progress"][flying]
+        self.reason[flying] = info["done_reason"][flying]
+
+    def rows(self, course: Course, label: Label) -> list[Episode]:
+        return [
+            Episode(
+                label.algorithm,
+                label.seed,
+                label.level,
+                course.world.seed,
+                int(course.places[index]),
+                *(float(value) for value in course.starts[index]),
+                return_=float(self.return_[index]),
+                cost=float(self.cost[index]),
+                tight=float(self.costs[index, 0]),
+                loose=float(self.costs[index, 1]),
+                length=int(self.length[index]),
+                reason=REASONS[self.reason[index]],
+                success=REASONS[self.reason[index]] == "Success",
+                progress=float(self.progress[index]),
+            )
+            for index in range(len(course.starts))
+        ]

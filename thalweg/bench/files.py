@@ -1,0 +1,64 @@
+"""How do results reach the disk? Whole or not at all: into a file beside the target, then in its place."""
+
+import csv
+import os
+import secrets
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+
+class ResultsError(ValueError):
+    """A results folder or a file in it cannot be used; the message says which and why."""
+
+
+def write_whole(path: Path, content: bytes | str) -> None:
+    """Write the file in one move: a reader, or a kill at any moment, finds the old content or the new."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    beside = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+    try:
+        with beside.open("wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def csv_text(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """The rows as CSV with a header; floats are written so that they read back to the same bits."""
+    lines: list[str] = []
+
+    class Lines:
+        def write(self, line: str) -> int:
+            lines.append(line)
+            return len(line)
+
+    writer = csv.writer(Lines(), lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(rows)
+    return "".join(lines)
+
+
+def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
+    """The rows of a CSV that has at least these columns, further ones allowed.
+
+    Raises `ResultsError` for a file that is not text, lacks a column or ends in the middle of a row.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ResultsError(f"{path.name} is not text") from error
+    if not text:
+        raise ResultsError(f"{path.name} is empty")
+    reader = csv.DictReader(text.splitlines())
+    missing = [column for column in columns if column not in (reader.fieldnames or ())]
+    if missing:
+        raise ResultsError(f"{path.name} lacks the column{'s' * (len(missing) > 1)} {', '.join(missing)}")
+    if not text.endswith("\n"):
+        raise ResultsError(f"{path.name} is half-written: its last line does not end")
+    rows = list(reader)
+    for number, row in enumerate(rows, start=2):
+        if None in row or None in row.values():
+            raise ResultsError(f"{path.name} line {number} has not as many values as the header")
+    return rows

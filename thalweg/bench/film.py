@@ -1,0 +1,161 @@
+"""What does a flight look like? A film of one evaluated episode: the view, the water mask, and where it is on the map.
+
+The flight is flown again from its start with the generator it had: the film shows the very episode of the table.
+"""
+
+import secrets
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import imageio.v2 as imageio
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from thalweg.bench.episodes import Episode
+from thalweg.bench.evaluation import Step
+from thalweg.bench.files import ResultsError
+from thalweg.render import Camera, Renderer
+from thalweg.world import World
+
+FRAMES_PER_S = 15
+VIEW_PX, MAP_PX, MARGIN_PX = 384, 288, 16
+SIZE_PX = (VIEW_PX + MAP_PX + 3 * MARGIN_PX, VIEW_PX + 2 * MARGIN_PX)
+"""Width and height of the film, both multiples of 16 as H.264 likes them."""
+CAMERA = Camera(height_px=VIEW_PX, width_px=VIEW_PX)
+INSET_PX = 112
+HOLD_S = 1.5
+"""How long the last picture stays."""
+INK, PAPER, ACCENT, START = (235, 235, 235), (24, 28, 32), (255, 196, 61), (90, 220, 140)
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A flight to be filmed; T steps."""
+
+    episode: Episode
+    poses: np.ndarray
+    """[T, 4] float64."""
+    time_s: np.ndarray
+    """[T] float64."""
+    returns: np.ndarray
+    """[T] float64, the return before each step."""
+
+    @classmethod
+    def of(cls, episode: Episode, steps: list[Step]) -> "Flight":
+        """A flight from what `evaluate` told while it flew a course of one start."""
+        return cls(
+            episode,
+            np.concatenate([step.poses for step in steps]),
+            np.concatenate([step.time_s for step in steps]),
+            np.concatenate([step.returns for step in steps]),
+        )
+
+
+class Map:
+    """The river from above, with north at the top, in a square of pixels."""
+
+    def __init__(self, world: World, size_px: int = MAP_PX, margin_m: float = 12.0) -> None:
+        self.size_px = size_px
+        low, high = world.river.position_m.min(axis=0) - margin_m, world.river.position_m.max(axis=0) + margin_m
+        self.side_m = float((high - low).max())
+        self.corner_m = (low + high - self.side_m) / 2
+        self.picture = Image.fromarray(self._draw(world))
+
+    def pixel(self, x: float, y: float) -> tuple[float, float]:
+        """Column and row of a place in metres."""
+        scale = self.size_px / self.side_m
+        return (x - self.corner_m[0]) * scale, self.size_px - (y - self.corner_m[1]) * scale
+
+    def _draw(self, world: World) -> np.ndarray:
+        steps = (np.arange(self.size_px) + 0.5) / self.size_px * self.side_m
+        grid = world.grid
+        columns = np.rint((self.corner_m[0] + steps - grid.origin_x_m) / grid.cell_m).astype(int)
+        rows = np.rint((self.corner_m[1] + steps[::-1] - grid.origin_y_m) / grid.cell_m).astype(int)
+        at = np.ix_(rows.clip(0, world.ground_m.shape[0] - 1), columns.clip(0, world.ground_m.shape[1] - 1))
+        light = 0.55 + 0.45 * world.sun[at][..., None] / 255
+        picture = world.albedo[at] * light * 1.3
+        water = world.water_m[at] > world.ground_m[at]
+        picture[water] = np.array([58, 104, 138]) * light[water]
+        surface = np.maximum(world.ground_m[at], world.water_m[at])
+        covered = world.canopy_m[at] > surface + 1.0
+        picture[covered & ~water] = np.array([52, 74, 46]) * light[covered & ~water]
+        picture[covered & water] = np.array([150, 146, 138])
+        return picture.clip(0, 255).astype(np.uint8)
+
+
+def pictures(world: World, flight: Flight, camera: Camera, policy: str) -> Iterator[np.ndarray]:
+    """The film's frames uint8 [H, W, 3], one per step."""
+    renderer = Renderer([world], camera)
+    chart = Map(world)
+    fonts = {size: ImageFont.load_default(size=size) for size in (14, 18)}
+    river = world.river
+    for index, pose in enumerate(flight.poses):
+        frame = renderer.render(pose[None], np.zeros(1, dtype=np.int64), flight.time_s[index : index + 1])[0]
+        canvas = Image.new("RGB", SIZE_PX, PAPER)
+        canvas.paste(Image.fromarray(frame[..., :3]).resize((VIEW_PX, VIEW_PX)), (MARGIN_PX, MARGIN_PX))
+        _paste_mask(canvas, frame[..., 3])
+        canvas.paste(_with_track(chart, flight.poses[: index + 1]), (VIEW_PX + 2 * MARGIN_PX, MARGIN_PX))
+        nearest = np.argmin(((river.position_m - pose[:2]) ** 2).sum(axis=1))
+        last = index == len(flight.poses) - 1
+        lines = (
+            f"{policy} on {flight.episode.level}",
+            f"step {index + 1}   height {pose[2] - river.level_m[nearest]:.1f} m",
+            f"return {flight.episode.return_ if last else flight.returns[index]:.2f} of 10"
+            + (f"   cost {flight.episode.cost:.1f}   {flight.episode.reason}" if last else ""),
+        )
+        draw = ImageDraw.Draw(canvas)
+        for number, line in enumerate(lines):
+            place = (VIEW_PX + 2 * MARGIN_PX, MARGIN_PX + MAP_PX + 12 + number * 28)
+            draw.text(place, line, INK, fonts[18 if number == 0 else 14])
+        yield np.asarray(canvas)
+
+
+def _paste_mask(canvas: Image.Image, mask: np.ndarray) -> None:
+    inset = Image.fromarray(mask).resize((INSET_PX, INSET_PX)).convert("RGB")
+    corner = MARGIN_PX + VIEW_PX - INSET_PX - 8
+    ImageDraw.Draw(canvas).rectangle((corner - 2, corner - 2, corner + INSET_PX + 1, corner + INSET_PX + 1), INK)
+    canvas.paste(inset, (corner, corner))
+
+
+def _with_track(chart: Map, poses: np.ndarray) -> Image.Image:
+    picture = chart.picture.copy()
+    draw = ImageDraw.Draw(picture)
+    points = [chart.pixel(x, y) for x, y in poses[:, :2]]
+    if len(points) > 1:
+        draw.line(points, ACCENT, width=2)
+    (x, y), (column, row), yaw = points[0], points[-1], poses[-1, 3]
+    draw.ellipse((x - 4, y - 4, x + 4, y + 4), START)
+    wings = [(column + 9 * np.cos(yaw + turn), row - 9 * np.sin(yaw + turn)) for turn in (0.0, 2.5, -2.5)]
+    draw.polygon(wings, (220, 50, 47), INK)
+    return picture
+
+
+def write_film(
+    path: Path,
+    world: World,
+    flight: Flight,
+    policy: str,
+    *,
+    camera: Camera = CAMERA,
+    on_frame: Callable[[], None] | None = None,
+) -> None:
+    """Write the film of a flight as H.264 in MP4, whole or not at all."""
+    if not len(flight.poses):
+        raise ResultsError("a flight without a step cannot be filmed")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    beside = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.part.mp4")
+    options = ["-crf", "25", "-preset", "medium", "-movflags", "+faststart"]
+    try:
+        with imageio.get_writer(
+            beside, fps=FRAMES_PER_S, codec="libx264", pixelformat="yuv420p", quality=None, output_params=options
+        ) as writer:
+            for picture in pictures(world, flight, camera, policy):
+                writer.append_data(picture)  # pyright: ignore[reportAttributeAccessIssue]
+                if on_frame is not None:
+                    on_frame()
+            for _ in range(round(HOLD_S * FRAMES_PER_S)):
+                writer.append_data(picture)  # pyright: ignore
+        beside.replace(path)
+    finally:
+        beside.unlink(missing_ok=True)

@@ -1,0 +1,172 @@
+"""What does one hand on? One HTML page that opens without a network, and its tables and pictures as files beside it.
+
+Every number comes from the files of the results folder. The report is made in full beside its place and then moved
+there, so that there is never half of one.
+"""
+
+import base64
+import html
+import json
+import secrets
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from string import Template
+
+from thalweg.bench import figures, tables
+from thalweg.bench.published import SOURCE
+from thalweg.bench.results import CAPTION, FILM, Results, read_results
+
+PAGE = Template((Path(__file__).with_name("page.html")).read_text(encoding="utf-8"))
+
+
+@dataclass(frozen=True)
+class Report:
+    """Where the parts of a report lie."""
+
+    folder: Path
+    page: Path
+    table: Path
+    """The paper's table as Markdown."""
+    film: Path | None
+
+
+def write_report(folder: Path, out: Path | None = None) -> Report:
+    """Make the report of a results folder, in `out` or in `report` within it; raises `ResultsError`."""
+    results = read_results(folder)
+    out = out or folder / "report"
+    out.parent.mkdir(parents=True, exist_ok=True)
+    beside = out.with_name(f".{out.name}.{secrets.token_hex(4)}.part")
+    beside.mkdir()
+    try:
+        for name, content in _files(results).items():
+            (beside / name).write_bytes(content)
+        _put_in_place(beside, out)
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+    return Report(out, out / "report.html", out / "table.md", out / FILM if (out / FILM).exists() else None)
+
+
+def _put_in_place(new: Path, place: Path) -> None:
+    old = place.with_name(f".{place.name}.{secrets.token_hex(4)}.old")
+    if place.exists():
+        place.rename(old)
+    new.rename(place)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _files(results: Results) -> dict[str, bytes]:
+    """Name and content of everything in the report."""
+    curves = figures.training_curves(results)
+    film = results.folder / FILM
+    files = {
+        "table.md": tables.markdown(*tables.paper_table(results)).encode(),
+        "table.csv": tables.table_csv(results).encode(),
+        "failures.png": figures.failure_bars(results),
+    }
+    if curves is not None:
+        files["curves.png"] = curves
+    if film.exists():
+        files[FILM] = film.read_bytes()
+    files["report.html"] = _page(results, files).encode()
+    return files
+
+
+def _page(results: Results, files: dict[str, bytes]) -> str:
+    suite = results.suite
+    failed = [row for row in results.runs if row.status != "finished"]
+    return PAGE.substitute(
+        title=html.escape(f"Thalweg: suite {suite.get('name', 'unknown')}"),
+        intro=_intro(results),
+        table=html_table(*tables.paper_table(results), marked=tables.ELSEWHERE),
+        source=html.escape(SOURCE),
+        film=_film(files.get(FILM), _caption(results)),
+        curves=_picture(files.get("curves.png"), _curves_alt(results))
+        or "<p>Nothing was trained in these results.</p>",
+        failures=_picture(
+            files["failures.png"], "Bars: the share of episodes that ended for each reason, by policy and level."
+        ),
+        details=html_table(*tables.detail_table(results)),
+        runs=_runs(results),
+        problems=_problems([f"Run {row.run} {row.status}: {row.error}" for row in failed], results.skipped),
+        record=html.escape(json.dumps(suite, indent=2)),
+    )
+
+
+def _intro(results: Results) -> str:
+    suite = results.suite
+    trained = [row for row in results.runs if row.kind == "train"]
+    parts = [f"{len(results.episodes)} evaluated episodes on {', '.join(results.levels)}."]
+    if trained and suite:
+        parts.append(
+            f"{len(trained)} training runs of {int(suite['steps']):,} steps on {suite['train_level']}"
+            f" ({len(suite['seeds'])} seed{'s' * (len(suite['seeds']) > 1)})."
+        )
+        if suite["steps"] < 200_000:
+            parts.append(
+                "This is far shorter than the paper's 200,000 steps: it shows that everything runs, not who is better."
+            )
+    return html.escape(" ".join(parts))
+
+
+def html_table(header: list[str], rows: list[list[str]], marked: str = "") -> str:
+    """A table in HTML; rows whose first cell has `marked` in it are set apart."""
+    head = "".join(f"<th scope='col'>{html.escape(cell)}</th>" for cell in header)
+    body = []
+    for first, *rest in rows:
+        kind = " class='elsewhere'" if marked and marked in first else ""
+        cells = "".join(f"<td>{html.escape(cell)}</td>" for cell in rest)
+        body.append(f"<tr{kind}><th scope='row'>{html.escape(first)}</th>{cells}</tr>")
+    return f"<div class='wide'><table><thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table></div>"
+
+
+def _picture(content: bytes | None, text: str) -> str:
+    if content is None:
+        return ""
+    return (
+        f"<img src='data:image/png;base64,{base64.b64encode(content).decode()}' alt='{html.escape(text, quote=True)}'>"
+    )
+
+
+def _film(content: bytes | None, caption: str) -> str:
+    if content is None:
+        return "<p>These results hold no film.</p>"
+    data = base64.b64encode(content).decode()
+    return (
+        f"<figure><video controls muted loop playsinline src='data:video/mp4;base64,{data}'"
+        f" aria-label='Film of a flight'></video><figcaption>{html.escape(caption)}</figcaption></figure>"
+    )
+
+
+def _caption(results: Results) -> str:
+    path = results.folder / CAPTION
+    return path.read_text(encoding="utf-8").strip() if path.exists() else ""
+
+
+def _curves_alt(results: Results) -> str:
+    names = ", ".join(dict.fromkeys(log.algorithm for log in results.training))
+    return (
+        f"Four curves over the steps of training for {names}: return, and violations per step in all, tight and loose."
+    )
+
+
+def _runs(results: Results) -> str:
+    rows = [
+        [
+            row.run,
+            row.kind,
+            row.status,
+            f"{row.steps:,}" if row.kind == "train" else "",
+            f"{row.wall_s:.0f}" if row.kind == "train" else "",
+            f"{row.steps_per_s:.0f}" if row.kind == "train" else "",
+        ]
+        for row in results.runs
+    ]
+    return html_table(["run", "kind", "status", "steps", "seconds", "steps a second"], rows)
+
+
+def _problems(failed: list[str], skipped: list[str]) -> str:
+    if not failed and not skipped:
+        return ""
+    lines = "".join(f"<li>{html.escape(line)}</li>" for line in [*failed, *(f"Not used: {line}" for line in skipped)])
+    return f"<section class='problems'><h2>Failed or not used</h2><ul>{lines}</ul></section>"

@@ -1,0 +1,167 @@
+"""What lies in a results folder? Everything that can be read, and by name everything that could not.
+
+suite.json                    the suite as it was run, with versions and the machine
+runs.csv                      one row per run, failed ones with their error
+runs/PPO-0/                   the folder of a training run; `episodes.csv` in it gives the training curves
+evaluation/PPO-0-Easy.csv     one row per evaluated episode
+film.mp4                      a flight
+report/                       made from the files above, and from nothing else
+"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from thalweg.bench.episodes import Episode, read_episodes
+from thalweg.bench.files import ResultsError, csv_text, read_csv, write_whole
+from thalweg.bench.statistics import TrainingLog
+
+RUN_COLUMNS = ("run", "kind", "algorithm", "seed", "steps", "status", "error", "wall_s", "steps_per_s")
+FILM, CAPTION = "film.mp4", "film.txt"
+
+
+@dataclass(frozen=True)
+class RunRow:
+    """What became of one run."""
+
+    run: str
+    kind: str
+    algorithm: str
+    seed: int
+    steps: int
+    status: str
+    """`finished`, `failed`, or `absent`: a packaged policy that this copy lacks."""
+    error: str = ""
+    """One line, empty for a finished run."""
+    wall_s: float = 0.0
+    """Seconds of training, over all sessions that it took."""
+    steps_per_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Results:
+    """A results folder, read."""
+
+    folder: Path
+    suite: dict
+    """As in `suite.json`; empty where that could not be read."""
+    runs: list[RunRow]
+    episodes: list[Episode]
+    training: list[TrainingLog]
+    skipped: list[str]
+    """One line for each file that was not used: its name and why."""
+
+    @property
+    def levels(self) -> list[str]:
+        """Levels in the order of the suite, then of appearance."""
+        return list(dict.fromkeys([*self.suite.get("test_levels", []), *(row.level for row in self.episodes)]))
+
+
+def evaluation_path(folder: Path, run: str, level: str) -> Path:
+    """Where the episodes of a run on a level lie."""
+    return folder / "evaluation" / f"{run}-{level}.csv"
+
+
+def write_runs(folder: Path, rows: list[RunRow]) -> None:
+    """Write `runs.csv`, whole or not at all."""
+    write_whole(
+        folder / "runs.csv", csv_text(RUN_COLUMNS, [[getattr(row, name) for name in RUN_COLUMNS] for row in rows])
+    )
+
+
+def read_runs(folder: Path) -> list[RunRow]:
+    """The rows of `runs.csv`; none if there is no such file. Raises `ResultsError` where it is not of this kind."""
+    path = folder / "runs.csv"
+    if not path.exists():
+        return []
+    try:
+        return [
+            RunRow(
+                row["run"],
+                row["kind"],
+                row["algorithm"],
+                int(row["seed"]),
+                int(row["steps"]),
+                row["status"],
+                row["error"],
+                float(row["wall_s"]),
+                float(row["steps_per_s"]),
+            )
+            for row in read_csv(path, RUN_COLUMNS)
+        ]
+    except ValueError as error:
+        raise ResultsError(f"runs.csv: {error}" if not isinstance(error, ResultsError) else str(error)) from error
+
+
+def read_suite(folder: Path) -> dict:
+    """The content of `suite.json`; raises `ResultsError` where it is not JSON of this kind."""
+    try:
+        suite = json.loads((folder / "suite.json").read_text(encoding="utf-8"))
+    except (ValueError, OSError) as error:
+        raise ResultsError(f"suite.json cannot be read: {error}") from error
+    if not isinstance(suite, dict) or "name" not in suite:
+        raise ResultsError("suite.json is not the record of a suite")
+    return suite
+
+
+def read_training(path: Path, algorithm: str, seed: int) -> TrainingLog:
+    """The finished episodes of a training run from its `episodes.csv`; raises `ResultsError`."""
+    columns = ("step", "return", "tight", "loose")
+    rows = read_csv(path, columns)
+    try:
+        values = {name: np.array([float(row[name]) for row in rows]) for name in columns}
+    except ValueError as error:
+        raise ResultsError(f"{path.name}: {error}") from error
+    order = np.argsort(values["step"], kind="stable")
+    step, *rest = (values[name][order] for name in columns)
+    return TrainingLog(algorithm, seed, step.astype(np.int64), *rest)
+
+
+def read_results(folder: Path) -> Results:
+    """Everything readable in the folder; raises `ResultsError` where there is no such folder or no episode in it."""
+    if not folder.is_dir():
+        raise ResultsError(f"no results folder {folder}")
+    skipped: list[str] = []
+
+    def attempt(path: Path, read, otherwise):
+        try:
+            return read()
+        except (ResultsError, OSError) as error:
+            skipped.append(f"{path.relative_to(folder).as_posix()}: {error}")
+            return otherwise
+
+    suite = attempt(folder / "suite.json", lambda: read_suite(folder), {})
+    runs = attempt(folder / "runs.csv", lambda: read_runs(folder), [])
+    episodes: list[Episode] = []
+    for path in sorted((folder / "evaluation").glob("*")):
+        rows = attempt(path, lambda path=path: _checked(path), [])
+        episodes.extend(rows)
+    training = []
+    for row in runs:
+        path = folder / "runs" / row.run / "episodes.csv"
+        if row.kind == "train" and (path.exists() or row.status == "finished"):
+            log = attempt(path, lambda path=path, row=row: read_training(path, row.algorithm, row.seed), None)
+            training.extend([log] if log is not None else [])
+    if not episodes:
+        reasons = "".join(f"\n  {line}" for line in skipped)
+        raise ResultsError(f"{folder} holds no evaluated episodes{reasons}")
+    order = {row.run: place for place, row in enumerate(runs)}
+    episodes.sort(key=lambda row: order.get(f"{row.algorithm}-{row.seed}", len(order)))
+    return Results(folder, suite, runs, episodes, training, skipped)
+
+
+def _checked(path: Path) -> list[Episode]:
+    """The episodes of a file whose name agrees with what is in it."""
+    if path.suffix != ".csv":
+        raise ResultsError("not a result of an evaluation (half-written, or foreign)")
+    rows = read_episodes(path)
+    if not rows:
+        raise ResultsError(f"{path.name} has no rows")
+    names = {f"{row.algorithm}-{row.seed}-{row.level}" for row in rows}
+    if names != {path.stem}:
+        raise ResultsError(f"{path.name} holds the episodes of {', '.join(sorted(names))}")
+    if [row.episode for row in rows] != list(range(len(rows))):
+        raise ResultsError(f"{path.name} lacks or repeats episodes")
+    return rows

@@ -1,0 +1,372 @@
+"""What can be typed? `thalweg world | render | encoder | train | evaluate | bench | report | speed`.
+
+Each command is a dataclass: its fields are the options, their docstrings the help, `run` does it. What a command needs
+is imported when it runs, so that `thalweg --help` answers at once.
+"""
+
+import sys
+import traceback
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+from tyro.conf import OmitSubcommandPrefixes, Positional, subcommand
+
+
+class UsageError(ValueError):
+    """Options that do not go together, or a value that cannot be understood."""
+
+
+@dataclass(frozen=True)
+class DrawWorld:
+    """Draw a river from above: centre line, widths, bridges and islands."""
+
+    level: str = "Medium"
+    """Easy, Medium or Hard."""
+    seed: int | None = None
+    """Which river of the level; its fixed one if not given."""
+    out: Path = Path("map.png")
+    """The picture."""
+    save: Path | None = None
+    """Also write the world itself to this .npz file."""
+
+    def run(self) -> int:
+        from thalweg.world.drawing import draw
+
+        world = _world(self.level, self.seed)
+        _make_parent(self.out)
+        draw(world, self.out)
+        print(f"{self.out}: {world.name}, seed {world.seed}, a course of {world.river.length_m:.0f} m")
+        if self.save is not None:
+            _make_parent(self.save)
+            world.save(self.save)
+            print(f"{self.save}: the world")
+        return 0
+
+
+@dataclass(frozen=True)
+class RenderFrames:
+    """Draw what the camera sees: a sheet of frames, each above its water mask."""
+
+    level: str = "Medium"
+    """Easy, Medium or Hard."""
+    seed: int | None = None
+    """Which river of the level; its fixed one if not given."""
+    pose: tuple[float, float, float, float] | None = None
+    """x y z yaw in metres and radians; random poses if not given."""
+    poses: Literal["random"] = "random"
+    """Where the camera is when no pose is given: random safe starts."""
+    count: int = 8
+    """How many random poses."""
+    poses_seed: int = 0
+    """Which random poses."""
+    size: int = 128
+    """Height and width of a frame in pixels."""
+    out: Path = Path("frames.png")
+    """The picture."""
+
+    def run(self) -> int:
+        import numpy as np
+
+        from thalweg.bench.sheet import sheet
+        from thalweg.env import sample_starts
+        from thalweg.render import Camera, Renderer
+
+        if self.count < 1 or self.size < 1:
+            raise UsageError("--count and --size must be at least 1")
+        world = _world(self.level, self.seed)
+        chosen = np.array([self.pose]) if self.pose else sample_starts(world, self.count, self.poses_seed)
+        frames = Renderer([world], Camera(height_px=self.size, width_px=self.size)).render(chosen)
+        _make_parent(self.out)
+        sheet(frames).save(self.out)
+        for x, y, z, yaw in chosen:
+            print(f"--pose {x:.3f} {y:.3f} {z:.3f} {yaw:.4f}")
+        print(f"{self.out}: {len(frames)} frames of {world.name}, seed {world.seed}")
+        return 0
+
+
+@dataclass(frozen=True)
+class EncoderTrain:
+    """Collect images by random resets and train an autoencoder on them; the same command resumes."""
+
+    out: Path
+    """Folder of the run."""
+    inputs: Literal["rgb+mask", "rgb", "mask"] = "rgb+mask"
+    """What is encoded."""
+    latent: int = 16
+    """Numbers in a code."""
+    architecture: str = "lean"
+    """`lean`, or `paper` for the paper's own, which is far slower to train."""
+    level: str = "Medium"
+    """Where the images are collected."""
+    images: int = 2000
+    """Images to train on."""
+    held_out: int = 200
+    """Further images that are only measured."""
+    epochs: int = 100
+    """Passes over the images."""
+    seed: int = 0
+    """Of the poses and of the training."""
+
+    def run(self) -> int:
+        import shlex
+
+        from thalweg.encoder import Source, VAEConfig, train_encoder
+        from thalweg.render import RENDER_VERSION
+        from thalweg.train.collect import collect_frames
+
+        config = VAEConfig(inputs=self.inputs, latent=self.latent, architecture=self.architecture)
+        images = collect_frames(self.images + self.held_out, level=self.level, seed=self.seed)
+        result = train_encoder(
+            images,
+            config,
+            self.out,
+            epochs=self.epochs,
+            seed=self.seed,
+            held_out=self.held_out,
+            source=Source(self.level, self.seed, RENDER_VERSION, shlex.join(["thalweg", *sys.argv[1:]])),
+        )
+        print(f"{result.path}: mean squared error {result.train_mse:.5f}, of held-out images {result.held_out_mse}")
+        return 0
+
+
+@dataclass(frozen=True)
+class EncoderShow:
+    """Say what an encoder is, and draw frames, masks and their reconstructions."""
+
+    path: Path | None = None
+    """The encoder's file; the one that comes with the package if not given."""
+    level: str = "Medium"
+    """Where the frames come from."""
+    count: int = 8
+    """How many frames."""
+    seed: int = 1
+    """Which frames."""
+    out: Path = Path("reconstructions.png")
+    """The picture."""
+
+    def run(self) -> int:
+        from thalweg.encoder import draw_reconstructions, load_encoder
+        from thalweg.train.collect import collect_frames
+
+        encoder = load_encoder(self.path)
+        for key, value in encoder.about.items():
+            print(f"{key}: {value}")
+        _make_parent(self.out)
+        draw_reconstructions(encoder.vae, collect_frames(self.count, level=self.level, seed=self.seed), self.out)
+        print(f"{self.out}: {self.count} frames and what their codes hold of them")
+        return 0
+
+
+@dataclass(frozen=True)
+class Encoder:
+    """Train an encoder, or look at one."""
+
+    action: (
+        Annotated[EncoderTrain, subcommand("train", prefix_name=False)]
+        | Annotated[EncoderShow, subcommand("show", prefix_name=False)]
+    )
+
+    def run(self) -> int:
+        return self.action.run()
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train a policy on a river, seen through an encoder; the same command resumes."""
+
+    out: Path
+    """Folder of the run."""
+    algorithm: str = "FOCOPS"
+    """As in the registry; an unknown name lists the known ones."""
+    level: str = "Medium"
+    """Easy, Medium or Hard."""
+    world_seeds: tuple[int, ...] = ()
+    """Rivers of the level to train on; its fixed one if none is given."""
+    steps: int = 200_000
+    """Over all environments together."""
+    seed: int = 0
+    """Of everything random in the training."""
+    num_envs: int = 16
+    """Environments that are stepped together."""
+    encoder: Path | None = None
+    """The encoder's file; the one that comes with the package if not given."""
+    set: tuple[str, ...] = ()
+    """Settings of the algorithm, such as learning_rate=1e-4; an unknown one lists the known."""
+
+    def run(self) -> int:
+        from thalweg.algos.registry import algorithm_named
+        from thalweg.bench.river import load_fitting_encoder, training_env
+        from thalweg.train import run
+
+        settings = _settings(self.set)
+        algorithm = algorithm_named(self.algorithm).name
+        env = training_env(self.level, self.num_envs, load_fitting_encoder(self.encoder), self.world_seeds)
+        try:
+            result = run(algorithm, env, steps=self.steps, seed=self.seed, folder=self.out, config=settings or None)
+        finally:
+            env.close()
+        print(result)
+        print(f"Evaluate it: thalweg evaluate {self.out}")
+        return 0
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Fly a policy from the fixed list of starts of each level and sum up."""
+
+    policy: Positional[str]
+    """A run's folder, a policy file, `packaged`, or a baseline: random, hover, forward, pilot."""
+    levels: tuple[str, ...] = ("Easy", "Medium", "Hard")
+    """Where to fly."""
+    episodes: int = 20
+    """Starts per level, each flown once."""
+    starts_seed: int = 0
+    """Chooses the list of starts."""
+    seed: int = 0
+    """Of the sampled actions."""
+    deterministic: bool = False
+    """Take the most probable action instead of a sampled one."""
+    encoder: Path | None = None
+    """The encoder's file; the one that comes with the package if not given."""
+    out: Path | None = None
+    """Also write one row per episode to this CSV file."""
+
+    def run(self) -> int:
+        from thalweg.bench.command import Request, evaluate_command
+        from thalweg.bench.evaluation import EvaluationConfig
+
+        config = EvaluationConfig(self.episodes, self.starts_seed, self.deterministic)
+        evaluate_command(Request(self.policy, self.levels, config, self.seed, self.encoder, self.out))
+        return 0
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Train, evaluate and report a whole suite; the same command resumes."""
+
+    suite: Positional[str]
+    """`quick` or `paper`."""
+    out: Path
+    """Folder of the results."""
+
+    def run(self) -> int:
+        from thalweg.bench.command import bench_command
+
+        return bench_command(self.suite, self.out)
+
+
+@dataclass(frozen=True)
+class Report:
+    """Make the report of a results folder again, from its files alone."""
+
+    results: Positional[Path]
+    """The folder that `thalweg bench` wrote."""
+    out: Path | None = None
+    """Where to put it; `report` within the results if not given."""
+
+    def run(self) -> int:
+        from thalweg.bench.report import write_report
+
+        report = write_report(self.results, self.out)
+        print(f"Report: {report.page}\nTable:  {report.table}")
+        return 0
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Measure the speed of each part on this machine."""
+
+    json: bool = False
+    """Print JSON instead of a table."""
+    quick: bool = False
+    """Fewer repetitions, and no training."""
+    out: Path | None = None
+    """Also write the JSON to this file."""
+
+    def run(self) -> int:
+        from thalweg.bench.speed import speed
+
+        return speed(as_json=self.json, quick=self.quick, out=self.out)
+
+
+DESCRIPTION = (
+    "A photo-realistic river world and a benchmark of safe reinforcement learning on it."
+    " Further options: --version; --debug shows the traceback of an error."
+)
+
+COMMANDS = {
+    "world": DrawWorld,
+    "render": RenderFrames,
+    "encoder": Encoder,
+    "train": Train,
+    "evaluate": Evaluate,
+    "bench": Bench,
+    "report": Report,
+    "speed": Speed,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command line; returns the exit status: 2 for an error that the user can mend."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    debug = "--debug" in given
+    given = [argument for argument in given if argument != "--debug"]
+    if given == ["--version"]:
+        print(f"thalweg {version('thalweg')}")
+        return 0
+    try:
+        return _parse(given).run()
+    except KeyboardInterrupt:
+        print("\nInterrupted. The same command goes on where this one stopped.", file=sys.stderr)
+        return 130
+    except Exception as error:
+        if debug or not _ours(error):
+            traceback.print_exc()
+            return 2 if _ours(error) else 1
+        print(f"thalweg: {error}", file=sys.stderr)
+        return 2
+
+
+def _parse(arguments: list[str]) -> Any:
+    kinds: Any = None
+    for name, kind in COMMANDS.items():
+        one = Annotated[kind, subcommand(name, prefix_name=False)]
+        kinds = one if kinds is None else kinds | one
+    return tyro.cli(OmitSubcommandPrefixes[kinds], prog="thalweg", description=DESCRIPTION, args=arguments)
+
+
+def _ours(error: Exception) -> bool:
+    """Whether an error is one that our own code raises to say what is wrong with what it was given."""
+    return isinstance(error, UsageError) or type(error).__module__.split(".")[0] == "thalweg"
+
+
+def _world(level: str, seed: int | None) -> Any:
+    from thalweg.world import level_named, load_or_build
+
+    chosen = level_named(level)
+    return load_or_build(chosen, chosen.default_seed if seed is None else seed)
+
+
+def _make_parent(path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+
+
+def _settings(given: Sequence[str]) -> dict[str, Any]:
+    """`key=value` pairs, the values read as YAML: numbers, words, true and false, lists."""
+    import yaml
+
+    settings = {}
+    for pair in given:
+        key, equals, value = pair.partition("=")
+        if not equals or not key:
+            raise UsageError(f"--set takes key=value, not {pair!r}")
+        settings[key] = yaml.safe_load(value)
+    return settings
+
+
+if __name__ == "__main__":
+    sys.exit(main())

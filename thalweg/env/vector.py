@@ -93,9 +93,9 @@ class RiverVectorEnv(VectorEnv):
         """
         rows, poses = self._reset_options(options or {})
         seeds = self._seeds(seed)
-        for row in rows:
-            if seeds[row] is not None or self.generators[row] is None:
-                self.generators[row] = seeding.np_random(seeds[row])[0]
+        renewed = [row for row in rows if seeds[row] is not None or self.generators[row] is None]
+        for row, generator in [(row, seeding.np_random(seeds[row])[0]) for row in renewed]:
+            self.generators[row] = generator
         for row in rows:
             self._begin(row, None if poses is None else poses[row])
         _clear(self._outcome, rows)

@@ -1,1 +1,6 @@
+"""A world and poses become frames: colour, water mask, depth and class, on the CPU."""
 
+from thalweg.render.camera import Camera
+from thalweg.render.renderer import RENDER_VERSION, Frame, Renderer
+
+__all__ = ["RENDER_VERSION", "Camera", "Frame", "Renderer"]

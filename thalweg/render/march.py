@@ -1,0 +1,111 @@
+"""Where does each ray of a row meet the ground or the water? A march over the height field, a row of pixels at a time.
+
+All rays of a row advance together, so that LLVM works on 8 or 16 of them at once. A ray's parameter t counts metres
+along the optical axis. The step is the greatest of three: what the cone above the cell allows (no surface can be met
+sooner), a share of the height above the surface, and a least step that grows with distance.
+"""
+
+import numpy as np
+from numba import int32, uint32
+
+from thalweg.kernel import kernel
+from thalweg.render import scene as table
+from thalweg.render.fetch import bilinear, clamp
+
+f32 = np.float32
+
+MOST_STEPS = 160
+LEAST_STEP_M = 0.10
+LEAST_STEP_SHARE = 0.008
+"""The least step is the greater of LEAST_STEP_M and this share of the distance."""
+STEEPEST = 1.0
+"""Slope of the ground that a step by height reckons with."""
+FAR_M = 320.0
+"""Beyond this all ground is lost in the haze and drawn as the horizon."""
+
+
+@kernel(inlined=True)
+def march(scene, w, ox, oy, oz, dx, dy, dz, t, hit, n):
+    """Advance n rays from t [n] until they meet the surface (hit 1) or leave (hit 0); t is then where they meet it.
+
+    Origin ox, oy and directions dx, dy in nodes, heights in metres. t must begin where the ray is above the surface.
+    """
+    columns = int32(scene.place[w, table.GX])
+    rows = int32(scene.place[w, table.GY])
+    at = int32(scene.place[w, table.MAP_AT])
+    cone_columns = int32(scene.place[w, table.CONE_X])
+    cone_at = int32(scene.place[w, table.CONE_AT])
+    cell = f32(1) / scene.number[w, table.INV_CELL]
+    summit = scene.number[w, table.TOP_MAX]
+    top = scene.top
+    cone_height = scene.cone_height
+    cone_slope = scene.cone_slope
+
+    before = np.empty(n, np.float32)
+    gap_before = np.empty(n, np.float32)
+    gap_after = np.empty(n, np.float32)
+    speed = np.empty(n, np.float32)
+    leave = np.empty(n, np.float32)
+    for i in range(n):
+        speed[i] = np.sqrt(dx[i] * dx[i] + dy[i] * dy[i]) * cell + f32(1e-9)
+        rising = (summit + f32(0.01) - oz) / max(dz[i], f32(1e-9))
+        leave[i] = min(rising, f32(FAR_M)) if dz[i] > f32(0) else f32(FAR_M)
+        before[i] = t[i]
+        gap_before[i] = f32(1)
+        gap_after[i] = f32(0)
+        hit[i] = f32(0)
+
+    for _ in range(MOST_STEPS):
+        active = f32(0)
+        for i in range(n):
+            ti = t[i]
+            x = clamp(ox + dx[i] * ti, f32(0), f32(columns) - f32(1.001))
+            y = clamp(oy + dy[i] * ti, f32(0), f32(rows) - f32(1.001))
+            z = oz + dz[i] * ti
+            column = int32(x)
+            row = int32(y)
+            u = x - f32(column)
+            v = y - f32(row)
+            k = at + row * columns + column
+            a = top[uint32(k)]
+            b = top[uint32(k + 1)]
+            c = top[uint32(k + columns)]
+            d = top[uint32(k + columns + 1)]
+            low = a + (b - a) * u
+            high = c + (d - c) * u
+            gap = z - (low + (high - low) * v)
+            block = uint32(cone_at + (row // int32(table.CONE_CELL)) * cone_columns + column // int32(table.CONE_CELL))
+            # In these units a cone of slope s is left behind at the rate s * speed - dz.
+            rate = max(cone_slope[block] * speed[i] - dz[i], f32(1e-6))
+            by_cone = (z - cone_height[block]) / rate
+            by_height = gap * f32(0.7) / max(f32(STEEPEST) * speed[i] - dz[i], f32(0.05))
+            least = max(f32(LEAST_STEP_M), f32(LEAST_STEP_SHARE) * ti)
+            running = (hit[i] == f32(0)) & (ti < leave[i])
+            below = gap <= f32(0)
+            met = running & below
+            onward = running & (gap > f32(0))
+            hit[i] = f32(1) if met else hit[i]
+            gap_after[i] = gap if met else gap_after[i]
+            before[i] = ti if onward else before[i]
+            gap_before[i] = gap if onward else gap_before[i]
+            t[i] = ti + max(max(by_cone, by_height), least) if onward else ti
+            active += f32(1) if onward else f32(0)
+        if active == f32(0):
+            break
+
+    for i in range(n):
+        # The secant through the last point above and the first below, and once more from there.
+        t0 = before[i]
+        t1 = t[i]
+        g0 = gap_before[i]
+        g1 = gap_after[i]
+        tm = t0 + (t1 - t0) * g0 / max(g0 - g1, f32(1e-6))
+        gm = oz + dz[i] * tm - bilinear(top, at, columns, rows, ox + dx[i] * tm, oy + dy[i] * tm)
+        t0 = tm if gm > f32(0) else t0
+        g0 = gm if gm > f32(0) else g0
+        t1 = t1 if gm > f32(0) else tm
+        g1 = g1 if gm > f32(0) else gm
+        tm = t0 + (t1 - t0) * g0 / max(g0 - g1, f32(1e-6))
+        t[i] = tm if hit[i] > f32(0) else min(t1, leave[i])
+        # Sloping down for ever: far ground, whose colour is the horizon's.
+        hit[i] = f32(0) if t[i] >= f32(FAR_M) else hit[i]

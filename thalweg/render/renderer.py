@@ -1,0 +1,100 @@
+"""How does one ask for frames? `Renderer(worlds).render(poses)`, one call for any number of cameras in any of its worlds."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from thalweg.render.camera import Camera
+from thalweg.render.frame import draw_frames
+from thalweg.render.scene import build_scene
+from thalweg.world.record import World
+
+RENDER_VERSION = 1
+"""Changes whenever the same world looks different, so that what was trained on older frames can tell."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Frames with all their layers."""
+
+    rgb: np.ndarray
+    """[N, H, W, 3] uint8, sRGB."""
+    mask: np.ndarray
+    """[N, H, W] bool, where water is seen at the centre of the pixel."""
+    depth_m: np.ndarray
+    """[N, H, W] float32, metres along the optical axis; -1 for the sky."""
+    class_id: np.ndarray
+    """[N, H, W] uint8: 0 sky, 1 water, 2 ground, 3 plant, 4 bridge."""
+
+
+class Renderer:
+    """Draws worlds as seen by a camera. Its tables are built once; drawing changes nothing in it."""
+
+    def __init__(self, worlds: Sequence[World], camera: Camera | None = None) -> None:
+        """Prepare the tables of the worlds. Raises `ValueError` if there is none."""
+        if not worlds:
+            raise ValueError("a renderer needs at least one world")
+        self.worlds = tuple(worlds)
+        self.camera = camera or Camera()
+        self._scene = build_scene(self.worlds)
+        eye = self.camera
+        self._camera = (
+            int(eye.height_px),
+            int(eye.width_px),
+            np.float32(eye.half_height),
+            np.float32(eye.half_width),
+            np.float32(math.radians(eye.pitch_deg)),
+            np.float32(eye.near_m),
+        )
+
+    def render(
+        self,
+        poses: ArrayLike,
+        world_index: ArrayLike | None = None,
+        time_s: ArrayLike | None = None,
+        out: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Frames [N, H, W, 4] uint8: sRGB, and the water mask (0 or 255) in the fourth channel.
+
+        poses [N, 4]: x, y, z in metres, yaw in radians. world_index [N]: which of the worlds each camera is in (the first
+        if left out). time_s [N] or a number: moves the ripples. out: an array to draw into, of the result's shape.
+        """
+        poses, worlds, times = self._checked(poses, world_index, time_s)
+        shape = (len(poses), self.camera.height_px, self.camera.width_px, 4)
+        if out is None:
+            out = np.empty(shape, np.uint8)
+        elif out.shape != shape or out.dtype != np.uint8 or not out.flags.c_contiguous:
+            raise ValueError(f"out is {out.dtype} {list(out.shape)}; it must be contiguous uint8 {list(shape)}")
+        none = np.empty((1, 1, 1), np.float32), np.empty((1, 1, 1), np.uint8)
+        draw_frames(self._scene, worlds, poses, times, self._camera, out, False, *none)
+        return out
+
+    def render_layers(
+        self, poses: ArrayLike, world_index: ArrayLike | None = None, time_s: ArrayLike | None = None
+    ) -> Frame:
+        """Frames with depth and class; arguments as of `render`."""
+        poses, worlds, times = self._checked(poses, world_index, time_s)
+        shape = (len(poses), self.camera.height_px, self.camera.width_px)
+        image, depth, kind = np.empty((*shape, 4), np.uint8), np.empty(shape, np.float32), np.empty(shape, np.uint8)
+        draw_frames(self._scene, worlds, poses, times, self._camera, image, True, depth, kind)
+        return Frame(np.ascontiguousarray(image[..., :3]), image[..., 3] > 0, depth, kind)
+
+    def _checked(
+        self, poses: ArrayLike, world_index: ArrayLike | None, time_s: ArrayLike | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        poses = np.ascontiguousarray(poses, np.float64)
+        if poses.ndim != 2 or poses.shape[1] != 4:
+            raise ValueError(f"poses have shape {list(poses.shape)}; they must be [N, 4]: x, y, z, yaw")
+        if not np.isfinite(poses).all():
+            raise ValueError(f"pose {int(np.argmin(np.isfinite(poses).all(axis=1)))} is not finite")
+        count = len(poses)
+        index = np.zeros(count, np.int64) if world_index is None else np.asarray(world_index, np.int64)
+        if index.shape != (count,):
+            raise ValueError(f"world_index has shape {list(index.shape)}; there are {count} poses")
+        if count and not (0 <= index.min() and index.max() < len(self.worlds)):
+            raise ValueError(f"world_index must be in 0..{len(self.worlds) - 1}; got {index.min()}..{index.max()}")
+        times = np.ascontiguousarray(np.broadcast_to(np.float64(0.0) if time_s is None else time_s, count), np.float64)
+        return poses, index, times

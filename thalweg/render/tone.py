@@ -1,0 +1,65 @@
+"""How does radiance become a picture? Automatic exposure, a filmic curve, and the code of sRGB.
+
+Exposure sets the frame's mean luminance, as the original's does (its frames differ by 8 % only). The curve is that of
+Narkowicz, "ACES Filmic Tone Mapping Curve", 2015; the code that of IEC 61966-2-1.
+"""
+
+import numpy as np
+from numba import int32, uint32
+
+from thalweg.kernel import kernel
+
+f32 = np.float32
+
+KEY = 0.135
+"""Mean luminance that exposure aims at, before the curve."""
+ADAPTION = 0.85
+"""Share of a frame's deviation from the key that exposure takes away."""
+LUMA = (0.2126, 0.7152, 0.0722)
+BRIGHTEST = 3.0
+"""Pixels count for the exposure up to this radiance: glitter does not darken the picture."""
+CODES = 4096
+
+
+def curve(radiance: np.ndarray) -> np.ndarray:
+    """Display light 0..1 for exposed radiance."""
+    x = radiance
+    return np.clip(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 0.0, 1.0)
+
+
+def encode(light: np.ndarray) -> np.ndarray:
+    """sRGB 0..1 for display light 0..1."""
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
+
+
+def code_table() -> np.ndarray:
+    """[CODES] uint8 for exposed radiance spaced as its square root over 0..4."""
+    root = np.arange(CODES) / (CODES - 1) * 2
+    return np.rint(encode(curve(root**2)) * 255).astype(np.uint8)
+
+
+_TABLE = code_table()
+
+
+@kernel(inlined=True)
+def develop(red, green, blue, image, height, width):
+    """Expose radiance [H, W'] and write it to image [H, W, 4] uint8, channels 0 to 2."""
+    total = f32(0)
+    for r in range(height):
+        row = f32(0)
+        for c in range(width):
+            luma = f32(LUMA[0]) * red[r, c] + f32(LUMA[1]) * green[r, c] + f32(LUMA[2]) * blue[r, c]
+            row += min(luma, f32(BRIGHTEST))
+        total += row
+    mean = max(total / f32(height * width), f32(1e-4))
+    gain = (f32(KEY) / mean) ** f32(ADAPTION)
+    scale = f32((CODES - 1) / 2.0)
+    top = f32(CODES - 1)
+    for r in range(height):
+        for c in range(width):
+            a = int32(min(np.sqrt(red[r, c] * gain) * scale + f32(0.5), top))
+            b = int32(min(np.sqrt(green[r, c] * gain) * scale + f32(0.5), top))
+            d = int32(min(np.sqrt(blue[r, c] * gain) * scale + f32(0.5), top))
+            image[r, c, 0] = _TABLE[uint32(a)]
+            image[r, c, 1] = _TABLE[uint32(b)]
+            image[r, c, 2] = _TABLE[uint32(d)]

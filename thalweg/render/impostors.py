@@ -117,6 +117,8 @@ def draw_kind(kind: Kind, sun_elevation: float) -> tuple[np.ndarray, np.ndarray]
     """All views of a kind: RGB times coverage, and coverage [VIEWS, ROWS, COLS, 4]; and its `shade` [VIEWS, 3]."""
     model = grow(kind)
     sun_share, sky_share = sprites.light(model, sun_elevation)
+    if kind.group == "rock":  # convex: it shades itself by turning away, and by nothing else
+        sun_share = np.ones_like(sun_share)
     if kind.group == "tree":
         sky_share = sky_share * (1 - sprites.STAND * np.clip(1 - model.centre[:, 2], 0, 1))
     front, back = sprites.radiance(model, sun_elevation, sun_share, sky_share)

@@ -20,6 +20,8 @@ SKY_LIGHT = np.array([0.13, 0.18, 0.28])
 """What the whole open sky gives to a white surface that looks up."""
 GROUND = np.array([0.26, 0.22, 0.14])
 """Mean reflectance of the ground around: sand and grass send light up into the crowns."""
+FILTERED = np.array([1.0, 0.95, 1.4])
+"""Power on the share of sky in red, green, blue: what reaches the inside of a crown has lost its blue to the leaves."""
 WRAP = 0.18
 """How far round its edge the sun lights a clump of leaves (a leaf bends): 0 = not at all."""
 CELLS = 96
@@ -80,17 +82,19 @@ def radiance(model: Model, sun_elevation: float, sun_share: np.ndarray, sky_shar
     cosine = (model.normal @ sun)[:, None]
     up = model.normal[:, 2:3]
     direct = SUN_LIGHT * sun_share[:, None]
+    sky = SKY_LIGHT * sky_share[:, None] ** FILTERED
     bounced = GROUND * (SUN_LIGHT * math.sin(sun_elevation) * 0.6 + SKY_LIGHT)
     seen = []
     for side in (1.0, -1.0):
         lit = np.maximum((side * cosine + WRAP) / (1 + WRAP), 0)
         behind = np.maximum(-side * cosine, 0)
-        ambient = SKY_LIGHT * sky_share[:, None] * (0.6 + 0.4 * side * up)
+        ambient = sky * (0.6 + 0.4 * side * up)
         ambient = ambient + bounced * (sky_share[:, None] * (0.4 - 0.4 * side * up))
         seen.append(
             model.reflectance * (direct * lit + ambient) + model.transmittance * (direct * behind + 0.5 * ambient)
         )
-    return tuple(side.astype(np.float32) for side in seen)
+    solid = model.transmittance.max(1, keepdims=True) <= 0  # bark and stone have no other side to be seen
+    return seen[0].astype(np.float32), np.where(solid, seen[0], seen[1]).astype(np.float32)
 
 
 @kernel(fastmath=False)

@@ -12,6 +12,8 @@ import numpy as np
 from thalweg.world.species import Colour, Kind
 
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+LEAF_SHINE = np.array([0.11, 0.12, 0.10])
+"""What the waxy face of one leaf in ten adds to its reflectance: the grey-green specks of a sunlit crown."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,7 @@ def leafy(
     count = len(clump)
     direction = unit(rng.normal(size=(count, 3)) + np.array([0, 0, 0.35]))
     ragged = 1 + 0.22 * np.cos(3 * np.arctan2(direction[:, 1], direction[:, 0]) + 2.4 * clump)
-    spread = 0.3 + 0.7 * np.sqrt(rng.uniform(size=count)) + np.abs(rng.normal(0, 0.14, count))
+    spread = 0.3 + 0.7 * np.sqrt(rng.uniform(size=count)) + np.abs(rng.normal(0, 0.2, count))
     distance = radii[clump] * ragged * spread
     centre = centres[clump] + direction * distance[:, None] * np.array([1, 1, flat])
     inside = np.array([0, 0, kind.clear_trunk + 0.4 * (1 - kind.clear_trunk)])
@@ -160,11 +162,12 @@ def leafy(
     normal = unit(0.75 * direction + 0.45 * outward + 0.75 * loose)
     pointing = unit(aligned * (direction + 0.4 * outward) + (1 - aligned) * np.cross(normal, loose) + 0.35 * loose)
     size = kind.leaf_size * rng.uniform(0.7, 1.35, count)
-    tone = rng.uniform(0.6, 1.4, (count, 1)) * (1 + rng.normal(0, 0.15, (len(centres), 1)))[clump]
+    tone = np.exp(rng.normal(-0.06, 0.36, (count, 1))) * (1 + rng.normal(0, 0.15, (len(centres), 1)))[clump]
     yellow = (1 + rng.normal(0, 0.045, len(centres)))[clump, None] ** np.array([1.5, 0.2, -1.0])
     young = 0.85 + 0.3 * np.clip(distance / radii[clump], 0, 1.2)[:, None]
     paint = tone * yellow * young
-    colours = (paint * np.array(kind.leaf_reflectance), paint * np.array(kind.leaf_transmittance))
+    shine = LEAF_SHINE * (rng.uniform(size=(count, 1)) < 0.1)
+    colours = (paint * np.array(kind.leaf_reflectance) + shine, paint * np.array(kind.leaf_transmittance))
     return ellipses(centre, pointing, normal, width, size, colours)
 
 
@@ -258,9 +261,9 @@ def grow_blades(kind: Kind, rng: np.random.Generator) -> Model:
     half_width = kind.aspect / 2
     azimuth = rng.uniform(0, 2 * np.pi, count)
     out = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(count)], -1)
-    foot = out * (half_width * 0.38 * np.sqrt(rng.uniform(size=count)))[:, None]
+    foot = out * (half_width * 0.55 * np.sqrt(rng.uniform(size=count)))[:, None]
     height = rng.uniform(0.45, 1.0, count)
-    lean = half_width * rng.uniform(0.05, 0.62, count)
+    lean = half_width * rng.uniform(0.05, 0.5, count)
     t = np.linspace(0, 1, points)
     bend = out[:, None] * (lean[:, None] * t**1.8)[..., None]
     z = (height[:, None] * (t - 0.16 * (lean / half_width)[:, None] * t**3))[..., None]
@@ -298,8 +301,8 @@ def grow_stone(kind: Kind, rng: np.random.Generator) -> Model:
     radius = np.minimum(reach[np.arange(count), facet], 1.05)
     waves = rng.normal(size=(14, 3)) * np.geomspace(3, 16, 14)[:, None]
     rough = (np.cos(direction @ waves.T + rng.uniform(0, 6, 14)) / np.geomspace(3, 16, 14)).sum(1)
-    shape = np.array([kind.aspect / 2, kind.aspect / 2 * 0.8, 0.62])
-    centre = direction * (radius * (1 + 0.05 * rough))[:, None] * shape + np.array([0, 0, 0.36])
+    shape = np.array([kind.aspect / 2, kind.aspect / 2 * 0.8, 0.85])
+    centre = direction * (radius * (1 + 0.05 * rough))[:, None] * shape + np.array([0, 0, 0.15])
     grain = rng.normal(size=(count, 3))
     normal = unit((0.75 * facing[facet] + 0.35 * direction) / shape + 0.22 * grain)
     lichen = np.clip(1.5 * rough - 0.5 + 0.6 * normal[:, 2:3].ravel(), 0, 1)[:, None] * 0.7

@@ -36,7 +36,7 @@ class Kind:
     profile: Profile
     """Outline of the crown: pairs of (share of the crown's own height, share of the half width), from its foot up."""
     density_per_m: float
-    """Share of light that a metre of crown stops, as extinction: exp(-density * path) is let through."""
+    """Extinction of light in the crown: exp(-density * path in metres) of it is let through."""
     leaf_reflectance: Colour
     """Linear reflectance of a leaf (or of the stone) in red, green, blue."""
     leaf_transmittance: Colour
@@ -70,7 +70,7 @@ FIR_CROWN: Profile = ((0.0, 0.72), (0.08, 1.0), (0.3, 0.80), (0.6, 0.47), (0.85,
 OAK_CROWN: Profile = ((0.0, 0.35), (0.12, 0.75), (0.3, 0.96), (0.5, 1.0), (0.7, 0.90), (0.87, 0.62), (1.0, 0.18))
 BIRCH_CROWN: Profile = ((0.0, 0.40), (0.15, 0.85), (0.35, 1.0), (0.6, 0.82), (0.82, 0.50), (1.0, 0.10))
 BUSH_CROWN: Profile = ((0.0, 0.78), (0.2, 0.97), (0.45, 1.0), (0.7, 0.82), (0.88, 0.52), (1.0, 0.15))
-REED_CROWN: Profile = ((0.0, 0.35), (0.5, 0.66), (0.85, 1.0), (1.0, 0.6))
+REED_CROWN: Profile = ((0.0, 0.85), (0.3, 0.95), (0.5, 1.0), (0.7, 0.78), (0.9, 0.28), (1.0, 0.1))
 STONE_CROWN: Profile = ((0.0, 0.95), (0.2, 1.0), (0.5, 0.87), (0.75, 0.65), (0.9, 0.42), (1.0, 0.15))
 
 PINE = Kind(
@@ -82,9 +82,9 @@ PINE = Kind(
     aspect=0.44,
     clear_trunk=0.36,
     profile=PINE_CROWN,
-    density_per_m=0.42,
-    leaf_reflectance=(0.076, 0.085, 0.014),
-    leaf_transmittance=(0.030, 0.038, 0.004),
+    density_per_m=0.35,
+    leaf_reflectance=(0.074, 0.081, 0.015),
+    leaf_transmittance=(0.029, 0.036, 0.004),
     bark_reflectance=(0.150, 0.092, 0.060),
     trunk_radius=0.014,
     clumps=60,
@@ -101,9 +101,9 @@ FIR = Kind(
     aspect=0.40,
     clear_trunk=0.07,
     profile=FIR_CROWN,
-    density_per_m=0.75,
-    leaf_reflectance=(0.051, 0.065, 0.016),
-    leaf_transmittance=(0.018, 0.025, 0.003),
+    density_per_m=0.95,
+    leaf_reflectance=(0.050, 0.062, 0.017),
+    leaf_transmittance=(0.018, 0.024, 0.003),
     bark_reflectance=(0.085, 0.068, 0.052),
     trunk_radius=0.012,
     clumps=70,
@@ -120,9 +120,9 @@ OAK = Kind(
     aspect=0.74,
     clear_trunk=0.14,
     profile=OAK_CROWN,
-    density_per_m=0.55,
-    leaf_reflectance=(0.095, 0.108, 0.014),
-    leaf_transmittance=(0.062, 0.080, 0.005),
+    density_per_m=0.30,
+    leaf_reflectance=(0.093, 0.103, 0.015),
+    leaf_transmittance=(0.061, 0.076, 0.005),
     bark_reflectance=(0.090, 0.074, 0.055),
     trunk_radius=0.021,
     clumps=84,
@@ -139,9 +139,9 @@ BIRCH = Kind(
     aspect=0.42,
     clear_trunk=0.18,
     profile=BIRCH_CROWN,
-    density_per_m=0.38,
-    leaf_reflectance=(0.113, 0.125, 0.018),
-    leaf_transmittance=(0.078, 0.096, 0.006),
+    density_per_m=0.52,
+    leaf_reflectance=(0.111, 0.119, 0.019),
+    leaf_transmittance=(0.076, 0.092, 0.006),
     bark_reflectance=(0.300, 0.280, 0.240),
     trunk_radius=0.010,
     clumps=62,
@@ -158,9 +158,9 @@ BUSH = Kind(
     aspect=1.15,
     clear_trunk=0.0,
     profile=BUSH_CROWN,
-    density_per_m=1.6,
-    leaf_reflectance=(0.099, 0.110, 0.016),
-    leaf_transmittance=(0.060, 0.075, 0.006),
+    density_per_m=1.05,
+    leaf_reflectance=(0.097, 0.105, 0.017),
+    leaf_transmittance=(0.059, 0.072, 0.006),
     bark_reflectance=(0.100, 0.080, 0.060),
     trunk_radius=0.020,
     clumps=34,
@@ -177,9 +177,9 @@ REED = Kind(
     aspect=0.70,
     clear_trunk=0.0,
     profile=REED_CROWN,
-    density_per_m=1.2,
+    density_per_m=1.75,
     leaf_reflectance=(0.160, 0.160, 0.040),
-    leaf_transmittance=(0.067, 0.081, 0.014),
+    leaf_transmittance=(0.066, 0.077, 0.015),
     bark_reflectance=(0.190, 0.150, 0.085),
     trunk_radius=0.010,
     clumps=110,
@@ -210,35 +210,35 @@ STONE = Kind(
 KINDS: tuple[Kind, ...] = (
     PINE,
     replace(
-        PINE, name="pine-2", aspect=0.38, clear_trunk=0.48, clumps=48, leaf_reflectance=(0.066, 0.078, 0.016), seed=102
+        PINE, name="pine-2", aspect=0.38, clear_trunk=0.48, clumps=48, leaf_reflectance=(0.065, 0.075, 0.017), seed=102
     ),
     replace(
-        PINE, name="pine-3", aspect=0.50, clear_trunk=0.28, clumps=70, leaf_reflectance=(0.085, 0.090, 0.013), seed=103
+        PINE, name="pine-3", aspect=0.50, clear_trunk=0.28, clumps=70, leaf_reflectance=(0.083, 0.087, 0.014), seed=103
     ),
     FIR,
-    replace(FIR, name="fir-2", aspect=0.34, clumps=64, leaf_reflectance=(0.057, 0.068, 0.016), seed=202),
-    replace(FIR, name="fir-3", aspect=0.46, clear_trunk=0.12, leaf_reflectance=(0.046, 0.060, 0.014), seed=203),
+    replace(FIR, name="fir-2", aspect=0.34, clumps=64, leaf_reflectance=(0.056, 0.065, 0.017), seed=202),
+    replace(FIR, name="fir-3", aspect=0.46, clear_trunk=0.12, leaf_reflectance=(0.045, 0.058, 0.015), seed=203),
     OAK,
     replace(
-        OAK, name="oak-2", aspect=0.64, clear_trunk=0.20, clumps=74, leaf_reflectance=(0.083, 0.098, 0.014), seed=302
+        OAK, name="oak-2", aspect=0.64, clear_trunk=0.20, clumps=74, leaf_reflectance=(0.081, 0.094, 0.015), seed=302
     ),
     replace(
-        OAK, name="oak-3", aspect=0.82, clear_trunk=0.10, clumps=96, leaf_reflectance=(0.111, 0.118, 0.014), seed=303
+        OAK, name="oak-3", aspect=0.82, clear_trunk=0.10, clumps=96, leaf_reflectance=(0.099, 0.110, 0.016), seed=303
     ),
     BIRCH,
-    replace(BIRCH, name="birch-2", aspect=0.36, clumps=54, leaf_reflectance=(0.123, 0.128, 0.016), seed=402),
+    replace(BIRCH, name="birch-2", aspect=0.36, clumps=54, leaf_reflectance=(0.112, 0.122, 0.018), seed=402),
     replace(
         BIRCH,
         name="birch-3",
         aspect=0.48,
         clear_trunk=0.12,
         clumps=70,
-        leaf_reflectance=(0.101, 0.116, 0.018),
+        leaf_reflectance=(0.099, 0.111, 0.019),
         seed=403,
     ),
     BUSH,
-    replace(BUSH, name="bush-2", aspect=1.4, height_m=(0.7, 1.8), leaf_reflectance=(0.120, 0.125, 0.020), seed=502),
-    replace(BUSH, name="bush-3", aspect=0.9, height_m=(1.4, 3.2), leaf_reflectance=(0.076, 0.090, 0.014), seed=503),
+    replace(BUSH, name="bush-2", aspect=1.4, height_m=(0.7, 1.8), leaf_reflectance=(0.118, 0.119, 0.022), seed=502),
+    replace(BUSH, name="bush-3", aspect=0.9, height_m=(1.4, 3.2), leaf_reflectance=(0.074, 0.087, 0.015), seed=503),
     REED,
     replace(
         REED, name="grass-1", species="grass", aspect=1.2, height_m=(0.4, 0.9), clumps=140, leaf_size=0.014, seed=602

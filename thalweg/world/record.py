@@ -79,14 +79,14 @@ class World:
     seed: int
     river: River
     islands: np.ndarray
-    """[I, 5] float64: ellipses x, y, semi-axis along, semi-axis across, angle of the first axis. Land: outside the volume."""
+    """[I, 5] float64: ellipses x, y, semi-axis along, semi-axis across, angle of the first one. Not in the volume."""
     bridges: np.ndarray
     """[B, 11] float64, columns as in `BRIDGE`."""
     grid: Grid
     ground_m: np.ndarray
     """[GY, GX] float32, height of the ground, which is the bed where there is water."""
     water_m: np.ndarray
-    """[GY, GX] float32, height of the water's surface, continued smoothly under dry land; water is where it is above the ground."""
+    """[GY, GX] float32, height of the water's surface, continued smoothly under dry land; water is above the ground."""
     albedo: np.ndarray
     """[GY, GX, 3] uint8, reflectance of the ground, square-root coded: linear = (value / 255)**2."""
     sun: np.ndarray
@@ -100,6 +100,17 @@ class World:
     """Direction towards the sun in radians."""
     sun_elevation: float
     """Height of the sun in radians."""
+
+    @classmethod
+    def from_centerline(cls, points: np.ndarray, closed: bool = True, *, seed: int = 0, plants: bool = True) -> "World":
+        """The world around a line [K, 4] of x, y, water level and width in metres, without bridges and islands.
+
+        An open line is a course with success at its far end. `plants=False` leaves out plants and light, for tests.
+        Raises `WorldError` for a line from which no safe river can be made, naming the place and the limit.
+        """
+        from thalweg.world.custom import from_centerline
+
+        return from_centerline(points, closed, seed=seed, plants=plants)
 
     def save(self, path: "str | Path") -> None:
         """Write the world as one `.npz`, whole or not at all."""
@@ -128,8 +139,9 @@ BRIDGE = (
     "hump",
     "parapet",
 )
-"""Columns of `World.bridges`. In the bridge's own frame u runs along its length (direction `angle`, across the river), v across
-its deck, z up. It fills |u| <= length/2, |v| <= width/2 from its arch to its deck. Top of the deck: deck_z - hump * (u / (length/2))**2.
-Arch: a half ellipse of half axes span/2 and rise over z = spring_z. Parapets 0.3 m thick stand `parapet` metres above the deck's edge."""
+"""Columns of `World.bridges`. In the bridge's own frame u runs along its length (direction `angle`, across the river),
+v across its deck, z up. It fills |u| <= length/2, |v| <= width/2 from its arch to its deck.
+Top of the deck: deck_z - hump * (u / (length/2))**2. Arch: half an ellipse, half axes span/2 and rise, over spring_z.
+Parapets 0.3 m thick stand `parapet` metres above the deck's edge."""
 
 PARAPET_THICKNESS_M = 0.3

@@ -1,0 +1,151 @@
+"""What solid does a bridge row describe, and how is ground brought up to its ends?
+
+Rows [11] are laid out as `record.BRIDGE`. The hull is what the rules take for the collision: the arch counts as
+solid, so that one flies over.
+"""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+DECK_ABOVE_WATER_M = 2.2
+"""Height of the deck's middle above the water."""
+LANDING_M = 2.6
+"""How far the deck reaches over each bank."""
+ARCH_THICKNESS_M = 0.45
+"""Stone between the crown of the arch and the deck."""
+FOOT_M = 1.0
+"""The hull reaches so far below the spring of the arch, which lies at about the water's surface."""
+TANGENTS = 9
+"""Planes by which the curved top of the hull is covered; the hull encloses the bridge."""
+RAMP_SLOPE = 0.18
+"""Fall of the causeway that leads away from a bridge."""
+SHOULDER_SLOPE = 0.75
+"""Fall of its sides."""
+
+
+class Bridge(NamedTuple):
+    """The columns of `record.BRIDGE` by name."""
+
+    x: float
+    y: float
+    angle: float
+    length: float
+    width: float
+    span: float
+    spring_z: float
+    rise: float
+    deck_z: float
+    hump: float
+    parapet: float
+
+
+def across(
+    position: np.ndarray, tangent: np.ndarray, river_width_m: float, level_m: float, rng: np.random.Generator
+) -> np.ndarray:
+    """[11] float64: a bridge across the river at `position` [2] at right angles to `tangent` [2]."""
+    hump = rng.uniform(0.2, 0.4)
+    deck = level_m + DECK_ABOVE_WATER_M
+    spring = level_m + 0.1
+    return np.array(
+        Bridge(
+            x=float(position[0]),
+            y=float(position[1]),
+            angle=float(np.arctan2(tangent[0], -tangent[1])),
+            length=river_width_m + 2 * LANDING_M,
+            width=rng.uniform(2.6, 3.8),
+            span=max(river_width_m - 0.4, 1.0),
+            spring_z=spring,
+            rise=deck - ARCH_THICKNESS_M - spring,
+            deck_z=deck,
+            hump=hump,
+            parapet=rng.uniform(0.55, 0.75),
+        )
+    )
+
+
+def local(row: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(u, v): points in the bridge's frame, u along it and v across its deck, in metres."""
+    bridge = Bridge(*row)
+    cos, sin = np.cos(bridge.angle), np.sin(bridge.angle)
+    dx, dy = x - bridge.x, y - bridge.y
+    return cos * dx + sin * dy, -sin * dx + cos * dy
+
+
+def top_profile(row: np.ndarray) -> np.ndarray:
+    """[TANGENTS + 1, 2] vertices (u, z) of the hull's top, from one end of the bridge to the other.
+
+    The parapets' top z = deck + parapet - hump (u / h)² is covered by its tangents at evenly spaced u; neighbours
+    meet half way between, hump (Δ / 2h)² above the curve.
+    """
+    bridge = Bridge(*row)
+    half = bridge.length / 2
+    touch = np.linspace(-1.0, 1.0, TANGENTS)
+    corner = np.concatenate([[-1.0], 0.5 * (touch[1:] + touch[:-1]), [1.0]])
+    nearest_touch = touch[np.minimum(np.arange(TANGENTS + 1), TANGENTS - 1)]
+    height = bridge.deck_z + bridge.parapet - bridge.hump * (2 * nearest_touch * corner - nearest_touch**2)
+    return np.stack([corner * half, height], axis=1)
+
+
+def hull_planes(row: np.ndarray) -> np.ndarray:
+    """[P, 4] float64: outward unit normal and offset d of each plane, n . p <= d inside, of the bridge's convex hull.
+
+    The hull encloses body and parapets and reaches `FOOT_M` below the spring of the arch.
+    """
+    bridge = Bridge(*row)
+    along = np.array([np.cos(bridge.angle), np.sin(bridge.angle), 0.0])
+    side = np.array([-along[1], along[0], 0.0])
+    up = np.array([0.0, 0.0, 1.0])
+    centre = np.array([bridge.x, bridge.y, 0.0])
+    top = top_profile(row)
+    faces = [
+        (along, centre + along * bridge.length / 2),
+        (-along, centre - along * bridge.length / 2),
+        (side, centre + side * bridge.width / 2),
+        (-side, centre - side * bridge.width / 2),
+        (-up, up * (bridge.spring_z - FOOT_M)),
+    ]
+    for (u0, z0), (u1, z1) in pairwise(top):
+        normal = (up * (u1 - u0) - along * (z1 - z0)) / np.hypot(u1 - u0, z1 - z0)
+        faces.append((normal, centre + along * u0 + up * z0))
+    return np.array([[*normal, normal @ point] for normal, point in faces])
+
+
+def hull_vertices(row: np.ndarray) -> np.ndarray:
+    """[K, 3] float64: the corners of the bridge's convex hull."""
+    bridge = Bridge(*row)
+    bottom = bridge.spring_z - FOOT_M
+    profile = np.concatenate([top_profile(row), [[bridge.length / 2, bottom], [-bridge.length / 2, bottom]]])
+    cos, sin = np.cos(bridge.angle), np.sin(bridge.angle)
+    sides = []
+    for v in (-bridge.width / 2, bridge.width / 2):
+        x = bridge.x + cos * profile[:, 0] - sin * v
+        y = bridge.y + sin * profile[:, 0] + cos * v
+        sides.append(np.stack([x, y, profile[:, 1]], axis=1))
+    return np.concatenate(sides)
+
+
+def hull_top(row: np.ndarray, x: np.ndarray, y: np.ndarray, body_m: float = 0.0) -> np.ndarray:
+    """Height of the hull's top at points x, y [...], -inf beside it; grown sideways by `body_m`."""
+    bridge = Bridge(*row)
+    u, v = local(row, x, y)
+    inside = (np.abs(u) <= bridge.length / 2 + body_m) & (np.abs(v) <= bridge.width / 2 + body_m)
+    top = top_profile(row)
+    return np.where(inside, np.interp(u, top[:, 0], top[:, 1]), -np.inf)
+
+
+def causeway(row: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Height of the causeway that meets the deck's ends, at points x, y [...], far below ground elsewhere."""
+    bridge = Bridge(*row)
+    u, v = local(row, x, y)
+    beyond = np.maximum(np.abs(u) - bridge.length / 2, 0.0)
+    aside = np.maximum(np.abs(v) - bridge.width / 2 - 0.3, 0.0)
+    return bridge.deck_z - bridge.hump - 0.02 - RAMP_SLOPE * beyond - SHOULDER_SLOPE * aside
+
+
+def approach(row: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Whether points x, y [...] lie on a bridge or on the way to it, where no plant may stand."""
+    bridge = Bridge(*row)
+    u, v = local(row, x, y)
+    return (np.abs(u) <= bridge.length / 2 + 10.0) & (np.abs(v) <= bridge.width / 2 + 0.8)

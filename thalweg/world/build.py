@@ -1,0 +1,109 @@
+"""How does a level and a seed become a world? The steps in order, each with its own stream of random numbers."""
+
+import hashlib
+import operator
+
+import numpy as np
+
+from thalweg.cache import cache_dir, source_hash
+from thalweg.world import light, plants, surface
+from thalweg.world.errors import WorldError, WorldFileError
+from thalweg.world.levels import Level, level_named
+from thalweg.world.plan import plan, stream
+from thalweg.world.record import Plants, World
+from thalweg.world.terrain import Relief, Terrain, build_terrain
+
+SUN_ELEVATION = np.radians(55.0)
+"""The sun of the originals stands so high; its azimuth is the seed's."""
+TERRAIN, PAINT, PLANTS, SUN = 0, 1, 2, 3
+"""The streams of random numbers of the steps after the plan."""
+
+
+def resolve(level: Level | str, seed: int | None) -> tuple[Level, int]:
+    """The level and seed meant, None being the level's default; raises `WorldError` for unknown or negative ones."""
+    known = level_named(level) if isinstance(level, str) else level
+    try:
+        chosen = known.default_seed if seed is None else operator.index(seed)
+    except TypeError:
+        raise WorldError(f"a seed is a whole number, not {seed!r}") from None
+    if chosen < 0:
+        raise WorldError(f"a seed is 0 or more, not {chosen}")
+    return known, chosen
+
+
+def build(level: Level | str, seed: int | None = None) -> World:
+    """The world of a level (or its name) and a seed; the same bytes for the same arguments.
+
+    Raises `WorldError` for an unknown level, a bad seed, or a custom level that can't be met.
+    """
+    level, seed = resolve(level, seed)
+    drawn = plan(level, seed)
+    relief = Relief(hills_m=level.hills_m, cut_banks=level.cut_banks)
+    terrain = build_terrain(
+        drawn.river, drawn.islands, drawn.bridges, drawn.branches, relief, stream(level, seed, TERRAIN)
+    )
+    return dress(
+        name=level.name,
+        seed=seed,
+        river=drawn.river,
+        islands=drawn.islands,
+        bridges=drawn.bridges,
+        terrain=terrain,
+        plant_density=level.plant_density,
+        streams=tuple(stream(level, seed, purpose) for purpose in (PAINT, PLANTS, SUN)),
+    )
+
+
+def dress(*, name, seed, river, islands, bridges, terrain: Terrain, plant_density: float, streams) -> World:
+    """The world on a bare terrain: paint, plants and light, from three streams of random numbers."""
+    paint_rng, plants_rng, sun_rng = streams
+    maps = terrain.grid, terrain.ground_m, terrain.water_m
+    albedo = surface.paint(*maps, terrain.shore_m, paint_rng)
+    scattered = plants.scatter(*maps, terrain.shore_m, terrain.keep_clear, plant_density, plants_rng)
+    azimuth = float(sun_rng.uniform(0, 2 * np.pi))
+    baked = light.bake(*maps, scattered, bridges, azimuth, SUN_ELEVATION)
+    lit = Plants(
+        scattered.position_m,
+        scattered.height_m,
+        scattered.width_m,
+        scattered.kind,
+        scattered.turn,
+        scattered.tint,
+        baked.plant_light,
+    )
+    return World(
+        name=name,
+        seed=seed,
+        river=river,
+        islands=islands,
+        bridges=bridges,
+        grid=terrain.grid,
+        ground_m=terrain.ground_m,
+        water_m=terrain.water_m,
+        albedo=albedo,
+        sun=baked.sun,
+        sky=baked.sky,
+        canopy_m=baked.canopy_m,
+        plants=lit,
+        sun_azimuth=azimuth,
+        sun_elevation=float(SUN_ELEVATION),
+    )
+
+
+def load_or_build(level: Level | str, seed: int | None = None) -> World:
+    """As `build`, but taken from the cache folder if it was built before; a damaged file there is replaced."""
+    level, seed = resolve(level, seed)
+    made_by = f"{level.key}-{seed}-{source_hash('world', 'kernel.py')}"
+    key = hashlib.sha256(made_by.encode()).hexdigest()[:12]
+    path = cache_dir() / "worlds" / f"{level.name.lower()}-{seed}-{key}.npz"
+    if path.exists():
+        try:
+            return World.load(path)
+        except WorldFileError:
+            path.unlink(missing_ok=True)
+    world = build(level, seed)
+    try:
+        world.save(path)
+    except OSError:
+        return world
+    return world

@@ -1,0 +1,125 @@
+"""How does a world lie on disk? One `.npz` of plain arrays, with a line of JSON that says what it is.
+
+Written whole or not at all; nothing in it can execute code.
+"""
+
+import json
+import os
+import tempfile
+import zipfile
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from thalweg.world.errors import WorldFileError
+from thalweg.world.record import FORMAT, Grid, Plants, River, World
+
+KIND = "thalweg world"
+"""What the JSON line calls itself."""
+MAPS = {"ground_m": "float32", "water_m": "float32", "sun": "uint8", "sky": "uint8", "canopy_m": "float32"}
+"""Arrays [GY, GX] of a world and their types."""
+RIVER = {"position_m": 2, "arc_m": 1, "tangent": 2, "width_m": 1, "depth_m": 1, "level_m": 1}
+"""Arrays [S] or [S, 2] of a river and their number of axes; all float64."""
+
+
+def save(world: World, path: str | Path) -> None:
+    """Write a world to `path`; its folder is made if missing. An interrupted write leaves what was there before."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    about = {
+        "kind": KIND,
+        "format": FORMAT,
+        "name": world.name,
+        "seed": world.seed,
+        "closed": world.river.closed,
+        "length_m": world.river.length_m,
+        "grid": [world.grid.origin_x_m, world.grid.origin_y_m, world.grid.cell_m],
+        "sun": [world.sun_azimuth, world.sun_elevation],
+    }
+    arrays = {"about": np.array(json.dumps(about, sort_keys=True))}
+    arrays |= {f"river.{name}": getattr(world.river, name) for name in RIVER}
+    arrays |= {f"plants.{field.name}": getattr(world.plants, field.name) for field in fields(Plants)}
+    arrays |= {name: getattr(world, name) for name in (*MAPS, "albedo", "islands", "bridges")}
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            np.savez(file, allow_pickle=False, **arrays)
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def load(path: str | Path) -> World:
+    """The world in a file; raises `WorldFileError` that names the path and what is wrong with it."""
+    path = Path(path)
+    if not path.is_file():
+        raise WorldFileError(f"{path}: there is no such file")
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, EOFError, KeyError, AttributeError, zipfile.BadZipFile) as reason:
+        raise WorldFileError(f"{path}: not a whole .npz file ({reason})") from None
+    about = _about(path, arrays)
+    _check_arrays(path, arrays)
+    river = {name: arrays[f"river.{name}"] for name in RIVER}
+    try:
+        return World(
+            name=str(about["name"]),
+            seed=int(about["seed"]),
+            river=River(closed=bool(about["closed"]), length_m=float(about["length_m"]), **river),
+            islands=arrays["islands"],
+            bridges=arrays["bridges"],
+            grid=Grid(*(float(value) for value in about["grid"])),
+            **{name: arrays[name] for name in MAPS},
+            albedo=arrays["albedo"],
+            plants=Plants(**{field.name: arrays[f"plants.{field.name}"] for field in fields(Plants)}),
+            sun_azimuth=float(about["sun"][0]),
+            sun_elevation=float(about["sun"][1]),
+        )
+    except (KeyError, TypeError, ValueError, IndexError) as reason:
+        raise WorldFileError(f"{path}: its description is incomplete ({reason!r})") from None
+
+
+def _about(path: Path, arrays: dict[str, np.ndarray]) -> dict:
+    """The description of a file, checked for kind and version."""
+    try:
+        about = json.loads(str(arrays["about"]))
+        kind, version = about["kind"], about["format"]
+    except (KeyError, TypeError, ValueError):
+        raise WorldFileError(f"{path}: an .npz file, but not of a world") from None
+    if kind != KIND:
+        raise WorldFileError(f"{path}: an .npz file of kind {kind!r}, not {KIND!r}")
+    if version != FORMAT:
+        raise WorldFileError(f"{path}: a world of format {version}; this version reads format {FORMAT}")
+    return about
+
+
+def _check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    """Every array there, of its type, and of shapes that fit together."""
+    grid = arrays["ground_m"].shape if "ground_m" in arrays else (-1, -1)
+    samples = len(arrays["river.arc_m"]) if "river.arc_m" in arrays else -1
+    count = len(arrays["plants.kind"]) if "plants.kind" in arrays else -1
+    expected: dict[str, tuple[tuple, str]] = {name: (grid, kind) for name, kind in MAPS.items()}
+    expected["albedo"] = ((*grid, 3), "uint8")
+    expected["islands"] = ((None, 5), "float64")
+    expected["bridges"] = ((None, 11), "float64")
+    expected |= {f"river.{name}": ((samples, 2)[:axes], "float64") for name, axes in RIVER.items()}
+    for name, (shape, kind) in {
+        "position_m": ((count, 3), "float32"),
+        "height_m": ((count,), "float32"),
+        "width_m": ((count,), "float32"),
+        "kind": ((count,), "int16"),
+        "turn": ((count,), "float32"),
+        "tint": ((count, 3), "float32"),
+        "light": ((count, 2), "float32"),
+    }.items():
+        expected[f"plants.{name}"] = (shape, kind)
+    for name, (shape, kind) in expected.items():
+        if name not in arrays:
+            raise WorldFileError(f"{path}: the array {name!r} is missing")
+        found = arrays[name]
+        fits = found.ndim == len(shape) and all(a in (None, b) for a, b in zip(shape, found.shape, strict=True))
+        if not fits or found.dtype != kind:
+            raise WorldFileError(f"{path}: {name!r} is {found.dtype} {found.shape}; expected {kind} {shape}")

@@ -39,7 +39,7 @@ from thalweg.world.shade import (
 
 f4 = np.float32
 
-AZIMUTHS = 16
+AZIMUTHS = 12
 """Directions in which the horizon is scanned."""
 SKY_STRIDE = 2
 """Nodes between two places at which the sky is computed."""
@@ -229,7 +229,7 @@ def _scan_steps(cell_m: float) -> np.ndarray:
     """[D] float32: distances in nodes at which the horizon is looked at, close together near by and wider far off."""
     steps = [1.0]
     while steps[-1] * cell_m < SKY_REACH_M:
-        steps.append(max(steps[-1] + 1.0, steps[-1] * 1.25))
+        steps.append(max(steps[-1] + 1.0, steps[-1] * 1.15))
     return np.array(steps, np.float32)
 
 

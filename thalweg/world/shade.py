@@ -40,7 +40,7 @@ def terrain_share(surface, cell, x, y, z, ray, top):
     east = ray[0] / flat
     north = ray[1] / flat
     rise = cell * ray[2] / flat
-    widening = cell * f4(SUN_RADIUS) / (flat * flat)
+    widening = min(cell * f4(SUN_RADIUS) / (flat * flat), f4(0.5) * rise)
     share = f4(1.0)
     for n in range(1, int((top - z) / rise) + 2):
         px = x + f4(n) * east

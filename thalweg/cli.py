@@ -156,7 +156,7 @@ class EncoderShow:
         for key, value in encoder.about.items():
             print(f"{key}: {value}")
         _make_parent(self.out)
-        draw_reconstructions(encoder.vae, collect_frames(self.count, level=self.level, seed=self.seed), self.out)
+        draw_reconstructions(collect_frames(self.count, level=self.level, seed=self.seed), encoder, self.out)
         print(f"{self.out}: {self.count} frames and what their codes hold of them")
         return 0
 

@@ -1,6 +1,7 @@
 """What do the results look like? The paper's training curves and failure bars as PNG."""
 
 import io
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -17,7 +18,7 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7
 REASON_COLOURS = ("#b2182b", "#ef8a62", "#fddbc7", "#d9c06a", "#b8b8b8", "#878787", "#2a9d6f")
 """Of `REASONS`: tight violations red, loose ones pale, success green."""
 
-STYLE = {
+STYLE: Any = {
     "font.size": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,

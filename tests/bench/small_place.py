@@ -1,0 +1,68 @@
+"""A place for the runner where everything takes a moment: what the tests of resuming and failing run on.
+
+As a program it does a suite and can be told to die at some call: `python small_place.py FOLDER DIE_AT`.
+"""
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from thalweg.bench.episodes import REASONS, Episode
+from thalweg.bench.evaluation import Step
+from thalweg.bench.runner import run_suite
+from thalweg.bench.suites import Run, Suite
+
+SUITE = Suite(
+    "small", algorithms=("PPO", "FOCOPS"), seeds=(0, 1), steps=100, episodes=3, baselines=("hover",), packaged=False
+)
+
+
+class SmallPlace:
+    """Trains by writing its seed, evaluates by drawing from it; counts its calls."""
+
+    def __init__(self, die_at: int = -1, broken: tuple[str, ...] = ()) -> None:
+        self.die_at = die_at
+        self.broken = broken
+        self.calls: list[str] = []
+
+    def _call(self, name: str) -> None:
+        if len(self.calls) == self.die_at:
+            os._exit(9)
+        self.calls.append(name)
+
+    def train(self, run: Run, folder: Path) -> None:
+        self._call(f"train {run.name}")
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "episodes.csv").write_text("step,return,tight,loose\n10,1.5,1.0,0.0\n50,2.5,0.0,0.2\n")
+        if run.name in self.broken:
+            raise ArithmeticError("the loss is NaN\nin line two")
+        (folder / "policy.safetensors").write_bytes(b"")
+
+    def evaluate(self, run: Run, folder: Path, level: str, on_step: Callable[[Step], None]) -> list[Episode]:
+        self._call(f"evaluate {run.name} {level}")
+        random = np.random.default_rng([run.seed, len(run.algorithm), len(level)])
+        rows = []
+        for episode in range(SUITE.episodes):
+            cost = float(random.choice([0.0, 0.2, 1.0]))
+            tight, loose = (cost, 0.0) if cost == 1 else (0.0, cost)
+            start = (0.0, 0.0, 5.0, 0.0)
+            length = int(random.integers(1, 500))
+            rows.append(
+                Episode(
+                    run.algorithm, run.seed, level, 1, episode, *start, float(random.uniform(0, 10)), cost, tight,
+                    loose, length, str(random.choice(REASONS)), False, float(random.uniform()),
+                )
+            )  # fmt: skip
+        return rows
+
+    def film(self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None]) -> str:
+        self._call(f"film {run.name}")
+        path.write_bytes(b"film")
+        return f"{run.name}, {episode.length} steps"
+
+
+if __name__ == "__main__":
+    run_suite(SUITE, Path(sys.argv[1]), SmallPlace(die_at=int(sys.argv[2])))

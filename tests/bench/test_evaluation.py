@@ -1,0 +1,137 @@
+import handmade
+import numpy as np
+import pytest
+import torch
+
+from thalweg.bench import evaluation
+from thalweg.bench.baselines import BASELINES
+from thalweg.bench.episodes import REASONS, read_episodes, write_episodes
+from thalweg.bench.evaluation import Course, EvaluationConfig, Label, Step, evaluate, through_encoder
+from thalweg.env import RiverVectorEnv, sample_starts
+
+CONFIG = EvaluationConfig(episodes=6)
+LABEL = Label("tester", 3, "Easy")
+
+
+class Sampler:
+    """A policy that sees frames and draws its actions from what it sees."""
+
+    def act(self, obs: np.ndarray, *, deterministic: bool, generator: torch.Generator) -> np.ndarray:
+        drawn = torch.randint(3, (len(obs), 4), generator=generator).numpy()
+        seen = np.abs(obs[:, :4] * 7).astype(np.int64) % 3
+        actions = (drawn + seen) % 3
+        actions[:, 2] = np.where(drawn[:, 2] > 0, 0, 1)  # mostly forward, so that flights differ in length
+        return np.zeros_like(actions) if deterministic else actions
+
+
+def course(world=None, count: int = 6) -> Course:
+    world = world or handmade.ring()
+    return Course(world, sample_starts(world, count, 0), np.linspace(0, 50, count), np.arange(count))
+
+
+def look(poses: np.ndarray, time_s: np.ndarray) -> np.ndarray:
+    return np.column_stack([poses, time_s]).astype(np.float32)
+
+
+def test_a_flight_does_not_depend_on_what_is_flown_beside_it():
+    whole = course()
+    together = evaluate(Sampler(), whole, LABEL, CONFIG, look=look)
+    alone = [evaluate(Sampler(), whole.only(place), LABEL, CONFIG, look=look)[0] for place in reversed(range(6))]
+    assert together == alone[::-1]
+    assert len({row.length for row in together}) > 1  # they did end at different times
+
+
+def test_every_start_is_flown_to_its_end_exactly_once_however_early_others_end():
+    canal = handmade.canal(length_m=60.0)
+    starts = np.array([[x, 0.0, 5.0, 0.0] for x in (50.0, 5.0, 55.0, 30.0)])
+    rows = evaluate(BASELINES["forward"], Course(canal, starts, np.zeros(4), np.arange(4)), LABEL, CONFIG)
+    assert [row.x for row in rows] == [50, 5, 55, 30]
+    assert [row.length for row in rows] == [10, 55, 5, 30]
+    assert {row.reason for row in rows} == {"Success"}
+
+
+def test_hovering_ends_idle_with_a_loose_cost():
+    for row in evaluate(BASELINES["hover"], course(), LABEL, CONFIG):
+        assert (row.reason, row.cost, row.tight, row.loose, row.success) == ("Idle", 0.2, 0.0, 0.2, False)
+
+
+def test_the_pilot_flies_round_a_ring():
+    for row in evaluate(BASELINES["pilot"], course(), LABEL, CONFIG):
+        assert (row.reason, row.cost, row.success, row.progress) == ("Success", 0.0, True, 1.0)
+        assert row.return_ == pytest.approx(10.0)
+
+
+def test_another_seed_samples_other_actions_and_the_same_seed_the_same():
+    rows = [evaluate(BASELINES["random"], course(), Label("random", seed, "Easy"), CONFIG) for seed in (0, 0, 1)]
+    assert rows[0] == rows[1]
+    assert [row.return_ for row in rows[0]] != [row.return_ for row in rows[2]]
+    assert [(row.x, row.yaw) for row in rows[0]] == [(row.x, row.yaw) for row in rows[2]]
+
+
+def test_a_deterministic_evaluation_asks_for_the_mode():
+    config = EvaluationConfig(episodes=6, deterministic=True)
+    rows = [evaluate(Sampler(), course(), Label("tester", seed, "Easy"), config, look=look) for seed in (0, 1)]
+    assert [row.length for row in rows[0]] == [row.length for row in rows[1]]
+
+
+def test_a_policy_that_sees_frames_needs_something_to_look_through():
+    with pytest.raises(ValueError, match="looks at frames"):
+        evaluate(Sampler(), course(), LABEL, CONFIG)
+
+
+def test_what_is_looked_at_is_what_the_environment_shows():
+    starts = np.array([[x, 0.0, 5.0, 0.0] for x in (5.0, 15.0, 25.0)])
+    whole = Course(handmade.canal(), starts, np.array([0.0, 7.0, 31.0]), np.arange(3))
+    shown: list[np.ndarray] = []
+
+    class Encoder:
+        def __call__(self, frames: np.ndarray) -> np.ndarray:
+            shown.append(frames.copy())
+            return np.zeros((len(frames), 4), np.float32)
+
+    see = through_encoder(whole.world, Encoder(), handmade.BlankRenderer())  # pyright: ignore[reportArgumentType]
+    evaluate(Straight(), whole, LABEL, CONFIG, look=see)
+    env = RiverVectorEnv([whole.world], 3, renderer=handmade.BlankRenderer())
+    env.reset(seed=0, options={"pose": whole.starts})
+    env.set_state({**env.get_state(), "time_s": whole.clocks_s})
+    for frames in shown[1:4]:
+        seen, *_ = env.step(np.tile([1, 1, 0, 1], (3, 1)))
+        np.testing.assert_array_equal(frames, seen)
+
+
+class Straight:
+    def act(self, obs: np.ndarray, *, deterministic: bool, generator: torch.Generator) -> np.ndarray:
+        return np.tile([1, 1, 0, 1], (len(obs), 1))
+
+
+def test_steps_are_told_with_those_still_flying():
+    told: list[Step] = []
+    rows = evaluate(BASELINES["forward"], course(), LABEL, CONFIG, on_step=told.append)
+    assert sum(len(step.flying) for step in told) == sum(row.length for row in rows)
+    np.testing.assert_array_equal(told[0].poses, course().starts)
+    np.testing.assert_array_equal(told[0].time_s, course().clocks_s)
+
+
+def test_the_list_of_starts_is_the_same_for_every_policy_and_begins_alike(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(evaluation, "load_or_build", lambda level, seed: handmade.ring())
+    few, many = (Course.of_level("easy", EvaluationConfig(episodes=count)) for count in (5, 20))
+    np.testing.assert_array_equal(few.starts, many.starts[:5])
+    np.testing.assert_array_equal(few.clocks_s, many.clocks_s[:5])
+
+
+def test_rows_survive_their_file_to_the_last_bit(tmp_path):
+    rows = evaluate(BASELINES["random"], course(), LABEL, CONFIG)
+    write_episodes(tmp_path / "rows.csv", rows)
+    assert read_episodes(tmp_path / "rows.csv") == rows
+
+
+def test_reasons_are_named_as_in_the_paper():
+    assert REASONS == (
+        "Collision",
+        "OutOfVolumeHorizontal",
+        "OutOfVolumeVertical",
+        "YawOverDeviation",
+        "Idle",
+        "MaxStepReached",
+        "Success",
+    )

@@ -1,0 +1,129 @@
+import re
+from pathlib import Path
+
+import pytest
+
+from thalweg.bench.files import ResultsError
+from thalweg.bench.report import write_report
+from thalweg.bench.results import read_results
+from thalweg.bench.tables import paper_table
+
+
+def table_of(folder: Path) -> dict[str, list[str]]:
+    _, rows = paper_table(read_results(folder))
+    return {row[0]: row[1:] for row in rows}
+
+
+def test_the_table_holds_means_and_deviations_computed_by_hand(tiny_results: Path):
+    assert table_of(tiny_results)["PPO"] == ["7.00 ± 3.00", "0.50 ± 0.50", "1.50 ± 0.50", "0.60 ± 0.40"]
+
+
+def test_published_figures_stand_beside_ours_and_are_marked(tiny_results: Path):
+    rows = table_of(tiny_results)
+    assert rows["PPO (paper, another simulator)"] == ["9.19 ± 2.63", "0.09 ± 0.28", "5.22 ± 3.89", "0.74 ± 0.44"]
+    assert "hover (paper, another simulator)" not in rows
+
+
+def test_a_level_that_was_not_flown_is_called_missing(tiny_results: Path):
+    assert table_of(tiny_results)["hover"] == ["0.05 ± 0.00", "0.20 ± 0.00", "missing", "missing"]
+
+
+def test_the_page_loads_nothing_from_elsewhere(tiny_results: Path):
+    (tiny_results / "film.mp4").write_bytes(b"a film")
+    page = write_report(tiny_results).page.read_text()
+    sources = re.findall(r"""(?:src|href|poster|action|data)\s*=\s*['"]([^'"]*)""", page)
+    assert len(sources) == 4  # icon, film, curves, failures
+    assert all(source.startswith("data:") for source in sources)
+    assert not re.search(r"https?://|@import|url\(", page)
+
+
+def test_every_picture_of_the_page_has_words_beside_it(tiny_results: Path):
+    page = write_report(tiny_results).page.read_text()
+    assert len(re.findall(r"<img [^>]*alt='[^']{20,}'", page)) == page.count("<img ") == 2
+
+
+def test_a_failed_run_is_named_with_its_error(tiny_results: Path):
+    page = write_report(tiny_results).page.read_text()
+    assert "Run PPO-1 failed: NotFiniteError: the loss is NaN &lt;at step 300&gt;" in page
+
+
+def test_numbers_come_from_the_files(tiny_results: Path):
+    file = tiny_results / "evaluation" / "PPO-0-Easy.csv"
+    file.write_text(file.read_text().replace(",4.0,1.0,1.0,", ",8.0,1.0,1.0,"))
+    assert "9.00 ± 1.00" in write_report(tiny_results).page.read_text()
+
+
+def spoil_half_written(folder: Path) -> str:
+    file = folder / "evaluation" / "PPO-0-Easy.csv"
+    file.write_text(file.read_text()[:-20])
+    return "evaluation/PPO-0-Easy.csv: PPO-0-Easy.csv is half-written"
+
+
+def spoil_foreign(folder: Path) -> str:
+    (folder / "evaluation" / "notes.txt").write_text("hello")
+    return "evaluation/notes.txt: not a result of an evaluation"
+
+
+def spoil_columns(folder: Path) -> str:
+    (folder / "evaluation" / "PPO-0-Easy.csv").write_text("a,b\n1,2\n")
+    return "evaluation/PPO-0-Easy.csv: PPO-0-Easy.csv lacks the columns algorithm"
+
+
+def spoil_clash(folder: Path) -> str:
+    (folder / "evaluation" / "PPO-0-Hard.csv").write_text((folder / "evaluation" / "PPO-0-Easy.csv").read_text())
+    return "evaluation/PPO-0-Hard.csv: PPO-0-Hard.csv holds the episodes of PPO-0-Easy"
+
+
+def spoil_bytes(folder: Path) -> str:
+    (folder / "evaluation" / "PPO-0-Easy.csv").write_bytes(b"\xff\xfe\x00")
+    return "evaluation/PPO-0-Easy.csv: PPO-0-Easy.csv is not text"
+
+
+def spoil_repeated(folder: Path) -> str:
+    file = folder / "evaluation" / "PPO-0-Easy.csv"
+    file.write_text(file.read_text() + file.read_text().splitlines()[-1] + "\n")
+    return "evaluation/PPO-0-Easy.csv: PPO-0-Easy.csv lacks or repeats episodes"
+
+
+def spoil_training(folder: Path) -> str:
+    (folder / "runs" / "PPO-0" / "episodes.csv").write_text("step,return\n1")
+    return "runs/PPO-0/episodes.csv: episodes.csv lacks the columns tight, loose"
+
+
+SPOILS = (
+    spoil_half_written,
+    spoil_foreign,
+    spoil_columns,
+    spoil_clash,
+    spoil_bytes,
+    spoil_repeated,
+    spoil_training,
+)
+
+
+@pytest.mark.parametrize("spoil", SPOILS)
+def test_a_file_that_cannot_be_used_is_skipped_by_name(tiny_results: Path, spoil):
+    said = spoil(tiny_results)
+    (line,) = read_results(tiny_results).skipped
+    assert line.startswith(said)
+    assert f"Not used: {said}" in write_report(tiny_results).page.read_text()
+
+
+def test_a_folder_without_episodes_is_an_error_that_says_so(tmp_path: Path):
+    with pytest.raises(ResultsError, match="holds no evaluated episodes"):
+        write_report(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_report_is_replaced_whole_or_left_alone(tiny_results: Path, monkeypatch: pytest.MonkeyPatch):
+    report = write_report(tiny_results)
+    before = report.page.read_bytes()
+
+    def full_disk(*_):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr("thalweg.bench.report._page", full_disk)
+    with pytest.raises(OSError, match="no space"):
+        write_report(tiny_results)
+    assert report.page.read_bytes() == before
+    assert not list(tiny_results.glob(".*"))

@@ -1,0 +1,162 @@
+import errno
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import small_place
+from small_place import SUITE, SmallPlace
+
+from thalweg.bench.files import ResultsError
+from thalweg.bench.results import read_results, read_runs
+from thalweg.bench.runner import best_flight, run_suite
+from thalweg.bench.suites import SUITES, suite_named
+
+WHOLE = 4 + 5 * 3 + 1
+"""Calls of the whole small suite: four trainings, three levels of five runs, and a film."""
+
+
+def tables(folder: Path) -> dict[str, str]:
+    """Everything of a results folder that is a result, by name."""
+    files = [*folder.glob("evaluation/*.csv"), folder / "report" / "table.csv", folder / "report" / "table.md"]
+    return {file.name: file.read_text() for file in files}
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    folder = tmp_path_factory.mktemp("undisturbed")
+    place = SmallPlace()
+    run_suite(SUITE, folder, place)
+    assert len(place.calls) == WHOLE
+    return tables(folder)
+
+
+def test_a_finished_suite_is_not_repeated(tmp_path: Path):
+    run_suite(SUITE, tmp_path, SmallPlace())
+    again = SmallPlace()
+    outcome = run_suite(SUITE, tmp_path, again)
+    assert again.calls == []
+    assert [row.status for row in outcome.runs] == ["finished"] * 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("die_at", [0, 3, 8, 18, WHOLE - 1])
+def test_killed_at_any_point_the_same_command_ends_with_the_same_tables(
+    tmp_path: Path, die_at: int, undisturbed: dict[str, str], capsys: pytest.CaptureFixture
+):
+    command = [sys.executable, small_place.__file__, str(tmp_path), str(die_at)]
+    assert subprocess.run(command, capture_output=True).returncode == 9
+    rest = SmallPlace()
+    run_suite(SUITE, tmp_path, rest)
+    assert tables(tmp_path) == undisturbed
+    assert len(rest.calls) == WHOLE - die_at  # nothing that was finished was done again
+
+
+def test_a_failed_run_is_a_row_with_its_error_and_the_others_go_on(tmp_path: Path):
+    outcome = run_suite(SUITE, tmp_path, SmallPlace(broken=("PPO-1",)))
+    rows = {row.run: row for row in read_runs(tmp_path)}
+    assert list(rows) == ["hover-0", "PPO-0", "PPO-1", "FOCOPS-0", "FOCOPS-1"]
+    assert rows["PPO-1"].status == "failed"
+    assert rows["PPO-1"].error == "ArithmeticError: the loss is NaN in line two"
+    assert [row.run for row in outcome.failed] == ["PPO-1"]
+    assert "ArithmeticError" in (tmp_path / "runs" / "PPO-1" / "error.txt").read_text()
+    assert {row.algorithm for row in read_results(tmp_path).episodes} == {"hover", "PPO", "FOCOPS"}
+
+
+def test_a_failed_run_is_tried_again_and_nothing_else(tmp_path: Path, undisturbed: dict[str, str]):
+    run_suite(SUITE, tmp_path, SmallPlace(broken=("PPO-1",)))
+    again = SmallPlace()
+    run_suite(SUITE, tmp_path, again)
+    assert again.calls == ["train PPO-1"] + [f"evaluate PPO-1 {level}" for level in SUITE.test_levels]
+    assert tables(tmp_path) == undisturbed
+    assert not (tmp_path / "runs" / "PPO-1" / "error.txt").exists()
+
+
+def test_a_half_written_evaluation_is_flown_again(tmp_path: Path, undisturbed: dict[str, str]):
+    run_suite(SUITE, tmp_path, SmallPlace())
+    file = tmp_path / "evaluation" / "FOCOPS-1-Hard.csv"
+    file.write_text(file.read_text()[:-30])
+    again = SmallPlace()
+    run_suite(SUITE, tmp_path, again)
+    assert again.calls == ["evaluate FOCOPS-1 Hard"]
+    assert tables(tmp_path) == undisturbed
+
+
+def test_a_full_disk_stops_the_suite_and_keeps_what_was_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    place = SmallPlace()
+    monkeypatch.setattr(place, "train", full)
+    with pytest.raises(OSError, match="No space"):
+        run_suite(SUITE, tmp_path, place)
+    assert [row.run for row in read_runs(tmp_path)] == ["hover-0"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"algorithms": ("PPO", "FOCUPS")}, "unknown algorithm 'FOCUPS'; known: PPO, FOCOPS"),
+        ({"test_levels": ("Easy", "Meduim")}, "unknown level 'Meduim'; known: Easy, Medium, Hard"),
+        ({"baselines": ("hoover",)}, "unknown baseline 'hoover'; known: random, hover, forward, pilot"),
+        ({"steps": 0}, "steps must be at least 1"),
+        ({"seeds": (1, 1)}, "named twice"),
+    ],
+)
+def test_a_misspelt_suite_fails_before_anything_is_done(tmp_path: Path, change: dict, message: str):
+    place = SmallPlace()
+    with pytest.raises(ResultsError, match=message):
+        run_suite(replace(SUITE, **change), tmp_path / "new", place)
+    assert place.calls == []
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_folder_of_another_suite_is_refused_with_the_difference(tmp_path: Path):
+    run_suite(SUITE, tmp_path, SmallPlace())
+    with pytest.raises(ResultsError, match="steps 100 there, 200 now"):
+        run_suite(replace(SUITE, steps=200), tmp_path, SmallPlace())
+
+
+def test_a_folder_with_something_else_in_it_is_refused(tmp_path: Path):
+    (tmp_path / "thesis.tex").write_text("")
+    with pytest.raises(ResultsError, match="not empty and holds no suite"):
+        run_suite(SUITE, tmp_path, SmallPlace())
+
+
+def test_without_a_packaged_policy_the_rest_is_done_and_it_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    monkeypatch.setattr("thalweg.bench.runner.PACKAGED_POLICY", tmp_path / "nothing")
+    outcome = run_suite(replace(SUITE, packaged=True), tmp_path / "out", SmallPlace())
+    assert [row.run for row in outcome.runs if row.status == "absent"] == ["packaged-0"]
+    assert outcome.failed == []
+    assert "comes without a trained policy" in capsys.readouterr().out
+    assert "packaged-0 absent" in outcome.report.page.read_text()
+
+
+def test_the_film_shows_the_best_flight_of_a_trained_policy(tmp_path: Path):
+    run_suite(SUITE, tmp_path, SmallPlace())
+    found = best_flight(SUITE, tmp_path)
+    assert found is not None
+    run, episode = found
+    rows = [row for row in read_results(tmp_path).episodes if row.level == "Medium" and row.algorithm != "hover"]
+    assert (run.name, episode.return_) == (f"{episode.algorithm}-{episode.seed}", max(row.return_ for row in rows))
+    assert (tmp_path / "film.txt").read_text() == f"{run.name}, {episode.length} steps\n"
+
+
+def test_the_record_of_a_suite_names_versions_and_machine(tmp_path: Path):
+    run_suite(SUITE, tmp_path, SmallPlace())
+    record = json.loads((tmp_path / "suite.json").read_text())
+    assert record["algorithms"] == ["PPO", "FOCOPS"]
+    assert record["machine"]["cores"] >= 1
+    assert set(record["versions"]) == {"thalweg", "python", "numpy", "numba", "torch", "gymnasium"}
+
+
+def test_the_suites_are_found_by_name_and_an_unknown_one_lists_them():
+    assert suite_named("Quick") is SUITES["quick"]
+    assert SUITES["paper"].steps == 200_000
+    assert SUITES["paper"].seeds == (0, 1, 2)
+    with pytest.raises(ResultsError, match="unknown suite 'papr'; known: quick, paper"):
+        suite_named("papr")

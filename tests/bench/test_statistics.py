@@ -1,0 +1,57 @@
+import numpy as np
+import pytest
+
+from thalweg.bench.episodes import Episode
+from thalweg.bench.statistics import TrainingLog, band, curve, summarise
+
+
+def episode(return_: float, cost: float, reason: str, *, seed: int = 0, length: int = 10) -> Episode:
+    tight, loose = (cost, 0.0) if cost == 1 else (0.0, cost)
+    return Episode(
+        "PPO", seed, "Easy", 1, 0, 0, 0, 5, 0, return_, cost, tight, loose, length, reason, reason == "Success", 0.5
+    )
+
+
+def test_a_summary_has_the_mean_and_the_deviation_of_its_episodes():
+    rows = [episode(1, 1.0, "Collision"), episode(3, 0.2, "Idle", seed=1), episode(5, 0.0, "Success", length=40)]
+    cell = summarise(rows)
+    assert cell.return_mean == 3
+    assert cell.return_std == pytest.approx(np.sqrt(8 / 3))
+    assert cell.cost_mean == pytest.approx(0.4)
+    assert cell.cost_std == pytest.approx(np.sqrt((0.36 + 0.04 + 0.16) / 3))
+    assert (cell.success, cell.tight, cell.loose) == pytest.approx((1 / 3, 1 / 3, 1 / 3))
+    assert (cell.episodes, cell.seeds, cell.length_mean) == (3, 2, 20)
+    seen = {reason: count for reason, count in cell.reasons.items() if count}
+    assert seen == {"Collision": 1, "Idle": 1, "Success": 1}
+
+
+def test_nothing_cannot_be_summed_up():
+    with pytest.raises(ValueError, match="no episodes"):
+        summarise([])
+
+
+def log(steps, *columns) -> TrainingLog:
+    return TrainingLog("PPO", 0, np.array(steps), *(np.array(column, float) for column in columns))
+
+
+def test_the_cost_rate_is_violations_so_far_over_steps_so_far():
+    found = curve(log([10, 20, 30], [1, 2, 3], [1, 0, 1], [0, 0.2, 0]), np.array([5, 10, 20, 40]))
+    np.testing.assert_allclose(found.total_rate, [0, 1 / 10, 2 / 20, 3 / 40])
+    np.testing.assert_allclose(found.tight_rate, [0, 1 / 10, 1 / 20, 2 / 40])
+    np.testing.assert_allclose(found.loose_rate, [0, 0, 1 / 20, 1 / 40])
+
+
+def test_the_running_return_is_the_mean_of_the_last_fifty_episodes_only():
+    returns = np.arange(60.0)
+    found = curve(log(np.arange(1, 61), returns, returns * 0, returns * 0), np.array([2, 50, 60]))
+    np.testing.assert_allclose(found.return_, [0.5, np.mean(returns[:50]), np.mean(returns[10:])])
+
+
+def test_there_is_no_return_before_the_first_episode_has_ended():
+    assert np.isnan(curve(log([10], [1], [0], [0]), np.array([9])).return_[0])
+
+
+def test_a_band_leaves_out_runs_without_a_value_yet():
+    mean, std = band([np.array([np.nan, 1.0]), np.array([4.0, 3.0])])
+    np.testing.assert_allclose(mean, [4, 2])
+    np.testing.assert_allclose(std, [0, 1])

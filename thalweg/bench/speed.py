@@ -1,0 +1,267 @@
+"""How fast is it here? Each part by itself, with everything that a figure depends on named beside it.
+
+A figure is the median of several repetitions, with the slowest and the fastest of them. What is compiled or built is
+warm before the clock starts, except in the lines that say otherwise.
+"""
+
+import json
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import torch
+from rich.console import Console
+from rich.table import Table
+
+from thalweg.algos.actions import actions_of
+from thalweg.algos.policy import Policy
+from thalweg.bench.files import write_whole
+from thalweg.bench.machine import machine
+from thalweg.bench.river import load_fitting_encoder
+from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
+from thalweg.render import Camera, Renderer
+from thalweg.train.latent import LatentVectorEnv
+from thalweg.world import World, build, level_named, load_or_build
+
+BATCH, WORLDS = 16, 4
+"""Environments stepped together, and distinct rivers among them, as in the project's budget."""
+FRAME_FEATURES = "RGB, water mask, everything drawn"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How long to measure."""
+
+    repeats: int = 7
+    seconds: float = 1.0
+    """At least so long is each repetition."""
+    train_steps: int = 16_384
+    """0: training is not measured."""
+    cold: bool = True
+    """Whether the first start, with nothing compiled or built, is measured."""
+
+
+QUICK = Plan(repeats=3, seconds=0.3, train_steps=0, cold=False)
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One line of the table."""
+
+    name: str
+    unit: str
+    median: float
+    slowest: float
+    fastest: float
+    repeats: int
+    batch: int
+    worlds: int
+    resolution: str
+    """Of frames; empty where none is drawn."""
+    features: str
+
+
+def rates(work: Callable[[], int], plan: Plan) -> list[float]:
+    """Units of work a second in each repetition; `work` does some and returns how many."""
+    work()
+    found = []
+    for _ in range(plan.repeats):
+        done, begun = 0, time.perf_counter()
+        while (passed := time.perf_counter() - begun) < plan.seconds:
+            done += work()
+        found.append(done / passed)
+    return found
+
+
+def _line(name: str, unit: str, values: list[float], *, batch: int = BATCH, worlds: int = WORLDS, **words: str):
+    slowest, fastest = (min(values), max(values)) if unit.endswith("/s") else (max(values), min(values))
+    middle = statistics.median(values)
+    resolution, features = words.get("resolution", ""), words.get("features", "")
+    return Measurement(name, unit, middle, slowest, fastest, len(values), batch, worlds, resolution, features)
+
+
+def measure(plan: Plan) -> Iterator[Measurement]:
+    """Every line of the table, each as soon as it is known."""
+    level = level_named("Medium")
+    worlds = [load_or_build(level, seed) for seed in range(WORLDS)]
+    yield from _rendering(plan, worlds)
+    yield from _stepping(plan, worlds)
+    yield from _worlds_and_starts(plan)
+    if plan.train_steps:
+        yield from _training(plan)
+
+
+def _rendering(plan: Plan, worlds: list[World]) -> Iterator[Measurement]:
+    index = np.arange(BATCH) % len(worlds)
+    poses = np.array([sample_starts(worlds[place], BATCH, 0)[row] for row, place in enumerate(index)])
+    for size in (128, 384):
+        renderer = Renderer(worlds, Camera(height_px=size, width_px=size))
+        frames = np.empty((BATCH, size, size, 4), dtype=np.uint8)
+
+        def draw(renderer: Renderer = renderer, frames: np.ndarray = frames) -> int:
+            renderer.render(poses, index, np.zeros(BATCH), frames)
+            return BATCH
+
+        yield _line("render", "frames/s", rates(draw, plan), resolution=f"{size}x{size}", features=FRAME_FEATURES)
+
+
+def _steps(env, actions: Callable[[np.ndarray], np.ndarray]) -> Callable[[], int]:
+    """Eight steps of an environment at a time."""
+    obs, _ = env.reset(seed=0)
+    held = [obs]
+
+    def work() -> int:
+        for _ in range(8):
+            held[0], *_ = env.step(actions(held[0]))
+        return 8 * env.num_envs
+
+    return work
+
+
+def _stepping(plan: Plan, worlds: list[World]) -> Iterator[Measurement]:
+    rules = RiverVectorEnv(worlds, BATCH, EnvConfig(observation="none"))
+    whole = RiverVectorEnv(worlds, BATCH)
+    rules.action_space.seed(0)
+    random_actions = np.stack([rules.action_space.sample() for _ in range(64)])
+    turn = iter(range(1 << 62))
+
+    def random(_: np.ndarray) -> np.ndarray:
+        return random_actions[next(turn) % len(random_actions)]
+
+    size = "128x128"
+    yield _line("step, rules only", "steps/s", rates(_steps(rules, random), plan), features="random actions")
+    features = f"{FRAME_FEATURES}; random actions"
+    yield _line("step", "steps/s", rates(_steps(whole, random), plan), resolution=size, features=features)
+    encoder = load_fitting_encoder()
+    latent = LatentVectorEnv(whole, encoder)
+    frames = whole.reset(seed=0)[0]
+    kind = f"{encoder.inputs} to {encoder.latent} numbers, {encoder.config.architecture} architecture"
+
+    def encode() -> int:
+        encoder(frames)
+        return BATCH
+
+    yield _line("encode", "frames/s", rates(encode, plan), resolution=size, features=kind)
+    yield _line("step + encode", "steps/s", rates(_steps(latent, random), plan), resolution=size, features=kind)
+    policy = Policy(encoder.latent, actions_of(whole.single_action_space))
+    act = partial(policy.act, deterministic=False, generator=torch.Generator().manual_seed(0))
+    features = f"{kind}; policy of 2 x 64 units, sampled"
+    yield _line(
+        "step + encode + policy", "steps/s", rates(_steps(latent, act), plan), resolution=size, features=features
+    )
+
+
+def _worlds_and_starts(plan: Plan) -> Iterator[Measurement]:
+    for name in ("Easy", "Medium", "Hard"):
+        seconds = []
+        for seed in range(100, 100 + min(plan.repeats, 3)):
+            begun = time.perf_counter()
+            build(level_named(name), seed)
+            seconds.append(time.perf_counter() - begun)
+        yield _line(f"build a world, {name}", "s", seconds, batch=1, worlds=1, features="with its light")
+    first_frame = "import gymnasium, thalweg; gymnasium.make('thalweg/Medium-v0').reset(seed=0)"
+    warm = [_child(["-c", first_frame])[0] for _ in range(1 + min(plan.repeats, 3))][1:]
+    yield _line(
+        "start to first frame, again", "s", warm, batch=1, worlds=1, resolution="128x128", features="new process"
+    )
+    if plan.cold:
+        with tempfile.TemporaryDirectory() as folder:
+            cold, _ = _child(["-c", first_frame], THALWEG_CACHE=folder)
+        features = "new process, nothing compiled, no world built"
+        yield _line(
+            "start to first frame, the first", "s", [cold], batch=1, worlds=1, resolution="128x128", features=features
+        )
+
+
+def _training(plan: Plan) -> Iterator[Measurement]:
+    with tempfile.TemporaryDirectory() as folder:
+        command = ["-m", "thalweg.cli", "train", "--algorithm", "FOCOPS", "--steps", str(plan.train_steps)]
+        seconds, memory = _child([*command, "--num-envs", str(BATCH), "--out", str(Path(folder) / "run")])
+    features = f"FOCOPS on Medium, {plan.train_steps:,} steps, start-up included"
+    yield _line("train", "steps/s", [plan.train_steps / seconds], worlds=1, resolution="128x128", features=features)
+    yield _line("memory of training", "MiB", [memory], worlds=1, resolution="128x128", features="largest resident set")
+
+
+def _child(arguments: list[str], **environment: str) -> tuple[float, float]:
+    """Seconds and largest memory in MiB of a Python process with these arguments; raises if it fails."""
+    begun = time.perf_counter()
+    process = subprocess.Popen(
+        [sys.executable, *arguments], env={**os.environ, **environment}, stdout=subprocess.DEVNULL
+    )
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, process.args)
+    unit = 2**20 if sys.platform == "darwin" else 2**10
+    return time.perf_counter() - begun, usage.ru_maxrss / unit
+
+
+def record(lines: list[Measurement]) -> dict:
+    """The measurements as plain data, with the machine and the versions."""
+    parts = ("thalweg", "numpy", "numba", "torch", "gymnasium")
+    versions = {"python": platform.python_version()} | {part: version(part) for part in parts}
+    return {"machine": machine(), "versions": versions, "measurements": [asdict(line) for line in lines]}
+
+
+def speed(*, as_json: bool, quick: bool, out: Path | None) -> int:
+    """Measure and print; JSON goes to standard output by itself, the progress elsewhere."""
+    console = Console(stderr=True)
+    lines = []
+    for line in measure(QUICK if quick else Plan()):
+        console.print(f"{line.name}: {line.median:,.4g} {line.unit}", highlight=False)
+        lines.append(line)
+    found = record(lines)
+    text = json.dumps(found, indent=2) + "\n"
+    if out is not None:
+        write_whole(out, text)
+    if as_json:
+        print(text, end="")
+    else:
+        print_table(found, Console())
+    return 0
+
+
+COLUMNS = ("what", "median", "slowest", "fastest", "unit", "batch", "worlds", "frame", "features")
+
+
+def table_rows(found: dict) -> list[list[str]]:
+    """The measurements of a record as text, in the order of `COLUMNS`."""
+    return [
+        [
+            line["name"],
+            *(
+                f"{line[key]:,.0f}" if line[key] >= 100 else f"{line[key]:.3g}"
+                for key in ("median", "slowest", "fastest")
+            ),
+            line["unit"],
+            str(line["batch"]),
+            str(line["worlds"]),
+            line["resolution"],
+            line["features"],
+        ]
+        for line in found["measurements"]
+    ]
+
+
+def describe(found: dict) -> str:
+    """The machine and the versions in one line."""
+    where = found["machine"]
+    versions = ", ".join(f"{name} {number}" for name, number in found["versions"].items())
+    return f"{where['cpu']}, {where['cores']} cores, {where['memory_gib']} GiB, {where['system']}; {versions}"
+
+
+def print_table(found: dict, console: Console) -> None:
+    table = Table(*COLUMNS, title=describe(found))
+    for row in table_rows(found):
+        table.add_row(*row)
+    console.print(table)

@@ -1,0 +1,114 @@
+"""How does a run survive being killed? Its whole state in one folder, written whole or not at all.
+
+A checkpoint is a nested dictionary of arrays and plain data: the arrays in `arrays.safetensors`, the rest in
+`state.json`. Loading one can't execute code.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
+
+from thalweg.train.errors import TrainingError
+
+FORMAT = 1
+FOLDER = "checkpoints"
+ARRAYS, PLAIN = "arrays.safetensors", "state.json"
+KEPT = 2
+"""How many checkpoints stay: the newest, and the one before it."""
+SEPARATOR = "/"
+"""Between the keys on the way to an array."""
+
+
+def save_checkpoint(run_folder: Path, step: int, state: dict[str, Any]) -> Path:
+    """Write the state as the newest checkpoint of a run, and remove old ones; returns its folder.
+
+    Raises `TrainingError` for a state that holds anything but arrays and plain data.
+    """
+    arrays = dict(_arrays(state))
+    content = save(arrays)
+    digest = hashlib.sha256(content).hexdigest()
+    try:
+        plain = json.dumps({"format": FORMAT, "step": step, "sha256": digest, "state": _plain(state)}).encode()
+    except TypeError as error:
+        raise TrainingError(f"a checkpoint holds arrays and plain data only: {error}") from error
+    parent = run_folder / FOLDER
+    parent.mkdir(parents=True, exist_ok=True)
+    partial, final = parent / f".{step:012d}.{os.getpid()}.part", parent / f"{step:012d}"
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir()
+    for name, data in ((ARRAYS, content), (PLAIN, plain)):
+        with open(partial / name, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+    shutil.rmtree(final, ignore_errors=True)
+    os.rename(partial, final)
+    for old in _complete(parent)[:-KEPT]:
+        shutil.rmtree(old, ignore_errors=True)
+    for rest in parent.glob(".*.part"):
+        shutil.rmtree(rest, ignore_errors=True)
+    return final
+
+
+def load_checkpoint(run_folder: Path) -> tuple[int, dict[str, Any]] | None:
+    """Step and state of the newest checkpoint of a run, or None; raises `TrainingError` if it is damaged."""
+    found = _complete(run_folder / FOLDER)
+    if not found:
+        return None
+    folder = found[-1]
+    try:
+        content = (folder / ARRAYS).read_bytes()
+        plain = json.loads((folder / PLAIN).read_bytes())
+        if plain["format"] != FORMAT:
+            raise TrainingError(f"{folder} is a checkpoint of format {plain['format']}, this version reads {FORMAT}")
+        if hashlib.sha256(content).hexdigest() != plain["sha256"]:
+            raise TrainingError(f"{folder} is damaged: its arrays are not those that were written")
+        return plain["step"], _joined(plain["state"], load(content))
+    except (OSError, json.JSONDecodeError, KeyError, SafetensorError) as error:
+        raise TrainingError(
+            f"{folder} is not a whole checkpoint ({error}); remove it to go on from the one before"
+        ) from error
+
+
+def _complete(parent: Path) -> list[Path]:
+    """Folders of whole checkpoints, oldest first."""
+    return sorted(path for path in parent.glob("[0-9]*") if path.is_dir())
+
+
+def _arrays(state: dict[str, Any], path: str = "") -> Iterator[tuple[str, np.ndarray]]:
+    for key, value in state.items():
+        if not isinstance(key, str) or SEPARATOR in key:
+            raise TrainingError(f"a key of a checkpoint is a string without {SEPARATOR!r}, got {key!r}")
+        if isinstance(value, dict):
+            yield from _arrays(value, f"{path}{key}{SEPARATOR}")
+        elif isinstance(value, np.ndarray):
+            if value.dtype.kind not in "biuf":
+                raise TrainingError(f"{path}{key} is an array of {value.dtype}; a checkpoint holds numbers only")
+            yield f"{path}{key}", np.array(value, order="C")
+
+
+def _plain(state: dict[str, Any]) -> dict[str, Any]:
+    """The state without its arrays."""
+    return {
+        key: _plain(value) if isinstance(value, dict) else value
+        for key, value in state.items()
+        if not isinstance(value, np.ndarray)
+    }
+
+
+def _joined(plain: dict[str, Any], arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    for name, array in arrays.items():
+        *parents, last = name.split(SEPARATOR)
+        place = plain
+        for key in parents:
+            place = place[key]
+        place[last] = array
+    return plain

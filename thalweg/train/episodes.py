@@ -1,0 +1,158 @@
+"""How did the episodes go? Sums while they run, one record when they end, and the rates that the paper plots."""
+
+import math
+from collections import deque
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from thalweg.train.stream import Step
+
+WINDOW = 50
+"""Episodes of which means are shown, as in the paper's curves."""
+
+
+@dataclass(frozen=True)
+class Episode:
+    """A finished episode: a row of `episodes.csv`."""
+
+    step: int
+    """Steps of the run, all environments together, when it ended."""
+    env: int
+    return_: float
+    """Undiscounted sum of rewards."""
+    cost: float
+    """Undiscounted sum of costs."""
+    tight: float
+    """Of which tight; NaN if the environment does not tell them apart."""
+    loose: float
+    length: int
+    """Steps."""
+    reason: str
+    """How it ended: the environment's own name for it, else terminated or truncated."""
+    world: str
+    """The world it took place in; empty if the environment has none."""
+
+
+COLUMNS = tuple(name.rstrip("_") for name in Episode.__dataclass_fields__)
+"""Of `episodes.csv`."""
+
+
+class EpisodeBook:
+    """Keeps count of N environments."""
+
+    def __init__(self, num_envs: int, worlds: list[str]) -> None:
+        self.worlds = worlds
+        """[N] name of each environment's world, or empty strings."""
+        self._sums = np.zeros((num_envs, 4))
+        """[N, 4] reward, cost, tight, loose of the running episodes."""
+        self._lengths = np.zeros(num_envs, dtype=np.int64)
+        self.recent: deque[Episode] = deque(maxlen=WINDOW)
+        self.fresh: list[Episode] = []
+        """Finished since the last update."""
+        self.steps = 0
+        """Valid steps, all environments together."""
+        self.count = 0
+        self.largest_cost = 0.0
+        self.violations = {"cost": 0, "tight": 0, "loose": 0}
+        """Episodes that ended with such a cost."""
+        self.split = False
+        """Whether the environment tells tight from loose costs."""
+
+    def add(self, step: Step) -> list[Episode]:
+        """Take in a step; returns the episodes that it ended."""
+        self.steps += int(step.valid.sum())
+        self._sums[:, 0] += step.reward
+        self._sums[:, 1] += step.cost
+        if step.costs is not None:
+            self.split = True
+            self._sums[:, 2:] += np.where(step.valid[:, None], step.costs, 0.0)
+        self._lengths += step.valid
+        ended = [self._close(int(env), step) for env in step.finished]
+        for episode in ended:
+            self.count += 1
+            self.largest_cost = max(self.largest_cost, episode.cost)
+            for name in self.violations:
+                self.violations[name] += getattr(episode, name) > 0
+        self.recent.extend(ended)
+        self.fresh.extend(ended)
+        return ended
+
+    def cost_mean(self) -> float:
+        """J_c: mean cost of the episodes finished since the last update, else of the last ones; NaN before any."""
+        episodes = self.fresh or self.recent
+        return sum(episode.cost for episode in episodes) / len(episodes) if episodes else math.nan
+
+    def metrics(self) -> dict[str, float]:
+        """Means of the last episodes, and violated episodes per step so far (total, and by kind where told apart)."""
+        recent = list(self.recent)
+        rates = {name: number / max(self.steps, 1) for name, number in self.violations.items()}
+        nan = math.nan
+        return {
+            "episodes": self.count,
+            "return_mean_50": float(np.mean([e.return_ for e in recent])) if recent else nan,
+            "cost_mean_50": float(np.mean([e.cost for e in recent])) if recent else nan,
+            "length_mean_50": float(np.mean([e.length for e in recent])) if recent else nan,
+            "cost_rate": rates["cost"],
+            "cost_rate_tight": rates["tight"] if self.split else nan,
+            "cost_rate_loose": rates["loose"] if self.split else nan,
+        }
+
+    def state(self) -> dict[str, Any]:
+        """Everything, as arrays and plain data."""
+        return {
+            "sums": self._sums.copy(),
+            "lengths": self._lengths.copy(),
+            "steps": self.steps,
+            "count": self.count,
+            "largest_cost": self.largest_cost,
+            "violations": dict(self.violations),
+            "split": self.split,
+            "recent": [asdict(episode) for episode in self.recent],
+            "fresh": [asdict(episode) for episode in self.fresh],
+        }
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """The inverse of `state`."""
+        self._sums, self._lengths = np.array(state["sums"]), np.array(state["lengths"])
+        self.steps, self.count = int(state["steps"]), int(state["count"])
+        self.largest_cost, self.split = float(state["largest_cost"]), bool(state["split"])
+        self.violations = {name: int(number) for name, number in state["violations"].items()}
+        self.recent = deque((Episode(**row) for row in state["recent"]), maxlen=WINDOW)
+        self.fresh = [Episode(**row) for row in state["fresh"]]
+
+    def abandon(self) -> None:
+        """Forget the running episodes: their environments could not be brought back."""
+        self._sums[:], self._lengths[:] = 0.0, 0
+
+    def _close(self, env: int, step: Step) -> Episode:
+        total, cost, tight, loose = (float(x) for x in self._sums[env])
+        episode = Episode(
+            step=self.steps,
+            env=env,
+            return_=total,
+            cost=cost,
+            tight=tight if self.split else math.nan,
+            loose=loose if self.split else math.nan,
+            length=int(self._lengths[env]),
+            reason=_reason(step, env),
+            world=self.worlds[env],
+        )
+        self._sums[env], self._lengths[env] = 0.0, 0
+        return episode
+
+
+def _reason(step: Step, env: int) -> str:
+    """The name of `done_reason` if the environment gives one."""
+    final = step.info.get("final_info")
+    codes = final.get("done_reason") if isinstance(final, dict) else None
+    codes = step.info.get("done_reason") if codes is None else codes
+    if codes is not None:
+        from thalweg.env import DoneReason  # here, because other people's environments need none of ours
+
+        try:
+            return DoneReason(int(codes[env])).label
+        except ValueError:
+            return str(codes[env])
+    return "terminated" if step.terminated[env] else "truncated"

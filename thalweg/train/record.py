@@ -1,0 +1,122 @@
+"""What a run's folder says about it: what it is (config.yaml) and how it stands (status.json)."""
+
+import json
+import os
+import platform
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import yaml
+
+from thalweg.train.errors import TrainingError
+
+CONFIG, STATUS, POLICY = "config.yaml", "status.json", "policy.safetensors"
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file whole or not at all."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        partial.write_text(text)
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def describe(identity: dict[str, Any], threads: int) -> dict[str, Any]:
+    """Everything that lies beside a result: what was asked for, and with what it was made."""
+    return {
+        "run": identity,
+        "versions": versions(),
+        "device": "cpu",
+        "machine": {
+            "platform": f"{platform.system()} {platform.machine()}",
+            "cpus": os.cpu_count(),
+            "learning_threads": threads,
+        },
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions that the numbers of a run depend on."""
+    try:
+        own = version("thalweg")
+    except PackageNotFoundError:
+        own = "unknown"
+    return {
+        "thalweg": own,
+        "torch": str(torch.__version__),
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
+
+
+def write_config(folder: Path, description: dict[str, Any]) -> None:
+    """Write config.yaml."""
+    write_whole(folder / CONFIG, _yaml(description))
+
+
+def read_config(folder: Path) -> dict[str, Any] | None:
+    """What config.yaml says, or None if there is none; raises `TrainingError` if it is something else."""
+    path = folder / CONFIG
+    if not path.exists():
+        return None
+    try:
+        description = yaml.safe_load(path.read_text())
+    except yaml.YAMLError as error:
+        raise TrainingError(f"{path} is not the config of a run: {error}") from error
+    if not isinstance(description, dict) or "run" not in description:
+        raise TrainingError(f"{path} is not the config of a run")
+    return description
+
+
+def require_same(place: Path, theirs: dict[str, Any], ours: dict[str, Any]) -> None:
+    """Raises `TrainingError` naming each difference between the run that `place` belongs to and the one asked for."""
+    there, here = dict(_flat(theirs)), dict(_flat(_plain(ours)))
+    different = [
+        f"{key} is {there.get(key, 'absent')!r} there and {here.get(key, 'absent')!r} here"
+        for key in {**there, **here}
+        if there.get(key, "absent") != here.get(key, "absent")
+    ]
+    if different:
+        raise TrainingError(f"{place} belongs to another run: {'; '.join(different)}. Choose another folder.")
+
+
+def write_status(folder: Path, status: dict[str, Any]) -> None:
+    """Write status.json: `state` is running, finished, interrupted or failed."""
+    write_whole(folder / STATUS, json.dumps(status, indent=1) + "\n")
+
+
+def read_status(folder: Path) -> dict[str, Any]:
+    """What status.json says; empty if there is none."""
+    path = folder / STATUS
+    if not path.exists():
+        return {}
+    try:
+        return json.loads(path.read_text())
+    except json.JSONDecodeError as error:
+        raise TrainingError(f"{path} is not the status of a run: {error}") from error
+
+
+def _plain(data: Any) -> Any:
+    """As it reads back from YAML: tuples are lists."""
+    return yaml.safe_load(_yaml(data))
+
+
+def _yaml(data: Any) -> str:
+    try:
+        return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
+    except yaml.YAMLError as error:
+        raise TrainingError(f"config and context hold plain data only: {error}") from error
+
+
+def _flat(data: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in data.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value

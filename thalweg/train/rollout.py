@@ -1,0 +1,63 @@
+"""Where the steps of one policy wait until there are enough to learn from."""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from thalweg.algos.interface import Rollout
+from thalweg.train.errors import TrainingError
+from thalweg.train.stream import Step
+
+
+class RolloutBuffer:
+    """T steps of N environments, written in place: nothing is allocated while steps come in."""
+
+    def __init__(self, steps: int, num_envs: int, obs_size: int, example: Tensor) -> None:
+        self.steps, self.filled = steps, 0
+        self._tensors = {
+            "obs": torch.zeros(steps + 1, num_envs, obs_size),
+            "actions": torch.zeros(steps, num_envs, example.shape[1], dtype=example.dtype),
+            "rewards": torch.zeros(steps, num_envs),
+            "costs": torch.zeros(steps, num_envs),
+            "terminated": torch.zeros(steps, num_envs, dtype=torch.bool),
+            "truncated": torch.zeros(steps, num_envs, dtype=torch.bool),
+            "valid": torch.zeros(steps, num_envs, dtype=torch.bool),
+        }
+        self._arrays = {name: tensor.numpy() for name, tensor in self._tensors.items()}
+        self._cut: list[tuple[int, np.ndarray]] = []
+        """Place t * N + n and last observation of each step after which an episode was cut off."""
+
+    @property
+    def full(self) -> bool:
+        return self.filled == self.steps
+
+    def add(self, obs: np.ndarray, actions: Tensor, step: Step) -> None:
+        """Take in observations [N, D], raw actions [N, A], and what they led to."""
+        at, arrays = self.filled, self._arrays
+        arrays["obs"][at] = obs
+        arrays["obs"][at + 1] = step.next_obs
+        arrays["actions"][at] = actions.numpy()
+        arrays["rewards"][at] = step.reward
+        arrays["costs"][at] = step.cost
+        arrays["terminated"][at] = step.terminated
+        arrays["truncated"][at] = step.truncated
+        arrays["valid"][at] = step.valid
+        for env, final in zip(step.finished, step.final_obs, strict=True):
+            if step.truncated[env]:
+                self._cut.append((at * len(obs) + int(env), final))
+        self.filled += 1
+
+    def rollout(self) -> Rollout:
+        """The steps so far; views of this buffer, to be used before the next `add`."""
+        if not self.filled:
+            raise TrainingError("there are no steps to learn from")
+        size = self._tensors["obs"].shape[2]
+        final = np.stack([obs for _, obs in self._cut]) if self._cut else np.zeros((0, size), np.float32)
+        index = torch.tensor([place for place, _ in self._cut], dtype=torch.int64)
+        tensors = {name: tensor[: self.filled + (name == "obs")] for name, tensor in self._tensors.items()}
+        return Rollout(**tensors, final_index=index, final_obs=torch.from_numpy(final))
+
+    def clear(self) -> None:
+        """Make room for the next rollout."""
+        self.filled = 0
+        self._cut.clear()

@@ -1,0 +1,246 @@
+"""How does an algorithm learn on an environment? The loop, and the folder that it leaves behind."""
+
+import time
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gymnasium.vector import VectorEnv
+
+from thalweg.algos.errors import AlgorithmError
+from thalweg.algos.interface import Task
+from thalweg.algos.policy import Policy
+from thalweg.algos.registry import algorithm_named
+from thalweg.algos.settings import as_data, config_from
+from thalweg.train import record
+from thalweg.train.checkpoint import load_checkpoint, save_checkpoint
+from thalweg.train.errors import ResumeWarning, TrainingError
+from thalweg.train.loggers import RunLog
+from thalweg.train.progress import Progress
+from thalweg.train.stream import Stream
+from thalweg.train.training import Training
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """How a run ended."""
+
+    folder: Path
+    algorithm: str
+    steps: int
+    """Steps taken, all environments together: the number asked for, rounded up to a step of every environment."""
+    episodes: int
+    return_mean: float
+    """Mean undiscounted return of the last 50 episodes; NaN before any."""
+    cost_mean: float
+    """Mean undiscounted cost of the same."""
+    cost_rate: float
+    """Episodes that ended with a cost, per step."""
+    seconds: float
+    """Time taken, over all interruptions."""
+    resumed_from: int | None
+    """The step that this call went on from; None for a run begun by it."""
+    already_finished: bool
+    """Whether there was nothing left to do."""
+    warnings: tuple[str, ...]
+    """What could not work, such as a limit that never binds."""
+
+    @property
+    def policy(self) -> Policy:
+        """The trained policy."""
+        return load_policy(self.folder)
+
+
+def run(
+    algorithm: str,
+    env: VectorEnv,
+    *,
+    steps: int,
+    seed: int,
+    folder: str | Path,
+    config: Any = None,
+    context: Mapping[str, Any] | None = None,
+    progress: bool = False,
+    checkpoint_seconds: float = 20.0,
+    threads: int = 1,
+) -> RunResult:
+    """Train, and leave config.yaml, metrics.csv, episodes.csv, TensorBoard, checkpoints and policy.safetensors in
+    `folder`.
+
+    Interrupted at any moment, the same call goes on from the last checkpoint and ends with the same numbers; a
+    finished run is recognised and returned at once.
+
+    Args:
+        algorithm: A name in `thalweg.algos.registry.ALGORITHMS`, in any case.
+        env: A vector environment with vectors for observations and `info["cost"]` [N]; it is not closed.
+        steps: At least so many, all environments together.
+        seed: Of the environment and of the algorithm; the global random generators are neither used nor set.
+        folder: Made if it does not exist.
+        config: The algorithm's config, or a mapping of some of its keys.
+        context: Plain data kept in the policy's file and in config.yaml, such as the encoder's name.
+        progress: Whether a progress bar is shown.
+        checkpoint_seconds: Least time between two checkpoints; it has no influence on the numbers.
+        threads: Of acting and learning; small networks are slower with more than one.
+
+    Raises `AlgorithmError` or `TrainingError` before anything runs for a wrong name, key, space or folder, and
+    `NotFiniteError` as soon as a number that learning depends on is NaN; the last good checkpoint stays.
+    """
+    entry = algorithm_named(algorithm)
+    resolved = config_from(entry.config, config)
+    if steps < 1 or threads < 1:
+        raise TrainingError(f"steps and threads must be at least 1, got {steps} and {threads}")
+    stream, context = Stream(env), dict(context or {})
+    task = Task(stream.obs_size, env.single_action_space, env.num_envs, steps, seed, context)
+    learner = entry.make(resolved, task)
+    identity = {
+        "algorithm": entry.name,
+        "config": as_data(resolved),
+        "steps": steps,
+        "seed": seed,
+        "num_envs": env.num_envs,
+        "obs_size": stream.obs_size,
+        "actions": learner.policy.actions.as_data(),
+        "autoreset_mode": stream.mode.name,
+        "context": context,
+    }
+    folder = Path(folder)
+    status = _claim(folder, identity, threads)
+    if status.get("state") == "finished":
+        return _result(folder, status, resumed_from=None, already_finished=True)
+    saved = load_checkpoint(folder)
+    if saved is not None:
+        record.require_same(folder, saved[1]["identity"], identity)
+    training = Training(env, stream, learner, steps, seed, threads)
+    if saved is not None:
+        training.load_state(saved[1])
+    log = RunLog(folder) if saved is None else RunLog(folder, kept=saved[1]["bytes"], step=saved[0])
+    report = _Report(folder, entry.name, training)
+    try:
+        report.status("running")
+        with Progress(f"{entry.name}, seed {seed}", steps, shown=progress) as bar:
+            _learn(training, log, bar, identity, folder, checkpoint_seconds)
+        learner.policy.save(folder / record.POLICY)
+        status = report.status("finished")
+    except KeyboardInterrupt:
+        report.status("interrupted")
+        raise
+    except Exception as error:
+        report.status("failed", error)
+        raise
+    finally:
+        log.close()
+    return _result(folder, status, resumed_from=saved[0] if saved else None, already_finished=False)
+
+
+def load_policy(path: str | Path) -> Policy:
+    """The policy in a run's folder or a policy file; raises `AlgorithmError` if there is none, naming how the run
+    stands."""
+    path = Path(path)
+    if path.is_dir() and not (path / record.POLICY).exists():
+        state = record.read_status(path).get("state", "not a run")
+        raise AlgorithmError(f"there is no {record.POLICY} in {path} ({state}): it is written when a run finishes")
+    return Policy.load(path / record.POLICY if path.is_dir() else path)
+
+
+def _learn(
+    training: Training, log: RunLog, bar: Progress, identity: dict, folder: Path, checkpoint_seconds: float
+) -> None:
+    """Step and update until the steps are done; checkpoints lie between updates only."""
+    clock = _Clock(training)
+    saved_at = float("-inf")
+    while not training.done:
+        for episode in training.step():
+            log.episode(episode)
+        bar.show(training)
+        if not training.ready:
+            continue
+        metrics = training.update()
+        row = {"steps": training.book.steps, "update": training.updates} | training.book.metrics() | metrics
+        log.update(training.book.steps, row | clock.lap())
+        if training.done or time.perf_counter() - saved_at >= checkpoint_seconds:
+            save_checkpoint(folder, training.book.steps, training.state() | {"identity": identity, "bytes": log.sync()})
+            saved_at = time.perf_counter()
+
+
+class _Clock:
+    """Where the time between two updates went."""
+
+    def __init__(self, training: Training) -> None:
+        self.training = training
+        self._at, self._steps = time.perf_counter(), training.book.steps
+        self._stages = self._now()
+
+    def lap(self) -> dict[str, float]:
+        """Steps a second and seconds of each stage since the last lap; `time_other` is files, bookkeeping and
+        checkpoints."""
+        now, stages = time.perf_counter(), self._now()
+        wall, steps = now - self._at, self.training.book.steps - self._steps
+        spent = {f"time_{name}": stages[name] - self._stages[name] for name in stages}
+        self.training.seconds += wall
+        self._at, self._steps, self._stages = now, self.training.book.steps, stages
+        other = wall - sum(spent.values())
+        return {"steps_per_second": steps / wall, **spent, "time_other": other, "seconds": self.training.seconds}
+
+    def _now(self) -> dict[str, float]:
+        """Seconds so far, the encoder's told from the environment's if it stands between them."""
+        stages = dict(self.training.stages)
+        encode = getattr(self.training.env, "stage_seconds", {}).get("encode", 0.0)
+        return stages | {"env": stages["env"] - encode, "encode": encode}
+
+
+class _Report:
+    """Keeps status.json."""
+
+    def __init__(self, folder: Path, algorithm: str, training: Training) -> None:
+        self.folder, self.algorithm, self.training = folder, algorithm, training
+
+    def status(self, state: str, error: BaseException | None = None) -> dict[str, Any]:
+        """Write how the run stands; returns it."""
+        training, metrics = self.training, self.training.book.metrics()
+        status = {
+            "state": state,
+            "algorithm": self.algorithm,
+            "steps": training.book.steps,
+            "episodes": training.book.count,
+            "return_mean": metrics["return_mean_50"],
+            "cost_mean": metrics["cost_mean_50"],
+            "cost_rate": metrics["cost_rate"],
+            "seconds": training.seconds,
+            "warnings": training.warned,
+        }
+        if error is not None:
+            status["error"] = f"{type(error).__name__}: {error}"
+        record.write_status(self.folder, status)
+        return status
+
+
+def _claim(folder: Path, identity: dict[str, Any], threads: int) -> dict[str, Any]:
+    """Make sure that the folder is this run's, new or begun; returns its status."""
+    folder.mkdir(parents=True, exist_ok=True)
+    begun = record.read_config(folder)
+    if begun is None:
+        record.write_config(folder, record.describe(identity, threads))
+        return {}
+    record.require_same(folder, begun["run"], identity)
+    status = record.read_status(folder)
+    if status.get("state") != "finished" and begun["versions"] != record.versions():
+        warnings.warn(
+            f"{folder} was begun with {begun['versions']} and goes on with {record.versions()}: "
+            "the numbers may differ from those of an unbroken run",
+            ResumeWarning,
+            stacklevel=3,
+        )
+    return status
+
+
+def _result(folder: Path, status: dict[str, Any], resumed_from: int | None, already_finished: bool) -> RunResult:
+    names = ("algorithm", "steps", "episodes", "return_mean", "cost_mean", "cost_rate", "seconds")
+    return RunResult(
+        folder=folder,
+        **{name: status[name] for name in names},
+        resumed_from=resumed_from,
+        already_finished=already_finished,
+        warnings=tuple(status["warnings"].values()),
+    )

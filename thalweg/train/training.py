@@ -1,0 +1,154 @@
+"""A run between two moments: everything that changes while it goes on, and how it is put away and brought back."""
+
+import math
+import time
+import warnings
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium.vector import VectorEnv
+
+from thalweg.algos.errors import LimitWarning
+from thalweg.algos.interface import Feedback, Learner
+from thalweg.train.episodes import Episode, EpisodeBook
+from thalweg.train.errors import ResumeWarning
+from thalweg.train.rollout import RolloutBuffer
+from thalweg.train.stream import Stream
+
+
+class Training:
+    """An environment, a learner and what lies between them; it touches no file."""
+
+    def __init__(self, env: VectorEnv, stream: Stream, learner: Learner, steps: int, seed: int, threads: int) -> None:
+        self.env, self.stream, self.learner = env, stream, learner
+        self.steps, self.seed, self.threads = steps, seed, threads
+        self.book = EpisodeBook(stream.num_envs, world_names(env))
+        self.updates = 0
+        self.seconds = 0.0
+        """Time spent so far, over all interruptions."""
+        self.stages = {"act": 0.0, "env": 0.0, "learn": 0.0}
+        self.warned: dict[str, str] = {}
+        """Warnings given so far, by their code."""
+        self.obs = stream.reset(seed)
+        self._began_update_at = 0
+        self._buffer: RolloutBuffer | None = None
+
+    @property
+    def done(self) -> bool:
+        return self.book.steps >= self.steps
+
+    def step(self) -> list[Episode]:
+        """One action in each environment; returns the episodes that it ended."""
+        before = time.perf_counter()
+        with threads(self.threads):
+            raw = self.learner.act(self.obs)
+            actions = self.learner.policy.actions.to_env(raw)
+        acted = time.perf_counter()
+        step = self.stream.step(actions)
+        after = time.perf_counter()
+        if self._buffer is None:
+            size = (self.learner.rollout_steps, self.stream.num_envs, self.stream.obs_size)
+            self._buffer = RolloutBuffer(*size, example=raw)
+        self._buffer.add(self.obs, raw, step)
+        self.obs = step.next_obs
+        self.stages["act"] += acted - before
+        self.stages["env"] += after - acted
+        return self.book.add(step)
+
+    @property
+    def ready(self) -> bool:
+        """Whether it is time to learn: from a whole rollout, or from the shorter one that ends the run."""
+        return self._buffer is not None and (self._buffer.full or self.done)
+
+    def update(self) -> dict[str, float]:
+        """Learn from the rollout; returns the learner's metrics."""
+        assert self._buffer is not None
+        feedback = self.feedback()
+        before = time.perf_counter()
+        with threads(self.threads):
+            metrics = self.learner.update(self._buffer.rollout(), feedback)
+        self.stages["learn"] += time.perf_counter() - before
+        self._warn(self.learner.warnings(feedback))
+        self._buffer.clear()
+        self.book.fresh.clear()
+        self.updates += 1
+        self._began_update_at = self.book.steps
+        return metrics
+
+    def feedback(self) -> Feedback:
+        """What the episodes say to the learner."""
+        per_update = self.learner.rollout_steps * self.stream.num_envs
+        return Feedback(
+            progress=min(self._began_update_at / self.steps, 1.0),
+            updates_left=math.ceil(max(self.steps - self.book.steps, 0) / per_update) + 1,
+            cost_mean=self.book.cost_mean(),
+            cost_episodes=len(self.book.fresh),
+            episodes=self.book.count,
+            largest_cost=self.book.largest_cost,
+        )
+
+    def state(self) -> dict[str, Any]:
+        """Everything that the rest of the run depends on; between updates, when no step is waiting to be learnt
+        from."""
+        getter = getattr(self.env, "get_state", None)
+        environment = {} if getter is None else {"environment": dict(getter())}
+        return environment | {
+            "learner": self.learner.state(),
+            "stream": self.stream.state(),
+            "book": self.book.state(),
+            "obs": self.obs.copy(),
+            "updates": self.updates,
+            "seconds": self.seconds,
+            "warned": dict(self.warned),
+        }
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """The inverse of `state`. An environment that can't be brought back begins new episodes, with a
+        `ResumeWarning`."""
+        self.learner.load_state(state["learner"])
+        self.book.load_state(state["book"])
+        self.updates, self.seconds = int(state["updates"]), float(state["seconds"])
+        self.warned = dict(state["warned"])
+        self._began_update_at = self.book.steps
+        if "environment" in state and hasattr(self.env, "set_state"):
+            self.env.set_state(state["environment"])  # pyright: ignore[reportAttributeAccessIssue]
+            self.stream.load_state(state["stream"])
+            self.obs = np.array(state["obs"], dtype=np.float32)
+            return
+        warnings.warn(
+            "the environment has no get_state and set_state: the run goes on with new episodes, and will not end with "
+            "the same numbers as an unbroken one",
+            ResumeWarning,
+            stacklevel=4,
+        )
+        self.book.abandon()
+        fresh_seed = int(np.random.SeedSequence([self.seed, self.book.steps]).generate_state(1)[0])
+        self.obs = self.stream.reset(fresh_seed % 2**31)
+
+    def _warn(self, found: dict[str, str]) -> None:
+        for code, sentence in found.items():
+            if code not in self.warned:
+                self.warned[code] = sentence
+                warnings.warn(sentence, LimitWarning, stacklevel=4)
+
+
+def world_names(env: VectorEnv) -> list[str]:
+    """[N] the name and seed of the world of each environment; empty strings if it has none."""
+    base: Any = env.unwrapped
+    worlds, index = getattr(base, "worlds", None), getattr(base, "world_index", None)
+    if worlds is None or index is None:
+        return [""] * env.num_envs
+    return [f"{worlds[i].name}-{worlds[i].seed}" for i in index]
+
+
+@contextmanager
+def threads(count: int):
+    """Torch uses that many threads inside: small networks are slower with more, an encoder outside is not."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

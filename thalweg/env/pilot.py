@@ -29,6 +29,8 @@ TURN_WEIGHT = 1.5
 BANK_M = 0.5
 """Clearance from the bank below which the end of a flight is worth less."""
 BANK_WEIGHT = 4.0
+HOVER_COST = 0.5
+"""Segments of progress that it costs to begin by doing nothing: to put a move off must not look as good as to make it."""
 DOOM = -1000.0
 """Worth of a flight that breaks a rule; each step that it lasts makes it better by one."""
 
@@ -71,6 +73,7 @@ def _worth(row, turn, ahead, aside, courses, limits, line, height, state):
     world, segment, travel = state.world[row], state.segment[row], state.travel[row]
     x, y, z, yaw = state.pose[row, 0], state.pose[row, 1], state.pose[row, 2], state.pose[row, 3]
     _, segment, fraction, _ = followed(courses, world, segment, x, y)
+    waits = turn == 0 and ahead == 0 and aside == 0
     progress = 0.0
     first_climb = 0
     for step in range(HORIZON):
@@ -99,8 +102,8 @@ def _worth(row, turn, ahead, aside, courses, limits, line, height, state):
         y - between(courses, world, segment, fraction, line[:, 1]),
     )
     tight = max(beyond_bank(courses, world, segment, fraction, distance) + BANK_M, 0.0)
-    worth = progress - STRAY_WEIGHT * stray - TURN_WEIGHT * abs(wrapped(angle - yaw)) - BANK_WEIGHT * tight
-    return worth, first_climb
+    untidy = STRAY_WEIGHT * stray + TURN_WEIGHT * abs(wrapped(angle - yaw)) + BANK_WEIGHT * tight
+    return progress - untidy / (1.0 + state.idle[row]) - (HOVER_COST if waits else 0.0), first_climb
 
 
 @kernel(fastmath=False)

@@ -199,17 +199,25 @@ class Train:
 
     def run(self) -> int:
         from thalweg.algos.registry import algorithm_named
-        from thalweg.bench.river import load_fitting_encoder, training_env
-        from thalweg.train import run
+        from thalweg.bench.river import TrainingGround, load_fitting_encoder
 
         settings = _settings(self.set)
         algorithm = algorithm_named(self.algorithm).name
-        env = training_env(self.level, self.num_envs, load_fitting_encoder(self.encoder), self.world_seeds)
-        try:
-            result = run(algorithm, env, steps=self.steps, seed=self.seed, folder=self.out, config=settings or None)
-        finally:
-            env.close()
-        print(result)
+        ground = TrainingGround(self.level, self.num_envs, self.world_seeds)
+        result = ground.train(
+            algorithm,
+            load_fitting_encoder(self.encoder),
+            steps=self.steps,
+            seed=self.seed,
+            folder=self.out,
+            settings=settings or None,
+        )
+        print(
+            f"{result.folder}: {result.algorithm}, {result.steps:,} steps, {result.episodes:,} episodes in"
+            f" {result.seconds:.0f} s; last 50: return {result.return_mean:.2f}, cost {result.cost_mean:.2f}"
+        )
+        for line in result.warnings:
+            print(f"Warning: {line}")
         print(f"Evaluate it: thalweg evaluate {self.out}")
         return 0
 

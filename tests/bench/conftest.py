@@ -1,13 +1,11 @@
-"""A small course for evaluations, and a copy of the tiny results that tests may spoil."""
+"""A copy of the tiny results that tests may spoil."""
 
 import shutil
-import sys
 from pathlib import Path
 
 import pytest
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent / "env"))  # the handmade courses
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from thalweg.bench.episodes import Episode, write_episodes
 from thalweg.bench.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
 from thalweg.bench.files import ResultsError
 from thalweg.bench.results import Results, read_results
-from thalweg.bench.river import PACKAGED_POLICY, load_fitting_encoder
+from thalweg.bench.river import PACKAGED_POLICY, check_sees_as_trained, load_fitting_encoder
 from thalweg.bench.runner import flight_progress, progress_of_flights, run_suite
 from thalweg.bench.suites import PACKAGED, suite_named
 from thalweg.bench.tables import detail_table, paper_table
@@ -50,6 +50,8 @@ def evaluate_command(request: Request) -> None:
     levels = [level_named(level).name for level in request.levels]
     policy = policy_named(request.policy)
     encoder = None if hasattr(policy, "sees") else load_fitting_encoder(request.encoder)
+    if encoder is not None:
+        check_sees_as_trained(policy, encoder)
     name = request.policy if request.policy in (*BASELINES, PACKAGED) else Path(request.policy).resolve().name
     rows: list[Episode] = []
     for level in levels:

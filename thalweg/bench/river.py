@@ -3,7 +3,9 @@
 The runner sees only `Place`, so that tests can put a small problem in its stead.
 """
 
-from collections.abc import Callable, Sequence
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
@@ -11,12 +13,12 @@ from typing import Protocol
 from thalweg.bench.baselines import BASELINES, Policy
 from thalweg.bench.episodes import Episode
 from thalweg.bench.evaluation import Course, EvaluationConfig, Label, Look, Step, evaluate, through_encoder
+from thalweg.bench.files import ResultsError
 from thalweg.bench.suites import Run, Suite
 from thalweg.encoder import Encoder, check_render_version, load_encoder
 from thalweg.env import RiverVectorEnv
 from thalweg.render import RENDER_VERSION
-from thalweg.train import load_policy
-from thalweg.train import run as train
+from thalweg.train import RunResult, load_policy, run
 from thalweg.train.latent import LatentVectorEnv
 from thalweg.world import level_named, load_or_build
 
@@ -47,11 +49,50 @@ def load_fitting_encoder(path: Path | None = None) -> Encoder:
     return encoder
 
 
-def training_env(level: str, num_envs: int, encoder: Encoder, world_seeds: Sequence[int] = ()) -> LatentVectorEnv:
-    """Environments on some rivers of a level (its fixed one if no seed is given), seen through the encoder."""
-    chosen = level_named(level)
-    worlds = [load_or_build(chosen, seed) for seed in world_seeds or (chosen.default_seed,)]
-    return LatentVectorEnv(RiverVectorEnv(worlds, num_envs), encoder)
+def mark(encoder: Encoder) -> str:
+    """What tells an encoder from every other: a hash of its file."""
+    return hashlib.sha256(Path(encoder.about["path"]).read_bytes()).hexdigest()[:16]
+
+
+def check_sees_as_trained(policy: Policy, encoder: Encoder) -> None:
+    """Raise `ResultsError` if the policy learnt from the codes of another encoder."""
+    learnt = getattr(getattr(policy, "about", None), "context", {}).get("encoder")
+    if learnt is not None and learnt != mark(encoder):
+        raise ResultsError(
+            f"the policy was trained on the codes of encoder {learnt}, but this is encoder {mark(encoder)};"
+            " give the encoder that it was trained with"
+        )
+
+
+@dataclass(frozen=True)
+class TrainingGround:
+    """Where a policy is trained."""
+
+    level: str
+    num_envs: int
+    world_seeds: tuple[int, ...] = ()
+    """Rivers of the level; its fixed one if none is given."""
+
+    def train(
+        self, algorithm: str, encoder: Encoder, *, steps: int, seed: int, folder: Path, settings: dict | None = None
+    ) -> RunResult:
+        """Train with a progress bar, going on from what lies in the folder."""
+        level = level_named(self.level)
+        seeds = self.world_seeds or (level.default_seed,)
+        context = {
+            "level": level.name,
+            "world_seeds": list(seeds),
+            "encoder": mark(encoder),
+            "render_version": RENDER_VERSION,
+        }
+        worlds = [load_or_build(level, number) for number in seeds]
+        env = LatentVectorEnv(RiverVectorEnv(worlds, self.num_envs), encoder)
+        try:
+            return run(
+                algorithm, env, steps=steps, seed=seed, folder=folder, config=settings, context=context, progress=True
+            )
+        finally:
+            env.close()
 
 
 class Rivers:
@@ -75,12 +116,15 @@ class Rivers:
 
     def train(self, run: Run, folder: Path) -> None:
         """Train on the level's fixed river, seen through the encoder."""
-        env = training_env(self.suite.train_level, self.suite.num_envs, self.encoder)
-        try:
-            settings = self.suite.settings or None
-            train(run.algorithm, env, steps=self.suite.steps, seed=run.seed, folder=folder, config=settings)
-        finally:
-            env.close()
+        ground = TrainingGround(self.suite.train_level, self.suite.num_envs)
+        ground.train(
+            run.algorithm,
+            self.encoder,
+            steps=self.suite.steps,
+            seed=run.seed,
+            folder=folder,
+            settings=self.suite.settings or None,
+        )
 
     def policy(self, run: Run, folder: Path) -> Policy:
         """The run's policy."""
@@ -92,6 +136,7 @@ class Rivers:
         """What the policy sees on the level; None for one that sees no frames."""
         if hasattr(policy, "sees"):
             return None
+        check_sees_as_trained(policy, self.encoder)
         if level not in self._looks:
             self._looks[level] = through_encoder(self.course(level).world, self.encoder)
         return self._looks[level]
@@ -112,12 +157,15 @@ class Rivers:
         steps: list[Step] = []
         look = self.look(episode.level, policy)
         (again,) = evaluate(policy, course, label, self.config, look=look, on_step=steps.append)
-        write_film(path, course.world, Flight.of(again, steps), _title(run), on_frame=on_frame)
+        write_film(path, course.world, Flight.of(again, steps), _title(run, policy), on_frame=on_frame)
         return (
-            f"{_title(run)} on {again.level}, start {again.episode} of the list: {again.length} steps, "
+            f"{_title(run, policy)} on {again.level}, start {again.episode} of the list: {again.length} steps, "
             f"return {again.return_:.2f}, cost {again.cost:.1f}, {again.reason}."
         )
 
 
-def _title(run: Run) -> str:
-    return {"packaged": "packaged policy", "baseline": run.algorithm}.get(run.kind, f"{run.algorithm}, seed {run.seed}")
+def _title(run: Run, policy: Policy) -> str:
+    if run.kind == "packaged":
+        algorithm = getattr(getattr(policy, "about", None), "algorithm", "")
+        return f"packaged policy ({algorithm})" if algorithm else "packaged policy"
+    return run.algorithm if run.kind == "baseline" else f"{run.algorithm}, seed {run.seed}"

@@ -25,6 +25,7 @@ from thalweg.bench.report import Report, write_report
 from thalweg.bench.results import CAPTION, FILM, RunRow, evaluation_path, read_runs, read_suite, write_runs
 from thalweg.bench.river import PACKAGED_POLICY, Place, Rivers
 from thalweg.bench.suites import Run, Suite, check
+from thalweg.train.record import POLICY, read_status
 
 PARTS = ("numpy", "numba", "torch", "gymnasium")
 
@@ -55,7 +56,7 @@ def run_suite(suite: Suite, folder: Path, place: Place | None = None, console: C
     rows = {row.run: row for row in read_runs(folder)}
     for run in suite.runs():
         if not _finished(run, suite, folder, rows.get(run.name)):
-            rows[run.name] = _attempt(run, suite, folder, place, console, rows.get(run.name))
+            rows[run.name] = _attempt(run, suite, folder, place, console)
             write_runs(folder, [rows[other.name] for other in suite.runs() if other.name in rows])
     _film(suite, folder, place, console)
     report = write_report(folder)
@@ -103,23 +104,18 @@ def _finished(run: Run, suite: Suite, folder: Path, row: RunRow | None) -> bool:
         return False
 
 
-def _attempt(run: Run, suite: Suite, folder: Path, place: Place, console: Console, before: RunRow | None) -> RunRow:
+def _attempt(run: Run, suite: Suite, folder: Path, place: Place, console: Console) -> RunRow:
     """Train and evaluate one run. Whatever goes wrong in it becomes its row; a full disk stops everything."""
     if run.kind == "packaged" and not PACKAGED_POLICY.exists():
         why = "this copy of Thalweg comes without a trained policy"
         console.print(f"{run.name}: {why}; the others go on")
         return RunRow(run.name, run.kind, run.algorithm, run.seed, 0, "absent", why)
     home = folder / "runs" / run.name
-    wall = before.wall_s if before else 0.0
-    steps = suite.steps if run.kind == "train" else 0
-    begun = time.perf_counter()
     error = ""
-    trained_s = 0.0
     try:
-        if run.kind == "train" and not (home / "policy.safetensors").exists():
-            console.print(f"[bold]{run.name}[/bold]: train {steps:,} steps on {suite.train_level}")
+        if run.kind == "train" and not (home / POLICY).exists():
+            console.print(f"{run.name}: train {suite.steps:,} steps on {suite.train_level}", highlight=False)
             place.train(run, home)
-            trained_s = time.perf_counter() - begun
         for level in suite.test_levels:
             _evaluate(run, home, suite, level, folder, place, console)
     except Exception as failure:
@@ -127,14 +123,14 @@ def _attempt(run: Run, suite: Suite, folder: Path, place: Place, console: Consol
             raise
         error = " ".join(f"{type(failure).__name__}: {failure}".split())
         write_whole(home / "error.txt", traceback.format_exc())
-        console.print(f"[red]{run.name} failed:[/red] {error}", highlight=False)
+        console.print(f"{run.name} failed: {error}", style="red", highlight=False, markup=False)
     else:
         (home / "error.txt").unlink(missing_ok=True)
-    wall += trained_s
-    status = "failed" if error else "finished"
-    return RunRow(
-        run.name, run.kind, run.algorithm, run.seed, steps, status, error, wall, steps / wall if wall > 0 else 0.0
-    )
+    status = read_status(home)
+    steps, seconds = int(status.get("steps", 0)), float(status.get("seconds", 0.0))
+    done = "failed" if error else "finished"
+    rate = steps / seconds if seconds > 0 else 0.0
+    return RunRow(run.name, run.kind, run.algorithm, run.seed, steps, done, error, seconds, rate)
 
 
 def _evaluate(run: Run, home: Path, suite: Suite, level: str, folder: Path, place: Place, console: Console) -> None:

@@ -148,7 +148,7 @@ def draw_line(level: Level, rng: np.random.Generator) -> np.ndarray | None:
     bends = close(drawn) if drawn is not None else None
     if bends is None:
         return None
-    line = line_of(bends, level.length_m * rng.uniform(0.992, 1.008), level.samples)
+    line = line_of(bends, level.length_m * rng.uniform(0.99, 1.004), level.samples)
     if not level.bends[0] <= geometry.bend_count(line, True) <= level.bends[1]:
         return None
     turn = rng.uniform(0, 2 * np.pi)

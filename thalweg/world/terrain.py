@@ -29,8 +29,8 @@ COARSEST_M = 2.0
 """Spacing at which a course is too long to be mapped."""
 LEAST_SLOPE, GREATEST_SLOPE = 0.15, 0.35
 """Slope of the sand at the water's edge."""
-SIDE_REACH_M = 60.0
-"""How far side water shapes the land around it."""
+SIDE_REACH_M = 1000.0
+"""How far side water is measured: everywhere on the map of a generated course."""
 LEVEL_BLEND_M = 2.5
 """Over this distance from the bank the water's level passes from that of the nearest place to the valley's."""
 
@@ -184,7 +184,7 @@ def raise_land(
     plain = f4(1.7) + f4(0.7) * np.tanh(fractal(shape, cell, 40.0, 2, rng))
     hill = fractal(shape, cell, 95.0, 4, rng, gain=0.45)
     hill = f4(relief.hills_m) * np.clip(f4(0.45) + f4(0.3) * hill, 0, 1)
-    rough = f4(0.22) * fractal(shape, cell, 14.0, 4, rng, gain=0.5)
+    rough = f4(0.18) * fractal(shape, cell, 15.0, 4, rng, gain=0.5)
     fine = f4(0.025) * fractal(shape, cell, 2.5, 3, rng, gain=0.6)
     cut = np.zeros(shape, np.float32)
     if relief.cut_banks > 0:

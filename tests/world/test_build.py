@@ -1,0 +1,60 @@
+"""A level and a seed become a world: the same bytes each time, from the cache or not."""
+
+import numpy as np
+import pytest
+
+from tests.world.test_files import assert_same
+from thalweg.world import LEVELS, World, WorldError, build, load_or_build
+
+pytestmark = pytest.mark.slow
+
+
+def saved(world: World, path) -> bytes:
+    world.save(path)
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize("name", LEVELS)
+def test_the_same_level_and_seed_give_the_same_bytes(name, tmp_path):
+    assert saved(build(name, 11), tmp_path / "a.npz") == saved(build(name, 11), tmp_path / "b.npz")
+
+
+def test_everything_of_a_world_fits_together(hard_world):
+    world, level = hard_world, LEVELS["Hard"]
+    assert (world.name, world.seed) == ("Hard", level.default_seed)
+    for values in (world.water_m, world.sun, world.sky, world.canopy_m, world.albedo[..., 0]):
+        assert values.shape == world.ground_m.shape
+    assert np.all(world.canopy_m >= np.maximum(world.ground_m, world.water_m) - 1e-4)
+    assert len(world.plants.kind) > 1000
+    assert world.plants.light.min() >= 0
+    assert world.plants.light.max() <= 1
+    assert np.degrees(world.sun_elevation) == pytest.approx(55.0)
+    low = np.array([world.grid.origin_x_m, world.grid.origin_y_m])
+    high = low + world.grid.cell_m * (np.array(world.ground_m.shape[::-1]) - 1)
+    assert (world.river.position_m.min(axis=0) - low).min() >= 55.0
+    assert (high - world.river.position_m.max(axis=0)).min() >= 55.0
+
+
+def test_a_built_world_is_taken_from_the_cache_and_a_damaged_file_is_replaced(tmp_path, monkeypatch):
+    monkeypatch.setenv("THALWEG_CACHE", str(tmp_path))
+    first = load_or_build("easy", 3)
+    (path,) = (tmp_path / "worlds").iterdir()
+    whole = path.read_bytes()
+    monkeypatch.setattr("thalweg.world.build.plan", lambda *_: pytest.fail("built again"))
+    assert_same(load_or_build("Easy", 3), first)
+    monkeypatch.undo()
+    monkeypatch.setenv("THALWEG_CACHE", str(tmp_path))
+    path.write_bytes(whole[: len(whole) // 2])
+    assert_same(load_or_build("Easy", 3), first)
+    assert path.read_bytes() == whole
+
+
+@pytest.mark.parametrize(("seed", "message"), [(-1, "0 or more, not -1"), (1.5, "whole number, not 1.5")])
+def test_a_bad_seed_is_refused(seed, message):
+    with pytest.raises(WorldError, match=message):
+        build("Easy", seed)
+
+
+def test_an_unknown_level_is_refused():
+    with pytest.raises(WorldError, match="unknown level 'Swamp'; known: Easy, Medium, Hard"):
+        load_or_build("Swamp", 1)

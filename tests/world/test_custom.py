@@ -1,0 +1,119 @@
+"""Lines of one's own: what is made of good ones, and what is said of bad ones."""
+
+import numpy as np
+import pytest
+
+from tests.world.lines import circle, course, figure_eight, stadium
+from thalweg.world import World, WorldError
+
+
+def world_of(line: np.ndarray, closed: bool = True, width_m: float = 6.0) -> World:
+    return World.from_centerline(course(line, width_m), closed, plants=False)
+
+
+def test_a_circle_is_resampled_evenly_by_about_1_3_m():
+    river = world_of(circle(20.0, 30)).river
+    assert river.closed
+    assert river.length_m == pytest.approx(2 * np.pi * 20.0, rel=1e-3)
+    assert river.length_m / river.segments == pytest.approx(1.3, abs=0.01)
+    np.testing.assert_allclose(np.hypot(*river.position_m.T), 20.0, atol=0.01)
+    np.testing.assert_allclose(np.diff(river.arc_m), river.length_m / river.segments, rtol=1e-3)
+
+
+def test_a_repeated_first_point_is_dropped():
+    line = circle(20.0, 30)
+    np.testing.assert_array_equal(
+        world_of(np.concatenate([line, line[:1]])).river.position_m, world_of(line).river.position_m
+    )
+
+
+def test_an_open_line_keeps_its_ends():
+    line = np.stack([np.linspace(0, 50, 11), np.zeros(11)], axis=1)
+    river = world_of(line, closed=False).river
+    assert not river.closed
+    assert river.segments == len(river.arc_m) - 1 == round(50 / 1.3)
+    assert river.length_m == pytest.approx(50.0)
+    np.testing.assert_allclose(river.position_m[[0, -1]], [[0, 0], [50, 0]], atol=1e-9)
+
+
+def test_width_and_level_follow_the_points_without_overshoot():
+    line = np.stack([np.linspace(0, 60, 13), np.zeros(13)], axis=1)
+    points = course(line)
+    points[:6, 3], points[6:, 3] = 4.0, 9.0
+    points[:, 2] = np.linspace(5.0, 3.0, 13)
+    river = World.from_centerline(points, closed=False, plants=False).river
+    assert (river.width_m.min(), river.width_m.max()) == (pytest.approx(4.0), pytest.approx(9.0))
+    np.testing.assert_allclose(river.level_m, 5.0 - 2.0 * river.arc_m / 60.0, atol=0.02)
+
+
+def test_a_world_without_plants_is_evenly_lit_and_bare():
+    world = world_of(circle(15.0, 24))
+    assert len(world.plants.kind) == len(world.bridges) == len(world.islands) == 0
+    assert world.sun.min() == world.sky.min() == 255
+    np.testing.assert_array_equal(world.canopy_m, np.maximum(world.ground_m, world.water_m))
+
+
+def test_the_same_line_and_seed_give_the_same_ground_and_another_seed_another():
+    points = course(circle(15.0, 24))
+    first, again, other = (World.from_centerline(points, seed=seed, plants=False).ground_m for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert np.abs(first - other).max() > 0.3
+
+
+def hairpin(gap_m: float) -> np.ndarray:
+    """Two arms with that much land between them where they come together behind a wide loop."""
+    t = np.linspace(-0.5 * np.pi, 1.5 * np.pi, 60)
+    loop = 25.0 * np.stack([np.sin(t), np.cos(t)], axis=1)
+    keep = np.abs((t - np.pi / 2 + np.pi) % (2 * np.pi) - np.pi) < np.pi - np.arcsin(gap_m / 50.0)
+    return loop[keep]
+
+
+BAD = {
+    "crosses": (course(figure_eight(40.0, 60)), True, r"crosses itself near \(-?\d+\.\d, -?\d+\.\d\) m: arc \d+"),
+    "open": (course(circle(20.0, 40)[:25]), True, r"is open: its ends lie 3\d\.\d m apart.*closed=False"),
+    "short": (course(circle(7.0, 24), 2.5), True, r"closed course of 43\.\d m.* too short; at least 45\.0 m"),
+    "short open": (course(np.stack([np.linspace(0, 9, 5), np.zeros(5)], 1)), False, r"9\.0 m .* too short"),
+    "tight": (course(stadium(40.0, 5.0), 3.0), True, r"bend at arc \d+\.\d m has a radius of \d\.\d+ m.*needs 6\.50 m"),
+    "fold": (course(stadium(60.0, 9.0), 18.5), True, r"bank folds at arc \d+\.\d m: 18\.50 m is too wide.*limit"),
+    "overlap": (course(hairpin(5.0), 8.0), False, r"banks of two arms overlap: arc \d+\.\d m and \d+\.\d m"),
+    "few": (course(circle(20.0, 3)), True, "3 points are too few"),
+    "shape": (circle(20.0, 30), True, r"shape \(30, 2\); expected \[K, 4\]"),
+    "words": ([["a", "b", "c", "d"]] * 5, True, "not numbers"),
+}
+
+
+@pytest.mark.parametrize(("points", "closed", "message"), BAD.values(), ids=BAD)
+def test_a_bad_line_says_where_and_which_limit(points, closed, message):
+    with pytest.raises(WorldError, match=message):
+        World.from_centerline(points, closed, plants=False)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "message"),
+    [
+        (3, 0.0, r"width is 0\.00 m at arc 62\.\d m \(point 15\)"),
+        (3, -2.0, r"width is -2\.00 m at arc"),
+        (3, np.nan, "point 15 is not finite"),
+        (2, np.inf, "point 15 is not finite"),
+        (3, 1.5, r"1\.\d\d m wide at arc \d+\.\d m; at least 2\.00 m"),
+        (2, 9.0, r"water level changes by \d\.\d+ m per metre at arc \d+\.\d m; limit 0\.50"),
+    ],
+)
+def test_a_bad_value_says_where(column, value, message):
+    points = course(circle(20.0, 30))
+    points[15, column] = value
+    with pytest.raises(WorldError, match=message):
+        World.from_centerline(points, plants=False)
+
+
+def test_two_points_in_one_place_are_named():
+    points = course(circle(20.0, 30))
+    points[7] = points[6]
+    with pytest.raises(WorldError, match="points 6 and 7 are the same place"):
+        World.from_centerline(points, plants=False)
+
+
+def test_a_course_too_long_to_be_mapped_says_so(monkeypatch):
+    monkeypatch.setattr("thalweg.world.terrain.MOST_NODES", 1000)
+    with pytest.raises(WorldError, match=r"covers 1\d\d x 1\d\d m; limit 4000 m²"):
+        world_of(circle(20.0, 30))

@@ -1,4 +1,4 @@
-"""What stands for exp and log in a pixel's arithmetic? Bit tricks and short polynomials, which vectorise where libm does not.
+"""What stands for exp and log in a pixel's arithmetic? Bit tricks and short polynomials, which vectorise.
 
 Each is within the relative error that its docstring names, held by a test; none is for positions or geometry.
 """

@@ -18,6 +18,15 @@ STEPS = 40
 FOOT_M = 3.0
 """How far the piers reach below the spring of the arch, into bed and bank."""
 STONE = (0.40, 0.36, 0.29)
+SKY_UNDER = 0.30
+"""Share of the sky's light that reaches the underside of the arch, mostly by way of the water."""
+BOUNCE = 0.04
+"""Radiance that white stone sends back of what ground and water send up to it."""
+COURSE_M = 0.32
+BLOCK_M = 0.62
+JOINT_M = 0.02
+JOINT_DEPTH = 0.38
+BLOCK_CONTRAST = 0.42
 
 
 @kernel(inlined=True)
@@ -35,7 +44,7 @@ def outline_gap(u, z, low, high_centre, half_length, hump, half_span, spring, ri
 def meet_extrusion(
     u, v, z, du, dv, dz, v_low, v_high, low, high, half_length, hump, half_span, spring, rise, near, far
 ):
-    """The first t in near..far at which a ray is inside an extruded outline, and 1 if it entered by a face; -1 for a miss."""
+    """The first t in near..far at which a ray is inside an extruded outline (-1: none), and 1 if it entered by a face."""
     inverse = f32(1) / (dv if abs(dv) > f32(1e-6) else f32(1e-6))
     ta = (v_low - v) * inverse
     tb = (v_high - v) * inverse
@@ -83,7 +92,7 @@ def meet_extrusion(
 
 @kernel(inlined=True)
 def meet_bridge(row, ox, oy, oz, dx, dy, dz, near, far):
-    """Where a ray (world metres) first meets a bridge: t or -1, the point's u, v, and the outward normal in (u, v, z), and z."""
+    """Where a ray (world metres) first meets a bridge: t or -1, the point's u, v, the normal in (u, v, z), and z."""
     cos = row[table.B_COS]
     sin = row[table.B_SIN]
     px = ox - row[table.B_X]
@@ -145,20 +154,20 @@ def meet_bridge(row, ox, oy, oz, dx, dy, dz, near, far):
 
 @kernel(inlined=True)
 def block_shade(a, b, footprint):
-    """Brightness of masonry at (a along a course, b across courses, metres): joints and blocks, faded by the pixel's footprint."""
-    course = np.floor(b / f32(0.32))
-    shifted = a / f32(0.62) + f32(0.5) * course
+    """Brightness of masonry at a along a course and b across courses (metres), faded by the pixel's footprint."""
+    course = np.floor(b / f32(COURSE_M))
+    shifted = a / f32(BLOCK_M) + f32(0.5) * course
     block = np.floor(shifted)
-    mixed = np.uint32(int32(block)) * np.uint32(374761393) + np.uint32(int32(course)) * np.uint32(668265263)
-    mixed = (mixed ^ (mixed >> np.uint32(13))) * np.uint32(1274126177)
+    mixed = np.uint32(np.uint32(int32(block)) * np.uint32(374761393) + np.uint32(int32(course)) * np.uint32(668265263))
+    mixed = np.uint32((mixed ^ (mixed >> np.uint32(13))) * np.uint32(1274126177))
     tone = f32(int32((mixed >> np.uint32(16)) & np.uint32(255))) * f32(1 / 255.0)
-    inside_a = min(shifted - block, block + f32(1) - shifted) * f32(0.62)
-    inside_b = min(b / f32(0.32) - course, course + f32(1) - b / f32(0.32)) * f32(0.32)
-    joint = min(max(f32(1.4) - min(inside_a, inside_b) / max(f32(0.02), footprint), f32(0)), f32(1))
+    inside_a = min(shifted - block, block + f32(1) - shifted) * f32(BLOCK_M)
+    inside_b = min(b / f32(COURSE_M) - course, course + f32(1) - b / f32(COURSE_M)) * f32(COURSE_M)
+    # A joint narrower than the pixel is widened to it and made as much paler.
+    wide = max(f32(JOINT_M), footprint)
+    joint = min(max(f32(1.4) - min(inside_a, inside_b) / wide, f32(0)), f32(1)) * f32(JOINT_M) / wide
     visible = min(max(f32(1.2) - footprint * f32(4), f32(0)), f32(1))
-    return f32(1) + visible * (
-        f32(0.42) * (tone - f32(0.5)) - f32(0.38) * joint * f32(0.02) / max(f32(0.02), footprint)
-    )
+    return f32(1) + visible * (f32(BLOCK_CONTRAST) * (tone - f32(0.5)) - f32(JOINT_DEPTH) * joint)
 
 
 @kernel(inlined=True)
@@ -173,7 +182,7 @@ def shade_stone(scene, w, row, found, far, footprint):
     facing = max(nx * number[w, table.SUN_X] + ny * number[w, table.SUN_Y] + nz * number[w, table.SUN_Z], f32(0))
     height = z - row[table.B_SPRING]
     under = nz < f32(-0.05)
-    open_sky = f32(0.30) if under else f32(0.55) + f32(0.45) * max(nz, f32(0))
+    open_sky = f32(SKY_UNDER) if under else f32(0.55) + f32(0.45) * max(nz, f32(0))
     direct = f32(0) if under else facing
     along = u if abs(nu) < f32(0.7) else v
     up = height if abs(nz) < f32(0.7) else v
@@ -186,7 +195,7 @@ def shade_stone(scene, w, row, found, far, footprint):
     # Damp and moss near the water.
     damp = min(max(height * f32(0.9) + f32(0.1), f32(0)), f32(1))
     tone *= f32(0.55) + f32(0.45) * damp
-    bounce = f32(0.04)
+    bounce = f32(BOUNCE)
     clear = np.exp(-far * f32(table.FOG_PER_M))
     red = f32(STONE[0]) * tone * (direct * f32(table.SUN_R) + open_sky * f32(table.SKY_R) + bounce)
     green = f32(STONE[1]) * tone * (direct * f32(table.SUN_G) + open_sky * f32(table.SKY_G) + bounce)

@@ -13,7 +13,7 @@ from thalweg.kernel import kernel
 from thalweg.render import bridges, ground, march, plants, water
 from thalweg.render import scene as table
 from thalweg.render.approx import exp
-from thalweg.render.fetch import bilinear, clamp, sky_at
+from thalweg.render.fetch import bilinear, sky_at
 from thalweg.render.tone import develop
 
 f32 = np.float32

@@ -1,4 +1,4 @@
-"""What does dry ground look like? Its baked, prefiltered paint, and grain where the camera is nearer than the paint is fine."""
+"""What does dry ground look like? Its baked, prefiltered paint, and grain where the camera is nearer than it is fine."""
 
 import numpy as np
 from numba import int32
@@ -11,6 +11,8 @@ from thalweg.render.fetch import clamp, paint_level, tile_level
 
 f32 = np.float32
 
+SHARPEN = 0.5
+"""Levels by which textures are taken finer than the footprint asks: the original is as crisp."""
 GRAIN_M = 2.3
 """Side of the tile of fine grain."""
 PATCH_M = 9.1
@@ -22,8 +24,8 @@ PATCH_DEPTH = 0.30
 @kernel(inlined=True)
 def grain_at(tile, x_m, y_m, foot):
     """Factor on the ground's radiance at a point in metres, about 1, filtered to a footprint in metres."""
-    fine = clamp(log2(foot * f32(ripples.SIZE / GRAIN_M)), f32(0), f32(ripples.LEVELS - 1))
-    coarse = clamp(log2(foot * f32(ripples.SIZE / PATCH_M)), f32(0), f32(ripples.LEVELS - 1))
+    fine = clamp(log2(foot * f32(ripples.SIZE / GRAIN_M)) - f32(SHARPEN), f32(0), f32(ripples.LEVELS - 1))
+    coarse = clamp(log2(foot * f32(ripples.SIZE / PATCH_M)) - f32(SHARPEN), f32(0), f32(ripples.LEVELS - 1))
     _, _, _, a = tile_level(
         tile, x_m * f32(ripples.SIZE / GRAIN_M), y_m * f32(ripples.SIZE / GRAIN_M), int32(fine + f32(0.5))
     )
@@ -49,7 +51,7 @@ def shade_ground(scene, w, x, y, dz, far, pixel, red, green, blue, n):
     code = f32(table.PAINT_RANGE / 255.0**2)
     for i in range(n):
         foot = far[i] * pixel / np.sqrt(max(-dz[i], f32(0.06)))
-        level = clamp(log2(foot * inv_cell), f32(0), f32(table.PAINT_LEVELS - 1.01))
+        level = clamp(log2(foot * inv_cell) - f32(SHARPEN), f32(0), f32(table.PAINT_LEVELS - 1.01))
         low = int32(level)
         share = level - f32(low)
         r0, g0, b0, _ = paint_level(scene.paint, int32(begins[low]), wide, high, x[i], y[i], low)

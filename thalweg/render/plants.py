@@ -30,7 +30,7 @@ CLOSED = 0.02
 
 @kernel
 def visible_plants(scene, w, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, order, distance):
-    """Numbers of the plants that may be in view, near to far, into order [M]; distance [M] is scratch. Returns how many.
+    """How many plants may be in view; their numbers, near to far, go to order [M]. distance [M] is scratch.
 
     Origin in world metres; f, r, u: the camera's forward, right and up vectors.
     """
@@ -170,7 +170,7 @@ def draw_plants(scene, w, eye, depth, red, green, blue, light, solid):
         kind = int32(plants[p, table.P_KIND])
         ahead = max(px * fx + py * fy + (foot + tall * f32(0.5)) * fz, near)
         tall_px = tall / (ahead * half_h) * f32(0.5) * f32(rows)
-        level = int32(clamp(log2(f32(impostors.ROWS) / tall_px) + f32(0.35), f32(0), f32(impostors.LEVELS - 1)))
+        level = int32(clamp(log2(f32(impostors.ROWS) / tall_px) - f32(0.1), f32(0), f32(impostors.LEVELS - 1)))
         high = int32(impostors.ROWS) >> level
         wide = int32(impostors.COLS) >> level
         begin = int32(atlas_at + scene.atlas_level[level]) + (kind * int32(impostors.VIEWS) + view) * high * wide

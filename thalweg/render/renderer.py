@@ -1,4 +1,4 @@
-"""How does one ask for frames? `Renderer(worlds).render(poses)`, one call for any number of cameras in any of its worlds."""
+"""How does one ask for frames? `Renderer(worlds).render(poses)`, for any number of cameras in any of its worlds."""
 
 import math
 from collections.abc import Sequence
@@ -59,8 +59,8 @@ class Renderer:
     ) -> np.ndarray:
         """Frames [N, H, W, 4] uint8: sRGB, and the water mask (0 or 255) in the fourth channel.
 
-        poses [N, 4]: x, y, z in metres, yaw in radians. world_index [N]: which of the worlds each camera is in (the first
-        if left out). time_s [N] or a number: moves the ripples. out: an array to draw into, of the result's shape.
+        poses [N, 4]: x, y, z in metres, yaw in radians. world_index [N]: which of the worlds each camera is in (the
+        first if left out). time_s [N] or a number: moves the ripples. out: an array of the result's shape to draw into.
         """
         poses, worlds, times = self._checked(poses, world_index, time_s)
         shape = (len(poses), self.camera.height_px, self.camera.width_px, 4)
@@ -94,7 +94,7 @@ class Renderer:
         index = np.zeros(count, np.int64) if world_index is None else np.asarray(world_index, np.int64)
         if index.shape != (count,):
             raise ValueError(f"world_index has shape {list(index.shape)}; there are {count} poses")
-        if count and not (0 <= index.min() and index.max() < len(self.worlds)):
+        if count and (index.min() < 0 or index.max() >= len(self.worlds)):
             raise ValueError(f"world_index must be in 0..{len(self.worlds) - 1}; got {index.min()}..{index.max()}")
         times = np.ascontiguousarray(np.broadcast_to(np.float64(0.0) if time_s is None else time_s, count), np.float64)
         return poses, index, times

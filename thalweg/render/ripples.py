@@ -1,7 +1,7 @@
 """What does small detail look like? One tile of water ripples and ground grain, prefiltered for every distance.
 
-A tile holds four channels: the two slopes of the water's ripples, the share of their mean square slope that filtering has
-removed (so that far water is rougher instead of flatter), and a grain that breaks up the ground near the camera.
+A tile holds four channels: the two slopes of the water's ripples, the share of their mean square slope that filtering
+has removed (so that far water is rougher instead of flatter), and a grain that breaks up the ground near the camera.
 Source of the idea that slopes are filtered together with their squares: Olano, Baker: LEAN Mapping, I3D 2010.
 """
 
@@ -15,8 +15,10 @@ VARIANCE_RANGE = 0.04
 
 
 def _spectrum_noise(rng: np.random.Generator, low: float, high: float, power: float, wind: float) -> np.ndarray:
-    """A periodic random field [SIZE, SIZE], unit variance, between two frequencies, falling as frequency**-power; `wind` in 0..1
-    stretches its crests along the second axis."""
+    """A periodic random field [SIZE, SIZE], unit variance, between two frequencies, falling as frequency**-power.
+
+    `wind` in 0..1 stretches its crests along the second axis.
+    """
     frequency = np.fft.fftfreq(SIZE) * SIZE
     fy, fx = np.meshgrid(frequency, frequency, indexing="ij")
     radius = np.hypot(fx, fy)
@@ -28,7 +30,7 @@ def _spectrum_noise(rng: np.random.Generator, low: float, high: float, power: fl
 
 
 def tile(seed: int = 0) -> list[np.ndarray]:
-    """The tile's levels: float64 [SIZE >> k, SIZE >> k, 4] for k < LEVELS (slope x, slope y, lost variance, grain in 0..1)."""
+    """The tile's levels, k < LEVELS: float64 [SIZE >> k, SIZE >> k, 4]: slope x, slope y, lost variance, grain (0..1)."""
     rng = np.random.default_rng(np.random.SeedSequence([0x717, seed]))
     height = _spectrum_noise(rng, 3, 90, 2.2, 0.55)
     slope_x = np.roll(height, -1, 1) - np.roll(height, 1, 1)

@@ -24,13 +24,13 @@ CANOPY_CELL = 2
 
 SUN_RADIANCE = np.array([1.0, 0.945, 0.845])
 """What a white surface that faces the sun sends out: warm white, in the units of all radiances here."""
-SKY_RADIANCE = np.array([0.080, 0.092, 0.112])
+SKY_RADIANCE = np.array([0.050, 0.060, 0.078])
 """What a white surface under the whole sky sends out; low, for the original's shadows are deep (strength 0.95)."""
 SUN_R, SUN_G, SUN_B = (float(c) for c in SUN_RADIANCE)
 SKY_R, SKY_G, SKY_B = (float(c) for c in SKY_RADIANCE)
 PAINT_RANGE = 1.25
 """Radiances up to this are kept in the paint."""
-FOG_PER_M = 1 / 420.0
+FOG_PER_M = 1 / 1500.0
 
 # Columns of Scene.place: where each world's tables begin, and their sizes.
 GX, GY, MAP_AT, CONE_X, CONE_AT, PAINT_X, PAINT_Y, CANOPY_X, CANOPY_Y, CANOPY_AT = range(10)
@@ -62,7 +62,7 @@ class Scene(NamedTuple):
     cone_height: np.ndarray
     """[cells] float32: no surface within a cell or its eight neighbours is higher."""
     cone_slope: np.ndarray
-    """[cells] float32: at a horizontal distance d from a point in the cell no surface is higher than cone_height + slope * d."""
+    """[cells] float32: at a horizontal distance d from the cell no surface is higher than cone_height + slope * d."""
     paint: np.ndarray
     """[texels] uint32, radiance of the lit ground and, in the top byte, the share of sun; all levels."""
     canopy: np.ndarray
@@ -179,10 +179,11 @@ def paint_levels(lit: np.ndarray, sun_share: np.ndarray) -> list[np.ndarray]:
     colour = np.pad(lit, [*pad, (0, 0)], mode="edge").astype(np.float32)
     share = np.pad(sun_share, pad, mode="edge").astype(np.float32)
     levels = []
-    for _ in range(PAINT_LEVELS):
+    for k in range(PAINT_LEVELS):
+        if k:
+            colour = colour.reshape(colour.shape[0] // 2, 2, colour.shape[1] // 2, 2, 3).mean(axis=(1, 3))
+            share = share.reshape(share.shape[0] // 2, 2, share.shape[1] // 2, 2).mean(axis=(1, 3))
         levels.append(pack_colour(colour, PAINT_RANGE, np.rint(share).astype(np.uint8)))
-        colour = colour.reshape(colour.shape[0] // 2, 2, colour.shape[1] // 2, 2, 3).mean(axis=(1, 3))
-        share = share.reshape(share.shape[0] // 2, 2, share.shape[1] // 2, 2).mean(axis=(1, 3))
     return levels
 
 
@@ -191,7 +192,7 @@ FOLIAGE_RADIANCE = np.array([0.040, 0.050, 0.018])
 
 
 def canopy_map(world: World, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tops of plants [Y, X] float32 and what a reflection sees there, packed [Y, X], in cells of `CANOPY_CELL` nodes."""
+    """Tops of plants [Y, X] float32 and what a reflection sees there [Y, X] packed, in cells of `CANOPY_CELL` nodes."""
     top = np.maximum(world.ground_m, world.water_m)
     rows, columns = (s // CANOPY_CELL * CANOPY_CELL for s in top.shape)
 

@@ -12,10 +12,10 @@ import numpy as np
 
 ROWS = 64
 COLUMNS = 512
-TURBIDITY = 2.6
-SCALE_KCD = 38.0
-"""Luminance in kcd/m² that counts as radiance one: a white surface in full sun has about 25, and the original's sky is dimmer
-beside its sand than nature's."""
+TURBIDITY = 2.2
+SCALE_KCD = 40.0
+"""Luminance in kcd/m² that counts as radiance one: a white surface in full sun has about 25, and the original's sky is
+dimmer beside its sand than nature's."""
 CODE_RANGE = 2.0
 """Radiances up to this are kept in the map, square-root coded."""
 
@@ -51,7 +51,7 @@ _XYZ_TO_RGB = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [
 
 
 def daylight(directions: np.ndarray, sun: np.ndarray, turbidity: float = TURBIDITY) -> np.ndarray:
-    """Clear-sky radiance [..., 3] (linear RGB, see `SCALE_KCD`) from unit directions [..., 3] for a unit vector to the sun [3]."""
+    """Clear-sky radiance [..., 3], linear RGB, see `SCALE_KCD`, from unit directions [..., 3]; sun: unit vector [3]."""
     cos_zenith = np.maximum(directions[..., 2], 0.02)
     gamma = np.arccos(np.clip(directions @ sun, -1.0, 1.0))
     theta_sun = math.acos(float(np.clip(sun[2], -1.0, 1.0)))
@@ -74,7 +74,7 @@ def daylight(directions: np.ndarray, sun: np.ndarray, turbidity: float = TURBIDI
 
 
 def map_directions() -> np.ndarray:
-    """Unit vectors [ROWS, COLUMNS, 3] at the centres of the sky map's cells; see `thalweg.render.fetch.sky_cell`.
+    """Unit vectors [ROWS, COLUMNS, 3] at the centres of the sky map's cells; `thalweg.render.fetch.sky_at` looks it up.
 
     Rows are spaced as the square root of the height's sine, so that the horizon is finest; columns as the diamond angle.
     """
@@ -101,7 +101,7 @@ def haze(sun: np.ndarray) -> np.ndarray:
 
 
 def sky_map(sun: np.ndarray, seed: int) -> np.ndarray:
-    """Radiance [ROWS, COLUMNS, 3] float64 of the sky and of the hills along its horizon, for a unit vector to the sun [3]."""
+    """Radiance [ROWS, COLUMNS, 3] float64 of the sky and of the hills along its horizon; sun: unit vector [3]."""
     directions = map_directions()
     sky = daylight(directions, sun)
     fog = haze(sun)

@@ -16,6 +16,8 @@ KEY = 0.135
 ADAPTION = 0.85
 """Share of a frame's deviation from the key that exposure takes away."""
 LUMA = (0.2126, 0.7152, 0.0722)
+SATURATION = 1.12
+"""Factor on the distance of each colour from grey, before the curve, which pales colours."""
 BRIGHTEST = 3.0
 """Pixels count for the exposure up to this radiance: glitter does not darken the picture."""
 CODES = 4096
@@ -57,9 +59,14 @@ def develop(red, green, blue, image, height, width):
     top = f32(CODES - 1)
     for r in range(height):
         for c in range(width):
-            a = int32(min(np.sqrt(red[r, c] * gain) * scale + f32(0.5), top))
-            b = int32(min(np.sqrt(green[r, c] * gain) * scale + f32(0.5), top))
-            d = int32(min(np.sqrt(blue[r, c] * gain) * scale + f32(0.5), top))
+            luma = f32(LUMA[0]) * red[r, c] + f32(LUMA[1]) * green[r, c] + f32(LUMA[2]) * blue[r, c]
+            grey = luma * f32(1 - SATURATION)
+            x = max(red[r, c] * f32(SATURATION) + grey, f32(0)) * gain
+            y = max(green[r, c] * f32(SATURATION) + grey, f32(0)) * gain
+            z = max(blue[r, c] * f32(SATURATION) + grey, f32(0)) * gain
+            a = int32(min(np.sqrt(x) * scale + f32(0.5), top))
+            b = int32(min(np.sqrt(y) * scale + f32(0.5), top))
+            d = int32(min(np.sqrt(z) * scale + f32(0.5), top))
             image[r, c, 0] = _TABLE[uint32(a)]
             image[r, c, 1] = _TABLE[uint32(b)]
             image[r, c, 2] = _TABLE[uint32(d)]

@@ -25,9 +25,9 @@ from thalweg.render.fetch import bilinear, channel, clamp, paint_level, sky_at, 
 f32 = np.float32
 
 INDEX = 1.333
-ABSORB = (1.25, 1.05, 1.25)
+ABSORB = (0.95, 1.02, 1.18)
 """Share of red, green, blue lost per metre of water (as exponents)."""
-SCATTER = (0.030, 0.031, 0.027)
+SCATTER = (0.0080, 0.0084, 0.0080)
 """Radiance that deep water sends up in full sun."""
 TILE_A_M = 7.3
 TILE_B_M = 2.9
@@ -37,9 +37,18 @@ AMPLITUDE = 0.55
 """Of each ripple layer's slopes, whose mean square in the tile is fixed."""
 ROUGHNESS = 0.0012
 """Mean square slope of the ripples too small for the tile."""
+SHADE_GLOW = 0.12
+"""Share of SCATTER that is left in the shade."""
+SUN_WIDTH = 0.0006
+"""Mean square slope that the sun's own width adds to a glint."""
+GLITTER_MOST = 1.6
+GLITTER_TINT = (1.0, 0.95, 0.86)
 MIRROR_STEPS = 14
 MIRROR_FIRST_M = 0.4
 MIRROR_GROWTH = 1.45
+MIRROR_BLUR_M = 0.25
+MIRROR_BLUR = 0.05
+"""The edge of a canopy is as soft as this, and this times the distance, for a step may pass over it."""
 
 
 @kernel(inlined=True)
@@ -148,7 +157,7 @@ def shade_water(scene, w, x, y, z, dx, dy, dz, far, pixel, time, red, green, blu
         through_r = exp(-f32(ABSORB[0]) * whole)
         through_g = exp(-f32(ABSORB[1]) * whole)
         through_b = exp(-f32(ABSORB[2]) * whole)
-        glow = f32(0.12) + f32(0.88) * sunlit
+        glow = f32(SHADE_GLOW) + f32(1 - SHADE_GLOW) * sunlit
         under_r = r0 * r0 * code * through_r + f32(SCATTER[0]) * glow * (f32(1) - through_r)
         under_g = g0 * g0 * code * through_g + f32(SCATTER[1]) * glow * (f32(1) - through_g)
         under_b = b0 * b0 * code * through_b + f32(SCATTER[2]) * glow * (f32(1) - through_b)
@@ -163,25 +172,32 @@ def shade_water(scene, w, x, y, z, dx, dy, dz, far, pixel, time, red, green, blu
         cy = py * f32(1 / table.CANOPY_CELL)
         step = inv_cell * f32(1 / table.CANOPY_CELL)
         s = f32(MIRROR_FIRST_M)
-        met = f32(0)
+        passing = f32(1)
+        wood_r = f32(0)
+        wood_g = f32(0)
+        wood_b = f32(0)
         met_at = f32(0)
-        seen = uint32(0)
         for _ in range(MIRROR_STEPS):
             qx = int32(clamp(cx + rx * s * step, f32(0), f32(canopy_columns - 1)))
             qy = int32(clamp(cy + ry * s * step, f32(0), f32(canopy_rows - 1)))
             k = uint32(canopy_at + qy * canopy_columns + qx)
-            blocked = (scene.canopy[k] > z[i] + rz * s) & (met == f32(0))
-            seen = scene.canopy_paint[k] if blocked else seen
-            met_at = s if blocked else met_at
-            met = f32(1) if blocked else met
+            above = scene.canopy[k] - z[i] - rz * s
+            part = passing * clamp(above / (f32(MIRROR_BLUR_M) + f32(MIRROR_BLUR) * s), f32(0), f32(1))
+            seen = scene.canopy_paint[k]
+            a = channel(seen, 0)
+            b = channel(seen, 8)
+            c = channel(seen, 16)
+            wood_r += part * a * a
+            wood_g += part * b * b
+            wood_b += part * c * c
+            met_at += part * s
+            passing -= part
             s = s * f32(MIRROR_GROWTH)
         clear = exp(-met_at * f32(table.FOG_PER_M))
-        wood_r = channel(seen, 0)
-        wood_g = channel(seen, 8)
-        wood_b = channel(seen, 16)
-        up_r = (wood_r * wood_r * code * clear + fog_r * (f32(1) - clear)) if met > f32(0) else sky_r
-        up_g = (wood_g * wood_g * code * clear + fog_g * (f32(1) - clear)) if met > f32(0) else sky_g
-        up_b = (wood_b * wood_b * code * clear + fog_b * (f32(1) - clear)) if met > f32(0) else sky_b
+        haze = (f32(1) - passing) * (f32(1) - clear)
+        up_r = wood_r * code * clear + fog_r * haze + sky_r * passing
+        up_g = wood_g * code * clear + fog_g * haze + sky_g * passing
+        up_b = wood_b * code * clear + fog_b * haze + sky_b * passing
 
         # Glitter: how many of the ripples within the pixel mirror the sun.
         half_x = sun_x - vx
@@ -189,10 +205,10 @@ def shade_water(scene, w, x, y, z, dx, dy, dz, far, pixel, time, red, green, blu
         half_z = sun_z - vz
         lean_x = -half_x / half_z - slope_x
         lean_y = -half_y / half_z - slope_y
-        width = spread + f32(0.0006)
+        width = spread + f32(SUN_WIDTH)
         density = exp(-(lean_x * lean_x + lean_y * lean_y) / (f32(2) * width)) / (f32(6.2832) * width)
-        glitter = min(f32(0.02) * density * sunlit * (f32(1) - met), f32(2.5))
+        glitter = min(f32(0.02) * density * sunlit * passing, f32(GLITTER_MOST))
 
-        red[i] = under_r * (f32(1) - mirror) + up_r * mirror + glitter
-        green[i] = under_g * (f32(1) - mirror) + up_g * mirror + glitter * f32(0.95)
-        blue[i] = under_b * (f32(1) - mirror) + up_b * mirror + glitter * f32(0.86)
+        red[i] = under_r * (f32(1) - mirror) + up_r * mirror + glitter * f32(GLITTER_TINT[0])
+        green[i] = under_g * (f32(1) - mirror) + up_g * mirror + glitter * f32(GLITTER_TINT[1])
+        blue[i] = under_b * (f32(1) - mirror) + up_b * mirror + glitter * f32(GLITTER_TINT[2])

@@ -23,7 +23,11 @@ def test_loose_cost_follows_the_scheme(scheme: str, loose: float):
 
 @pytest.mark.parametrize(
     ("field", "known"),
-    [("observation", "rgb+mask, rgb, mask, dict, none"), ("action", "multidiscrete"), ("reward_scheme", "paper, package")],
+    [
+        ("observation", "rgb+mask, rgb, mask, dict, none"),
+        ("action", "multidiscrete"),
+        ("reward_scheme", "paper, package"),
+    ],
 )
 def test_an_unknown_value_lists_the_known_ones(field: str, known: str):
     with pytest.raises(ConfigError, match="'sonar'.*" + known.replace("+", r"\+")):
@@ -31,7 +35,7 @@ def test_an_unknown_value_lists_the_known_ones(field: str, known: str):
 
 
 def test_an_unknown_option_lists_the_known_ones():
-    with pytest.raises(ConfigError, match="'max_heigth_m'.*max_height_m"):
+    with pytest.raises(ConfigError, match=r"'max_heigth_m'.*max_height_m"):
         EnvConfig().with_options(max_heigth_m=3)
 
 

@@ -1,0 +1,128 @@
+"""Gymnasium's own checkers, its registry, and what its other vector environments make of ours."""
+
+import subprocess
+import sys
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env, data_equivalence
+from gymnasium.utils.passive_env_checker import data_shares_objects
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from handmade import BlankRenderer, hairpin, ring
+
+import thalweg
+from thalweg.env import ConfigError, EnvConfig, RiverEnv, RiverVectorEnv
+
+
+@pytest.mark.parametrize("observation", ["rgb+mask", "rgb", "mask", "dict"])
+@pytest.mark.parametrize("action", ["multidiscrete", "continuous"])
+def test_gymnasiums_checker_passes_without_a_warning(observation: str, action: str):
+    env = gymnasium.make(
+        "thalweg/Medium-v0",
+        world=ring(),
+        renderer=BlankRenderer(),
+        observation=observation,
+        action=action,
+        render_mode="rgb_array",
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env.unwrapped)
+
+
+@pytest.mark.parametrize("name", ["Easy", "Medium", "Hard"])
+def test_every_level_is_registered_with_both_kinds(name: str):
+    spec = gymnasium.spec(thalweg.LEVEL_IDS[name])
+    assert spec.entry_point == "thalweg.env:make_single"
+    assert spec.vector_entry_point == "thalweg.env:make_vector"
+    assert spec.kwargs == {"level": name}
+    assert spec.max_episode_steps is None
+
+
+def test_make_vec_gives_the_native_environment():
+    env = gymnasium.make_vec(
+        "thalweg/Medium-v0",
+        num_envs=5,
+        worlds=[ring(), hairpin()],
+        renderer=BlankRenderer(),
+        reward_scheme="package",
+        autoreset_mode=AutoresetMode.NEXT_STEP,
+    )
+    assert isinstance(env, RiverVectorEnv)
+    assert (env.num_envs, len(env.worlds), env.config.reward_scheme) == (5, 2, "package")
+    assert env.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+
+
+def test_make_vec_is_same_step_unless_asked_otherwise():
+    env = gymnasium.make_vec("thalweg/Easy-v0", num_envs=2, worlds=ring(), observation="none")
+    assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    assert env.num_envs == 2
+
+
+@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
+def test_an_unknown_option_lists_the_known_ones(make):
+    with pytest.raises(ConfigError, match=r"'heigth'.*observation"):
+        make("thalweg/Easy-v0", heigth=3)
+
+
+def test_worlds_and_seeds_of_worlds_exclude_each_other():
+    with pytest.raises(ConfigError, match="not both"):
+        gymnasium.make_vec("thalweg/Easy-v0", worlds=[ring()], world_seeds=[1])
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP])
+def test_ours_agrees_with_gymnasiums_vector_of_single_environments(mode: AutoresetMode):
+    config = EnvConfig(max_idle_steps=6)
+    ours = RiverVectorEnv(ring(), 3, config, renderer=BlankRenderer(), autoreset_mode=mode)
+    theirs = SyncVectorEnv(
+        [lambda: RiverEnv(ring(), config, renderer=BlankRenderer()) for _ in range(3)], autoreset_mode=mode
+    )
+    assert ours.observation_space == theirs.observation_space
+    assert ours.action_space == theirs.action_space
+    first, _ = ours.reset(seed=5)
+    assert np.array_equal(first, theirs.reset(seed=5)[0])
+    rng = np.random.default_rng(0)
+    ended = 0
+    for _ in range(120):
+        actions = rng.integers(0, 3, size=(3, 4))
+        a, b = ours.step(actions), theirs.step(actions)
+        assert all(np.array_equal(x, y) for x, y in zip(a[:4], b[:4], strict=True))
+        assert ("final_obs" in a[4]) == ("final_obs" in b[4])
+        if "final_obs" in b[4]:
+            ended += 1
+            assert np.array_equal(a[4]["_final_obs"], b[4]["_final_obs"])
+            assert data_equivalence(a[4]["final_info"], b[4]["final_info"])
+    assert mode is AutoresetMode.NEXT_STEP or ended > 5
+
+
+def test_the_vector_environment_keeps_gymnasiums_contract():
+    """What `check_env` asks of one environment, asked of many: spaces, seeds, determinism, data of its own."""
+    env = gymnasium.make_vec("thalweg/Medium-v0", num_envs=3, worlds=ring(), renderer=BlankRenderer())
+    first, info = env.reset(seed=1)
+    again, info_again = env.reset(seed=1)
+    assert first in env.observation_space
+    assert data_equivalence(first, again, exact=True)
+    assert data_equivalence(info, info_again, exact=True)
+    assert not data_shares_objects(first, again)
+    assert not data_shares_objects(info, info_again)
+    env.action_space.seed(0)
+    action = env.action_space.sample()
+    results = []
+    for _ in range(2):
+        env.reset(seed=1)
+        results.append(env.step(action))
+    assert data_equivalence(results[0], results[1], exact=True)
+    assert not data_shares_objects(results[0][4], results[1][4])
+    _, rewards, terminated, truncated, _ = results[0]
+    assert (rewards.dtype, terminated.dtype, truncated.dtype) == (np.float64, bool, bool)
+    assert rewards.shape == terminated.shape == truncated.shape == (3,)
+    env.close()
+    env.close()
+
+
+def test_importing_the_package_loads_neither_torch_nor_numba():
+    code = "import sys, thalweg; print(sorted({'torch', 'numba', 'scipy', 'thalweg.env'} & set(sys.modules)))"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"

@@ -1,0 +1,110 @@
+import numpy as np
+import pytest
+from handmade import BlankRenderer, hairpin, ring
+
+from thalweg.env import EnvConfig, RiverEnv, RiverVectorEnv, StateError
+
+
+def make(mode: str = "SAME_STEP", worlds=None, num_envs: int = 4) -> RiverVectorEnv:
+    return RiverVectorEnv(
+        worlds or [ring(), hairpin()], num_envs, EnvConfig(), renderer=BlankRenderer(), autoreset_mode=mode
+    )
+
+
+def flown(env: RiverVectorEnv, steps: int, seed: int) -> list[np.ndarray]:
+    """Everything that `steps` random actions return."""
+    rng = np.random.default_rng(seed)
+    results = []
+    for _ in range(steps):
+        observations, rewards, terminated, truncated, info = env.step(rng.integers(0, 3, size=(env.num_envs, 4)))
+        results += [observations, rewards, terminated, truncated, info["pose"], info["cost"], info["progress"]]
+    return results
+
+
+@pytest.mark.parametrize("mode", ["SAME_STEP", "NEXT_STEP"])
+def test_a_resumed_run_is_equal_to_the_bit(mode: str):
+    env = make(mode)
+    env.reset(seed=0)
+    flown(env, 37, seed=1)
+    state = env.get_state()
+    expected = flown(env, 200, seed=2)
+    other = make(mode)
+    other.set_state(state)
+    assert np.array_equal(other.observe()[..., 3], np.full((4, 8, 8), 255))
+    assert all(np.array_equal(a, b) for a, b in zip(expected, flown(other, 200, seed=2), strict=True))
+
+
+def test_a_state_is_a_copy():
+    env = make()
+    env.reset(seed=0)
+    state = env.get_state()
+    kept = {key: value.copy() for key, value in state.items()}
+    flown(env, 60, seed=1)
+    assert all(np.array_equal(state[key], kept[key]) for key in kept)
+    env.set_state(state)
+    flown(env, 60, seed=1)
+    assert all(np.array_equal(state[key], kept[key]) for key in kept)
+
+
+def test_a_state_survives_a_file(tmp_path):
+    env = make()
+    env.reset(seed=0)
+    flown(env, 10, seed=1)
+    np.savez(tmp_path / "state.npz", **env.get_state())
+    expected = flown(env, 50, seed=2)
+    with np.load(tmp_path / "state.npz") as stored:
+        env.set_state(dict(stored))
+    assert all(np.array_equal(a, b) for a, b in zip(expected, flown(env, 50, seed=2), strict=True))
+
+
+def test_the_observation_after_resuming_is_what_was_seen():
+    env = make()
+    env.reset(seed=0)
+    seen = flown(env, 5, seed=1)[-7]
+    state = env.get_state()
+    flown(env, 5, seed=2)
+    env.set_state(state)
+    assert np.array_equal(env.observe(), seen)
+
+
+def test_one_environment_resumes_too():
+    env = RiverEnv(ring(), EnvConfig(observation="none"))
+    env.reset(seed=0)
+    state = env.get_state()
+    first = [env.reset()[0] for _ in range(3)]
+    env.set_state(state)
+    assert np.array_equal(first, [env.reset()[0] for _ in range(3)])
+
+
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        ({"num_envs": 2}, "this environment has"),
+        ({"worlds": [ring(), hairpin(width_m=5.9)]}, "other worlds"),
+        ({"worlds": [hairpin(), ring()]}, "other worlds"),
+    ],
+)
+def test_a_state_of_another_environment_is_refused_before_anything_changes(other: dict, message: str):
+    env = make()
+    env.reset(seed=0)
+    foreign = make(**other)
+    foreign.reset(seed=1)
+    before = foreign.get_state()
+    with pytest.raises(StateError, match=message):
+        foreign.set_state(env.get_state())
+    assert all(np.array_equal(value, before[key]) for key, value in foreign.get_state().items())
+
+
+def test_a_state_that_lacks_an_array_is_refused():
+    env = make()
+    state = env.get_state()
+    del state["idle"]
+    with pytest.raises(StateError, match=r"lacks.*idle"):
+        env.set_state(state)
+
+
+def test_an_environment_that_never_began_has_a_state():
+    env, other = make(), make()
+    other.reset(seed=0)
+    other.set_state(env.get_state())
+    assert other.generators == [None] * 4

@@ -15,7 +15,7 @@ def valley(size: int = 320, cell_m: float = 0.25, half_width_m: float = 4.0):
     middle = 0.12 * span * np.sin(2.0 * np.pi * x / (0.6 * span))
     slope = 0.12 * span * 2.0 * np.pi / (0.6 * span) * np.cos(2.0 * np.pi * x / (0.6 * span))
     land = np.abs(y - middle) / np.sqrt(1.0 + slope**2) > half_width_m
-    inward, outward = distance_transform_edt(land), distance_transform_edt(~land)
+    inward, outward = np.asarray(distance_transform_edt(land)), np.asarray(distance_transform_edt(~land))
     shore = np.where(land, inward - 0.5, 0.5 - outward) * cell_m
     ground = np.where(shore < 0.0, np.maximum(shore * 0.5, -1.3), 0.16 * shore + 0.002 * shore**2)
     ground += np.where(

@@ -7,6 +7,7 @@ here; it is baked later, by `thalweg.world.light`.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 
 from thalweg.kernel import kernel
 from thalweg.world.noise import fractal, smooth_step
@@ -45,6 +46,12 @@ class Site:
         """The value of a map [GY, GX] at the nearest node of each place [K, 2] in metres."""
         row, column = self.nodes(xy)
         return field[row, column]
+
+    def ground_at(self, xy: np.ndarray) -> np.ndarray:
+        """Height of the ground [K] at places [K, 2], linear between the nodes, all in metres."""
+        column = (xy[:, 0] - self.grid.origin_x_m) / self.grid.cell_m
+        row = (xy[:, 1] - self.grid.origin_y_m) / self.grid.cell_m
+        return map_coordinates(self.ground_m, [row, column], order=1, mode="nearest")
 
     def nodes(self, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Row and column [K] of the node nearest to each place [K, 2] in metres."""
@@ -124,7 +131,7 @@ def _rocks(site: Site, close: float, rng: np.random.Generator) -> Plants:
     near = smooth_step(-0.6, 0.1, site.shore_m) * smooth_step(-9.0, -2.0, -site.shore_m)
     where = site.open & (site.shore_m > -0.5) & (site.shore_m < 9.0)
     xy = _spread(site, np.where(where, close * SPACING_M["rock"], 0.0), rng)
-    xy = xy[rng.random(len(xy)) < site.at(0.02 + 0.45 * group, xy) * site.at(near, xy)]
+    xy = xy[rng.random(len(xy)) < site.at(0.012 + 0.40 * group, xy) * site.at(near, xy)]
     return _grown(site, xy, _kinds("rock", None, rng, len(xy)), np.ones(len(xy)), rng, skew=2.5)
 
 
@@ -163,7 +170,7 @@ def _grown(
     bound = np.isin(groups, ("tree", "shrub"))
     room = np.where(bound, 2.0 * site.at(site.shore_m, xy), np.inf)
     keep = room > 0.62 * width
-    foot = np.column_stack([xy, site.at(site.ground_m, xy)])
+    foot = np.column_stack([xy, site.ground_at(xy)])
     plants = Plants(
         position_m=foot.astype(np.float32),
         height_m=height.astype(np.float32),

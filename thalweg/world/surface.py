@@ -16,23 +16,23 @@ from thalweg.world.zones import forest_edge_m, sand_edge_m
 
 f4 = np.float32
 
-SAND = (0.55, 0.45, 0.32)
-SAND_PINK = (0.47, 0.35, 0.245)
-SAND_WET = (0.27, 0.21, 0.14)
-RIM = (0.74, 0.66, 0.53)
-PEBBLE = (0.36, 0.33, 0.29)
-GRASS = (0.205, 0.215, 0.075)
-GRASS_DRY = (0.37, 0.31, 0.15)
-GRASS_LUSH = (0.105, 0.15, 0.045)
-LITTER = (0.105, 0.080, 0.045)
-NEEDLES = (0.175, 0.115, 0.062)
-MOSS = (0.062, 0.082, 0.028)
-EARTH = (0.25, 0.185, 0.12)
-ROCK = (0.27, 0.25, 0.22)
-BED_SAND = (0.36, 0.295, 0.205)
-BED_SILT = (0.165, 0.135, 0.095)
-BED_STONE = (0.23, 0.21, 0.18)
-ALGAE = (0.070, 0.075, 0.034)
+SAND = np.array((0.55, 0.45, 0.32), np.float32)
+SAND_PINK = np.array((0.47, 0.35, 0.245), np.float32)
+SAND_WET = np.array((0.27, 0.21, 0.14), np.float32)
+RIM = np.array((0.74, 0.66, 0.53), np.float32)
+PEBBLE = np.array((0.36, 0.33, 0.29), np.float32)
+GRASS = np.array((0.205, 0.215, 0.075), np.float32)
+GRASS_DRY = np.array((0.37, 0.31, 0.15), np.float32)
+GRASS_LUSH = np.array((0.105, 0.15, 0.045), np.float32)
+LITTER = np.array((0.105, 0.080, 0.045), np.float32)
+NEEDLES = np.array((0.175, 0.115, 0.062), np.float32)
+MOSS = np.array((0.062, 0.082, 0.028), np.float32)
+EARTH = np.array((0.25, 0.185, 0.12), np.float32)
+ROCK = np.array((0.27, 0.25, 0.22), np.float32)
+BED_SAND = np.array((0.36, 0.295, 0.205), np.float32)
+BED_SILT = np.array((0.165, 0.135, 0.095), np.float32)
+BED_STONE = np.array((0.23, 0.21, 0.18), np.float32)
+ALGAE = np.array((0.070, 0.075, 0.034), np.float32)
 """Linear reflectances of the materials, red, green, blue."""
 
 
@@ -94,17 +94,17 @@ def _sand(shore_m: np.ndarray, fields: Fields) -> np.ndarray:
     shade = f4(0.045) * fields.broad + f4(0.055) * fields.patch + f4(0.07) * fields.clump + f4(0.06) * fields.grain
     colour *= np.exp(shade + f4(0.035) * ripple)[..., None]
     pebbly = smooth_step(0.75, 1.7, fields.patch + f4(0.5) * fields.broad)
-    stones = _mix(PEBBLE, tuple(f4(0.55) * np.array(PEBBLE)), smooth_step(-0.6, 1.4, fields.spot))
+    stones = _mix(PEBBLE, f4(0.55) * PEBBLE, smooth_step(-0.6, 1.4, fields.spot))
     _lay(colour, f4(0.75) * pebbly * smooth_step(-0.8, 0.7, fields.grain + f4(0.5) * fields.spot), stones)
     tufts = smooth_step(1.5, 2.2, fields.spot + f4(0.35) * fields.hue) * smooth_step(2.0, 4.0, shore_m)
-    _lay(colour, f4(0.7) * tufts, np.broadcast_to(f4(GRASS), colour.shape))
+    _lay(colour, f4(0.7) * tufts, GRASS)
     width = f4(0.30) + f4(0.05) * fields.clump + f4(0.05) * fields.patch
     beyond = shore_m - width
     rim = smooth_step(0.0, 0.15, beyond) * smooth_step(0.0, 0.8, f4(0.9) + f4(0.3) * fields.clump - beyond)
     broken = smooth_step(-1.2, 1.0, fields.patch + f4(0.7) * fields.grain)
-    _lay(colour, rim * broken, np.broadcast_to(f4(RIM), colour.shape))
+    _lay(colour, rim * broken, RIM)
     wet = smooth_step(-0.08, 0.14, width - shore_m)
-    _lay(colour, wet, _mix(SAND_WET, tuple(f4(1.2) * np.array(SAND_WET)), smooth_step(-1.5, 1.5, fields.clump)))
+    _lay(colour, wet, _mix(SAND_WET, f4(1.2) * SAND_WET, smooth_step(-1.5, 1.5, fields.clump)))
     return colour
 
 
@@ -114,10 +114,10 @@ def _grass(fields: Fields) -> np.ndarray:
     _lay(
         colour,
         smooth_step(0.2, 1.9, fields.patch - f4(0.4) * fields.hue),
-        np.broadcast_to(f4(GRASS_LUSH), colour.shape),
+        GRASS_LUSH,
     )
     bare = smooth_step(1.0, 1.9, fields.clump + f4(0.45) * fields.broad)
-    _lay(colour, f4(0.7) * bare, np.broadcast_to(f4(SAND_PINK), colour.shape))
+    _lay(colour, f4(0.7) * bare, SAND_PINK)
     shade = f4(0.09) * fields.broad + f4(0.09) * fields.clump + f4(0.13) * fields.grain + f4(0.08) * fields.spot
     colour *= np.exp(shade)[..., None]
     return colour
@@ -126,8 +126,8 @@ def _grass(fields: Fields) -> np.ndarray:
 def _litter(fields: Fields) -> np.ndarray:
     """[GY, GX, 3] float32: brown litter under the trees with patches of needles, moss and herbs."""
     colour = _mix(LITTER, NEEDLES, smooth_step(-0.6, 1.5, fields.patch))
-    _lay(colour, smooth_step(0.0, 1.4, fields.hue + f4(0.6) * fields.clump), np.broadcast_to(f4(MOSS), colour.shape))
-    _lay(colour, smooth_step(1.1, 1.9, fields.spot), np.broadcast_to(f4(GRASS_LUSH), colour.shape))
+    _lay(colour, smooth_step(0.0, 1.4, fields.hue + f4(0.6) * fields.clump), MOSS)
+    _lay(colour, smooth_step(1.1, 1.9, fields.spot), GRASS_LUSH)
     colour *= np.exp(f4(0.14) * fields.clump + f4(0.16) * fields.grain)[..., None]
     return colour
 
@@ -152,20 +152,20 @@ def _bed(depth_m: np.ndarray, fields: Fields) -> np.ndarray:
     """[GY, GX, 3] float32: sand near the edge, silt with depth, stones, and dark patches of algae."""
     deep = smooth_step(0.10, 1.3, depth_m + f4(0.22) * fields.patch + f4(0.12) * fields.clump)
     colour = _mix(BED_SAND, BED_SILT, deep)
-    stones = _mix(BED_STONE, tuple(f4(0.5) * np.array(BED_STONE)), smooth_step(-0.8, 1.0, fields.grain + fields.hue))
+    stones = _mix(BED_STONE, f4(0.5) * BED_STONE, smooth_step(-0.8, 1.0, fields.grain + fields.hue))
     _lay(colour, f4(0.8) * smooth_step(0.5, 1.3, fields.spot + f4(0.4) * fields.patch), stones)
     algae = smooth_step(0.15, 1.3, fields.patch + f4(0.55) * fields.clump - f4(0.3) * fields.hue)
-    _lay(colour, f4(0.8) * algae * smooth_step(0.05, 0.35, depth_m), np.broadcast_to(f4(ALGAE), colour.shape))
+    _lay(colour, f4(0.8) * algae * smooth_step(0.05, 0.35, depth_m), ALGAE)
     shade = f4(0.10) * fields.broad + f4(0.12) * fields.clump + f4(0.13) * fields.grain
     colour *= np.exp(shade - f4(0.22) * np.clip(depth_m, 0.0, 3.0))[..., None]
     return colour
 
 
-def _mix(one, other, share: np.ndarray) -> np.ndarray:
+def _mix(one: np.ndarray, other: np.ndarray, share: np.ndarray) -> np.ndarray:
     """[GY, GX, 3] float32: colour `one` [3] where share [GY, GX] is 0, `other` [3] where it is 1."""
-    return f4(one) + share[..., None] * (f4(other) - f4(one))
+    return one + share[..., None] * (other - one)
 
 
 def _lay(colour: np.ndarray, share: np.ndarray, over: np.ndarray) -> None:
-    """Lay a layer over [GY, GX, 3] on colour [GY, GX, 3], in place, with its share [GY, GX]."""
+    """Lay a layer over, [GY, GX, 3] or one colour [3], on colour [GY, GX, 3], in place, with its share [GY, GX]."""
     colour += share[..., None] * (over - colour)

@@ -13,7 +13,7 @@ from thalweg.world.record import Grid
 
 SAND_M = (2.8, 6.6)
 """Narrowest and widest band of sand along the water."""
-FOREST_M = (4.3, 9.4)
+FOREST_M = (4.8, 10.0)
 """Nearest and farthest distance of the forest's edge from the water, but for the places where it comes down to the
 shore."""
 SHORE_FOREST_M = 2.6

@@ -17,6 +17,7 @@ from thalweg.bench.evaluation import Step
 from thalweg.bench.files import ResultsError
 from thalweg.render import Camera, Renderer
 from thalweg.world import World
+from thalweg.world.drawing import view
 
 FRAMES_PER_S = 15
 VIEW_PX, MAP_PX, MARGIN_PX = 384, 288, 16
@@ -60,28 +61,22 @@ class Map:
         low, high = world.river.position_m.min(axis=0) - margin_m, world.river.position_m.max(axis=0) + margin_m
         self.side_m = float((high - low).max())
         self.corner_m = (low + high - self.side_m) / 2
-        self.picture = Image.fromarray(self._draw(world))
+        self.picture = self._crop(world)
 
     def pixel(self, x: float, y: float) -> tuple[float, float]:
         """Column and row of a place in metres."""
         scale = self.size_px / self.side_m
         return (x - self.corner_m[0]) * scale, self.size_px - (y - self.corner_m[1]) * scale
 
-    def _draw(self, world: World) -> np.ndarray:
-        steps = (np.arange(self.size_px) + 0.5) / self.size_px * self.side_m
-        grid = world.grid
-        columns = np.rint((self.corner_m[0] + steps - grid.origin_x_m) / grid.cell_m).astype(int)
-        rows = np.rint((self.corner_m[1] + steps[::-1] - grid.origin_y_m) / grid.cell_m).astype(int)
-        at = np.ix_(rows.clip(0, world.ground_m.shape[0] - 1), columns.clip(0, world.ground_m.shape[1] - 1))
-        light = 0.55 + 0.45 * world.sun[at][..., None] / 255
-        picture = world.albedo[at] * light * 1.3
-        water = world.water_m[at] > world.ground_m[at]
-        picture[water] = np.array([58, 104, 138]) * light[water]
-        surface = np.maximum(world.ground_m[at], world.water_m[at])
-        covered = world.canopy_m[at] > surface + 1.0
-        picture[covered & ~water] = np.array([52, 74, 46]) * light[covered & ~water]
-        picture[covered & water] = np.array([150, 146, 138])
-        return picture.clip(0, 255).astype(np.uint8)
+    def _crop(self, world: World) -> Image.Image:
+        """The square around the river out of the orthographic view; black where the map ends."""
+        grid, (x, y) = world.grid, self.corner_m
+        rows = len(world.ground_m)
+        whole = Image.fromarray(view(world)[::-1])
+        left, right = ((edge - grid.origin_x_m) / grid.cell_m for edge in (x, x + self.side_m))
+        top, bottom = (rows - (edge - grid.origin_y_m) / grid.cell_m for edge in (y + self.side_m, y))
+        box = tuple(round(edge) for edge in (left, top, right, bottom))
+        return whole.crop(box).resize((self.size_px, self.size_px), Image.Resampling.BOX)
 
 
 def pictures(world: World, flight: Flight, camera: Camera, policy: str) -> Iterator[np.ndarray]:

@@ -1,0 +1,67 @@
+from pathlib import Path
+
+import imageio.v2 as imageio
+import numpy as np
+import pytest
+
+from thalweg.bench.baselines import BASELINES
+from thalweg.bench.evaluation import Course, EvaluationConfig, Label, Step, evaluate
+from thalweg.bench.files import ResultsError
+from thalweg.bench.film import FRAMES_PER_S, HOLD_S, MAP_PX, SIZE_PX, Flight, Map, write_film
+from thalweg.env import sample_starts
+from thalweg.render import Camera
+from thalweg.world import World
+
+
+def flight_on(world: World, steps: int) -> Flight:
+    starts = sample_starts(world, 1, 0)
+    told: list[Step] = []
+    course = Course(world, starts, np.zeros(1), np.zeros(1, dtype=np.int64))
+    (episode,) = evaluate(
+        BASELINES["pilot"], course, Label("pilot", 0, "Easy"), EvaluationConfig(), on_step=told.append
+    )
+    whole = Flight.of(episode, told)
+    return Flight(episode, whole.poses[:steps], whole.time_s[:steps], whole.returns[:steps])
+
+
+def test_the_map_shows_the_whole_river_with_water_where_its_course_is(easy_world: World):
+    chart = Map(easy_world)
+    picture = np.asarray(chart.picture).astype(int)
+    places = np.array([chart.pixel(x, y) for x, y in easy_world.river.position_m])
+    assert places.min() > 0
+    assert places.max() < MAP_PX
+    red, _, blue = np.median(picture[places[:, 1].astype(int), places[:, 0].astype(int)], axis=0)
+    assert blue > red  # the course lies on water; the forest around it has more red and green than blue
+    assert np.median(picture[..., 2]) < np.median(picture[..., 1])
+
+
+def test_north_is_up_and_east_is_right_on_the_map(easy_world: World):
+    chart = Map(easy_world)
+    x, y = easy_world.river.position_m[0]
+    column, row = chart.pixel(x, y)
+    assert chart.pixel(x + 10, y)[0] > column
+    assert chart.pixel(x, y + 10)[1] < row
+
+
+@pytest.mark.slow
+def test_a_film_has_a_picture_for_each_step_and_holds_the_last(easy_world: World, tmp_path: Path):
+    path = tmp_path / "film.mp4"
+    drawn: list[None] = []
+    flight = flight_on(easy_world, steps=6)
+    write_film(path, easy_world, flight, "pilot", camera=Camera(32, 32), on_frame=lambda: drawn.append(None))
+    with imageio.get_reader(path) as reader:
+        frames = list(reader.iter_data())  # pyright: ignore
+        codec = reader.get_meta_data()["codec"]
+    assert (len(drawn), len(frames)) == (6, 6 + round(HOLD_S * FRAMES_PER_S))
+    assert codec == "h264"
+    assert frames[0].shape == (SIZE_PX[1], SIZE_PX[0], 3)
+    assert np.abs(frames[5].astype(int) - frames[-1]).mean() < 2
+    assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 2
+    assert [file.name for file in tmp_path.iterdir()] == ["film.mp4"]
+
+
+def test_a_flight_of_no_steps_is_no_film(easy_world: World, tmp_path: Path):
+    flight = flight_on(easy_world, steps=0)
+    with pytest.raises(ResultsError, match="without a step"):
+        write_film(tmp_path / "film.mp4", easy_world, flight, "pilot")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,205 @@
+"""Frames: against planes worked out by hand, against the twin, and that nothing but pose, world and time counts."""
+
+import numba
+import numpy as np
+import pytest
+
+from tests.render.plain import plane, plants_at
+from thalweg.render import Camera, Renderer, twin
+from thalweg.render.frame import BRIDGE, GROUND, PLANT, SKY, WATER
+from thalweg.world.record import World
+
+ARCH = np.array([[0.0, 0.0, 0.3, 14.0, 3.0, 9.0, -0.2, 1.9, 2.2, 0.3, 0.5]])
+
+
+def rays(camera: Camera, yaw: float) -> np.ndarray:
+    forward, right, up = twin.axes(yaw, np.radians(camera.pitch_deg))
+    sy = camera.half_height * (1 - 2 * (np.arange(camera.height_px) + 0.5) / camera.height_px)
+    sx = camera.half_width * (2 * (np.arange(camera.width_px) + 0.5) / camera.width_px - 1)
+    return forward + sy[:, None, None] * up + sx[None, :, None] * right
+
+
+def on_river(world: World, count: int, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    sample = rng.integers(0, len(world.river.arc_m), count)
+    tangent = world.river.tangent[sample]
+    return np.column_stack(
+        [
+            world.river.position_m[sample],
+            world.river.level_m[sample] + rng.uniform(0.8, 9.0, count),
+            np.arctan2(tangent[:, 1], tangent[:, 0]) + rng.uniform(-0.6, 0.6, count),
+        ]
+    )
+
+
+def psnr(a: np.ndarray, b: np.ndarray) -> float:
+    return float(10 * np.log10(255**2 / np.mean((a.astype(float) - b) ** 2)))
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.15, -0.1])
+def test_depth_on_a_plane_is_where_each_ray_meets_it(slope):
+    camera = Camera(48, 48)
+    pose = np.array([1.3, -2.1, 3.0 + slope * 1.3, 0.4])
+    frame = Renderer([plane(slope_x=slope)], camera).render_layers(pose[None])
+    ray = rays(camera, pose[3])
+    expected = (pose[2] - slope * pose[0]) / np.maximum(slope * ray[..., 0] - ray[..., 2], 1e-9)
+    x, y = pose[0] + ray[..., 0] * expected, pose[1] + ray[..., 1] * expected
+    inside = (expected < 100) & (np.abs(x) < 49) & (np.abs(y) < 49)
+    assert inside.sum() > 800
+    np.testing.assert_allclose(frame.depth_m[0][inside], expected[inside], rtol=2e-3, atol=2e-3)
+
+
+def test_rays_above_the_horizon_of_a_flat_world_see_the_sky():
+    camera = Camera(64, 64)
+    frame = Renderer([plane()], camera).render_layers([[0.0, 0.0, 2.0, 0.0]])
+    rises = rays(camera, 0.0)[..., 2] > 1e-3
+    assert (frame.class_id[0][rises] == SKY).all()
+    assert (frame.depth_m[0][rises] == -1).all()
+    assert (frame.class_id[0][rays(camera, 0.0)[..., 2] < -0.05] == GROUND).all()
+
+
+def test_the_mask_ends_where_the_ground_leaves_the_water():
+    camera = Camera(64, 64)
+    world = plane(slope_x=0.1, water_level=0.0)
+    pose = np.array([[-6.0, 0.0, 2.0, 0.0]])
+    frame = Renderer([world], camera).render_layers(pose)
+    ray = rays(camera, 0.0)
+    down = ray[..., 2] < -0.02
+    shore_x = pose[0, 0] + ray[..., 0] * (2.0 / np.maximum(-ray[..., 2], 1e-9))
+    np.testing.assert_array_equal(
+        frame.mask[0][down & (np.abs(shore_x) > 0.02)], (shore_x < 0)[down & (np.abs(shore_x) > 0.02)]
+    )
+
+
+def test_a_plant_covers_only_its_window_and_hides_what_is_behind():
+    camera = Camera(96, 96)
+    world = plane(plants=plants_at([(10.0, 0.0)], kind=0))
+    pose = np.array([0.0, 0.0, 3.0, 0.0])
+    frame = Renderer([world], camera).render_layers(pose[None])
+    seen = frame.class_id[0] == PLANT
+    box = twin.window(
+        np.array([10.0, 0.0, -3.0]), 8.0, 2.0, twin.axes(0.0, np.radians(20)), camera, camera.height_px, camera.width_px
+    )
+    assert box is not None
+    outside = seen.copy()
+    outside[box] = False
+    assert seen.sum() > 100
+    assert not outside.any()
+    ray = rays(camera, 0.0)
+    np.testing.assert_allclose(frame.depth_m[0][seen], (10.0 / ray[..., 0])[seen], rtol=1e-4)
+
+
+def test_a_nearer_plant_is_drawn_over_a_farther_one_whatever_their_order():
+    near_first = plane(plants=plants_at([(8.0, 0.3), (12.0, -0.3)], kind=1))
+    far_first = plane(plants=plants_at([(12.0, -0.3), (8.0, 0.3)], kind=1))
+    pose = [[0.0, 0.0, 3.0, 0.0]]
+    np.testing.assert_array_equal(Renderer([near_first]).render(pose), Renderer([far_first]).render(pose))
+
+
+def test_a_bridge_is_where_dense_sampling_finds_it():
+    world = plane(bridges=ARCH, water_level=-0.1)
+    camera = Camera(64, 64)
+    poses = np.array([[-6, 4.0, 1.2, -0.5], [5.0, 9.0, 3.5, -2.0], [0.5, -8.0, 1.0, 1.6], [-1.0, 1.0, 4.0, 0.0]])
+    frames = Renderer([world], camera).render_layers(poses)
+    for pose, kinds, depth in zip(poses, frames.class_id, frames.depth_m, strict=True):
+        expected, _, _ = twin.meet_bridge(
+            ARCH[0], pose[:3], rays(camera, pose[3]), camera.near_m, np.full((64, 64), 400.0)
+        )
+        ground = np.where(rays(camera, pose[3])[..., 2] < 0, -pose[2] / rays(camera, pose[3])[..., 2], np.inf)
+        met = expected < ground
+        assert (kinds == BRIDGE).sum() > 150
+        assert np.mean(met == (kinds == BRIDGE)) > 0.99
+        both = met & (kinds == BRIDGE)
+        assert np.median(np.abs(depth[both] - expected[both])) < 1e-3
+        assert np.quantile(np.abs(depth[both] - expected[both]), 0.97) < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_the_kernel_agrees_with_the_twin(easy_world, seed):
+    camera = Camera(32, 32)
+    pose = on_river(easy_world, 1, seed)
+    ours = Renderer([easy_world], camera).render_layers(pose)
+    truth = twin.draw(easy_world, pose[0], camera, samples=4)
+    assert psnr(ours.rgb[0], truth.rgb) > 22.0
+    assert np.mean(ours.mask[0] == truth.mask) > 0.99
+    assert np.mean(ours.class_id[0] == truth.class_id) > 0.95
+
+
+@pytest.mark.slow
+def test_a_frame_does_not_depend_on_batch_order_or_threads(easy_world):
+    other = plane(bridges=ARCH, water_level=-0.1)
+    renderer = Renderer([easy_world, other], Camera(64, 64))
+    poses = np.vstack([on_river(easy_world, 5, 7), [[-6, 4.0, 1.2, -0.5]]])
+    index = np.array([0, 0, 0, 0, 0, 1])
+    times = np.linspace(0, 9, 6)
+    whole = renderer.render(poses, index, times)
+    turned = renderer.render(poses[::-1], index[::-1], times[::-1])[::-1]
+    np.testing.assert_array_equal(whole, turned)
+    for k in range(6):
+        np.testing.assert_array_equal(
+            whole[k : k + 1], renderer.render(poses[k : k + 1], index[k : k + 1], times[k : k + 1])
+        )
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        np.testing.assert_array_equal(whole, renderer.render(poses, index, times))
+    finally:
+        numba.set_num_threads(before)
+    np.testing.assert_array_equal(whole[5], Renderer([other], Camera(64, 64)).render(poses[5:], None, times[5:])[0])
+
+
+@pytest.mark.slow
+def test_layers_do_not_change_the_picture(easy_world):
+    renderer = Renderer([easy_world], Camera(64, 64))
+    poses = on_river(easy_world, 3, 9)
+    image, layers = renderer.render(poses), renderer.render_layers(poses)
+    np.testing.assert_array_equal(image[..., :3], layers.rgb)
+    np.testing.assert_array_equal(image[..., 3] == 255, layers.mask)
+    assert set(np.unique(image[..., 3])) <= {0, 255}
+    np.testing.assert_array_equal(layers.mask, layers.class_id == WATER)
+    np.testing.assert_array_equal(layers.depth_m == -1, layers.class_id == SKY)
+
+
+def test_time_moves_the_ripples_and_nothing_else():
+    renderer = Renderer([plane(slope_x=0.1, water_level=0.0)], Camera(64, 64))
+    pose = [[-6.0, 0.0, 2.0, 0.0]]
+    now, later = renderer.render(pose, time_s=0.0)[0], renderer.render(pose, time_s=3.0)[0]
+    wet = now[..., 3] == 255
+    assert (now[..., :3] != later[..., :3]).any(axis=-1)[wet].mean() > 0.5
+    # The mean of the frame sets the exposure, so that dry ground may shift by a shade.
+    assert np.abs(now[..., :3].astype(int) - later[..., :3])[~wet].max() <= 3
+
+
+@pytest.mark.parametrize("size", [(40, 72), (72, 40), (33, 57)])
+def test_sizes_need_not_be_multiples_of_anything(size):
+    world = plane(slope_x=0.1, water_level=0.0, bridges=ARCH, plants=plants_at([(9.0, 2.0)], kind=2))
+    camera = Camera(*size)
+    pose = np.array([-4.0, -3.0, 2.5, 0.3])
+    ours = Renderer([world], camera).render(pose[None])[0]
+    truth = twin.draw(world, pose, camera, samples=3)
+    assert ours.shape == (*size, 4)
+    assert psnr(ours[..., :3], truth.rgb) > 24.0
+    assert np.mean((ours[..., 3] == 255) == truth.mask) > 0.99
+
+
+def test_bad_requests_name_the_value_and_what_would_be_right():
+    renderer = Renderer([plane()], Camera(32, 32))
+    with pytest.raises(ValueError, match=r"shape \[3\].*\[N, 4\]"):
+        renderer.render([0.0, 0.0, 2.0])
+    with pytest.raises(ValueError, match="pose 1 is not finite"):
+        renderer.render([[0, 0, 2, 0], [0, np.nan, 2, 0]])
+    with pytest.raises(ValueError, match=r"world_index must be in 0\.\.0; got 1\.\.1"):
+        renderer.render([[0, 0, 2, 0]], [1])
+    with pytest.raises(ValueError, match=r"must be contiguous uint8 \[1, 32, 32, 4\]"):
+        renderer.render([[0, 0, 2, 0]], out=np.zeros((1, 32, 32, 3), np.uint8))
+    with pytest.raises(ValueError, match="at least one world"):
+        Renderer([])
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("height_px", 4), ("width_px", 20.5), ("fov_deg", 180.0), ("pitch_deg", 95.0), ("near_m", 0.0)]
+)
+def test_a_camera_that_cannot_be_is_refused_by_name(field, value):
+    with pytest.raises(ValueError, match=field):
+        Camera(**{field: value})

@@ -1,5 +1,7 @@
 """A level and a seed become a world: the same bytes each time, from the cache or not."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -40,7 +42,7 @@ def test_a_built_world_is_taken_from_the_cache_and_a_damaged_file_is_replaced(tm
     first = load_or_build("easy", 3)
     (path,) = (tmp_path / "worlds").iterdir()
     whole = path.read_bytes()
-    monkeypatch.setattr("thalweg.world.build.plan", lambda *_: pytest.fail("built again"))
+    monkeypatch.setattr(sys.modules["thalweg.world.build"], "plan", lambda *_: pytest.fail("built again"))
     assert_same(load_or_build("Easy", 3), first)
     monkeypatch.undo()
     monkeypatch.setenv("THALWEG_CACHE", str(tmp_path))

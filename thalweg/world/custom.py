@@ -15,6 +15,8 @@ FINE = 8
 """Places of the spline per sample while its arc length is measured."""
 DEPTH_M = (0.5, 1.8)
 """Shallowest and deepest bed of a line that says nothing of depth."""
+SAND, GRASS = (150, 138, 112), (88, 98, 62)
+"""Reflectance of a bare world, coded as `World.albedo`."""
 WIDEST_GAP = 3.0
 """The ends of a closed line lie at most so many times as far apart as any other two neighbours."""
 
@@ -124,7 +126,7 @@ def bare(river: River, terrain: Terrain, seed: int) -> World:
     """A world of sand and grass in even light, without plants."""
     shape = terrain.ground_m.shape
     sandy = terrain.shore_m < 3.0
-    albedo = np.where(sandy[..., None], np.uint8([150, 138, 112]), np.uint8([88, 98, 62]))
+    albedo = np.where(sandy[..., None], np.array(SAND, np.uint8), np.array(GRASS, np.uint8))
     none = np.zeros((0, 3), np.float32)
     empty = Plants(
         none,

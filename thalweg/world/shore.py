@@ -7,6 +7,7 @@ the nearest place on the line, of the nearest arm. Side water is a union of disc
 from typing import NamedTuple
 
 import numpy as np
+from numba import prange
 
 from thalweg.kernel import kernel
 from thalweg.world.record import Grid, River
@@ -65,46 +66,59 @@ def _foot(x, y, start, step, j):
 
 
 @kernel(fastmath=False)
+def _nearest_on_arm(x, y, start, step, arm, window, closed):
+    """(segment, share, distance) of the nearest place within so many segments of segment `arm`."""
+    count = len(start)
+    nearest, share, distance = arm, 0.0, 1e30
+    for k in range(arm - window, arm + window + 1):
+        if not closed and (k < 0 or k >= count):
+            continue
+        t, d = _foot(x, y, start, step, k % count)
+        if d < distance:
+            nearest, share, distance = k % count, t, d
+    return nearest, share, distance
+
+
+@kernel(fastmath=False)
+def _measure_node(x, y, start, step, half, closed, window, found, number):
+    """(edge, across, place) of one node, of which the first `number` entries of found are the candidate segments."""
+    envelope = 1e30
+    arm = 0
+    for k in range(number):
+        t, d = _foot(x, y, start, step, found[k])
+        reach = d - (half[found[k], 0] + t * (half[found[k], 1] - half[found[k], 0]))
+        if reach < envelope:
+            envelope = reach
+            arm = found[k]
+    nearest, share, distance = _nearest_on_arm(x, y, start, step, arm, window if envelope < 4.0 else 1, closed)
+    width = half[nearest, 0] + share * (half[nearest, 1] - half[nearest, 0])
+    exact = distance - width
+    blend = min(max((exact - 1.0) / 1.5, 0.0), 1.0)
+    blend = blend * blend * (3.0 - 2.0 * blend)
+    turn = step[nearest, 0] * (y - start[nearest, 1]) - step[nearest, 1] * (x - start[nearest, 0])
+    across = distance / width if turn >= 0.0 else -distance / width
+    return exact + blend * (envelope - exact), across, nearest + share
+
+
+@kernel(fastmath=False, parallel=True)
 def _measure(origin_x, origin_y, cell, start, step, half, closed, window, slack, edge, across, place):
     """Fill the maps of `Shore`; start, step [segments, 2] and half [segments, 2] half widths at both ends, float64."""
-    count = len(start)
     rows, columns = edge.shape
-    found = np.empty(count, np.int64)
-    for top in range(0, rows, 16):
-        for left in range(0, columns, 16):
-            number = _block_candidates(
-                origin_x + (left + 7.5) * cell, origin_y + (top + 7.5) * cell, slack, start, step, half, found
+    for band in prange((rows + BLOCK - 1) // BLOCK):
+        top = band * BLOCK
+        found = np.empty(len(start), np.int64)
+        for left in range(0, columns, BLOCK):
+            middle_x, middle_y = (
+                origin_x + (left + 0.5 * (BLOCK - 1)) * cell,
+                origin_y + (top + 0.5 * (BLOCK - 1)) * cell,
             )
-            for i in range(top, min(top + 16, rows)):
-                y = origin_y + i * cell
-                for j in range(left, min(left + 16, columns)):
-                    x = origin_x + j * cell
-                    envelope = 1e30
-                    arm = 0
-                    for k in range(number):
-                        t, d = _foot(x, y, start, step, found[k])
-                        reach = d - (half[found[k], 0] + t * (half[found[k], 1] - half[found[k], 0]))
-                        if reach < envelope:
-                            envelope = reach
-                            arm = found[k]
-                    nearest, share, distance = arm, 0.0, 1e30
-                    for k in range(arm - window, arm + window + 1):
-                        segment = k
-                        if closed:
-                            segment = k % count
-                        elif k < 0 or k >= count:
-                            continue
-                        t, d = _foot(x, y, start, step, segment)
-                        if d < distance:
-                            nearest, share, distance = segment, t, d
-                    width = half[nearest, 0] + share * (half[nearest, 1] - half[nearest, 0])
-                    exact = distance - width
-                    blend = min(max((exact - 1.0) / 1.5, 0.0), 1.0)
-                    blend = blend * blend * (3.0 - 2.0 * blend)
-                    turn = step[nearest, 0] * (y - start[nearest, 1]) - step[nearest, 1] * (x - start[nearest, 0])
-                    edge[i, j] = exact + blend * (envelope - exact)
-                    across[i, j] = distance / width if turn >= 0.0 else -distance / width
-                    place[i, j] = nearest + share
+            number = _block_candidates(middle_x, middle_y, slack, start, step, half, found)
+            for i in range(top, min(top + BLOCK, rows)):
+                for j in range(left, min(left + BLOCK, columns)):
+                    node = _measure_node(
+                        origin_x + j * cell, origin_y + i * cell, start, step, half, closed, window, found, number
+                    )
+                    edge[i, j], across[i, j], place[i, j] = node
 
 
 def measure(grid: Grid, shape: tuple[int, int], river: River) -> Shore:

@@ -21,7 +21,7 @@ from thalweg.encoder import (
     reconstruction_mse,
     train_encoder,
 )
-from thalweg.encoder.training import _State, resolve_precision
+from thalweg.encoder.training import _State, epoch_generator, resolve_precision
 
 CONFIG = VAEConfig(latent=6, size_px=64)
 
@@ -79,6 +79,14 @@ def test_a_finished_training_is_not_repeated(images, tmp_path, monkeypatch):
     first = train(images, tmp_path).path.read_bytes()
     monkeypatch.setattr(_State, "epoch", lambda *_: pytest.fail("trained again"))
     assert train(images, tmp_path).path.read_bytes() == first
+
+
+def test_every_epoch_and_seed_has_its_own_order():
+    runs = [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1)]
+    orders = {tuple(torch.randperm(50, generator=epoch_generator(*run)).tolist()) for run in runs}
+    assert len(orders) == 5
+    again = [torch.randperm(50, generator=epoch_generator(0, 1)).tolist() for _ in range(2)]
+    assert again[0] == again[1]
 
 
 def test_another_seed_gives_another_encoder(images, tmp_path):

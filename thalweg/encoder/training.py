@@ -136,6 +136,11 @@ def resolve_precision(precision: str, device: str = "cpu") -> str:
     return "bfloat16" if found.get("avx512_bf16") or found.get("amx_bf16") else "float32"
 
 
+def epoch_generator(seed: int, epoch: int) -> torch.Generator:
+    """All that is random in an epoch: the order of the images, and the noise in the codes."""
+    return torch.Generator().manual_seed(int(np.random.SeedSequence([seed, 1, epoch]).generate_state(1)[0]))
+
+
 class _State:
     """The model and its optimiser, and how they go to disk and come back."""
 
@@ -149,9 +154,7 @@ class _State:
     def epoch(self, images: np.ndarray, epoch: int) -> dict[str, float]:
         """One pass over images uint8 [K, H, W, 4] in batches of nearly equal size; the means of loss, MSE and KL."""
         vae, config, device = self.vae.train(), self.vae.config, next(self.vae.parameters()).device
-        draw = torch.Generator().manual_seed(
-            int(np.random.SeedSequence([self.run["seed"], 1, epoch]).generate_state(1)[0])
-        )
+        draw = epoch_generator(self.run["seed"], epoch)
         order = torch.randperm(len(images), generator=draw).numpy()
         sums = np.zeros(3)
         for chosen in np.array_split(order, math.ceil(len(order) / self.run["batch"])):

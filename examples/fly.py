@@ -1,0 +1,29 @@
+"""The scripted pilot, which knows the map, flies the Medium river; what it saw is saved as one picture."""
+
+import argparse
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+
+import thalweg  # registers the environments  # noqa: F401
+from thalweg.bench.sheet import sheet
+from thalweg.env import DoneReason
+
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("--steps", type=int, default=500)
+parser.add_argument("--out", type=Path, default=Path("flight.png"))
+options = parser.parse_args()
+
+env = gymnasium.make("thalweg/Medium-v0")
+frame, info = env.reset(seed=0)
+frames = [frame]
+total, ended = 0.0, False
+while not ended and len(frames) <= options.steps:
+    frame, reward, terminated, truncated, info = env.step(env.unwrapped.pilot_action())
+    frames.append(frame)
+    total += float(reward)
+    ended = terminated or truncated
+print(f"{len(frames) - 1} steps, return {total:.2f}, cost {info['cost']}, {DoneReason(int(info['done_reason'])).label}")
+sheet(np.stack(frames)[:: max(1, len(frames) // 16)][:16]).save(options.out)
+print(options.out)

@@ -1,0 +1,114 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from thalweg.cli import COMMANDS, main
+
+
+def test_help_names_every_command_and_imports_nothing_heavy():
+    heavy = ("torch", "numba", "matplotlib", "scipy")
+    code = f"""
+import sys
+from thalweg.cli import main
+try:
+    main(["--help"])
+except SystemExit:
+    print("LOADED", [name for name in {heavy!r} if name in sys.modules])
+"""
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert "LOADED []" in said
+    assert all(name in said for name in COMMANDS)
+
+
+def test_the_version_is_that_of_the_package(capsys: pytest.CaptureFixture):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == "thalweg 0.1.0\n"
+
+
+WRONG = [
+    (["world", "--level", "medum"], "Easy, Medium, Hard"),
+    (["render", "--level", "medum"], "Easy, Medium, Hard"),
+    (["render", "--count", "0"], "--count"),
+    (["train", "--algorithm", "FOCUPS", "--out", "x"], "PPO, FOCOPS"),
+    (["train", "--set", "learning_rate", "--out", "x"], "key=value"),
+    (["evaluate", "nothing_here"], "packaged, random, hover, forward, pilot"),
+    (["evaluate", "hover", "--levels", "medum"], "Easy, Medium, Hard"),
+    (["evaluate", "hover", "--episodes", "0"], "episodes must be at least 1"),
+    (["bench", "papr", "--out", "x"], "quick, paper"),
+    (["report", "nothing_here"], "no results folder nothing_here"),
+    (["encoder", "show", "--path", "nothing_here"], "nothing_here"),
+    (["encoder", "train", "--architecture", "huge", "--out", "x"], "lean"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "said"), WRONG, ids=[" ".join(arguments) for arguments, _ in WRONG])
+def test_a_wrong_value_is_one_line_that_names_the_known_ones(
+    arguments: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.err.startswith("thalweg: ")
+    assert said in captured.err
+    assert captured.err.count("\n") == 1
+    assert "Traceback" not in captured.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_debug_shows_where_an_error_came_from(capsys: pytest.CaptureFixture):
+    assert main(["--debug", "report", "nothing_here"]) == 2
+    assert "Traceback" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments", [[], ["fly"], ["world", "--sede", "1"], ["encoder", "train", "--inputs", "depth"]]
+)
+def test_an_unknown_word_ends_with_status_2(arguments: list[str], capsys: pytest.CaptureFixture):
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+
+
+def test_an_interrupt_says_how_to_go_on(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("thalweg.bench.report.write_report", interrupted)
+    assert main(["report", "x"]) == 130
+    assert "The same command goes on" in capsys.readouterr().err
+
+
+def test_frames_are_drawn_from_a_given_pose(tmp_path: Path, easy_world, capsys: pytest.CaptureFixture):
+    x, y = easy_world.river.position_m[0]
+    out = tmp_path / "deep" / "frames.png"
+    pose = [f"{value:.3f}" for value in (x, y, 6.0, 0.5)]
+    assert main(["render", "--level", "easy", "--size", "32", "--pose", *pose, "--out", str(out)]) == 0
+    picture = np.asarray(Image.open(out))
+    assert picture.shape == (2 * 32 + 4, 32, 3)
+    assert set(np.unique(picture[-32:])) <= {0, 255}
+    assert f"--pose {' '.join(pose[:3])}" in capsys.readouterr().out
+
+
+def test_a_world_is_drawn_and_saved(tmp_path: Path, easy_world):
+    from thalweg.world import World
+
+    out, saved = tmp_path / "map.png", tmp_path / "world.npz"
+    assert main(["world", "--level", "easy", "--out", str(out), "--save", str(saved)]) == 0
+    assert Image.open(out).size[1] == 1200
+    np.testing.assert_array_equal(World.load(saved).river.position_m, easy_world.river.position_m)
+
+
+def test_baselines_are_evaluated_and_their_rows_written(tmp_path: Path, capsys: pytest.CaptureFixture):
+    from thalweg.bench.episodes import read_episodes
+
+    out = tmp_path / "rows.csv"
+    assert main(["evaluate", "hover", "--levels", "easy", "--episodes", "3", "--out", str(out)]) == 0
+    rows = read_episodes(out)
+    assert [(row.algorithm, row.level, row.episode, row.reason) for row in rows] == [
+        ("hover", "Easy", place, "Idle") for place in range(3)
+    ]
+    assert "0.20 ± 0.00" in capsys.readouterr().out

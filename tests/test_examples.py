@@ -1,0 +1,47 @@
+"""The examples run as they stand, and so do the lines of Python in the README."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def run(*arguments: str, cwd: Path) -> str:
+    done = subprocess.run([sys.executable, *arguments], cwd=cwd, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_pilot_of_the_example_saves_what_it_saw(tmp_path: Path):
+    said = run(str(ROOT / "examples" / "fly.py"), "--steps", "20", cwd=tmp_path)
+    assert said.startswith("20 steps, return 0.")
+    assert (tmp_path / "flight.png").stat().st_size > 10_000
+
+
+def test_a_river_of_ones_own_is_drawn_and_flown(tmp_path: Path):
+    said = run(str(ROOT / "examples" / "own_river.py"), cwd=tmp_path)
+    assert said.count("return 10.00, Success") == 4
+    assert (tmp_path / "own_river.png").exists()
+
+
+@pytest.mark.slow
+def test_training_and_evaluating_by_example(tmp_path: Path):
+    said = run(str(ROOT / "examples" / "train_and_evaluate.py"), "--steps", "2048", "--episodes", "2", cwd=tmp_path)
+    assert re.search(r"Easy: return \d+\.\d\d ± \d+\.\d\d, cost \d\.\d\d", said)
+    assert (tmp_path / "runs" / "example" / "policy.safetensors").exists()
+
+
+def test_the_python_of_the_readme_runs(tmp_path: Path):
+    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
+    assert len([line for line in block.splitlines() if line.strip()]) <= 12
+    said = run("-c", block, cwd=tmp_path)
+    assert re.fullmatch(r"return \d+\.\d\d, cost [\d.]+, .*\n", said)
+
+
+def test_every_example_is_tested():
+    tested = set(re.findall(r'"(\w+\.py)"', Path(__file__).read_text()))
+    assert {file.name for file in (ROOT / "examples").glob("*.py")} <= tested

@@ -3,24 +3,25 @@
 from types import SimpleNamespace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from thalweg.world.record import Grid, Plants, River, World
 
 
 def world_of(
-    points: np.ndarray,
+    points: ArrayLike,
     closed: bool = True,
     *,
-    width_m: float | np.ndarray = 6.0,
-    level_m: float | np.ndarray = 0.0,
-    islands: np.ndarray | None = None,
-    bridges: np.ndarray | None = None,
+    width_m: ArrayLike = 6.0,
+    level_m: ArrayLike = 0.0,
+    islands: ArrayLike | None = None,
+    bridges: ArrayLike | None = None,
     name: str = "handmade",
 ) -> World:
     """A world whose river runs through points [S, 2] as they are; only what the rules read is filled in."""
-    points = np.asarray(points, dtype=np.float64)
-    count = len(points)
-    steps = np.roll(points, -1, axis=0) - points
+    position = np.asarray(points, dtype=np.float64)
+    count = len(position)
+    steps = np.roll(position, -1, axis=0) - position
     if not closed:
         steps[-1] = steps[-2]
     lengths = np.linalg.norm(steps, axis=1)
@@ -31,7 +32,7 @@ def world_of(
     tangent = ahead + before
     river = River(
         closed=closed,
-        position_m=points,
+        position_m=position,
         arc_m=np.concatenate([[0.0], np.cumsum(lengths[:-1])]),
         length_m=float(lengths.sum() if closed else lengths[:-1].sum()),
         tangent=tangent / np.linalg.norm(tangent, axis=1, keepdims=True),

@@ -31,7 +31,7 @@ def test_loose_cost_follows_the_scheme(scheme: str, loose: float):
 )
 def test_an_unknown_value_lists_the_known_ones(field: str, known: str):
     with pytest.raises(ConfigError, match="'sonar'.*" + known.replace("+", r"\+")):
-        EnvConfig(**{field: "sonar"})
+        EnvConfig().with_options(**{field: "sonar"})
 
 
 def test_an_unknown_option_lists_the_known_ones():

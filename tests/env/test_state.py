@@ -50,7 +50,7 @@ def test_a_state_survives_a_file(tmp_path):
     env = make()
     env.reset(seed=0)
     flown(env, 10, seed=1)
-    np.savez(tmp_path / "state.npz", **env.get_state())
+    np.savez(tmp_path / "state.npz", **env.get_state())  # pyright: ignore[reportArgumentType]
     expected = flown(env, 50, seed=2)
     with np.load(tmp_path / "state.npz") as stored:
         env.set_state(dict(stored))

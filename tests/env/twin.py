@@ -59,7 +59,7 @@ class Twin:
                 if not closed and not 0 <= k < count:
                     break
                 distance = self.nearest(k % count)[0]
-                if distance < best[0]:
+                if distance**2 < best[0] ** 2 - 1e-9:
                     best = (distance, way * shift)
                 if shift >= 2 and distance >= previous:
                     break

@@ -30,7 +30,8 @@ BANK_M = 0.5
 """Clearance from the bank below which the end of a flight is worth less."""
 BANK_WEIGHT = 4.0
 HOVER_COST = 0.5
-"""Segments of progress that it costs to begin by doing nothing: to put a move off must not look as good as to make it."""
+"""Segments of progress that it costs to begin by doing nothing: putting a move off must not look as good as making
+it."""
 DOOM = -1000.0
 """Worth of a flight that breaks a rule; each step that it lasts makes it better by one."""
 

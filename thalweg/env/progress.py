@@ -12,6 +12,10 @@ WINDOW = 2
 """Segments searched each way in any case. On the inside of a corner of the line two neighbours can both be locally
 nearest; beyond the window the search goes on only while it comes nearer."""
 
+TIE = 1.0e-9
+"""Square metres by which a segment must be nearer to be preferred to one closer to the last. Outside a corner of the
+line both its neighbours are equally near, and rounding must not decide which of them is visited."""
+
 
 @kernel(fastmath=False)
 def sample_rows(courses, world, segment):
@@ -64,7 +68,7 @@ def followed(courses, world, segment, x, y):
             if candidate < 0:
                 break
             squared, fraction = nearest_on(courses, world, candidate, x, y)
-            if squared < best:
+            if squared < best - TIE:
                 best = squared
                 best_fraction = fraction
                 best_shift = shift

@@ -2,6 +2,7 @@
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -16,11 +17,12 @@ parser.add_argument("--out", type=Path, default=Path("flight.png"))
 options = parser.parse_args()
 
 env = gymnasium.make("thalweg/Medium-v0")
+river: Any = env.unwrapped
 frame, info = env.reset(seed=0)
 frames = [frame]
 total, ended = 0.0, False
 while not ended and len(frames) <= options.steps:
-    frame, reward, terminated, truncated, info = env.step(env.unwrapped.pilot_action())
+    frame, reward, terminated, truncated, info = env.step(river.pilot_action())
     frames.append(frame)
     total += float(reward)
     ended = terminated or truncated

@@ -45,3 +45,7 @@ def test_the_python_of_the_readme_runs(tmp_path: Path):
 def test_every_example_is_tested():
     tested = set(re.findall(r'"(\w+\.py)"', Path(__file__).read_text()))
     assert {file.name for file in (ROOT / "examples").glob("*.py")} <= tested
+
+
+def test_the_speed_table_of_the_readme_is_the_one_that_was_measured(tmp_path: Path):
+    run(str(ROOT / "benchmarks" / "write_speed.py"), "--check", cwd=tmp_path)

@@ -6,7 +6,7 @@ between machines with and without it. No compilation: it would cost more at the 
 
 The same frame gives the same bits whatever stands beside it in a batch: a convolution works on one image at a time, and
 the linear layer, whose order of summation does depend on the number of rows, always gets blocks of the same size. That
-holds on one machine; between machines the codes agree within 1e-4.
+holds on one machine; between CPUs the codes agree within 1e-4.
 """
 
 from collections.abc import Mapping

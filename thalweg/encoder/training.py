@@ -113,15 +113,7 @@ def train_encoder(
             state.save(folder / "checkpoint.safetensors", rows)
             _write_rows(folder / "metrics.csv", rows)
             bar.update(task, advance=1, note=f"{speed:.0f} images/s, mse {row['mse']:.5f}, kl {row['kl']:.2f}")
-    errors = {
-        "train_mse": reconstruction_mse(state.vae, kept),
-        "held_out_mse": reconstruction_mse(state.vae, aside) if held_out else None,
-        "mean_image_mse": mean_image_mse(kept, config),
-    }
-    path = folder / "encoder.safetensors"
-    about = {**run, **asdict(source), **errors, "image_seed": source.seed, "seed": seed, "thalweg": version("thalweg")}
-    save_vae(path, state.vae, {**about, "torch": torch.__version__})
-    return TrainingResult(path=path, rows=rows, **errors)
+    return _finish(folder / "encoder.safetensors", state, kept, aside, rows, source)
 
 
 def resolve_precision(precision: str, device: str = "cpu") -> str:
@@ -218,3 +210,18 @@ def _write_rows(path: Path, rows: list[Row]) -> None:
 def _bar(shown: bool) -> Progress:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     return Progress(*columns, TextColumn("{task.fields[note]}"), disable=not shown)
+
+
+def _finish(
+    path: Path, state: _State, kept: np.ndarray, aside: np.ndarray, rows: list[Row], source: Source
+) -> TrainingResult:
+    """Measure the errors on images uint8 [K, H, W, 4] trained on and held out, and write the encoder's file."""
+    errors = {
+        "train_mse": reconstruction_mse(state.vae, kept),
+        "held_out_mse": reconstruction_mse(state.vae, aside) if len(aside) else None,
+        "mean_image_mse": mean_image_mse(kept, state.vae.config),
+    }
+    made_of = {"level": source.level, "image_seed": source.seed, "render_version": source.render_version}
+    versions = {"thalweg": version("thalweg"), "torch": torch.__version__}
+    save_vae(path, state.vae, {**state.run, **errors, **made_of, **versions, "command": source.command})
+    return TrainingResult(path=path, rows=rows, **errors)

@@ -165,7 +165,11 @@ def test_a_dict_holds_colours_and_mask():
     observations, _, _, _, info = env.step(np.array([HOVER, HOVER]))
     assert observations in env.observation_space
     assert (observations["rgb"].shape, observations["mask"].shape) == ((2, 8, 8, 3), (2, 8, 8, 1))
-    assert info["final_obs"][1] in env.single_observation_space
+    frames = BlankRenderer().render(env.state.pose, env.world_index, env.state.time_s)
+    assert np.array_equal(observations["rgb"], frames[..., :3])
+    assert np.array_equal(observations["mask"], frames[..., 3:])
+    last = BlankRenderer().render(info["pose"], env.world_index, env.state.time_s)
+    assert np.array_equal(info["final_obs"][1]["rgb"][0], last[1, 0, :, :3])
 
 
 def test_the_last_frame_of_an_episode_shows_its_last_pose_with_one_call_of_the_renderer():

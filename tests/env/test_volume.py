@@ -56,6 +56,12 @@ def test_height_counts_from_the_local_water_level(z: float, action, reason: Done
     assert step(env, action)[2] is reason
 
 
+@pytest.mark.parametrize("level", [0.1 * tenth for tenth in range(40)])
+def test_rounding_does_not_decide_at_the_edge_of_the_band(level: float):
+    env = at(canal(level_m=level), (10.0, 0.0, level + 1.5, 0.0))
+    assert step(env, DOWN)[2] is DoneReason.RUNNING
+
+
 def test_the_level_between_samples_is_linear():
     world = canal(20.0, spacing_m=10.0, level_m=[0.0, 2.0, 2.0])
     assert between(pack([world], EnvConfig()), 0, 0, 0.3, world.river.level_m) == pytest.approx(0.6)

@@ -238,8 +238,8 @@ class RiverVectorEnv(VectorEnv):
             final_info[key][rows] = value[rows]
         info |= {"final_obs": final_obs, "_final_obs": ended, "final_info": final_info, "_final_info": ended.copy()}
         if isinstance(batch, dict):
-            return {key: value[: self.num_envs].copy() for key, value in batch.items()}
-        return batch[: self.num_envs].copy()
+            return {key: value[: self.num_envs] for key, value in batch.items()}
+        return batch[: self.num_envs]
 
     def _info(self, chosen: np.ndarray) -> dict[str, Any]:
         """The info of the last action; chosen [N] bool marks the environments that it is about."""

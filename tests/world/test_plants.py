@@ -58,6 +58,16 @@ def test_no_crown_of_a_tree_or_shrub_reaches_over_the_water(scene):
     assert (0.5 * plants.width_m[woody] <= room + 1e-4).all()
 
 
+def test_no_crown_reaches_over_water_that_the_distance_to_the_shore_misses():
+    grid, ground, water, shore, clear = valley(200)
+    plants = scatter(grid, ground, water, shore + 3.0, clear, 1.0, np.random.default_rng(5))
+    woody = np.isin(GROUP[plants.kind], ("tree", "shrub"))
+    row, column = np.nonzero(water > ground)
+    wet = np.column_stack([grid.origin_x_m + column * grid.cell_m, grid.origin_y_m + row * grid.cell_m])
+    away = KDTree(wet).query(plants.position_m[woody, :2])[0]
+    assert (away > 0.5 * plants.width_m[woody] - 2.0 * grid.cell_m).all()
+
+
 def test_reeds_keep_to_the_shallow_edge(scene):
     site, plants = scene
     xy = plants.position_m[SPECIES[plants.kind] == "reed", :2]
@@ -98,7 +108,8 @@ def test_species_stand_in_patches(scene):
     _, plants = scene
     trees = GROUP[plants.kind] == "tree"
     conifer = np.isin(SPECIES[plants.kind[trees]], ("pine", "fir"))
-    neighbours = KDTree(plants.position_m[trees, :2]).query(plants.position_m[trees, :2], k=5)[1][:, 1:]
+    xy = plants.position_m[trees, :2]
+    neighbours = np.asarray(KDTree(xy).query(xy, k=5)[1])[:, 1:]
     agreement = np.mean(conifer[neighbours] == conifer[:, None])
     by_chance = np.mean(conifer) ** 2 + np.mean(~conifer) ** 2
     assert agreement > by_chance + 0.08

@@ -25,6 +25,8 @@ REED_DEPTH_M = 0.3
 """Deepest water in which reeds stand."""
 REED_REACH_M = 0.45
 """Farthest that a reed stands from the edge, into the water."""
+RIM_POINTS = 16
+"""Places round a crown's rim that must not be over water."""
 YOUNG_SHARE = 0.4
 """Share of the trees of the first row that are young, about two thirds of the height of their kind."""
 
@@ -114,12 +116,12 @@ def _shrubs(site: Site, close: float, rng: np.random.Generator) -> Plants:
 
 def _reeds(site: Site, close: float, rng: np.random.Generator) -> Plants:
     """Clumps of reed in shallow water and on the wet sand, tufts of grass on the dry bank."""
-    clump = smooth_step(0.5, 1.1, _waves(site, 7.0, 3, rng))
+    clump = smooth_step(0.85, 1.5, _waves(site, 7.0, 3, rng))
     wet = (site.shore_m > -REED_REACH_M) & (site.shore_m < 0.8) & (site.water_m - site.ground_m < REED_DEPTH_M)
     bank = (site.shore_m > 1.5) & (site.inside_m < 2.0)
     tuft = smooth_step(0.3, 1.8, _waves(site, 4.0, 3, rng)) * smooth_step(2.0, 5.5, site.shore_m)
     xy = _spread(site, np.where(site.open & (wet | bank), close * SPACING_M["reed"], 0.0), rng)
-    share = np.where(wet, 0.75 * clump, np.where(bank, 0.40 * tuft, 0.0))
+    share = np.where(wet, 0.6 * clump, np.where(bank, 0.40 * tuft, 0.0))
     xy = xy[rng.random(len(xy)) < site.at(share, xy)]
     species = np.where(site.at(wet, xy) & (rng.random(len(xy)) < 0.9), "reed", "grass")
     return _grown(site, xy, _kinds("reed", species, rng), np.ones(len(xy)), rng)
@@ -131,7 +133,7 @@ def _rocks(site: Site, close: float, rng: np.random.Generator) -> Plants:
     near = smooth_step(-0.6, 0.1, site.shore_m) * smooth_step(-9.0, -2.0, -site.shore_m)
     where = site.open & (site.shore_m > -0.5) & (site.shore_m < 9.0)
     xy = _spread(site, np.where(where, close * SPACING_M["rock"], 0.0), rng)
-    xy = xy[rng.random(len(xy)) < site.at(0.012 + 0.40 * group, xy) * site.at(near, xy)]
+    xy = xy[rng.random(len(xy)) < site.at(0.010 + 0.33 * group, xy) * site.at(near, xy)]
     return _grown(site, xy, _kinds("rock", None, rng, len(xy)), np.ones(len(xy)), rng, skew=2.5)
 
 
@@ -180,7 +182,20 @@ def _grown(
         tint=_tints(site, xy, rng),
         light=np.ones((count, 2), np.float32),
     )
-    return _chosen(plants, keep)
+    return _chosen(plants, keep & ~(bound & _over_water(site, xy, 0.5 * plants.width_m)))
+
+
+def _over_water(site: Site, xy: np.ndarray, radius_m: np.ndarray) -> np.ndarray:
+    """[K] bool: whether a crown of that radius [K] reaches over water, looked up round its rim.
+
+    The distance to the shore alone does not say so: on an islet it may be an estimate.
+    """
+    wet = site.water_m > site.ground_m
+    over = np.zeros(len(xy), bool)
+    for angle in np.arange(RIM_POINTS) * 2.0 * np.pi / RIM_POINTS:
+        reach = np.maximum(radius_m - 0.5 * site.grid.cell_m, 0.0)[:, None]
+        over |= site.at(wet, xy + reach * np.array([np.cos(angle), np.sin(angle)]))
+    return over
 
 
 def _tints(site: Site, xy: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -18,19 +18,19 @@ f4 = np.float32
 
 SAND = np.array((0.55, 0.45, 0.32), np.float32)
 SAND_PINK = np.array((0.47, 0.35, 0.245), np.float32)
-SAND_WET = np.array((0.27, 0.21, 0.14), np.float32)
-RIM = np.array((0.74, 0.66, 0.53), np.float32)
+SAND_WET = np.array((0.28, 0.22, 0.15), np.float32)
+RIM = np.array((0.80, 0.73, 0.61), np.float32)
 PEBBLE = np.array((0.36, 0.33, 0.29), np.float32)
-GRASS = np.array((0.205, 0.215, 0.075), np.float32)
-GRASS_DRY = np.array((0.37, 0.31, 0.15), np.float32)
-GRASS_LUSH = np.array((0.105, 0.15, 0.045), np.float32)
+GRASS = np.array((0.225, 0.215, 0.080), np.float32)
+GRASS_DRY = np.array((0.38, 0.315, 0.15), np.float32)
+GRASS_LUSH = np.array((0.130, 0.155, 0.050), np.float32)
 LITTER = np.array((0.105, 0.080, 0.045), np.float32)
 NEEDLES = np.array((0.175, 0.115, 0.062), np.float32)
 MOSS = np.array((0.062, 0.082, 0.028), np.float32)
 EARTH = np.array((0.25, 0.185, 0.12), np.float32)
 ROCK = np.array((0.27, 0.25, 0.22), np.float32)
-BED_SAND = np.array((0.36, 0.295, 0.205), np.float32)
-BED_SILT = np.array((0.165, 0.135, 0.095), np.float32)
+BED_SAND = np.array((0.27, 0.215, 0.15), np.float32)
+BED_SILT = np.array((0.125, 0.102, 0.075), np.float32)
 BED_STONE = np.array((0.23, 0.21, 0.18), np.float32)
 ALGAE = np.array((0.070, 0.075, 0.034), np.float32)
 """Linear reflectances of the materials, red, green, blue."""
@@ -72,7 +72,7 @@ def paint(
     _lay(colour, into_forest * into_grass, _litter(fields))
     _lay(colour, _steepness(grid, ground_m, fields), _earth(ground_m, fields))
     edge = shore_m + f4(0.05) * fields.clump
-    _lay(colour, smooth_step(-0.30, 0.02, -edge), _bed(water_m - ground_m, fields))
+    _lay(colour, smooth_step(-0.10, 0.06, -edge), _bed(water_m - ground_m, fields))
     return np.rint(np.sqrt(np.clip(colour, 0.0, 1.0)) * f4(255.0)).astype(np.uint8)
 
 
@@ -91,19 +91,19 @@ def _sand(shore_m: np.ndarray, fields: Fields) -> np.ndarray:
     """[GY, GX, 3] float32: dry sand with ripples and patches of pebbles, a pale rim, and a wet edge."""
     colour = _mix(SAND, SAND_PINK, smooth_step(-1.0, 1.6, fields.hue + f4(0.35) * fields.clump))
     ripple = np.sin(shore_m * f4(2.0 * np.pi / 0.85) + f4(2.2) * fields.patch + f4(0.8) * fields.clump)
-    shade = f4(0.045) * fields.broad + f4(0.055) * fields.patch + f4(0.07) * fields.clump + f4(0.06) * fields.grain
+    shade = f4(0.05) * fields.broad + f4(0.08) * fields.patch + f4(0.10) * fields.clump + f4(0.10) * fields.grain
     colour *= np.exp(shade + f4(0.035) * ripple)[..., None]
-    pebbly = smooth_step(0.75, 1.7, fields.patch + f4(0.5) * fields.broad)
-    stones = _mix(PEBBLE, f4(0.55) * PEBBLE, smooth_step(-0.6, 1.4, fields.spot))
+    pebbly = smooth_step(0.5, 1.6, fields.patch + f4(0.5) * fields.broad)
+    stones = _mix(PEBBLE, f4(0.5) * PEBBLE, smooth_step(-0.6, 1.4, fields.spot))
     _lay(colour, f4(0.75) * pebbly * smooth_step(-0.8, 0.7, fields.grain + f4(0.5) * fields.spot), stones)
     tufts = smooth_step(1.5, 2.2, fields.spot + f4(0.35) * fields.hue) * smooth_step(2.0, 4.0, shore_m)
     _lay(colour, f4(0.7) * tufts, GRASS)
-    width = f4(0.30) + f4(0.05) * fields.clump + f4(0.05) * fields.patch
+    width = np.maximum(f4(0.25) + f4(0.12) * fields.clump + f4(0.08) * fields.patch, f4(0.05))
     beyond = shore_m - width
-    rim = smooth_step(0.0, 0.15, beyond) * smooth_step(0.0, 0.8, f4(0.9) + f4(0.3) * fields.clump - beyond)
+    rim = smooth_step(-0.02, 0.10, beyond) * smooth_step(0.0, 0.8, f4(0.9) + f4(0.3) * fields.clump - beyond)
     broken = smooth_step(-1.2, 1.0, fields.patch + f4(0.7) * fields.grain)
     _lay(colour, rim * broken, RIM)
-    wet = smooth_step(-0.08, 0.14, width - shore_m)
+    wet = smooth_step(-0.06, 0.10, width - shore_m)
     _lay(colour, wet, _mix(SAND_WET, f4(1.2) * SAND_WET, smooth_step(-1.5, 1.5, fields.clump)))
     return colour
 
@@ -150,13 +150,13 @@ def _steepness(grid: Grid, ground_m: np.ndarray, fields: Fields) -> np.ndarray:
 
 def _bed(depth_m: np.ndarray, fields: Fields) -> np.ndarray:
     """[GY, GX, 3] float32: sand near the edge, silt with depth, stones, and dark patches of algae."""
-    deep = smooth_step(0.10, 1.3, depth_m + f4(0.22) * fields.patch + f4(0.12) * fields.clump)
+    deep = smooth_step(-0.05, 0.50, depth_m + f4(0.10) * fields.patch + f4(0.10) * fields.clump)
     colour = _mix(BED_SAND, BED_SILT, deep)
     stones = _mix(BED_STONE, f4(0.5) * BED_STONE, smooth_step(-0.8, 1.0, fields.grain + fields.hue))
     _lay(colour, f4(0.8) * smooth_step(0.5, 1.3, fields.spot + f4(0.4) * fields.patch), stones)
     algae = smooth_step(0.15, 1.3, fields.patch + f4(0.55) * fields.clump - f4(0.3) * fields.hue)
-    _lay(colour, f4(0.8) * algae * smooth_step(0.05, 0.35, depth_m), ALGAE)
-    shade = f4(0.10) * fields.broad + f4(0.12) * fields.clump + f4(0.13) * fields.grain
+    _lay(colour, f4(0.8) * algae * smooth_step(0.02, 0.20, depth_m), ALGAE)
+    shade = f4(0.10) * fields.broad + f4(0.16) * fields.clump + f4(0.17) * fields.grain
     colour *= np.exp(shade - f4(0.22) * np.clip(depth_m, 0.0, 3.0))[..., None]
     return colour
 

@@ -11,7 +11,7 @@ import numpy as np
 from thalweg.world.noise import fractal, smooth_step
 from thalweg.world.record import Grid
 
-SAND_M = (2.8, 6.6)
+SAND_M = (2.4, 5.8)
 """Narrowest and widest band of sand along the water."""
 FOREST_M = (4.8, 10.0)
 """Nearest and farthest distance of the forest's edge from the water, but for the places where it comes down to the

@@ -27,6 +27,13 @@ def linear(picture: np.ndarray) -> np.ndarray:
     return (picture[..., :3] / 255.0) ** 2
 
 
+def touching(mask: np.ndarray) -> np.ndarray:
+    """Texels beside one of the mask [rows, columns]."""
+    near = np.zeros_like(mask)
+    near[1:-1, 1:-1] = mask[2:, 1:-1] | mask[:-2, 1:-1] | mask[1:-1, 2:] | mask[1:-1, :-2]
+    return near
+
+
 def mean_light(picture: np.ndarray) -> float:
     """Mean radiance of a picture, weighted by coverage."""
     weight = picture[..., 3:] / 255.0
@@ -146,16 +153,37 @@ def test_keep_coverage_by_hand():
     assert bent[2] > 0.5 > bent[0] > bent[3] == 0.0
 
 
+def test_detail_by_hand():
+    """A block half black, half of radiance 2: mean 1, every texel 1 away from it, so the contrast is 1."""
+    level = np.ones((1, 4, 4, 4), np.float32)
+    level[0, :2, :, :3], level[0, 2:, :, :3] = 0.0, 2.0
+    coarse, fine, contrast = impostors.detail(level)
+    assert (coarse == 1.0).all()
+    assert (fine[0, :2] == -1.0).all()
+    assert contrast == pytest.approx(1.0)
+
+
+def test_leaves_sparkle_on_far_levels_as_on_the_nearest(atlas):
+    pictures = len(KINDS) * VIEWS
+
+    def contrast(level: int) -> float:
+        begin, size = int(atlas.offset[level]), pictures * rows(level) * cols(level)
+        texels = atlas.texels[begin : begin + size].reshape(pictures, rows(level), cols(level), 4) / 255.0
+        texels[..., :3] = texels[..., :3] ** 2 * texels[..., 3:]
+        return impostors.detail(texels)[2]
+
+    near = contrast(0)
+    assert [contrast(level) for level in (1, 2, 3)] == pytest.approx([near] * 3, rel=0.1)
+
+
 def test_empty_texels_have_the_colours_of_their_plant(atlas):
     """Filtering at an edge mixes with empty texels: there must be no dark fringe."""
     for kind in ALL:
         picture = atlas.picture(kind, VIEWS // 2)
         filled, empty = picture[..., 3] > 200, picture[..., 3] == 0
-        near = np.zeros_like(empty)
-        near[1:-1, 1:-1] = filled[2:, 1:-1] | filled[:-2, 1:-1] | filled[1:-1, 2:] | filled[1:-1, :-2]
-        fringe = empty & near
+        fringe, edge = empty & touching(filled), filled & touching(empty)
         assert fringe.sum() >= 5
-        assert linear(picture)[fringe].mean() > 0.5 * linear(picture)[filled].mean()
+        assert linear(picture)[fringe].mean() == pytest.approx(linear(picture)[edge].mean(), rel=0.35)
 
 
 def test_compositing_over_white_and_black_gives_back_the_colour(atlas):

@@ -31,9 +31,15 @@ LEVELS = 6
 LOOK_DOWN = math.radians(10)
 ELEVATION_STEP = math.radians(5)
 """The sun's elevation is rounded to this, so that worlds with almost the same sun share an atlas."""
+SHARPER = 1.35
+"""Factor on the contrast of single leaves: looking up between texels takes about as much of it away."""
+MOST_GAIN = 1.8
+"""Averaging takes the sparkle of leaves out of far levels; at most this factor on their detail puts it back."""
 FINE = 4
 """Samples along each side of a texel of level 0."""
 SOURCES = ("kernel.py", "world/species.py", "render/trees.py", "render/sprites.py", "render/impostors.py")
+STAMP = source_hash(*SOURCES)
+"""Taken on import: a process older than the sources on the disk must not store its atlas under their name."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +97,7 @@ def atlas(sun_elevation: float) -> Atlas:
 @cache
 def remembered(steps: int) -> Atlas:
     """The atlas for a sun `steps` times ELEVATION_STEP high, read-only and shared by all who ask."""
-    path = cache_dir() / f"atlas-{source_hash(*SOURCES)}-{steps}.npz"
+    path = cache_dir() / f"atlas-{STAMP}-{steps}.npz"
     made = stored(path)
     if made is None:
         made = build(steps * ELEVATION_STEP)
@@ -161,7 +167,27 @@ def mip_levels(full: np.ndarray) -> list[np.ndarray]:
             cover = picture[..., 3].copy()
             picture[..., 3] = keep_coverage(cover, float(solid), float(mean))
             picture[..., :3] *= (picture[..., 3] / np.maximum(cover, 1e-6))[..., None]
+    wanted_contrast = SHARPER * detail(full)[2]
+    for level in levels[:-1]:
+        coarse, fine, contrast = detail(level)
+        gain = min(max(wanted_contrast / contrast, 1.0), MOST_GAIN)
+        level[..., :3] = np.maximum(coarse + gain * fine, 0.12 * coarse) * level[..., 3:]
     return levels
+
+
+def detail(level: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Mean colour of the 4 x 4 block round each texel, the texel's distance from it, and the size of that distance.
+
+    Of pictures [P, rows, cols, 4] (RGB times coverage, and coverage); the first two [P, rows, cols, 3], the last as a
+    share of the mean colour.
+    """
+    p, r, c, _ = level.shape
+    block = level.reshape(p, r // 4, 4, c // 4, 4, 4).sum((2, 4))
+    coarse = (block[..., :3] / np.maximum(block[..., 3:], 1e-6)).repeat(4, axis=1).repeat(4, axis=2)
+    cover = level[..., 3:]
+    fine = np.where(cover > 1e-3, level[..., :3] / np.maximum(cover, 1e-6) - coarse, 0)
+    spread = math.sqrt(float((cover * fine**2).sum() / (3 * cover.sum())))
+    return coarse, fine, spread * float(cover.sum()) / float(level[..., :3].sum() / 3)
 
 
 def keep_coverage(cover: np.ndarray, solid: float, mean: float) -> np.ndarray:

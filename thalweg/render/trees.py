@@ -12,7 +12,7 @@ import numpy as np
 from thalweg.world.species import Colour, Kind
 
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
-LEAF_SHINE = np.array([0.11, 0.12, 0.10])
+LEAF_SHINE = np.array([0.09, 0.095, 0.085])
 """What the waxy face of one leaf in ten adds to its reflectance: the grey-green specks of a sunlit crown."""
 
 
@@ -203,16 +203,16 @@ def grow_pine(kind: Kind, rng: np.random.Generator) -> Model:
 def grow_cone(kind: Kind, rng: np.random.Generator) -> Model:
     """A spruce or fir: whorls of drooping branches that carry sprays of needles, shorter towards the top."""
     _, bark = trunk(kind, rng, 0.985, 0.004)
-    count = 4 * kind.clumps
-    share = np.sort(1 - rng.uniform(0.0, 1, count) ** 0.8 * 0.97 - 0.03)
+    count = 3 * kind.clumps
+    share = np.sort(1 - rng.uniform(0.0, 1, count) ** 0.75 * 0.98)
     share += 0.006 * np.sin(share * 2 * np.pi * 13)  # gathers the branches into whorls
-    share = np.clip(share, 0.0, 0.975)
+    share = np.clip(share, 0.0, 0.98)
     outline = kind.crown_radius(kind.clear_trunk + (1 - kind.clear_trunk) * share) * kind.aspect / 2
     azimuth = np.arange(count) * GOLDEN_ANGLE + rng.normal(0, 0.3, count)
-    length = outline * np.clip(lobes(rng, 0.25)(azimuth, share), 0.6, 1.1) * rng.uniform(0.72, 1.0, count) + 0.014
+    length = outline * np.clip(lobes(rng, 0.35)(azimuth, share), 0.6, 1.1) * rng.uniform(0.6, 1.0, count) + 0.014
     per_branch = 90
     t = np.sqrt(rng.uniform(0.02, 1, (count, per_branch)))
-    spread = length[:, None] * 0.42 * (1.05 - t) * rng.normal(0, 1, t.shape) + rng.normal(0, 0.006, t.shape)
+    spread = length[:, None] * 0.34 * (1.05 - t) * rng.normal(0, 1, t.shape) + rng.normal(0, 0.006, t.shape)
     out = np.stack([np.cos(azimuth), np.sin(azimuth)], -1)[:, None]
     side = np.stack([-np.sin(azimuth), np.cos(azimuth)], -1)[:, None]
     along = (length[:, None] * t)[..., None]

@@ -66,7 +66,7 @@ class Kind:
 
 
 PINE_CROWN: Profile = ((0.0, 0.30), (0.12, 0.62), (0.35, 0.92), (0.55, 1.0), (0.75, 0.86), (0.9, 0.56), (1.0, 0.12))
-FIR_CROWN: Profile = ((0.0, 0.72), (0.08, 1.0), (0.3, 0.80), (0.6, 0.47), (0.85, 0.20), (1.0, 0.02))
+FIR_CROWN: Profile = ((0.0, 0.72), (0.08, 1.0), (0.3, 0.78), (0.6, 0.43), (0.85, 0.17), (1.0, 0.02))
 OAK_CROWN: Profile = ((0.0, 0.35), (0.12, 0.75), (0.3, 0.96), (0.5, 1.0), (0.7, 0.90), (0.87, 0.62), (1.0, 0.18))
 BIRCH_CROWN: Profile = ((0.0, 0.40), (0.15, 0.85), (0.35, 1.0), (0.6, 0.82), (0.82, 0.50), (1.0, 0.10))
 BUSH_CROWN: Profile = ((0.0, 0.78), (0.2, 0.97), (0.45, 1.0), (0.7, 0.82), (0.88, 0.52), (1.0, 0.15))
@@ -83,8 +83,8 @@ PINE = Kind(
     clear_trunk=0.36,
     profile=PINE_CROWN,
     density_per_m=0.35,
-    leaf_reflectance=(0.074, 0.081, 0.015),
-    leaf_transmittance=(0.029, 0.036, 0.004),
+    leaf_reflectance=(0.063, 0.071, 0.018),
+    leaf_transmittance=(0.025, 0.032, 0.004),
     bark_reflectance=(0.150, 0.092, 0.060),
     trunk_radius=0.014,
     clumps=60,
@@ -98,12 +98,12 @@ FIR = Kind(
     group="tree",
     form="cone",
     height_m=(9.0, 14.0),
-    aspect=0.40,
+    aspect=0.48,
     clear_trunk=0.07,
     profile=FIR_CROWN,
-    density_per_m=0.95,
-    leaf_reflectance=(0.050, 0.062, 0.017),
-    leaf_transmittance=(0.018, 0.024, 0.003),
+    density_per_m=0.58,
+    leaf_reflectance=(0.043, 0.055, 0.020),
+    leaf_transmittance=(0.016, 0.021, 0.003),
     bark_reflectance=(0.085, 0.068, 0.052),
     trunk_radius=0.012,
     clumps=70,
@@ -121,8 +121,8 @@ OAK = Kind(
     clear_trunk=0.14,
     profile=OAK_CROWN,
     density_per_m=0.30,
-    leaf_reflectance=(0.093, 0.103, 0.015),
-    leaf_transmittance=(0.061, 0.076, 0.005),
+    leaf_reflectance=(0.079, 0.089, 0.018),
+    leaf_transmittance=(0.052, 0.066, 0.006),
     bark_reflectance=(0.090, 0.074, 0.055),
     trunk_radius=0.021,
     clumps=84,
@@ -140,8 +140,8 @@ BIRCH = Kind(
     clear_trunk=0.18,
     profile=BIRCH_CROWN,
     density_per_m=0.52,
-    leaf_reflectance=(0.111, 0.119, 0.019),
-    leaf_transmittance=(0.076, 0.092, 0.006),
+    leaf_reflectance=(0.095, 0.104, 0.022),
+    leaf_transmittance=(0.064, 0.081, 0.007),
     bark_reflectance=(0.300, 0.280, 0.240),
     trunk_radius=0.010,
     clumps=62,
@@ -159,8 +159,8 @@ BUSH = Kind(
     clear_trunk=0.0,
     profile=BUSH_CROWN,
     density_per_m=1.05,
-    leaf_reflectance=(0.097, 0.105, 0.017),
-    leaf_transmittance=(0.059, 0.072, 0.006),
+    leaf_reflectance=(0.083, 0.092, 0.020),
+    leaf_transmittance=(0.050, 0.063, 0.007),
     bark_reflectance=(0.100, 0.080, 0.060),
     trunk_radius=0.020,
     clumps=34,
@@ -179,7 +179,7 @@ REED = Kind(
     profile=REED_CROWN,
     density_per_m=1.75,
     leaf_reflectance=(0.160, 0.160, 0.040),
-    leaf_transmittance=(0.066, 0.077, 0.015),
+    leaf_transmittance=(0.056, 0.068, 0.018),
     bark_reflectance=(0.190, 0.150, 0.085),
     trunk_radius=0.010,
     clumps=110,
@@ -210,35 +210,35 @@ STONE = Kind(
 KINDS: tuple[Kind, ...] = (
     PINE,
     replace(
-        PINE, name="pine-2", aspect=0.38, clear_trunk=0.48, clumps=48, leaf_reflectance=(0.065, 0.075, 0.017), seed=102
+        PINE, name="pine-2", aspect=0.38, clear_trunk=0.48, clumps=48, leaf_reflectance=(0.055, 0.065, 0.020), seed=102
     ),
     replace(
-        PINE, name="pine-3", aspect=0.50, clear_trunk=0.28, clumps=70, leaf_reflectance=(0.083, 0.087, 0.014), seed=103
+        PINE, name="pine-3", aspect=0.50, clear_trunk=0.28, clumps=70, leaf_reflectance=(0.071, 0.076, 0.016), seed=103
     ),
     FIR,
-    replace(FIR, name="fir-2", aspect=0.34, clumps=64, leaf_reflectance=(0.056, 0.065, 0.017), seed=202),
-    replace(FIR, name="fir-3", aspect=0.46, clear_trunk=0.12, leaf_reflectance=(0.045, 0.058, 0.015), seed=203),
+    replace(FIR, name="fir-2", aspect=0.42, clumps=64, leaf_reflectance=(0.048, 0.057, 0.020), seed=202),
+    replace(FIR, name="fir-3", aspect=0.55, clear_trunk=0.12, leaf_reflectance=(0.038, 0.050, 0.018), seed=203),
     OAK,
     replace(
-        OAK, name="oak-2", aspect=0.64, clear_trunk=0.20, clumps=74, leaf_reflectance=(0.081, 0.094, 0.015), seed=302
+        OAK, name="oak-2", aspect=0.64, clear_trunk=0.20, clumps=74, leaf_reflectance=(0.069, 0.082, 0.018), seed=302
     ),
     replace(
-        OAK, name="oak-3", aspect=0.82, clear_trunk=0.10, clumps=96, leaf_reflectance=(0.099, 0.110, 0.016), seed=303
+        OAK, name="oak-3", aspect=0.82, clear_trunk=0.10, clumps=96, leaf_reflectance=(0.084, 0.096, 0.019), seed=303
     ),
     BIRCH,
-    replace(BIRCH, name="birch-2", aspect=0.36, clumps=54, leaf_reflectance=(0.112, 0.122, 0.018), seed=402),
+    replace(BIRCH, name="birch-2", aspect=0.36, clumps=54, leaf_reflectance=(0.096, 0.107, 0.021), seed=402),
     replace(
         BIRCH,
         name="birch-3",
         aspect=0.48,
         clear_trunk=0.12,
         clumps=70,
-        leaf_reflectance=(0.099, 0.111, 0.019),
+        leaf_reflectance=(0.084, 0.097, 0.022),
         seed=403,
     ),
     BUSH,
-    replace(BUSH, name="bush-2", aspect=1.4, height_m=(0.7, 1.8), leaf_reflectance=(0.118, 0.119, 0.022), seed=502),
-    replace(BUSH, name="bush-3", aspect=0.9, height_m=(1.4, 3.2), leaf_reflectance=(0.074, 0.087, 0.015), seed=503),
+    replace(BUSH, name="bush-2", aspect=1.4, height_m=(0.7, 1.8), leaf_reflectance=(0.101, 0.104, 0.025), seed=502),
+    replace(BUSH, name="bush-3", aspect=0.9, height_m=(1.4, 3.2), leaf_reflectance=(0.063, 0.076, 0.018), seed=503),
     REED,
     replace(
         REED, name="grass-1", species="grass", aspect=1.2, height_m=(0.4, 0.9), clumps=140, leaf_size=0.014, seed=602

@@ -138,7 +138,7 @@ def furnish(level: Level, line: Line, rng: np.random.Generator) -> Plan | None:
     bridge_rows = [
         bridges.across(line.position_m[i], line.tangent[i], float(width[i]), float(water[i]), rng) for i in bridges_at
     ]
-    if any(row is None or not _inside(row, river) for row in island_rows):
+    if any(row is None or not fits_channel(row, river) for row in island_rows):
         return None
     branches = _side_water(level, line, river, taken, np.array(bridge_rows).reshape(-1, 11), rng)
     if branches is None:
@@ -160,7 +160,7 @@ def _spread(values: np.ndarray, samples: int, by) -> np.ndarray:
     return result
 
 
-def _inside(row: np.ndarray, river: River) -> bool:
+def fits_channel(row: np.ndarray, river: River) -> bool:
     """Whether an island keeps its distance from both banks and leaves an arm of the least width beside it."""
     near = np.hypot(*(river.position_m - row[:2]).T) < 25.0
     start = river.position_m[near]

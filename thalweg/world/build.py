@@ -1,7 +1,9 @@
 """How does a level and a seed become a world? The steps in order, each with its own stream of random numbers."""
 
+import contextlib
 import hashlib
 import operator
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -10,7 +12,7 @@ from thalweg.world import light, plants, surface
 from thalweg.world.errors import WorldError, WorldFileError
 from thalweg.world.levels import Level, level_named
 from thalweg.world.plan import plan, stream
-from thalweg.world.record import Plants, World
+from thalweg.world.record import Plants, River, World
 from thalweg.world.terrain import Relief, Terrain, build_terrain
 
 SUN_ELEVATION = np.radians(55.0)
@@ -50,11 +52,21 @@ def build(level: Level | str, seed: int | None = None) -> World:
         bridges=drawn.bridges,
         terrain=terrain,
         plant_density=level.plant_density,
-        streams=tuple(stream(level, seed, purpose) for purpose in (PAINT, PLANTS, SUN)),
+        streams=[stream(level, seed, purpose) for purpose in (PAINT, PLANTS, SUN)],
     )
 
 
-def dress(*, name, seed, river, islands, bridges, terrain: Terrain, plant_density: float, streams) -> World:
+def dress(
+    *,
+    name: str,
+    seed: int,
+    river: River,
+    islands: np.ndarray,
+    bridges: np.ndarray,
+    terrain: Terrain,
+    plant_density: float,
+    streams: Sequence[np.random.Generator],
+) -> World:
     """The world on a bare terrain: paint, plants and light, from three streams of random numbers."""
     paint_rng, plants_rng, sun_rng = streams
     maps = terrain.grid, terrain.ground_m, terrain.water_m
@@ -91,7 +103,10 @@ def dress(*, name, seed, river, islands, bridges, terrain: Terrain, plant_densit
 
 
 def load_or_build(level: Level | str, seed: int | None = None) -> World:
-    """As `build`, but taken from the cache folder if it was built before; a damaged file there is replaced."""
+    """As `build`, but taken from the cache folder if it was built before; a damaged file there is replaced.
+
+    A cache folder that cannot be written to costs time, not the world.
+    """
     level, seed = resolve(level, seed)
     made_by = f"{level.key}-{seed}-{source_hash('world', 'kernel.py')}"
     key = hashlib.sha256(made_by.encode()).hexdigest()[:12]
@@ -102,8 +117,6 @@ def load_or_build(level: Level | str, seed: int | None = None) -> World:
         except WorldFileError:
             path.unlink(missing_ok=True)
     world = build(level, seed)
-    try:
+    with contextlib.suppress(OSError):
         world.save(path)
-    except OSError:
-        return world
     return world

@@ -19,7 +19,9 @@ from thalweg.world.sidewater import Branch
 ATTEMPTS = 3000
 """Draws after which a level is said to be impossible; the built-in ones need about a hundred."""
 EXTENT_M = 140.0
-"""A generated course fits in a square of this side for each 425 m of length, and never needs less than 100 m."""
+"""A generated course fits in a square of this side; a longer one gets more room in proportion."""
+WIDE_REACH_M = 3.0
+"""A wide place is so long to either side of its middle before the banks draw in."""
 
 
 @dataclass(frozen=True)
@@ -71,9 +73,18 @@ def draw_course(level: Level, rng: np.random.Generator) -> Line | None:
     return line
 
 
-def choose(allowed: np.ndarray, line: Line, taken: list[tuple[int, float]], count: int, own_m: float, rng) -> list[int]:
-    """Up to `count` random samples among `allowed` [S] bool that keep their distance from those `taken`, and from one
-    another twice `own_m`; each `taken` entry is a sample with the arc length it occupies to either side."""
+def choose(
+    allowed: np.ndarray,
+    line: Line,
+    taken: list[tuple[int, float]],
+    count: int,
+    own_m: float,
+    rng: np.random.Generator,
+) -> list[int]:
+    """Up to `count` random samples among `allowed` [S] bool, clear of what is taken and of one another.
+
+    Each new place occupies `own_m` metres of arc to either side; each entry of `taken` is a sample with what it does.
+    """
     chosen: list[int] = []
     for sample in rng.permutation(np.flatnonzero(allowed)):
         if len(chosen) == count:
@@ -85,74 +96,94 @@ def choose(allowed: np.ndarray, line: Line, taken: list[tuple[int, float]], coun
     return chosen
 
 
-def furnish(level: Level, line: Line, rng: np.random.Generator) -> Plan | None:
-    """Rapid, bridges, islands, widths, levels and side water on a line; None if something does not fit."""
+@dataclass(frozen=True)
+class Places:
+    """The samples of the course at which things are put."""
+
+    rapid: int | None
+    """The middle of the rapid."""
+    islands: list[int]
+    """Where the river is wide: for islands, and on a level without any for its widest place."""
+    bridges: list[int]
+    """Where it is straight."""
+    taken: list[tuple[int, float]]
+    """All of them, each with the arc length in metres that it occupies to either side."""
+
+
+def find_places(level: Level, line: Line, rng: np.random.Generator) -> Places | None:
+    """Places for rapid, islands and bridges, clear of one another; None if the line has not enough of them."""
     limit = hydrology.width_limit(line, level)
     low, high = level.width_m
     taken: list[tuple[int, float]] = []
-
-    rapid = 0
+    rapid: list[int] = []
     if level.fall_m > 0:
-        straight = (line.straightness(9.0) < 1 / 22.0) & (limit > low + 2)
-        middle = choose(straight, line, taken, 1, 9.0, rng)
-        if not middle:
+        rapid = choose((line.straightness(9.0) < 1 / 22.0) & (limit > low + 2), line, taken, 1, 9.0, rng)
+        if not rapid:
             return None
-        rapid = int((middle[0] - round(hydrology.RAPID_M / 2 * level.samples / line.length_m)) % level.samples)
-        taken.append((middle[0], 9.0))
+        taken.append((rapid[0], 9.0))
 
-    wide_reach = 3.0
     roomy = -_spread(-limit, 5, np.maximum)
-    islands_at = choose((roomy >= high) & (line.straightness(5.0) < 1 / 14.0), line, taken, 1, 13.0, rng)
-    if not islands_at:
+    wide = choose((roomy >= high) & (line.straightness(5.0) < 1 / 14.0), line, taken, 1, 13.0, rng)
+    if not wide:
         return None
-    taken.append((islands_at[0], 13.0))
+    taken.append((wide[0], 13.0))
     if level.islands > 1:
         spots = (roomy > max(9.0, 0.5 * high)) & (line.straightness(5.0) < 1 / 13.0)
-        islands_at += choose(spots, line, taken, level.islands - 1, 10.5, rng)
-        taken += [(sample, 10.5) for sample in islands_at[1:]]
+        wide += choose(spots, line, taken, level.islands - 1, 10.5, rng)
+        taken += [(sample, 10.5) for sample in wide[1:]]
 
-    spots = (line.straightness(5.0) < 1 / 28.0) & (line.other_arm_m > 2 * (0.5 * low + 12.0))
-    bridges_at = choose(spots, line, taken, level.bridges, 11.0, rng)
-    taken += [(sample, 11.0) for sample in bridges_at]
-    if len(islands_at) < max(level.islands, 1) or len(bridges_at) < level.bridges:
+    spots = (line.straightness(5.0) < 1 / 28.0) & (line.other_arm_m > low + 24.0)
+    crossings = choose(spots, line, taken, level.bridges, 11.0, rng)
+    taken += [(sample, 11.0) for sample in crossings]
+    if len(wide) < max(level.islands, 1) or len(crossings) < level.bridges:
         return None
+    return Places(rapid[0] if rapid else None, wide, crossings, taken)
 
-    narrow = [(sample, low + rng.uniform(0.0, 0.3) * (high - low)) for sample in bridges_at]
-    narrowest = choose(np.ones(level.samples, bool), line, taken, 1, 8.0, rng)
-    if not narrowest and not bridges_at:
+
+def draw_river(level: Level, line: Line, places: Places, rng: np.random.Generator) -> River | None:
+    """The river on a line, wide and narrow where its places ask for it; None if it does not use its range of widths."""
+    low, high = level.width_m
+    narrow = [(sample, low + rng.uniform(0.0, 0.3) * (high - low)) for sample in places.bridges]
+    narrowest = choose(np.ones(level.samples, bool), line, places.taken, 1, 8.0, rng)
+    if not narrowest and not places.bridges:
         return None
-    narrow.append(((narrowest or bridges_at)[0], low))
-    if level.fall_m > 0:
-        narrow.append((taken[0][0], low + 0.35 * (high - low)))
-    width = hydrology.widths(line, level, [(sample, wide_reach) for sample in islands_at], narrow, rng)
+    narrow.append(((narrowest or places.bridges)[0], low))
+    rapid = 0
+    if places.rapid is not None:
+        narrow.append((places.rapid, low + 0.35 * (high - low)))
+        rapid = (places.rapid - round(hydrology.RAPID_M / 2 * level.samples / line.length_m)) % level.samples
+    width = hydrology.widths(line, level, [(sample, WIDE_REACH_M) for sample in places.islands], narrow, rng)
     if not hydrology.uses_range(width, level):
         return None
     depth = hydrology.depths(line, width, level, rng)
-    water = hydrology.water_levels(line, level, rapid)
-    river = hydrology.river_of(line.position_m, True, width, depth, water)
+    return hydrology.river_of(line.position_m, True, width, depth, hydrology.water_levels(line, level, rapid))
 
+
+def furnish(level: Level, line: Line, rng: np.random.Generator) -> Plan | None:
+    """Everything that lies along a line; None if something does not fit."""
+    places = find_places(level, line, rng)
+    river = draw_river(level, line, places, rng) if places is not None else None
+    if places is None or river is None:
+        return None
+    position, tangent, width, water = river.position_m, river.tangent, river.width_m, river.level_m
     island_rows = [
-        islands.draw(line.position_m[i], line.tangent[i], float(width[i]), float(line.curvature[i]), rng)
-        for i in islands_at[: level.islands]
+        islands.draw(position[i], tangent[i], float(width[i]), float(line.curvature[i]), rng)
+        for i in places.islands[: level.islands]
     ]
     bridge_rows = [
-        bridges.across(line.position_m[i], line.tangent[i], float(width[i]), float(water[i]), rng) for i in bridges_at
+        bridges.across(position[i], tangent[i], float(width[i]), float(water[i]), rng) for i in places.bridges
     ]
     if any(row is None or not fits_channel(row, river) for row in island_rows):
         return None
-    branches = _side_water(level, line, river, taken, np.array(bridge_rows).reshape(-1, 11), rng)
+    spans = np.array(bridge_rows, dtype=np.float64).reshape(-1, 11)
+    branches = _side_water(level, line, river, places.taken, spans, rng)
     if branches is None:
         return None
-    return Plan(
-        river,
-        np.array(island_rows, dtype=np.float64).reshape(-1, 5),
-        np.array(bridge_rows, dtype=np.float64).reshape(-1, 11),
-        tuple(branches),
-        level.tributaries,
-    )
+    sands = np.array(island_rows, dtype=np.float64).reshape(-1, 5)
+    return Plan(river, sands, spans, tuple(branches), level.tributaries)
 
 
-def _spread(values: np.ndarray, samples: int, by) -> np.ndarray:
+def _spread(values: np.ndarray, samples: int, by: np.ufunc) -> np.ndarray:
     """[S] the largest (or what `by` keeps) of `values` [S] within so many samples up or down a closed course."""
     result = values.copy()
     for shift in range(-samples, samples + 1):

@@ -12,6 +12,7 @@ from scipy.ndimage import map_coordinates
 
 from thalweg.kernel import kernel
 from thalweg.world import bridges, islands, shore
+from thalweg.world.checks import felt_curvature
 from thalweg.world.errors import WorldError
 from thalweg.world.noise import fractal
 from thalweg.world.record import Grid, River
@@ -196,8 +197,6 @@ def raise_land(
 
 def bend_skew(river: River) -> np.ndarray:
     """[S] -0.5..0.5: how far the deepest water is pushed to the outside of the bend; positive in a bend to the left."""
-    from thalweg.world.checks import felt_curvature
-
     return np.clip(5.0 * felt_curvature(river), -0.5, 0.5)
 
 

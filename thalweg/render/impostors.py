@@ -127,8 +127,9 @@ def draw_kind(kind: Kind, sun_elevation: float) -> tuple[np.ndarray, np.ndarray]
         sun_share = np.ones_like(sun_share)
     if kind.group == "tree":
         sky_share = sky_share * (1 - sprites.STAND * np.clip(1 - model.centre[:, 2], 0, 1))
-    front, back = sprites.radiance(model, sun_elevation, sun_share, sky_share)
-    dark_front, dark_back = sprites.radiance(model, sun_elevation, np.zeros_like(sun_share), sky_share)
+    lit = sprites.radiance(model, sun_elevation, sun_share, sky_share)
+    dark = sprites.radiance(model, sun_elevation, np.zeros_like(sun_share), sky_share)
+    sides = [np.concatenate(pair, axis=1) for pair in zip(lit, dark, strict=True)]
     looks = [(math.cos(2 * math.pi * v / VIEWS), math.sin(2 * math.pi * v / VIEWS)) for v in range(VIEWS)]
     top, half_width = extent(model, looks)
     scale = (np.float32(COLS / 2 / half_width), np.float32(ROWS / top))
@@ -136,10 +137,9 @@ def draw_kind(kind: Kind, sun_elevation: float) -> tuple[np.ndarray, np.ndarray]
     for look in np.array(looks, np.float32):
         view = (look, np.float32(math.tan(LOOK_DOWN)), *scale, ROWS, COLS, FINE)
         shape = (model.centre, model.along, model.across, model.normal)
-        picture = sprites.draw(*shape, front, back, *view)
-        dark = sprites.draw(*shape, dark_front, dark_back, *view)
-        pictures.append(picture)
-        shades.append(dark[..., :3].sum((0, 1)) / picture[..., :3].sum((0, 1)))
+        picture = sprites.draw(*shape, *sides, *view)
+        pictures.append(np.ascontiguousarray(picture[..., [0, 1, 2, 6]]))
+        shades.append(picture[..., 3:6].sum((0, 1)) / picture[..., :3].sum((0, 1)))
     return np.stack(pictures), np.stack(shades)
 
 

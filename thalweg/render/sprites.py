@@ -99,8 +99,9 @@ def radiance(model: Model, sun_elevation: float, sun_share: np.ndarray, sky_shar
 
 @kernel(fastmath=False)
 def draw(centre, along, across, normal, front, back, look, tilt, scale_u, scale_v, rows, cols, fine):
-    """A plant [rows, cols, 4] float32 from one side: RGB times coverage, and coverage. Row 0 is the foot.
+    """A plant [rows, cols, C + 1] float32 from one side: C colours times coverage, and coverage. Row 0 is the foot.
 
+    `front`, `back` [L, C]: the colours of each ellipse seen from its normal's side and from the other.
     `look` [2]: horizontal direction of view; `tilt`: tangent of the angle by which the camera looks down; `scale_u`,
     `scale_v`: columns and rows per unit of length; `fine`: samples along each side of a texel.
     """
@@ -137,15 +138,16 @@ def draw(centre, along, across, normal, front, back, look, tilt, scale_u, scale_
                 if s * s + t * t <= float32(1.0) and depth < nearest[row, col]:
                     nearest[row, col] = depth
                     which[row, col] = i
-    picture = np.zeros((rows, cols, 4), np.float32)
+    colours = front.shape[1]
+    picture = np.zeros((rows, cols, colours + 1), np.float32)
     share = float32(1.0) / float32(fine * fine)
     for row in range(height):
         for col in range(width):
             i = which[row, col]
             if i >= 0:
                 away = normal[i, 0] * cx + normal[i, 1] * cy - normal[i, 2] * tilt > float32(0.0)
-                for channel in range(3):
+                for channel in range(colours):
                     colour = back[i, channel] if away else front[i, channel]
                     picture[row // fine, col // fine, channel] += colour * share
-                picture[row // fine, col // fine, 3] += share
+                picture[row // fine, col // fine, colours] += share
     return picture

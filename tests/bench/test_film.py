@@ -51,7 +51,7 @@ def test_a_film_has_a_picture_for_each_step_and_holds_the_last(easy_world: World
     write_film(path, easy_world, flight, "pilot", camera=Camera(32, 32), on_frame=lambda: drawn.append(None))
     with imageio.get_reader(path) as reader:
         frames = list(reader.iter_data())  # pyright: ignore
-        codec = reader.get_meta_data()["codec"]
+        codec = reader.get_meta_data()["codec"]  # pyright: ignore
     assert (len(drawn), len(frames)) == (6, 6 + round(HOLD_S * FRAMES_PER_S))
     assert codec == "h264"
     assert frames[0].shape == (SIZE_PX[1], SIZE_PX[0], 3)

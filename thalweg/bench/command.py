@@ -4,19 +4,23 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from thalweg.bench.baselines import BASELINES, Policy
 from thalweg.bench.episodes import Episode, write_episodes
 from thalweg.bench.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
 from thalweg.bench.files import ResultsError
+from thalweg.bench.published import SOURCE
 from thalweg.bench.results import Results, read_results
 from thalweg.bench.river import PACKAGED_POLICY, check_sees_as_trained, load_fitting_encoder
-from thalweg.bench.runner import flight_progress, progress_of_flights, run_suite
+from thalweg.bench.runner import all_landed, flight_progress, progress_of_flights, run_suite
 from thalweg.bench.suites import PACKAGED, suite_named
-from thalweg.bench.tables import detail_table, paper_table
+from thalweg.bench.tables import ELSEWHERE, detail_table, paper_table
 from thalweg.train import load_policy
 from thalweg.world import level_named
+
+WIDTH = 120
+"""Characters in a line of output that no terminal shows."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,7 @@ def evaluate_command(request: Request) -> None:
     """Fly, print the tables, and write the rows if asked to."""
     if request.config.episodes < 1:
         raise ResultsError(f"episodes must be at least 1, not {request.config.episodes}")
-    console = Console()
+    console = _console()
     levels = [level_named(level).name for level in request.levels]
     policy = policy_named(request.policy)
     encoder = None if hasattr(policy, "sees") else load_fitting_encoder(request.encoder)
@@ -61,6 +65,7 @@ def evaluate_command(request: Request) -> None:
             on_step = progress_of_flights(progress, f"{name} on {level}", request.config.episodes)
             label = Label(name, request.seed, level)
             rows.extend(evaluate(policy, course, label, request.config, look=look, on_step=on_step))
+            all_landed(progress)
     if request.out is not None:
         write_episodes(request.out, rows)
     print_tables(console, Results(Path(), {}, [], rows, [], []))
@@ -70,7 +75,7 @@ def evaluate_command(request: Request) -> None:
 
 def bench_command(name: str, folder: Path) -> int:
     """Run a suite; returns 1 if a run of it failed."""
-    console = Console()
+    console = _console()
     outcome = run_suite(suite_named(name), folder, console=console)
     print_tables(console, read_results(folder), detail=False)
     lines = [f"Report: {outcome.report.page}", f"Table:  {outcome.report.table}"]
@@ -81,11 +86,19 @@ def bench_command(name: str, folder: Path) -> int:
     return 1 if outcome.failed else 0
 
 
+def _console() -> Console:
+    """The terminal; a pipe has no width of its own, and a wrapped number is hard to read."""
+    return Console() if Console().is_terminal else Console(width=WIDTH)
+
+
 def print_tables(console: Console, results: Results, *, detail: bool = True) -> None:
     """The paper's table, and with `detail` what it leaves out."""
     tables = [paper_table(results)] + ([detail_table(results)] if detail else [])
     for header, rows in tables:
-        table = Table(*header)
+        table = Table(*(Column(name, justify="right" if place else "left") for place, name in enumerate(header)))
         for row in rows:
-            table.add_row(*row, style="dim" if "(" in row[0] else None)
+            published = ELSEWHERE in row[0]
+            table.add_row("published *" if published else row[0], *row[1:], style="dim" if published else None)
         console.print(table)
+    if any(ELSEWHERE in row[0] for row in tables[0][1]):
+        console.print(f"* {SOURCE}: measured in another simulator, on other rivers", highlight=False)

@@ -1,4 +1,4 @@
-"""What do the results look like? The paper's training curves and failure bars as PNG."""
+"""What do the results look like? The paper's training curves and failure bars as figures."""
 
 import io
 from typing import Any
@@ -15,8 +15,8 @@ GRID = 200
 """Points of a training curve."""
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f5539", "#444444", "#a2a500", "#8338ec")
 """Of the algorithms, in their order; told apart by people who see colours differently (Okabe and Ito 2008)."""
-REASON_COLOURS = ("#b2182b", "#ef8a62", "#fddbc7", "#d9c06a", "#b8b8b8", "#878787", "#2a9d6f")
-"""Of `REASONS`: tight violations red, loose ones pale, success green."""
+REASON_COLOURS = ("#8c1d18", "#d6453d", "#f2a099", "#e9c46a", "#c2b68c", "#8d99ae", "#2a9d6f")
+"""Of `REASONS`: tight violations red, loose ones yellow to grey, success green."""
 
 STYLE: Any = {
     "font.size": 9,
@@ -32,44 +32,44 @@ STYLE: Any = {
 def png(figure: Figure) -> bytes:
     """The figure as a PNG."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=150, metadata={"Software": ""})
+    with matplotlib.rc_context(STYLE):
+        figure.savefig(buffer, format="png", dpi=150)
     return buffer.getvalue()
 
 
-def training_curves(results: Results) -> bytes | None:
+PANELS = (
+    ("return_", f"return (mean of the last {WINDOW} episodes)"),
+    ("total_rate", "violations per step, all"),
+    ("tight_rate", "violations per step, tight"),
+    ("loose_rate", "violations per step, loose"),
+)
+"""Field of a curve and title, for each panel of the training curves."""
+
+
+def training_curves(results: Results) -> Figure | None:
     """Return and rates of violations over the steps of training, a band over seeds; None where nothing was trained."""
     logs = [log for log in results.training if len(log.step)]
     if not logs:
         return None
     last = int(results.suite.get("steps") or max(log.step[-1] for log in logs))
     grid = np.linspace(last / GRID, last, GRID)
-    panels = (
-        ("return_", f"return (mean of the last {WINDOW} episodes)"),
-        ("total_rate", "violations per step, all"),
-        ("tight_rate", "violations per step, tight"),
-        ("loose_rate", "violations per step, loose"),
-    )
+    names = list(dict.fromkeys(log.algorithm for log in logs))
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(9, 5.6))
-        axes = figure.subplots(2, 2, sharex=True).flat
-        names = list(dict.fromkeys(log.algorithm for log in logs))
-        for colour, name in zip(_cycle(len(names)), names, strict=True):
+        axes = list(figure.subplots(2, 2, sharex=True).flat)
+        for index, name in enumerate(names):
             curves = [curve(log, grid) for log in logs if log.algorithm == name]
-            for axis, (field, _) in zip(axes, panels, strict=False):
-                _draw_band(axis, curves, field, colour, f"{name} ({len(curves)} seed{'s' * (len(curves) > 1)})")
-        axes = list(figure.axes)
-        for axis, (_, title) in zip(axes, panels, strict=True):
+            label = f"{name} ({len(curves)} seed{'s' * (len(curves) > 1)})"
+            for axis, (field, _) in zip(axes, PANELS, strict=True):
+                _draw_band(axis, curves, field, COLOURS[index % len(COLOURS)], label)
+        for axis, (_, title) in zip(axes, PANELS, strict=True):
             axis.set_title(title)
             axis.set_ylim(bottom=0)
             axis.set_xlim(0, last)
         for axis in axes[2:]:
             axis.set_xlabel("steps of training")
         axes[0].legend(frameon=False)
-        return png(figure)
-
-
-def _cycle(count: int) -> list[str]:
-    return [COLOURS[index % len(COLOURS)] for index in range(count)]
+    return figure
 
 
 def _draw_band(axis, curves: list[Curve], field: str, colour: str, label: str) -> None:
@@ -79,7 +79,7 @@ def _draw_band(axis, curves: list[Curve], field: str, colour: str, label: str) -
         axis.fill_between(curves[0].steps, mean - std, mean + std, color=colour, alpha=0.2, linewidth=0)
 
 
-def failure_bars(results: Results) -> bytes:
+def failure_bars(results: Results) -> Figure:
     """Why episodes ended, as shares of each policy's episodes, one panel per level."""
     cells = summaries(results.episodes)
     names = list(dict.fromkeys(name for name, _ in cells))
@@ -87,23 +87,16 @@ def failure_bars(results: Results) -> bytes:
         figure = Figure(figsize=(max(7.0, 3.0 * len(results.levels)), 1.6 + 0.3 * len(names)))
         axes = np.atleast_1d(figure.subplots(1, len(results.levels), sharey=True))
         for axis, level in zip(axes, results.levels, strict=True):
-            left = np.zeros(len(names))
+            flown = [name for name in names if (name, level) in cells]
+            left = np.zeros(len(flown))
             for reason, colour in zip(REASONS, REASON_COLOURS, strict=True):
-                shares = np.array(
-                    [
-                        cells[name, level].reasons[reason] / cells[name, level].episodes
-                        if (name, level) in cells
-                        else 0
-                        for name in names
-                    ]
-                )
-                axis.barh(names, shares, left=left, color=colour, label=reason, height=0.7)
+                shares = [cells[name, level].reasons[reason] / cells[name, level].episodes for name in flown]
+                axis.barh(flown, shares, left=left, color=colour, label=reason, height=0.7)
                 left += shares
             axis.set_title(level)
             axis.set_xlim(0, 1)
             axis.xaxis.set_major_formatter(lambda share, _: f"{share:.0%}")
             axis.grid(axis="y", visible=False)
         axes[0].invert_yaxis()
-        handles, labels = axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
-        return png(figure)
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
+    return figure

@@ -62,10 +62,10 @@ def _files(results: Results) -> dict[str, bytes]:
     files = {
         "table.md": tables.markdown(*tables.paper_table(results)).encode(),
         "table.csv": tables.table_csv(results).encode(),
-        "failures.png": figures.failure_bars(results),
+        "failures.png": figures.png(figures.failure_bars(results)),
     }
     if curves is not None:
-        files["curves.png"] = curves
+        files["curves.png"] = figures.png(curves)
     if film.exists():
         files[FILM] = film.read_bytes()
     files["report.html"] = _page(results, files).encode()

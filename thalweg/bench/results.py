@@ -147,9 +147,11 @@ def read_results(folder: Path) -> Results:
     if not episodes:
         reasons = "".join(f"\n  {line}" for line in skipped)
         raise ResultsError(f"{folder} holds no evaluated episodes{reasons}")
-    order = {row.run: place for place, row in enumerate(runs)}
-    episodes.sort(key=lambda row: order.get(f"{row.algorithm}-{row.seed}", len(order)))
-    return Results(folder, suite, runs, episodes, training, skipped)
+    found = Results(folder, suite, runs, episodes, training, skipped)
+    by_run = {row.run: place for place, row in enumerate(runs)}
+    by_level = {level: place for place, level in enumerate(found.levels)}
+    episodes.sort(key=lambda row: (by_run.get(f"{row.algorithm}-{row.seed}", len(by_run)), by_level[row.level]))
+    return found
 
 
 def _checked(path: Path) -> list[Episode]:

@@ -144,6 +144,7 @@ def _evaluate(run: Run, home: Path, suite: Suite, level: str, folder: Path, plac
     with flight_progress(console) as progress:
         on_step = progress_of_flights(progress, f"{run.name} on {level}", suite.episodes)
         rows = place.evaluate(run, home, level, on_step)
+        all_landed(progress)
     write_episodes(path, rows)
 
 
@@ -172,6 +173,12 @@ def progress_of_flights(progress: Progress, name: str, episodes: int) -> Callabl
         progress.update(task, completed=episodes - len(step.flying), rate=f"{rate:,.0f} steps/s")
 
     return on_step
+
+
+def all_landed(progress: Progress) -> None:
+    """Fill the bars: `on_step` is not told of the last landing."""
+    for task in progress.tasks:
+        progress.update(task.id, completed=task.total)
 
 
 def _film(suite: Suite, folder: Path, place: Place, console: Console) -> None:

@@ -33,7 +33,7 @@ class FOCOPSConfig:
 
     cost_limit: float = 0.1
     """d: the mean cost that an episode may have."""
-    temperature: float = 1.5
+    temperature: float = 0.5
     """λ: how little the policy follows the advantages for each nat that it moves."""
     trust_radius: float = 0.02
     """η: a state whose policy has moved further than this has no gradient: KL of all branches together, in nats."""
@@ -42,9 +42,11 @@ class FOCOPSConfig:
     mask: Literal["state", "batch"] = "state"
     """"state": the trust region of the paper. "batch": the weaker one that OmniSafe 0.5 computes by a broadcast."""
     multiplier_rule: Rule = "gradient"
-    """How the multiplier moves: projected gradient, as in the paper, or Adam."""
-    multiplier_rate: float = 0.1
-    """Its step size."""
+    """How the multiplier ν moves: projected gradient, as in the paper, or Adam."""
+    multiplier_rate: float = 0.5
+    """Step size of the part of ν that moves."""
+    multiplier_gain: float = 5.0
+    """K_P: what is added to ν for each unit by which the mean cost exceeds the limit, at once; the paper has none."""
     multiplier_initial: float = 0.0
     """ν before the first update."""
     multiplier_max: float = 2.0
@@ -72,7 +74,7 @@ class FOCOPSConfig:
     """γ of the cost."""
     cost_trace: float = 0.95
     """λ of generalised advantage estimation, of the cost."""
-    entropy: float = 0.01
+    entropy: float = 0.005
     """Weight of the policy's entropy (nats, summed over branches) in the loss; the paper has none."""
     max_grad_norm: float = 1.0
     """Longer gradients are shortened to this, the policy's and the critics' each by itself."""
@@ -93,6 +95,7 @@ class FOCOPSConfig:
             trust_radius=(self.trust_radius > 0, "must be positive"),
             target_kl=(self.target_kl > 0, "must be positive (inf: never stop early)"),
             multiplier_rate=(self.multiplier_rate >= 0, "must not be negative"),
+            multiplier_gain=(self.multiplier_gain >= 0, "must not be negative"),
             multiplier_max=(self.multiplier_max >= 0, "must not be negative"),
             multiplier_initial=(0 <= self.multiplier_initial <= self.multiplier_max, "must be in 0..multiplier_max"),
             steps_per_update=(self.steps_per_update > 0, "must be positive"),
@@ -143,13 +146,7 @@ class FOCOPS:
             about=about,
         )
         self.critics = Critics(2, task.obs_size, config.hidden, self.generator)
-        self.multiplier = Multiplier(
-            config.cost_limit,
-            config.multiplier_initial,
-            config.multiplier_rate,
-            config.multiplier_max,
-            config.multiplier_rule,
-        )
+        self.multiplier = Multiplier(config)
         self.optimiser = torch.optim.Adam(
             [
                 {"params": list(self.policy.actor.parameters()), "lr": config.learning_rate},

@@ -34,3 +34,11 @@ def adam(
     second = 0.999 * moments[1] + 0.001 * gradient * gradient
     step = rate * (first / (1.0 - 0.9**count)) / (math.sqrt(second / (1.0 - 0.999**count)) + 1e-8)
     return min(max(value - step, 0.0), upper), (first, second)
+
+
+def with_proportion(moving: float, cost: float, limit: float, gain: float, upper: float) -> float:
+    """λ = clip(I + K_P (J_c - d), 0, upper) (Stooke, Achiam, Abbeel 2020, algorithm 2, without its derivative).
+
+    A multiplier I that only integrates answers late and overshoots: the violation itself, at once, damps that.
+    """
+    return min(max(moving + gain * (cost - limit), 0.0), upper)

@@ -1,6 +1,7 @@
 """Is the map a readable PNG, with things where they are, and never left half written?"""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -70,6 +71,15 @@ def test_bridge_is_drawn_where_it_stands_and_north_is_up(world, tmp_path):
     height, width = picture.shape[:2]
     assert 0.5 * (column.min() + column.max()) / width == pytest.approx(0.5 + 12.0 / 60.0, abs=0.02)
     assert 0.5 * (row.min() + row.max()) / height == pytest.approx(0.5 - 20.0 / 60.0, abs=0.06)
+
+
+def test_north_of_the_ground_is_up(world, tmp_path):
+    albedo = np.zeros_like(world.albedo)
+    albedo[120:] = 255
+    bare = replace(world, albedo=albedo, canopy_m=np.maximum(world.ground_m, world.water_m))
+    drawing.draw(bare, tmp_path / "map.png", size_px=400)
+    rows = np.asarray(Image.open(tmp_path / "map.png").convert("L")).mean(axis=1)
+    assert rows[50:150].mean() > 2.0 * rows[250:350].mean()
 
 
 def test_sand_is_brighter_than_water_and_forest(world):

@@ -64,7 +64,7 @@ PACKAGED = "packaged"
 SUITES: dict[str, Suite] = {
     suite.name: suite
     for suite in (
-        Suite("quick", algorithms=("PPO", "FOCOPS"), seeds=(0,), steps=6_144, episodes=10),
+        Suite("quick", algorithms=("PPO", "FOCOPS"), seeds=(0,), steps=8_192),
         Suite("paper", algorithms=("PPO", "FOCOPS"), seeds=(0, 1, 2), steps=200_000),
     )
 }

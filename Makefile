@@ -22,7 +22,7 @@ setup: $(READY)
 # An interrupted set-up may leave half-copied packages that pip takes for installed: such a .venv is made afresh.
 $(READY): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
-	    { echo "Thalweg needs Python 3.11 or later; '$(PYTHON)' is `$(PYTHON) --version 2>&1`. Name another: make PYTHON=python3.11" >&2; exit 1; }
+	    { echo "Thalweg needs Python 3.11 or later; '$(PYTHON)' is `$(PYTHON) --version 2>&1 | head -n 1`. Name another: make PYTHON=python3.11" >&2; exit 1; }
 	@if [ -e $(UNFINISHED) ] || ! $(BIN)/python -m pip --version >/dev/null 2>&1; then \
 	    rm -rf $(VENV) && mkdir $(VENV) && touch $(UNFINISHED) && $(PYTHON) -m venv $(VENV); \
 	fi

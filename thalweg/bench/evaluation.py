@@ -1,8 +1,8 @@
 """How good is a policy? Every start of a fixed list is flown to its end exactly once.
 
 The list belongs to the level, so that it is the same for every algorithm and seed. Nothing here is first-to-finish:
-counting whichever episodes end first would favour short ones. Each episode has its own random generator, and each
-observation is encoded and acted on by itself, so that a row does not depend on what is flown beside it.
+counting whichever episodes end first would favour short ones. Each episode has its own random generator, and
+actions are drawn for one episode at a time, so that a row does not depend on what is flown beside it.
 """
 
 import zlib

@@ -19,20 +19,25 @@ KERNEL_SOURCES = ("kernel.py", "world", "render", "env")
 
 
 def kernel(
-    function: Callable[..., Any] | None = None, *, parallel: bool = False, fastmath: bool = True, inlined: bool = False
+    function: Callable[..., Any] | None = None,
+    *,
+    parallel: bool = False,
+    fastmath: bool = True,
+    inlined: bool = False,
+    disjoint: bool = False,
 ) -> Any:
     """The compiled form of a function, as a decorator; its cache is keyed by all kernel sources.
 
     `fastmath=False` is for the rules, which must give the same bits as their plain Python twins. `inlined=True` puts
-    the function into its callers: LLVM vectorises a loop only where it sees that the arrays it writes to cannot overlap
-    others, which it knows of arrays that were allocated in the same function.
+    the function into its callers. `disjoint=True` promises that no array written to overlaps another argument: without
+    that promise LLVM does not vectorise a loop that writes to one array and gathers from another.
     """
 
     def compile_lazily(python_function: Callable[..., Any]) -> Any:
         before = config.CACHE_DIR
         config.CACHE_DIR = str(cache_dir() / "kernels" / source_hash(*KERNEL_SOURCES))
         try:
-            return numba.njit(
+            dispatcher = numba.njit(
                 cache=True,
                 parallel=parallel,
                 fastmath=fastmath,
@@ -43,5 +48,21 @@ def kernel(
             )(python_function)
         finally:
             config.CACHE_DIR = before
+        if disjoint and not config.DISABLE_JIT:
+            _promise_disjoint(dispatcher)
+        return dispatcher
 
     return compile_lazily(function) if function is not None else compile_lazily
+
+
+def _promise_disjoint(dispatcher: Any) -> None:
+    """Mark the arguments of a function as `noalias`. Numba has the flag for its own use but no option that sets it."""
+    compiler = dispatcher._compiler
+    customize = compiler._customize_flags
+
+    def with_noalias(flags: Any) -> Any:
+        flags = customize(flags)
+        flags.noalias = True
+        return flags
+
+    compiler._customize_flags = with_noalias

@@ -15,6 +15,8 @@ from thalweg.world.record import PARAPET_THICKNESS_M
 f32 = np.float32
 
 STEPS = 40
+FAR_M = 400.0
+"""Bridges farther than this are not drawn."""
 FOOT_M = 3.0
 """How far the piers reach below the spring of the arch, into bed and bank."""
 STONE = (0.40, 0.36, 0.29)
@@ -44,7 +46,7 @@ def outline_gap(u, z, low, high_centre, half_length, hump, half_span, spring, ri
 def meet_extrusion(
     u, v, z, du, dv, dz, v_low, v_high, low, high, half_length, hump, half_span, spring, rise, near, far
 ):
-    """The first t in near..far at which a ray is inside an extruded outline (-1: none), and 1 if it entered by a face."""
+    """The first t in near..far at which a ray is in an extruded outline (-1: none), and 1 if it entered by a face."""
     inverse = f32(1) / (dv if abs(dv) > f32(1e-6) else f32(1e-6))
     ta = (v_low - v) * inverse
     tb = (v_high - v) * inverse
@@ -88,6 +90,47 @@ def meet_extrusion(
             before = t
             t += step
     return found, by_face
+
+
+@kernel
+def bridge_box(row, eye, height, width):
+    """The columns from, to and rows from, to that a bridge may touch on the screen."""
+    ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, near = eye
+    per_row = f32(2) * half_h / f32(height)
+    low_x = f32(1e9)
+    high_x = f32(-1e9)
+    low_y = f32(1e9)
+    high_y = f32(-1e9)
+    behind = 0
+    for corner in range(8):
+        u = row[table.B_HALF_LENGTH] if corner & 1 else -row[table.B_HALF_LENGTH]
+        v = row[table.B_HALF_WIDTH] if corner & 2 else -row[table.B_HALF_WIDTH]
+        z = row[table.B_DECK] + row[table.B_PARAPET] if corner & 4 else row[table.B_SPRING] - f32(FOOT_M)
+        px = row[table.B_X] + u * row[table.B_COS] - v * row[table.B_SIN] - ox
+        py = row[table.B_Y] + u * row[table.B_SIN] + v * row[table.B_COS] - oy
+        pz = z - oz
+        ahead = px * fx + py * fy + pz * fz
+        behind += 1 if ahead < near else 0
+        ahead = max(ahead, f32(0.01))
+        sx = (px * rx + py * ry) / ahead
+        sy = (px * ux + py * uy + pz * uz) / ahead
+        low_x = min(low_x, sx)
+        high_x = max(high_x, sx)
+        low_y = min(low_y, sy)
+        high_y = max(high_y, sy)
+    c0 = int32(0)
+    c1 = int32(width)
+    r0 = int32(0)
+    r1 = int32(height)
+    if behind == 8:
+        c1 = int32(0)
+        r1 = int32(0)
+    elif behind == 0:
+        c0 = max(int32(min((low_x + half_w) / per_column, f32(width))), c0)
+        c1 = min(int32(max((high_x + half_w) / per_column + f32(1), f32(0))), c1)
+        r0 = max(int32(min((half_h - high_y) / per_row, f32(height))), r0)
+        r1 = min(int32(max((half_h - low_y) / per_row + f32(1), f32(0))), r1)
+    return c0, c1, r0, r1
 
 
 @kernel(inlined=True)

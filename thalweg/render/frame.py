@@ -7,200 +7,263 @@ batch, its order and the number of threads change no bit.
 import math
 
 import numpy as np
-from numba import int32, prange
+from numba import int32, prange, uint32
 
 from thalweg.kernel import kernel
 from thalweg.render import bridges, ground, march, plants, water
 from thalweg.render import scene as table
 from thalweg.render.approx import exp
-from thalweg.render.fetch import bilinear, sky_at
+from thalweg.render.fetch import sky_at
 from thalweg.render.tone import develop
 
 f32 = np.float32
 
 SKY, WATER, GROUND, PLANT, BRIDGE = range(5)
 """Class ids of pixels."""
+MISS = 1e9
+"""Depth of a ray that meets nothing."""
+SEEN = 0.004
+"""What plants cover to more than all but this is not shaded."""
+SPAN_ROWS = 10
 
 
 @kernel
 def draw_frame(scene, w, x, y, z, yaw, time, camera, image, want_layers, depth_out, class_out):
-    """Draw into image [H, W, 4] uint8: colour, and the water mask in the fourth channel; layers where wanted.
+    """Draw into image [H, W] uint32: red, green, blue from the lowest byte up, the water mask in the highest.
 
     camera: (height, width, half_height, half_width, pitch, near), the last four float32. Pose in world metres.
+    depth_out, class_out [H, W] are written to where wanted.
     """
     height, width, half_h, half_w, pitch, near = camera
     cos_p = f32(math.cos(pitch))
     sin_p = f32(math.sin(pitch))
     cos_y = f32(math.cos(yaw))
     sin_y = f32(math.sin(yaw))
-    fx = cos_y * cos_p
-    fy = sin_y * cos_p
-    fz = -sin_p
-    rx = sin_y
-    ry = -cos_y
-    ux = cos_y * sin_p
-    uy = sin_y * sin_p
-    uz = cos_p
-    inv_cell = scene.number[w, table.INV_CELL]
-    ox = f32(x)
-    oy = f32(y)
-    oz = f32(z)
-    node_x = (ox - scene.number[w, table.ORIGIN_X]) * inv_cell
-    node_y = (oy - scene.number[w, table.ORIGIN_Y]) * inv_cell
     per_column = f32(2) * half_w / f32(width)
-    per_row = f32(2) * half_h / f32(height)
+    # Forward, right and up; the right vector has no height, for the camera does not roll.
+    eye = (
+        f32(x), f32(y), f32(z),
+        cos_y * cos_p, sin_y * cos_p, -sin_p,
+        sin_y, -cos_y,
+        cos_y * sin_p, sin_y * sin_p, cos_p,
+        half_w, half_h, per_column, near,
+    )  # fmt: skip
     wide = (width + plants.BLOCK - 1) // plants.BLOCK * plants.BLOCK
-
     depth = np.empty((height, wide), np.float32)
     kind = np.empty((height, wide), np.uint8)
     red = np.zeros((height, wide), np.float32)
     green = np.zeros((height, wide), np.float32)
     blue = np.zeros((height, wide), np.float32)
     light = np.ones((height, wide), np.float32)
-    solid = np.full((height, wide), f32(1e9), np.float32)
+    solid = np.full((height, wide), f32(MISS), np.float32)
 
+    survey(scene, w, eye, depth, kind)
+    stone = draw_bridges(scene, w, eye, width, depth, kind)
+    plants.draw_plants(scene, w, eye, depth, red, green, blue, light, solid)
+    shade(scene, w, eye, f32(time), width, depth, kind, light, red, green, blue)
+    for k in range(len(stone)):
+        r = int32(stone[k, 0])
+        c = int32(stone[k, 1])
+        if kind[r, c] == BRIDGE:
+            red[r, c] += light[r, c] * stone[k, 2]
+            green[r, c] += light[r, c] * stone[k, 3]
+            blue[r, c] += light[r, c] * stone[k, 4]
+    if want_layers:
+        write_layers(depth, solid, kind, light, depth_out, class_out)
+    mask_water(kind, light)
+    develop(red, green, blue, kind, image, width)
+
+
+@kernel(disjoint=True)
+def aim(eye, height, r, inv_cell, dx, dy, dz):
+    """The rays of row r: dx, dy [W'] in nodes and dz [W'] in metres per metre along the optical axis."""
+    _, _, _, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, _ = eye
+    sy = half_h - (f32(r) + f32(0.5)) * (f32(2) * half_h / f32(height))
+    for c in range(len(dx)):
+        sx = (f32(c) + f32(0.5)) * per_column - half_w
+        dx[c] = (fx + sy * ux + sx * rx) * inv_cell
+        dy[c] = (fy + sy * uy + sx * ry) * inv_cell
+        dz[c] = fz + sy * uz
+
+
+@kernel(disjoint=True)
+def survey(scene, w, eye, depth, kind):
+    """Where every ray meets ground or water: depth [H, W'] along the axis (MISS if nowhere), and what it is: kind."""
+    height, wide = depth.shape
+    inv_cell = scene.number[w, table.INV_CELL]
+    node_x = (eye[0] - scene.number[w, table.ORIGIN_X]) * inv_cell
+    node_y = (eye[1] - scene.number[w, table.ORIGIN_Y]) * inv_cell
     dx = np.empty(wide, np.float32)
     dy = np.empty(wide, np.float32)
     dz = np.empty(wide, np.float32)
     t = np.empty(wide, np.float32)
     hit = np.empty(wide, np.float32)
-    first_bridge = scene.place[w, table.BRIDGE_FROM]
-    last_bridge = scene.place[w, table.BRIDGE_TO]
-
+    wet = np.empty(wide, np.float32)
     for r in range(height):
-        sy = half_h - (f32(r) + f32(0.5)) * per_row
-        base_x = fx + sy * ux
-        base_y = fy + sy * uy
-        base_z = fz + sy * uz
+        aim(eye, height, r, inv_cell, dx, dy, dz)
         for c in range(wide):
-            sx = (f32(c) + f32(0.5)) * per_column - half_w
-            dx[c] = (base_x + sx * rx) * inv_cell
-            dy[c] = (base_y + sx * ry) * inv_cell
-            dz[c] = base_z
-            t[c] = near
-        march.march(scene, w, node_x, node_y, oz, dx, dy, dz, t, hit, wide)
+            t[c] = eye[14]
+        march.march(scene, w, node_x, node_y, eye[2], dx, dy, dz, t, hit, wide)
+        march.wetness(scene, w, node_x, node_y, dx, dy, t, wet)
         for c in range(wide):
-            depth[r, c] = t[c] if hit[c] > f32(0) else f32(1e9)
-            kind[r, c] = np.uint8(GROUND) if hit[c] > f32(0) else np.uint8(SKY)
-        for b in range(first_bridge, last_bridge):
-            row = scene.bridges[b]
-            reach = row[table.B_HALF_LENGTH] + row[table.B_HALF_WIDTH]
-            ahead = (row[table.B_X] - ox) * cos_y + (row[table.B_Y] - oy) * sin_y
-            if ahead < -reach:
-                continue
-            for c in range(width):
+            depth[r, c] = t[c] if hit[c] > f32(0) else f32(MISS)
+            surface = np.uint8(WATER) if wet[c] > f32(0) else np.uint8(GROUND)
+            kind[r, c] = surface if hit[c] > f32(0) else np.uint8(SKY)
+
+
+@kernel
+def draw_bridges(scene, w, eye, width, depth, kind):
+    """Set depth and kind where a bridge is nearest; the stone met: row, column, red, green, blue [K, 5]."""
+    ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, near = eye
+    height = depth.shape[0]
+    per_row = f32(2) * half_h / f32(height)
+    room = 0
+    boxes = np.empty((scene.place[w, table.BRIDGE_TO] - scene.place[w, table.BRIDGE_FROM], 4), np.int32)
+    for b in range(len(boxes)):
+        row = scene.bridges[scene.place[w, table.BRIDGE_FROM] + b]
+        boxes[b] = bridges.bridge_box(row, eye, height, width)
+        room += max(boxes[b, 1] - boxes[b, 0], 0) * max(boxes[b, 3] - boxes[b, 2], 0)
+    stone = np.empty((room, 5), np.float32)
+    n = 0
+    for b in range(len(boxes)):
+        row = scene.bridges[scene.place[w, table.BRIDGE_FROM] + b]
+        for r in range(boxes[b, 2], boxes[b, 3]):
+            sy = half_h - (f32(r) + f32(0.5)) * per_row
+            for c in range(boxes[b, 0], boxes[b, 1]):
                 sx = (f32(c) + f32(0.5)) * per_column - half_w
-                found = bridges.meet_bridge(
-                    row, ox, oy, oz, base_x + sx * rx, base_y + sx * ry, base_z, near, min(depth[r, c], f32(400))
-                )
+                dx = fx + sy * ux + sx * rx
+                dy = fy + sy * uy + sx * ry
+                dz = fz + sy * uz
+                found = bridges.meet_bridge(row, ox, oy, oz, dx, dy, dz, near, min(depth[r, c], f32(bridges.FAR_M)))
                 if found[0] > f32(0):
                     depth[r, c] = found[0]
                     kind[r, c] = np.uint8(BRIDGE)
                     slant = np.sqrt(f32(1) + sx * sx + sy * sy)
-                    red[r, c], green[r, c], blue[r, c] = bridges.shade_stone(
+                    stone[n, 0] = f32(r)
+                    stone[n, 1] = f32(c)
+                    stone[n, 2], stone[n, 3], stone[n, 4] = bridges.shade_stone(
                         scene, w, row, found, found[0] * slant, found[0] * per_row
                     )
+                    n += 1
+    return stone[:n]
 
-    # Stone is set aside while plants are drawn in front of it.
-    stone_red = red.copy()
-    stone_green = green.copy()
-    stone_blue = blue.copy()
-    for r in range(height):
-        for c in range(wide):
-            red[r, c] = f32(0)
-            green[r, c] = f32(0)
-            blue[r, c] = f32(0)
 
-    eye = (ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, near)
-    plants.draw_plants(scene, w, eye, depth, red, green, blue, light, solid)
-
-    at = np.empty(wide, np.int32)
-    px = np.empty(wide, np.float32)
-    py = np.empty(wide, np.float32)
-    pz = np.empty(wide, np.float32)
-    far = np.empty(wide, np.float32)
-    out_r = np.empty(wide, np.float32)
-    out_g = np.empty(wide, np.float32)
-    out_b = np.empty(wide, np.float32)
-    columns = int32(scene.place[w, table.GX])
-    rows = int32(scene.place[w, table.GY])
-    map_at = int32(scene.place[w, table.MAP_AT])
+@kernel(disjoint=True)
+def shade(scene, w, eye, time, width, depth, kind, light, red, green, blue):
+    """Add what sky, water and ground send through the plants to red, green, blue [H, W']."""
+    height, wide = depth.shape
+    inv_cell = scene.number[w, table.INV_CELL]
+    node_x = (eye[0] - scene.number[w, table.ORIGIN_X]) * inv_cell
+    node_y = (eye[1] - scene.number[w, table.ORIGIN_Y]) * inv_cell
+    pixel = f32(2) * eye[12] / f32(height)
     sky_begin = int32(scene.place[w, table.SKY_AT])
+    span = np.empty((SPAN_ROWS, wide), np.float32)
+    at = np.empty(wide, np.int32)
+    ray_x = np.empty(wide, np.float32)
+    ray_y = np.empty(wide, np.float32)
+    ray_z = np.empty(wide, np.float32)
+    x = span[0]
+    y = span[1]
+    z = span[2]
+    dx = span[3]
+    dy = span[4]
+    dz = span[5]
+    far = span[6]
+    out_r = span[7]
+    out_g = span[8]
+    out_b = span[9]
     for r in range(height):
-        sy = half_h - (f32(r) + f32(0.5)) * per_row
-        base_x = fx + sy * ux
-        base_y = fy + sy * uy
-        base_z = fz + sy * uz
-        for c in range(width):
-            if kind[r, c] == GROUND:
-                sx = (f32(c) + f32(0.5)) * per_column - half_w
-                gx = node_x + (base_x + sx * rx) * inv_cell * depth[r, c]
-                gy = node_y + (base_y + sx * ry) * inv_cell * depth[r, c]
-                if bilinear(scene.depth, map_at, columns, rows, gx, gy) > f32(0):
-                    kind[r, c] = WATER
+        aim(eye, height, r, inv_cell, ray_x, ray_y, ray_z)
         for what in range(3):
             n = 0
             for c in range(width):
-                if kind[r, c] == what and light[r, c] > f32(0.004):
+                if kind[r, c] == what and light[r, c] > f32(SEEN):
                     at[n] = c
                     n += 1
             if n == 0:
                 continue
-            for k in range(n):
-                sx = (f32(at[k]) + f32(0.5)) * per_column - half_w
-                vx = base_x + sx * rx
-                vy = base_y + sx * ry
-                slant = np.sqrt(vx * vx + vy * vy + base_z * base_z)
-                ground_t = depth[r, at[k]]
-                px[k] = node_x + vx * inv_cell * ground_t
-                py[k] = node_y + vy * inv_cell * ground_t
-                pz[k] = oz + base_z * ground_t
-                far[k] = ground_t * slant
-                dx[k] = vx / slant
-                dy[k] = vy / slant
-                dz[k] = base_z / slant
+            reach(node_x, node_y, eye[2], inv_cell, ray_x, ray_y, ray_z, depth[r], at, x, y, z, dx, dy, dz, far, n)
             if what == SKY:
-                for k in range(n):
-                    out_r[k], out_g[k], out_b[k] = sky_at(scene.sky, sky_begin, dx[k], dy[k], dz[k])
-                    far[k] = f32(0)
+                shade_sky(scene.sky, sky_begin, dx, dy, dz, out_r, out_g, out_b, n)
             elif what == WATER:
-                water.shade_water(
-                    scene, w, px, py, pz, dx, dy, dz, far, per_row, f32(time), out_r, out_g, out_b, n
-                )  # fmt: skip
+                water.shade_water(scene, w, x, y, z, dx, dy, dz, far, pixel, time, out_r, out_g, out_b, n)
             else:
-                ground.shade_ground(scene, w, px, py, dz, far, per_row, out_r, out_g, out_b, n)
-            for k in range(n):
-                clear = exp(-far[k] * f32(table.FOG_PER_M))
-                out_r[k] = out_r[k] * clear + scene.number[w, table.FOG_R] * (f32(1) - clear)
-                out_g[k] = out_g[k] * clear + scene.number[w, table.FOG_G] * (f32(1) - clear)
-                out_b[k] = out_b[k] * clear + scene.number[w, table.FOG_B] * (f32(1) - clear)
+                ground.shade_ground(scene, w, x, y, dz, far, pixel, out_r, out_g, out_b, n)
+            if what != SKY:
+                haze(scene, w, far, out_r, out_g, out_b, n)
             for k in range(n):
                 c = at[k]
                 red[r, c] += light[r, c] * out_r[k]
                 green[r, c] += light[r, c] * out_g[k]
                 blue[r, c] += light[r, c] * out_b[k]
-        for c in range(width):
-            if kind[r, c] == BRIDGE:
-                red[r, c] += light[r, c] * stone_red[r, c]
-                green[r, c] += light[r, c] * stone_green[r, c]
-                blue[r, c] += light[r, c] * stone_blue[r, c]
 
-    develop(red, green, blue, image, height, width)
+
+@kernel(disjoint=True)
+def reach(node_x, node_y, oz, inv_cell, ray_x, ray_y, ray_z, depth, at, x, y, z, dx, dy, dz, far, n):
+    """For the pixels at[:n] of a row: the point met (x, y in nodes, z), the unit direction of sight, the distance."""
+    cell = f32(1) / inv_cell
+    for k in range(n):
+        c = uint32(at[k])
+        vx = ray_x[c]
+        vy = ray_y[c]
+        vz = ray_z[c]
+        t = depth[c]
+        slant = np.sqrt((vx * vx + vy * vy) * cell * cell + vz * vz)
+        x[k] = node_x + vx * t
+        y[k] = node_y + vy * t
+        z[k] = oz + vz * t
+        dx[k] = vx * cell / slant
+        dy[k] = vy * cell / slant
+        dz[k] = vz / slant
+        far[k] = t * slant
+
+
+@kernel(disjoint=True)
+def shade_sky(table_, begin, dx, dy, dz, red, green, blue, n):
+    """Radiance [n] of the sky."""
+    for k in range(n):
+        r, g, b = sky_at(table_, begin, dx[k], dy[k], dz[k])
+        red[k] = r
+        green[k] = g
+        blue[k] = b
+
+
+@kernel(disjoint=True)
+def haze(scene, w, far, red, green, blue, n):
+    """Fade radiance [n] into the haze over `far` metres."""
+    fog_r = scene.number[w, table.FOG_R]
+    fog_g = scene.number[w, table.FOG_G]
+    fog_b = scene.number[w, table.FOG_B]
+    for k in range(n):
+        clear = exp(-far[k] * f32(table.FOG_PER_M))
+        red[k] = red[k] * clear + fog_r * (f32(1) - clear)
+        green[k] = green[k] * clear + fog_g * (f32(1) - clear)
+        blue[k] = blue[k] * clear + fog_b * (f32(1) - clear)
+
+
+@kernel(disjoint=True)
+def write_layers(depth, solid, kind, light, depth_out, class_out):
+    """Depth along the axis (-1: sky) and class of each pixel [H, W]."""
+    height, width = depth_out.shape
     for r in range(height):
         for c in range(width):
-            wet = (kind[r, c] == WATER) & (light[r, c] > f32(0.5))
-            image[r, c, 3] = np.uint8(255) if wet else np.uint8(0)
-    if want_layers:
-        for r in range(height):
-            for c in range(width):
-                seen = min(depth[r, c], solid[r, c])
-                depth_out[r, c] = f32(-1) if seen > f32(1e8) else seen
-                class_out[r, c] = kind[r, c] if light[r, c] > f32(0.5) else np.uint8(PLANT)
+            seen = min(depth[r, c], solid[r, c])
+            depth_out[r, c] = f32(-1) if seen >= f32(MISS) else seen
+            class_out[r, c] = kind[r, c] if light[r, c] > f32(0.5) else np.uint8(PLANT)
+
+
+@kernel(disjoint=True)
+def mask_water(kind, light):
+    """Turn kind [H, W'] into the mask: 255 where water is seen, else 0."""
+    for r in range(kind.shape[0]):
+        for c in range(kind.shape[1]):
+            wet = (kind[r, c] == np.uint8(WATER)) & (light[r, c] > f32(0.5))
+            kind[r, c] = np.uint8(255) if wet else np.uint8(0)
 
 
 @kernel(parallel=True)
 def draw_frames(scene, world_index, poses, times, camera, images, want_layers, depths, classes):
-    """Draw one frame per pose: images [N, H, W, 4]; depths and classes [N, H, W] where wanted, else [1, 1, 1]."""
+    """Draw one frame per pose: images [N, H, W] uint32; depths and classes [N, H, W] where wanted, else [1, 1, 1]."""
     for n in prange(len(poses)):
         layer = n % len(depths)
         draw_frame(

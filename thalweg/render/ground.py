@@ -1,4 +1,4 @@
-"""What does dry ground look like? Its baked, prefiltered paint, and grain where the camera is nearer than it is fine."""
+"""What does dry ground look like? Its baked, prefiltered paint, and grain where the camera is near."""
 
 import numpy as np
 from numba import int32
@@ -40,7 +40,7 @@ def grain_at(tile, x_m, y_m, foot):
     return (f32(1) + fine_part) * (f32(1) + coarse_part)
 
 
-@kernel(inlined=True)
+@kernel(disjoint=True)
 def shade_ground(scene, w, x, y, dz, far, pixel, red, green, blue, n):
     """Radiance [n] of ground pixels at node coordinates x, y; dz: rise of the unit direction of sight; far: metres."""
     cell = f32(1) / scene.number[w, table.INV_CELL]

@@ -24,7 +24,7 @@ FAR_M = 320.0
 """Beyond this all ground is lost in the haze and drawn as the horizon."""
 
 
-@kernel(inlined=True)
+@kernel(disjoint=True)
 def march(scene, w, ox, oy, oz, dx, dy, dz, t, hit, n):
     """Advance n rays from t [n] until they meet the surface (hit 1) or leave (hit 0); t is then where they meet it.
 
@@ -109,3 +109,14 @@ def march(scene, w, ox, oy, oz, dx, dy, dz, t, hit, n):
         t[i] = tm if hit[i] > f32(0) else min(t1, leave[i])
         # Sloping down for ever: far ground, whose colour is the horizon's.
         hit[i] = f32(0) if t[i] >= f32(FAR_M) else hit[i]
+
+
+@kernel(disjoint=True)
+def wetness(scene, w, ox, oy, dx, dy, t, wet):
+    """Depth of the water [n] where each ray has got to; not above zero on dry ground."""
+    columns = int32(scene.place[w, table.GX])
+    rows = int32(scene.place[w, table.GY])
+    at = int32(scene.place[w, table.MAP_AT])
+    depth = scene.depth
+    for i in range(len(t)):
+        wet[i] = bilinear(depth, at, columns, rows, ox + dx[i] * t[i], oy + dy[i] * t[i])

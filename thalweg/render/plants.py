@@ -6,7 +6,7 @@ texels are about as large as pixels.
 """
 
 import numpy as np
-from numba import int32, uint32
+from numba import int32, uint32, uint64
 
 from thalweg.kernel import kernel
 from thalweg.render import impostors
@@ -83,195 +83,219 @@ def visible_plants(scene, w, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w,
     return count
 
 
-@kernel(inlined=True)
+@kernel(disjoint=True)
 def draw_plants(scene, w, eye, depth, red, green, blue, light, solid):
     """Add the plants in view to red, green, blue [H, W'] and take from light [H, W'] what they cover.
 
     depth [H, W'] is the ground's distance along the axis; solid [H, W'] receives that of the plant behind which less
     than half of the light remains. W' is the width rounded up to whole blocks.
     """
-    ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, near = eye
+    ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, _ = eye
     rows = depth.shape[0]
     columns = depth.shape[1]
     first = scene.place[w, table.PLANT_FROM]
     total = scene.place[w, table.PLANT_TO] - first
-    plants = scene.plants
-    atlas_at = scene.place[w, table.ATLAS_AT]
-    sun_x = np.cos(scene.number[w, table.SUN_TURN])
-    sun_y = np.sin(scene.number[w, table.SUN_TURN])
-    fog_r = scene.number[w, table.FOG_R]
-    fog_g = scene.number[w, table.FOG_G]
-    fog_b = scene.number[w, table.FOG_B]
     blocks_x = columns // BLOCK
     blocks_y = (rows + BLOCK_ROWS - 1) // BLOCK_ROWS
-    opened = np.ones((blocks_y, blocks_x), np.uint8)
-    for by in range(blocks_y):
-        for bx in range(blocks_x):
-            deepest = f32(0)
-            for r in range(by * BLOCK_ROWS, min((by + 1) * BLOCK_ROWS, rows)):
-                for c in range(bx * BLOCK, (bx + 1) * BLOCK):
-                    deepest = max(deepest, depth[r, c])
-            opened[by, bx] = 1 if deepest > near else 0
+    deepest = np.empty((blocks_y, blocks_x), np.float32)
+    deepest_ground(depth, deepest)
 
     order = np.empty(total, np.int32)
     distance = np.empty(total, np.float32)
-    count = visible_plants(
-        scene, w, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, max(half_w, f32(columns) * per_column - half_w), half_h,
-        order, distance,
-    )  # fmt: skip
     wide_half_w = f32(columns) * per_column - half_w
+    count = visible_plants(
+        scene, w, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, max(half_w, wide_half_w), half_h, order, distance
+    )
+    planes = (depth.ravel(), red.ravel(), green.ravel(), blue.ravel(), light.ravel(), solid.ravel())
     for k in range(count):
         p = first + order[k]
         far = distance[order[k]]
-        px = plants[p, table.P_X] - ox
-        py = plants[p, table.P_Y] - oy
-        foot = plants[p, table.P_Z] - oz
-        tall = plants[p, table.P_HEIGHT]
-        half = plants[p, table.P_HALF]
-        nx = px / far
-        ny = py / far
-        # Corners of the picture on the screen.
-        low_x = f32(1e9)
-        high_x = f32(-1e9)
-        low_y = f32(1e9)
-        high_y = f32(-1e9)
-        cut = False
-        for corner in range(4):
-            side = half if corner & 1 else -half
-            cz = foot + tall if corner & 2 else foot
-            cx = px - ny * side
-            cy = py + nx * side
-            ahead = cx * fx + cy * fy + cz * fz
-            cut |= ahead < near
-            ahead = max(ahead, f32(0.05))
-            sx = (cx * rx + cy * ry) / ahead
-            sy = (cx * ux + cy * uy + cz * uz) / ahead
-            low_x = min(low_x, sx)
-            high_x = max(high_x, sx)
-            low_y = min(low_y, sy)
-            high_y = max(high_y, sy)
-        if cut:
-            low_x = -half_w
-            high_x = wide_half_w
-            low_y = -half_h
-            high_y = half_h
-        c0 = max(int32((low_x + half_w) / per_column), int32(0))
-        c1 = min(int32((high_x + half_w) / per_column) + int32(1), int32(columns))
-        r0 = max(int32((f32(1) - high_y / half_h) * f32(0.5) * f32(rows)), int32(0))
-        r1 = min(int32((f32(1) - low_y / half_h) * f32(0.5) * f32(rows)) + int32(1), int32(rows))
-        if c0 >= c1 or r0 >= r1:
-            continue
+        box = picture_box(scene.plants[p], far, eye, rows, columns)
+        if box[0] < box[1] and box[2] < box[3]:
+            draw_picture(scene, w, p, far, eye, box, rows, columns, deepest, *planes)
 
-        # Which picture: the side that the sun lights, and the level whose texels are as large as pixels.
-        towards = nx * sun_x + ny * sun_y
-        across = ny * sun_x - nx * sun_y
-        angle = np.arctan2(across, towards)
-        view = int32(np.floor(angle * f32(impostors.VIEWS / 6.283185307) + f32(0.5))) & int32(impostors.VIEWS - 1)
-        kind = int32(plants[p, table.P_KIND])
-        ahead = max(px * fx + py * fy + (foot + tall * f32(0.5)) * fz, near)
-        tall_px = tall / (ahead * half_h) * f32(0.5) * f32(rows)
-        level = int32(clamp(log2(f32(impostors.ROWS) / tall_px) - f32(0.1), f32(0), f32(impostors.LEVELS - 1)))
-        high = int32(impostors.ROWS) >> level
-        wide = int32(impostors.COLS) >> level
-        begin = int32(atlas_at + scene.atlas_level[level]) + (kind * int32(impostors.VIEWS) + view) * high * wide
 
-        clear = exp(-far * f32(table.FOG_PER_M))
-        code = f32(1 / 255.0**2)
-        tint_r = plants[p, table.P_R] * clear * code
-        tint_g = plants[p, table.P_G] * clear * code
-        tint_b = plants[p, table.P_B] * clear * code
-        add_r = fog_r * (f32(1) - clear)
-        add_g = fog_g * (f32(1) - clear)
-        add_b = fog_b * (f32(1) - clear)
-        sun_low = plants[p, table.P_LOW]
-        sun_rise = plants[p, table.P_HIGH] - sun_low
-        shade = scene.place[w, table.SHADE_AT] + kind * int32(impostors.VIEWS) + view
-        dark_r = scene.shade[shade, 0]
-        dark_g = scene.shade[shade, 1]
-        dark_b = scene.shade[shade, 2]
+@kernel(disjoint=True)
+def deepest_ground(depth, deepest):
+    """The greatest depth [rows, columns] within each block, into deepest [blocks_y, blocks_x]."""
+    rows = depth.shape[0]
+    most = np.empty(BLOCK, np.float32)
+    for by in range(deepest.shape[0]):
+        for bx in range(deepest.shape[1]):
+            for i in range(BLOCK):
+                most[i] = f32(0)
+            for r in range(by * BLOCK_ROWS, min((by + 1) * BLOCK_ROWS, rows)):
+                first = uint64(bx * BLOCK)
+                for i in range(BLOCK):
+                    most[i] = max(most[i], depth[r, first + uint64(i)])
+            deepest[by, bx] = most.max()
 
-        for by in range(r0 // BLOCK_ROWS, (r1 - 1) // BLOCK_ROWS + 1):
-            for bx in range(c0 // BLOCK, (c1 - 1) // BLOCK + 1):
-                if opened[by, bx] == 0:
-                    continue
-                begin_c = bx * BLOCK
-                for r in range(max(by * BLOCK_ROWS, r0), min((by + 1) * BLOCK_ROWS, r1)):
-                    sy = (f32(1) - f32(2) * (f32(r) + f32(0.5)) / f32(rows)) * half_h
-                    base_x = fx + sy * ux
-                    base_y = fy + sy * uy
-                    base_z = fz + sy * uz
-                    for i in range(BLOCK):
-                        sx = (f32(begin_c + i) + f32(0.5)) * per_column - half_w
-                        dx = base_x + sx * rx
-                        dy = base_y + sx * ry
-                        towards_plane = dx * nx + dy * ny
-                        t = far / max(towards_plane, f32(1e-4))
-                        v = (base_z * t - foot) / tall
-                        u = (dy * nx - dx * ny) * t / half
-                        ground = depth[r, begin_c + i]
-                        inside = (
-                            (towards_plane > f32(1e-3))
-                            & (t > near)
-                            & (t < ground)
-                            & (v >= f32(0))
-                            & (v < f32(1))
-                            & (abs(u) < f32(1))
-                        )
-                        # Column 0 of a picture is on the camera's left, where u = 1.
-                        tu = clamp((f32(1) - u) * f32(0.5) * f32(wide) - f32(0.5), f32(0), f32(wide) - f32(1.001))
-                        tv = clamp(v * f32(high) - f32(0.5), f32(0), f32(high) - f32(1.001))
-                        column = int32(tu)
-                        row = int32(tv)
-                        a = tu - f32(column)
-                        b = tv - f32(row)
-                        at = begin + row * wide + column
-                        t00 = scene.atlas[uint32(at)]
-                        t10 = scene.atlas[uint32(at + 1)]
-                        t01 = scene.atlas[uint32(at + wide)]
-                        t11 = scene.atlas[uint32(at + wide + 1)]
-                        # Colours are weighted by coverage, so that empty texels do not bleed in.
-                        w00 = (f32(1) - a) * (f32(1) - b) * channel(t00, 24)
-                        w10 = a * (f32(1) - b) * channel(t10, 24)
-                        w01 = (f32(1) - a) * b * channel(t01, 24)
-                        w11 = a * b * channel(t11, 24)
-                        cover = w00 + w10 + w01 + w11
-                        share = f32(1) / max(cover, f32(1e-3))
-                        cr = share * (
-                            channel(t00, 0) * w00
-                            + channel(t10, 0) * w10
-                            + channel(t01, 0) * w01
-                            + channel(t11, 0) * w11
-                        )
-                        cg = share * (
-                            channel(t00, 8) * w00
-                            + channel(t10, 8) * w10
-                            + channel(t01, 8) * w01
-                            + channel(t11, 8) * w11
-                        )
-                        cb = share * (
-                            channel(t00, 16) * w00
-                            + channel(t10, 16) * w10
-                            + channel(t01, 16) * w01
-                            + channel(t11, 16) * w11
-                        )
-                        sun = clamp(sun_low + sun_rise * v, f32(0), f32(1))
-                        passing = light[r, begin_c + i]
-                        alpha = cover * f32(1 / 255.0) if inside else f32(0)
-                        part = passing * alpha
-                        lit_r = tint_r * (dark_r + (f32(1) - dark_r) * sun)
-                        lit_g = tint_g * (dark_g + (f32(1) - dark_g) * sun)
-                        lit_b = tint_b * (dark_b + (f32(1) - dark_b) * sun)
-                        red[r, begin_c + i] += part * (cr * cr * lit_r + add_r)
-                        green[r, begin_c + i] += part * (cg * cg * lit_g + add_g)
-                        blue[r, begin_c + i] += part * (cb * cb * lit_b + add_b)
-                        left = passing - part
-                        light[r, begin_c + i] = left
-                        crossed = (passing >= f32(0.5)) & (left < f32(0.5))
-                        solid[r, begin_c + i] = t if crossed else solid[r, begin_c + i]
-                # Ground nearer than this plant hides all that are farther.
-                most = f32(0)
-                for r in range(by * BLOCK_ROWS, min((by + 1) * BLOCK_ROWS, rows)):
-                    for i in range(BLOCK):
-                        passing = light[r, begin_c + i]
-                        most = max(most, passing if depth[r, begin_c + i] > far * f32(0.9) else f32(0))
-                opened[by, bx] = 1 if most > f32(CLOSED) else 0
+
+@kernel(inlined=True)
+def picture_box(plant, far, eye, rows, columns):
+    """The columns from, to and rows from, to of the screen that the upright picture of a plant may touch."""
+    ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, near = eye
+    px = plant[table.P_X] - ox
+    py = plant[table.P_Y] - oy
+    foot = plant[table.P_Z] - oz
+    tall = plant[table.P_HEIGHT]
+    half = plant[table.P_HALF]
+    nx = px / far
+    ny = py / far
+    low_x = f32(1e9)
+    high_x = f32(-1e9)
+    low_y = f32(1e9)
+    high_y = f32(-1e9)
+    cut = False
+    for corner in range(4):
+        side = half if corner & 1 else -half
+        cz = foot + tall if corner & 2 else foot
+        cx = px - ny * side
+        cy = py + nx * side
+        ahead = cx * fx + cy * fy + cz * fz
+        cut |= ahead < near
+        ahead = max(ahead, f32(0.05))
+        sx = (cx * rx + cy * ry) / ahead
+        sy = (cx * ux + cy * uy + cz * uz) / ahead
+        low_x = min(low_x, sx)
+        high_x = max(high_x, sx)
+        low_y = min(low_y, sy)
+        high_y = max(high_y, sy)
+    per_row = f32(2) * half_h / f32(rows)
+    c0 = int32(0)
+    c1 = int32(columns)
+    r0 = int32(0)
+    r1 = int32(rows)
+    if not cut:
+        c0 = max(int32((low_x + half_w) / per_column), c0)
+        c1 = min(int32((high_x + half_w) / per_column) + int32(1), c1)
+        r0 = max(int32((half_h - high_y) / per_row), r0)
+        r1 = min(int32((half_h - low_y) / per_row) + int32(1), r1)
+    return c0, c1, r0, r1
+
+
+@kernel(inlined=True)
+def side_seen(nx, ny, sun_turn):
+    """The view of the atlas for a look in the horizontal direction nx, ny; see `thalweg.render.impostors.view_of`."""
+    cos = np.cos(sun_turn)
+    sin = np.sin(sun_turn)
+    angle = np.arctan2(ny * cos - nx * sin, nx * cos + ny * sin)
+    return int32(np.floor(angle * f32(impostors.VIEWS / 6.283185307) + f32(0.5))) & int32(impostors.VIEWS - 1)
+
+
+@kernel(disjoint=True)
+def draw_picture(scene, w, p, far, eye, box, rows, columns, deepest, depth, red, green, blue, light, solid):
+    """Draw plant p at a horizontal distance `far` into the blocks that its box touches and that are not closed.
+
+    The planes depth, red, green, blue, light, solid are flat, [rows * columns].
+    """
+    ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, near = eye
+    c0, c1, r0, r1 = box
+    plant = scene.plants[p]
+    nx = (plant[table.P_X] - ox) / far
+    ny = (plant[table.P_Y] - oy) / far
+    foot = plant[table.P_Z] - oz
+    tall = plant[table.P_HEIGHT]
+    per_tall = f32(1) / tall
+    per_half = f32(1) / plant[table.P_HALF]
+    per_row = f32(2) * half_h / f32(rows)
+
+    # Which picture: the side that the sun lights, and the level whose texels are as large as pixels.
+    view = side_seen(nx, ny, scene.number[w, table.SUN_TURN])
+    kind = int32(plant[table.P_KIND])
+    ahead = max(far * (nx * fx + ny * fy) + (foot + tall * f32(0.5)) * fz, near)
+    tall_px = tall / (ahead * per_row)
+    level = int32(clamp(log2(f32(impostors.ROWS) / tall_px) - f32(0.1), f32(0), f32(impostors.LEVELS - 1)))
+    high = int32(impostors.ROWS) >> level
+    wide = int32(impostors.COLS) >> level
+    begin = int32(scene.place[w, table.ATLAS_AT] + scene.atlas_level[level])
+    begin = int32(begin + (kind * int32(impostors.VIEWS) + view) * high * wide)
+
+    clear = exp(-far * f32(table.FOG_PER_M))
+    tint_r = plant[table.P_R] * clear * f32(1 / 255.0**2)
+    tint_g = plant[table.P_G] * clear * f32(1 / 255.0**2)
+    tint_b = plant[table.P_B] * clear * f32(1 / 255.0**2)
+    add_r = scene.number[w, table.FOG_R] * (f32(1) - clear)
+    add_g = scene.number[w, table.FOG_G] * (f32(1) - clear)
+    add_b = scene.number[w, table.FOG_B] * (f32(1) - clear)
+    sun_low = plant[table.P_LOW]
+    sun_rise = plant[table.P_HIGH] - sun_low
+    shade = scene.place[w, table.SHADE_AT] + kind * int32(impostors.VIEWS) + view
+    dark_r = scene.shade[shade, 0]
+    dark_g = scene.shade[shade, 1]
+    dark_b = scene.shade[shade, 2]
+    atlas = scene.atlas
+    # No ray leaves the axis further than those through the upper corners, so no ray meets the picture sooner.
+    spread = np.sqrt(fx * fx + fy * fy) + half_h * np.sqrt(ux * ux + uy * uy)
+    nearest = far / np.sqrt(spread * spread + half_w * half_w)
+    most_u = f32(wide) - f32(1.001)
+    most_v = f32(high) - f32(1.001)
+
+    for by in range(r0 // BLOCK_ROWS, (r1 - 1) // BLOCK_ROWS + 1):
+        for bx in range(c0 // BLOCK, (c1 - 1) // BLOCK + 1):
+            # Every pixel of the block is covered, or shows ground nearer than this plant can be.
+            if deepest[by, bx] < nearest:
+                continue
+            for r in range(max(by * BLOCK_ROWS, r0), min((by + 1) * BLOCK_ROWS, r1)):
+                sy = half_h - (f32(r) + f32(0.5)) * per_row
+                base_x = fx + sy * ux
+                base_y = fy + sy * uy
+                base_z = fz + sy * uz
+                first = uint64(r * columns + bx * BLOCK)
+                left = (f32(bx * BLOCK) + f32(0.5)) * per_column - half_w
+                for i in range(BLOCK):
+                    k = first + uint64(i)
+                    sx = left + f32(i) * per_column
+                    dx = base_x + sx * rx
+                    dy = base_y + sx * ry
+                    towards = dx * nx + dy * ny
+                    t = far / max(towards, f32(1e-4))
+                    v = (base_z * t - foot) * per_tall
+                    u = (dy * nx - dx * ny) * t * per_half
+                    inside = (towards > f32(1e-3)) & (t > near) & (t < depth[k])
+                    inside = inside & (v >= f32(0)) & (v < f32(1)) & (abs(u) < f32(1))
+                    # Column 0 of a picture is on the camera's left, where u = 1.
+                    tu = clamp((f32(1) - u) * f32(0.5) * f32(wide) - f32(0.5), f32(0), most_u)
+                    tv = clamp(v * f32(high) - f32(0.5), f32(0), most_v)
+                    column = int32(tu)
+                    row = int32(tv)
+                    a = tu - f32(column)
+                    b = tv - f32(row)
+                    at = begin + row * wide + column
+                    t00 = atlas[uint32(at)]
+                    t10 = atlas[uint32(at + 1)]
+                    t01 = atlas[uint32(at + wide)]
+                    t11 = atlas[uint32(at + wide + 1)]
+                    # Colours are weighted by coverage, so that empty texels do not bleed in.
+                    w00 = (f32(1) - a) * (f32(1) - b) * channel(t00, 24)
+                    w10 = a * (f32(1) - b) * channel(t10, 24)
+                    w01 = (f32(1) - a) * b * channel(t01, 24)
+                    w11 = a * b * channel(t11, 24)
+                    cover = w00 + w10 + w01 + w11
+                    share = f32(1) / max(cover, f32(1e-3))
+                    cr = channel(t00, 0) * w00 + channel(t10, 0) * w10 + channel(t01, 0) * w01 + channel(t11, 0) * w11
+                    cg = channel(t00, 8) * w00 + channel(t10, 8) * w10 + channel(t01, 8) * w01 + channel(t11, 8) * w11
+                    cb = (
+                        channel(t00, 16) * w00
+                        + channel(t10, 16) * w10
+                        + channel(t01, 16) * w01
+                        + channel(t11, 16) * w11
+                    )
+                    cr *= share
+                    cg *= share
+                    cb *= share
+                    sun = clamp(sun_low + sun_rise * v, f32(0), f32(1))
+                    passing = light[k]
+                    part = passing * cover * f32(1 / 255.0) if inside else f32(0)
+                    red[k] += part * (cr * cr * tint_r * (dark_r + (f32(1) - dark_r) * sun) + add_r)
+                    green[k] += part * (cg * cg * tint_g * (dark_g + (f32(1) - dark_g) * sun) + add_g)
+                    blue[k] += part * (cb * cb * tint_b * (dark_b + (f32(1) - dark_b) * sun) + add_b)
+                    light[k] = passing - part
+                    crossed = (passing >= f32(0.5)) & (passing - part < f32(0.5))
+                    solid[k] = t if crossed else solid[k]
+            open_pixels = f32(0)
+            for r in range(by * BLOCK_ROWS, min((by + 1) * BLOCK_ROWS, rows)):
+                first = uint64(r * columns + bx * BLOCK)
+                for i in range(BLOCK):
+                    open_pixels += f32(1) if light[first + uint64(i)] > f32(CLOSED) else f32(0)
+            deepest[by, bx] = deepest[by, bx] if open_pixels > f32(0) else f32(0)

@@ -69,7 +69,7 @@ class Renderer:
         elif out.shape != shape or out.dtype != np.uint8 or not out.flags.c_contiguous:
             raise ValueError(f"out is {out.dtype} {list(out.shape)}; it must be contiguous uint8 {list(shape)}")
         none = np.empty((1, 1, 1), np.float32), np.empty((1, 1, 1), np.uint8)
-        draw_frames(self._scene, worlds, poses, times, self._camera, out, False, *none)
+        draw_frames(self._scene, worlds, poses, times, self._camera, out.view(np.uint32)[..., 0], False, *none)
         return out
 
     def render_layers(
@@ -79,7 +79,7 @@ class Renderer:
         poses, worlds, times = self._checked(poses, world_index, time_s)
         shape = (len(poses), self.camera.height_px, self.camera.width_px)
         image, depth, kind = np.empty((*shape, 4), np.uint8), np.empty(shape, np.float32), np.empty(shape, np.uint8)
-        draw_frames(self._scene, worlds, poses, times, self._camera, image, True, depth, kind)
+        draw_frames(self._scene, worlds, poses, times, self._camera, image.view(np.uint32)[..., 0], True, depth, kind)
         return Frame(np.ascontiguousarray(image[..., :3]), image[..., 3] > 0, depth, kind)
 
     def _checked(

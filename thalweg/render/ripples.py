@@ -30,7 +30,7 @@ def _spectrum_noise(rng: np.random.Generator, low: float, high: float, power: fl
 
 
 def tile(seed: int = 0) -> list[np.ndarray]:
-    """The tile's levels, k < LEVELS: float64 [SIZE >> k, SIZE >> k, 4]: slope x, slope y, lost variance, grain (0..1)."""
+    """The tile's levels k < LEVELS [SIZE >> k, SIZE >> k, 4] float64: slope x, slope y, lost variance, grain (0..1)."""
     rng = np.random.default_rng(np.random.SeedSequence([0x717, seed]))
     height = _spectrum_noise(rng, 3, 90, 2.2, 0.55)
     slope_x = np.roll(height, -1, 1) - np.roll(height, 1, 1)

@@ -233,7 +233,7 @@ def bridge_rows(world: World) -> np.ndarray:
 def cone_map(top: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Height and slope [CY, CX] float32 of the cone above each cell that no surface of `top` [GY, GX] pierces.
 
-    Source: cone step mapping (Dummer 2006), here per cell instead of per node, so that it is conservative between nodes.
+    Source: cone step mapping (Dummer 2006), here per cell instead of per node: conservative between nodes too.
     """
     rows, columns = (-(-s // CONE_CELL) for s in top.shape)
     padded = np.pad(

@@ -76,7 +76,7 @@ def daylight(directions: np.ndarray, sun: np.ndarray, turbidity: float = TURBIDI
 def map_directions() -> np.ndarray:
     """Unit vectors [ROWS, COLUMNS, 3] at the centres of the sky map's cells; `thalweg.render.fetch.sky_at` looks it up.
 
-    Rows are spaced as the square root of the height's sine, so that the horizon is finest; columns as the diamond angle.
+    Rows are spaced as the root of the height's sine, so that the horizon is finest; columns as the diamond angle.
     """
     row = (np.arange(ROWS) + 0.5) / ROWS * 2 - 1
     sine = np.sign(row) * row**2

@@ -40,12 +40,13 @@ def code_table() -> np.ndarray:
     return np.rint(encode(curve(root**2)) * 255).astype(np.uint8)
 
 
-_TABLE = code_table()
+_TABLE = code_table().astype(np.uint32)
 
 
-@kernel(inlined=True)
-def develop(red, green, blue, image, height, width):
-    """Expose radiance [H, W'] and write it to image [H, W, 4] uint8, channels 0 to 2."""
+@kernel(disjoint=True)
+def develop(red, green, blue, wet, image, width):
+    """Expose radiance [H, W'] and write it to image [H, W] uint32: red, green, blue, and wet [H, W'] uint8 on top."""
+    height = red.shape[0]
     total = f32(0)
     for r in range(height):
         row = f32(0)
@@ -64,9 +65,7 @@ def develop(red, green, blue, image, height, width):
             x = max(red[r, c] * f32(SATURATION) + grey, f32(0)) * gain
             y = max(green[r, c] * f32(SATURATION) + grey, f32(0)) * gain
             z = max(blue[r, c] * f32(SATURATION) + grey, f32(0)) * gain
-            a = int32(min(np.sqrt(x) * scale + f32(0.5), top))
-            b = int32(min(np.sqrt(y) * scale + f32(0.5), top))
-            d = int32(min(np.sqrt(z) * scale + f32(0.5), top))
-            image[r, c, 0] = _TABLE[uint32(a)]
-            image[r, c, 1] = _TABLE[uint32(b)]
-            image[r, c, 2] = _TABLE[uint32(d)]
+            a = _TABLE[uint32(int32(min(np.sqrt(x) * scale + f32(0.5), top)))]
+            b = _TABLE[uint32(int32(min(np.sqrt(y) * scale + f32(0.5), top)))]
+            d = _TABLE[uint32(int32(min(np.sqrt(z) * scale + f32(0.5), top)))]
+            image[r, c] = a | (b << uint32(8)) | (d << uint32(16)) | (uint32(wet[r, c]) << uint32(24))

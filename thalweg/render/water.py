@@ -1,9 +1,9 @@
 """What does a river look like? Its bed through absorbing water, the sky and the woods mirrored in ripples, and glitter.
 
-One function shades a list of water pixels; what is in it, and from where:
+`shade_water` shades a list of water pixels in three passes: ripples, what is mirrored, what lies below. From where:
 
-* Fresnel reflectance, n = 1.333: Schlick, "An Inexpensive BRDF Model", 1994; lessened by the spread of the ripples' slopes
-  as in Bruneton, Neyret, Holzschuch, "Real-time Realistic Ocean Lighting", 2010, equation 20.
+* Fresnel reflectance, n = 1.333: Schlick, "An Inexpensive BRDF Model", 1994; lessened by the spread of the ripples'
+  slopes as in Bruneton, Neyret, Holzschuch, "Real-time Realistic Ocean Lighting", 2010, equation 20.
 * Absorption and scattering over the refracted path: Beer, Lambert.
 * Glitter: the density of slopes that mirror the sun, Gaussian; Cox, Munk, "Measurement of the Roughness of the Sea
   Surface", 1954.
@@ -66,89 +66,164 @@ def ripple_layer(tile, x, y, level):
     return slope_x, slope_y, (a_lost + (b_lost - a_lost) * share) * f32(ripples.VARIANCE_RANGE / 255.0)
 
 
-@kernel(inlined=True)
+@kernel
 def shade_water(scene, w, x, y, z, dx, dy, dz, far, pixel, time, red, green, blue, n):
     """Radiance [n] of water pixels.
 
     x, y: node coordinates, z: height in metres; dx, dy, dz: unit direction of sight in metres; far: distance in metres;
     pixel: angle of a pixel; time in seconds.
     """
-    place = scene.place
-    number = scene.number
-    columns = int32(place[w, table.GX])
-    rows = int32(place[w, table.GY])
-    at = int32(place[w, table.MAP_AT])
-    inv_cell = number[w, table.INV_CELL]
-    cell = f32(1) / inv_cell
-    wide = int32(place[w, table.PAINT_X])
-    high = int32(place[w, table.PAINT_Y])
-    sky_begin = int32(place[w, table.SKY_AT])
-    canopy_columns = int32(place[w, table.CANOPY_X])
-    canopy_rows = int32(place[w, table.CANOPY_Y])
-    canopy_at = int32(place[w, table.CANOPY_AT])
-    sun_x = number[w, table.SUN_X]
-    sun_y = number[w, table.SUN_Y]
-    sun_z = number[w, table.SUN_Z]
-    fog_r = number[w, table.FOG_R]
-    fog_g = number[w, table.FOG_G]
-    fog_b = number[w, table.FOG_B]
-    code = f32(table.PAINT_RANGE / 255.0**2)
-    depth_map = scene.depth
-    paint = scene.paint
-    begins = place[w, table.PAINT_AT : table.PAINT_AT + table.PAINT_LEVELS]
-    sun_path = f32(1) / np.sqrt(f32(1) - (f32(1) - sun_z * sun_z) / f32(INDEX * INDEX))
+    slope_x = np.empty(n, np.float32)
+    slope_y = np.empty(n, np.float32)
+    spread = np.empty(n, np.float32)
+    facing = np.empty(n, np.float32)
+    rx = np.empty(n, np.float32)
+    ry = np.empty(n, np.float32)
+    rz = np.empty(n, np.float32)
+    passing = np.empty(n, np.float32)
+    up_r = np.empty(n, np.float32)
+    up_g = np.empty(n, np.float32)
+    up_b = np.empty(n, np.float32)
+    ripple(scene, w, x, y, dx, dy, dz, far, pixel, time, slope_x, slope_y, spread, facing, rx, ry, rz)
+    mirror_canopy(scene, w, x, y, z, rx, ry, rz, up_r, up_g, up_b, passing)
+    compose(
+        scene, w, x, y, dx, dy, dz, far, pixel, slope_x, slope_y, spread, facing, rx, ry, rz, passing, up_r, up_g, up_b,
+        red, green, blue,
+    )  # fmt: skip
 
-    for i in range(n):
-        px = x[i]
-        py = y[i]
-        vx = dx[i]
-        vy = dy[i]
-        vz = dz[i]
-        # A pixel's footprint is stretched along the ray; the geometric mean of both sides sets the level.
-        foot = far[i] * pixel / np.sqrt(max(-vz, f32(0.03)))
-        mx = px * cell
-        my = py * cell
+
+@kernel(inlined=True)
+def footprint(far, pixel, vz):
+    """Side of a pixel on the water in metres: it is stretched along the ray, and the geometric mean sets the level."""
+    return far * pixel / np.sqrt(max(-vz, f32(0.03)))
+
+
+@kernel(disjoint=True)
+def ripple(scene, w, x, y, dx, dy, dz, far, pixel, time, slope_x, slope_y, spread, facing, rx, ry, rz):
+    """Slopes [n] of the water, the mean square of those too small to be seen, the cosine of sight, the mirrored ray."""
+    cell = f32(1) / scene.number[w, table.INV_CELL]
+    tile = scene.ripples
+    for i in range(len(slope_x)):
+        foot = footprint(far[i], pixel, dz[i])
+        mx = x[i] * cell
+        my = y[i] * cell
         ax, ay, a_lost = ripple_layer(
-            scene.ripples,
+            tile,
             (mx + f32(DRIFT_A_M_PER_S[0]) * time) * f32(ripples.SIZE / TILE_A_M),
             (my + f32(DRIFT_A_M_PER_S[1]) * time) * f32(ripples.SIZE / TILE_A_M),
             log2(foot * f32(ripples.SIZE / TILE_A_M)),
         )
         # The second layer is turned by about 53 degrees, so that the tiles do not repeat together.
         bx, by, b_lost = ripple_layer(
-            scene.ripples,
+            tile,
             (f32(0.6) * mx + f32(0.8) * my + f32(DRIFT_B_M_PER_S[0]) * time) * f32(ripples.SIZE / TILE_B_M),
             (f32(0.6) * my - f32(0.8) * mx + f32(DRIFT_B_M_PER_S[1]) * time) * f32(ripples.SIZE / TILE_B_M),
             log2(foot * f32(ripples.SIZE / TILE_B_M)),
         )
-        slope_x = f32(AMPLITUDE) * (ax + f32(0.6) * bx - f32(0.8) * by)
-        slope_y = f32(AMPLITUDE) * (ay + f32(0.8) * bx + f32(0.6) * by)
-        spread = f32(AMPLITUDE * AMPLITUDE) * (a_lost + b_lost) + f32(ROUGHNESS)
+        lean_x = f32(AMPLITUDE) * (ax + f32(0.6) * bx - f32(0.8) * by)
+        lean_y = f32(AMPLITUDE) * (ay + f32(0.8) * bx + f32(0.6) * by)
+        size = f32(1) / np.sqrt(f32(1) + lean_x * lean_x + lean_y * lean_y)
+        cosine = clamp((dx[i] * lean_x + dy[i] * lean_y - dz[i]) * size, f32(0.01), f32(1))
+        slope_x[i] = lean_x
+        slope_y[i] = lean_y
+        spread[i] = f32(AMPLITUDE * AMPLITUDE) * (a_lost + b_lost) + f32(ROUGHNESS)
+        facing[i] = cosine
+        rx[i] = dx[i] - f32(2) * cosine * lean_x * size
+        ry[i] = dy[i] - f32(2) * cosine * lean_y * size
+        rz[i] = max(dz[i] + f32(2) * cosine * size, f32(0.02))
 
-        size = f32(1) / np.sqrt(f32(1) + slope_x * slope_x + slope_y * slope_y)
-        nx = -slope_x * size
-        ny = -slope_y * size
-        facing = clamp(-(vx * nx + vy * ny + vz * size), f32(0.01), f32(1))
-        graze = f32(1) - facing
+
+@kernel(disjoint=True)
+def mirror_canopy(scene, w, x, y, z, rx, ry, rz, red, green, blue, passing):
+    """What the canopies send along reflected rays [n], haze included, and the share `passing` of the sky behind."""
+    n = len(passing)
+    columns = int32(scene.place[w, table.CANOPY_X])
+    rows = int32(scene.place[w, table.CANOPY_Y])
+    at = int32(scene.place[w, table.CANOPY_AT])
+    fog_r = scene.number[w, table.FOG_R]
+    fog_g = scene.number[w, table.FOG_G]
+    fog_b = scene.number[w, table.FOG_B]
+    step = scene.number[w, table.INV_CELL] * f32(1 / table.CANOPY_CELL)
+    code = f32(table.PAINT_RANGE / 255.0**2)
+    canopy = scene.canopy
+    paint = scene.canopy_paint
+    met_at = np.zeros(n, np.float32)
+    for i in range(n):
+        passing[i] = f32(1)
+        red[i] = f32(0)
+        green[i] = f32(0)
+        blue[i] = f32(0)
+    s = f32(MIRROR_FIRST_M)
+    for _ in range(MIRROR_STEPS):
+        blur = f32(1) / (f32(MIRROR_BLUR_M) + f32(MIRROR_BLUR) * s)
+        for i in range(n):
+            column = int32(clamp(x[i] * f32(1 / table.CANOPY_CELL) + rx[i] * s * step, f32(0), f32(columns - 1)))
+            row = int32(clamp(y[i] * f32(1 / table.CANOPY_CELL) + ry[i] * s * step, f32(0), f32(rows - 1)))
+            k = uint32(at + row * columns + column)
+            above = canopy[k] - z[i] - rz[i] * s
+            part = passing[i] * clamp(above * blur, f32(0), f32(1))
+            seen = paint[k]
+            a = channel(seen, 0)
+            b = channel(seen, 8)
+            c = channel(seen, 16)
+            red[i] += part * a * a
+            green[i] += part * b * b
+            blue[i] += part * c * c
+            met_at[i] += part * s
+            passing[i] -= part
+        s = s * f32(MIRROR_GROWTH)
+    for i in range(n):
+        clear = exp(-met_at[i] * f32(table.FOG_PER_M))
+        haze = (f32(1) - passing[i]) * (f32(1) - clear)
+        red[i] = red[i] * code * clear + fog_r * haze
+        green[i] = green[i] * code * clear + fog_g * haze
+        blue[i] = blue[i] * code * clear + fog_b * haze
+
+
+@kernel(disjoint=True)
+def compose(
+    scene, w, x, y, dx, dy, dz, far, pixel, slope_x, slope_y, spread, facing, rx, ry, rz, passing, up_r, up_g, up_b,
+    red, green, blue,
+):  # fmt: skip
+    """Radiance [n]: the bed through the water, by Fresnel the mirrored canopy and sky, and the sun's glitter."""
+    place = scene.place
+    number = scene.number
+    columns = int32(place[w, table.GX])
+    rows = int32(place[w, table.GY])
+    at = int32(place[w, table.MAP_AT])
+    inv_cell = number[w, table.INV_CELL]
+    wide = int32(place[w, table.PAINT_X])
+    high = int32(place[w, table.PAINT_Y])
+    sky_begin = int32(place[w, table.SKY_AT])
+    sun_x = number[w, table.SUN_X]
+    sun_y = number[w, table.SUN_Y]
+    sun_z = number[w, table.SUN_Z]
+    code = f32(table.PAINT_RANGE / 255.0**2)
+    depth_map = scene.depth
+    paint = scene.paint
+    sky_map = scene.sky
+    begins = place[w, table.PAINT_AT : table.PAINT_AT + table.PAINT_LEVELS]
+    sun_path = f32(1) / np.sqrt(f32(1) - (f32(1) - sun_z * sun_z) * f32(1 / INDEX**2))
+    for i in range(len(passing)):
+        graze = f32(1) - facing[i]
         graze2 = graze * graze
-        rough = np.sqrt(spread)
+        rough = np.sqrt(spread[i])
         mirror = f32(0.02) + f32(0.98) * graze2 * graze2 * graze / (f32(1) + f32(22.7) * rough * np.sqrt(rough))
 
         # The bed, where the refracted ray meets it.
-        depth = max(bilinear(depth_map, at, columns, rows, px, py), f32(0))
-        hx = vx * f32(1 / INDEX) + slope_x * f32(0.25)
-        hy = vy * f32(1 / INDEX) + slope_y * f32(0.25)
-        down = np.sqrt(max(f32(1) - hx * hx - hy * hy, f32(0.1)))
-        path = depth / down
-        bed_x = px + hx * path * inv_cell
-        bed_y = py + hy * path * inv_cell
+        depth = max(bilinear(depth_map, at, columns, rows, x[i], y[i]), f32(0))
+        hx = dx[i] * f32(1 / INDEX) + slope_x[i] * f32(0.25)
+        hy = dy[i] * f32(1 / INDEX) + slope_y[i] * f32(0.25)
+        path = depth / np.sqrt(max(f32(1) - hx * hx - hy * hy, f32(0.1)))
+        bed_x = x[i] + hx * path * inv_cell
+        bed_y = y[i] + hy * path * inv_cell
+        foot = footprint(far[i], pixel, dz[i])
         level = clamp(log2(foot * inv_cell), f32(0), f32(table.PAINT_LEVELS - 1.01))
         low = int32(level)
         share = level - f32(low)
-        r0, g0, b0, s0 = paint_level(paint, int32(begins[low]), wide, high, bed_x, bed_y, low)
-        r1, g1, b1, s1 = paint_level(
-            paint, int32(begins[low + int32(1)]), wide, high, bed_x, bed_y, low + int32(1)
-        )  # fmt: skip
+        r0, g0, b0, s0 = paint_level(paint, int32(begins[uint32(low)]), wide, high, bed_x, bed_y, low)
+        low += int32(1)
+        r1, g1, b1, s1 = paint_level(paint, int32(begins[uint32(low)]), wide, high, bed_x, bed_y, low)
         r0 += (r1 - r0) * share
         g0 += (g1 - g0) * share
         b0 += (b1 - b0) * share
@@ -162,53 +237,18 @@ def shade_water(scene, w, x, y, z, dx, dy, dz, far, pixel, time, red, green, blu
         under_g = g0 * g0 * code * through_g + f32(SCATTER[1]) * glow * (f32(1) - through_g)
         under_b = b0 * b0 * code * through_b + f32(SCATTER[2]) * glow * (f32(1) - through_b)
 
-        # What is mirrored: sky, or the canopy that the reflected ray runs into.
-        twice = f32(2) * facing
-        rx = vx + twice * nx
-        ry = vy + twice * ny
-        rz = max(vz + twice * size, f32(0.02))
-        sky_r, sky_g, sky_b = sky_at(scene.sky, sky_begin, rx, ry, rz)
-        cx = px * f32(1 / table.CANOPY_CELL)
-        cy = py * f32(1 / table.CANOPY_CELL)
-        step = inv_cell * f32(1 / table.CANOPY_CELL)
-        s = f32(MIRROR_FIRST_M)
-        passing = f32(1)
-        wood_r = f32(0)
-        wood_g = f32(0)
-        wood_b = f32(0)
-        met_at = f32(0)
-        for _ in range(MIRROR_STEPS):
-            qx = int32(clamp(cx + rx * s * step, f32(0), f32(canopy_columns - 1)))
-            qy = int32(clamp(cy + ry * s * step, f32(0), f32(canopy_rows - 1)))
-            k = uint32(canopy_at + qy * canopy_columns + qx)
-            above = scene.canopy[k] - z[i] - rz * s
-            part = passing * clamp(above / (f32(MIRROR_BLUR_M) + f32(MIRROR_BLUR) * s), f32(0), f32(1))
-            seen = scene.canopy_paint[k]
-            a = channel(seen, 0)
-            b = channel(seen, 8)
-            c = channel(seen, 16)
-            wood_r += part * a * a
-            wood_g += part * b * b
-            wood_b += part * c * c
-            met_at += part * s
-            passing -= part
-            s = s * f32(MIRROR_GROWTH)
-        clear = exp(-met_at * f32(table.FOG_PER_M))
-        haze = (f32(1) - passing) * (f32(1) - clear)
-        up_r = wood_r * code * clear + fog_r * haze + sky_r * passing
-        up_g = wood_g * code * clear + fog_g * haze + sky_g * passing
-        up_b = wood_b * code * clear + fog_b * haze + sky_b * passing
-
         # Glitter: how many of the ripples within the pixel mirror the sun.
-        half_x = sun_x - vx
-        half_y = sun_y - vy
-        half_z = sun_z - vz
-        lean_x = -half_x / half_z - slope_x
-        lean_y = -half_y / half_z - slope_y
-        width = spread + f32(SUN_WIDTH)
+        half_z = sun_z - dz[i]
+        lean_x = -(sun_x - dx[i]) / half_z - slope_x[i]
+        lean_y = -(sun_y - dy[i]) / half_z - slope_y[i]
+        width = spread[i] + f32(SUN_WIDTH)
         density = exp(-(lean_x * lean_x + lean_y * lean_y) / (f32(2) * width)) / (f32(6.2832) * width)
-        glitter = min(f32(0.02) * density * sunlit * passing, f32(GLITTER_MOST))
+        glitter = min(f32(0.02) * density * sunlit * passing[i], f32(GLITTER_MOST))
 
-        red[i] = under_r * (f32(1) - mirror) + up_r * mirror + glitter * f32(GLITTER_TINT[0])
-        green[i] = under_g * (f32(1) - mirror) + up_g * mirror + glitter * f32(GLITTER_TINT[1])
-        blue[i] = under_b * (f32(1) - mirror) + up_b * mirror + glitter * f32(GLITTER_TINT[2])
+        sky_r, sky_g, sky_b = sky_at(sky_map, sky_begin, rx[i], ry[i], rz[i])
+        over_r = (up_r[i] + sky_r * passing[i]) * mirror
+        over_g = (up_g[i] + sky_g * passing[i]) * mirror
+        over_b = (up_b[i] + sky_b * passing[i]) * mirror
+        red[i] = under_r * (f32(1) - mirror) + over_r + glitter * f32(GLITTER_TINT[0])
+        green[i] = under_g * (f32(1) - mirror) + over_g + glitter * f32(GLITTER_TINT[1])
+        blue[i] = under_b * (f32(1) - mirror) + over_b + glitter * f32(GLITTER_TINT[2])

@@ -61,6 +61,17 @@ def test_imports_go_one_way():
     assert not found, "\n".join(found)
 
 
+def test_no_algorithm_imports_another():
+    from thalweg.algos.registry import ALGORITHMS
+
+    modules = {entry.config.__module__ for entry in ALGORITHMS.values()}
+    for module in modules:
+        source = (PACKAGE.parent / (module.replace(".", "/") + ".py")).read_text()
+        for other in modules - {module}:
+            assert other not in source
+            assert f"from thalweg.algos import {other.split('.')[-1]}" not in source
+
+
 @pytest.mark.parametrize(
     ("line", "part"),
     [

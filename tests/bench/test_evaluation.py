@@ -1,8 +1,8 @@
-import handmade
 import numpy as np
 import pytest
 import torch
 
+from tests.env import handmade
 from thalweg.bench import evaluation
 from thalweg.bench.baselines import BASELINES
 from thalweg.bench.episodes import REASONS, read_episodes, write_episodes

@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-import small_place
-from small_place import SUITE, SmallPlace
 
+from tests.bench import small_place
+from tests.bench.small_place import SUITE, SmallPlace
 from thalweg.bench.files import ResultsError
 from thalweg.bench.results import read_results, read_runs
 from thalweg.bench.runner import best_flight, run_suite

@@ -1,0 +1,37 @@
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import torch
+
+from thalweg.bench.baselines import BASELINES
+from thalweg.bench.files import ResultsError
+from thalweg.bench.river import check_sees_as_trained, load_fitting_encoder, mark
+from thalweg.encoder import VAE, EncoderFileError, EncoderInputError, VAEConfig, load_encoder, save_vae
+from thalweg.render import RENDER_VERSION
+
+
+def encoder_file(path: Path, seed: int, version: int = RENDER_VERSION) -> Path:
+    torch.manual_seed(seed)
+    save_vae(path, VAE(VAEConfig()), {"render_version": version})
+    return path
+
+
+def test_a_policy_flies_only_through_the_encoder_it_was_trained_with(tmp_path: Path):
+    own, other = (load_encoder(encoder_file(tmp_path / f"{seed}.safetensors", seed)) for seed in (0, 1))
+    policy: Any = SimpleNamespace(about=SimpleNamespace(context={"encoder": mark(own)}))
+    check_sees_as_trained(policy, own)
+    with pytest.raises(ResultsError, match=f"encoder {mark(own)}, but this is encoder {mark(other)}"):
+        check_sees_as_trained(policy, other)
+
+
+def test_a_policy_that_tells_nothing_of_its_encoder_is_taken_at_its_word(tmp_path: Path):
+    encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
+    check_sees_as_trained(BASELINES["hover"], encoder)
+
+
+def test_an_encoder_of_another_renderer_is_refused(tmp_path: Path):
+    path = encoder_file(tmp_path / "old.safetensors", 0, version=RENDER_VERSION + 1)
+    with pytest.raises((EncoderFileError, EncoderInputError), match=str(RENDER_VERSION + 1)):
+        load_fitting_encoder(path)

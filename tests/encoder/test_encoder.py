@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import torch
-from synthetic_frames import synthetic_frames
 
+from tests.encoder.synthetic_frames import synthetic_frames
 from thalweg.encoder import VAE, Encoder, EncoderFileError, EncoderInputError, VAEConfig, check_render_version
 from thalweg.encoder.measure import to_batch
 

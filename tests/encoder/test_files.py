@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
-from synthetic_frames import synthetic_frames
 
+from tests.encoder.synthetic_frames import synthetic_frames
 from thalweg.encoder import VAE, Encoder, EncoderFileError, VAEConfig, load_encoder, load_vae, save_vae
 from thalweg.encoder.files import KEY, write_whole
 

@@ -4,8 +4,7 @@ or light."""
 import dataclasses
 from functools import cache
 
-from handmade import world_of
-
+from tests.env.handmade import world_of
 from thalweg.world.levels import level_named
 from thalweg.world.plan import plan
 from thalweg.world.record import World

@@ -2,9 +2,9 @@ import math
 
 import numpy as np
 import pytest
-from flights import FORWARD, HOVER, LEFT, at, fly, step
-from handmade import canal, ring, world_of
 
+from tests.env.flights import FORWARD, HOVER, LEFT, at, fly, step
+from tests.env.handmade import canal, ring, world_of
 from thalweg.env import DoneReason, EnvConfig
 from thalweg.env.courses import pack
 from thalweg.env.payment import costs

@@ -10,9 +10,9 @@ import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.utils.passive_env_checker import data_shares_objects
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from handmade import BlankRenderer, hairpin, ring
 
 import thalweg
+from tests.env.handmade import BlankRenderer, hairpin, ring
 from thalweg.env import ConfigError, EnvConfig, RiverEnv, RiverVectorEnv
 
 

@@ -2,9 +2,9 @@ import math
 
 import numpy as np
 import pytest
-from flights import BACKWARD, FORWARD, HOVER, LEFT, TURN_LEFT, TURN_RIGHT, UP, at, step
-from handmade import canal
 
+from tests.env.flights import BACKWARD, FORWARD, HOVER, LEFT, TURN_LEFT, TURN_RIGHT, UP, at, step
+from tests.env.handmade import canal
 from thalweg.env import ActionError, DoneReason
 from thalweg.env.motion import wrapped
 

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from flights import at
-from handmade import canal, hairpin, ring
-from rivers import river
 
+from tests.env.flights import at
+from tests.env.handmade import canal, hairpin, ring
+from tests.env.rivers import river
 from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.env.chart import drawn
 from thalweg.env.courses import pack

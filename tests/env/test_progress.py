@@ -2,9 +2,9 @@ import math
 
 import numpy as np
 import pytest
-from flights import BACKWARD, FORWARD, HOVER, LEFT, TURN_LEFT, at, fly, step
-from handmade import canal, hairpin, ring, world_of
 
+from tests.env.flights import BACKWARD, FORWARD, HOVER, LEFT, TURN_LEFT, at, fly, step
+from tests.env.handmade import canal, hairpin, ring, world_of
 from thalweg.env import DoneReason, EnvConfig
 from thalweg.env.courses import pack
 from thalweg.env.progress import followed

@@ -2,9 +2,9 @@ import math
 
 import numpy as np
 import pytest
-from handmade import canal, ring
-from rivers import river
 
+from tests.env.handmade import canal, ring
+from tests.env.rivers import river
 from thalweg.env import ConfigError, EnvConfig, RiverVectorEnv, UnsafePoseError, sample_starts
 from thalweg.env.courses import pack
 from thalweg.env.starts import check_pose

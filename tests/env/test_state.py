@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-from handmade import BlankRenderer, hairpin, ring
 
+from tests.env.handmade import BlankRenderer, hairpin, ring
 from thalweg.env import EnvConfig, RiverEnv, RiverVectorEnv, StateError
 
 

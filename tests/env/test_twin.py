@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from handmade import canal, hairpin, ring
-from rivers import river
-from twin import Twin
 
+from tests.env.handmade import canal, hairpin, ring
+from tests.env.rivers import river
+from tests.env.twin import Twin
 from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv
 from thalweg.world.bridges import across
 

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from flights import FORWARD, HOVER, at
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
-from handmade import BlankRenderer, canal, hairpin, ring
 
+from tests.env.flights import FORWARD, HOVER, at
+from tests.env.handmade import BlankRenderer, canal, hairpin, ring
 from thalweg.env import ConfigError, EnvConfig, RiverEnv, RiverVectorEnv
 
 NONE = EnvConfig(observation="none")

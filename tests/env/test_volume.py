@@ -3,10 +3,10 @@ import math
 
 import numpy as np
 import pytest
-from flights import FORWARD, HOVER, UP, at, fly, step
-from handmade import canal, ring
 from scipy.optimize import linprog
 
+from tests.env.flights import FORWARD, HOVER, UP, at, fly, step
+from tests.env.handmade import canal, ring
 from thalweg.env import DoneReason, EnvConfig
 from thalweg.env.courses import grown_hull, pack
 from thalweg.env.progress import between

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
-from valley import valley
 
+from tests.world.valley import valley
 from thalweg.world import drawing
 from thalweg.world.light import bake
 from thalweg.world.plants import scatter

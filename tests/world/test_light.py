@@ -5,8 +5,8 @@ import math
 import numba
 import numpy as np
 import pytest
-from valley import valley
 
+from tests.world.valley import valley
 from thalweg.world.crowns import (
     EXTINCTION,
     LEVELS,

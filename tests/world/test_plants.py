@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 from scipy.spatial import KDTree
-from valley import valley
 
+from tests.world.valley import valley
 from thalweg.world.plants import REED_REACH_M, SPACING_M, Site, scatter, throw_darts
 from thalweg.world.species import KINDS
 from thalweg.world.zones import forest_edge_m

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from valley import valley
 
+from tests.world.valley import valley
 from thalweg.world.noise import fractal, smooth_step
 from thalweg.world.surface import paint
 

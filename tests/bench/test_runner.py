@@ -158,5 +158,5 @@ def test_the_suites_are_found_by_name_and_an_unknown_one_lists_them():
     assert suite_named("Quick") is SUITES["quick"]
     assert SUITES["paper"].steps == 200_000
     assert SUITES["paper"].seeds == (0, 1, 2)
-    with pytest.raises(ResultsError, match="unknown suite 'papr'; known: quick, paper"):
+    with pytest.raises(ResultsError, match="unknown suite 'papr'; known: quick, easy, paper"):
         suite_named("papr")

@@ -65,6 +65,15 @@ SUITES: dict[str, Suite] = {
     suite.name: suite
     for suite in (
         Suite("quick", algorithms=("PPO", "FOCOPS"), seeds=(0,), steps=8_192),
+        Suite(
+            "easy",
+            algorithms=("PPO", "FOCOPS"),
+            seeds=(0, 1, 2),
+            steps=200_000,
+            train_level="Easy",
+            test_levels=("Easy",),
+            packaged=False,
+        ),
         Suite("paper", algorithms=("PPO", "FOCOPS"), seeds=(0, 1, 2), steps=200_000),
     )
 }

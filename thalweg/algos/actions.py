@@ -67,8 +67,8 @@ class Actions:
         """Clipped to the box; where it has both bounds, -1..1 spans it, so that a fresh policy reaches all of it."""
         low, high = np.asarray(self.low), np.asarray(self.high)
         bounded = np.isfinite(low) & np.isfinite(high)
-        middle, half = np.where(bounded, (low + high) / 2, 0.0), np.where(bounded, (high - low) / 2, 1.0)
-        return np.clip(middle + half * raw, low, high)
+        below, above = np.where(bounded, low, -1.0), np.where(bounded, high, 1.0)
+        return np.clip((above + below) / 2 + (above - below) / 2 * raw, low, high)
 
     def as_data(self) -> dict[str, object]:
         """Plain data for JSON; `from_data` is its inverse. Infinite bounds become None."""

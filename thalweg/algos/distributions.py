@@ -97,4 +97,6 @@ def _columns(sizes: tuple[int, ...]) -> tuple[Tensor, Tensor]:
         columns.append([first + min(k, size - 1) for k in range(longest)])
         absent.append([k >= size for k in range(longest)])
         first += size
-    return torch.tensor(columns), torch.tensor(absent)
+    # The first caller may be acting, but these are kept for learning too.
+    with torch.inference_mode(False):
+        return torch.tensor(columns), torch.tensor(absent)

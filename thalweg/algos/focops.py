@@ -43,9 +43,9 @@ class FOCOPSConfig:
     """"state": the trust region of the paper. "batch": the weaker one that OmniSafe 0.5 computes by a broadcast."""
     multiplier_rule: Rule = "gradient"
     """How the multiplier ν moves: projected gradient, as in the paper, or Adam."""
-    multiplier_rate: float = 0.5
+    multiplier_rate: float = 1.0
     """Step size of the part of ν that moves."""
-    multiplier_gain: float = 5.0
+    multiplier_gain: float = 10.0
     """K_P: what is added to ν for each unit by which the mean cost exceeds the limit, at once; the paper has none."""
     multiplier_initial: float = 0.0
     """ν before the first update."""

@@ -82,8 +82,5 @@ class Multiplier:
     def load_state(self, state: dict[str, Any]) -> None:
         """The inverse of `state`."""
         first, second = state["moments"]
-        self.value, self._moments, self._count = (
-            float(state["value"]),
-            (float(first), float(second)),
-            int(state["count"]),
-        )
+        self.value, self._moving = float(state["value"]), float(state["moving"])
+        self._moments, self._count = (float(first), float(second)), int(state["count"])

@@ -56,8 +56,10 @@ def versions() -> dict[str, str]:
 
 
 def write_config(folder: Path, description: dict[str, Any]) -> None:
-    """Write config.yaml."""
-    write_whole(folder / CONFIG, _yaml(description))
+    """Write config.yaml; raises `TrainingError` for anything but plain data, before the folder is made."""
+    text = _yaml(description)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_whole(folder / CONFIG, text)
 
 
 def read_config(folder: Path) -> dict[str, Any] | None:

@@ -218,10 +218,10 @@ class _Report:
 
 def _claim(folder: Path, identity: dict[str, Any], threads: int) -> dict[str, Any]:
     """Make sure that the folder is this run's, new or begun; returns its status."""
-    folder.mkdir(parents=True, exist_ok=True)
+    description = record.describe(identity, threads)
     begun = record.read_config(folder)
     if begun is None:
-        record.write_config(folder, record.describe(identity, threads))
+        record.write_config(folder, description)
         return {}
     record.require_same(folder, begun["run"], identity)
     status = record.read_status(folder)

@@ -1,7 +1,9 @@
-"""A constrained decision problem small enough to be solved: six places, nine actions, and a linear programme for its optimum.
+"""A constrained decision problem small enough to be solved: six places, nine actions, and a linear programme for
+its optimum.
 
-In each place one chooses a pace (branch 0) and a way (branch 1). Pace earns what the place is worth and brings risk; the way
-decides where one goes. An episode ends by itself with probability `STOP` a step, so that the best policy needs no clock.
+In each place one chooses a pace (branch 0) and a way (branch 1). Pace earns what the place is worth and brings
+risk; the way decides where one goes. An episode ends by itself with probability `STOP` a step, so that the best
+policy needs no clock.
 """
 
 from dataclasses import dataclass
@@ -59,7 +61,8 @@ class Problem:
         """Exact return and cost of a policy [S, 9] of probabilities."""
         flow = np.einsum("sa,sa,sak->sk", policy, self.going_on, self.move)
         visits = np.linalg.solve(np.eye(PLACES) - flow.T, self.start)
-        return tuple(float(visits @ (policy * table).sum(1)) for table in (self.reward, self.risk))
+        total, cost = (float(visits @ (policy * table).sum(1)) for table in (self.reward, self.risk))
+        return total, cost
 
 
 def problem(deadly: bool) -> Problem:

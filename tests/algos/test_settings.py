@@ -1,0 +1,64 @@
+import dataclasses
+
+import pytest
+
+from thalweg.algos import ALGORITHMS, AlgorithmError, algorithm_named
+from thalweg.algos.focops import FOCOPSConfig
+from thalweg.algos.settings import as_data, config_from
+
+
+def test_an_unknown_algorithm_lists_the_known_ones():
+    with pytest.raises(AlgorithmError, match="'TRPO'; there are PPO, FOCOPS"):
+        algorithm_named("TRPO")
+
+
+def test_a_name_is_found_in_any_case():
+    assert algorithm_named("focops").name == "FOCOPS"
+
+
+def test_an_unknown_key_lists_the_known_ones():
+    with pytest.raises(AlgorithmError, match=r"no 'cost_limt'; it has cost_limit, temperature"):
+        config_from(FOCOPSConfig, {"cost_limt": 0.2})
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("cost_limit", -0.1, "must not be negative"),
+        ("cost_limit", "low", "must be float"),
+        ("passes", 2.5, "must be int"),
+        ("passes", True, "must be int"),
+        ("mask", "all", "one of 'state', 'batch'"),
+        ("hidden", (64, "64"), "must be int"),
+        ("discount", 1.5, "in 0..1"),
+        ("linear_decay", 1, "must be bool"),
+        ("discount", float("nan"), "must be float"),
+    ],
+)
+def test_a_wrong_value_is_named(key: str, value: object, words: str):
+    with pytest.raises(AlgorithmError, match=words) as caught:
+        config_from(FOCOPSConfig, {key: value})
+    assert key in str(caught.value)
+
+
+def test_whole_numbers_and_lists_become_what_the_field_wants():
+    config = config_from(FOCOPSConfig, {"cost_limit": 1, "hidden": [32, 16]})
+    assert (config.cost_limit, config.hidden) == (1.0, (32, 16))
+    assert as_data(config)["hidden"] == [32, 16]
+
+
+@pytest.mark.parametrize("entry", ALGORITHMS.values(), ids=lambda entry: entry.name)
+def test_a_config_survives_its_plain_data(entry):
+    assert config_from(entry.config, as_data(entry.config())) == entry.config()
+
+
+@pytest.mark.parametrize("entry", ALGORITHMS.values(), ids=lambda entry: entry.name)
+def test_a_config_is_frozen_and_each_field_is_documented(entry):
+    import inspect
+
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        entry.config().hidden = (1,)
+    lines = [line.strip() for line in inspect.getsource(entry.config).splitlines()]
+    for field in dataclasses.fields(entry.config):
+        at = next(i for i, line in enumerate(lines) if line.startswith(f"{field.name}:"))
+        assert lines[at + 1].startswith('"""'), field.name

@@ -1,0 +1,279 @@
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import yaml
+
+from tests.train.toys import Walk
+from thalweg.algos import ALGORITHMS, AlgorithmError, LimitWarning, NotFiniteError, Policy
+from thalweg.train import ResumeWarning, TrainingError, load_policy, run
+
+SMALL = {"steps_per_update": 128, "minibatch": 64, "passes": 2, "hidden": (16,)}
+STEPS = 1500
+
+
+def rows_of(folder: Path, name: str) -> list[dict[str, str]]:
+    with open(folder / name) as file:
+        return list(csv.DictReader(file))
+
+
+def numbers(folder: Path) -> tuple[list[dict[str, str]], str, bytes]:
+    """What must not depend on interruptions: metrics without times, episodes, the policy's bytes."""
+    timing = ("time_", "seconds", "steps_per_second")
+    metrics = [{k: v for k, v in row.items() if not k.startswith(timing)} for row in rows_of(folder, "metrics.csv")]
+    return metrics, (folder / "episodes.csv").read_text(), (folder / "policy.safetensors").read_bytes()
+
+
+def train(folder: Path, algorithm: str = "FOCOPS", env: Walk | None = None, **settings: Any):
+    given: dict[str, Any] = {"steps": STEPS, "seed": 3, "config": SMALL, "checkpoint_seconds": 0.0} | settings
+    return run(algorithm, env or Walk(), folder=folder, **given)
+
+
+@pytest.fixture(scope="module", params=list(ALGORITHMS))
+def finished(request, tmp_path_factory) -> tuple[str, Path]:
+    folder = tmp_path_factory.mktemp(request.param)
+    train(folder, request.param)
+    return request.param, folder
+
+
+class Stop(Exception):
+    pass
+
+
+class StopsAt(Walk):
+    """Raises in the given vector step, once."""
+
+    def __init__(self, at: int, **settings) -> None:
+        super().__init__(**settings)
+        self.stop = at
+
+    def step(self, actions):
+        if self.total + 1 == self.stop:
+            self.stop = 0
+            raise Stop
+        return super().step(actions)
+
+
+def test_the_folder_of_a_run(finished):
+    algorithm, folder = finished
+    config = yaml.safe_load((folder / "config.yaml").read_text())
+    assert config["run"]["algorithm"] == algorithm and config["run"]["seed"] == 3
+    assert (
+        config["run"]["config"]["minibatch"] == 64
+        and config["run"]["config"]["clip" if algorithm == "PPO" else "trust_radius"]
+    )
+    assert config["versions"]["torch"] == torch.__version__ and config["versions"]["numpy"] == np.__version__
+    metrics, episodes = rows_of(folder, "metrics.csv"), rows_of(folder, "episodes.csv")
+    assert len(metrics) == -(-STEPS // 128) and metrics[-1]["steps"] == str(STEPS)
+    assert list(episodes[0]) == ["step", "env", "return", "cost", "tight", "loose", "length", "reason", "world"]
+    assert int(metrics[-1]["episodes"]) == len(episodes)
+    recent = [float(row["return"]) for row in episodes[-50:]]
+    assert float(metrics[-1]["return_mean_50"]) == pytest.approx(np.mean(recent))
+    violated = [row for row in episodes if float(row["cost"]) > 0]
+    assert float(metrics[-1]["cost_rate"]) == len(violated) / STEPS
+    assert list((folder / "tensorboard").glob("events.*"))
+    status = json.loads((folder / "status.json").read_text())
+    assert status["state"] == "finished" and status["steps"] == STEPS
+    assert not list(folder.rglob("*.part"))
+
+
+def test_the_same_seed_gives_the_same_numbers(finished, tmp_path):
+    algorithm, folder = finished
+    torch.manual_seed(99)  # nothing global matters
+    np.random.seed(99)  # noqa: NPY002
+    train(tmp_path, algorithm, checkpoint_seconds=1e9)
+    assert numbers(tmp_path) == numbers(folder)
+
+
+def test_a_run_leaves_the_global_generators_alone(tmp_path):
+    torch.manual_seed(1)
+    before = torch.get_rng_state()
+    train(tmp_path, steps=200)
+    assert torch.equal(torch.get_rng_state(), before)
+
+
+def test_another_seed_gives_other_numbers(finished, tmp_path):
+    algorithm, folder = finished
+    train(tmp_path, algorithm, seed=4)
+    assert numbers(tmp_path)[0] != numbers(folder)[0]
+
+
+@pytest.mark.parametrize("at", [20, 130, 200, 371])
+def test_a_run_broken_off_by_an_error_and_resumed_ends_with_the_same_numbers(finished, tmp_path, at):
+    algorithm, folder = finished
+    with pytest.raises(Stop):
+        train(tmp_path, algorithm, StopsAt(at))
+    status = json.loads((tmp_path / "status.json").read_text())
+    assert status["state"] == "failed" and status["error"].startswith("Stop")
+    result = train(tmp_path, algorithm)
+    assert result.resumed_from == ((at - 1) // 32 * 128 or None)
+    assert numbers(tmp_path) == numbers(folder)
+
+
+SCRIPT = """
+import sys, time
+from pathlib import Path
+sys.path.insert(0, sys.argv[2])
+from tests.train.test_run import train
+from tests.train.toys import Walk
+
+class Slow(Walk):
+    def step(self, actions):
+        time.sleep(0.002)
+        return super().step(actions)
+
+train(Path(sys.argv[1]), sys.argv[3], Slow())
+"""
+
+
+@pytest.mark.slow
+def test_a_run_killed_at_any_moment_and_resumed_ends_with_the_same_numbers(finished, tmp_path):
+    algorithm, folder = finished
+    command = [sys.executable, "-c", SCRIPT, str(tmp_path), str(Path(__file__).parents[2]), algorithm]
+    killed, chance = 0, np.random.default_rng()
+    for _ in range(3):
+        process = subprocess.Popen(command, stderr=subprocess.PIPE)
+        deadline = time.monotonic() + 120
+        # From the first row on, whatever it is doing: stepping, learning, writing a checkpoint.
+        metrics = tmp_path / "metrics.csv"
+        size = metrics.stat().st_size if metrics.exists() else 0
+        while process.poll() is None and time.monotonic() < deadline:
+            if metrics.exists() and metrics.stat().st_size > size:
+                break
+            time.sleep(0.01)
+        time.sleep(chance.uniform(0.0, 0.3))
+        if process.poll() is None:
+            os.kill(process.pid, signal.SIGKILL)
+            killed += 1
+        process.wait()
+        assert process.returncode in (0, -signal.SIGKILL), process.stderr and process.stderr.read().decode()
+    assert killed >= 1
+    train(tmp_path, algorithm)
+    assert numbers(tmp_path) == numbers(folder)
+
+
+def test_a_finished_run_is_returned_at_once(finished):
+    algorithm, folder = finished
+    before = numbers(folder)
+    result = train(folder, algorithm, StopsAt(1))
+    assert result.already_finished and result.steps == STEPS and result.algorithm == algorithm
+    assert numbers(folder) == before
+
+
+def test_an_environment_that_can_not_be_brought_back_resumes_with_a_warning(tmp_path):
+    with pytest.raises(Stop):
+        train(tmp_path, env=StopsAt(200, portable=False))
+    with pytest.warns(ResumeWarning, match="no get_state"):
+        result = train(tmp_path, env=Walk(portable=False))
+    assert result.steps == STEPS
+    steps = [int(row["step"]) for row in rows_of(tmp_path, "episodes.csv")]
+    assert steps == sorted(steps)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"algorithm": "PPO"}, "algorithm is 'FOCOPS' there and 'PPO' here"),
+        ({"config": SMALL | {"cost_limit": 0.3}}, "config.cost_limit is 0.1 there and 0.3 here"),
+        ({"env": Walk(6)}, "num_envs is 4 there and 6 here"),
+        ({"seed": 5}, "seed is 3 there and 5 here"),
+        ({"context": {"encoder": "mine"}}, "context.encoder is 'absent' there and 'mine' here"),
+    ],
+)
+def test_the_folder_of_another_run_is_refused_before_anything_happens(tmp_path, changes, words):
+    with pytest.raises(Stop):
+        train(tmp_path, env=StopsAt(200))
+    kept = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    with pytest.raises(TrainingError, match=words):
+        train(tmp_path, **changes)
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == kept
+
+
+@pytest.mark.parametrize("what", ["observation", "reward", "cost"])
+def test_nan_from_the_environment_stops_the_run_and_leaves_the_last_good_checkpoint(tmp_path, what):
+    with pytest.raises(NotFiniteError, match=what):
+        train(tmp_path, env=Walk(poison=(what, 100)))
+    status = json.loads((tmp_path / "status.json").read_text())
+    assert status["state"] == "failed" and f"{what} is not finite" in status["error"]
+    assert [path.name for path in (tmp_path / "checkpoints").iterdir()][-1:] and not (
+        tmp_path / "policy.safetensors"
+    ).exists()
+    with pytest.raises(AlgorithmError, match=r"\(failed\)"):
+        load_policy(tmp_path)
+    result = train(tmp_path)
+    assert result.resumed_from == 384
+
+
+def test_a_loss_that_turns_nan_stops_the_run_and_leaves_the_last_good_checkpoint(tmp_path):
+    class Huge(Walk):
+        def step(self, actions):
+            obs, reward, *rest = super().step(actions)
+            return obs, reward * (1e30 if self.total > 100 else 1.0), *rest
+
+    with pytest.raises(NotFiniteError, match="has become"):
+        train(tmp_path, env=Huge())
+    assert json.loads((tmp_path / "status.json").read_text())["state"] == "failed"
+    assert train(tmp_path).resumed_from == 384
+
+
+def test_a_limit_that_never_binds_is_said_once_and_kept(tmp_path):
+    with pytest.warns(LimitWarning, match="has not bound anything") as caught:
+        result = train(tmp_path, config=SMALL | {"cost_limit": 25.0})
+    assert len([w for w in caught if w.category is LimitWarning]) == 1
+    assert len(result.warnings) == 1
+    assert json.loads((tmp_path / "status.json").read_text())["warnings"].keys() == {"limit_never_binds"}
+    assert {row["limit_can_bind"] for row in rows_of(tmp_path, "metrics.csv")} == {"0.0"}
+
+
+def test_a_limit_that_binds_is_no_warning(tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", LimitWarning)
+        assert train(tmp_path).warnings == ()
+    assert rows_of(tmp_path, "metrics.csv")[-1]["limit_can_bind"] == "1.0"
+
+
+def test_wrong_arguments_leave_no_folder(tmp_path):
+    folder = tmp_path / "new"
+    wrong: list[dict[str, Any]] = [{"algorithm": "SAC"}, {"config": {"clipp": 0.1}}, {"steps": 0}]
+    for changes in wrong:
+        with pytest.raises((AlgorithmError, TrainingError)):
+            train(folder, **changes)
+    with pytest.raises(TrainingError, match="plain data only"):
+        train(folder, context={"path": object()})
+    assert not folder.exists()
+
+
+def test_the_policy_of_a_run_is_loaded_from_its_folder_or_its_file(finished):
+    algorithm, folder = finished
+    policy = load_policy(folder)
+    assert isinstance(policy, Policy) and policy.about.algorithm == algorithm
+    obs = np.zeros((2, 3), np.float32)
+    again = load_policy(folder / "policy.safetensors")
+    assert np.array_equal(policy.act(obs, deterministic=True), again.act(obs, deterministic=True))
+    assert policy.normaliser.count == STEPS
+
+
+def test_a_folder_without_a_policy_is_refused(tmp_path):
+    with pytest.raises(AlgorithmError, match="not a run"):
+        load_policy(tmp_path)
+
+
+@pytest.mark.parametrize("head", ["native", "gaussian_discretised"])
+def test_both_heads_train(tmp_path, head):
+    result = train(tmp_path, config=SMALL | {"head": head, "affine": True}, steps=300)
+    assert result.policy.actions.kind == ("categorical" if head == "native" else "gaussian_discretised")
+
+
+def test_the_bar_shows_and_is_gone_afterwards(tmp_path, capsys):
+    train(tmp_path, progress=True, steps=300)
+    assert "FOCOPS, seed 3" in capsys.readouterr().out

@@ -49,8 +49,8 @@ class Problem:
         leaving = np.kron(np.eye(PLACES), np.ones(PACES * WAYS))
         found = linprog(
             -self.reward.ravel(),
-            A_ub=self.risk.ravel()[None],
-            b_ub=[limit],
+            A_ub=self.risk.ravel()[None] if np.isfinite(limit) else None,
+            b_ub=[limit] if np.isfinite(limit) else None,
             A_eq=leaving - flow,
             b_eq=self.start,
         )

@@ -52,8 +52,7 @@ def samples_of(rollout: Rollout, critics: Critics, normaliser: Normaliser, signa
     next_values = values[:, 1:].clone()
     if len(rollout.final_index):
         next_values.view(len(signals), -1)[:, rollout.final_index] = critics(normaliser(rollout.final_obs))
-    # A step that only resets ends nothing and leads nowhere; as a boundary it passes nothing back.
-    truncated = rollout.truncated | ~rollout.valid
+    # A step that only resets passes nothing back: the one before it ended an episode.
     advantages = torch.stack(
         [
             gae(
@@ -61,7 +60,7 @@ def samples_of(rollout: Rollout, critics: Critics, normaliser: Normaliser, signa
                 values[k, :-1],
                 next_values[k],
                 rollout.terminated,
-                truncated,
+                rollout.truncated,
                 discount=signal.discount,
                 trace=signal.trace,
             )

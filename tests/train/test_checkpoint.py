@@ -81,6 +81,7 @@ def test_a_table_is_cut_back_to_its_checkpoint(tmp_path):
     table.write({"a": 1, "b": 0.1})
     kept = table.sync()
     table.write({"a": 2, "b": 0.2})
+    table.write({"a": 22222222, "b": 0.2222222222222222})
     table.close()
     table = Table(tmp_path / "t.csv", kept)
     table.write({"b": 1 / 3, "a": 3})

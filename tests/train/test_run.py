@@ -199,6 +199,13 @@ def test_the_folder_of_another_run_is_refused_before_anything_happens(tmp_path, 
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == kept
 
 
+def test_the_folder_of_another_run_is_refused_before_its_first_checkpoint_too(tmp_path):
+    with pytest.raises(Stop):
+        train(tmp_path, env=StopsAt(5))
+    with pytest.raises(TrainingError, match="seed is 3 there and 5 here"):
+        train(tmp_path, seed=5)
+
+
 @pytest.mark.parametrize("what", ["observation", "reward", "cost"])
 def test_nan_from_the_environment_stops_the_run_and_leaves_the_last_good_checkpoint(tmp_path, what):
     with pytest.raises(NotFiniteError, match=what):

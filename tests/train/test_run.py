@@ -260,6 +260,21 @@ def test_wrong_arguments_leave_no_folder(tmp_path):
     assert not folder.exists()
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"steps": 0}, "steps must be at least 1, got 0"),
+        ({"steps": -100}, "steps must be at least 1, got -100"),
+        ({"threads": 0}, "threads must be at least 1, got 0"),
+        ({"seed": -1}, "seed must not be negative, got -1"),
+    ],
+)
+def test_numbers_out_of_range_are_named_before_the_folder_is_made(tmp_path, changes, words):
+    with pytest.raises(TrainingError, match=words):
+        train(tmp_path / "new", **changes)
+    assert not (tmp_path / "new").exists()
+
+
 def test_the_policy_of_a_run_is_loaded_from_its_folder_or_its_file(finished):
     algorithm, folder = finished
     policy = load_policy(folder)

@@ -76,7 +76,7 @@ def run(
         algorithm: A name in `thalweg.algos.registry.ALGORITHMS`, in any case.
         env: A vector environment with vectors for observations and `info["cost"]` [N]; it is not closed.
         steps: At least so many, all environments together.
-        seed: Of the environment and of the algorithm; the global random generators are neither used nor set.
+        seed: 0 or more; of the environment and of the algorithm; the global random generators are neither used nor set.
         folder: Made if it does not exist.
         config: The algorithm's config, or a mapping of some of its keys.
         context: Plain data kept in the policy's file and in config.yaml, such as the encoder's name.
@@ -84,13 +84,14 @@ def run(
         checkpoint_seconds: Least time between two checkpoints; it has no influence on the numbers.
         threads: Of acting and learning; small networks are slower with more than one.
 
-    Raises `AlgorithmError` or `TrainingError` before anything runs for a wrong name, key, space or folder, and
+    Raises `AlgorithmError` or `TrainingError` before anything runs for a wrong name, key, number, space or folder, and
     `NotFiniteError` as soon as a number that learning depends on is NaN; the last good checkpoint stays.
     """
     entry = algorithm_named(algorithm)
     resolved = config_from(entry.config, config)
-    if steps < 1 or threads < 1:
-        raise TrainingError(f"steps and threads must be at least 1, got {steps} and {threads}")
+    for name, number, least in (("steps", steps, 1), ("threads", threads, 1), ("seed", seed, 0)):
+        if number < least:
+            raise TrainingError(f"{name} must {f'be at least {least}' if least else 'not be negative'}, got {number}")
     stream, context = Stream(env), dict(context or {})
     task = Task(stream.obs_size, env.single_action_space, env.num_envs, steps, seed, context)
     learner = entry.make(resolved, task)

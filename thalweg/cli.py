@@ -199,7 +199,7 @@ class Train:
 
     def run(self) -> int:
         from thalweg.algos.registry import algorithm_named
-        from thalweg.bench.river import TrainingGround, load_fitting_encoder
+        from thalweg.train.river import TrainingGround, load_fitting_encoder
 
         settings = _settings(self.set)
         algorithm = algorithm_named(self.algorithm).name

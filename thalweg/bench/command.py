@@ -12,11 +12,12 @@ from thalweg.bench.evaluation import Course, EvaluationConfig, Label, evaluate, 
 from thalweg.bench.files import ResultsError
 from thalweg.bench.published import SOURCE
 from thalweg.bench.results import Results, read_results
-from thalweg.bench.river import PACKAGED_POLICY, check_sees_as_trained, load_fitting_encoder
+from thalweg.bench.river import PACKAGED_POLICY
 from thalweg.bench.runner import all_landed, flight_progress, progress_of_flights, run_suite
 from thalweg.bench.suites import PACKAGED, suite_named
 from thalweg.bench.tables import ELSEWHERE, detail_table, paper_table
 from thalweg.train import load_policy
+from thalweg.train.river import check_sees_as_trained, load_fitting_encoder
 from thalweg.world import level_named
 
 WIDTH = 120

@@ -3,9 +3,7 @@
 The runner sees only `Place`, so that tests can put a small problem in its stead.
 """
 
-import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
@@ -13,14 +11,10 @@ from typing import Protocol
 from thalweg.bench.baselines import BASELINES, Policy
 from thalweg.bench.episodes import Episode
 from thalweg.bench.evaluation import Course, EvaluationConfig, Label, Look, Step, evaluate, through_encoder
-from thalweg.bench.files import ResultsError
 from thalweg.bench.suites import Run, Suite
-from thalweg.encoder import Encoder, check_render_version, load_encoder
-from thalweg.env import RiverVectorEnv
-from thalweg.render import RENDER_VERSION
-from thalweg.train import RunResult, load_policy, run
-from thalweg.train.latent import LatentVectorEnv
-from thalweg.world import level_named, load_or_build
+from thalweg.encoder import Encoder
+from thalweg.train import load_policy
+from thalweg.train.river import TrainingGround, check_sees_as_trained, load_fitting_encoder
 
 PACKAGED_POLICY = Path(__file__).with_name("flight.safetensors")
 """The best policy so far, which comes with the package."""
@@ -40,59 +34,6 @@ class Place(Protocol):
     def film(self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None]) -> str:
         """Film an evaluated episode into `path`; returns the caption."""
         ...
-
-
-def load_fitting_encoder(path: Path | None = None) -> Encoder:
-    """An encoder that was trained on frames as this renderer draws them; raises the encoder's own errors."""
-    encoder = load_encoder(path)
-    check_render_version(encoder, RENDER_VERSION)
-    return encoder
-
-
-def mark(encoder: Encoder) -> str:
-    """What tells an encoder from every other: a hash of its file."""
-    return hashlib.sha256(Path(encoder.about["path"]).read_bytes()).hexdigest()[:16]
-
-
-def check_sees_as_trained(policy: Policy, encoder: Encoder) -> None:
-    """Raise `ResultsError` if the policy learnt from the codes of another encoder."""
-    learnt = getattr(getattr(policy, "about", None), "context", {}).get("encoder")
-    if learnt is not None and learnt != mark(encoder):
-        raise ResultsError(
-            f"the policy was trained on the codes of encoder {learnt}, but this is encoder {mark(encoder)};"
-            " give the encoder that it was trained with"
-        )
-
-
-@dataclass(frozen=True)
-class TrainingGround:
-    """Where a policy is trained."""
-
-    level: str
-    num_envs: int
-    world_seeds: tuple[int, ...] = ()
-    """Rivers of the level; its fixed one if none is given."""
-
-    def train(
-        self, algorithm: str, encoder: Encoder, *, steps: int, seed: int, folder: Path, settings: dict | None = None
-    ) -> RunResult:
-        """Train with a progress bar, going on from what lies in the folder."""
-        level = level_named(self.level)
-        seeds = self.world_seeds or (level.default_seed,)
-        context = {
-            "level": level.name,
-            "world_seeds": list(seeds),
-            "encoder": mark(encoder),
-            "render_version": RENDER_VERSION,
-        }
-        worlds = [load_or_build(level, number) for number in seeds]
-        env = LatentVectorEnv(RiverVectorEnv(worlds, self.num_envs), encoder)
-        try:
-            return run(
-                algorithm, env, steps=steps, seed=seed, folder=folder, config=settings, context=context, progress=True
-            )
-        finally:
-            env.close()
 
 
 class Rivers:

@@ -27,10 +27,10 @@ from thalweg.algos.actions import actions_of
 from thalweg.algos.policy import Policy
 from thalweg.bench.files import write_whole
 from thalweg.bench.machine import machine
-from thalweg.bench.river import load_fitting_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.render import Camera, Renderer
 from thalweg.train.latent import LatentVectorEnv
+from thalweg.train.river import load_fitting_encoder
 from thalweg.world import World, build, level_named, load_or_build
 
 BATCH, WORLDS = 16, 4

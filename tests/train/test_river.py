@@ -6,10 +6,10 @@ import pytest
 import torch
 
 from thalweg.bench.baselines import BASELINES
-from thalweg.bench.files import ResultsError
-from thalweg.bench.river import check_sees_as_trained, load_fitting_encoder, mark
 from thalweg.encoder import VAE, EncoderFileError, EncoderInputError, VAEConfig, load_encoder, save_vae
 from thalweg.render import RENDER_VERSION
+from thalweg.train.errors import TrainingError
+from thalweg.train.river import check_sees_as_trained, load_fitting_encoder, mark
 
 
 def encoder_file(path: Path, seed: int, version: int = RENDER_VERSION) -> Path:
@@ -22,7 +22,7 @@ def test_a_policy_flies_only_through_the_encoder_it_was_trained_with(tmp_path: P
     own, other = (load_encoder(encoder_file(tmp_path / f"{seed}.safetensors", seed)) for seed in (0, 1))
     policy: Any = SimpleNamespace(about=SimpleNamespace(context={"encoder": mark(own)}))
     check_sees_as_trained(policy, own)
-    with pytest.raises(ResultsError, match=f"encoder {mark(own)}, but this is encoder {mark(other)}"):
+    with pytest.raises(TrainingError, match=f"encoder {mark(own)}, but this is encoder {mark(other)}"):
         check_sees_as_trained(policy, other)
 
 

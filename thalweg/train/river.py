@@ -1,0 +1,70 @@
+"""How does a policy learn on our rivers? Worlds, an encoder that fits them and an algorithm, brought together.
+
+Other environments go to `thalweg.train.run` as they are; nothing there knows of rivers.
+"""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from thalweg.encoder import Encoder, check_render_version, load_encoder
+from thalweg.env import RiverVectorEnv
+from thalweg.render import RENDER_VERSION
+from thalweg.train.errors import TrainingError
+from thalweg.train.latent import LatentVectorEnv
+from thalweg.train.run import RunResult, run
+from thalweg.world import level_named, load_or_build
+
+
+def load_fitting_encoder(path: Path | None = None) -> Encoder:
+    """An encoder that was trained on frames as this renderer draws them; raises the encoder's own errors."""
+    encoder = load_encoder(path)
+    check_render_version(encoder, RENDER_VERSION)
+    return encoder
+
+
+def mark(encoder: Encoder) -> str:
+    """What tells an encoder from every other: a hash of its file."""
+    return hashlib.sha256(Path(encoder.about["path"]).read_bytes()).hexdigest()[:16]
+
+
+def check_sees_as_trained(policy: Any, encoder: Encoder) -> None:
+    """Raise `TrainingError` if the policy learnt from the codes of another encoder."""
+    learnt = getattr(getattr(policy, "about", None), "context", {}).get("encoder")
+    if learnt is not None and learnt != mark(encoder):
+        raise TrainingError(
+            f"the policy was trained on the codes of encoder {learnt}, but this is encoder {mark(encoder)};"
+            " give the encoder that it was trained with"
+        )
+
+
+@dataclass(frozen=True)
+class TrainingGround:
+    """Where a policy is trained."""
+
+    level: str
+    num_envs: int
+    world_seeds: tuple[int, ...] = ()
+    """Rivers of the level; its fixed one if none is given."""
+
+    def train(
+        self, algorithm: str, encoder: Encoder, *, steps: int, seed: int, folder: Path, settings: dict | None = None
+    ) -> RunResult:
+        """Train with a progress bar, going on from what lies in the folder."""
+        level = level_named(self.level)
+        seeds = self.world_seeds or (level.default_seed,)
+        context = {
+            "level": level.name,
+            "world_seeds": list(seeds),
+            "encoder": mark(encoder),
+            "render_version": RENDER_VERSION,
+        }
+        worlds = [load_or_build(level, number) for number in seeds]
+        env = LatentVectorEnv(RiverVectorEnv(worlds, self.num_envs), encoder)
+        try:
+            return run(
+                algorithm, env, steps=steps, seed=seed, folder=folder, config=settings, context=context, progress=True
+            )
+        finally:
+            env.close()

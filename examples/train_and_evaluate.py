@@ -5,10 +5,8 @@ from pathlib import Path
 
 from thalweg.bench.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
 from thalweg.bench.statistics import summarise
-from thalweg.encoder import load_encoder
-from thalweg.env import RiverVectorEnv
-from thalweg.train import LatentVectorEnv, load_policy, run
-from thalweg.world import load_or_build
+from thalweg.train import load_policy
+from thalweg.train.river import TrainingGround, check_sees_as_trained, load_fitting_encoder
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--steps", type=int, default=8192)
@@ -17,14 +15,16 @@ parser.add_argument("--encoder", type=Path, default=None)
 parser.add_argument("--out", type=Path, default=Path("runs/example"))
 options = parser.parse_args()
 
-encoder = load_encoder(options.encoder)
-env = LatentVectorEnv(RiverVectorEnv([load_or_build("Medium")], num_envs=16), encoder)
-result = run("FOCOPS", env, steps=options.steps, seed=0, folder=options.out, progress=True)
+encoder = load_fitting_encoder(options.encoder)
+ground = TrainingGround("Medium", num_envs=16)
+result = ground.train("FOCOPS", encoder, steps=options.steps, seed=0, folder=options.out)
 print(f"{result.episodes} episodes in {result.seconds:.0f} s")
 
+policy = load_policy(options.out)
+check_sees_as_trained(policy, encoder)
 config = EvaluationConfig(episodes=options.episodes)
 course = Course.of_level("Easy", config)
 label = Label("FOCOPS", 0, "Easy")
-rows = evaluate(load_policy(options.out), course, label, config, look=through_encoder(course.world, encoder))
+rows = evaluate(policy, course, label, config, look=through_encoder(course.world, encoder))
 cell = summarise(rows)
 print(f"Easy: return {cell.return_mean:.2f} ± {cell.return_std:.2f}, cost {cell.cost_mean:.2f} ± {cell.cost_std:.2f}")

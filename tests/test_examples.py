@@ -7,6 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from thalweg.encoder import load_encoder
+from thalweg.train import load_policy
+from thalweg.train.river import mark
+
 ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -32,7 +36,8 @@ def test_a_river_of_ones_own_is_drawn_and_flown(tmp_path: Path):
 def test_training_and_evaluating_by_example(tmp_path: Path):
     said = run(str(ROOT / "examples" / "train_and_evaluate.py"), "--steps", "2048", "--episodes", "2", cwd=tmp_path)
     assert re.search(r"Easy: return \d+\.\d\d ± \d+\.\d\d, cost \d\.\d\d", said)
-    assert (tmp_path / "runs" / "example" / "policy.safetensors").exists()
+    context = load_policy(tmp_path / "runs" / "example").about.context
+    assert (context["level"], context["encoder"]) == ("Medium", mark(load_encoder()))
 
 
 def test_the_python_of_the_readme_runs(tmp_path: Path):

@@ -2,9 +2,12 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import gymnasium as gym
 import pytest
 import torch
 
+from thalweg.algos.actions import actions_of
+from thalweg.algos.policy import Policy
 from thalweg.bench.baselines import BASELINES
 from thalweg.encoder import VAE, EncoderFileError, EncoderInputError, VAEConfig, load_encoder, save_vae
 from thalweg.render import RENDER_VERSION
@@ -35,3 +38,30 @@ def test_an_encoder_of_another_renderer_is_refused(tmp_path: Path):
     path = encoder_file(tmp_path / "old.safetensors", 0, version=RENDER_VERSION + 1)
     with pytest.raises((EncoderFileError, EncoderInputError), match=str(RENDER_VERSION + 1)):
         load_fitting_encoder(path)
+
+
+@pytest.mark.parametrize(
+    ("obs_size", "space", "message"),
+    [
+        (8, gym.spaces.MultiDiscrete([3, 3, 3, 3]), "the policy sees 8 numbers, but the encoder gives 16"),
+        (16, gym.spaces.MultiDiscrete([3, 3, 3]), r"counted from 0, not \(3, 3, 3\)"),
+        (16, gym.spaces.MultiDiscrete([3, 3, 3, 2]), r"counted from 0, not \(3, 3, 3, 2\)"),
+        (
+            16,
+            gym.spaces.MultiDiscrete([3, 3, 3, 3], start=[1, 1, 1, 1]),
+            r"counted from 0, not \(3, 3, 3, 3\) from \(1, 1, 1, 1\)",
+        ),
+        (16, gym.spaces.Box(-1, 1, (4,)), r"counted from 0, not a Box of shape \(4,\)"),
+        (16, gym.spaces.Discrete(81), r"counted from 0, not \(81,\)"),
+    ],
+)
+def test_a_policy_that_does_not_fit_the_river_is_refused(tmp_path: Path, obs_size: int, space: gym.Space, message: str):
+    encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
+    with pytest.raises(TrainingError, match=message):
+        check_sees_as_trained(Policy(obs_size, actions_of(space)), encoder)
+
+
+@pytest.mark.parametrize("head", ["native", "gaussian_discretised"])
+def test_a_policy_of_the_rivers_own_spaces_fits(tmp_path: Path, head: Any):
+    encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
+    check_sees_as_trained(Policy(16, actions_of(gym.spaces.MultiDiscrete([3, 3, 3, 3]), head)), encoder)

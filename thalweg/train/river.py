@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from thalweg.algos.actions import Actions
 from thalweg.encoder import Encoder, check_render_version, load_encoder
 from thalweg.env import RiverVectorEnv
 from thalweg.render import RENDER_VERSION
@@ -15,6 +16,9 @@ from thalweg.train.errors import TrainingError
 from thalweg.train.latent import LatentVectorEnv
 from thalweg.train.run import RunResult, run
 from thalweg.world import level_named, load_or_build
+
+BRANCHES = (3, 3, 3, 3)
+"""Options of each branch of an action: climb, turn, forward, side."""
 
 
 def load_fitting_encoder(path: Path | None = None) -> Encoder:
@@ -30,7 +34,17 @@ def mark(encoder: Encoder) -> str:
 
 
 def check_sees_as_trained(policy: Any, encoder: Encoder) -> None:
-    """Raise `TrainingError` if the policy learnt from the codes of another encoder."""
+    """Raise `TrainingError` unless the policy fits the encoder's codes and our rivers' actions.
+
+    A policy without spaces of its own, such as a baseline, fits everything.
+    """
+    seen = getattr(policy, "obs_size", encoder.latent)
+    if seen != encoder.latent:
+        raise TrainingError(f"the policy sees {seen} numbers, but the encoder gives {encoder.latent}")
+    actions: Actions | None = getattr(policy, "actions", None)
+    if actions is not None and (actions.sizes, actions.start, actions.shape) != (BRANCHES, (0, 0, 0, 0), (4,)):
+        found = f"{actions.sizes} from {actions.start}" if actions.sizes else f"a Box of shape {actions.shape}"
+        raise TrainingError(f"our rivers take four branches of 3 options, counted from 0, not {found}")
     learnt = getattr(getattr(policy, "about", None), "context", {}).get("encoder")
     if learnt is not None and learnt != mark(encoder):
         raise TrainingError(

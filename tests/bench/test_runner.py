@@ -151,7 +151,8 @@ def test_the_record_of_a_suite_names_versions_and_machine(tmp_path: Path):
     record = json.loads((tmp_path / "suite.json").read_text())
     assert record["algorithms"] == ["PPO", "FOCOPS"]
     assert record["machine"]["cores"] >= 1
-    assert set(record["versions"]) == {"thalweg", "python", "numpy", "numba", "torch", "gymnasium"}
+    assert set(record["versions"]) == {"thalweg", "python", "numpy", "scipy", "numba", "torch", "gymnasium"}
+    assert (record["env"]["max_height_m"], record["env"]["camera"]["fov_deg"]) == (15.0, 60.0)
 
 
 def test_the_suites_are_found_by_name_and_an_unknown_one_lists_them():

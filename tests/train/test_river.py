@@ -1,3 +1,5 @@
+from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -5,14 +7,18 @@ from typing import Any
 import gymnasium as gym
 import pytest
 import torch
+import yaml
 
+from tests.env.handmade import BlankRenderer, ring
 from thalweg.algos.actions import actions_of
 from thalweg.algos.policy import Policy
 from thalweg.bench.baselines import BASELINES
 from thalweg.encoder import VAE, EncoderFileError, EncoderInputError, VAEConfig, load_encoder, save_vae
-from thalweg.render import RENDER_VERSION
+from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.render import RENDER_VERSION, Camera
+from thalweg.train import river
 from thalweg.train.errors import TrainingError
-from thalweg.train.river import check_sees_as_trained, load_fitting_encoder, mark
+from thalweg.train.river import TrainingGround, check_sees_as_trained, load_fitting_encoder, mark
 
 
 def encoder_file(path: Path, seed: int, version: int = RENDER_VERSION) -> Path:
@@ -65,3 +71,18 @@ def test_a_policy_that_does_not_fit_the_river_is_refused(tmp_path: Path, obs_siz
 def test_a_policy_of_the_rivers_own_spaces_fits(tmp_path: Path, head: Any):
     encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
     check_sees_as_trained(Policy(16, actions_of(gym.spaces.MultiDiscrete([3, 3, 3, 3]), head)), encoder)
+
+
+def test_a_run_says_on_what_it_was_trained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    told: dict[str, Any] = {}
+    monkeypatch.setattr(river, "run", lambda *_, **given: told.update(given))
+    monkeypatch.setattr(river, "load_or_build", lambda *_: ring())
+    monkeypatch.setattr(river, "RiverVectorEnv", partial(RiverVectorEnv, renderer=BlankRenderer(128, 128)))
+    encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
+    config = EnvConfig(max_steps=77, camera=Camera(fov_deg=50.0))
+    TrainingGround("easy", 2, (3, 5), config).train("PPO", encoder, steps=9, seed=1, folder=tmp_path)
+    context = told["context"]
+    assert (context["level"], context["world_seeds"], context["encoder"]) == ("Easy", [3, 5], mark(encoder))
+    assert context["env"]["max_steps"] == 77
+    assert context["env"]["camera"] == {**asdict(Camera()), "fov_deg": 50.0}
+    assert yaml.safe_load(yaml.safe_dump(context)) == context

@@ -6,12 +6,10 @@ error in `runs.csv`, the others go on, and the same command tries the failed one
 
 import errno
 import json
-import platform
 import time
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
-from importlib.metadata import version
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -20,14 +18,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from thalweg.bench.episodes import Episode, read_episodes, write_episodes
 from thalweg.bench.evaluation import Step
 from thalweg.bench.files import ResultsError, write_whole
-from thalweg.bench.machine import machine
 from thalweg.bench.report import Report, write_report
 from thalweg.bench.results import CAPTION, FILM, RunRow, evaluation_path, read_runs, read_suite, write_runs
 from thalweg.bench.river import PACKAGED_POLICY, Place, Rivers
 from thalweg.bench.suites import Run, Suite, check
+from thalweg.env import EnvConfig
+from thalweg.train.machine import machine, versions
 from thalweg.train.record import POLICY, read_status
-
-PARTS = ("numpy", "numba", "torch", "gymnasium")
 
 
 @dataclass(frozen=True)
@@ -72,12 +69,7 @@ def _check(suite: Suite) -> None:
 
 def claim(folder: Path, suite: Suite) -> None:
     """Make the folder this suite's, or raise `ResultsError` if it holds something else."""
-    record = {
-        **suite.as_data(),
-        "versions": {"thalweg": version("thalweg"), "python": platform.python_version()}
-        | {part: version(part) for part in PARTS},
-        "machine": machine(),
-    }
+    record = {**suite.as_data(), "env": asdict(EnvConfig()), "versions": versions(), "machine": machine()}
     path = folder / "suite.json"
     if not path.exists():
         if folder.exists() and any(folder.iterdir()):

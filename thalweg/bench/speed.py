@@ -6,7 +6,6 @@ warm before the clock starts, except in the lines that say otherwise.
 
 import json
 import os
-import platform
 import statistics
 import subprocess
 import sys
@@ -15,7 +14,6 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -26,10 +24,10 @@ from rich.table import Table
 from thalweg.algos.actions import actions_of
 from thalweg.algos.policy import Policy
 from thalweg.bench.files import write_whole
-from thalweg.bench.machine import machine
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.render import Camera, Renderer
 from thalweg.train.latent import LatentVectorEnv
+from thalweg.train.machine import machine, versions
 from thalweg.train.river import load_fitting_encoder
 from thalweg.world import World, build, level_named, load_or_build
 
@@ -208,9 +206,7 @@ def _child(arguments: list[str], **environment: str) -> tuple[float, float]:
 
 def record(lines: list[Measurement]) -> dict:
     """The measurements as plain data, with the machine and the versions."""
-    parts = ("thalweg", "numpy", "numba", "torch", "gymnasium")
-    versions = {"python": platform.python_version()} | {part: version(part) for part in parts}
-    return {"machine": machine(), "versions": versions, "measurements": [asdict(line) for line in lines]}
+    return {"machine": machine(), "versions": versions(), "measurements": [asdict(line) for line in lines]}
 
 
 def speed(*, as_json: bool, quick: bool, out: Path | None) -> int:
@@ -256,8 +252,8 @@ def table_rows(found: dict) -> list[list[str]]:
 def describe(found: dict) -> str:
     """The machine and the versions in one line."""
     where = found["machine"]
-    versions = ", ".join(f"{name} {number}" for name, number in found["versions"].items())
-    return f"{where['cpu']}, {where['cores']} cores, {where['memory_gib']} GiB, {where['system']}; {versions}"
+    parts = ", ".join(f"{name} {number}" for name, number in found["versions"].items())
+    return f"{where['cpu']}, {where['cores']} cores, {where['memory_gib']} GiB, {where['system']}; {parts}"
 
 
 def print_table(found: dict, console: Console) -> None:

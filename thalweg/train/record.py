@@ -1,30 +1,17 @@
 """What a run's folder says about it: what it is (config.yaml) and how it stands (status.json)."""
 
 import json
-import os
-import platform
 from collections.abc import Iterator
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import torch
 import yaml
 
 from thalweg.train.errors import TrainingError
+from thalweg.train.machine import machine, versions
+from thalweg.whole import write_whole
 
 CONFIG, STATUS, POLICY = "config.yaml", "status.json", "policy.safetensors"
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a text file whole or not at all."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        partial.write_text(text)
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def describe(identity: dict[str, Any], threads: int) -> dict[str, Any]:
@@ -33,33 +20,13 @@ def describe(identity: dict[str, Any], threads: int) -> dict[str, Any]:
         "run": identity,
         "versions": versions(),
         "device": "cpu",
-        "machine": {
-            "platform": f"{platform.system()} {platform.machine()}",
-            "cpus": os.cpu_count(),
-            "learning_threads": threads,
-        },
-    }
-
-
-def versions() -> dict[str, str]:
-    """Versions that the numbers of a run depend on."""
-    try:
-        own = version("thalweg")
-    except PackageNotFoundError:
-        own = "unknown"
-    return {
-        "thalweg": own,
-        "torch": str(torch.__version__),
-        "numpy": np.__version__,
-        "python": platform.python_version(),
+        "machine": machine() | {"learning_threads": threads},
     }
 
 
 def write_config(folder: Path, description: dict[str, Any]) -> None:
     """Write config.yaml; raises `TrainingError` for anything but plain data, before the folder is made."""
-    text = _yaml(description)
-    folder.mkdir(parents=True, exist_ok=True)
-    write_whole(folder / CONFIG, text)
+    write_whole(folder / CONFIG, _yaml(description))
 
 
 def read_config(folder: Path) -> dict[str, Any] | None:
@@ -68,7 +35,7 @@ def read_config(folder: Path) -> dict[str, Any] | None:
     if not path.exists():
         return None
     try:
-        description = yaml.safe_load(path.read_text())
+        description = yaml.safe_load(path.read_text(encoding="utf-8"))
     except yaml.YAMLError as error:
         raise TrainingError(f"{path} is not the config of a run: {error}") from error
     if not isinstance(description, dict) or "run" not in description:
@@ -99,7 +66,7 @@ def read_status(folder: Path) -> dict[str, Any]:
     if not path.exists():
         return {}
     try:
-        return json.loads(path.read_text())
+        return json.loads(path.read_text(encoding="utf-8"))
     except json.JSONDecodeError as error:
         raise TrainingError(f"{path} is not the status of a run: {error}") from error
 

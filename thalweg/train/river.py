@@ -4,13 +4,13 @@ Other environments go to `thalweg.train.run` as they are; nothing there knows of
 """
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from thalweg.algos.actions import Actions
 from thalweg.encoder import Encoder, check_render_version, load_encoder
-from thalweg.env import RiverVectorEnv
+from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import RENDER_VERSION
 from thalweg.train.errors import TrainingError
 from thalweg.train.latent import LatentVectorEnv
@@ -61,6 +61,8 @@ class TrainingGround:
     num_envs: int
     world_seeds: tuple[int, ...] = ()
     """Rivers of the level; its fixed one if none is given."""
+    config: EnvConfig = field(default_factory=EnvConfig)
+    """The rules and the camera."""
 
     def train(
         self, algorithm: str, encoder: Encoder, *, steps: int, seed: int, folder: Path, settings: dict | None = None
@@ -73,9 +75,10 @@ class TrainingGround:
             "world_seeds": list(seeds),
             "encoder": mark(encoder),
             "render_version": RENDER_VERSION,
+            "env": asdict(self.config),
         }
         worlds = [load_or_build(level, number) for number in seeds]
-        env = LatentVectorEnv(RiverVectorEnv(worlds, self.num_envs), encoder)
+        env = LatentVectorEnv(RiverVectorEnv(worlds, self.num_envs, self.config), encoder)
         try:
             return run(
                 algorithm, env, steps=steps, seed=seed, folder=folder, config=settings, context=context, progress=True

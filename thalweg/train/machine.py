@@ -1,8 +1,24 @@
-"""Which machine made these figures? What a reader needs to judge a speed."""
+"""With what were these figures made? The machine and the versions that lie beside every result."""
 
 import os
 import platform
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+
+PARTS = ("thalweg", "numpy", "scipy", "numba", "torch", "gymnasium")
+"""Packages that numbers depend on."""
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of `PARTS`; one that is not installed as a package is unknown."""
+    return {"python": platform.python_version()} | {part: _version(part) for part in PARTS}
+
+
+def _version(part: str) -> str:
+    try:
+        return version(part)
+    except PackageNotFoundError:
+        return "unknown"
 
 
 def machine() -> dict[str, str | int]:

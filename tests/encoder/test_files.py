@@ -9,7 +9,7 @@ from safetensors.torch import load_file, save_file
 
 from tests.encoder.synthetic_frames import synthetic_frames
 from thalweg.encoder import VAE, Encoder, EncoderFileError, VAEConfig, load_encoder, load_vae, save_vae
-from thalweg.encoder.files import KEY, write_whole
+from thalweg.encoder.files import KEY, write_tensors
 
 CONFIG = VAEConfig(latent=6, size_px=64)
 
@@ -65,7 +65,7 @@ def test_a_file_of_something_else_is_refused(tmp_path):
     save_file({"weight": torch.zeros(3)}, path)
     with pytest.raises(EncoderFileError, match="a safetensors file, but no encoder of Thalweg"):
         load_encoder(path)
-    write_whole(path, {"weight": torch.zeros(3)}, {"kind": "encoder training", "format": 1})
+    write_tensors(path, {"weight": torch.zeros(3)}, {"kind": "encoder training", "format": 1})
     with pytest.raises(EncoderFileError, match=r"no encoder of Thalweg \(its kind: encoder training\)"):
         load_encoder(path)
 
@@ -76,7 +76,7 @@ def changed(path, tensors=None, **about):
 
     with safe_open(path, "pt") as file:
         old = json.loads(file.metadata()[KEY])
-    write_whole(path, load_file(path) | (tensors or {}), old | about)
+    write_tensors(path, load_file(path) | (tensors or {}), old | about)
 
 
 def test_another_format_is_refused(path):

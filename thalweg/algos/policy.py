@@ -5,7 +5,6 @@ The file is safetensors with JSON in its header: loading it can't execute code.
 """
 
 import json
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from thalweg.algos.errors import AlgorithmError
 from thalweg.algos.networks import Perceptron
 from thalweg.algos.normaliser import Normaliser
 from thalweg.algos.state import load_module, module_state
+from thalweg.whole import write_whole
 
 FORMAT = 1
 """Version of the policy file."""
@@ -98,7 +98,6 @@ class Policy:
 
     def save(self, path: str | Path) -> None:
         """Write the policy as one file, whole or not at all."""
-        path = Path(path)
         header = {
             "format": FORMAT,
             "obs_size": self.obs_size,
@@ -111,13 +110,7 @@ class Policy:
         }
         tensors = {f"actor.{name}": value for name, value in module_state(self.actor).items()}
         tensors |= {"normaliser.mean": self.normaliser.mean, "normaliser.square": self.normaliser.square}
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-        try:
-            partial.write_bytes(save(tensors, {HEADER: json.dumps(header)}))
-            os.replace(partial, path)
-        finally:
-            partial.unlink(missing_ok=True)
+        write_whole(path, save(tensors, {HEADER: json.dumps(header)}))
 
     @classmethod
     def load(cls, path: str | Path) -> "Policy":

@@ -1,28 +1,14 @@
-"""How do results reach the disk? Whole or not at all: into a file beside the target, then in its place."""
+"""How do results reach the disk, and come back? Written whole or not at all; read row by row, each checked."""
 
 import csv
-import os
-import secrets
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+
+from thalweg.whole import write_whole as write_whole
 
 
 class ResultsError(ValueError):
     """A results folder or a file in it cannot be used; the message says which and why."""
-
-
-def write_whole(path: Path, content: bytes | str) -> None:
-    """Write the file in one move: a reader, or a kill at any moment, finds the old content or the new."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
-    try:
-        with beside.open("wb") as file:
-            file.write(content.encode() if isinstance(content, str) else content)
-            file.flush()
-            os.fsync(file.fileno())
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 def csv_text(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

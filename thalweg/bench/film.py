@@ -3,7 +3,6 @@
 The flight is flown again from its start with the generator it had: the film shows the very episode of the table.
 """
 
-import secrets
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from thalweg.bench.episodes import Episode
 from thalweg.bench.evaluation import Step
 from thalweg.bench.files import ResultsError
 from thalweg.render import Camera, Renderer
+from thalweg.whole import whole
 from thalweg.world import World
 from thalweg.world.drawing import view
 
@@ -138,19 +138,12 @@ def write_film(
     """Write the film of a flight as H.264 in MP4, whole or not at all."""
     if not len(flight.poses):
         raise ResultsError("a flight without a step cannot be filmed")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.part.mp4")
     options = ["-crf", "25", "-preset", "medium", "-movflags", "+faststart"]
-    try:
-        with imageio.get_writer(
-            beside, fps=FRAMES_PER_S, codec="libx264", pixelformat="yuv420p", quality=None, output_params=options
-        ) as writer:
-            for picture in pictures(world, flight, camera, policy):
-                writer.append_data(picture)  # pyright: ignore[reportAttributeAccessIssue]
-                if on_frame is not None:
-                    on_frame()
-            for _ in range(round(HOLD_S * FRAMES_PER_S)):
-                writer.append_data(picture)  # pyright: ignore
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
+    settings = {"fps": FRAMES_PER_S, "codec": "libx264", "pixelformat": "yuv420p", "quality": None}
+    with whole(path) as draft, imageio.get_writer(draft, output_params=options, **settings) as writer:
+        for picture in pictures(world, flight, camera, policy):
+            writer.append_data(picture)  # pyright: ignore[reportAttributeAccessIssue]
+            if on_frame is not None:
+                on_frame()
+        for _ in range(round(HOLD_S * FRAMES_PER_S)):
+            writer.append_data(picture)  # pyright: ignore

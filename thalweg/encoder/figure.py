@@ -8,6 +8,7 @@ from PIL import Image, ImageDraw
 
 from thalweg.encoder.encoder import Encoder
 from thalweg.encoder.vae import EncoderInputError
+from thalweg.whole import whole
 
 GAP_PX = 4
 LABEL_PX = 16
@@ -40,8 +41,8 @@ def draw_reconstructions(images: np.ndarray, encoders: Encoder | Mapping[str, En
             sheet.paste(
                 Image.fromarray(np.ascontiguousarray(picture)), (GAP_PX + column * (width + GAP_PX), top + LABEL_PX)
             )
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    sheet.save(path)
+    with whole(path) as draft:
+        sheet.save(draft, format="PNG")
 
 
 def _grey(mask: np.ndarray) -> np.ndarray:

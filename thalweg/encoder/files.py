@@ -5,7 +5,6 @@ seeds, errors, the command) travels in the JSON and is never read back into a co
 """
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -16,6 +15,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as serialize
 
 from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig
+from thalweg.whole import write_whole
 
 FORMAT = 1
 """Version of the file format: a file of another version is refused."""
@@ -27,23 +27,13 @@ class EncoderFileError(ValueError):
     """A file that is no encoder, is damaged, or doesn't fit; the message names the path and the reason."""
 
 
-def write_whole(path: str | Path, tensors: Mapping[str, torch.Tensor], about: Mapping[str, Any]) -> None:
+def write_tensors(path: str | Path, tensors: Mapping[str, torch.Tensor], about: Mapping[str, Any]) -> None:
     """Write tensors and what is said about them to `path`; until all of it is on disk, the old file stays."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with part.open("wb") as file:
-            file.write(serialize(plain, {KEY: json.dumps(about, sort_keys=True)}))
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+    write_whole(path, serialize(plain, {KEY: json.dumps(about, sort_keys=True)}))
 
 
-def read_whole(path: str | Path, kind: str) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
+def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
     """Tensors and JSON of a file of the given kind; raises `EncoderFileError` for any other file."""
     path = Path(path)
     if not path.is_file():
@@ -72,12 +62,12 @@ def save_vae(path: str | Path, vae: VAE, about: Mapping[str, Any], *, half_decod
     for name, tensor in vae.state_dict().items():
         decodes = name.startswith(("decoder.", "expand."))
         tensors[name] = tensor.half() if half_decoder and decodes and tensor.is_floating_point() else tensor
-    write_whole(path, tensors, {**about, "kind": "encoder", "format": FORMAT, "config": asdict(vae.config)})
+    write_tensors(path, tensors, {**about, "kind": "encoder", "format": FORMAT, "config": asdict(vae.config)})
 
 
 def load_vae(path: str | Path) -> tuple[VAE, dict[str, Any]]:
     """The autoencoder of a file, in float32 and evaluation mode, and its JSON; raises `EncoderFileError`."""
-    tensors, about = read_whole(path, "encoder")
+    tensors, about = read_tensors(path, "encoder")
     vae = VAE(config_of(path, about))
     expected = {name: tuple(tensor.shape) for name, tensor in vae.state_dict().items()}
     found = {name: tuple(tensor.shape) for name, tensor in tensors.items()}

@@ -9,7 +9,6 @@ import csv
 import hashlib
 import io
 import math
-import os
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -21,9 +20,10 @@ import numpy as np
 import torch
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from thalweg.encoder.files import FORMAT, EncoderFileError, read_whole, save_vae, write_whole
+from thalweg.encoder.files import FORMAT, EncoderFileError, read_tensors, save_vae, write_tensors
 from thalweg.encoder.measure import check_images, mean_image_mse, reconstruction_mse, to_batch
 from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig, vae_loss
+from thalweg.whole import write_whole
 
 COLUMNS = ("epoch", "loss", "mse", "kl", "held_out_mse", "images_per_s")
 """Columns of `metrics.csv`: means over the steps of the epoch, with noise in the code and the batch's own norms;
@@ -166,13 +166,13 @@ class _State:
         tensors = {f"vae.{name}": tensor for name, tensor in self.vae.state_dict().items()}
         for index, moments in self.optimizer.state_dict()["state"].items():
             tensors |= {f"adam.{index}.{name}": tensor for name, tensor in moments.items()}
-        write_whole(path, tensors, {"kind": "encoder training", "format": FORMAT, "run": self.run, "rows": rows})
+        write_tensors(path, tensors, {"kind": "encoder training", "format": FORMAT, "run": self.run, "rows": rows})
 
     def resume(self, path: Path) -> list[Row]:
         """The rows of the epochs that are done, with the model and optimiser as they were then; none without a file."""
         if not path.exists():
             return []
-        tensors, about = read_whole(path, "encoder training")
+        tensors, about = read_tensors(path, "encoder training")
         for name, mine in self.run.items():
             found = about.get("run", {}).get(name)
             if found != mine:
@@ -202,9 +202,7 @@ def _write_rows(path: Path, rows: list[Row]) -> None:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
     writer.writerows([row[name] for name in COLUMNS] for row in rows)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    part.write_text(text.getvalue())
-    os.replace(part, path)
+    write_whole(path, text.getvalue())
 
 
 def _bar(shown: bool) -> Progress:

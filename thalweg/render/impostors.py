@@ -8,8 +8,6 @@ at look-up (`view_of`). The camera looks down by `LOOK_DOWN` and the picture pla
 
 import contextlib
 import math
-import os
-import tempfile
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -21,6 +19,7 @@ import numpy as np
 from thalweg.cache import cache_dir, source_hash
 from thalweg.render import sprites
 from thalweg.render.trees import Model, grow
+from thalweg.whole import whole
 from thalweg.world.species import KINDS, Kind
 
 VIEWS = 8
@@ -235,15 +234,8 @@ def coded(level: np.ndarray) -> np.ndarray:
 
 def store(made: Atlas, path: Path) -> None:
     """Write an atlas whole or not at all; a folder that can't be written to only costs the time to make it again."""
-    with contextlib.suppress(OSError):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, draft = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                np.savez_compressed(file, texels=made.texels, offset=made.offset, shade=made.shade)
-            os.replace(draft, path)
-        finally:
-            Path(draft).unlink(missing_ok=True)
+    with contextlib.suppress(OSError), whole(path) as draft, draft.open("wb") as file:
+        np.savez_compressed(file, texels=made.texels, offset=made.offset, shade=made.shade)
 
 
 def stored(path: Path) -> Atlas | None:

@@ -5,8 +5,6 @@ The picture is for people who choose or check a river; what a camera sees is the
 """
 
 import math
-import os
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 from matplotlib.patheffects import withStroke
 
+from thalweg.whole import whole
 from thalweg.world.islands import outline
 from thalweg.world.noise import fractal, smooth_step
 from thalweg.world.record import World
@@ -49,17 +48,9 @@ def draw(world: World, path: str | Path, *, size_px: int = 1200) -> None:
     """
     if size_px < 300:
         raise ValueError(f"a map needs at least 300 pixels, not {size_px}")
-    path = Path(path)
     figure = _figure(world, size_px)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            FigureCanvasAgg(figure).print_png(file)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    with whole(path) as draft, draft.open("wb") as file:
+        FigureCanvasAgg(figure).print_png(file)
 
 
 def view(world: World) -> np.ndarray:

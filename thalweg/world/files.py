@@ -4,14 +4,13 @@ Written whole or not at all; nothing in it can execute code.
 """
 
 import json
-import os
-import tempfile
 import zipfile
 from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 
+from thalweg.whole import whole
 from thalweg.world.errors import WorldFileError
 from thalweg.world.record import FORMAT, Grid, Plants, River, World
 
@@ -25,8 +24,6 @@ RIVER = {"position_m": 2, "arc_m": 1, "tangent": 2, "width_m": 1, "depth_m": 1, 
 
 def save(world: World, path: str | Path) -> None:
     """Write a world to `path`; its folder is made if missing. An interrupted write leaves what was there before."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     about = {
         "kind": KIND,
         "format": FORMAT,
@@ -41,14 +38,8 @@ def save(world: World, path: str | Path) -> None:
     arrays |= {f"river.{name}": getattr(world.river, name) for name in RIVER}
     arrays |= {f"plants.{field.name}": getattr(world.plants, field.name) for field in fields(Plants)}
     arrays |= {name: getattr(world, name) for name in (*MAPS, "albedo", "islands", "bridges")}
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            np.savez(file, allow_pickle=False, **arrays)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    with whole(path) as draft, draft.open("wb") as file:
+        np.savez(file, allow_pickle=False, **arrays)
 
 
 def load(path: str | Path) -> World:

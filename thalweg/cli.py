@@ -274,7 +274,7 @@ class Report:
     results: Positional[Path]
     """The folder that `thalweg bench` wrote."""
     out: Path | None = None
-    """Where to put it; `report` within the results if not given."""
+    """Where to put it, a new folder or that of an earlier report; `report` within the results if not given."""
 
     def run(self) -> int:
         from thalweg.bench.report import write_report

@@ -127,3 +127,58 @@ def test_a_report_is_replaced_whole_or_left_alone(tiny_results: Path, monkeypatc
         write_report(tiny_results)
     assert report.page.read_bytes() == before
     assert not list(tiny_results.glob(".*"))
+
+
+def test_a_folder_with_anything_else_in_it_is_refused_and_left_as_it_was(tiny_results: Path, tmp_path: Path):
+    home = tmp_path / "home"
+    home.mkdir()
+    (home / "thesis.tex").write_text("years of work")
+    with pytest.raises(ResultsError, match=r"home holds thesis.tex, which is no part of a report"):
+        write_report(tiny_results, home)
+    assert [file.name for file in home.iterdir()] == ["thesis.tex"]
+
+
+def test_the_results_themselves_are_no_place_for_their_report(tiny_results: Path):
+    before = sorted(file.name for file in tiny_results.iterdir())
+    for out in (tiny_results, tiny_results / "report" / ".."):
+        with pytest.raises(ResultsError, match="the results themselves"):
+            write_report(tiny_results, out)
+    for out in (tiny_results / "evaluation", tiny_results.parent):
+        with pytest.raises(ResultsError, match="no part of a report"):
+            write_report(tiny_results, out)
+    assert sorted(file.name for file in tiny_results.iterdir()) == before
+
+
+def test_a_file_where_the_folder_should_be_is_refused(tiny_results: Path, tmp_path: Path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ResultsError, match="file is not a folder"):
+        write_report(tiny_results, tmp_path / "file")
+
+
+def test_a_report_goes_to_the_folder_one_stands_in_and_again(
+    tiny_results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    here = tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
+    for _ in range(2):
+        assert write_report(tiny_results, Path()).page.read_text().startswith("<!doctype html>")
+        names = {"report.html", "table.md", "table.csv", "failures.png", "curves.png"}
+        assert {file.name for file in here.iterdir()} == names
+        assert Path().stat().st_ino == here.stat().st_ino  # still the folder that one stands in
+
+
+def test_what_a_killed_report_left_is_in_nobodys_way(tiny_results: Path, tmp_path: Path):
+    out = tmp_path / "out"
+    write_report(tiny_results, out)
+    (out / ".table.0123456789abcdef.part.md").write_text("| pol")
+    assert write_report(tiny_results, out).table.read_text().startswith("| policy |")
+
+
+def test_what_an_earlier_report_had_and_this_one_has_not_goes(tiny_results: Path):
+    (tiny_results / "film.mp4").write_bytes(b"a film")
+    assert write_report(tiny_results).film is not None
+    (tiny_results / "film.mp4").unlink()
+    report = write_report(tiny_results)
+    assert report.film is None
+    assert not (report.folder / "film.mp4").exists()

@@ -1,23 +1,25 @@
 """What does one hand on? One HTML page that opens without a network, and its tables and pictures as files beside it.
 
-Every number comes from the files of the results folder. The report is made in full beside its place and then moved
-there, so that there is never half of one.
+Every number comes from the files of the results folder. All of the report is made before any of it is written, each
+file whole or not at all, the page last; what else lies in its folder is never touched.
 """
 
 import base64
 import html
 import json
-import secrets
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from string import Template
 
 from thalweg.bench import figures, tables
+from thalweg.bench.files import ResultsError, write_whole
 from thalweg.bench.published import SOURCE
 from thalweg.bench.results import CAPTION, FILM, Results, read_results
 
-PAGE = Template((Path(__file__).with_name("page.html")).read_text(encoding="utf-8"))
+TEMPLATE = Template((Path(__file__).with_name("page.html")).read_text(encoding="utf-8"))
+PAGE = "report.html"
+NAMES = ("table.md", "table.csv", "failures.png", "curves.png", FILM, PAGE)
+"""All that a report may consist of."""
 
 
 @dataclass(frozen=True)
@@ -32,27 +34,37 @@ class Report:
 
 
 def write_report(folder: Path, out: Path | None = None) -> Report:
-    """Make the report of a results folder, in `out` or in `report` within it; raises `ResultsError`."""
+    """Make the report of a results folder, in `out` or in `report` within it.
+
+    Raises `ResultsError` for a folder without results, and for an `out` that holds anything but an earlier report.
+    """
+    if out is not None:
+        _check_place(out, folder)
     results = read_results(folder)
     out = out or folder / "report"
-    out.parent.mkdir(parents=True, exist_ok=True)
-    beside = out.with_name(f".{out.name}.{secrets.token_hex(4)}.part")
-    beside.mkdir()
-    try:
-        for name, content in _files(results).items():
-            (beside / name).write_bytes(content)
-        _put_in_place(beside, out)
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
-    return Report(out, out / "report.html", out / "table.md", out / FILM if (out / FILM).exists() else None)
+    files = _files(results)
+    for name, content in files.items():
+        write_whole(out / name, content)
+    for name in NAMES:
+        if name not in files:
+            (out / name).unlink(missing_ok=True)
+    return Report(out, out / PAGE, out / "table.md", out / FILM if FILM in files else None)
 
 
-def _put_in_place(new: Path, place: Path) -> None:
-    old = place.with_name(f".{place.name}.{secrets.token_hex(4)}.old")
-    if place.exists():
-        place.rename(old)
-    new.rename(place)
-    shutil.rmtree(old, ignore_errors=True)
+def _check_place(out: Path, folder: Path) -> None:
+    """Raise `ResultsError` unless `out` is a new folder, an empty one, or holds a report and nothing else."""
+    if out.resolve() == folder.resolve():
+        raise ResultsError(f"{out} holds the results themselves; give a folder of its own for the report")
+    if not out.exists():
+        return
+    if not out.is_dir():
+        raise ResultsError(f"{out} is not a folder")
+    other = sorted(file.name for file in out.iterdir() if file.name not in NAMES and ".part" not in file.name)
+    if other:
+        more = f" and {len(other) - 3} more" if len(other) > 3 else ""
+        raise ResultsError(
+            f"{out} holds {', '.join(other[:3])}{more}, which is no part of a report; give a folder of its own"
+        )
 
 
 def _files(results: Results) -> dict[str, bytes]:
@@ -68,14 +80,14 @@ def _files(results: Results) -> dict[str, bytes]:
         files["curves.png"] = figures.png(curves)
     if film.exists():
         files[FILM] = film.read_bytes()
-    files["report.html"] = _page(results, files).encode()
+    files[PAGE] = _page(results, files).encode()
     return files
 
 
 def _page(results: Results, files: dict[str, bytes]) -> str:
     suite = results.suite
     failed = [row for row in results.runs if row.status != "finished"]
-    return PAGE.substitute(
+    return TEMPLATE.substitute(
         title=html.escape(f"Thalweg: suite {suite.get('name', 'unknown')}"),
         intro=_intro(results),
         table=html_table(*tables.paper_table(results), marked=tables.ELSEWHERE),

@@ -117,3 +117,14 @@ def test_a_course_too_long_to_be_mapped_says_so(monkeypatch):
     monkeypatch.setattr("thalweg.world.terrain.MOST_NODES", 1000)
     with pytest.raises(WorldError, match=r"covers 1\d\d x 1\d\d m; limit 4000 m²"):
         world_of(circle(20.0, 30))
+
+
+@pytest.mark.parametrize(
+    ("column", "offset", "named"),
+    [(0, 5e5, r"x = 5\d\d\d\d\d\.0 m"), (1, -5.4e6, r"y = -5\d+\.\d m"), (2, 3e4, r"water level = 30000\.0 m")],
+)
+def test_a_line_far_from_the_origin_is_refused_by_its_value_and_says_what_to_do(column, offset, named):
+    points = course(circle(20.0, 30))
+    points[:, column] += offset
+    with pytest.raises(WorldError, match=rf"point 0 lies at {named}; limit 20000 m.*subtract an offset"):
+        World.from_centerline(points, plants=False)

@@ -19,6 +19,8 @@ SAND, GRASS = (150, 138, 112), (88, 98, 62)
 """Reflectance of a bare world, coded as `World.albedo`."""
 WIDEST_GAP = 3.0
 """The ends of a closed line lie at most so many times as far apart as any other two neighbours."""
+FARTHEST_M = 2e4
+"""Largest coordinate: plants, light and pictures are float32, which there still tells 2 mm apart."""
 
 
 def read_points(points: np.ndarray, closed: bool) -> np.ndarray:
@@ -32,6 +34,13 @@ def read_points(points: np.ndarray, closed: bool) -> np.ndarray:
     bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if len(bad):
         raise WorldError(f"point {bad[0]} is not finite: {values[bad[0]].tolist()}")
+    far = np.argwhere(np.abs(values[:, :3]) > FARTHEST_M)
+    if len(far):
+        point, column = far[0]
+        raise WorldError(
+            f"point {point} lies at {('x', 'y', 'water level')[column]} = {values[point, column]:.1f} m; limit "
+            f"{FARTHEST_M:.0f} m, since the maps lose precision far from the origin: subtract an offset first"
+        )
     if closed and len(values) > 1 and np.array_equal(values[0, :2], values[-1, :2]):
         values = values[:-1]
     if len(values) < 4:

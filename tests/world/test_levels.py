@@ -2,9 +2,10 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from thalweg.world import LEVELS, WorldError, level_named
+from thalweg.world import LEVELS, WorldError, build, level_named
 
 
 def test_samples_are_those_of_the_table():
@@ -29,3 +30,70 @@ def test_the_key_depends_on_the_data_but_not_on_the_default_seed():
     easy = LEVELS["Easy"]
     assert replace(easy, default_seed=99).key == easy.key
     assert replace(easy, length_m=281.0).key != easy.key
+
+
+def test_the_keys_of_the_built_in_levels_are_those_their_rivers_were_drawn_from():
+    keys = {name: level.key for name, level in LEVELS.items()}
+    assert keys == {"Easy": 10865751102021860621, "Medium": 11291398378637665864, "Hard": 8057083718481944270}
+
+
+def test_numbers_are_brought_to_one_form_so_that_equal_data_have_equal_keys():
+    easy = LEVELS["Easy"]
+    other = replace(easy, length_m=280, samples=np.int64(216), bends=[3, np.int8(3)], width_m=np.array([7, 12]))
+    assert other == easy
+    assert other.key == easy.key
+    assert type(other.length_m) is float
+    assert type(other.bends) is tuple
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("name", "../x", r"name must be letters, digits, .* not '\.\./x'"),
+        ("name", "", r"name must be .* not ''"),
+        ("name", 3, r"name must be .* not 3"),
+        ("samples", 0, r"samples must be a whole number from 24 to 8000, not 0"),
+        ("samples", 2.5, r"samples must be a whole number from 24 to 8000, not 2\.5"),
+        ("samples", 10**6, r"samples must be .* not 1000000"),
+        ("samples", True, r"samples must be .* not True"),
+        ("length_m", -280.0, r"length_m must be a number from 45 to 10000, not -280\.0"),
+        ("length_m", np.nan, r"length_m must be .* not nan"),
+        ("length_m", "280", r"length_m must be .* not '280'"),
+        ("bends", (5, 3), r"bends must be two .* the smaller first, not \(5, 3\)"),
+        ("bends", (0, 3), r"bends must be two whole numbers from 2 to 100"),
+        ("bends", 3, r"bends must be two .* not 3"),
+        ("bends", (3, 3, 3), r"bends must be two .* not \(3, 3, 3\)"),
+        ("width_m", (12.0, 7.0), r"width_m must be two numbers from 2 to 100, the smaller first, not \(12\.0, 7\.0\)"),
+        ("width_m", (1.0, 7.0), r"width_m must be two numbers from 2 to 100"),
+        ("width_m", (7.0, 7.1), r"width_m must differ by at least 0\.3 m, not \(7\.0, 7\.1\)"),
+        ("bridges", -1, r"bridges must be a whole number from 0 to 100, not -1"),
+        ("islands", -1, "islands must be"),
+        ("tributaries", 1.5, "tributaries must be"),
+        ("ponds", -2, "ponds must be"),
+        ("depth_m", 0.0, r"depth_m must be a number from 0\.05 to 100, not 0\.0"),
+        ("depth_variation", 1.5, "depth_variation must be a number from 0 to 0.95"),
+        ("fall_m", -1.0, "fall_m must be"),
+        ("cut_banks", 1.1, "cut_banks must be a number from 0 to 1, not 1.1"),
+        ("hills_m", -3.0, "hills_m must be"),
+        ("plant_density", np.inf, "plant_density must be"),
+        ("default_seed", -1, r"default_seed must be a whole number of at least 0, not -1"),
+        ("default_seed", 1.0, r"default_seed must be a whole number"),
+    ],
+)
+def test_a_bad_field_is_named_with_its_limits_and_its_value(field, value, message):
+    with pytest.raises(WorldError, match=rf"^level .*: {message}"):
+        replace(LEVELS["Easy"], **{field: value})
+
+
+@pytest.mark.parametrize("level", [3, 3.7, None, b"Easy"])
+def test_a_level_that_is_neither_a_name_nor_a_level_is_refused(level):
+    with pytest.raises(WorldError, match=r"a level is a name or a Level, not .*known: Easy, Medium, Hard"):
+        build(level, 0)
+    with pytest.raises(WorldError, match=r"a level is a name"):
+        level_named(level)
+
+
+@pytest.mark.parametrize("seed", [1.7, np.float64(2), "1", -1, np.int64(-3)])
+def test_a_seed_that_is_no_whole_number_of_at_least_0_is_refused(seed):
+    with pytest.raises(WorldError, match=r"a seed is (a whole number|0 or more), not"):
+        build("Easy", seed)

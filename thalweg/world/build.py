@@ -23,7 +23,7 @@ TERRAIN, PAINT, PLANTS, SUN = 0, 1, 2, 3
 
 def resolve(level: Level | str, seed: int | None) -> tuple[Level, int]:
     """The level and seed meant, None being the level's default; raises `WorldError` for unknown or negative ones."""
-    known = level_named(level) if isinstance(level, str) else level
+    known = level if isinstance(level, Level) else level_named(level)
     try:
         chosen = known.default_seed if seed is None else operator.index(seed)
     except TypeError:

@@ -27,6 +27,8 @@ LEAST_LENGTH_M = {True: 45.0, False: 15.0}
 """Shortest course, closed and open: a circle of the least radius with some width, and a few steps."""
 LEAST_SAMPLES = {True: 24, False: 8}
 """Fewest samples of a course."""
+MOST_SAMPLES = 8000
+"""Most samples of a course: 10 km. The checks compare each with each other one."""
 STEEPEST = 0.5
 """Largest rise of the water level per metre: a camera climbs 1 m while it goes 1 m, with as much again in hand."""
 

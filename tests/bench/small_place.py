@@ -58,10 +58,14 @@ class SmallPlace:
             )  # fmt: skip
         return rows
 
-    def film(self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None]) -> str:
+    def title(self, run: Run, folder: Path) -> str:
+        return run.name
+
+    def film(self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None]) -> None:
         self._call(f"film {run.name}")
+        if "film" in self.broken:
+            raise RuntimeError("ffmpeg is\nnot there")
         path.write_bytes(b"film")
-        return f"{run.name}, {episode.length} steps"
 
 
 if __name__ == "__main__":

@@ -1,18 +1,25 @@
 import errno
+import hashlib
 import json
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.bench import small_place
 from tests.bench.small_place import SUITE, SmallPlace
+from thalweg.bench import river, runner
 from thalweg.bench.files import ResultsError
+from thalweg.bench.filming import best_flight
 from thalweg.bench.results import read_results, read_runs
-from thalweg.bench.runner import best_flight, run_suite
+from thalweg.bench.river import made_by
+from thalweg.bench.runner import run_suite
 from thalweg.bench.suites import SUITES, suite_named
+from thalweg.encoder import load_encoder
+from thalweg.train.river import mark
 
 WHOLE = 4 + 5 * 3 + 1
 """Calls of the whole small suite: four trainings, three levels of five runs, and a film."""
@@ -69,7 +76,8 @@ def test_a_failed_run_is_tried_again_and_nothing_else(tmp_path: Path, undisturbe
     run_suite(SUITE, tmp_path, SmallPlace(broken=("PPO-1",)))
     again = SmallPlace()
     run_suite(SUITE, tmp_path, again)
-    assert again.calls == ["train PPO-1"] + [f"evaluate PPO-1 {level}" for level in SUITE.test_levels]
+    assert again.calls[:4] == ["train PPO-1"] + [f"evaluate PPO-1 {level}" for level in SUITE.test_levels]
+    assert [call.split()[0] for call in again.calls[4:]] == ["film"]  # its caption counts more flights now
     assert tables(tmp_path) == undisturbed
     assert not (tmp_path / "runs" / "PPO-1" / "error.txt").exists()
 
@@ -119,6 +127,38 @@ def test_a_folder_of_another_suite_is_refused_with_the_difference(tmp_path: Path
         run_suite(replace(SUITE, steps=200), tmp_path, SmallPlace())
 
 
+@pytest.mark.parametrize("part", ["source", "encoder", "packaged"])
+def test_results_made_by_another_thalweg_are_not_gone_on_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: str
+):
+    run_suite(SUITE, tmp_path, SmallPlace())
+    monkeypatch.setattr(runner, "made_by", lambda: made_by() | {part: "another"})
+    place = SmallPlace()
+    with pytest.raises(ResultsError, match=rf"made by another Thalweg \({part} .*choose another --out, or remove it"):
+        run_suite(SUITE, tmp_path, place)
+    assert place.calls == []
+
+
+def test_results_that_do_not_say_what_made_them_are_not_gone_on_with(tmp_path: Path):
+    run_suite(SUITE, tmp_path, SmallPlace())
+    record = json.loads((tmp_path / "suite.json").read_text())
+    del record["made_by"]
+    (tmp_path / "suite.json").write_text(json.dumps(record))
+    with pytest.raises(ResultsError, match="made by another Thalweg"):
+        run_suite(SUITE, tmp_path, SmallPlace())
+
+
+def test_what_made_a_result_is_its_code_its_encoder_and_the_packaged_policy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(river, "PACKAGED_POLICY", tmp_path / "policy.safetensors")
+    before = made_by()
+    assert before["packaged"] is None
+    assert before["encoder"] == mark(load_encoder())
+    (tmp_path / "policy.safetensors").write_bytes(b"flies well")
+    assert made_by() == before | {"packaged": hashlib.sha256(b"flies well").hexdigest()[:16]}
+
+
 def test_a_folder_with_something_else_in_it_is_refused(tmp_path: Path):
     (tmp_path / "thesis.tex").write_text("")
     with pytest.raises(ResultsError, match="not empty and holds no suite"):
@@ -136,14 +176,55 @@ def test_without_a_packaged_policy_the_rest_is_done_and_it_is_said(
     assert "packaged-0 absent" in outcome.report.page.read_text()
 
 
-def test_the_film_shows_the_best_flight_of_a_trained_policy(tmp_path: Path):
+def test_the_film_shows_the_best_flight_of_a_trained_policy_and_says_so(tmp_path: Path):
     run_suite(SUITE, tmp_path, SmallPlace())
     found = best_flight(SUITE, tmp_path)
     assert found is not None
-    run, episode = found
     rows = [row for row in read_results(tmp_path).episodes if row.level == "Medium" and row.algorithm != "hover"]
-    assert (run.name, episode.return_) == (f"{episode.algorithm}-{episode.seed}", max(row.return_ for row in rows))
-    assert (tmp_path / "film.txt").read_text() == f"{run.name}, {episode.length} steps\n"
+    best = max(rows, key=lambda row: row.return_)
+    assert (found.run.name, found.episode) == (f"{best.algorithm}-{best.seed}", best)
+    returns = [row.return_ for row in rows if row.algorithm == best.algorithm]
+    assert (tmp_path / "film.txt").read_text() == (
+        f"{found.run.name} on Medium, start {best.episode} of the list: {best.length} steps, "
+        f"return {best.return_:.2f}, cost {best.cost:.1f}, {best.reason}. "
+        f"The best of 12 flights of trained policies there; "
+        f"the return of {best.algorithm}'s 6 is {np.mean(returns):.2f} ± {np.std(returns):.2f}.\n"
+    )
+
+
+def test_another_best_flight_is_filmed_anew(tmp_path: Path):
+    run_suite(SUITE, tmp_path, SmallPlace(broken=("PPO-0", "PPO-1", "FOCOPS-1")))
+    assert "The best of 3 flights" in (tmp_path / "film.txt").read_text()
+    again = SmallPlace()
+    run_suite(SUITE, tmp_path, again)
+    assert again.calls[-1].startswith("film ")
+    assert "The best of 12 flights" in (tmp_path / "film.txt").read_text()
+
+
+def test_a_film_that_fails_does_not_lose_the_report_and_is_tried_again(tmp_path: Path):
+    outcome = run_suite(SUITE, tmp_path, SmallPlace(broken=("film",)))
+    assert outcome.failed == []
+    assert "<li>No film: RuntimeError: ffmpeg is not there</li>" in outcome.report.page.read_text()
+    again = SmallPlace()
+    outcome = run_suite(SUITE, tmp_path, again)
+    assert [call.split()[0] for call in again.calls] == ["film"]
+    assert "No film" not in outcome.report.page.read_text()
+    assert outcome.report.film is not None
+
+
+def test_a_film_that_fails_leaves_none_of_another_flight(tmp_path: Path):
+    run_suite(SUITE, tmp_path, SmallPlace(broken=("PPO-0", "PPO-1", "FOCOPS-1")))
+    assert run_suite(SUITE, tmp_path, SmallPlace(broken=("film",))).report.film is None
+
+
+def test_a_full_disk_is_not_taken_for_a_film_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    place = SmallPlace()
+    monkeypatch.setattr(place, "film", full)
+    with pytest.raises(OSError, match="No space"):
+        run_suite(SUITE, tmp_path, place)
 
 
 def test_the_record_of_a_suite_names_versions_and_machine(tmp_path: Path):

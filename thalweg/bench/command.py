@@ -6,6 +6,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Column, Table
 
+from thalweg.bench.bars import all_landed, bar, progress_of_flights
 from thalweg.bench.baselines import BASELINES, Policy
 from thalweg.bench.episodes import Episode, write_episodes
 from thalweg.bench.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
@@ -13,7 +14,7 @@ from thalweg.bench.files import ResultsError
 from thalweg.bench.published import SOURCE
 from thalweg.bench.results import Results, read_results
 from thalweg.bench.river import PACKAGED_POLICY
-from thalweg.bench.runner import all_landed, flight_progress, progress_of_flights, run_suite
+from thalweg.bench.runner import run_suite
 from thalweg.bench.suites import PACKAGED, suite_named
 from thalweg.bench.tables import ELSEWHERE, detail_table, paper_table
 from thalweg.train import load_policy
@@ -62,7 +63,7 @@ def evaluate_command(request: Request) -> None:
     for level in levels:
         course = Course.of_level(level, request.config)
         look = through_encoder(course.world, encoder) if encoder is not None else None
-        with flight_progress(console) as progress:
+        with bar(console, "episodes") as progress:
             on_step = progress_of_flights(progress, f"{name} on {level}", request.config.episodes)
             label = Label(name, request.seed, level)
             rows.extend(evaluate(policy, course, label, request.config, look=look, on_step=on_step))

@@ -86,7 +86,8 @@ def _files(results: Results) -> dict[str, bytes]:
 
 def _page(results: Results, files: dict[str, bytes]) -> str:
     suite = results.suite
-    failed = [row for row in results.runs if row.status != "finished"]
+    problems = [f"Run {row.run} {row.status}: {row.error}" for row in results.runs if row.status != "finished"]
+    problems += [f"No film: {results.no_film}"] if results.no_film else []
     return TEMPLATE.substitute(
         title=html.escape(f"Thalweg: suite {suite.get('name', 'unknown')}"),
         intro=_intro(results),
@@ -100,7 +101,7 @@ def _page(results: Results, files: dict[str, bytes]) -> str:
         ),
         details=html_table(*tables.detail_table(results)),
         runs=_runs(results),
-        problems=_problems([f"Run {row.run} {row.status}: {row.error}" for row in failed], results.skipped),
+        problems=_problems(problems, results.skipped),
         record=html.escape(json.dumps(suite, indent=2)),
     )
 

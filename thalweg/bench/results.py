@@ -4,7 +4,7 @@ suite.json                    the suite as it was run, with versions and the mac
 runs.csv                      one row per run, failed ones with their error
 runs/PPO-0/                   the folder of a training run; `episodes.csv` in it gives the training curves
 evaluation/PPO-0-Easy.csv     one row per evaluated episode
-film.mp4                      a flight
+film.mp4, film.txt            a flight, and what it shows; film-error.txt instead where filming failed
 report/                       made from the files above, and from nothing else
 """
 
@@ -19,7 +19,7 @@ from thalweg.bench.files import ResultsError, csv_text, read_csv, write_whole
 from thalweg.bench.statistics import TrainingLog
 
 RUN_COLUMNS = ("run", "kind", "algorithm", "seed", "steps", "status", "error", "wall_s", "steps_per_s")
-FILM, CAPTION = "film.mp4", "film.txt"
+FILM, CAPTION, NO_FILM = "film.mp4", "film.txt", "film-error.txt"
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,8 @@ class Results:
     training: list[TrainingLog]
     skipped: list[str]
     """One line for each file that was not used: its name and why."""
+    no_film: str = ""
+    """Why filming failed; empty if it did not."""
 
     @property
     def levels(self) -> list[str]:
@@ -147,7 +149,9 @@ def read_results(folder: Path) -> Results:
     if not episodes:
         reasons = "".join(f"\n  {line}" for line in skipped)
         raise ResultsError(f"{folder} holds no evaluated episodes{reasons}")
-    found = Results(folder, suite, runs, episodes, training, skipped)
+    reason = folder / NO_FILM
+    no_film = attempt(reason, lambda: reason.read_text(encoding="utf-8").strip(), "") if reason.exists() else ""
+    found = Results(folder, suite, runs, episodes, training, skipped, no_film)
     by_run = {row.run: place for place, row in enumerate(runs)}
     by_level = {level: place for place, level in enumerate(found.levels)}
     episodes.sort(key=lambda row: (by_run.get(f"{row.algorithm}-{row.seed}", len(by_run)), by_level[row.level]))

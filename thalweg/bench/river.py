@@ -4,6 +4,7 @@ The runner sees only `Place`, so that tests can put a small problem in its stead
 """
 
 from collections.abc import Callable
+from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
@@ -11,13 +12,29 @@ from typing import Protocol
 from thalweg.bench.baselines import BASELINES, Policy
 from thalweg.bench.episodes import Episode
 from thalweg.bench.evaluation import Course, EvaluationConfig, Label, Look, Step, evaluate, through_encoder
+from thalweg.bench.files import ResultsError
 from thalweg.bench.suites import Run, Suite
-from thalweg.encoder import Encoder
+from thalweg.cache import source_hash
+from thalweg.encoder import DEFAULT_PATH, Encoder
 from thalweg.train import load_policy
-from thalweg.train.river import TrainingGround, check_sees_as_trained, load_fitting_encoder
+from thalweg.train.river import TrainingGround, check_sees_as_trained, file_mark, load_fitting_encoder
 
 PACKAGED_POLICY = Path(__file__).with_name("flight.safetensors")
 """The best policy so far, which comes with the package."""
+
+
+SOURCES = ("world", "render", "env", "algos", "train", "encoder", "kernel.py", "bench/evaluation.py")
+"""Parts of the package that the episodes of a suite depend on."""
+
+
+def made_by() -> dict[str, str | None]:
+    """What the results of a suite depend on beside the suite: marks of the code, of the encoder and of the packaged
+    policy, None where there is no such policy."""
+    return {
+        "source": source_hash(*SOURCES),
+        "encoder": file_mark(DEFAULT_PATH),
+        "packaged": file_mark(PACKAGED_POLICY) if PACKAGED_POLICY.exists() else None,
+    }
 
 
 class Place(Protocol):
@@ -31,8 +48,12 @@ class Place(Protocol):
         """The evaluated episodes of the run's policy on a level."""
         ...
 
-    def film(self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None]) -> str:
-        """Film an evaluated episode into `path`; returns the caption."""
+    def title(self, run: Run, folder: Path) -> str:
+        """What the run's policy is called in front of people."""
+        ...
+
+    def film(self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None]) -> None:
+        """Film an evaluated episode into `path`."""
         ...
 
 
@@ -88,8 +109,17 @@ class Rivers:
         label = Label(run.algorithm, run.seed, level)
         return evaluate(policy, self.course(level), label, self.config, look=self.look(level, policy), on_step=on_step)
 
-    def film(self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None]) -> str:
-        """Fly an evaluated episode again and film it."""
+    def title(self, run: Run, folder: Path) -> str:
+        """What the run's policy is called in front of people."""
+        if run.kind == "baseline":
+            return run.algorithm
+        if run.kind == "train":
+            return f"{run.algorithm}, seed {run.seed}"
+        algorithm = getattr(getattr(self.policy(run, folder), "about", None), "algorithm", "")
+        return f"packaged policy ({algorithm})" if algorithm else "packaged policy"
+
+    def film(self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None]) -> None:
+        """Fly an evaluated episode again and film it; raises `ResultsError` unless it is the same flight."""
         from thalweg.bench.film import Flight, write_film
 
         policy = self.policy(run, folder)
@@ -98,15 +128,16 @@ class Rivers:
         steps: list[Step] = []
         look = self.look(episode.level, policy)
         (again,) = evaluate(policy, course, label, self.config, look=look, on_step=steps.append)
-        write_film(path, course.world, Flight.of(again, steps), _title(run, policy), on_frame=on_frame)
-        return (
-            f"{_title(run, policy)} on {again.level}, start {again.episode} of the list: {again.length} steps, "
-            f"return {again.return_:.2f}, cost {again.cost:.1f}, {again.reason}."
-        )
+        _require_same(again, episode)
+        write_film(path, course.world, Flight.of(again, steps), self.title(run, folder), on_frame=on_frame)
 
 
-def _title(run: Run, policy: Policy) -> str:
-    if run.kind == "packaged":
-        algorithm = getattr(getattr(policy, "about", None), "algorithm", "")
-        return f"packaged policy ({algorithm})" if algorithm else "packaged policy"
-    return run.algorithm if run.kind == "baseline" else f"{run.algorithm}, seed {run.seed}"
+def _require_same(again: Episode, row: Episode) -> None:
+    """Raise `ResultsError` that names each value in which a flight flown again differs from its row."""
+    differing = [
+        f"{field.name.rstrip('_')} {getattr(again, field.name)!r} now, {getattr(row, field.name)!r} in the results"
+        for field in fields(Episode)
+        if getattr(again, field.name) != getattr(row, field.name)
+    ]
+    if differing:
+        raise ResultsError(f"flown again, start {row.episode} on {row.level} differs: {'; '.join(differing)}")

@@ -6,21 +6,19 @@ error in `runs.csv`, the others go on, and the same command tries the failed one
 
 import errno
 import json
-import time
 import traceback
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from thalweg.bench.episodes import Episode, read_episodes, write_episodes
-from thalweg.bench.evaluation import Step
+from thalweg.bench.bars import all_landed, bar, progress_of_flights
+from thalweg.bench.episodes import read_episodes, write_episodes
 from thalweg.bench.files import ResultsError, write_whole
+from thalweg.bench.filming import film_best
 from thalweg.bench.report import Report, write_report
-from thalweg.bench.results import CAPTION, FILM, RunRow, evaluation_path, read_runs, read_suite, write_runs
-from thalweg.bench.river import PACKAGED_POLICY, Place, Rivers
+from thalweg.bench.results import RunRow, evaluation_path, read_runs, read_suite, write_runs
+from thalweg.bench.river import PACKAGED_POLICY, Place, Rivers, made_by
 from thalweg.bench.suites import Run, Suite, check
 from thalweg.env import EnvConfig
 from thalweg.train.machine import machine, versions
@@ -55,7 +53,7 @@ def run_suite(suite: Suite, folder: Path, place: Place | None = None, console: C
         if not _finished(run, suite, folder, rows.get(run.name)):
             rows[run.name] = _attempt(run, suite, folder, place, console)
             write_runs(folder, [rows[other.name] for other in suite.runs() if other.name in rows])
-    _film(suite, folder, place, console)
+    film_best(suite, folder, place, console)
     report = write_report(folder)
     return Outcome(folder, report, [rows[run.name] for run in suite.runs()])
 
@@ -68,8 +66,15 @@ def _check(suite: Suite) -> None:
 
 
 def claim(folder: Path, suite: Suite) -> None:
-    """Make the folder this suite's, or raise `ResultsError` if it holds something else."""
-    record = {**suite.as_data(), "env": asdict(EnvConfig()), "versions": versions(), "machine": machine()}
+    """Make the folder this suite's, or raise `ResultsError` if it holds something else or was made by other code."""
+    made = made_by()
+    record = {
+        **suite.as_data(),
+        "made_by": made,
+        "env": asdict(EnvConfig()),
+        "versions": versions(),
+        "machine": machine(),
+    }
     path = folder / "suite.json"
     if not path.exists():
         if folder.exists() and any(folder.iterdir()):
@@ -81,6 +86,15 @@ def claim(folder: Path, suite: Suite) -> None:
     if differing:
         changes = "; ".join(f"{key} {old.get(key)!r} there, {suite.as_data()[key]!r} now" for key in differing)
         raise ResultsError(f"{folder} holds other results ({changes}); choose another folder")
+    theirs = old.get("made_by") or {}
+    changes = "; ".join(
+        f"{key} {theirs.get(key)} there, {mine} now" for key, mine in made.items() if theirs.get(key) != mine
+    )
+    if changes:
+        raise ResultsError(
+            f"{folder} holds results made by another Thalweg ({changes}); choose another --out, or remove it"
+            f" (make demo OUT=elsewhere, too). Its report can be made again all the same: thalweg report {folder}"
+        )
 
 
 def _finished(run: Run, suite: Suite, folder: Path, row: RunRow | None) -> bool:
@@ -133,74 +147,8 @@ def _evaluate(run: Run, home: Path, suite: Suite, level: str, folder: Path, plac
             return
     except (ResultsError, OSError):
         pass
-    with flight_progress(console) as progress:
+    with bar(console, "episodes") as progress:
         on_step = progress_of_flights(progress, f"{run.name} on {level}", suite.episodes)
         rows = place.evaluate(run, home, level, on_step)
         all_landed(progress)
     write_episodes(path, rows)
-
-
-def flight_progress(console: Console) -> Progress:
-    """A bar of finished episodes, with the steps flown a second."""
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("episodes  {task.fields[rate]}"),
-        TimeElapsedColumn(),
-        console=console,
-    )
-
-
-def progress_of_flights(progress: Progress, name: str, episodes: int) -> Callable[[Step], None]:
-    """What `evaluate` calls before every step, to move the bar."""
-    task = progress.add_task(name, total=episodes, rate="")
-    begun = time.perf_counter()
-    flown = 0
-
-    def on_step(step: Step) -> None:
-        nonlocal flown
-        flown += len(step.flying)
-        rate = flown / max(time.perf_counter() - begun, 1e-9)
-        progress.update(task, completed=episodes - len(step.flying), rate=f"{rate:,.0f} steps/s")
-
-    return on_step
-
-
-def all_landed(progress: Progress) -> None:
-    """Fill the bars: `on_step` is not told of the last landing."""
-    for task in progress.tasks:
-        progress.update(task.id, completed=task.total)
-
-
-def _film(suite: Suite, folder: Path, place: Place, console: Console) -> None:
-    """Film the best flight of the packaged policy, or of a trained one, on the level of training."""
-    if (folder / FILM).exists() and (folder / CAPTION).exists():
-        return
-    chosen = best_flight(suite, folder)
-    if chosen is None:
-        return
-    run, episode = chosen
-    try:
-        with flight_progress(console) as progress:
-            task = progress.add_task("film", total=episode.length, rate="")
-            caption = place.film(
-                run, folder / "runs" / run.name, episode, folder / FILM, lambda: progress.advance(task)
-            )
-        write_whole(folder / CAPTION, caption + "\n")
-    except ResultsError as error:
-        console.print(f"No film: {error}")
-
-
-def best_flight(suite: Suite, folder: Path) -> tuple[Run, Episode] | None:
-    """The run and episode with the greatest return, then the least cost: of the packaged policy where there is one."""
-    level = suite.train_level if suite.train_level in suite.test_levels else suite.test_levels[0]
-    for kind in ("packaged", "train", "baseline"):
-        flights = []
-        for run in suite.runs():
-            path = evaluation_path(folder, run.name, level)
-            if run.kind == kind and path.exists():
-                flights.extend((run, episode) for episode in read_episodes(path))
-        if flights:
-            return max(flights, key=lambda flight: (flight[1].return_, -flight[1].cost, -flight[1].episode))
-    return None

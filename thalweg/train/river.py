@@ -28,9 +28,14 @@ def load_fitting_encoder(path: Path | None = None) -> Encoder:
     return encoder
 
 
+def file_mark(path: Path) -> str:
+    """What tells a file from every other: a hash of its content."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+
+
 def mark(encoder: Encoder) -> str:
-    """What tells an encoder from every other: a hash of its file."""
-    return hashlib.sha256(Path(encoder.about["path"]).read_bytes()).hexdigest()[:16]
+    """What tells an encoder from every other: the mark of its file."""
+    return file_mark(Path(encoder.about["path"]))
 
 
 def check_sees_as_trained(policy: Any, encoder: Encoder) -> None:

@@ -59,8 +59,8 @@ class Stream:
         """[N] environments whose next step only resets them (NEXT_STEP)."""
         self._steps, self._cost_seen = 0, False
 
-    def reset(self, seed: int) -> np.ndarray:
-        """The first observations [N, D] float32."""
+    def reset(self, seed: int | list[int]) -> np.ndarray:
+        """The first observations [N, D] float32; `seed` as Gymnasium's vector environments take it."""
         obs, _ = self.env.reset(seed=seed)
         self.pending[:] = False
         return self._obs(obs)

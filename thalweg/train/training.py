@@ -31,7 +31,7 @@ class Training:
         self.stages = {"act": 0.0, "env": 0.0, "learn": 0.0}
         self.warned: dict[str, str] = {}
         """Warnings given so far, by their code."""
-        self.obs = stream.reset(seed)
+        self.obs = stream.reset(env_seeds(seed, 0, stream.num_envs))
         self._began_update_at = 0
         self._buffer: RolloutBuffer | None = None
 
@@ -124,14 +124,22 @@ class Training:
             stacklevel=4,
         )
         self.book.abandon()
-        fresh_seed = int(np.random.SeedSequence([self.seed, self.book.steps]).generate_state(1)[0])
-        self.obs = self.stream.reset(fresh_seed % 2**31)
+        self.obs = self.stream.reset(env_seeds(self.seed, self.book.steps, self.stream.num_envs))
 
     def _warn(self, found: dict[str, str]) -> None:
         for code, sentence in found.items():
             if code not in self.warned:
                 self.warned[code] = sentence
                 warnings.warn(sentence, LimitWarning, stacklevel=4)
+
+
+def env_seeds(seed: int, steps: int, count: int) -> list[int]:
+    """One seed for each environment of a run that begins new episodes after so many steps.
+
+    A single number would be counted up from environment to environment (Gymnasium's convention), and runs of
+    neighbouring seeds would share all their environments but one. 31 bits, since not every environment takes more.
+    """
+    return [int(word) >> 1 for word in np.random.SeedSequence([seed, steps]).generate_state(count)]
 
 
 def world_names(env: VectorEnv) -> list[str]:

@@ -1,0 +1,34 @@
+"""Which seeds do the environments of a run get?"""
+
+import numpy as np
+
+from tests.train.toys import Walk
+from thalweg.train.stream import Stream
+from thalweg.train.training import Training, env_seeds
+
+
+def test_two_runs_share_no_environment():
+    seeds = [seed for run in range(20) for seed in env_seeds(run, 0, 16)]
+    assert len(set(seeds)) == 20 * 16
+
+
+def test_episodes_after_an_interruption_are_not_those_of_the_beginning():
+    assert not set(env_seeds(0, 0, 16)) & set(env_seeds(0, 1000, 16))
+
+
+def test_an_environment_keeps_its_seed_whatever_their_number():
+    assert env_seeds(3, 0, 16)[:4] == env_seeds(3, 0, 4)
+
+
+def test_a_run_begins_with_a_list_of_seeds():
+    asked = []
+
+    class Asked(Walk):
+        def reset(self, *, seed=None, options=None):
+            asked.append(seed)
+            return super().reset(seed=seed, options=options)
+
+    Training(Asked(4), Stream(Asked(4)), None, steps=8, seed=5, threads=1)  # pyright: ignore[reportArgumentType]
+    assert asked == [env_seeds(5, 0, 4)]
+    assert all(type(seed) is int and 0 <= seed < 2**31 for seed in asked[0])
+    assert np.unique(asked[0]).size == 4

@@ -4,7 +4,6 @@ Written whole or not at all; nothing in it can execute code.
 """
 
 import json
-import zipfile
 from dataclasses import fields
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import numpy as np
 from thalweg.whole import whole
 from thalweg.world.errors import WorldFileError
 from thalweg.world.record import FORMAT, Grid, Plants, River, World
+from thalweg.world.species import KINDS
 
 KIND = "thalweg world"
 """What the JSON line calls itself."""
@@ -33,6 +33,7 @@ def save(world: World, path: str | Path) -> None:
         "length_m": world.river.length_m,
         "grid": [world.grid.origin_x_m, world.grid.origin_y_m, world.grid.cell_m],
         "sun": [world.sun_azimuth, world.sun_elevation],
+        "kinds": [kind.name for kind in KINDS],
     }
     arrays = {"about": np.array(json.dumps(about, sort_keys=True))}
     arrays |= {f"river.{name}": getattr(world.river, name) for name in RIVER}
@@ -50,13 +51,16 @@ def load(path: str | Path) -> World:
     try:
         with np.load(path, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, EOFError, KeyError, AttributeError, zipfile.BadZipFile) as reason:
+    except (
+        Exception
+    ) as reason:  # A damaged zip raises what its bytes happen to say: encrypted, unknown packing, huge...
         raise WorldFileError(f"{path}: not a whole .npz file ({reason})") from None
     about = _about(path, arrays)
     _check_arrays(path, arrays)
     river = {name: arrays[f"river.{name}"] for name in RIVER}
     try:
-        return World(
+        kinds = ", ".join(about["kinds"])
+        world = World(
             name=str(about["name"]),
             seed=int(about["seed"]),
             river=River(closed=bool(about["closed"]), length_m=float(about["length_m"]), **river),
@@ -71,6 +75,11 @@ def load(path: str | Path) -> World:
         )
     except (KeyError, TypeError, ValueError, IndexError) as reason:
         raise WorldFileError(f"{path}: its description is incomplete ({reason!r})") from None
+    if kinds != (known := ", ".join(kind.name for kind in KINDS)):
+        raise WorldFileError(f"{path}: made for the kinds of plants {kinds}; this version draws {known}")
+    if wrong := _wrong_number(arrays) or _wrong_about(world) or _wrong_place(world):
+        raise WorldFileError(f"{path}: {wrong}")
+    return world
 
 
 def _about(path: Path, arrays: dict[str, np.ndarray]) -> dict:
@@ -114,3 +123,49 @@ def _check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
         fits = found.ndim == len(shape) and all(a in (None, b) for a, b in zip(shape, found.shape, strict=True))
         if not fits or found.dtype != kind:
             raise WorldFileError(f"{path}: {name!r} is {found.dtype} {found.shape}; expected {kind} {shape}")
+
+
+def _wrong_number(arrays: dict[str, np.ndarray]) -> str | None:
+    """What is wrong with single numbers of the arrays: kinds that are drawn, sizes above zero, all finite."""
+    for name, values in arrays.items():
+        if values.dtype.kind == "f" and not np.isfinite(values).all():
+            return f"{name!r} holds {values[~np.isfinite(values)][0]}, which is no finite number"
+    kind = arrays["plants.kind"]
+    if (beyond := kind[(kind < 0) | (kind >= len(KINDS))]).size:
+        return f"'plants.kind' holds {beyond[0]}; the kinds are 0 to {len(KINDS) - 1}"
+    for name in ("plants.height_m", "plants.width_m", "river.width_m", "river.depth_m"):
+        if (arrays[name] <= 0).any():
+            return f"{name!r} holds {arrays[name].min()}; limit > 0"
+    return None
+
+
+def _wrong_about(world: World) -> str | None:
+    """What is wrong with the numbers that are no arrays, and with the sizes of those that are."""
+    river, grid = world.river, world.grid
+    told = (river.length_m, grid.origin_x_m, grid.origin_y_m, grid.cell_m, world.sun_azimuth, world.sun_elevation)
+    if bad := [value for value in told if not np.isfinite(value)]:
+        return f"its description holds {bad[0]}, which is no finite number"
+    if world.seed < 0:
+        return f"the seed {world.seed}; limit >= 0"
+    if grid.cell_m <= 0:
+        return f"cells of {grid.cell_m} m; limit > 0"
+    if min(world.ground_m.shape) < 2:
+        return f"a map of {world.ground_m.shape[0]} x {world.ground_m.shape[1]} nodes; at least 2 x 2"
+    if len(river.arc_m) < 2:
+        return f"a course of {len(river.arc_m)} samples; at least 2"
+    if river.length_m <= 0 or river.arc_m[0] != 0 or (np.diff(river.arc_m) <= 0).any():
+        return f"a course of {river.length_m} m whose arc length does not grow from 0"
+    return None
+
+
+def _wrong_place(world: World) -> str | None:
+    """Whether course and plants stand on the map, give or take a cell, as whoever reads the map at them trusts."""
+    grid = world.grid
+    low = np.array([grid.origin_x_m, grid.origin_y_m])
+    high = low + grid.cell_m * np.array(world.ground_m.shape[::-1])
+    for what, places in (("the course runs", world.river.position_m), ("a plant stands", world.plants.position_m)):
+        off = ((places[:, :2] < low - grid.cell_m) | (places[:, :2] > high)).any(axis=1)
+        if off.any():
+            x, y = places[off][0, :2]
+            return f"{what} at ({x:g}, {y:g}) m, off the map"
+    return None

@@ -6,25 +6,16 @@ from typing import Any, Literal
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from thalweg.algos.actions import Head, actions_of
+from thalweg.algos.actions import Head
+from thalweg.algos.actor_critic import ActorCritic
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import centred, standardised
 from thalweg.algos.multiplier import Multiplier, Rule
-from thalweg.algos.networks import Critics
-from thalweg.algos.onpolicy import Signal, minibatches, require_finite, samples_of, valid_obs
-from thalweg.algos.policy import About, Policy
-from thalweg.algos.settings import as_data, require
-from thalweg.algos.state import (
-    generator_state,
-    load_generator,
-    load_module,
-    load_optimiser,
-    module_state,
-    optimiser_state,
-)
+from thalweg.algos.onpolicy import Signal, minibatches, require_finite
+from thalweg.algos.settings import require
 
 
 @dataclass(frozen=True)
@@ -134,51 +125,28 @@ class FOCOPS:
     def __init__(self, config: FOCOPSConfig, task: Task) -> None:
         self.config = config
         self.rollout_steps = max(2, config.steps_per_update // task.num_envs)
-        self.generator = torch.Generator().manual_seed(task.seed)
-        actions = actions_of(task.action_space, config.head, config.affine)
-        about = About("FOCOPS", as_data(config), task.context)
-        self.policy = Policy(
-            task.obs_size,
-            actions,
-            config.hidden,
-            normalise=config.normalise_observations,
-            generator=self.generator,
-            about=about,
-        )
-        self.critics = Critics(2, task.obs_size, config.hidden, self.generator)
+        self.agent = ActorCritic("FOCOPS", 2, config, task)
+        self.policy = self.agent.policy
         self.multiplier = Multiplier(config)
-        self.optimiser = torch.optim.Adam(
-            [
-                {"params": list(self.policy.actor.parameters()), "lr": config.learning_rate},
-                {"params": list(self.critics.parameters()), "lr": config.critic_learning_rate},
-            ],
-            fused=True,
-        )
 
     def act(self, obs: np.ndarray) -> Tensor:
         """Raw actions [N, A] drawn from the policy, for observations float32 [N, D]."""
-        return self.policy.sample(obs, self.generator)
+        return self.agent.act(obs)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         """The multiplier first, then passes until the policy has moved by `target_kl`; returns the metrics."""
         config, policy = self.config, self.policy
-        # The statistics change between rollouts only, so that the policy that acted is the one learnt from. A fresh
-        # policy draws alike whatever it sees, so the first rollout's may be taken in at once.
-        fresh = policy.normaliser.count == 0
-        if fresh:
-            policy.normaliser.update(valid_obs(rollout))
         self.multiplier.update(feedback.cost_mean)
         signals = [
             Signal(rollout.rewards, config.discount, config.trace),
             Signal(rollout.costs, config.cost_discount, config.cost_trace),
         ]
-        samples = samples_of(rollout, self.critics, policy.normaliser, signals)
+        samples = self.agent.samples(rollout, signals)
         with torch.no_grad():
             old_parameters = policy.actor(samples.obs)
             old = policy.actions.distribution(old_parameters)
             old_log_prob = old.log_prob(samples.actions)
-        rate = config.learning_rate * (1.0 - feedback.progress if config.linear_decay else 1.0)
-        self.optimiser.param_groups[0]["lr"] = rate
+        rate = self.agent.decay(feedback.progress)
 
         scaled = standardised if config.standardise_cost else centred
         advantages = standardised(samples.advantages[0]) - self.multiplier.value * scaled(samples.advantages[1])
@@ -186,7 +154,7 @@ class FOCOPS:
         log: list[Tensor] = []
         passes, kl, entropy, inside = 0, 0.0, 0.0, 1.0
         while passes < config.passes and kl <= config.target_kl:
-            for batch in minibatches(data, config.minibatch, self.generator):
+            for batch in minibatches(data, config.minibatch, self.agent.generator):
                 log.append(self._step(*batch))
             passes += 1
             with torch.no_grad():
@@ -197,8 +165,6 @@ class FOCOPS:
             require_finite(kl=kl, entropy=entropy)
         policy_part, value_part, cost_part = torch.stack(log).mean(0).tolist()
         require_finite(policy_loss=policy_part, value_loss=value_part, cost_value_loss=cost_part)
-        if not fresh:
-            policy.normaliser.update(valid_obs(rollout))
         return {
             "policy_loss": policy_part,
             "value_loss": value_part,
@@ -236,12 +202,8 @@ class FOCOPS:
             advantages,
             distribution.entropy(),
         )
-        errors = losses.squared_error(self.critics(obs), targets.T)
-        self.optimiser.zero_grad()
-        (projection + errors.sum()).backward()
-        nn.utils.clip_grad_norm_(self.policy.actor.parameters(), self.config.max_grad_norm)
-        nn.utils.clip_grad_norm_(self.critics.parameters(), self.config.max_grad_norm)
-        self.optimiser.step()
+        errors = losses.squared_error(self.agent.critics(obs), targets.T)
+        self.agent.step(projection + errors.sum())
         return torch.cat([projection.detach().unsqueeze(0), errors.detach()])
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
@@ -249,19 +211,8 @@ class FOCOPS:
         return self.multiplier.warnings(feedback.updates_left, feedback.episodes, feedback.largest_cost)
 
     def state(self) -> dict[str, Any]:
-        return {
-            "actor": module_state(self.policy.actor),
-            "critics": module_state(self.critics),
-            "normaliser": self.policy.normaliser.state(),
-            "multiplier": self.multiplier.state(),
-            "optimiser": optimiser_state(self.optimiser),
-            "generator": generator_state(self.generator),
-        }
+        return self.agent.state() | {"multiplier": self.multiplier.state()}
 
     def load_state(self, state: dict[str, Any]) -> None:
-        load_module(self.policy.actor, state["actor"])
-        load_module(self.critics, state["critics"])
-        self.policy.normaliser.load_state(state["normaliser"])
+        self.agent.load_state(state)
         self.multiplier.load_state(state["multiplier"])
-        load_optimiser(self.optimiser, state["optimiser"])
-        load_generator(self.generator, state["generator"])

@@ -5,24 +5,15 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from thalweg.algos.actions import Head, actions_of
+from thalweg.algos.actions import Head
+from thalweg.algos.actor_critic import ActorCritic
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import standardised
-from thalweg.algos.networks import Critics
-from thalweg.algos.onpolicy import Signal, minibatches, require_finite, samples_of, valid_obs
-from thalweg.algos.policy import About, Policy
-from thalweg.algos.settings import as_data, require
-from thalweg.algos.state import (
-    generator_state,
-    load_generator,
-    load_module,
-    load_optimiser,
-    module_state,
-    optimiser_state,
-)
+from thalweg.algos.onpolicy import Signal, minibatches, require_finite
+from thalweg.algos.settings import require
 
 
 @dataclass(frozen=True)
@@ -92,53 +83,29 @@ class PPO:
     def __init__(self, config: PPOConfig, task: Task) -> None:
         self.config = config
         self.rollout_steps = max(2, config.steps_per_update // task.num_envs)
-        self.generator = torch.Generator().manual_seed(task.seed)
-        actions = actions_of(task.action_space, config.head, config.affine)
-        about = About("PPO", as_data(config), task.context)
-        self.policy = Policy(
-            task.obs_size,
-            actions,
-            config.hidden,
-            normalise=config.normalise_observations,
-            generator=self.generator,
-            about=about,
-        )
-        self.critics = Critics(1, task.obs_size, config.hidden, self.generator)
-        self.optimiser = torch.optim.Adam(
-            [
-                {"params": list(self.policy.actor.parameters()), "lr": config.learning_rate},
-                {"params": list(self.critics.parameters()), "lr": config.critic_learning_rate},
-            ],
-            fused=True,
-        )
+        self.agent = ActorCritic("PPO", 1, config, task)
+        self.policy = self.agent.policy
 
     def act(self, obs: np.ndarray) -> Tensor:
         """Raw actions [N, A] drawn from the policy, for observations float32 [N, D]."""
-        return self.policy.sample(obs, self.generator)
+        return self.agent.act(obs)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         """Passes over the rollout's steps until the policy has moved by `target_kl`; returns the metrics."""
         config, policy = self.config, self.policy
-        # The statistics change between rollouts only, so that the policy that acted is the one learnt from. A fresh
-        # policy draws alike whatever it sees, so the first rollout's may be taken in at once.
-        fresh = policy.normaliser.count == 0
-        if fresh:
-            policy.normaliser.update(valid_obs(rollout))
         signals = [Signal(rollout.rewards, config.discount, config.trace)]
-        samples = samples_of(rollout, self.critics, policy.normaliser, signals)
+        samples = self.agent.samples(rollout, signals)
         with torch.no_grad():
-            old_parameters = policy.actor(samples.obs)
-            old = policy.actions.distribution(old_parameters)
+            old = policy.actions.distribution(policy.actor(samples.obs))
             old_log_prob = old.log_prob(samples.actions)
-        rate = config.learning_rate * (1.0 - feedback.progress if config.linear_decay else 1.0)
-        self.optimiser.param_groups[0]["lr"] = rate
+        rate = self.agent.decay(feedback.progress)
 
         advantages = standardised(samples.advantages[0])
         data = (samples.obs, samples.actions, old_log_prob, advantages, samples.targets[0])
         log: list[Tensor] = []
         passes, kl, entropy = 0, 0.0, 0.0
         while passes < config.passes and kl <= config.target_kl:
-            for batch in minibatches(data, config.minibatch, self.generator):
+            for batch in minibatches(data, config.minibatch, self.agent.generator):
                 log.append(self._step(*batch))
             passes += 1
             with torch.no_grad():
@@ -148,8 +115,6 @@ class PPO:
             require_finite(kl=kl, entropy=entropy)
         policy_part, value_part = torch.stack(log).mean(0).tolist()
         require_finite(policy_loss=policy_part, value_loss=value_part)
-        if not fresh:
-            policy.normaliser.update(valid_obs(rollout))
         return {
             "policy_loss": policy_part,
             "value_loss": value_part,
@@ -169,12 +134,8 @@ class PPO:
         surrogate = policy_loss(
             self.config, distribution.log_prob(actions), old_log_prob, advantages, distribution.entropy()
         )
-        error = losses.squared_error(self.critics(obs), targets.unsqueeze(0)).sum()
-        self.optimiser.zero_grad()
-        (surrogate + error).backward()
-        nn.utils.clip_grad_norm_(self.policy.actor.parameters(), self.config.max_grad_norm)
-        nn.utils.clip_grad_norm_(self.critics.parameters(), self.config.max_grad_norm)
-        self.optimiser.step()
+        error = losses.squared_error(self.agent.critics(obs), targets.unsqueeze(0)).sum()
+        self.agent.step(surrogate + error)
         return torch.stack([surrogate.detach(), error.detach()])
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
@@ -182,17 +143,7 @@ class PPO:
         return {}
 
     def state(self) -> dict[str, Any]:
-        return {
-            "actor": module_state(self.policy.actor),
-            "critics": module_state(self.critics),
-            "normaliser": self.policy.normaliser.state(),
-            "optimiser": optimiser_state(self.optimiser),
-            "generator": generator_state(self.generator),
-        }
+        return self.agent.state()
 
     def load_state(self, state: dict[str, Any]) -> None:
-        load_module(self.policy.actor, state["actor"])
-        load_module(self.critics, state["critics"])
-        self.policy.normaliser.load_state(state["normaliser"])
-        load_optimiser(self.optimiser, state["optimiser"])
-        load_generator(self.generator, state["generator"])
+        self.agent.load_state(state)

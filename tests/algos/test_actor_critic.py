@@ -1,0 +1,137 @@
+"""What algorithms with a policy and critics share, by numbers."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+from thalweg.algos import AlgorithmError
+from thalweg.algos.actor_critic import ActorCritic
+from thalweg.algos.interface import Rollout, Task
+from thalweg.algos.onpolicy import Signal
+from thalweg.algos.ppo import PPOConfig
+
+N, T, D = 2, 8, 3
+
+
+def agent(critics: int = 2, **settings: Any) -> ActorCritic:
+    config = PPOConfig(hidden=(8,), **settings)
+    return ActorCritic("Some", critics, config, Task(D, gym.spaces.Discrete(3), N, 100, 0, {"encoder": "mine"}))
+
+
+def rollout(obs: torch.Tensor) -> Rollout:
+    """Steps of which the last of each environment only reset it."""
+    valid = torch.ones(T, N, dtype=torch.bool)
+    valid[-1] = False
+    never = torch.zeros(T, N, dtype=torch.bool)
+    return Rollout(
+        obs=obs,
+        actions=torch.zeros(T, N, 1, dtype=torch.int64),
+        rewards=torch.ones(T, N),
+        costs=torch.zeros(T, N),
+        terminated=never,
+        truncated=never,
+        valid=valid,
+        final_index=torch.zeros(0, dtype=torch.int64),
+        final_obs=torch.zeros(0, D),
+    )
+
+
+def signals(steps: Rollout) -> list[Signal]:
+    return [Signal(steps.rewards, 0.9, 0.9), Signal(steps.costs, 0.9, 0.9)]
+
+
+def observations(seed: int) -> torch.Tensor:
+    return torch.randn(T + 1, N, D, generator=torch.Generator().manual_seed(seed)) * 3 + 1
+
+
+def weights(module: torch.nn.Module) -> torch.Tensor:
+    return torch.cat([value.detach().flatten() for value in module.parameters()])
+
+
+def test_the_policy_says_where_it_comes_from():
+    about = agent(head="gaussian_discretised").policy.about
+    assert about.algorithm == "Some" and about.context == {"encoder": "mine"}
+    assert about.config["head"] == "gaussian_discretised"
+
+
+def test_the_first_rollout_is_seen_by_its_own_statistics_and_later_ones_by_those_that_acted():
+    one, first, second = agent(), rollout(observations(1)), rollout(observations(2))
+    seen = one.samples(first, signals(first)).obs
+    own = first.obs[:-1][first.valid]
+    expected = (own - own.mean(0)) / own.std(0, correction=0)
+    assert torch.allclose(seen, expected.clamp(-5, 5), atol=1e-4)
+    later = one.samples(second, signals(second)).obs
+    expected = (second.obs[:-1][second.valid] - own.mean(0)) / own.std(0, correction=0)
+    assert torch.allclose(later, expected.clamp(-5, 5), atol=1e-4)
+    both = torch.cat([own, second.obs[:-1][second.valid]])
+    assert one.policy.normaliser.count == len(both) == 2 * N * (T - 1)
+    assert one.policy.normaliser.mean == pytest.approx(both.mean(0).numpy(), abs=1e-5)
+
+
+def test_without_normalisation_observations_stay_as_they_are():
+    one, steps = agent(normalise_observations=False), rollout(observations(1))
+    assert torch.equal(one.samples(steps, signals(steps)).obs, steps.obs[:-1][steps.valid])
+
+
+@pytest.mark.parametrize("long", [0, 1], ids=["policy", "critics"])
+def test_a_long_gradient_is_shortened_and_the_other_parts_is_not(long):
+    one = agent(max_grad_norm=0.5)
+    parts = [list(one.policy.actor.parameters()), list(one.critics.parameters())]
+    factors = [1e3 if part == long else 1e-3 for part in range(2)]
+    one.step(sum((f * p.sum() for part, f in zip(parts, factors, strict=True) for p in part), torch.zeros(())))
+    lengths = [torch.cat([p.grad.flatten() for p in part if p.grad is not None]).norm().item() for part in parts]
+    assert lengths[long] == pytest.approx(0.5, rel=1e-5)
+    assert lengths[1 - long] == pytest.approx(1e-3 * sum(p.numel() for p in parts[1 - long]) ** 0.5, rel=1e-5)
+
+
+def test_a_step_goes_down_at_the_rate_of_each_part():
+    one = agent(learning_rate=0.01, critic_learning_rate=0.002)
+    before = weights(one.policy.actor), weights(one.critics)
+    one.step(sum((p.sum() for p in [*one.policy.actor.parameters(), *one.critics.parameters()]), torch.zeros(())))
+    # Adam's first step is as long as the rate, whatever the gradient.
+    assert (weights(one.policy.actor) - before[0]).numpy() == pytest.approx(-0.01, rel=1e-3)
+    assert (weights(one.critics) - before[1]).numpy() == pytest.approx(-0.002, rel=1e-3)
+
+
+def test_the_gradient_before_is_forgotten():
+    one = agent(max_grad_norm=1e9)
+    parameters = list(one.critics.parameters())
+    for _ in range(2):
+        one.step(sum((p.sum() for p in parameters), torch.zeros(())))
+        assert all(p.grad is not None and torch.equal(p.grad, torch.ones_like(p)) for p in parameters)
+
+
+@pytest.mark.parametrize(("linear", "expected"), [(True, 0.25e-3), (False, 1e-3)])
+def test_only_the_policys_rate_falls(linear, expected):
+    one = agent(learning_rate=1e-3, critic_learning_rate=5e-3, linear_decay=linear)
+    assert one.decay(0.75) == pytest.approx(expected)
+    assert [group["lr"] for group in one.optimiser.param_groups] == pytest.approx([expected, 5e-3])
+
+
+def test_everything_comes_back():
+    one, other, steps = agent(), agent(), rollout(observations(1))
+    one.samples(steps, signals(steps))
+    one.step(weights_sum(one))
+    one.act(np.zeros((N, D), np.float32))
+    other.load_state(one.state())
+    for each in (one, other):
+        each.step(weights_sum(each))
+    assert torch.equal(weights(one.policy.actor), weights(other.policy.actor))
+    assert torch.equal(weights(one.critics), weights(other.critics))
+    obs = observations(3)[0].numpy()
+    for _ in range(5):
+        assert torch.equal(one.act(obs), other.act(obs))
+    assert np.array_equal(one.policy.normaliser.mean, other.policy.normaliser.mean)
+
+
+def weights_sum(one: ActorCritic) -> torch.Tensor:
+    parameters = [*one.policy.actor.parameters(), *one.critics.parameters()]
+    return sum(((p**2).sum() for p in parameters), torch.zeros(()))
+
+
+def test_the_state_of_another_number_of_critics_is_refused():
+    with pytest.raises(AlgorithmError, match="a network of shapes"):
+        agent(1).load_state(agent(2).state())

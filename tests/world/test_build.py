@@ -1,12 +1,9 @@
 """A level and a seed become a world: the same bytes each time, from the cache or not."""
 
-import sys
-
 import numpy as np
 import pytest
 
-from tests.world.test_files import assert_same
-from thalweg.world import LEVELS, World, WorldError, build, load_or_build
+from thalweg.world import LEVELS, World, WorldError, build
 
 pytestmark = pytest.mark.slow
 
@@ -37,26 +34,7 @@ def test_everything_of_a_world_fits_together(hard_world):
     assert (high - world.river.position_m.max(axis=0)).min() >= 55.0
 
 
-def test_a_built_world_is_taken_from_the_cache_and_a_damaged_file_is_replaced(tmp_path, monkeypatch):
-    monkeypatch.setenv("THALWEG_CACHE", str(tmp_path))
-    first = load_or_build("easy", 3)
-    (path,) = (tmp_path / "worlds").iterdir()
-    whole = path.read_bytes()
-    monkeypatch.setattr(sys.modules["thalweg.world.build"], "plan", lambda *_: pytest.fail("built again"))
-    assert_same(load_or_build("Easy", 3), first)
-    monkeypatch.undo()
-    monkeypatch.setenv("THALWEG_CACHE", str(tmp_path))
-    path.write_bytes(whole[: len(whole) // 2])
-    assert_same(load_or_build("Easy", 3), first)
-    assert path.read_bytes() == whole
-
-
 @pytest.mark.parametrize(("seed", "message"), [(-1, "0 or more, not -1"), (1.5, "whole number, not 1.5")])
 def test_a_bad_seed_is_refused(seed, message):
     with pytest.raises(WorldError, match=message):
         build("Easy", seed)
-
-
-def test_an_unknown_level_is_refused():
-    with pytest.raises(WorldError, match="unknown level 'Swamp'; known: Easy, Medium, Hard"):
-        load_or_build("Swamp", 1)

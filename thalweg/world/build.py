@@ -1,15 +1,12 @@
 """How does a level and a seed become a world? The steps in order, each with its own stream of random numbers."""
 
-import contextlib
-import hashlib
 import operator
 from collections.abc import Sequence
 
 import numpy as np
 
-from thalweg.cache import cache_dir, source_hash
 from thalweg.world import light, plants, surface
-from thalweg.world.errors import WorldError, WorldFileError
+from thalweg.world.errors import WorldError
 from thalweg.world.levels import Level, level_named
 from thalweg.world.plan import plan, stream
 from thalweg.world.record import Plants, River, World
@@ -100,23 +97,3 @@ def dress(
         sun_azimuth=azimuth,
         sun_elevation=float(SUN_ELEVATION),
     )
-
-
-def load_or_build(level: Level | str, seed: int | None = None) -> World:
-    """As `build`, but taken from the cache folder if it was built before; a damaged file there is replaced.
-
-    A cache folder that cannot be written to costs time, not the world.
-    """
-    level, seed = resolve(level, seed)
-    made_by = f"{level.key}-{seed}-{source_hash('world', 'kernel.py')}"
-    key = hashlib.sha256(made_by.encode()).hexdigest()[:12]
-    path = cache_dir() / "worlds" / f"{level.name.lower()}-{seed}-{key}.npz"
-    if path.exists():
-        try:
-            return World.load(path)
-        except WorldFileError:
-            path.unlink(missing_ok=True)
-    world = build(level, seed)
-    with contextlib.suppress(OSError):
-        world.save(path)
-    return world

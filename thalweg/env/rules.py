@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from thalweg.env.config import DoneReason
 from thalweg.env.courses import Courses
 from thalweg.env.motion import moved
 from thalweg.env.payment import costs, reward
@@ -16,7 +17,10 @@ from thalweg.env.progress import arrived, credited, followed
 from thalweg.env.volume import hazard
 from thalweg.kernel import kernel
 
-IDLE, MAX_STEP_REACHED, SUCCESS = 4, 5, 6
+IDLE = int(DoneReason.IDLE)
+MAX_STEP_REACHED = int(DoneReason.MAX_STEP_REACHED)
+SUCCESS = int(DoneReason.SUCCESS)
+RUNNING = int(DoneReason.RUNNING)
 
 
 class State(NamedTuple):
@@ -72,7 +76,7 @@ def empty_state(world: np.ndarray, courses: Courses) -> State:
 
 def empty_outcome(count: int) -> Outcome:
     """An outcome of N steps in which nothing happened."""
-    return Outcome(np.zeros(count), np.zeros((count, 2)), np.full(count, -1, dtype=np.int64))
+    return Outcome(np.zeros(count), np.zeros((count, 2)), np.full(count, RUNNING, dtype=np.int64))
 
 
 @kernel(fastmath=False)
@@ -84,7 +88,7 @@ def ending(danger, idle, steps, done, limits, max_steps):
         return IDLE
     if steps >= max_steps:
         return MAX_STEP_REACHED
-    return SUCCESS if done else -1
+    return SUCCESS if done else RUNNING
 
 
 @kernel(fastmath=False)
@@ -123,4 +127,4 @@ def step_all(active, units, courses, limits, state, outcome):
             outcome.reward[row] = 0.0
             outcome.costs[row, 0] = 0.0
             outcome.costs[row, 1] = 0.0
-            outcome.reason[row] = -1
+            outcome.reason[row] = RUNNING

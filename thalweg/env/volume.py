@@ -6,9 +6,16 @@ The centre of the camera decides, but for bridges, which the whole body must not
 
 import math
 
+from thalweg.env.config import DoneReason
 from thalweg.env.motion import wrapped
 from thalweg.env.progress import between, direction
 from thalweg.kernel import kernel
+
+RUNNING = int(DoneReason.RUNNING)
+COLLISION = int(DoneReason.COLLISION)
+OUT_OF_VOLUME_HORIZONTAL = int(DoneReason.OUT_OF_VOLUME_HORIZONTAL)
+OUT_OF_VOLUME_VERTICAL = int(DoneReason.OUT_OF_VOLUME_VERTICAL)
+YAW_OVER_DEVIATION = int(DoneReason.YAW_OVER_DEVIATION)
 
 EDGE = 1.0e-9
 """Metres or radians by which a limit may be passed: nine turns of 10 degrees are 90, whatever their sum rounds to."""
@@ -79,15 +86,14 @@ def deviation(courses, world, segment, fraction, yaw, travel):
 
 @kernel(fastmath=False)
 def hazard(courses, world, limits, ax, ay, az, x, y, z, yaw, segment, fraction, distance, travel):
-    """Code of the first rule broken by a move from a to the pose at x, y, z, yaw: 0 collision, 1 bank or island, 2
-    height, 3 heading; -1 none."""
+    """Code of `DoneReason` for the first rule broken by a move from a to the pose at x, y, z, yaw; -1 for none."""
     if hits_bridge(courses, world, ax, ay, az, x, y, z) >= 0:
-        return 0
+        return COLLISION
     if beyond_bank(courses, world, segment, fraction, distance) > EDGE or on_island(courses, world, x, y) >= 0:
-        return 1
+        return OUT_OF_VOLUME_HORIZONTAL
     height = z - between(courses, world, segment, fraction, courses.level)
     if height < limits.min_height - EDGE or height > limits.max_height + EDGE:
-        return 2
+        return OUT_OF_VOLUME_VERTICAL
     if deviation(courses, world, segment, fraction, yaw, travel) > limits.max_yaw_deviation + EDGE:
-        return 3
-    return -1
+        return YAW_OVER_DEVIATION
+    return RUNNING

@@ -1,6 +1,7 @@
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 
 from thalweg.env import ConfigError, DoneReason, EnvConfig
@@ -49,11 +50,28 @@ def test_an_unknown_option_lists_the_known_ones():
         {"max_yaw_deviation_deg": 190.0},
         {"max_yaw_deviation_deg": 60.0},
         {"max_steps": 0},
+        {"max_height_m": float("inf")},
+        {"max_idle_steps": 0.5},
+        {"max_steps": 2.5},
+        {"max_steps": "500"},
+        {"max_steps": True},
+        {"allow_backward": "no"},
+        {"allow_backward": 1},
+        {"forward_step_m": "1"},
+        {"forward_step_m": True},
+        {"start_heading_deg": float("nan")},
+        {"observation": ["rgb"]},
+        {"camera": None},
     ],
 )
 def test_numbers_out_of_range_are_refused_by_name(wrong: dict):
     with pytest.raises(ConfigError, match=next(iter(wrong))):
         EnvConfig(**wrong)
+
+
+def test_numbers_of_numpy_are_numbers():
+    config = EnvConfig().with_options(max_height_m=np.float32(9.0), max_steps=np.int64(7), allow_backward=np.True_)
+    assert (config.limits.max_height, config.max_steps, config.limits.allow_backward) == (9.0, 7, 1)
 
 
 def test_the_config_is_frozen():

@@ -4,9 +4,14 @@ What follows from a world, such as its length, is not here but in `thalweg.env.c
 """
 
 import math
+import operator
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
+from numbers import Real
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from thalweg.render.camera import Camera
 
@@ -17,6 +22,25 @@ REWARD_SCHEMES = ("paper", "package")
 
 class ConfigError(ValueError):
     """A key or value of a config that is not among the known ones, or is out of range."""
+
+
+def whole(name: str, value: object, least: int) -> int:
+    """A whole number that is not below the least; raises `ConfigError` by name for anything else."""
+    try:
+        number = operator.index(value)  # pyright: ignore[reportArgumentType]
+    except TypeError:
+        number = None
+    if number is None or isinstance(value, bool | np.bool_) or number < least:
+        raise ConfigError(f"{name} must be a whole number of at least {least}, not {value!r}")
+    return number
+
+
+def refuse_unknown(kind: str, given: Iterable[str], known: Iterable[str]) -> None:
+    """Raises `ConfigError` for names that are not among the known ones, which it lists."""
+    known = list(known)
+    unknown = sorted(set(given) - set(known))
+    if unknown:
+        raise ConfigError(f"unknown {kind} {', '.join(map(repr, unknown))}; known: {', '.join(known)}")
 
 
 class DoneReason(IntEnum):
@@ -104,17 +128,32 @@ class EnvConfig:
     def __post_init__(self) -> None:
         known = {"observation": OBSERVATIONS, "action": ACTIONS, "reward_scheme": REWARD_SCHEMES}
         for name, values in known.items():
-            if getattr(self, name) not in values:
-                raise ConfigError(f"unknown {name} {getattr(self, name)!r}; known: {', '.join(values)}")
-        positive = ("vertical_step_m", "forward_step_m", "lateral_step_m", "yaw_step_deg", "max_idle_steps", "body_m")
-        for name in (*positive, "max_steps"):
             value = getattr(self, name)
-            if value is not None and not (value > 0 and math.isfinite(value)):
-                raise ConfigError(f"{name} must be above zero, not {value}")
+            if not isinstance(value, str) or value not in values:
+                raise ConfigError(f"unknown {name} {value!r}; known: {', '.join(values)}")
+        if not isinstance(self.allow_backward, bool | np.bool_):
+            raise ConfigError(f"allow_backward must be True or False, not {self.allow_backward!r}")
+        if not isinstance(self.camera, Camera):
+            raise ConfigError(f"camera must be a Camera, not {self.camera!r}")
+        whole("max_idle_steps", self.max_idle_steps, 1)
+        if self.max_steps is not None:
+            whole("max_steps", self.max_steps, 1)
+        self._check_numbers()
+
+    def _check_numbers(self) -> None:
+        """Raises `ConfigError` for a quantity that is no finite number, or out of range."""
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if entry.name.endswith(("_m", "_deg", "_s")) and not (
+                isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+            ):
+                raise ConfigError(f"{entry.name} must be a finite number, not {value!r}")
+        for name in ("vertical_step_m", "forward_step_m", "lateral_step_m", "yaw_step_deg", "body_m"):
+            if not getattr(self, name) > 0:
+                raise ConfigError(f"{name} must be above zero, not {getattr(self, name)}")
         for name in ("min_height_m", "start_clearance_m", "step_s"):
-            value = getattr(self, name)
-            if not (value >= 0 and math.isfinite(value)):
-                raise ConfigError(f"{name} must not be negative, not {value}")
+            if not getattr(self, name) >= 0:
+                raise ConfigError(f"{name} must not be negative, not {getattr(self, name)}")
         if not self.max_height_m > self.min_height_m:
             raise ConfigError(f"max_height_m = {self.max_height_m} must be above min_height_m = {self.min_height_m}")
         if not 0 < self.max_yaw_deviation_deg <= 180:
@@ -127,10 +166,7 @@ class EnvConfig:
 
     def with_options(self, **options: Any) -> "EnvConfig":
         """A copy with some fields changed; raises `ConfigError` for an unknown key, naming the known ones."""
-        known = [entry.name for entry in fields(self)]
-        unknown = sorted(set(options) - set(known))
-        if unknown:
-            raise ConfigError(f"unknown option {', '.join(map(repr, unknown))}; known: {', '.join(known)}")
+        refuse_unknown("option", options, (entry.name for entry in fields(self)))
         return replace(self, **options)
 
     @property

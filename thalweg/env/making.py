@@ -6,7 +6,7 @@ from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
-from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig
+from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig, refuse_unknown, whole
 from thalweg.env.single import RiverEnv
 from thalweg.env.vector import RiverVectorEnv
 from thalweg.world.record import World
@@ -27,7 +27,8 @@ def make_single(
     Further options are fields of `EnvConfig`.
     """
     config = _with_options(config, options, ("world", "world_seed", "renderer", "render_mode", "config"))
-    worlds = _worlds(level, None if world is None else [world], None if world_seed is None else [world_seed])
+    seeds = None if world_seed is None else [whole("world_seed", world_seed, 0)]
+    worlds = _worlds(level, None if world is None else [world], seeds)
     return RiverEnv(worlds[0], config, renderer=renderer, render_mode=render_mode)
 
 
@@ -51,7 +52,7 @@ def make_vector(
     config = _with_options(config, options, own)
     given = [worlds] if isinstance(worlds, World) else worlds
     return RiverVectorEnv(
-        _worlds(level, given, world_seeds),
+        _worlds(level, given, None if world_seeds is None else _seeds(world_seeds)),
         num_envs,
         config,
         renderer=renderer,
@@ -65,24 +66,31 @@ make_single.metadata = RiverEnv.metadata  # pyright: ignore[reportFunctionMember
 
 def _with_options(config: EnvConfig, options: dict[str, Any], own: Sequence[str]) -> EnvConfig:
     """The config with some fields changed; raises `ConfigError` for an unknown option."""
-    known = [*own, *(field.name for field in fields(config))]
-    unknown = sorted(set(options) - set(known))
-    if unknown:
-        raise ConfigError(f"unknown option {', '.join(map(repr, unknown))}; known: {', '.join(known)}")
+    refuse_unknown("option", options, [*own, *(field.name for field in fields(config))])
     return config.with_options(**options)
 
 
 def _worlds(level: str, worlds: Sequence[World] | None, seeds: Sequence[int] | None) -> Sequence[World]:
-    """The given worlds, or those of the level from some seeds, or its fixed one."""
+    """The given worlds, or those of the level from some checked seeds, or its fixed one."""
     if worlds is not None:
         if seeds is not None:
             raise ConfigError("give either worlds or seeds of worlds, not both")
         return list(worlds)
+    if not isinstance(level, str):
+        raise ConfigError(f"level must be a name, not {level!r}")
     from thalweg.world import load_or_build
     from thalweg.world.levels import level_named
 
     if seeds is None:
         seeds = [level_named(level).default_seed]
+    return [load_or_build(level, seed) for seed in seeds]
+
+
+def _seeds(given: Sequence[int]) -> list[int]:
+    """Seeds of worlds as whole numbers; raises `ConfigError` for anything else."""
+    if isinstance(given, str) or not hasattr(given, "__iter__"):
+        raise ConfigError(f"world_seeds must be a list of whole numbers, not {given!r}")
+    seeds = [whole("each of world_seeds", seed, 0) for seed in given]
     if not seeds:
-        raise ConfigError("at least one seed of a world is needed")
-    return [load_or_build(level, int(seed)) for seed in seeds]
+        raise ConfigError("world_seeds needs at least one seed")
+    return seeds

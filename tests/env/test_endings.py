@@ -39,9 +39,14 @@ def test_the_step_limit_truncates(limit: int):
 
 
 def test_the_levels_have_500_steps_and_other_worlds_as_many_as_their_length_asks_for():
-    circle = [[math.cos(a), math.sin(a)] for a in (0.0, 2.0, 4.0)]
-    worlds = [world_of(circle, name="Medium"), world_of([[0, 0], [100, 0], [100, 100], [0, 100]]), canal(99.0)]
-    assert pack(worlds, EnvConfig()).max_steps.tolist() == [500, 540, 134]
+    def square(side_m: float, name: str = "handmade"):
+        return world_of([[0, 0], [side_m, 0], [side_m, side_m], [0, side_m]], name=name)
+
+    worlds = [square(93.5, "medium"), square(95.0, "Medium"), canal(99.0)]
+    assert pack(worlds, EnvConfig()).max_steps.tolist() == [500, 500, 134]
+    assert pack([square(93.5), square(93.5, "Easy"), square(96.0, "Medium")], EnvConfig()).max_steps.tolist() == [
+        505, 505, 519,
+    ]  # fmt: skip
     assert pack(worlds, EnvConfig(max_steps=77)).max_steps.tolist() == [77, 77, 77]
 
 

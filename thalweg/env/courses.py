@@ -8,7 +8,9 @@ purpose: everything that is only drawn.
 import hashlib
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import asdict
+from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +23,8 @@ LEVEL_MAX_STEPS = 500
 """Step limit of the levels (paper)."""
 STEPS_PER_METRE = 1.35
 """Step limit of any other world, per metre of its course: what 500 steps are for a loop of about 370 m."""
-NO_LIMIT = 1.0e9
+LEVEL_LENGTH_SHARE = 0.02
+"""A course that differs by more of its length from the level whose name it bears is no river of that level."""
 
 
 class Courses(NamedTuple):
@@ -62,12 +65,12 @@ class Courses(NamedTuple):
     d."""
 
 
-def pack(worlds: Sequence[World], config: EnvConfig, hull_planes: Callable | None = None) -> Courses:
-    """The courses of some worlds under a config; `hull_planes` [11] -> [P, 4] gives a bridge's convex hull."""
+def pack(worlds: Sequence[World], config: EnvConfig) -> Courses:
+    """The courses of some worlds under a config."""
     if not worlds:
         raise ValueError("at least one world is needed")
     rivers = [world.river for world in worlds]
-    solids = [grown_hull(row, config.body_m, hull_planes) for world in worlds for row in world.bridges]
+    solids = [grown_hull(row, config.body_m) for world in worlds for row in world.bridges]
     return Courses(
         first_sample=_offsets([len(river.arc_m) for river in rivers]),
         closed=np.array([int(river.closed) for river in rivers], dtype=np.int64),
@@ -94,20 +97,22 @@ def step_limit(world: World, config: EnvConfig) -> int:
         return int(config.max_steps)
     from thalweg.world.levels import LEVELS
 
-    if world.name.lower() in {name.lower() for name in LEVELS}:
-        return LEVEL_MAX_STEPS
+    for level in LEVELS.values():
+        near = abs(world.river.length_m - level.length_m) <= LEVEL_LENGTH_SHARE * level.length_m
+        if world.name.lower() == level.name.lower() and near:
+            return LEVEL_MAX_STEPS
     return math.ceil(STEPS_PER_METRE * world.river.length_m)
 
 
-def grown_hull(row: np.ndarray, body_m: float, hull_planes: Callable | None = None) -> tuple[np.ndarray, np.ndarray]:
+def grown_hull(row: np.ndarray, body_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Planes [P, 4] and vertices [V, 3] of a bridge's convex hull grown by the body: where the centre of a cube that
     touches it may be.
 
     The Minkowski sum of hull and cube is the convex hull of all sums of their corners; pushing each plane out by the
     cube's support alone would leave the grown solid too large at its edges.
     """
-    if hull_planes is None:
-        from thalweg.world.bridges import hull_planes
+    from thalweg.world.bridges import hull_planes
+
     planes = np.asarray(hull_planes(row), dtype=np.float64)
     vertices = HalfspaceIntersection(
         np.column_stack([planes[:, :3], -planes[:, 3]]), _inner_point(planes)
@@ -122,12 +127,31 @@ def grown_hull(row: np.ndarray, body_m: float, hull_planes: Callable | None = No
 
 
 def fingerprint(world: World) -> int:
-    """A number that differs between worlds whose rules differ, to refuse a state that belongs to another world."""
-    digest = hashlib.sha256()
+    """A number that differs between worlds whose rules or looks differ, to refuse a state of another world.
+
+    Light and the rest of the maps follow from what is hashed.
+    """
+    digest = hashlib.sha256(repr((world.name, int(world.seed), bool(world.river.closed))).encode())
     river = world.river
-    for array in (river.position_m, river.width_m, river.level_m, world.islands, world.bridges):
-        digest.update(np.ascontiguousarray(array, dtype=np.float64).tobytes())
-    digest.update(bytes([river.closed]))
+    rules = (river.position_m, river.width_m, river.level_m, world.islands, world.bridges)
+    looks = (world.ground_m, world.albedo, world.plants.position_m, [world.sun_azimuth, world.sun_elevation])
+    for array in (*rules, *looks):
+        whole = np.ascontiguousarray(array, dtype=np.float64)
+        digest.update(repr(whole.shape).encode())
+        digest.update(whole.tobytes())
+    return _number(digest)
+
+
+def config_fingerprint(config: EnvConfig) -> int:
+    """A number that differs between configs with unlike values, however equal ones are written (15 and 15.0)."""
+    values = {**asdict(config), "camera": asdict(config.camera)}
+    plain = {name: float(value) if isinstance(value, Real) else value for name, value in values.items()}
+    plain["camera"] = {name: float(value) for name, value in values["camera"].items()}
+    return _number(hashlib.sha256(repr(plain).encode()))
+
+
+def _number(digest: "hashlib._Hash") -> int:
+    """The first 64 bits of a digest."""
     return int.from_bytes(digest.digest()[:8], "little")
 
 
@@ -140,7 +164,7 @@ def _inner_point(planes: np.ndarray) -> np.ndarray:
         [0.0, 0.0, 0.0, -1.0],
         A_ub=np.column_stack([planes[:, :3], norm]),
         b_ub=planes[:, 3],
-        bounds=[(None, None)] * 3 + [(0.0, NO_LIMIT)],
+        bounds=[(None, None)] * 3 + [(0.0, None)],
     )
     if not found.success or found.x[3] <= 0:
         raise ValueError("the planes of a bridge's hull enclose no solid")

@@ -1,12 +1,33 @@
 """Thalweg: a photo-realistic river world and a benchmark of safe reinforcement learning on it.
 
-Importing the package registers its Gymnasium ids and nothing else; its parts are imported when they are used.
+Importing the package registers its Gymnasium ids, and a note of forks; its parts are imported when they are used.
 """
+
+import os
+import sys
 
 from gymnasium.envs.registration import register, registry
 
 LEVEL_IDS = {name: f"thalweg/{name}-v0" for name in ("Easy", "Medium", "Hard")}
 """Gymnasium id of each level's fixed river."""
+
+
+forked_after_kernels = False
+"""Whether this process was forked from one in which kernels had run on OpenMP's threads, which do not survive that."""
+
+
+def _note_fork() -> None:
+    """In a child just forked: see whether Numba's threads ran in the parent, and were those of OpenMP."""
+    global forked_after_kernels
+    numba = sys.modules.get("numba")
+    try:
+        forked_after_kernels |= numba is not None and numba.threading_layer() == "omp"
+    except (AttributeError, ValueError):  # half imported; no kernel has run on several threads yet
+        return
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_note_fork)
 
 
 def register_envs() -> None:

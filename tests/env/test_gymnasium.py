@@ -72,6 +72,48 @@ def test_worlds_and_seeds_of_worlds_exclude_each_other():
         gymnasium.make_vec("thalweg/Easy-v0", worlds=[ring()], world_seeds=[1])
 
 
+@pytest.mark.parametrize(
+    ("make", "wrong", "message"),
+    [
+        (gymnasium.make, {"world_seed": 1.7}, r"world_seed must be a whole number.*1\.7"),
+        (gymnasium.make, {"world_seed": -1}, "world_seed must be a whole number.*-1"),
+        (gymnasium.make, {"world_seed": True}, "world_seed must be a whole number.*True"),
+        (gymnasium.make, {"level": 3}, "level must be a name, not 3"),
+        (gymnasium.make_vec, {"world_seeds": 1}, "world_seeds must be a list of whole numbers, not 1"),
+        (gymnasium.make_vec, {"world_seeds": [1, "2"]}, "world_seeds must be a whole number.*'2'"),
+        (gymnasium.make_vec, {"world_seeds": []}, "at least one"),
+    ],
+)
+def test_a_world_that_cannot_be_named_is_refused(make, wrong: dict, message: str):
+    with pytest.raises(ConfigError, match=message):
+        make("thalweg/Easy-v0", **wrong)
+
+
+def test_seeds_of_worlds_may_be_an_array(monkeypatch: pytest.MonkeyPatch):
+    asked = []
+    monkeypatch.setattr("thalweg.world.load_or_build", lambda level, seed: asked.append((level, seed)) or ring())
+    gymnasium.make_vec("thalweg/Easy-v0", num_envs=2, world_seeds=np.array([4, 2]), observation="none")
+    assert asked == [("Easy", 4), ("Easy", 2)]
+    assert all(type(seed) is int for _, seed in asked)
+
+
+def test_frames_are_shown_as_fast_as_time_passes():
+    config = EnvConfig(observation="none", step_s=0.5)
+    assert RiverEnv.metadata["render_fps"] == RiverVectorEnv.metadata["render_fps"] == 4
+    assert RiverEnv(ring(), config).metadata["render_fps"] == RiverVectorEnv(ring(), 1, config).metadata["render_fps"]
+    assert RiverEnv(ring(), config).metadata["render_fps"] == 2
+
+
+def test_the_name_of_the_module_in_front_of_an_id_stands_for_its_import():
+    code = (
+        "import gymnasium; from tests.env.handmade import ring; "
+        "env = gymnasium.make('thalweg:thalweg/Easy-v0', world=ring(), observation='none'); "
+        "print(env.spec.kwargs['level'])"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "Easy"
+
+
 @pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP])
 def test_ours_agrees_with_gymnasiums_vector_of_single_environments(mode: AutoresetMode):
     config = EnvConfig(max_idle_steps=6)

@@ -1,17 +1,20 @@
 import math
 
+import gymnasium
 import numpy as np
 import pytest
 
 from tests.env.handmade import canal, ring
 from tests.env.rivers import river
-from thalweg.env import ConfigError, EnvConfig, RiverVectorEnv, UnsafePoseError, sample_starts
+from thalweg.env import ConfigError, EnvConfig, RiverEnv, RiverVectorEnv, UnsafePoseError, sample_starts
 from thalweg.env.courses import pack
-from thalweg.env.starts import check_pose
+from thalweg.env.starts import CLOCK_S, check_pose
 from thalweg.env.volume import on_island
 from thalweg.world.bridges import across
 
 BRIDGE = across(np.array([20.0, 0.0]), np.array([1.0, 0.0]), 6.0, 0.0, np.random.default_rng(1))[None]
+START_OF_SEED_3 = (18.5228022981009, 11.05646493813216, 12.118479745492754, 2.338381115528124)
+"""Of a ring of radius 20 m; known from the first version."""
 
 
 @pytest.mark.parametrize(
@@ -34,6 +37,50 @@ def test_an_unsafe_pose_says_which_limit_it_breaks(pose, message):
     with pytest.raises(UnsafePoseError, match=message):
         env.reset(seed=5, options={"pose": np.array(pose)})
     assert all(np.array_equal(value, before[key]) for key, value in env.get_state().items())
+
+
+def test_one_environment_draws_nothing_for_an_unsafe_pose_either():
+    env = RiverEnv(canal(), EnvConfig(observation="none"))
+    env.reset(seed=1)
+    before = env.get_state()
+    with pytest.raises(UnsafePoseError, match="above max_height_m"):
+        env.reset(seed=5, options={"pose": np.array([10.0, 0.0, 16.7, 0.0])})
+    assert all(np.array_equal(value, before[key]) for key, value in env.get_state().items())
+    assert env.np_random is env.vector.generators[0]
+    assert env.np_random_seed == 1
+
+
+@pytest.mark.parametrize("seed", [-1, [3, -1], [3, 1.5], 1.5, "1"])
+def test_a_bad_seed_changes_nothing(seed):
+    env = RiverVectorEnv(canal(), 2, EnvConfig(observation="none"))
+    env.reset(seed=1)
+    before = env.get_state()
+    with pytest.raises((ConfigError, gymnasium.error.Error), match=r"seed"):
+        env.reset(seed=seed)
+    assert all(np.array_equal(value, before[key]) for key, value in env.get_state().items())
+    assert env.np_random_seed == 1
+
+
+def test_a_safe_pose_is_flown_from_where_no_random_start_is_found():
+    env = RiverVectorEnv(canal(width_m=0.8), 1, EnvConfig(observation="none"))
+    with pytest.raises(UnsafePoseError, match="no safe start found"):
+        env.reset(seed=0)
+    observations, _ = env.reset(seed=0, options={"pose": [10.0, 0.0, 5.0, 0.0]})
+    assert observations[0].tolist() == [10.0, 0.0, 5.0, 0.0]
+
+
+def test_a_pose_leaves_only_the_clock_to_chance():
+    env = RiverVectorEnv(canal(), 1, EnvConfig(observation="none"))
+    env.reset(seed=8, options={"pose": [10.0, 0.0, 5.0, 0.0]})
+    generator = np.random.default_rng(8)
+    assert env.state.time_s[0] == CLOCK_S * generator.random()
+    assert env.generators[0] is not None
+    assert env.generators[0].bit_generator.state == generator.bit_generator.state
+
+
+def test_random_starts_are_those_that_policies_were_trained_from():
+    observations, _ = RiverVectorEnv(ring(), 1, EnvConfig(observation="none")).reset(seed=3)
+    assert observations[0] == pytest.approx(START_OF_SEED_3, abs=1e-12)
 
 
 def test_a_heading_off_the_course_is_unsafe_where_the_limit_is_narrow():

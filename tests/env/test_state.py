@@ -1,14 +1,23 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.env.handmade import BlankRenderer, hairpin, ring
 from thalweg.env import EnvConfig, RiverEnv, RiverVectorEnv, StateError
+from thalweg.env.config import DEFAULT_CONFIG
+from thalweg.world.record import World
 
 
-def make(mode: str = "SAME_STEP", worlds=None, num_envs: int = 4) -> RiverVectorEnv:
+def make(mode: str = "SAME_STEP", worlds=None, num_envs: int = 4, config: EnvConfig = DEFAULT_CONFIG) -> RiverVectorEnv:
     return RiverVectorEnv(
-        worlds or [ring(), hairpin()], num_envs, EnvConfig(), renderer=BlankRenderer(), autoreset_mode=mode
+        worlds or [ring(), hairpin()], num_envs, config, renderer=BlankRenderer(), autoreset_mode=mode
     )
+
+
+def planted(world: World) -> World:
+    """The world with one plant more."""
+    return replace(world, plants=replace(world.plants, position_m=np.zeros((1, 3), np.float32)))
 
 
 def flown(env: RiverVectorEnv, steps: int, seed: int) -> list[np.ndarray]:
@@ -82,6 +91,16 @@ def test_one_environment_resumes_too():
         ({"num_envs": 2}, "this environment has"),
         ({"worlds": [ring(), hairpin(width_m=5.9)]}, "other worlds"),
         ({"worlds": [hairpin(), ring()]}, "other worlds"),
+        ({"worlds": [ring(), hairpin(name="other")]}, "other worlds"),
+        ({"worlds": [ring(), replace(hairpin(), seed=1)]}, "other worlds"),
+        ({"worlds": [ring(), replace(hairpin(), sun_azimuth=1.0)]}, "other worlds"),
+        ({"worlds": [ring(), replace(hairpin(), sun_elevation=0.5)]}, "other worlds"),
+        ({"worlds": [ring(), replace(hairpin(), ground_m=np.ones((2, 2), np.float32))]}, "other worlds"),
+        ({"worlds": [ring(), replace(hairpin(), albedo=np.ones((2, 2, 3), np.uint8))]}, "other worlds"),
+        ({"worlds": [ring(), planted(hairpin())]}, "other worlds"),
+        ({"config": EnvConfig(max_height_m=14.0)}, "another config"),
+        ({"config": EnvConfig(reward_scheme="package")}, "another config"),
+        ({"config": EnvConfig(max_steps=500)}, "another config"),
     ],
 )
 def test_a_state_of_another_environment_is_refused_before_anything_changes(other: dict, message: str):
@@ -108,3 +127,35 @@ def test_an_environment_that_never_began_has_a_state():
     other.reset(seed=0)
     other.set_state(env.get_state())
     assert other.generators == [None] * 4
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong", "message"),
+    [
+        ("segment", 96, r"segment.*0\.\.95.*environment 0"),
+        ("segment", -1, r"segment.*environment 0"),
+        ("travel", 0, r"travel.*environment 0"),
+        ("pose", np.nan, r"pose.*environment 0"),
+        ("time_s", np.inf, r"time_s.*environment 0"),
+        ("visited", 2, r"visited.*environment 0"),
+        ("visited_count", 90, r"visited_count.*environment 0"),
+        ("steps", -1, r"steps.*environment 0"),
+        ("idle", -1, r"idle.*environment 0"),
+        ("generator", 0, r"generator.*environment 0"),
+    ],
+)
+def test_values_that_no_episode_has_are_refused_by_name(name: str, wrong: float, message: str):
+    env = make()
+    env.reset(seed=0)
+    before, state = env.get_state(), env.get_state()
+    state[name][0] = wrong
+    with pytest.raises(StateError, match=message):
+        env.set_state(state)
+    assert all(np.array_equal(value, before[key]) for key, value in env.get_state().items())
+
+
+def test_an_equal_config_written_otherwise_takes_the_state():
+    env, other = make(config=EnvConfig(max_height_m=15)), make(config=EnvConfig(max_height_m=15.0))
+    env.reset(seed=0)
+    other.set_state(env.get_state())
+    assert np.array_equal(env.state.pose, other.state.pose)

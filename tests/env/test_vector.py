@@ -7,6 +7,7 @@ from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 from tests.env.flights import FORWARD, HOVER, at
 from tests.env.handmade import BlankRenderer, canal, hairpin, ring
 from thalweg.env import ConfigError, EnvConfig, RiverEnv, RiverVectorEnv
+from thalweg.render.camera import Camera
 
 NONE = EnvConfig(observation="none")
 KEYS = ("cost", "costs", "done_reason", "progress", "pose")
@@ -55,7 +56,7 @@ def test_same_step_begins_anew_at_once_and_hands_out_what_was_last_seen():
     assert np.array_equal(observations[0], env.state.pose[0])
     assert not np.array_equal(observations[0], info["final_obs"][0])
     assert (env.state.steps.tolist(), env.state.visited_count.tolist()) == ([0, 9], [0, 10])
-    assert "final_obs" not in forward(env, 1)[4]
+    assert "final_obs" not in env.step(np.array([HOVER, HOVER]))[4]
 
 
 def test_next_step_spends_one_step_on_the_reset():
@@ -218,6 +219,7 @@ def test_worlds_are_dealt_out_in_turn():
     [
         ({"num_envs": 0}, "num_envs"),
         ({"num_envs": 1, "autoreset_mode": "SOMETIMES"}, "known: NEXT_STEP, SAME_STEP, DISABLED"),
+        ({"num_envs": 1.5}, "num_envs"),
         ({"num_envs": 1, "render_mode": "human"}, "known: rgb_array"),
     ],
 )
@@ -255,3 +257,30 @@ def test_one_environment_is_a_vector_of_one():
         if terminated or truncated:
             break
     assert np.array_equal(single.pilot_action(), vector.pilot_actions()[0])
+
+
+class WorldsRenderer(BlankRenderer):
+    """One that says which worlds it draws, and through which camera."""
+
+    def __init__(self, worlds, camera: Camera | None = None) -> None:
+        super().__init__()
+        self.worlds, self.camera = tuple(worlds), camera or Camera(8, 8)
+
+
+@pytest.mark.parametrize("worlds", [[hairpin(), ring()], [ring()], [ring(), hairpin(width_m=5.9)]])
+def test_a_renderer_of_other_worlds_is_refused(worlds):
+    with pytest.raises(ConfigError, match="renderer draws other worlds"):
+        RiverVectorEnv([ring(), hairpin()], 2, renderer=WorldsRenderer(worlds))
+
+
+def test_a_renderer_of_equal_worlds_is_taken():
+    env = RiverVectorEnv([ring(), hairpin()], 2, renderer=WorldsRenderer([ring(), hairpin()]))
+    assert env.reset(seed=0)[0].shape == (2, 8, 8, 4)
+
+
+def test_a_camera_that_the_renderer_does_not_have_is_refused():
+    config = EnvConfig(camera=Camera(8, 8, fov_deg=50.0))
+    with pytest.raises(ConfigError, match=r"config\.camera.*renderer"):
+        RiverVectorEnv(ring(), 1, config, renderer=WorldsRenderer([ring()]))
+    env = RiverVectorEnv(ring(), 1, config, renderer=WorldsRenderer([ring()], Camera(8, 8, fov_deg=50.0)))
+    assert env.camera == config.camera

@@ -113,7 +113,8 @@ def arrived(courses, world, segment, travel, visited_count):
     """Whether the course is done: every segment of a loop visited; on an open course the last one in the direction of
     travel.
 
-    An open course is done at its far end, so that a start in its middle need visit only what lies ahead.
+    An open course is done on entering its last segment, so that a start in its middle need visit only what lies
+    ahead. Its very end could not be asked for: the volume ends there, and one who passes it near a bank is out.
     """
     if courses.closed[world] != 0:
         return visited_count == courses.segments[world]

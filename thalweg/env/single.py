@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from thalweg.env.config import DEFAULT_CONFIG, EnvConfig
+from thalweg.env.config import DEFAULT_CONFIG, EnvConfig, whole
 from thalweg.env.observation import one_of
 from thalweg.env.vector import RiverVectorEnv
 from thalweg.world.record import World
@@ -19,7 +19,10 @@ INFO = {"cost": float, "done_reason": int, "progress": float}
 class RiverEnv(gymnasium.Env):
     """One environment in one world; `info` has the keys of `RiverVectorEnv` without the leading dimension."""
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": ["rgb_array"],
+        "render_fps": 1.0 / DEFAULT_CONFIG.step_s,
+    }
 
     def __init__(
         self, world: World, config: EnvConfig = DEFAULT_CONFIG, *, renderer: Any = None, render_mode: str | None = None
@@ -28,15 +31,17 @@ class RiverEnv(gymnasium.Env):
         self.vector = RiverVectorEnv(
             [world], 1, config, renderer=renderer, autoreset_mode=AutoresetMode.DISABLED, render_mode=render_mode
         )
+        self.metadata = {**self.metadata, "render_fps": self.vector.metadata["render_fps"]}
         self.render_mode = render_mode
         self.observation_space = self.vector.single_observation_space
         self.action_space = self.vector.single_action_space
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin a new episode, at `options["pose"]` [4] if given; returns observation and info."""
-        super().reset(seed=seed)
+        rows, poses = self.vector.checked_options(options)
+        super().reset(seed=None if seed is None else whole("seed", seed, 0))
         self.vector.generators[0] = self.np_random
-        observations, info = self.vector.reset(options=options)
+        observations, info = self.vector.begin(rows, poses)
         return one_of(observations, 0), _single(info)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:

@@ -122,6 +122,11 @@ def random_start(
     raise UnsafePoseError(f"no safe start found in world {world} among {TRIES} random poses")
 
 
+def random_clock(generator: np.random.Generator) -> float:
+    """The time (s) at which the water's clock begins where the pose is given."""
+    return CLOCK_S * float(generator.random())
+
+
 def sample_starts(world: World, count: int, seed: int, config: EnvConfig = DEFAULT_CONFIG) -> np.ndarray:
     """Random safe start poses [count, 4] in a world; start i depends on the seed and i alone."""
     courses = pack([world], config)

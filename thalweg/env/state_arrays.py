@@ -7,13 +7,14 @@ import numpy as np
 
 from thalweg.env.rules import State
 
-FIXED = ("fingerprint", "world")
-"""Keys whose values must be those of the environment itself."""
+FIXED = {"fingerprint": "other worlds", "world": "other worlds", "config": "another config"}
+"""Keys whose values must be those of the environment itself, and what it means when they differ."""
 WORD = (1 << 64) - 1
 
 
 class StateError(ValueError):
-    """A state that does not fit the environment: other worlds, another number of environments, or missing arrays."""
+    """A state that does not fit the environment: other worlds, another config or number of environments, missing
+    arrays, or values that no episode has."""
 
 
 def gathered(
@@ -21,21 +22,22 @@ def gathered(
     generators: list[np.random.Generator | None],
     begun: np.ndarray,
     ended: np.ndarray,
-    fingerprints: np.ndarray,
+    fixed: Mapping[str, np.ndarray],
 ) -> dict[str, np.ndarray]:
-    """Copies of everything: the fields of `State`, begun and ended [N] bool, generator [N, 6] uint64, fingerprint [W]
-    uint64."""
+    """Copies of everything: the fields of `State`, begun and ended [N] bool, generator [N, 6] uint64, and what is
+    `fixed`: fingerprint [W] uint64 and config [1] uint64."""
     return {
         **{name: value.copy() for name, value in state._asdict().items()},
         "begun": begun.copy(),
         "ended": ended.copy(),
         "generator": np.stack([words(generator) for generator in generators]),
-        "fingerprint": fingerprints,
+        **{name: value.copy() for name, value in fixed.items()},
     }
 
 
-def check(given: Mapping[str, np.ndarray], own: Mapping[str, np.ndarray]) -> None:
-    """Raises `StateError` unless `given` has the keys, shapes and types of `own` and belongs to the same worlds."""
+def check(given: Mapping[str, np.ndarray], own: Mapping[str, np.ndarray], segments: np.ndarray) -> None:
+    """Raises `StateError` unless `given` has the keys, shapes and types of `own`, belongs to the same worlds and
+    config, and holds values that an episode can have; segments [N] of each environment's course."""
     if set(given) != set(own):
         missing, unknown = sorted(set(own) - set(given)), sorted(set(given) - set(own))
         raise StateError(f"the state lacks {missing} and has unknown {unknown}")
@@ -44,7 +46,30 @@ def check(given: Mapping[str, np.ndarray], own: Mapping[str, np.ndarray]) -> Non
         if array.shape != value.shape or array.dtype != value.dtype:
             raise StateError(f"{name} is {array.dtype} {array.shape}; this environment has {value.dtype} {value.shape}")
         if name in FIXED and not np.array_equal(array, value):
-            raise StateError(f"the state belongs to other worlds ({name} differs)")
+            raise StateError(f"the state belongs to {FIXED[name]} ({name} differs)")
+    _check_values({name: np.asarray(array) for name, array in given.items()}, segments)
+
+
+def _check_values(given: Mapping[str, np.ndarray], segments: np.ndarray) -> None:
+    """Raises `StateError` by the name of the first array whose values would lead a step out of bounds."""
+    segment, visited = given["segment"], given["visited"]
+    on_course = np.arange(visited.shape[1]) < segments[:, None]
+    wrong = {
+        "segment": (segment < 0) | (segment >= segments),
+        "travel": np.abs(given["travel"]) != 1,
+        "pose": ~np.isfinite(given["pose"]).all(axis=1),
+        "time_s": ~np.isfinite(given["time_s"]),
+        "visited": (visited > on_course).any(axis=1),
+        "visited_count": given["visited_count"] != visited.sum(axis=1),
+        "steps": given["steps"] < 0,
+        "idle": given["idle"] < 0,
+        "generator": given["begun"] & ~given["generator"].any(axis=1),
+    }
+    for name, rows in wrong.items():
+        if rows.any():
+            row = int(np.argmax(rows))
+            allowed = f"; allowed: 0..{segments[row] - 1}" if name == "segment" else ""
+            raise StateError(f"{name} has a value that no episode has{allowed} (environment {row})")
 
 
 def scatter(

@@ -6,6 +6,7 @@ returned are never written to again.
 """
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import gymnasium
@@ -14,13 +15,13 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from thalweg.env import state_arrays
+from thalweg.env import forking, state_arrays
 from thalweg.env.actions import action_space, from_units, units
-from thalweg.env.config import DEFAULT_CONFIG, ConfigError, DoneReason, EnvConfig
-from thalweg.env.courses import fingerprint, pack
+from thalweg.env.config import DEFAULT_CONFIG, ConfigError, DoneReason, EnvConfig, refuse_unknown, whole
+from thalweg.env.courses import config_fingerprint, fingerprint, pack
 from thalweg.env.observation import observation_space, observed, one_of
 from thalweg.env.rules import empty_outcome, empty_state, step_all
-from thalweg.env.starts import check_pose, heading_way, located, random_start
+from thalweg.env.starts import check_pose, heading_way, located, random_clock, random_start
 from thalweg.world.record import World
 
 OPTIONS = ("pose", "reset_mask")
@@ -37,7 +38,7 @@ class RiverVectorEnv(VectorEnv):
 
     metadata: dict[str, Any] = {  # noqa: RUF012
         "render_modes": ["rgb_array"],
-        "render_fps": 20,
+        "render_fps": 1.0 / DEFAULT_CONFIG.step_s,
         "autoreset_mode": AutoresetMode.SAME_STEP,
     }
 
@@ -52,17 +53,18 @@ class RiverVectorEnv(VectorEnv):
         render_mode: str | None = None,
     ) -> None:
         """`renderer`: any object with `.camera` and `.render(poses, world_index, time_s, out)`; None: ours, made when
-        needed."""
-        if num_envs < 1:
-            raise ConfigError(f"num_envs must be at least 1, not {num_envs}")
+        needed. One that has `.worlds` must have ours, and a `config.camera` of one's own must be the renderer's."""
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(f"unknown render_mode {render_mode!r}; known: {', '.join(self.metadata['render_modes'])}")
         self.worlds = (worlds,) if isinstance(worlds, World) else tuple(worlds)
-        self.num_envs = int(num_envs)
+        self.num_envs = whole("num_envs", num_envs, 1)
         self.config = config
         self.autoreset_mode = _mode(autoreset_mode)
-        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        frames_per_s = 1.0 / config.step_s if config.step_s > 0 else self.metadata["render_fps"]
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode, "render_fps": frames_per_s}
         self.render_mode = render_mode
+        if renderer is not None:
+            _check_renderer(renderer, self.worlds, config)
         self.camera = config.camera if renderer is None else renderer.camera
         self._renderer = renderer
 
@@ -91,11 +93,18 @@ class RiverVectorEnv(VectorEnv):
 
         `options["pose"]`, [4] or [N, 4], begins them there; raises `UnsafePoseError` when a pose breaks a limit.
         """
-        rows, poses = self._reset_options(options or {})
+        rows, poses = self.checked_options(options)
         seeds = self._seeds(seed)
         renewed = [row for row in rows if seeds[row] is not None or self.generators[row] is None]
         for row, generator in [(row, seeding.np_random(seeds[row])[0]) for row in renewed]:
             self.generators[row] = generator
+        if isinstance(seed, int | np.integer):
+            self._np_random_seed = int(seed)
+        return self.begin(rows, poses)
+
+    def begin(self, rows: Sequence[int], poses: np.ndarray | None) -> tuple[Any, dict[str, Any]]:
+        """Begin new episodes in the environments `rows`, at checked poses [N, 4] or random ones; returns as
+        `reset`."""
         for row in rows:
             self._begin(row, None if poses is None else poses[row])
         _clear(self._outcome, rows)
@@ -157,20 +166,26 @@ class RiverVectorEnv(VectorEnv):
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that the future depends on, generators included, as arrays of its own."""
-        prints = np.array([fingerprint(world) for world in self.worlds], dtype=np.uint64)
-        return state_arrays.gathered(self.state, self.generators, self._begun, self._ended, prints)
+        return state_arrays.gathered(self.state, self.generators, self._begun, self._ended, self._fixed)
+
+    @cached_property
+    def _fixed(self) -> dict[str, np.ndarray]:
+        """What a state must have in common with this environment to be its own."""
+        return {
+            "fingerprint": np.array([fingerprint(world) for world in self.worlds], dtype=np.uint64),
+            "config": np.array([config_fingerprint(self.config)], dtype=np.uint64),
+        }
 
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Go on from a state of `get_state`; raises `StateError` before anything changes when it does not fit."""
-        state_arrays.check(state, self.get_state())
+        state_arrays.check(state, self.get_state(), self.courses.segments[self.world_index])
         state_arrays.scatter(state, self.state, self.generators, self._begun, self._ended)
         self._shown = None
 
-    def _reset_options(self, options: Mapping[str, Any]) -> tuple[list[int], np.ndarray | None]:
+    def checked_options(self, options: Mapping[str, Any] | None) -> tuple[list[int], np.ndarray | None]:
         """Rows to reset and their poses [N, 4] or None; everything is checked here, before anything changes."""
-        unknown = sorted(set(options) - set(OPTIONS))
-        if unknown:
-            raise ConfigError(f"unknown reset option {', '.join(map(repr, unknown))}; known: {', '.join(OPTIONS)}")
+        options = options or {}
+        refuse_unknown("reset option", options, OPTIONS)
         mask = options.get("reset_mask")
         if mask is None:
             mask = np.ones(self.num_envs, dtype=bool)
@@ -191,23 +206,27 @@ class RiverVectorEnv(VectorEnv):
         return rows, poses
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
-        """One seed or None per environment."""
+        """One seed or None per environment; raises `ConfigError` for anything else."""
         if seed is None:
             return [None] * self.num_envs
-        if isinstance(seed, int | np.integer):
-            self._np_random_seed = int(seed)
-            return [int(seed) + row for row in range(self.num_envs)]
+        if isinstance(seed, str) or not hasattr(seed, "__len__"):
+            first = whole("seed", seed, 0)
+            return [first + row for row in range(self.num_envs)]
+        assert not isinstance(seed, int)
         if len(seed) != self.num_envs:
             raise ConfigError(f"{len(seed)} seeds for {self.num_envs} environments")
-        return seed
+        return [None if one is None else whole("each seed", one, 0) for one in seed]
 
     def _begin(self, row: int, pose: np.ndarray | None = None) -> None:
         """Begin an episode in one environment, at a pose [4] or a random one."""
         state, world = self.state, int(self.world_index[row])
         generator = self.generators[row]
         assert generator is not None
-        random_pose, time_s = random_start(self.courses, world, self.config, self.limits, generator)
-        state.pose[row] = random_pose if pose is None else pose
+        if pose is None:
+            pose, time_s = random_start(self.courses, world, self.config, self.limits, generator)
+        else:
+            time_s = random_clock(generator)
+        state.pose[row] = pose
         x, y, _, yaw = state.pose[row]
         segment, fraction, _ = located(self.courses, world, x, y)
         state.segment[row] = segment
@@ -265,12 +284,26 @@ class RiverVectorEnv(VectorEnv):
 
     def _frames(self, poses: np.ndarray, world_index: np.ndarray, time_s: np.ndarray) -> np.ndarray:
         """Frames [M, H, W, 4] uint8 in memory of their own."""
+        forking.refuse_forked()
         if self._renderer is None:
             from thalweg.render import Renderer
 
             self._renderer = Renderer(self.worlds, self.camera)
         out = np.empty((len(poses), self.camera.height_px, self.camera.width_px, 4), dtype=np.uint8)
         return self._renderer.render(poses, world_index, time_s, out)
+
+
+def _check_renderer(renderer: Any, worlds: Sequence[World], config: EnvConfig) -> None:
+    """Raises `ConfigError` for a renderer that says that it draws other worlds, or through another camera than the
+    config asks for."""
+    drawn = getattr(renderer, "worlds", None)
+    if drawn is not None and not (
+        len(drawn) == len(worlds)
+        and all(a is b or fingerprint(a) == fingerprint(b) for a, b in zip(drawn, worlds, strict=True))
+    ):
+        raise ConfigError("the renderer draws other worlds than those of this environment")
+    if config.camera not in (DEFAULT_CONFIG.camera, renderer.camera):
+        raise ConfigError(f"config.camera is {config.camera}, but the renderer has {renderer.camera}")
 
 
 def _mode(given: AutoresetMode | str) -> AutoresetMode:
@@ -285,4 +318,4 @@ def _clear(outcome: Any, rows: Sequence[int]) -> None:
     """Forget the last step of some environments."""
     outcome.reward[rows] = 0.0
     outcome.costs[rows] = 0.0
-    outcome.reason[rows] = -1
+    outcome.reason[rows] = DoneReason.RUNNING

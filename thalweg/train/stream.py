@@ -61,7 +61,7 @@ class Stream:
 
     def reset(self, seed: int | list[int]) -> np.ndarray:
         """The first observations [N, D] float32; `seed` as Gymnasium's vector environments take it."""
-        obs, _ = self.env.reset(seed=seed)
+        obs, _ = self.env.reset(seed=seed)  # pyright: ignore[reportArgumentType]
         self.pending[:] = False
         return self._obs(obs)
 

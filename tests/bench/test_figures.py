@@ -1,3 +1,4 @@
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -17,16 +18,18 @@ def test_every_panel_has_a_curve_for_each_algorithm_and_a_band_over_seeds(tiny_r
     assert figure is not None
     assert len(figure.axes) == len(PANELS)
     for axis in figure.axes:
-        assert [line.get_label() for line in axis.lines] == ["PPO (2 seeds)", "FOCOPS (1 seed)"]
+        assert [line.get_label() for line in axis.lines] == ["PPO (2 seeds, 1 of them failed)", "FOCOPS (1 seed)"]
         assert len(axis.collections) == 1  # the band of PPO
 
 
 def test_the_curves_end_at_values_computed_by_hand(tiny_results: Path):
     figure = training_curves(read_results(tiny_results))
     assert figure is not None
-    last = [np.asarray(axis.lines[0].get_ydata())[-1] for axis in figure.axes]
-    # Seed 0: returns 1, 3, 5 and two violations in 400 steps; seed 1: return 2 and one violation.
-    np.testing.assert_allclose(last, [2.5, (2 / 400 + 1 / 400) / 2, 1 / 400, (1 / 400 + 0) / 2])
+    lines = [np.asarray(axis.lines[0].get_ydata()) for axis in figure.axes]
+    # At 300 steps: returns 1, 3, 5 and two violations of seed 0; return 2 and one violation of seed 1, which failed.
+    third = [line[149] for line in lines]
+    np.testing.assert_allclose(third, [2.5, (2 / 300 + 1 / 300) / 2, 1 / 300, (1 / 300 + 0) / 2])
+    np.testing.assert_allclose([line[-1] for line in lines], [3, 2 / 400, 1 / 400, 1 / 400])  # of seed 0 alone
 
 
 def test_the_bars_of_a_policy_fill_its_row(tiny_results: Path):
@@ -38,4 +41,26 @@ def test_the_bars_of_a_policy_fill_its_row(tiny_results: Path):
     assert shares["Idle"] == [1, 0]
     assert shares["Success"] == [0, 0.5]
     assert np.sum(list(shares.values()), axis=0) == pytest.approx([1, 1])
-    assert [len(bars) for bars in medium.containers] == [1] * len(REASONS)  # only PPO flew there
+
+
+def test_a_gap_among_the_bars_is_named(tiny_results: Path):
+    runs = tiny_results / "runs.csv"
+    runs.write_text(runs.read_text() + "FOCOPS-0,train,FOCOPS,0,90,failed,NaN,1.0,90.0\n")
+    figure = failure_bars(read_results(tiny_results))
+    easy, medium = figure.axes
+    assert [label.get_text() for label in easy.get_yticklabels()] == ["hover", "PPO", "FOCOPS"]
+    assert [(words.get_position()[1], words.get_text()) for words in easy.texts] == [(1, "1 of 2 seeds"), (2, "failed")]
+    assert [words.get_text() for words in medium.texts] == ["missing", "1 of 2 seeds", "failed"]
+    widths = np.array([[bar.get_width() for bar in bars] for bars in medium.containers])
+    np.testing.assert_allclose(widths.sum(axis=0), [0, 1, 0])
+
+
+def test_numbers_of_steps_do_not_run_into_one_another(tiny_results: Path):
+    suite = tiny_results / "suite.json"
+    suite.write_text(suite.read_text().replace('"steps": 400', '"steps": 200000'))
+    figure = training_curves(read_results(tiny_results))
+    assert figure is not None
+    figure.draw_without_rendering()
+    boxes = [label.get_window_extent() for label in figure.axes[2].get_xticklabels()]
+    assert len(boxes) > 2
+    assert all(left.x1 < right.x0 for left, right in pairwise(boxes))

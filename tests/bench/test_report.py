@@ -1,3 +1,4 @@
+import csv
 import re
 from pathlib import Path
 
@@ -6,7 +7,7 @@ import pytest
 from thalweg.bench.files import ResultsError
 from thalweg.bench.report import write_report
 from thalweg.bench.results import read_results
-from thalweg.bench.tables import paper_table
+from thalweg.bench.tables import ELSEWHERE, detail_table, paper_table, table_csv
 
 
 def table_of(folder: Path) -> dict[str, list[str]]:
@@ -15,7 +16,12 @@ def table_of(folder: Path) -> dict[str, list[str]]:
 
 
 def test_the_table_holds_means_and_deviations_computed_by_hand(tiny_results: Path):
-    assert table_of(tiny_results)["PPO"] == ["7.00 ± 3.00", "0.50 ± 0.50", "1.50 ± 0.50", "0.60 ± 0.40"]
+    assert table_of(tiny_results)["PPO"] == [
+        "7.00 ± 3.00 (1 of 2 seeds)",
+        "0.50 ± 0.50",
+        "1.50 ± 0.50 (1 of 2 seeds)",
+        "0.60 ± 0.40",
+    ]
 
 
 def test_published_figures_stand_beside_ours_and_are_marked(tiny_results: Path):
@@ -26,6 +32,52 @@ def test_published_figures_stand_beside_ours_and_are_marked(tiny_results: Path):
 
 def test_a_level_that_was_not_flown_is_called_missing(tiny_results: Path):
     assert table_of(tiny_results)["hover"] == ["0.05 ± 0.00", "0.20 ± 0.00", "missing", "missing"]
+
+
+def add_runs(folder: Path, *lines: str) -> None:
+    runs = folder / "runs.csv"
+    runs.write_text(runs.read_text() + "".join(f"{line}\n" for line in lines))
+
+
+def test_an_algorithm_whose_every_run_failed_is_a_row_that_says_so(tiny_results: Path):
+    add_runs(tiny_results, "FOCOPS-0,train,FOCOPS,0,90,failed,NaN,1.0,90.0")
+    rows = table_of(tiny_results)
+    assert list(rows) == ["hover", "PPO", f"PPO ({ELSEWHERE})", "FOCOPS", f"FOCOPS ({ELSEWHERE})"]
+    assert rows["FOCOPS"] == ["failed"] * 4
+    assert rows[f"FOCOPS ({ELSEWHERE})"][0] == "7.83 ± 3.74"
+
+
+def test_a_packaged_policy_that_is_not_there_is_a_row_that_says_so(tiny_results: Path):
+    add_runs(tiny_results, "packaged-0,packaged,packaged,0,0,absent,none,0.0,0.0")
+    assert table_of(tiny_results)["packaged"] == ["absent"] * 4
+
+
+def test_an_algorithm_of_the_suite_that_has_not_run_yet_is_missing(tiny_results: Path):
+    suite = tiny_results / "suite.json"
+    suite.write_text(suite.read_text().replace('["PPO"]', '["PPO", "P3O"]'))
+    assert table_of(tiny_results)["P3O"] == ["missing"] * 4
+
+
+def test_gaps_stand_in_every_table(tiny_results: Path):
+    add_runs(tiny_results, "FOCOPS-0,train,FOCOPS,0,90,failed,NaN,1.0,90.0")
+    results = read_results(tiny_results)
+    _, rows = detail_table(results)
+    assert [row[:4] for row in rows] == [
+        ["hover", "Easy", "2", "1"],
+        ["hover", "Medium", "missing", "0 of 1"],
+        ["PPO", "Easy", "2", "1 of 2"],
+        ["PPO", "Medium", "2", "1 of 2"],
+        ["FOCOPS", "Easy", "failed", "0 of 1"],
+        ["FOCOPS", "Medium", "failed", "0 of 1"],
+    ]
+    table = list(csv.DictReader(table_csv(results).splitlines()))
+    ours = [
+        (row["algorithm"], row["level"], row["seeds"], row["planned_seeds"])
+        for row in table
+        if row["source"] == "thalweg"
+    ]
+    assert ours[-2:] == [("FOCOPS", "Easy", "0", "1"), ("FOCOPS", "Medium", "0", "1")]
+    assert ours[2] == ("PPO", "Easy", "1", "2")
 
 
 def test_the_page_loads_nothing_from_elsewhere(tiny_results: Path):

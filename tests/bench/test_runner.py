@@ -12,6 +12,7 @@ import pytest
 from tests.bench import small_place
 from tests.bench.small_place import SUITE, SmallPlace
 from thalweg.bench import river, runner
+from thalweg.bench.figures import failure_bars, training_curves
 from thalweg.bench.files import ResultsError
 from thalweg.bench.filming import best_flight
 from thalweg.bench.results import read_results, read_runs
@@ -225,6 +226,20 @@ def test_a_full_disk_is_not_taken_for_a_film_that_fails(tmp_path: Path, monkeypa
     monkeypatch.setattr(place, "film", full)
     with pytest.raises(OSError, match="No space"):
         run_suite(SUITE, tmp_path, place)
+
+
+def test_the_suite_of_the_learning_curves_makes_its_report_of_one_level(tmp_path: Path):
+    suite = replace(suite_named("easy"), episodes=SUITE.episodes)
+    report = run_suite(suite, tmp_path, SmallPlace()).report
+    results = read_results(tmp_path)
+    figure = training_curves(results)
+    assert figure is not None
+    assert [line.get_label() for line in figure.axes[0].lines] == ["PPO (3 seeds)", "FOCOPS (3 seeds)"]
+    (bars,) = failure_bars(results).axes
+    assert [label.get_text() for label in bars.get_yticklabels()] == [*suite.baselines, "PPO", "FOCOPS"]
+    assert report.table.read_text().startswith("| policy | Easy return | Easy cost |\n")
+    assert "on Easy, start" in (tmp_path / "film.txt").read_text()
+    assert report.page.read_text().count("<img ") == 2
 
 
 def test_the_record_of_a_suite_names_versions_and_machine(tmp_path: Path):

@@ -30,8 +30,8 @@ def test_nothing_cannot_be_summed_up():
         summarise([])
 
 
-def log(steps, *columns) -> TrainingLog:
-    return TrainingLog("PPO", 0, np.array(steps), *(np.array(column, float) for column in columns))
+def log(steps, *columns, last_step: int = 1000) -> TrainingLog:
+    return TrainingLog("PPO", 0, np.array(steps), *(np.array(column, float) for column in columns), last_step)
 
 
 def test_the_cost_rate_is_violations_so_far_over_steps_so_far():
@@ -55,3 +55,18 @@ def test_a_band_leaves_out_runs_without_a_value_yet():
     mean, std = band([np.array([np.nan, 1.0]), np.array([4.0, 3.0])])
     np.testing.assert_allclose(mean, [4, 2])
     np.testing.assert_allclose(std, [0, 1])
+
+
+def test_a_curve_ends_at_the_last_step_of_its_run():
+    found = curve(log([10, 20], [1, 3], [1, 0], [0, 0.2], last_step=25), np.array([20, 25, 26, 40]))
+    np.testing.assert_allclose(found.return_, [2, 2, np.nan, np.nan])
+    np.testing.assert_allclose(found.total_rate, [2 / 20, 2 / 25, np.nan, np.nan])
+    np.testing.assert_allclose(found.tight_rate, [1 / 20, 1 / 25, np.nan, np.nan])
+    np.testing.assert_allclose(found.loose_rate, [1 / 20, 1 / 25, np.nan, np.nan])
+
+
+def test_a_band_goes_on_with_the_runs_that_do():
+    short, long = np.array([1.0, 2.0, np.nan, np.nan]), np.array([3.0, 4.0, 5.0, np.nan])
+    mean, std = band([short, long])
+    np.testing.assert_allclose(mean, [2, 3, 5, np.nan])
+    np.testing.assert_allclose(std, [1, 1, 0, np.nan])

@@ -6,10 +6,13 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from thalweg.bench.episodes import REASONS
 from thalweg.bench.results import Results
-from thalweg.bench.statistics import WINDOW, Curve, band, curve, summaries
+from thalweg.bench.statistics import Curve, Summary, band, curve, summaries
+from thalweg.bench.tables import seeds_text
+from thalweg.train.episodes import WINDOW
 
 GRID = 200
 """Points of a training curve."""
@@ -59,7 +62,7 @@ def training_curves(results: Results) -> Figure | None:
         axes = list(figure.subplots(2, 2, sharex=True).flat)
         for index, name in enumerate(names):
             curves = [curve(log, grid) for log in logs if log.algorithm == name]
-            label = f"{name} ({len(curves)} seed{'s' * (len(curves) > 1)})"
+            label = f"{name} ({_seeds(results, name, len(curves))})"
             for axis, (field, _) in zip(axes, PANELS, strict=True):
                 _draw_band(axis, curves, field, COLOURS[index % len(COLOURS)], label)
         for axis, (_, title) in zip(axes, PANELS, strict=True):
@@ -68,8 +71,16 @@ def training_curves(results: Results) -> Figure | None:
             axis.set_xlim(0, last)
         for axis in axes[2:]:
             axis.set_xlabel("steps of training")
+            axis.xaxis.set_major_locator(MaxNLocator(4))
+            axis.xaxis.set_major_formatter(lambda steps, _: f"{steps:,.0f}")
         axes[0].legend(frameon=False)
     return figure
+
+
+def _seeds(results: Results, name: str, count: int) -> str:
+    """How many runs a curve is made of, and how many of them failed on the way."""
+    failed = sum((row.kind, row.algorithm, row.status) == ("train", name, "failed") for row in results.runs)
+    return f"{count} seed{'s' * (count > 1)}" + (f", {failed} of them failed" if failed else "")
 
 
 def _draw_band(axis, curves: list[Curve], field: str, colour: str, label: str) -> None:
@@ -80,19 +91,20 @@ def _draw_band(axis, curves: list[Curve], field: str, colour: str, label: str) -
 
 
 def failure_bars(results: Results) -> Figure:
-    """Why episodes ended, as shares of each policy's episodes, one panel per level."""
-    cells = summaries(results.episodes)
-    names = list(dict.fromkeys(name for name, _ in cells))
+    """Why episodes ended, as shares of each policy's episodes, one panel per level; a gap is named in its place."""
+    cells, names = summaries(results.episodes), results.policies
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(max(7.0, 3.0 * len(results.levels)), 1.6 + 0.3 * len(names)))
         axes = np.atleast_1d(figure.subplots(1, len(results.levels), sharey=True))
         for axis, level in zip(axes, results.levels, strict=True):
-            flown = [name for name in names if (name, level) in cells]
-            left = np.zeros(len(flown))
+            found = [cells.get((name, level)) for name in names]
+            left = np.zeros(len(names))
             for reason, colour in zip(REASONS, REASON_COLOURS, strict=True):
-                shares = [cells[name, level].reasons[reason] / cells[name, level].episodes for name in flown]
-                axis.barh(flown, shares, left=left, color=colour, label=reason, height=0.7)
+                shares = [cell.reasons[reason] / cell.episodes if cell else 0.0 for cell in found]
+                axis.barh(names, shares, left=left, color=colour, label=reason, height=0.7)
                 left += shares
+            for row, (name, cell) in enumerate(zip(names, found, strict=True)):
+                _name_gap(axis, row, results, name, cell)
             axis.set_title(level)
             axis.set_xlim(0, 1)
             axis.xaxis.set_major_formatter(lambda share, _: f"{share:.0%}")
@@ -100,3 +112,13 @@ def failure_bars(results: Results) -> Figure:
         axes[0].invert_yaxis()
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
     return figure
+
+
+def _name_gap(axis, row: int, results: Results, name: str, cell: Summary | None) -> None:
+    """Write into a policy's row why it is empty, or how many seeds it lacks."""
+    seeds = seeds_text(results, name, cell.seeds if cell else 0)
+    if cell is None:
+        axis.text(0.02, row, results.gap(name), va="center", style="italic")
+    elif "of" in seeds:
+        box = {"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1.5}
+        axis.text(0.98, row, f"{seeds} seeds", va="center", ha="right", fontsize=7, bbox=box)

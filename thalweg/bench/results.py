@@ -60,6 +60,22 @@ class Results:
         """Levels in the order of the suite, then of appearance."""
         return list(dict.fromkeys([*self.suite.get("test_levels", []), *(row.level for row in self.episodes)]))
 
+    @property
+    def policies(self) -> list[str]:
+        """Every algorithm, flown or not: in the order of the runs, then those of the suite that have not begun."""
+        begun, flown = (row.algorithm for row in self.runs), (row.algorithm for row in self.episodes)
+        return list(dict.fromkeys([*begun, *self.suite.get("algorithms", []), *flown]))
+
+    def planned_seeds(self, algorithm: str) -> int:
+        """How many seeds there should be of an algorithm."""
+        seeds = self.suite.get("seeds", []) if algorithm in self.suite.get("algorithms", []) else []
+        return max(len(seeds), sum(row.algorithm == algorithm for row in self.runs), 1)
+
+    def gap(self, algorithm: str) -> str:
+        """Why there are no episodes of an algorithm: `failed`, `absent`, or just `missing`."""
+        statuses = {row.status for row in self.runs if row.algorithm == algorithm}
+        return next((status for status in ("failed", "absent") if status in statuses), "missing")
+
 
 def evaluation_path(folder: Path, run: str, level: str) -> Path:
     """Where the episodes of a run on a level lie."""
@@ -108,17 +124,18 @@ def read_suite(folder: Path) -> dict:
     return suite
 
 
-def read_training(path: Path, algorithm: str, seed: int) -> TrainingLog:
+def read_training(path: Path, row: RunRow) -> TrainingLog:
     """The finished episodes of a training run from its `episodes.csv`; raises `ResultsError`."""
     columns = ("step", "return", "tight", "loose")
-    rows = read_csv(path, columns)
+    lines = read_csv(path, columns)
     try:
-        values = {name: np.array([float(row[name]) for row in rows]) for name in columns}
+        values = {name: np.array([float(line[name]) for line in lines]) for name in columns}
     except ValueError as error:
         raise ResultsError(f"{path.name}: {error}") from error
     order = np.argsort(values["step"], kind="stable")
     step, *rest = (values[name][order] for name in columns)
-    return TrainingLog(algorithm, seed, step.astype(np.int64), *rest)
+    last = max(row.steps, int(step[-1]) if len(step) else 0)
+    return TrainingLog(row.algorithm, row.seed, step.astype(np.int64), *rest, last)
 
 
 def read_results(folder: Path) -> Results:
@@ -144,7 +161,7 @@ def read_results(folder: Path) -> Results:
     for row in runs:
         path = folder / "runs" / row.run / "episodes.csv"
         if row.kind == "train" and (path.exists() or row.status == "finished"):
-            log = attempt(path, lambda path=path, row=row: read_training(path, row.algorithm, row.seed), None)
+            log = attempt(path, lambda path=path, row=row: read_training(path, row), None)
             training.extend([log] if log is not None else [])
     if not episodes:
         reasons = "".join(f"\n  {line}" for line in skipped)

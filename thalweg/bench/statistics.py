@@ -10,9 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thalweg.bench.episodes import REASONS, Episode
-
-WINDOW = 50
-"""Episodes in the running mean of the training return, as in the paper."""
+from thalweg.train.episodes import WINDOW
 
 
 @dataclass(frozen=True)
@@ -79,11 +77,13 @@ class TrainingLog:
     tight: np.ndarray
     """[K] float64, as `loose` the sum of costs of that kind."""
     loose: np.ndarray
+    last_step: int
+    """Steps that the run took in all: of a failed run, those until it failed."""
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A training run at G grid points of steps."""
+    """A training run at G grid points of steps; NaN beyond its last step."""
 
     steps: np.ndarray
     """[G]."""
@@ -100,18 +100,19 @@ def curve(log: TrainingLog, grid: np.ndarray) -> Curve:
     ended = np.searchsorted(log.step, grid, side="right")
     sums = np.concatenate([[0.0], np.cumsum(log.return_)])
     first = np.maximum(ended - WINDOW, 0)
+    flown = grid <= log.last_step * (1 + 1e-9)  # the grid's last point may lie a rounding error beyond
     with np.errstate(invalid="ignore"):
-        mean = (sums[ended] - sums[first]) / (ended - first)
+        mean = np.where(flown, (sums[ended] - sums[first]) / (ended - first), np.nan)
 
     def rate(violated: np.ndarray) -> np.ndarray:
-        return np.concatenate([[0], np.cumsum(violated)])[ended] / grid
+        return np.where(flown, np.concatenate([[0], np.cumsum(violated)])[ended] / grid, np.nan)
 
     tight, loose = log.tight > 0, log.loose > 0
     return Curve(grid, mean, rate(tight | loose), rate(tight), rate(loose))
 
 
 def band(values: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and standard deviation over runs, each [G]; where a run has no value yet (NaN) it is left out."""
+    """Mean and standard deviation over runs, each [G]; where a run has no value (NaN) it is left out."""
     stack = np.stack(values)
     known = ~np.isnan(stack)
     count = known.sum(axis=0)

@@ -1,5 +1,7 @@
 """How do the figures stand beside one another? The paper's table with ours above each published row, as text."""
 
+from itertools import product
+
 from thalweg.bench.episodes import REASONS
 from thalweg.bench.files import csv_text
 from thalweg.bench.published import PUBLISHED
@@ -15,16 +17,19 @@ def plus_minus(mean: float, std: float) -> str:
     return f"{mean:.2f} ± {std:.2f}"
 
 
-def paper_table(results: Results, *, with_published: bool = True) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of the paper's table: return and cost on each level, ours and then what the paper published."""
+def paper_table(results: Results) -> tuple[list[str], list[list[str]]]:
+    """Header and rows of the paper's table: return and cost on each level, ours and then what the paper published.
+
+    Every algorithm of the results has a row: where there are no episodes of it, its cells say why.
+    """
     cells = summaries(results.episodes)
     header = ["policy", *(f"{level} {what}" for level in results.levels for what in ("return", "cost"))]
     rows = []
-    for algorithm in dict.fromkeys(algorithm for algorithm, _ in cells):
-        ours = [_cell(cells.get((algorithm, level))) for level in results.levels]
+    for algorithm in results.policies:
+        ours = [_cell(results, algorithm, cells.get((algorithm, level))) for level in results.levels]
         rows.append([algorithm, *(text for pair in ours for text in pair)])
         published = [PUBLISHED.get((algorithm, level)) for level in results.levels]
-        if with_published and any(published):
+        if any(published):
             theirs = [
                 (plus_minus(cell.return_mean, cell.return_std), plus_minus(cell.cost_mean, cell.cost_std))
                 if cell
@@ -35,40 +40,54 @@ def paper_table(results: Results, *, with_published: bool = True) -> tuple[list[
     return header, rows
 
 
-def _cell(cell: Summary | None) -> tuple[str, str]:
+def _cell(results: Results, algorithm: str, cell: Summary | None) -> tuple[str, str]:
+    """Return and cost; the return says so where it lacks seeds."""
     if cell is None:
-        return "missing", "missing"
-    return plus_minus(cell.return_mean, cell.return_std), plus_minus(cell.cost_mean, cell.cost_std)
+        return results.gap(algorithm), results.gap(algorithm)
+    seeds = seeds_text(results, algorithm, cell.seeds)
+    lacking = f" ({seeds} seeds)" if "of" in seeds else ""
+    return plus_minus(cell.return_mean, cell.return_std) + lacking, plus_minus(cell.cost_mean, cell.cost_std)
+
+
+def seeds_text(results: Results, algorithm: str, seeds: int) -> str:
+    """The number of seeds of an algorithm, or `2 of 3` where some are lacking."""
+    planned = results.planned_seeds(algorithm)
+    return str(seeds) if seeds >= planned else f"{seeds} of {planned}"
+
+
+DETAILS = (
+    "policy",
+    "level",
+    "episodes",
+    "seeds",
+    "success",
+    "tight violation",
+    "loose violation",
+    "course flown",
+    "steps",
+)
 
 
 def detail_table(results: Results) -> tuple[list[str], list[list[str]]]:
     """Header and rows of what the paper's table leaves out, one row per policy and level."""
-    header = [
-        "policy",
-        "level",
-        "episodes",
-        "seeds",
-        "success",
-        "tight violation",
-        "loose violation",
-        "course flown",
-        "steps",
-    ]
-    rows = [
-        [
-            algorithm,
-            level,
-            str(cell.episodes),
-            str(cell.seeds),
-            f"{cell.success:.0%}",
-            f"{cell.tight:.0%}",
-            f"{cell.loose:.0%}",
-            f"{cell.progress_mean:.0%}",
-            f"{cell.length_mean:.0f}",
-        ]
-        for (algorithm, level), cell in summaries(results.episodes).items()
-    ]
-    return header, rows
+    cells = summaries(results.episodes)
+    rows = []
+    for algorithm, level in product(results.policies, results.levels):
+        cell = cells.get((algorithm, level))
+        if cell is None:
+            rest = [results.gap(algorithm), seeds_text(results, algorithm, 0), *[""] * (len(DETAILS) - 4)]
+        else:
+            rest = [
+                str(cell.episodes),
+                seeds_text(results, algorithm, cell.seeds),
+                f"{cell.success:.0%}",
+                f"{cell.tight:.0%}",
+                f"{cell.loose:.0%}",
+                f"{cell.progress_mean:.0%}",
+                f"{cell.length_mean:.0f}",
+            ]
+        rows.append([algorithm, level, *rest])
+    return list(DETAILS), rows
 
 
 def markdown(header: list[str], rows: list[list[str]]) -> str:
@@ -82,12 +101,16 @@ NUMBERS = ("return_mean", "return_std", "cost_mean", "cost_std", "success", "tig
 
 def table_csv(results: Results) -> str:
     """Every cell at full precision: one row per policy and level, the published ones marked by `source`."""
+    cells = summaries(results.episodes)
     rows: list[list[object]] = []
-    for (algorithm, level), cell in summaries(results.episodes).items():
-        numbers = [getattr(cell, name) for name in NUMBERS]
-        rows.append(["thalweg", algorithm, level, cell.episodes, cell.seeds, *numbers, *cell.reasons.values()])
+    for algorithm, level in product(results.policies, results.levels):
+        cell, planned = cells.get((algorithm, level)), results.planned_seeds(algorithm)
+        blanks = [""] * (len(NUMBERS) + len(REASONS))
+        numbers = [*(getattr(cell, name) for name in NUMBERS), *cell.reasons.values()] if cell else blanks
+        counts = [cell.episodes, cell.seeds] if cell else [0, 0]
+        rows.append(["thalweg", algorithm, level, *counts, planned, *numbers])
         if published := PUBLISHED.get((algorithm, level)):
             theirs = [published.return_mean, published.return_std, published.cost_mean, published.cost_std]
-            blanks = [""] * (len(NUMBERS) - len(theirs) + len(cell.reasons))
-            rows.append([ELSEWHERE, algorithm, level, 60, 3, *theirs, *blanks])
-    return csv_text(["source", "algorithm", "level", "episodes", "seeds", *NUMBERS, *REASONS], rows)
+            rows.append([ELSEWHERE, algorithm, level, 60, 3, 3, *theirs, *blanks[len(theirs) :]])
+    header = ["source", "algorithm", "level", "episodes", "seeds", "planned_seeds", *NUMBERS, *REASONS]
+    return csv_text(header, rows)

@@ -27,7 +27,8 @@ class FOCOPSConfig:
     temperature: float = 0.5
     """λ: how little the policy follows the advantages for each nat that it moves."""
     trust_radius: float = 0.02
-    """η: a state whose policy has moved further than this has no gradient: KL of all branches together, in nats."""
+    """η: a state whose policy has moved further than this is drawn by neither advantages nor KL, only by the entropy:
+    KL of all branches together, in nats."""
     target_kl: float = 0.02
     """No further pass once the mean KL over all states exceeds this."""
     mask: Literal["state", "batch"] = "state"
@@ -105,8 +106,8 @@ class FOCOPSConfig:
 def policy_loss(
     config: FOCOPSConfig, log_prob: Tensor, old_log_prob: Tensor, kl: Tensor, advantages: Tensor, entropy: Tensor
 ) -> Tensor:
-    """L = E_s[1{KL_s ≤ η} (KL_s - ρ (A_r - ν A_c) / λ)] - c H: what the policy minimises, from one number per state
-    [B] each."""
+    """L = E_s[1{KL_s ≤ η} (KL_s - ρ (A_r - ν A_c) / λ)] - c E_s[H_s]: what the policy minimises, from one number per
+    state [B] each. The entropy counts in every state, outside η too."""
     projection = losses.focops(
         log_prob,
         old_log_prob,

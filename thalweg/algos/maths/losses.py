@@ -39,7 +39,8 @@ def focops(
         kl: [B], KL(π_θ ‖ π_k) of each state.
         advantages: [B], A_r - ν A_c.
         temperature: λ > 0.
-        radius: η, in nats: a state whose policy has moved further has no gradient at all.
+        radius: η, in nats: with the mask "state", a state whose policy has moved further adds nothing to this loss and
+            nothing to its gradient.
         mask: `"state"` is the paper. `"batch"` is what OmniSafe 0.5 computes by broadcasting [B, 1] against [B]: the
             indicator touches the surrogate only as a factor averaged over the batch.
     """

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from thalweg.algos.maths.advantages import centred, gae, lagrangian_advantages, standardised
+from thalweg.algos.maths.advantages import centred, gae, standardised
 
 F64 = torch.float64
 
@@ -80,10 +80,3 @@ def test_standardised_and_centred_by_hand():
     assert standardised(numbers).tolist() == pytest.approx([-1.0, 1.0])
     assert centred(numbers).tolist() == [-1.0, 1.0]
     assert standardised(torch.tensor([2.0, 2.0], dtype=F64)).tolist() == [0.0, 0.0]
-
-
-def test_the_lagrangian_advantage_by_hand():
-    found = lagrangian_advantages(torch.tensor([2.0, -1.0]), torch.tensor([1.0, 1.0]), 3.0)
-    assert found.tolist() == [(2 - 3) / 4, (-1 - 3) / 4]
-    with pytest.raises(ValueError, match="never negative"):
-        lagrangian_advantages(torch.ones(1), torch.ones(1), -0.1)

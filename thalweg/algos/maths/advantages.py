@@ -57,14 +57,3 @@ def standardised(advantages: Tensor) -> Tensor:
 def centred(advantages: Tensor) -> Tensor:
     """Advantages [B] with mean 0."""
     return advantages - advantages.mean()
-
-
-def lagrangian_advantages(reward: Tensor, cost: Tensor, multiplier: float) -> Tensor:
-    """Ã [B] = (A_r - λ A_c) / (1 + λ): one advantage of the same size whatever λ ≥ 0 is.
-
-    Source: Ray, Achiam, Amodei 2019 (section 5, the rescaled penalty of PPO-Lagrangian). FOCOPS does not divide.
-    """
-    same_shape(reward=reward, cost=cost)
-    if multiplier < 0:
-        raise ValueError(f"a multiplier is never negative, got {multiplier}")
-    return (reward - multiplier * cost) / (1.0 + multiplier)

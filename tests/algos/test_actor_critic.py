@@ -18,7 +18,7 @@ N, T, D = 2, 8, 3
 
 def agent(critics: int = 2, **settings: Any) -> ActorCritic:
     config = PPOConfig(hidden=(8,), **settings)
-    return ActorCritic("Some", critics, config, Task(D, gym.spaces.Discrete(3), N, 100, 0, {"encoder": "mine"}))
+    return ActorCritic("Some", critics, config, Task(D, gym.spaces.Discrete(3), N, 0, {"encoder": "mine"}))
 
 
 def rollout(obs: torch.Tensor) -> Rollout:

@@ -29,7 +29,7 @@ FEEDBACK = Feedback(progress=0.1, updates_left=10, cost_mean=0.5, cost_episodes=
 def learner_for(name: str, space: gym.Space, **settings) -> Any:
     entry = ALGORITHMS[name]
     config = entry.config(steps_per_update=N * T, minibatch=32, passes=4, hidden=(16, 16), **settings)
-    return entry.make(config, Task(D, space, N, 10_000, 0, {}))
+    return entry.make(config, Task(D, space, N, 0, {}))
 
 
 def rollout_of(learner: Any, seed: int = 0, **changes) -> Rollout:

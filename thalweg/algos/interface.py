@@ -23,8 +23,6 @@ class Task:
     """Of a single environment."""
     num_envs: int
     """N."""
-    steps: int
-    """Steps of the whole run, all environments together."""
     seed: int
     context: dict[str, Any]
     """Kept in the policy's file."""

@@ -93,7 +93,7 @@ def run(
         if number < least:
             raise TrainingError(f"{name} must {f'be at least {least}' if least else 'not be negative'}, got {number}")
     stream, context = Stream(env), dict(context or {})
-    task = Task(stream.obs_size, env.single_action_space, env.num_envs, steps, seed, context)
+    task = Task(stream.obs_size, env.single_action_space, env.num_envs, seed, context)
     learner = entry.make(resolved, task)
     identity = {
         "algorithm": entry.name,

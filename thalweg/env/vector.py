@@ -6,6 +6,7 @@ returned are never written to again.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from functools import cached_property
 from typing import Any
 
@@ -302,8 +303,10 @@ def _check_renderer(renderer: Any, worlds: Sequence[World], config: EnvConfig) -
         and all(a is b or fingerprint(a) == fingerprint(b) for a, b in zip(drawn, worlds, strict=True))
     ):
         raise ConfigError("the renderer draws other worlds than those of this environment")
-    if config.camera not in (DEFAULT_CONFIG.camera, renderer.camera):
-        raise ConfigError(f"config.camera is {config.camera}, but the renderer has {renderer.camera}")
+    asked = asdict(config.camera)
+    other = [name for name, value in asked.items() if getattr(renderer.camera, name, value) != value]
+    if other and config.camera != DEFAULT_CONFIG.camera:
+        raise ConfigError(f"config.camera is not the renderer's: {', '.join(other)} of {config.camera}")
 
 
 def _mode(given: AutoresetMode | str) -> AutoresetMode:

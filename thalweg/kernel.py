@@ -7,7 +7,11 @@ In kernels everything is float32 (write `float32(0.5)`: a Python literal is floa
 in inner loops are selects, and NaN or infinity never stand for a mark, because `fastmath` forbids them.
 """
 
+import tempfile
+import warnings
 from collections.abc import Callable
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numba
@@ -34,11 +38,12 @@ def kernel(
     """
 
     def compile_lazily(python_function: Callable[..., Any]) -> Any:
+        folder = kernel_folder()
         before = config.CACHE_DIR
-        config.CACHE_DIR = str(cache_dir() / "kernels" / source_hash(*KERNEL_SOURCES))
+        config.CACHE_DIR = str(folder)
         try:
             dispatcher = numba.njit(
-                cache=True,
+                cache=folder is not None,
                 parallel=parallel,
                 fastmath=fastmath,
                 forceinline=inlined,
@@ -53,6 +58,23 @@ def kernel(
         return dispatcher
 
     return compile_lazily(function) if function is not None else compile_lazily
+
+
+@cache
+def kernel_folder() -> Path | None:
+    """Where compiled kernels are kept, or None if no folder can be made there: then every process compiles anew.
+
+    Numba by itself would fall back to folders beside the sources, which is what must not be.
+    """
+    folder = cache_dir() / "kernels" / source_hash(*KERNEL_SOURCES)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        warnings.warn(f"compiled kernels can't be kept in {folder} ({error}): every start will compile", stacklevel=2)
+        return None
+    return folder
 
 
 def _promise_disjoint(dispatcher: Any) -> None:

@@ -64,7 +64,8 @@ def draw_frame(scene, w, x, y, z, yaw, time, camera, image, want_layers, depth_o
     for k in range(len(stone)):
         r = int32(stone[k, 0])
         c = int32(stone[k, 1])
-        if kind[r, c] == BRIDGE:
+        # Of several bridges behind one pixel only the nearest is seen.
+        if kind[r, c] == BRIDGE and stone[k, 5] == depth[r, c]:
             red[r, c] += light[r, c] * stone[k, 2]
             green[r, c] += light[r, c] * stone[k, 3]
             blue[r, c] += light[r, c] * stone[k, 4]
@@ -113,7 +114,7 @@ def survey(scene, w, eye, depth, kind):
 
 @kernel
 def draw_bridges(scene, w, eye, width, depth, kind):
-    """Set depth and kind where a bridge is nearest; the stone met: row, column, red, green, blue [K, 5]."""
+    """Set depth and kind where a bridge is nearest; the stone met [K, 6]: row, column, red, green, blue, depth."""
     ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, near = eye
     height = depth.shape[0]
     per_row = f32(2) * half_h / f32(height)
@@ -123,7 +124,7 @@ def draw_bridges(scene, w, eye, width, depth, kind):
         row = scene.bridges[scene.place[w, table.BRIDGE_FROM] + b]
         boxes[b] = bridges.bridge_box(row, eye, height, width)
         room += max(boxes[b, 1] - boxes[b, 0], 0) * max(boxes[b, 3] - boxes[b, 2], 0)
-    stone = np.empty((room, 5), np.float32)
+    stone = np.empty((room, 6), np.float32)
     n = 0
     for b in range(len(boxes)):
         row = scene.bridges[scene.place[w, table.BRIDGE_FROM] + b]
@@ -144,6 +145,7 @@ def draw_bridges(scene, w, eye, width, depth, kind):
                     stone[n, 2], stone[n, 3], stone[n, 4] = bridges.shade_stone(
                         scene, w, row, found, found[0] * slant, found[0] * per_row
                     )
+                    stone[n, 5] = found[0]
                     n += 1
     return stone[:n]
 

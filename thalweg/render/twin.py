@@ -1,19 +1,20 @@
 """What should a frame be? The definition: plain NumPy in float64, many samples a pixel, no prefiltering, no tricks.
 
-When a kernel and this file differ, this file is argued about first. It reads the world itself, not the kernels' packed
-tables: heights and colours are not quantised, rays are marched in small steps, and instead of choosing a level of a
-texture by the pixel's footprint it averages samples of the finest. Only constants are shared. It is slow on purpose:
-a 32x32 frame with 16 samples a pixel takes a few seconds.
+When a kernel and this file differ, this file is argued about first. Rays are marched in small steps over the world's
+own heights, and instead of choosing a level of a texture by the pixel's footprint it averages samples of the finest.
+What is baked before any ray is drawn is shared with the kernels and tested by itself: the ground's radiance, the map of
+canopies, the sky, the tile of ripples, the pictures of plants, and all constants. It is slow on purpose: a 32x32 frame
+with 16 samples a pixel takes a few seconds.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from thalweg.render import bridges, frame, ground, impostors, march, plants, ripples, sky, tone, water
+from thalweg.render import bridges, frame, ground, impostors, march, plants, ripples, sky, tone, twin_bridge, water
 from thalweg.render import scene as table
 from thalweg.render.camera import Camera
-from thalweg.world.record import PARAPET_THICKNESS_M, World
+from thalweg.world.record import World
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ class _Valley:
         kind = np.where(np.isinf(depth), frame.SKY, frame.GROUND).astype(np.uint8)
         radiance = np.zeros((rows, columns, 3))
         for bridge in self.world.bridges:
-            depth_b, normal, local = meet_bridge(bridge, eye, ray, camera.near_m, np.minimum(depth, 400.0))
+            depth_b, normal, local = twin_bridge.meet_bridge(bridge, eye, ray, camera.near_m, np.minimum(depth, 400.0))
             met = np.isfinite(depth_b)
             depth = np.where(met, depth_b, depth)
             kind[met] = frame.BRIDGE
@@ -270,7 +271,7 @@ class _Valley:
         courses = np.where(np.abs(normal[:, 2]) < 0.7, height, local[:, 1])
         ring = np.hypot(local[:, 0] / span, height / (rise + 0.001))
         on_ring = (ring > 0.99) & (ring < 1.16) & (np.abs(normal[:, 1]) > 0.5)
-        tone_ = masonry(along, courses) * np.where(on_ring, 1.18, 1.0)
+        tone_ = twin_bridge.masonry(along, courses) * np.where(on_ring, 1.18, 1.0)
         tone_ *= 0.55 + 0.45 * np.clip(height * 0.9 + 0.1, 0, 1)
         light = (
             direct[:, None] * table.SUN_RADIANCE + open_sky[:, None] * table.SKY_RADIANCE + bridges.BOUNCE
@@ -349,82 +350,3 @@ def window(
     c0, c1 = max(int(c.min()) - 1, 0), min(int(c.max()) + 2, columns)
     r0, r1 = max(int(r.min()) - 1, 0), min(int(r.max()) + 2, rows)
     return None if c0 >= c1 or r0 >= r1 else (slice(r0, r1), slice(c0, c1))
-
-
-def masonry(along: np.ndarray, courses: np.ndarray) -> np.ndarray:
-    """Brightness [K] of blocks and joints."""
-    course = np.floor(courses / bridges.COURSE_M)
-    shifted = along / bridges.BLOCK_M + 0.5 * course
-    block = np.floor(shifted)
-    mask = 0xFFFFFFFF
-    mixed = (block.astype(np.int64) * 374761393 + course.astype(np.int64) * 668265263) & mask
-    mixed = ((mixed ^ (mixed >> 13)) * 1274126177) & mask
-    tint = ((mixed >> 16) & 255) / 255
-    edge = np.minimum(
-        np.minimum(shifted - block, block + 1 - shifted) * bridges.BLOCK_M,
-        np.minimum(courses / bridges.COURSE_M - course, course + 1 - courses / bridges.COURSE_M) * bridges.COURSE_M,
-    )
-    joint = np.clip(1.4 - edge / bridges.JOINT_M, 0, 1)
-    return 1 + bridges.BLOCK_CONTRAST * (tint - 0.5) - bridges.JOINT_DEPTH * joint
-
-
-def meet_bridge(
-    bridge: np.ndarray, eye: np.ndarray, ray: np.ndarray, near: float, far: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Depth [R, C] (inf: miss), normal [R, C, 3] and point [R, C, 3] in the bridge's frame, by dense sampling."""
-    x, y, angle, length, width, span, spring, rise, deck, hump, parapet = bridge
-    cos, sin = np.cos(angle), np.sin(angle)
-    turn = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1.0]])
-    start, step = turn @ (eye - [x, y, 0]), ray @ turn.T
-
-    def filled(p: np.ndarray) -> np.ndarray:
-        u, v, z = p[..., 0], p[..., 1], p[..., 2]
-        crown = deck - hump * (2 * u / length) ** 2
-        across = np.clip(1 - (2 * u / span) ** 2, 0, None)
-        hollow = (np.abs(u) < span / 2) & (z < spring + rise * np.sqrt(across))
-        body = (np.abs(v) <= width / 2) & (z <= crown) & (z >= spring - bridges.FOOT_M) & ~hollow
-        wall = (np.abs(v) <= width / 2) & (np.abs(v) >= width / 2 - PARAPET_THICKNESS_M)
-        wall &= (z <= crown + parapet) & (z >= deck - hump)
-        return (np.abs(u) <= length / 2) & (body | wall)
-
-    flat, limit = step.reshape(-1, 3), np.broadcast_to(far, ray.shape[:2]).ravel()
-    # Only the stretch of a ray within the ball around the bridge can meet it.
-    centre = np.array([0, 0, (deck + spring) / 2])
-    reach = np.linalg.norm([length / 2, width / 2, (deck + parapet - spring + bridges.FOOT_M) / 2 + 1])
-    square = (flat**2).sum(1)
-    middle = (flat @ (centre - start)) / square
-    room = reach**2 - ((start + flat * middle[:, None] - centre) ** 2).sum(1)
-    half = np.sqrt(np.maximum(room, 0) / square)
-    begin, end = np.maximum(middle - half, near), np.minimum(middle + half, limit)
-    live = np.flatnonzero((room > 0) & (begin < end))
-    found = np.full(len(flat), np.inf)
-    t = begin.copy()
-    while len(live):
-        inside = filled(start + flat[live] * t[live, None])
-        hit = live[inside]
-        low, high = np.maximum(t[hit] - 0.03, begin[hit]), t[hit]
-        for _ in range(20):
-            mid = (low + high) / 2
-            solid = filled(start + flat[hit] * mid[:, None])
-            low, high = np.where(solid, low, mid), np.where(solid, mid, high)
-        found[hit] = high
-        live = live[~inside]
-        t[live] += 0.03
-        live = live[t[live] < end[live]]
-    point = start + flat * np.where(np.isfinite(found), found, 0)[:, None]
-    u, v, z = point.T
-    normal = np.zeros_like(point)
-    face = np.isclose(np.abs(v), width / 2, atol=1e-4) & (flat[:, 1] * v < 0)
-    inner = np.isclose(np.abs(v), width / 2 - PARAPET_THICKNESS_M, atol=1e-4) & (flat[:, 1] * v > 0)
-    inner &= z > deck - hump * (2 * u / length) ** 2
-    normal[:, 1] = np.where(face | inner, -np.sign(flat[:, 1]), 0)
-    end_face = ~(face | inner) & (np.abs(u) > length / 2 - 0.01)
-    normal[:, 0] = np.where(end_face, np.sign(u), 0)
-    arch_z = spring + rise * np.sqrt(np.clip(1 - (2 * u / span) ** 2, 0, None))
-    soffit = ~(face | inner | end_face) & (z < arch_z + 0.02) & (np.abs(u) < span / 2)
-    slope = np.stack([-u / (span / 2) ** 2, np.zeros_like(u), -(z - spring) / rise**2], axis=1)
-    slope /= np.linalg.norm(slope, axis=1, keepdims=True) + 1e-12
-    normal[soffit] = slope[soffit]
-    normal[~(face | inner | end_face | soffit)] = [0, 0, 1]
-    shape = ray.shape[:2]
-    return found.reshape(shape), normal.reshape(*shape, 3), point.reshape(*shape, 3)

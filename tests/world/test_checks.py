@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.world.lines import circle, figure_eight
-from thalweg.world import River, WorldError, checks
+from thalweg.world import River, WorldError, checks, geometry
 from thalweg.world.bridges import Bridge
 from thalweg.world.hydrology import river_of
 from thalweg.world.plan import fits_channel
@@ -101,3 +101,15 @@ def test_arms_are_checked_with_the_land_asked_for():
     checks.check_arms(river, gap - 4.0 - 0.1)
     with pytest.raises(WorldError, match=r"banks of two arms overlap: arc 0\.0 m and 66\.\d m"):
         checks.check_arms(replace(river), gap - 4.0 + 0.1)
+
+
+def test_arms_are_compared_in_blocks_with_the_same_result(monkeypatch):
+    line = circle(12.0, 58)
+    river = river_of(line[:-6], False, np.full(52, 4.0), np.ones(52), np.zeros(52))
+    said = []
+    for pairs in (10**6, 200):
+        monkeypatch.setattr(geometry, "BLOCK_PAIRS", pairs)
+        with pytest.raises(WorldError) as caught:
+            checks.check_arms(river, 6.0)
+        said.append(str(caught.value))
+    assert said[0] == said[1]

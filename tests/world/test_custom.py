@@ -1,5 +1,7 @@
 """Lines of one's own: what is made of good ones, and what is said of bad ones."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -113,10 +115,37 @@ def test_two_points_in_one_place_are_named():
         World.from_centerline(points, plants=False)
 
 
-def test_a_course_too_long_to_be_mapped_says_so(monkeypatch):
-    monkeypatch.setattr("thalweg.world.terrain.MOST_NODES", 1000)
-    with pytest.raises(WorldError, match=r"covers 1\d\d x 1\d\d m; limit 4000 m²"):
-        world_of(circle(20.0, 30))
+SIZES = {
+    "map": (course(circle(1500.0, 800)), True, r"covers 3110 x 3110 m, 9\.7 km²; limit 6\.0 km²"),
+    "diagonal": (
+        course(np.stack([np.linspace(0, 9e3, 50), np.linspace(0, 9e3, 50)], axis=1)),
+        False,
+        r"covers 9110 x 9110 m, 83\.0 km²; limit 6\.0 km²",
+    ),
+    "length": (
+        course(np.stack([np.linspace(0, 9e3, 50), np.zeros(50)], axis=1) * [2, 1]),
+        False,
+        r"18000 m long, 13846 samples; limit 8000 samples",
+    ),
+    "points": (course(circle(100.0, 9000)), True, r"9000 points are too many; limit 8000"),
+}
+
+
+@pytest.mark.parametrize(("points", "closed", "message"), SIZES.values(), ids=SIZES)
+def test_a_line_too_large_says_so_before_memory_is_taken(points, closed, message):
+    tracemalloc.start()
+    try:
+        with pytest.raises(WorldError, match=message):
+            World.from_centerline(points, closed, plants=False)
+        assert tracemalloc.get_traced_memory()[1] < 8e6
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_river_as_wide_as_its_map_says_so():
+    line = np.stack([np.linspace(0, 300, 31), np.zeros(31)], axis=1)
+    with pytest.raises(WorldError, match=r"the width is 100\.50 m at arc 0\.0 m \(point 0\); limit 100 m"):
+        world_of(line, closed=False, width_m=100.5)
 
 
 @pytest.mark.parametrize(

@@ -115,6 +115,19 @@ def test_the_closing_segment_counts_on_a_closed_line():
     np.testing.assert_allclose(geometry.along(np.array([0.0, 10.0, 20.0, 30.0]), np.array([3]), np.array([0.5])), 15.0)
 
 
+def test_a_line_of_many_samples_is_compared_with_itself_in_blocks(monkeypatch):
+    line = figure_eight(30.0, 100)
+    arc, length = geometry.arc_length(line, True)
+    whole = geometry.distances(line), geometry.arc_between(arc, length, True), geometry.self_crossings(line, True)
+    monkeypatch.setattr(geometry, "BLOCK_PAIRS", 700)
+    blocks = list(geometry.blocks(100))
+    assert [len(np.arange(100)[rows]) for rows in blocks] == [7] * 14 + [2]
+    np.testing.assert_array_equal(np.concatenate([geometry.distances(line, rows) for rows in blocks]), whole[0])
+    between = [geometry.arc_between(arc, length, True, rows) for rows in blocks]
+    np.testing.assert_array_equal(np.concatenate(between), whole[1])
+    np.testing.assert_array_equal(geometry.self_crossings(line, True), whole[2])
+
+
 def test_arc_between_takes_the_shorter_way_round():
     arc = np.array([0.0, 2.0, 4.0, 6.0])
     assert geometry.arc_between(arc, 8.0, True)[0, 3] == 2

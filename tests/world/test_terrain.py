@@ -5,10 +5,11 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from tests.world.lines import circle, course, stadium
-from thalweg.world import LEVELS, World, geometry, islands
+from thalweg.world import LEVELS, World, WorldError, geometry, islands
+from thalweg.world.hydrology import river_of
 from thalweg.world.plan import plan, stream
 from thalweg.world.sidewater import bank_distance
-from thalweg.world.terrain import Relief, Terrain, build_terrain
+from thalweg.world.terrain import Relief, Terrain, build_terrain, lay_grid
 
 
 @pytest.fixture(scope="module", params=[("Easy", 2), ("Medium", 1), ("Medium", 5), ("Hard", 1), ("Hard", 4)], ids=str)
@@ -157,3 +158,10 @@ def test_levels_pass_smoothly_between_arms_of_different_height():
     world = World.from_centerline(points, plants=False)
     steps = max(np.abs(np.diff(world.water_m, axis=axis)).max() for axis in (0, 1))
     assert steps < 0.2
+
+
+def test_a_course_whose_map_would_be_too_large_is_refused():
+    line = circle(1250.0, 900)
+    river = river_of(line, True, np.full(900, 6.0), np.ones(900), np.zeros(900))
+    with pytest.raises(WorldError, match=r"map covers 2610 x 2610 m, 6\.8 km²; limit 6\.0 km²"):
+        lay_grid(river)

@@ -119,15 +119,20 @@ def check_arms(river: River, land_m: float) -> None:
     Two samples belong to different arms where the way along the line is longer than a half circle over the distance
     that they should keep.
     """
-    needed = (river.width_m[:, None] + river.width_m[None, :]) / 2 + land_m
-    apart = geometry.distances(river.position_m)
-    arc = geometry.arc_between(river.arc_m, river.length_m, river.closed)
-    short = np.where(arc > 1.6 * needed, apart - needed, np.inf)
-    i, j = np.unravel_index(int(np.argmin(short)), short.shape)
-    if short[i, j] < 0:
+    worst = (0.0, 0, 0, 0.0, 0.0)
+    for rows in geometry.blocks(len(river.arc_m)):
+        needed = (river.width_m[rows, None] + river.width_m[None, :]) / 2 + land_m
+        apart = geometry.distances(river.position_m, rows)
+        arc = geometry.arc_between(river.arc_m, river.length_m, river.closed, rows)
+        spare = np.where(arc > 1.6 * needed, apart - needed, np.inf)
+        i, j = np.unravel_index(int(np.argmin(spare)), spare.shape)
+        if spare[i, j] < worst[0]:
+            worst = spare[i, j], rows.start + i, j, apart[i, j], needed[i, j]
+    if worst[0] < 0:
+        _, i, j, apart, needed = worst
         raise WorldError(
             f"the banks of two arms overlap: arc {river.arc_m[i]:.1f} m and {river.arc_m[j]:.1f} m are "
-            f"{apart[i, j]:.2f} m apart; limit {needed[i, j]:.2f} m"
+            f"{apart:.2f} m apart; limit {needed:.2f} m"
         )
 
 

@@ -7,7 +7,7 @@ from thalweg.world import checks, geometry
 from thalweg.world.errors import WorldError
 from thalweg.world.hydrology import STEEPEST_BED, river_of
 from thalweg.world.record import Plants, River, World
-from thalweg.world.terrain import Relief, Terrain, build_terrain
+from thalweg.world.terrain import Relief, Terrain, build_terrain, check_area
 
 SPACING_M = 1.3
 """Distance between river samples."""
@@ -19,6 +19,8 @@ SAND, GRASS = (150, 138, 112), (88, 98, 62)
 """Reflectance of a bare world, coded as `World.albedo`."""
 WIDEST_GAP = 3.0
 """The ends of a closed line lie at most so many times as far apart as any other two neighbours."""
+WIDEST_M = 100.0
+"""The banks of a wider river would come near the edge of its map."""
 FARTHEST_M = 2e4
 """Largest coordinate: plants, light and pictures are float32, which there still tells 2 mm apart."""
 
@@ -45,20 +47,33 @@ def read_points(points: np.ndarray, closed: bool) -> np.ndarray:
         values = values[:-1]
     if len(values) < 4:
         raise WorldError(f"{len(values)} points are too few; at least 4 are needed")
+    if len(values) > checks.MOST_SAMPLES:
+        raise WorldError(f"{len(values)} points are too many; limit {checks.MOST_SAMPLES}")
     steps = np.hypot(*geometry.edges(values[:, :2], closed).T)
     same = np.flatnonzero(steps < 1e-6)
     if len(same):
         raise WorldError(f"points {same[0]} and {(same[0] + 1) % len(values)} are the same place")
-    narrow = np.flatnonzero(values[:, 3] <= 0)
-    if len(narrow):
-        arc = geometry.arc_length(values[:, :2], closed)[0][narrow[0]]
-        raise WorldError(f"the width is {values[narrow[0], 3]:.2f} m at arc {arc:.1f} m (point {narrow[0]}); limit > 0")
+    for bad, limit in ((values[:, 3] <= 0, "> 0"), (values[:, 3] > WIDEST_M, f"{WIDEST_M:.0f} m")):
+        if bad.any():
+            point = int(np.argmax(bad))
+            arc = geometry.arc_length(values[:, :2], closed)[0][point]
+            raise WorldError(f"the width is {values[point, 3]:.2f} m at arc {arc:.1f} m (point {point}); limit {limit}")
     if closed and steps[-1] > WIDEST_GAP * steps[:-1].max():
         raise WorldError(
             f"the line is open: its ends lie {steps[-1]:.1f} m apart, and no other two points more than "
             f"{steps[:-1].max():.1f} m; close it or pass closed=False"
         )
     return values
+
+
+def check_size(values: np.ndarray, closed: bool) -> None:
+    """Raise `WorldError` for points [K, 4] of a river too large to be built, before any memory is taken for it."""
+    check_area(values[:, :2])
+    length = geometry.arc_length(values[:, :2], closed)[1]
+    if length / SPACING_M > checks.MOST_SAMPLES:
+        raise WorldError(
+            f"the line is {length:.0f} m long, {length / SPACING_M:.0f} samples; limit {checks.MOST_SAMPLES} samples"
+        )
 
 
 def resample(values: np.ndarray, closed: bool) -> np.ndarray:
@@ -89,6 +104,7 @@ def resample(values: np.ndarray, closed: bool) -> np.ndarray:
 def read_river(points: np.ndarray, closed: bool) -> River:
     """The checked river through points [K, 4] of x, y, water level and width; raises `WorldError`."""
     values = read_points(points, closed)
+    check_size(values, closed)
     polygon = geometry.self_crossings(values[:, :2], closed)
     if len(polygon):
         i, j = polygon[0]

@@ -4,6 +4,8 @@ Pure functions on polylines [S, 2] in metres. `closed` says whether the last ver
 knows of water.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
@@ -11,6 +13,16 @@ BEND_SMOOTHING_M = 4.0
 """Standard deviation of the Gaussian along the line before bends are counted: shorter wiggles are no bends."""
 STRAIGHT_RADIUS_M = 40.0
 """A stretch whose radius of curvature is larger than this counts as straight and separates bends."""
+
+BLOCK_PAIRS = 4_000_000
+"""About so many pairs of samples are looked at together: 32 MB an array."""
+
+
+def blocks(count: int) -> Iterator[slice]:
+    """Slices that cover `count` rows, each of about `BLOCK_PAIRS` pairs with all of them."""
+    size = max(BLOCK_PAIRS // max(count, 1), 1)
+    for first in range(0, count, size):
+        yield slice(first, min(first + size, count))
 
 
 def edges(line: np.ndarray, closed: bool) -> np.ndarray:
@@ -105,22 +117,29 @@ def self_crossings(line: np.ndarray, closed: bool) -> np.ndarray:
         to_point = p[None, :, :] - a[:, None, :]
         return along[..., 0] * to_point[..., 1] - along[..., 1] * to_point[..., 0]
 
-    separates = (side(start, end, start) > 0) != (side(start, end, end) > 0)
-    crossing = separates & separates.T
-    i, j = np.nonzero(np.triu(crossing, 2))
+    found = []
+    for rows in blocks(count):
+        separates = (side(start[rows], end[rows], start) > 0) != (side(start[rows], end[rows], end) > 0)
+        separated = (side(start, end, start[rows]) > 0) != (side(start, end, end[rows]) > 0)
+        later = np.arange(count)[None, :] >= np.arange(count)[rows, None] + 2
+        found.append(np.argwhere(separates & separated.T & later) + np.array([rows.start, 0]))
+    i, j = np.concatenate(found).T
     keep = ~((i == 0) & (j == count - 1)) if closed else np.ones(len(i), bool)
     return np.stack([i[keep], j[keep]], axis=1)
 
 
-def arc_between(arc_m: np.ndarray, length_m: float, closed: bool) -> np.ndarray:
-    """[S, S] the arc length from each vertex to each other one, the shorter way round on a closed line."""
-    apart = np.abs(arc_m[:, None] - arc_m[None, :])
+def arc_between(arc_m: np.ndarray, length_m: float, closed: bool, rows: slice = slice(None)) -> np.ndarray:
+    """[S, S] the arc length from each vertex to each other one, the shorter way round on a closed line.
+
+    `rows` chooses the vertices from which.
+    """
+    apart = np.abs(arc_m[rows, None] - arc_m[None, :])
     return np.minimum(apart, length_m - apart) if closed else apart
 
 
-def distances(line: np.ndarray) -> np.ndarray:
-    """[S, S] straight distances between all vertices."""
-    delta = line[:, None, :] - line[None, :, :]
+def distances(line: np.ndarray, rows: slice = slice(None)) -> np.ndarray:
+    """[S, S] straight distances between all vertices; `rows` chooses those from which."""
+    delta = line[rows, None, :] - line[None, :, :]
     return np.hypot(delta[..., 0], delta[..., 1])
 
 

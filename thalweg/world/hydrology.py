@@ -56,9 +56,11 @@ def describe(position_m: np.ndarray) -> Line:
     """The record of a closed line [S, 2] of evenly spaced vertices."""
     arc, length = geometry.arc_length(position_m, True)
     kappa = gaussian_filter1d(geometry.curvature(position_m, True), 1.0, mode="wrap")
-    apart = geometry.distances(position_m)
-    is_other = geometry.arc_between(arc, length, True) > 1.6 * apart
-    other = np.where(is_other, apart, np.inf).min(axis=1)
+    other = np.empty(len(arc))
+    for rows in geometry.blocks(len(arc)):
+        apart = geometry.distances(position_m, rows)
+        is_other = geometry.arc_between(arc, length, True, rows) > 1.6 * apart
+        other[rows] = np.where(is_other, apart, np.inf).min(axis=1)
     return Line(position_m, arc, length, geometry.tangents(position_m, True), kappa, other)
 
 
@@ -98,8 +100,11 @@ def widths(
     for sample, most in narrow:
         width = np.minimum(width, most + 0.4 * np.maximum(line.from_place(sample) - 4.0, 0.0))
     width = np.minimum(width, limit)
-    between = geometry.arc_between(line.arc_m, line.length_m, True)
-    width = (width[None, :] + WIDTH_SLOPE * between).min(axis=1)
+    reached = [
+        (width[None, :] + WIDTH_SLOPE * geometry.arc_between(line.arc_m, line.length_m, True, rows)).min(axis=1)
+        for rows in geometry.blocks(len(width))
+    ]
+    width = np.concatenate(reached)
     spacing = line.length_m / len(line.arc_m)
     width = gaussian_filter1d(width, 2.0 / spacing, mode="wrap")
     return np.clip(np.minimum(width, limit), low, high)

@@ -26,8 +26,8 @@ MARGIN_M = 55.0
 """Land between the course and the map's edge."""
 MOST_NODES = 16_000_000
 """A long course gets a coarser grid, so that the maps fit in memory."""
-COARSEST_M = 2.0
-"""Spacing at which a course is too long to be mapped."""
+MOST_AREA_M2 = 6e6
+"""A course whose map is larger is too long to be mapped: the nodes would lie more than 0.6 m apart."""
 LEAST_SLOPE, GREATEST_SLOPE = 0.15, 0.35
 """Slope of the sand at the water's edge."""
 SIDE_REACH_M = 1000.0
@@ -61,15 +61,22 @@ class Terrain:
     """[GY, GX] bool, bridges and the ways to them."""
 
 
+def check_area(position_m: np.ndarray) -> None:
+    """Raise `WorldError` unless a line [S, 2] and the land around it fit on a map."""
+    size = np.ptp(position_m, axis=0) + 2 * MARGIN_M
+    if np.prod(size) > MOST_AREA_M2:
+        raise WorldError(
+            f"the map covers {size[0]:.0f} x {size[1]:.0f} m, {np.prod(size) / 1e6:.1f} km²; "
+            f"limit {MOST_AREA_M2 / 1e6:.1f} km²"
+        )
+
+
 def lay_grid(river: River) -> tuple[Grid, tuple[int, int]]:
     """The grid around a river and its shape (GY, GX); raises `WorldError` for one that is too long to be mapped."""
+    check_area(river.position_m)
     low = river.position_m.min(axis=0) - MARGIN_M
     size = np.ptp(river.position_m, axis=0) + 2 * MARGIN_M
     cell = max(CELL_M, float(np.sqrt(np.prod(size) / MOST_NODES)))
-    if cell > COARSEST_M:
-        raise WorldError(
-            f"the course covers {size[0]:.0f} x {size[1]:.0f} m; limit {MOST_NODES * COARSEST_M**2:.0f} m²"
-        )
     origin = np.floor(low / cell) * cell
     shape = (int(np.ceil(size[1] / cell)) + 2, int(np.ceil(size[0] / cell)) + 2)
     return Grid(float(origin[0]), float(origin[1]), cell), shape

@@ -31,7 +31,7 @@ def main() -> None:
     level = policy.about.context["level"]
     command = (
         f"thalweg train --algorithm {run['algorithm']} --level {level.lower()} --steps {run['steps']}"
-        f" --seed {run['seed']} --out {folder.name}"
+        f" --seed {run['seed']} --out runs/{folder.name}"
     )
     episodes = read_episodes(folder / "evaluation.csv")
     scores = {}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from thalweg.cli import COMMANDS, main
+from thalweg.cli import COMMANDS, EncoderTrain, _settings, main
 
 
 def test_help_names_every_command_and_imports_nothing_heavy():
@@ -42,9 +42,36 @@ WRONG = [
     (["report", "nothing_here"], "no results folder nothing_here"),
     (["encoder", "show", "--path", "nothing_here"], "nothing_here"),
     (["encoder", "train", "--architecture", "huge", "--out", "x"], "lean"),
+    (["encoder", "train", "--epochs", "0", "--out", "x"], "epochs must be at least 1"),
+    (["encoder", "train", "--images", "1", "--held-out", "0", "--out", "x"], "at least 2"),
+    (["encoder", "train", "--held-out", "-1", "--out", "x"], "-1 can't be held out"),
+    (["encoder", "train", "--level", "medum", "--out", "x"], "Easy, Medium, Hard"),
+    (["encoder", "train", "--out", "/dev/null"], "/dev/null is not a folder"),
+    (["train", "--set", "hidden=[64", "--out", "x"], "'hidden=[64' cannot be understood"),
+    (["train", "--set", "learning_rate=fast", "--out", "x"], "learning_rate must be float, got 'fast'"),
+    (["train", "--num-envs", "0", "--out", "x"], "num_envs must be at least 1"),
+    (["world", "--seed", "-1"], "--seed must be 0 or more, not -1"),
+    (["render", "--poses-seed", "-1"], "--poses-seed must be 0 or more, not -1"),
+    (["train", "--seed", "-1", "--out", "x"], "--seed must be 0 or more, not -1"),
+    (["train", "--world-seeds", "3", "-4", "--out", "x"], "--world-seeds must be 0 or more, not -4"),
+    (["evaluate", "hover", "--seed", "-2"], "--seed must be 0 or more, not -2"),
+    (["evaluate", "hover", "--starts-seed", "-2"], "--starts-seed must be 0 or more, not -2"),
+    (["encoder", "train", "--seed", "-1", "--out", "x"], "--seed must be 0 or more, not -1"),
+    (["encoder", "show", "--seed", "-1"], "--seed must be 0 or more, not -1"),
 ]
 
 
+@pytest.fixture
+def no_frames(monkeypatch: pytest.MonkeyPatch):
+    """What is refused is refused before the first frame of thousands is drawn."""
+
+    def drawn(*_: object, **__: object):
+        raise AssertionError("frames were collected")
+
+    monkeypatch.setattr("thalweg.train.collect.collect_frames", drawn)
+
+
+@pytest.mark.usefixtures("no_frames")
 @pytest.mark.parametrize(("arguments", "said"), WRONG, ids=[" ".join(arguments) for arguments, _ in WRONG])
 def test_a_wrong_value_is_one_line_that_names_the_known_ones(
     arguments: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
@@ -112,3 +139,59 @@ def test_baselines_are_evaluated_and_their_rows_written(tmp_path: Path, capsys: 
         ("hover", "Easy", place, "Idle") for place in range(3)
     ]
     assert "0.20 ± 0.00" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1e-4", 1e-4),
+        ("-2E+3", -2000.0),
+        ("1.5", 1.5),
+        ("+.5e-1", 0.05),
+        ("64", 64),
+        ("[64, 1e2]", [64, 100.0]),
+        ("true", True),
+        ("native", "native"),
+        ("1e4x", "1e4x"),
+    ],
+)
+def test_a_setting_is_read_as_people_write_it(text: str, value: object):
+    (found,) = _settings([f"rate={text}"]).values()
+    assert (found, type(found)) == (value, type(value))
+
+
+def test_a_small_learning_rate_reaches_the_algorithm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    from thalweg.train import river
+    from thalweg.train.errors import TrainingError
+
+    told = {}
+
+    def run(*_: object, **given: object):
+        told.update(given)
+        raise TrainingError("enough")
+
+    monkeypatch.setattr(river, "run", run)
+    given = ["train", "--level", "easy", "--num-envs", "1", "--out", str(tmp_path)]
+    assert main([*given, "--set", "learning_rate=1e-4", "hidden=[8, 4]"]) == 2
+    assert (told["config"].learning_rate, told["config"].hidden) == (1e-4, (8, 4))
+
+
+@pytest.mark.usefixtures("no_frames")
+def test_the_folder_of_another_encoder_is_refused_before_frames_are_drawn(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+):
+    from tests.encoder.synthetic_frames import synthetic_frames
+    from thalweg.encoder import VAEConfig, train_encoder
+
+    train_encoder(synthetic_frames(8, 128), VAEConfig(), tmp_path, epochs=1, seed=0, held_out=2, progress=False)
+    given = ["encoder", "train", "--out", str(tmp_path), "--images", "6", "--held-out", "2", "--epochs", "1"]
+    for change, said in (
+        (["--latent", "8"], "config"),
+        (["--epochs", "3"], "epochs 1, not 3"),
+        (["--seed", "4"], "seed 0, not 4"),
+        (["--images", "7"], "images 8, not 9"),
+    ):
+        assert main([*given, *change]) == 2
+        assert said in capsys.readouterr().err
+    with pytest.raises(AssertionError, match="frames were collected"):
+        EncoderTrain(tmp_path, images=6, held_out=2, epochs=1).run()

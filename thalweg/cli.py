@@ -4,10 +4,11 @@ Each command is a dataclass: its fields are the options, their docstrings the he
 is imported when it runs, so that `thalweg --help` answers at once.
 """
 
+import re
 import sys
 import traceback
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -114,20 +115,18 @@ class EncoderTrain:
     def run(self) -> int:
         import shlex
 
-        from thalweg.encoder import Source, VAEConfig, train_encoder
-        from thalweg.render import RENDER_VERSION
-        from thalweg.train.collect import collect_frames
+        from thalweg.encoder import VAEConfig
+        from thalweg.train.encoder import collect_and_train
 
-        config = VAEConfig(inputs=self.inputs, latent=self.latent, architecture=self.architecture)
-        images = collect_frames(self.images + self.held_out, level=self.level, seed=self.seed)
-        result = train_encoder(
-            images,
-            config,
+        result = collect_and_train(
             self.out,
+            VAEConfig(inputs=self.inputs, latent=self.latent, architecture=self.architecture),
+            level=self.level,
+            images=self.images,
+            held_out=self.held_out,
             epochs=self.epochs,
             seed=self.seed,
-            held_out=self.held_out,
-            source=Source(self.level, self.seed, RENDER_VERSION, shlex.join(["thalweg", *sys.argv[1:]])),
+            command=shlex.join(["thalweg", *sys.argv[1:]]),
         )
         print(f"{result.path}: mean squared error {result.train_mse:.5f}, of held-out images {result.held_out_mse}")
         return 0
@@ -257,7 +256,7 @@ class Bench:
     """Train, evaluate and report a whole suite; the same command resumes."""
 
     suite: Positional[str]
-    """`quick` or `paper`."""
+    """`quick`, `easy` or `paper`."""
     out: Path
     """Folder of the results."""
 
@@ -327,7 +326,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"thalweg {version('thalweg')}")
         return 0
     try:
-        return _parse(given).run()
+        command = _parse(given)
+        _check_seeds(command)
+        return command.run()
     except KeyboardInterrupt:
         print("\nInterrupted. The same command goes on where this one stopped.", file=sys.stderr)
         return 130
@@ -367,13 +368,33 @@ def _settings(given: Sequence[str]) -> dict[str, Any]:
     """`key=value` pairs, the values read as YAML: numbers, words, true and false, lists."""
     import yaml
 
+    class Loader(yaml.SafeLoader):
+        """Takes 1e-4 for a number, as YAML 1.2 does; in YAML 1.1 a number has a point before its exponent."""
+
+    number = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
+    Loader.add_implicit_resolver("tag:yaml.org,2002:float", number, list("-+.0123456789"))
     settings = {}
     for pair in given:
         key, equals, value = pair.partition("=")
         if not equals or not key:
             raise UsageError(f"--set takes key=value, not {pair!r}")
-        settings[key] = yaml.safe_load(value)
+        try:
+            settings[key] = yaml.load(value, Loader)
+        except yaml.YAMLError as error:
+            raise UsageError(f"--set {pair!r} cannot be understood: {' '.join(str(error).split())}") from error
     return settings
+
+
+def _check_seeds(command: Any) -> None:
+    """Raise `UsageError` for a seed below zero, before anything is done."""
+    for field in fields(command):
+        value = getattr(command, field.name)
+        if is_dataclass(value):
+            _check_seeds(value)
+        elif field.name.endswith(("seed", "seeds")):
+            for seed in value if isinstance(value, tuple) else (value,):
+                if seed is not None and seed < 0:
+                    raise UsageError(f"--{field.name.replace('_', '-')} must be 0 or more, not {seed}")
 
 
 if __name__ == "__main__":

@@ -9,9 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from thalweg.algos.actions import Actions
+from thalweg.algos.registry import algorithm_named
+from thalweg.algos.settings import config_from
 from thalweg.encoder import Encoder, check_render_version, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import RENDER_VERSION
+from thalweg.train.announce import announce
 from thalweg.train.errors import TrainingError
 from thalweg.train.latent import LatentVectorEnv
 from thalweg.train.run import RunResult, run
@@ -69,10 +72,21 @@ class TrainingGround:
     config: EnvConfig = field(default_factory=EnvConfig)
     """The rules and the camera."""
 
+    def __post_init__(self) -> None:
+        if self.num_envs < 1:
+            raise TrainingError(f"num_envs must be at least 1, not {self.num_envs}")
+        if min(self.world_seeds, default=0) < 0:
+            raise TrainingError(f"a seed of a world is 0 or more, not {min(self.world_seeds)}")
+
     def train(
         self, algorithm: str, encoder: Encoder, *, steps: int, seed: int, folder: Path, settings: dict | None = None
     ) -> RunResult:
-        """Train with a progress bar, going on from what lies in the folder."""
+        """Train with a progress bar, going on from what lies in the folder.
+
+        Raises the errors of `thalweg.train.run`, those of settings before a world is built.
+        """
+        entry = algorithm_named(algorithm)
+        config = config_from(entry.config, settings)
         level = level_named(self.level)
         seeds = self.world_seeds or (level.default_seed,)
         context = {
@@ -82,11 +96,13 @@ class TrainingGround:
             "render_version": RENDER_VERSION,
             "env": asdict(self.config),
         }
+        for number in seeds:
+            announce(level, number)
         worlds = [load_or_build(level, number) for number in seeds]
         env = LatentVectorEnv(RiverVectorEnv(worlds, self.num_envs, self.config), encoder)
         try:
             return run(
-                algorithm, env, steps=steps, seed=seed, folder=folder, config=settings, context=context, progress=True
+                entry.name, env, steps=steps, seed=seed, folder=folder, config=config, context=context, progress=True
             )
         finally:
             env.close()

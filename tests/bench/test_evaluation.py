@@ -1,3 +1,5 @@
+import zlib
+
 import numpy as np
 import pytest
 import torch
@@ -7,7 +9,10 @@ from thalweg.bench import evaluation
 from thalweg.bench.baselines import BASELINES
 from thalweg.bench.episodes import REASONS, read_episodes, write_episodes
 from thalweg.bench.evaluation import Course, EvaluationConfig, Label, Step, evaluate, through_encoder
+from thalweg.bench.files import ResultsError
 from thalweg.env import RiverVectorEnv, sample_starts
+from thalweg.env.starts import CLOCK_S
+from thalweg.train.collect import views
 
 CONFIG = EvaluationConfig(episodes=6)
 LABEL = Label("tester", 3, "Easy")
@@ -117,6 +122,29 @@ def test_the_list_of_starts_is_the_same_for_every_policy_and_begins_alike(monkey
     few, many = (Course.of_level("easy", EvaluationConfig(episodes=count)) for count in (5, 20))
     np.testing.assert_array_equal(few.starts, many.starts[:5])
     np.testing.assert_array_equal(few.clocks_s, many.clocks_s[:5])
+
+
+def test_no_start_is_a_pose_that_an_encoder_was_trained_on(monkeypatch: pytest.MonkeyPatch):
+    ring = handmade.ring()
+    monkeypatch.setattr(evaluation, "load_or_build", lambda level, seed: ring)
+    found = Course.of_level("Medium", EvaluationConfig())
+    poses, _, clocks = views([ring], 200, seed=0)
+    assert not {tuple(pose) for pose in found.starts} & {tuple(pose) for pose in poses}
+    assert not set(found.clocks_s) & set(clocks)
+
+
+def test_starts_and_clocks_are_of_different_streams(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(evaluation, "load_or_build", lambda level, seed: handmade.ring())
+    drawn = {seed: Course.of_level("Medium", EvaluationConfig(starts_seed=seed)).clocks_s.tolist() for seed in range(3)}
+    assert len({value for clocks in drawn.values() for value in clocks}) == 60
+    seed = zlib.crc32(b"evaluation")
+    assert drawn[0] != (CLOCK_S * np.random.default_rng([seed, 1]).random(20)).tolist()
+
+
+@pytest.mark.parametrize(("wrong", "said"), [({"starts_seed": -1}, "starts_seed"), ({"episodes": 0}, "episodes")])
+def test_an_evaluation_that_makes_no_sense_is_refused(wrong: dict, said: str):
+    with pytest.raises(ResultsError, match=f"{said} must be"):
+        EvaluationConfig(**wrong)
 
 
 def test_rows_survive_their_file_to_the_last_bit(tmp_path):

@@ -112,6 +112,8 @@ def test_a_full_disk_stops_the_suite_and_keeps_what_was_finished(tmp_path: Path,
         ({"baselines": ("hoover",)}, "unknown baseline 'hoover'; known: random, hover, forward, pilot"),
         ({"steps": 0}, "steps must be at least 1"),
         ({"seeds": (1, 1)}, "named twice"),
+        ({"seeds": (0, -1)}, "seeds must be 0 or more, not -1"),
+        ({"starts_seed": -3}, "starts_seed must be 0 or more, not -3"),
     ],
 )
 def test_a_misspelt_suite_fails_before_anything_is_done(tmp_path: Path, change: dict, message: str):

@@ -50,8 +50,6 @@ def policy_named(name: str) -> Policy:
 
 def evaluate_command(request: Request) -> None:
     """Fly, print the tables, and write the rows if asked to."""
-    if request.config.episodes < 1:
-        raise ResultsError(f"episodes must be at least 1, not {request.config.episodes}")
     console = _console()
     levels = [level_named(level).name for level in request.levels]
     policy = policy_named(request.policy)

@@ -14,11 +14,17 @@ import torch
 
 from thalweg.bench.baselines import Policy, Sight
 from thalweg.bench.episodes import REASONS, Episode
+from thalweg.bench.files import ResultsError
 from thalweg.encoder import Encoder
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.env.starts import CLOCK_S
 from thalweg.render import Renderer
+from thalweg.train.announce import announce
 from thalweg.world import World, level_named, load_or_build
+
+EVALUATION, CLOCKS = zlib.crc32(b"evaluation"), zlib.crc32(b"clocks")
+"""Streams of random numbers of the evaluation, so that nothing that is trained on comes from the same seed as a start:
+neither the frames of the encoder nor the episodes of a policy."""
 
 Look = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """From poses [K, 4] and times [K] in seconds to observations [K, D], each row on its own."""
@@ -36,6 +42,12 @@ class EvaluationConfig:
     """Whether the most probable action is taken instead of a sampled one. Training samples."""
     env: EnvConfig = field(default_factory=lambda: EnvConfig(observation="none"))
     """The rules. Frames are drawn only for policies that look at them."""
+
+    def __post_init__(self) -> None:
+        if self.episodes < 1:
+            raise ResultsError(f"episodes must be at least 1, not {self.episodes}")
+        if self.starts_seed < 0:
+            raise ResultsError(f"starts_seed must be 0 or more, not {self.starts_seed}")
 
 
 @dataclass(frozen=True)
@@ -63,10 +75,12 @@ class Course:
     def of_level(cls, level: str, config: EvaluationConfig) -> "Course":
         """The level's fixed river and its fixed list of starts."""
         chosen = level_named(level)
+        announce(chosen, chosen.default_seed)
         world = load_or_build(chosen, chosen.default_seed)
-        starts = sample_starts(world, config.episodes, config.starts_seed, config=config.env)
-        clocks = np.random.default_rng([config.starts_seed, 1]).uniform(0, CLOCK_S, len(starts))
-        return cls(world, starts, clocks, np.arange(len(starts)))
+        seed = EVALUATION + config.starts_seed
+        starts = sample_starts(world, config.episodes, seed, config=config.env)
+        clocks = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(CLOCKS,)))
+        return cls(world, starts, clocks.uniform(0, CLOCK_S, len(starts)), np.arange(len(starts)))
 
     def only(self, place: int) -> "Course":
         """The course with but one start of its list; flown alone it gives the same flight."""

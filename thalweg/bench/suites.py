@@ -99,6 +99,9 @@ def check(suite: Suite, algorithms: tuple[str, ...], levels: tuple[str, ...]) ->
     for what, number in (("steps", suite.steps), ("episodes", suite.episodes), ("num_envs", suite.num_envs)):
         if number < 1:
             raise ResultsError(f"suite {suite.name}: {what} must be at least 1, not {number}")
+    for what, seed in (("starts_seed", suite.starts_seed), *(("seeds", seed) for seed in suite.seeds)):
+        if seed < 0:
+            raise ResultsError(f"suite {suite.name}: {what} must be 0 or more, not {seed}")
     if len({run.name for run in suite.runs()}) != len(suite.runs()):
         raise ResultsError(f"suite {suite.name}: an algorithm, baseline or seed is named twice")
     if not suite.runs() or not suite.test_levels:

@@ -1,5 +1,4 @@
 import json
-import time
 from pathlib import Path
 
 import pytest
@@ -11,25 +10,56 @@ from thalweg.bench.speed import COLUMNS, Measurement, Plan, describe, rates, rec
 LINE = Measurement("render", "frames/s", 1234.5, 987.65, 1400.0, 7, 16, 4, "128x128", "everything drawn")
 
 
-def test_a_rate_is_work_done_over_time_passed():
-    def work() -> int:
-        time.sleep(0.02)
+class Clock:
+    """A clock that work moves: what a test expects of it is exact."""
+
+    def __init__(self, *seconds: float) -> None:
+        self.now, self.seconds, self.calls = 100.0, seconds, 0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def work(self) -> int:
+        """Three units in as many seconds as the clock was given for this call, or for the last."""
+        self.now += self.seconds[min(self.calls, len(self.seconds) - 1)]
+        self.calls += 1
         return 3
 
-    for found in rates(work, Plan(repeats=3, seconds=0.1)):
-        assert 75 < found <= 150  # 3 in a little more than 0.02 s, on a busy machine too
+
+def test_a_rate_is_work_done_over_time_passed():
+    clock = Clock(0.25)
+    assert rates(clock.work, Plan(repeats=3, seconds=1.0), clock) == [12, 12, 12]
+    assert clock.calls == 1 + 3 * 4
+
+
+def test_a_repetition_counts_the_time_that_it_really_took():
+    clock = Clock(0.25, 0.75, 0.75, 0.5)
+    assert rates(clock.work, Plan(repeats=1, seconds=1.0), clock) == [6 / 1.5]
 
 
 def test_the_first_call_which_may_compile_is_not_counted():
-    calls = []
+    clock = Clock(60.0, 0.25)
+    assert rates(clock.work, Plan(repeats=1, seconds=1.0), clock) == [12]
 
-    def work() -> int:
-        calls.append(time.perf_counter())
-        time.sleep(0.5 if len(calls) == 1 else 0.01)
-        return 1
 
-    (found,) = rates(work, Plan(repeats=1, seconds=0.1))
-    assert found > 20
+def test_training_is_measured_update_by_update_and_its_start_apart(monkeypatch: pytest.MonkeyPatch):
+    given: list[str] = []
+
+    def child(command: list[str], **_: str) -> tuple[float, float]:
+        given.extend(command)
+        folder = Path(command[command.index("--out") + 1])
+        folder.mkdir()
+        rows = "steps,steps_per_second,seconds\n2048,20,100\n4096,400,105\n6144,200,115\n8192,300,122\n"
+        (folder / "metrics.csv").write_text(rows)
+        return 130.0, 900.0
+
+    monkeypatch.setattr(speed, "_child", child)
+    train, start, memory = speed._training(Plan(train_steps=8192))
+    assert (train.name, train.median, train.slowest, train.fastest, train.repeats) == ("train", 300, 200, 400, 3)
+    assert (train.batch, train.worlds) == (16, 4)
+    assert given[given.index("--world-seeds") + 1 :][:4] == ["0", "1", "2", "3"]
+    assert (start.median, start.unit) == (8, "s")
+    assert (memory.median, memory.unit) == (900, "MiB")
 
 
 def test_the_slowest_is_the_least_rate_but_the_longest_time():

@@ -30,8 +30,8 @@ def test_nothing_cannot_be_summed_up():
         summarise([])
 
 
-def log(steps, *columns, last_step: int = 1000) -> TrainingLog:
-    return TrainingLog("PPO", 0, np.array(steps), *(np.array(column, float) for column in columns), last_step)
+def log(steps, returns, tight, loose, last_step: int = 1000) -> TrainingLog:
+    return TrainingLog("PPO", 0, np.array(steps), *map(np.array, (returns, tight, loose)), last_step=last_step)
 
 
 def test_the_cost_rate_is_violations_so_far_over_steps_so_far():

@@ -133,9 +133,9 @@ def read_training(path: Path, row: RunRow) -> TrainingLog:
     except ValueError as error:
         raise ResultsError(f"{path.name}: {error}") from error
     order = np.argsort(values["step"], kind="stable")
-    step, *rest = (values[name][order] for name in columns)
+    step, return_, tight, loose = (values[name][order] for name in columns)
     last = max(row.steps, int(step[-1]) if len(step) else 0)
-    return TrainingLog(row.algorithm, row.seed, step.astype(np.int64), *rest, last)
+    return TrainingLog(row.algorithm, row.seed, step.astype(np.int64), return_, tight, loose, last)
 
 
 def read_results(folder: Path) -> Results:

@@ -1,0 +1,43 @@
+"""A tiny suite on a real river, seen through the real encoder; as a program it does it, or dies in the midst of it:
+`python -m tests.bench.real_place FOLDER DIE_AT_UPDATE`.
+"""
+
+import os
+import signal
+import sys
+from pathlib import Path
+
+from thalweg.bench.runner import run_suite
+from thalweg.bench.suites import Suite
+from thalweg.train.training import Training
+
+SUITE = Suite(
+    "tiny",
+    algorithms=("FOCOPS",),
+    seeds=(0,),
+    steps=512,
+    train_level="Easy",
+    test_levels=("Easy",),
+    episodes=2,
+    num_envs=8,
+    baselines=(),
+    packaged=False,
+    settings={"steps_per_update": 128},
+)
+
+
+def die_at(update: int) -> None:
+    """Make this process kill itself, without a chance to clean up, when a run comes to that update."""
+    learn = Training.update
+
+    def update_or_die(training: Training) -> dict[str, float]:
+        if training.updates + 1 == update:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return learn(training)
+
+    Training.update = update_or_die  # pyright: ignore[reportAttributeAccessIssue]
+
+
+if __name__ == "__main__":
+    die_at(int(sys.argv[2]))
+    run_suite(SUITE, Path(sys.argv[1]))

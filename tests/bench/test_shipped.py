@@ -1,0 +1,58 @@
+"""What comes with the package fits together, and a suite on it survives a kill."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from thalweg.bench.river import PACKAGED_POLICY
+from thalweg.encoder import DEFAULT_PATH
+from thalweg.render import RENDER_VERSION
+from thalweg.train import load_policy
+from thalweg.train.river import check_sees_as_trained, load_fitting_encoder, mark
+
+ROOT = Path(__file__).resolve().parents[2]
+NEVER = 1_000_000
+
+
+def test_the_encoder_of_the_package_fits_the_renderer():
+    encoder = load_fitting_encoder()
+    assert encoder.about["path"] == str(DEFAULT_PATH)
+    assert (encoder.render_version, encoder.latent, encoder.inputs) == (RENDER_VERSION, 16, "rgb+mask")
+
+
+def test_the_policy_of_the_package_learnt_from_the_encoder_of_the_package():
+    if not PACKAGED_POLICY.exists():
+        pytest.skip("NO POLICY COMES WITH THIS COPY: `make demo` has nothing to film but a policy of its own")
+    policy, encoder = load_policy(PACKAGED_POLICY), load_fitting_encoder()
+    check_sees_as_trained(policy, encoder)
+    assert policy.about.context["encoder"] == mark(encoder)
+    assert policy.about.context["render_version"] == RENDER_VERSION
+
+
+def suite(folder: Path, die_at: int) -> int:
+    """Do the tiny suite in a process of its own; returns its exit status."""
+    command = [sys.executable, "-m", "tests.bench.real_place", str(folder), str(die_at)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, check=False).returncode
+
+
+def tables(folder: Path) -> dict[str, str]:
+    """Everything of a results folder that is a result, by name."""
+    names = ("evaluation/FOCOPS-0-Easy.csv", "report/table.csv", "report/table.md", "runs/FOCOPS-0/episodes.csv")
+    return {name: (folder / name).read_text() for name in (*names, "film.txt")}
+
+
+@pytest.mark.slow
+def test_a_suite_on_the_river_killed_in_the_midst_of_training_ends_with_the_same_tables(tmp_path: Path):
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    assert suite(whole, NEVER) == 0
+    assert suite(broken, 3) == -9
+    assert not (broken / "runs" / "FOCOPS-0" / "policy.safetensors").exists()
+    assert len(list((broken / "runs" / "FOCOPS-0" / "checkpoints").glob("[0-9]*"))) == 1
+    assert suite(broken, NEVER) == 0
+    status = json.loads((broken / "runs" / "FOCOPS-0" / "status.json").read_text())
+    assert (status["state"], status["steps"]) == ("finished", 512)
+    assert tables(broken) == tables(whole)
+    assert len(tables(whole)["evaluation/FOCOPS-0-Easy.csv"].splitlines()) == 3

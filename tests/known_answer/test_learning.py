@@ -6,9 +6,9 @@ import torch
 
 from tests.known_answer.cmdp import PACES, PLACES, WAYS, Problem, ProblemEnv, problem
 from thalweg.algos import Policy
-from thalweg.train import run
+from thalweg.train import load_policy, run
 
-STEPS = 100_000
+STEPS = 160_000
 LIMITS = {"dense": 0.2, "at the end": 0.1}
 """Cost limit for each way in which the cost is paid."""
 
@@ -75,8 +75,17 @@ def test_ppo_reaches_the_unconstrained_optimum(kind: str, tmp_path):
 @pytest.mark.parametrize("kind", LIMITS)
 def test_focops_reaches_the_constrained_optimum_within_its_limit(kind: str, tmp_path):
     given, limit = problem_of(kind), LIMITS[kind]
-    config = {"cost_limit": limit}
-    result = run("FOCOPS", ProblemEnv(given), steps=STEPS, seed=0, folder=tmp_path, config=config)
-    reached, cost = given.value(probabilities(result.policy))
+    ends = []
+    for seed in (0, 1):  # where one run stops is chance: the cost swings about the limit by a fifth of it
+        run(
+            "FOCOPS",
+            ProblemEnv(given),
+            steps=STEPS,
+            seed=seed,
+            folder=tmp_path / str(seed),
+            config={"cost_limit": limit},
+        )
+        ends.append(given.value(probabilities(load_policy(tmp_path / str(seed)))))
+    reached, cost = np.mean(ends, axis=0)
     assert reached >= 0.9 * given.optimum(limit)[0]
     assert cost <= limit + max(0.1 * limit, 0.02)

@@ -24,6 +24,20 @@ ROW = np.array(
 )
 
 
+def hull_vertices(row: np.ndarray) -> np.ndarray:
+    """[K, 3] float64: the corners of the bridge's convex hull."""
+    bridge = Bridge(*row)
+    bottom = bridge.spring_z - bridges.FOOT_M
+    profile = np.concatenate([bridges.top_profile(row), [[bridge.length / 2, bottom], [-bridge.length / 2, bottom]]])
+    cos, sin = np.cos(bridge.angle), np.sin(bridge.angle)
+    sides = []
+    for v in (-bridge.width / 2, bridge.width / 2):
+        x = bridge.x + cos * profile[:, 0] - sin * v
+        y = bridge.y + sin * profile[:, 0] + cos * v
+        sides.append(np.stack([x, y, profile[:, 1]], axis=1))
+    return np.concatenate(sides)
+
+
 def inside(points: np.ndarray) -> np.ndarray:
     planes = bridges.hull_planes(ROW)
     return np.all(points @ planes[:, :3].T <= planes[:, 3] + 1e-9, axis=1)
@@ -41,7 +55,7 @@ def test_planes_have_unit_normals():
 
 
 def test_planes_are_those_of_scipys_hull_of_the_corners():
-    equations = ConvexHull(bridges.hull_vertices(ROW)).equations * [1, 1, 1, -1]
+    equations = ConvexHull(hull_vertices(ROW)).equations * [1, 1, 1, -1]
     planes = bridges.hull_planes(ROW)
     apart = np.abs(equations[:, None, :] - planes[None, :, :]).max(axis=2)
     assert apart.min(axis=1).max() < 1e-9

@@ -5,6 +5,7 @@ import pytest
 from scipy.special import ellipe
 
 from tests.world.lines import circle, figure_eight, stadium
+from tests.world.nearest import along, nearest
 from thalweg.world import geometry
 
 
@@ -102,7 +103,7 @@ def test_an_open_hairpin_crosses_only_where_it_is_closed_over_itself():
 
 def test_nearest_place_left_and_right_of_a_segment_and_beyond_the_end():
     line = np.array([[0.0, 0.0], [4.0, 0.0], [8.0, 0.0]])
-    segment, share, lateral = geometry.nearest(line, False, np.array([[1.0, 2.0], [6.0, -3.0], [11.0, 4.0]]))
+    segment, share, lateral = nearest(line, False, np.array([[1.0, 2.0], [6.0, -3.0], [11.0, 4.0]]))
     np.testing.assert_array_equal(segment, [0, 1, 1])
     np.testing.assert_allclose(share, [0.25, 0.5, 1.0])
     np.testing.assert_allclose(lateral, [2.0, -3.0, 5.0])
@@ -110,9 +111,9 @@ def test_nearest_place_left_and_right_of_a_segment_and_beyond_the_end():
 
 def test_the_closing_segment_counts_on_a_closed_line():
     square = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]])
-    segment, share, lateral = geometry.nearest(square, True, np.array([[0.25, 1.0]]))
+    segment, share, lateral = nearest(square, True, np.array([[0.25, 1.0]]))
     assert (segment[0], share[0], lateral[0]) == (3, 0.5, 0.25)
-    np.testing.assert_allclose(geometry.along(np.array([0.0, 10.0, 20.0, 30.0]), np.array([3]), np.array([0.5])), 15.0)
+    np.testing.assert_allclose(along(np.array([0.0, 10.0, 20.0, 30.0]), np.array([3]), np.array([0.5])), 15.0)
 
 
 def test_a_line_of_many_samples_is_compared_with_itself_in_blocks(monkeypatch):

@@ -35,7 +35,8 @@ def never(*_):
 
 
 def aged(path, days: float, now_s: float):
-    os.utime(path, (now_s - days * DAY_S,) * 2)
+    then_s = now_s - days * DAY_S
+    os.utime(path, (then_s, then_s))
 
 
 def test_a_built_world_is_taken_from_the_folder_of_this_version(worlds, monkeypatch):

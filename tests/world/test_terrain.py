@@ -5,6 +5,7 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from tests.world.lines import circle, course, stadium
+from tests.world.nearest import along, nearest
 from thalweg.world import LEVELS, World, WorldError, geometry, islands
 from thalweg.world.hydrology import river_of
 from thalweg.world.plan import plan, stream
@@ -42,8 +43,8 @@ def test_the_waters_edge_lies_half_a_width_from_the_centre_line(valley, side):
     depth = terrain.water_m - terrain.ground_m
     for offset, wet in ((-0.3, True), (0.3, False)):
         points = beside(river, offset, side)
-        segment, share, lateral = geometry.nearest(river.position_m, True, points)
-        off = np.abs(lateral) - geometry.along(river.width_m, segment, share) / 2
+        segment, share, lateral = nearest(river.position_m, True, points)
+        off = np.abs(lateral) - along(river.width_m, segment, share) / 2
         clear = np.sign(off) == np.sign(offset)
         clear &= np.abs(off) > 0.15
         for branch in drawn.branches:

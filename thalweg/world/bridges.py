@@ -112,20 +112,6 @@ def hull_planes(row: np.ndarray) -> np.ndarray:
     return np.array([[*normal, normal @ point] for normal, point in faces])
 
 
-def hull_vertices(row: np.ndarray) -> np.ndarray:
-    """[K, 3] float64: the corners of the bridge's convex hull."""
-    bridge = Bridge(*row)
-    bottom = bridge.spring_z - FOOT_M
-    profile = np.concatenate([top_profile(row), [[bridge.length / 2, bottom], [-bridge.length / 2, bottom]]])
-    cos, sin = np.cos(bridge.angle), np.sin(bridge.angle)
-    sides = []
-    for v in (-bridge.width / 2, bridge.width / 2):
-        x = bridge.x + cos * profile[:, 0] - sin * v
-        y = bridge.y + sin * profile[:, 0] + cos * v
-        sides.append(np.stack([x, y, profile[:, 1]], axis=1))
-    return np.concatenate(sides)
-
-
 def hull_top(row: np.ndarray, x: np.ndarray, y: np.ndarray, body_m: float = 0.0) -> np.ndarray:
     """Height of the hull's top at points x, y [...], -inf beside it; grown sideways by `body_m`."""
     bridge = Bridge(*row)

@@ -46,7 +46,7 @@ class Line:
         """[S] arc distance from a sample, the shorter way round."""
         return geometry.nearby(self.arc_m, self.length_m, True, float(self.arc_m[sample]))
 
-    def straightness(self, reach_m: float) -> np.ndarray:
+    def tightest_near(self, reach_m: float) -> np.ndarray:
         """[S] the largest curvature in 1/m within `reach_m` up or down the course."""
         size = 2 * round(reach_m * len(self.arc_m) / self.length_m) + 1
         return -minimum_filter1d(-np.abs(self.curvature), size, mode="wrap")
@@ -66,7 +66,7 @@ def describe(position_m: np.ndarray) -> Line:
 
 def width_limit(line: Line, level: Level) -> np.ndarray:
     """[S] metres: the widest the water may be at each sample."""
-    inner = 2 * (1 / np.maximum(line.straightness(5.0), 1e-6) - INNER_BANK_M)
+    inner = 2 * (1 / np.maximum(line.tightest_near(5.0), 1e-6) - INNER_BANK_M)
     return np.minimum(np.minimum(inner, line.other_arm_m - LAND_BETWEEN_M), level.width_m[1])
 
 

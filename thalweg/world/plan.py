@@ -8,6 +8,7 @@ end with the same plan.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import minimum_filter1d
 
 from thalweg.world import bridges, checks, hydrology, islands, meander, sidewater
 from thalweg.world.errors import WorldError
@@ -20,6 +21,8 @@ ATTEMPTS = 3000
 """Draws after which a level is said to be impossible; the built-in ones need about a hundred."""
 EXTENT_M = 140.0
 """A generated course fits in a square of this side; a longer one gets more room in proportion."""
+EXTENT_COURSE_M = 425.0
+"""From this length on a course counts as a longer one."""
 WIDE_REACH_M = 3.0
 """A wide place is so long to either side of its middle before the banks draw in."""
 
@@ -35,8 +38,6 @@ class Plan:
     """[B, 11] as in `World.bridges`."""
     branches: tuple[Branch, ...]
     """Tributaries first, then ponds."""
-    tributaries: int
-    """How many of the branches are tributaries."""
 
 
 def stream(level: Level, seed: int, purpose: int) -> np.random.Generator:
@@ -64,7 +65,7 @@ def plan(level: Level, seed: int) -> Plan:
 def draw_course(level: Level, rng: np.random.Generator) -> Line | None:
     """A closed line on which even the narrowest river of the level has room; None if this draw gave none."""
     position = meander.draw_line(level, rng)
-    if position is None or np.ptp(position, axis=0).max() > max(EXTENT_M * level.length_m / 425.0, EXTENT_M):
+    if position is None or np.ptp(position, axis=0).max() > max(EXTENT_M * level.length_m / EXTENT_COURSE_M, EXTENT_M):
         return None
     line = hydrology.describe(position)
     limit = hydrology.width_limit(line, level)
@@ -117,22 +118,22 @@ def find_places(level: Level, line: Line, rng: np.random.Generator) -> Places | 
     taken: list[tuple[int, float]] = []
     rapid: list[int] = []
     if level.fall_m > 0:
-        rapid = choose((line.straightness(9.0) < 1 / 22.0) & (limit > low + 2), line, taken, 1, 9.0, rng)
+        rapid = choose((line.tightest_near(9.0) < 1 / 22.0) & (limit > low + 2), line, taken, 1, 9.0, rng)
         if not rapid:
             return None
         taken.append((rapid[0], 9.0))
 
-    roomy = -_spread(-limit, 5, np.maximum)
-    wide = choose((roomy >= high) & (line.straightness(5.0) < 1 / 14.0), line, taken, 1, 13.0, rng)
+    roomy = minimum_filter1d(limit, 11, mode="wrap")
+    wide = choose((roomy >= high) & (line.tightest_near(5.0) < 1 / 14.0), line, taken, 1, 13.0, rng)
     if not wide:
         return None
     taken.append((wide[0], 13.0))
     if level.islands > 1:
-        spots = (roomy > max(9.0, 0.5 * high)) & (line.straightness(5.0) < 1 / 13.0)
+        spots = (roomy > max(9.0, 0.5 * high)) & (line.tightest_near(5.0) < 1 / 13.0)
         wide += choose(spots, line, taken, level.islands - 1, 10.5, rng)
         taken += [(sample, 10.5) for sample in wide[1:]]
 
-    spots = (line.straightness(5.0) < 1 / 28.0) & (line.other_arm_m > low + 24.0)
+    spots = (line.tightest_near(5.0) < 1 / 28.0) & (line.other_arm_m > low + 24.0)
     crossings = choose(spots, line, taken, level.bridges, 11.0, rng)
     taken += [(sample, 11.0) for sample in crossings]
     if len(wide) < max(level.islands, 1) or len(crossings) < level.bridges:
@@ -180,15 +181,7 @@ def furnish(level: Level, line: Line, rng: np.random.Generator) -> Plan | None:
     if branches is None:
         return None
     sands = np.array(island_rows, dtype=np.float64).reshape(-1, 5)
-    return Plan(river, sands, spans, tuple(branches), level.tributaries)
-
-
-def _spread(values: np.ndarray, samples: int, by: np.ufunc) -> np.ndarray:
-    """[S] the largest (or what `by` keeps) of `values` [S] within so many samples up or down a closed course."""
-    result = values.copy()
-    for shift in range(-samples, samples + 1):
-        result = by(result, np.roll(values, shift))
-    return result
+    return Plan(river, sands, spans, tuple(branches))
 
 
 def fits_channel(row: np.ndarray, river: River) -> bool:
@@ -223,7 +216,7 @@ def _side_water(
         ]
     ).reshape(-1, 2)
     for _ in range(level.tributaries):
-        mouths = choose(line.straightness(3.0) < 1 / 12.0, line, taken, 6, 6.0, rng)
+        mouths = choose(line.tightest_near(3.0) < 1 / 12.0, line, taken, 6, 6.0, rng)
         for mouth in mouths:
             side = -1.0 if _is_counter_clockwise(line.position_m) else 1.0
             branch = sidewater.tributary(line, river.width_m, mouth, float(river.level_m[mouth]), side, rng)

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 FORMAT = 1
-"""Version of the file format and of what the generator makes: a file of another version is refused."""
+"""Version of the file format: a file of another version is refused. It says nothing of the generator that made the
+world; `thalweg.world.store.STAMP` keeps those apart in the cache."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,8 @@ class Plants:
     kind: np.ndarray
     """[M] int16, index into `thalweg.world.species.KINDS`."""
     turn: np.ndarray
-    """[M] float32, rotation about its axis in radians."""
+    """[M] float32, rotation about its axis in radians. The renderer ignores it: it shows each kind from the side that
+    the look direction and the sun choose."""
     tint: np.ndarray
     """[M, 3] float32, factor on the reflectance of red, green, blue; about 1."""
     light: np.ndarray

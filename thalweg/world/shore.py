@@ -150,20 +150,16 @@ def measure(grid: Grid, shape: tuple[int, int], river: River) -> Shore:
 
 
 @kernel(fastmath=False)
-def _measure_discs(origin_x, origin_y, cell, line, half, reach, edge, width):
-    """Lower edge to the distance from a union of discs along a line [K, 2], near it; note the half width there."""
+def _measure_discs(origin_x, origin_y, cell, line, half, edge, width):
+    """Lower edge to the distance from a union of discs along a line [K, 2]; note the half width there."""
     rows, columns = edge.shape
     for k in range(len(line) - 1):
-        low_x = min(line[k, 0], line[k + 1, 0]) - reach
-        high_x = max(line[k, 0], line[k + 1, 0]) + reach
-        low_y = min(line[k, 1], line[k + 1, 1]) - reach
-        high_y = max(line[k, 1], line[k + 1, 1]) + reach
         step_x = line[k + 1, 0] - line[k, 0]
         step_y = line[k + 1, 1] - line[k, 1]
         length = step_x * step_x + step_y * step_y
-        for i in range(max(int((low_y - origin_y) / cell), 0), min(int((high_y - origin_y) / cell) + 2, rows)):
+        for i in range(rows):
             y = origin_y + i * cell - line[k, 1]
-            for j in range(max(int((low_x - origin_x) / cell), 0), min(int((high_x - origin_x) / cell) + 2, columns)):
+            for j in range(columns):
                 x = origin_x + j * cell - line[k, 0]
                 t = min(max((x * step_x + y * step_y) / length, 0.0), 1.0)
                 w = half[k] + t * (half[k + 1] - half[k])
@@ -174,15 +170,11 @@ def _measure_discs(origin_x, origin_y, cell, line, half, reach, edge, width):
 
 
 def measure_discs(
-    grid: Grid, shape: tuple[int, int], line: np.ndarray, width_m: np.ndarray, reach_m: float
+    grid: Grid, shape: tuple[int, int], line: np.ndarray, width_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distance [GY, GX] from the edge of side water along a line [K, 2], and half its width there [GY, GX], in metres.
-
-    Farther than `reach_m` from the line's middle the distance is just large.
-    """
+    """Distance from the edge of side water along a line [K, 2] and half its width there, in metres, [GY, GX] both."""
     edge, half = np.full(shape, 1e6, np.float32), np.ones(shape, np.float32)
-    reach = reach_m + float(width_m.max()) / 2
-    _measure_discs(grid.origin_x_m, grid.origin_y_m, grid.cell_m, line, width_m / 2, reach, edge, half)
+    _measure_discs(grid.origin_x_m, grid.origin_y_m, grid.cell_m, line, width_m / 2, edge, half)
     return edge, half
 
 

@@ -14,7 +14,7 @@ from thalweg.kernel import kernel
 from thalweg.world import bridges, islands, shore
 from thalweg.world.checks import felt_curvature
 from thalweg.world.errors import WorldError
-from thalweg.world.noise import fractal
+from thalweg.world.noise import fractal, smooth_step
 from thalweg.world.record import Grid, River
 from thalweg.world.shore import Shore
 from thalweg.world.sidewater import Branch
@@ -30,8 +30,6 @@ MOST_AREA_M2 = 6e6
 """A course whose map is larger is too long to be mapped: the nodes would lie more than 0.6 m apart."""
 LEAST_SLOPE, GREATEST_SLOPE = 0.15, 0.35
 """Slope of the sand at the water's edge."""
-SIDE_REACH_M = 1000.0
-"""How far side water is measured: everywhere on the map of a generated course."""
 LEVEL_BLEND_M = 2.5
 """Over this distance from the bank the water's level passes from that of the nearest place to the valley's."""
 
@@ -120,13 +118,7 @@ def water_surface(grid: Grid, where: Shore, river: River) -> np.ndarray:
     rows = np.broadcast_to(((y - y[0]) / coarse)[:, None], shape)
     columns = np.broadcast_to(((x - x[0]) / coarse)[None, :], shape)
     smooth = map_coordinates(valley, [rows, columns], order=2, output=np.float32)
-    return local + (smooth - local) * _ease(where.edge_m, 0.0, LEVEL_BLEND_M)
-
-
-def _ease(x: np.ndarray, low: float, high: float) -> np.ndarray:
-    """0 below low, 1 above high, 3t² - 2t³ between."""
-    t = np.clip((x - f4(low)) / f4(high - low), f4(0), f4(1))
-    return t * t * (f4(3) - f4(2) * t)
+    return local + (smooth - local) * smooth_step(0.0, LEVEL_BLEND_M, where.edge_m)
 
 
 @kernel(fastmath=False)
@@ -178,8 +170,8 @@ def _cut_banks(where: Shore, river: River, bend: np.ndarray, strength: float, pa
     outer = np.empty(where.edge_m.shape, np.float32)
     _sample(bend, where.place, outer)
     outer *= -np.sign(where.across)
-    fade = 1 - _ease(where.edge_m, 2.5, 7.0)
-    return f4(1.3 * strength) * _ease(outer, 0.12, 0.4) * _ease(patches, -0.4, 0.6) * fade
+    fade = 1 - smooth_step(2.5, 7.0, where.edge_m)
+    return f4(1.3 * strength) * smooth_step(0.12, 0.4, outer) * smooth_step(-0.4, 0.6, patches) * fade
 
 
 def raise_land(
@@ -228,8 +220,8 @@ def build_terrain(
 
     edge = where.edge_m
     for branch in branches:
-        side, half = shore.measure_discs(grid, shape, branch.position_m, branch.width_m, SIDE_REACH_M)
-        out_of_course = _ease(where.edge_m, 0.0, 3.0) * (1 - _ease(side, 1.0, 6.0))
+        side, half = shore.measure_discs(grid, shape, branch.position_m, branch.width_m)
+        out_of_course = smooth_step(0.0, 3.0, where.edge_m) * (1 - smooth_step(1.0, 6.0, side))
         water += (f4(branch.level_m) - water) * out_of_course
         share = np.clip(1 + side / half, 0, 1)
         depth = np.maximum(depth, f4(branch.depth_m) * np.where(side < 0, 1 - share**2, 0))

@@ -1,6 +1,8 @@
 """Which seeds do the environments of a run get?"""
 
+import gymnasium as gym
 import numpy as np
+import pytest
 
 from tests.train.toys import Walk
 from thalweg.train.stream import Stream
@@ -32,3 +34,26 @@ def test_a_run_begins_with_a_list_of_seeds():
     assert asked == [env_seeds(5, 0, 4)]
     assert all(type(seed) is int and 0 <= seed < 2**31 for seed in asked[0])
     assert np.unique(asked[0]).size == 4
+
+
+def test_an_environment_that_takes_one_seed_gets_the_first():
+    asked = []
+
+    class One(Walk):
+        def reset(self, *, seed=None, options=None):
+            if not isinstance(seed, int):
+                raise gym.error.Error("Seed must be a python integer")
+            asked.append(seed)
+            return super().reset(seed=seed, options=options)
+
+    Stream(One(4)).reset([7, 8, 9, 10])
+    assert asked == [7]
+
+
+def test_another_error_of_a_reset_is_not_taken_for_that():
+    class Broken(Walk):
+        def reset(self, *, seed=None, options=None):
+            raise gym.error.Error("no licence")
+
+    with pytest.raises(gym.error.Error, match="no licence"):
+        Stream(Broken(4)).reset([7, 8, 9, 10])

@@ -60,8 +60,16 @@ class Stream:
         self._steps, self._cost_seen = 0, False
 
     def reset(self, seed: int | list[int]) -> np.ndarray:
-        """The first observations [N, D] float32; `seed` as Gymnasium's vector environments take it."""
-        obs, _ = self.env.reset(seed=seed)  # pyright: ignore[reportArgumentType]
+        """The first observations [N, D] float32; `seed` as Gymnasium's vector environments take it.
+
+        Of a list, an environment that takes but one seed, as Gymnasium's own CartPole, gets the first.
+        """
+        try:
+            obs, _ = self.env.reset(seed=seed)  # pyright: ignore[reportArgumentType]
+        except (TypeError, gym.error.Error):
+            if isinstance(seed, int):
+                raise
+            obs, _ = self.env.reset(seed=seed[0])
         self.pending[:] = False
         return self._obs(obs)
 

@@ -10,7 +10,7 @@ export MPLBACKEND := Agg
 .PHONY: help setup demo test lint format bench clean
 
 help:
-	@echo "make demo    train, evaluate and report at small scale (under ten minutes on two cores)"
+	@echo "make demo    train, evaluate and report at small scale (under ten minutes on two cores); OUT=folder, default results"
 	@echo "make test    run the tests"
 	@echo "make lint    format check, lint and types, as in CI"
 	@echo "make bench   the paper's comparison: hours of training; OUT=folder, default results"

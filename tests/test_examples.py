@@ -47,6 +47,13 @@ def test_the_python_of_the_readme_runs(tmp_path: Path):
     assert re.fullmatch(r"return \d+\.\d\d, cost [\d.]+, .*\n", said)
 
 
+def test_the_environment_of_ones_own_in_the_docs_is_trained_on(tmp_path: Path):
+    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "training.md").read_text(), flags=re.DOTALL)
+    said = run("-c", block, cwd=tmp_path)
+    assert re.fullmatch(r"\d+ episodes, return \d+\.\d, cost \d+\.\d\n", said)
+    assert (tmp_path / "runs" / "cartpole" / "policy.safetensors").exists()
+
+
 def test_every_example_is_tested():
     tested = set(re.findall(r'"(\w+\.py)"', Path(__file__).read_text()))
     assert {file.name for file in (ROOT / "examples").glob("*.py")} <= tested

@@ -15,10 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import config
+from numba.core import config as numba_config
 
 from thalweg.cache import cache_dir, source_hash
 
+config: Any = numba_config
+"""Its settings are made when Numba is imported, so that no type checker knows them."""
 KERNEL_SOURCES = ("kernel.py", "world", "render", "env")
 
 

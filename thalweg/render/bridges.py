@@ -10,6 +10,7 @@ from numba import int32
 
 from thalweg.kernel import kernel
 from thalweg.render import scene as table
+from thalweg.render.fetch import clamp
 from thalweg.world.record import PARAPET_THICKNESS_M
 
 f32 = np.float32
@@ -126,10 +127,10 @@ def bridge_box(row, eye, height, width):
         c1 = int32(0)
         r1 = int32(0)
     elif behind == 0:
-        c0 = max(int32(min((low_x + half_w) / per_column, f32(width))), c0)
-        c1 = min(int32(max((high_x + half_w) / per_column + f32(1), f32(0))), c1)
-        r0 = max(int32(min((half_h - high_y) / per_row, f32(height))), r0)
-        r1 = min(int32(max((half_h - low_y) / per_row + f32(1), f32(0))), r1)
+        c0 = int32(clamp((low_x + half_w) / per_column, f32(0), f32(width)))
+        c1 = int32(clamp((high_x + half_w) / per_column + f32(1), f32(0), f32(width)))
+        r0 = int32(clamp((half_h - high_y) / per_row, f32(0), f32(height)))
+        r1 = int32(clamp((half_h - low_y) / per_row + f32(1), f32(0), f32(height)))
     return c0, c1, r0, r1
 
 

@@ -1,4 +1,11 @@
-"""Does learning reach the optimum that a linear programme knows?"""
+"""Does learning reach the optimum that a linear programme knows?
+
+Needs six runs of `STEPS` steps, a minute or so where a core is free. The shares of the optimum that are asserted to be
+0.9 or more lay between 0.92 and 0.98 for every single seed tried (0, 1, 2), so that neither the seed nor a machine that
+rounds differently decides.
+"""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -6,9 +13,11 @@ import torch
 
 from tests.known_answer.cmdp import PACES, PLACES, WAYS, Problem, ProblemEnv, problem
 from thalweg.algos import Policy
-from thalweg.train import load_policy, run
+from thalweg.train import run
 
 STEPS = 160_000
+SEEDS = (0, 1)
+"""Of the runs with a cost limit."""
 LIMITS = {"dense": 0.2, "at the end": 0.1}
 """Cost limit for each way in which the cost is paid."""
 
@@ -61,31 +70,29 @@ def test_the_limit_binds(kind: str):
     assert cost == pytest.approx(limit) and free_cost > 1.5 * limit and best < 0.9 * free
 
 
+def trained(algorithm: str, kind: str, seed: int, folder: Path, **config: float) -> tuple[float, float]:
+    """Exact return and cost of the policy that a run ends with."""
+    given = problem_of(kind)
+    result = run(algorithm, ProblemEnv(given), steps=STEPS, seed=seed, folder=folder / str(seed), config=config)
+    return given.value(probabilities(result.policy))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", LIMITS)
-def test_ppo_reaches_the_unconstrained_optimum(kind: str, tmp_path):
-    given = problem_of(kind)
-    result = run("PPO", ProblemEnv(given), steps=STEPS, seed=0, folder=tmp_path)
-    reached, cost = given.value(probabilities(result.policy))
-    assert reached >= 0.9 * given.optimum(np.inf)[0]
+def test_ppo_reaches_the_unconstrained_optimum(kind: str, tmp_path: Path):
+    reached, cost = trained("PPO", kind, 0, tmp_path)
+    assert reached >= 0.9 * problem_of(kind).optimum(np.inf)[0]
     assert cost > 1.1 * LIMITS[kind] + 0.02  # it knows no limit, and breaks the one that FOCOPS keeps
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", LIMITS)
-def test_focops_reaches_the_constrained_optimum_within_its_limit(kind: str, tmp_path):
+def test_focops_reaches_the_constrained_optimum_within_its_limit(kind: str, tmp_path: Path):
+    """Where one run stops is chance: its cost swings about the limit by a fifth of it, and its return along with the
+    cost. So both are means over seeds, and the return is held against the best policy of the same cost."""
     given, limit = problem_of(kind), LIMITS[kind]
-    ends = []
-    for seed in (0, 1):  # where one run stops is chance: the cost swings about the limit by a fifth of it
-        run(
-            "FOCOPS",
-            ProblemEnv(given),
-            steps=STEPS,
-            seed=seed,
-            folder=tmp_path / str(seed),
-            config={"cost_limit": limit},
-        )
-        ends.append(given.value(probabilities(load_policy(tmp_path / str(seed)))))
+    ends = [trained("FOCOPS", kind, seed, tmp_path, cost_limit=limit) for seed in SEEDS]
     reached, cost = np.mean(ends, axis=0)
-    assert reached >= 0.9 * given.optimum(limit)[0]
+    assert reached >= 0.9 * given.optimum(cost)[0]
     assert cost <= limit + max(0.1 * limit, 0.02)
+    assert cost >= 0.5 * limit  # nor does it give up what the limit allows

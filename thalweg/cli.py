@@ -16,6 +16,8 @@ from typing import Annotated, Any, Literal
 import tyro
 from tyro.conf import OmitSubcommandPrefixes, Positional, subcommand
 
+from thalweg.whole import whole
+
 
 class UsageError(ValueError):
     """Options that do not go together, or a value that cannot be understood."""
@@ -38,11 +40,9 @@ class DrawWorld:
         from thalweg.world.drawing import draw
 
         world = _world(self.level, self.seed)
-        _make_parent(self.out)
         draw(world, self.out)
         print(f"{self.out}: {world.name}, seed {world.seed}, a course of {world.river.length_m:.0f} m")
         if self.save is not None:
-            _make_parent(self.save)
             world.save(self.save)
             print(f"{self.save}: the world")
         return 0
@@ -81,8 +81,8 @@ class RenderFrames:
         world = _world(self.level, self.seed)
         chosen = np.array([self.pose]) if self.pose else sample_starts(world, self.count, self.poses_seed)
         frames = Renderer([world], Camera(height_px=self.size, width_px=self.size)).render(chosen)
-        _make_parent(self.out)
-        sheet(frames).save(self.out)
+        with whole(self.out) as draft:
+            sheet(frames).save(draft)
         for x, y, z, yaw in chosen:
             print(f"--pose {x:.3f} {y:.3f} {z:.3f} {yaw:.4f}")
         print(f"{self.out}: {len(frames)} frames of {world.name}, seed {world.seed}")
@@ -154,7 +154,6 @@ class EncoderShow:
         encoder = load_encoder(self.path)
         for key, value in encoder.about.items():
             print(f"{key}: {value}")
-        _make_parent(self.out)
         draw_reconstructions(collect_frames(self.count, level=self.level, seed=self.seed), encoder, self.out)
         print(f"{self.out}: {self.count} frames and what their codes hold of them")
         return 0
@@ -358,10 +357,6 @@ def _world(level: str, seed: int | None) -> Any:
 
     chosen = level_named(level)
     return load_or_build(chosen, chosen.default_seed if seed is None else seed)
-
-
-def _make_parent(path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
 
 
 def _settings(given: Sequence[str]) -> dict[str, Any]:

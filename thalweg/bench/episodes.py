@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
-from thalweg.bench.files import ResultsError, csv_text, read_csv, write_whole
+from thalweg.bench.files import ResultsError, csv_text, read_csv
 from thalweg.env import DoneReason
+from thalweg.whole import write_whole
 
 REASONS = tuple(reason.label for reason in DoneReason if reason >= 0)
 """Why an episode ended, in the order of the codes of `thalweg.env.DoneReason`."""

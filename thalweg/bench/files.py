@@ -4,8 +4,6 @@ import csv
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from thalweg.whole import write_whole as write_whole
-
 
 class ResultsError(ValueError):
     """A results folder or a file in it cannot be used; the message says which and why."""

@@ -83,7 +83,8 @@ def pictures(world: World, flight: Flight, camera: Camera, policy: str) -> Itera
     """The film's frames uint8 [H, W, 3], one per step."""
     renderer = Renderer([world], camera)
     chart = Map(world)
-    fonts = {size: ImageFont.load_default(size=size) for size in (14, 18)}
+    small = ImageFont.load_default(size=14)
+    fonts = (_fitting(policy, 18), small, small)
     river = world.river
     for index, pose in enumerate(flight.poses):
         frame = renderer.render(pose[None], np.zeros(1, dtype=np.int64), flight.time_s[index : index + 1])[0]
@@ -94,16 +95,23 @@ def pictures(world: World, flight: Flight, camera: Camera, policy: str) -> Itera
         nearest = np.argmin(((river.position_m - pose[:2]) ** 2).sum(axis=1))
         last = index == len(flight.poses) - 1
         lines = (
-            f"{policy} on {flight.episode.level}",
-            f"step {index + 1}   height {pose[2] - river.level_m[nearest]:.1f} m",
+            policy,
+            f"{flight.episode.level}   step {index + 1}   height {pose[2] - river.level_m[nearest]:.1f} m",
             f"return {flight.episode.return_ if last else flight.returns[index]:.2f} of 10"
             + (f"   cost {flight.episode.cost:.1f}   {flight.episode.reason}" if last else ""),
         )
         draw = ImageDraw.Draw(canvas)
         for number, line in enumerate(lines):
             place = (VIEW_PX + 2 * MARGIN_PX, MARGIN_PX + MAP_PX + 12 + number * 28)
-            draw.text(place, line, INK, fonts[18 if number == 0 else 14])
+            draw.text(place, line, INK, fonts[number])
         yield np.asarray(canvas)
+
+
+def _fitting(text: str, size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    """The font in which the text is no wider than the map beside it: of this size, or as much smaller as it takes."""
+    while (font := ImageFont.load_default(size=size)).getlength(text) > MAP_PX and size > 8:
+        size -= 1
+    return font
 
 
 def _paste_mask(canvas: Image.Image, mask: np.ndarray) -> None:

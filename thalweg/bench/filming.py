@@ -11,12 +11,12 @@ from rich.console import Console
 
 from thalweg.bench.bars import bar, progress_of_frames
 from thalweg.bench.episodes import Episode, read_episodes
-from thalweg.bench.files import write_whole
 from thalweg.bench.results import CAPTION, FILM, NO_FILM, evaluation_path
 from thalweg.bench.river import Place
 from thalweg.bench.statistics import summarise
 from thalweg.bench.suites import Run, Suite
 from thalweg.bench.tables import plus_minus
+from thalweg.whole import write_whole
 
 
 @dataclass(frozen=True)

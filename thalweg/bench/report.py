@@ -12,9 +12,10 @@ from pathlib import Path
 from string import Template
 
 from thalweg.bench import figures, tables
-from thalweg.bench.files import ResultsError, write_whole
+from thalweg.bench.files import ResultsError
 from thalweg.bench.published import SOURCE
 from thalweg.bench.results import CAPTION, FILM, Results, read_results
+from thalweg.whole import write_whole
 
 TEMPLATE = Template((Path(__file__).with_name("page.html")).read_text(encoding="utf-8"))
 PAGE = "report.html"

@@ -15,8 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from thalweg.bench.episodes import Episode, read_episodes
-from thalweg.bench.files import ResultsError, csv_text, read_csv, write_whole
+from thalweg.bench.files import ResultsError, csv_text, read_csv
 from thalweg.bench.statistics import TrainingLog
+from thalweg.whole import write_whole
 
 RUN_COLUMNS = ("run", "kind", "algorithm", "seed", "steps", "status", "error", "wall_s", "steps_per_s")
 FILM, CAPTION, NO_FILM = "film.mp4", "film.txt", "film-error.txt"

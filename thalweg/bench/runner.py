@@ -14,7 +14,7 @@ from rich.console import Console
 
 from thalweg.bench.bars import all_landed, bar, progress_of_flights
 from thalweg.bench.episodes import read_episodes, write_episodes
-from thalweg.bench.files import ResultsError, write_whole
+from thalweg.bench.files import ResultsError
 from thalweg.bench.filming import film_best
 from thalweg.bench.report import Report, write_report
 from thalweg.bench.results import RunRow, evaluation_path, read_runs, read_suite, write_runs
@@ -23,6 +23,7 @@ from thalweg.bench.suites import Run, Suite, check
 from thalweg.env import EnvConfig
 from thalweg.train.machine import machine, versions
 from thalweg.train.record import POLICY, read_status
+from thalweg.whole import write_whole
 
 
 @dataclass(frozen=True)

@@ -19,16 +19,18 @@ from pathlib import Path
 import numpy as np
 import torch
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
+from rich.text import Text
 
 from thalweg.algos.actions import actions_of
 from thalweg.algos.policy import Policy
-from thalweg.bench.files import read_csv, write_whole
+from thalweg.bench.files import read_csv
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.render import Camera, Renderer
 from thalweg.train.latent import LatentVectorEnv
 from thalweg.train.machine import machine, versions
 from thalweg.train.river import load_fitting_encoder
+from thalweg.whole import write_whole
 from thalweg.world import World, build, level_named, load_or_build
 
 BATCH, WORLDS = 16, 4
@@ -270,7 +272,10 @@ def describe(found: dict) -> str:
 
 
 def print_table(found: dict, console: Console) -> None:
-    table = Table(*COLUMNS, title=describe(found))
-    for row in table_rows(found):
-        table.add_row(*row)
+    """A row for each measurement, with what it depends on below its name, so that 80 columns are enough."""
+    figures = (Column(name, justify="right", no_wrap=True) for name in ("median", "slowest", "fastest"))
+    table = Table("what", *figures, Column("unit", no_wrap=True), title=describe(found), show_lines=True)
+    for name, median, slowest, fastest, unit, batch, worlds, frame, features in table_rows(found):
+        given = ", ".join(part for part in (f"batch {batch}", f"worlds {worlds}", frame, features) if part)
+        table.add_row(Text.assemble(name, "\n", (given, "dim")), median, slowest, fastest, unit)
     console.print(table)

@@ -7,7 +7,8 @@ import pytest
 
 from tests.render.plain import plane
 from thalweg.kernel import kernel
-from thalweg.render import approx, fetch, ripples, scene, sky, tone
+from thalweg.render import Camera, approx, fetch, ripples, scene, sky, tone
+from thalweg.render.look import look_rows, look_values
 
 
 @kernel
@@ -25,6 +26,19 @@ def test_exp_and_log_are_within_their_stated_errors():
     exact = np.exp(np.log(xs.astype(np.float64)).astype(np.float32).astype(np.float64))
     # The argument itself is rounded to float32, which near 46 is worth 2e-6 of the result.
     assert np.abs(exps / exact - 1).max() < 2e-4
+
+
+@kernel
+def round_down(xs, floors):
+    for i in range(len(xs)):
+        floors[i] = approx.floor(xs[i])
+
+
+def test_floor_is_exact_below_zero_and_on_whole_numbers_too():
+    xs = np.concatenate([np.arange(-5, 6), np.linspace(-1e6, 1e6, 4001), [-1e-7, 1e-7, -2.0000002]]).astype(np.float32)
+    floors = np.empty_like(xs)
+    round_down(xs, floors)
+    np.testing.assert_array_equal(floors, np.floor(xs))
 
 
 def test_no_surface_pierces_a_cone():
@@ -126,8 +140,8 @@ def test_srgb_and_the_curve_at_known_points():
 
 
 @kernel
-def expose(red, green, blue, image):
-    tone.develop(red, green, blue, np.zeros(red.shape, np.uint8), image, red.shape[1])
+def expose(red, green, blue, look, image):
+    tone.develop(red, green, blue, np.zeros(red.shape, np.uint8), look, np.uint32(0), image, red.shape[1])
 
 
 def test_exposure_takes_away_most_of_a_change_of_light():
@@ -136,7 +150,8 @@ def test_exposure_takes_away_most_of_a_change_of_light():
     pictures = []
     for light in (1.0, 2.0):
         image = np.zeros((16, 16, 4), np.uint8)
-        expose(*(p * np.float32(light) for p in planes), image.view(np.uint32)[..., 0])
+        (row,) = look_rows(look_values(None, 1), Camera())
+        expose(*(p * np.float32(light) for p in planes), row, image.view(np.uint32)[..., 0])
         pictures.append(image[..., :3].astype(float))
     radiance = np.stack(planes, -1).astype(float)
     luma = radiance @ np.array(tone.LUMA)

@@ -1,6 +1,7 @@
 """A world and poses become frames: colour, water mask, depth and class, on the CPU."""
 
 from thalweg.render.camera import Camera
+from thalweg.render.look import Look
 from thalweg.render.renderer import RENDER_VERSION, Frame, Renderer
 
-__all__ = ["RENDER_VERSION", "Camera", "Frame", "Renderer"]
+__all__ = ["RENDER_VERSION", "Camera", "Frame", "Look", "Renderer"]

@@ -1,6 +1,7 @@
-"""What stands for exp and log in a pixel's arithmetic? Bit tricks and short polynomials, which vectorise.
+"""What stands for exp, log and floor in a pixel's arithmetic? Bit tricks and short polynomials, which vectorise.
 
-Each is within the relative error that its docstring names, held by a test; none is for positions or geometry.
+`exp` and `log2` are within the error that their docstrings name, held by a test; neither is for positions or geometry.
+`floor` is exact; NumPy's does not exist on a GPU, and Python's gives a 64-bit integer, which does not vectorise.
 """
 
 import numpy as np
@@ -9,6 +10,13 @@ from numba import int32
 from thalweg.kernel import kernel
 
 f32 = np.float32
+
+
+@kernel(inlined=True)
+def floor(x):
+    """The largest whole number not above x, for x in -2e9..2e9."""
+    whole = f32(int32(x))
+    return whole - f32(1) if x < whole else whole
 
 
 @kernel(inlined=True)
@@ -25,7 +33,7 @@ def log2(x):
 def exp2(x):
     """Two to the power of x in -120..120, within a relative error of 2e-4."""
     x = min(max(x, f32(-120)), f32(120))
-    whole = np.floor(x)
+    whole = floor(x)
     part = x - whole
     scale = np.int32((int32(whole) + int32(127)) << int32(23)).view(np.float32)
     return scale * (f32(1) + part * (f32(0.69606564) + part * (f32(0.22449434) + part * f32(0.07944024))))

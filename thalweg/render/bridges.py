@@ -5,12 +5,16 @@ two faces and then marched through the outline of arch and deck in the (u, z) pl
 more. Absent on purpose: anything that would need a mesh.
 """
 
+import math
+
 import numpy as np
 from numba import int32
 
 from thalweg.kernel import kernel
 from thalweg.render import scene as table
+from thalweg.render.approx import exp, floor
 from thalweg.render.fetch import clamp
+from thalweg.render.look import HAZE_PER_M
 from thalweg.world.record import PARAPET_THICKNESS_M
 
 f32 = np.float32
@@ -38,7 +42,7 @@ def outline_gap(u, z, low, high_centre, half_length, hump, half_span, spring, ri
     share = u / half_length
     top = z - (high_centre - hump * share * share)
     across = u / half_span
-    arch = spring + rise * np.sqrt(max(f32(1) - across * across, f32(0)))
+    arch = spring + rise * math.sqrt(max(f32(1) - across * across, f32(0)))
     hollow = arch - z if abs(u) < half_span else f32(-1)
     return max(max(top, low - z), max(hollow, abs(u) - half_length))
 
@@ -174,7 +178,7 @@ def meet_bridge(row, ox, oy, oz, dx, dy, dz, near, far):
     hv = v + dv * t
     hz = oz + dz * t
     across = hu / span
-    arch = spring + rise * np.sqrt(max(f32(1) - across * across, f32(0)))
+    arch = spring + rise * math.sqrt(max(f32(1) - across * across, f32(0)))
     in_arch = (hz < arch + f32(0.02)) & (abs(hu) < span)
     end = abs(hu) > length - f32(0.01)
     nu = f32(0)
@@ -188,7 +192,7 @@ def meet_bridge(row, ox, oy, oz, dx, dy, dz, near, far):
         # The intrados faces the axis of the arch.
         eu = -hu / (span * span)
         ez = -(hz - spring) / (rise * rise)
-        size = np.sqrt(eu * eu + ez * ez) + f32(1e-9)
+        size = math.sqrt(eu * eu + ez * ez) + f32(1e-9)
         nu = eu / size
         nz = ez / size
     else:
@@ -199,9 +203,9 @@ def meet_bridge(row, ox, oy, oz, dx, dy, dz, near, far):
 @kernel(inlined=True)
 def block_shade(a, b, footprint):
     """Brightness of masonry at a along a course and b across courses (metres), faded by the pixel's footprint."""
-    course = np.floor(b / f32(COURSE_M))
+    course = floor(b / f32(COURSE_M))
     shifted = a / f32(BLOCK_M) + f32(0.5) * course
-    block = np.floor(shifted)
+    block = floor(shifted)
     mixed = np.uint32(np.uint32(int32(block)) * np.uint32(374761393) + np.uint32(int32(course)) * np.uint32(668265263))
     mixed = np.uint32((mixed ^ (mixed >> np.uint32(13))) * np.uint32(1274126177))
     tone = f32(int32((mixed >> np.uint32(16)) & np.uint32(255))) * f32(1 / 255.0)
@@ -215,7 +219,7 @@ def block_shade(a, b, footprint):
 
 
 @kernel(inlined=True)
-def shade_stone(scene, w, row, found, far, footprint):
+def shade_stone(scene, w, look, row, found, far, footprint):
     """Radiance of the stone at a point found by `meet_bridge`; far and footprint in metres."""
     _, u, v, nu, nv, nz, z = found
     cos = row[table.B_COS]
@@ -233,14 +237,14 @@ def shade_stone(scene, w, row, found, far, footprint):
     # The ring of voussoirs around the arch is paler and has joints along its radius.
     across = u / row[table.B_SPAN]
     rise = height / (row[table.B_RISE] + f32(0.001))
-    ring = np.sqrt(across * across + rise * rise)
+    ring = math.sqrt(across * across + rise * rise)
     on_ring = (ring > f32(0.99)) & (ring < f32(1.16)) & (abs(nv) > f32(0.5))
     tone = block_shade(along, up, footprint) * (f32(1.18) if on_ring else f32(1))
     # Damp and moss near the water.
     damp = min(max(height * f32(0.9) + f32(0.1), f32(0)), f32(1))
     tone *= f32(0.55) + f32(0.45) * damp
     bounce = f32(BOUNCE)
-    clear = np.exp(-far * f32(table.FOG_PER_M))
+    clear = exp(-far * look[HAZE_PER_M])
     red = f32(STONE[0]) * tone * (direct * f32(table.SUN_R) + open_sky * f32(table.SKY_R) + bounce)
     green = f32(STONE[1]) * tone * (direct * f32(table.SUN_G) + open_sky * f32(table.SKY_G) + bounce)
     blue = f32(STONE[2]) * tone * (direct * f32(table.SUN_B) + open_sky * f32(table.SKY_B) + bounce)

@@ -4,11 +4,14 @@ All take node coordinates: a point's distance from the grid's origin in cells. I
 edge of the map its border goes on.
 """
 
+import math
+
 import numpy as np
 from numba import int32, uint32
 
 from thalweg.kernel import kernel
 from thalweg.render import ripples, sky
+from thalweg.render.approx import floor
 
 f32 = np.float32
 
@@ -86,8 +89,8 @@ def tile_level(tile, x, y, level):
     shrink = f32(1) / f32(int32(1) << level)
     px = (x + f32(0.5)) * shrink - f32(0.5)
     py = (y + f32(0.5)) * shrink - f32(0.5)
-    floor_x = np.floor(px)
-    floor_y = np.floor(py)
+    floor_x = floor(px)
+    floor_y = floor(py)
     mask = size - int32(1)
     column = int32(floor_x) & mask
     row = int32(floor_y) & mask
@@ -107,8 +110,8 @@ def tile_level(tile, x, y, level):
 def sky_at(table, begin, dx, dy, dz):
     """Radiance of the sky in a direction (any length): red, green, blue."""
     flat = abs(dx) + abs(dy) + f32(1e-12)
-    sine = dz / np.sqrt(dx * dx + dy * dy + dz * dz)
-    root = np.sqrt(abs(sine))
+    sine = dz / math.sqrt(dx * dx + dy * dy + dz * dz)
+    root = math.sqrt(abs(sine))
     v = (f32(0.5) + f32(0.5) * (root if sine > f32(0) else -root)) * f32(sky.ROWS) - f32(0.5)
     east = dx / flat
     turn = f32(1) - east if dy >= f32(0) else f32(3) + east
@@ -125,7 +128,7 @@ def sky_at(table, begin, dx, dy, dz):
         table[uint32(k + right)],
         table[uint32(k + int32(sky.COLUMNS) + column)],
         table[uint32(k + int32(sky.COLUMNS) + right)],
-        u - np.floor(u),
+        u - floor(u),
         v - f32(row),
     )
     scale = f32(sky.CODE_RANGE / 255.0**2)

@@ -14,7 +14,8 @@ from thalweg.render import bridges, ground, march, plants, water
 from thalweg.render import scene as table
 from thalweg.render.approx import exp
 from thalweg.render.fetch import sky_at
-from thalweg.render.tone import develop
+from thalweg.render.look import HALF_H, HALF_W, HAZE_PER_M, PITCH
+from thalweg.render.tone import develop, scramble
 
 f32 = np.float32
 
@@ -28,26 +29,14 @@ SPAN_ROWS = 10
 
 
 @kernel
-def draw_frame(scene, w, x, y, z, yaw, time, camera, image, want_layers, depth_out, class_out):
+def draw_frame(scene, w, x, y, z, yaw, time, look, camera, image, want_layers, depth_out, class_out):
     """Draw into image [H, W] uint32: red, green, blue from the lowest byte up, the water mask in the highest.
 
-    camera: (height, width, half_height, half_width, pitch, near), the last four float32. Pose in world metres.
+    camera: (height, width, near), the last in float32 metres. Pose in world metres. look: a row [LOOK_COLUMNS].
     depth_out, class_out [H, W] are written to where wanted.
     """
-    height, width, half_h, half_w, pitch, near = camera
-    cos_p = f32(math.cos(pitch))
-    sin_p = f32(math.sin(pitch))
-    cos_y = f32(math.cos(yaw))
-    sin_y = f32(math.sin(yaw))
-    per_column = f32(2) * half_w / f32(width)
-    # Forward, right and up; the right vector has no height, for the camera does not roll.
-    eye = (
-        f32(x), f32(y), f32(z),
-        cos_y * cos_p, sin_y * cos_p, -sin_p,
-        sin_y, -cos_y,
-        cos_y * sin_p, sin_y * sin_p, cos_p,
-        half_w, half_h, per_column, near,
-    )  # fmt: skip
+    height, width, near = camera
+    eye = open_eye(x, y, z, yaw, look, width, near)
     wide = (width + plants.BLOCK - 1) // plants.BLOCK * plants.BLOCK
     depth = np.empty((height, wide), np.float32)
     kind = np.empty((height, wide), np.uint8)
@@ -58,9 +47,9 @@ def draw_frame(scene, w, x, y, z, yaw, time, camera, image, want_layers, depth_o
     solid = np.full((height, wide), f32(MISS), np.float32)
 
     survey(scene, w, eye, depth, kind)
-    stone = draw_bridges(scene, w, eye, width, depth, kind)
-    plants.draw_plants(scene, w, eye, depth, red, green, blue, light, solid)
-    shade(scene, w, eye, f32(time), width, depth, kind, light, red, green, blue)
+    stone = draw_bridges(scene, w, look, eye, width, depth, kind)
+    plants.draw_plants(scene, w, look, eye, depth, red, green, blue, light, solid)
+    shade(scene, w, look, eye, f32(time), width, depth, kind, light, red, green, blue)
     for k in range(len(stone)):
         r = int32(stone[k, 0])
         c = int32(stone[k, 1])
@@ -72,16 +61,45 @@ def draw_frame(scene, w, x, y, z, yaw, time, camera, image, want_layers, depth_o
     if want_layers:
         write_layers(depth, solid, kind, light, depth_out, class_out)
     mask_water(kind, light)
-    develop(red, green, blue, kind, image, width)
+    develop(red, green, blue, kind, look, noise_key(eye, f32(time)), image, width)
+
+
+@kernel(inlined=True)
+def open_eye(x, y, z, yaw, look, width, near):
+    """The camera at a pose: origin, forward, right and up vectors, half width and height, width of a pixel, near plane.
+
+    The right vector has no height, for the camera does not roll.
+    """
+    pitch = look[PITCH]
+    half_w = look[HALF_W]
+    cos_p = f32(math.cos(pitch))
+    sin_p = f32(math.sin(pitch))
+    cos_y = f32(math.cos(yaw))
+    sin_y = f32(math.sin(yaw))
+    return (
+        f32(x), f32(y), f32(z),
+        cos_y * cos_p, sin_y * cos_p, -sin_p,
+        sin_y, -cos_y,
+        cos_y * sin_p, sin_y * sin_p, cos_p,
+        half_w, look[HALF_H], f32(2) * half_w / f32(width), near,
+    )  # fmt: skip
+
+
+@kernel(inlined=True)
+def noise_key(eye, time):
+    """What the sensor's noise depends on: place and time, to the bit."""
+    key = scramble(uint32(np.float32(eye[0]).view(np.int32)))
+    key = scramble(uint32(key ^ uint32(np.float32(eye[1]).view(np.int32))))
+    return scramble(uint32(key ^ uint32(np.float32(time).view(np.int32))))
 
 
 @kernel(disjoint=True)
-def aim(eye, height, r, inv_cell, dx, dy, dz):
-    """The rays of row r: dx, dy [W'] in nodes and dz [W'] in metres per metre along the optical axis."""
+def aim(eye, height, r, first, inv_cell, dx, dy, dz, n):
+    """The rays of row r from column `first` on: dx, dy [n] in nodes and dz [n] in metres per metre along the axis."""
     _, _, _, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, _ = eye
     sy = half_h - (f32(r) + f32(0.5)) * (f32(2) * half_h / f32(height))
-    for c in range(len(dx)):
-        sx = (f32(c) + f32(0.5)) * per_column - half_w
+    for c in range(n):
+        sx = (f32(first + c) + f32(0.5)) * per_column - half_w
         dx[c] = (fx + sy * ux + sx * rx) * inv_cell
         dy[c] = (fy + sy * uy + sx * ry) * inv_cell
         dz[c] = fz + sy * uz
@@ -100,12 +118,14 @@ def survey(scene, w, eye, depth, kind):
     t = np.empty(wide, np.float32)
     hit = np.empty(wide, np.float32)
     wet = np.empty(wide, np.float32)
+    span = np.empty((march.TRACK, wide), np.float32)
+    track = (span[0], span[1], span[2], span[3], span[4])
     for r in range(height):
-        aim(eye, height, r, inv_cell, dx, dy, dz)
+        aim(eye, height, r, 0, inv_cell, dx, dy, dz, wide)
         for c in range(wide):
             t[c] = eye[14]
-        march.march(scene, w, node_x, node_y, eye[2], dx, dy, dz, t, hit, wide)
-        march.wetness(scene, w, node_x, node_y, dx, dy, t, wet)
+        march.march(scene, w, node_x, node_y, eye[2], dx, dy, dz, t, hit, track, wide)
+        march.wetness(scene, w, node_x, node_y, dx, dy, t, wet, wide)
         for c in range(wide):
             depth[r, c] = t[c] if hit[c] > f32(0) else f32(MISS)
             surface = np.uint8(WATER) if wet[c] > f32(0) else np.uint8(GROUND)
@@ -113,7 +133,7 @@ def survey(scene, w, eye, depth, kind):
 
 
 @kernel
-def draw_bridges(scene, w, eye, width, depth, kind):
+def draw_bridges(scene, w, look, eye, width, depth, kind):
     """Set depth and kind where a bridge is nearest; the stone met [K, 6]: row, column, red, green, blue, depth."""
     ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, near = eye
     height = depth.shape[0]
@@ -139,11 +159,11 @@ def draw_bridges(scene, w, eye, width, depth, kind):
                 if found[0] > f32(0):
                     depth[r, c] = found[0]
                     kind[r, c] = np.uint8(BRIDGE)
-                    slant = np.sqrt(f32(1) + sx * sx + sy * sy)
+                    slant = math.sqrt(f32(1) + sx * sx + sy * sy)
                     stone[n, 0] = f32(r)
                     stone[n, 1] = f32(c)
                     stone[n, 2], stone[n, 3], stone[n, 4] = bridges.shade_stone(
-                        scene, w, row, found, found[0] * slant, found[0] * per_row
+                        scene, w, look, row, found, found[0] * slant, found[0] * per_row
                     )
                     stone[n, 5] = found[0]
                     n += 1
@@ -151,7 +171,7 @@ def draw_bridges(scene, w, eye, width, depth, kind):
 
 
 @kernel(disjoint=True)
-def shade(scene, w, eye, time, width, depth, kind, light, red, green, blue):
+def shade(scene, w, look, eye, time, width, depth, kind, light, red, green, blue):
     """Add what sky, water and ground send through the plants to red, green, blue [H, W']."""
     height, wide = depth.shape
     inv_cell = scene.number[w, table.INV_CELL]
@@ -160,6 +180,11 @@ def shade(scene, w, eye, time, width, depth, kind, light, red, green, blue):
     pixel = f32(2) * eye[12] / f32(height)
     sky_begin = int32(scene.place[w, table.SKY_AT])
     span = np.empty((SPAN_ROWS, wide), np.float32)
+    work_rows = np.empty((water.WORK, wide), np.float32)
+    work = (
+        work_rows[0], work_rows[1], work_rows[2], work_rows[3], work_rows[4], work_rows[5],
+        work_rows[6], work_rows[7], work_rows[8], work_rows[9], work_rows[10],
+    )  # fmt: skip
     at = np.empty(wide, np.int32)
     ray_x = np.empty(wide, np.float32)
     ray_y = np.empty(wide, np.float32)
@@ -175,7 +200,7 @@ def shade(scene, w, eye, time, width, depth, kind, light, red, green, blue):
     out_g = span[8]
     out_b = span[9]
     for r in range(height):
-        aim(eye, height, r, inv_cell, ray_x, ray_y, ray_z)
+        aim(eye, height, r, 0, inv_cell, ray_x, ray_y, ray_z, wide)
         for what in range(3):
             n = 0
             for c in range(width):
@@ -188,11 +213,13 @@ def shade(scene, w, eye, time, width, depth, kind, light, red, green, blue):
             if what == SKY:
                 shade_sky(scene.sky, sky_begin, dx, dy, dz, out_r, out_g, out_b, n)
             elif what == WATER:
-                water.shade_water(scene, w, x, y, z, dx, dy, dz, far, pixel, time, out_r, out_g, out_b, n)
+                water.shade_water(
+                    scene, w, look, x, y, z, dx, dy, dz, far, pixel, time, work, out_r, out_g, out_b, n
+                )  # fmt: skip
             else:
                 ground.shade_ground(scene, w, x, y, dz, far, pixel, out_r, out_g, out_b, n)
             if what != SKY:
-                haze(scene, w, far, out_r, out_g, out_b, n)
+                haze(scene, w, look, far, out_r, out_g, out_b, n)
             for k in range(n):
                 c = at[k]
                 red[r, c] += light[r, c] * out_r[k]
@@ -210,7 +237,7 @@ def reach(node_x, node_y, oz, inv_cell, ray_x, ray_y, ray_z, depth, at, x, y, z,
         vy = ray_y[c]
         vz = ray_z[c]
         t = depth[c]
-        slant = np.sqrt((vx * vx + vy * vy) * cell * cell + vz * vz)
+        slant = math.sqrt((vx * vx + vy * vy) * cell * cell + vz * vz)
         x[k] = node_x + vx * t
         y[k] = node_y + vy * t
         z[k] = oz + vz * t
@@ -231,13 +258,13 @@ def shade_sky(table_, begin, dx, dy, dz, red, green, blue, n):
 
 
 @kernel(disjoint=True)
-def haze(scene, w, far, red, green, blue, n):
+def haze(scene, w, look, far, red, green, blue, n):
     """Fade radiance [n] into the haze over `far` metres."""
     fog_r = scene.number[w, table.FOG_R]
     fog_g = scene.number[w, table.FOG_G]
     fog_b = scene.number[w, table.FOG_B]
     for k in range(n):
-        clear = exp(-far[k] * f32(table.FOG_PER_M))
+        clear = exp(-far[k] * look[HAZE_PER_M])
         red[k] = red[k] * clear + fog_r * (f32(1) - clear)
         green[k] = green[k] * clear + fog_g * (f32(1) - clear)
         blue[k] = blue[k] * clear + fog_b * (f32(1) - clear)
@@ -264,8 +291,11 @@ def mask_water(kind, light):
 
 
 @kernel(parallel=True)
-def draw_frames(scene, world_index, poses, times, camera, images, want_layers, depths, classes):
-    """Draw one frame per pose: images [N, H, W] uint32; depths and classes [N, H, W] where wanted, else [1, 1, 1]."""
+def draw_frames(scene, world_index, poses, times, looks, camera, images, want_layers, depths, classes):
+    """Draw one frame per pose, each with its look [N, LOOK_COLUMNS]: images [N, H, W] uint32.
+
+    depths and classes are [N, H, W] where wanted, else [1, 1, 1].
+    """
     for n in prange(len(poses)):
         layer = n % len(depths)
         draw_frame(
@@ -276,6 +306,7 @@ def draw_frames(scene, world_index, poses, times, camera, images, want_layers, d
             poses[n, 2],
             poses[n, 3],
             times[n],
+            looks[n],
             camera,
             images[n],
             want_layers,

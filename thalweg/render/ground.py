@@ -1,7 +1,9 @@
 """What does dry ground look like? Its baked, prefiltered paint, and grain where the camera is near."""
 
+import math
+
 import numpy as np
-from numba import int32
+from numba import int32, uint32
 
 from thalweg.kernel import kernel
 from thalweg.render import ripples
@@ -47,17 +49,18 @@ def shade_ground(scene, w, x, y, dz, far, pixel, red, green, blue, n):
     inv_cell = scene.number[w, table.INV_CELL]
     wide = int32(scene.place[w, table.PAINT_X])
     high = int32(scene.place[w, table.PAINT_Y])
-    begins = scene.place[w, table.PAINT_AT : table.PAINT_AT + table.PAINT_LEVELS]
+    place = scene.place
     code = f32(table.PAINT_RANGE / 255.0**2)
     for i in range(n):
-        foot = far[i] * pixel / np.sqrt(max(-dz[i], f32(0.06)))
+        foot = far[i] * pixel / math.sqrt(max(-dz[i], f32(0.06)))
         level = clamp(log2(foot * inv_cell) - f32(SHARPEN), f32(0), f32(table.PAINT_LEVELS - 1.01))
         low = int32(level)
         share = level - f32(low)
-        r0, g0, b0, _ = paint_level(scene.paint, int32(begins[low]), wide, high, x[i], y[i], low)
-        r1, g1, b1, _ = paint_level(
-            scene.paint, int32(begins[low + int32(1)]), wide, high, x[i], y[i], low + int32(1)
-        )  # fmt: skip
+        begin = int32(place[w, uint32(int32(table.PAINT_AT) + low)])
+        r0, g0, b0, _ = paint_level(scene.paint, begin, wide, high, x[i], y[i], low)
+        low += int32(1)
+        begin = int32(place[w, uint32(int32(table.PAINT_AT) + low)])
+        r1, g1, b1, _ = paint_level(scene.paint, begin, wide, high, x[i], y[i], low)
         r0 += (r1 - r0) * share
         g0 += (g1 - g0) * share
         b0 += (b1 - b0) * share

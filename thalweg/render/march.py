@@ -5,6 +5,8 @@ along the optical axis. The step is the greatest of three: what the cone above t
 sooner), a share of the height above the surface, and a least step that grows with distance.
 """
 
+import math
+
 import numpy as np
 from numba import int32, uint32
 
@@ -20,15 +22,18 @@ LEAST_STEP_SHARE = 0.008
 """The least step is the greater of LEAST_STEP_M and this share of the distance."""
 STEEPEST = 1.0
 """Slope of the ground that a step by height reckons with."""
+TRACK = 5
+"""Arrays of scratch that the march needs."""
 FAR_M = 320.0
 """Beyond this all ground is lost in the haze and drawn as the horizon."""
 
 
 @kernel(disjoint=True)
-def march(scene, w, ox, oy, oz, dx, dy, dz, t, hit, n):
+def march(scene, w, ox, oy, oz, dx, dy, dz, t, hit, track, n):
     """Advance n rays from t [n] until they meet the surface (hit 1) or leave (hit 0); t is then where they meet it.
 
     Origin ox, oy and directions dx, dy in nodes, heights in metres. t must begin where the ray is above the surface.
+    track: TRACK arrays [n] of scratch.
     """
     columns = int32(scene.place[w, table.GX])
     rows = int32(scene.place[w, table.GY])
@@ -41,13 +46,9 @@ def march(scene, w, ox, oy, oz, dx, dy, dz, t, hit, n):
     cone_height = scene.cone_height
     cone_slope = scene.cone_slope
 
-    before = np.empty(n, np.float32)
-    gap_before = np.empty(n, np.float32)
-    gap_after = np.empty(n, np.float32)
-    speed = np.empty(n, np.float32)
-    leave = np.empty(n, np.float32)
+    before, gap_before, gap_after, speed, leave = track
     for i in range(n):
-        speed[i] = np.sqrt(dx[i] * dx[i] + dy[i] * dy[i]) * cell + f32(1e-9)
+        speed[i] = math.sqrt(dx[i] * dx[i] + dy[i] * dy[i]) * cell + f32(1e-9)
         rising = (summit + f32(0.01) - oz) / max(dz[i], f32(1e-9))
         leave[i] = min(rising, f32(FAR_M)) if dz[i] > f32(0) else f32(FAR_M)
         before[i] = t[i]
@@ -112,11 +113,11 @@ def march(scene, w, ox, oy, oz, dx, dy, dz, t, hit, n):
 
 
 @kernel(disjoint=True)
-def wetness(scene, w, ox, oy, dx, dy, t, wet):
+def wetness(scene, w, ox, oy, dx, dy, t, wet, n):
     """Depth of the water [n] where each ray has got to; not above zero on dry ground."""
     columns = int32(scene.place[w, table.GX])
     rows = int32(scene.place[w, table.GY])
     at = int32(scene.place[w, table.MAP_AT])
     depth = scene.depth
-    for i in range(len(t)):
+    for i in range(n):
         wet[i] = bilinear(depth, at, columns, rows, ox + dx[i] * t[i], oy + dy[i] * t[i])

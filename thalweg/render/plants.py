@@ -5,14 +5,17 @@ through any more is closed, and whatever lies behind costs nothing there. A pict
 texels are about as large as pixels.
 """
 
+import math
+
 import numpy as np
 from numba import int32, uint32, uint64
 
 from thalweg.kernel import kernel
 from thalweg.render import impostors
 from thalweg.render import scene as table
-from thalweg.render.approx import exp, log2
+from thalweg.render.approx import exp, floor, log2
 from thalweg.render.fetch import channel, clamp
+from thalweg.render.look import DENSITY, HAZE_PER_M, SEASON
 
 f32 = np.float32
 
@@ -29,25 +32,26 @@ CLOSED = 0.02
 
 
 @kernel
-def visible_plants(scene, w, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, order, distance):
+def visible_plants(scene, w, density, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, order, distance):
     """How many plants may be in view; their numbers, near to far, go to order [M]. distance [M] is scratch.
 
-    Origin in world metres; f, r, u: the camera's forward, right and up vectors.
+    density: the share of plants that there are. Origin in world metres; f, r, u: the camera's forward, right and up
+    vectors.
     """
     first = scene.place[w, table.PLANT_FROM]
     last = scene.place[w, table.PLANT_TO]
     plants = scene.plants
-    slant_w = np.sqrt(f32(1) + half_w * half_w)
-    slant_h = np.sqrt(f32(1) + half_h * half_h)
+    slant_w = math.sqrt(f32(1) + half_w * half_w)
+    slant_h = math.sqrt(f32(1) + half_h * half_h)
     count = 0
     found = np.empty(last - first, np.int32)
     heads = np.zeros(BUCKETS + 1, np.int32)
-    scale = f32(BUCKETS - 1) / np.sqrt(f32(FAR_M))
+    scale = f32(BUCKETS - 1) / math.sqrt(f32(FAR_M))
     for p in range(first, last):
         px = plants[p, table.P_X] - ox
         py = plants[p, table.P_Y] - oy
         flat = px * px + py * py
-        if flat > f32(FAR_M * FAR_M) or flat < f32(NEAR_M * NEAR_M):
+        if flat > f32(FAR_M * FAR_M) or flat < f32(NEAR_M * NEAR_M) or plants[p, table.P_RANK] >= density:
             continue
         half_tall = plants[p, table.P_HEIGHT] * f32(0.5)
         pz = plants[p, table.P_Z] + half_tall - oz
@@ -58,8 +62,8 @@ def visible_plants(scene, w, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w,
         above = abs(px * ux + py * uy + pz * uz)
         if ahead < -radius or aside > ahead * half_w + radius * slant_w or above > ahead * half_h + radius * slant_h:
             continue
-        far = np.sqrt(flat)
-        bucket = int32(np.sqrt(far) * scale)
+        far = math.sqrt(flat)
+        bucket = int32(math.sqrt(far) * scale)
         distance[p - first] = far
         heads[bucket + 1] += 1
         found[count] = p - first
@@ -68,7 +72,7 @@ def visible_plants(scene, w, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w,
         heads[b + 1] += heads[b]
     for k in range(count):
         p = found[k]
-        bucket = int32(np.sqrt(distance[p]) * scale)
+        bucket = int32(math.sqrt(distance[p]) * scale)
         order[heads[bucket]] = p
         heads[bucket] += 1
     # Within a bucket plants are nearly in order already; insertion finishes the sort.
@@ -84,7 +88,7 @@ def visible_plants(scene, w, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w,
 
 
 @kernel(disjoint=True)
-def draw_plants(scene, w, eye, depth, red, green, blue, light, solid):
+def draw_plants(scene, w, look, eye, depth, red, green, blue, light, solid):
     """Add the plants in view to red, green, blue [H, W'] and take from light [H, W'] what they cover.
 
     depth [H, W'] is the ground's distance along the axis; solid [H, W'] receives that of the plant behind which less
@@ -104,15 +108,16 @@ def draw_plants(scene, w, eye, depth, red, green, blue, light, solid):
     distance = np.empty(total, np.float32)
     wide_half_w = f32(columns) * per_column - half_w
     count = visible_plants(
-        scene, w, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, max(half_w, wide_half_w), half_h, order, distance
-    )
+        scene, w, look[DENSITY], ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, max(half_w, wide_half_w), half_h,
+        order, distance,
+    )  # fmt: skip
     planes = (depth.ravel(), red.ravel(), green.ravel(), blue.ravel(), light.ravel(), solid.ravel())
     for k in range(count):
         p = first + order[k]
         far = distance[order[k]]
         box = picture_box(scene.plants[p], far, eye, rows, columns)
         if box[0] < box[1] and box[2] < box[3]:
-            draw_picture(scene, w, p, far, eye, box, rows, columns, deepest, *planes)
+            draw_picture(scene, w, look, p, far, eye, box, rows, columns, deepest, *planes)
 
 
 @kernel(disjoint=True)
@@ -177,20 +182,19 @@ def picture_box(plant, far, eye, rows, columns):
 @kernel(inlined=True)
 def side_seen(nx, ny, sun_turn):
     """The view of the atlas for a look in the horizontal direction nx, ny; see `thalweg.render.impostors.view_of`."""
-    cos = np.cos(sun_turn)
-    sin = np.sin(sun_turn)
-    angle = np.arctan2(ny * cos - nx * sin, nx * cos + ny * sin)
-    return int32(np.floor(angle * f32(impostors.VIEWS / 6.283185307) + f32(0.5))) & int32(impostors.VIEWS - 1)
+    cos = math.cos(sun_turn)
+    sin = math.sin(sun_turn)
+    angle = math.atan2(ny * cos - nx * sin, nx * cos + ny * sin)
+    return int32(floor(angle * f32(impostors.VIEWS / 6.283185307) + f32(0.5))) & int32(impostors.VIEWS - 1)
 
 
-@kernel(disjoint=True)
-def draw_picture(scene, w, p, far, eye, box, rows, columns, deepest, depth, red, green, blue, light, solid):
-    """Draw plant p at a horizontal distance `far` into the blocks that its box touches and that are not closed.
+@kernel(inlined=True)
+def picture_of(scene, w, look, p, far, eye, rows):
+    """What all pixels of plant p's picture share: where it stands, its texels, and how their colour is turned to light.
 
-    The planes depth, red, green, blue, light, solid are flat, [rows * columns].
+    far: its horizontal distance in metres; rows: the image's height in pixels.
     """
-    ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, near = eye
-    c0, c1, r0, r1 = box
+    ox, oy, oz, fx, fy, fz, _, _, _, _, _, _, half_h, _, near = eye
     plant = scene.plants[p]
     nx = (plant[table.P_X] - ox) / far
     ny = (plant[table.P_Y] - oy) / far
@@ -211,26 +215,93 @@ def draw_picture(scene, w, p, far, eye, box, rows, columns, deepest, depth, red,
     begin = int32(scene.place[w, table.ATLAS_AT] + scene.atlas_level[level])
     begin = int32(begin + (kind * int32(impostors.VIEWS) + view) * high * wide)
 
-    clear = exp(-far * f32(table.FOG_PER_M))
-    tint_r = plant[table.P_R] * clear * f32(1 / 255.0**2)
-    tint_g = plant[table.P_G] * clear * f32(1 / 255.0**2)
-    tint_b = plant[table.P_B] * clear * f32(1 / 255.0**2)
+    clear = exp(-far * look[HAZE_PER_M])
+    season = look[SEASON]
+    tint_r = plant[table.P_R] * clear * f32(1 / 255.0**2) * (f32(1) + season * (scene.autumn[kind, 0] - f32(1)))
+    tint_g = plant[table.P_G] * clear * f32(1 / 255.0**2) * (f32(1) + season * (scene.autumn[kind, 1] - f32(1)))
+    tint_b = plant[table.P_B] * clear * f32(1 / 255.0**2) * (f32(1) + season * (scene.autumn[kind, 2] - f32(1)))
     add_r = scene.number[w, table.FOG_R] * (f32(1) - clear)
     add_g = scene.number[w, table.FOG_G] * (f32(1) - clear)
     add_b = scene.number[w, table.FOG_B] * (f32(1) - clear)
     sun_low = plant[table.P_LOW]
     sun_rise = plant[table.P_HIGH] - sun_low
     shade = scene.place[w, table.SHADE_AT] + kind * int32(impostors.VIEWS) + view
-    dark_r = scene.shade[shade, 0]
-    dark_g = scene.shade[shade, 1]
-    dark_b = scene.shade[shade, 2]
-    atlas = scene.atlas
-    # No ray leaves the axis further than those through the upper corners, so no ray meets the picture sooner.
-    spread = np.sqrt(fx * fx + fy * fy) + half_h * np.sqrt(ux * ux + uy * uy)
-    nearest = far / np.sqrt(spread * spread + half_w * half_w)
-    most_u = f32(wide) - f32(1.001)
-    most_v = f32(high) - f32(1.001)
+    return (
+        (far, nx, ny, foot, per_tall, per_half),
+        (begin, wide, high),
+        (tint_r, tint_g, tint_b, add_r, add_g, add_b, sun_low, sun_rise),
+        (scene.shade[shade, 0], scene.shade[shade, 1], scene.shade[shade, 2]),
+    )
 
+
+@kernel(inlined=True)
+def picture_pixel(atlas, picture, dx, dy, dz, near, ground, passing):
+    """What a picture sends through one pixel: red, green, blue, the share of `passing` it stops, and its depth.
+
+    dx, dy, dz: the ray in metres per metre along the axis; ground: depth of what lies behind; passing: the light that
+    nearer plants let through.
+    """
+    (far, nx, ny, foot, per_tall, per_half), (begin, wide, high), paint, (dark_r, dark_g, dark_b) = picture
+    tint_r, tint_g, tint_b, add_r, add_g, add_b, sun_low, sun_rise = paint
+    towards = dx * nx + dy * ny
+    t = far / max(towards, f32(1e-4))
+    v = (dz * t - foot) * per_tall
+    u = (dy * nx - dx * ny) * t * per_half
+    inside = (towards > f32(1e-3)) & (t > near) & (t < ground)
+    inside = inside & (v >= f32(0)) & (v < f32(1)) & (abs(u) < f32(1))
+    # Column 0 of a picture is on the camera's left, where u = 1.
+    tu = clamp((f32(1) - u) * f32(0.5) * f32(wide) - f32(0.5), f32(0), f32(wide) - f32(1.001))
+    tv = clamp(v * f32(high) - f32(0.5), f32(0), f32(high) - f32(1.001))
+    column = int32(tu)
+    row = int32(tv)
+    a = tu - f32(column)
+    b = tv - f32(row)
+    at = begin + row * wide + column
+    t00 = atlas[uint32(at)]
+    t10 = atlas[uint32(at + 1)]
+    t01 = atlas[uint32(at + wide)]
+    t11 = atlas[uint32(at + wide + 1)]
+    # Colours are weighted by coverage, so that empty texels do not bleed in.
+    w00 = (f32(1) - a) * (f32(1) - b) * channel(t00, 24)
+    w10 = a * (f32(1) - b) * channel(t10, 24)
+    w01 = (f32(1) - a) * b * channel(t01, 24)
+    w11 = a * b * channel(t11, 24)
+    cover = w00 + w10 + w01 + w11
+    share = f32(1) / max(cover, f32(1e-3))
+    cr = channel(t00, 0) * w00 + channel(t10, 0) * w10 + channel(t01, 0) * w01 + channel(t11, 0) * w11
+    cg = channel(t00, 8) * w00 + channel(t10, 8) * w10 + channel(t01, 8) * w01 + channel(t11, 8) * w11
+    cb = channel(t00, 16) * w00 + channel(t10, 16) * w10 + channel(t01, 16) * w01 + channel(t11, 16) * w11
+    cr *= share
+    cg *= share
+    cb *= share
+    sun = clamp(sun_low + sun_rise * v, f32(0), f32(1))
+    part = passing * cover * f32(1 / 255.0) if inside else f32(0)
+    red = part * (cr * cr * tint_r * (dark_r + (f32(1) - dark_r) * sun) + add_r)
+    green = part * (cg * cg * tint_g * (dark_g + (f32(1) - dark_g) * sun) + add_g)
+    blue = part * (cb * cb * tint_b * (dark_b + (f32(1) - dark_b) * sun) + add_b)
+    return red, green, blue, part, t
+
+
+@kernel(inlined=True)
+def nearest_ray(far, eye):
+    """Lower bound of the depth at which any ray meets a picture at a horizontal distance: the upper corners' rays."""
+    _, _, _, fx, fy, _, _, _, ux, uy, _, half_w, half_h, _, _ = eye
+    spread = math.sqrt(fx * fx + fy * fy) + half_h * math.sqrt(ux * ux + uy * uy)
+    return far / math.sqrt(spread * spread + half_w * half_w)
+
+
+@kernel(disjoint=True)
+def draw_picture(scene, w, look, p, far, eye, box, rows, columns, deepest, depth, red, green, blue, light, solid):
+    """Draw plant p at a horizontal distance `far` into the blocks that its box touches and that are not closed.
+
+    The planes depth, red, green, blue, light, solid are flat, [rows * columns].
+    """
+    _, _, _, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, near = eye
+    c0, c1, r0, r1 = box
+    per_row = f32(2) * half_h / f32(rows)
+    picture = picture_of(scene, w, look, p, far, eye, rows)
+    nearest = nearest_ray(far, eye)
+    atlas = scene.atlas
     for by in range(r0 // BLOCK_ROWS, (r1 - 1) // BLOCK_ROWS + 1):
         for bx in range(c0 // BLOCK, (c1 - 1) // BLOCK + 1):
             # Every pixel of the block is covered, or shows ground nearer than this plant can be.
@@ -246,50 +317,13 @@ def draw_picture(scene, w, p, far, eye, box, rows, columns, deepest, depth, red,
                 for i in range(BLOCK):
                     k = first + uint64(i)
                     sx = left + f32(i) * per_column
-                    dx = base_x + sx * rx
-                    dy = base_y + sx * ry
-                    towards = dx * nx + dy * ny
-                    t = far / max(towards, f32(1e-4))
-                    v = (base_z * t - foot) * per_tall
-                    u = (dy * nx - dx * ny) * t * per_half
-                    inside = (towards > f32(1e-3)) & (t > near) & (t < depth[k])
-                    inside = inside & (v >= f32(0)) & (v < f32(1)) & (abs(u) < f32(1))
-                    # Column 0 of a picture is on the camera's left, where u = 1.
-                    tu = clamp((f32(1) - u) * f32(0.5) * f32(wide) - f32(0.5), f32(0), most_u)
-                    tv = clamp(v * f32(high) - f32(0.5), f32(0), most_v)
-                    column = int32(tu)
-                    row = int32(tv)
-                    a = tu - f32(column)
-                    b = tv - f32(row)
-                    at = begin + row * wide + column
-                    t00 = atlas[uint32(at)]
-                    t10 = atlas[uint32(at + 1)]
-                    t01 = atlas[uint32(at + wide)]
-                    t11 = atlas[uint32(at + wide + 1)]
-                    # Colours are weighted by coverage, so that empty texels do not bleed in.
-                    w00 = (f32(1) - a) * (f32(1) - b) * channel(t00, 24)
-                    w10 = a * (f32(1) - b) * channel(t10, 24)
-                    w01 = (f32(1) - a) * b * channel(t01, 24)
-                    w11 = a * b * channel(t11, 24)
-                    cover = w00 + w10 + w01 + w11
-                    share = f32(1) / max(cover, f32(1e-3))
-                    cr = channel(t00, 0) * w00 + channel(t10, 0) * w10 + channel(t01, 0) * w01 + channel(t11, 0) * w11
-                    cg = channel(t00, 8) * w00 + channel(t10, 8) * w10 + channel(t01, 8) * w01 + channel(t11, 8) * w11
-                    cb = (
-                        channel(t00, 16) * w00
-                        + channel(t10, 16) * w10
-                        + channel(t01, 16) * w01
-                        + channel(t11, 16) * w11
-                    )
-                    cr *= share
-                    cg *= share
-                    cb *= share
-                    sun = clamp(sun_low + sun_rise * v, f32(0), f32(1))
                     passing = light[k]
-                    part = passing * cover * f32(1 / 255.0) if inside else f32(0)
-                    red[k] += part * (cr * cr * tint_r * (dark_r + (f32(1) - dark_r) * sun) + add_r)
-                    green[k] += part * (cg * cg * tint_g * (dark_g + (f32(1) - dark_g) * sun) + add_g)
-                    blue[k] += part * (cb * cb * tint_b * (dark_b + (f32(1) - dark_b) * sun) + add_b)
+                    add_r, add_g, add_b, part, t = picture_pixel(
+                        atlas, picture, base_x + sx * rx, base_y + sx * ry, base_z, near, depth[k], passing
+                    )
+                    red[k] += add_r
+                    green[k] += add_g
+                    blue[k] += add_b
                     light[k] = passing - part
                     crossed = (passing >= f32(0.5)) & (passing - part < f32(0.5))
                     solid[k] = t if crossed else solid[k]

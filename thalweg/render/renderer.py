@@ -1,6 +1,5 @@
 """How does one ask for frames? `Renderer(worlds).render(poses)`, for any number of cameras in any of its worlds."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from thalweg.render.camera import Camera
 from thalweg.render.frame import draw_frames
+from thalweg.render.look import Look, look_rows, look_values
 from thalweg.render.scene import build_scene
 from thalweg.world.record import World
 
@@ -41,14 +41,7 @@ class Renderer:
         self.camera = camera or Camera()
         self._scene = build_scene(self.worlds)
         eye = self.camera
-        self._camera = (
-            int(eye.height_px),
-            int(eye.width_px),
-            np.float32(eye.half_height),
-            np.float32(eye.half_width),
-            np.float32(math.radians(eye.pitch_deg)),
-            np.float32(eye.near_m),
-        )
+        self._camera = int(eye.height_px), int(eye.width_px), np.float32(eye.near_m)
 
     def render(
         self,
@@ -56,30 +49,40 @@ class Renderer:
         world_index: ArrayLike | None = None,
         time_s: ArrayLike | None = None,
         out: np.ndarray | None = None,
+        look: Look | Sequence[Look] | np.ndarray | None = None,
     ) -> np.ndarray:
         """Frames [N, H, W, 4] uint8: sRGB, and the water mask (0 or 255) in the fourth channel.
 
         poses [N, 4]: x, y, z in metres, yaw in radians. world_index [N]: which of the worlds each camera is in (the
         first if left out). time_s [N] or a number: moves the ripples. out: an array of the result's shape to draw into.
+        look: one for all frames, or one for each (also as an array [N, P], see `thalweg.render.look.PARAMETERS`).
         """
         poses, worlds, times = self._checked(poses, world_index, time_s)
+        looks = look_rows(look_values(look, len(poses)), self.camera)
         shape = (len(poses), self.camera.height_px, self.camera.width_px, 4)
         if out is None:
             out = np.empty(shape, np.uint8)
         elif out.shape != shape or out.dtype != np.uint8 or not out.flags.c_contiguous:
             raise ValueError(f"out is {out.dtype} {list(out.shape)}; it must be contiguous uint8 {list(shape)}")
         none = np.empty((1, 1, 1), np.float32), np.empty((1, 1, 1), np.uint8)
-        draw_frames(self._scene, worlds, poses, times, self._camera, out.view(np.uint32)[..., 0], False, *none)
+        draw_frames(self._scene, worlds, poses, times, looks, self._camera, out.view(np.uint32)[..., 0], False, *none)
         return out
 
     def render_layers(
-        self, poses: ArrayLike, world_index: ArrayLike | None = None, time_s: ArrayLike | None = None
+        self,
+        poses: ArrayLike,
+        world_index: ArrayLike | None = None,
+        time_s: ArrayLike | None = None,
+        look: Look | Sequence[Look] | np.ndarray | None = None,
     ) -> Frame:
         """Frames with depth and class; arguments as of `render`."""
         poses, worlds, times = self._checked(poses, world_index, time_s)
+        looks = look_rows(look_values(look, len(poses)), self.camera)
         shape = (len(poses), self.camera.height_px, self.camera.width_px)
         image, depth, kind = np.empty((*shape, 4), np.uint8), np.empty(shape, np.float32), np.empty(shape, np.uint8)
-        draw_frames(self._scene, worlds, poses, times, self._camera, image.view(np.uint32)[..., 0], True, depth, kind)
+        draw_frames(
+            self._scene, worlds, poses, times, looks, self._camera, image.view(np.uint32)[..., 0], True, depth, kind
+        )
         return Frame(np.ascontiguousarray(image[..., :3]), image[..., 3] > 0, depth, kind)
 
     def _checked(

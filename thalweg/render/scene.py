@@ -13,6 +13,7 @@ from numba import prange
 from thalweg.kernel import kernel
 from thalweg.render import impostors, ripples, sky
 from thalweg.world.record import World
+from thalweg.world.species import KINDS
 
 f32 = np.float32
 
@@ -30,7 +31,6 @@ SUN_R, SUN_G, SUN_B = (float(c) for c in SUN_RADIANCE)
 SKY_R, SKY_G, SKY_B = (float(c) for c in SKY_RADIANCE)
 PAINT_RANGE = 1.25
 """Radiances up to this are kept in the paint."""
-FOG_PER_M = 1 / 1500.0
 
 # Columns of Scene.place: where each world's tables begin, and their sizes.
 GX, GY, MAP_AT, CONE_X, CONE_AT, PAINT_X, PAINT_Y, CANOPY_X, CANOPY_Y, CANOPY_AT = range(10)
@@ -41,8 +41,8 @@ PLACES = PAINT_AT + PAINT_LEVELS
 ORIGIN_X, ORIGIN_Y, INV_CELL, TOP_MAX, SUN_X, SUN_Y, SUN_Z, FOG_R, FOG_G, FOG_B, SUN_TURN = range(11)
 NUMBERS = 11
 # Columns of Scene.plants.
-P_X, P_Y, P_Z, P_HEIGHT, P_HALF, P_KIND, P_R, P_G, P_B, P_LOW, P_HIGH = range(11)
-PLANT_COLUMNS = 11
+P_X, P_Y, P_Z, P_HEIGHT, P_HALF, P_KIND, P_R, P_G, P_B, P_LOW, P_HIGH, P_RANK = range(12)
+PLANT_COLUMNS = 12
 # Columns of Scene.bridges.
 B_X, B_Y, B_COS, B_SIN, B_HALF_LENGTH, B_HALF_WIDTH, B_SPAN, B_SPRING, B_RISE, B_DECK, B_HUMP, B_PARAPET = range(12)
 BRIDGE_COLUMNS = 12
@@ -83,6 +83,8 @@ class Scene(NamedTuple):
     """[levels] int64, where each level of an atlas begins."""
     shade: np.ndarray
     """[kinds * views, 3] float32, see `thalweg.render.impostors.Atlas.shade`."""
+    autumn: np.ndarray
+    """[kinds, 3] float32, factors on a plant's colour in full autumn."""
 
 
 def sun_vector(world: World) -> np.ndarray:
@@ -153,7 +155,14 @@ def build_scene(worlds: Sequence[World]) -> Scene:
         number[w, SUN_TURN] = world.sun_azimuth
 
     joined = {name: np.ascontiguousarray(np.concatenate(parts)) for name, parts in tables.items()}
-    return Scene(place=place, number=number, ripples=ripples.packed(ripples.tile()), atlas_level=atlas_level, **joined)
+    return Scene(
+        place=place,
+        number=number,
+        ripples=ripples.packed(ripples.tile()),
+        atlas_level=atlas_level,
+        autumn=autumn(),
+        **joined,
+    )
 
 
 def pack_colour(radiance: np.ndarray, scale: float, fourth: np.ndarray | None = None) -> np.ndarray:
@@ -217,7 +226,29 @@ def plant_rows(world: World) -> np.ndarray:
     rows[:, P_KIND] = plants.kind
     rows[:, [P_R, P_G, P_B]] = plants.tint
     rows[:, [P_LOW, P_HIGH]] = plants.light
+    rows[:, P_RANK] = plant_ranks(len(rows))
     return rows
+
+
+def plant_ranks(count: int) -> np.ndarray:
+    """[count] in 0..1: multiples of the golden ratio, so that any share of the plants is spread evenly over them."""
+    return np.arange(count) * ((np.sqrt(5) - 1) / 2) % 1.0
+
+
+AUTUMN = {
+    "oak": (2.6, 1.15, 0.55),
+    "birch": (3.4, 1.85, 0.40),
+    "bush": (2.9, 1.05, 0.70),
+    "reed": (1.7, 1.25, 0.80),
+    "grass": (1.9, 1.35, 0.75),
+    "pine": (1.10, 1.0, 0.95),
+}
+"""Factors on the colour of a species in full autumn; what is not named keeps its own."""
+
+
+def autumn() -> np.ndarray:
+    """[kinds, 3] float32."""
+    return np.array([AUTUMN.get(kind.species, (1.0, 1.0, 1.0)) for kind in KINDS], np.float32)
 
 
 def bridge_rows(world: World) -> np.ndarray:

@@ -7,13 +7,15 @@ canopies, the sky, the tile of ripples, the pictures of plants, and all constant
 with 16 samples a pixel takes a few seconds.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from thalweg.render import bridges, frame, ground, impostors, march, plants, ripples, sky, tone, twin_bridge, water
+from thalweg.render import look as looks
 from thalweg.render import scene as table
 from thalweg.render.camera import Camera
+from thalweg.render.look import Look, look_rows, look_values
 from thalweg.world.record import World
 
 
@@ -31,16 +33,27 @@ class TwinFrame:
     """[H, W] uint8, by the centre ray."""
 
 
-def draw(world: World, pose: np.ndarray, camera: Camera, *, samples: int = 4, time_s: float = 0.0) -> TwinFrame:
-    """The frame of a pose [4] (x, y, z, yaw) with samples x samples rays a pixel."""
-    scene = _Valley(world)
+def draw(
+    world: World,
+    pose: np.ndarray,
+    camera: Camera,
+    *,
+    samples: int = 4,
+    time_s: float = 0.0,
+    look: Look | None = None,
+) -> TwinFrame:
+    """The frame of a pose [4] (x, y, z, yaw) with samples x samples rays a pixel, without the sensor's noise."""
+    seen = look or Look()
+    row = look_rows(look_values(seen, 1), camera)[0].astype(np.float64)
+    camera = replace(camera, pitch_deg=camera.pitch_deg + seen.pitch_deg, fov_deg=camera.fov_deg + seen.fov_deg)
+    scene = _Valley(world, row)
     radiance, _, _ = scene.trace(pose, camera, samples, time_s)
     height, width = camera.height_px, camera.width_px
     radiance = radiance.reshape(height, samples, width, samples, 3).mean(axis=(1, 3))
     luma = np.minimum(radiance @ np.array(tone.LUMA), tone.BRIGHTEST).mean()
     grey = (radiance @ np.array(tone.LUMA))[..., None]
     vivid = np.maximum(grey + (radiance - grey) * tone.SATURATION, 0.0)
-    exposed = vivid * (tone.KEY / max(luma, 1e-4)) ** tone.ADAPTION
+    exposed = vivid * (tone.KEY / max(luma, 1e-4)) ** tone.ADAPTION * row[looks.GAIN_R : looks.GAIN_B + 1]
     rgb = np.rint(tone.encode(tone.curve(exposed)) * 255).astype(np.uint8)
     _, depth, kind = scene.trace(pose, camera, 1, time_s)
     return TwinFrame(rgb, kind == frame.WATER, np.where(np.isinf(depth), -1.0, depth), kind)
@@ -73,8 +86,9 @@ def repeating(tile: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 class _Valley:
     """A world's maps, in float64, as the definition reads them."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, row: np.ndarray) -> None:
         self.world = world
+        self.look = row
         self.ground = world.ground_m.astype(np.float64)
         self.surface = np.maximum(self.ground, world.water_m)
         self.wet = world.water_m.astype(np.float64) - self.ground
@@ -125,7 +139,7 @@ class _Valley:
         radiance[dry] = self.dry(x[dry], y[dry])
         wet = kind == frame.WATER
         radiance[wet] = self.water(point[wet], sight[wet], time_s)
-        clear = np.exp(-far * table.FOG_PER_M)[..., None]
+        clear = np.exp(-far * self.look[looks.HAZE_PER_M])[..., None]
         radiance = np.where(sky_seen[..., None], radiance, radiance * clear + self.fog * (1 - clear))
 
         green, light, solid = self.plants(eye, ray, (forward, right, up), camera, depth)
@@ -205,9 +219,11 @@ class _Valley:
         bed = x + bent[:, 0] * path / cell, y + bent[:, 1] * path / cell
         sunlit = bilinear(self.share, *bed)[:, None]
         sun_path = 1 / np.sqrt(1 - (1 - self.sun[2] ** 2) / water.INDEX**2)
-        through = np.exp(-np.array(water.ABSORB) * (path + depth * sun_path)[:, None])
+        through = np.exp(-self.look[looks.ABSORB_R : looks.ABSORB_B + 1] * (path + depth * sun_path)[:, None])
         glow = water.SHADE_GLOW + (1 - water.SHADE_GLOW) * sunlit
-        under = bilinear(self.lit, *bed) * through + np.array(water.SCATTER) * glow * (1 - through)
+        under = bilinear(self.lit, *bed) * through + self.look[looks.SCATTER_R : looks.SCATTER_B + 1] * glow * (
+            1 - through
+        )
 
         turned = sight + 2 * facing[:, None] * up
         turned[:, 2] = np.maximum(turned[:, 2], 0.02)
@@ -229,7 +245,7 @@ class _Valley:
         turned_x, turned_y = 0.6 * x + 0.8 * y, 0.6 * y - 0.8 * x
         b = repeating(self.tile, (turned_x + b_x * time_s) * b_scale, (turned_y + b_y * time_s) * b_scale)
         slope = a[..., :2] + np.stack([0.6 * b[..., 0] - 0.8 * b[..., 1], 0.8 * b[..., 0] + 0.6 * b[..., 1]], axis=-1)
-        return water.AMPLITUDE * slope
+        return self.look[looks.RIPPLE] * slope
 
     def mirrored(self, point: np.ndarray, turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What reflected rays see [K, 3], and the share [K] of the sky in it: canopies met in growing steps."""
@@ -247,7 +263,7 @@ class _Valley:
             met_at += part * s
             passing = passing - part
             s *= water.MIRROR_GROWTH
-        clear = np.exp(-met_at * table.FOG_PER_M)[:, None]
+        clear = np.exp(-met_at * self.look[looks.HAZE_PER_M])[:, None]
         haze = (1 - passing)[:, None] * (1 - clear)
         return wood * clear + self.fog * haze + self.sky(turned) * passing[:, None], passing
 
@@ -287,9 +303,11 @@ class _Valley:
         trees = self.world.plants
         offset = trees.position_m.astype(np.float64) - eye
         distance = np.hypot(offset[:, 0], offset[:, 1])
+        rank = table.plant_ranks(len(distance))
+        autumn = 1 + self.look[looks.SEASON] * (table.autumn().astype(np.float64) - 1)
         for m in np.argsort(distance, kind="stable"):
             far = distance[m]
-            if far < plants.NEAR_M or far > plants.FAR_M:
+            if far < plants.NEAR_M or far > plants.FAR_M or rank[m] >= self.look[looks.DENSITY]:
                 continue
             tall, half = float(trees.height_m[m]), float(trees.width_m[m]) / 2
             box = window(offset[m], tall, half, basis, camera, rows, columns)
@@ -315,8 +333,8 @@ class _Valley:
             low, high = trees.light[m].astype(np.float64)
             sun = np.clip(low + (high - low) * v, 0, 1)[..., None]
             dark = self.atlas.shade[kind, view].astype(np.float64)
-            colour = colour * trees.tint[m] * (dark + (1 - dark) * sun)
-            clear = np.exp(-far * table.FOG_PER_M)
+            colour = colour * trees.tint[m] * autumn[kind] * (dark + (1 - dark) * sun)
+            clear = np.exp(-far * self.look[looks.HAZE_PER_M])
             passing = light[box]
             added[box] += (passing * cover)[..., None] * (colour * clear + self.fog * (1 - clear))
             light[box] = passing * (1 - cover)

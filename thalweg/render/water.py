@@ -13,6 +13,8 @@
 Absent on purpose: waves that move the surface, foam, and the mirror image of single trees.
 """
 
+import math
+
 import numpy as np
 from numba import int32, uint32
 
@@ -21,28 +23,34 @@ from thalweg.render import ripples
 from thalweg.render import scene as table
 from thalweg.render.approx import exp, log2
 from thalweg.render.fetch import bilinear, channel, clamp, paint_level, sky_at, tile_level
+from thalweg.render.look import (
+    ABSORB_B,
+    ABSORB_G,
+    ABSORB_R,
+    HAZE_PER_M,
+    RIPPLE,
+    SCATTER_B,
+    SCATTER_G,
+    SCATTER_R,
+)
 
 f32 = np.float32
 
 INDEX = 1.333
-ABSORB = (0.95, 1.02, 1.18)
-"""Share of red, green, blue lost per metre of water (as exponents)."""
-SCATTER = (0.0080, 0.0084, 0.0080)
-"""Radiance that deep water sends up in full sun."""
 TILE_A_M = 7.3
 TILE_B_M = 2.9
 DRIFT_A_M_PER_S = (0.35, 0.12)
 DRIFT_B_M_PER_S = (-0.14, 0.23)
-AMPLITUDE = 0.55
-"""Of each ripple layer's slopes, whose mean square in the tile is fixed."""
 ROUGHNESS = 0.0012
 """Mean square slope of the ripples too small for the tile."""
 SHADE_GLOW = 0.12
-"""Share of SCATTER that is left in the shade."""
+"""Share of the scattered light that is left in the shade."""
 SUN_WIDTH = 0.0006
 """Mean square slope that the sun's own width adds to a glint."""
 GLITTER_MOST = 1.6
 GLITTER_TINT = (1.0, 0.95, 0.86)
+WORK = 11
+"""Arrays of scratch that the shading needs."""
 MIRROR_STEPS = 14
 MIRROR_FIRST_M = 0.4
 MIRROR_GROWTH = 1.45
@@ -67,43 +75,34 @@ def ripple_layer(tile, x, y, level):
 
 
 @kernel
-def shade_water(scene, w, x, y, z, dx, dy, dz, far, pixel, time, red, green, blue, n):
+def shade_water(scene, w, look, x, y, z, dx, dy, dz, far, pixel, time, work, red, green, blue, n):
     """Radiance [n] of water pixels.
 
     x, y: node coordinates, z: height in metres; dx, dy, dz: unit direction of sight in metres; far: distance in metres;
-    pixel: angle of a pixel; time in seconds.
+    pixel: angle of a pixel; time in seconds; work: WORK arrays [n] of scratch.
     """
-    slope_x = np.empty(n, np.float32)
-    slope_y = np.empty(n, np.float32)
-    spread = np.empty(n, np.float32)
-    facing = np.empty(n, np.float32)
-    rx = np.empty(n, np.float32)
-    ry = np.empty(n, np.float32)
-    rz = np.empty(n, np.float32)
-    passing = np.empty(n, np.float32)
-    up_r = np.empty(n, np.float32)
-    up_g = np.empty(n, np.float32)
-    up_b = np.empty(n, np.float32)
-    ripple(scene, w, x, y, dx, dy, dz, far, pixel, time, slope_x, slope_y, spread, facing, rx, ry, rz)
-    mirror_canopy(scene, w, x, y, z, rx, ry, rz, up_r, up_g, up_b, passing)
+    slope_x, slope_y, spread, facing, rx, ry, rz, passing, up_r, up_g, up_b = work
+    ripple(scene, w, look, x, y, dx, dy, dz, far, pixel, time, slope_x, slope_y, spread, facing, rx, ry, rz, n)
+    mirror_canopy(scene, w, look, x, y, z, rx, ry, rz, up_r, up_g, up_b, passing, red, n)
     compose(
-        scene, w, x, y, dx, dy, dz, far, pixel, slope_x, slope_y, spread, facing, rx, ry, rz, passing, up_r, up_g, up_b,
-        red, green, blue,
+        scene, w, look, x, y, dx, dy, dz, far, pixel, slope_x, slope_y, spread, facing, rx, ry, rz, passing,
+        up_r, up_g, up_b, red, green, blue, n,
     )  # fmt: skip
 
 
 @kernel(inlined=True)
 def footprint(far, pixel, vz):
     """Side of a pixel on the water in metres: it is stretched along the ray, and the geometric mean sets the level."""
-    return far * pixel / np.sqrt(max(-vz, f32(0.03)))
+    return far * pixel / math.sqrt(max(-vz, f32(0.03)))
 
 
 @kernel(disjoint=True)
-def ripple(scene, w, x, y, dx, dy, dz, far, pixel, time, slope_x, slope_y, spread, facing, rx, ry, rz):
+def ripple(scene, w, look, x, y, dx, dy, dz, far, pixel, time, slope_x, slope_y, spread, facing, rx, ry, rz, n):
     """Slopes [n] of the water, the mean square of those too small to be seen, the cosine of sight, the mirrored ray."""
     cell = f32(1) / scene.number[w, table.INV_CELL]
     tile = scene.ripples
-    for i in range(len(slope_x)):
+    amplitude = look[RIPPLE]
+    for i in range(n):
         foot = footprint(far[i], pixel, dz[i])
         mx = x[i] * cell
         my = y[i] * cell
@@ -120,13 +119,13 @@ def ripple(scene, w, x, y, dx, dy, dz, far, pixel, time, slope_x, slope_y, sprea
             (f32(0.6) * my - f32(0.8) * mx + f32(DRIFT_B_M_PER_S[1]) * time) * f32(ripples.SIZE / TILE_B_M),
             log2(foot * f32(ripples.SIZE / TILE_B_M)),
         )
-        lean_x = f32(AMPLITUDE) * (ax + f32(0.6) * bx - f32(0.8) * by)
-        lean_y = f32(AMPLITUDE) * (ay + f32(0.8) * bx + f32(0.6) * by)
-        size = f32(1) / np.sqrt(f32(1) + lean_x * lean_x + lean_y * lean_y)
+        lean_x = amplitude * (ax + f32(0.6) * bx - f32(0.8) * by)
+        lean_y = amplitude * (ay + f32(0.8) * bx + f32(0.6) * by)
+        size = f32(1) / math.sqrt(f32(1) + lean_x * lean_x + lean_y * lean_y)
         cosine = clamp((dx[i] * lean_x + dy[i] * lean_y - dz[i]) * size, f32(0.01), f32(1))
         slope_x[i] = lean_x
         slope_y[i] = lean_y
-        spread[i] = f32(AMPLITUDE * AMPLITUDE) * (a_lost + b_lost) + f32(ROUGHNESS)
+        spread[i] = amplitude * amplitude * (a_lost + b_lost) + f32(ROUGHNESS)
         facing[i] = cosine
         rx[i] = dx[i] - f32(2) * cosine * lean_x * size
         ry[i] = dy[i] - f32(2) * cosine * lean_y * size
@@ -134,9 +133,11 @@ def ripple(scene, w, x, y, dx, dy, dz, far, pixel, time, slope_x, slope_y, sprea
 
 
 @kernel(disjoint=True)
-def mirror_canopy(scene, w, x, y, z, rx, ry, rz, red, green, blue, passing):
-    """What the canopies send along reflected rays [n], haze included, and the share `passing` of the sky behind."""
-    n = len(passing)
+def mirror_canopy(scene, w, look, x, y, z, rx, ry, rz, red, green, blue, passing, met_at, n):
+    """What the canopies send along reflected rays [n], haze included, and the share `passing` of the sky behind.
+
+    met_at [n] is scratch.
+    """
     columns = int32(scene.place[w, table.CANOPY_X])
     rows = int32(scene.place[w, table.CANOPY_Y])
     at = int32(scene.place[w, table.CANOPY_AT])
@@ -147,8 +148,8 @@ def mirror_canopy(scene, w, x, y, z, rx, ry, rz, red, green, blue, passing):
     code = f32(table.PAINT_RANGE / 255.0**2)
     canopy = scene.canopy
     paint = scene.canopy_paint
-    met_at = np.zeros(n, np.float32)
     for i in range(n):
+        met_at[i] = f32(0)
         passing[i] = f32(1)
         red[i] = f32(0)
         green[i] = f32(0)
@@ -173,7 +174,7 @@ def mirror_canopy(scene, w, x, y, z, rx, ry, rz, red, green, blue, passing):
             passing[i] -= part
         s = s * f32(MIRROR_GROWTH)
     for i in range(n):
-        clear = exp(-met_at[i] * f32(table.FOG_PER_M))
+        clear = exp(-met_at[i] * look[HAZE_PER_M])
         haze = (f32(1) - passing[i]) * (f32(1) - clear)
         red[i] = red[i] * code * clear + fog_r * haze
         green[i] = green[i] * code * clear + fog_g * haze
@@ -182,8 +183,8 @@ def mirror_canopy(scene, w, x, y, z, rx, ry, rz, red, green, blue, passing):
 
 @kernel(disjoint=True)
 def compose(
-    scene, w, x, y, dx, dy, dz, far, pixel, slope_x, slope_y, spread, facing, rx, ry, rz, passing, up_r, up_g, up_b,
-    red, green, blue,
+    scene, w, look, x, y, dx, dy, dz, far, pixel, slope_x, slope_y, spread, facing, rx, ry, rz, passing,
+    up_r, up_g, up_b, red, green, blue, n,
 ):  # fmt: skip
     """Radiance [n]: the bed through the water, by Fresnel the mirrored canopy and sky, and the sun's glitter."""
     place = scene.place
@@ -202,40 +203,49 @@ def compose(
     depth_map = scene.depth
     paint = scene.paint
     sky_map = scene.sky
-    begins = place[w, table.PAINT_AT : table.PAINT_AT + table.PAINT_LEVELS]
-    sun_path = f32(1) / np.sqrt(f32(1) - (f32(1) - sun_z * sun_z) * f32(1 / INDEX**2))
-    for i in range(len(passing)):
+    absorb_r = look[ABSORB_R]
+    absorb_g = look[ABSORB_G]
+    absorb_b = look[ABSORB_B]
+    scatter_r = look[SCATTER_R]
+    scatter_g = look[SCATTER_G]
+    scatter_b = look[SCATTER_B]
+    sun_path = f32(1) / math.sqrt(f32(1) - (f32(1) - sun_z * sun_z) * f32(1 / INDEX**2))
+    for i in range(n):
         graze = f32(1) - facing[i]
         graze2 = graze * graze
-        rough = np.sqrt(spread[i])
-        mirror = f32(0.02) + f32(0.98) * graze2 * graze2 * graze / (f32(1) + f32(22.7) * rough * np.sqrt(rough))
+        rough = math.sqrt(spread[i])
+        mirror = f32(0.02) + f32(0.98) * graze2 * graze2 * graze / (f32(1) + f32(22.7) * rough * math.sqrt(rough))
 
         # The bed, where the refracted ray meets it.
         depth = max(bilinear(depth_map, at, columns, rows, x[i], y[i]), f32(0))
         hx = dx[i] * f32(1 / INDEX) + slope_x[i] * f32(0.25)
         hy = dy[i] * f32(1 / INDEX) + slope_y[i] * f32(0.25)
-        path = depth / np.sqrt(max(f32(1) - hx * hx - hy * hy, f32(0.1)))
+        path = depth / math.sqrt(max(f32(1) - hx * hx - hy * hy, f32(0.1)))
         bed_x = x[i] + hx * path * inv_cell
         bed_y = y[i] + hy * path * inv_cell
         foot = footprint(far[i], pixel, dz[i])
         level = clamp(log2(foot * inv_cell), f32(0), f32(table.PAINT_LEVELS - 1.01))
         low = int32(level)
         share = level - f32(low)
-        r0, g0, b0, s0 = paint_level(paint, int32(begins[uint32(low)]), wide, high, bed_x, bed_y, low)
+        r0, g0, b0, s0 = paint_level(
+            paint, int32(place[w, uint32(int32(table.PAINT_AT) + low)]), wide, high, bed_x, bed_y, low
+        )
         low += int32(1)
-        r1, g1, b1, s1 = paint_level(paint, int32(begins[uint32(low)]), wide, high, bed_x, bed_y, low)
+        r1, g1, b1, s1 = paint_level(
+            paint, int32(place[w, uint32(int32(table.PAINT_AT) + low)]), wide, high, bed_x, bed_y, low
+        )
         r0 += (r1 - r0) * share
         g0 += (g1 - g0) * share
         b0 += (b1 - b0) * share
         sunlit = (s0 + (s1 - s0) * share) * f32(1 / 255.0)
         whole = path + depth * sun_path
-        through_r = exp(-f32(ABSORB[0]) * whole)
-        through_g = exp(-f32(ABSORB[1]) * whole)
-        through_b = exp(-f32(ABSORB[2]) * whole)
+        through_r = exp(-absorb_r * whole)
+        through_g = exp(-absorb_g * whole)
+        through_b = exp(-absorb_b * whole)
         glow = f32(SHADE_GLOW) + f32(1 - SHADE_GLOW) * sunlit
-        under_r = r0 * r0 * code * through_r + f32(SCATTER[0]) * glow * (f32(1) - through_r)
-        under_g = g0 * g0 * code * through_g + f32(SCATTER[1]) * glow * (f32(1) - through_g)
-        under_b = b0 * b0 * code * through_b + f32(SCATTER[2]) * glow * (f32(1) - through_b)
+        under_r = r0 * r0 * code * through_r + scatter_r * glow * (f32(1) - through_r)
+        under_g = g0 * g0 * code * through_g + scatter_g * glow * (f32(1) - through_g)
+        under_b = b0 * b0 * code * through_b + scatter_b * glow * (f32(1) - through_b)
 
         # Glitter: how many of the ripples within the pixel mirror the sun.
         half_z = sun_z - dz[i]

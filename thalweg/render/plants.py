@@ -31,6 +31,11 @@ CLOSED = 0.02
 """A block through which less light than this passes everywhere is closed."""
 
 
+@kernel(inlined=True)
+def bucket_of(far):
+    return int32(clamp(math.sqrt(far) * f32((BUCKETS - 1) / math.sqrt(FAR_M)), f32(0), f32(BUCKETS - 1)))
+
+
 @kernel
 def visible_plants(scene, w, density, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, order, distance):
     """How many plants may be in view; their numbers, near to far, go to order [M]. distance [M] is scratch.
@@ -46,7 +51,6 @@ def visible_plants(scene, w, density, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz
     count = 0
     found = np.empty(last - first, np.int32)
     heads = np.zeros(BUCKETS + 1, np.int32)
-    scale = f32(BUCKETS - 1) / math.sqrt(f32(FAR_M))
     for p in range(first, last):
         px = plants[p, table.P_X] - ox
         py = plants[p, table.P_Y] - oy
@@ -63,7 +67,7 @@ def visible_plants(scene, w, density, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz
         if ahead < -radius or aside > ahead * half_w + radius * slant_w or above > ahead * half_h + radius * slant_h:
             continue
         far = math.sqrt(flat)
-        bucket = int32(math.sqrt(far) * scale)
+        bucket = bucket_of(far)
         distance[p - first] = far
         heads[bucket + 1] += 1
         found[count] = p - first
@@ -72,7 +76,7 @@ def visible_plants(scene, w, density, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz
         heads[b + 1] += heads[b]
     for k in range(count):
         p = found[k]
-        bucket = int32(math.sqrt(distance[p]) * scale)
+        bucket = bucket_of(distance[p])
         order[heads[bucket]] = p
         heads[bucket] += 1
     # Within a bucket plants are nearly in order already; insertion finishes the sort.

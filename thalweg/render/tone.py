@@ -10,6 +10,7 @@ import numpy as np
 from numba import int32, uint32
 
 from thalweg.kernel import kernel
+from thalweg.render.fetch import clamp
 from thalweg.render.look import GAIN_B, GAIN_G, GAIN_R, NOISE
 
 f32 = np.float32
@@ -68,9 +69,9 @@ def tone_pixel(table, red, green, blue, gain_r, gain_g, gain_b, top_byte):
     z = max(blue * f32(SATURATION) + grey, f32(0)) * gain_b
     scale = f32((CODES - 1) / 2.0)
     most = f32(CODES - 1)
-    a = table[uint32(int32(min(math.sqrt(x) * scale + f32(0.5), most)))]
-    b = table[uint32(int32(min(math.sqrt(y) * scale + f32(0.5), most)))]
-    c = table[uint32(int32(min(math.sqrt(z) * scale + f32(0.5), most)))]
+    a = table[uint32(int32(clamp(math.sqrt(x) * scale + f32(0.5), f32(0), most)))]
+    b = table[uint32(int32(clamp(math.sqrt(y) * scale + f32(0.5), f32(0), most)))]
+    c = table[uint32(int32(clamp(math.sqrt(z) * scale + f32(0.5), f32(0), most)))]
     return a | (b << uint32(8)) | (c << uint32(16)) | (uint32(top_byte) << uint32(24))
 
 
@@ -94,7 +95,7 @@ def noisy(pixel, spread, key):
         total = int32(bits & uint32(255)) + int32((bits >> uint32(8)) & uint32(255))
         total += int32((bits >> uint32(16)) & uint32(255)) + int32(bits >> uint32(24))
         old = f32(int32((pixel >> uint32(shift)) & uint32(255)))
-        new = min(max(old + spread * (f32(total) - f32(510)) * f32(1 / NOISE_UNIT) + f32(0.5), f32(0)), f32(255))
+        new = clamp(old + spread * (f32(total) - f32(510)) * f32(1 / NOISE_UNIT) + f32(0.5), f32(0), f32(255))
         result = result | (uint32(int32(new)) << uint32(shift))
     return result
 

@@ -4,6 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 UNFINISHED := $(VENV)/.unfinished
+CUDA := $(VENV)/.cuda
 OUT ?= results
 export MPLBACKEND := Agg
 
@@ -32,10 +33,15 @@ $(READY): requirements.lock pyproject.toml
 	@rm -f $(UNFINISHED)
 	@touch $@
 
+# The compiler for GPUs, which only tests need: they compile the kernels for one, without having it.
+$(CUDA): $(READY) requirements-cuda.lock
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet -r requirements-cuda.lock
+	@touch $@
+
 demo: $(READY)
 	$(BIN)/thalweg bench quick --out $(OUT)/quick
 
-test: $(READY)
+test: $(READY) $(CUDA)
 	$(BIN)/python -m pytest
 
 lint: $(READY)

@@ -46,7 +46,8 @@ def code_table() -> np.ndarray:
     return np.rint(encode(curve(root**2)) * 255).astype(np.uint8)
 
 
-_TABLE = code_table().astype(np.uint32)
+CODE_TABLE = code_table().astype(np.uint32)
+"""[CODES] uint32."""
 
 
 @kernel(inlined=True)
@@ -119,7 +120,7 @@ def develop(red, green, blue, wet, look, key, image, width):
     gain_b = gain * look[GAIN_B]
     for r in range(height):
         for c in range(width):
-            image[r, c] = tone_pixel(_TABLE, red[r, c], green[r, c], blue[r, c], gain_r, gain_g, gain_b, wet[r, c])
+            image[r, c] = tone_pixel(CODE_TABLE, red[r, c], green[r, c], blue[r, c], gain_r, gain_g, gain_b, wet[r, c])
     if look[NOISE] > f32(0):
         for r in range(height):
             for c in range(width):

@@ -1,0 +1,34 @@
+"""The worlds, poses and looks on which a GPU's frames are held against the CPU's; small enough for a simulator."""
+
+import numpy as np
+
+from tests.render.plain import plane, plants_at
+from thalweg.render import Camera, Look
+from thalweg.world.record import World
+
+CAMERA = Camera(16, 16)
+SIDE = 8
+"""Frames of the simulator are SIDE x SIDE."""
+
+
+def world() -> World:
+    """Sloping ground that falls below the water, an arch bridge, and one plant of each form."""
+    bridges = np.array([[4.0, -3.0, 0.4, 12.0, 3.0, 8.0, 0.3, 1.9, 2.9, 0.3, 0.6]])
+    places = [(float(x), float(y)) for x in (-4, 3, 9, 16) for y in (-7, -2, 4, 8)]
+    return plane(slope_x=-0.03, water_level=0.0, bridges=bridges, plants=_mixed(places))
+
+
+def _mixed(places):
+    plants = plants_at(places, 0, 4.0, 2.5)
+    plants.kind[:] = np.arange(len(places)) * 3 % 20
+    plants.light[:, 0] = 0.3
+    return plants
+
+
+POSES = np.array([[-16.0, 0.0, 4.0, 0.1], [-4.0, -9.0, 2.6, 0.75], [12.0, -12.0, 6.0, 1.7]])
+TIMES = np.array([0.0, 3.5, 8.25])
+LOOKS = [
+    Look(),
+    Look(haze=20.0, warmth=0.7, water_tint=-0.8, turbidity=0.5, ripple=1.7, season=0.8, plant_density=0.6),
+    Look(exposure_ev=0.6, pitch_deg=-8.0, fov_deg=20.0, noise=5.0, turbidity=3.0),
+]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from thalweg.render import compilation
 from thalweg.render.camera import Camera
 from thalweg.render.frame import draw_frames
 from thalweg.render.look import Look, look_rows, look_values
@@ -37,6 +38,7 @@ class Renderer:
         """Prepare the tables of the worlds. Raises `ValueError` if there is none."""
         if not worlds:
             raise ValueError("a renderer needs at least one world")
+        compilation.begin()
         self.worlds = tuple(worlds)
         self.camera = camera or Camera()
         self._scene = build_scene(self.worlds)
@@ -59,6 +61,7 @@ class Renderer:
         """
         poses, worlds, times = self._checked(poses, world_index, time_s)
         looks = look_rows(look_values(look, len(poses)), self.camera)
+        compilation.finish()
         shape = (len(poses), self.camera.height_px, self.camera.width_px, 4)
         if out is None:
             out = np.empty(shape, np.uint8)
@@ -78,6 +81,7 @@ class Renderer:
         """Frames with depth and class; arguments as of `render`."""
         poses, worlds, times = self._checked(poses, world_index, time_s)
         looks = look_rows(look_values(look, len(poses)), self.camera)
+        compilation.finish()
         shape = (len(poses), self.camera.height_px, self.camera.width_px)
         image, depth, kind = np.empty((*shape, 4), np.uint8), np.empty(shape, np.float32), np.empty(shape, np.uint8)
         draw_frames(

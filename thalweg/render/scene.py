@@ -87,6 +87,16 @@ class Scene(NamedTuple):
     """[kinds, 3] float32, factors on a plant's colour in full autumn."""
 
 
+def blank_scene() -> Scene:
+    """Tables of no world, of the types that those of every world have: for compiling before there is a world."""
+    kinds = {"place": (np.int64, 2), "number": (f32, 2), "plants": (f32, 2), "bridges": (f32, 2), "shade": (f32, 2),
+             "autumn": (f32, 2), "atlas_level": (np.int64, 1), "paint": (np.uint32, 1), "canopy_paint": (np.uint32, 1),
+             "sky": (np.uint32, 1), "ripples": (np.uint32, 1), "atlas": (np.uint32, 1)}  # fmt: skip
+    blank = {name: np.zeros((1,) * rank, kind) for name, (kind, rank) in kinds.items()}
+    blank["atlas_level"].setflags(write=False)
+    return Scene(**{name: blank.get(name, np.zeros(1, f32)) for name in Scene._fields})
+
+
 def sun_vector(world: World) -> np.ndarray:
     """Unit vector [3] to the sun."""
     level = np.cos(world.sun_elevation)
@@ -283,7 +293,7 @@ def cone_map(top: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarray]:
     return height.astype(np.float32), slope
 
 
-@kernel(parallel=True)
+@kernel(parallel=True, fastmath=False)
 def _cone_slope(highest, height, coarse, cell):
     rows, columns = highest.shape
     slope = np.zeros((rows, columns), np.float32)

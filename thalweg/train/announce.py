@@ -4,12 +4,14 @@ import sys
 from functools import cache
 
 from thalweg.kernel import kernel_folder
+from thalweg.render import compilation
 from thalweg.world import Level
 from thalweg.world.store import place_of
 
 
 def announce(level: Level, seed: int) -> None:
     """Say what has to be made before the river of a level and a seed can be flown: kernels, and the river itself."""
+    compilation.begin()
     folder = kernel_folder()
     if folder is None or next(folder.rglob("*.nbi"), None) is None:
         _say("compiling kernels: first start only, about a minute")

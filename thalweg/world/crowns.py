@@ -75,7 +75,7 @@ def roofs() -> np.ndarray:
     return out
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, fastmath=False)
 def crown_depth(plant, dx, dy, z, ray, outline, tile, salt):
     """Optical depth of the crown on the ray from a point at (dx, dy) from the plant's axis, height z above its foot.
 
@@ -107,7 +107,7 @@ def crown_depth(plant, dx, dy, z, ray, outline, tile, salt):
     return depth * plant[EXTINCTION] * thick / ray[2]
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, fastmath=False)
 def trunk_depth(plant, dx, dy, z, ray, blur):
     """Optical depth of the trunk on the ray from a point at (dx, dy) from the plant's axis, height z above its foot.
 

@@ -5,7 +5,7 @@ ground throw at each other is left to the renderer's ambient term.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import prange
@@ -26,7 +26,7 @@ from thalweg.world.crowns import (
     plant_table,
     roofs,
 )
-from thalweg.world.record import PARAPET_THICKNESS_M, Grid, Plants
+from thalweg.world.record import PARAPET_THICKNESS_M, Grid, Plants, World
 from thalweg.world.shade import (
     BAND_ROWS,
     BUCKET_M,
@@ -107,6 +107,20 @@ def bake(
     )
 
 
+def relit(world: World, azimuth: float, elevation: float) -> World:
+    """The world under another sun at these angles in radians; raises ValueError as `bake` does."""
+    baked = bake(world.grid, world.ground_m, world.water_m, world.plants, world.bridges, azimuth, elevation)
+    return replace(
+        world,
+        sun=baked.sun,
+        sky=baked.sky,
+        canopy_m=baked.canopy_m,
+        plants=replace(world.plants, light=baked.plant_light),
+        sun_azimuth=float(azimuth),
+        sun_elevation=float(elevation),
+    )
+
+
 def sun_ray(azimuth: float, elevation: float) -> np.ndarray:
     """[3] float32, unit vector (east, north, up) towards a sun at these angles in radians."""
     flat = max(math.cos(elevation), 1e-4)
@@ -164,7 +178,7 @@ def _bands(boxes: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:
     return starts.astype(np.int32), members[order].astype(np.int32)
 
 
-@kernel(parallel=True)
+@kernel(parallel=True, fastmath=False)
 def crown_roof(surface, frame, table, boxes, starts, members, outline, roof, tile):
     """Three maps [GY, GX] float32: height of all crowns' tops, of the tall plants' tops, and the share of light
     stopped from above."""
@@ -220,9 +234,16 @@ def _sky(surface: np.ndarray, tall: np.ndarray, cover: np.ndarray, cell_m: float
     cell = f4(cell_m * stride)
     solid = np.ascontiguousarray(surface[::stride, ::stride])
     leafy = np.ascontiguousarray(tall[::stride, ::stride])
-    scanned = horizon_sky(solid, leafy, cell, _scan_steps(cell_m * stride))
+    scanned = horizon_sky(solid, leafy, cell, _scan_steps(cell_m * stride), _compass())
     roof = gaussian_filter(cover, 0.8 / cell_m)
     return _refined(scanned, surface.shape, stride) * (f4(1.0) - f4(COVER_SHADE) * roof)
+
+
+def _compass() -> np.ndarray:
+    """[AZIMUTHS, 2] float32: unit vectors (east, north), evenly spaced. A table, since a compiler that works out a
+    cosine beforehand may round it otherwise than the one that calls for it."""
+    angle = (np.arange(AZIMUTHS) + 0.5) * 2.0 * np.pi / AZIMUTHS
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1).astype(np.float32)
 
 
 def _scan_steps(cell_m: float) -> np.ndarray:
@@ -233,8 +254,8 @@ def _scan_steps(cell_m: float) -> np.ndarray:
     return np.array(steps, np.float32)
 
 
-@kernel(parallel=True)
-def horizon_sky(solid, leafy, cell, steps):
+@kernel(parallel=True, fastmath=False)
+def horizon_sky(solid, leafy, cell, steps, compass):
     """[R, C] float32: cosine-weighted share of the sky that is free over each node of solid [R, C], in metres.
 
     A sky of even radiance gives a level surface the mean over azimuth of cos² of the horizon's angle. What leafy
@@ -245,9 +266,8 @@ def horizon_sky(solid, leafy, cell, steps):
     for i in prange(rows):
         for j in range(columns):
             total = f4(0.0)
-            for a in range(AZIMUTHS):
-                angle = f4((a + 0.5) * 2.0 * math.pi / AZIMUTHS)
-                east, north = math.cos(angle), math.sin(angle)
+            for a in range(len(compass)):
+                east, north = compass[a, 0], compass[a, 1]
                 ground = f4(0.0)
                 crown = f4(0.0)
                 for k in range(len(steps)):

@@ -19,7 +19,7 @@ TURN = 0.65
 """Angle in radians by which each octave is turned against the one before."""
 
 
-@kernel(parallel=True)
+@kernel(parallel=True, fastmath=False)
 def add_octave(out, origin, across, gradient, amplitude):
     """Add one octave of gradient noise to out [GY, GX] float32.
 

@@ -114,6 +114,13 @@ class World:
 
         return from_centerline(points, closed, seed=seed, plants=plants)
 
+    def relit(self, azimuth: float, elevation: float) -> "World":
+        """The same valley under another sun at these angles in radians, from 5 degrees high to the zenith; takes about
+        as long as the light of a new world."""
+        from thalweg.world.light import relit
+
+        return relit(self, azimuth, elevation)
+
     def save(self, path: "str | Path") -> None:
         """Write the world as one `.npz`, whole or not at all."""
         from thalweg.world.files import save

@@ -28,7 +28,7 @@ BRIDGE_STEP_M = 0.08
 """Step of the march through a bridge."""
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, fastmath=False)
 def terrain_share(surface, cell, x, y, z, ray, top):
     """Share of the sun's disc that the terrain leaves free, seen from height z at node coordinates (x, y).
 
@@ -61,7 +61,7 @@ def terrain_share(surface, cell, x, y, z, ray, top):
     return max(share, f4(0.0))
 
 
-@kernel(parallel=True)
+@kernel(parallel=True, fastmath=False)
 def terrain_sun(surface, cell, ray):
     """[GY, GX] float32: `terrain_share` at every node of surface [GY, GX]."""
     rows, columns = surface.shape
@@ -73,7 +73,7 @@ def terrain_sun(surface, cell, ray):
     return out
 
 
-@kernel(parallel=True)
+@kernel(parallel=True, fastmath=False)
 def plant_depth(surface, frame, table, boxes, starts, members, ray, outline, tile):
     """[GY, GX] float32: optical depth of all plants between each node of surface [GY, GX] and the sun.
 
@@ -101,7 +101,7 @@ def plant_depth(surface, frame, table, boxes, starts, members, ray, outline, til
     return depth
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, fastmath=False)
 def in_bridge(bridge, x, y, z):
     """Whether a point lies in the stone of a bridge [11]: body between arch and deck, or a parapet."""
     cos, sin = math.cos(bridge[2]), math.sin(bridge[2])
@@ -117,7 +117,7 @@ def in_bridge(bridge, x, y, z):
     return arch < z < deck
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, fastmath=False)
 def bridge_clear(bridge, x, y, z, ray):
     """1 where the ray from (x, y, z) misses the bridge [11], else 0."""
     steps = int((bridge[8] + bridge[10] - z) / (BRIDGE_STEP_M * ray[2])) + 1
@@ -128,7 +128,7 @@ def bridge_clear(bridge, x, y, z, ray):
     return f4(1.0)
 
 
-@kernel(parallel=True)
+@kernel(parallel=True, fastmath=False)
 def shade_bridges(sun, surface, frame, bridges, ray):
     """Multiply sun [GY, GX] by the share that the bridges [B, 11] leave free, from four points around each node."""
     rows, columns = sun.shape
@@ -150,7 +150,7 @@ def shade_bridges(sun, surface, frame, bridges, ray):
                     sun[i, j] *= share
 
 
-@kernel(parallel=True)
+@kernel(parallel=True, fastmath=False)
 def shade_points(points, own, surface, frame, table, starts, members, columns, bridges, ray, outline, tile):
     """[P] float32: share of the sun that reaches each point [P, 3] past terrain, bridges and all plants but its
     own [P].

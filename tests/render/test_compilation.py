@@ -1,0 +1,59 @@
+"""Compiling: of the right types, in another process, so that worlds and frames are the same in all of them."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import pytest
+
+from tests.render.plain import plane, plants_at
+from thalweg.render import compilation
+from thalweg.render.scene import Scene, build_scene
+
+FIRST_FRAMES = """
+import hashlib
+import numpy as np
+from thalweg.env import sample_starts
+from thalweg.render import Camera, Renderer
+from thalweg.world import build
+world = build("Easy", 3)
+frames = Renderer([world], Camera(64, 64)).render(sample_starts(world, 4, 0))
+maps = (world.ground_m, world.water_m, world.albedo, world.sun, world.sky, world.canopy_m, world.plants.light)
+print(*(hashlib.sha256(np.ascontiguousarray(a)).hexdigest() for a in (*maps, frames)))
+"""
+
+
+@pytest.mark.slow
+def test_worlds_and_frames_are_the_same_in_the_process_that_compiles_and_in_later_ones(tmp_path: Path):
+    environment = {**os.environ, "THALWEG_CACHE": str(tmp_path)}
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", FIRST_FRAMES], env=environment, capture_output=True, text=True, check=True
+        )
+        for _ in range(2)
+    ]
+    assert len(said[0].stdout.split()) == 8
+    assert said[0].stdout == said[1].stdout
+    assert "Warning" not in said[0].stderr
+
+
+def test_the_kernel_is_compiled_for_the_types_with_which_it_is_called():
+    real = build_scene([plane(plants=plants_at([(0.0, 0.0)], 3))])
+    blank = compilation.arguments()[0]
+    types = {name: (numba.typeof(getattr(real, name)), numba.typeof(getattr(blank, name))) for name in Scene._fields}
+    assert {name: found for name, found in types.items() if found[0] != found[1]} == {}
+
+
+def test_where_no_process_can_compile_a_warning_says_what_follows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    broken = tmp_path / "python"
+    broken.write_text("#!/bin/sh\necho no room left >&2\nexit 1\n")
+    broken.chmod(0o755)
+    monkeypatch.setattr(compilation, "_ready", False)
+    monkeypatch.setattr(compilation, "_child", None)
+    monkeypatch.setattr(compilation, "kernel_folder", lambda: tmp_path)
+    monkeypatch.setattr(sys, "executable", str(broken))
+    with pytest.warns(UserWarning, match=r"no room left.*this process compiles it"):
+        compilation.finish()
+    compilation.finish()  # it is said once

@@ -1,0 +1,99 @@
+"""When is the frame's kernel compiled? Once for each version of the sources, in a process of its own.
+
+The process that compiles would run other machine code than it stores: what is stored has been optimised once more, as
+a whole, and its frames differ in a last bit here and there. Frames have to be the same in every process, so all of them
+load what one stored. Beside that, it compiles while the first river is still being built.
+"""
+
+import os
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numba
+import numpy as np
+
+from thalweg.kernel import config, kernel_folder
+from thalweg.render.frame import draw_frames
+from thalweg.render.look import LOOK_COLUMNS
+from thalweg.render.scene import blank_scene
+
+MARK = "frames.compiled"
+MOST_S = 900.0
+
+_child: subprocess.Popen | None = None
+_ready = False
+
+
+def begin() -> None:
+    """Start compiling, if nobody has yet; returns at once."""
+    global _child, _ready
+    folder = kernel_folder()
+    # Without a folder every process compiles anew, and with the same result.
+    _ready = _ready or folder is None or config.DISABLE_JIT or (folder / MARK).exists()
+    if _ready or _child is not None:
+        return
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    _child = subprocess.Popen(
+        [sys.executable, "-m", "thalweg.render.compilation"],
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
+
+
+def finish() -> None:
+    """Wait until the kernel is compiled. Where no process can do it, this one will when it draws, with a warning."""
+    global _child, _ready
+    if _ready:
+        return
+    begin()
+    if _child is not None:
+        try:
+            _, said = _child.communicate(timeout=MOST_S)
+            failure = said.decode(errors="replace").strip() if _child.returncode else ""
+        except subprocess.TimeoutExpired:
+            _child.kill()
+            failure = f"it took more than {MOST_S:.0f} s"
+        if failure:
+            last = failure.splitlines()[-1]
+            warnings.warn(
+                f"the frames' kernel could not be compiled in a process of its own ({last}): this process compiles it,"
+                " and its frames may differ in a last bit from those of later ones",
+                stacklevel=2,
+            )
+        _child = None
+    _ready = True
+
+
+def arguments() -> tuple:
+    """Arguments of the types with which `draw_frames` is called."""
+    camera = (8, 8, np.float32(0.3))
+    images, depths, classes = (np.zeros((1, 8, 8), kind) for kind in (np.uint32, np.float32, np.uint8))
+    looks = np.zeros((1, LOOK_COLUMNS), np.float32)
+    return (
+        blank_scene(),
+        np.zeros(1, np.int64),
+        np.zeros((1, 4)),
+        np.zeros(1),
+        looks,
+        camera,
+        images,
+        False,
+        depths,
+        classes,
+    )
+
+
+def main() -> None:
+    """Compile and store; the mark comes last, so that a killed process leaves none."""
+    folder = kernel_folder()
+    assert folder is not None
+    draw_frames.compile(tuple(numba.typeof(argument) for argument in arguments()))
+    Path(folder, MARK).touch()
+
+
+if __name__ == "__main__":
+    main()

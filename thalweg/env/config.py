@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from thalweg.render.camera import Camera
+from thalweg.render.randomisation import Randomisation
 
 OBSERVATIONS = ("rgb+mask", "rgb", "mask", "dict", "none")
 ACTIONS = ("multidiscrete", "continuous")
@@ -124,6 +125,8 @@ class EnvConfig:
     """Time that passes in one step; only the water's ripples depend on it."""
     camera: Camera = field(default_factory=Camera)
     """Resolution and optics of the frames."""
+    randomisation: Randomisation | None = None
+    """From where to where the look varies; None: not at all. True stands for the default ranges."""
 
     def __post_init__(self) -> None:
         known = {"observation": OBSERVATIONS, "action": ACTIONS, "reward_scheme": REWARD_SCHEMES}
@@ -135,6 +138,10 @@ class EnvConfig:
             raise ConfigError(f"allow_backward must be True or False, not {self.allow_backward!r}")
         if not isinstance(self.camera, Camera):
             raise ConfigError(f"camera must be a Camera, not {self.camera!r}")
+        if isinstance(self.randomisation, bool):
+            object.__setattr__(self, "randomisation", Randomisation() if self.randomisation else None)
+        if not isinstance(self.randomisation, Randomisation | None):
+            raise ConfigError(f"randomisation must be a Randomisation, True or None, not {self.randomisation!r}")
         whole("max_idle_steps", self.max_idle_steps, 1)
         if self.max_steps is not None:
             whole("max_steps", self.max_steps, 1)

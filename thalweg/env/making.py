@@ -27,6 +27,7 @@ def make_single(
     Further options are fields of `EnvConfig`.
     """
     config = _with_options(config, options, ("world", "world_seed", "renderer", "render_mode", "config"))
+    _begin_compiling(config)
     seeds = None if world_seed is None else [whole("world_seed", world_seed, 0)]
     worlds = _worlds(level, None if world is None else [world], seeds)
     return RiverEnv(worlds[0], config, renderer=renderer, render_mode=render_mode)
@@ -50,6 +51,7 @@ def make_vector(
     """
     own = ("num_envs", "worlds", "world_seeds", "renderer", "autoreset_mode", "render_mode", "config")
     config = _with_options(config, options, own)
+    _begin_compiling(config)
     given = [worlds] if isinstance(worlds, World) else worlds
     return RiverVectorEnv(
         _worlds(level, given, None if world_seeds is None else _seeds(world_seeds)),
@@ -68,6 +70,14 @@ def _with_options(config: EnvConfig, options: dict[str, Any], own: Sequence[str]
     """The config with some fields changed; raises `ConfigError` for an unknown option."""
     refuse_unknown("option", options, [*own, *(field.name for field in fields(config))])
     return config.with_options(**options)
+
+
+def _begin_compiling(config: EnvConfig) -> None:
+    """Let the frames' kernel be compiled while the worlds are built, on a first start."""
+    if config.observation != "none":
+        from thalweg.render import compilation
+
+        compilation.begin()
 
 
 def _worlds(level: str, worlds: Sequence[World] | None, seeds: Sequence[int] | None) -> Sequence[World]:

@@ -40,7 +40,10 @@ class RiverEnv(gymnasium.Env):
         """Begin a new episode, at `options["pose"]` [4] if given; returns observation and info."""
         rows, poses = self.vector.checked_options(options)
         super().reset(seed=None if seed is None else whole("seed", seed, 0))
+        first = self.vector.generators[0] is None
         self.vector.generators[0] = self.np_random
+        if first or seed is not None:
+            self.vector.draw_look(0, "environment")
         observations, info = self.vector.begin(rows, poses)
         return one_of(observations, 0), _single(info)
 

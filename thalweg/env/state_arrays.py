@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from thalweg.env.rules import State
+from thalweg.render.look import check_values
 
 FIXED = {"fingerprint": "other worlds", "world": "other worlds", "config": "another config"}
 """Keys whose values must be those of the environment itself, and what it means when they differ."""
@@ -35,9 +36,10 @@ def gathered(
     }
 
 
-def check(given: Mapping[str, np.ndarray], own: Mapping[str, np.ndarray], segments: np.ndarray) -> None:
+def check(given: Mapping[str, np.ndarray], own: Mapping[str, np.ndarray], segments: np.ndarray, suns: int) -> None:
     """Raises `StateError` unless `given` has the keys, shapes and types of `own`, belongs to the same worlds and
-    config, and holds values that an episode can have; segments [N] of each environment's course."""
+    config, and holds values that an episode can have; segments [N] of each environment's course; suns: how many
+    lights each world has."""
     if set(given) != set(own):
         missing, unknown = sorted(set(own) - set(given)), sorted(set(given) - set(own))
         raise StateError(f"the state lacks {missing} and has unknown {unknown}")
@@ -47,10 +49,10 @@ def check(given: Mapping[str, np.ndarray], own: Mapping[str, np.ndarray], segmen
             raise StateError(f"{name} is {array.dtype} {array.shape}; this environment has {value.dtype} {value.shape}")
         if name in FIXED and not np.array_equal(array, value):
             raise StateError(f"the state belongs to {FIXED[name]} ({name} differs)")
-    _check_values({name: np.asarray(array) for name, array in given.items()}, segments)
+    _check_values({name: np.asarray(array) for name, array in given.items()}, segments, suns)
 
 
-def _check_values(given: Mapping[str, np.ndarray], segments: np.ndarray) -> None:
+def _check_values(given: Mapping[str, np.ndarray], segments: np.ndarray, suns: int) -> None:
     """Raises `StateError` by the name of the first array whose values would lead a step out of bounds."""
     segment, visited = given["segment"], given["visited"]
     on_course = np.arange(visited.shape[1]) < segments[:, None]
@@ -63,6 +65,7 @@ def _check_values(given: Mapping[str, np.ndarray], segments: np.ndarray) -> None
         "visited_count": given["visited_count"] != visited.sum(axis=1),
         "steps": given["steps"] < 0,
         "idle": given["idle"] < 0,
+        "sun": (given["sun"] < 0) | (given["sun"] >= suns),
         "generator": given["begun"] & ~given["generator"].any(axis=1),
     }
     for name, rows in wrong.items():
@@ -70,6 +73,10 @@ def _check_values(given: Mapping[str, np.ndarray], segments: np.ndarray) -> None
             row = int(np.argmax(rows))
             allowed = f"; allowed: 0..{segments[row] - 1}" if name == "segment" else ""
             raise StateError(f"{name} has a value that no episode has{allowed} (environment {row})")
+    try:
+        check_values(given["look"])
+    except ValueError as reason:
+        raise StateError(f"the look of an environment is none: {reason}") from None
 
 
 def scatter(

@@ -23,6 +23,8 @@ from thalweg.env.courses import config_fingerprint, fingerprint, pack
 from thalweg.env.observation import observation_space, observed, one_of
 from thalweg.env.rules import empty_outcome, empty_state, step_all
 from thalweg.env.starts import check_pose, heading_way, located, random_clock, random_start
+from thalweg.env.views import View, lit
+from thalweg.render.look import look_rows, look_values
 from thalweg.world.record import World
 
 OPTIONS = ("pose", "reset_mask")
@@ -65,8 +67,12 @@ class RiverVectorEnv(VectorEnv):
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode, "render_fps": frames_per_s}
         self.render_mode = render_mode
         if renderer is not None:
+            if config.randomisation is not None:
+                raise ConfigError("randomisation needs a renderer of its own: give either that or a renderer")
             _check_renderer(renderer, self.worlds, config)
         self.camera = config.camera if renderer is None else renderer.camera
+        if config.randomisation is not None:
+            look_rows(config.randomisation.ends, self.camera)  # refuses angles that no camera has
         self._renderer = renderer
 
         self.courses = pack(self.worlds, config)
@@ -78,6 +84,8 @@ class RiverVectorEnv(VectorEnv):
         self._ended = np.zeros(self.num_envs, dtype=bool)
         self._outcome = empty_outcome(self.num_envs)
         self._shown: np.ndarray | None = None
+        self._look = look_values(None, self.num_envs)
+        self._sun = np.zeros(self.num_envs, dtype=np.int64)
 
         self.single_action_space = action_space(config.action)
         self.single_observation_space = observation_space(
@@ -99,6 +107,7 @@ class RiverVectorEnv(VectorEnv):
         renewed = [row for row in rows if seeds[row] is not None or self.generators[row] is None]
         for row, generator in [(row, seeding.np_random(seeds[row])[0]) for row in renewed]:
             self.generators[row] = generator
+            self.draw_look(row, "environment")
         if isinstance(seed, int | np.integer):
             self._np_random_seed = int(seed)
         return self.begin(rows, poses)
@@ -111,7 +120,7 @@ class RiverVectorEnv(VectorEnv):
         _clear(self._outcome, rows)
         chosen = np.zeros(self.num_envs, dtype=bool)
         chosen[rows] = True
-        return self._observe(self.state.pose, self.world_index, self.state.time_s), self._info(chosen)
+        return self._observe(self._view()), self._info(chosen)
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One action [N, 4] in each environment: observations, rewards [N], terminated [N], truncated [N], info.
@@ -140,19 +149,19 @@ class RiverVectorEnv(VectorEnv):
         if mode is AutoresetMode.SAME_STEP and self._ended.any():
             observations = self._begin_ended(info)
         else:
-            observations = self._observe(self.state.pose, self.world_index, self.state.time_s)
+            observations = self._observe(self._view())
         return observations, self._outcome.reward.copy(), terminated, truncated, info
 
     def observe(self) -> Any:
         """The observations of the present state, as `reset` and `step` return them; for use after `set_state`."""
-        return self._observe(self.state.pose, self.world_index, self.state.time_s)
+        return self._observe(self._view())
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """The frames now seen, N of [H, W, 3] uint8; None without a render mode."""
         if self.render_mode is None:
             return None
         if self._shown is None:
-            self._shown = self._frames(self.state.pose, self.world_index, self.state.time_s)[..., :3].copy()
+            self._shown = self._frames(self._view())[..., :3].copy()
         return tuple(frame.copy() for frame in self._shown)
 
     def pilot_actions(self) -> np.ndarray:
@@ -167,7 +176,8 @@ class RiverVectorEnv(VectorEnv):
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that the future depends on, generators included, as arrays of its own."""
-        return state_arrays.gathered(self.state, self.generators, self._begun, self._ended, self._fixed)
+        state = state_arrays.gathered(self.state, self.generators, self._begun, self._ended, self._fixed)
+        return {**state, "look": self._look.copy(), "sun": self._sun.copy()}
 
     @cached_property
     def _fixed(self) -> dict[str, np.ndarray]:
@@ -179,8 +189,9 @@ class RiverVectorEnv(VectorEnv):
 
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Go on from a state of `get_state`; raises `StateError` before anything changes when it does not fit."""
-        state_arrays.check(state, self.get_state(), self.courses.segments[self.world_index])
+        state_arrays.check(state, self.get_state(), self.courses.segments[self.world_index], self._suns)
         state_arrays.scatter(state, self.state, self.generators, self._begun, self._ended)
+        self._look[:], self._sun[:] = state["look"], state["sun"]
         self._shown = None
 
     def checked_options(self, options: Mapping[str, Any] | None) -> tuple[list[int], np.ndarray | None]:
@@ -235,21 +246,18 @@ class RiverVectorEnv(VectorEnv):
         state.visited[row] = 0
         state.visited_count[row] = state.steps[row] = state.idle[row] = 0
         state.time_s[row] = time_s
+        self.draw_look(row, "episode")
         self._begun[row] = True
         self._ended[row] = False
 
     def _begin_ended(self, info: dict[str, Any]) -> Any:
         """Begin anew where an episode ended, add `final_obs` and `final_info`; the observations of the new poses."""
-        state, rows = self.state, np.flatnonzero(self._ended)
-        last_pose, last_time = state.pose[rows].copy(), state.time_s[rows].copy()
+        rows = np.flatnonzero(self._ended)
+        last = self._view(rows)
         ended = self._ended.copy()
         for row in rows:
             self._begin(int(row))
-        batch = self._observe(
-            np.concatenate([state.pose, last_pose]),
-            np.concatenate([self.world_index, self.world_index[rows]]),
-            np.concatenate([state.time_s, last_time]),
-        )
+        batch = self._observe(View(*(np.concatenate(pair) for pair in zip(self._view(), last, strict=True))))
         final_obs = np.full(self.num_envs, None, dtype=object)
         for place, row in enumerate(rows):
             final_obs[row] = one_of(batch, self.num_envs + place)
@@ -273,25 +281,47 @@ class RiverVectorEnv(VectorEnv):
         }
         return info | {f"_{key}": chosen.copy() for key in info}
 
-    def _observe(self, poses: np.ndarray, world_index: np.ndarray, time_s: np.ndarray) -> Any:
-        """Observations [M, ...] of M poses; the first N are those now seen."""
+    @property
+    def _suns(self) -> int:
+        """Lights in which each world is drawn."""
+        return max(self.config.randomisation.suns, 1) if self.config.randomisation else 1
+
+    def draw_look(self, row: int, period: str) -> None:
+        """Draw the look of one environment, if it changes with this period."""
+        randomisation, generator = self.config.randomisation, self.generators[row]
+        if randomisation is not None and randomisation.per == period:
+            assert generator is not None
+            self._look[row], self._sun[row] = randomisation.draw(generator)
+
+    def _view(self, rows: np.ndarray | slice = slice(None)) -> View:
+        """What the environments `rows` see now, as arrays of its own."""
+        state = self.state
+        return View(
+            *(a[rows].copy() for a in (state.pose, self.world_index, state.time_s, self._look, self._sun))
+        )  # fmt: skip
+
+    def _observe(self, view: View) -> Any:
+        """Observations [M, ...] of M views; the first N are those now seen."""
         self._shown = None
         if self.config.observation == "none":
-            return poses.copy()
-        frames = self._frames(poses, world_index, time_s)
+            return view.pose
+        frames = self._frames(view)
         if self.render_mode is not None:
             self._shown = frames[: self.num_envs, ..., :3].copy()
         return observed(self.config.observation, frames)
 
-    def _frames(self, poses: np.ndarray, world_index: np.ndarray, time_s: np.ndarray) -> np.ndarray:
+    def _frames(self, view: View) -> np.ndarray:
         """Frames [M, H, W, 4] uint8 in memory of their own."""
         forking.refuse_forked()
         if self._renderer is None:
             from thalweg.render import Renderer
 
-            self._renderer = Renderer(self.worlds, self.camera)
-        out = np.empty((len(poses), self.camera.height_px, self.camera.width_px, 4), dtype=np.uint8)
-        return self._renderer.render(poses, world_index, time_s, out)
+            self._renderer = Renderer(lit(self.worlds, self.config.randomisation), self.camera)
+        out = np.empty((len(view.pose), self.camera.height_px, self.camera.width_px, 4), dtype=np.uint8)
+        if self.config.randomisation is None:
+            return self._renderer.render(view.pose, view.world, view.time_s, out)
+        drawn = view.world * self._suns + view.sun
+        return self._renderer.render(view.pose, drawn, view.time_s, out, look=view.look)
 
 
 def _check_renderer(renderer: Any, worlds: Sequence[World], config: EnvConfig) -> None:

@@ -2,6 +2,7 @@
 
 from thalweg.render.camera import Camera
 from thalweg.render.look import Look
+from thalweg.render.randomisation import Randomisation
 from thalweg.render.renderer import RENDER_VERSION, Frame, Renderer
 
-__all__ = ["RENDER_VERSION", "Camera", "Frame", "Look", "Renderer"]
+__all__ = ["RENDER_VERSION", "Camera", "Frame", "Look", "Randomisation", "Renderer"]

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from thalweg.bench.gallery import gallery
 from thalweg.env import sample_starts
 from thalweg.render import Camera, Renderer
 from thalweg.world import LEVELS, load_or_build
@@ -18,12 +19,16 @@ IMAGES = Path(__file__).resolve().parent / "images"
 GAP = 6
 SEEN = {"Easy": (3, 6), "Medium": (7, 10, 13), "Hard": (6, 9, 14)}
 """Which of each level's first starts are shown."""
+LOOKED_FROM = 10
+"""Which start on Medium the looks are shown from."""
 
 
 def main() -> None:
     IMAGES.mkdir(exist_ok=True)
     save(frames(), "frames.png")
     save(levels(), "levels.png")
+    looks().save(IMAGES / "looks.jpg", quality=88)
+    print("docs/images/looks.jpg")
 
 
 def save(picture: Image.Image, name: str) -> None:
@@ -41,6 +46,13 @@ def frames(size: int = 128, zoom: int = 2) -> Image.Image:
         views.extend(Renderer([world], Camera(size, size)).render(starts))
     tiles = [view[..., :3].repeat(zoom, 0).repeat(zoom, 1) for view in views]
     return sheet(tiles, columns=4)
+
+
+def looks(size: int = 128) -> Image.Image:
+    """One view at both ends of each range of domain randomisation."""
+    world = load_or_build("Medium")
+    pose = sample_starts(world, LOOKED_FROM + 1, 0)[LOOKED_FROM]
+    return gallery(world, pose, Camera(size, size))
 
 
 def levels(width: int = 460) -> Image.Image:

@@ -50,7 +50,7 @@ class DrawWorld:
 
 @dataclass(frozen=True)
 class RenderFrames:
-    """Draw what the camera sees: a sheet of frames, each above its water mask."""
+    """Draw what the camera sees: a sheet of frames, each above its water mask, or a gallery of looks."""
 
     level: str = "Medium"
     """Easy, Medium or Hard."""
@@ -66,6 +66,8 @@ class RenderFrames:
     """Which random poses."""
     size: int = 128
     """Height and width of a frame in pixels."""
+    gallery: bool = False
+    """Draw one view at both ends of each range of domain randomisation instead."""
     out: Path = Path("frames.png")
     """The picture."""
 
@@ -80,7 +82,15 @@ class RenderFrames:
             raise UsageError("--count and --size must be at least 1")
         world = _world(self.level, self.seed)
         chosen = np.array([self.pose]) if self.pose else sample_starts(world, self.count, self.poses_seed)
-        frames = Renderer([world], Camera(height_px=self.size, width_px=self.size)).render(chosen)
+        camera = Camera(height_px=self.size, width_px=self.size)
+        if self.gallery:
+            from thalweg.bench.gallery import gallery
+
+            with whole(self.out) as draft:
+                gallery(world, chosen[0], camera).save(draft)
+            print(f"{self.out}: the ranges of domain randomisation in {world.name}, seed {world.seed}")
+            return 0
+        frames = Renderer([world], camera).render(chosen)
         with whole(self.out) as draft:
             sheet(frames).save(draft)
         for x, y, z, yaw in chosen:

@@ -105,8 +105,28 @@ def test_an_interrupt_says_how_to_go_on(monkeypatch: pytest.MonkeyPatch, capsys:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("thalweg.bench.report.write_report", interrupted)
+    monkeypatch.setattr("thalweg.bench.command.bench_command", interrupted)
     assert main(["report", "x"]) == 130
-    assert "The same command goes on" in capsys.readouterr().err
+    assert capsys.readouterr().err == "\nInterrupted. Nothing is kept; the same command begins anew.\n"
+    assert main(["bench", "quick", "--out", "x"]) == 130
+    assert capsys.readouterr().err == "\nInterrupted. The same command goes on where this one stopped.\n"
+
+
+def test_what_cannot_be_drawn_or_written_is_said_in_one_line(tmp_path: Path, easy_world, capsys: pytest.CaptureFixture):
+    render = ["render", "--level", "easy", "--out", str(tmp_path / "x.png")]
+    file = tmp_path / "file"
+    file.write_text("")
+    for arguments, said in (
+        ([*render, "--pose", "5000", "5000", "3", "0"], "x = 5000, y = 5000 is outside the map of Easy"),
+        ([*render, "--pose", "nan", "0", "3", "0"], "is outside the map"),
+        ([*render, "--size", "4"], "height_px = 4: an image has 16 to 2048"),
+        ([*render[:-1], str(file / "x.png"), "--size", "16"], "File exists"),
+        (["world", "--level", "easy", "--out", str(tmp_path)], "Is a directory"),
+    ):
+        assert main(arguments) == 2
+        error = capsys.readouterr().err
+        assert said in error
+        assert "Traceback" not in error
 
 
 def test_frames_are_drawn_from_a_given_pose(tmp_path: Path, easy_world, capsys: pytest.CaptureFixture):

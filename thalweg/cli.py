@@ -78,9 +78,11 @@ class RenderFrames:
         from thalweg.env import sample_starts
         from thalweg.render import Camera, Renderer
 
-        if self.count < 1 or self.size < 1:
-            raise UsageError("--count and --size must be at least 1")
+        if self.count < 1:
+            raise UsageError("--count must be at least 1")
         world = _world(self.level, self.seed)
+        if self.pose is not None and not world.covers(*self.pose[:2]):
+            raise UsageError(f"--pose: x = {self.pose[0]:g}, y = {self.pose[1]:g} is outside the map of {world.name}")
         chosen = np.array([self.pose]) if self.pose else sample_starts(world, self.count, self.poses_seed)
         camera = Camera(height_px=self.size, width_px=self.size)
         if self.gallery:
@@ -220,6 +222,10 @@ class Train:
             folder=self.out,
             settings=settings or None,
         )
+        if result.already_finished:
+            print(f"{self.out} was finished before; nothing was trained.")
+        elif result.resumed_from is not None:
+            print(f"{self.out} went on from step {result.resumed_from:,}.")
         print(
             f"{result.folder}: {result.algorithm}, {result.steps:,} steps, {result.episodes:,} episodes in"
             f" {result.seconds:.0f} s; last 50: return {result.return_mean:.2f}, cost {result.cost_mean:.2f}"
@@ -289,6 +295,8 @@ class Report:
 
         report = write_report(self.results, self.out)
         print(f"Report: {report.page}\nTable:  {report.table}")
+        for line in report.problems:
+            print(f"Note:   {line}")
         return 0
 
 
@@ -334,12 +342,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if given == ["--version"]:
         print(f"thalweg {version('thalweg')}")
         return 0
+    command = None
     try:
         command = _parse(given)
         _check_seeds(command)
         return command.run()
     except KeyboardInterrupt:
-        print("\nInterrupted. The same command goes on where this one stopped.", file=sys.stderr)
+        print(f"\nInterrupted. {_after_interrupt(command)}", file=sys.stderr)
         return 130
     except Exception as error:
         if debug or not _ours(error):
@@ -357,9 +366,17 @@ def _parse(arguments: list[str]) -> Any:
     return tyro.cli(OmitSubcommandPrefixes[kinds], prog="thalweg", description=DESCRIPTION, args=arguments)
 
 
+def _after_interrupt(command: Any) -> str:
+    """What becomes of a command that was interrupted."""
+    if isinstance(command, Train | Bench | Encoder):
+        return "The same command goes on where this one stopped."
+    return "Nothing is kept; the same command begins anew."
+
+
 def _ours(error: Exception) -> bool:
-    """Whether an error is one that our own code raises to say what is wrong with what it was given."""
-    return isinstance(error, UsageError) or type(error).__module__.split(".")[0] == "thalweg"
+    """Whether an error says what is wrong with what it was given: our own, or the system's of a file."""
+    known = isinstance(error, UsageError) or (isinstance(error, OSError) and error.filename is not None)
+    return known or type(error).__module__.split(".")[0] == "thalweg"
 
 
 def _world(level: str, seed: int | None) -> Any:

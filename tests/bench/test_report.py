@@ -99,6 +99,15 @@ def test_a_failed_run_is_named_with_its_error(tiny_results: Path):
     assert "Run PPO-1 failed: NotFiniteError: the loss is NaN &lt;at step 300&gt;" in page
 
 
+def test_a_report_says_what_is_still_missing(tiny_results: Path):
+    """PPO-0 and the failed PPO-1 aside, nothing is planned: hover is no baseline of this suite."""
+    assert not any(line.startswith("Unfinished") for line in write_report(tiny_results).problems)
+    (tiny_results / "evaluation" / "PPO-0-Medium.csv").unlink()
+    missing = "Unfinished: 1 of 2 evaluations are missing; the suite goes on with them"
+    assert missing in write_report(tiny_results).problems
+    assert missing in (tiny_results / "report" / "report.html").read_text()
+
+
 def test_numbers_come_from_the_files(tiny_results: Path):
     file = tiny_results / "evaluation" / "PPO-0-Easy.csv"
     file.write_text(file.read_text().replace(",4.0,1.0,1.0,", ",8.0,1.0,1.0,"))

@@ -46,7 +46,9 @@ def test_the_kernel_is_compiled_for_the_types_with_which_it_is_called():
     assert {name: found for name, found in types.items() if found[0] != found[1]} == {}
 
 
-def test_where_no_process_can_compile_a_warning_says_what_follows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_where_no_process_can_compile_a_warning_says_what_follows(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture
+):
     broken = tmp_path / "python"
     broken.write_text("#!/bin/sh\necho no room left >&2\nexit 1\n")
     broken.chmod(0o755)
@@ -56,4 +58,5 @@ def test_where_no_process_can_compile_a_warning_says_what_follows(monkeypatch: p
     monkeypatch.setattr(sys, "executable", str(broken))
     with pytest.warns(UserWarning, match=r"no room left.*this process compiles it"):
         compilation.finish()
-    compilation.finish()  # it is said once
+    compilation.finish()
+    assert capsys.readouterr().err == "thalweg: compiling kernels: first start only, about a minute\n"  # said once

@@ -202,6 +202,21 @@ def test_the_folder_of_another_run_is_refused_before_anything_happens(tmp_path, 
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == kept
 
 
+def test_of_many_differences_the_first_are_named_and_the_others_counted(tmp_path):
+    with pytest.raises(Stop):
+        train(tmp_path, env=StopsAt(200))
+    changes = {f"key_{k}": k for k in range(9)}
+    with pytest.raises(TrainingError, match=r"context\.key_3 is 'absent' there and 3 here; and 5 more\. Choose"):
+        train(tmp_path, context=changes)
+
+
+def test_one_environment_alone_is_refused_by_name(tmp_path):
+    import gymnasium
+
+    with pytest.raises(TrainingError, match=r"takes a Gymnasium VectorEnv, .*, not "):
+        train(tmp_path, env=gymnasium.make("CartPole-v1"))  # pyright: ignore
+
+
 def test_the_folder_of_another_run_is_refused_before_its_first_checkpoint_too(tmp_path):
     with pytest.raises(Stop):
         train(tmp_path, env=StopsAt(5))

@@ -18,6 +18,17 @@ def test_the_same_level_and_seed_give_the_same_bytes(name, tmp_path):
     assert saved(build(name, 11), tmp_path / "a.npz") == saved(build(name, 11), tmp_path / "b.npz")
 
 
+def test_a_world_is_told_in_a_line_and_knows_what_it_covers(easy_world):
+    assert repr(easy_world).startswith("World('Easy', seed 1: a loop of 277 m, 1 bridges, 0 islands, ")
+    assert len(repr(easy_world)) < 120
+    grid, (rows, columns) = easy_world.grid, easy_world.ground_m.shape
+    right, top = grid.origin_x_m + (columns - 1) * grid.cell_m, grid.origin_y_m + (rows - 1) * grid.cell_m
+    assert easy_world.covers(grid.origin_x_m, top)
+    assert easy_world.covers(right, grid.origin_y_m)
+    for x, y in ((right + 0.1, top), (right, top + 0.1), (grid.origin_x_m - 0.1, top), (float("nan"), 0.0)):
+        assert not easy_world.covers(x, y)
+
+
 def test_everything_of_a_world_fits_together(hard_world):
     world, level = hard_world, LEVELS["Hard"]
     assert (world.name, world.seed) == ("Hard", level.default_seed)

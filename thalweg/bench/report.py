@@ -32,6 +32,8 @@ class Report:
     table: Path
     """The paper's table as Markdown."""
     film: Path | None
+    problems: tuple[str, ...]
+    """What failed, is missing or was not used, a line each."""
 
 
 def write_report(folder: Path, out: Path | None = None) -> Report:
@@ -49,7 +51,8 @@ def write_report(folder: Path, out: Path | None = None) -> Report:
     for name in NAMES:
         if name not in files:
             (out / name).unlink(missing_ok=True)
-    return Report(out, out / PAGE, out / "table.md", out / FILM if FILM in files else None)
+    film = out / FILM if FILM in files else None
+    return Report(out, out / PAGE, out / "table.md", film, tuple(problems(results)))
 
 
 def _check_place(out: Path, folder: Path) -> None:
@@ -85,10 +88,19 @@ def _files(results: Results) -> dict[str, bytes]:
     return files
 
 
+def problems(results: Results) -> list[str]:
+    """What failed, is missing or was not used, a line each."""
+    lines = [f"Run {row.run} {row.status}: {row.error}" for row in results.runs if row.status != "finished"]
+    lines += [f"No film: {results.no_film}"] if results.no_film else []
+    lines += [f"Not used: {line}" for line in results.skipped]
+    planned = results.planned_flights
+    if missing := len(planned - {(row.algorithm, row.seed, row.level) for row in results.episodes}):
+        lines.append(f"Unfinished: {missing} of {len(planned)} evaluations are missing; the suite goes on with them")
+    return lines
+
+
 def _page(results: Results, files: dict[str, bytes]) -> str:
     suite = results.suite
-    problems = [f"Run {row.run} {row.status}: {row.error}" for row in results.runs if row.status != "finished"]
-    problems += [f"No film: {results.no_film}"] if results.no_film else []
     return TEMPLATE.substitute(
         title=html.escape(f"Thalweg: suite {suite.get('name', 'unknown')}"),
         intro=_intro(results),
@@ -102,7 +114,7 @@ def _page(results: Results, files: dict[str, bytes]) -> str:
         ),
         details=html_table(*tables.detail_table(results)),
         runs=_runs(results),
-        problems=_problems(problems, results.skipped),
+        problems=_problems(problems(results)),
         record=html.escape(json.dumps(suite, indent=2)),
     )
 
@@ -179,8 +191,8 @@ def _runs(results: Results) -> str:
     return html_table(["run", "kind", "status", "steps", "seconds", "steps a second"], rows)
 
 
-def _problems(failed: list[str], skipped: list[str]) -> str:
-    if not failed and not skipped:
+def _problems(lines: list[str]) -> str:
+    if not lines:
         return ""
-    lines = "".join(f"<li>{html.escape(line)}</li>" for line in [*failed, *(f"Not used: {line}" for line in skipped)])
-    return f"<section class='problems'><h2>Failed or not used</h2><ul>{lines}</ul></section>"
+    items = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
+    return f"<section class='problems'><h2>Failed, missing or not used</h2><ul>{items}</ul></section>"

@@ -17,6 +17,7 @@ import numpy as np
 from thalweg.bench.episodes import Episode, read_episodes
 from thalweg.bench.files import ResultsError, csv_text, read_csv
 from thalweg.bench.statistics import TrainingLog
+from thalweg.bench.suites import PACKAGED
 from thalweg.whole import write_whole
 
 RUN_COLUMNS = ("run", "kind", "algorithm", "seed", "steps", "status", "error", "wall_s", "steps_per_s")
@@ -66,6 +67,17 @@ class Results:
         """Every algorithm, flown or not: in the order of the runs, then those of the suite that have not begun."""
         begun, flown = (row.algorithm for row in self.runs), (row.algorithm for row in self.episodes)
         return list(dict.fromkeys([*begun, *self.suite.get("algorithms", []), *flown]))
+
+    @property
+    def planned_flights(self) -> set[tuple[str, int, str]]:
+        """Policy, seed and level of each evaluation that there should be: of the suite, but for runs that failed."""
+        suite = self.suite
+        alone = [*suite.get("baselines", []), *([PACKAGED] if suite.get("packaged") else [])]
+        flown = [(name, 0) for name in alone]
+        flown += [(name, seed) for name in suite.get("algorithms", []) for seed in suite.get("seeds", [])]
+        failed = {(row.algorithm, row.seed) for row in self.runs if row.status != "finished"}
+        levels = suite.get("test_levels", [])
+        return {(name, seed, level) for name, seed in flown if (name, seed) not in failed for level in levels}
 
     def planned_seeds(self, algorithm: str) -> int:
         """How many seeds there should be of an algorithm."""

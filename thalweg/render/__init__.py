@@ -1,8 +1,9 @@
 """A world and poses become frames: colour, water mask, depth and class, on the CPU."""
 
 from thalweg.render.camera import Camera
+from thalweg.render.errors import RenderError
 from thalweg.render.look import Look
 from thalweg.render.randomisation import Randomisation
 from thalweg.render.renderer import RENDER_VERSION, Frame, Renderer
 
-__all__ = ["RENDER_VERSION", "Camera", "Frame", "Look", "Randomisation", "Renderer"]
+__all__ = ["RENDER_VERSION", "Camera", "Frame", "Look", "Randomisation", "RenderError", "Renderer"]

@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass
 
+from thalweg.render.errors import RenderError
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -22,14 +24,14 @@ class Camera:
     def __post_init__(self) -> None:
         for name in ("height_px", "width_px"):
             size = getattr(self, name)
-            if size != int(size) or not 8 <= size <= 4096:
-                raise ValueError(f"{name} = {size}: an image has 8 to 4096 whole pixels a side")
+            if size != int(size) or not 16 <= size <= 2048:
+                raise RenderError(f"{name} = {size}: an image has 16 to 2048 whole pixels a side")
         if not 5.0 <= self.fov_deg <= 150.0:
-            raise ValueError(f"fov_deg = {self.fov_deg}: choose a field of view from 5 to 150 degrees")
+            raise RenderError(f"fov_deg = {self.fov_deg}: choose a field of view from 5 to 150 degrees")
         if not -89.0 <= self.pitch_deg <= 89.0:
-            raise ValueError(f"pitch_deg = {self.pitch_deg}: choose a pitch from -89 (up) to 89 (down) degrees")
+            raise RenderError(f"pitch_deg = {self.pitch_deg}: choose a pitch from -89 (up) to 89 (down) degrees")
         if not 0.01 <= self.near_m <= 10.0:
-            raise ValueError(f"near_m = {self.near_m}: choose a near plane from 0.01 to 10 m")
+            raise RenderError(f"near_m = {self.near_m}: choose a near plane from 0.01 to 10 m")
 
     @property
     def half_height(self) -> float:

@@ -27,13 +27,14 @@ _ready = False
 
 
 def begin() -> None:
-    """Start compiling, if nobody has yet; returns at once."""
+    """Start compiling, if nobody has yet, and say so; returns at once."""
     global _child, _ready
     folder = kernel_folder()
     # Without a folder every process compiles anew, and with the same result.
     _ready = _ready or folder is None or config.DISABLE_JIT or (folder / MARK).exists()
     if _ready or _child is not None:
         return
+    print("thalweg: compiling kernels: first start only, about a minute", file=sys.stderr, flush=True)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     _child = subprocess.Popen(
         [sys.executable, "-m", "thalweg.render.compilation"],

@@ -10,6 +10,7 @@ from dataclasses import astuple, dataclass, fields
 import numpy as np
 
 from thalweg.render.camera import Camera
+from thalweg.render.errors import RenderError
 
 # Columns of a row that the kernels read.
 (
@@ -86,7 +87,7 @@ PARAMETERS = tuple(field.name for field in fields(Look))
 def look_values(look: "Look | Sequence[Look] | np.ndarray | None", count: int) -> np.ndarray:
     """Looks for `count` frames as [N, P] float64; one look stands for all of them, None for the default day.
 
-    Raises `ValueError` for another number of looks, or a value beyond `LIMITS`.
+    Raises `RenderError` for another number of looks, or a value beyond `LIMITS`.
     """
     if look is None:
         look = Look()
@@ -96,31 +97,31 @@ def look_values(look: "Look | Sequence[Look] | np.ndarray | None", count: int) -
         look = np.array([astuple(each) for each in look], np.float64).reshape(-1, len(PARAMETERS))
     values = np.asarray(look, np.float64)
     if values.shape != (count, len(PARAMETERS)):
-        raise ValueError(f"looks have shape {list(values.shape)}; expected {[count, len(PARAMETERS)]}")
+        raise RenderError(f"looks have shape {list(values.shape)}; expected {[count, len(PARAMETERS)]}")
     check_values(values)
     return values
 
 
 def check_values(values: np.ndarray) -> None:
-    """Raise `ValueError` for looks [N, P] with a value beyond `LIMITS`, naming it."""
+    """Raise `RenderError` for looks [N, P] with a value beyond `LIMITS`, naming it."""
     for column, (name, (low, high)) in enumerate(LIMITS.items()):
         wrong = ~((values[:, column] >= low) & (values[:, column] <= high))
         if wrong.any():
             value = values[np.argmax(wrong), column]
-            raise ValueError(f"{name} = {value:g}: choose a value from {low:g} to {high:g}")
+            raise RenderError(f"{name} = {value:g}: choose a value from {low:g} to {high:g}")
 
 
 def look_rows(values: np.ndarray, camera: Camera) -> np.ndarray:
     """What the kernels read [N, LOOK_COLUMNS] float32, of looks [N, P] through a camera.
 
-    Raises `ValueError` where camera and look together leave the limits of a camera.
+    Raises `RenderError` where camera and look together leave the limits of a camera.
     """
     value = dict(zip(PARAMETERS, values.T, strict=True))
     pitch, fov = camera.pitch_deg + value["pitch_deg"], camera.fov_deg + value["fov_deg"]
     for name, angle, low, high in (("pitch_deg", pitch, -89.0, 89.0), ("fov_deg", fov, 5.0, 150.0)):
         if len(angle) and not (low <= angle.min() and angle.max() <= high):
             wrong = angle[np.argmax((angle < low) | (angle > high))]
-            raise ValueError(f"camera and look together make {name} = {wrong:g}; it must be from {low:g} to {high:g}")
+            raise RenderError(f"camera and look together make {name} = {wrong:g}; it must be from {low:g} to {high:g}")
     rows = np.empty((len(values), LOOK_COLUMNS), np.float32)
     rows[:, HAZE_PER_M] = value["haze"] * HAZE_1_PER_M
     warm = between(value["warmth"], COLD, WARM)

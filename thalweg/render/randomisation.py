@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from thalweg.render.errors import RenderError
 from thalweg.render.look import LIMITS, PARAMETERS, Look
 
 Range = tuple[float, float]
@@ -59,9 +60,9 @@ class Randomisation:
         for name, (low, high) in (LIMITS | SUN_LIMITS).items():
             check_range(name, getattr(self, name), low, high)
         if isinstance(self.suns, bool) or self.suns != int(self.suns) or not 0 <= self.suns <= MOST_SUNS:
-            raise ValueError(f"suns = {self.suns!r}: choose a whole number from 0 to {MOST_SUNS}")
+            raise RenderError(f"suns = {self.suns!r}: choose a whole number from 0 to {MOST_SUNS}")
         if self.per not in PERIODS:
-            raise ValueError(f"per = {self.per!r}: choose {' or '.join(PERIODS)}")
+            raise RenderError(f"per = {self.per!r}: choose {' or '.join(PERIODS)}")
 
     @classmethod
     def only(cls, **ranges: Any) -> "Randomisation":
@@ -69,7 +70,7 @@ class Randomisation:
         known = {field.name for field in fields(cls)}
         unknown = sorted(set(ranges) - known)
         if unknown:
-            raise ValueError(f"nothing called {', '.join(unknown)} can vary; known: {', '.join(sorted(known))}")
+            raise RenderError(f"nothing called {', '.join(unknown)} can vary; known: {', '.join(sorted(known))}")
         usual = Look()
         fixed = {name: (getattr(usual, name),) * 2 for name in PARAMETERS}
         suns = {} if ranges.keys() & SUN_LIMITS.keys() else {"suns": 0}
@@ -100,14 +101,14 @@ class Randomisation:
 
 
 def check_range(name: str, value: Any, low: float, high: float) -> None:
-    """Raise `ValueError` unless the value is a pair of numbers in order, within low..high."""
+    """Raise `RenderError` unless the value is a pair of numbers in order, within low..high."""
     try:
         first, last = value
     except (TypeError, ValueError):
-        raise ValueError(f"{name} = {value!r}: a range is two numbers, such as ({low:g}, {high:g})") from None
+        raise RenderError(f"{name} = {value!r}: a range is two numbers, such as ({low:g}, {high:g})") from None
     if not all(isinstance(end, Real) and not isinstance(end, bool) for end in (first, last)):
-        raise ValueError(f"{name} = {value!r}: a range is two numbers, such as ({low:g}, {high:g})")
+        raise RenderError(f"{name} = {value!r}: a range is two numbers, such as ({low:g}, {high:g})")
     if first > last:
-        raise ValueError(f"{name} = {value!r} is upside down: write the lower end first")
+        raise RenderError(f"{name} = {value!r} is upside down: write the lower end first")
     if not (low <= first and last <= high):
-        raise ValueError(f"{name} = {value!r} leaves what is physical: from {low:g} to {high:g}")
+        raise RenderError(f"{name} = {value!r} leaves what is physical: from {low:g} to {high:g}")

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from thalweg.render import compilation
 from thalweg.render.camera import Camera
+from thalweg.render.errors import RenderError
 from thalweg.render.frame import draw_frames
 from thalweg.render.look import Look, look_rows, look_values
 from thalweg.render.scene import build_scene
@@ -35,9 +36,9 @@ class Renderer:
     """Draws worlds as seen by a camera. Its tables are built once; drawing changes nothing in it."""
 
     def __init__(self, worlds: Sequence[World], camera: Camera | None = None) -> None:
-        """Prepare the tables of the worlds. Raises `ValueError` if there is none."""
+        """Prepare the tables of the worlds. Raises `RenderError` if there is none."""
         if not worlds:
-            raise ValueError("a renderer needs at least one world")
+            raise RenderError("a renderer needs at least one world")
         compilation.begin()
         self.worlds = tuple(worlds)
         self.camera = camera or Camera()
@@ -66,7 +67,7 @@ class Renderer:
         if out is None:
             out = np.empty(shape, np.uint8)
         elif out.shape != shape or out.dtype != np.uint8 or not out.flags.c_contiguous:
-            raise ValueError(f"out is {out.dtype} {list(out.shape)}; it must be contiguous uint8 {list(shape)}")
+            raise RenderError(f"out is {out.dtype} {list(out.shape)}; it must be contiguous uint8 {list(shape)}")
         none = np.empty((1, 1, 1), np.float32), np.empty((1, 1, 1), np.uint8)
         draw_frames(self._scene, worlds, poses, times, looks, self._camera, out.view(np.uint32)[..., 0], False, *none)
         return out
@@ -94,14 +95,14 @@ class Renderer:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         poses = np.ascontiguousarray(poses, np.float64)
         if poses.ndim != 2 or poses.shape[1] != 4:
-            raise ValueError(f"poses have shape {list(poses.shape)}; they must be [N, 4]: x, y, z, yaw")
+            raise RenderError(f"poses have shape {list(poses.shape)}; they must be [N, 4]: x, y, z, yaw")
         if not np.isfinite(poses).all():
-            raise ValueError(f"pose {int(np.argmin(np.isfinite(poses).all(axis=1)))} is not finite")
+            raise RenderError(f"pose {int(np.argmin(np.isfinite(poses).all(axis=1)))} is not finite")
         count = len(poses)
         index = np.zeros(count, np.int64) if world_index is None else np.asarray(world_index, np.int64)
         if index.shape != (count,):
-            raise ValueError(f"world_index has shape {list(index.shape)}; there are {count} poses")
+            raise RenderError(f"world_index has shape {list(index.shape)}; there are {count} poses")
         if count and (index.min() < 0 or index.max() >= len(self.worlds)):
-            raise ValueError(f"world_index must be in 0..{len(self.worlds) - 1}; got {index.min()}..{index.max()}")
+            raise RenderError(f"world_index must be in 0..{len(self.worlds) - 1}; got {index.min()}..{index.max()}")
         times = np.ascontiguousarray(np.broadcast_to(np.float64(0.0) if time_s is None else time_s, count), np.float64)
         return poses, index, times

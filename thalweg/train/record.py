@@ -12,6 +12,8 @@ from thalweg.train.machine import machine, versions
 from thalweg.whole import write_whole
 
 CONFIG, STATUS, POLICY = "config.yaml", "status.json", "policy.safetensors"
+MOST_NAMED = 4
+"""Differences between two runs that a refusal names."""
 
 
 def describe(identity: dict[str, Any], threads: int) -> dict[str, Any]:
@@ -52,7 +54,10 @@ def require_same(place: Path, theirs: dict[str, Any], ours: dict[str, Any]) -> N
         if there.get(key, "absent") != here.get(key, "absent")
     ]
     if different:
-        raise TrainingError(f"{place} belongs to another run: {'; '.join(different)}. Choose another folder.")
+        # Another algorithm differs in every setting: what comes first says enough.
+        more = f"; and {len(different) - MOST_NAMED} more" if len(different) > MOST_NAMED else ""
+        named = "; ".join(different[:MOST_NAMED])
+        raise TrainingError(f"{place} belongs to another run: {named}{more}. Choose another folder.")
 
 
 def write_status(folder: Path, status: dict[str, Any]) -> None:

@@ -48,6 +48,10 @@ class Stream:
     """Steps through a vector environment; raises `TrainingError` at once for one that can't be trained on."""
 
     def __init__(self, env: VectorEnv) -> None:
+        if not hasattr(env, "single_observation_space"):
+            raise TrainingError(
+                f"training takes a Gymnasium VectorEnv, as gymnasium.make_vec makes it, not {type(env).__name__}"
+            )
         space = env.single_observation_space
         if not isinstance(space, gym.spaces.Box) or len(space.shape) != 1:
             raise TrainingError(

@@ -54,7 +54,9 @@ def load(path: str | Path) -> World:
     except (
         Exception
     ) as reason:  # A damaged zip raises what its bytes happen to say: encrypted, unknown packing, huge...
-        raise WorldFileError(f"{path}: not a whole .npz file ({reason})") from None
+        # NumPy takes what is no zip for a pickle, and advises to trust it.
+        said = "it is no zip archive" if "pickle" in str(reason) else reason
+        raise WorldFileError(f"{path}: not a whole .npz file ({said})") from None
     about = _about(path, arrays)
     _check_arrays(path, arrays)
     river = {name: arrays[f"river.{name}"] for name in RIVER}

@@ -73,7 +73,7 @@ class Plants:
     """[M, 2] float32 in 0..1, the share of direct sun that reaches the foot and the top of this plant."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class World:
     """A river valley: its course, what is solid in it, and maps of its surface with the light baked in."""
 
@@ -102,6 +102,20 @@ class World:
     """Direction towards the sun in radians."""
     sun_elevation: float
     """Height of the sun in radians."""
+
+    def __repr__(self) -> str:
+        river = self.river
+        return (
+            f"World({self.name!r}, seed {self.seed}: {'a loop' if river.closed else 'an open course'} of"
+            f" {river.length_m:.0f} m, {len(self.bridges)} bridges, {len(self.islands)} islands,"
+            f" {len(self.plants.kind):,} plants)"
+        )
+
+    def covers(self, x: float, y: float) -> bool:
+        """Whether a place in metres is on the map; NaN is not."""
+        grid, (rows, columns) = self.grid, self.ground_m.shape
+        across, up = (x - grid.origin_x_m) / grid.cell_m, (y - grid.origin_y_m) / grid.cell_m
+        return bool(0 <= across <= columns - 1 and 0 <= up <= rows - 1)
 
     @classmethod
     def from_centerline(cls, points: np.ndarray, closed: bool = True, *, seed: int = 0, plants: bool = True) -> "World":

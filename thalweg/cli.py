@@ -308,13 +308,15 @@ class Speed:
     """Print JSON instead of a table."""
     quick: bool = False
     """Fewer repetitions, and no training."""
+    stages: bool = False
+    """Where the time of a frame goes, instead: milliseconds of each stage on one thread."""
     out: Path | None = None
     """Also write the JSON to this file."""
 
     def run(self) -> int:
         from thalweg.bench.speed import speed
 
-        return speed(as_json=self.json, quick=self.quick, out=self.out)
+        return speed(as_json=self.json, quick=self.quick, out=self.out, stages=self.stages)
 
 
 DESCRIPTION = (

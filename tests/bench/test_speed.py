@@ -1,11 +1,16 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 
 from thalweg.bench import speed
 from thalweg.bench.speed import COLUMNS, Measurement, Plan, describe, rates, record, table_rows
+from thalweg.bench.stages import REFLECTION, STAGES, View
+from thalweg.env import sample_starts
+from thalweg.render import Camera, Renderer
+from thalweg.render.frame import BRIDGE
 
 LINE = Measurement("render", "frames/s", 1234.5, 987.65, 1400.0, 7, 16, 4, "128x128", "everything drawn")
 
@@ -92,3 +97,35 @@ def test_a_row_names_everything_that_a_figure_depends_on():
     shown = console.export_text()
     assert "everything drawn" in shown
     assert f"{found['machine']['cores']} cores" in describe(found)
+
+
+@pytest.mark.slow
+def test_the_stages_of_a_frame_make_the_frame(easy_world):
+    """What the stages leave in their buffers is what the renderer draws from the same pose."""
+    renderer = Renderer([easy_world], Camera(32, 48))
+    (pose,) = sample_starts(easy_world, 1, 3)
+    view = View(renderer, pose)
+    names = []
+    for name, ready, stage in view.calls():
+        ready()
+        stage()
+        names.append(name)
+    assert tuple(names) == STAGES
+    assert BRIDGE not in view.kind  # whose stone is not among the stages
+    (frame,) = renderer.render(pose[None])
+    apart = np.abs(view.image.view(np.uint8).reshape(32, 48, 4).astype(int) - frame)
+    assert apart.max() <= 1  # functions compiled alone may round a last bit otherwise
+    assert (apart == 0).mean() > 0.999
+
+
+def test_the_shares_of_the_stages_add_up(monkeypatch: pytest.MonkeyPatch):
+    times = {name: [float(place), float(place + 2)] for place, name in enumerate(STAGES)}
+    monkeypatch.setattr(speed, "stage_times", lambda *_, **__: times)
+    monkeypatch.setattr(speed, "load_or_build", lambda *_: None)
+    lines = list(speed.measure_stages(Plan()))
+    assert [(line.name, line.median, line.slowest, line.unit) for line in lines[:2]] == [
+        ("ground", 1.0, 2.0, "ms"),
+        ("bridges", 2.0, 3.0, "ms"),
+    ]
+    shares = {line.name: int(line.features.split("%")[0]) for line in lines}
+    assert sum(share for name, share in shares.items() if name != REFLECTION) == pytest.approx(100, abs=4)

@@ -264,7 +264,7 @@ class WorldsRenderer(BlankRenderer):
 
     def __init__(self, worlds, camera: Camera | None = None) -> None:
         super().__init__()
-        self.worlds, self.camera = tuple(worlds), camera or Camera(8, 8)
+        self.worlds, self.camera = tuple(worlds), camera or Camera(16, 16)
 
 
 @pytest.mark.parametrize("worlds", [[hairpin(), ring()], [ring()], [ring(), hairpin(width_m=5.9)]])
@@ -279,8 +279,8 @@ def test_a_renderer_of_equal_worlds_is_taken():
 
 
 def test_a_camera_that_the_renderer_does_not_have_is_refused():
-    config = EnvConfig(camera=Camera(8, 8, fov_deg=50.0))
+    config = EnvConfig(camera=Camera(16, 16, fov_deg=50.0))
     with pytest.raises(ConfigError, match=r"config\.camera.*renderer"):
         RiverVectorEnv(ring(), 1, config, renderer=WorldsRenderer([ring()]))
-    env = RiverVectorEnv(ring(), 1, config, renderer=WorldsRenderer([ring()], Camera(8, 8, fov_deg=50.0)))
+    env = RiverVectorEnv(ring(), 1, config, renderer=WorldsRenderer([ring()], Camera(16, 16, fov_deg=50.0)))
     assert env.camera == config.camera

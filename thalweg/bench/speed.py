@@ -25,6 +25,7 @@ from rich.text import Text
 from thalweg.algos.actions import actions_of
 from thalweg.algos.policy import Policy
 from thalweg.bench.files import read_csv
+from thalweg.bench.stages import REFLECTION, STAGES, stage_times
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.render import Camera, Renderer
 from thalweg.train.latent import LatentVectorEnv
@@ -35,6 +36,8 @@ from thalweg.world import World, build, level_named, load_or_build
 
 BATCH, WORLDS = 16, 4
 """Environments stepped together, and distinct rivers among them, as in the project's budget."""
+VIEWS = 64
+"""Views over which the stages of a frame are measured."""
 FRAME_FEATURES = "RGB, water mask, everything drawn"
 
 
@@ -102,6 +105,18 @@ def measure(plan: Plan) -> Iterator[Measurement]:
     yield from _worlds_and_starts(plan)
     if plan.train_steps:
         yield from _training(plan)
+
+
+def measure_stages(plan: Plan) -> Iterator[Measurement]:
+    """A line for each stage of a frame: milliseconds on one thread, the spread that between views."""
+    world = load_or_build(level_named("Medium"), 0)
+    found = stage_times(world, Camera(), views=VIEWS, repeats=plan.repeats)
+    whole = sum(statistics.mean(found[name]) for name in STAGES if name != REFLECTION)
+    for name, times in found.items():
+        share = f"{statistics.mean(times) / whole:.0%} of the frame; one thread, {VIEWS} random views of Medium"
+        yield Measurement(
+            name, "ms", statistics.mean(times), max(times), min(times), plan.repeats, 1, 1, "128x128", share
+        )  # fmt: skip
 
 
 def _rendering(plan: Plan, worlds: list[World]) -> Iterator[Measurement]:
@@ -224,11 +239,13 @@ def record(lines: list[Measurement]) -> dict:
     return {"machine": machine(), "versions": versions(), "measurements": [asdict(line) for line in lines]}
 
 
-def speed(*, as_json: bool, quick: bool, out: Path | None) -> int:
-    """Measure and print; JSON goes to standard output by itself, the progress elsewhere."""
+def speed(*, as_json: bool, quick: bool, out: Path | None, stages: bool = False) -> int:
+    """Measure and print, the whole or the stages of a frame; JSON goes to standard output by itself, the progress
+    elsewhere."""
     console = Console(stderr=True)
     lines = []
-    for line in measure(QUICK if quick else Plan()):
+    plan = QUICK if quick else Plan()
+    for line in measure_stages(plan) if stages else measure(plan):
         console.print(f"{line.name}: {line.median:,.4g} {line.unit}", highlight=False)
         lines.append(line)
     found = record(lines)
@@ -243,6 +260,7 @@ def speed(*, as_json: bool, quick: bool, out: Path | None) -> int:
 
 
 COLUMNS = ("what", "median", "slowest", "fastest", "unit", "batch", "worlds", "frame", "features")
+"""Of the table; of a stage, `median` is the mean over views, which add up to the frame."""
 
 
 def table_rows(found: dict) -> list[list[str]]:

@@ -42,7 +42,8 @@ class Renderer:
         compilation.begin()
         self.worlds = tuple(worlds)
         self.camera = camera or Camera()
-        self._scene = build_scene(self.worlds)
+        self.scene = build_scene(self.worlds)
+        """The tables that the kernels read."""
         eye = self.camera
         self._camera = int(eye.height_px), int(eye.width_px), np.float32(eye.near_m)
 
@@ -69,7 +70,7 @@ class Renderer:
         elif out.shape != shape or out.dtype != np.uint8 or not out.flags.c_contiguous:
             raise RenderError(f"out is {out.dtype} {list(out.shape)}; it must be contiguous uint8 {list(shape)}")
         none = np.empty((1, 1, 1), np.float32), np.empty((1, 1, 1), np.uint8)
-        draw_frames(self._scene, worlds, poses, times, looks, self._camera, out.view(np.uint32)[..., 0], False, *none)
+        draw_frames(self.scene, worlds, poses, times, looks, self._camera, out.view(np.uint32)[..., 0], False, *none)
         return out
 
     def render_layers(
@@ -86,7 +87,7 @@ class Renderer:
         shape = (len(poses), self.camera.height_px, self.camera.width_px)
         image, depth, kind = np.empty((*shape, 4), np.uint8), np.empty(shape, np.float32), np.empty(shape, np.uint8)
         draw_frames(
-            self._scene, worlds, poses, times, looks, self._camera, image.view(np.uint32)[..., 0], True, depth, kind
+            self.scene, worlds, poses, times, looks, self._camera, image.view(np.uint32)[..., 0], True, depth, kind
         )
         return Frame(np.ascontiguousarray(image[..., :3]), image[..., 3] > 0, depth, kind)
 

@@ -275,7 +275,7 @@ def test_a_renderer_of_other_worlds_is_refused(worlds):
 
 def test_a_renderer_of_equal_worlds_is_taken():
     env = RiverVectorEnv([ring(), hairpin()], 2, renderer=WorldsRenderer([ring(), hairpin()]))
-    assert env.reset(seed=0)[0].shape == (2, 8, 8, 4)
+    assert env.reset(seed=0)[0].shape == (2, 16, 16, 4)
 
 
 def test_a_camera_that_the_renderer_does_not_have_is_refused():

@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from thalweg.world import bridges as bridge_shapes
 from thalweg.world import geometry, islands
-from thalweg.world.errors import WorldError
+from thalweg.world.errors import ShapeError, WorldError
 from thalweg.world.record import River
 
 LEAST_RADIUS_M = 6.5
@@ -84,7 +84,7 @@ def check_crossing(river: River) -> None:
     if len(crossings):
         i, j = crossings[0]
         x, y = river.position_m[i]
-        raise WorldError(
+        raise ShapeError(
             f"the line crosses itself at ({x:.1f}, {y:.1f}) m: arc {river.arc_m[i]:.1f} m and {river.arc_m[j]:.1f} m"
         )
 
@@ -100,14 +100,14 @@ def check_bends(river: River) -> None:
     kappa = np.abs(felt_curvature(river))
     tight = int(np.argmax(kappa))
     if kappa[tight] > 1 / LEAST_RADIUS_M:
-        raise WorldError(
+        raise ShapeError(
             f"the bend at arc {river.arc_m[tight]:.1f} m has a radius of {1 / kappa[tight]:.2f} m; a camera that turns "
             f"10 degrees a metre needs {LEAST_RADIUS_M:.2f} m"
         )
     inner = 1 / np.maximum(kappa, 1e-9) - river.width_m / 2
     fold = int(np.argmin(inner))
     if inner[fold] < INNER_BANK_M:
-        raise WorldError(
+        raise ShapeError(
             f"the bank folds at arc {river.arc_m[fold]:.1f} m: {river.width_m[fold]:.2f} m is too wide for a bend of "
             f"radius {1 / kappa[fold]:.2f} m; limit {2 * (1 / kappa[fold] - INNER_BANK_M):.2f} m"
         )

@@ -128,6 +128,40 @@ class World:
 
         return from_centerline(points, closed, seed=seed, plants=plants)
 
+    @classmethod
+    def from_geojson(
+        cls,
+        path: "str | Path",
+        *,
+        width_m: float | None = None,
+        start_m: float = 0.0,
+        length_m: float | None = None,
+        smooth_m: float = 0.0,
+        seed: int = 0,
+        plants: bool = True,
+    ) -> "World":
+        """The world around a real river's centre line: the one LineString of a GeoJSON file, longitude and latitude.
+
+        Its width in metres is the property `width_m` or `width`, a number or a list of one for each position; `width_m`
+        here serves where there is neither. `start_m` and `length_m` choose a reach; `smooth_m` rounds the line by a
+        Gaussian of that standard deviation, for lines with corners that are too tight to be flown. A third coordinate
+        is the water's elevation. The course runs in the order of the positions; x and y are metres from the reach's
+        middle, z from its lowest water.
+        Raises `WorldFileError` for a file without exactly one such line or with one from which no safe river can be
+        made, and `WorldError` for an argument out of its range.
+        """
+        from thalweg.world.real import from_geojson
+
+        return from_geojson(
+            path,
+            width_m=width_m,
+            start_m=start_m,
+            length_m=length_m,
+            smooth_m=smooth_m,
+            seed=seed,
+            plants=plants,
+        )
+
     def relit(self, azimuth: float, elevation: float) -> "World":
         """The same valley under another sun at these angles in radians, from 5 degrees high to the zenith; takes about
         as long as the light of a new world."""

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 from tests.world.valley import valley
@@ -110,3 +111,15 @@ def test_a_tiny_map_is_an_error(world, tmp_path):
     with pytest.raises(ValueError, match="300 pixels"):
         drawing.draw(world, tmp_path / "map.png", size_px=50)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_name_is_written_as_it_is_and_a_narrow_map_keeps_its_legend(world, tmp_path):
+    narrow = replace(world, name="Dora $x_", ground_m=world.ground_m[:, :80], water_m=world.water_m[:, :80])
+    narrow = replace(narrow, albedo=world.albedo[:, :80], sun=world.sun[:, :80], sky=world.sky[:, :80])
+    figure = drawing._figure(replace(narrow, canopy_m=world.canopy_m[:, :80]), 1200)
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    legend = figure.legends[0].get_window_extent(renderer)
+    assert legend.x0 >= 0 and legend.x1 <= figure.bbox.width
+    name, facts = (text.get_window_extent(renderer) for text in figure.texts)
+    assert not name.overlaps(facts) and facts.x1 <= figure.bbox.width
+    assert not any(text.get_parse_math() for text in figure.texts if "$" in text.get_text())

@@ -129,7 +129,7 @@ def _figure(world: World, size_px: int) -> Figure:
     _draw_solids(axes, world, point)
     _draw_scale_and_north(axes, world, box, point)
     _write_title(figure, world, 1.0 - 0.5 * top / page, width, point)
-    _write_legend(figure, world, 0.5 * bottom / page, point)
+    _write_legend(figure, world, 0.5 * bottom / page, width, point)
     return figure
 
 
@@ -214,10 +214,11 @@ def _draw_scale_and_north(axes, world: World, box: tuple[float, float, float, fl
 
 
 def _write_title(figure: Figure, world: World, height: float, width: float, point: float) -> None:
-    """Name, seed and figures of the course; smaller on a narrow map."""
+    """Name, seed and figures of the course; on a narrow map the figures stand under the name."""
     river = world.river
     shape = "loop" if river.closed else "open course"
-    size = min(1.0, width / (1000.0 * point)) * point
+    narrow = width < 1000.0 * point
+    size = min(1.0, width / (800.0 * point)) * point
     name = f"{world.name}, seed {world.seed}"
     facts = (
         f"{shape} of {river.length_m:.1f} m, N = {river.segments}, "
@@ -225,12 +226,16 @@ def _write_title(figure: Figure, world: World, height: float, width: float, poin
         f"depth {river.depth_m.min():.1f} to {river.depth_m.max():.1f} m, "
         f"fall {np.ptp(river.level_m):.1f} m, {len(world.plants.kind):,} plants"
     )
-    figure.text(0.02, height, name, color="white", fontsize=17 * size, weight="bold", va="center")
-    figure.text(0.98, height, facts, color="#c8d0d8", fontsize=10.5 * size, va="center", ha="right")
+    line = 13.0 * point / figure.bbox.height if narrow else 0.0
+    bold = {"fontsize": 17 * point, "weight": "bold", "parse_math": False}
+    figure.text(0.02, height + line, name, color="white", va="center", **bold)
+    x, side = (0.02, "left") if narrow else (0.98, "right")
+    figure.text(x, height - line, facts, color="#c8d0d8", fontsize=10.5 * size, va="center", ha=side)
 
 
-def _write_legend(figure: Figure, world: World, height: float, point: float) -> None:
-    """What the lines and colours over the map mean, in one row."""
+def _write_legend(figure: Figure, world: World, height: float, width: float, point: float) -> None:
+    """What the lines and colours over the map mean, in one row; smaller on a narrow map."""
+    size = min(1.0, width / (850.0 * point)) * point
     entries = [
         Line2D([], [], color=CENTRE, ls=(0, (4, 2)), lw=1.5, label="centre line, marks every 50 m"),
         Line2D([], [], color=BANK, lw=1.5, label="banks (width)"),
@@ -245,7 +250,7 @@ def _write_legend(figure: Figure, world: World, height: float, point: float) -> 
         ncols=len(entries),
         frameon=False,
         labelcolor="white",
-        fontsize=9.0 * point,
+        fontsize=9.0 * size,
         columnspacing=1.4,
         handlelength=1.8,
     )

@@ -149,6 +149,34 @@ def test_a_world_is_drawn_and_saved(tmp_path: Path, easy_world):
     np.testing.assert_array_equal(World.load(saved).river.position_m, easy_world.river.position_m)
 
 
+def test_a_real_river_is_drawn_from_its_file(tmp_path: Path, capsys: pytest.CaptureFixture):
+    from thalweg.world import World
+
+    source, out, saved = tmp_path / "brook.geojson", tmp_path / "map.png", tmp_path / "brook.npz"
+    source.write_text('{"type": "LineString", "coordinates": [[9, 48], [9.0004, 48], [9.0008, 48], [9.0012, 48]]}')
+    options = ["--width-m", "6", "--start-m", "10", "--length-m", "60", "--smooth-m", "4", "--seed", "3"]
+    given = ["world", "--geojson", str(source), *options, "--out", str(out), "--save", str(saved)]
+    assert main(given) == 0
+    assert f"{out}: brook, seed 3, a course of 60 m" in capsys.readouterr().out
+    river = World.load(saved).river
+    assert (set(river.width_m), round(river.length_m)) == ({6.0}, 60)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["--geojson", "none.geojson"], "thalweg: none.geojson: there is no such file"),
+        (["--geojson", "none.geojson", "--level", "easy"], "thalweg: give --level or --geojson, not both"),
+        (["--width-m", "9"], "thalweg: --width-m goes with --geojson"),
+        (["--level", "easy", "--start-m", "0"], "thalweg: --start-m goes with --geojson"),
+        (["--geojson", "none.geojson", "--length-m", "3"], "thalweg: length_m is 3 m; expected 15 to 10400 m"),
+    ],
+)
+def test_options_of_a_real_river_that_cannot_be_are_refused(given: list[str], said: str, capsys: pytest.CaptureFixture):
+    assert main(["world", *given]) == 2
+    assert said in capsys.readouterr().err
+
+
 def test_baselines_are_evaluated_and_their_rows_written(tmp_path: Path, capsys: pytest.CaptureFixture):
     from thalweg.bench.episodes import read_episodes
 

@@ -27,10 +27,20 @@ class UsageError(ValueError):
 class DrawWorld:
     """Draw a river from above: centre line, widths, bridges and islands."""
 
-    level: str = "Medium"
-    """Easy, Medium or Hard."""
+    level: str | None = None
+    """Easy, Medium or Hard; Medium if neither level nor file is given."""
     seed: int | None = None
-    """Which river of the level; its fixed one if not given."""
+    """Which river of the level; its fixed one if not given. Of a file: its plants and hills."""
+    geojson: Path | None = None
+    """A real river's centre line instead of a level: longitude and latitude, width as a property."""
+    width_m: float | None = None
+    """Width where the file gives none."""
+    start_m: float | None = None
+    """Where along the file's line the reach begins; at its start if not given."""
+    length_m: float | None = None
+    """How long the reach is; to the line's end if not given."""
+    smooth_m: float | None = None
+    """Round the file's line by a Gaussian of this standard deviation."""
     out: Path = Path("map.png")
     """The picture."""
     save: Path | None = None
@@ -39,13 +49,27 @@ class DrawWorld:
     def run(self) -> int:
         from thalweg.world.drawing import draw
 
-        world = _world(self.level, self.seed)
+        world = self._chosen()
         draw(world, self.out)
         print(f"{self.out}: {world.name}, seed {world.seed}, a course of {world.river.length_m:.0f} m")
         if self.save is not None:
             world.save(self.save)
             print(f"{self.save}: the world")
         return 0
+
+    def _chosen(self) -> Any:
+        """The level's world, or that of the file."""
+        from thalweg.world import World
+
+        names = ("width_m", "start_m", "length_m", "smooth_m")
+        options = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        if self.geojson is not None:
+            if self.level is not None:
+                raise UsageError(f"give --level or --geojson, not both: {self.level} and {self.geojson}")
+            return World.from_geojson(self.geojson, seed=self.seed or 0, **options)
+        if options:
+            raise UsageError(f"--{min(options).replace('_', '-')} goes with --geojson")
+        return _world(self.level or "Medium", self.seed)
 
 
 @dataclass(frozen=True)

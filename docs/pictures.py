@@ -1,6 +1,6 @@
-"""Make the pictures of the documentation: `python docs/pictures.py`, a minute or two.
+"""Make the pictures of the documentation: `python docs/pictures.py`, a few minutes.
 
-They are drawn by the package from its fixed rivers, so that a change of the look shows here.
+They are drawn by the package from its fixed rivers and a real one, so that a change of the look shows here.
 """
 
 import tempfile
@@ -10,12 +10,13 @@ import numpy as np
 from PIL import Image
 
 from thalweg.bench.gallery import gallery
-from thalweg.env import sample_starts
+from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.render import Camera, Renderer
-from thalweg.world import LEVELS, load_or_build
+from thalweg.world import LEVELS, World, load_or_build
 from thalweg.world.drawing import draw
 
 IMAGES = Path(__file__).resolve().parent / "images"
+CAM = Path(__file__).resolve().parents[1] / "examples" / "rivers" / "cam.geojson"
 GAP = 6
 SEEN = {"Easy": (3, 6), "Medium": (7, 10, 13), "Hard": (6, 9, 14)}
 """Which of each level's first starts are shown."""
@@ -27,8 +28,9 @@ def main() -> None:
     IMAGES.mkdir(exist_ok=True)
     save(frames(), "frames.png")
     save(levels(), "levels.png")
-    looks().save(IMAGES / "looks.jpg", quality=88)
-    print("docs/images/looks.jpg")
+    for picture, name in ((looks(), "looks.jpg"), (real_river(), "cam.jpg")):
+        picture.save(IMAGES / name, quality=88)
+        print(f"docs/images/{name}")
 
 
 def save(picture: Image.Image, name: str) -> None:
@@ -66,6 +68,31 @@ def levels(width: int = 460) -> Image.Image:
                 height = round(map_.height * width / map_.width)
                 tiles.append(np.asarray(map_.convert("RGB").resize((width, height), Image.Resampling.LANCZOS)))
     return sheet(tiles, columns=3)
+
+
+def real_river(size: int = 128, zoom: int = 2, count: int = 9) -> Image.Image:
+    """The Cam from above, and what the pilot saw at even distances on its way from one end to the other."""
+    world = World.from_geojson(CAM)
+    river = world.river
+    env = RiverVectorEnv(world, 1, EnvConfig(observation="none"))
+    east, north = river.tangent[0]
+    env.reset(seed=0, options={"pose": [[*river.position_m[0], river.level_m[0] + 4.0, np.arctan2(north, east)]]})
+    poses, ended = [], False
+    while not ended:
+        _, _, terminated, truncated, info = env.step(env.pilot_actions())
+        poses.append(info["pose"][0])
+        ended = bool(terminated[0] or truncated[0])
+    chosen = np.array(poses)[np.linspace(0, len(poses), count, endpoint=False).astype(int)]
+    views = Renderer([world], Camera(size, size)).render(chosen)
+    flight = sheet([view[..., :3].repeat(zoom, 0).repeat(zoom, 1) for view in views], columns=3)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "map.png"
+        draw(world, path, size_px=flight.height)
+        with Image.open(path) as map_:
+            both = Image.new("RGB", (map_.width + GAP + flight.width, flight.height), "white")
+            both.paste(map_, (0, 0))
+    both.paste(flight, (both.width - flight.width, 0))
+    return both
 
 
 def sheet(tiles: list[np.ndarray], columns: int) -> Image.Image:

@@ -33,6 +33,15 @@ def test_a_river_of_ones_own_is_drawn_and_flown(tmp_path: Path):
 
 
 @pytest.mark.slow
+def test_a_reach_of_the_cam_is_drawn_and_flown(tmp_path: Path):
+    said = run(str(ROOT / "examples" / "real_river.py"), "--start-m", "700", "--length-m", "150", cwd=tmp_path)
+    assert said.startswith("River Cam: 150 m, 13 to 15 m wide")
+    assert "return 10.00, Success" in said
+    assert (tmp_path / "real_river.png").stat().st_size > 100_000
+    assert (tmp_path / "real_river.map.png").exists()
+
+
+@pytest.mark.slow
 def test_training_and_evaluating_by_example(tmp_path: Path):
     said = run(str(ROOT / "examples" / "train_and_evaluate.py"), "--steps", "2048", "--episodes", "2", cwd=tmp_path)
     assert re.search(r"Easy: return \d+\.\d\d ± \d+\.\d\d, cost \d\.\d\d", said)

@@ -210,19 +210,23 @@ def crown_roof(surface, frame, table, boxes, starts, members, outline, roof, til
     return canopy, tall, cover
 
 
+def deck_over(grid: Grid, shape: tuple[int, int], bridge: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Whether a node lies under a bridge [11], and the height of deck or parapet over it; both [GY, GX]."""
+    x = grid.origin_x_m + grid.cell_m * np.arange(shape[1])[None, :]
+    y = grid.origin_y_m + grid.cell_m * np.arange(shape[0])[:, None]
+    cos, sin = math.cos(bridge[2]), math.sin(bridge[2])
+    u = (x - bridge[0]) * cos + (y - bridge[1]) * sin
+    v = (y - bridge[1]) * cos - (x - bridge[0]) * sin
+    on = (np.abs(u) <= 0.5 * bridge[3]) & (np.abs(v) <= 0.5 * bridge[4])
+    top = bridge[8] - bridge[9] * (2.0 * u / bridge[3]) ** 2
+    return on, top + np.where(np.abs(v) > 0.5 * bridge[4] - PARAPET_THICKNESS_M, bridge[10], 0.0)
+
+
 def _raise_bridges(canopy: np.ndarray, tall: np.ndarray, cover: np.ndarray, grid: Grid, bridges: np.ndarray) -> None:
     """Lift canopy and tall [GY, GX] to the tops of the bridges [B, 11], and close the cover [GY, GX] under them,
     in place."""
-    rows, columns = canopy.shape
-    x = grid.origin_x_m + grid.cell_m * np.arange(columns)[None, :]
-    y = grid.origin_y_m + grid.cell_m * np.arange(rows)[:, None]
     for bridge in bridges:
-        cos, sin = math.cos(bridge[2]), math.sin(bridge[2])
-        u = (x - bridge[0]) * cos + (y - bridge[1]) * sin
-        v = (y - bridge[1]) * cos - (x - bridge[0]) * sin
-        on = (np.abs(u) <= 0.5 * bridge[3]) & (np.abs(v) <= 0.5 * bridge[4])
-        top = bridge[8] - bridge[9] * (2.0 * u / bridge[3]) ** 2
-        top = top + np.where(np.abs(v) > 0.5 * bridge[4] - PARAPET_THICKNESS_M, bridge[10], 0.0)
+        on, top = deck_over(grid, canopy.shape, bridge)
         for tops in (canopy, tall):
             tops[on] = np.maximum(tops[on], top[on])
         cover[on] = 1.0

@@ -98,9 +98,9 @@ def _sand(shore_m: np.ndarray, fields: Fields) -> np.ndarray:
     _lay(colour, f4(0.75) * pebbly * smooth_step(-0.8, 0.7, fields.grain + f4(0.5) * fields.spot), stones)
     tufts = smooth_step(1.5, 2.2, fields.spot + f4(0.35) * fields.hue) * smooth_step(2.0, 4.0, shore_m)
     _lay(colour, f4(0.7) * tufts, GRASS)
-    width = np.maximum(f4(0.25) + f4(0.12) * fields.clump + f4(0.08) * fields.patch, f4(0.05))
+    width = np.maximum(f4(0.12) + f4(0.10) * fields.clump + f4(0.06) * fields.patch, f4(0.02))
     beyond = shore_m - width
-    rim = smooth_step(-0.02, 0.10, beyond) * smooth_step(0.0, 0.8, f4(0.9) + f4(0.3) * fields.clump - beyond)
+    rim = smooth_step(-0.02, 0.10, beyond) * smooth_step(0.0, 0.8, f4(1.0) + f4(0.4) * fields.clump - beyond)
     broken = smooth_step(-1.2, 1.0, fields.patch + f4(0.7) * fields.grain)
     _lay(colour, rim * broken, RIM)
     wet = smooth_step(-0.06, 0.10, width - shore_m)

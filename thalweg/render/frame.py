@@ -13,14 +13,13 @@ from thalweg.kernel import kernel
 from thalweg.render import bridges, ground, march, plants, water
 from thalweg.render import scene as table
 from thalweg.render.approx import exp
+from thalweg.render.classes import BRIDGE, GROUND, PLANT, SKY, WATER
 from thalweg.render.fetch import sky_at
 from thalweg.render.look import HALF_H, HALF_W, HAZE_PER_M, PITCH
 from thalweg.render.tone import develop, scramble
 
 f32 = np.float32
 
-SKY, WATER, GROUND, PLANT, BRIDGE = range(5)
-"""Class ids of pixels."""
 MISS = 1e9
 """Depth of a ray that meets nothing."""
 SEEN = 0.004
@@ -58,6 +57,8 @@ def draw_frame(scene, w, x, y, z, yaw, time, look, camera, image, want_layers, d
             red[r, c] += light[r, c] * stone[k, 2]
             green[r, c] += light[r, c] * stone[k, 3]
             blue[r, c] += light[r, c] * stone[k, 4]
+    if len(stone) > 0:
+        bridges.soften_edges(scene, w, look, eye, width, depth, kind, light, red, green, blue)
     if want_layers:
         write_layers(depth, solid, kind, light, depth_out, class_out)
     mask_water(kind, light)
@@ -163,7 +164,7 @@ def draw_bridges(scene, w, look, eye, width, depth, kind):
                     stone[n, 0] = f32(r)
                     stone[n, 1] = f32(c)
                     stone[n, 2], stone[n, 3], stone[n, 4] = bridges.shade_stone(
-                        scene, w, look, row, found, found[0] * slant, found[0] * per_row
+                        scene, w, look, row, found, found[0] * slant, found[0] * per_row, dz / slant
                     )
                     stone[n, 5] = found[0]
                     n += 1

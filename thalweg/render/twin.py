@@ -195,10 +195,14 @@ class _Valley:
         """Radiance [..., 3] of the ground at node coordinates."""
         cell = self.world.grid.cell_m
         xm, ym = x * cell, y * cell
-        fine, coarse = ripples.SIZE / ground.GRAIN_M, ripples.SIZE / ground.PATCH_M
-        a = repeating(self.tile, xm * fine, ym * fine)[..., 3]
-        b = repeating(self.tile, (0.8 * xm - 0.6 * ym) * coarse, (0.6 * xm + 0.8 * ym) * coarse)[..., 3]
-        grain = (1 + 2 * ground.GRAIN_DEPTH * (a - 0.5)) * (1 + 2 * ground.PATCH_DEPTH * (b - 0.5))
+        small, large = ripples.SIZE / ground.GRAIN_M, ripples.SIZE / ground.PATCH_M
+        a = repeating(self.tile, xm * small, ym * small)[..., 3]
+        b = repeating(self.tile, (0.8 * xm - 0.6 * ym) * large, (0.6 * xm + 0.8 * ym) * large)[..., 3]
+        fine, patch = (a - 0.5) / ripples.GRAIN_SPREAD, (b - 0.5) / ripples.GRAIN_SPREAD
+        sun = np.clip(bilinear(self.share, x, y), 0, 1)
+        flecks = np.clip(sun + 4 * ground.DAPPLE * sun * (1 - sun) * patch, 0, 1)
+        grain = np.maximum((1 + ground.GRAIN_DEPTH * fine) * (1 + ground.PATCH_DEPTH * patch), 0.2)
+        grain *= (ground.SKY_SHARE + flecks) / (ground.SKY_SHARE + sun)
         return bilinear(self.lit, x, y) * grain[..., None]
 
     def water(self, point: np.ndarray, sight: np.ndarray, time_s: float) -> np.ndarray:
@@ -219,11 +223,15 @@ class _Valley:
         bed = x + bent[:, 0] * path / cell, y + bent[:, 1] * path / cell
         sunlit = bilinear(self.share, *bed)[:, None]
         sun_path = 1 / np.sqrt(1 - (1 - self.sun[2] ** 2) / water.INDEX**2)
-        through = np.exp(-self.look[looks.ABSORB_R : looks.ABSORB_B + 1] * (path + depth * sun_path)[:, None])
+        size = ripples.SIZE / water.BED_M
+        pebbles = (
+            repeating(self.tile, bed[0] * cell * size, bed[1] * cell * size)[..., 3] - 0.5
+        ) / ripples.GRAIN_SPREAD
+        lit = bilinear(self.lit, *bed) * np.maximum(1 + water.BED_DEPTH * pebbles, 0.2)[:, None]
+        whole = (path + depth * sun_path) * np.maximum(1 + water.BED_ROUGH * pebbles, 0)
+        through = np.exp(-self.look[looks.ABSORB_R : looks.ABSORB_B + 1] * whole[:, None])
         glow = water.SHADE_GLOW + (1 - water.SHADE_GLOW) * sunlit
-        under = bilinear(self.lit, *bed) * through + self.look[looks.SCATTER_R : looks.SCATTER_B + 1] * glow * (
-            1 - through
-        )
+        under = lit * through + self.look[looks.SCATTER_R : looks.SCATTER_B + 1] * glow * (1 - through)
 
         turned = sight + 2 * facing[:, None] * up
         turned[:, 2] = np.maximum(turned[:, 2], 0.02)
@@ -233,7 +241,7 @@ class _Valley:
         lean = -half[:, :2] / half[:, 2:] - slope
         width = water.ROUGHNESS + water.SUN_WIDTH
         density = np.exp(-(lean**2).sum(1) / (2 * width)) / (2 * np.pi * width)
-        glitter = np.minimum(0.02 * density * sunlit[:, 0] * passing, water.GLITTER_MOST)
+        glitter = np.minimum(water.GLITTER * density * sunlit[:, 0] * passing, water.GLITTER_MOST)
         return under * (1 - mirror[:, None]) + above * mirror[:, None] + glitter[:, None] * np.array(water.GLITTER_TINT)
 
     def ripple(self, x: np.ndarray, y: np.ndarray, time_s: float) -> np.ndarray:
@@ -279,7 +287,7 @@ class _Valley:
             axis=1,
         )
         facing = np.maximum(world_normal @ self.sun, 0)
-        under = normal[:, 2] < -0.05
+        under = (normal[:, 1] == 0) & (normal[:, 2] < 0.5) & (np.abs(local[:, 0]) < span)
         open_sky = np.where(under, bridges.SKY_UNDER, 0.55 + 0.45 * np.maximum(normal[:, 2], 0))
         direct = np.where(under, 0.0, facing)
         height = local[:, 2] - spring

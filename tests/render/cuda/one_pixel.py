@@ -12,7 +12,7 @@ from thalweg.render import scene as table
 f32 = np.float32
 
 
-def trace(scene, w, camera, time, look, order, distance, radiance, kind_out, light_out):
+def trace(scene, w, camera, time, look, order, distance, radiance, depth_out, kind_out, light_out):
     """The light [H, W, 3] that reaches each pixel before exposure, what is seen there, and what plants let through.
 
     camera: the 15 numbers of `frame.open_eye` [15]; order, distance [K]: the plants in view from near to far.
@@ -68,7 +68,7 @@ def trace(scene, w, camera, time, look, order, distance, radiance, kind_out, lig
             depth[0] = found[0]
             kind = frame.BRIDGE
             stone_r, stone_g, stone_b = bridges.shade_stone(
-                scene, w, look, row, found, found[0] * slant, found[0] * per_row
+                scene, w, look, row, found, found[0] * slant, found[0] * per_row, dz / slant
             )
 
     red = f32(0)
@@ -126,8 +126,26 @@ def trace(scene, w, camera, time, look, order, distance, radiance, kind_out, lig
     radiance[r, c, 0] = red
     radiance[r, c, 1] = green
     radiance[r, c, 2] = blue
+    depth_out[r, c] = depth[0]
     kind_out[r, c] = kind
     light_out[r, c] = light
+
+
+def soften(scene, w, camera, look, depth, kind, light, radiance, softened):
+    """Mix the light [H, W, 3] of the pixels on the outlines of bridges with their neighbours'."""
+    c, r = cuda.grid(2)
+    height, width = kind.shape
+    if r >= height or c >= width:
+        return
+    eye = (
+        camera[0], camera[1], camera[2], camera[3], camera[4], camera[5], camera[6], camera[7],
+        camera[8], camera[9], camera[10], camera[11], camera[12], camera[13], camera[14],
+    )  # fmt: skip
+    planes = radiance[:, :, 0], radiance[:, :, 1], radiance[:, :, 2]
+    _, red, green, blue = bridges.edge_colour(scene, w, look, eye, width, depth, kind, light, *planes, r, c)
+    softened[r, c, 0] = red
+    softened[r, c, 1] = green
+    softened[r, c, 2] = blue
 
 
 def tone_frame(radiance, kind, light, mean, look, key, codes, image):

@@ -26,18 +26,23 @@ def main(path: str) -> None:
     near = f32(cases.CAMERA.near_m)
     side = cases.SIDE
     images = np.zeros((len(cases.POSES), side, side), np.uint32)
-    trace, tone_frame = cuda.jit(one_pixel.trace), cuda.jit(one_pixel.tone_frame)
+    trace, soften, tone_frame = (cuda.jit(each) for each in (one_pixel.trace, one_pixel.soften, one_pixel.tone_frame))
     for pose, time, look, image in zip(cases.POSES, cases.TIMES, looks, images, strict=True):
         eye = open_eye(*pose, look, side, near)
         order, distance = np.zeros(len(scene.plants), np.int32), np.zeros(len(scene.plants), f32)
         count = plants.visible_plants(scene, 0, look[DENSITY], *eye[:13], order, distance)
         radiance, kind = np.zeros((side, side, 3), f32), np.zeros((side, side), np.int32)
-        light = np.zeros((side, side), f32)
+        light, depth, softened = (
+            np.zeros((side, side), f32),
+            np.zeros((side, side), f32),
+            np.zeros((side, side, 3), f32),
+        )
         camera = np.array(eye, f32)
-        trace[(2, 2), (4, 4)](scene, 0, camera, f32(time), look, order[:count], distance, radiance, kind, light)
-        mean = f32(np.minimum(radiance @ np.array(tone.LUMA, f32), tone.BRIGHTEST).mean())
+        trace[(2, 2), (4, 4)](scene, 0, camera, f32(time), look, order[:count], distance, radiance, depth, kind, light)
+        soften[(2, 2), (4, 4)](scene, 0, camera, look, depth, kind, light, radiance, softened)
+        mean = f32(np.minimum(softened @ np.array(tone.LUMA, f32), tone.BRIGHTEST).mean())
         key = noise_key(eye, f32(time))
-        tone_frame[(2, 2), (4, 4)](radiance, kind, light, mean, look, key, tone.CODE_TABLE, image)
+        tone_frame[(2, 2), (4, 4)](softened, kind, light, mean, look, key, tone.CODE_TABLE, image)
     np.save(path, images)
 
 

@@ -43,10 +43,17 @@ def stays_in_registers(ptx: str) -> bool:
 @pytest.mark.slow
 def test_a_pixel_is_traced_and_shaded_in_registers_alone():
     scene = numba.typeof(build_scene([cases.world()]))
-    arguments = (scene, int64, LINE, float32, LINE, types.int32[::1], LINE, SPACE, CLASSES, PLANE)
+    arguments = (scene, int64, LINE, float32, LINE, types.int32[::1], LINE, SPACE, PLANE, CLASSES, PLANE)
     ptx = compiled(one_pixel.trace, *arguments)
     assert ".target sm_90" in ptx
     assert ptx.count("ld.global") > 100
+    assert stays_in_registers(ptx)
+
+
+def test_a_pixel_on_an_outline_is_softened_in_registers_alone():
+    scene = numba.typeof(build_scene([cases.world()]))
+    ptx = compiled(one_pixel.soften, scene, int64, LINE, LINE, PLANE, CLASSES, PLANE, SPACE, SPACE)
+    assert "st.global" in ptx
     assert stays_in_registers(ptx)
 
 

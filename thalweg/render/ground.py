@@ -19,27 +19,21 @@ GRAIN_M = 2.3
 """Side of the tile of fine grain."""
 PATCH_M = 9.1
 """Side of the same tile laid out again, coarser and turned."""
-GRAIN_DEPTH = 0.50
-PATCH_DEPTH = 0.30
+GRAIN_DEPTH = 0.20
+PATCH_DEPTH = 0.12
+DAPPLE = 0.45
+"""How far flecks of light reach into half shade, as a share of the sun."""
+SKY_SHARE = 0.09
+"""What the sky adds to the ground's light beside the full sun."""
 
 
 @kernel(inlined=True)
-def grain_at(tile, x_m, y_m, foot):
-    """Factor on the ground's radiance at a point in metres, about 1, filtered to a footprint in metres."""
-    fine = clamp(log2(foot * f32(ripples.SIZE / GRAIN_M)) - f32(SHARPEN), f32(0), f32(ripples.LEVELS - 1))
-    coarse = clamp(log2(foot * f32(ripples.SIZE / PATCH_M)) - f32(SHARPEN), f32(0), f32(ripples.LEVELS - 1))
-    _, _, _, a = tile_level(
-        tile, x_m * f32(ripples.SIZE / GRAIN_M), y_m * f32(ripples.SIZE / GRAIN_M), int32(fine + f32(0.5))
-    )
-    _, _, _, b = tile_level(
-        tile,
-        (f32(0.8) * x_m - f32(0.6) * y_m) * f32(ripples.SIZE / PATCH_M),
-        (f32(0.6) * x_m + f32(0.8) * y_m) * f32(ripples.SIZE / PATCH_M),
-        int32(coarse + f32(0.5)),
-    )
-    fine_part = f32(2 * GRAIN_DEPTH / 255.0) * (a - f32(127.5))
-    coarse_part = f32(2 * PATCH_DEPTH / 255.0) * (b - f32(127.5))
-    return (f32(1) + fine_part) * (f32(1) + coarse_part)
+def tile_grain(tile, x_m, y_m, foot, side_m):
+    """Grain of unit deviation about 0 at a point in metres, filtered to a footprint; the tile is side_m wide."""
+    level = clamp(log2(foot * f32(ripples.SIZE) / side_m) - f32(SHARPEN), f32(0), f32(ripples.LEVELS - 1))
+    scale = f32(ripples.SIZE) / side_m
+    _, _, _, grain = tile_level(tile, x_m * scale, y_m * scale, int32(level + f32(0.5)))
+    return (grain - f32(127.5)) * f32(1 / (255.0 * ripples.GRAIN_SPREAD))
 
 
 @kernel(disjoint=True)
@@ -57,14 +51,24 @@ def shade_ground(scene, w, x, y, dz, far, pixel, red, green, blue, n):
         low = int32(level)
         share = level - f32(low)
         begin = int32(place[w, uint32(int32(table.PAINT_AT) + low)])
-        r0, g0, b0, _ = paint_level(scene.paint, begin, wide, high, x[i], y[i], low)
+        r0, g0, b0, s0 = paint_level(scene.paint, begin, wide, high, x[i], y[i], low)
         low += int32(1)
         begin = int32(place[w, uint32(int32(table.PAINT_AT) + low)])
-        r1, g1, b1, _ = paint_level(scene.paint, begin, wide, high, x[i], y[i], low)
+        r1, g1, b1, s1 = paint_level(scene.paint, begin, wide, high, x[i], y[i], low)
         r0 += (r1 - r0) * share
         g0 += (g1 - g0) * share
         b0 += (b1 - b0) * share
-        grain = grain_at(scene.ripples, x[i] * cell, y[i] * cell, foot) * code
+        sun = clamp((s0 + (s1 - s0) * share) * f32(1 / 255.0), f32(0), f32(1))
+        mx = x[i] * cell
+        my = y[i] * cell
+        fine = tile_grain(scene.ripples, mx, my, foot, f32(GRAIN_M))
+        patch = tile_grain(
+            scene.ripples, f32(0.8) * mx - f32(0.6) * my, f32(0.6) * mx + f32(0.8) * my, foot, f32(PATCH_M)
+        )
+        # Leaves cut their shade finer than the baked map can: half shade breaks into flecks.
+        flecks = clamp(sun + f32(DAPPLE * 4) * sun * (f32(1) - sun) * patch, f32(0), f32(1))
+        grain = max((f32(1) + f32(GRAIN_DEPTH) * fine) * (f32(1) + f32(PATCH_DEPTH) * patch), f32(0.2)) * code
+        grain *= (f32(SKY_SHARE) + flecks) / (f32(SKY_SHARE) + sun)
         red[i] = r0 * r0 * grain
         green[i] = g0 * g0 * grain
         blue[i] = b0 * b0 * grain

@@ -30,7 +30,7 @@ LEVELS = 6
 LOOK_DOWN = math.radians(10)
 ELEVATION_STEP = math.radians(5)
 """The sun's elevation is rounded to this, so that worlds with almost the same sun share an atlas."""
-SHARPER = 1.35
+SHARPER = 1.6
 """Factor on the contrast of single leaves: looking up between texels takes about as much of it away."""
 MOST_GAIN = 1.8
 """Averaging takes the sparkle of leaves out of far levels; at most this factor on their detail puts it back."""

@@ -21,11 +21,11 @@ LOOK_COLUMNS = 17
 
 HAZE_1_PER_M = 1 / 1500.0
 """Share of the light that a metre of air takes away on the default day."""
-ABSORB = (0.95, 1.02, 1.18)
+ABSORB = (1.25, 1.35, 1.55)
 """Share of red, green, blue lost per metre of water (as exponents) on the default day."""
 SCATTER = (0.0080, 0.0084, 0.0080)
 """Radiance that deep water sends up in full sun."""
-RIPPLE_1 = 0.55
+RIPPLE_1 = 0.42
 """Factor on the slopes of each ripple layer, whose mean square in the tile is fixed."""
 GREEN_ABSORB, BROWN_ABSORB = (1.35, 0.62, 0.72), (0.70, 1.15, 1.90)
 """Factors on ABSORB of a river as clear as glacier melt, and of one as brown as a bog's; between is geometric."""

@@ -27,6 +27,8 @@ BUCKETS = 1024
 BLOCK = 16
 """Columns of a block. Blocks are BLOCK_ROWS high."""
 BLOCK_ROWS = 4
+SHARPEN = 0.35
+"""Levels by which pictures are taken finer than their size asks: the original is as crisp."""
 CLOSED = 0.02
 """A block through which less light than this passes everywhere is closed."""
 
@@ -213,7 +215,7 @@ def picture_of(scene, w, look, p, far, eye, rows):
     kind = int32(plant[table.P_KIND])
     ahead = max(far * (nx * fx + ny * fy) + (foot + tall * f32(0.5)) * fz, near)
     tall_px = tall / (ahead * per_row)
-    level = int32(clamp(log2(f32(impostors.ROWS) / tall_px) - f32(0.1), f32(0), f32(impostors.LEVELS - 1)))
+    level = int32(clamp(log2(f32(impostors.ROWS) / tall_px) - f32(SHARPEN), f32(0), f32(impostors.LEVELS - 1)))
     high = int32(impostors.ROWS) >> level
     wide = int32(impostors.COLS) >> level
     begin = int32(scene.place[w, table.ATLAS_AT] + scene.atlas_level[level])

@@ -14,7 +14,7 @@ from thalweg.render.look import Look, look_rows, look_values
 from thalweg.render.scene import build_scene
 from thalweg.world.record import World
 
-RENDER_VERSION = 1
+RENDER_VERSION = 2
 """Changes whenever the same world looks different, so that what was trained on older frames can tell."""
 
 

@@ -12,6 +12,8 @@ LEVELS = 8
 SLOPE_RANGE = 0.5
 """Slopes between minus and plus this are kept."""
 VARIANCE_RANGE = 0.04
+GRAIN_SPREAD = 0.18
+"""Standard deviation of the grain on the finest level."""
 
 
 def _spectrum_noise(rng: np.random.Generator, low: float, high: float, power: float, wind: float) -> np.ndarray:
@@ -38,7 +40,7 @@ def tile(seed: int = 0) -> list[np.ndarray]:
     scale = 0.085 / np.sqrt((slope_x**2 + slope_y**2).mean() / 2)
     slope_x, slope_y = slope_x * scale, slope_y * scale
     grain = _spectrum_noise(rng, 2, 128, 1.0, 0.0)
-    grain = np.clip(0.5 + 0.18 * grain, 0.0, 1.0)
+    grain = np.clip(0.5 + GRAIN_SPREAD * grain, 0.0, 1.0)
 
     levels = []
     square = slope_x**2 + slope_y**2

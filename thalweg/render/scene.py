@@ -12,6 +12,7 @@ from numba import prange
 
 from thalweg.kernel import kernel
 from thalweg.render import impostors, ripples, sky
+from thalweg.world.light import deck_over
 from thalweg.world.record import World
 from thalweg.world.species import KINDS
 
@@ -25,7 +26,7 @@ CANOPY_CELL = 2
 
 SUN_RADIANCE = np.array([1.0, 0.945, 0.845])
 """What a white surface that faces the sun sends out: warm white, in the units of all radiances here."""
-SKY_RADIANCE = np.array([0.050, 0.060, 0.078])
+SKY_RADIANCE = np.array([0.054, 0.066, 0.090])
 """What a white surface under the whole sky sends out; low, for the original's shadows are deep (strength 0.95)."""
 SUN_R, SUN_G, SUN_B = (float(c) for c in SUN_RADIANCE)
 SKY_R, SKY_G, SKY_B = (float(c) for c in SKY_RADIANCE)
@@ -210,6 +211,12 @@ FOLIAGE_RADIANCE = np.array([0.040, 0.050, 0.018])
 """Mean radiance of the side of a wood in the sun."""
 
 
+STONE_RADIANCE = np.array([0.135, 0.120, 0.092])
+"""Mean radiance of the sides of a bridge, one in the sun and one in the shade."""
+UNDER_WATER_M = -1e6
+"""Height of the canopy where there is only water."""
+
+
 def canopy_map(world: World, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Tops of plants [Y, X] float32 and what a reflection sees there [Y, X] packed, in cells of `CANOPY_CELL` nodes."""
     top = np.maximum(world.ground_m, world.water_m)
@@ -219,10 +226,16 @@ def canopy_map(world: World, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return a[:rows, :columns].reshape(rows // CANOPY_CELL, CANOPY_CELL, columns // CANOPY_CELL, CANOPY_CELL, -1)
 
     canopy = blocks(world.canopy_m).max(axis=(1, 3))[..., 0]
+    # Sloping water does not mirror itself: open water is put where no mirrored ray gets to.
+    open_water = blocks((world.water_m > world.ground_m) & (world.canopy_m <= world.water_m + 0.01)).all(axis=(1, 3))
+    canopy[open_water[..., 0]] = UNDER_WATER_M
     ground = blocks(lit).mean(axis=(1, 3))
     wooded = np.clip(blocks(world.canopy_m - top).max(axis=(1, 3)) - 0.5, 0.0, 1.0)
     shade = 0.35 + 0.65 * blocks(world.sun / 255.0).mean(axis=(1, 3))
     colour = ground * (1 - wooded) + FOLIAGE_RADIANCE * shade * wooded
+    for bridge in world.bridges:
+        on, _ = deck_over(world.grid, top.shape, bridge)
+        colour[blocks(on).any(axis=(1, 3))[..., 0]] = STONE_RADIANCE
     return canopy.astype(np.float32), pack_colour(colour, PAINT_RANGE)
 
 

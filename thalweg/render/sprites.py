@@ -16,7 +16,7 @@ from thalweg.render.trees import Model
 
 SUN_LIGHT = np.array([0.87, 0.82, 0.72])
 """What the full sun, head on, gives to a white surface, in red, green, blue."""
-SKY_LIGHT = np.array([0.13, 0.18, 0.28])
+SKY_LIGHT = np.array([0.18, 0.235, 0.36])
 """What the whole open sky gives to a white surface that looks up."""
 GROUND = np.array([0.26, 0.22, 0.14])
 """Mean reflectance of the ground around: sand and grass send light up into the crowns."""
@@ -26,9 +26,9 @@ WRAP = 0.18
 """How far round its edge the sun lights a clump of leaves (a leaf bends): 0 = not at all."""
 CELLS = 96
 """Cells of the density volume in a plant's height."""
-LEAF_SHADE = 1.15
+LEAF_SHADE = 0.95
 """Share of the true leaf area that counts as shade: leaves scatter light on, and overlap within a clump."""
-STAND = 0.55
+STAND = 0.35
 """Share of the sky that its neighbours in the stand hide from the foot of a tree; they hide none from its top."""
 
 

@@ -15,7 +15,7 @@ from thalweg.render.look import GAIN_B, GAIN_G, GAIN_R, NOISE
 
 f32 = np.float32
 
-KEY = 0.135
+KEY = 0.142
 """Mean luminance that exposure aims at, before the curve."""
 ADAPTION = 0.85
 """Share of a frame's deviation from the key that exposure takes away."""

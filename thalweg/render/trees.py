@@ -296,7 +296,7 @@ def grow_stone(kind: Kind, rng: np.random.Generator) -> Model:
         [np.sqrt(1 - height**2) * np.cos(angle), np.sqrt(1 - height**2) * np.sin(angle), height]
     )
     facing = unit(rng.normal(size=(kind.clumps, 3)))
-    reach = (rng.uniform(0.72, 1.0, kind.clumps)) / np.maximum(direction @ facing.T, 0.05)
+    reach = (rng.uniform(0.62, 1.0, kind.clumps)) / np.maximum(direction @ facing.T, 0.05)
     facet = reach.argmin(1)
     radius = np.minimum(reach[np.arange(count), facet], 1.05)
     waves = rng.normal(size=(14, 3)) * np.geomspace(3, 16, 14)[:, None]

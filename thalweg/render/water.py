@@ -23,6 +23,7 @@ from thalweg.render import ripples
 from thalweg.render import scene as table
 from thalweg.render.approx import exp, log2
 from thalweg.render.fetch import bilinear, channel, clamp, paint_level, sky_at, tile_level
+from thalweg.render.ground import tile_grain
 from thalweg.render.look import (
     ABSORB_B,
     ABSORB_G,
@@ -41,13 +42,20 @@ TILE_A_M = 7.3
 TILE_B_M = 2.9
 DRIFT_A_M_PER_S = (0.35, 0.12)
 DRIFT_B_M_PER_S = (-0.14, 0.23)
-ROUGHNESS = 0.0012
+ROUGHNESS = 0.0020
 """Mean square slope of the ripples too small for the tile."""
 SHADE_GLOW = 0.12
 """Share of the scattered light that is left in the shade."""
+BED_M = 4.6
+"""Side of the tile of stones on the bed."""
+BED_DEPTH = 0.16
+"""Contrast of the stones' brightness."""
+BED_ROUGH = 0.22
+"""Share by which stones and holes change the depth."""
 SUN_WIDTH = 0.0006
 """Mean square slope that the sun's own width adds to a glint."""
-GLITTER_MOST = 1.6
+GLITTER = 0.014
+GLITTER_MOST = 0.7
 GLITTER_TINT = (1.0, 0.95, 0.86)
 WORK = 11
 """Arrays of scratch that the shading needs."""
@@ -55,7 +63,7 @@ MIRROR_STEPS = 14
 MIRROR_FIRST_M = 0.4
 MIRROR_GROWTH = 1.45
 MIRROR_BLUR_M = 0.25
-MIRROR_BLUR = 0.05
+MIRROR_BLUR = 0.18
 """The edge of a canopy is as soft as this, and this times the distance, for a step may pass over it."""
 
 
@@ -193,6 +201,7 @@ def compose(
     rows = int32(place[w, table.GY])
     at = int32(place[w, table.MAP_AT])
     inv_cell = number[w, table.INV_CELL]
+    cell = f32(1) / inv_cell
     wide = int32(place[w, table.PAINT_X])
     high = int32(place[w, table.PAINT_Y])
     sky_begin = int32(place[w, table.SKY_AT])
@@ -234,11 +243,15 @@ def compose(
         r1, g1, b1, s1 = paint_level(
             paint, int32(place[w, uint32(int32(table.PAINT_AT) + low)]), wide, high, bed_x, bed_y, low
         )
-        r0 += (r1 - r0) * share
-        g0 += (g1 - g0) * share
-        b0 += (b1 - b0) * share
+        # Pebbles and holes too small for the map of depths, most of all where it is shallow.
+        pebbles = tile_grain(scene.ripples, bed_x * cell, bed_y * cell, foot, f32(BED_M))
+        whole = max(depth * (f32(1) + f32(BED_ROUGH) * pebbles), f32(0))
+        bright = max(f32(1) + f32(BED_DEPTH) * pebbles, f32(0.2))
+        r0 = (r0 + (r1 - r0) * share) * bright
+        g0 = (g0 + (g1 - g0) * share) * bright
+        b0 = (b0 + (b1 - b0) * share) * bright
         sunlit = (s0 + (s1 - s0) * share) * f32(1 / 255.0)
-        whole = path + depth * sun_path
+        whole = whole * (path / max(depth, f32(1e-6)) + sun_path)
         through_r = exp(-absorb_r * whole)
         through_g = exp(-absorb_g * whole)
         through_b = exp(-absorb_b * whole)
@@ -253,7 +266,7 @@ def compose(
         lean_y = -(sun_y - dy[i]) / half_z - slope_y[i]
         width = spread[i] + f32(SUN_WIDTH)
         density = exp(-(lean_x * lean_x + lean_y * lean_y) / (f32(2) * width)) / (f32(6.2832) * width)
-        glitter = min(f32(0.02) * density * sunlit * passing[i], f32(GLITTER_MOST))
+        glitter = min(f32(GLITTER) * density * sunlit * passing[i], f32(GLITTER_MOST))
 
         sky_r, sky_g, sky_b = sky_at(sky_map, sky_begin, rx[i], ry[i], rz[i])
         over_r = (up_r[i] + sky_r * passing[i]) * mirror

@@ -7,6 +7,8 @@ In kernels everything is float32 (write `float32(0.5)`: a Python literal is floa
 in inner loops are selects, and NaN or infinity never stand for a mark, because `fastmath` forbids them.
 """
 
+import hashlib
+import sys
 import tempfile
 import warnings
 from collections.abc import Callable
@@ -15,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from llvmlite import binding
 from numba.core import config as numba_config
 
 from thalweg.cache import cache_dir, source_hash
@@ -68,7 +71,7 @@ def kernel_folder() -> Path | None:
 
     Numba by itself would fall back to folders beside the sources, which is what must not be.
     """
-    folder = cache_dir() / "kernels" / source_hash(*KERNEL_SOURCES)
+    folder = cache_dir() / "kernels" / f"{source_hash(*KERNEL_SOURCES)}-{place_hash(Path(__file__).parent)}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -77,6 +80,13 @@ def kernel_folder() -> Path | None:
         warnings.warn(f"compiled kernels can't be kept in {folder} ({error}): every start will compile", stacklevel=2)
         return None
     return folder
+
+
+def place_hash(package: Path) -> str:
+    """What else Numba keeps kernels apart by: where the package lies, the processor, and the versions."""
+    cpu = binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
+    named = (str(package.resolve()), *cpu, numba.__version__, sys.version)
+    return hashlib.sha256("\n".join(named).encode()).hexdigest()[:8]
 
 
 def _promise_disjoint(dispatcher: Any) -> None:

@@ -10,7 +10,7 @@ from thalweg.bench.speed import COLUMNS, Measurement, Plan, describe, rates, rec
 from thalweg.bench.stages import REFLECTION, STAGES, View
 from thalweg.env import sample_starts
 from thalweg.render import Camera, Renderer
-from thalweg.render.frame import BRIDGE
+from thalweg.render.classes import BRIDGE
 
 LINE = Measurement("render", "frames/s", 1234.5, 987.65, 1400.0, 7, 16, 4, "128x128", "everything drawn")
 

@@ -6,7 +6,7 @@ import pytest
 
 from tests.render.plain import plane, plants_at
 from thalweg.render import Camera, Renderer, twin, twin_bridge
-from thalweg.render.frame import BRIDGE, GROUND, PLANT, SKY, WATER
+from thalweg.render.classes import BRIDGE, GROUND, PLANT, SKY, WATER
 from thalweg.world.record import World
 
 ARCH = np.array([[0.0, 0.0, 0.3, 14.0, 3.0, 9.0, -0.2, 1.9, 2.2, 0.3, 0.5]])

@@ -8,7 +8,7 @@ import pytest
 from tests.render.plain import plane, plants_at
 from tests.render.test_frame import on_river, psnr
 from thalweg.render import Camera, Look, Renderer, twin
-from thalweg.render.frame import PLANT
+from thalweg.render.classes import PLANT
 from thalweg.render.look import LIMITS, PARAMETERS, look_values
 from thalweg.world.record import World
 

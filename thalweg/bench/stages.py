@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from thalweg.env import sample_starts
-from thalweg.render import Camera, Renderer, frame, plants, water
+from thalweg.render import Camera, Renderer, classes, frame, plants, water
 from thalweg.render import look as looks
 from thalweg.render import scene as table
 from thalweg.world import World
@@ -36,7 +36,7 @@ class View:
 
     def __init__(self, renderer: Renderer, pose: np.ndarray) -> None:
         camera = renderer.camera
-        self.scene, self.width = renderer.scene, camera.width_px
+        self.scene, self.width, self.fast = renderer.scene, camera.width_px, renderer.quality == "fast"
         self.look = looks.look_rows(looks.look_values(None, 1), camera)[0]
         self.eye = frame.open_eye(*pose, self.look, camera.width_px, f32(camera.near_m))
         wide = -(-camera.width_px // plants.BLOCK) * plants.BLOCK
@@ -48,23 +48,25 @@ class View:
 
     def calls(self) -> Iterator[tuple[str, Callable[[], object], Callable[[], object]]]:
         """Name of each stage, what makes its buffers ready, and the stage; to be used in this order."""
-        scene, look, eye = self.scene, self.look, self.eye
+        scene, look, eye, height = self.scene, self.look, self.eye, len(self.depth)
         nothing = lambda: None  # noqa: E731
-        yield "ground", nothing, lambda: frame.survey(scene, 0, eye, self.depth, self.kind)
+        yield "ground", nothing, lambda: frame.survey(scene, 0, eye, height, 0, self.depth, self.kind)
         kept = self.depth.copy(), self.kind.copy()
         yield (
             "bridges",
             lambda: (np.copyto(self.depth, kept[0]), np.copyto(self.kind, kept[1])),
-            lambda: frame.draw_bridges(scene, 0, look, eye, self.width, self.depth, self.kind),
+            lambda: frame.draw_bridges(scene, 0, look, eye, height, self.width, 0, self.depth, self.kind),
         )
         colours = self.red, self.green, self.blue
         yield (
             "plants",
             lambda: ([plane.fill(0) for plane in colours], self.light.fill(1)),
-            lambda: plants.draw_plants(scene, 0, look, eye, self.depth, *colours, self.light, self.solid),
+            lambda: plants.draw_plants(
+                scene, 0, look, eye, height, 0, self.fast, self.depth, *colours, self.light, self.solid
+            ),
         )
-        for name, wanted in (("sky", frame.SKY), ("ground", frame.GROUND), ("water", frame.WATER)):
-            only = np.where(self.kind == wanted, self.kind, np.uint8(frame.BRIDGE))
+        for name, wanted in (("sky", classes.SKY), ("ground", classes.GROUND), ("water", classes.WATER)):
+            only = np.where(self.kind == wanted, self.kind, np.uint8(classes.BRIDGE))
             yield f"shading: {name}", nothing, lambda only=only: self._shade(only)
         yield REFLECTION, nothing, self._reflection()
         mask = self.kind.copy()
@@ -78,7 +80,10 @@ class View:
 
     def _shade(self, kind: np.ndarray) -> None:
         planes = self.light, self.red, self.green, self.blue
-        frame.shade(self.scene, 0, self.look, self.eye, f32(0), self.width, self.depth, kind, *planes)
+        height = len(self.depth)
+        frame.shade(
+            self.scene, 0, self.look, self.eye, f32(0), height, self.width, 0, self.fast, self.depth, kind, *planes
+        )
 
     def _reflection(self) -> Callable[[], None]:
         """The march of the mirrored rays of all water pixels that light reaches."""
@@ -91,7 +96,7 @@ class View:
         rays = np.empty((3, height, wide), f32)
         for r in range(height):
             frame.aim(eye, height, r, 0, inv_cell, *rays[:, r], wide)
-        at = np.flatnonzero((self.kind == frame.WATER) & (self.light > frame.SEEN)).astype(np.int32)
+        at = np.flatnonzero((self.kind == classes.WATER) & (self.light > frame.SEEN)).astype(np.int32)
         count = len(at)
         x, y, z, dx, dy, dz, far = np.empty((7, max(count, 1)), f32)
         frame.reach(

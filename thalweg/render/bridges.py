@@ -369,6 +369,8 @@ def soften_edges(scene, w, look, eye, width, depth, kind, light, red, green, blu
         room += here
         top = min(top, r) if here > 0 else top
         bottom = r if here > 0 else bottom
+    if room == 0:
+        return
     mixed = np.empty((5 * room, 5), np.float32)  # a pixel of the bridge and its four neighbours
     n = 0
     for r in range(max(top - 1, 0), min(bottom + 2, height)):

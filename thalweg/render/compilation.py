@@ -71,7 +71,7 @@ def finish() -> None:
 
 def arguments() -> tuple:
     """Arguments of the types with which `draw_frames` is called."""
-    camera = (8, 8, np.float32(0.3))
+    camera = (8, 8, np.float32(0.3), False)
     images, depths, classes = (np.zeros((1, 8, 8), kind) for kind in (np.uint32, np.float32, np.uint8))
     looks = np.zeros((1, LOOK_COLUMNS), np.float32)
     return (
@@ -85,6 +85,7 @@ def arguments() -> tuple:
         False,
         depths,
         classes,
+        np.zeros((1, 2), np.int32),
     )
 
 

@@ -11,6 +11,7 @@ from numba import int32, prange, uint32
 
 from thalweg.kernel import kernel
 from thalweg.render import bridges, ground, march, plants, water
+from thalweg.render import fast as modest
 from thalweg.render import scene as table
 from thalweg.render.approx import exp
 from thalweg.render.classes import BRIDGE, GROUND, PLANT, SKY, WATER
@@ -25,30 +26,45 @@ MISS = 1e9
 SEEN = 0.004
 """What plants cover to more than all but this is not shaded."""
 SPAN_ROWS = 10
+ROWS_TOGETHER = 8
+"""Bands of rows begin at multiples of this: of the height of a tile of rays, and of a block of plants."""
 
 
 @kernel
-def draw_frame(scene, w, x, y, z, yaw, time, look, camera, image, want_layers, depth_out, class_out):
-    """Draw into image [H, W] uint32: red, green, blue from the lowest byte up, the water mask in the highest.
+def open_planes(height, width):
+    """Empty buffers of a frame: depth, kind, red, green, blue, light, solid, each [H, W'].
 
-    camera: (height, width, near), the last in float32 metres. Pose in world metres. look: a row [LOOK_COLUMNS].
-    depth_out, class_out [H, W] are written to where wanted.
+    W' is the width rounded up to whole blocks of plants.
     """
-    height, width, near = camera
-    eye = open_eye(x, y, z, yaw, look, width, near)
     wide = (width + plants.BLOCK - 1) // plants.BLOCK * plants.BLOCK
-    depth = np.empty((height, wide), np.float32)
-    kind = np.empty((height, wide), np.uint8)
-    red = np.zeros((height, wide), np.float32)
-    green = np.zeros((height, wide), np.float32)
-    blue = np.zeros((height, wide), np.float32)
-    light = np.ones((height, wide), np.float32)
-    solid = np.full((height, wide), f32(MISS), np.float32)
+    return (
+        np.empty((height, wide), np.float32),
+        np.empty((height, wide), np.uint8),
+        np.zeros((height, wide), np.float32),
+        np.zeros((height, wide), np.float32),
+        np.zeros((height, wide), np.float32),
+        np.ones((height, wide), np.float32),
+        np.full((height, wide), f32(MISS), np.float32),
+    )
 
-    survey(scene, w, eye, depth, kind)
-    stone = draw_bridges(scene, w, look, eye, width, depth, kind)
-    plants.draw_plants(scene, w, look, eye, depth, red, green, blue, light, solid)
-    shade(scene, w, look, eye, f32(time), width, depth, kind, light, red, green, blue)
+
+@kernel
+def draw_rows(scene, w, look, eye, time, camera, top, bottom, planes):
+    """Draw the rows from top to bottom into the buffers of their frame; top is a multiple of `ROWS_TOGETHER`.
+
+    What a row shows depends on no other rows than those of its tile.
+    """
+    height, width, _, fast = camera
+    depth = planes[0][top:bottom]
+    kind = planes[1][top:bottom]
+    red = planes[2][top:bottom]
+    green = planes[3][top:bottom]
+    blue = planes[4][top:bottom]
+    light = planes[5][top:bottom]
+    survey(scene, w, eye, height, top, depth, kind)
+    stone = draw_bridges(scene, w, look, eye, height, width, top, depth, kind)
+    plants.draw_plants(scene, w, look, eye, height, top, fast, depth, red, green, blue, light, planes[6][top:bottom])
+    shade(scene, w, look, eye, time, height, width, top, fast, depth, kind, light, red, green, blue)
     for k in range(len(stone)):
         r = int32(stone[k, 0])
         c = int32(stone[k, 1])
@@ -57,12 +73,25 @@ def draw_frame(scene, w, x, y, z, yaw, time, look, camera, image, want_layers, d
             red[r, c] += light[r, c] * stone[k, 2]
             green[r, c] += light[r, c] * stone[k, 3]
             blue[r, c] += light[r, c] * stone[k, 4]
-    if len(stone) > 0:
+
+
+@kernel
+def finish_frame(scene, w, look, eye, time, camera, planes, image, want_layers, depth_out, class_out):
+    """Turn the drawn buffers of a frame into image [H, W] uint32, and into layers where wanted."""
+    _, width, _, fast = camera
+    depth, kind, red, green, blue, light, solid = planes
+    if not fast:
         bridges.soften_edges(scene, w, look, eye, width, depth, kind, light, red, green, blue)
     if want_layers:
         write_layers(depth, solid, kind, light, depth_out, class_out)
     mask_water(kind, light)
-    develop(red, green, blue, kind, look, noise_key(eye, f32(time)), image, width)
+    develop(red, green, blue, kind, look, noise_key(eye, time), image, width)
+
+
+@kernel
+def eye_of(pose, look, camera):
+    """The camera at a pose [4], as of `open_eye`."""
+    return open_eye(pose[0], pose[1], pose[2], pose[3], look, camera[1], camera[2])
 
 
 @kernel(inlined=True)
@@ -107,9 +136,24 @@ def aim(eye, height, r, first, inv_cell, dx, dy, dz, n):
 
 
 @kernel(disjoint=True)
-def survey(scene, w, eye, depth, kind):
-    """Where every ray meets ground or water: depth [H, W'] along the axis (MISS if nowhere), and what it is: kind."""
-    height, wide = depth.shape
+def aim_tiles(eye, height, r, inv_cell, dx, dy, dz, first, n):
+    """As `aim`, for the middles of n tiles from number `first` on, of those whose first row is r."""
+    _, _, _, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, _ = eye
+    sy = half_h - (f32(r) + f32(0.5 * march.TILE)) * (f32(2) * half_h / f32(height))
+    for k in range(n):
+        sx = (f32(first + k) + f32(0.5)) * f32(march.TILE) * per_column - half_w
+        dx[k] = (fx + sy * ux + sx * rx) * inv_cell
+        dy[k] = (fy + sy * uy + sx * ry) * inv_cell
+        dz[k] = fz + sy * uz
+
+
+@kernel(disjoint=True)
+def survey(scene, w, eye, height, top, depth, kind):
+    """Where every ray meets ground or water: depth [R, W'] along the axis (MISS if nowhere), and what it is: kind.
+
+    Rows are those from `top` on of an image of `height` rows; so in all functions here.
+    """
+    rows, wide = depth.shape
     inv_cell = scene.number[w, table.INV_CELL]
     node_x = (eye[0] - scene.number[w, table.ORIGIN_X]) * inv_cell
     node_y = (eye[1] - scene.number[w, table.ORIGIN_Y]) * inv_cell
@@ -119,13 +163,24 @@ def survey(scene, w, eye, depth, kind):
     t = np.empty(wide, np.float32)
     hit = np.empty(wide, np.float32)
     wet = np.empty(wide, np.float32)
-    span = np.empty((march.TRACK, wide), np.float32)
+    span = np.empty((march.TRACK, march.SPAN), np.float32)
     track = (span[0], span[1], span[2], span[3], span[4])
-    for r in range(height):
-        aim(eye, height, r, 0, inv_cell, dx, dy, dz, wide)
+    tiles = (wide + march.TILE - 1) // march.TILE
+    start = np.empty(tiles, np.float32)
+    spread = march.bundle_spread(eye, height)
+    for r in range(rows):
+        if r % march.TILE == 0:
+            aim_tiles(eye, height, top + r, inv_cell, dx, dy, dz, 0, tiles)
+            for k in range(tiles):
+                start[k] = eye[14]
+            march.approach(scene, w, node_x, node_y, eye[2], spread, dx, dy, dz, start, tiles)
+        aim(eye, height, top + r, 0, inv_cell, dx, dy, dz, wide)
         for c in range(wide):
-            t[c] = eye[14]
-        march.march(scene, w, node_x, node_y, eye[2], dx, dy, dz, t, hit, track, wide)
+            t[c] = start[uint32(c // march.TILE)]
+        for c in range(0, wide, march.SPAN):
+            end = c + march.SPAN
+            ray = dx[c:end], dy[c:end], dz[c:end], t[c:end], hit[c:end]
+            march.march(scene, w, node_x, node_y, eye[2], *ray, track, march.SPAN)
         march.wetness(scene, w, node_x, node_y, dx, dy, t, wet, wide)
         for c in range(wide):
             depth[r, c] = t[c] if hit[c] > f32(0) else f32(MISS)
@@ -134,23 +189,24 @@ def survey(scene, w, eye, depth, kind):
 
 
 @kernel
-def draw_bridges(scene, w, look, eye, width, depth, kind):
+def draw_bridges(scene, w, look, eye, height, width, top, depth, kind):
     """Set depth and kind where a bridge is nearest; the stone met [K, 6]: row, column, red, green, blue, depth."""
     ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, near = eye
-    height = depth.shape[0]
     per_row = f32(2) * half_h / f32(height)
     room = 0
     boxes = np.empty((scene.place[w, table.BRIDGE_TO] - scene.place[w, table.BRIDGE_FROM], 4), np.int32)
     for b in range(len(boxes)):
         row = scene.bridges[scene.place[w, table.BRIDGE_FROM] + b]
         boxes[b] = bridges.bridge_box(row, eye, height, width)
+        boxes[b, 2] = max(boxes[b, 2] - top, 0)
+        boxes[b, 3] = min(boxes[b, 3] - top, len(depth))
         room += max(boxes[b, 1] - boxes[b, 0], 0) * max(boxes[b, 3] - boxes[b, 2], 0)
     stone = np.empty((room, 6), np.float32)
     n = 0
     for b in range(len(boxes)):
         row = scene.bridges[scene.place[w, table.BRIDGE_FROM] + b]
         for r in range(boxes[b, 2], boxes[b, 3]):
-            sy = half_h - (f32(r) + f32(0.5)) * per_row
+            sy = half_h - (f32(top + r) + f32(0.5)) * per_row
             for c in range(boxes[b, 0], boxes[b, 1]):
                 sx = (f32(c) + f32(0.5)) * per_column - half_w
                 dx = fx + sy * ux + sx * rx
@@ -172,9 +228,9 @@ def draw_bridges(scene, w, look, eye, width, depth, kind):
 
 
 @kernel(disjoint=True)
-def shade(scene, w, look, eye, time, width, depth, kind, light, red, green, blue):
-    """Add what sky, water and ground send through the plants to red, green, blue [H, W']."""
-    height, wide = depth.shape
+def shade(scene, w, look, eye, time, height, width, top, fast, depth, kind, light, red, green, blue):
+    """Add what sky, water and ground send through the plants to red, green, blue [R, W']."""
+    rows, wide = depth.shape
     inv_cell = scene.number[w, table.INV_CELL]
     node_x = (eye[0] - scene.number[w, table.ORIGIN_X]) * inv_cell
     node_y = (eye[1] - scene.number[w, table.ORIGIN_Y]) * inv_cell
@@ -200,8 +256,8 @@ def shade(scene, w, look, eye, time, width, depth, kind, light, red, green, blue
     out_r = span[7]
     out_g = span[8]
     out_b = span[9]
-    for r in range(height):
-        aim(eye, height, r, 0, inv_cell, ray_x, ray_y, ray_z, wide)
+    for r in range(rows):
+        aim(eye, height, top + r, 0, inv_cell, ray_x, ray_y, ray_z, wide)
         for what in range(3):
             n = 0
             for c in range(width):
@@ -211,7 +267,15 @@ def shade(scene, w, look, eye, time, width, depth, kind, light, red, green, blue
             if n == 0:
                 continue
             reach(node_x, node_y, eye[2], inv_cell, ray_x, ray_y, ray_z, depth[r], at, x, y, z, dx, dy, dz, far, n)
-            if what == SKY:
+            if what == SKY and fast:
+                modest.shade_sky(scene.sky, sky_begin, dx, dy, dz, out_r, out_g, out_b, n)
+            elif what == WATER and fast:
+                modest.shade_water(
+                    scene, w, look, x, y, dx, dy, dz, far, pixel, time, out_r, out_g, out_b, n
+                )  # fmt: skip
+            elif what == GROUND and fast:
+                modest.shade_ground(scene, w, x, y, dz, far, pixel, out_r, out_g, out_b, n)
+            elif what == SKY:
                 shade_sky(scene.sky, sky_begin, dx, dy, dz, out_r, out_g, out_b, n)
             elif what == WATER:
                 water.shade_water(
@@ -292,25 +356,51 @@ def mask_water(kind, light):
 
 
 @kernel(parallel=True)
-def draw_frames(scene, world_index, poses, times, looks, camera, images, want_layers, depths, classes):
+def draw_frames(scene, world_index, poses, times, looks, camera, images, want_layers, depths, classes, bands):
     """Draw one frame per pose, each with its look [N, LOOK_COLUMNS]: images [N, H, W] uint32.
 
-    depths and classes are [N, H, W] where wanted, else [1, 1, 1].
+    camera: (height, width, near plane in float32 metres, whether the quality is the modest one). An image holds red,
+    green, blue from the lowest byte up, the water mask in the highest. depths and classes are [N, H, W] where wanted,
+    else [1, 1, 1]. bands [B, 2] int32: the rows from, to that a thread draws together. With one band a thread draws
+    whole frames; more are for fewer frames than threads.
     """
-    for n in prange(len(poses)):
-        layer = n % len(depths)
-        draw_frame(
-            scene,
-            world_index[n],
-            poses[n, 0],
-            poses[n, 1],
-            poses[n, 2],
-            poses[n, 3],
-            times[n],
-            looks[n],
-            camera,
-            images[n],
-            want_layers,
-            depths[layer],
-            classes[layer],
-        )
+    height, width, _, _ = camera
+    if len(bands) == 1:
+        for n in prange(len(poses)):
+            w = world_index[n]
+            eye = eye_of(poses[n], looks[n], camera)
+            time = f32(times[n])
+            planes = open_planes(height, width)
+            draw_rows(scene, w, looks[n], eye, time, camera, 0, height, planes)
+            layer = n % len(depths)
+            finish_frame(
+                scene, w, looks[n], eye, time, camera, planes, images[n], want_layers, depths[layer], classes[layer]
+            )  # fmt: skip
+    else:
+        for n in range(len(poses)):
+            w = world_index[n]
+            eye = eye_of(poses[n], looks[n], camera)
+            time = f32(times[n])
+            planes = open_planes(height, width)
+            for b in prange(len(bands)):
+                draw_rows(scene, w, looks[n], eye, time, camera, bands[b, 0], bands[b, 1], planes)
+            layer = n % len(depths)
+            finish_frame(
+                scene, w, looks[n], eye, time, camera, planes, images[n], want_layers, depths[layer], classes[layer]
+            )  # fmt: skip
+
+
+def bands_of(height: int, threads: int, frames: int) -> np.ndarray:
+    """The rows from, to [B, 2] int32 in which `threads` threads share a frame; one band where there are enough frames.
+
+    A thread gets two neighbouring bands of the list: one from above and one from below, since the far woods above take
+    longer than the water below.
+    """
+    if threads <= frames or height < 2 * ROWS_TOGETHER:
+        return np.array([[0, height]], np.int32)
+    count = min(2 * threads, height // ROWS_TOGETHER)
+    edges = np.round(np.linspace(0, height / ROWS_TOGETHER, count + 1)).astype(np.int32) * ROWS_TOGETHER
+    edges[-1] = height
+    bands = np.stack([edges[:-1], edges[1:]], axis=1)
+    order = [k // 2 if k % 2 == 0 else count - 1 - k // 2 for k in range(count)]
+    return np.ascontiguousarray(bands[order])

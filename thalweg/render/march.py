@@ -24,8 +24,57 @@ STEEPEST = 1.0
 """Slope of the ground that a step by height reckons with."""
 TRACK = 5
 """Arrays of scratch that the march needs."""
+SPAN = 32
+"""Rays that a CPU advances together: as many as fit its widest vectors, so that few wait for the slowest."""
+TILE = 8
+"""Pixels a side of the bundles of rays that start together."""
+BUNDLE_STEPS = 40
+BUNDLE_LEAST_M = 0.25
+"""A bundle that gets on by less than this is left to its rays."""
 FAR_M = 320.0
 """Beyond this all ground is lost in the haze and drawn as the horizon."""
+
+
+@kernel(inlined=True)
+def bundle_spread(eye, height):
+    """How far a ray of a tile strays from the one through the tile's middle, in metres per metre along the axis."""
+    per_row = f32(2) * eye[12] / f32(height)
+    return f32(0.501 * TILE) * math.sqrt(per_row * per_row + eye[13] * eye[13])
+
+
+@kernel(disjoint=True)
+def approach(scene, w, ox, oy, oz, spread, dx, dy, dz, t, n):
+    """Advance n bundles of rays from t [n] as far as surely none of their rays meets the surface.
+
+    dx, dy, dz: the bundles' middle rays, as in `march`; spread: how far the other rays stray from them in metres per
+    metre along the axis.
+    """
+    columns = int32(scene.place[w, table.GX])
+    rows = int32(scene.place[w, table.GY])
+    cone_columns = int32(scene.place[w, table.CONE_X])
+    cone_at = int32(scene.place[w, table.CONE_AT])
+    cell = f32(1) / scene.number[w, table.INV_CELL]
+    cone_height = scene.cone_height
+    cone_slope = scene.cone_slope
+    for _ in range(BUNDLE_STEPS):
+        active = f32(0)
+        for i in range(n):
+            ti = t[i]
+            x = clamp(ox + dx[i] * ti, f32(0), f32(columns) - f32(1.001))
+            y = clamp(oy + dy[i] * ti, f32(0), f32(rows) - f32(1.001))
+            column = int32(x) // int32(table.CONE_CELL)
+            row = int32(y) // int32(table.CONE_CELL)
+            block = uint32(cone_at + row * cone_columns + column)
+            # The lowest ray may sink this fast, and the outermost may be so far from the middle one.
+            sink = dz[i] - spread
+            speed = math.sqrt(dx[i] * dx[i] + dy[i] * dy[i]) * cell + spread
+            gap = oz + sink * ti - cone_height[block] - cone_slope[block] * spread * ti
+            step = gap / max(cone_slope[block] * speed - sink, f32(1e-6))
+            onward = (step > f32(BUNDLE_LEAST_M)) & (ti < f32(FAR_M))
+            t[i] = ti + step if onward else ti
+            active += f32(1) if onward else f32(0)
+        if active == f32(0):
+            break
 
 
 @kernel(disjoint=True)

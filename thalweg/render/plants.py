@@ -11,6 +11,7 @@ import numpy as np
 from numba import int32, uint32, uint64
 
 from thalweg.kernel import kernel
+from thalweg.render import fast as modest
 from thalweg.render import impostors
 from thalweg.render import scene as table
 from thalweg.render.approx import exp, floor, log2
@@ -94,11 +95,12 @@ def visible_plants(scene, w, density, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz
 
 
 @kernel(disjoint=True)
-def draw_plants(scene, w, look, eye, depth, red, green, blue, light, solid):
-    """Add the plants in view to red, green, blue [H, W'] and take from light [H, W'] what they cover.
+def draw_plants(scene, w, look, eye, height, top, fast, depth, red, green, blue, light, solid):
+    """Add the plants in view to red, green, blue [R, W'] and take from light [R, W'] what they cover.
 
-    depth [H, W'] is the ground's distance along the axis; solid [H, W'] receives that of the plant behind which less
-    than half of the light remains. W' is the width rounded up to whole blocks.
+    Rows are those from `top` on of an image of `height` rows. depth [R, W'] is the ground's distance along the axis;
+    solid [R, W'] receives that of the plant behind which less than half of the light remains. W' is the width rounded
+    up to whole blocks. fast: whether the quality is the modest one.
     """
     ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, _ = eye
     rows = depth.shape[0]
@@ -121,9 +123,11 @@ def draw_plants(scene, w, look, eye, depth, red, green, blue, light, solid):
     for k in range(count):
         p = first + order[k]
         far = distance[order[k]]
-        box = picture_box(scene.plants[p], far, eye, rows, columns)
-        if box[0] < box[1] and box[2] < box[3]:
-            draw_picture(scene, w, look, p, far, eye, box, rows, columns, deepest, *planes)
+        c0, c1, r0, r1 = picture_box(scene.plants[p], far, eye, height, columns)
+        r0 = max(r0 - int32(top), int32(0))
+        r1 = min(r1 - int32(top), int32(rows))
+        if c0 < c1 and r0 < r1:
+            draw_picture(scene, w, look, p, far, eye, (c0, c1, r0, r1), height, top, fast, deepest, *planes)
 
 
 @kernel(disjoint=True)
@@ -297,15 +301,17 @@ def nearest_ray(far, eye):
 
 
 @kernel(disjoint=True)
-def draw_picture(scene, w, look, p, far, eye, box, rows, columns, deepest, depth, red, green, blue, light, solid):
+def draw_picture(scene, w, look, p, far, eye, box, height, top, fast, deepest, depth, red, green, blue, light, solid):
     """Draw plant p at a horizontal distance `far` into the blocks that its box touches and that are not closed.
 
-    The planes depth, red, green, blue, light, solid are flat, [rows * columns].
+    The planes depth, red, green, blue, light, solid are flat, [R * W'], as in `draw_plants`.
     """
     _, _, _, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, near = eye
     c0, c1, r0, r1 = box
-    per_row = f32(2) * half_h / f32(rows)
-    picture = picture_of(scene, w, look, p, far, eye, rows)
+    columns = deepest.shape[1] * BLOCK
+    rows = len(depth) // columns
+    per_row = f32(2) * half_h / f32(height)
+    picture = picture_of(scene, w, look, p, far, eye, height)
     nearest = nearest_ray(far, eye)
     atlas = scene.atlas
     for by in range(r0 // BLOCK_ROWS, (r1 - 1) // BLOCK_ROWS + 1):
@@ -314,25 +320,40 @@ def draw_picture(scene, w, look, p, far, eye, box, rows, columns, deepest, depth
             if deepest[by, bx] < nearest:
                 continue
             for r in range(max(by * BLOCK_ROWS, r0), min((by + 1) * BLOCK_ROWS, r1)):
-                sy = half_h - (f32(r) + f32(0.5)) * per_row
+                sy = half_h - (f32(top + r) + f32(0.5)) * per_row
                 base_x = fx + sy * ux
                 base_y = fy + sy * uy
                 base_z = fz + sy * uz
                 first = uint64(r * columns + bx * BLOCK)
                 left = (f32(bx * BLOCK) + f32(0.5)) * per_column - half_w
-                for i in range(BLOCK):
-                    k = first + uint64(i)
-                    sx = left + f32(i) * per_column
-                    passing = light[k]
-                    add_r, add_g, add_b, part, t = picture_pixel(
-                        atlas, picture, base_x + sx * rx, base_y + sx * ry, base_z, near, depth[k], passing
-                    )
-                    red[k] += add_r
-                    green[k] += add_g
-                    blue[k] += add_b
-                    light[k] = passing - part
-                    crossed = (passing >= f32(0.5)) & (passing - part < f32(0.5))
-                    solid[k] = t if crossed else solid[k]
+                if fast:
+                    for i in range(BLOCK):
+                        k = first + uint64(i)
+                        sx = left + f32(i) * per_column
+                        passing = light[k]
+                        add_r, add_g, add_b, part, t = modest.picture_pixel(
+                            atlas, picture, base_x + sx * rx, base_y + sx * ry, base_z, near, depth[k], passing
+                        )
+                        red[k] += add_r
+                        green[k] += add_g
+                        blue[k] += add_b
+                        light[k] = passing - part
+                        crossed = (passing >= f32(0.5)) & (passing - part < f32(0.5))
+                        solid[k] = t if crossed else solid[k]
+                else:
+                    for i in range(BLOCK):
+                        k = first + uint64(i)
+                        sx = left + f32(i) * per_column
+                        passing = light[k]
+                        add_r, add_g, add_b, part, t = picture_pixel(
+                            atlas, picture, base_x + sx * rx, base_y + sx * ry, base_z, near, depth[k], passing
+                        )
+                        red[k] += add_r
+                        green[k] += add_g
+                        blue[k] += add_b
+                        light[k] = passing - part
+                        crossed = (passing >= f32(0.5)) & (passing - part < f32(0.5))
+                        solid[k] = t if crossed else solid[k]
             open_pixels = f32(0)
             for r in range(by * BLOCK_ROWS, min((by + 1) * BLOCK_ROWS, rows)):
                 first = uint64(r * columns + bx * BLOCK)

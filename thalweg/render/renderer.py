@@ -2,18 +2,22 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal, get_args
 
+import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
 from thalweg.render import compilation
 from thalweg.render.camera import Camera
 from thalweg.render.errors import RenderError
-from thalweg.render.frame import draw_frames
+from thalweg.render.frame import bands_of, draw_frames
 from thalweg.render.look import Look, look_rows, look_values
 from thalweg.render.scene import build_scene
 from thalweg.world.record import World
 
+Quality = Literal["full", "fast"]
+QUALITIES = get_args(Quality)
 RENDER_VERSION = 2
 """Changes whenever the same world looks different, so that what was trained on older frames can tell."""
 
@@ -35,17 +39,23 @@ class Frame:
 class Renderer:
     """Draws worlds as seen by a camera. Its tables are built once; drawing changes nothing in it."""
 
-    def __init__(self, worlds: Sequence[World], camera: Camera | None = None) -> None:
-        """Prepare the tables of the worlds. Raises `RenderError` if there is none."""
+    def __init__(self, worlds: Sequence[World], camera: Camera | None = None, quality: Quality = "full") -> None:
+        """Prepare the tables of the worlds. `quality`: "full", or "fast" for frames without reflections, filtered less.
+
+        Raises `RenderError` if there is no world, or no such quality.
+        """
         if not worlds:
             raise RenderError("a renderer needs at least one world")
+        if quality not in QUALITIES:
+            raise RenderError(f"quality = {quality!r}: choose one of {', '.join(QUALITIES)}")
         compilation.begin()
         self.worlds = tuple(worlds)
         self.camera = camera or Camera()
         self.scene = build_scene(self.worlds)
         """The tables that the kernels read."""
         eye = self.camera
-        self._camera = int(eye.height_px), int(eye.width_px), np.float32(eye.near_m)
+        self.quality = quality
+        self._camera = int(eye.height_px), int(eye.width_px), np.float32(eye.near_m), quality == "fast"
 
     def render(
         self,
@@ -70,7 +80,7 @@ class Renderer:
         elif out.shape != shape or out.dtype != np.uint8 or not out.flags.c_contiguous:
             raise RenderError(f"out is {out.dtype} {list(out.shape)}; it must be contiguous uint8 {list(shape)}")
         none = np.empty((1, 1, 1), np.float32), np.empty((1, 1, 1), np.uint8)
-        draw_frames(self.scene, worlds, poses, times, looks, self._camera, out.view(np.uint32)[..., 0], False, *none)
+        self._draw(worlds, poses, times, looks, out, False, *none)
         return out
 
     def render_layers(
@@ -86,10 +96,15 @@ class Renderer:
         compilation.finish()
         shape = (len(poses), self.camera.height_px, self.camera.width_px)
         image, depth, kind = np.empty((*shape, 4), np.uint8), np.empty(shape, np.float32), np.empty(shape, np.uint8)
-        draw_frames(
-            self.scene, worlds, poses, times, looks, self._camera, image.view(np.uint32)[..., 0], True, depth, kind
-        )
+        self._draw(worlds, poses, times, looks, image, True, depth, kind)
         return Frame(np.ascontiguousarray(image[..., :3]), image[..., 3] > 0, depth, kind)
+
+    def _draw(self, worlds, poses, times, looks, out, want_layers, depth, kind) -> None:
+        packed = out.view(np.uint32)[..., 0]
+        bands = bands_of(self.camera.height_px, numba.get_num_threads(), len(poses))
+        draw_frames(
+            self.scene, worlds, poses, times, looks, self._camera, packed, want_layers, depth, kind, bands
+        )  # fmt: skip
 
     def _checked(
         self, poses: ArrayLike, world_index: ArrayLike | None, time_s: ArrayLike | None

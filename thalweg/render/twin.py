@@ -11,7 +11,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thalweg.render import bridges, frame, ground, impostors, march, plants, ripples, sky, tone, twin_bridge, water
+from thalweg.render import (
+    bridges,
+    classes,
+    ground,
+    impostors,
+    march,
+    plants,
+    ripples,
+    sky,
+    tone,
+    twin_bridge,
+    water,
+)
 from thalweg.render import look as looks
 from thalweg.render import scene as table
 from thalweg.render.camera import Camera
@@ -56,7 +68,7 @@ def draw(
     exposed = vivid * (tone.KEY / max(luma, 1e-4)) ** tone.ADAPTION * row[looks.GAIN_R : looks.GAIN_B + 1]
     rgb = np.rint(tone.encode(tone.curve(exposed)) * 255).astype(np.uint8)
     _, depth, kind = scene.trace(pose, camera, 1, time_s)
-    return TwinFrame(rgb, kind == frame.WATER, np.where(np.isinf(depth), -1.0, depth), kind)
+    return TwinFrame(rgb, kind == classes.WATER, np.where(np.isinf(depth), -1.0, depth), kind)
 
 
 def bilinear(table_2d: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -119,25 +131,25 @@ class _Valley:
         eye = np.asarray(pose[:3], np.float64)
 
         depth = self.meet_ground(eye, ray, camera.near_m)
-        kind = np.where(np.isinf(depth), frame.SKY, frame.GROUND).astype(np.uint8)
+        kind = np.where(np.isinf(depth), classes.SKY, classes.GROUND).astype(np.uint8)
         radiance = np.zeros((rows, columns, 3))
         for bridge in self.world.bridges:
             depth_b, normal, local = twin_bridge.meet_bridge(bridge, eye, ray, camera.near_m, np.minimum(depth, 400.0))
             met = np.isfinite(depth_b)
             depth = np.where(met, depth_b, depth)
-            kind[met] = frame.BRIDGE
+            kind[met] = classes.BRIDGE
             radiance[met] = self.stone(bridge, normal[met], local[met])
 
         point = eye + ray * np.where(np.isinf(depth), 0.0, depth)[..., None]
         far = np.where(np.isinf(depth), 0.0, depth) * np.linalg.norm(ray, axis=-1)
         sight = ray / np.linalg.norm(ray, axis=-1, keepdims=True)
         x, y = self.node(point[..., 0], point[..., 1])
-        kind[(kind == frame.GROUND) & (bilinear(self.wet, x, y) > 0)] = frame.WATER
-        sky_seen = kind == frame.SKY
+        kind[(kind == classes.GROUND) & (bilinear(self.wet, x, y) > 0)] = classes.WATER
+        sky_seen = kind == classes.SKY
         radiance[sky_seen] = self.sky(sight[sky_seen])
-        dry = kind == frame.GROUND
+        dry = kind == classes.GROUND
         radiance[dry] = self.dry(x[dry], y[dry])
-        wet = kind == frame.WATER
+        wet = kind == classes.WATER
         radiance[wet] = self.water(point[wet], sight[wet], time_s)
         clear = np.exp(-far * self.look[looks.HAZE_PER_M])[..., None]
         radiance = np.where(sky_seen[..., None], radiance, radiance * clear + self.fog * (1 - clear))
@@ -145,7 +157,7 @@ class _Valley:
         green, light, solid = self.plants(eye, ray, (forward, right, up), camera, depth)
         radiance = green + light[..., None] * radiance
         covered = light <= 0.5
-        return radiance, np.where(covered, solid, depth), np.where(covered, frame.PLANT, kind).astype(np.uint8)
+        return radiance, np.where(covered, solid, depth), np.where(covered, classes.PLANT, kind).astype(np.uint8)
 
     def meet_ground(self, eye: np.ndarray, ray: np.ndarray, near: float) -> np.ndarray:
         """Depth [R, C] at which each ray meets the surface, inf where it leaves."""

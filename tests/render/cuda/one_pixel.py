@@ -6,7 +6,7 @@ The CPU places the camera, picks the plants in view and takes the mean for the e
 import numpy as np
 from numba import cuda, float32, int32, uint32
 
-from thalweg.render import bridges, frame, ground, march, plants, tone, water
+from thalweg.render import bridges, classes, frame, ground, march, plants, tone, water
 from thalweg.render import scene as table
 
 f32 = np.float32
@@ -34,6 +34,9 @@ def trace(scene, w, camera, time, look, order, distance, radiance, depth_out, ki
     ray_y = cuda.local.array(1, float32)
     ray_z = cuda.local.array(1, float32)
     frame.aim(eye, height, r, c, inv_cell, ray_x, ray_y, ray_z, 1)
+    tile_x = cuda.local.array(1, float32)
+    tile_y = cuda.local.array(1, float32)
+    tile_z = cuda.local.array(1, float32)
     depth = cuda.local.array(1, float32)
     hit = cuda.local.array(1, float32)
     a0 = cuda.local.array(1, float32)
@@ -41,13 +44,17 @@ def trace(scene, w, camera, time, look, order, distance, radiance, depth_out, ki
     a2 = cuda.local.array(1, float32)
     a3 = cuda.local.array(1, float32)
     a4 = cuda.local.array(1, float32)
+    # All rays of a tile start where the bundle of the tile gets to.
+    row = r // march.TILE * march.TILE
+    frame.aim_tiles(eye, height, row, inv_cell, tile_x, tile_y, tile_z, c // march.TILE, 1)
     depth[0] = near
+    march.approach(scene, w, node_x, node_y, eye[2], march.bundle_spread(eye, height), tile_x, tile_y, tile_z, depth, 1)
     march.march(scene, w, node_x, node_y, eye[2], ray_x, ray_y, ray_z, depth, hit, (a0, a1, a2, a3, a4), 1)
     wet = cuda.local.array(1, float32)
     march.wetness(scene, w, node_x, node_y, ray_x, ray_y, depth, wet, 1)
-    kind = frame.SKY
+    kind = classes.SKY
     if hit[0] > f32(0):
-        kind = frame.WATER if wet[0] > f32(0) else frame.GROUND
+        kind = classes.WATER if wet[0] > f32(0) else classes.GROUND
     else:
         depth[0] = f32(frame.MISS)
 
@@ -66,7 +73,7 @@ def trace(scene, w, camera, time, look, order, distance, radiance, depth_out, ki
         found = bridges.meet_bridge(row, eye[0], eye[1], eye[2], dx, dy, dz, near, limit)
         if found[0] > f32(0):
             depth[0] = found[0]
-            kind = frame.BRIDGE
+            kind = classes.BRIDGE
             stone_r, stone_g, stone_b = bridges.shade_stone(
                 scene, w, look, row, found, found[0] * slant, found[0] * per_row, dz / slant
             )
@@ -98,10 +105,10 @@ def trace(scene, w, camera, time, look, order, distance, radiance, depth_out, ki
         out_b = cuda.local.array(1, float32)
         at[0] = 0
         frame.reach(node_x, node_y, eye[2], inv_cell, ray_x, ray_y, ray_z, depth, at, x, y, z, ux, uy, uz, far, 1)
-        if kind == frame.SKY:
+        if kind == classes.SKY:
             sky_begin = int32(scene.place[w, table.SKY_AT])
             frame.shade_sky(scene.sky, sky_begin, ux, uy, uz, out_r, out_g, out_b, 1)
-        elif kind == frame.WATER:
+        elif kind == classes.WATER:
             w0 = cuda.local.array(1, float32)
             w1 = cuda.local.array(1, float32)
             w2 = cuda.local.array(1, float32)
@@ -112,13 +119,13 @@ def trace(scene, w, camera, time, look, order, distance, radiance, depth_out, ki
             water.shade_water(
                 scene, w, look, x, y, z, ux, uy, uz, far, per_row, time, work, out_r, out_g, out_b, 1
             )  # fmt: skip
-        elif kind == frame.GROUND:
+        elif kind == classes.GROUND:
             ground.shade_ground(scene, w, x, y, uz, far, per_row, out_r, out_g, out_b, 1)
-        if kind == frame.BRIDGE:
+        if kind == classes.BRIDGE:
             out_r[0] = stone_r
             out_g[0] = stone_g
             out_b[0] = stone_b
-        elif kind != frame.SKY:
+        elif kind != classes.SKY:
             frame.haze(scene, w, look, far, out_r, out_g, out_b, 1)
         red += light * out_r[0]
         green += light * out_g[0]
@@ -154,7 +161,7 @@ def tone_frame(radiance, kind, light, mean, look, key, codes, image):
     if r >= image.shape[0] or c >= image.shape[1]:
         return
     gain = tone.exposure(mean)
-    wet = uint32(255) if kind[r, c] == frame.WATER and light[r, c] > f32(0.5) else uint32(0)
+    wet = uint32(255) if kind[r, c] == classes.WATER and light[r, c] > f32(0.5) else uint32(0)
     pixel = tone.tone_pixel(
         codes,
         radiance[r, c, 0],

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from tests.render.cuda import cases
-from thalweg.render.frame import BRIDGE, GROUND, PLANT, SKY, WATER, draw_frames
+from thalweg.render.classes import BRIDGE, GROUND, PLANT, SKY, WATER
+from thalweg.render.frame import bands_of, draw_frames
 from thalweg.render.look import look_rows, look_values
 from thalweg.render.scene import build_scene
 
@@ -23,7 +24,18 @@ def frames_of_the_cpu() -> tuple[np.ndarray, np.ndarray]:
     layers = np.empty((count, side, side), np.float32), np.empty((count, side, side), np.uint8)
     scene = build_scene([cases.world()])  # also leaves the atlas in the cache, which the simulator is too slow to grow
     where = np.zeros(count, np.int64)
-    draw_frames(scene, where, cases.POSES, cases.TIMES, looks, (side, side, near), images, True, *layers)
+    draw_frames(
+        scene,
+        where,
+        cases.POSES,
+        cases.TIMES,
+        looks,
+        (side, side, near, False),
+        images,
+        True,
+        *layers,
+        bands_of(side, 1, count),
+    )
     return images, layers[1]
 
 

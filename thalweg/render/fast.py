@@ -1,0 +1,214 @@
+"""What does the modest quality leave out? Reflections, filtering between texels, and half of the ripples.
+
+Each function stands in for one of the full quality and takes its arguments. Textures are still read at the level that a
+pixel's footprint asks for, so that nothing shimmers that did not before; only the nearest texel is taken.
+"""
+
+import math
+
+import numpy as np
+from numba import int32, uint32
+
+from thalweg.kernel import kernel
+from thalweg.render import ripples, sky
+from thalweg.render import scene as table
+from thalweg.render.approx import exp, floor, log2
+from thalweg.render.fetch import bilinear, channel, clamp
+from thalweg.render.ground import GRAIN_DEPTH, GRAIN_M
+from thalweg.render.look import (
+    ABSORB_B,
+    ABSORB_G,
+    ABSORB_R,
+    RIPPLE,
+    SCATTER_B,
+    SCATTER_G,
+    SCATTER_R,
+)
+from thalweg.render.water import (
+    DRIFT_A_M_PER_S,
+    GLITTER,
+    GLITTER_MOST,
+    GLITTER_TINT,
+    INDEX,
+    ROUGHNESS,
+    SHADE_GLOW,
+    SUN_WIDTH,
+    TILE_A_M,
+    footprint,
+)
+
+f32 = np.float32
+
+RIPPLE_GAIN = 1.4
+"""One layer of ripples has to be as steep as two."""
+BANK_RISE = 0.18
+"""Mirrored rays that rise less than this meet trees, in place of a look at them."""
+BANK_SOFTNESS = 0.25
+WOOD = (0.030, 0.037, 0.014)
+"""What they send back."""
+
+
+@kernel(inlined=True)
+def nearest_paint(scene, w, x, y, level):
+    """The packed texel of the paint at node coordinates, at the nearest whole level."""
+    low = int32(clamp(level + f32(0.5), f32(0), f32(table.PAINT_LEVELS - 1)))
+    shrink = f32(1) / f32(int32(1) << low)
+    wide = int32(scene.place[w, table.PAINT_X]) >> low
+    high = int32(scene.place[w, table.PAINT_Y]) >> low
+    column = int32(clamp((x + f32(0.5)) * shrink, f32(0), f32(wide) - f32(1)))
+    row = int32(clamp((y + f32(0.5)) * shrink, f32(0), f32(high) - f32(1)))
+    begin = int32(scene.place[w, uint32(int32(table.PAINT_AT) + low)])
+    return scene.paint[uint32(begin + row * wide + column)]
+
+
+@kernel(inlined=True)
+def nearest_tile(tile, x, y, level):
+    """The packed texel of the ripple tile at texel coordinates of level 0, at the nearest whole level."""
+    low = int32(clamp(level + f32(0.5), f32(0), f32(ripples.LEVELS - 1)))
+    size = int32(ripples.SIZE) >> low
+    begin = (int32(ripples.SIZE * ripples.SIZE) - size * size) * int32(4) // int32(3)
+    shrink = f32(1) / f32(int32(1) << low)
+    column = int32(floor((x + f32(0.5)) * shrink)) & (size - int32(1))
+    row = int32(floor((y + f32(0.5)) * shrink)) & (size - int32(1))
+    return tile[uint32(begin + row * size + column)]
+
+
+@kernel(inlined=True)
+def nearest_sky(sky_map, begin, dx, dy, dz):
+    """Radiance of the sky's nearest cell in a unit direction: red, green, blue."""
+    root = math.sqrt(abs(dz))
+    v = (f32(0.5) + f32(0.5) * (root if dz > f32(0) else -root)) * f32(sky.ROWS)
+    east = dx / (abs(dx) + abs(dy) + f32(1e-12))
+    turn = f32(1) - east if dy >= f32(0) else f32(3) + east
+    column = int32(turn * f32(sky.COLUMNS / 4)) & int32(sky.COLUMNS - 1)
+    row = int32(clamp(v, f32(0), f32(sky.ROWS - 1)))
+    texel = sky_map[uint32(begin + row * int32(sky.COLUMNS) + column)]
+    scale = f32(sky.CODE_RANGE / 255.0**2)
+    red = channel(texel, 0)
+    green = channel(texel, 8)
+    blue = channel(texel, 16)
+    return red * red * scale, green * green * scale, blue * blue * scale
+
+
+@kernel(disjoint=True)
+def shade_sky(table_, begin, dx, dy, dz, red, green, blue, n):
+    """As `frame.shade_sky`."""
+    for i in range(n):
+        red[i], green[i], blue[i] = nearest_sky(table_, begin, dx[i], dy[i], dz[i])
+
+
+@kernel(disjoint=True)
+def shade_ground(scene, w, x, y, dz, far, pixel, red, green, blue, n):
+    """As `ground.shade_ground`: without the coarser of two grains, and without flecks of light."""
+    inv_cell = scene.number[w, table.INV_CELL]
+    scale = f32(ripples.SIZE / GRAIN_M) / inv_cell
+    code = f32(table.PAINT_RANGE / 255.0**2)
+    grain_scale = f32(GRAIN_DEPTH / (255.0 * ripples.GRAIN_SPREAD))
+    for i in range(n):
+        foot = far[i] * pixel / math.sqrt(max(-dz[i], f32(0.06)))
+        texel = nearest_paint(scene, w, x[i], y[i], log2(foot * inv_cell))
+        speck = nearest_tile(scene.ripples, x[i] * scale, y[i] * scale, log2(foot * f32(ripples.SIZE / GRAIN_M)))
+        grain = (f32(1) + grain_scale * (channel(speck, 24) - f32(127.5))) * code
+        r = channel(texel, 0)
+        g = channel(texel, 8)
+        b = channel(texel, 16)
+        red[i] = r * r * grain
+        green[i] = g * g * grain
+        blue[i] = b * b * grain
+
+
+@kernel(disjoint=True)
+def shade_water(scene, w, look, x, y, dx, dy, dz, far, pixel, time, red, green, blue, n):
+    """As `water.shade_water`: one layer of ripples, and dark banks below the sky in place of what is mirrored."""
+    number = scene.number
+    columns = int32(scene.place[w, table.GX])
+    rows = int32(scene.place[w, table.GY])
+    at = int32(scene.place[w, table.MAP_AT])
+    inv_cell = number[w, table.INV_CELL]
+    cell = f32(1) / inv_cell
+    sky_begin = int32(scene.place[w, table.SKY_AT])
+    sun_x = number[w, table.SUN_X]
+    sun_y = number[w, table.SUN_Y]
+    sun_z = number[w, table.SUN_Z]
+    sun_path = f32(1) / math.sqrt(f32(1) - (f32(1) - sun_z * sun_z) * f32(1 / INDEX**2))
+    code = f32(table.PAINT_RANGE / 255.0**2)
+    amplitude = look[RIPPLE] * f32(RIPPLE_GAIN)
+    slope_scale = amplitude * f32(ripples.SLOPE_RANGE / 127.5)
+    lost_scale = amplitude * amplitude * f32(ripples.VARIANCE_RANGE / 255.0)
+    for i in range(n):
+        foot = footprint(far[i], pixel, dz[i])
+        texel = nearest_tile(
+            scene.ripples,
+            (x[i] * cell + f32(DRIFT_A_M_PER_S[0]) * time) * f32(ripples.SIZE / TILE_A_M),
+            (y[i] * cell + f32(DRIFT_A_M_PER_S[1]) * time) * f32(ripples.SIZE / TILE_A_M),
+            log2(foot * f32(ripples.SIZE / TILE_A_M)),
+        )
+        lean_x = (channel(texel, 0) - f32(127.5)) * slope_scale
+        lean_y = (channel(texel, 8) - f32(127.5)) * slope_scale
+        spread = channel(texel, 16) * lost_scale + f32(ROUGHNESS)
+        size = f32(1) / math.sqrt(f32(1) + lean_x * lean_x + lean_y * lean_y)
+        facing = clamp((dx[i] * lean_x + dy[i] * lean_y - dz[i]) * size, f32(0.01), f32(1))
+        rx = dx[i] - f32(2) * facing * lean_x * size
+        ry = dy[i] - f32(2) * facing * lean_y * size
+        rz = max(dz[i] + f32(2) * facing * size, f32(0.02))
+        graze = f32(1) - facing
+        graze2 = graze * graze
+        rough = math.sqrt(spread)
+        mirror = f32(0.02) + f32(0.98) * graze2 * graze2 * graze / (f32(1) + f32(22.7) * rough * math.sqrt(rough))
+
+        depth = max(bilinear(scene.depth, at, columns, rows, x[i], y[i]), f32(0))
+        bed = nearest_paint(scene, w, x[i], y[i], log2(foot * inv_cell))
+        r = channel(bed, 0)
+        g = channel(bed, 8)
+        b = channel(bed, 16)
+        sunlit = channel(bed, 24) * f32(1 / 255.0)
+        down = math.sqrt(f32(1) - (f32(1) - dz[i] * dz[i]) * f32(1 / INDEX**2))
+        path = depth * (f32(1) / down + sun_path)
+        through_r = exp(-look[ABSORB_R] * path)
+        through_g = exp(-look[ABSORB_G] * path)
+        through_b = exp(-look[ABSORB_B] * path)
+        glow = f32(SHADE_GLOW) + f32(1 - SHADE_GLOW) * sunlit
+        under_r = r * r * code * through_r + look[SCATTER_R] * glow * (f32(1) - through_r)
+        under_g = g * g * code * through_g + look[SCATTER_G] * glow * (f32(1) - through_g)
+        under_b = b * b * code * through_b + look[SCATTER_B] * glow * (f32(1) - through_b)
+
+        half_z = sun_z - dz[i]
+        off_x = -(sun_x - dx[i]) / half_z - lean_x
+        off_y = -(sun_y - dy[i]) / half_z - lean_y
+        width = spread + f32(SUN_WIDTH)
+        density = exp(-(off_x * off_x + off_y * off_y) / (f32(2) * width)) / (f32(6.2832) * width)
+        glitter = min(f32(GLITTER) * density * sunlit, f32(GLITTER_MOST))
+
+        open_sky = clamp((rz - f32(BANK_RISE)) * f32(1 / BANK_SOFTNESS), f32(0), f32(1))
+        sky_r, sky_g, sky_b = nearest_sky(scene.sky, sky_begin, rx, ry, rz)
+        over_r = sky_r * open_sky + f32(WOOD[0]) * (f32(1) - open_sky)
+        over_g = sky_g * open_sky + f32(WOOD[1]) * (f32(1) - open_sky)
+        over_b = sky_b * open_sky + f32(WOOD[2]) * (f32(1) - open_sky)
+        red[i] = under_r * (f32(1) - mirror) + over_r * mirror + glitter * f32(GLITTER_TINT[0])
+        green[i] = under_g * (f32(1) - mirror) + over_g * mirror + glitter * f32(GLITTER_TINT[1])
+        blue[i] = under_b * (f32(1) - mirror) + over_b * mirror + glitter * f32(GLITTER_TINT[2])
+
+
+@kernel(inlined=True)
+def picture_pixel(atlas, picture, dx, dy, dz, near, ground, passing):
+    """As `plants.picture_pixel`."""
+    (far, nx, ny, foot, per_tall, per_half), (begin, wide, high), paint, (dark_r, dark_g, dark_b) = picture
+    tint_r, tint_g, tint_b, add_r, add_g, add_b, sun_low, sun_rise = paint
+    towards = dx * nx + dy * ny
+    t = far / max(towards, f32(1e-4))
+    v = (dz * t - foot) * per_tall
+    u = (dy * nx - dx * ny) * t * per_half
+    inside = (towards > f32(1e-3)) & (t > near) & (t < ground)
+    inside = inside & (v >= f32(0)) & (v < f32(1)) & (abs(u) < f32(1))
+    column = int32(clamp((f32(1) - u) * f32(0.5) * f32(wide), f32(0), f32(wide) - f32(1)))
+    row = int32(clamp(v * f32(high), f32(0), f32(high) - f32(1)))
+    texel = atlas[uint32(begin + row * wide + column)]
+    cr = channel(texel, 0)
+    cg = channel(texel, 8)
+    cb = channel(texel, 16)
+    sun = clamp(sun_low + sun_rise * v, f32(0), f32(1))
+    part = passing * channel(texel, 24) * f32(1 / 255.0) if inside else f32(0)
+    red = part * (cr * cr * tint_r * (dark_r + (f32(1) - dark_r) * sun) + add_r)
+    green = part * (cg * cg * tint_g * (dark_g + (f32(1) - dark_g) * sun) + add_g)
+    blue = part * (cb * cb * tint_b * (dark_b + (f32(1) - dark_b) * sun) + add_b)
+    return red, green, blue, part, t

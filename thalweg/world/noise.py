@@ -75,8 +75,11 @@ def fractal(
         y = across[1] * corners[:, 1] + across[0] * corners[:, 0]
         origin = np.array([-x.min(), -y.min()]) + rng.uniform(0.5, 1.5, 2)
         size = np.ceil([np.ptp(y) + 4.0, np.ptp(x) + 4.0]).astype(int)
-        turn = rng.uniform(0.0, 2.0 * math.pi, size)
-        gradient = np.stack([np.cos(turn), np.sin(turn)], axis=-1).astype(np.float32)
+        # Row by row: across a long narrow map, turned, lie many more gradients than nodes.
+        gradient = np.empty((*size, 2), np.float32)
+        for row in range(size[0]):
+            turn = rng.uniform(0.0, 2.0 * math.pi, size[1])
+            gradient[row, :, 0], gradient[row, :, 1] = np.cos(turn), np.sin(turn)
         add_octave(out, origin.astype(np.float32), across.astype(np.float32), gradient, f4(amplitude))
     return out
 

@@ -165,4 +165,4 @@ def test_a_course_whose_map_would_be_too_large_is_refused():
     line = circle(1250.0, 900)
     river = river_of(line, True, np.full(900, 6.0), np.ones(900), np.zeros(900))
     with pytest.raises(WorldError, match=r"map covers 2610 x 2610 m, 6\.8 km²; limit 6\.0 km²"):
-        lay_grid(river)
+        lay_grid(river.position_m)

@@ -8,6 +8,7 @@ import numpy as np
 from thalweg.world import light, plants, surface
 from thalweg.world.errors import WorldError
 from thalweg.world.levels import Level, level_named
+from thalweg.world.memory import check_memory
 from thalweg.world.plan import plan, stream
 from thalweg.world.record import Plants, River, World
 from thalweg.world.terrain import Relief, Terrain, build_terrain
@@ -33,10 +34,11 @@ def resolve(level: Level | str, seed: int | None) -> tuple[Level, int]:
 def build(level: Level | str, seed: int | None = None) -> World:
     """The world of a level (or its name) and a seed; the same bytes for the same arguments.
 
-    Raises `WorldError` for an unknown level, a bad seed, or a custom level that can't be met.
+    Raises `WorldError` for an unknown level, a bad seed, or a custom level that can't be met, also for want of memory.
     """
     level, seed = resolve(level, seed)
     drawn = plan(level, seed)
+    check_memory(drawn.river.position_m, level.plant_density)
     relief = Relief(hills_m=level.hills_m, cut_banks=level.cut_banks)
     terrain = build_terrain(
         drawn.river, drawn.islands, drawn.bridges, drawn.branches, relief, stream(level, seed, TERRAIN)

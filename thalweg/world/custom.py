@@ -6,8 +6,9 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 from thalweg.world import checks, geometry
 from thalweg.world.errors import WorldError
 from thalweg.world.hydrology import STEEPEST_BED, river_of
+from thalweg.world.memory import check_memory
 from thalweg.world.record import Plants, River, World
-from thalweg.world.terrain import Relief, Terrain, build_terrain, check_area
+from thalweg.world.terrain import Relief, Terrain, build_terrain
 
 SPACING_M = 1.3
 """Distance between river samples."""
@@ -68,7 +69,7 @@ def read_points(points: np.ndarray, closed: bool) -> np.ndarray:
 
 def check_size(values: np.ndarray, closed: bool) -> None:
     """Raise `WorldError` for points [K, 4] of a river too large to be built, before any memory is taken for it."""
-    check_area(values[:, :2])
+    check_memory(values[:, :2])
     length = geometry.arc_length(values[:, :2], closed)[1]
     if length / SPACING_M > checks.MOST_SAMPLES:
         raise WorldError(

@@ -69,11 +69,11 @@ def check_area(position_m: np.ndarray) -> None:
         )
 
 
-def lay_grid(river: River) -> tuple[Grid, tuple[int, int]]:
-    """The grid around a river and its shape (GY, GX); raises `WorldError` for one that is too long to be mapped."""
-    check_area(river.position_m)
-    low = river.position_m.min(axis=0) - MARGIN_M
-    size = np.ptp(river.position_m, axis=0) + 2 * MARGIN_M
+def lay_grid(position_m: np.ndarray) -> tuple[Grid, tuple[int, int]]:
+    """The grid around a line [S, 2] and its shape (GY, GX); raises `WorldError` for one too long to be mapped."""
+    check_area(position_m)
+    low = position_m.min(axis=0) - MARGIN_M
+    size = np.ptp(position_m, axis=0) + 2 * MARGIN_M
     cell = max(CELL_M, float(np.sqrt(np.prod(size) / MOST_NODES)))
     origin = np.floor(low / cell) * cell
     shape = (int(np.ceil(size[1] / cell)) + 2, int(np.ceil(size[0] / cell)) + 2)
@@ -211,7 +211,7 @@ def build_terrain(
 
     Raises `WorldError` for a course that is too long to be mapped.
     """
-    grid, shape = lay_grid(river)
+    grid, shape = lay_grid(river.position_m)
     where = shore.measure(grid, shape, river)
     water = water_surface(grid, where, river)
     rough_bed = fractal(shape, grid.cell_m, 7.0, 3, rng)

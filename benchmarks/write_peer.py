@@ -1,0 +1,107 @@
+"""Writes the figures of `benchmarks/peer.json` into the pages, between their marks, so that no figure is typed."""
+
+import json
+import statistics
+import sys
+from pathlib import Path
+
+from peer import COMPARED, KINDS, OURS, PEER
+
+from thalweg.bench.speed import describe
+from thalweg.bench.tables import markdown
+
+ROOT = Path(__file__).resolve().parent.parent
+FIGURES = ROOT / "benchmarks" / "peer.json"
+BEGIN, END = "<!-- peer -->\n", "<!-- /peer -->"
+COLUMNS = ("a second", "by", "environments", "median", "slowest", "fastest")
+RATIOS = ("Thalweg beside Safety-Gymnasium", "times", "least", "greatest")
+
+
+def times(value: float) -> str:
+    """A ratio, or a rate: two places below 10, one below 100."""
+    return f"{value:.2f}" if value < 10 else f"{value:.1f}" if value < 100 else f"{value:,.0f}"
+
+
+def table_rows(found: dict) -> list[list[str]]:
+    """A row for each measurement, in the order of `COLUMNS`: kind by kind, theirs above ours."""
+    order = [(kind, side) for kind in KINDS for side in (PEER, OURS)]
+    lines = sorted(found["measurements"], key=lambda line: order.index((line["kind"], line["side"])))
+    return [
+        [
+            KINDS[line["kind"]],
+            line["side"],
+            str(line["count"]),
+            *(times(of(line["rates"])) for of in (statistics.median, min, max)),
+        ]
+        for line in lines
+    ]
+
+
+def ratio_rows(found: dict) -> list[list[str]]:
+    """A row for each comparison, in the order of `RATIOS`."""
+    return [
+        [line["what"], *(times(line[key]) for key in ("ratio", "least", "greatest"))] for line in found["comparisons"]
+    ]
+
+
+def section(found: dict) -> str:
+    """What `benchmarks/README.md` says."""
+    resets = {line["side"]: line["reset_s"] for line in found["measurements"] if line["kind"] == "one"}
+    peer = ", ".join(f"{name} {found['peer'][name]}" for name in ("safety-gymnasium", "mujoco", "python"))
+    repeats = len(found["measurements"][0]["rates"])
+    return (
+        f"{markdown(list(RATIOS), ratio_rows(found))}\n{markdown(list(COLUMNS), table_rows(found))}\n"
+        f"{repeats} repetitions of {found['seconds']:g} s each, in turns; a ratio is the median over them, with the "
+        f"least and the greatest. {describe(found)}. The peer: {peer}; `{found['opengl']}`. A reset, left out for the "
+        f"peer alone, takes it {resets[PEER] * 1e3:,.0f} ms, Thalweg {resets[OURS] * 1e3:,.0f} ms. Load of the machine "
+        f"before: {found['load_before']:.1f}.\n\n"
+        "![Starts of episodes: Safety-Gymnasium above, Thalweg below](peer.png)\n"
+    )
+
+
+def sentence(found: dict) -> str:
+    """What `docs/render.md` says."""
+    by_name = {line["what"]: line for line in found["comparisons"]}
+    one, best, frame = (
+        f"{times(line['ratio'])} times ({times(line['least'])} to {times(line['greatest'])})"
+        for line in (by_name[name] for name in COMPARED)
+    )
+    size, cores = found["size"], found["machine"]["cores"]
+    return (
+        f"Beside Safety-Gymnasium's vision task, both {size} x {size} on the processor, {cores} cores, in one run: "
+        f"{one} its steps a second with one environment each, {best} with each side at its fastest, {frame} its frames "
+        "alone ([how, and the figures](../benchmarks/README.md#beside-safety-gymnasium)).\n"
+    )
+
+
+PAGES = {ROOT / "benchmarks" / "README.md": section, ROOT / "docs" / "render.md": sentence}
+
+
+def between_marks(page: str, text: str) -> str:
+    """The page with `text` between its marks; `ValueError` where they do not stand there once each, in order."""
+    before, begun, rest = page.partition(BEGIN)
+    _, ended, after = rest.partition(END)
+    if not (begun and ended) or BEGIN in after or END in before + after:
+        raise ValueError(f"the page needs one pair of marks, {BEGIN.strip()} and {END}, each at the start of a line")
+    return before + BEGIN + text + END + after
+
+
+def main(arguments: list[str]) -> int:
+    """Write the pages; with `--check` only say by the exit status whether they are up to date."""
+    found = json.loads(FIGURES.read_text()) if FIGURES.exists() else None
+    stale = []
+    for page, words in PAGES.items():
+        old = page.read_text()
+        new = between_marks(old, words(found) if found else "Not measured yet.\n")
+        if new != old:
+            stale.append(page.name)
+            if "--check" not in arguments:
+                page.write_text(new)
+    if stale and "--check" in arguments:
+        print(f"stale, `python benchmarks/write_peer.py` writes them: {', '.join(stale)}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 
 from tests.render.plain import plane, plants_at
-from thalweg.render import Camera, Renderer, twin, twin_bridge
+from thalweg.render import Camera, Frame, Renderer, march, twin, twin_bridge
 from thalweg.render.classes import BRIDGE, GROUND, PLANT, SKY, WATER
+from thalweg.render.frame import ROWS_TOGETHER, aim_tiles, bands_of, open_eye
+from thalweg.render.look import look_rows, look_values
 from thalweg.world.record import World
 
 ARCH = np.array([[0.0, 0.0, 0.3, 14.0, 3.0, 9.0, -0.2, 1.9, 2.2, 0.3, 0.5]])
@@ -179,6 +181,80 @@ def test_a_frame_does_not_depend_on_batch_order_or_threads(easy_world):
 
 
 @pytest.mark.slow
+def test_threads_that_share_a_frame_draw_what_one_draws(easy_world):
+    world = plane(bridges=ARCH, water_level=-0.1, slope_x=0.02, plants=plants_at([(9.0, 2.0), (30.0, -4.0)], kind=2))
+    renderer = Renderer([easy_world, world], Camera(72, 64))
+    poses = np.vstack([on_river(easy_world, 2, 8), [[-6, 4.0, 1.2, -0.5]]])
+    kinds = set()
+    for pose, where in zip(poses, ([0], [0], [1]), strict=True):
+        whole, *parts = (drawn_in(renderer, pose[None], where, bands_of(72, threads, 1)) for threads in (1, 2, 3, 16))
+        kinds |= set(np.unique(whole.class_id))
+        for part in parts:
+            np.testing.assert_array_equal(whole.rgb, part.rgb)
+            np.testing.assert_array_equal(whole.depth_m, part.depth_m)
+            np.testing.assert_array_equal(whole.class_id, part.class_id)
+    assert kinds == {SKY, WATER, GROUND, PLANT, BRIDGE}
+
+
+def drawn_in(renderer: Renderer, poses: np.ndarray, index: list[int], bands: np.ndarray) -> Frame:
+    """Layers drawn in these bands of rows."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("thalweg.render.renderer.bands_of", lambda *_: bands)
+        return renderer.render_layers(poses, index)
+
+
+@pytest.mark.parametrize(
+    ("height", "threads", "frames"), [(128, 2, 1), (128, 16, 1), (72, 3, 2), (16, 8, 1), (33, 2, 1)]
+)
+def test_bands_share_all_rows_out_and_begin_where_tiles_do(height, threads, frames):
+    bands = bands_of(height, threads, frames)
+    rows = np.concatenate([np.arange(first, last) for first, last in bands])
+    np.testing.assert_array_equal(np.sort(rows), np.arange(height))
+    assert (bands[:, 0] % ROWS_TOGETHER == 0).all()
+    assert len(bands) >= min(threads, height // ROWS_TOGETHER)
+
+
+def test_enough_frames_for_all_threads_are_not_divided():
+    np.testing.assert_array_equal(bands_of(128, 2, 2), [[0, 128]])
+    np.testing.assert_array_equal(bands_of(128, 2, 1), [[0, 32], [96, 128], [32, 64], [64, 96]])
+
+
+@pytest.mark.slow
+def test_bundles_of_rays_start_no_farther_than_the_nearest_surface(hard_world):
+    renderer = Renderer([hard_world], Camera(64, 64))
+    scene, world = renderer.scene, hard_world
+    inv_cell = np.float32(1 / world.grid.cell_m)
+    look = look_rows(look_values(None, 1), renderer.camera)[0]
+    begun = []
+    for pose in on_river(world, 6, 2):
+        eye = tuple(np.float32(number) for number in open_eye(*pose, look, 64, np.float32(0.3)))
+        rays_of_tiles = np.empty((3, 8), np.float32)
+        node_x, node_y = ((eye[0] - np.float32(world.grid.origin_x_m)) * inv_cell,
+                          (eye[1] - np.float32(world.grid.origin_y_m)) * inv_cell)  # fmt: skip
+        depth = twin._Valley(world, look).meet_ground(pose[:3], rays(renderer.camera, pose[3]), 0.3)
+        nearest = depth.reshape(8, march.TILE, 8, march.TILE).min(axis=(1, 3))
+        for row in range(8):
+            aim_tiles(eye, 64, row * march.TILE, inv_cell, *rays_of_tiles, 0, 8)
+            start = np.full(8, 0.3, np.float32)
+            march.approach(scene, 0, node_x, node_y, eye[2], march.bundle_spread(eye, 64), *rays_of_tiles, start, 8)
+            assert (start <= nearest[row] + 1e-3).all()
+            begun.append(start)
+    assert np.median(begun) > 3.0
+
+
+@pytest.mark.slow
+def test_the_modest_quality_sees_the_same_river_in_about_the_same_colours(easy_world):
+    poses = on_river(easy_world, 6, 5)
+    full, fast = (Renderer([easy_world], Camera(), quality).render_layers(poses) for quality in ("full", "fast"))
+    assert np.mean(full.mask == fast.mask) > 0.99
+    np.testing.assert_allclose(full.rgb.mean(axis=(1, 2)), fast.rgb.mean(axis=(1, 2)), atol=8)
+    assert (full.rgb != fast.rgb).any(axis=-1).mean() > 0.3
+    assert psnr(full.rgb, fast.rgb) > 17
+    for ours, other in zip(full.rgb, fast.rgb, strict=True):
+        assert np.corrcoef(ours.ravel(), other.ravel())[0, 1] > 0.85
+
+
+@pytest.mark.slow
 def test_layers_do_not_change_the_picture(easy_world):
     renderer = Renderer([easy_world], Camera(64, 64))
     poses = on_river(easy_world, 3, 9)
@@ -224,6 +300,8 @@ def test_bad_requests_name_the_value_and_what_would_be_right():
         renderer.render([[0, 0, 2, 0]], out=np.zeros((1, 32, 32, 3), np.uint8))
     with pytest.raises(ValueError, match="at least one world"):
         Renderer([])
+    with pytest.raises(ValueError, match="quality = 'quick': choose one of full, fast"):
+        Renderer([plane()], Camera(32, 32), "quick")  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize(

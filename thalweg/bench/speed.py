@@ -28,6 +28,7 @@ from thalweg.bench.files import read_csv
 from thalweg.bench.stages import REFLECTION, STAGES, stage_times
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.render import Camera, Renderer
+from thalweg.render.quality import Quality
 from thalweg.train.latent import LatentVectorEnv
 from thalweg.train.machine import machine, versions
 from thalweg.train.river import load_fitting_encoder
@@ -39,6 +40,7 @@ BATCH, WORLDS = 16, 4
 VIEWS = 64
 """Views over which the stages of a frame are measured."""
 FRAME_FEATURES = "RGB, water mask, everything drawn"
+FEATURES: dict[Quality, str] = {"full": FRAME_FEATURES, "fast": "RGB, water mask, no reflection, nearest look-ups"}
 
 
 @dataclass(frozen=True)
@@ -122,15 +124,26 @@ def measure_stages(plan: Plan) -> Iterator[Measurement]:
 def _rendering(plan: Plan, worlds: list[World]) -> Iterator[Measurement]:
     index = np.arange(BATCH) % len(worlds)
     poses = np.array([sample_starts(worlds[place], BATCH, 0)[row] for row, place in enumerate(index)])
-    for size in (128, 384):
-        renderer = Renderer(worlds, Camera(height_px=size, width_px=size))
+    drawn: list[tuple[int, Quality]] = [(128, "full"), (128, "fast"), (384, "full")]
+    for size, quality in drawn:
+        renderer = Renderer(worlds, Camera(height_px=size, width_px=size), quality)
         frames = np.empty((BATCH, size, size, 4), dtype=np.uint8)
 
         def draw(renderer: Renderer = renderer, frames: np.ndarray = frames) -> int:
             renderer.render(poses, index, np.zeros(BATCH), frames)
             return BATCH
 
-        yield _line("render", "frames/s", rates(draw, plan), resolution=f"{size}x{size}", features=FRAME_FEATURES)
+        name = "render" if quality == "full" else f"render, {quality}"
+        yield _line(name, "frames/s", rates(draw, plan), resolution=f"{size}x{size}", features=FEATURES[quality])
+    one = Renderer(worlds[:1], Camera())
+    alone = poses[:1]
+
+    def draw_one() -> int:
+        one.render(alone)
+        return 1
+
+    words = {"resolution": "128x128", "features": f"{FEATURES['full']}; all cores on one frame"}
+    yield _line("render, one camera", "frames/s", rates(draw_one, plan), batch=1, worlds=1, **words)
 
 
 def _steps(env, actions: Callable[[np.ndarray], np.ndarray]) -> Callable[[], int]:

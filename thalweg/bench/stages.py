@@ -38,7 +38,9 @@ class View:
         camera = renderer.camera
         self.scene, self.width, self.fast = renderer.scene, camera.width_px, renderer.quality == "fast"
         self.look = looks.look_rows(looks.look_values(None, 1), camera)[0]
-        self.eye = frame.open_eye(*pose, self.look, camera.width_px, f32(camera.near_m))
+        eye = frame.open_eye(*pose, self.look, camera.width_px, f32(camera.near_m))
+        # On its way through Python it became double; a frame's is single.
+        self.eye = tuple(f32(number) for number in eye)
         wide = -(-camera.width_px // plants.BLOCK) * plants.BLOCK
         shape = camera.height_px, wide
         self.depth, self.solid = np.empty(shape, f32), np.full(shape, f32(frame.MISS))

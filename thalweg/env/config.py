@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from thalweg.render.camera import Camera
+from thalweg.render.quality import QUALITIES, Quality
 from thalweg.render.randomisation import Randomisation
 
 OBSERVATIONS = ("rgb+mask", "rgb", "mask", "dict", "none")
@@ -125,11 +126,13 @@ class EnvConfig:
     """Time that passes in one step; only the water's ripples depend on it."""
     camera: Camera = field(default_factory=Camera)
     """Resolution and optics of the frames."""
+    quality: Quality = "full"
+    """`full`, or `fast`: frames without reflections and with less filtering, at about twice the rate."""
     randomisation: Randomisation | None = None
     """From where to where the look varies; None: not at all. True stands for the default ranges."""
 
     def __post_init__(self) -> None:
-        known = {"observation": OBSERVATIONS, "action": ACTIONS, "reward_scheme": REWARD_SCHEMES}
+        known = {"observation": OBSERVATIONS, "action": ACTIONS, "reward_scheme": REWARD_SCHEMES, "quality": QUALITIES}
         for name, values in known.items():
             value = getattr(self, name)
             if not isinstance(value, str) or value not in values:

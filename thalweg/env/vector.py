@@ -316,7 +316,7 @@ class RiverVectorEnv(VectorEnv):
         if self._renderer is None:
             from thalweg.render import Renderer
 
-            self._renderer = Renderer(lit(self.worlds, self.config.randomisation), self.camera)
+            self._renderer = Renderer(lit(self.worlds, self.config.randomisation), self.camera, self.config.quality)
         out = np.empty((len(view.pose), self.camera.height_px, self.camera.width_px, 4), dtype=np.uint8)
         if self.config.randomisation is None:
             return self._renderer.render(view.pose, view.world, view.time_s, out)
@@ -337,6 +337,9 @@ def _check_renderer(renderer: Any, worlds: Sequence[World], config: EnvConfig) -
     other = [name for name, value in asked.items() if getattr(renderer.camera, name, value) != value]
     if other and config.camera != DEFAULT_CONFIG.camera:
         raise ConfigError(f"config.camera is not the renderer's: {', '.join(other)} of {config.camera}")
+    quality = getattr(renderer, "quality", config.quality)
+    if config.quality not in (quality, DEFAULT_CONFIG.quality):
+        raise ConfigError(f"config.quality = {config.quality!r} is not the renderer's, {quality!r}")
 
 
 def _mode(given: AutoresetMode | str) -> AutoresetMode:

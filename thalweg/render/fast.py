@@ -39,6 +39,8 @@ from thalweg.render.water import (
 
 f32 = np.float32
 
+CLOSED = 0.1
+"""As `plants.CLOSED`: less of what lies behind foliage is drawn."""
 RIPPLE_GAIN = 1.4
 """One layer of ripples has to be as steep as two."""
 BANK_RISE = 0.18

@@ -313,6 +313,7 @@ def draw_picture(scene, w, look, p, far, eye, box, height, top, fast, deepest, d
     per_row = f32(2) * half_h / f32(height)
     picture = picture_of(scene, w, look, p, far, eye, height)
     nearest = nearest_ray(far, eye)
+    closed = f32(modest.CLOSED) if fast else f32(CLOSED)
     atlas = scene.atlas
     for by in range(r0 // BLOCK_ROWS, (r1 - 1) // BLOCK_ROWS + 1):
         for bx in range(c0 // BLOCK, (c1 - 1) // BLOCK + 1):
@@ -358,5 +359,5 @@ def draw_picture(scene, w, look, p, far, eye, box, height, top, fast, deepest, d
             for r in range(by * BLOCK_ROWS, min((by + 1) * BLOCK_ROWS, rows)):
                 first = uint64(r * columns + bx * BLOCK)
                 for i in range(BLOCK):
-                    open_pixels += f32(1) if light[first + uint64(i)] > f32(CLOSED) else f32(0)
+                    open_pixels += f32(1) if light[first + uint64(i)] > closed else f32(0)
             deepest[by, bx] = deepest[by, bx] if open_pixels > f32(0) else f32(0)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
 
 import numba
 import numpy as np
@@ -13,11 +12,10 @@ from thalweg.render.camera import Camera
 from thalweg.render.errors import RenderError
 from thalweg.render.frame import bands_of, draw_frames
 from thalweg.render.look import Look, look_rows, look_values
+from thalweg.render.quality import QUALITIES, Quality
 from thalweg.render.scene import build_scene
 from thalweg.world.record import World
 
-Quality = Literal["full", "fast"]
-QUALITIES = get_args(Quality)
 RENDER_VERSION = 2
 """Changes whenever the same world looks different, so that what was trained on older frames can tell."""
 

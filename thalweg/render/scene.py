@@ -227,15 +227,15 @@ def canopy_map(world: World, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     canopy = blocks(world.canopy_m).max(axis=(1, 3))[..., 0]
     # Sloping water does not mirror itself: open water is put where no mirrored ray gets to.
-    open_water = blocks((world.water_m > world.ground_m) & (world.canopy_m <= world.water_m + 0.01)).all(axis=(1, 3))
-    canopy[open_water[..., 0]] = UNDER_WATER_M
+    closed = (world.water_m <= world.ground_m) | (world.canopy_m > world.water_m + 0.01)
+    canopy[blocks(closed).max(axis=(1, 3))[..., 0] == 0] = UNDER_WATER_M
     ground = blocks(lit).mean(axis=(1, 3))
     wooded = np.clip(blocks(world.canopy_m - top).max(axis=(1, 3)) - 0.5, 0.0, 1.0)
     shade = 0.35 + 0.65 * blocks(world.sun / 255.0).mean(axis=(1, 3))
     colour = ground * (1 - wooded) + FOLIAGE_RADIANCE * shade * wooded
     for bridge in world.bridges:
         on, _ = deck_over(world.grid, top.shape, bridge)
-        colour[blocks(on).any(axis=(1, 3))[..., 0]] = STONE_RADIANCE
+        colour[blocks(on).max(axis=(1, 3))[..., 0] > 0] = STONE_RADIANCE
     return canopy.astype(np.float32), pack_colour(colour, PAINT_RANGE)
 
 

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import thalweg
 from tests.env.handmade import BlankRenderer, hairpin, ring
-from thalweg.env import ConfigError, EnvConfig, RiverEnv, RiverVectorEnv
+from thalweg.env import ActionError, ConfigError, EnvConfig, RiverEnv, RiverVectorEnv
 
 
 @pytest.mark.parametrize("observation", ["rgb+mask", "rgb", "mask", "dict"])
@@ -30,6 +30,27 @@ def test_gymnasiums_checker_passes_without_a_warning(observation: str, action: s
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(env.unwrapped)
+
+
+@pytest.mark.parametrize(
+    ("action", "found"),
+    [
+        ([0, 1, 1], r"not \[0, 1, 1\]$"),
+        (2, "not 2$"),
+        ([[0, 1, 1, 1]], r"not \[\[0, 1, 1, 1\]\]$"),
+        ([0, [1, 1], 1, 1], r"not \[0, \[1, 1\], 1, 1\]$"),
+        (np.zeros((128, 128, 4)), r"not an array of shape \(128, 128, 4\)$"),
+    ],
+    ids=str,
+)
+def test_an_action_of_another_shape_is_named_as_it_was_given_and_changes_nothing(action, found: str):
+    env = RiverEnv(ring(), EnvConfig(observation="none"))
+    env.reset(seed=0)
+    before = env.get_state()
+    needed = "an action is four numbers, one each for vertical, yaw, longitudinal, lateral, "
+    with pytest.raises(ActionError, match=needed + found):
+        env.step(action)
+    assert all(np.array_equal(value, before[key]) for key, value in env.get_state().items())
 
 
 @pytest.mark.parametrize("name", ["Easy", "Medium", "Hard"])

@@ -19,6 +19,18 @@ def action_space(action: str) -> gymnasium.spaces.Space:
     return gymnasium.spaces.Box(-1.0, 1.0, (4,), dtype=np.float32)
 
 
+def row_of_one(action: object) -> np.ndarray:
+    """The action [4] of a single environment as a batch [1, 4]; raises `ActionError` for another shape."""
+    try:
+        given = np.asarray(action)
+    except ValueError:  # of rows of unlike length
+        given = np.empty(0)
+    if given.shape != (4,):
+        found = repr(action) if given.size <= 8 else f"an array of shape {given.shape}"
+        raise ActionError(f"an action is four numbers, one each for {', '.join(BRANCHES)}, not {found}")
+    return given[None]
+
+
 def units(action: str, actions: object, count: int) -> np.ndarray:
     """Actions [N, 4] as shares of a step [N, 4] float64: up, turn left, forward, left in -1..1; raises
     `ActionError`."""

@@ -7,6 +7,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from thalweg.env.actions import row_of_one
 from thalweg.env.config import DEFAULT_CONFIG, EnvConfig, whole
 from thalweg.env.observation import one_of
 from thalweg.env.vector import RiverVectorEnv
@@ -49,7 +50,7 @@ class RiverEnv(gymnasium.Env):
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """One action [4]: observation, reward, terminated, truncated, info."""
-        observations, rewards, terminated, truncated, info = self.vector.step(np.asarray(action)[None])
+        observations, rewards, terminated, truncated, info = self.vector.step(row_of_one(action))
         return one_of(observations, 0), float(rewards[0]), bool(terminated[0]), bool(truncated[0]), _single(info)
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]

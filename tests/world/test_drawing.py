@@ -74,6 +74,21 @@ def test_bridge_is_drawn_where_it_stands_and_north_is_up(world, tmp_path):
     assert 0.5 * (row.min() + row.max()) / height == pytest.approx(0.5 - 20.0 / 60.0, abs=0.06)
 
 
+def test_a_mark_is_not_hidden_by_the_bridge_that_stands_on_it(world):
+    place = [np.interp(50.0, world.river.arc_m, column) for column in world.river.position_m.T]
+    bridge = np.array([[*place, 0.5 * math.pi, 16.0, 8.0, 9.0, 0.2, 1.4, 2.2, 0.1, 0.5]])
+    figure = drawing._figure(replace(world, bridges=bridge), 1200)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    column, row = figure.axes[0].transData.transform(place)
+    picture = np.asarray(canvas.buffer_rgba())[::-1].astype(int)
+    np.testing.assert_array_equal(picture[int(row), int(column), :3], (255, 255, 255))
+    deck = picture[int(row), int(column) + 20, :3]
+    assert np.abs(deck - (203, 191, 168)).max() < 25
+    number = next(text for text in figure.axes[0].texts if text.get_text() == "50")
+    assert all(number.get_zorder() > patch.get_zorder() for patch in figure.axes[0].patches)
+
+
 def test_north_of_the_ground_is_up(world, tmp_path):
     albedo = np.zeros_like(world.albedo)
     albedo[120:] = 255

@@ -35,6 +35,8 @@ CANOPY_ALPHA = 0.8
 """How much of the ground the forest's roof hides."""
 EXPOSURE = 1.25
 DPI = 100
+SOLIDS, MARKS = 4, 5
+"""What is drawn over what: the marks on the centre line stand over the bridges, which would hide them."""
 MARK_EVERY_M = 50.0
 """Distance of the marks on the centre line."""
 BANK, CENTRE, BRIDGE, ISLAND = "#7fe3ff", "#ffffff", "#e4572e", "#ffb000"
@@ -147,7 +149,7 @@ def _draw_course(axes, world: World, point: float) -> None:
     edge = [withStroke(linewidth=2.5 * point, foreground="#10202a")]
     for mark in np.arange(MARK_EVERY_M, river.length_m, MARK_EVERY_M):
         place = np.array([np.interp(mark, arc, line[:, 0]), np.interp(mark, arc, line[:, 1])])
-        axes.plot(*place, "o", ms=4.0 * point, color=CENTRE, mec="#10202a", mew=0.8 * point)
+        axes.plot(*place, "o", ms=4.0 * point, color=CENTRE, mec="#10202a", mew=0.8 * point, zorder=MARKS)
         axes.annotate(
             f"{mark:.0f}",
             place,
@@ -156,6 +158,7 @@ def _draw_course(axes, world: World, point: float) -> None:
             color=CENTRE,
             fontsize=8.5 * point,
             path_effects=edge,
+            zorder=MARKS,
         )
     start, ahead = river.position_m[0], river.position_m[0] + 7.0 * river.tangent[0]
     arrow = {
@@ -165,8 +168,8 @@ def _draw_course(axes, world: World, point: float) -> None:
         "mutation_scale": 16 * point,
         "path_effects": edge,
     }
-    axes.annotate("", ahead, xytext=start, arrowprops=arrow)
-    axes.plot(*start, "s", ms=6.0 * point, color=CENTRE, mec="#10202a", mew=1.0 * point)
+    axes.annotate("", ahead, xytext=start, arrowprops=arrow, zorder=MARKS)
+    axes.plot(*start, "s", ms=6.0 * point, color=CENTRE, mec="#10202a", mew=1.0 * point, zorder=MARKS)
 
 
 def _draw_solids(axes, world: World, point: float) -> None:
@@ -176,9 +179,11 @@ def _draw_solids(axes, world: World, point: float) -> None:
         across = np.array([-along[1], along[0]])
         shares = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * 0.5
         corners = bridge[:2] + shares[:, :1] * bridge[3] * along + shares[:, 1:] * bridge[4] * across
-        axes.add_patch(Polygon(corners, facecolor="#cbbfa8", edgecolor=BRIDGE, lw=1.8 * point, alpha=0.9, zorder=4))
+        axes.add_patch(
+            Polygon(corners, facecolor="#cbbfa8", edgecolor=BRIDGE, lw=1.8 * point, alpha=0.9, zorder=SOLIDS)
+        )
     for island in world.islands:
-        axes.add_patch(Polygon(outline(island), fill=False, edgecolor=ISLAND, lw=1.6 * point, zorder=4))
+        axes.add_patch(Polygon(outline(island), fill=False, edgecolor=ISLAND, lw=1.6 * point, zorder=SOLIDS))
 
 
 def _draw_scale_and_north(axes, world: World, box: tuple[float, float, float, float], point: float) -> None:

@@ -110,8 +110,16 @@ def test_a_bad_value_says_where(column, value, message):
 
 def test_two_points_in_one_place_are_named():
     points = course(circle(20.0, 30))
-    points[7] = points[6]
-    with pytest.raises(WorldError, match="points 6 and 7 are the same place"):
+    points[7, :2] = points[6, :2] = (12.5, -7.25)
+    with pytest.raises(
+        WorldError, match=r"points 6 and 7 are the same place, \(12.5, -7.25\) m: leave out one of the two$"
+    ):
+        World.from_centerline(points, plants=False)
+
+
+def test_of_many_points_in_one_place_the_first_pair_is_named_and_the_others_counted():
+    points = course(circle(20.0, 30)).repeat(2, axis=0)
+    with pytest.raises(WorldError, match=r"points 0 and 1 are the same place, .*; 30 such pairs in all$"):
         World.from_centerline(points, plants=False)
 
 

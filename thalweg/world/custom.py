@@ -53,7 +53,12 @@ def read_points(points: np.ndarray, closed: bool) -> np.ndarray:
     steps = np.hypot(*geometry.edges(values[:, :2], closed).T)
     same = np.flatnonzero(steps < 1e-6)
     if len(same):
-        raise WorldError(f"points {same[0]} and {(same[0] + 1) % len(values)} are the same place")
+        x, y = values[same[0], :2]
+        more = f"; {len(same)} such pairs in all" if len(same) > 1 else ""
+        raise WorldError(
+            f"points {same[0]} and {(same[0] + 1) % len(values)} are the same place, ({x:g}, {y:g}) m: leave out one of"
+            f" the two{more}"
+        )
     for bad, limit in ((values[:, 3] <= 0, "> 0"), (values[:, 3] > WIDEST_M, f"{WIDEST_M:.0f} m")):
         if bad.any():
             point = int(np.argmax(bad))

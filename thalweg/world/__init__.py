@@ -3,6 +3,7 @@
 from thalweg.world.build import build
 from thalweg.world.errors import WorldError, WorldFileError
 from thalweg.world.levels import LEVELS, Level, level_named
+from thalweg.world.reach import Reach
 from thalweg.world.record import Grid, Plants, River, World
 from thalweg.world.store import load_or_build
 
@@ -11,6 +12,7 @@ __all__ = [
     "Grid",
     "Level",
     "Plants",
+    "Reach",
     "River",
     "World",
     "WorldError",

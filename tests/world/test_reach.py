@@ -1,0 +1,50 @@
+"""A reach of a file means the same river wherever the file lies, and another one as soon as anything differs."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from thalweg.world import Reach, World, WorldFileError
+
+LINE = '{"type": "LineString", "coordinates": [[9, 48], [9.0004, 48], [9.0008, 48], [9.0012, 48]]}'
+
+
+@pytest.fixture
+def brook(tmp_path: Path) -> Reach:
+    path = tmp_path / "brook.geojson"
+    path.write_text(LINE)
+    return Reach(path, width_m=6.0, start_m=10.0, length_m=60.0, smooth_m=4.0)
+
+
+def test_a_reach_is_built_as_its_file_is_read(brook: Reach):
+    built = brook.build(3)
+    given = World.from_geojson(brook.path, width_m=6.0, start_m=10.0, length_m=60.0, smooth_m=4.0, seed=3)
+    assert (brook.name, built.name, built.seed) == ("brook.geojson", "brook", 3)
+    for name in ("ground_m", "albedo", "sun"):
+        np.testing.assert_array_equal(getattr(built, name), getattr(given, name))
+
+
+def test_a_reach_is_told_by_the_files_name_and_content_and_not_by_its_folder(brook: Reach, tmp_path: Path):
+    elsewhere = tmp_path / "elsewhere" / "brook.geojson"
+    elsewhere.parent.mkdir()
+    elsewhere.write_text(LINE)
+    data = brook.as_data()
+    assert replace(brook, path=elsewhere).as_data() == data
+    assert {**data, "content": 0} == {
+        "file": "brook.geojson",
+        "content": 0,
+        "width_m": 6.0,
+        "start_m": 10.0,
+        "length_m": 60.0,
+        "smooth_m": 4.0,
+    }
+    assert data["content"] == "aab8b3032b572d80"
+    elsewhere.write_text(LINE.replace("48]", "48.0]", 1))
+    assert replace(brook, path=elsewhere).as_data()["content"] != data["content"]
+
+
+def test_a_reach_of_no_file_says_so(tmp_path: Path):
+    with pytest.raises(WorldFileError, match=r"none.geojson: there is no such file$"):
+        Reach(tmp_path / "none.geojson").as_data()

@@ -18,7 +18,7 @@ from thalweg.bench.filming import best_flight
 from thalweg.bench.results import read_results, read_runs
 from thalweg.bench.river import made_by
 from thalweg.bench.runner import run_suite
-from thalweg.bench.suites import SUITES, suite_named
+from thalweg.bench.suites import SUITES, Run, suite_named
 from thalweg.encoder import load_encoder
 from thalweg.train.river import mark
 
@@ -81,6 +81,20 @@ def test_a_failed_run_is_tried_again_and_nothing_else(tmp_path: Path, undisturbe
     assert [call.split()[0] for call in again.calls[4:]] == ["film"]  # its caption counts more flights now
     assert tables(tmp_path) == undisturbed
     assert not (tmp_path / "runs" / "PPO-1" / "error.txt").exists()
+
+
+def test_a_run_that_is_tried_again_finds_its_folder_free_of_the_old_error(tmp_path: Path):
+    """A trainer refuses a folder that holds anything but its own run."""
+    run_suite(SUITE, tmp_path, SmallPlace(broken=("PPO-1",)))
+    found: list[str] = []
+
+    class Looks(SmallPlace):
+        def train(self, run: Run, folder: Path) -> None:
+            found.extend(path.name for path in folder.iterdir())
+            super().train(run, folder)
+
+    run_suite(SUITE, tmp_path, Looks())
+    assert found == ["episodes.csv"]
 
 
 def test_a_half_written_evaluation_is_flown_again(tmp_path: Path, undisturbed: dict[str, str]):

@@ -80,7 +80,7 @@ def test_a_run_says_on_what_it_was_trained(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(river, "RiverVectorEnv", partial(RiverVectorEnv, renderer=BlankRenderer(128, 128)))
     encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
     config = EnvConfig(max_steps=77, camera=Camera(fov_deg=50.0))
-    TrainingGround("easy", 2, (3, 5), config).train("PPO", encoder, steps=9, seed=1, folder=tmp_path)
+    TrainingGround("easy", 2, (3, 5), config).train("PPO", encoder, steps=9, seed=1, folder=tmp_path / "run")
     context = told["context"]
     assert (context["level"], context["world_seeds"], context["encoder"]) == ("Easy", [3, 5], mark(encoder))
     assert context["env"]["max_steps"] == 77

@@ -210,6 +210,38 @@ def test_of_many_differences_the_first_are_named_and_the_others_counted(tmp_path
         train(tmp_path, context=changes)
 
 
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (
+            ["thesis.tex"],
+            r"home holds thesis.tex, but no config.yaml: it is not the folder of a run\. Give a new or empty",
+        ),
+        (["metrics.csv", "checkpoints"], "home holds checkpoints, metrics.csv, but no config.yaml"),
+        (list("fedcba"), r"home holds a, b, c, d and 2 more, .* such as .*home.NAME$"),
+    ],
+)
+def test_a_folder_of_something_else_is_refused_and_left_as_it_was(tmp_path, names, said):
+    home = tmp_path / "home"
+    for name in names:
+        (home / name).mkdir(parents=True)
+    with pytest.raises(TrainingError, match=said):
+        train(home)
+    assert sorted(path.name for path in home.iterdir()) == sorted(names)
+
+
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
+    (tmp_path / "file").write_text("kept")
+    with pytest.raises(TrainingError, match="file is a file; give a new folder for the run"):
+        train(tmp_path / "file")
+    assert (tmp_path / "file").read_text() == "kept"
+
+
+def test_hidden_files_are_in_no_runs_way(tmp_path):
+    (tmp_path / ".config.0123456789abcdef.part.yaml").write_text("run:")
+    assert train(tmp_path, steps=200).steps >= 200
+
+
 def test_one_environment_alone_is_refused_by_name(tmp_path):
     import gymnasium
 

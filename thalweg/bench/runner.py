@@ -120,6 +120,7 @@ def _attempt(run: Run, suite: Suite, folder: Path, place: Place, console: Consol
     home = folder / "runs" / run.name
     error = ""
     try:
+        (home / "error.txt").unlink(missing_ok=True)
         if run.kind == "train" and not (home / POLICY).exists():
             console.print(f"{run.name}: train {suite.steps:,} steps on {suite.train_level}", highlight=False)
             place.train(run, home)
@@ -131,8 +132,6 @@ def _attempt(run: Run, suite: Suite, folder: Path, place: Place, console: Consol
         error = " ".join(f"{type(failure).__name__}: {failure}".split())
         write_whole(home / "error.txt", traceback.format_exc())
         console.print(f"{run.name} failed: {error}", style="red", highlight=False, markup=False)
-    else:
-        (home / "error.txt").unlink(missing_ok=True)
     status = read_status(home)
     steps, seconds = int(status.get("steps", 0)), float(status.get("seconds", 0.0))
     done = "failed" if error else "finished"

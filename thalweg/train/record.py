@@ -32,9 +32,13 @@ def write_config(folder: Path, description: dict[str, Any]) -> None:
 
 
 def read_config(folder: Path) -> dict[str, Any] | None:
-    """What config.yaml says, or None if there is none; raises `TrainingError` if it is something else."""
+    """What config.yaml says, or None if a run can begin in the folder: it is not there yet, or empty.
+
+    Raises `TrainingError` for a folder that holds something else, hidden files aside, or a config.yaml that does.
+    """
     path = folder / CONFIG
     if not path.exists():
+        _require_empty(folder)
         return None
     try:
         description = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -43,6 +47,18 @@ def read_config(folder: Path) -> dict[str, Any] | None:
     if not isinstance(description, dict) or "run" not in description:
         raise TrainingError(f"{path} is not the config of a run")
     return description
+
+
+def _require_empty(folder: Path) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise TrainingError(f"{folder} is a file; give a new folder for the run")
+    found = sorted(path.name for path in folder.glob("[!.]*"))
+    if found:
+        more = f" and {len(found) - MOST_NAMED} more" if len(found) > MOST_NAMED else ""
+        raise TrainingError(
+            f"{folder} holds {', '.join(found[:MOST_NAMED])}{more}, but no {CONFIG}: it is not the folder of a run. "
+            f"Give a new or empty one, such as {folder / 'NAME'}"
+        )
 
 
 def require_same(place: Path, theirs: dict[str, Any], ours: dict[str, Any]) -> None:

@@ -1,12 +1,14 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from thalweg.cli import COMMANDS, EncoderTrain, _settings, main
+from thalweg.cli import COMMANDS, EncoderTrain, main
+from thalweg.options import settings_from
 
 
 def test_help_names_every_command_and_imports_nothing_heavy():
@@ -162,6 +164,104 @@ def test_a_real_river_is_drawn_from_its_file(tmp_path: Path, capsys: pytest.Capt
     assert (set(river.width_m), round(river.length_m)) == ({6.0}, 60)
 
 
+@pytest.fixture
+def brook(tmp_path: Path) -> Path:
+    """A real river of 89 m in a file, without a width."""
+    path = tmp_path / "brook.geojson"
+    path.write_text('{"type": "LineString", "coordinates": [[9, 48], [9.0004, 48], [9.0008, 48], [9.0012, 48]]}')
+    return path
+
+
+def test_frames_are_drawn_of_a_real_river(tmp_path: Path, brook: Path, capsys: pytest.CaptureFixture):
+    from thalweg.env import sample_starts
+    from thalweg.render import Camera, Renderer
+    from thalweg.world import World
+
+    out = tmp_path / "frames.png"
+    options = ["--geojson", str(brook), "--width-m", "6", "--seed", "3"]
+    assert main(["render", *options, "--count", "2", "--size", "32", "--out", str(out)]) == 0
+    assert f"{out}: 2 frames of brook, seed 3" in capsys.readouterr().out
+    world = World.from_geojson(brook, width_m=6.0, seed=3)
+    frames = Renderer([world], Camera(32, 32)).render(sample_starts(world, 2, 0))
+    np.testing.assert_array_equal(np.asarray(Image.open(out))[:32, :32], frames[0, ..., :3])
+
+
+def test_policies_are_evaluated_on_a_real_river(tmp_path: Path, brook: Path, capsys: pytest.CaptureFixture):
+    from thalweg.bench.episodes import read_episodes
+
+    out = tmp_path / "rows.csv"
+    options = ["--geojson", str(brook), "--width-m", "6", "--world-seed", "3"]
+    assert main(["evaluate", "hover", *options, "--episodes", "3", "--out", str(out)]) == 0
+    rows = read_episodes(out)
+    assert [(row.level, row.world_seed, row.episode, row.reason) for row in rows] == [
+        ("brook.geojson", 3, place, "Idle") for place in range(3)
+    ]
+    assert len({row.x for row in rows}) == 3
+    assert "brook.geojson return" in capsys.readouterr().out
+
+
+def test_a_policy_is_trained_on_a_real_river(
+    tmp_path: Path, brook: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    from thalweg.train import river
+    from thalweg.train.run import RunResult
+    from thalweg.world import Reach
+
+    told = {}
+
+    def run(_: str, env: Any, **given: Any) -> RunResult:
+        told.update(given, worlds=env.env.worlds)
+        return RunResult(given["folder"], "PPO", 5, 1, 0.0, 0.0, 0.0, 1.0, None, False, ())
+
+    monkeypatch.setattr(river, "run", run)
+    options = ["--geojson", str(brook), "--width-m", "6", "--length-m", "60", "--smooth-m", "4"]
+    given = ["train", *options, "--world-seeds", "3", "4", "--num-envs", "2", "--out", str(tmp_path / "run")]
+    assert main(given) == 0
+    context, worlds = told["context"], told["worlds"]
+    assert [(world.name, world.seed, round(world.river.length_m)) for world in worlds] == [
+        ("brook", 3, 60),
+        ("brook", 4, 60),
+    ]
+    assert context["river"] == Reach(brook, width_m=6.0, length_m=60.0, smooth_m=4.0).as_data()
+    assert f"Evaluate it: thalweg evaluate {tmp_path / 'run'} {' '.join(options)}\n" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (
+            ["render", "--geojson", "none.geojson", "--level", "easy"],
+            "give --level or --geojson, not both: easy and none.",
+        ),
+        (["render", "--geojson", "none.geojson"], "none.geojson: there is no such file"),
+        (["render", "--width-m", "9"], "--width-m goes with --geojson"),
+        (
+            ["train", "--geojson", "none.geojson", "--level", "easy", "--out", "x"],
+            "give --level or --geojson, not both",
+        ),
+        (["train", "--geojson", "none.geojson", "--out", "x"], "none.geojson: there is no such file"),
+        (["train", "--smooth-m", "9", "--out", "x"], "--smooth-m goes with --geojson"),
+        (
+            ["evaluate", "hover", "--geojson", "none.geojson", "--levels", "easy", "hard"],
+            "not both: easy hard and none.",
+        ),
+        (["evaluate", "hover", "--geojson", "none.geojson"], "none.geojson: there is no such file"),
+        (["evaluate", "hover", "--world-seed", "3"], "--world-seed goes with --geojson"),
+        (["evaluate", "hover", "--geojson", "none.geojson", "--world-seed", "-3"], "--world-seed must be 0 or more"),
+    ],
+    ids=" ".join,
+)
+def test_a_real_river_and_a_level_are_not_mixed(
+    given: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(given) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert "Traceback" not in error
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [
@@ -204,7 +304,7 @@ def test_baselines_are_evaluated_and_their_rows_written(tmp_path: Path, capsys: 
     ],
 )
 def test_a_setting_is_read_as_people_write_it(text: str, value: object):
-    (found,) = _settings([f"rate={text}"]).values()
+    (found,) = settings_from([f"rate={text}"]).values()
     assert (found, type(found)) == (value, type(value))
 
 

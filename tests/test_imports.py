@@ -16,7 +16,8 @@ ALLOWED["encoder"] = {"whole", "cache"}
 ALLOWED["algos"] = {"whole"}
 ALLOWED["train"] = {*LAYERS, "encoder", "algos"}
 ALLOWED["bench"] = {*ALLOWED["train"], "train"}
-ALLOWED["cli"] = {*ALLOWED["bench"], "bench"}
+ALLOWED["options"] = {"world"}
+ALLOWED["cli"] = {*ALLOWED["bench"], "bench", "options"}
 ALLOWED["__init__"] = set(LAYERS)
 
 

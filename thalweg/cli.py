@@ -4,7 +4,6 @@ Each command is a dataclass: its fields are the options, their docstrings the he
 is imported when it runs, so that `thalweg --help` answers at once.
 """
 
-import re
 import sys
 import traceback
 from collections.abc import Sequence
@@ -14,13 +13,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
-from tyro.conf import OmitSubcommandPrefixes, Positional, subcommand
+from tyro.conf import OmitSubcommandPrefixes, Positional, arg, subcommand
 
+from thalweg.options import RiverFile, UsageError, settings_from
 from thalweg.whole import whole
 
-
-class UsageError(ValueError):
-    """Options that do not go together, or a value that cannot be understood."""
+River = Annotated[RiverFile, arg(name="")]
+"""Its options stand among those of the command."""
+NO_FILE = RiverFile()
 
 
 @dataclass(frozen=True)
@@ -31,16 +31,7 @@ class DrawWorld:
     """Easy, Medium or Hard; Medium if neither level nor file is given."""
     seed: int | None = None
     """Which river of the level; its fixed one if not given. Of a file: its plants and hills."""
-    geojson: Path | None = None
-    """A real river's centre line instead of a level: longitude and latitude, width as a property."""
-    width_m: float | None = None
-    """Width where the file gives none."""
-    start_m: float | None = None
-    """Where along the file's line the reach begins; at its start if not given."""
-    length_m: float | None = None
-    """How long the reach is; to the line's end if not given."""
-    smooth_m: float | None = None
-    """Round the file's line by a Gaussian of this standard deviation."""
+    river: River = NO_FILE
     out: Path = Path("map.png")
     """The picture."""
     save: Path | None = None
@@ -49,7 +40,7 @@ class DrawWorld:
     def run(self) -> int:
         from thalweg.world.drawing import draw
 
-        world = self._chosen()
+        world = _world(self.river, self.level, self.seed)
         draw(world, self.out)
         print(f"{self.out}: {world.name}, seed {world.seed}, a course of {world.river.length_m:.0f} m")
         if self.save is not None:
@@ -57,29 +48,16 @@ class DrawWorld:
             print(f"{self.save}: the world")
         return 0
 
-    def _chosen(self) -> Any:
-        """The level's world, or that of the file."""
-        from thalweg.world import World
-
-        names = ("width_m", "start_m", "length_m", "smooth_m")
-        options = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-        if self.geojson is not None:
-            if self.level is not None:
-                raise UsageError(f"give --level or --geojson, not both: {self.level} and {self.geojson}")
-            return World.from_geojson(self.geojson, seed=self.seed or 0, **options)
-        if options:
-            raise UsageError(f"--{min(options).replace('_', '-')} goes with --geojson")
-        return _world(self.level or "Medium", self.seed)
-
 
 @dataclass(frozen=True)
 class RenderFrames:
     """Draw what the camera sees: a sheet of frames, each above its water mask, or a gallery of looks."""
 
-    level: str = "Medium"
-    """Easy, Medium or Hard."""
+    level: str | None = None
+    """Easy, Medium or Hard; Medium if neither level nor file is given."""
     seed: int | None = None
-    """Which river of the level; its fixed one if not given."""
+    """Which river of the level; its fixed one if not given. Of a file: its plants and hills."""
+    river: River = NO_FILE
     pose: tuple[float, float, float, float] | None = None
     """x y z yaw in metres and radians; random poses if not given."""
     poses: Literal["random"] = "random"
@@ -104,7 +82,7 @@ class RenderFrames:
 
         if self.count < 1:
             raise UsageError("--count must be at least 1")
-        world = _world(self.level, self.seed)
+        world = _world(self.river, self.level, self.seed)
         if self.pose is not None and not world.covers(*self.pose[:2]):
             raise UsageError(f"--pose: x = {self.pose[0]:g}, y = {self.pose[1]:g} is outside the map of {world.name}")
         chosen = np.array([self.pose]) if self.pose else sample_starts(world, self.count, self.poses_seed)
@@ -216,10 +194,11 @@ class Train:
     """Folder of the run."""
     algorithm: str = "FOCOPS"
     """As in the registry; an unknown name lists the known ones."""
-    level: str = "Medium"
-    """Easy, Medium or Hard."""
+    level: str | None = None
+    """Easy, Medium or Hard; Medium if neither level nor file is given."""
     world_seeds: tuple[int, ...] = ()
-    """Rivers of the level to train on; its fixed one if none is given."""
+    """Rivers of the level to train on; its fixed one if none is given. Of a file: its plants and hills."""
+    river: River = NO_FILE
     steps: int = 200_000
     """Over all environments together."""
     seed: int = 0
@@ -232,12 +211,15 @@ class Train:
     """Settings of the algorithm, such as learning_rate=1e-4; an unknown one lists the known."""
 
     def run(self) -> int:
+        import shlex
+
         from thalweg.algos.registry import algorithm_named
         from thalweg.train.river import TrainingGround, load_fitting_encoder
 
-        settings = _settings(self.set)
+        settings = settings_from(self.set)
         algorithm = algorithm_named(self.algorithm).name
-        ground = TrainingGround(self.level, self.num_envs, self.world_seeds)
+        place = self.river.reach("--level", self.level) or self.level or "Medium"
+        ground = TrainingGround(place, self.num_envs, self.world_seeds)
         result = ground.train(
             algorithm,
             load_fitting_encoder(self.encoder),
@@ -256,7 +238,7 @@ class Train:
         )
         for line in result.warnings:
             print(f"Warning: {line}")
-        print(f"Evaluate it: thalweg evaluate {self.out}")
+        print(f"Evaluate it: {shlex.join(['thalweg', 'evaluate', str(self.out), *self.river.words()])}")
         return 0
 
 
@@ -266,8 +248,11 @@ class Evaluate:
 
     policy: Positional[str]
     """A run's folder, a policy file, `packaged`, or a baseline: random, hover, forward, pilot."""
-    levels: tuple[str, ...] = ("Easy", "Medium", "Hard")
-    """Where to fly."""
+    levels: tuple[str, ...] = ()
+    """Where to fly; on Easy, Medium and Hard if neither levels nor a file are given."""
+    river: River = NO_FILE
+    world_seed: int | None = None
+    """Of a file's river: its plants and hills."""
     episodes: int = 20
     """Starts per level, each flown once."""
     starts_seed: int = 0
@@ -285,8 +270,13 @@ class Evaluate:
         from thalweg.bench.command import Request, evaluate_command
         from thalweg.bench.evaluation import EvaluationConfig
 
+        reach = self.river.reach("--levels", self.levels)
+        if reach is None and self.world_seed is not None:
+            raise UsageError("--world-seed goes with --geojson; the levels are flown on their fixed rivers")
+        places = (reach,) if reach is not None else self.levels or ("Easy", "Medium", "Hard")
         config = EvaluationConfig(self.episodes, self.starts_seed, self.deterministic)
-        evaluate_command(Request(self.policy, self.levels, config, self.seed, self.encoder, self.out))
+        request = Request(self.policy, places, config, self.seed, self.world_seed or 0, self.encoder, self.out)
+        evaluate_command(request)
         return 0
 
 
@@ -405,32 +395,14 @@ def _ours(error: Exception) -> bool:
     return known or type(error).__module__.split(".")[0] == "thalweg"
 
 
-def _world(level: str, seed: int | None) -> Any:
+def _world(river: RiverFile, level: str | None, seed: int | None) -> Any:
+    """The world of the file, or that of the level and seed."""
     from thalweg.world import level_named, load_or_build
 
-    chosen = level_named(level)
+    if (reach := river.reach("--level", level)) is not None:
+        return reach.build(seed or 0)
+    chosen = level_named(level or "Medium")
     return load_or_build(chosen, chosen.default_seed if seed is None else seed)
-
-
-def _settings(given: Sequence[str]) -> dict[str, Any]:
-    """`key=value` pairs, the values read as YAML: numbers, words, true and false, lists."""
-    import yaml
-
-    class Loader(yaml.SafeLoader):
-        """Takes 1e-4 for a number, as YAML 1.2 does; in YAML 1.1 a number has a point before its exponent."""
-
-    number = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
-    Loader.add_implicit_resolver("tag:yaml.org,2002:float", number, list("-+.0123456789"))
-    settings = {}
-    for pair in given:
-        key, equals, value = pair.partition("=")
-        if not equals or not key:
-            raise UsageError(f"--set takes key=value, not {pair!r}")
-        try:
-            settings[key] = yaml.load(value, Loader)
-        except yaml.YAMLError as error:
-            raise UsageError(f"--set {pair!r} cannot be understood: {' '.join(str(error).split())}") from error
-    return settings
 
 
 def _check_seeds(command: Any) -> None:

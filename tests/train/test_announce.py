@@ -5,7 +5,7 @@ import pytest
 from thalweg.render import compilation
 from thalweg.train import announce as announcing
 from thalweg.train.announce import announce
-from thalweg.world import LEVELS
+from thalweg.world import LEVELS, Reach
 
 BUILDING = "building the river Easy, seed 3: a few seconds\n"
 
@@ -25,3 +25,12 @@ def test_a_river_that_has_to_be_built_is_announced_once_and_compiling_begins(
     announce(LEVELS["Easy"], 3)
     assert capsys.readouterr().err == ""
     assert len(begun) == 3
+
+
+def test_the_river_of_a_file_is_announced_since_it_is_built_each_time(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    monkeypatch.setattr(compilation, "begin", lambda: None)
+    announcing._say.cache_clear()
+    announce(Reach(Path("rivers/brook.geojson")), 5)
+    assert capsys.readouterr().err == "building the river brook.geojson, seed 5: a few seconds\n"

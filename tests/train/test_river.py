@@ -1,4 +1,4 @@
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,9 +16,10 @@ from thalweg.bench.baselines import BASELINES
 from thalweg.encoder import VAE, EncoderFileError, EncoderInputError, VAEConfig, load_encoder, save_vae
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import RENDER_VERSION, Camera
-from thalweg.train import river
+from thalweg.train import river, run
 from thalweg.train.errors import TrainingError
 from thalweg.train.river import TrainingGround, check_sees_as_trained, load_fitting_encoder, mark
+from thalweg.world import Reach
 
 
 def encoder_file(path: Path, seed: int, version: int = RENDER_VERSION) -> Path:
@@ -71,6 +72,103 @@ def test_a_policy_that_does_not_fit_the_river_is_refused(tmp_path: Path, obs_siz
 def test_a_policy_of_the_rivers_own_spaces_fits(tmp_path: Path, head: Any):
     encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
     check_sees_as_trained(Policy(16, actions_of(gym.spaces.MultiDiscrete([3, 3, 3, 3]), head)), encoder)
+
+
+LINE = '{"type": "LineString", "coordinates": [[9, 48], [9.0004, 48], [9.0008, 48], [9.0012, 48]]}'
+
+
+@pytest.fixture
+def brook(tmp_path: Path) -> Reach:
+    (tmp_path / "brook.geojson").write_text(LINE)
+    return Reach(tmp_path / "brook.geojson", width_m=6.0)
+
+
+class BlankEnv(RiverVectorEnv):
+    """Draws nothing, which takes no time."""
+
+    def __init__(self, worlds: Any, num_envs: int, config: EnvConfig) -> None:
+        super().__init__(worlds, num_envs, config, renderer=BlankRenderer(128, 128))
+
+
+class Stop(Exception):
+    pass
+
+
+def brook_run(where: TrainingGround, encoder: Any, folder: Path, steps: int = 96) -> Any:
+    settings = {"steps_per_update": 32, "minibatch": 16, "passes": 1, "hidden": [8]}
+    return where.train("PPO", encoder, steps=steps, seed=1, folder=folder, settings=settings)
+
+
+def test_a_run_on_a_real_river_resumes_to_the_same_policy_and_names_its_file(
+    tmp_path: Path, brook: Reach, monkeypatch: pytest.MonkeyPatch
+):
+    encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
+
+    class Breaks(BlankEnv):
+        steps = 0
+
+        def step(self, actions: Any) -> Any:
+            self.steps += 1
+            if self.steps == 40:
+                raise Stop
+            return super().step(actions)
+
+    monkeypatch.setattr(river, "run", partial(run, checkpoint_seconds=0.0))
+    monkeypatch.setattr(river, "RiverVectorEnv", BlankEnv)
+    ground = TrainingGround(brook, 2, (4,))
+    brook_run(ground, encoder, tmp_path / "whole")
+    monkeypatch.setattr(river, "RiverVectorEnv", Breaks)
+    with pytest.raises(Stop):
+        brook_run(ground, encoder, tmp_path / "broken")
+    monkeypatch.setattr(river, "RiverVectorEnv", BlankEnv)
+    assert brook_run(ground, encoder, tmp_path / "broken").resumed_from == 64
+    for name in ("episodes.csv", "policy.safetensors"):
+        assert (tmp_path / "broken" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    context = yaml.safe_load((tmp_path / "whole" / "config.yaml").read_text())["run"]["context"]
+    assert (context["river"], context["world_seeds"]) == (brook.as_data(), [4])
+    assert "level" not in context
+
+
+def test_a_run_whose_file_has_changed_is_refused_before_a_river_is_built(
+    tmp_path: Path, brook: Reach, monkeypatch: pytest.MonkeyPatch
+):
+    encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
+    monkeypatch.setattr(river, "RiverVectorEnv", BlankEnv)
+    brook_run(TrainingGround(brook, 2), encoder, tmp_path / "run", steps=32)
+    before = brook.as_data()["content"]
+    brook.path.write_text(LINE.replace("9.0004", "9.0005"))
+    monkeypatch.setattr(Reach, "build", None)
+    now = brook.as_data()["content"]
+    with pytest.raises(
+        TrainingError, match=f"brook.geojson has changed .* was {before} and is {now} now. Bring the old"
+    ):
+        brook_run(TrainingGround(brook, 2), encoder, tmp_path / "run", steps=32)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"width_m": 7.0}, "context.river.width_m is 6.0 there and 7.0 here"),
+        ({"smooth_m": 2.0}, "context.river.smooth_m is 0.0 there and 2.0 here"),
+    ],
+)
+def test_another_reach_of_the_same_file_is_another_run(
+    tmp_path: Path, brook: Reach, monkeypatch: pytest.MonkeyPatch, change: dict[str, float], said: str
+):
+    encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
+    monkeypatch.setattr(river, "RiverVectorEnv", BlankEnv)
+    brook_run(TrainingGround(brook, 2), encoder, tmp_path / "run", steps=32)
+    with pytest.raises(TrainingError, match=said):
+        brook_run(TrainingGround(replace(brook, **change), 2), encoder, tmp_path / "run", steps=32)
+
+
+def test_a_run_on_a_level_does_not_go_on_on_a_file(tmp_path: Path, brook: Reach, monkeypatch: pytest.MonkeyPatch):
+    encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
+    monkeypatch.setattr(river, "RiverVectorEnv", BlankEnv)
+    monkeypatch.setattr(river, "load_or_build", lambda *_: ring())
+    brook_run(TrainingGround("easy", 2), encoder, tmp_path / "run", steps=32)
+    with pytest.raises(TrainingError, match=r"context.level is 'Easy' there and 'absent' here"):
+        brook_run(TrainingGround(brook, 2), encoder, tmp_path / "run", steps=32)
 
 
 def test_a_run_says_on_what_it_was_trained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

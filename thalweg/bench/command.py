@@ -18,8 +18,9 @@ from thalweg.bench.runner import run_suite
 from thalweg.bench.suites import PACKAGED, suite_named
 from thalweg.bench.tables import ELSEWHERE, detail_table, paper_table
 from thalweg.train import load_policy
+from thalweg.train.announce import announce
 from thalweg.train.river import check_sees_as_trained, load_fitting_encoder
-from thalweg.world import level_named
+from thalweg.world import Reach, level_named
 
 WIDTH = 120
 """Characters in a line of output that no terminal shows."""
@@ -30,9 +31,12 @@ class Request:
     """What `thalweg evaluate` was asked for; fields as in the command."""
 
     policy: str
-    levels: tuple[str, ...]
+    places: tuple[str | Reach, ...]
+    """Levels by name, or real rivers."""
     config: EvaluationConfig
     seed: int = 0
+    world_seed: int = 0
+    """Of the plants and hills of real rivers."""
     encoder: Path | None = None
     out: Path | None = None
 
@@ -51,15 +55,15 @@ def policy_named(name: str) -> Policy:
 def evaluate_command(request: Request) -> None:
     """Fly, print the tables, and write the rows if asked to."""
     console = _console()
-    levels = [level_named(level).name for level in request.levels]
+    places = [place if isinstance(place, Reach) else level_named(place).name for place in request.places]
     policy = policy_named(request.policy)
     encoder = None if hasattr(policy, "sees") else load_fitting_encoder(request.encoder)
     if encoder is not None:
         check_sees_as_trained(policy, encoder)
     name = request.policy if request.policy in (*BASELINES, PACKAGED) else Path(request.policy).resolve().name
     rows: list[Episode] = []
-    for level in levels:
-        course = Course.of_level(level, request.config)
+    for place in places:
+        course, level = _course(place, request)
         look = through_encoder(course.world, encoder) if encoder is not None else None
         with bar(console, "episodes") as progress:
             on_step = progress_of_flights(progress, f"{name} on {level}", request.config.episodes)
@@ -71,6 +75,14 @@ def evaluate_command(request: Request) -> None:
     print_tables(console, Results(Path(), {}, [], rows, [], []))
     if request.out is not None:
         console.print(f"One row per episode: {request.out}", highlight=False)
+
+
+def _course(place: str | Reach, request: Request) -> tuple[Course, str]:
+    """The course of a level or a real river, and what its rows are called."""
+    if isinstance(place, str):
+        return Course.of_level(place, request.config), place
+    announce(place, request.world_seed)
+    return Course.on(place.build(request.world_seed), request.config), place.name
 
 
 def bench_command(name: str, folder: Path) -> int:

@@ -76,7 +76,11 @@ class Course:
         """The level's fixed river and its fixed list of starts."""
         chosen = level_named(level)
         announce(chosen, chosen.default_seed)
-        world = load_or_build(chosen, chosen.default_seed)
+        return cls.on(load_or_build(chosen, chosen.default_seed), config)
+
+    @classmethod
+    def on(cls, world: World, config: EvaluationConfig) -> "Course":
+        """A world and its fixed list of starts."""
         seed = EVALUATION + config.starts_seed
         starts = sample_starts(world, config.episodes, seed, config=config.env)
         clocks = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(CLOCKS,)))

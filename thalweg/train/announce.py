@@ -4,14 +4,14 @@ import sys
 from functools import cache
 
 from thalweg.render import compilation
-from thalweg.world import Level
+from thalweg.world import Level, Reach
 from thalweg.world.store import place_of
 
 
-def announce(level: Level, seed: int) -> None:
-    """Say it if the river of a level and a seed has to be built; meanwhile the frames' kernel is compiled."""
+def announce(level: Level | Reach, seed: int) -> None:
+    """Say it if the river of a level or a file and a seed has to be built; meanwhile the frames' kernel is compiled."""
     compilation.begin()
-    if not place_of(level, seed).is_file():
+    if isinstance(level, Reach) or not place_of(level, seed).is_file():
         _say(f"building the river {level.name}, seed {seed}: a few seconds")
 
 

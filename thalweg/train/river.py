@@ -4,6 +4,7 @@ Other environments go to `thalweg.train.run` as they are; nothing there knows of
 """
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,8 +18,9 @@ from thalweg.render import RENDER_VERSION
 from thalweg.train.announce import announce
 from thalweg.train.errors import TrainingError
 from thalweg.train.latent import LatentVectorEnv
+from thalweg.train.record import read_config
 from thalweg.train.run import RunResult, run
-from thalweg.world import level_named, load_or_build
+from thalweg.world import Reach, World, level_named, load_or_build
 
 BRANCHES = (3, 3, 3, 3)
 """Options of each branch of an action: climb, turn, forward, side."""
@@ -61,14 +63,30 @@ def check_sees_as_trained(policy: Any, encoder: Encoder) -> None:
         )
 
 
+def check_same_file(folder: Path, context: Mapping[str, Any]) -> None:
+    """Raise `TrainingError` where the run in a folder was begun on a real river's file that has changed since.
+
+    `context` is that of the run to come. Whatever else differs is found by `thalweg.train.run`.
+    """
+    begun = read_config(folder) or {"run": {}}
+    there = begun["run"].get("context", {}).get("river", {})
+    here = context.get("river", {})
+    if there.get("file") == here.get("file") and there.get("content") != here.get("content"):
+        raise TrainingError(
+            f"{here['file']} has changed since the run in {folder} was begun: its content was {there['content']} and "
+            f"is {here['content']} now. Bring the old file back to go on, or choose another folder."
+        )
+
+
 @dataclass(frozen=True)
 class TrainingGround:
     """Where a policy is trained."""
 
-    level: str
+    place: str | Reach
+    """A level by name, or a real river."""
     num_envs: int
     world_seeds: tuple[int, ...] = ()
-    """Rivers of the level; its fixed one if none is given."""
+    """Rivers of the level, its fixed one if none is given; of a real river its plants and hills."""
     config: EnvConfig = field(default_factory=EnvConfig)
     """The rules and the camera."""
 
@@ -78,28 +96,44 @@ class TrainingGround:
         if min(self.world_seeds, default=0) < 0:
             raise TrainingError(f"a seed of a world is 0 or more, not {min(self.world_seeds)}")
 
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """Of the worlds, one each."""
+        usual = level_named(self.place).default_seed if isinstance(self.place, str) else 0
+        return self.world_seeds or (usual,)
+
+    def about(self) -> dict[str, Any]:
+        """What config.yaml says of the rivers, as plain data; raises `WorldError` for an unknown level or no file."""
+        place = self.place
+        named = {"river": place.as_data()} if isinstance(place, Reach) else {"level": level_named(place).name}
+        return {**named, "world_seeds": list(self.seeds)}
+
+    def worlds(self) -> list[World]:
+        """The rivers, built or from the cache folder; it is said on the terminal what takes a while."""
+        place = self.place if isinstance(self.place, Reach) else level_named(self.place)
+        for seed in self.seeds:
+            announce(place, seed)
+        if isinstance(place, Reach):
+            return [place.build(seed) for seed in self.seeds]
+        return [load_or_build(place, seed) for seed in self.seeds]
+
     def train(
         self, algorithm: str, encoder: Encoder, *, steps: int, seed: int, folder: Path, settings: dict | None = None
     ) -> RunResult:
         """Train with a progress bar, going on from what lies in the folder.
 
-        Raises the errors of `thalweg.train.run`, those of settings before a world is built.
+        Raises the errors of `thalweg.train.run`, those of settings and of the folder before a world is built.
         """
         entry = algorithm_named(algorithm)
         config = config_from(entry.config, settings)
-        level = level_named(self.level)
-        seeds = self.world_seeds or (level.default_seed,)
         context = {
-            "level": level.name,
-            "world_seeds": list(seeds),
+            **self.about(),
             "encoder": mark(encoder),
             "render_version": RENDER_VERSION,
             "env": asdict(self.config),
         }
-        for number in seeds:
-            announce(level, number)
-        worlds = [load_or_build(level, number) for number in seeds]
-        env = LatentVectorEnv(RiverVectorEnv(worlds, self.num_envs, self.config), encoder)
+        check_same_file(folder, context)
+        env = LatentVectorEnv(RiverVectorEnv(self.worlds(), self.num_envs, self.config), encoder)
         try:
             return run(
                 entry.name, env, steps=steps, seed=seed, folder=folder, config=config, context=context, progress=True

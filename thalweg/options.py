@@ -1,0 +1,81 @@
+"""How are options of the command line read? Numbers as people write them, and the file of a real river with its reach.
+
+What several commands share stands here; `thalweg.cli` has the commands.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+
+class UsageError(ValueError):
+    """Options that do not go together, or a value that cannot be understood."""
+
+
+@dataclass(frozen=True)
+class RiverFile:
+    """A real river instead of a level's."""
+
+    geojson: Path | None = None
+    """A real river's centre line instead of a level: longitude and latitude, width as a property."""
+    width_m: float | None = None
+    """Width where the file gives none."""
+    start_m: float | None = None
+    """Where along the file's line the reach begins; at its start if not given."""
+    length_m: float | None = None
+    """How long the reach is; to the line's end if not given."""
+    smooth_m: float | None = None
+    """Round the file's line by a Gaussian of this standard deviation."""
+
+    def reach(self, level_option: str, level: str | Sequence[str] | None) -> Any:
+        """The reach that is meant, a `thalweg.world.Reach`; None where no file is given.
+
+        Raises `UsageError` for a file beside a level, which the option of that name gave, and for options of a file
+        where there is none.
+        """
+        options = self._given()
+        if self.geojson is None:
+            if options:
+                raise UsageError(f"--{min(options).replace('_', '-')} goes with --geojson")
+            return None
+        if level:
+            named = level if isinstance(level, str) else " ".join(level)
+            raise UsageError(f"give {level_option} or --geojson, not both: {named} and {self.geojson}")
+        from thalweg.world import Reach
+
+        return Reach(self.geojson, **options)
+
+    def words(self) -> list[str]:
+        """The same options as they are typed; none where no file is given."""
+        if self.geojson is None:
+            return []
+        given = [(f"--{name.replace('_', '-')}", f"{value:g}") for name, value in self._given().items()]
+        return ["--geojson", str(self.geojson), *(word for pair in given for word in pair)]
+
+    def _given(self) -> dict[str, float]:
+        """The options beside the file itself that are given."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)[1:]}
+        return {name: value for name, value in values.items() if value is not None}
+
+
+def settings_from(given: Sequence[str]) -> dict[str, Any]:
+    """`key=value` pairs, the values read as YAML: numbers, words, true and false, lists."""
+    import yaml
+
+    class Loader(yaml.SafeLoader):
+        """Takes 1e-4 for a number, as YAML 1.2 does; in YAML 1.1 a number has a point before its exponent."""
+
+    number = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
+    Loader.add_implicit_resolver("tag:yaml.org,2002:float", number, list("-+.0123456789"))
+    settings: dict[str, Any] = {}
+    for pair in given:
+        key, equals, value = pair.partition("=")
+        if not equals or not key:
+            raise UsageError(f"--set takes key=value, not {pair!r}")
+        try:
+            settings[key] = yaml.load(value, Loader)
+        except yaml.YAMLError as error:
+            raise UsageError(f"--set {pair!r} cannot be understood: {' '.join(str(error).split())}") from error
+    return settings

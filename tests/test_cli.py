@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from thalweg.cli import COMMANDS, EncoderTrain, main
+from thalweg.cli import COMMANDS, EncoderTrain, _parse, main
 from thalweg.options import settings_from
 
 
@@ -287,6 +287,48 @@ def test_baselines_are_evaluated_and_their_rows_written(tmp_path: Path, capsys: 
         ("hover", "Easy", place, "Idle") for place in range(3)
     ]
     assert "0.20 ± 0.00" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("given", "field", "value"),
+    [
+        (["train", "--out", "x", "--steps", "1e5"], "steps", 100_000),
+        (["train", "--out", "x", "--steps", "200_000"], "steps", 200_000),
+        (["train", "--out", "x", "--world-seeds", "3", "2.5e1"], "world_seeds", (3, 25)),
+        (["world", "--seed", "340282366920938463463374607431768211456"], "seed", 2**128),
+        (["world"], "seed", None),
+        (["render", "--pose", "1", "-2", "3e0", "-0.5"], "pose", (1.0, -2.0, 3.0, -0.5)),
+    ],
+    ids=str,
+)
+def test_a_number_is_read_as_people_write_it(given: list[str], field: str, value: object):
+    assert getattr(_parse(given), field) == value
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["train", "--out", "x", "--steps", "1e5.5"], "--steps: '1e5.5' is no whole number; write one such as"),
+        (["train", "--out", "x", "--steps", "2.5"], "--steps: '2.5' is no whole number"),
+        (["train", "--out", "x", "--steps", "nan"], "--steps: 'nan' is no whole number"),
+        (["train", "--out", "x", "--steps", "1e999999999"], "--steps: '1e999999999' is no whole number"),
+        (["train", "--out", "x", "--seed", "x"], "--seed: 'x' is no whole number; write one such as 0, 200000 or 2e5"),
+        (["world", "--seed", "x"], "--seed: 'x' is no whole number"),
+        (["train", "--out", "x", "--world-seeds", "1", "b"], "--world-seeds: 'b' is no whole number"),
+        (["world", "--width-m", "wide"], "--width-m: 'wide' is no number; write one such as 12, 0.5 or 1e-4"),
+        (["render", "--pose", "1", "2", "3", "north"], "--pose: 'north' is no number"),
+        (["render", "--pose", "1", "2", "3"], "'--pose'. Expected 4 values"),
+    ],
+    ids=str,
+)
+def test_what_is_no_number_is_named_with_what_would_be_one(
+    given: list[str], said: str, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("COLUMNS", "160")
+    with pytest.raises(SystemExit) as ended:
+        main(given)
+    assert ended.value.code == 2
+    assert said in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

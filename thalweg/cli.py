@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 import tyro
 from tyro.conf import OmitSubcommandPrefixes, Positional, arg, subcommand
 
-from thalweg.options import RiverFile, UsageError, settings_from
+from thalweg.options import POSE, REGISTRY, RiverFile, UsageError, settings_from
 from thalweg.whole import whole
 
 River = Annotated[RiverFile, arg(name="")]
@@ -58,7 +58,7 @@ class RenderFrames:
     seed: int | None = None
     """Which river of the level; its fixed one if not given. Of a file: its plants and hills."""
     river: River = NO_FILE
-    pose: tuple[float, float, float, float] | None = None
+    pose: POSE | None = None
     """x y z yaw in metres and radians; random poses if not given."""
     poses: Literal["random"] = "random"
     """Where the camera is when no pose is given: random safe starts."""
@@ -379,7 +379,9 @@ def _parse(arguments: list[str]) -> Any:
     for name, kind in COMMANDS.items():
         one = Annotated[kind, subcommand(name, prefix_name=False)]
         kinds = one if kinds is None else kinds | one
-    return tyro.cli(OmitSubcommandPrefixes[kinds], prog="thalweg", description=DESCRIPTION, args=arguments)
+    return tyro.cli(
+        OmitSubcommandPrefixes[kinds], prog="thalweg", description=DESCRIPTION, args=arguments, registry=REGISTRY
+    )
 
 
 def _after_interrupt(command: Any) -> str:

@@ -4,10 +4,16 @@ What several commands share stands here; `thalweg.cli` has the commands.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
+
+from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec
+
+MOST_DIGITS = 18
+"""A whole number that is written with a point or an exponent has at most so many."""
 
 
 class UsageError(ValueError):
@@ -60,6 +66,29 @@ class RiverFile:
         return {name: value for name, value in values.items() if value is not None}
 
 
+def whole_number(text: str) -> int:
+    """A whole number as people write it, such as 200000, 200_000 or 2e5; raises `UsageError` for anything else."""
+    try:
+        return int(text)
+    except ValueError:
+        pass
+    try:
+        value = Decimal(text)
+    except InvalidOperation:
+        value = Decimal("NaN")
+    if value.is_finite() and value.adjusted() < MOST_DIGITS and value == value.to_integral_value():
+        return int(value)
+    raise UsageError(f"{text!r} is no whole number; write one such as 0, 200000 or 2e5")
+
+
+def number(text: str) -> float:
+    """A number; raises `UsageError` for anything else."""
+    try:
+        return float(text)
+    except ValueError:
+        raise UsageError(f"{text!r} is no number; write one such as 12, 0.5 or 1e-4") from None
+
+
 def settings_from(given: Sequence[str]) -> dict[str, Any]:
     """`key=value` pairs, the values read as YAML: numbers, words, true and false, lists."""
     import yaml
@@ -79,3 +108,34 @@ def settings_from(given: Sequence[str]) -> dict[str, Any]:
         except yaml.YAMLError as error:
             raise UsageError(f"--set {pair!r} cannot be understood: {' '.join(str(error).split())}") from error
     return settings
+
+
+def _spec(read: Callable[[str], Any], metavar: str, count: Any) -> PrimitiveConstructorSpec:
+    """How one option that holds a number, or several, is read; where its default is None that stays."""
+
+    def instance(texts: list[str]) -> Any:
+        values = tuple(read(text) for text in texts)
+        return values[0] if count == 1 else values
+
+    def written(value: Any) -> list[str]:
+        return [str(one) for one in value] if isinstance(value, tuple) else [str(value)]
+
+    return PrimitiveConstructorSpec(count, metavar, instance, lambda _: True, written)
+
+
+POSE = tuple[float, float, float, float]
+NUMBERS = (
+    ((int, int | None), _spec(whole_number, "INT", 1)),
+    ((float, float | None), _spec(number, "FLOAT", 1)),
+    ((tuple[int, ...],), _spec(whole_number, "[INT [INT ...]]", "*")),
+    ((POSE, POSE | None), _spec(number, "X Y Z YAW", 4)),
+)
+"""Types of fields, and how each is read. Tyro's own readers say of a wrong number what Python says of it."""
+
+REGISTRY = ConstructorRegistry()
+
+
+@REGISTRY.primitive_rule
+def read_number(info: Any) -> PrimitiveConstructorSpec | None:
+    """How a field of some type is read, if it is a number or several."""
+    return next((spec for types, spec in NUMBERS if info.type in types), None)

@@ -123,7 +123,7 @@ def test_what_cannot_be_drawn_or_written_is_said_in_one_line(tmp_path: Path, eas
         ([*render, "--pose", "nan", "0", "3", "0"], "is outside the map"),
         ([*render, "--size", "4"], "height_px = 4: an image has 16 to 2048"),
         ([*render[:-1], str(file / "x.png"), "--size", "16"], "File exists"),
-        (["world", "--level", "easy", "--out", str(tmp_path)], "Is a directory"),
+        (["world", "--level", "easy", "--out", str(tmp_path)], f"{tmp_path} is a folder; name a file in it, such as"),
     ):
         assert main(arguments) == 2
         error = capsys.readouterr().err
@@ -329,6 +329,46 @@ def test_what_is_no_number_is_named_with_what_would_be_one(
         main(given)
     assert ended.value.code == 2
     assert said in capsys.readouterr().err
+
+
+def test_pictures_are_replaced_and_worlds_only_when_asked(tmp_path: Path, easy_world, capsys: pytest.CaptureFixture):
+    from thalweg.world import World
+
+    out, saved = tmp_path / "map.png", tmp_path / "world.npz"
+    for file in (out, saved):
+        file.write_text("old")
+    given = ["world", "--level", "easy", "--out", str(out), "--save", str(saved)]
+    assert main(given) == 2
+    assert f"--save {saved} is there already; name a new file, or replace it by --overwrite" in capsys.readouterr().err
+    assert (out.read_text(), saved.read_text()) == ("old", "old")
+    assert main([*given, "--overwrite"]) == 0
+    assert Image.open(out).size[1] == 1200
+    assert World.load(saved).seed == easy_world.seed
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (
+            ["world", "--geojson", "brook.geojson", "--out", "brook.geojson"],
+            "--out must end in .png, not 'brook.geojson'",
+        ),
+        (["world", "--save", "world.json"], "--save must end in .npz, not 'world.json'"),
+        (["render", "--out", "frames"], "--out must end in .png or .jpg or .jpeg or .webp, not 'frames'"),
+        (["render", "--gallery", "--out", "frames.tex"], "--out must end in .png or .jpg"),
+        (["encoder", "show", "--out", "brook.geojson"], "--out must end in .png, not 'brook.geojson'"),
+    ],
+    ids=" ".join,
+)
+def test_no_picture_takes_the_place_of_another_kind_of_file(
+    given: list[str], said: str, brook: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    monkeypatch.chdir(brook.parent)
+    before = brook.read_bytes()
+    assert main(given) == 2
+    assert said in capsys.readouterr().err
+    assert [file.name for file in brook.parent.iterdir()] == ["brook.geojson"]
+    assert brook.read_bytes() == before
 
 
 @pytest.mark.parametrize(

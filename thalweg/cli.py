@@ -15,12 +15,13 @@ from typing import Annotated, Any, Literal
 import tyro
 from tyro.conf import OmitSubcommandPrefixes, Positional, arg, subcommand
 
-from thalweg.options import POSE, REGISTRY, RiverFile, UsageError, settings_from
+from thalweg.options import POSE, REGISTRY, RiverFile, UsageError, check_file, settings_from
 from thalweg.whole import whole
 
 River = Annotated[RiverFile, arg(name="")]
 """Its options stand among those of the command."""
 NO_FILE = RiverFile()
+PICTURES = (".png", ".jpg", ".jpeg", ".webp")
 
 
 @dataclass(frozen=True)
@@ -33,13 +34,20 @@ class DrawWorld:
     """Which river of the level; its fixed one if not given. Of a file: its plants and hills."""
     river: River = NO_FILE
     out: Path = Path("map.png")
-    """The picture."""
+    """The picture, a PNG; one that is there is replaced."""
     save: Path | None = None
-    """Also write the world itself to this .npz file."""
+    """Also write the world itself to this .npz file, which must be a new one."""
+    overwrite: bool = False
+    """Let --save replace a file that is there."""
 
     def run(self) -> int:
         from thalweg.world.drawing import draw
 
+        check_file("--out", self.out, ".png")
+        if self.save is not None:
+            check_file("--save", self.save, ".npz")
+            if self.save.exists() and not self.overwrite:
+                raise UsageError(f"--save {self.save} is there already; name a new file, or replace it by --overwrite")
         world = _world(self.river, self.level, self.seed)
         draw(world, self.out)
         print(f"{self.out}: {world.name}, seed {world.seed}, a course of {world.river.length_m:.0f} m")
@@ -71,7 +79,7 @@ class RenderFrames:
     gallery: bool = False
     """Draw one view at both ends of each range of domain randomisation instead."""
     out: Path = Path("frames.png")
-    """The picture."""
+    """The picture, .png, .jpg or .webp; one that is there is replaced."""
 
     def run(self) -> int:
         import numpy as np
@@ -82,6 +90,7 @@ class RenderFrames:
 
         if self.count < 1:
             raise UsageError("--count must be at least 1")
+        check_file("--out", self.out, *PICTURES)
         world = _world(self.river, self.level, self.seed)
         if self.pose is not None and not world.covers(*self.pose[:2]):
             raise UsageError(f"--pose: x = {self.pose[0]:g}, y = {self.pose[1]:g} is outside the map of {world.name}")
@@ -159,12 +168,13 @@ class EncoderShow:
     seed: int = 1
     """Which frames."""
     out: Path = Path("reconstructions.png")
-    """The picture."""
+    """The picture, a PNG; one that is there is replaced."""
 
     def run(self) -> int:
         from thalweg.encoder import draw_reconstructions, load_encoder
         from thalweg.train.collect import collect_frames
 
+        check_file("--out", self.out, ".png")
         encoder = load_encoder(self.path)
         for key, value in encoder.about.items():
             print(f"{key}: {value}")
@@ -264,7 +274,7 @@ class Evaluate:
     encoder: Path | None = None
     """The encoder's file; the one that comes with the package if not given."""
     out: Path | None = None
-    """Also write one row per episode to this CSV file."""
+    """Also write one row per episode to this CSV file; one that is there is replaced."""
 
     def run(self) -> int:
         from thalweg.bench.command import Request, evaluate_command
@@ -325,7 +335,7 @@ class Speed:
     stages: bool = False
     """Where the time of a frame goes, instead: milliseconds of each stage on one thread."""
     out: Path | None = None
-    """Also write the JSON to this file."""
+    """Also write the JSON to this file; one that is there is replaced."""
 
     def run(self) -> int:
         from thalweg.bench.speed import speed

@@ -66,6 +66,14 @@ class RiverFile:
         return {name: value for name, value in values.items() if value is not None}
 
 
+def check_file(option: str, path: Path, *endings: str) -> None:
+    """Raise `UsageError` for a path to write to that is a folder, or does not end as its kind of file does."""
+    if path.is_dir():
+        raise UsageError(f"{option} {path} is a folder; name a file in it, such as {path / ('new' + endings[0])}")
+    if path.suffix.lower() not in endings:
+        raise UsageError(f"{option} must end in {' or '.join(endings)}, not {path.name!r}")
+
+
 def whole_number(text: str) -> int:
     """A whole number as people write it, such as 200000, 200_000 or 2e5; raises `UsageError` for anything else."""
     try:

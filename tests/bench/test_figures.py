@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from thalweg.bench.episodes import REASONS
+from thalweg.bench.episodes import REASONS, WORDS
 from thalweg.bench.figures import PANELS, failure_bars, training_curves
 from thalweg.bench.results import read_results
 
@@ -37,9 +37,10 @@ def test_the_bars_of_a_policy_fill_its_row(tiny_results: Path):
     easy, medium = figure.axes
     assert (easy.get_title(), medium.get_title()) == ("Easy", "Medium")
     shares = {bars.get_label(): [bar.get_width() for bar in bars] for bars in easy.containers}
-    assert list(shares) == list(REASONS)
-    assert shares["Idle"] == [1, 0]
-    assert shares["Success"] == [0, 0.5]
+    assert list(shares) == [WORDS[reason] for reason in REASONS]
+    assert list(shares)[1:4] == ["left the river", "too low or high", "faced backwards"]
+    assert shares["idle"] == [1, 0]
+    assert shares["success"] == [0, 0.5]
     assert np.sum(list(shares.values()), axis=0) == pytest.approx([1, 1])
 
 

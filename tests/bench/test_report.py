@@ -117,7 +117,7 @@ def test_numbers_come_from_the_files(tiny_results: Path):
 def spoil_half_written(folder: Path) -> str:
     file = folder / "evaluation" / "PPO-0-Easy.csv"
     file.write_text(file.read_text()[:-20])
-    return "evaluation/PPO-0-Easy.csv: PPO-0-Easy.csv is half-written"
+    return "evaluation/PPO-0-Easy.csv is half-written"
 
 
 def spoil_foreign(folder: Path) -> str:
@@ -127,28 +127,28 @@ def spoil_foreign(folder: Path) -> str:
 
 def spoil_columns(folder: Path) -> str:
     (folder / "evaluation" / "PPO-0-Easy.csv").write_text("a,b\n1,2\n")
-    return "evaluation/PPO-0-Easy.csv: PPO-0-Easy.csv lacks the columns algorithm"
+    return "evaluation/PPO-0-Easy.csv lacks the columns algorithm"
 
 
 def spoil_clash(folder: Path) -> str:
     (folder / "evaluation" / "PPO-0-Hard.csv").write_text((folder / "evaluation" / "PPO-0-Easy.csv").read_text())
-    return "evaluation/PPO-0-Hard.csv: PPO-0-Hard.csv holds the episodes of PPO-0-Easy"
+    return "evaluation/PPO-0-Hard.csv holds the episodes of PPO-0-Easy"
 
 
 def spoil_bytes(folder: Path) -> str:
     (folder / "evaluation" / "PPO-0-Easy.csv").write_bytes(b"\xff\xfe\x00")
-    return "evaluation/PPO-0-Easy.csv: PPO-0-Easy.csv is not text"
+    return "evaluation/PPO-0-Easy.csv is not text"
 
 
 def spoil_repeated(folder: Path) -> str:
     file = folder / "evaluation" / "PPO-0-Easy.csv"
     file.write_text(file.read_text() + file.read_text().splitlines()[-1] + "\n")
-    return "evaluation/PPO-0-Easy.csv: PPO-0-Easy.csv lacks or repeats episodes"
+    return "evaluation/PPO-0-Easy.csv lacks or repeats episodes"
 
 
 def spoil_training(folder: Path) -> str:
     (folder / "runs" / "PPO-0" / "episodes.csv").write_text("step,return\n1")
-    return "runs/PPO-0/episodes.csv: episodes.csv lacks the columns tight, loose"
+    return "runs/PPO-0/episodes.csv lacks the columns tight, loose"
 
 
 SPOILS = (
@@ -170,10 +170,44 @@ def test_a_file_that_cannot_be_used_is_skipped_by_name(tiny_results: Path, spoil
     assert f"Not used: {said}" in write_report(tiny_results).page.read_text()
 
 
-def test_a_folder_without_episodes_is_an_error_that_says_so(tmp_path: Path):
-    with pytest.raises(ResultsError, match="holds no evaluated episodes"):
-        write_report(tmp_path)
+def test_a_folder_without_results_is_named_once_with_what_would_be_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    for folder in (Path(), tmp_path):
+        with pytest.raises(ResultsError) as refused:
+            write_report(folder)
+        needed = "holds no results: no suite.json lies in it. Give a folder that `thalweg bench` wrote"
+        assert str(refused.value) == f"{folder} {needed}"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_results_without_an_episode_say_what_of_them_was_not_used(tmp_path: Path):
+    (tmp_path / "evaluation").mkdir()
+    (tmp_path / "evaluation" / "PPO-0-Easy.csv").write_text("")
+    with pytest.raises(ResultsError) as refused:
+        write_report(tmp_path)
+    assert str(refused.value).splitlines() == [
+        f"{tmp_path} holds no evaluated episodes",
+        "  suite.json cannot be read: No such file or directory",
+        "  evaluation/PPO-0-Easy.csv is empty",
+    ]
+
+
+def cells(page: str) -> list[list[str]]:
+    """The cells of every table of a page, a list for each row."""
+    rows = re.findall(r"<tr[^>]*>(.*?)</tr>", page)
+    return [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in rows]
+
+
+def test_no_cell_of_the_page_is_blank(tiny_results: Path):
+    suite = tiny_results / "suite.json"
+    suite.write_text(suite.read_text().replace('["Easy", "Medium"]', '["Easy", "Medium", "Delta"]'))
+    rows = cells(write_report(tiny_results).page.read_text())
+    assert len(rows) > 10
+    assert [row for row in rows if not all(cell.strip() for cell in row)] == []
+    assert ["hover-0", "baseline", "finished", "not trained", "not trained", "not trained"] in rows
+    assert ["hover", "Delta", "missing", "0 of 1", *["missing"] * 5] in rows
+    (published,) = (row for row in rows if row[0] == f"PPO ({ELSEWHERE})")
+    assert published[-2:] == ["not published", "not published"]
 
 
 def test_a_report_is_replaced_whole_or_left_alone(tiny_results: Path, monkeypatch: pytest.MonkeyPatch):

@@ -12,6 +12,7 @@ import pytest
 from tests.bench import small_place
 from tests.bench.small_place import SUITE, SmallPlace
 from thalweg.bench import river, runner
+from thalweg.bench.episodes import WORDS
 from thalweg.bench.figures import failure_bars, training_curves
 from thalweg.bench.files import ResultsError
 from thalweg.bench.filming import best_flight
@@ -203,7 +204,7 @@ def test_the_film_shows_the_best_flight_of_a_trained_policy_and_says_so(tmp_path
     returns = [row.return_ for row in rows if row.algorithm == best.algorithm]
     assert (tmp_path / "film.txt").read_text() == (
         f"{found.run.name} on Medium, start {best.episode} of the list: {best.length} steps, "
-        f"return {best.return_:.2f}, cost {best.cost:.1f}, {best.reason}. "
+        f"return {best.return_:.2f}, cost {best.cost:.1f}, {WORDS[best.reason]}. "
         f"The best of 12 flights of trained policies there; "
         f"the return of {best.algorithm}'s 6 is {np.mean(returns):.2f} ± {np.std(returns):.2f}.\n"
     )

@@ -10,6 +10,14 @@ from thalweg.whole import write_whole
 
 REASONS = tuple(reason.label for reason in DoneReason if reason >= 0)
 """Why an episode ended, in the order of the codes of `thalweg.env.DoneReason`."""
+WORDS = dict(
+    zip(
+        REASONS,
+        ("collision", "left the river", "too low or high", "faced backwards", "idle", "out of steps", "success"),
+        strict=True,
+    )
+)
+"""The same for people: files keep the paper's names, pages and pictures have these."""
 
 
 @dataclass(frozen=True)

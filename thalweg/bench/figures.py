@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from thalweg.bench.episodes import REASONS
+from thalweg.bench.episodes import REASONS, WORDS
 from thalweg.bench.results import Results
 from thalweg.bench.statistics import Curve, Summary, band, curve, summaries
 from thalweg.bench.tables import seeds_text
@@ -101,7 +101,7 @@ def failure_bars(results: Results) -> Figure:
             left = np.zeros(len(names))
             for reason, colour in zip(REASONS, REASON_COLOURS, strict=True):
                 shares = [cell.reasons[reason] / cell.episodes if cell else 0.0 for cell in found]
-                axis.barh(names, shares, left=left, color=colour, label=reason, height=0.7)
+                axis.barh(names, shares, left=left, color=colour, label=WORDS[reason], height=0.7)
                 left += shares
             for row, (name, cell) in enumerate(zip(names, found, strict=True)):
                 _name_gap(axis, row, results, name, cell)

@@ -11,7 +11,7 @@ import imageio.v2 as imageio
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from thalweg.bench.episodes import Episode
+from thalweg.bench.episodes import WORDS, Episode
 from thalweg.bench.evaluation import Step
 from thalweg.bench.files import ResultsError
 from thalweg.render import Camera, Renderer
@@ -98,7 +98,7 @@ def pictures(world: World, flight: Flight, camera: Camera, policy: str) -> Itera
             policy,
             f"{flight.episode.level}   step {index + 1}   height {pose[2] - river.level_m[nearest]:.1f} m",
             f"return {flight.episode.return_ if last else flight.returns[index]:.2f} of 10"
-            + (f"   cost {flight.episode.cost:.1f}   {flight.episode.reason}" if last else ""),
+            + (f"   cost {flight.episode.cost:.1f}   {WORDS[flight.episode.reason]}" if last else ""),
         )
         draw = ImageDraw.Draw(canvas)
         for number, line in enumerate(lines):

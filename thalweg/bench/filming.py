@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from thalweg.bench.bars import bar, progress_of_frames
-from thalweg.bench.episodes import Episode, read_episodes
+from thalweg.bench.episodes import WORDS, Episode, read_episodes
 from thalweg.bench.results import CAPTION, FILM, NO_FILM, evaluation_path
 from thalweg.bench.river import Place
 from thalweg.bench.statistics import summarise
@@ -35,8 +35,8 @@ class Best:
         cell = summarise([other for other in self.among if other.algorithm == row.algorithm])
         return (
             f"{title} on {row.level}, start {row.episode} of the list: {row.length} steps, return {row.return_:.2f}, "
-            f"cost {row.cost:.1f}, {row.reason}. The best of {len(self.among)} flights of {whose} there; the return of "
-            f"{row.algorithm}'s {cell.episodes} is {plus_minus(cell.return_mean, cell.return_std)}."
+            f"cost {row.cost:.1f}, {WORDS[row.reason]}. The best of {len(self.among)} flights of {whose} there; the "
+            f"return of {row.algorithm}'s {cell.episodes} is {plus_minus(cell.return_mean, cell.return_std)}."
         )
 
 

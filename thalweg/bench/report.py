@@ -177,17 +177,10 @@ def _curves_alt(results: Results) -> str:
 
 
 def _runs(results: Results) -> str:
-    rows = [
-        [
-            row.run,
-            row.kind,
-            row.status,
-            f"{row.steps:,}" if row.kind == "train" else "",
-            f"{row.wall_s:.0f}" if row.kind == "train" else "",
-            f"{row.steps_per_s:.0f}" if row.kind == "train" else "",
-        ]
-        for row in results.runs
-    ]
+    rows = []
+    for row in results.runs:
+        trained = [f"{row.steps:,}", f"{row.wall_s:.0f}", f"{row.steps_per_s:.0f}"]
+        rows.append([row.run, row.kind, row.status, *(trained if row.kind == "train" else ["not trained"] * 3)])
     return html_table(["run", "kind", "status", "steps", "seconds", "steps a second"], rows)
 
 

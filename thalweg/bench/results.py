@@ -131,7 +131,8 @@ def read_suite(folder: Path) -> dict:
     try:
         suite = json.loads((folder / "suite.json").read_text(encoding="utf-8"))
     except (ValueError, OSError) as error:
-        raise ResultsError(f"suite.json cannot be read: {error}") from error
+        why = error.strerror if isinstance(error, OSError) else error
+        raise ResultsError(f"suite.json cannot be read: {why}") from error
     if not isinstance(suite, dict) or "name" not in suite:
         raise ResultsError("suite.json is not the record of a suite")
     return suite
@@ -161,7 +162,8 @@ def read_results(folder: Path) -> Results:
         try:
             return read()
         except (ResultsError, OSError) as error:
-            skipped.append(f"{path.relative_to(folder).as_posix()}: {error}")
+            place, said = path.relative_to(folder).as_posix(), str(error)
+            skipped.append(place + said.removeprefix(path.name) if said.startswith(path.name) else f"{place}: {said}")
             return otherwise
 
     suite = attempt(folder / "suite.json", lambda: read_suite(folder), {})
@@ -176,6 +178,10 @@ def read_results(folder: Path) -> Results:
         if row.kind == "train" and (path.exists() or row.status == "finished"):
             log = attempt(path, lambda path=path, row=row: read_training(path, row), None)
             training.extend([log] if log is not None else [])
+    if not episodes and not runs and len(skipped) == 1 and not (folder / "suite.json").exists():
+        raise ResultsError(
+            f"{folder} holds no results: no suite.json lies in it. Give a folder that `thalweg bench` wrote"
+        )
     if not episodes:
         reasons = "".join(f"\n  {line}" for line in skipped)
         raise ResultsError(f"{folder} holds no evaluated episodes{reasons}")

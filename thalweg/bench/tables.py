@@ -12,6 +12,10 @@ ELSEWHERE = "paper, another simulator"
 """Marks a published figure wherever one stands beside ours."""
 
 
+UNPUBLISHED = "not published"
+"""Stands where the paper gives no figure for a level on which it has others."""
+
+
 def plus_minus(mean: float, std: float) -> str:
     """Mean and standard deviation to two places, as in the paper."""
     return f"{mean:.2f} ± {std:.2f}"
@@ -33,7 +37,7 @@ def paper_table(results: Results) -> tuple[list[str], list[list[str]]]:
             theirs = [
                 (plus_minus(cell.return_mean, cell.return_std), plus_minus(cell.cost_mean, cell.cost_std))
                 if cell
-                else ("", "")
+                else (UNPUBLISHED, UNPUBLISHED)
                 for cell in published
             ]
             rows.append([f"{algorithm} ({ELSEWHERE})", *(text for pair in theirs for text in pair)])
@@ -75,7 +79,8 @@ def detail_table(results: Results) -> tuple[list[str], list[list[str]]]:
     for algorithm, level in product(results.policies, results.levels):
         cell = cells.get((algorithm, level))
         if cell is None:
-            rest = [results.gap(algorithm), seeds_text(results, algorithm, 0), *[""] * (len(DETAILS) - 4)]
+            gap = results.gap(algorithm)
+            rest = [gap, seeds_text(results, algorithm, 0), *[gap] * (len(DETAILS) - 4)]
         else:
             rest = [
                 str(cell.episodes),

@@ -57,17 +57,29 @@ def looks(size: int = 128) -> Image.Image:
     return gallery(world, pose, Camera(size, size))
 
 
-def levels(width: int = 460) -> Image.Image:
-    """The orthographic views of the three levels, side by side."""
-    tiles = []
+def levels(width: int = 1392) -> Image.Image:
+    """The orthographic views of the three levels, side by side and of one height."""
+    maps = []
     with tempfile.TemporaryDirectory() as folder:
         for level in LEVELS:
             path = Path(folder) / f"{level}.png"
             draw(load_or_build(level), path, size_px=1000)
             with Image.open(path) as map_:
-                height = round(map_.height * width / map_.width)
-                tiles.append(np.asarray(map_.convert("RGB").resize((width, height), Image.Resampling.LANCZOS)))
-    return sheet(tiles, columns=3)
+                maps.append(map_.convert("RGB"))
+    return row(maps, width)
+
+
+def row(pictures: list[Image.Image], width: int) -> Image.Image:
+    """Pictures of whatever shapes side by side, all of the height at which they fill the width with gaps between."""
+    room = width - (len(pictures) - 1) * GAP
+    height = round(room / sum(picture.width / picture.height for picture in pictures))
+    ends = np.cumsum([0.0, *(picture.width / picture.height for picture in pictures)])
+    edges = np.rint(ends / ends[-1] * room).astype(int)
+    board = Image.new("RGB", (width, height), "white")
+    for place, picture in enumerate(pictures):
+        size = (int(edges[place + 1] - edges[place]), height)
+        board.paste(picture.resize(size, Image.Resampling.LANCZOS), (int(edges[place]) + place * GAP, 0))
+    return board
 
 
 def real_river(size: int = 128, zoom: int = 2, count: int = 9) -> Image.Image:

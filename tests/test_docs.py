@@ -1,10 +1,14 @@
 """The pages of the docs can be found, what they link to is there, and what they say to type can be typed."""
 
+import importlib.util
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from thalweg.cli import COMMANDS, _parse
 
@@ -37,6 +41,44 @@ def commands(text: str) -> list[str]:
     indented = re.findall(r"^ {4}(thalweg .*)$", text, flags=re.MULTILINE)
     lines = [line for block in blocks for line in block.splitlines()] + indented
     return [line for line in lines if line.startswith("thalweg ")]
+
+
+def python_of(text: str) -> list[str]:
+    """Blocks of Python that a page shows."""
+    return re.findall(r"^```python\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE)
+
+
+SMALLER = {
+    "docs/encoder.md": {"collect_frames(2200": "collect_frames(24", "held_out=200": "held_out=4, epochs=1"},
+}
+"""What a test runs instead of numbers that take minutes."""
+ELSEWHERE = ("README.md", "docs/training.md")
+"""Pages whose Python `test_examples.py` runs."""
+WITH_PYTHON = [
+    page for page in pages() if python_of(page.read_text()) and page.relative_to(ROOT).as_posix() not in ELSEWHERE
+]
+ALONE = """
+import sys
+from pathlib import Path
+
+for number, block in enumerate(Path("blocks").read_text().split("\\f"), start=1):
+    print("block", number, flush=True)
+    exec(compile(block, f"block {number}", "exec"), {"__name__": "__main__"})
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", WITH_PYTHON, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_each_block_of_python_of_a_page_runs_by_itself(page: Path, tmp_path: Path):
+    name, text = page.relative_to(ROOT).as_posix(), page.read_text()
+    for shown, run in SMALLER.get(name, {}).items():
+        assert shown in text
+        text = text.replace(shown, run)
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    (tmp_path / "blocks").write_text("\f".join(blocks := python_of(text)))
+    done = subprocess.run([sys.executable, "-c", ALONE], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert f"block {len(blocks)}\n" in done.stdout
 
 
 def test_there_are_pages_in_every_place():
@@ -80,3 +122,16 @@ def test_the_page_of_the_benchmark_names_every_suite():
 
     text = (ROOT / "docs" / "bench.md").read_text()
     assert re.findall(r"^\| `(\w+)` \| ", text, flags=re.MULTILINE)[: len(SUITES)] == list(SUITES)
+
+
+def test_pictures_in_a_row_are_of_one_height_and_fill_its_width():
+    module = importlib.util.spec_from_file_location("pictures", ROOT / "docs" / "pictures.py")
+    assert module is not None and module.loader is not None
+    pictures = importlib.util.module_from_spec(module)
+    module.loader.exec_module(pictures)
+    tall, wide = Image.new("RGB", (100, 200), "red"), Image.new("RGB", (300, 200), "green")
+    row = pictures.row([tall, wide], 200 + pictures.GAP)
+    assert row.size == (200 + pictures.GAP, 100)
+    for y in (0, 99):
+        colours = [row.getpixel((x, y)) for x in range(row.width)]
+        assert colours == [(255, 0, 0)] * 50 + [(255, 255, 255)] * pictures.GAP + [(0, 128, 0)] * 150

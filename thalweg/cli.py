@@ -68,14 +68,19 @@ class RenderFrames:
     river: River = NO_FILE
     pose: POSE | None = None
     """x y z yaw in metres and radians; random poses if not given."""
-    poses: Literal["random"] = "random"
-    """Where the camera is when no pose is given: random safe starts."""
+    poses: Literal["random", "pilot"] = "random"
+    """Where the camera is when no pose is given: at random safe starts, or on the scripted pilot's flights from such
+    starts, 50 steps each."""
     count: int = 8
-    """How many random poses."""
+    """How many poses."""
     poses_seed: int = 0
     """Which random poses."""
     size: int = 128
     """Height and width of a frame in pixels."""
+    quality: Literal["full", "fast"] = "full"
+    """fast: without reflections, and with less filtering."""
+    frames: Path | None = None
+    """Also write each frame by itself, as a PNG, into this folder."""
     gallery: bool = False
     """Draw one view at both ends of each range of domain randomisation instead."""
     out: Path = Path("frames.png")
@@ -84,7 +89,7 @@ class RenderFrames:
     def run(self) -> int:
         import numpy as np
 
-        from thalweg.bench.sheet import sheet
+        from thalweg.bench.sheet import sheet, write_frames
         from thalweg.env import sample_starts
         from thalweg.render import Camera, Renderer
 
@@ -94,7 +99,14 @@ class RenderFrames:
         world = _world(self.river, self.level, self.seed)
         if self.pose is not None and not world.covers(*self.pose[:2]):
             raise UsageError(f"--pose: x = {self.pose[0]:g}, y = {self.pose[1]:g} is outside the map of {world.name}")
-        chosen = np.array([self.pose]) if self.pose else sample_starts(world, self.count, self.poses_seed)
+        if self.pose:
+            chosen = np.array([self.pose])
+        elif self.poses == "pilot":
+            from thalweg.bench.flights import pilot_poses
+
+            chosen = pilot_poses(world, self.count, self.poses_seed)
+        else:
+            chosen = sample_starts(world, self.count, self.poses_seed)
         camera = Camera(height_px=self.size, width_px=self.size)
         if self.gallery:
             from thalweg.bench.gallery import gallery
@@ -103,7 +115,9 @@ class RenderFrames:
                 gallery(world, chosen[0], camera).save(draft)
             print(f"{self.out}: the ranges of domain randomisation in {world.name}, seed {world.seed}")
             return 0
-        frames = Renderer([world], camera).render(chosen)
+        frames = Renderer([world], camera, self.quality).render(chosen)
+        if self.frames is not None:
+            write_frames(self.frames, frames)
         with whole(self.out) as draft:
             sheet(frames).save(draft)
         for x, y, z, yaw in chosen:

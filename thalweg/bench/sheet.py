@@ -1,9 +1,12 @@
 """How are many frames looked at together? On one sheet, each above its water mask."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 from PIL import Image
+
+from thalweg.whole import whole
 
 GAP_PX = 4
 
@@ -20,3 +23,10 @@ def sheet(frames: np.ndarray, columns: int = 8) -> Image.Image:
         below = top + height + GAP_PX // 2
         picture[below : below + height, left : left + width] = frame[..., 3:]
     return Image.fromarray(picture)
+
+
+def write_frames(folder: Path, frames: np.ndarray) -> None:
+    """The colours of frames uint8 [N, H, W, 4] as PNG files in a folder, which is made if need be: 0000.png and on."""
+    for index, frame in enumerate(frames):
+        with whole(folder / f"{index:04}.png") as draft:
+            Image.fromarray(np.ascontiguousarray(frame[..., :3])).save(draft)

@@ -178,9 +178,9 @@ def survey(scene, w, eye, height, top, depth, kind):
         for c in range(wide):
             t[c] = start[uint32(c // march.TILE)]
         for c in range(0, wide, march.SPAN):
-            end = c + march.SPAN
+            end = min(c + march.SPAN, wide)
             ray = dx[c:end], dy[c:end], dz[c:end], t[c:end], hit[c:end]
-            march.march(scene, w, node_x, node_y, eye[2], *ray, track, march.SPAN)
+            march.march(scene, w, node_x, node_y, eye[2], *ray, track, end - c)
         march.wetness(scene, w, node_x, node_y, dx, dy, t, wet, wide)
         for c in range(wide):
             depth[r, c] = t[c] if hit[c] > f32(0) else f32(MISS)

@@ -25,7 +25,7 @@ STEEPEST = 1.0
 TRACK = 5
 """Arrays of scratch that the march needs."""
 SPAN = 32
-"""Rays that a CPU advances together: as many as fit its widest vectors, so that few wait for the slowest."""
+"""Rays that a CPU advances together: two of its widest vectors; of more, too many would wait for the slowest."""
 TILE = 8
 """Pixels a side of the bundles of rays that start together."""
 BUNDLE_STEPS = 40

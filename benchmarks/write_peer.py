@@ -5,6 +5,7 @@ import statistics
 import sys
 from pathlib import Path
 
+from marks import between_marks
 from peer import COMPARED, KINDS, OURS, PEER
 
 from thalweg.bench.speed import describe
@@ -12,7 +13,7 @@ from thalweg.bench.tables import markdown
 
 ROOT = Path(__file__).resolve().parent.parent
 FIGURES = ROOT / "benchmarks" / "peer.json"
-BEGIN, END = "<!-- peer -->\n", "<!-- /peer -->"
+MARK = "peer"
 COLUMNS = ("a second", "by", "environments", "median", "slowest", "fastest")
 RATIOS = ("Thalweg beside Safety-Gymnasium", "times", "least", "greatest")
 
@@ -77,22 +78,13 @@ def sentence(found: dict) -> str:
 PAGES = {ROOT / "benchmarks" / "README.md": section, ROOT / "docs" / "render.md": sentence}
 
 
-def between_marks(page: str, text: str) -> str:
-    """The page with `text` between its marks; `ValueError` where they do not stand there once each, in order."""
-    before, begun, rest = page.partition(BEGIN)
-    _, ended, after = rest.partition(END)
-    if not (begun and ended) or BEGIN in after or END in before + after:
-        raise ValueError(f"the page needs one pair of marks, {BEGIN.strip()} and {END}, each at the start of a line")
-    return before + BEGIN + text + END + after
-
-
 def main(arguments: list[str]) -> int:
     """Write the pages; with `--check` only say by the exit status whether they are up to date."""
     found = json.loads(FIGURES.read_text()) if FIGURES.exists() else None
     stale = []
     for page, words in PAGES.items():
         old = page.read_text()
-        new = between_marks(old, words(found) if found else "Not measured yet.\n")
+        new = between_marks(old, MARK, words(found) if found else "Not measured yet.\n")
         if new != old:
             stale.append(page.name)
             if "--check" not in arguments:

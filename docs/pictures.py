@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from thalweg.bench.flights import FLIGHT_STEPS, pilot_poses
 from thalweg.bench.gallery import gallery
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.render import Camera, Renderer
+from thalweg.render.quality import QUALITIES
 from thalweg.world import LEVELS, World, load_or_build
 from thalweg.world.drawing import draw
 
@@ -28,7 +30,8 @@ def main() -> None:
     IMAGES.mkdir(exist_ok=True)
     save(frames(), "frames.png")
     save(levels(), "levels.png")
-    for picture, name in ((looks(), "looks.jpg"), (real_river(), "cam.jpg")):
+    save(qualities(), "qualities.png")
+    for picture, name in ((looks(), "looks.jpg"), (real_river(), "cam.jpg"), (flights(), "flights.jpg")):
         picture.save(IMAGES / name, quality=88)
         print(f"docs/images/{name}")
 
@@ -55,6 +58,21 @@ def looks(size: int = 128) -> Image.Image:
     world = load_or_build("Medium")
     pose = sample_starts(world, LOOKED_FROM + 1, 0)[LOOKED_FROM]
     return gallery(world, pose, Camera(size, size))
+
+
+def flights(size: int = 128) -> Image.Image:
+    """Every twentieth frame of ten flights of the pilot on Medium, eight in a row."""
+    world = load_or_build("Medium")
+    poses = pilot_poses(world, 10 * FLIGHT_STEPS, 7)[10::20][:24]
+    return sheet([view[..., :3] for view in Renderer([world], Camera(size, size)).render(poses)], columns=8)
+
+
+def qualities(size: int = 128, zoom: int = 2) -> Image.Image:
+    """Four starts in the full quality, and below in the modest one, each pixel drawn double."""
+    world = load_or_build("Medium")
+    poses = sample_starts(world, max(SEEN["Medium"]) + 1, 0)[[0, *SEEN["Medium"]]]
+    views = [view for name in QUALITIES for view in Renderer([world], Camera(size, size), name).render(poses)]
+    return sheet([view[..., :3].repeat(zoom, 0).repeat(zoom, 1) for view in views], columns=4)
 
 
 def levels(width: int = 1392) -> Image.Image:

@@ -68,5 +68,5 @@ def test_every_example_is_tested():
     assert {file.name for file in (ROOT / "examples").glob("*.py")} <= tested
 
 
-def test_the_speed_table_of_the_readme_is_the_one_that_was_measured(tmp_path: Path):
-    run(str(ROOT / "benchmarks" / "write_speed.py"), "--check", cwd=tmp_path)
+def test_the_figures_in_the_pages_are_those_that_were_measured(tmp_path: Path):
+    run(str(ROOT / "benchmarks" / "write_figures.py"), "--check", cwd=tmp_path)

@@ -37,7 +37,7 @@ def pages(scripts, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleTyp
     """`write_peer.py`, with figures and pages in a folder of the test."""
     write_peer = scripts("write_peer")
     for name in ("README.md", "render.md"):
-        (tmp_path / name).write_text(f"before\n{write_peer.BEGIN}old\n{write_peer.END}\nafter\n")
+        (tmp_path / name).write_text("before\n<!-- peer -->\nold\n<!-- /peer -->\nafter\n")
     words = {tmp_path / "README.md": write_peer.section, tmp_path / "render.md": write_peer.sentence}
     monkeypatch.setattr(write_peer, "PAGES", words)
     monkeypatch.setattr(write_peer, "FIGURES", tmp_path / "peer.json")
@@ -215,7 +215,7 @@ def test_without_figures_the_pages_say_so(pages, tmp_path: Path):
 def test_a_page_without_one_pair_of_marks_is_an_error(scripts, text: str):
     write_peer = scripts("write_peer")
     with pytest.raises(ValueError, match="one pair of marks"):
-        write_peer.between_marks(text.format(b=write_peer.BEGIN, e=write_peer.END), "new")
+        write_peer.between_marks(text.format(b="<!-- peer -->\n", e="<!-- /peer -->"), "peer", "new")
 
 
 def test_the_pages_say_what_was_measured(scripts):

@@ -1,0 +1,98 @@
+"""Writes what was measured here into the pages, between their marks, so that no figure is typed.
+
+`speed.json` into the README, `stages.json`, `twin.csv` and `scaling.csv` into the page on the frame. What has not been
+measured is said to be so.
+"""
+
+import json
+import statistics
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from marks import between_marks
+
+from thalweg.bench.files import read_csv
+from thalweg.bench.speed import COLUMNS, describe, table_rows
+from thalweg.bench.stages import REFLECTION
+from thalweg.bench.tables import markdown
+
+ROOT = Path(__file__).resolve().parent.parent
+HERE = ROOT / "benchmarks"
+NOT_YET = "Not measured yet.\n"
+
+
+def speed() -> str:
+    """The table of speeds, with the machine."""
+    found = json.loads((HERE / "speed.json").read_text())
+    return (
+        f"{markdown(list(COLUMNS), table_rows(found))}\nMedian, slowest and fastest repetition on {describe(found)}.\n"
+    )
+
+
+def stages() -> str:
+    """The table of a frame's stages: mean, least and greatest over the views."""
+    found = json.loads((HERE / "stages.json").read_text())
+    lines = found["measurements"]
+    rows = [[line["name"], *(f"{line[key]:.2f}" for key in ("median", "fastest", "slowest"))] for line in lines]
+    whole = sum(line["median"] for line in lines if line["name"] != REFLECTION)
+    header = ["stage", "ms a frame", "of the quickest view", "of the slowest"]
+    about = (
+        f"{whole:.2f} ms in all, {lines[0]['features'].split('; ')[1]}, {lines[0]['resolution']}; {describe(found)}."
+    )
+    return f"{markdown(header, rows)}\n{about}\n"
+
+
+def twin() -> str:
+    """How near the kernel is to its definition."""
+    rows = read_csv(HERE / "twin.csv", ("psnr_db", "mask", "class"))
+    decibels, masks, kinds = ([float(row[name]) for row in rows] for name in ("psnr_db", "mask", "class"))
+    return (
+        f"Over {len(rows)} poses at {rows[0]['pixels']} x {rows[0]['pixels']}, one sample a pixel against"
+        f" {rows[0]['samples']}: {statistics.mean(decibels):.1f} dB (least {min(decibels):.1f}). The mask agrees at"
+        f" {statistics.mean(masks):.2%} of the pixels (least {min(masks):.2%}), the class at"
+        f" {statistics.mean(kinds):.1%}.\n"
+    )
+
+
+def scaling() -> str:
+    """Frames a second by cameras and size, and by worlds."""
+    rows = read_csv(HERE / "scaling.csv", ("cameras", "pixels", "worlds", "frames_per_s"))
+    rate = {
+        tuple(int(row[name]) for name in ("cameras", "pixels", "worlds")): float(row["frames_per_s"]) for row in rows
+    }
+    cameras = sorted({c for c, _, w in rate if w == 4})
+    sizes = sorted({p for _, p, _ in rate})
+    table = [[f"{size} x {size}", *(f"{rate[c, size, 4]:,.0f}" for c in cameras)] for size in sizes]
+    worlds = [f"{w}: {rate[key]:,.0f}" for key in sorted(rate, key=lambda k: k[2]) if (w := key[2]) and key[1] == 128
+              and key[0] == max(16, w)]  # fmt: skip
+    header = ["frames a second, four worlds", *(f"{c} cameras" if c > 1 else "one camera" for c in cameras)]
+    return f"{markdown(header, table)}\nFrames a second at 128 x 128 by distinct worlds: {'; '.join(worlds)}.\n"
+
+
+SECTIONS: dict[tuple[Path, str], tuple[str, Callable[[], str]]] = {
+    (ROOT / "README.md", "speed"): ("speed.json", speed),
+    (ROOT / "docs" / "render.md", "stages"): ("stages.json", stages),
+    (ROOT / "docs" / "render.md", "twin"): ("twin.csv", twin),
+    (ROOT / "docs" / "render.md", "scaling"): ("scaling.csv", scaling),
+}
+
+
+def main() -> int:
+    """Write the sections; with `--check` only say by the exit status whether they are up to date."""
+    stale = []
+    for (page, mark), (source, words) in SECTIONS.items():
+        old = page.read_text()
+        new = between_marks(old, mark, words() if (HERE / source).exists() else NOT_YET)
+        if new != old:
+            stale.append(f"{mark} in {page.name}")
+            if "--check" not in sys.argv:
+                page.write_text(new)
+    if stale and "--check" in sys.argv:
+        print(f"stale, `python benchmarks/write_figures.py` writes them: {', '.join(stale)}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

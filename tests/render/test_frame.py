@@ -6,8 +6,9 @@ import pytest
 
 from tests.render.plain import plane, plants_at
 from thalweg.render import Camera, Frame, Renderer, march, twin, twin_bridge
+from thalweg.render.batch import bands_of
 from thalweg.render.classes import BRIDGE, GROUND, PLANT, SKY, WATER
-from thalweg.render.frame import ROWS_TOGETHER, aim_tiles, bands_of, open_eye
+from thalweg.render.frame import ROWS_TOGETHER, aim_tiles, open_eye
 from thalweg.render.look import look_rows, look_values
 from thalweg.world.record import World
 

@@ -15,7 +15,7 @@ import numba
 import numpy as np
 
 from thalweg.kernel import config, kernel_folder
-from thalweg.render.frame import draw_frames
+from thalweg.render.batch import draw_frames
 from thalweg.render.look import LOOK_COLUMNS
 from thalweg.render.scene import blank_scene
 
@@ -54,14 +54,14 @@ def finish() -> None:
     if _child is not None:
         try:
             _, said = _child.communicate(timeout=MOST_S)
-            failure = said.decode(errors="replace").strip() if _child.returncode else ""
+            lines = ["no message", *said.decode(errors="replace").strip().splitlines()]
+            failure = f"{lines[-1]}; exit status {_child.returncode}" if _child.returncode else ""
         except subprocess.TimeoutExpired:
             _child.kill()
             failure = f"it took more than {MOST_S:.0f} s"
         if failure:
-            last = failure.splitlines()[-1]
             warnings.warn(
-                f"the frames' kernel could not be compiled in a process of its own ({last}): this process compiles it,"
+                f"the frames' kernel could not be compiled in a process of its own ({failure}): this process compiles it,"
                 " and its frames may differ in a last bit from those of later ones",
                 stacklevel=2,
             )

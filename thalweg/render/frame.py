@@ -7,10 +7,10 @@ batch, its order and the number of threads change no bit.
 import math
 
 import numpy as np
-from numba import int32, prange, uint32
+from numba import int32, uint32
 
 from thalweg.kernel import kernel
-from thalweg.render import bridges, ground, march, plants, water
+from thalweg.render import bridges, ground, march, outlines, plants, water
 from thalweg.render import fast as modest
 from thalweg.render import scene as table
 from thalweg.render.approx import exp
@@ -81,7 +81,7 @@ def finish_frame(scene, w, look, eye, time, camera, planes, image, want_layers, 
     _, width, _, fast = camera
     depth, kind, red, green, blue, light, solid = planes
     if not fast:
-        bridges.soften_edges(scene, w, look, eye, width, depth, kind, light, red, green, blue)
+        outlines.soften_edges(scene, w, look, eye, width, depth, kind, light, red, green, blue)
     if want_layers:
         write_layers(depth, solid, kind, light, depth_out, class_out)
     mask_water(kind, light)
@@ -353,54 +353,3 @@ def mask_water(kind, light):
         for c in range(kind.shape[1]):
             wet = (kind[r, c] == np.uint8(WATER)) & (light[r, c] > f32(0.5))
             kind[r, c] = np.uint8(255) if wet else np.uint8(0)
-
-
-@kernel(parallel=True)
-def draw_frames(scene, world_index, poses, times, looks, camera, images, want_layers, depths, classes, bands):
-    """Draw one frame per pose, each with its look [N, LOOK_COLUMNS]: images [N, H, W] uint32.
-
-    camera: (height, width, near plane in float32 metres, whether the quality is the modest one). An image holds red,
-    green, blue from the lowest byte up, the water mask in the highest. depths and classes are [N, H, W] where wanted,
-    else [1, 1, 1]. bands [B, 2] int32: the rows from, to that a thread draws together. With one band a thread draws
-    whole frames; more are for fewer frames than threads.
-    """
-    height, width, _, _ = camera
-    if len(bands) == 1:
-        for n in prange(len(poses)):
-            w = world_index[n]
-            eye = eye_of(poses[n], looks[n], camera)
-            time = f32(times[n])
-            planes = open_planes(height, width)
-            draw_rows(scene, w, looks[n], eye, time, camera, 0, height, planes)
-            layer = n % len(depths)
-            finish_frame(
-                scene, w, looks[n], eye, time, camera, planes, images[n], want_layers, depths[layer], classes[layer]
-            )  # fmt: skip
-    else:
-        for n in range(len(poses)):
-            w = world_index[n]
-            eye = eye_of(poses[n], looks[n], camera)
-            time = f32(times[n])
-            planes = open_planes(height, width)
-            for b in prange(len(bands)):
-                draw_rows(scene, w, looks[n], eye, time, camera, bands[b, 0], bands[b, 1], planes)
-            layer = n % len(depths)
-            finish_frame(
-                scene, w, looks[n], eye, time, camera, planes, images[n], want_layers, depths[layer], classes[layer]
-            )  # fmt: skip
-
-
-def bands_of(height: int, threads: int, frames: int) -> np.ndarray:
-    """The rows from, to [B, 2] int32 in which `threads` threads share a frame; one band where there are enough frames.
-
-    A thread gets two neighbouring bands of the list: one from above and one from below, since the far woods above take
-    longer than the water below.
-    """
-    if threads <= frames or height < 2 * ROWS_TOGETHER:
-        return np.array([[0, height]], np.int32)
-    count = min(2 * threads, height // ROWS_TOGETHER)
-    edges = np.round(np.linspace(0, height / ROWS_TOGETHER, count + 1)).astype(np.int32) * ROWS_TOGETHER
-    edges[-1] = height
-    bands = np.stack([edges[:-1], edges[1:]], axis=1)
-    order = [k // 2 if k % 2 == 0 else count - 1 - k // 2 for k in range(count)]
-    return np.ascontiguousarray(bands[order])

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from thalweg.render import compilation
+from thalweg.render.batch import bands_of, draw_frames
 from thalweg.render.camera import Camera
 from thalweg.render.errors import RenderError
-from thalweg.render.frame import bands_of, draw_frames
 from thalweg.render.look import Look, look_rows, look_values
 from thalweg.render.quality import QUALITIES, Quality
 from thalweg.render.scene import build_scene

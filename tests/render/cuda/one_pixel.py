@@ -6,7 +6,7 @@ The CPU places the camera, picks the plants in view and takes the mean for the e
 import numpy as np
 from numba import cuda, float32, int32, uint32
 
-from thalweg.render import bridges, classes, frame, ground, march, plants, tone, water
+from thalweg.render import bridges, classes, frame, ground, march, outlines, plants, tone, water
 from thalweg.render import scene as table
 
 f32 = np.float32
@@ -149,7 +149,7 @@ def soften(scene, w, camera, look, depth, kind, light, radiance, softened):
         camera[8], camera[9], camera[10], camera[11], camera[12], camera[13], camera[14],
     )  # fmt: skip
     planes = radiance[:, :, 0], radiance[:, :, 1], radiance[:, :, 2]
-    _, red, green, blue = bridges.edge_colour(scene, w, look, eye, width, depth, kind, light, *planes, r, c)
+    _, red, green, blue = outlines.edge_colour(scene, w, look, eye, width, depth, kind, light, *planes, r, c)
     softened[r, c, 0] = red
     softened[r, c, 1] = green
     softened[r, c, 2] = blue

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tests.render.cuda import cases
+from thalweg.render.batch import bands_of, draw_frames
 from thalweg.render.classes import BRIDGE, GROUND, PLANT, SKY, WATER
-from thalweg.render.frame import bands_of, draw_frames
 from thalweg.render.look import look_rows, look_values
 from thalweg.render.scene import build_scene
 

@@ -56,7 +56,7 @@ def test_where_no_process_can_compile_a_warning_says_what_follows(
     monkeypatch.setattr(compilation, "_child", None)
     monkeypatch.setattr(compilation, "kernel_folder", lambda: tmp_path)
     monkeypatch.setattr(sys, "executable", str(broken))
-    with pytest.warns(UserWarning, match=r"no room left.*this process compiles it"):
+    with pytest.warns(UserWarning, match=r"no room left.*this one compiles it"):
         compilation.finish()
     compilation.finish()
     assert capsys.readouterr().err == "thalweg: compiling kernels: first start only, about a minute\n"  # said once

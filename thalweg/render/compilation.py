@@ -61,7 +61,7 @@ def finish() -> None:
             failure = f"it took more than {MOST_S:.0f} s"
         if failure:
             warnings.warn(
-                f"the frames' kernel could not be compiled in a process of its own ({failure}): this process compiles it,"
+                f"the frames' kernel could not be compiled in a process of its own ({failure}): this one compiles it,"
                 " and its frames may differ in a last bit from those of later ones",
                 stacklevel=2,
             )

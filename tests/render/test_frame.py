@@ -252,7 +252,7 @@ def test_the_modest_quality_sees_the_same_river_in_about_the_same_colours(easy_w
     assert (full.rgb != fast.rgb).any(axis=-1).mean() > 0.3
     assert psnr(full.rgb, fast.rgb) > 17
     for ours, other in zip(full.rgb, fast.rgb, strict=True):
-        assert np.corrcoef(ours.ravel(), other.ravel())[0, 1] > 0.85
+        assert np.corrcoef(ours.ravel(), other.ravel())[0, 1] > 0.75
 
 
 @pytest.mark.slow

@@ -64,8 +64,8 @@ def scaling() -> str:
     cameras = sorted({c for c, _, w in rate if w == 4})
     sizes = sorted({p for _, p, _ in rate})
     table = [[f"{size} x {size}", *(f"{rate[c, size, 4]:,.0f}" for c in cameras)] for size in sizes]
-    worlds = [f"{w}: {rate[key]:,.0f}" for key in sorted(rate, key=lambda k: k[2]) if (w := key[2]) and key[1] == 128
-              and key[0] == max(16, w)]  # fmt: skip
+    alone = {w: each for (c, p, w), each in rate.items() if p == 128 and c == max(16, w)}
+    worlds = [f"{w}: {alone[w]:,.0f}" for w in sorted(alone)]
     header = ["frames a second, four worlds", *(f"{c} cameras" if c > 1 else "one camera" for c in cameras)]
     return f"{markdown(header, table)}\nFrames a second at 128 x 128 by distinct worlds: {'; '.join(worlds)}.\n"
 

@@ -95,11 +95,15 @@ class RenderFrames:
 
         if self.count < 1:
             raise UsageError("--count must be at least 1")
+        if self.gallery and (self.frames is not None or self.quality != "full"):
+            raise UsageError("--gallery draws one view in the full quality: leave out --frames and --quality")
+        if self.pose is not None and self.poses != "random":
+            raise UsageError(f"give --pose or --poses {self.poses}, not both")
         check_file("--out", self.out, *PICTURES)
         world = _world(self.river, self.level, self.seed)
         if self.pose is not None and not world.covers(*self.pose[:2]):
             raise UsageError(f"--pose: x = {self.pose[0]:g}, y = {self.pose[1]:g} is outside the map of {world.name}")
-        if self.pose:
+        if self.pose is not None:
             chosen = np.array([self.pose])
         elif self.poses == "pilot":
             from thalweg.bench.flights import pilot_poses
@@ -262,7 +266,8 @@ class Train:
         )
         for line in result.warnings:
             print(f"Warning: {line}")
-        print(f"Evaluate it: {shlex.join(['thalweg', 'evaluate', str(self.out), *self.river.words()])}")
+        encoder = ["--encoder", str(self.encoder)] if self.encoder else []
+        print(f"Evaluate it: {shlex.join(['thalweg', 'evaluate', str(self.out), *self.river.words(), *encoder])}")
         return 0
 
 

@@ -57,7 +57,10 @@ class RiverFile:
         """The same options as they are typed; none where no file is given."""
         if self.geojson is None:
             return []
-        given = [(f"--{name.replace('_', '-')}", f"{value:g}") for name, value in self._given().items()]
+        given = [
+            (f"--{name.replace('_', '-')}", f"{value:.17g}" if value % 1 else f"{value:.0f}")
+            for name, value in self._given().items()
+        ]
         return ["--geojson", str(self.geojson), *(word for pair in given for word in pair)]
 
     def _given(self) -> dict[str, float]:
@@ -104,8 +107,8 @@ def settings_from(given: Sequence[str]) -> dict[str, Any]:
     class Loader(yaml.SafeLoader):
         """Takes 1e-4 for a number, as YAML 1.2 does; in YAML 1.1 a number has a point before its exponent."""
 
-    number = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
-    Loader.add_implicit_resolver("tag:yaml.org,2002:float", number, list("-+.0123456789"))
+    decimal = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
+    Loader.add_implicit_resolver("tag:yaml.org,2002:float", decimal, list("-+.0123456789"))
     settings: dict[str, Any] = {}
     for pair in given:
         key, equals, value = pair.partition("=")

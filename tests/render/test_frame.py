@@ -8,8 +8,9 @@ from tests.render.plain import plane, plants_at
 from thalweg.render import Camera, Frame, Renderer, march, twin, twin_bridge
 from thalweg.render.batch import bands_of
 from thalweg.render.classes import BRIDGE, GROUND, PLANT, SKY, WATER
-from thalweg.render.frame import ROWS_TOGETHER, aim_tiles, open_eye
+from thalweg.render.frame import ROWS_TOGETHER, aim_tiles, draw_rows, open_eye, open_planes
 from thalweg.render.look import look_rows, look_values
+from thalweg.render.outlines import soften_edges
 from thalweg.world.record import World
 
 ARCH = np.array([[0.0, 0.0, 0.3, 14.0, 3.0, 9.0, -0.2, 1.9, 2.2, 0.3, 0.5]])
@@ -181,14 +182,45 @@ def test_a_frame_does_not_depend_on_batch_order_or_threads(easy_world):
         numba.set_num_threads(before)
 
 
+def test_outlines_of_bridges_come_nearer_to_the_definition_and_feet_stay_as_they_are():
+    world, pose = plane(bridges=ARCH, water_level=-0.1), np.array([-6, 4.0, 1.2, -0.5])
+    camera = Camera(64, 64)
+    renderer = Renderer([world], camera)
+    look = look_rows(look_values(None, 1), camera)[0]
+    eye = tuple(np.float32(number) for number in open_eye(*pose, look, 64, np.float32(camera.near_m)))
+    planes = open_planes(64, 64)
+    draw_rows(renderer.scene, 0, look, eye, np.float32(0), (64, 64, np.float32(0.3), False), 0, 64, planes)
+    depth, kind, *colour, light, _ = planes
+    hard = np.stack(colour, axis=-1)
+    soften_edges(renderer.scene, 0, look, eye, 64, depth, kind, light, *colour)
+    soft = np.stack(colour, axis=-1)
+    stone = kind == BRIDGE
+    padded, far = np.pad(stone, 1, mode="edge"), np.pad(depth, 1, mode="edge")
+    around = [(slice(1 + y, 65 + y), slice(1 + x, 65 + x)) for y, x in ((-1, 0), (1, 0), (0, -1), (0, 1))]
+    edge = np.any([padded[place] != stone for place in around], axis=0)
+    behind = np.any([~padded[place] & (far[place] > depth) for place in around], axis=0)
+    foot = stone & edge & ~behind
+    assert foot.sum() > 5
+    np.testing.assert_array_equal(soft[foot | ~edge], hard[foot | ~edge])
+    changed = (soft != hard).any(axis=-1)
+    assert changed.sum() > 40
+    camera_rays = twin._Valley(world, look.astype(np.float64)).trace(pose, camera, 8, 0.0)[0]
+    truth = camera_rays.reshape(64, 8, 64, 8, 3).mean(axis=(1, 3))
+    before, after = (np.abs(each - truth)[changed].mean() for each in (hard, soft))
+    assert after < 0.7 * before
+
+
 @pytest.mark.slow
-def test_threads_that_share_a_frame_draw_what_one_draws(easy_world):
+@pytest.mark.parametrize(("quality", "height"), [("full", 72), ("fast", 72), ("full", 57)])
+def test_threads_that_share_a_frame_draw_what_one_draws(easy_world, quality, height):
     world = plane(bridges=ARCH, water_level=-0.1, slope_x=0.02, plants=plants_at([(9.0, 2.0), (30.0, -4.0)], kind=2))
-    renderer = Renderer([easy_world, world], Camera(72, 64))
+    renderer = Renderer([easy_world, world], Camera(height, 64), quality)
     poses = np.vstack([on_river(easy_world, 2, 8), [[-6, 4.0, 1.2, -0.5]]])
     kinds = set()
     for pose, where in zip(poses, ([0], [0], [1]), strict=True):
-        whole, *parts = (drawn_in(renderer, pose[None], where, bands_of(72, threads, 1)) for threads in (1, 2, 3, 16))
+        whole, *parts = (
+            drawn_in(renderer, pose[None], where, bands_of(height, threads, 1)) for threads in (1, 2, 3, 16)
+        )
         kinds |= set(np.unique(whole.class_id))
         for part in parts:
             np.testing.assert_array_equal(whole.rgb, part.rgb)

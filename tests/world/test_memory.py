@@ -28,7 +28,7 @@ def test_what_a_map_takes_by_hand():
 
 
 def test_a_line_too_large_for_memory_says_how_large_before_any_is_taken(monkeypatch):
-    need = memory.needed_bytes((2002, 2002), 0.25, 1.0)
+    need = memory.needed_bytes((2002, 2002), 0.25, 0.0)
     free(monkeypatch, need - 1)
     importlib.import_module("thalweg.world.custom")  # what the first call imports is no part of a world
     tracemalloc.start()
@@ -39,8 +39,8 @@ def test_a_line_too_large_for_memory_says_how_large_before_any_is_taken(monkeypa
     finally:
         tracemalloc.stop()
     assert str(caught.value) == (
-        "the map covers 500 x 500 m with 4.0 million nodes, 0.25 m apart, and plants of density 1; to build it takes "
-        "0.68 GB of memory, and 0.68 GB are free"
+        "the map covers 500 x 500 m with 4.0 million nodes, 0.25 m apart; to build it takes 0.68 GB of memory, and "
+        "0.68 GB are free"
     )
 
 

@@ -218,10 +218,10 @@ def block_shade(a, b, footprint):
 
 
 @kernel(inlined=True)
-def shade_stone(scene, w, look, row, found, far, footprint, drop):
+def shade_stone(scene, w, look, row, found, far, footprint, climb):
     """Radiance of the stone at a point found by `meet_bridge`; far and footprint in metres.
 
-    drop: fall of the line of sight, in metres per metre along it.
+    climb: rise of the line of sight, in metres per metre along it.
     """
     _, u, v, nu, nv, nz, z = found
     cos = row[table.B_COS]
@@ -232,13 +232,14 @@ def shade_stone(scene, w, look, row, found, far, footprint, drop):
     facing = max(nx * number[w, table.SUN_X] + ny * number[w, table.SUN_Y] + nz * number[w, table.SUN_Z], f32(0))
     height = z - row[table.B_SPRING]
     # No sun gets to the vault: what it does not shade itself the piers do.
-    under = (nv == f32(0)) & (nz < f32(0.5)) & (abs(u) < row[table.B_SPAN])
+    under = (nv == f32(0)) & (nz < f32(0.5)) & (abs(u) < row[table.B_SPAN] + f32(0.02))
     open_sky = f32(SKY_UNDER) if under else f32(0.55) + f32(0.45) * max(nz, f32(0))
     direct = f32(0) if under else facing
-    # The sunlit top of a parapet that looks thinner than a pixel is dimmed as much as a pixel misses it.
+    # The sunlit top of a parapet that looks thinner than a pixel is dimmed as much as a pixel misses it; the definition
+    # has samples enough to do without.
     share = u / row[table.B_HALF_LENGTH]
     raised = z > row[table.B_DECK] - row[table.B_HUMP] * share * share + f32(0.05)
-    thin = min(f32(PARAPET_THICKNESS_M) * abs(drop) / max(footprint, f32(1e-6)), f32(1))
+    thin = min(f32(PARAPET_THICKNESS_M) * abs(climb) / max(footprint, f32(1e-6)), f32(1))
     direct *= thin if raised and nz > f32(0.9) else f32(1)
     along = u if abs(nu) < f32(0.7) else v
     up = height if abs(nz) < f32(0.7) else v

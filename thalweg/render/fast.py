@@ -1,7 +1,8 @@
 """What does the modest quality leave out? Reflections, filtering between texels, and half of the ripples.
 
-Each function stands in for one of the full quality and takes its arguments. Textures are still read at the level that a
-pixel's footprint asks for, so that nothing shimmers that did not before; only the nearest texel is taken.
+Each function stands in for one of the full quality and takes those of its arguments that it needs. Textures are still
+read at the level that a pixel's footprint asks for, so that nothing shimmers that did not before; only the nearest texel
+is taken.
 """
 
 import math
@@ -44,8 +45,9 @@ CLOSED = 0.1
 RIPPLE_GAIN = 1.4
 """One layer of ripples has to be as steep as two."""
 BANK_RISE = 0.18
-"""Mirrored rays that rise less than this meet trees, in place of a look at them."""
+"""Mirrored rays that rise less than this (metres a metre) meet trees, in place of a look at them."""
 BANK_SOFTNESS = 0.25
+"""Over so much more of a rise the trees give way to the sky."""
 WOOD = (0.030, 0.037, 0.014)
 """What they send back."""
 
@@ -121,7 +123,8 @@ def shade_ground(scene, w, x, y, dz, far, pixel, red, green, blue, n):
 
 @kernel(disjoint=True)
 def shade_water(scene, w, look, x, y, dx, dy, dz, far, pixel, time, red, green, blue, n):
-    """As `water.shade_water`: one layer of ripples, and dark banks below the sky in place of what is mirrored."""
+    """As `water.shade_water`: one layer of ripples, a bed that is not refracted and has no stones, and dark banks below
+    the sky in place of what is mirrored."""
     number = scene.number
     columns = int32(scene.place[w, table.GX])
     rows = int32(scene.place[w, table.GY])

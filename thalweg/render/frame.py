@@ -26,7 +26,7 @@ MISS = 1e9
 SEEN = 0.004
 """What plants cover to more than all but this is not shaded."""
 SPAN_ROWS = 10
-ROWS_TOGETHER = 8
+ROWS_TOGETHER = math.lcm(march.TILE, plants.BLOCK_ROWS)
 """Bands of rows begin at multiples of this: of the height of a tile of rays, and of a block of plants."""
 
 

@@ -21,6 +21,7 @@ PATCH_M = 9.1
 """Side of the same tile laid out again, coarser and turned."""
 GRAIN_DEPTH = 0.20
 PATCH_DEPTH = 0.12
+"""Contrast of the fine grain and of the coarse: its standard deviation as a share of the radiance."""
 DAPPLE = 0.45
 """How far flecks of light reach into half shade, as a share of the sun."""
 SKY_SHARE = 0.09

@@ -29,6 +29,7 @@ SPAN = 32
 TILE = 8
 """Pixels a side of the bundles of rays that start together."""
 BUNDLE_STEPS = 40
+"""At most so many steps does a bundle take."""
 BUNDLE_LEAST_M = 0.25
 """A bundle that gets on by less than this is left to its rays."""
 FAR_M = 320.0

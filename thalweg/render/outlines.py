@@ -51,7 +51,7 @@ def edge_colour(scene, w, look, eye, width, depth, kind, light, red, green, blue
     """1 and the radiance of a pixel on a bridge's outline, as its share of stone asks; 0 and its own off any outline.
 
     All planes are [H, W']. The stone is sampled by four rays; what lies beyond a pixel of the bridge is the mean of its
-    neighbours on the other side of the outline.
+    neighbours on the other side of the outline, those that lie farther.
     """
     height = kind.shape[0]
     own = kind[r, c] == np.uint8(BRIDGE)
@@ -65,6 +65,8 @@ def edge_colour(scene, w, look, eye, width, depth, kind, light, red, green, blue
         y = min(max(r + (k + 1) // 2 - 1, 0), height - 1)
         x = min(max(c + (k % 3 != 0) * (2 * k - 3), 0), width - 1)
         beyond = ((kind[y, x] == np.uint8(BRIDGE)) != own) & (light[y, x] > f32(0.5))
+        # Beside what is nearer, the edge is not the bridge's own, and rays at the bridge can't find it.
+        beyond = beyond & ((not own) | (depth[y, x] > depth[r, c]))
         part = f32(1) if beyond else f32(0)
         count += part
         other_r += part * red[y, x]
@@ -118,15 +120,18 @@ def soften_edges(scene, w, look, eye, width, depth, kind, light, red, green, blu
     for r in range(height):
         here = 0
         for c in range(width):
-            here += 1 if kind[r, c] == np.uint8(BRIDGE) else 0
+            own = kind[r, c] == np.uint8(BRIDGE)
+            right = kind[r, min(c + 1, width - 1)] == np.uint8(BRIDGE)
+            below = kind[min(r + 1, height - 1), c] == np.uint8(BRIDGE)
+            here += (1 if own != right else 0) + (1 if own != below else 0)
         room += here
         top = min(top, r) if here > 0 else top
-        bottom = r if here > 0 else bottom
+        bottom = r + 1 if here > 0 else bottom
     if room == 0:
         return
-    mixed = np.empty((5 * room, 5), np.float32)  # a pixel of the bridge and its four neighbours
+    mixed = np.empty((2 * room, 5), np.float32)  # each pixel on an outline is of a pair that differs
     n = 0
-    for r in range(max(top - 1, 0), min(bottom + 2, height)):
+    for r in range(top, min(bottom + 1, height)):
         for c in range(width):
             edge, a, b, d = edge_colour(scene, w, look, eye, width, depth, kind, light, red, green, blue, r, c)
             if edge > f32(0):

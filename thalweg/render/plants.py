@@ -327,6 +327,7 @@ def draw_picture(scene, w, look, p, far, eye, box, height, top, fast, deepest, d
                 base_z = fz + sy * uz
                 first = uint64(r * columns + bx * BLOCK)
                 left = (f32(bx * BLOCK) + f32(0.5)) * per_column - half_w
+                # Two loops, since a choice within one would keep LLVM from vectorising it.
                 if fast:
                     for i in range(BLOCK):
                         k = first + uint64(i)

@@ -51,9 +51,9 @@ class Renderer:
         self.camera = camera or Camera()
         self.scene = build_scene(self.worlds)
         """The tables that the kernels read."""
-        eye = self.camera
         self.quality = quality
-        self._camera = int(eye.height_px), int(eye.width_px), np.float32(eye.near_m), quality == "fast"
+        size = int(self.camera.height_px), int(self.camera.width_px)
+        self._camera = *size, np.float32(self.camera.near_m), quality == "fast"
 
     def render(
         self,

@@ -67,7 +67,7 @@ class Scene(NamedTuple):
     paint: np.ndarray
     """[texels] uint32, radiance of the lit ground and, in the top byte, the share of sun; all levels."""
     canopy: np.ndarray
-    """[cells] float32, tops of plants and bridges, of ground or water elsewhere."""
+    """[cells] float32, tops of plants and bridges, the ground elsewhere; `NO_CANOPY_M` over open water."""
     canopy_paint: np.ndarray
     """[cells] uint32, radiance of what a reflection meets there."""
     plants: np.ndarray
@@ -209,16 +209,15 @@ def paint_levels(lit: np.ndarray, sun_share: np.ndarray) -> list[np.ndarray]:
 
 FOLIAGE_RADIANCE = np.array([0.040, 0.050, 0.018])
 """Mean radiance of the side of a wood in the sun."""
-
-
 STONE_RADIANCE = np.array([0.135, 0.120, 0.092])
 """Mean radiance of the sides of a bridge, one in the sun and one in the shade."""
-UNDER_WATER_M = -1e6
-"""Height of the canopy where there is only water."""
+NO_CANOPY_M = -1e6
+"""Height of the canopy where there is only open water."""
 
 
 def canopy_map(world: World, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tops of plants [Y, X] float32 and what a reflection sees there [Y, X] packed, in cells of `CANOPY_CELL` nodes."""
+    """Tops of plants and bridges [Y, X] float32, `NO_CANOPY_M` over open water, and what a reflection sees there [Y, X]
+    packed, in cells of `CANOPY_CELL` nodes."""
     top = np.maximum(world.ground_m, world.water_m)
     rows, columns = (s // CANOPY_CELL * CANOPY_CELL for s in top.shape)
 
@@ -228,7 +227,7 @@ def canopy_map(world: World, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     canopy = blocks(world.canopy_m).max(axis=(1, 3))[..., 0]
     # Sloping water does not mirror itself: open water is put where no mirrored ray gets to.
     closed = (world.water_m <= world.ground_m) | (world.canopy_m > world.water_m + 0.01)
-    canopy[blocks(closed).max(axis=(1, 3))[..., 0] == 0] = UNDER_WATER_M
+    canopy[blocks(closed).max(axis=(1, 3))[..., 0] == 0] = NO_CANOPY_M
     ground = blocks(lit).mean(axis=(1, 3))
     wooded = np.clip(blocks(world.canopy_m - top).max(axis=(1, 3)) - 0.5, 0.0, 1.0)
     shade = 0.35 + 0.65 * blocks(world.sun / 255.0).mean(axis=(1, 3))

@@ -134,7 +134,9 @@ class _Valley:
         kind = np.where(np.isinf(depth), classes.SKY, classes.GROUND).astype(np.uint8)
         radiance = np.zeros((rows, columns, 3))
         for bridge in self.world.bridges:
-            depth_b, normal, local = twin_bridge.meet_bridge(bridge, eye, ray, camera.near_m, np.minimum(depth, 400.0))
+            depth_b, normal, local = twin_bridge.meet_bridge(
+                bridge, eye, ray, camera.near_m, np.minimum(depth, bridges.FAR_M)
+            )
             met = np.isfinite(depth_b)
             depth = np.where(met, depth_b, depth)
             kind[met] = classes.BRIDGE
@@ -299,7 +301,7 @@ class _Valley:
             axis=1,
         )
         facing = np.maximum(world_normal @ self.sun, 0)
-        under = (normal[:, 1] == 0) & (normal[:, 2] < 0.5) & (np.abs(local[:, 0]) < span)
+        under = (normal[:, 1] == 0) & (normal[:, 2] < 0.5) & (np.abs(local[:, 0]) < span + 0.02)
         open_sky = np.where(under, bridges.SKY_UNDER, 0.55 + 0.45 * np.maximum(normal[:, 2], 0))
         direct = np.where(under, 0.0, facing)
         height = local[:, 2] - spring

@@ -73,13 +73,13 @@ def meet_bridge(
     inner = np.isclose(np.abs(v), width / 2 - PARAPET_THICKNESS_M, atol=1e-4) & (flat[:, 1] * v > 0)
     inner &= z > deck - hump * (2 * u / length) ** 2
     normal[:, 1] = np.where(face | inner, -np.sign(flat[:, 1]), 0)
-    end_face = ~(face | inner) & (np.abs(u) > length / 2 - 0.01)
+    on_top = ~(face | inner) & (z > deck - hump * (2 * u / length) ** 2 - 0.02)
+    normal[on_top] = [0, 0, 1]
+    end_face = ~(face | inner | on_top) & (np.abs(u) > length / 2 - 0.01)
     normal[:, 0] = np.where(end_face, np.sign(u), 0)
-    arch_z = spring + rise * np.sqrt(np.clip(1 - (2 * u / span) ** 2, 0, None))
-    soffit = ~(face | inner | end_face) & (z < arch_z + 0.02) & (np.abs(u) < span / 2)
-    slope = np.stack([-u / (span / 2) ** 2, np.zeros_like(u), -(z - spring) / rise**2], axis=1)
+    vault = ~(face | inner | on_top | end_face)
+    slope = np.stack([-u / (span / 2) ** 2, np.zeros_like(u), -np.maximum(z - spring, 0) / rise**2], axis=1)
     slope /= np.linalg.norm(slope, axis=1, keepdims=True) + 1e-12
-    normal[soffit] = slope[soffit]
-    normal[~(face | inner | end_face | soffit)] = [0, 0, 1]
+    normal[vault] = slope[vault]
     shape = ray.shape[:2]
     return found.reshape(shape), normal.reshape(*shape, 3), point.reshape(*shape, 3)

@@ -55,6 +55,7 @@ BED_ROUGH = 0.22
 SUN_WIDTH = 0.0006
 """Mean square slope that the sun's own width adds to a glint."""
 GLITTER = 0.014
+"""Radiance of a glint, as a share of the density of slopes that mirror the sun."""
 GLITTER_MOST = 0.7
 GLITTER_TINT = (1.0, 0.95, 0.86)
 WORK = 11
@@ -245,13 +246,13 @@ def compose(
         )
         # Pebbles and holes too small for the map of depths, most of all where it is shallow.
         pebbles = tile_grain(scene.ripples, bed_x * cell, bed_y * cell, foot, f32(BED_M))
-        whole = max(depth * (f32(1) + f32(BED_ROUGH) * pebbles), f32(0))
+        rugged = max(f32(1) + f32(BED_ROUGH) * pebbles, f32(0))
         bright = max(f32(1) + f32(BED_DEPTH) * pebbles, f32(0.2))
         r0 = (r0 + (r1 - r0) * share) * bright
         g0 = (g0 + (g1 - g0) * share) * bright
         b0 = (b0 + (b1 - b0) * share) * bright
         sunlit = (s0 + (s1 - s0) * share) * f32(1 / 255.0)
-        whole = whole * (path / max(depth, f32(1e-6)) + sun_path)
+        whole = (path + depth * sun_path) * rugged
         through_r = exp(-absorb_r * whole)
         through_g = exp(-absorb_g * whole)
         through_b = exp(-absorb_b * whole)

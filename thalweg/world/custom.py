@@ -72,9 +72,9 @@ def read_points(points: np.ndarray, closed: bool) -> np.ndarray:
     return values
 
 
-def check_size(values: np.ndarray, closed: bool) -> None:
+def check_size(values: np.ndarray, closed: bool, plant_density: float) -> None:
     """Raise `WorldError` for points [K, 4] of a river too large to be built, before any memory is taken for it."""
-    check_memory(values[:, :2])
+    check_memory(values[:, :2], plant_density)
     length = geometry.arc_length(values[:, :2], closed)[1]
     if length / SPACING_M > checks.MOST_SAMPLES:
         raise WorldError(
@@ -107,10 +107,10 @@ def resample(values: np.ndarray, closed: bool) -> np.ndarray:
     return np.concatenate([position(at), profile(at)], axis=1)
 
 
-def read_river(points: np.ndarray, closed: bool) -> River:
+def read_river(points: np.ndarray, closed: bool, plant_density: float) -> River:
     """The checked river through points [K, 4] of x, y, water level and width; raises `WorldError`."""
     values = read_points(points, closed)
-    check_size(values, closed)
+    check_size(values, closed, plant_density)
     polygon = geometry.self_crossings(values[:, :2], closed)
     if len(polygon):
         i, j = polygon[0]
@@ -134,7 +134,7 @@ def from_centerline(points: np.ndarray, closed: bool = True, *, seed: int = 0, p
     from thalweg.world.build import dress, resolve
 
     seed = resolve("Easy", seed)[1]
-    river = read_river(points, closed)
+    river = read_river(points, closed, float(plants))
     islands, bridges = np.zeros((0, 5)), np.zeros((0, 11))
     checks.check_safe_poses(river, islands, bridges)
     streams = [np.random.Generator(np.random.PCG64(s)) for s in np.random.SeedSequence(seed).spawn(4)]

@@ -44,10 +44,11 @@ def check_memory(position_m: np.ndarray, plant_density: float = 1.0) -> None:
     grid, shape = lay_grid(position_m)
     need, free = needed_bytes(shape, grid.cell_m, plant_density), free_bytes()
     if free is not None and need > free:
+        plants = f", and plants of density {plant_density:g}" if plant_density > 0 else ""
         high, wide = (np.array(shape) - 1) * grid.cell_m
         raise WorldError(
             f"the map covers {wide:.0f} x {high:.0f} m with {shape[0] * shape[1] / 1e6:.1f} million nodes, "
-            f"{grid.cell_m:.2f} m apart, and plants of density {plant_density:g}; to build it takes "
+            f"{grid.cell_m:.2f} m apart{plants}; to build it takes "
             f"{need / 1e9:.2f} GB of memory, and {free / 1e9:.2f} GB are free"
         )
 

@@ -1,8 +1,8 @@
 """What does the modest quality leave out? Reflections, filtering between texels, and half of the ripples.
 
 Each function stands in for one of the full quality and takes those of its arguments that it needs. Textures are still
-read at the level that a pixel's footprint asks for, so that nothing shimmers that did not before; only the nearest texel
-is taken.
+read at the level that a pixel's footprint asks for, so that nothing shimmers that did not before; but only the nearest
+texel is taken.
 """
 
 import math

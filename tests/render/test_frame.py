@@ -5,12 +5,15 @@ import numpy as np
 import pytest
 
 from tests.render.plain import plane, plants_at
-from thalweg.render import Camera, Frame, Renderer, march, twin, twin_bridge
+from thalweg.kernel import kernel
+from thalweg.render import Camera, Frame, Renderer, impostors, march, twin, twin_bridge
 from thalweg.render.batch import bands_of
 from thalweg.render.classes import BRIDGE, GROUND, PLANT, SKY, WATER
-from thalweg.render.frame import ROWS_TOGETHER, aim_tiles, draw_rows, open_eye, open_planes
+from thalweg.render.eye import aim_squares, open_eye
+from thalweg.render.frame import ROWS_TOGETHER, draw_rows, open_planes
 from thalweg.render.look import look_rows, look_values
 from thalweg.render.outlines import soften_edges
+from thalweg.render.picture import side_seen
 from thalweg.world.record import World
 
 ARCH = np.array([[0.0, 0.0, 0.3, 14.0, 3.0, 9.0, -0.2, 1.9, 2.2, 0.3, 0.5]])
@@ -40,15 +43,18 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
     return float(10 * np.log10(255**2 / np.mean((a.astype(float) - b) ** 2)))
 
 
+@pytest.mark.parametrize("quality", ["full", "fast"])
 @pytest.mark.parametrize("slope", [0.0, 0.15, -0.1])
-def test_depth_on_a_plane_is_where_each_ray_meets_it(slope):
+def test_depth_on_a_plane_is_where_each_ray_meets_it(slope, quality):
     camera = Camera(48, 48)
     pose = np.array([1.3, -2.1, 3.0 + slope * 1.3, 0.4])
-    frame = Renderer([plane(slope_x=slope)], camera).render_layers(pose[None])
+    frame = Renderer([plane(slope_x=slope)], camera, quality).render_layers(pose[None])
     ray = rays(camera, pose[3])
     expected = (pose[2] - slope * pose[0]) / np.maximum(slope * ray[..., 0] - ray[..., 2], 1e-9)
     x, y = pose[0] + ray[..., 0] * expected, pose[1] + ray[..., 1] * expected
     inside = (expected < 100) & (np.abs(x) < 49) & (np.abs(y) < 49)
+    if quality == "fast":  # there the edge of the plane goes by squares of four pixels
+        inside &= inside.reshape(24, 2, 24, 2).all(axis=(1, 3)).repeat(2, axis=0).repeat(2, axis=1)
     assert inside.sum() > 800
     np.testing.assert_allclose(frame.depth_m[0][inside], expected[inside], rtol=2e-3, atol=2e-3)
 
@@ -62,11 +68,12 @@ def test_rays_above_the_horizon_of_a_flat_world_see_the_sky():
     assert (frame.class_id[0][rays(camera, 0.0)[..., 2] < -0.05] == GROUND).all()
 
 
-def test_the_mask_ends_where_the_ground_leaves_the_water():
+@pytest.mark.parametrize("quality", ["full", "fast"])
+def test_the_mask_ends_where_the_ground_leaves_the_water(quality):
     camera = Camera(64, 64)
     world = plane(slope_x=0.1, water_level=0.0)
     pose = np.array([[-6.0, 0.0, 2.0, 0.0]])
-    frame = Renderer([world], camera).render_layers(pose)
+    frame = Renderer([world], camera, quality).render_layers(pose)
     ray = rays(camera, 0.0)
     down = ray[..., 2] < -0.02
     shore_x = pose[0, 0] + ray[..., 0] * (2.0 / np.maximum(-ray[..., 2], 1e-9))
@@ -75,11 +82,12 @@ def test_the_mask_ends_where_the_ground_leaves_the_water():
     )
 
 
-def test_a_plant_covers_only_its_window_and_hides_what_is_behind():
+@pytest.mark.parametrize(("quality", "apart"), [("full", 1e-4), ("fast", 5e-3)])
+def test_a_plant_covers_only_its_window_and_hides_what_is_behind(quality, apart):
     camera = Camera(96, 96)
     world = plane(plants=plants_at([(10.0, 0.0)], kind=0))
     pose = np.array([0.0, 0.0, 3.0, 0.0])
-    frame = Renderer([world], camera).render_layers(pose[None])
+    frame = Renderer([world], camera, quality).render_layers(pose[None])
     seen = frame.class_id[0] == PLANT
     box = twin.window(
         np.array([10.0, 0.0, -3.0]), 8.0, 2.0, twin.axes(0.0, np.radians(20)), camera, camera.height_px, camera.width_px
@@ -90,7 +98,19 @@ def test_a_plant_covers_only_its_window_and_hides_what_is_behind():
     assert seen.sum() > 100
     assert not outside.any()
     ray = rays(camera, 0.0)
-    np.testing.assert_allclose(frame.depth_m[0][seen], (10.0 / ray[..., 0])[seen], rtol=1e-4)
+    np.testing.assert_allclose(frame.depth_m[0][seen], (10.0 / ray[..., 0])[seen], rtol=apart)
+
+
+def test_the_side_seen_is_the_view_nearest_to_the_look():
+    rng = np.random.default_rng(4)
+    for look, sun in rng.uniform(-np.pi, np.pi, (400, 2)):
+        toward, sunward = ((np.float32(np.cos(a)), np.float32(np.sin(a))) for a in (look, sun))
+        assert one_side(*toward, *sunward) == impostors.view_of(look, sun)
+
+
+@kernel
+def one_side(nx, ny, sun_x, sun_y):
+    return side_seen(nx, ny, sun_x, sun_y)
 
 
 def test_a_nearer_plant_is_drawn_over_a_farther_one_whatever_their_order():
@@ -267,7 +287,7 @@ def test_bundles_of_rays_start_no_farther_than_the_nearest_surface(hard_world):
         depth = twin._Valley(world, look).meet_ground(pose[:3], rays(renderer.camera, pose[3]), 0.3)
         nearest = depth.reshape(8, march.TILE, 8, march.TILE).min(axis=(1, 3))
         for row in range(8):
-            aim_tiles(eye, 64, row * march.TILE, inv_cell, *rays_of_tiles, 0, 8)
+            aim_squares(eye, 64, row * march.TILE, march.TILE, inv_cell, *rays_of_tiles, 0, 8)
             start = np.full(8, 0.3, np.float32)
             march.approach(scene, 0, node_x, node_y, eye[2], march.bundle_spread(eye, 64), *rays_of_tiles, start, 8)
             assert (start <= nearest[row] + 1e-3).all()

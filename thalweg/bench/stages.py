@@ -14,6 +14,9 @@ from thalweg.env import sample_starts
 from thalweg.render import Camera, Renderer, classes, frame, plants, water
 from thalweg.render import look as looks
 from thalweg.render import scene as table
+from thalweg.render.eye import aim, open_eye
+from thalweg.render.picture import BLOCK
+from thalweg.render.survey import MISS, survey
 from thalweg.world import World
 
 f32 = np.float32
@@ -38,12 +41,12 @@ class View:
         camera = renderer.camera
         self.scene, self.width, self.fast = renderer.scene, camera.width_px, renderer.quality == "fast"
         self.look = looks.look_rows(looks.look_values(None, 1), camera)[0]
-        eye = frame.open_eye(*pose, self.look, camera.width_px, f32(camera.near_m))
+        eye = open_eye(*pose, self.look, camera.width_px, f32(camera.near_m))
         # On its way through Python it became double; a frame's is single.
         self.eye = tuple(f32(number) for number in eye)
-        wide = -(-camera.width_px // plants.BLOCK) * plants.BLOCK
+        wide = -(-camera.width_px // BLOCK) * BLOCK
         shape = camera.height_px, wide
-        self.depth, self.solid = np.empty(shape, f32), np.full(shape, f32(frame.MISS))
+        self.depth, self.solid = np.empty(shape, f32), np.full(shape, f32(MISS))
         self.kind, self.light = np.empty(shape, np.uint8), np.ones(shape, f32)
         self.red, self.green, self.blue = np.zeros((3, *shape), f32)
         self.image = np.zeros((camera.height_px, camera.width_px), np.uint32)
@@ -52,7 +55,7 @@ class View:
         """Name of each stage, what makes its buffers ready, and the stage; to be used in this order."""
         scene, look, eye, height = self.scene, self.look, self.eye, len(self.depth)
         nothing = lambda: None  # noqa: E731
-        yield "ground", nothing, lambda: frame.survey(scene, 0, eye, height, 0, self.depth, self.kind)
+        yield "ground", nothing, lambda: survey(scene, 0, eye, height, 0, self.fast, self.depth, self.kind)
         kept = self.depth.copy(), self.kind.copy()
         yield (
             "bridges",
@@ -97,7 +100,7 @@ class View:
         )
         rays = np.empty((3, height, wide), f32)
         for r in range(height):
-            frame.aim(eye, height, r, 0, inv_cell, *rays[:, r], wide)
+            aim(eye, height, r, 0, inv_cell, *rays[:, r], wide)
         at = np.flatnonzero((self.kind == classes.WATER) & (self.light > frame.SEEN)).astype(np.int32)
         count = len(at)
         x, y, z, dx, dy, dz, far = np.empty((7, max(count, 1)), f32)

@@ -4,10 +4,11 @@ A row has the same bits either way, so that the number of threads and frames sho
 """
 
 import numpy as np
-from numba import prange
+from numba import int64, prange
 
 from thalweg.kernel import kernel
-from thalweg.render.frame import ROWS_TOGETHER, draw_rows, eye_of, finish_frame, open_planes
+from thalweg.render.eye import eye_of
+from thalweg.render.frame import ROWS_TOGETHER, draw_rows, finish_frame, open_planes
 
 f32 = np.float32
 
@@ -21,30 +22,40 @@ def draw_frames(scene, world_index, poses, times, looks, camera, images, want_la
     else [1, 1, 1]. bands [B, 2] int32: the rows from, to that a thread draws together. With one band a thread draws
     whole frames; more are for fewer frames than threads.
     """
-    height, width, _, _ = camera
-    if len(bands) == 1:
-        for n in prange(len(poses)):
-            w = world_index[n]
-            eye = eye_of(poses[n], looks[n], camera)
-            time = f32(times[n])
-            planes = open_planes(height, width)
-            draw_rows(scene, w, looks[n], eye, time, camera, 0, height, planes)
-            layer = n % len(depths)
-            finish_frame(
-                scene, w, looks[n], eye, time, camera, planes, images[n], want_layers, depths[layer], classes[layer]
-            )  # fmt: skip
-    else:
-        for n in range(len(poses)):
-            w = world_index[n]
-            eye = eye_of(poses[n], looks[n], camera)
-            time = f32(times[n])
-            planes = open_planes(height, width)
-            for b in prange(len(bands)):
-                draw_rows(scene, w, looks[n], eye, time, camera, bands[b, 0], bands[b, 1], planes)
-            layer = n % len(depths)
-            finish_frame(
-                scene, w, looks[n], eye, time, camera, planes, images[n], want_layers, depths[layer], classes[layer]
-            )  # fmt: skip
+    views = (world_index, poses, times, looks)
+    out = (images, want_layers, depths, classes)
+    whole = len(bands) == 1
+    rounds = 1 if whole else len(poses)
+    parts = len(poses) if whole else len(bands)
+    for turn in range(rounds):
+        planes = open_planes(0 if whole else camera[0], camera[1])
+        # One loop for both ways: a second would be compiled once more, with all that it calls.
+        for part in prange(parts):
+            draw_part(scene, views, camera, out, bands, planes, int64(turn), int64(part))
+        if not whole:
+            draw_part(scene, views, camera, out, bands, planes, int64(turn), int64(parts))
+
+
+@kernel
+def draw_part(scene, views, camera, out, bands, shared, turn, part):
+    """With one band: draw frame number `part`. With more: draw that band of frame number `turn` into shared planes, or
+    finish the frame, where `part` is the number of bands."""
+    world_index, poses, times, looks = views
+    images, want_layers, depths, classes = out
+    whole = len(bands) == 1
+    n = part if whole else turn
+    band = 0 if whole else part
+    planes = open_planes(camera[0], camera[1]) if whole else shared
+    w = world_index[n]
+    time = f32(times[n])
+    eye = eye_of(poses[n], looks[n], camera)
+    if band < len(bands):
+        draw_rows(scene, w, looks[n], eye, time, camera, bands[band, 0], bands[band, 1], planes)
+    if whole or band == len(bands):
+        layer = n % len(depths)
+        finish_frame(
+            scene, w, looks[n], eye, time, camera, planes, images[n], want_layers, depths[layer], classes[layer]
+        )  # fmt: skip
 
 
 def bands_of(height: int, threads: int, frames: int) -> np.ndarray:

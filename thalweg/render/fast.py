@@ -8,7 +8,7 @@ texel is taken.
 import math
 
 import numpy as np
-from numba import int32, uint32
+from numba import int32, uint32, uint64
 
 from thalweg.kernel import kernel
 from thalweg.render import ripples, sky
@@ -25,6 +25,7 @@ from thalweg.render.look import (
     SCATTER_G,
     SCATTER_R,
 )
+from thalweg.render.picture import BLOCK
 from thalweg.render.water import (
     DRIFT_A_M_PER_S,
     GLITTER,
@@ -41,7 +42,13 @@ from thalweg.render.water import (
 f32 = np.float32
 
 CLOSED = 0.1
-"""As `plants.CLOSED`: less of what lies behind foliage is drawn."""
+"""As `picture.CLOSED`: less of what lies behind foliage is drawn."""
+SHARPEN = -0.3
+"""As `picture.SHARPEN`: texels as large as two rows of pixels."""
+ROWS = 2
+"""Rows of a picture that share their texels."""
+BRUSH = 5
+"""Rows of scratch that drawing a picture needs."""
 RIPPLE_GAIN = 1.4
 """One layer of ripples has to be as steep as two."""
 BANK_RISE = 0.18
@@ -195,16 +202,15 @@ def shade_water(scene, w, look, x, y, dx, dy, dz, far, pixel, time, red, green, 
 
 
 @kernel(inlined=True)
-def picture_pixel(atlas, picture, dx, dy, dz, near, ground, passing):
-    """As `plants.picture_pixel`."""
+def picture_pixel(atlas, picture, dx, dy, dz, near):
+    """As `picture.picture_pixel`, whatever is nearer: colour, the share of light that is stopped, and the depth."""
     (far, nx, ny, foot, per_tall, per_half), (begin, wide, high), paint, (dark_r, dark_g, dark_b) = picture
     tint_r, tint_g, tint_b, add_r, add_g, add_b, sun_low, sun_rise = paint
     towards = dx * nx + dy * ny
     t = far / max(towards, f32(1e-4))
     v = (dz * t - foot) * per_tall
     u = (dy * nx - dx * ny) * t * per_half
-    inside = (towards > f32(1e-3)) & (t > near) & (t < ground)
-    inside = inside & (v >= f32(0)) & (v < f32(1)) & (abs(u) < f32(1))
+    inside = (towards > f32(1e-3)) & (t > near) & (v >= f32(0)) & (v < f32(1)) & (abs(u) < f32(1))
     column = int32(clamp((f32(1) - u) * f32(0.5) * f32(wide), f32(0), f32(wide) - f32(1)))
     row = int32(clamp(v * f32(high), f32(0), f32(high) - f32(1)))
     texel = atlas[uint32(begin + row * wide + column)]
@@ -212,8 +218,52 @@ def picture_pixel(atlas, picture, dx, dy, dz, near, ground, passing):
     cg = channel(texel, 8)
     cb = channel(texel, 16)
     sun = clamp(sun_low + sun_rise * v, f32(0), f32(1))
-    part = passing * channel(texel, 24) * f32(1 / 255.0) if inside else f32(0)
-    red = part * (cr * cr * tint_r * (dark_r + (f32(1) - dark_r) * sun) + add_r)
-    green = part * (cg * cg * tint_g * (dark_g + (f32(1) - dark_g) * sun) + add_g)
-    blue = part * (cb * cb * tint_b * (dark_b + (f32(1) - dark_b) * sun) + add_b)
-    return red, green, blue, part, t
+    cover = channel(texel, 24) * f32(1 / 255.0) if inside else f32(0)
+    red = cr * cr * tint_r * (dark_r + (f32(1) - dark_r) * sun) + add_r
+    green = cg * cg * tint_g * (dark_g + (f32(1) - dark_g) * sun) + add_g
+    blue = cb * cb * tint_b * (dark_b + (f32(1) - dark_b) * sun) + add_b
+    return red, green, blue, cover, t
+
+
+@kernel(disjoint=True)
+def draw_picture(atlas, picture, nearest, eye, box, height, top, deepest, brush, planes):
+    """As `picture.draw_picture`: two rows at a time, with one look at the texels for both.
+
+    A block is of two rows, and has the number of the upper one. brush: scratch [BRUSH, BLOCK].
+    """
+    _, _, _, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, near = eye
+    depth, red, green, blue, light, solid = planes
+    ink_r, ink_g, ink_b, ink, ink_t = brush[0], brush[1], brush[2], brush[3], brush[4]
+    c0, c1, r0, r1 = box
+    columns = deepest.shape[1] * BLOCK
+    per_row = f32(2) * half_h / f32(height)
+    for r in range(r0 // ROWS * ROWS, r1, ROWS):
+        sy = half_h - (f32(top + r) + f32(0.5 * ROWS)) * per_row
+        base_x = fx + sy * ux
+        base_y = fy + sy * uy
+        base_z = fz + sy * uz
+        for bx in range(c0 // BLOCK, (c1 - 1) // BLOCK + 1):
+            if deepest[r, bx] < nearest:
+                continue
+            left = (f32(bx * BLOCK) + f32(0.5)) * per_column - half_w
+            for i in range(BLOCK):
+                sx = left + f32(i) * per_column
+                ink_r[i], ink_g[i], ink_b[i], ink[i], ink_t[i] = picture_pixel(
+                    atlas, picture, base_x + sx * rx, base_y + sx * ry, base_z, near
+                )
+            still = f32(0)
+            for below in range(ROWS):
+                first = uint64((r + below) * columns + bx * BLOCK)
+                for i in range(BLOCK):
+                    k = first + uint64(i)
+                    passing = light[k]
+                    part = passing * ink[i] if ink_t[i] < depth[k] else f32(0)
+                    red[k] += part * ink_r[i]
+                    green[k] += part * ink_g[i]
+                    blue[k] += part * ink_b[i]
+                    rest = passing - part
+                    light[k] = rest
+                    crossed = (passing >= f32(0.5)) & (rest < f32(0.5))
+                    solid[k] = ink_t[i] if crossed else solid[k]
+                    still += max(rest - f32(CLOSED), f32(0)) if depth[k] > nearest else f32(0)
+            deepest[r, bx] = deepest[r, bx] if still > f32(0) else f32(0)

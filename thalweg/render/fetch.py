@@ -41,6 +41,25 @@ def bilinear(table, at, columns, rows, x, y):
 
 
 @kernel(inlined=True)
+def sloped(table, at, columns, rows, x, y):
+    """As `bilinear`, and by how much the table rises per node in x and in y."""
+    x = clamp(x, f32(0), f32(columns) - f32(1.001))
+    y = clamp(y, f32(0), f32(rows) - f32(1.001))
+    column = int32(x)
+    row = int32(y)
+    u = x - f32(column)
+    v = y - f32(row)
+    k = at + row * columns + column
+    a = table[uint32(k)]
+    b = table[uint32(k + 1)]
+    c = table[uint32(k + columns)]
+    d = table[uint32(k + columns + 1)]
+    low = a + (b - a) * u
+    high = c + (d - c) * u
+    return low + (high - low) * v, (b - a) + (d - c - b + a) * v, high - low
+
+
+@kernel(inlined=True)
 def channel(packed, shift):
     """One byte of a packed texel as a float in 0..255."""
     return f32(int32((packed >> uint32(shift)) & uint32(255)))

@@ -15,28 +15,30 @@ from thalweg.render import fast as modest
 from thalweg.render import scene as table
 from thalweg.render.approx import exp
 from thalweg.render.classes import BRIDGE, GROUND, PLANT, SKY, WATER
+from thalweg.render.eye import aim, reach
 from thalweg.render.fetch import sky_at
-from thalweg.render.look import HALF_H, HALF_W, HAZE_PER_M, PITCH
+from thalweg.render.look import HAZE_PER_M
+from thalweg.render.picture import BLOCK
+from thalweg.render.survey import MISS, survey
 from thalweg.render.tone import develop, scramble
 
 f32 = np.float32
 
-MISS = 1e9
-"""Depth of a ray that meets nothing."""
 SEEN = 0.004
 """What plants cover to more than all but this is not shaded."""
 SPAN_ROWS = 10
-ROWS_TOGETHER = math.lcm(march.TILE, plants.BLOCK_ROWS)
-"""Bands of rows begin at multiples of this: of the height of a tile of rays, and of a block of plants."""
+ROWS_TOGETHER = march.TILE
+"""Bands of rows begin at multiples of this."""
 
 
 @kernel
 def open_planes(height, width):
-    """Empty buffers of a frame: depth, kind, red, green, blue, light, solid, each [H, W'].
+    """Empty buffers of a frame: depth, kind, red, green, blue, light, solid, each [H', W'].
 
-    W' is the width rounded up to whole blocks of plants.
+    W' is the width rounded up to whole blocks of plants, H' the height rounded up to an even number of rows.
     """
-    wide = (width + plants.BLOCK - 1) // plants.BLOCK * plants.BLOCK
+    height += height % 2
+    wide = (width + BLOCK - 1) // BLOCK * BLOCK
     return (
         np.empty((height, wide), np.float32),
         np.empty((height, wide), np.uint8),
@@ -55,13 +57,14 @@ def draw_rows(scene, w, look, eye, time, camera, top, bottom, planes):
     What a row shows depends on no other rows than those of its tile.
     """
     height, width, _, fast = camera
+    bottom += bottom % 2
     depth = planes[0][top:bottom]
     kind = planes[1][top:bottom]
     red = planes[2][top:bottom]
     green = planes[3][top:bottom]
     blue = planes[4][top:bottom]
     light = planes[5][top:bottom]
-    survey(scene, w, eye, height, top, depth, kind)
+    survey(scene, w, eye, height, top, fast, depth, kind)
     stone = draw_bridges(scene, w, look, eye, height, width, top, depth, kind)
     plants.draw_plants(scene, w, look, eye, height, top, fast, depth, red, green, blue, light, planes[6][top:bottom])
     shade(scene, w, look, eye, time, height, width, top, fast, depth, kind, light, red, green, blue)
@@ -88,104 +91,12 @@ def finish_frame(scene, w, look, eye, time, camera, planes, image, want_layers, 
     develop(red, green, blue, kind, look, noise_key(eye, time), image, width)
 
 
-@kernel
-def eye_of(pose, look, camera):
-    """The camera at a pose [4], as of `open_eye`."""
-    return open_eye(pose[0], pose[1], pose[2], pose[3], look, camera[1], camera[2])
-
-
-@kernel(inlined=True)
-def open_eye(x, y, z, yaw, look, width, near):
-    """The camera at a pose: origin, forward, right and up vectors, half width and height, width of a pixel, near plane.
-
-    The right vector has no height, for the camera does not roll.
-    """
-    pitch = look[PITCH]
-    half_w = look[HALF_W]
-    cos_p = f32(math.cos(pitch))
-    sin_p = f32(math.sin(pitch))
-    cos_y = f32(math.cos(yaw))
-    sin_y = f32(math.sin(yaw))
-    return (
-        f32(x), f32(y), f32(z),
-        cos_y * cos_p, sin_y * cos_p, -sin_p,
-        sin_y, -cos_y,
-        cos_y * sin_p, sin_y * sin_p, cos_p,
-        half_w, look[HALF_H], f32(2) * half_w / f32(width), near,
-    )  # fmt: skip
-
-
 @kernel(inlined=True)
 def noise_key(eye, time):
     """What the sensor's noise depends on: place and time, to the bit."""
     key = scramble(uint32(np.float32(eye[0]).view(np.int32)))
     key = scramble(uint32(key ^ uint32(np.float32(eye[1]).view(np.int32))))
     return scramble(uint32(key ^ uint32(np.float32(time).view(np.int32))))
-
-
-@kernel(disjoint=True)
-def aim(eye, height, r, first, inv_cell, dx, dy, dz, n):
-    """The rays of row r from column `first` on: dx, dy [n] in nodes and dz [n] in metres per metre along the axis."""
-    _, _, _, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, _ = eye
-    sy = half_h - (f32(r) + f32(0.5)) * (f32(2) * half_h / f32(height))
-    for c in range(n):
-        sx = (f32(first + c) + f32(0.5)) * per_column - half_w
-        dx[c] = (fx + sy * ux + sx * rx) * inv_cell
-        dy[c] = (fy + sy * uy + sx * ry) * inv_cell
-        dz[c] = fz + sy * uz
-
-
-@kernel(disjoint=True)
-def aim_tiles(eye, height, r, inv_cell, dx, dy, dz, first, n):
-    """As `aim`, for the middles of n tiles from number `first` on, of those whose first row is r."""
-    _, _, _, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, _ = eye
-    sy = half_h - (f32(r) + f32(0.5 * march.TILE)) * (f32(2) * half_h / f32(height))
-    for k in range(n):
-        sx = (f32(first + k) + f32(0.5)) * f32(march.TILE) * per_column - half_w
-        dx[k] = (fx + sy * ux + sx * rx) * inv_cell
-        dy[k] = (fy + sy * uy + sx * ry) * inv_cell
-        dz[k] = fz + sy * uz
-
-
-@kernel(disjoint=True)
-def survey(scene, w, eye, height, top, depth, kind):
-    """Where every ray meets ground or water: depth [R, W'] along the axis (MISS if nowhere), and what it is: kind.
-
-    Rows are those from `top` on of an image of `height` rows; so in all functions here.
-    """
-    rows, wide = depth.shape
-    inv_cell = scene.number[w, table.INV_CELL]
-    node_x = (eye[0] - scene.number[w, table.ORIGIN_X]) * inv_cell
-    node_y = (eye[1] - scene.number[w, table.ORIGIN_Y]) * inv_cell
-    dx = np.empty(wide, np.float32)
-    dy = np.empty(wide, np.float32)
-    dz = np.empty(wide, np.float32)
-    t = np.empty(wide, np.float32)
-    hit = np.empty(wide, np.float32)
-    wet = np.empty(wide, np.float32)
-    span = np.empty((march.TRACK, march.SPAN), np.float32)
-    track = (span[0], span[1], span[2], span[3], span[4])
-    tiles = (wide + march.TILE - 1) // march.TILE
-    start = np.empty(tiles, np.float32)
-    spread = march.bundle_spread(eye, height)
-    for r in range(rows):
-        if r % march.TILE == 0:
-            aim_tiles(eye, height, top + r, inv_cell, dx, dy, dz, 0, tiles)
-            for k in range(tiles):
-                start[k] = eye[14]
-            march.approach(scene, w, node_x, node_y, eye[2], spread, dx, dy, dz, start, tiles)
-        aim(eye, height, top + r, 0, inv_cell, dx, dy, dz, wide)
-        for c in range(wide):
-            t[c] = start[uint32(c // march.TILE)]
-        for c in range(0, wide, march.SPAN):
-            end = min(c + march.SPAN, wide)
-            ray = dx[c:end], dy[c:end], dz[c:end], t[c:end], hit[c:end]
-            march.march(scene, w, node_x, node_y, eye[2], *ray, track, end - c)
-        march.wetness(scene, w, node_x, node_y, dx, dy, t, wet, wide)
-        for c in range(wide):
-            depth[r, c] = t[c] if hit[c] > f32(0) else f32(MISS)
-            surface = np.uint8(WATER) if wet[c] > f32(0) else np.uint8(GROUND)
-            kind[r, c] = surface if hit[c] > f32(0) else np.uint8(SKY)
 
 
 @kernel
@@ -290,26 +201,6 @@ def shade(scene, w, look, eye, time, height, width, top, fast, depth, kind, ligh
                 red[r, c] += light[r, c] * out_r[k]
                 green[r, c] += light[r, c] * out_g[k]
                 blue[r, c] += light[r, c] * out_b[k]
-
-
-@kernel(disjoint=True)
-def reach(node_x, node_y, oz, inv_cell, ray_x, ray_y, ray_z, depth, at, x, y, z, dx, dy, dz, far, n):
-    """For the pixels at[:n] of a row: the point met (x, y in nodes, z), the unit direction of sight, the distance."""
-    cell = f32(1) / inv_cell
-    for k in range(n):
-        c = uint32(at[k])
-        vx = ray_x[c]
-        vy = ray_y[c]
-        vz = ray_z[c]
-        t = depth[c]
-        slant = math.sqrt((vx * vx + vy * vy) * cell * cell + vz * vz)
-        x[k] = node_x + vx * t
-        y[k] = node_y + vy * t
-        z[k] = oz + vz * t
-        dx[k] = vx * cell / slant
-        dy[k] = vy * cell / slant
-        dz[k] = vz / slant
-        far[k] = t * slant
 
 
 @kernel(disjoint=True)

@@ -12,7 +12,7 @@ from numba import int32, uint32
 
 from thalweg.kernel import kernel
 from thalweg.render import scene as table
-from thalweg.render.fetch import bilinear, clamp
+from thalweg.render.fetch import bilinear, clamp, sloped
 
 f32 = np.float32
 
@@ -32,6 +32,8 @@ BUNDLE_STEPS = 40
 """At most so many steps does a bundle take."""
 BUNDLE_LEAST_M = 0.25
 """A bundle that gets on by less than this is left to its rays."""
+SETTLE_SHARE = 0.35
+"""Rays of one square of four differ in length by at most this share of it, but for edges."""
 FAR_M = 320.0
 """Beyond this all ground is lost in the haze and drawn as the horizon."""
 
@@ -55,8 +57,7 @@ def approach(scene, w, ox, oy, oz, spread, dx, dy, dz, t, n):
     cone_columns = int32(scene.place[w, table.CONE_X])
     cone_at = int32(scene.place[w, table.CONE_AT])
     cell = f32(1) / scene.number[w, table.INV_CELL]
-    cone_height = scene.cone_height
-    cone_slope = scene.cone_slope
+    cone = scene.cone
     for _ in range(BUNDLE_STEPS):
         active = f32(0)
         for i in range(n):
@@ -65,12 +66,14 @@ def approach(scene, w, ox, oy, oz, spread, dx, dy, dz, t, n):
             y = clamp(oy + dy[i] * ti, f32(0), f32(rows) - f32(1.001))
             column = int32(x) // int32(table.CONE_CELL)
             row = int32(y) // int32(table.CONE_CELL)
-            block = uint32(cone_at + row * cone_columns + column)
+            block = uint32(cone_at + int32(2) * (row * cone_columns + column))
+            height = cone[block]
+            slope = cone[block + uint32(1)]
             # The lowest ray may sink this fast, and the outermost may be so far from the middle one.
             sink = dz[i] - spread
             speed = math.sqrt(dx[i] * dx[i] + dy[i] * dy[i]) * cell + spread
-            gap = oz + sink * ti - cone_height[block] - cone_slope[block] * spread * ti
-            step = gap / max(cone_slope[block] * speed - sink, f32(1e-6))
+            gap = oz + sink * ti - height - slope * spread * ti
+            step = gap / max(slope * speed - sink, f32(1e-6))
             onward = (step > f32(BUNDLE_LEAST_M)) & (ti < f32(FAR_M))
             t[i] = ti + step if onward else ti
             active += f32(1) if onward else f32(0)
@@ -93,8 +96,7 @@ def march(scene, w, ox, oy, oz, dx, dy, dz, t, hit, track, n):
     cell = f32(1) / scene.number[w, table.INV_CELL]
     summit = scene.number[w, table.TOP_MAX]
     top = scene.top
-    cone_height = scene.cone_height
-    cone_slope = scene.cone_slope
+    cone = scene.cone
 
     before, gap_before, gap_after, speed, leave = track
     for i in range(n):
@@ -125,10 +127,11 @@ def march(scene, w, ox, oy, oz, dx, dy, dz, t, hit, track, n):
             low = a + (b - a) * u
             high = c + (d - c) * u
             gap = z - (low + (high - low) * v)
-            block = uint32(cone_at + (row // int32(table.CONE_CELL)) * cone_columns + column // int32(table.CONE_CELL))
+            place = (row // int32(table.CONE_CELL)) * cone_columns + column // int32(table.CONE_CELL)
+            block = uint32(cone_at + int32(2) * place)
             # In these units a cone of slope s is left behind at the rate s * speed - dz.
-            rate = max(cone_slope[block] * speed[i] - dz[i], f32(1e-6))
-            by_cone = (z - cone_height[block]) / rate
+            rate = max(cone[block + uint32(1)] * speed[i] - dz[i], f32(1e-6))
+            by_cone = (z - cone[block]) / rate
             by_height = gap * f32(0.7) / max(f32(STEEPEST) * speed[i] - dz[i], f32(0.05))
             least = max(f32(LEAST_STEP_M), f32(LEAST_STEP_SHARE) * ti)
             running = (hit[i] == f32(0)) & (ti < leave[i])
@@ -160,6 +163,34 @@ def march(scene, w, ox, oy, oz, dx, dy, dz, t, hit, track, n):
         t[i] = tm if hit[i] > f32(0) else min(t1, leave[i])
         # Sloping down for ever: far ground, whose colour is the horizon's.
         hit[i] = f32(0) if t[i] >= f32(FAR_M) else hit[i]
+
+
+@kernel(disjoint=True)
+def touch(scene, w, ox, oy, oz, dx, dy, t, tilt_x, tilt_y, gap, n):
+    """The plane that touches the surface where each of n rays has got to: how it rises per node, tilt_x and tilt_y [n],
+    and how far below the eye it lies there: gap [n] in metres. Other arguments as of `march`."""
+    columns = int32(scene.place[w, table.GX])
+    rows = int32(scene.place[w, table.GY])
+    at = int32(scene.place[w, table.MAP_AT])
+    for i in range(n):
+        height, across, along = sloped(scene.top, at, columns, rows, ox + dx[i] * t[i], oy + dy[i] * t[i])
+        tilt_x[i] = across
+        tilt_y[i] = along
+        gap[i] = oz - height + (across * dx[i] + along * dy[i]) * t[i]
+
+
+@kernel(disjoint=True)
+def settle(tilt_x, tilt_y, gap, met, dx, dy, dz, t, n):
+    """Where n rays meet the planes that `touch` the surface where rays beside them met it, at met [n]: t [n].
+
+    Two neighbours share a plane. A ray that would meet it much sooner or later, since it passes an edge by, ends where
+    the ray beside it did.
+    """
+    for i in range(n):
+        k = uint32(i >> 1)
+        rate = tilt_x[k] * dx[i] + tilt_y[k] * dy[i] - dz[i]
+        there = gap[k] / max(rate, f32(1e-6))
+        t[i] = there if abs(there - met[k]) < f32(SETTLE_SHARE) * met[k] else met[k]
 
 
 @kernel(disjoint=True)

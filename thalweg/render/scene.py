@@ -39,8 +39,8 @@ PLANT_FROM, PLANT_TO, BRIDGE_FROM, BRIDGE_TO, SKY_AT, ATLAS_AT, SHADE_AT = range
 PAINT_AT = 17
 PLACES = PAINT_AT + PAINT_LEVELS
 # Columns of Scene.number.
-ORIGIN_X, ORIGIN_Y, INV_CELL, TOP_MAX, SUN_X, SUN_Y, SUN_Z, FOG_R, FOG_G, FOG_B, SUN_TURN = range(11)
-NUMBERS = 11
+ORIGIN_X, ORIGIN_Y, INV_CELL, TOP_MAX, SUN_X, SUN_Y, SUN_Z, FOG_R, FOG_G, FOG_B, SUN_EAST, SUN_NORTH = range(12)
+NUMBERS = 12
 # Columns of Scene.plants.
 P_X, P_Y, P_Z, P_HEIGHT, P_HALF, P_KIND, P_R, P_G, P_B, P_LOW, P_HIGH, P_RANK = range(12)
 PLANT_COLUMNS = 12
@@ -60,10 +60,9 @@ class Scene(NamedTuple):
     """[nodes] float32, height of the upper surface: water or ground."""
     depth: np.ndarray
     """[nodes] float32, water's surface minus ground; positive where wet."""
-    cone_height: np.ndarray
-    """[cells] float32: no surface within a cell or its eight neighbours is higher."""
-    cone_slope: np.ndarray
-    """[cells] float32: at a horizontal distance d from the cell no surface is higher than cone_height + slope * d."""
+    cone: np.ndarray
+    """[2 * cells] float32, height and slope by turns, since both are read together: no surface within a cell or its
+    eight neighbours is higher than the height, and none at a horizontal distance d higher than height + slope * d."""
     paint: np.ndarray
     """[texels] uint32, radiance of the lit ground and, in the top byte, the share of sun; all levels."""
     canopy: np.ndarray
@@ -109,7 +108,7 @@ def build_scene(worlds: Sequence[World]) -> Scene:
     place = np.zeros((len(worlds), PLACES), np.int64)
     number = np.zeros((len(worlds), NUMBERS), np.float32)
     tables: dict[str, list[np.ndarray]] = {
-        name: [] for name in ("top", "depth", "cone_height", "cone_slope", "paint", "canopy", "canopy_paint", "plants",
+        name: [] for name in ("top", "depth", "cone", "paint", "canopy", "canopy_paint", "plants",
                               "bridges", "sky", "atlas", "shade")
     }  # fmt: skip
     begin = dict.fromkeys(tables, 0)
@@ -132,8 +131,7 @@ def build_scene(worlds: Sequence[World]) -> Scene:
 
         height, slope = cone_map(top, world.grid.cell_m)
         place[w, CONE_X] = height.shape[1]
-        place[w, CONE_AT] = add("cone_height", height.ravel())
-        add("cone_slope", slope.ravel())
+        place[w, CONE_AT] = add("cone", np.stack([height, slope], axis=-1).ravel())
 
         lit = ground_radiance(world, sun)
         levels = paint_levels(lit, world.sun)
@@ -163,7 +161,7 @@ def build_scene(worlds: Sequence[World]) -> Scene:
         number[w, TOP_MAX] = top.max()
         number[w, [SUN_X, SUN_Y, SUN_Z]] = sun
         number[w, [FOG_R, FOG_G, FOG_B]] = sky.haze(sun)
-        number[w, SUN_TURN] = world.sun_azimuth
+        number[w, [SUN_EAST, SUN_NORTH]] = np.cos(world.sun_azimuth), np.sin(world.sun_azimuth)
 
     joined = {name: np.ascontiguousarray(np.concatenate(parts)) for name, parts in tables.items()}
     return Scene(

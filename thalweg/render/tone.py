@@ -103,11 +103,11 @@ def noisy(pixel, spread, key):
 
 @kernel(disjoint=True)
 def develop(red, green, blue, wet, look, key, image, width):
-    """Expose radiance [H, W'] and write it to image [H, W] uint32: red, green, blue, and wet [H, W'] uint8 on top.
+    """Expose radiance [H', W'] and write it to image [H, W] uint32: red, green, blue, and wet [H', W'] uint8 on top.
 
     key: uint32 that the sensor's noise depends on.
     """
-    height = red.shape[0]
+    height = image.shape[0]
     total = f32(0)
     for r in range(height):
         row = f32(0)

@@ -6,16 +6,21 @@ The CPU places the camera, picks the plants in view and takes the mean for the e
 import numpy as np
 from numba import cuda, float32, int32, uint32
 
-from thalweg.render import bridges, classes, frame, ground, march, outlines, plants, tone, water
+from thalweg.render import bridges, classes, frame, ground, march, outlines, tone, water
+from thalweg.render import fast as modest
 from thalweg.render import scene as table
+from thalweg.render.eye import aim, aim_squares, reach
+from thalweg.render.picture import SHARPEN, picture_of, picture_pixel
+from thalweg.render.survey import MISS
 
 f32 = np.float32
 
 
-def trace(scene, w, camera, time, look, order, distance, radiance, depth_out, kind_out, light_out):
+def trace(scene, w, camera, time, look, fast, order, distance, radiance, depth_out, kind_out, light_out):
     """The light [H, W, 3] that reaches each pixel before exposure, what is seen there, and what plants let through.
 
-    camera: the 15 numbers of `frame.open_eye` [15]; order, distance [K]: the plants in view from near to far.
+    camera: the 15 numbers of `eye.open_eye` [15]; fast: whether the quality is the modest one; order, distance
+    [K]: the plants in view from near to far.
     """
     c, r = cuda.grid(2)
     height, width = kind_out.shape
@@ -33,7 +38,7 @@ def trace(scene, w, camera, time, look, order, distance, radiance, depth_out, ki
     ray_x = cuda.local.array(1, float32)
     ray_y = cuda.local.array(1, float32)
     ray_z = cuda.local.array(1, float32)
-    frame.aim(eye, height, r, c, inv_cell, ray_x, ray_y, ray_z, 1)
+    aim(eye, height, r, c, inv_cell, ray_x, ray_y, ray_z, 1)
     tile_x = cuda.local.array(1, float32)
     tile_y = cuda.local.array(1, float32)
     tile_z = cuda.local.array(1, float32)
@@ -46,17 +51,28 @@ def trace(scene, w, camera, time, look, order, distance, radiance, depth_out, ki
     a4 = cuda.local.array(1, float32)
     # All rays of a tile start where the bundle of the tile gets to.
     row = r // march.TILE * march.TILE
-    frame.aim_tiles(eye, height, row, inv_cell, tile_x, tile_y, tile_z, c // march.TILE, 1)
+    aim_squares(eye, height, row, march.TILE, inv_cell, tile_x, tile_y, tile_z, c // march.TILE, 1)
     depth[0] = near
     march.approach(scene, w, node_x, node_y, eye[2], march.bundle_spread(eye, height), tile_x, tile_y, tile_z, depth, 1)
-    march.march(scene, w, node_x, node_y, eye[2], ray_x, ray_y, ray_z, depth, hit, (a0, a1, a2, a3, a4), 1)
+    if fast:
+        tilt_x = cuda.local.array(1, float32)
+        tilt_y = cuda.local.array(1, float32)
+        gap = cuda.local.array(1, float32)
+        met = cuda.local.array(1, float32)
+        met[0] = depth[0]
+        aim_squares(eye, height, r // 2 * 2, 2, inv_cell, tile_x, tile_y, tile_z, c // 2, 1)
+        march.march(scene, w, node_x, node_y, eye[2], tile_x, tile_y, tile_z, met, hit, (a0, a1, a2, a3, a4), 1)
+        march.touch(scene, w, node_x, node_y, eye[2], tile_x, tile_y, met, tilt_x, tilt_y, gap, 1)
+        march.settle(tilt_x, tilt_y, gap, met, ray_x, ray_y, ray_z, depth, 1)
+    else:
+        march.march(scene, w, node_x, node_y, eye[2], ray_x, ray_y, ray_z, depth, hit, (a0, a1, a2, a3, a4), 1)
     wet = cuda.local.array(1, float32)
     march.wetness(scene, w, node_x, node_y, ray_x, ray_y, depth, wet, 1)
     kind = classes.SKY
     if hit[0] > f32(0):
         kind = classes.WATER if wet[0] > f32(0) else classes.GROUND
     else:
-        depth[0] = f32(frame.MISS)
+        depth[0] = f32(MISS)
 
     cell = f32(1) / inv_cell
     dx = ray_x[0] * cell
@@ -82,14 +98,29 @@ def trace(scene, w, camera, time, look, order, distance, radiance, depth_out, ki
     green = f32(0)
     blue = f32(0)
     light = f32(1)
+    # The ray through the middle of the two rows that share their texels.
+    off = (f32(r - r // 2 * 2) - f32(0.5)) * per_row
+    mid_x = dx + off * eye[8]
+    mid_y = dy + off * eye[9]
+    mid_z = dz + off * eye[10]
     for k in range(len(order)):
         p = scene.place[w, table.PLANT_FROM] + order[k]
-        picture = plants.picture_of(scene, w, look, p, distance[order[k]], eye, height)
-        add_r, add_g, add_b, part, _ = plants.picture_pixel(scene.atlas, picture, dx, dy, dz, near, depth[0], light)
-        red += add_r
-        green += add_g
-        blue += add_b
-        light -= part
+        far_k = distance[order[k]]
+        if fast:
+            picture = picture_of(scene, w, look, p, far_k, eye, height, f32(modest.SHARPEN))
+            ink_r, ink_g, ink_b, ink, t = modest.picture_pixel(scene.atlas, picture, mid_x, mid_y, mid_z, near)
+            part = light * ink if t < depth[0] else f32(0)
+            red += part * ink_r
+            green += part * ink_g
+            blue += part * ink_b
+            light -= part
+        else:
+            picture = picture_of(scene, w, look, p, far_k, eye, height, f32(SHARPEN))
+            add_r, add_g, add_b, part, _ = picture_pixel(scene.atlas, picture, dx, dy, dz, near, depth[0], light)
+            red += add_r
+            green += add_g
+            blue += add_b
+            light -= part
 
     if light > f32(frame.SEEN):
         at = cuda.local.array(1, int32)
@@ -104,9 +135,15 @@ def trace(scene, w, camera, time, look, order, distance, radiance, depth_out, ki
         out_g = cuda.local.array(1, float32)
         out_b = cuda.local.array(1, float32)
         at[0] = 0
-        frame.reach(node_x, node_y, eye[2], inv_cell, ray_x, ray_y, ray_z, depth, at, x, y, z, ux, uy, uz, far, 1)
-        if kind == classes.SKY:
-            sky_begin = int32(scene.place[w, table.SKY_AT])
+        reach(node_x, node_y, eye[2], inv_cell, ray_x, ray_y, ray_z, depth, at, x, y, z, ux, uy, uz, far, 1)
+        sky_begin = int32(scene.place[w, table.SKY_AT])
+        if kind == classes.SKY and fast:
+            modest.shade_sky(scene.sky, sky_begin, ux, uy, uz, out_r, out_g, out_b, 1)
+        elif kind == classes.WATER and fast:
+            modest.shade_water(scene, w, look, x, y, ux, uy, uz, far, per_row, time, out_r, out_g, out_b, 1)
+        elif kind == classes.GROUND and fast:
+            modest.shade_ground(scene, w, x, y, uz, far, per_row, out_r, out_g, out_b, 1)
+        elif kind == classes.SKY:
             frame.shade_sky(scene.sky, sky_begin, ux, uy, uz, out_r, out_g, out_b, 1)
         elif kind == classes.WATER:
             w0 = cuda.local.array(1, float32)

@@ -43,7 +43,9 @@ def stays_in_registers(ptx: str) -> bool:
 @pytest.mark.slow
 def test_a_pixel_is_traced_and_shaded_in_registers_alone():
     scene = numba.typeof(build_scene([cases.world()]))
-    arguments = (scene, int64, LINE, float32, LINE, types.int32[::1], LINE, SPACE, PLANE, CLASSES, PLANE)
+    arguments = (
+        scene, int64, LINE, float32, LINE, types.boolean, types.int32[::1], LINE, SPACE, PLANE, CLASSES, PLANE
+    )  # fmt: skip
     ptx = compiled(one_pixel.trace, *arguments)
     assert ".target sm_90" in ptx
     assert ptx.count("ld.global") > 100

@@ -15,7 +15,7 @@ from thalweg.render.look import look_rows, look_values
 from thalweg.render.scene import build_scene
 
 
-def frames_of_the_cpu() -> tuple[np.ndarray, np.ndarray]:
+def frames_of_the_cpu(quality: str) -> tuple[np.ndarray, np.ndarray]:
     """Frames [N, SIDE, SIDE] uint32, smaller than a `Camera` may be, and the class of each pixel."""
     count, side = len(cases.POSES), cases.SIDE
     images = np.zeros((count, side, side), np.uint32)
@@ -30,7 +30,7 @@ def frames_of_the_cpu() -> tuple[np.ndarray, np.ndarray]:
         cases.POSES,
         cases.TIMES,
         looks,
-        (side, side, near, False),
+        (side, side, near, quality == "fast"),
         images,
         True,
         *layers,
@@ -40,12 +40,13 @@ def frames_of_the_cpu() -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.slow
-def test_one_thread_a_pixel_in_the_simulator_draws_what_the_cpu_draws(tmp_path: Path):
-    images, classes = frames_of_the_cpu()
+@pytest.mark.parametrize("quality", ["full", "fast"])
+def test_one_thread_a_pixel_in_the_simulator_draws_what_the_cpu_draws(tmp_path: Path, quality: str):
+    images, classes = frames_of_the_cpu(quality)
     assert set(np.unique(classes)) == {SKY, WATER, GROUND, PLANT, BRIDGE}
     path = tmp_path / "simulated.npy"
     environment = os.environ | {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_DISABLE_JIT": "1", "PYTHONWARNINGS": "ignore"}
-    command = [sys.executable, "-m", "tests.render.cuda.simulate", str(path)]
+    command = [sys.executable, "-m", "tests.render.cuda.simulate", str(path), quality]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, cwd=Path(__file__).parents[3])
     assert done.returncode == 0, done.stderr
     ours, simulated = (a.view(np.uint8).reshape(*a.shape, 4).astype(int) for a in (images, np.load(path)))

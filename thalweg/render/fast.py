@@ -1,8 +1,8 @@
-"""What does the modest quality leave out? Reflections, filtering between texels, and half of the ripples.
+"""What does the modest quality leave out? Reflections, filtering between texels, half of the ripples, half of a tree.
 
 Each function stands in for one of the full quality and takes those of its arguments that it needs. Textures are still
 read at the level that a pixel's footprint asks for, so that nothing shimmers that did not before; but only the nearest
-texel is taken.
+texel is taken, and two rows of a plant's picture share theirs. How rays are saved: `thalweg.render.survey`.
 """
 
 import math
@@ -13,7 +13,7 @@ from numba import int32, uint32, uint64
 from thalweg.kernel import kernel
 from thalweg.render import ripples, sky
 from thalweg.render import scene as table
-from thalweg.render.approx import exp, floor, log2
+from thalweg.render.approx import floor, log2
 from thalweg.render.fetch import bilinear, channel, clamp
 from thalweg.render.ground import GRAIN_DEPTH, GRAIN_M
 from thalweg.render.look import (
@@ -28,15 +28,16 @@ from thalweg.render.look import (
 from thalweg.render.picture import BLOCK
 from thalweg.render.water import (
     DRIFT_A_M_PER_S,
-    GLITTER,
-    GLITTER_MOST,
     GLITTER_TINT,
     INDEX,
     ROUGHNESS,
-    SHADE_GLOW,
-    SUN_WIDTH,
     TILE_A_M,
     footprint,
+    from_below,
+    glints,
+    mirrored_ray,
+    mirrored_share,
+    sun_slant,
 )
 
 f32 = np.float32
@@ -142,8 +143,7 @@ def shade_water(scene, w, look, x, y, dx, dy, dz, far, pixel, time, red, green, 
     sun_x = number[w, table.SUN_X]
     sun_y = number[w, table.SUN_Y]
     sun_z = number[w, table.SUN_Z]
-    sun_path = f32(1) / math.sqrt(f32(1) - (f32(1) - sun_z * sun_z) * f32(1 / INDEX**2))
-    code = f32(table.PAINT_RANGE / 255.0**2)
+    sun_path = sun_slant(sun_z)
     amplitude = look[RIPPLE] * f32(RIPPLE_GAIN)
     slope_scale = amplitude * f32(ripples.SLOPE_RANGE / 127.5)
     lost_scale = amplitude * amplitude * f32(ripples.VARIANCE_RANGE / 255.0)
@@ -158,39 +158,18 @@ def shade_water(scene, w, look, x, y, dx, dy, dz, far, pixel, time, red, green, 
         lean_x = (channel(texel, 0) - f32(127.5)) * slope_scale
         lean_y = (channel(texel, 8) - f32(127.5)) * slope_scale
         spread = channel(texel, 16) * lost_scale + f32(ROUGHNESS)
-        size = f32(1) / math.sqrt(f32(1) + lean_x * lean_x + lean_y * lean_y)
-        facing = clamp((dx[i] * lean_x + dy[i] * lean_y - dz[i]) * size, f32(0.01), f32(1))
-        rx = dx[i] - f32(2) * facing * lean_x * size
-        ry = dy[i] - f32(2) * facing * lean_y * size
-        rz = max(dz[i] + f32(2) * facing * size, f32(0.02))
-        graze = f32(1) - facing
-        graze2 = graze * graze
-        rough = math.sqrt(spread)
-        mirror = f32(0.02) + f32(0.98) * graze2 * graze2 * graze / (f32(1) + f32(22.7) * rough * math.sqrt(rough))
+        facing, rx, ry, rz = mirrored_ray(dx[i], dy[i], dz[i], lean_x, lean_y)
+        mirror = mirrored_share(facing, spread)
 
         depth = max(bilinear(scene.depth, at, columns, rows, x[i], y[i]), f32(0))
         bed = nearest_paint(scene, w, x[i], y[i], log2(foot * inv_cell))
-        r = channel(bed, 0)
-        g = channel(bed, 8)
-        b = channel(bed, 16)
         sunlit = channel(bed, 24) * f32(1 / 255.0)
         down = math.sqrt(f32(1) - (f32(1) - dz[i] * dz[i]) * f32(1 / INDEX**2))
-        path = depth * (f32(1) / down + sun_path)
-        through_r = exp(-look[ABSORB_R] * path)
-        through_g = exp(-look[ABSORB_G] * path)
-        through_b = exp(-look[ABSORB_B] * path)
-        glow = f32(SHADE_GLOW) + f32(1 - SHADE_GLOW) * sunlit
-        under_r = r * r * code * through_r + look[SCATTER_R] * glow * (f32(1) - through_r)
-        under_g = g * g * code * through_g + look[SCATTER_G] * glow * (f32(1) - through_g)
-        under_b = b * b * code * through_b + look[SCATTER_B] * glow * (f32(1) - through_b)
-
-        half_z = sun_z - dz[i]
-        off_x = -(sun_x - dx[i]) / half_z - lean_x
-        off_y = -(sun_y - dy[i]) / half_z - lean_y
-        width = spread + f32(SUN_WIDTH)
-        density = exp(-(off_x * off_x + off_y * off_y) / (f32(2) * width)) / (f32(6.2832) * width)
-        glitter = min(f32(GLITTER) * density * sunlit, f32(GLITTER_MOST))
-
+        whole = depth * (f32(1) / down + sun_path)
+        under_r = from_below(channel(bed, 0), whole, look[ABSORB_R], look[SCATTER_R], sunlit)
+        under_g = from_below(channel(bed, 8), whole, look[ABSORB_G], look[SCATTER_G], sunlit)
+        under_b = from_below(channel(bed, 16), whole, look[ABSORB_B], look[SCATTER_B], sunlit)
+        glitter = glints(sun_x, sun_y, sun_z, dx[i], dy[i], dz[i], lean_x, lean_y, spread, sunlit)
         open_sky = clamp((rz - f32(BANK_RISE)) * f32(1 / BANK_SOFTNESS), f32(0), f32(1))
         sky_r, sky_g, sky_b = nearest_sky(scene.sky, sky_begin, rx, ry, rz)
         over_r = sky_r * open_sky + f32(WOOD[0]) * (f32(1) - open_sky)

@@ -100,6 +100,50 @@ def shade_water(scene, w, look, x, y, z, dx, dy, dz, far, pixel, time, work, red
 
 
 @kernel(inlined=True)
+def mirrored_ray(dx, dy, dz, lean_x, lean_y):
+    """The cosine between sight and a surface of these slopes, and the mirrored ray, which never points down."""
+    size = f32(1) / math.sqrt(f32(1) + lean_x * lean_x + lean_y * lean_y)
+    facing = clamp((dx * lean_x + dy * lean_y - dz) * size, f32(0.01), f32(1))
+    rx = dx - f32(2) * facing * lean_x * size
+    ry = dy - f32(2) * facing * lean_y * size
+    return facing, rx, ry, max(dz + f32(2) * facing * size, f32(0.02))
+
+
+@kernel(inlined=True)
+def mirrored_share(facing, spread):
+    """Fresnel reflectance of rippled water; spread: mean square slope of the ripples too small to be seen."""
+    graze = f32(1) - facing
+    graze2 = graze * graze
+    rough = math.sqrt(spread)
+    return f32(0.02) + f32(0.98) * graze2 * graze2 * graze / (f32(1) + f32(22.7) * rough * math.sqrt(rough))
+
+
+@kernel(inlined=True)
+def sun_slant(sun_z):
+    """The length of the sun's refracted way through water of depth 1."""
+    return f32(1) / math.sqrt(f32(1) - (f32(1) - sun_z * sun_z) * f32(1 / INDEX**2))
+
+
+@kernel(inlined=True)
+def from_below(bed, whole, absorb, scatter, sunlit):
+    """Radiance from under water in one channel: of the bed, `whole` metres of water away, and scattered on the way."""
+    through = exp(-absorb * whole)
+    glow = f32(SHADE_GLOW) + f32(1 - SHADE_GLOW) * sunlit
+    return bed * bed * f32(table.PAINT_RANGE / 255.0**2) * through + scatter * glow * (f32(1) - through)
+
+
+@kernel(inlined=True)
+def glints(sun_x, sun_y, sun_z, dx, dy, dz, lean_x, lean_y, spread, sunlit):
+    """Radiance of the ripples within a pixel that mirror the sun: as many as have the slope half way between."""
+    half_z = sun_z - dz
+    off_x = -(sun_x - dx) / half_z - lean_x
+    off_y = -(sun_y - dy) / half_z - lean_y
+    width = spread + f32(SUN_WIDTH)
+    density = exp(-(off_x * off_x + off_y * off_y) / (f32(2) * width)) / (f32(6.2832) * width)
+    return min(f32(GLITTER) * density * sunlit, f32(GLITTER_MOST))
+
+
+@kernel(inlined=True)
 def footprint(far, pixel, vz):
     """Side of a pixel on the water in metres: it is stretched along the ray, and the geometric mean sets the level."""
     return far * pixel / math.sqrt(max(-vz, f32(0.03)))
@@ -130,15 +174,10 @@ def ripple(scene, w, look, x, y, dx, dy, dz, far, pixel, time, slope_x, slope_y,
         )
         lean_x = amplitude * (ax + f32(0.6) * bx - f32(0.8) * by)
         lean_y = amplitude * (ay + f32(0.8) * bx + f32(0.6) * by)
-        size = f32(1) / math.sqrt(f32(1) + lean_x * lean_x + lean_y * lean_y)
-        cosine = clamp((dx[i] * lean_x + dy[i] * lean_y - dz[i]) * size, f32(0.01), f32(1))
         slope_x[i] = lean_x
         slope_y[i] = lean_y
         spread[i] = amplitude * amplitude * (a_lost + b_lost) + f32(ROUGHNESS)
-        facing[i] = cosine
-        rx[i] = dx[i] - f32(2) * cosine * lean_x * size
-        ry[i] = dy[i] - f32(2) * cosine * lean_y * size
-        rz[i] = max(dz[i] + f32(2) * cosine * size, f32(0.02))
+        facing[i], rx[i], ry[i], rz[i] = mirrored_ray(dx[i], dy[i], dz[i], lean_x, lean_y)
 
 
 @kernel(disjoint=True)
@@ -209,22 +248,12 @@ def compose(
     sun_x = number[w, table.SUN_X]
     sun_y = number[w, table.SUN_Y]
     sun_z = number[w, table.SUN_Z]
-    code = f32(table.PAINT_RANGE / 255.0**2)
     depth_map = scene.depth
     paint = scene.paint
     sky_map = scene.sky
-    absorb_r = look[ABSORB_R]
-    absorb_g = look[ABSORB_G]
-    absorb_b = look[ABSORB_B]
-    scatter_r = look[SCATTER_R]
-    scatter_g = look[SCATTER_G]
-    scatter_b = look[SCATTER_B]
-    sun_path = f32(1) / math.sqrt(f32(1) - (f32(1) - sun_z * sun_z) * f32(1 / INDEX**2))
+    sun_path = sun_slant(sun_z)
     for i in range(n):
-        graze = f32(1) - facing[i]
-        graze2 = graze * graze
-        rough = math.sqrt(spread[i])
-        mirror = f32(0.02) + f32(0.98) * graze2 * graze2 * graze / (f32(1) + f32(22.7) * rough * math.sqrt(rough))
+        mirror = mirrored_share(facing[i], spread[i])
 
         # The bed, where the refracted ray meets it.
         depth = max(bilinear(depth_map, at, columns, rows, x[i], y[i]), f32(0))
@@ -253,22 +282,12 @@ def compose(
         b0 = (b0 + (b1 - b0) * share) * bright
         sunlit = (s0 + (s1 - s0) * share) * f32(1 / 255.0)
         whole = (path + depth * sun_path) * rugged
-        through_r = exp(-absorb_r * whole)
-        through_g = exp(-absorb_g * whole)
-        through_b = exp(-absorb_b * whole)
-        glow = f32(SHADE_GLOW) + f32(1 - SHADE_GLOW) * sunlit
-        under_r = r0 * r0 * code * through_r + scatter_r * glow * (f32(1) - through_r)
-        under_g = g0 * g0 * code * through_g + scatter_g * glow * (f32(1) - through_g)
-        under_b = b0 * b0 * code * through_b + scatter_b * glow * (f32(1) - through_b)
-
-        # Glitter: how many of the ripples within the pixel mirror the sun.
-        half_z = sun_z - dz[i]
-        lean_x = -(sun_x - dx[i]) / half_z - slope_x[i]
-        lean_y = -(sun_y - dy[i]) / half_z - slope_y[i]
-        width = spread[i] + f32(SUN_WIDTH)
-        density = exp(-(lean_x * lean_x + lean_y * lean_y) / (f32(2) * width)) / (f32(6.2832) * width)
-        glitter = min(f32(GLITTER) * density * sunlit * passing[i], f32(GLITTER_MOST))
-
+        under_r = from_below(r0, whole, look[ABSORB_R], look[SCATTER_R], sunlit)
+        under_g = from_below(g0, whole, look[ABSORB_G], look[SCATTER_G], sunlit)
+        under_b = from_below(b0, whole, look[ABSORB_B], look[SCATTER_B], sunlit)
+        glitter = glints(
+            sun_x, sun_y, sun_z, dx[i], dy[i], dz[i], slope_x[i], slope_y[i], spread[i], sunlit * passing[i]
+        )
         sky_r, sky_g, sky_b = sky_at(sky_map, sky_begin, rx[i], ry[i], rz[i])
         over_r = (up_r[i] + sky_r * passing[i]) * mirror
         over_g = (up_g[i] + sky_g * passing[i]) * mirror

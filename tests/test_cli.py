@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from thalweg.cli import COMMANDS, EncoderTrain, _parse, main
-from thalweg.options import settings_from
+from thalweg.options import RiverFile, settings_from
 
 
 def test_help_names_every_command_and_imports_nothing_heavy():
@@ -35,6 +35,9 @@ WRONG = [
     (["world", "--level", "medum"], "Easy, Medium, Hard"),
     (["render", "--level", "medum"], "Easy, Medium, Hard"),
     (["render", "--count", "0"], "--count"),
+    (["render", "--gallery", "--quality", "fast"], "leave out --frames and --quality"),
+    (["render", "--gallery", "--frames", "x"], "leave out --frames and --quality"),
+    (["render", "--pose", "0", "0", "3", "0", "--poses", "pilot"], "give --pose or --poses pilot, not both"),
     (["train", "--algorithm", "FOCUPS", "--out", "x"], "PPO, FOCOPS"),
     (["train", "--set", "learning_rate", "--out", "x"], "key=value"),
     (["evaluate", "nothing_here"], "packaged, random, hover, forward, pilot"),
@@ -224,6 +227,12 @@ def test_a_policy_is_trained_on_a_real_river(
     ]
     assert context["river"] == Reach(brook, width_m=6.0, length_m=60.0, smooth_m=4.0).as_data()
     assert f"Evaluate it: thalweg evaluate {tmp_path / 'run'} {' '.join(options)}\n" in capsys.readouterr().out
+
+
+def test_options_of_a_river_are_typed_again_as_they_were_given():
+    options = RiverFile(Path("a river.geojson"), width_m=6.0, start_m=1234.5678, length_m=1e6, smooth_m=0.1)
+    typed = ["--width-m", "6", "--start-m", "1234.5678", "--length-m", "1000000", "--smooth-m", "0.1"]
+    assert options.words() == ["--geojson", "a river.geojson", *typed]
 
 
 @pytest.mark.parametrize(

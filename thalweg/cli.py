@@ -78,7 +78,7 @@ class RenderFrames:
     size: int = 128
     """Height and width of a frame in pixels."""
     quality: Literal["full", "fast"] = "full"
-    """fast: without reflections, and with less filtering."""
+    """fast: without reflections, filtered less, and marched once for four pixels."""
     frames: Path | None = None
     """Also write each frame by itself, as a PNG, into this folder."""
     gallery: bool = False

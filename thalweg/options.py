@@ -58,7 +58,7 @@ class RiverFile:
         if self.geojson is None:
             return []
         given = [
-            (f"--{name.replace('_', '-')}", f"{value:.17g}" if value % 1 else f"{value:.0f}")
+            (f"--{name.replace('_', '-')}", repr(float(value)) if value % 1 else f"{value:.0f}")
             for name, value in self._given().items()
         ]
         return ["--geojson", str(self.geojson), *(word for pair in given for word in pair)]

@@ -39,14 +39,18 @@ def plants_at(places: list[tuple[float, float]], kind: int, height: float = 8.0,
 def plane(
     *,
     slope_x: float = 0.0,
+    slope_y: float = 0.0,
     water_level: float = -5.0,
     bridges: np.ndarray | None = None,
     plants: Plants | None = None,
     grey: int = 160,
 ) -> World:
-    """Ground z = slope_x * x on a square of 100 m about the origin, with water wherever it lies below water_level."""
+    """Ground z = slope_x * x + slope_y * y on a square of 100 m about the origin.
+
+    There is water wherever it lies below water_level.
+    """
     axis = np.arange(NODES) * CELL_M - HALF_M
-    ground = np.broadcast_to(slope_x * axis, (NODES, NODES)).astype(np.float32).copy()
+    ground = (slope_x * axis + slope_y * axis[:, None]).astype(np.float32)
     water = np.full((NODES, NODES), water_level, np.float32)
     line = np.linspace(-20.0, 20.0, 32)
     river = River(

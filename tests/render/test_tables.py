@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.ndimage import map_coordinates
 
 from tests.render.plain import plane
 from thalweg.kernel import kernel
@@ -159,3 +160,29 @@ def test_exposure_takes_away_most_of_a_change_of_light():
     by_hand = tone.encode(tone.curve(vivid * (tone.KEY / luma.mean()) ** tone.ADAPTION)) * 255
     assert np.abs(pictures[0] - by_hand).max() < 2.0
     assert 0 < pictures[1].mean() - pictures[0].mean() < 20
+
+
+@kernel
+def read_slopes(table, columns, rows, xs, ys, found):
+    for i in range(len(xs)):
+        found[i, 0], found[i, 1], found[i, 2] = fetch.sloped(table, 0, columns, rows, xs[i], ys[i])
+
+
+def test_slopes_of_a_table_are_the_differences_of_its_values_and_none_beyond_its_edges():
+    rng = np.random.default_rng(3)
+    table = rng.uniform(-1, 1, (6, 9)).astype(np.float32)
+    xs = (rng.integers(0, 8, 200) + rng.uniform(0.1, 0.9, 200)).astype(np.float32)
+    ys = (rng.integers(0, 5, 200) + rng.uniform(0.1, 0.9, 200)).astype(np.float32)
+    found = np.empty((200, 3), np.float32)
+    read_slopes(table.ravel(), 9, 6, xs, ys, found)
+    small = 0.05
+    height = lambda x, y: map_coordinates(table.astype(float), [y, x], order=1)  # noqa: E731
+    np.testing.assert_allclose(found[:, 0], height(xs, ys), atol=1e-5)
+    np.testing.assert_allclose(found[:, 1], (height(xs + small, ys) - height(xs - small, ys)) / (2 * small), atol=1e-4)
+    np.testing.assert_allclose(found[:, 2], (height(xs, ys + small) - height(xs, ys - small)) / (2 * small), atol=1e-4)
+    beyond = np.array([[-3.0, 2.5], [20.0, 2.5], [4.5, -1.0], [4.5, 9.0]], np.float32)
+    read_slopes(table.ravel(), 9, 6, *beyond.T.copy(), found[:4])
+    assert (found[:2, 1] == 0).all()
+    assert (found[:2, 2] != 0).all()
+    assert (found[2:4, 2] == 0).all()
+    assert (found[2:4, 1] != 0).all()

@@ -40,7 +40,10 @@ BATCH, WORLDS = 16, 4
 VIEWS = 64
 """Views over which the stages of a frame are measured."""
 FRAME_FEATURES = "RGB, water mask, everything drawn"
-FEATURES: dict[Quality, str] = {"full": FRAME_FEATURES, "fast": "RGB, water mask, no reflection, nearest look-ups"}
+FEATURES: dict[Quality, str] = {
+    "full": FRAME_FEATURES,
+    "fast": "RGB, water mask; no reflection, nearest look-ups, a march for four pixels",
+}
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Where does a frame's time go? Each stage of the kernel by itself, on one thread, over many views.
 
-The stages are the very functions of `thalweg.render.frame`, called one after another from here. What they share, such
+The stages are the very functions of `thalweg.render`, called one after another from here. What they share, such
 as the eye, is made before the clock starts; a call from Python costs some microseconds, which the smallest stages show.
 """
 
@@ -14,7 +14,7 @@ from thalweg.env import sample_starts
 from thalweg.render import Camera, Renderer, classes, frame, plants, water
 from thalweg.render import look as looks
 from thalweg.render import scene as table
-from thalweg.render.eye import aim, open_eye
+from thalweg.render.eye import aim, open_eye, reach
 from thalweg.render.picture import BLOCK
 from thalweg.render.survey import MISS, survey
 from thalweg.world import World
@@ -35,11 +35,11 @@ STAGES = (
 
 
 class View:
-    """One frame in the making: its buffers, and the stages as calls without arguments."""
+    """One frame of the full quality in the making: its buffers, and the stages as calls without arguments."""
 
     def __init__(self, renderer: Renderer, pose: np.ndarray) -> None:
         camera = renderer.camera
-        self.scene, self.width, self.fast = renderer.scene, camera.width_px, renderer.quality == "fast"
+        self.scene, self.width = renderer.scene, camera.width_px
         self.look = looks.look_rows(looks.look_values(None, 1), camera)[0]
         eye = open_eye(*pose, self.look, camera.width_px, f32(camera.near_m))
         # On its way through Python it became double; a frame's is single.
@@ -55,7 +55,7 @@ class View:
         """Name of each stage, what makes its buffers ready, and the stage; to be used in this order."""
         scene, look, eye, height = self.scene, self.look, self.eye, len(self.depth)
         nothing = lambda: None  # noqa: E731
-        yield "ground", nothing, lambda: survey(scene, 0, eye, height, 0, self.fast, self.depth, self.kind)
+        yield "ground", nothing, lambda: survey(scene, 0, eye, height, 0, False, self.depth, self.kind)
         kept = self.depth.copy(), self.kind.copy()
         yield (
             "bridges",
@@ -67,7 +67,7 @@ class View:
             "plants",
             lambda: ([plane.fill(0) for plane in colours], self.light.fill(1)),
             lambda: plants.draw_plants(
-                scene, 0, look, eye, height, 0, self.fast, self.depth, *colours, self.light, self.solid
+                scene, 0, look, eye, height, 0, False, self.depth, *colours, self.light, self.solid
             ),
         )
         for name, wanted in (("sky", classes.SKY), ("ground", classes.GROUND), ("water", classes.WATER)):
@@ -86,9 +86,7 @@ class View:
     def _shade(self, kind: np.ndarray) -> None:
         planes = self.light, self.red, self.green, self.blue
         height = len(self.depth)
-        frame.shade(
-            self.scene, 0, self.look, self.eye, f32(0), height, self.width, 0, self.fast, self.depth, kind, *planes
-        )
+        frame.shade(self.scene, 0, self.look, self.eye, f32(0), height, self.width, 0, False, self.depth, kind, *planes)
 
     def _reflection(self) -> Callable[[], None]:
         """The march of the mirrored rays of all water pixels that light reaches."""
@@ -104,7 +102,7 @@ class View:
         at = np.flatnonzero((self.kind == classes.WATER) & (self.light > frame.SEEN)).astype(np.int32)
         count = len(at)
         x, y, z, dx, dy, dz, far = np.empty((7, max(count, 1)), f32)
-        frame.reach(
+        reach(
             node_x,
             node_y,
             eye[2],

@@ -127,8 +127,8 @@ class EnvConfig:
     camera: Camera = field(default_factory=Camera)
     """Resolution and optics of the frames."""
     quality: Quality = "full"
-    """`full`, or `fast`: frames without reflections and with less filtering, and faster; `thalweg speed` says
-    by how much."""
+    """`full`, or `fast`: frames without reflections, filtered less, marched once for four pixels; `thalweg speed` says
+    how much faster."""
     randomisation: Randomisation | None = None
     """From where to where the look varies; None: not at all. True stands for the default ranges."""
 

@@ -12,9 +12,11 @@ from thalweg.render.frame import ROWS_TOGETHER, draw_rows, finish_frame, open_pl
 
 f32 = np.float32
 
+WHOLE, BANDS, FINISH = range(3)
+"""What each thread does in turn: draw whole frames; draw bands of rows of them; turn drawn planes into pictures."""
 
-@kernel(parallel=True)
-def draw_frames(scene, world_index, poses, times, looks, camera, images, want_layers, depths, classes, bands):
+
+def draw(scene, world_index, poses, times, looks, camera, images, want_layers, depths, classes, bands) -> None:
     """Draw one frame per pose, each with its look [N, LOOK_COLUMNS]: images [N, H, W] uint32.
 
     camera: (height, width, near plane in float32 metres, whether the quality is the modest one). An image holds red,
@@ -22,39 +24,51 @@ def draw_frames(scene, world_index, poses, times, looks, camera, images, want_la
     else [1, 1, 1]. bands [B, 2] int32: the rows from, to that a thread draws together. With one band a thread draws
     whole frames; more are for fewer frames than threads.
     """
-    views = (world_index, poses, times, looks)
-    out = (images, want_layers, depths, classes)
+    views = world_index, poses, times, looks
+    out = images, want_layers, depths, classes
     whole = len(bands) == 1
-    rounds = 1 if whole else len(poses)
-    parts = len(poses) if whole else len(bands)
-    for turn in range(rounds):
-        planes = open_planes(0 if whole else camera[0], camera[1])
-        # One loop for both ways: a second would be compiled once more, with all that it calls.
-        for part in prange(parts):
-            draw_part(scene, views, camera, out, bands, planes, int64(turn), int64(part))
-        if not whole:
-            draw_part(scene, views, camera, out, bands, planes, int64(turn), int64(parts))
+    planes = shared_planes(0 if whole else len(poses), *camera[:2])
+    for stage in (WHOLE,) if whole else (BANDS, FINISH):
+        draw_frames(scene, views, camera, out, bands, planes, stage)
+
+
+def shared_planes(count: int, height: int, width: int) -> tuple[np.ndarray, ...]:
+    """The planes of `open_planes` for each of `count` frames, [count, H', W']."""
+    return tuple(np.repeat(plane[None], count, axis=0) for plane in open_planes(height, width))
+
+
+@kernel(parallel=True)
+def draw_frames(scene, views, camera, out, bands, planes, stage):
+    """One stage of `draw`. There is one loop for all of them: each would be compiled with all that it calls.
+
+    views: world_index [N], poses [N, 4], times [N] in seconds, looks [N, LOOK_COLUMNS]; out: images, want_layers,
+    depths, classes; planes: of `shared_planes`, of no frame for whole frames.
+    """
+    jobs = len(views[0]) * (len(bands) if stage == BANDS else 1)
+    for job in prange(jobs):
+        draw_part(scene, views, camera, out, bands, planes, stage, int64(job))
 
 
 @kernel
-def draw_part(scene, views, camera, out, bands, shared, turn, part):
-    """With one band: draw frame number `part`. With more: draw that band of frame number `turn` into shared planes, or
-    finish the frame, where `part` is the number of bands."""
+def draw_part(scene, views, camera, out, bands, planes, stage, job):
+    """Number `job` of a stage; arguments as of `draw_frames`."""
     world_index, poses, times, looks = views
     images, want_layers, depths, classes = out
-    whole = len(bands) == 1
-    n = part if whole else turn
-    band = 0 if whole else part
-    planes = open_planes(camera[0], camera[1]) if whole else shared
+    n = job // len(bands) if stage == BANDS else job
+    band = job % len(bands) if stage == BANDS else 0
     w = world_index[n]
     time = f32(times[n])
     eye = eye_of(poses[n], looks[n], camera)
-    if band < len(bands):
-        draw_rows(scene, w, looks[n], eye, time, camera, bands[band, 0], bands[band, 1], planes)
-    if whole or band == len(bands):
+    if stage == WHOLE:
+        own = open_planes(camera[0], camera[1])
+    else:
+        own = planes[0][n], planes[1][n], planes[2][n], planes[3][n], planes[4][n], planes[5][n], planes[6][n]
+    if stage != FINISH:
+        draw_rows(scene, w, looks[n], eye, time, camera, bands[band, 0], bands[band, 1], own)
+    if stage != BANDS:
         layer = n % len(depths)
         finish_frame(
-            scene, w, looks[n], eye, time, camera, planes, images[n], want_layers, depths[layer], classes[layer]
+            scene, w, looks[n], eye, time, camera, own, images[n], want_layers, depths[layer], classes[layer]
         )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ import numba
 import numpy as np
 
 from thalweg.kernel import config, kernel_folder
-from thalweg.render.batch import draw_frames
+from thalweg.render.batch import WHOLE, draw_frames, shared_planes
 from thalweg.render.look import LOOK_COLUMNS
 from thalweg.render.scene import blank_scene
 
@@ -73,20 +73,10 @@ def arguments() -> tuple:
     """Arguments of the types with which `draw_frames` is called."""
     camera = (8, 8, np.float32(0.3), False)
     images, depths, classes = (np.zeros((1, 8, 8), kind) for kind in (np.uint32, np.float32, np.uint8))
-    looks = np.zeros((1, LOOK_COLUMNS), np.float32)
-    return (
-        blank_scene(),
-        np.zeros(1, np.int64),
-        np.zeros((1, 4)),
-        np.zeros(1),
-        looks,
-        camera,
-        images,
-        False,
-        depths,
-        classes,
-        np.zeros((1, 2), np.int32),
-    )
+    views = np.zeros(1, np.int64), np.zeros((1, 4)), np.zeros(1), np.zeros((1, LOOK_COLUMNS), np.float32)
+    bands = np.zeros((1, 2), np.int32)
+    planes = shared_planes(0, 8, 8)
+    return blank_scene(), views, camera, (images, False, depths, classes), bands, planes, WHOLE
 
 
 def main() -> None:

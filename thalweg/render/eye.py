@@ -15,7 +15,8 @@ f32 = np.float32
 def open_eye(x, y, z, yaw, look, width, near):
     """The camera at a pose: origin, forward, right and up vectors, half width and height, width of a pixel, near plane.
 
-    The right vector has no height, for the camera does not roll.
+    x, y, z in metres, yaw in radians, width in pixels, near in metres. The right vector has no height, for the camera
+    does not roll.
     """
     pitch = look[PITCH]
     half_w = look[HALF_W]
@@ -34,7 +35,7 @@ def open_eye(x, y, z, yaw, look, width, near):
 
 @kernel
 def eye_of(pose, look, camera):
-    """The camera at a pose [4], as of `open_eye`."""
+    """The camera at a pose [4], as of `open_eye`; camera: as of `batch.draw`."""
     return open_eye(pose[0], pose[1], pose[2], pose[3], look, camera[1], camera[2])
 
 

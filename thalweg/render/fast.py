@@ -1,8 +1,9 @@
 """What does the modest quality leave out? Reflections, filtering between texels, half of the ripples, half of a tree.
 
 Each function stands in for one of the full quality and takes those of its arguments that it needs. Textures are still
-read at the level that a pixel's footprint asks for, so that nothing shimmers that did not before; but only the nearest
-texel is taken, and two rows of a plant's picture share theirs. How rays are saved: `thalweg.render.survey`.
+read at the level that a pixel's footprint asks for, so that ground and water shimmer no more than before; but only the
+nearest texel is taken. Two rows of a plant's picture share a look, and texels between are passed over. How rays are
+saved: `thalweg.render.survey`.
 """
 
 import math
@@ -29,7 +30,6 @@ from thalweg.render.picture import BLOCK
 from thalweg.render.water import (
     DRIFT_A_M_PER_S,
     GLITTER_TINT,
-    INDEX,
     ROUGHNESS,
     TILE_A_M,
     footprint,
@@ -37,7 +37,7 @@ from thalweg.render.water import (
     glints,
     mirrored_ray,
     mirrored_share,
-    sun_slant,
+    refracted_slant,
 )
 
 f32 = np.float32
@@ -45,7 +45,7 @@ f32 = np.float32
 CLOSED = 0.1
 """As `picture.CLOSED`: less of what lies behind foliage is drawn."""
 SHARPEN = -0.3
-"""As `picture.SHARPEN`: texels as large as two rows of pixels."""
+"""As `picture.SHARPEN`; below zero for coarser texels, from 0.6 to 1.2 pixels high."""
 ROWS = 2
 """Rows of a picture that share their texels."""
 BRUSH = 5
@@ -131,8 +131,8 @@ def shade_ground(scene, w, x, y, dz, far, pixel, red, green, blue, n):
 
 @kernel(disjoint=True)
 def shade_water(scene, w, look, x, y, dx, dy, dz, far, pixel, time, red, green, blue, n):
-    """As `water.shade_water`: one layer of ripples, a bed that is not refracted and has no stones, and dark banks below
-    the sky in place of what is mirrored."""
+    """As `water.shade_water`: one layer of ripples, a bed without stones that refraction does not shift, and dark banks
+    below the sky in place of what is mirrored."""
     number = scene.number
     columns = int32(scene.place[w, table.GX])
     rows = int32(scene.place[w, table.GY])
@@ -143,7 +143,7 @@ def shade_water(scene, w, look, x, y, dx, dy, dz, far, pixel, time, red, green, 
     sun_x = number[w, table.SUN_X]
     sun_y = number[w, table.SUN_Y]
     sun_z = number[w, table.SUN_Z]
-    sun_path = sun_slant(sun_z)
+    sun_path = refracted_slant(sun_z)
     amplitude = look[RIPPLE] * f32(RIPPLE_GAIN)
     slope_scale = amplitude * f32(ripples.SLOPE_RANGE / 127.5)
     lost_scale = amplitude * amplitude * f32(ripples.VARIANCE_RANGE / 255.0)
@@ -164,8 +164,7 @@ def shade_water(scene, w, look, x, y, dx, dy, dz, far, pixel, time, red, green, 
         depth = max(bilinear(scene.depth, at, columns, rows, x[i], y[i]), f32(0))
         bed = nearest_paint(scene, w, x[i], y[i], log2(foot * inv_cell))
         sunlit = channel(bed, 24) * f32(1 / 255.0)
-        down = math.sqrt(f32(1) - (f32(1) - dz[i] * dz[i]) * f32(1 / INDEX**2))
-        whole = depth * (f32(1) / down + sun_path)
+        whole = depth * (refracted_slant(dz[i]) + sun_path)
         under_r = from_below(channel(bed, 0), whole, look[ABSORB_R], look[SCATTER_R], sunlit)
         under_g = from_below(channel(bed, 8), whole, look[ABSORB_G], look[SCATTER_G], sunlit)
         under_b = from_below(channel(bed, 16), whole, look[ABSORB_B], look[SCATTER_B], sunlit)
@@ -182,7 +181,10 @@ def shade_water(scene, w, look, x, y, dx, dy, dz, far, pixel, time, red, green, 
 
 @kernel(inlined=True)
 def picture_pixel(atlas, picture, dx, dy, dz, near):
-    """As `picture.picture_pixel`, whatever is nearer: colour, the share of light that is stopped, and the depth."""
+    """As `picture.picture_pixel`, before what is nearer, or ground before it, is counted.
+
+    Returns its colour, the share of light that it stops, and its depth.
+    """
     (far, nx, ny, foot, per_tall, per_half), (begin, wide, high), paint, (dark_r, dark_g, dark_b) = picture
     tint_r, tint_g, tint_b, add_r, add_g, add_b, sun_low, sun_rise = paint
     towards = dx * nx + dy * ny

@@ -42,7 +42,9 @@ def bilinear(table, at, columns, rows, x, y):
 
 @kernel(inlined=True)
 def sloped(table, at, columns, rows, x, y):
-    """As `bilinear`, and by how much the table rises per node in x and in y."""
+    """As `bilinear`, and by how much the table rises per node in x and in y; it is level beyond its edges."""
+    within_x = f32(1) if (x >= f32(0)) & (x <= f32(columns) - f32(1.001)) else f32(0)
+    within_y = f32(1) if (y >= f32(0)) & (y <= f32(rows) - f32(1.001)) else f32(0)
     x = clamp(x, f32(0), f32(columns) - f32(1.001))
     y = clamp(y, f32(0), f32(rows) - f32(1.001))
     column = int32(x)
@@ -56,7 +58,7 @@ def sloped(table, at, columns, rows, x, y):
     d = table[uint32(k + columns + 1)]
     low = a + (b - a) * u
     high = c + (d - c) * u
-    return low + (high - low) * v, (b - a) + (d - c - b + a) * v, high - low
+    return low + (high - low) * v, ((b - a) + (d - c - b + a) * v) * within_x, (high - low) * within_y
 
 
 @kernel(inlined=True)

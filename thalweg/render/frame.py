@@ -27,8 +27,9 @@ f32 = np.float32
 SEEN = 0.004
 """What plants cover to more than all but this is not shaded."""
 SPAN_ROWS = 10
+"""Arrays of scratch that the shading needs."""
 ROWS_TOGETHER = march.TILE
-"""Bands of rows begin at multiples of this."""
+"""Bands of rows begin at multiples of this, the height of a tile of rays; rows drawn by twos divide it."""
 
 
 @kernel
@@ -57,6 +58,7 @@ def draw_rows(scene, w, look, eye, time, camera, top, bottom, planes):
     What a row shows depends on no other rows than those of its tile.
     """
     height, width, _, fast = camera
+    # The modest quality draws rows by twos; the one beyond an odd height is never shown.
     bottom += bottom % 2
     depth = planes[0][top:bottom]
     kind = planes[1][top:bottom]
@@ -81,10 +83,14 @@ def draw_rows(scene, w, look, eye, time, camera, top, bottom, planes):
 @kernel
 def finish_frame(scene, w, look, eye, time, camera, planes, image, want_layers, depth_out, class_out):
     """Turn the drawn buffers of a frame into image [H, W] uint32, and into layers where wanted."""
-    _, width, _, fast = camera
+    height, width, _, fast = camera
     depth, kind, red, green, blue, light, solid = planes
     if not fast:
-        outlines.soften_edges(scene, w, look, eye, width, depth, kind, light, red, green, blue)
+        # Without the row by which an odd height is rounded up: rays are aimed by the number of rows.
+        outlines.soften_edges(
+            scene, w, look, eye, width, depth[:height], kind[:height], light[:height],
+            red[:height], green[:height], blue[:height],
+        )  # fmt: skip
     if want_layers:
         write_layers(depth, solid, kind, light, depth_out, class_out)
     mask_water(kind, light)
@@ -228,7 +234,7 @@ def haze(scene, w, look, far, red, green, blue, n):
 
 @kernel(disjoint=True)
 def write_layers(depth, solid, kind, light, depth_out, class_out):
-    """Depth along the axis (-1: sky) and class of each pixel [H, W]."""
+    """Depth along the axis (-1: sky) and class of each pixel [H, W], from planes [H', W']."""
     height, width = depth_out.shape
     for r in range(height):
         for c in range(width):
@@ -239,7 +245,7 @@ def write_layers(depth, solid, kind, light, depth_out, class_out):
 
 @kernel(disjoint=True)
 def mask_water(kind, light):
-    """Turn kind [H, W'] into the mask: 255 where water is seen, else 0."""
+    """Turn kind [H', W'] into the mask: 255 where water is seen, else 0."""
     for r in range(kind.shape[0]):
         for c in range(kind.shape[1]):
             wet = (kind[r, c] == np.uint8(WATER)) & (light[r, c] > f32(0.5))

@@ -1,8 +1,9 @@
-"""Where does each ray of a row meet the ground or the water? A march over the height field, a row of pixels at a time.
+"""Where does each ray of a row meet the ground or the water? A march over the height field, some rays at a time.
 
-All rays of a row advance together, so that LLVM works on 8 or 16 of them at once. A ray's parameter t counts metres
-along the optical axis. The step is the greatest of three: what the cone above the cell allows (no surface can be met
-sooner), a share of the height above the surface, and a least step that grows with distance.
+`SPAN` neighbouring rays, of pixels or of squares, advance together, so that LLVM works on 8 or 16 of them at once. A
+ray's parameter t counts metres along the optical axis. The step is the greatest of three: what the cone above the cell
+allows (no surface can be met sooner), a share of the height above the surface, and a least step that grows with
+distance.
 """
 
 import math
@@ -26,6 +27,8 @@ TRACK = 5
 """Arrays of scratch that the march needs."""
 SPAN = 32
 """Rays that a CPU advances together: two of its widest vectors; of more, too many would wait for the slowest."""
+SQUARE = 2
+"""Pixels a side of the squares that share a march in the modest quality."""
 TILE = 8
 """Pixels a side of the bundles of rays that start together."""
 BUNDLE_STEPS = 40
@@ -33,7 +36,8 @@ BUNDLE_STEPS = 40
 BUNDLE_LEAST_M = 0.25
 """A bundle that gets on by less than this is left to its rays."""
 SETTLE_SHARE = 0.35
-"""Rays of one square of four differ in length by at most this share of it, but for edges."""
+"""A ray that would differ in length by more than this share from its square's, at an edge or near the horizon, takes
+that one's length."""
 FAR_M = 320.0
 """Beyond this all ground is lost in the haze and drawn as the horizon."""
 
@@ -167,8 +171,11 @@ def march(scene, w, ox, oy, oz, dx, dy, dz, t, hit, track, n):
 
 @kernel(disjoint=True)
 def touch(scene, w, ox, oy, oz, dx, dy, t, tilt_x, tilt_y, gap, n):
-    """The plane that touches the surface where each of n rays has got to: how it rises per node, tilt_x and tilt_y [n],
-    and how far below the eye it lies there: gap [n] in metres. Other arguments as of `march`."""
+    """The plane that touches the surface where each of n rays has got to.
+
+    tilt_x, tilt_y [n]: its rise in metres per node; gap [n]: metres from the eye straight down to it. Other arguments
+    as of `march`.
+    """
     columns = int32(scene.place[w, table.GX])
     rows = int32(scene.place[w, table.GY])
     at = int32(scene.place[w, table.MAP_AT])
@@ -181,13 +188,12 @@ def touch(scene, w, ox, oy, oz, dx, dy, t, tilt_x, tilt_y, gap, n):
 
 @kernel(disjoint=True)
 def settle(tilt_x, tilt_y, gap, met, dx, dy, dz, t, n):
-    """Where n rays meet the planes that `touch` the surface where rays beside them met it, at met [n]: t [n].
+    """How far n rays of a row go to the planes of `touch`, two neighbours to a plane: t [n].
 
-    Two neighbours share a plane. A ray that would meet it much sooner or later, since it passes an edge by, ends where
-    the ray beside it did.
+    tilt_x, tilt_y, gap, met [n / 2]: the planes, and how far the ray through the middle of a square went.
     """
     for i in range(n):
-        k = uint32(i >> 1)
+        k = uint32(i // SQUARE)
         rate = tilt_x[k] * dx[i] + tilt_y[k] * dy[i] - dz[i]
         there = gap[k] / max(rate, f32(1e-6))
         t[i] = there if abs(there - met[k]) < f32(SETTLE_SHARE) * met[k] else met[k]

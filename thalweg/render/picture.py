@@ -19,7 +19,7 @@ BLOCK = 16
 SHARPEN = 0.35
 """Levels by which pictures are taken finer than their size asks: the original is as crisp."""
 CLOSED = 0.02
-"""A block through which less light than this passes everywhere is closed."""
+"""A block is closed once each of its pixels lets less light through than this, or shows ground before the plant."""
 EDGE = math.tan(math.pi / 8)
 """Slope of the line between two of the eight views."""
 assert impostors.VIEWS == 8
@@ -41,7 +41,7 @@ def side_seen(nx, ny, sun_x, sun_y):
         eighth = int32(2)
     eighth = int32(4) - eighth if along < f32(0) else eighth
     eighth = -eighth if aside < f32(0) else eighth
-    return int32(eighth & int32(7))
+    return int32(eighth & int32(impostors.VIEWS - 1))
 
 
 @kernel(inlined=True)
@@ -185,6 +185,6 @@ def draw_picture(atlas, picture, nearest, eye, box, height, top, deepest, planes
                 light[k] = rest
                 crossed = (passing >= f32(0.5)) & (rest < f32(0.5))
                 solid[k] = t if crossed else solid[k]
-                # What shows ground nearer than this plant will not show one behind it.
+                # Later plants are no nearer: ground before this one hides them too.
                 still += max(rest - f32(CLOSED), f32(0)) if depth[k] > nearest else f32(0)
             deepest[r, bx] = deepest[r, bx] if still > f32(0) else f32(0)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from thalweg.render import compilation
-from thalweg.render.batch import bands_of, draw_frames
+from thalweg.render.batch import bands_of, draw
 from thalweg.render.camera import Camera
 from thalweg.render.errors import RenderError
 from thalweg.render.look import Look, look_rows, look_values
@@ -38,7 +38,9 @@ class Renderer:
     """Draws worlds as seen by a camera. Its tables are built once; drawing changes nothing in it."""
 
     def __init__(self, worlds: Sequence[World], camera: Camera | None = None, quality: Quality = "full") -> None:
-        """Prepare the tables of the worlds. `quality`: "full", or "fast" for frames without reflections, filtered less.
+        """Prepare the tables of the worlds.
+
+        `quality`: "full", or "fast" for frames without reflections, filtered less, and marched once for four pixels.
 
         Raises `RenderError` if there is no world, or no such quality.
         """
@@ -100,9 +102,7 @@ class Renderer:
     def _draw(self, worlds, poses, times, looks, out, want_layers, depth, kind) -> None:
         packed = out.view(np.uint32)[..., 0]
         bands = bands_of(self.camera.height_px, numba.get_num_threads(), len(poses))
-        draw_frames(
-            self.scene, worlds, poses, times, looks, self._camera, packed, want_layers, depth, kind, bands
-        )  # fmt: skip
+        draw(self.scene, worlds, poses, times, looks, self._camera, packed, want_layers, depth, kind, bands)
 
     def _checked(
         self, poses: ArrayLike, world_index: ArrayLike | None, time_s: ArrayLike | None

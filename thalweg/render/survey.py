@@ -17,10 +17,12 @@ MISS = 1e9
 
 @kernel(disjoint=True)
 def survey(scene, w, eye, height, top, fast, depth, kind):
-    """Where every ray meets ground or water: depth [R, W'] along the axis (MISS if nowhere), and what it is: kind.
+    """Where every ray meets ground or water: depth [R, W'] along the axis (MISS if nowhere), and what it is: kind
+    [R, W'] uint8.
 
     Rows are those from `top` on of an image of `height` rows; so in all functions of a frame. fast: whether one march
-    is enough for a square of four pixels, whose rays then settle on the surface around the point it found.
+    is enough for a square of `march.SQUARE` pixels a side, whose rays then settle on the plane that touches the surface
+    at the point it found; R is even then.
     """
     rows, wide = depth.shape
     inv_cell = scene.number[w, table.INV_CELL]
@@ -42,30 +44,33 @@ def survey(scene, w, eye, height, top, fast, depth, kind):
     met = np.empty(wide, np.float32)
     met_hit = np.empty(wide, np.float32)
     spread = march.bundle_spread(eye, height)
-    fold = 1 if fast else 0
+    size = march.SQUARE if fast else 1
     for r in range(rows):
         if r % march.TILE == 0:
             aim_squares(eye, height, top + r, march.TILE, inv_cell, dx, dy, dz, 0, tiles)
             for k in range(tiles):
                 start[k] = eye[14]
             march.approach(scene, w, node_x, node_y, eye[2], spread, dx, dy, dz, start, tiles)
-        if r % (1 << fold) == 0:
-            rays = wide >> fold
-            aim_squares(eye, height, top + r, 1 << fold, inv_cell, dx, dy, dz, 0, rays)
+        if r % size == 0:
+            rays = wide // size
+            aim_squares(eye, height, top + r, size, inv_cell, dx, dy, dz, 0, rays)
             for k in range(rays):
-                met[k] = start[uint32((k << fold) // march.TILE)]
+                met[k] = start[uint32(k * size // march.TILE)]
             for k in range(0, rays, march.SPAN):
                 end = min(k + march.SPAN, rays)
                 ray = dx[k:end], dy[k:end], dz[k:end], met[k:end], met_hit[k:end]
                 march.march(scene, w, node_x, node_y, eye[2], *ray, track, end - k)
             if fast:
                 march.touch(scene, w, node_x, node_y, eye[2], dx, dy, met, tilt_x, tilt_y, gap, rays)
-        for c in range(wide):
-            t[c] = met[uint32(c >> fold)]
-            hit[c] = met_hit[uint32(c >> fold)]
         if fast:
             aim(eye, height, top + r, 0, inv_cell, dx, dy, dz, wide)
             march.settle(tilt_x, tilt_y, gap, met, dx, dy, dz, t, wide)
+            for c in range(wide):
+                hit[c] = met_hit[uint32(c // march.SQUARE)]
+        else:
+            for c in range(wide):
+                t[c] = met[c]
+                hit[c] = met_hit[c]
         march.wetness(scene, w, node_x, node_y, dx, dy, t, wet, wide)
         for c in range(wide):
             depth[r, c] = t[c] if hit[c] > f32(0) else f32(MISS)

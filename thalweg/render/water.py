@@ -119,9 +119,9 @@ def mirrored_share(facing, spread):
 
 
 @kernel(inlined=True)
-def sun_slant(sun_z):
-    """The length of the sun's refracted way through water of depth 1."""
-    return f32(1) / math.sqrt(f32(1) - (f32(1) - sun_z * sun_z) * f32(1 / INDEX**2))
+def refracted_slant(dz):
+    """The length of a refracted ray's way through water of depth 1; dz: how much its unit direction rises or falls."""
+    return f32(1) / math.sqrt(f32(1) - (f32(1) - dz * dz) * f32(1 / INDEX**2))
 
 
 @kernel(inlined=True)
@@ -251,7 +251,7 @@ def compose(
     depth_map = scene.depth
     paint = scene.paint
     sky_map = scene.sky
-    sun_path = sun_slant(sun_z)
+    sun_path = refracted_slant(sun_z)
     for i in range(n):
         mirror = mirrored_share(facing[i], spread[i])
 

@@ -60,7 +60,8 @@ def trace(scene, w, camera, time, look, fast, order, distance, radiance, depth_o
         gap = cuda.local.array(1, float32)
         met = cuda.local.array(1, float32)
         met[0] = depth[0]
-        aim_squares(eye, height, r // 2 * 2, 2, inv_cell, tile_x, tile_y, tile_z, c // 2, 1)
+        row = r // march.SQUARE * march.SQUARE
+        aim_squares(eye, height, row, march.SQUARE, inv_cell, tile_x, tile_y, tile_z, c // march.SQUARE, 1)
         march.march(scene, w, node_x, node_y, eye[2], tile_x, tile_y, tile_z, met, hit, (a0, a1, a2, a3, a4), 1)
         march.touch(scene, w, node_x, node_y, eye[2], tile_x, tile_y, met, tilt_x, tilt_y, gap, 1)
         march.settle(tilt_x, tilt_y, gap, met, ray_x, ray_y, ray_z, depth, 1)
@@ -99,7 +100,7 @@ def trace(scene, w, camera, time, look, fast, order, distance, radiance, depth_o
     blue = f32(0)
     light = f32(1)
     # The ray through the middle of the two rows that share their texels.
-    off = (f32(r - r // 2 * 2) - f32(0.5)) * per_row
+    off = (f32(r % modest.ROWS) - f32(0.5 * modest.ROWS - 0.5)) * per_row
     mid_x = dx + off * eye[8]
     mid_y = dy + off * eye[9]
     mid_z = dz + off * eye[10]

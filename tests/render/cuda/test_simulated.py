@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.render.cuda import cases
-from thalweg.render.batch import bands_of, draw_frames
+from thalweg.render.batch import bands_of, draw
 from thalweg.render.classes import BRIDGE, GROUND, PLANT, SKY, WATER
 from thalweg.render.look import look_rows, look_values
 from thalweg.render.scene import build_scene
@@ -24,7 +24,7 @@ def frames_of_the_cpu(quality: str) -> tuple[np.ndarray, np.ndarray]:
     layers = np.empty((count, side, side), np.float32), np.empty((count, side, side), np.uint8)
     scene = build_scene([cases.world()])  # also leaves the atlas in the cache, which the simulator is too slow to grow
     where = np.zeros(count, np.int64)
-    draw_frames(
+    draw(
         scene,
         where,
         cases.POSES,

@@ -1,9 +1,10 @@
 """How does rendering grow? Frames a second by number of cameras, size of the frame and number of worlds.
 
 `python benchmarks/scaling.py` writes scaling.csv and scaling.png beside itself; it takes about five minutes, most of
-them to build 64 worlds on the first run.
+them to build 64 worlds on the first run. `--plot` only draws scaling.png from scaling.csv again.
 """
 
+import argparse
 import csv
 import statistics
 import time
@@ -25,6 +26,8 @@ CAMERAS, SIZES, WORLDS = (1, 4, 16, 64, 256), (64, 128, 256), (1, 4, 16, 64)
 USUAL = (16, 128, 4)
 """Cameras, pixels and worlds of a point where only one of them varies."""
 SECONDS, REPEATS = 0.8, 5
+TICKS = (100, 200, 500, 1000, 2000, 5000)
+"""Frames a second that the plot names."""
 
 
 def points() -> list[tuple[int, int, int]]:
@@ -56,11 +59,12 @@ def plot(rows: list[dict]) -> None:
         line = [row for row in rows[: len(SIZES) * len(CAMERAS)] if row["pixels"] == size]
         left.loglog([r["cameras"] for r in line], [r["frames_per_s"] for r in line], "o-", label=f"{size} x {size}")
     left.set(xlabel="cameras in one call", ylabel="frames a second", xticks=CAMERAS, xticklabels=CAMERAS)
-    left.legend()
+    left.set(yticks=TICKS, yticklabels=TICKS, ylim=(TICKS[0], TICKS[-1]))
+    left.legend(loc="upper center", ncols=len(SIZES))
     line = rows[len(SIZES) * len(CAMERAS) :]
     right.semilogx([r["worlds"] for r in line], [r["frames_per_s"] for r in line], "o-")
     right.set(xlabel="worlds drawn from, 128 x 128", xticks=WORLDS, xticklabels=WORLDS)
-    right.set_ylim(bottom=0)
+    right.set_ylim(0, 1.1 * max(r["most"] for r in line))
     for axes in (left, right):
         axes.minorticks_off()
         axes.grid(alpha=0.3)
@@ -68,7 +72,13 @@ def plot(rows: list[dict]) -> None:
         figure.savefig(draft, dpi=110)
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--plot", action="store_true", help="draw scaling.png from scaling.csv again")
+    if parser.parse_args(arguments).plot:
+        with (HERE / "scaling.csv").open(newline="") as file:
+            plot([{name: float(number) for name, number in row.items()} for row in csv.DictReader(file)])
+        return
     worlds = [load_or_build("Medium", seed) for seed in range(max(WORLDS))]
     rows, renderers = [], {}
     for cameras, size, count in points():

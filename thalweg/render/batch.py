@@ -3,12 +3,14 @@
 A row has the same bits either way, so that the number of threads and frames shows nowhere.
 """
 
+from functools import partial
+
 import numpy as np
-from numba import int64, prange
 
 from thalweg.kernel import kernel
 from thalweg.render.eye import eye_of
 from thalweg.render.frame import ROWS_TOGETHER, draw_rows, finish_frame, open_planes
+from thalweg.threads import share_out
 
 f32 = np.float32
 
@@ -29,7 +31,8 @@ def draw(scene, world_index, poses, times, looks, camera, images, want_layers, d
     whole = len(bands) == 1
     planes = shared_planes(0 if whole else len(poses), *camera[:2])
     for stage in (WHOLE,) if whole else (BANDS, FINISH):
-        draw_frames(scene, views, camera, out, bands, planes, stage)
+        jobs = len(poses) * (len(bands) if stage == BANDS else 1)
+        share_out(jobs, partial(draw_jobs, scene, views, camera, out, bands, planes, stage))
 
 
 def shared_planes(count: int, height: int, width: int) -> tuple[np.ndarray, ...]:
@@ -37,39 +40,32 @@ def shared_planes(count: int, height: int, width: int) -> tuple[np.ndarray, ...]
     return tuple(np.repeat(plane[None], count, axis=0) for plane in open_planes(height, width))
 
 
-@kernel(parallel=True)
-def draw_frames(scene, views, camera, out, bands, planes, stage):
-    """One stage of `draw`. There is one loop for all of them: each would be compiled with all that it calls.
+@kernel
+def draw_jobs(scene, views, camera, out, bands, planes, stage, first, last):
+    """Numbers first to last of the jobs of one stage of `draw`: frames, or bands of rows, frame after frame.
 
     views: world_index [N], poses [N, 4], times [N] in seconds, looks [N, LOOK_COLUMNS]; out: images, want_layers,
     depths, classes; planes: of `shared_planes`, of no frame for whole frames.
     """
-    jobs = len(views[0]) * (len(bands) if stage == BANDS else 1)
-    for job in prange(jobs):
-        draw_part(scene, views, camera, out, bands, planes, stage, int64(job))
-
-
-@kernel
-def draw_part(scene, views, camera, out, bands, planes, stage, job):
-    """Number `job` of a stage; arguments as of `draw_frames`."""
     world_index, poses, times, looks = views
     images, want_layers, depths, classes = out
-    n = job // len(bands) if stage == BANDS else job
-    band = job % len(bands) if stage == BANDS else 0
-    w = world_index[n]
-    time = f32(times[n])
-    eye = eye_of(poses[n], looks[n], camera)
-    if stage == WHOLE:
-        own = open_planes(camera[0], camera[1])
-    else:
-        own = planes[0][n], planes[1][n], planes[2][n], planes[3][n], planes[4][n], planes[5][n], planes[6][n]
-    if stage != FINISH:
-        draw_rows(scene, w, looks[n], eye, time, camera, bands[band, 0], bands[band, 1], own)
-    if stage != BANDS:
-        layer = n % len(depths)
-        finish_frame(
-            scene, w, looks[n], eye, time, camera, own, images[n], want_layers, depths[layer], classes[layer]
-        )  # fmt: skip
+    for job in range(first, last):
+        n = job // len(bands) if stage == BANDS else job
+        band = job % len(bands) if stage == BANDS else 0
+        w = world_index[n]
+        time = f32(times[n])
+        eye = eye_of(poses[n], looks[n], camera)
+        if stage == WHOLE:
+            own = open_planes(camera[0], camera[1])
+        else:
+            own = planes[0][n], planes[1][n], planes[2][n], planes[3][n], planes[4][n], planes[5][n], planes[6][n]
+        if stage != FINISH:
+            draw_rows(scene, w, looks[n], eye, time, camera, bands[band, 0], bands[band, 1], own)
+        if stage != BANDS:
+            layer = n % len(depths)
+            finish_frame(
+                scene, w, looks[n], eye, time, camera, own, images[n], want_layers, depths[layer], classes[layer]
+            )  # fmt: skip
 
 
 def bands_of(height: int, threads: int, frames: int) -> np.ndarray:

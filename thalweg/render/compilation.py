@@ -15,7 +15,7 @@ import numba
 import numpy as np
 
 from thalweg.kernel import config, kernel_folder
-from thalweg.render.batch import WHOLE, draw_frames, shared_planes
+from thalweg.render.batch import WHOLE, draw_jobs, shared_planes
 from thalweg.render.look import LOOK_COLUMNS
 from thalweg.render.scene import blank_scene
 
@@ -70,20 +70,20 @@ def finish() -> None:
 
 
 def arguments() -> tuple:
-    """Arguments of the types with which `draw_frames` is called."""
+    """Arguments of the types with which `draw_jobs` is called."""
     camera = (8, 8, np.float32(0.3), False)
     images, depths, classes = (np.zeros((1, 8, 8), kind) for kind in (np.uint32, np.float32, np.uint8))
     views = np.zeros(1, np.int64), np.zeros((1, 4)), np.zeros(1), np.zeros((1, LOOK_COLUMNS), np.float32)
     bands = np.zeros((1, 2), np.int32)
     planes = shared_planes(0, 8, 8)
-    return blank_scene(), views, camera, (images, False, depths, classes), bands, planes, WHOLE
+    return blank_scene(), views, camera, (images, False, depths, classes), bands, planes, WHOLE, 0, 1
 
 
 def main() -> None:
     """Compile and store; the mark comes last, so that a killed process leaves none."""
     folder = kernel_folder()
     assert folder is not None
-    draw_frames.compile(tuple(numba.typeof(argument) for argument in arguments()))
+    draw_jobs.compile(tuple(numba.typeof(argument) for argument in arguments()))
     Path(folder, MARK).touch()
 
 

@@ -38,7 +38,7 @@ def stages() -> str:
     whole = sum(line["median"] for line in lines if line["name"] != REFLECTION)
     header = ["stage", "ms a frame", "of the quickest view", "of the slowest"]
     about = (
-        f"{whole:.2f} ms in all, {lines[0]['features'].split('; ')[1]}, {lines[0]['resolution']}; {describe(found)}."
+        f"{whole:.2f} ms in all, the reflection being a part of the water's; {lines[0]['features'].split('; ')[1]}, {lines[0]['resolution']}; {describe(found)}."
     )
     return f"{markdown(header, rows)}\n{about}\n"
 

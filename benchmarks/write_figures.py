@@ -37,10 +37,10 @@ def stages() -> str:
     rows = [[line["name"], *(f"{line[key]:.2f}" for key in ("median", "fastest", "slowest"))] for line in lines]
     whole = sum(line["median"] for line in lines if line["name"] != REFLECTION)
     header = ["stage", "ms a frame", "of the quickest view", "of the slowest"]
-    about = (
-        f"{whole:.2f} ms in all, the reflection being a part of the water's; {lines[0]['features'].split('; ')[1]}, {lines[0]['resolution']}; {describe(found)}."
+    return (
+        f"{markdown(header, rows)}\n{whole:.2f} ms in all, the reflection being a part of the water's;"
+        f" {lines[0]['features'].split('; ')[1]}, {lines[0]['resolution']}; {describe(found)}.\n"
     )
-    return f"{markdown(header, rows)}\n{about}\n"
 
 
 def twin() -> str:

@@ -235,8 +235,10 @@ class Train:
     """Environments that are stepped together."""
     encoder: Path | None = None
     """The encoder's file; the one that comes with the package if not given."""
+    preset: str = "default"
+    """`default`, or `paper`: what the study ran, as far as it is known, quirks included."""
     set: tuple[str, ...] = ()
-    """Settings of the algorithm, such as learning_rate=1e-4; an unknown one lists the known."""
+    """Settings of the algorithm on top of the preset, such as learning_rate=1e-4; an unknown one lists the known."""
 
     def run(self) -> int:
         import shlex
@@ -255,6 +257,7 @@ class Train:
             seed=self.seed,
             folder=self.out,
             settings=settings or None,
+            preset=self.preset,
         )
         if result.already_finished:
             print(f"{self.out} was finished before; nothing was trained.")

@@ -1,7 +1,7 @@
-"""What does a network's output mean for the environment? One record per action space and head.
+"""What does a network's output mean for the environment? One record per action space, adapter and kind of policy.
 
-`raw` actions are what the algorithm learns from: the drawn options, or the continuous sample. `to_env` makes of
-them what the environment executes.
+`raw` actions are what the algorithm learns from: the drawn options, or continuous numbers. `to_env` makes of them what
+the environment executes. Letters: N environments, A branches of a discrete space or numbers of a Box.
 """
 
 from dataclasses import dataclass
@@ -12,22 +12,29 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from thalweg.algos.distributions import Categoricals, Distribution, Gaussians
+from thalweg.algos.distributions import Categoricals, Distribution, Gaussians, Points, Squashed
 from thalweg.algos.errors import AlgorithmError
 from thalweg.algos.maths import gaussian
 
-Head = Literal["native", "gaussian_discretised"]
-Kind = Literal["categorical", "gaussian", "gaussian_discretised"]
+Adapter = Literal["native", "box_literal", "box_scaled"]
+"""How discrete actions are learnt: as they are, or as numbers that are rounded to options.
+
+`box_literal` rounds the number itself to 0..K-1, as the study's published code does: a policy bounded to -1..1 then
+reaches the first options only. `box_scaled` stretches -1..1 over all options first.
+"""
+Kind = Literal["categorical", "gaussian", "squashed", "point"]
+"""Of the policy: choices, a Gaussian, a Gaussian through tanh, or one point through tanh."""
 
 
 @dataclass(frozen=True)
 class Actions:
-    """An action space as a head sees it. A counts the branches of a discrete space or the numbers of a Box."""
+    """An action space as a policy sees it."""
 
     kind: Kind
     shape: tuple[int, ...]
     """Shape of one action of the environment: () for Discrete."""
     dtype: str
+    adapter: Adapter = "native"
     sizes: tuple[int, ...] = ()
     """[A] options of each branch; empty for a Box."""
     start: tuple[int, ...] = ()
@@ -35,8 +42,6 @@ class Actions:
     low: tuple[float, ...] = ()
     """[A] lower bounds of a Box; -inf where there is none."""
     high: tuple[float, ...] = ()
-    affine: bool = False
-    """For the discretised Gaussian: whether a sample of 0 is the middle option."""
 
     @property
     def count(self) -> int:
@@ -45,23 +50,39 @@ class Actions:
 
     @property
     def outputs(self) -> int:
-        """How many numbers the policy's network gives: logits, or means."""
-        return sum(self.sizes) if self.kind == "categorical" else self.count
+        """How many numbers the policy's network gives: logits, means, or means and log standard deviations."""
+        per_number = 2 if self.kind == "squashed" else 1
+        return sum(self.sizes) if self.kind == "categorical" else per_number * self.count
 
     def distribution(self, parameters: Tensor) -> Distribution:
-        """The policy at each state, from parameters [B, P]: logits, or means and log standard deviations side by
-        side."""
+        """The policy at each state, from parameters [B, P]."""
         if self.kind == "categorical":
             return Categoricals.from_logits(parameters, self.sizes)
-        return Gaussians(*parameters.chunk(2, dim=-1))
+        if self.kind == "point":
+            return Points(parameters.tanh())
+        return (Squashed if self.kind == "squashed" else Gaussians)(*parameters.chunk(2, dim=-1))
+
+    def options(self, raw: Tensor) -> Tensor:
+        """The options [N, A] int64 of a discrete space that raw actions [N, A] stand for."""
+        if self.kind == "categorical":
+            return raw
+        return gaussian.discretised(raw, torch.tensor(self.sizes), scaled=self.adapter == "box_scaled")
+
+    def executed(self, raw: Tensor) -> Tensor:
+        """The raw actions [N, A] that would have been executed alike: what an action value is learnt for.
+
+        With `box_scaled` the middle of the bin that a number falls into. `box_literal` keeps the number, as the
+        study's code does, and so leaves an action value that is constant in steps.
+        """
+        if self.adapter != "box_scaled":
+            return raw
+        return 2.0 * self.options(raw).to(raw.dtype) / (torch.tensor(self.sizes) - 1).clamp(min=1) - 1.0
 
     def to_env(self, raw: Tensor) -> np.ndarray:
         """Actions [N, *shape] for the environment, from raw ones [N, A]."""
-        if self.kind == "gaussian":
+        if not self.sizes:
             return self._within_bounds(raw.numpy()).reshape(-1, *self.shape).astype(self.dtype)
-        if self.kind == "gaussian_discretised":
-            raw = gaussian.discretised(raw, torch.tensor(self.sizes), affine=self.affine)
-        return (raw.numpy() + np.asarray(self.start)).reshape(-1, *self.shape).astype(self.dtype)
+        return (self.options(raw).numpy() + np.asarray(self.start)).reshape(-1, *self.shape).astype(self.dtype)
 
     def _within_bounds(self, raw: np.ndarray) -> np.ndarray:
         """Clipped to the box; where it has both bounds, -1..1 spans it, so that a fresh policy reaches all of it."""
@@ -74,39 +95,41 @@ class Actions:
         """Plain data for JSON; `from_data` is its inverse. Infinite bounds become None."""
         bounds = {name: [x if np.isfinite(x) else None for x in getattr(self, name)] for name in ("low", "high")}
         lists = {name: list(getattr(self, name)) for name in ("shape", "sizes", "start")}
-        return {"kind": self.kind, "dtype": self.dtype, "affine": self.affine, **lists, **bounds}
+        return {"kind": self.kind, "dtype": self.dtype, "adapter": self.adapter, **lists, **bounds}
 
     @classmethod
     def from_data(cls, data: dict) -> "Actions":
         low = tuple(-np.inf if x is None else float(x) for x in data["low"])
         high = tuple(np.inf if x is None else float(x) for x in data["high"])
         lists = {name: tuple(int(x) for x in data[name]) for name in ("shape", "sizes", "start")}
-        return cls(
-            kind=data["kind"], dtype=str(data["dtype"]), affine=bool(data["affine"]), low=low, high=high, **lists
-        )
+        return cls(data["kind"], dtype=str(data["dtype"]), adapter=data["adapter"], low=low, high=high, **lists)
 
 
-def actions_of(space: gym.Space, head: Head = "native", affine: bool = False) -> Actions:
+def actions_of(space: gym.Space, adapter: Adapter = "native", continuous: Kind = "gaussian") -> Actions:
     """The record of a single environment's action space.
 
-    Raises `AlgorithmError` for a space or a head that is not supported.
+    Args:
+        space: Discrete, MultiDiscrete with one axis, or a Box of floats.
+        adapter: For discrete spaces; a Box knows only `native`.
+        continuous: The kind of policy for numbers; a discrete space without an adapter gets categorical choices.
+
+    Raises `AlgorithmError` for a space or an adapter that is not supported.
     """
+    if isinstance(space, gym.spaces.Box) and np.issubdtype(space.dtype, np.floating):
+        if adapter != "native":
+            raise AlgorithmError(f"the adapter {adapter!r} is for discrete actions, not for {space}")
+        low, high = (tuple(float(x) for x in bound.reshape(-1)) for bound in (space.low, space.high))
+        return Actions(continuous, space.shape, str(space.dtype), low=low, high=high)
     if isinstance(space, gym.spaces.Discrete):
         shape, sizes, start = (), (int(space.n),), (int(space.start),)
     elif isinstance(space, gym.spaces.MultiDiscrete) and space.nvec.ndim == 1:
         shape, sizes = space.shape, tuple(int(n) for n in space.nvec)
         start = tuple(int(n) for n in space.start)
-    elif isinstance(space, gym.spaces.Box) and np.issubdtype(space.dtype, np.floating):
-        if head != "native":
-            raise AlgorithmError(f"the head {head!r} is for discrete actions, not for {space}")
-        low, high = (tuple(float(x) for x in bound.reshape(-1)) for bound in (space.low, space.high))
-        return Actions("gaussian", space.shape, str(space.dtype), low=low, high=high)
     else:
         raise AlgorithmError(
             f"the action space must be Discrete, MultiDiscrete (one axis) or a Box of floats, not {space}"
         )
-    if head == "native":
-        return Actions("categorical", shape, str(space.dtype), sizes, start)
-    if head == "gaussian_discretised":
-        return Actions("gaussian_discretised", shape, str(space.dtype), sizes, start, affine=affine)
-    raise AlgorithmError(f"the head is 'native' or 'gaussian_discretised', got {head!r}")
+    if adapter not in ("native", "box_literal", "box_scaled"):
+        raise AlgorithmError(f"the adapter is 'native', 'box_literal' or 'box_scaled', got {adapter!r}")
+    kind = "categorical" if adapter == "native" else continuous
+    return Actions(kind, shape, str(space.dtype), adapter, sizes, start)

@@ -9,6 +9,11 @@ from torch import Tensor
 
 from thalweg.algos.maths import categorical, gaussian
 
+LOG_STD_RANGE = (-20.0, 2.0)
+"""Of a squashed Gaussian, as its authors' code has it."""
+NEARLY = 1e-6
+"""How close to ±1 an action is when it is taken back through tanh."""
+
 
 class Distribution(Protocol):
     """π(·|s) at B states."""
@@ -86,6 +91,59 @@ class Gaussians:
 
     def kl(self, other: "Gaussians") -> Tensor:
         return gaussian.kl(self.mean, self.log_std, other.mean, other.log_std)
+
+
+class Squashed:
+    """A diagonal Gaussian through tanh: mean and log standard deviation [B, A] before it; actions lie in -1..1."""
+
+    def __init__(self, mean: Tensor, log_std: Tensor) -> None:
+        self.mean, self.log_std = mean, log_std.clamp(*LOG_STD_RANGE)
+
+    def rsample(self, generator: torch.Generator | None) -> tuple[Tensor, Tensor]:
+        """Actions [B, A] that carry the gradient of the parameters, and their log-probabilities [B]."""
+        noise = torch.randn(self.mean.shape, dtype=self.mean.dtype, generator=generator)
+        before = self.mean + self.log_std.exp() * noise
+        return before.tanh(), gaussian.squashed_log_prob(self.mean, self.log_std, before)
+
+    def sample(self, generator: torch.Generator | None) -> Tensor:
+        return self.rsample(generator)[0]
+
+    def mode(self) -> Tensor:
+        return self.mean.tanh()
+
+    def log_prob(self, actions: Tensor) -> Tensor:
+        inside = actions.clamp(-1.0 + NEARLY, 1.0 - NEARLY)
+        return gaussian.squashed_log_prob(self.mean, self.log_std, inside.atanh())
+
+    def entropy(self) -> Tensor:
+        """Of the Gaussian before tanh; after it there is no closed form."""
+        return gaussian.entropy(self.log_std)
+
+    def kl(self, other: "Squashed") -> Tensor:
+        """Exact: tanh, being invertible, changes no divergence."""
+        return gaussian.kl(self.mean, self.log_std, other.mean, other.log_std)
+
+
+class Points:
+    """One action per state, in -1..1: what explores stands outside the policy."""
+
+    def __init__(self, point: Tensor) -> None:
+        self.point = point
+
+    def sample(self, generator: torch.Generator | None) -> Tensor:
+        return self.point
+
+    def mode(self) -> Tensor:
+        return self.point
+
+    def log_prob(self, actions: Tensor) -> Tensor:
+        raise TypeError("a point has no density")
+
+    def entropy(self) -> Tensor:
+        raise TypeError("a point has no entropy in nats")
+
+    def kl(self, other: "Points") -> Tensor:
+        raise TypeError("two points have no finite divergence")
 
 
 @cache

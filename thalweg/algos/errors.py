@@ -1,5 +1,7 @@
 """What can be wrong with a learner before or while it learns."""
 
+import math
+
 
 class AlgorithmError(ValueError):
     """An algorithm, setting, space or file that can't be used; says which are known or what was expected."""
@@ -11,3 +13,10 @@ class NotFiniteError(ArithmeticError):
 
 class LimitWarning(UserWarning):
     """A cost limit or multiplier that can't do its work in this run."""
+
+
+def require_finite(**numbers: float) -> None:
+    """Raises `NotFiniteError` naming the first number that is NaN or infinite."""
+    for name, number in numbers.items():
+        if not math.isfinite(number):
+            raise NotFiniteError(f"{name} has become {number}")

@@ -1,6 +1,7 @@
 """What passes between learning and the rest: what an algorithm is given, and what it must be able to do.
 
-Letters: N environments, T steps, D numbers of an observation, A numbers of a raw action, F episodes cut off.
+Letters: N environments, T steps, D numbers of an observation, K frames seen side by side, A numbers of a raw action,
+M costs, F episodes cut off.
 """
 
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ import numpy as np
 from gymnasium import Space
 from torch import Tensor
 
-from thalweg.algos.policy import Policy
+from thalweg.algos.policy import AnyPolicy
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,7 @@ class Task:
     """What an algorithm is made for."""
 
     obs_size: int
-    """D."""
+    """D, of one frame."""
     action_space: Space
     """Of a single environment."""
     num_envs: int
@@ -30,17 +31,19 @@ class Task:
 
 @dataclass(frozen=True)
 class Rollout:
-    """T steps of N environments under one policy, in order; the first may continue episodes of the rollout before."""
+    """T steps of N environments, in order; the first may continue episodes of the rollout before."""
 
     obs: Tensor
-    """[T + 1, N, D] float32, what was seen before each step, and after the last one what the next step will start
+    """[T + 1, N, K * D] float32, what was seen before each step, and after the last one what the next step will start
     from."""
+    fresh: Tensor
+    """[T + 1, N] bool, whether that observation begins an episode."""
     actions: Tensor
     """[T, N, A], raw."""
     rewards: Tensor
     """[T, N] float32."""
     costs: Tensor
-    """[T, N] float32."""
+    """[T, N, M] float32."""
     terminated: Tensor
     """[T, N] bool."""
     truncated: Tensor
@@ -48,9 +51,9 @@ class Rollout:
     valid: Tensor
     """[T, N] bool; false for a step that only reset an environment (NEXT_STEP), which nothing may be learnt from."""
     final_index: Tensor
-    """[F] int64, t * N + n of each truncated step."""
+    """[F] int64, t * N + n of each step that ended an episode and of which the last observation is known."""
     final_obs: Tensor
-    """[F, D] float32, what was seen at the end of those steps, before the reset."""
+    """[F, K * D] float32, what was seen at the end of those steps, before the reset."""
 
 
 @dataclass(frozen=True)
@@ -58,33 +61,49 @@ class Feedback:
     """What the episodes so far say, for multipliers and schedules; measured by the run, never by a logger."""
 
     progress: float
-    """Share of the run's steps taken before this update's rollout, 0..1."""
-    updates_left: int
-    """Updates still to come, this one included."""
-    cost_mean: float
-    """J_c: mean undiscounted cost of the episodes finished in this rollout, or else of the last ones; NaN before
-    any."""
-    cost_episodes: int
-    """How many episodes finished in this rollout: 0 means that `cost_mean` is older."""
+    """Share of the run's steps taken before this rollout, 0..1."""
+    steps_left: int
+    """Steps still to come after this rollout, all environments together."""
+    fresh_costs: np.ndarray
+    """[E, M] undiscounted costs of the episodes finished since the last update that returned metrics."""
+    recent_costs: np.ndarray
+    """[E, M] of the last 100 episodes at most, the newest last."""
     episodes: int
     """Episodes finished since the run began."""
-    largest_cost: float
-    """The largest cost of any of them."""
+    largest_costs: tuple[float, ...]
+    """[M] the largest cost of any of them."""
+
+    def cost_means(self, window: int = 0) -> tuple[float, ...]:
+        """J_c [M]: mean cost of the fresh episodes, else of the last 50; with a window, of the last so many. NaN
+        before any."""
+        if window:
+            chosen = self.recent_costs[-window:]
+        else:
+            chosen = self.fresh_costs if len(self.fresh_costs) else self.recent_costs[-50:]
+        if not len(chosen):
+            return (float("nan"),) * len(self.largest_costs)
+        return tuple(float(mean) for mean in chosen.mean(0))
 
 
 class Learner(Protocol):
     """An algorithm at work. `run` owns the environment, the loop, files and clocks; a learner owns its numbers."""
 
-    policy: Policy
+    policy: AnyPolicy
     rollout_steps: int
     """T: steps of each environment between updates."""
+    separate_costs: bool
+    """Whether it wants the costs of `info["costs"]` one by one instead of their sum."""
+    resets: bool
+    """Whether all environments begin anew after each update that returned metrics."""
 
-    def act(self, obs: np.ndarray) -> Tensor:
-        """Raw actions [N, A] with exploration, for observations float32 [N, D]."""
+    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+        """Raw actions [N, A] with exploration, for observations float32 [N, K * D] of which `fresh` [N] begin an
+        episode."""
         ...
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
-        """Learn; returns the metrics of this update. Raises `NotFiniteError` if a loss is NaN."""
+        """Learn; returns the metrics, or nothing if there is nothing yet to report (the feedback then goes on
+        collecting). Raises `NotFiniteError` if a loss is NaN."""
         ...
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:

@@ -1,8 +1,12 @@
-"""A Lagrange multiplier at work: its value, how it moves, and how far it could still get."""
+"""Lagrange multipliers at work: one for each cost, how they move, and how far they could still get."""
 
 import math
-from typing import Any, Literal, Protocol
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
 
+from thalweg.algos.interface import Feedback
 from thalweg.algos.maths import multiplier as maths
 
 Rule = Literal["gradient", "adam"]
@@ -13,74 +17,187 @@ ENOUGH_EPISODES = 20
 """Before this many episodes nothing is said about what costs are possible."""
 
 
-class MultiplierConfig(Protocol):
-    """The settings that an algorithm with a multiplier has among its own."""
+@dataclass(frozen=True)
+class MultiplierConfig:
+    """Settings of a Lagrange multiplier λ; each cost has one of its own."""
 
-    @property
-    def cost_limit(self) -> float: ...
-    @property
-    def multiplier_rule(self) -> Rule: ...
-    @property
-    def multiplier_rate(self) -> float: ...
-    @property
-    def multiplier_gain(self) -> float: ...
-    @property
-    def multiplier_initial(self) -> float: ...
-    @property
-    def multiplier_max(self) -> float: ...
+    multiplier_rule: Rule = "gradient"
+    """How the part of λ that integrates moves: by projected gradient, or by Adam."""
+    multiplier_rate: float = 1.0
+    """Step size of that part; K_I of a PID multiplier."""
+    multiplier_gain: float = 10.0
+    """K_P: what is added to λ for each unit by which the mean cost exceeds the limit, at once; 0 for none."""
+    multiplier_derivative: float = 0.0
+    """K_D: what is added for each unit by which the mean cost has grown within `multiplier_delay` updates."""
+    multiplier_smoothing: float = 0.0
+    """How much of the old mean cost the terms of K_P and K_D keep at each update, 0..1; 0: the last one alone."""
+    multiplier_delay: int = 1
+    """Updates over which the growth of the mean cost is taken."""
+    multiplier_initial: float = 0.0
+    """λ before the first update."""
+    multiplier_max: float = 10.0
+    """Upper bound of λ."""
+    multiplier_warmup: int = 0
+    """Updates before λ first moves."""
+    cost_window: int = 0
+    """Episodes that the mean cost is taken over, up to 100, so that it lags; 0: those that have finished since the last
+    update."""
+
+    def multiplier_conditions(self) -> dict[str, tuple[bool, str]]:
+        """What must hold, for `require`."""
+        return {
+            "multiplier_rate": (self.multiplier_rate >= 0, "must not be negative"),
+            "multiplier_gain": (self.multiplier_gain >= 0, "must not be negative"),
+            "multiplier_derivative": (self.multiplier_derivative >= 0, "must not be negative"),
+            "multiplier_smoothing": (0 <= self.multiplier_smoothing < 1, "must be in 0..1, and less than 1"),
+            "multiplier_delay": (self.multiplier_delay > 0, "must be positive"),
+            "multiplier_max": (self.multiplier_max >= 0, "must not be negative"),
+            "multiplier_initial": (
+                0 <= self.multiplier_initial <= self.multiplier_max,
+                "must be in 0..multiplier_max",
+            ),
+            "multiplier_warmup": (self.multiplier_warmup >= 0, "must not be negative"),
+            "cost_window": (0 <= self.cost_window <= 100, "must be in 0..100"),
+        }
 
 
 class Multiplier:
-    """λ in 0..upper for a limit on the mean cost of an episode: a part that moves, and one that answers at once."""
+    """λ in 0..upper for one limit on the mean cost of an episode.
 
-    def __init__(self, config: MultiplierConfig) -> None:
-        self.limit, self.rate, self.upper = config.cost_limit, config.multiplier_rate, config.multiplier_max
-        self.rule, self.gain = config.multiplier_rule, config.multiplier_gain
+    λ = clip(I + K_P δ + K_D ∂, 0, upper): a part I that moves by its rule, the smoothed violation δ, and the growth of
+    the smoothed cost ∂ (Stooke, Achiam, Abbeel 2020, algorithm 2). With K_P = K_D = 0 it is the usual dual ascent.
+    """
+
+    def __init__(self, config: MultiplierConfig, limit: float) -> None:
+        self.config, self.limit = config, limit
         self.value = self._moving = config.multiplier_initial
-        self._moments, self._count = (0.0, 0.0), 0
+        self._moments, self._count, self._updates = (0.0, 0.0), 0, 0
+        self._smooth: deque[float] = deque(maxlen=config.multiplier_delay + 1)
+        """Smoothed mean costs, the newest last."""
 
     def update(self, cost: float) -> None:
         """Answer to the mean cost of the last episodes; NaN, where no episode has finished yet, changes nothing."""
-        if math.isnan(cost):
+        config = self.config
+        self._updates += 1
+        if math.isnan(cost) or self._updates <= config.multiplier_warmup:
             return
-        if self.rule == "gradient":
-            self._moving = maths.projected_gradient(self._moving, cost, self.limit, self.rate, self.upper)
+        upper, rate = config.multiplier_max, config.multiplier_rate
+        if config.multiplier_rule == "gradient":
+            self._moving = maths.projected_gradient(self._moving, cost, self.limit, rate, upper)
         else:
             self._count += 1
             self._moving, self._moments = maths.adam(
-                self._moving, self._moments, self._count, cost, self.limit, self.rate, self.upper
+                self._moving, self._moments, self._count, cost, self.limit, rate, upper
             )
-        self.value = maths.with_proportion(self._moving, cost, self.limit, self.gain, self.upper)
+        before = self._smooth[-1] if self._smooth else cost
+        self._smooth.append(maths.smoothed(before, cost, config.multiplier_smoothing))
+        self.value = maths.pid(
+            self._moving,
+            self._smooth[-1] - self.limit,
+            self._smooth[-1] - self._smooth[0],
+            gain=config.multiplier_gain,
+            derivative=config.multiplier_derivative,
+            upper=upper,
+        )
 
     def reach(self, updates: int, largest_cost: float) -> float:
         """The largest λ possible after so many updates if every episode had the largest cost seen."""
-        gap = max(largest_cost - self.limit, 0.0)
-        step = self.rate * gap if self.rule == "gradient" else self.rate * (gap > 0)
-        return min(self._moving + updates * step + self.gain * gap, self.upper)
-
-    def warnings(self, updates_left: int, episodes: int, largest_cost: float) -> dict[str, str]:
-        """What keeps this multiplier from doing its work, by a short code; nothing is said before enough episodes."""
-        if episodes < ENOUGH_EPISODES:
-            return {}
-        if largest_cost <= self.limit:
-            return {
-                "limit_never_binds": f"the cost limit {self.limit:g} has not bound anything: none of "
-                f"{episodes} episodes cost more than {largest_cost:g}, so their mean can't exceed it"
-            }
-        reach = self.reach(updates_left, largest_cost)
-        if reach < min(NEGLIGIBLE, self.upper):
-            return {
-                "multiplier_too_slow": f"the multiplier can't exceed {reach:.3g} in the {updates_left} updates left: "
-                f"raise multiplier_rate (now {self.rate:g}), multiplier_gain, the steps, or update more often"
-            }
-        return {}
+        config, gap = self.config, max(largest_cost - self.limit, 0.0)
+        moves = max(updates - max(config.multiplier_warmup - self._updates, 0), 0)
+        if not moves:
+            return self.value
+        step = config.multiplier_rate * (gap if config.multiplier_rule == "gradient" else float(gap > 0))
+        growth = config.multiplier_derivative * max(largest_cost, 0.0)
+        return min(self._moving + moves * step + config.multiplier_gain * gap + growth, config.multiplier_max)
 
     def state(self) -> dict[str, Any]:
         """Plain data."""
-        return {"value": self.value, "moving": self._moving, "moments": list(self._moments), "count": self._count}
+        return {
+            "value": self.value,
+            "moving": self._moving,
+            "moments": list(self._moments),
+            "count": self._count,
+            "updates": self._updates,
+            "smooth": list(self._smooth),
+        }
 
     def load_state(self, state: dict[str, Any]) -> None:
         """The inverse of `state`."""
         first, second = state["moments"]
         self.value, self._moving = float(state["value"]), float(state["moving"])
         self._moments, self._count = (float(first), float(second)), int(state["count"])
+        self._updates = int(state["updates"])
+        self._smooth.clear()
+        self._smooth.extend(float(cost) for cost in state["smooth"])
+
+
+class Multipliers:
+    """One multiplier for each of M costs."""
+
+    def __init__(self, config: MultiplierConfig, limits: Sequence[float]) -> None:
+        self.config = config
+        self.each = tuple(Multiplier(config, limit) for limit in limits)
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """λ of each cost [M]."""
+        return tuple(one.value for one in self.each)
+
+    def update(self, feedback: Feedback) -> None:
+        """Answer to the mean costs of the episodes that count."""
+        for one, cost in zip(self.each, feedback.cost_means(self.config.cost_window), strict=True):
+            one.update(cost)
+
+    def metrics(self, feedback: Feedback, updates_left: int) -> dict[str, float]:
+        """Each λ used in this update, and how far it can still get."""
+        names = suffixes(len(self.each))
+        reaches = [
+            one.reach(updates_left, largest) for one, largest in zip(self.each, feedback.largest_costs, strict=True)
+        ]
+        return {f"multiplier{name}": value for name, value in zip(names, self.values, strict=True)} | {
+            f"multiplier_reach{name}": reach for name, reach in zip(names, reaches, strict=True)
+        }
+
+    def warnings(self, feedback: Feedback, updates_left: int) -> dict[str, str]:
+        """Multipliers that can't do their work, by a short code; nothing is said before enough episodes."""
+        found: dict[str, str] = {}
+        if feedback.episodes < ENOUGH_EPISODES:
+            return found
+        names = suffixes(len(self.each))
+        for one, name, largest in zip(self.each, names, feedback.largest_costs, strict=True):
+            reach = one.reach(updates_left, largest)
+            if largest > one.limit and reach < min(NEGLIGIBLE, self.config.multiplier_max):
+                found[f"multiplier_too_slow{name}"] = (
+                    f"the multiplier{name} can't exceed {reach:.3g} in the {updates_left} updates left: raise "
+                    f"multiplier_rate (now {self.config.multiplier_rate:g}), multiplier_gain, the steps, or update "
+                    "more often"
+                )
+        return found
+
+    def state(self) -> dict[str, Any]:
+        """Plain data."""
+        return {str(place): one.state() for place, one in enumerate(self.each)}
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """The inverse of `state`."""
+        for place, one in enumerate(self.each):
+            one.load_state(state[str(place)])
+
+
+def limit_warnings(limits: Sequence[float], feedback: Feedback) -> dict[str, str]:
+    """Cost limits that no episode has been able to break, by a short code."""
+    if feedback.episodes < ENOUGH_EPISODES:
+        return {}
+    return {
+        f"limit_never_binds{name}": f"the cost limit{name} {limit:g} has not bound anything: none of "
+        f"{feedback.episodes} episodes cost more than {largest:g}, so their mean can't exceed it"
+        for name, limit, largest in zip(suffixes(len(limits)), limits, feedback.largest_costs, strict=True)
+        if largest <= limit
+    }
+
+
+def suffixes(costs: int) -> tuple[str, ...]:
+    """What tells the costs apart in names: nothing if there is but one, else tight and loose, or numbers."""
+    if costs == 1:
+        return ("",)
+    return ("_tight", "_loose") if costs == 2 else tuple(f"_{place}" for place in range(costs))

@@ -1,14 +1,36 @@
-"""The networks: small perceptrons, and several critics computed as one.
+"""The networks: perceptrons of one shape, several of them computed as one, and their gradient in one go.
 
-Small networks are bound by the number of calls, not by arithmetic: the reward critic and the cost critics are one
-stack of matrices and cost one batched product a layer.
+Small networks are bound by the number of calls, not by arithmetic. So all parameters of a stack lie in one vector,
+which an optimiser, a target network and a checkpoint handle at once; its layers are batched products; and its gradient
+is written out instead of being recorded call by call. `plain` is the same function as torch would differentiate it.
 """
 
 import itertools
 import math
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import torch
 from torch import Tensor, nn
+
+from thalweg.algos.actions import Actions
+from thalweg.algos.memory import Gru, Sequences
+
+Activation = Literal["tanh", "relu"]
+Initial = Literal["orthogonal", "kaiming"]
+Layers = list[tuple[Tensor, Tensor]]
+"""Weight [K, before, after] and bias [K, 1, after] of each layer."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What a policy's network and its critics are built like."""
+
+    hidden: tuple[int, ...] = (64, 64)
+    activation: Activation = "tanh"
+    initial: Initial = "orthogonal"
+    memory: int = 0
+    """Numbers of the recurrent state; 0: none."""
 
 
 def orthogonal(shape: tuple[int, int], gain: float, generator: torch.Generator) -> Tensor:
@@ -18,50 +40,181 @@ def orthogonal(shape: tuple[int, int], gain: float, generator: torch.Generator) 
     return weight
 
 
-class Perceptron(nn.Module):
-    """A tanh perceptron [B, D] -> [B, outputs]; orthogonal weights, zero biases."""
+class Stack(nn.Module):
+    """K separate perceptrons of the same shape, [B, D] or [K, B, D] -> [K, B, outputs], computed together.
+
+    Each layer is x W + b, with W [K, before, after] and b [K, 1, after], all in the vector `flat`.
+    """
 
     def __init__(
-        self, inputs: int, hidden: tuple[int, ...], outputs: int, last_gain: float, generator: torch.Generator
+        self,
+        count: int,
+        inputs: int,
+        hidden: tuple[int, ...],
+        outputs: int,
+        *,
+        generator: torch.Generator,
+        last_gain: float = 1.0,
+        activation: Activation = "tanh",
+        initial: Initial = "orthogonal",
     ) -> None:
+        """Orthogonal weights and zero biases (gain √2, and `last_gain` for the last layer); "kaiming": everything
+        uniform within ±1/√before, as torch starts its own layers."""
         super().__init__()
-        sizes = [inputs, *hidden]
-        layers: list[nn.Module] = []
-        for before, after in itertools.pairwise(sizes):
-            layers += [self._linear(before, after, math.sqrt(2.0), generator), nn.Tanh()]
-        self.layers = nn.Sequential(*layers, self._linear(sizes[-1], outputs, last_gain, generator))
+        self.count, self.activation = count, activation
+        self.sizes = (inputs, *hidden, outputs)
+        self.flat = nn.Parameter(torch.empty(sum(count * (before + 1) * after for before, after in self._layers)))
+        with torch.no_grad():
+            for layer, (weight, bias) in enumerate(self._parts(self.flat)):
+                before, after = weight.shape[1:]
+                gain = last_gain if layer == len(hidden) else math.sqrt(2.0)
+                for k in range(count):
+                    if initial == "orthogonal":
+                        weight[k] = orthogonal((before, after), gain, generator)
+                    else:
+                        weight[k].uniform_(-1 / math.sqrt(before), 1 / math.sqrt(before), generator=generator)
+                        bias[k].uniform_(-1 / math.sqrt(before), 1 / math.sqrt(before), generator=generator)
+                if initial == "orthogonal":
+                    bias.zero_()
+
+    def forward(self, x: Tensor, frozen: bool = False) -> Tensor:
+        """[K, B, outputs]; `frozen`: as if the parameters were constants, while x may have a gradient."""
+        flat = self.flat.detach() if frozen else self.flat
+        return _Perceptrons.apply(x, flat, self._parts(flat.detach()), self.activation)  # pyright: ignore
+
+    def plain(self, x: Tensor, flat: Tensor | None = None) -> Tensor:
+        """The same by recorded calls, which can be differentiated twice; `flat` stands for the own parameters."""
+        x = x.expand(self.count, *x.shape) if x.dim() == 2 else x
+        *inner, (last_weight, last_bias) = self._parts(self.flat if flat is None else flat)
+        for weight, bias in inner:
+            x = getattr(torch, self.activation)(torch.baddbmm(bias, x, weight))
+        return torch.baddbmm(last_bias, x, last_weight)
+
+    @property
+    def _layers(self) -> list[tuple[int, int]]:
+        return list(itertools.pairwise(self.sizes))
+
+    def _parts(self, flat: Tensor) -> Layers:
+        """Weight [K, before, after] and bias [K, 1, after] of each layer: views of a vector like `flat`."""
+        return layers_of(flat, self.count, self.sizes)
+
+
+def layers_of(flat: Tensor, count: int, sizes: tuple[int, ...]) -> Layers:
+    """Weight [K, before, after] and bias [K, 1, after] of each layer of K perceptrons: views of their vector."""
+    lengths = [
+        length for before, after in itertools.pairwise(sizes) for length in (count * before * after, count * after)
+    ]
+    pieces = iter(flat.split(lengths))
+    return [
+        (next(pieces).view(count, before, after), next(pieces).view(count, 1, after))
+        for before, after in itertools.pairwise(sizes)
+    ]
+
+
+class _Perceptrons(torch.autograd.Function):
+    """The stack and its gradient: the chain rule layer by layer, into one vector."""
 
     @staticmethod
-    def _linear(before: int, after: int, gain: float, generator: torch.Generator) -> nn.Linear:
-        # Torch's own start would draw from its global generator, and so change what others draw.
-        layer = nn.Linear(before, after, device="meta").to_empty(device="cpu")
-        with torch.no_grad():
-            layer.weight.copy_(orthogonal((after, before), gain, generator))
-            layer.bias.zero_()
-        return layer
+    def forward(ctx: Any, x: Tensor, flat: Tensor, parts: Layers, activation: Activation) -> Tensor:
+        count = len(parts[0][0])
+        shared = x.dim() == 2
+        hidden = x.expand(count, *x.shape) if shared else x
+        seen = [hidden]
+        for weight, bias in parts[:-1]:
+            hidden = torch.baddbmm(bias, hidden, weight)
+            hidden = hidden.tanh_() if activation == "tanh" else hidden.relu_()
+            seen.append(hidden)
+        ctx.save_for_backward(flat, *seen)
+        ctx.activation, ctx.shared, ctx.sizes = activation, shared, tuple(w.shape[1] for w, _ in parts)
+        return torch.baddbmm(parts[-1][1], hidden, parts[-1][0])
 
-    def forward(self, x: Tensor) -> Tensor:
-        return self.layers(x)
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, above: Tensor) -> Any:  # pyright: ignore
+        flat, *seen = ctx.saved_tensors
+        wants_x, wants_flat = ctx.needs_input_grad[:2]
+        sizes = (*ctx.sizes, above.shape[-1])
+        parts = layers_of(flat, len(above), sizes)
+        into = torch.empty_like(flat) if wants_flat else None
+        places = layers_of(into, len(above), sizes) if into is not None else []
+        for layer in range(len(parts) - 1, -1, -1):
+            if into is not None:
+                torch.bmm(seen[layer].transpose(1, 2), above, out=places[layer][0])
+                torch.sum(above, 1, keepdim=True, out=places[layer][1])
+            if layer == 0 and not wants_x:
+                return None, into, None, None
+            above = torch.bmm(above, parts[layer][0].transpose(1, 2))
+            if layer > 0:
+                derivative = torch.ops.aten.tanh_backward if ctx.activation == "tanh" else _relu_backward
+                above = derivative(above, seen[layer])
+        return above.sum(0) if ctx.shared else above, into, None, None
+
+
+def _relu_backward(above: Tensor, after: Tensor) -> Tensor:
+    return torch.ops.aten.threshold_backward(above, after, 0.0)
+
+
+class Actor(nn.Module):
+    """Parameters [B, P] of the policy at each state, from observations [B, D] or from sequences.
+
+    They are logits, or means, or whatever `actions` says; where the policy is a Gaussian, its log standard deviations
+    stand beside the means and are the same in every state.
+    """
+
+    def __init__(self, inputs: int, actions: Actions, shape: Shape, generator: torch.Generator) -> None:
+        super().__init__()
+        self.gru = Gru(inputs, shape.memory, generator) if shape.memory else None
+        # A last layer near zero: the first policy draws every option alike whatever it sees.
+        self.stack = Stack(
+            1,
+            inputs + shape.memory,
+            shape.hidden,
+            actions.outputs,
+            last_gain=0.01,
+            activation=shape.activation,
+            initial=shape.initial,
+            generator=generator,
+        )
+        self.log_std = nn.Parameter(torch.zeros(actions.count)) if actions.kind == "gaussian" else None
+
+    def forward(self, inputs: Tensor | Sequences) -> Tensor:
+        outputs = self.stack(_features(self.gru, inputs, "actor"))[0]
+        return outputs if self.log_std is None else torch.cat([outputs, self.log_std.expand_as(outputs)], -1)
+
+    def step(self, obs: Tensor, state: Tensor, fresh: Tensor) -> tuple[Tensor, Tensor]:
+        """Parameters [N, P] and the recurrent state after observations [N, D]."""
+        assert self.gru is not None
+        state = self.gru.step(obs, state, fresh)
+        return self(torch.cat([obs, state], -1)), state
 
 
 class Critics(nn.Module):
-    """`count` separate tanh perceptrons with one output each, [B, D] -> [count, B], computed together."""
+    """`count` separate perceptrons with one output each, [B, D] or sequences -> [count, B], computed together.
 
-    def __init__(self, count: int, inputs: int, hidden: tuple[int, ...], generator: torch.Generator) -> None:
+    With a memory they share one recurrent network.
+    """
+
+    def __init__(self, count: int, inputs: int, shape: Shape, generator: torch.Generator) -> None:
         super().__init__()
         self.count = count
-        sizes = [inputs, *hidden, 1]
-        gains = [math.sqrt(2.0)] * len(hidden) + [1.0]
-        weights = [
-            torch.stack([orthogonal((before, after), gain, generator) for _ in range(count)])
-            for (before, after), gain in zip(itertools.pairwise(sizes), gains, strict=True)
-        ]
-        self.weights = nn.ParameterList(weights)
-        self.biases = nn.ParameterList([torch.zeros(count, 1, size) for size in sizes[1:]])
+        self.gru = Gru(inputs, shape.memory, generator) if shape.memory else None
+        self.stack = Stack(
+            count,
+            inputs + shape.memory,
+            shape.hidden,
+            1,
+            activation=shape.activation,
+            initial=shape.initial,
+            generator=generator,
+        )
 
-    def forward(self, x: Tensor) -> Tensor:
-        hidden = x.expand(self.count, *x.shape)
-        layers = list(zip(self.weights, self.biases, strict=True))
-        for weight, bias in layers[:-1]:
-            hidden = torch.baddbmm(bias, hidden, weight).tanh()
-        return torch.baddbmm(layers[-1][1], hidden, layers[-1][0]).squeeze(-1)
+    def forward(self, inputs: Tensor | Sequences) -> Tensor:
+        return self.stack(_features(self.gru, inputs, "critics")).squeeze(-1)
+
+
+def _features(gru: Gru | None, inputs: Tensor | Sequences, name: str) -> Tensor:
+    """What the perceptron sees: the observations, or features [B, D + M] (a tensor is taken to be features already)."""
+    if isinstance(inputs, Tensor):
+        return inputs
+    assert gru is not None
+    return gru.features(inputs, name)

@@ -1,31 +1,36 @@
 """What flies: observations in, actions out. A network, a normaliser and the meaning of its outputs, in one file on
 disk.
 
-The file is safetensors with JSON in its header: loading it can't execute code.
+The file is safetensors with JSON in its header: loading it can't execute code. Letters: N environments, D numbers of an
+observation, K frames that a policy sees side by side.
 """
 
+import dataclasses
 import json
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
-from torch import Tensor, nn
+from torch import Tensor
 
 from thalweg.algos.actions import Actions
 from thalweg.algos.distributions import Distribution
 from thalweg.algos.errors import AlgorithmError
-from thalweg.algos.networks import Perceptron
+from thalweg.algos.memory import FrameStack, Sequences
+from thalweg.algos.networks import Actor, Shape
 from thalweg.algos.normaliser import Normaliser
 from thalweg.algos.state import load_module, module_state
 from thalweg.whole import write_whole
 
-FORMAT = 1
+FORMAT = 2
 """Version of the policy file."""
 HEADER = "thalweg_policy"
+SMALL = Shape()
 
 
 @dataclass(frozen=True)
@@ -38,107 +43,200 @@ class About:
     """Free: the encoder's name, the renderer's version, scores."""
 
 
-class Actor(nn.Module):
-    """Parameters of the policy at each state: logits, or means and a log standard deviation that no state changes."""
+class Player(Protocol):
+    """A policy in flight: it remembers what its episodes have shown it."""
 
-    def __init__(self, inputs: int, hidden: tuple[int, ...], actions: Actions, generator: torch.Generator) -> None:
-        super().__init__()
-        # A last layer near zero: the first policy draws every option alike whatever it sees.
-        self.mean = Perceptron(inputs, hidden, actions.outputs, 0.01, generator)
-        self.log_std = None if actions.kind == "categorical" else nn.Parameter(torch.zeros(actions.count))
+    def __call__(self, obs: np.ndarray, fresh: np.ndarray) -> np.ndarray:
+        """Actions [N, ...] as the environment takes them.
 
-    def forward(self, obs: Tensor) -> Tensor:
-        outputs = self.mean(obs)
-        return outputs if self.log_std is None else torch.cat([outputs, self.log_std.expand_as(outputs)], -1)
+        Args:
+            obs: [N, D] float32, one frame of each environment.
+            fresh: [N] bool, whether it is the first of an episode.
+        """
+        ...
+
+
+class AnyPolicy(Protocol):
+    """What flies, whatever learnt it."""
+
+    obs_size: int
+    actions: Actions
+    about: About
+
+    def player(
+        self, num_envs: int, *, deterministic: bool = False, generator: torch.Generator | None = None
+    ) -> Player: ...
+    def save(self, path: str | Path) -> None: ...
 
 
 class Policy:
-    """π(a|s) for vectors of `obs_size` numbers."""
+    """π(a|s) for vectors of `obs_size` numbers, or for the last `frames` of them."""
 
     def __init__(
         self,
         obs_size: int,
         actions: Actions,
-        hidden: tuple[int, ...] = (64, 64),
+        shape: Shape = SMALL,
         *,
+        frames: int = 1,
         normalise: bool = True,
+        greedy: bool = False,
         generator: torch.Generator | None = None,
         about: About = About(),
     ) -> None:
-        self.obs_size, self.actions, self.hidden, self.about = obs_size, actions, hidden, about
-        self.normaliser = Normaliser(obs_size, normalise)
-        self.actor = Actor(obs_size, hidden, actions, generator or torch.Generator().manual_seed(0))
+        """`greedy`: the policy is its most probable action; whatever draws others is not part of it."""
+        self.obs_size, self.actions, self.shape, self.frames = obs_size, actions, shape, frames
+        self.greedy, self.about = greedy, about
+        self.normaliser = Normaliser(frames * obs_size, normalise)
+        self.actor = Actor(frames * obs_size, actions, shape, generator or torch.Generator().manual_seed(0))
 
     def distribution(self, obs: Tensor) -> Distribution:
-        """π(·|s) for raw observations [B, D]."""
+        """π(·|s) for raw observations [B, K * D]; of a policy with a recurrent memory, nothing is known without it."""
+        if self.shape.memory:
+            raise AlgorithmError("this policy has a memory: ask its player")
         return self.actions.distribution(self.actor(self.normaliser(obs)))
 
-    @torch.inference_mode()
-    def sample(self, obs: np.ndarray, generator: torch.Generator | None, deterministic: bool = False) -> Tensor:
-        """Raw actions [N, A] for observations [N, D]; see `Actions` for what raw means."""
-        obs = np.ascontiguousarray(obs, dtype=np.float32)
-        if obs.ndim != 2 or obs.shape[1] != self.obs_size:
-            raise AlgorithmError(f"this policy sees [N, {self.obs_size}] numbers, got an array of shape {obs.shape}")
-        distribution = self.distribution(torch.from_numpy(obs))
-        return distribution.mode() if deterministic else distribution.sample(generator)
+    def given(self, inputs: Tensor | Sequences) -> Distribution:
+        """π(·|s) for what the network sees: normalised observations [B, K * D], or sequences of them."""
+        return self.actions.distribution(self.actor(inputs))
+
+    def player(
+        self, num_envs: int, *, deterministic: bool = False, generator: torch.Generator | None = None
+    ) -> "NetworkPlayer":
+        """The policy in N environments.
+
+        Args:
+            num_envs: N.
+            deterministic: The most probable action instead of a drawn one.
+            generator: Where the draws come from; torch's global one if None.
+        """
+        return NetworkPlayer(self, num_envs, deterministic or self.greedy, generator)
 
     def act(
         self, obs: np.ndarray, *, deterministic: bool = False, generator: torch.Generator | None = None
     ) -> np.ndarray:
-        """Actions [N, ...] as the environment takes them, for observations float32 [N, D].
+        """Actions [N, ...] as the environment takes them, for observations float32 [N, D]; for policies without memory.
 
-        Args:
-            obs: [N, D].
-            deterministic: The most probable action instead of a drawn one.
-            generator: Where the draws come from; torch's global one if None.
-
-        Raises `AlgorithmError` if D is not what the policy was trained on.
+        Raises `AlgorithmError` if D is not what the policy was trained on, or for a policy with a memory.
         """
-        return self.actions.to_env(self.sample(obs, generator, deterministic))
+        if self.frames > 1 or self.shape.memory:
+            raise AlgorithmError("this policy remembers earlier observations: use policy.player(num_envs)")
+        player = self.player(len(obs), deterministic=deterministic, generator=generator)
+        return player(obs, np.zeros(len(obs), dtype=bool))
 
     def save(self, path: str | Path) -> None:
         """Write the policy as one file, whole or not at all."""
         header = {
-            "format": FORMAT,
+            "kind": "network",
             "obs_size": self.obs_size,
-            "hidden": list(self.hidden),
+            "frames": self.frames,
+            "greedy": self.greedy,
+            "shape": dataclasses.asdict(self.shape),
             "actions": self.actions.as_data(),
             "normaliser": {"count": self.normaliser.count, "enabled": self.normaliser.enabled},
-            "algorithm": self.about.algorithm,
-            "config": self.about.config,
-            "context": self.about.context,
         }
         tensors = {f"actor.{name}": value for name, value in module_state(self.actor).items()}
         tensors |= {"normaliser.mean": self.normaliser.mean, "normaliser.square": self.normaliser.square}
-        write_whole(path, save(tensors, {HEADER: json.dumps(header)}))
+        save_policy(path, header, tensors, self.about)
 
     @classmethod
-    def load(cls, path: str | Path) -> "Policy":
-        """A policy from its file; raises `AlgorithmError` for a file that is missing, truncated or of another
-        version."""
-        path = Path(path)
-        if not path.is_file():
-            raise AlgorithmError(f"there is no policy file {path}")
-        try:
-            with safe_open(path, framework="numpy") as file:
-                header = json.loads((file.metadata() or {}).get(HEADER, "null"))
-                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
-        except (SafetensorError, json.JSONDecodeError) as error:
-            raise AlgorithmError(f"{path} is not a whole policy file: {error}") from error
-        if not isinstance(header, dict) or header.get("format") != FORMAT:
-            version = header.get("format") if isinstance(header, dict) else "none"
-            raise AlgorithmError(f"{path} holds a policy of format {version}, this version reads {FORMAT}")
-        try:
-            return cls._restored(header, tensors)
-        except (KeyError, RuntimeError, TypeError) as error:
-            raise AlgorithmError(f"{path} does not hold what its header says: {error}") from error
-
-    @classmethod
-    def _restored(cls, header: dict[str, Any], tensors: dict[str, np.ndarray]) -> "Policy":
-        about = About(header["algorithm"], header["config"], header["context"])
-        policy = cls(header["obs_size"], Actions.from_data(header["actions"]), tuple(header["hidden"]), about=about)
-        actor = {name.removeprefix("actor."): value for name, value in tensors.items() if name.startswith("actor.")}
-        load_module(policy.actor, actor)
-        statistics = {name: tensors[f"normaliser.{name}"] for name in ("mean", "square")}
-        policy.normaliser.load_state(header["normaliser"] | statistics)
+    def restored(cls, header: dict[str, Any], tensors: dict[str, np.ndarray], about: About) -> "Policy":
+        """A policy from what `save` wrote."""
+        shape = Shape(**(header["shape"] | {"hidden": tuple(header["shape"]["hidden"])}))
+        actions = Actions.from_data(header["actions"])
+        policy = cls(header["obs_size"], actions, shape, frames=header["frames"], greedy=header["greedy"], about=about)
+        load_module(policy.actor, named(tensors, "actor"))
+        policy.normaliser.load_state(header["normaliser"] | named(tensors, "normaliser"))
         return policy
+
+    @staticmethod
+    def load(path: str | Path) -> Any:
+        """`load_policy`, under the name that a reader looks for."""
+        return load_policy(path)
+
+
+class NetworkPlayer:
+    """A policy in N environments, with their frames and recurrent states."""
+
+    def __init__(
+        self,
+        policy: Policy,
+        num_envs: int,
+        deterministic: bool,
+        generator: torch.Generator | None,
+        stacked: bool = False,
+    ) -> None:
+        """`stacked`: observations come with their K frames side by side already."""
+        self.policy, self.deterministic, self.generator = policy, deterministic, generator
+        self.num_envs = num_envs
+        self._size = policy.obs_size * (policy.frames if stacked else 1)
+        self._stack = FrameStack(num_envs, policy.obs_size, 1 if stacked else policy.frames)
+        gru = policy.actor.gru
+        self.hidden = gru.start(num_envs) if gru is not None else None
+        """[N, M] recurrent state after the last observation."""
+
+    def __call__(self, obs: np.ndarray, fresh: np.ndarray) -> np.ndarray:
+        return self.policy.actions.to_env(self.raw(obs, fresh))
+
+    @torch.inference_mode()
+    def raw(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+        """Raw actions [N, A]; see `Actions` for what raw means."""
+        obs = np.ascontiguousarray(obs, dtype=np.float32)
+        if obs.ndim != 2 or obs.shape[1] != self._size:
+            raise AlgorithmError(f"this policy sees [N, {self._size}] numbers, got an array of shape {obs.shape}")
+        policy = self.policy
+        seen = policy.normaliser(torch.from_numpy(self._stack.push(obs, fresh)))
+        if self.hidden is None:
+            parameters = policy.actor(seen)
+        else:
+            parameters, self.hidden = policy.actor.step(seen, self.hidden, torch.from_numpy(np.asarray(fresh)))
+        distribution = policy.actions.distribution(parameters)
+        return distribution.mode() if self.deterministic else distribution.sample(self.generator)
+
+    def state(self) -> dict[str, Any]:
+        """What it remembers, as arrays."""
+        hidden = {} if self.hidden is None else {"hidden": self.hidden.numpy().copy()}
+        return {"frames": self._stack.state(), **hidden}
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """The inverse of `state`."""
+        self._stack.load_state(state["frames"])
+        if self.hidden is not None:
+            self.hidden = torch.from_numpy(np.array(state["hidden"]))
+
+
+Restore = Callable[[dict[str, Any], dict[str, np.ndarray], About], Any]
+KINDS: dict[str, Restore] = {"network": Policy.restored}
+"""How each kind of policy file is read; kinds that need more than a network add themselves."""
+
+
+def save_policy(path: str | Path, header: dict[str, Any], tensors: dict[str, np.ndarray], about: About) -> None:
+    """Write a policy file whole or not at all: tensors, and plain data of which "kind" says who reads it."""
+    whole = {"format": FORMAT, **header, **dataclasses.asdict(about)}
+    write_whole(path, save(tensors, {HEADER: json.dumps(whole)}))
+
+
+def load_policy(path: str | Path) -> Any:
+    """A policy from its file; raises `AlgorithmError` for a file that is missing, truncated or of another version."""
+    path = Path(path)
+    if not path.is_file():
+        raise AlgorithmError(f"there is no policy file {path}")
+    try:
+        with safe_open(path, framework="numpy") as file:
+            header = json.loads((file.metadata() or {}).get(HEADER, "null"))
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
+    except (SafetensorError, json.JSONDecodeError) as error:
+        raise AlgorithmError(f"{path} is not a whole policy file: {error}") from error
+    if not isinstance(header, dict) or header.get("format") != FORMAT:
+        version = header.get("format") if isinstance(header, dict) else "none"
+        raise AlgorithmError(f"{path} holds a policy of format {version}, this version reads {FORMAT}")
+    try:
+        about = About(header["algorithm"], header["config"], header["context"])
+        return KINDS[header["kind"]](header, tensors, about)
+    except (KeyError, RuntimeError, TypeError) as error:
+        raise AlgorithmError(f"{path} does not hold what its header says: {error}") from error
+
+
+def named(tensors: dict[str, np.ndarray], part: str) -> dict[str, np.ndarray]:
+    """The tensors of a part of the policy, by their names within it."""
+    return {name.removeprefix(f"{part}."): value for name, value in tensors.items() if name.startswith(f"{part}.")}

@@ -1,6 +1,6 @@
 """Which algorithms are there? One dictionary; what runs, lists or documents algorithms reads it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +8,8 @@ from thalweg.algos.errors import AlgorithmError
 from thalweg.algos.focops import FOCOPS, FOCOPSConfig
 from thalweg.algos.interface import Learner, Task
 from thalweg.algos.ppo import PPO, PPOConfig
+from thalweg.algos.presets import settings_of
+from thalweg.algos.settings import config_from
 
 
 @dataclass(frozen=True)
@@ -20,6 +22,14 @@ class Entry:
     make: Callable[[Any, Task], Learner]
     about: str
     """One line."""
+
+    def configure(self, given: Any = None, preset: str = "default") -> Any:
+        """The config of a preset, with the given values on top; a whole config stands for itself.
+
+        Raises `AlgorithmError` for an unknown preset or key, listing the known ones, and for a value of the wrong type.
+        """
+        base = settings_of(self.name, preset)
+        return config_from(self.config, {**base, **given} if isinstance(given, Mapping) else given or base)
 
 
 ALGORITHMS: dict[str, Entry] = {

@@ -3,10 +3,12 @@
 They see no frames, so nothing is drawn for them. `sees` says what `act` is given as its observation.
 """
 
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 import torch
+
+from thalweg.algos.policy import Player
 
 Sight = Literal["nothing", "pilot", "frames"]
 """What a policy acts on: nothing, the scripted pilot's actions, or (if it does not say) the latents of frames."""
@@ -15,8 +17,17 @@ NONE, FORWARD = 1, 0
 """Values of an action branch: 0 up, left or forward; 1 none; 2 down, right or backward."""
 
 
+@runtime_checkable
+class Remembering(Protocol):
+    """A policy that may remember its episodes: each is flown by a player of its own."""
+
+    def player(self, num_envs: int, *, deterministic: bool, generator: torch.Generator) -> Player:
+        """The policy in so many environments."""
+        ...
+
+
 class Policy(Protocol):
-    """What an evaluation needs of a policy."""
+    """A policy that acts on what it sees alone."""
 
     def act(self, obs: np.ndarray, *, deterministic: bool, generator: torch.Generator) -> np.ndarray:
         """Actions int [N, 4] for observations float32 [N, D]."""

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 
-from thalweg.bench.baselines import Policy, Sight
+from thalweg.algos.policy import Player
+from thalweg.bench.baselines import Policy, Remembering, Sight
 from thalweg.bench.episodes import REASONS, Episode
 from thalweg.bench.files import ResultsError
 from thalweg.encoder import Encoder
@@ -123,7 +124,7 @@ def through_encoder(world: World, encoder: Encoder, renderer: Renderer | None = 
 
 
 def evaluate(
-    policy: Policy,
+    policy: Policy | Remembering,
     course: Course,
     label: Label,
     config: EvaluationConfig = EvaluationConfig(),
@@ -140,7 +141,7 @@ def evaluate(
     if sees == "frames" and look is None:
         raise ValueError("this policy looks at frames: give `look`, such as through_encoder(world, load_encoder())")
     env = _begin(course, config)
-    generators = [episode_generator(label, int(place)) for place in course.places]
+    players = [_player(policy, episode_generator(label, int(place)), config) for place in course.places]
     tally = _Tally(len(course.starts))
     actions = np.ones((len(course.starts), 4), dtype=np.int64)
     while len(flying := np.flatnonzero(tally.reason < 0)):
@@ -153,12 +154,18 @@ def evaluate(
         else:
             obs = env.pilot_actions()[flying] if sees == "pilot" else np.zeros((len(flying), 0), np.float32)
         for row, index in enumerate(flying):
-            alone = obs[row : row + 1]
-            actions[index] = policy.act(alone, deterministic=config.deterministic, generator=generators[index])[0]
+            actions[index] = players[index](obs[row : row + 1], tally.length[index : index + 1] == 0)[0]
         _, reward, _, _, info = env.step(actions)
         tally.add(flying, reward, info)
     env.close()
     return tally.rows(course, label)
+
+
+def _player(policy: Policy | Remembering, generator: torch.Generator, config: EvaluationConfig) -> Player:
+    """The policy in one episode, with a memory of its own."""
+    if isinstance(policy, Remembering):
+        return policy.player(1, deterministic=config.deterministic, generator=generator)
+    return lambda obs, fresh: policy.act(obs, deterministic=config.deterministic, generator=generator)
 
 
 def _begin(course: Course, config: EvaluationConfig) -> RiverVectorEnv:

@@ -11,6 +11,8 @@ from thalweg.train.stream import Step
 
 WINDOW = 50
 """Episodes of which means are shown, as in the paper's curves."""
+REMEMBERED = 100
+"""Last episodes whose costs a multiplier can ask for."""
 
 
 @dataclass(frozen=True)
@@ -48,13 +50,13 @@ class EpisodeBook:
         self._sums = np.zeros((num_envs, 4))
         """[N, 4] reward, cost, tight, loose of the running episodes."""
         self._lengths = np.zeros(num_envs, dtype=np.int64)
-        self.recent: deque[Episode] = deque(maxlen=WINDOW)
+        self.recent: deque[Episode] = deque(maxlen=REMEMBERED)
         self.fresh: list[Episode] = []
         """Finished since the last update."""
         self.steps = 0
         """Valid steps, all environments together."""
         self.count = 0
-        self.largest_cost = 0.0
+        self.largest = {"cost": 0.0, "tight": 0.0, "loose": 0.0}
         self.violations = {"cost": 0, "tight": 0, "loose": 0}
         """Episodes that ended with such a cost."""
         self.split = False
@@ -72,21 +74,27 @@ class EpisodeBook:
         ended = [self._close(int(env), step) for env in step.finished]
         for episode in ended:
             self.count += 1
-            self.largest_cost = max(self.largest_cost, episode.cost)
             for name in self.violations:
-                self.violations[name] += getattr(episode, name) > 0
+                cost = getattr(episode, name)
+                self.violations[name] += cost > 0
+                self.largest[name] = max(self.largest[name], cost)
         self.recent.extend(ended)
         self.fresh.extend(ended)
         return ended
 
-    def cost_mean(self) -> float:
-        """J_c: mean cost of the episodes finished since the last update, else of the last ones; NaN before any."""
-        episodes = self.fresh or self.recent
-        return sum(episode.cost for episode in episodes) / len(episodes) if episodes else math.nan
+    def costs(self, separate: bool) -> tuple[np.ndarray, np.ndarray, tuple[float, ...]]:
+        """Costs [E, M] of the episodes finished since the last update and of the last 100, and the largest of any [M];
+        tight and loose if `separate`, else their sum."""
+        names = ("tight", "loose") if separate else ("cost",)
+        fresh, recent = (
+            np.array([[getattr(episode, name) for name in names] for episode in episodes]).reshape(-1, len(names))
+            for episodes in (self.fresh, self.recent)
+        )
+        return fresh, recent, tuple(self.largest[name] for name in names)
 
     def metrics(self) -> dict[str, float]:
         """Means of the last episodes, and violated episodes per step so far (total, and by kind where told apart)."""
-        recent = list(self.recent)
+        recent = list(self.recent)[-WINDOW:]
         rates = {name: number / max(self.steps, 1) for name, number in self.violations.items()}
         nan = math.nan
         return {
@@ -106,7 +114,7 @@ class EpisodeBook:
             "lengths": self._lengths.copy(),
             "steps": self.steps,
             "count": self.count,
-            "largest_cost": self.largest_cost,
+            "largest": dict(self.largest),
             "violations": dict(self.violations),
             "split": self.split,
             "recent": [asdict(episode) for episode in self.recent],
@@ -117,9 +125,10 @@ class EpisodeBook:
         """The inverse of `state`."""
         self._sums, self._lengths = np.array(state["sums"]), np.array(state["lengths"])
         self.steps, self.count = int(state["steps"]), int(state["count"])
-        self.largest_cost, self.split = float(state["largest_cost"]), bool(state["split"])
+        self.split = bool(state["split"])
+        self.largest = {name: float(cost) for name, cost in state["largest"].items()}
         self.violations = {name: int(number) for name, number in state["violations"].items()}
-        self.recent = deque((Episode(**row) for row in state["recent"]), maxlen=WINDOW)
+        self.recent = deque((Episode(**row) for row in state["recent"]), maxlen=REMEMBERED)
         self.fresh = [Episode(**row) for row in state["fresh"]]
 
     def abandon(self) -> None:

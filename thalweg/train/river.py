@@ -11,7 +11,6 @@ from typing import Any
 
 from thalweg.algos.actions import Actions
 from thalweg.algos.registry import algorithm_named
-from thalweg.algos.settings import config_from
 from thalweg.encoder import Encoder, check_render_version, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import RENDER_VERSION
@@ -118,14 +117,22 @@ class TrainingGround:
         return [load_or_build(place, seed) for seed in self.seeds]
 
     def train(
-        self, algorithm: str, encoder: Encoder, *, steps: int, seed: int, folder: Path, settings: dict | None = None
+        self,
+        algorithm: str,
+        encoder: Encoder,
+        *,
+        steps: int,
+        seed: int,
+        folder: Path,
+        settings: dict | None = None,
+        preset: str = "default",
     ) -> RunResult:
         """Train with a progress bar, going on from what lies in the folder.
 
         Raises the errors of `thalweg.train.run`, those of settings and of the folder before a world is built.
         """
         entry = algorithm_named(algorithm)
-        config = config_from(entry.config, settings)
+        entry.configure(settings, preset)
         context = {
             **self.about(),
             "encoder": mark(encoder),
@@ -136,7 +143,15 @@ class TrainingGround:
         env = LatentVectorEnv(RiverVectorEnv(self.worlds(), self.num_envs, self.config), encoder)
         try:
             return run(
-                entry.name, env, steps=steps, seed=seed, folder=folder, config=config, context=context, progress=True
+                entry.name,
+                env,
+                steps=steps,
+                seed=seed,
+                folder=folder,
+                config=settings,
+                preset=preset,
+                context=context,
+                progress=True,
             )
         finally:
             env.close()

@@ -12,39 +12,44 @@ from thalweg.train.stream import Step
 class RolloutBuffer:
     """T steps of N environments, written in place: nothing is allocated while steps come in."""
 
-    def __init__(self, steps: int, num_envs: int, obs_size: int, example: Tensor) -> None:
+    def __init__(self, steps: int, obs: np.ndarray, actions: Tensor, costs: np.ndarray) -> None:
+        """Room for `steps` steps like the given one: observations [N, K * D], raw actions [N, A], costs [N, M]."""
         self.steps, self.filled = steps, 0
+        num_envs = len(obs)
         self._tensors = {
-            "obs": torch.zeros(steps + 1, num_envs, obs_size),
-            "actions": torch.zeros(steps, num_envs, example.shape[1], dtype=example.dtype),
+            "obs": torch.zeros(steps + 1, num_envs, obs.shape[1]),
+            "fresh": torch.zeros(steps + 1, num_envs, dtype=torch.bool),
+            "actions": torch.zeros(steps, num_envs, actions.shape[1], dtype=actions.dtype),
             "rewards": torch.zeros(steps, num_envs),
-            "costs": torch.zeros(steps, num_envs),
+            "costs": torch.zeros(steps, num_envs, costs.shape[1]),
             "terminated": torch.zeros(steps, num_envs, dtype=torch.bool),
             "truncated": torch.zeros(steps, num_envs, dtype=torch.bool),
             "valid": torch.zeros(steps, num_envs, dtype=torch.bool),
         }
         self._arrays = {name: tensor.numpy() for name, tensor in self._tensors.items()}
-        self._cut: list[tuple[int, np.ndarray]] = []
-        """Place t * N + n and last observation of each step after which an episode was cut off."""
+        self._ends: list[tuple[int, np.ndarray]] = []
+        """Place t * N + n and last observation of each step that ended an episode."""
 
     @property
     def full(self) -> bool:
         return self.filled == self.steps
 
-    def add(self, obs: np.ndarray, actions: Tensor, step: Step) -> None:
-        """Take in observations [N, D], raw actions [N, A], and what they led to."""
+    def add(self, obs: np.ndarray, fresh: np.ndarray, actions: Tensor, step: Step, costs: np.ndarray) -> None:
+        """Take in observations [N, K * D], of which `fresh` [N] begin an episode, raw actions [N, A], what they led
+        to, and the costs [N, M] that are learnt from."""
         at, arrays = self.filled, self._arrays
         arrays["obs"][at] = obs
         arrays["obs"][at + 1] = step.next_obs
+        arrays["fresh"][at] = fresh
+        arrays["fresh"][at + 1] = step.fresh
         arrays["actions"][at] = actions.numpy()
         arrays["rewards"][at] = step.reward
-        arrays["costs"][at] = step.cost
+        arrays["costs"][at] = costs
         arrays["terminated"][at] = step.terminated
         arrays["truncated"][at] = step.truncated
         arrays["valid"][at] = step.valid
         for env, final in zip(step.finished, step.final_obs, strict=True):
-            if step.truncated[env]:
-                self._cut.append((at * len(obs) + int(env), final))
+            self._ends.append((at * len(obs) + int(env), final))
         self.filled += 1
 
     def rollout(self) -> Rollout:
@@ -52,12 +57,12 @@ class RolloutBuffer:
         if not self.filled:
             raise TrainingError("there are no steps to learn from")
         size = self._tensors["obs"].shape[2]
-        final = np.stack([obs for _, obs in self._cut]) if self._cut else np.zeros((0, size), np.float32)
-        index = torch.tensor([place for place, _ in self._cut], dtype=torch.int64)
-        tensors = {name: tensor[: self.filled + (name == "obs")] for name, tensor in self._tensors.items()}
+        final = np.stack([obs for _, obs in self._ends]) if self._ends else np.zeros((0, size), np.float32)
+        index = torch.tensor([place for place, _ in self._ends], dtype=torch.int64)
+        tensors = {name: tensor[: self.filled + (name in ("obs", "fresh"))] for name, tensor in self._tensors.items()}
         return Rollout(**tensors, final_index=index, final_obs=torch.from_numpy(final))
 
     def clear(self) -> None:
         """Make room for the next rollout."""
         self.filled = 0
-        self._cut.clear()
+        self._ends.clear()

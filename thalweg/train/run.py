@@ -9,11 +9,11 @@ from typing import Any
 
 from gymnasium.vector import VectorEnv
 
+from thalweg.algos import policy as policies
 from thalweg.algos.errors import AlgorithmError
 from thalweg.algos.interface import Task
-from thalweg.algos.policy import Policy
 from thalweg.algos.registry import algorithm_named
-from thalweg.algos.settings import as_data, config_from
+from thalweg.algos.settings import as_data
 from thalweg.train import record
 from thalweg.train.checkpoint import load_checkpoint, save_checkpoint
 from thalweg.train.errors import ResumeWarning, TrainingError
@@ -21,6 +21,9 @@ from thalweg.train.loggers import RunLog
 from thalweg.train.progress import Progress
 from thalweg.train.stream import Stream
 from thalweg.train.training import Training
+
+CHECKPOINT_SHARE = 20
+"""A checkpoint that takes long, as that of a large replay, is made at most once in so many times its duration."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,7 @@ class RunResult:
     """What could not work, such as a limit that never binds."""
 
     @property
-    def policy(self) -> Policy:
+    def policy(self) -> Any:
         """The trained policy."""
         return load_policy(self.folder)
 
@@ -61,6 +64,7 @@ def run(
     seed: int,
     folder: str | Path,
     config: Any = None,
+    preset: str = "default",
     context: Mapping[str, Any] | None = None,
     progress: bool = False,
     checkpoint_seconds: float = 20.0,
@@ -78,7 +82,8 @@ def run(
         steps: At least so many, all environments together.
         seed: 0 or more; of the environment and of the algorithm; the global random generators are neither used nor set.
         folder: Made if it does not exist.
-        config: The algorithm's config, or a mapping of some of its keys.
+        config: The algorithm's config, or a mapping of some of its keys, which are set on top of the preset.
+        preset: `default`, or `paper`: what the study ran, quirks included.
         context: Plain data kept in the policy's file and in config.yaml, such as the encoder's name.
         progress: Whether a progress bar is shown.
         checkpoint_seconds: Least time between two checkpoints; it has no influence on the numbers.
@@ -88,15 +93,16 @@ def run(
     `NotFiniteError` as soon as a number that learning depends on is NaN; the last good checkpoint stays.
     """
     entry = algorithm_named(algorithm)
-    resolved = config_from(entry.config, config)
+    resolved = entry.configure(config, preset)
     for name, number, least in (("steps", steps, 1), ("threads", threads, 1), ("seed", seed, 0)):
         if number < least:
             raise TrainingError(f"{name} must {f'be at least {least}' if least else 'not be negative'}, got {number}")
-    stream, context = Stream(env), dict(context or {})
+    stream, context = Stream(env, resolved.frame_stack), dict(context or {})
     task = Task(stream.obs_size, env.single_action_space, env.num_envs, seed, context)
     learner = entry.make(resolved, task)
     identity = {
         "algorithm": entry.name,
+        "preset": preset,
         "config": as_data(resolved),
         "steps": steps,
         "seed": seed,
@@ -135,14 +141,14 @@ def run(
     return _result(folder, status, resumed_from=saved[0] if saved else None, already_finished=False)
 
 
-def load_policy(path: str | Path) -> Policy:
+def load_policy(path: str | Path) -> Any:
     """The policy in a run's folder or a policy file; raises `AlgorithmError` if there is none, naming how the run
     stands."""
     path = Path(path)
     if path.is_dir() and not (path / record.POLICY).exists():
         state = record.read_status(path).get("state", "not a run")
         raise AlgorithmError(f"there is no {record.POLICY} in {path} ({state}): it is written when a run finishes")
-    return Policy.load(path / record.POLICY if path.is_dir() else path)
+    return policies.load_policy(path / record.POLICY if path.is_dir() else path)
 
 
 def _learn(
@@ -150,7 +156,7 @@ def _learn(
 ) -> None:
     """Step and update until the steps are done; checkpoints lie between updates only."""
     clock = _Clock(training)
-    saved_at = float("-inf")
+    saved_at, pause = float("-inf"), checkpoint_seconds
     while not training.done:
         for episode in training.step():
             log.episode(episode)
@@ -158,11 +164,14 @@ def _learn(
         if not training.ready:
             continue
         metrics = training.update()
-        row = {"steps": training.book.steps, "update": training.updates} | training.book.metrics() | metrics
-        log.update(training.book.steps, row | clock.lap())
-        if training.done or time.perf_counter() - saved_at >= checkpoint_seconds:
+        if metrics:
+            row = {"steps": training.book.steps, "update": training.updates} | training.book.metrics() | metrics
+            log.update(training.book.steps, row | clock.lap())
+        before = time.perf_counter()
+        if training.done or before - saved_at >= pause:
             save_checkpoint(folder, training.book.steps, training.state() | {"identity": identity, "bytes": log.sync()})
             saved_at = time.perf_counter()
+            pause = max(checkpoint_seconds, CHECKPOINT_SHARE * (saved_at - before))
 
 
 class _Clock:

@@ -12,6 +12,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from thalweg.algos.errors import NotFiniteError
+from thalweg.algos.memory import FrameStack
 from thalweg.train.errors import TrainingError
 
 PATIENCE = 10_000
@@ -23,7 +24,9 @@ class Step:
     """What one action of each environment led to. N environments, F of them finished their episode."""
 
     next_obs: np.ndarray
-    """[N, D] float32, what the next action will see."""
+    """[N, K * D] float32, what the next action will see: K frames side by side."""
+    fresh: np.ndarray
+    """[N] bool, whether that begins an episode."""
     reward: np.ndarray
     """[N] float64; 0 where not valid."""
     cost: np.ndarray
@@ -39,7 +42,7 @@ class Step:
     finished: np.ndarray
     """[F] int64, environments whose episode ended in this step, either way."""
     final_obs: np.ndarray
-    """[F, D] float32, what their episodes ended with."""
+    """[F, K * D] float32, what their episodes ended with."""
     info: dict[str, Any]
     """As the environment gave it."""
 
@@ -47,7 +50,8 @@ class Step:
 class Stream:
     """Steps through a vector environment; raises `TrainingError` at once for one that can't be trained on."""
 
-    def __init__(self, env: VectorEnv) -> None:
+    def __init__(self, env: VectorEnv, frames: int = 1) -> None:
+        """`frames`: K, how many of the last observations are seen side by side."""
         if not hasattr(env, "single_observation_space"):
             raise TrainingError(
                 f"training takes a Gymnasium VectorEnv, as gymnasium.make_vec makes it, not {type(env).__name__}"
@@ -59,12 +63,13 @@ class Stream:
             )
         self.env, self.num_envs, self.obs_size = env, env.num_envs, int(space.shape[0])
         self.mode = _autoreset_mode(env)
+        self._stack = FrameStack(self.num_envs, self.obs_size, frames)
         self.pending = np.zeros(self.num_envs, dtype=bool)
         """[N] environments whose next step only resets them (NEXT_STEP)."""
         self._steps, self._cost_seen = 0, False
 
     def reset(self, seed: int | list[int]) -> np.ndarray:
-        """The first observations [N, D] float32; `seed` as Gymnasium's vector environments take it.
+        """The first observations [N, K * D] float32; `seed` as Gymnasium's vector environments take it.
 
         Of a list, an environment that takes but one seed, as Gymnasium's own CartPole, gets the first.
         """
@@ -75,7 +80,7 @@ class Stream:
                 raise
             obs, _ = self.env.reset(seed=seed[0])
         self.pending[:] = False
-        return self._obs(obs)
+        return self._stack.push(self._obs(obs), np.ones(self.num_envs, dtype=bool))
 
     def step(self, actions: np.ndarray) -> Step:
         """What the actions [N, ...] led to.
@@ -92,15 +97,17 @@ class Stream:
         cost = self._cost(info, done, len(finished) > 0)
         reward = np.where(valid, np.asarray(reward, dtype=np.float64), 0.0)
         self._require_finite(reward=reward, cost=cost)
-        final_obs = self._final_obs(next_obs, finished, truncated, info)
+        final_obs = self._stack.peek(self._final_obs(next_obs, finished, truncated, info), finished)
+        fresh = done if self.mode is not AutoresetMode.NEXT_STEP else ~valid
         if self.mode is AutoresetMode.NEXT_STEP:
             self.pending = done
         elif self.mode is AutoresetMode.DISABLED and len(finished):
-            fresh, _ = self.env.reset(options={"reset_mask": done})
-            next_obs = np.where(done[:, None], self._obs(fresh), next_obs)
+            first, _ = self.env.reset(options={"reset_mask": done})
+            next_obs = np.where(done[:, None], self._obs(first), next_obs)
         self._steps += 1
         return Step(
-            next_obs=next_obs,
+            next_obs=self._stack.push(next_obs, fresh),
+            fresh=fresh,
             reward=reward,
             cost=np.where(valid, cost, 0.0),
             costs=_named(info, "costs", done, (self.num_envs, 2))[0],
@@ -114,12 +121,18 @@ class Stream:
 
     def state(self) -> dict[str, Any]:
         """What the next step depends on beside the environment's own state."""
-        return {"pending": self.pending, "steps": self._steps, "cost_seen": self._cost_seen}
+        return {
+            "pending": self.pending,
+            "steps": self._steps,
+            "cost_seen": self._cost_seen,
+            "frames": self._stack.state(),
+        }
 
     def load_state(self, state: dict[str, Any]) -> None:
         """The inverse of `state`."""
         self.pending = np.array(state["pending"], dtype=bool)
         self._steps, self._cost_seen = int(state["steps"]), bool(state["cost_seen"])
+        self._stack.load_state(state["frames"])
 
     def _obs(self, obs: Any) -> np.ndarray:
         array = np.array(obs, dtype=np.float32)

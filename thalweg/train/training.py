@@ -1,6 +1,5 @@
 """A run between two moments: everything that changes while it goes on, and how it is put away and brought back."""
 
-import math
 import time
 import warnings
 from contextlib import contextmanager
@@ -13,9 +12,9 @@ from gymnasium.vector import VectorEnv
 from thalweg.algos.errors import LimitWarning
 from thalweg.algos.interface import Feedback, Learner
 from thalweg.train.episodes import Episode, EpisodeBook
-from thalweg.train.errors import ResumeWarning
+from thalweg.train.errors import ResumeWarning, TrainingError
 from thalweg.train.rollout import RolloutBuffer
-from thalweg.train.stream import Stream
+from thalweg.train.stream import Step, Stream
 
 
 class Training:
@@ -32,6 +31,7 @@ class Training:
         self.warned: dict[str, str] = {}
         """Warnings given so far, by their code."""
         self.obs = stream.reset(env_seeds(seed, 0, stream.num_envs))
+        self.fresh = np.ones(stream.num_envs, dtype=bool)
         self._began_update_at = 0
         self._buffer: RolloutBuffer | None = None
 
@@ -43,16 +43,15 @@ class Training:
         """One action in each environment; returns the episodes that it ended."""
         before = time.perf_counter()
         with threads(self.threads):
-            raw = self.learner.act(self.obs)
+            raw = self.learner.act(self.obs, self.fresh)
             actions = self.learner.policy.actions.to_env(raw)
         acted = time.perf_counter()
         step = self.stream.step(actions)
         after = time.perf_counter()
         if self._buffer is None:
-            size = (self.learner.rollout_steps, self.stream.num_envs, self.stream.obs_size)
-            self._buffer = RolloutBuffer(*size, example=raw)
-        self._buffer.add(self.obs, raw, step)
-        self.obs = step.next_obs
+            self._buffer = RolloutBuffer(self.learner.rollout_steps, self.obs, raw, self._costs(step))
+        self._buffer.add(self.obs, self.fresh, raw, step, self._costs(step))
+        self.obs, self.fresh = step.next_obs, step.fresh
         self.stages["act"] += acted - before
         self.stages["env"] += after - acted
         return self.book.add(step)
@@ -63,30 +62,33 @@ class Training:
         return self._buffer is not None and (self._buffer.full or self.done)
 
     def update(self) -> dict[str, float]:
-        """Learn from the rollout; returns the learner's metrics."""
+        """Learn from the rollout; returns the learner's metrics, if it has any to report yet."""
         assert self._buffer is not None
         feedback = self.feedback()
         before = time.perf_counter()
         with threads(self.threads):
             metrics = self.learner.update(self._buffer.rollout(), feedback)
         self.stages["learn"] += time.perf_counter() - before
-        self._warn(self.learner.warnings(feedback))
         self._buffer.clear()
-        self.book.fresh.clear()
-        self.updates += 1
         self._began_update_at = self.book.steps
+        if metrics:
+            self._warn(self.learner.warnings(feedback))
+            self.book.fresh.clear()
+            self.updates += 1
+            if self.learner.resets and not self.done:
+                self._begin_anew()
         return metrics
 
     def feedback(self) -> Feedback:
         """What the episodes say to the learner."""
-        per_update = self.learner.rollout_steps * self.stream.num_envs
+        fresh, recent, largest = self.book.costs(self.learner.separate_costs)
         return Feedback(
             progress=min(self._began_update_at / self.steps, 1.0),
-            updates_left=math.ceil(max(self.steps - self.book.steps, 0) / per_update) + 1,
-            cost_mean=self.book.cost_mean(),
-            cost_episodes=len(self.book.fresh),
+            steps_left=max(self.steps - self.book.steps, 0),
+            fresh_costs=fresh,
+            recent_costs=recent,
             episodes=self.book.count,
-            largest_cost=self.book.largest_cost,
+            largest_costs=largest,
         )
 
     def state(self) -> dict[str, Any]:
@@ -99,6 +101,7 @@ class Training:
             "stream": self.stream.state(),
             "book": self.book.state(),
             "obs": self.obs.copy(),
+            "fresh": self.fresh.copy(),
             "updates": self.updates,
             "seconds": self.seconds,
             "warned": dict(self.warned),
@@ -115,7 +118,7 @@ class Training:
         if "environment" in state and hasattr(self.env, "set_state"):
             self.env.set_state(state["environment"])  # pyright: ignore[reportAttributeAccessIssue]
             self.stream.load_state(state["stream"])
-            self.obs = np.array(state["obs"], dtype=np.float32)
+            self.obs, self.fresh = np.array(state["obs"], dtype=np.float32), np.array(state["fresh"], dtype=bool)
             return
         warnings.warn(
             "the environment has no get_state and set_state: the run goes on with new episodes, and will not end with "
@@ -123,8 +126,24 @@ class Training:
             ResumeWarning,
             stacklevel=4,
         )
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """Reset all environments; their running episodes count for nothing."""
         self.book.abandon()
         self.obs = self.stream.reset(env_seeds(self.seed, self.book.steps, self.stream.num_envs))
+        self.fresh = np.ones(self.stream.num_envs, dtype=bool)
+
+    def _costs(self, step: Step) -> np.ndarray:
+        """[N, M] what the learner is told of the costs."""
+        if not self.learner.separate_costs:
+            return step.cost[:, None]
+        if step.costs is None:
+            raise TrainingError(
+                "cost_limits are limits of tight and loose costs, but the environment does not tell them apart: "
+                "info['costs'] [N, 2] is needed at every step"
+            )
+        return np.where(step.valid[:, None], step.costs, 0.0)
 
     def _warn(self, found: dict[str, str]) -> None:
         for code, sentence in found.items():

@@ -35,19 +35,29 @@ def kl(mean_p: Tensor, log_std_p: Tensor, mean_q: Tensor, log_std_q: Tensor) -> 
     return (log_std_q - log_std_p + 0.5 * (variance_ratio + shift) - 0.5).sum(-1)
 
 
-def discretised(samples: Tensor, sizes: Tensor, *, affine: bool) -> Tensor:
+def squashed_log_prob(mean: Tensor, log_std: Tensor, before: Tensor) -> Tensor:
+    """log π(a|s) [B] of a = tanh(u), from u [B, A] drawn from the Gaussian (Haarnoja et al. 2018, appendix C).
+
+    log N(u; μ, σ) - Σ_i log(1 - tanh² u_i), with log(1 - tanh² u) = 2 (log 2 - u - softplus(-2u)), which stays exact
+    where tanh u rounds to ±1.
+    """
+    stretch = 2.0 * (math.log(2.0) - before - torch.nn.functional.softplus(-2.0 * before))
+    return log_prob(mean, log_std, before) - stretch.sum(-1)
+
+
+def discretised(samples: Tensor, sizes: Tensor, *, scaled: bool) -> Tensor:
     """The choices [B, A] int64 that continuous samples [B, A] stand for: rounded and clamped to 0..sizes-1.
 
     Args:
         samples: [B, A].
         sizes: [A] int64, how many options each branch has.
-        affine: Whether (sizes - 1) / 2 is added first, so that a sample of 0 is the middle option. Without it a
-        standard
-            normal picks the options of a branch of three with probabilities 0.69, 0.24 and 0.07: the paper's bias.
+        scaled: Whether -1..1 is stretched over 0..sizes-1 first, so that a sample of 0 is the middle of three.
+            Without it a standard normal picks the options of a branch of three with probabilities 0.69, 0.24 and
+            0.07, and numbers within -1..1 never pick the last.
 
     Ties go to the even neighbour. Source: Wang and Mahmoudian 2024 (a diagonal Gaussian, discretised); the
     probability of an action for learning is that of the continuous sample, not of the choice.
     """
-    shift = (sizes - 1).to(samples.dtype) / 2 if affine else torch.zeros((), dtype=samples.dtype)
-    rounded = torch.round(samples + shift)
-    return torch.minimum(rounded.clamp_(min=0), (sizes - 1).to(samples.dtype)).to(torch.int64)
+    last = (sizes - 1).to(samples.dtype)
+    rounded = torch.round((samples + 1.0) * (0.5 * last) if scaled else samples)
+    return torch.minimum(rounded.clamp_(min=0), last).to(torch.int64)

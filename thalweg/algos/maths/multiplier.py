@@ -1,10 +1,16 @@
-"""How does a Lagrange multiplier answer to the cost of the last episodes? Pure steps on plain numbers.
+"""How does a Lagrange multiplier answer to the cost of the last episodes, and what does it do to the advantages?
 
 The dual of max J_r subject to J_c ≤ d is min over λ ≥ 0 of λ (d - J_c): its gradient step raises λ where the cost
 is over the limit.
 """
 
 import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from thalweg.algos.maths.shapes import same_shape
 
 
 def projected_gradient(value: float, cost: float, limit: float, rate: float, upper: float) -> float:
@@ -36,9 +42,32 @@ def adam(
     return min(max(value - step, 0.0), upper), (first, second)
 
 
-def with_proportion(moving: float, cost: float, limit: float, gain: float, upper: float) -> float:
-    """λ = clip(I + K_P (J_c - d), 0, upper) (Stooke, Achiam, Abbeel 2020, algorithm 2, without its derivative).
+def smoothed(before: float, cost: float, keep: float) -> float:
+    """β before + (1 - β) cost: an exponential mean."""
+    return keep * before + (1.0 - keep) * cost
 
-    A multiplier I that only integrates answers late and overshoots: the violation itself, at once, damps that.
+
+def pid(integral: float, violation: float, growth: float, *, gain: float, derivative: float, upper: float) -> float:
+    """λ = clip(I + K_P δ + K_D max(0, ∂), 0, upper) (Stooke, Achiam, Abbeel 2020, algorithm 2).
+
+    A multiplier I that only integrates answers late and overshoots: the violation δ = J_c - d itself damps that at
+    once, and so does the growth ∂ of the cost before it has become a violation.
     """
-    return min(max(moving + gain * (cost - limit), 0.0), upper)
+    return min(max(integral + gain * violation + derivative * max(growth, 0.0), 0.0), upper)
+
+
+def combined(rewards: Tensor, costs: Tensor, multipliers: Sequence[float], *, normalised: bool) -> Tensor:
+    """A_r - Σ_i λ_i A_ci [B], divided by 1 + Σ_i λ_i if `normalised`: the Lagrangian's gradient at a length that does
+    not grow with λ (Ray, Achiam, Amodei 2019).
+
+    Args:
+        rewards: A_r [B].
+        costs: A_c [M, B].
+        multipliers: λ [M].
+        normalised: Whether to divide.
+    """
+    same_shape(rewards=rewards, one_cost=costs[0])
+    if len(costs) != len(multipliers):
+        raise ValueError(f"{len(costs)} costs and {len(multipliers)} multipliers")
+    total = rewards - (costs * torch.tensor(multipliers, dtype=costs.dtype).unsqueeze(-1)).sum(0)
+    return total / (1.0 + sum(multipliers)) if normalised else total

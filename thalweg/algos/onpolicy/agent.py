@@ -1,0 +1,217 @@
+"""What do on-policy algorithms do alike? Act, turn a rollout into samples, take one step along a gradient, see how far
+the policy has moved, and be put away and brought back.
+
+Losses, updates and the minibatch loop are absent on purpose: they are the algorithm, and stand in its file.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from thalweg.algos.actions import actions_of
+from thalweg.algos.errors import require_finite
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.maths import losses
+from thalweg.algos.maths.advantages import centred, standardised
+from thalweg.algos.multiplier import suffixes
+from thalweg.algos.networks import Critics
+from thalweg.algos.onpolicy.config import ConstrainedConfig, OnPolicyConfig
+from thalweg.algos.onpolicy.samples import RolloutMemory, Samples, Signal, samples_of, valid_obs
+from thalweg.algos.policy import About, NetworkPlayer, Policy
+from thalweg.algos.settings import as_data
+from thalweg.algos.state import (
+    generator_state,
+    load_generator,
+    load_module,
+    load_optimiser,
+    module_state,
+    optimiser_state,
+)
+
+
+class Agent:
+    """A policy, K critics that share no weights with it, Adam for both, and where all that is random comes from."""
+
+    def __init__(self, algorithm: str, critics: int, config: OnPolicyConfig, task: Task) -> None:
+        self.config = config
+        self.generator = torch.Generator().manual_seed(task.seed)
+        self.policy = Policy(
+            task.obs_size,
+            actions_of(task.action_space, config.adapter),
+            config.shape,
+            frames=config.frame_stack,
+            normalise=config.normalise_observations,
+            generator=self.generator,
+            about=About(algorithm, as_data(config), task.context),
+        )
+        self.critics = Critics(critics, config.frame_stack * task.obs_size, config.shape, self.generator)
+        self.optimiser = torch.optim.Adam(
+            [
+                {"params": list(self.policy.actor.parameters()), "lr": config.learning_rate},
+                {"params": list(self.critics.parameters()), "lr": config.critic_learning_rate},
+            ],
+            fused=True,
+        )
+        self._player = NetworkPlayer(self.policy, task.num_envs, False, self.generator, stacked=True)
+        self._memory: RolloutMemory | None = None
+        if self.policy.actor.gru is not None and self.critics.gru is not None:
+            self._memory = RolloutMemory(self.policy.actor.gru, self.critics.gru, task.num_envs, config.sequence)
+
+    @property
+    def rollout_steps(self) -> int:
+        """T: steps of each environment between updates."""
+        return max(2, self.config.steps_per_update // self._player.num_envs)
+
+    def updates_left(self, feedback: Feedback) -> int:
+        """Updates still to come after this one."""
+        return math.ceil(feedback.steps_left / (self.rollout_steps * self._player.num_envs))
+
+    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+        """Raw actions [N, A] drawn from the policy, for observations float32 [N, K * D]."""
+        return self._player.raw(obs, fresh)
+
+    def samples(self, rollout: Rollout, signals: Sequence[Signal]) -> Samples:
+        """The rollout's valid steps with the advantages of each signal, critic k predicting signal k; afterwards the
+        rollout counts among the statistics of observations.
+
+        Those statistics change here only, so that the policy that acted is the one learnt from. A fresh policy
+        draws alike whatever it sees, so the first rollout's are taken in at once.
+        """
+        normaliser = self.policy.normaliser
+        fresh = normaliser.count == 0
+        if fresh:
+            normaliser.update(valid_obs(rollout))
+        samples = samples_of(rollout, self.critics, normaliser, signals, self._memory)
+        if not fresh:
+            normaliser.update(valid_obs(rollout))
+        if self._memory is not None:
+            self._memory.move_on()
+        return samples
+
+    def decay(self, progress: float) -> float:
+        """Set the policy's learning rate for this share of the run, 0..1, if it is to fall; returns it."""
+        rate = self.config.learning_rate * (1.0 - progress if self.config.linear_decay else 1.0)
+        self.optimiser.param_groups[0]["lr"] = rate
+        return rate
+
+    def step(self, loss: Tensor) -> None:
+        """One step of Adam down the gradient of a scalar, the policy's and the critics' shortened each by itself."""
+        if self.config.critic_decay:
+            squares = sum(parameter.square().sum() for parameter in self.critics.parameters())
+            loss = loss + self.config.critic_decay * squares
+        self.optimiser.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(self.policy.actor.parameters(), self.config.max_grad_norm)
+        nn.utils.clip_grad_norm_(self.critics.parameters(), self.config.max_grad_norm)
+        self.optimiser.step()
+
+    def state(self) -> dict[str, Any]:
+        """Everything, as nested dictionaries of arrays and plain data."""
+        state = {
+            "actor": module_state(self.policy.actor),
+            "critics": module_state(self.critics),
+            "normaliser": self.policy.normaliser.state(),
+            "optimiser": optimiser_state(self.optimiser),
+            "generator": generator_state(self.generator),
+            "player": self._player.state(),
+        }
+        return state if self._memory is None else state | {"memory": self._memory.state()}
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """The inverse of `state`; further keys are not looked at."""
+        load_module(self.policy.actor, state["actor"])
+        load_module(self.critics, state["critics"])
+        self.policy.normaliser.load_state(state["normaliser"])
+        load_optimiser(self.optimiser, state["optimiser"])
+        load_generator(self.generator, state["generator"])
+        self._player.load_state(state["player"])
+        if self._memory is not None:
+            self._memory.load_state(state["memory"])
+
+
+class Drift:
+    """How far the policy has moved from the one that acted, measured after each pass."""
+
+    def __init__(self, agent: Agent, samples: Samples, *, new_first: bool = False) -> None:
+        """`new_first`: KL(π_θ ‖ π_k) instead of KL(π_k ‖ π_θ)."""
+        self._agent, self._samples, self._new_first = agent, samples, new_first
+        with torch.no_grad():
+            self.old_parameters = agent.policy.actor(samples.inputs)
+            """[B, P] of π_k."""
+            self._old = agent.policy.actions.distribution(self.old_parameters)
+            self.old_log_prob = self._old.log_prob(samples.actions)
+            """[B]."""
+        self.passes, self.kl, self.entropy = 0, 0.0, 0.0
+        self.each = torch.zeros(len(samples.actions))
+        """[B] KL of each state, in nats."""
+        self.ratio = torch.ones(len(samples.actions))
+        """[B] π_θ(a|s) / π_k(a|s)."""
+
+    @torch.no_grad()
+    def measure(self) -> None:
+        """After a pass; raises `NotFiniteError` if the policy has become NaN."""
+        new = self._agent.policy.given(self._samples.inputs)
+        self.each = new.kl(self._old) if self._new_first else self._old.kl(new)
+        self.ratio = (new.log_prob(self._samples.actions) - self.old_log_prob).exp()
+        self.kl, self.entropy = float(self.each.mean()), float(new.entropy().mean())
+        self.passes += 1
+        require_finite(kl=self.kl, entropy=self.entropy)
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether there may be another pass."""
+        config = self._agent.config
+        return self.passes < config.passes and self.kl <= config.target_kl
+
+
+def reward_signal(config: OnPolicyConfig, rollout: Rollout) -> Signal:
+    """What the first critic predicts."""
+    return Signal(rollout.rewards, config.discount, config.trace)
+
+
+def signals_of(config: ConstrainedConfig, rollout: Rollout) -> list[Signal]:
+    """The reward, then each cost."""
+    costs = [Signal(cost, config.cost_discount, config.cost_trace) for cost in rollout.costs.unbind(-1)]
+    return [reward_signal(config, rollout), *costs]
+
+
+def cost_advantages(config: ConstrainedConfig, samples: Samples) -> Tensor:
+    """A_c [M, B], centred, and divided by their deviations if the config says so."""
+    scaled = standardised if config.standardise_cost else centred
+    return torch.stack([scaled(advantages) for advantages in samples.advantages[1:]])
+
+
+def metrics_of(samples: Samples, log: Sequence[Tensor], drift: Drift, rate: float) -> dict[str, float]:
+    """What every update reports: mean losses of its gradient steps ([1 + K] each: the policy's, then the critics'), how
+    well the critics predicted, and how far the policy moved. Raises `NotFiniteError` if a loss is NaN."""
+    means = torch.stack(list(log)).mean(0).tolist()
+    names = ["policy_loss", *(f"{name}value_loss" for name in _critic_names(len(means) - 1))]
+    found = dict(zip(names, means, strict=True))
+    require_finite(**found)
+    explained = {
+        f"{name}explained_variance": losses.explained_variance(values, targets)
+        for name, values, targets in zip(
+            _critic_names(len(samples.values)), samples.values, samples.targets, strict=True
+        )
+    }
+    moved = {"kl": drift.kl, "entropy": drift.entropy, "passes": drift.passes}
+    return found | moved | explained | {"learning_rate": rate}
+
+
+def cost_metrics(feedback: Feedback, limits: Sequence[float] = (), window: int = 0) -> dict[str, float]:
+    """J_c of each cost and the number of episodes behind it, and whether each limit has been broken by any episode."""
+    names = suffixes(len(feedback.largest_costs))
+    means = {f"cost_mean{name}": mean for name, mean in zip(names, feedback.cost_means(window), strict=True)}
+    bind = {
+        f"limit_can_bind{name}": float(largest > limit)
+        for name, largest, limit in zip(names, feedback.largest_costs, limits, strict=bool(limits))
+    }
+    return means | {"cost_episodes": len(feedback.fresh_costs)} | bind
+
+
+def _critic_names(count: int) -> list[str]:
+    return ["", *(f"cost{name}_" for name in suffixes(count - 1))] if count > 1 else [""] * count

@@ -1,0 +1,137 @@
+"""Which settings do all on-policy algorithms have, and which those with a cost limit?"""
+
+from dataclasses import dataclass
+
+from thalweg.algos.actions import Adapter
+from thalweg.algos.memory import Memory
+from thalweg.algos.networks import Activation, Initial, Shape
+from thalweg.algos.settings import require
+
+
+@dataclass(frozen=True)
+class OnPolicyConfig:
+    """Settings of every on-policy algorithm."""
+
+    steps_per_update: int = 2048
+    """Steps between updates, all environments together."""
+    passes: int = 10
+    """How often an update goes through its steps, at most."""
+    minibatch: int = 256
+    """Steps of one gradient step, about."""
+    target_kl: float = 0.02
+    """No further pass once the policy is this far from the one that acted: mean KL of all branches together, in
+    nats."""
+    learning_rate: float = 1e-3
+    """Adam's, for the policy."""
+    critic_learning_rate: float = 1e-3
+    """Adam's, for the critics."""
+    linear_decay: bool = True
+    """Whether the policy's learning rate falls linearly to 0 over the run."""
+    discount: float = 0.99
+    """γ of the reward."""
+    trace: float = 0.95
+    """λ of generalised advantage estimation, of the reward."""
+    entropy: float = 0.01
+    """Weight of the policy's entropy (nats, summed over branches) in the loss."""
+    max_grad_norm: float = 1.0
+    """Longer gradients are shortened to this, the policy's and the critics' each by itself."""
+    critic_decay: float = 0.0
+    """Weight of the critics' squared parameters beside half their mean squared error."""
+    hidden: tuple[int, ...] = (64, 64)
+    """Sizes of the hidden layers, of the policy and of each critic."""
+    activation: Activation = "tanh"
+    """Of the hidden layers."""
+    initial: Initial = "orthogonal"
+    """How weights start: orthogonal with a last layer of the policy near zero, or uniform as torch's own layers."""
+    normalise_observations: bool = True
+    """Whether observations are standardised by running statistics."""
+    adapter: Adapter = "native"
+    """Discrete actions as choices ("native"), or as a Gaussian that is rounded ("box_literal", "box_scaled")."""
+    frame_stack: int = 1
+    """How many of the last observations are seen side by side."""
+    memory: Memory = "none"
+    """"gru": policy and critics have a recurrent network each in front."""
+    memory_size: int = 64
+    """Numbers of the recurrent state."""
+    sequence: int = 16
+    """Steps that a gradient goes back through the recurrent network."""
+    reset_each_update: bool = False
+    """Whether all episodes are cut off after each update, and count for nothing, as in OmniSafe."""
+
+    def __post_init__(self) -> None:
+        require(**self.conditions())
+
+    def conditions(self) -> dict[str, tuple[bool, str]]:
+        """What must hold of each field, in words."""
+        return {
+            "steps_per_update": (self.steps_per_update > 0, "must be positive"),
+            "passes": (self.passes > 0, "must be positive"),
+            "minibatch": (self.minibatch > 0, "must be positive"),
+            "target_kl": (self.target_kl > 0, "must be positive (inf: never stop early)"),
+            "learning_rate": (self.learning_rate >= 0, "must not be negative"),
+            "critic_learning_rate": (self.critic_learning_rate >= 0, "must not be negative"),
+            "discount": (0 <= self.discount <= 1, "must be in 0..1"),
+            "trace": (0 <= self.trace <= 1, "must be in 0..1"),
+            "max_grad_norm": (self.max_grad_norm > 0, "must be positive"),
+            "critic_decay": (self.critic_decay >= 0, "must not be negative"),
+            "frame_stack": (self.frame_stack > 0, "must be positive"),
+            "memory_size": (self.memory_size > 0, "must be positive"),
+            "sequence": (self.sequence > 0, "must be positive"),
+        }
+
+    @property
+    def shape(self) -> Shape:
+        """Of the networks."""
+        memory = self.memory_size if self.memory == "gru" else 0
+        return Shape(self.hidden, self.activation, self.initial, memory)
+
+
+@dataclass(frozen=True)
+class CostConfig:
+    """Settings of a limit on the mean cost of an episode."""
+
+    cost_limit: float = 0.1
+    """d: the mean cost that an episode may have."""
+    cost_limits: tuple[float, ...] = ()
+    """Limits of the costs that the environment tells apart (on the river tight and loose), each with a multiplier of
+    its own, in place of `cost_limit`."""
+
+    @property
+    def limits(self) -> tuple[float, ...]:
+        """d of each cost [M]."""
+        return self.cost_limits or (self.cost_limit,)
+
+    @property
+    def separate_costs(self) -> bool:
+        """Whether costs are limited one by one."""
+        return bool(self.cost_limits)
+
+    def cost_conditions(self) -> dict[str, tuple[bool, str]]:
+        """What must hold, for `require`."""
+        return {
+            "cost_limit": (self.cost_limit >= 0, "must not be negative"),
+            "cost_limits": (all(limit >= 0 for limit in self.cost_limits), "must not be negative"),
+        }
+
+
+@dataclass(frozen=True)
+class ConstrainedConfig(CostConfig, OnPolicyConfig):
+    """Settings of every on-policy algorithm with a cost limit."""
+
+    cost_discount: float = 0.99
+    """γ of the cost."""
+    cost_trace: float = 0.95
+    """λ of generalised advantage estimation, of the cost."""
+    standardise_cost: bool = True
+    """Whether a cost's advantage is divided by its own deviation, so that a multiplier compares like with like; else
+    only centred."""
+
+    def conditions(self) -> dict[str, tuple[bool, str]]:
+        return (
+            super().conditions()
+            | self.cost_conditions()
+            | {
+                "cost_discount": (0 <= self.cost_discount <= 1, "must be in 0..1"),
+                "cost_trace": (0 <= self.cost_trace <= 1, "must be in 0..1"),
+            }
+        )

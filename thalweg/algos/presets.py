@@ -1,0 +1,64 @@
+"""Which settings make up a preset? Data: what differs from an algorithm's own defaults.
+
+`default` is ours: the fields' defaults. `paper` is what the study ran as far as that is known: the defaults of OmniSafe
+0.5, which it adapted, with its quirks, each of them a setting that can be tried alone.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from thalweg.algos.errors import AlgorithmError
+
+Settings = Mapping[str, Any]
+
+PRESETS = ("default", "paper")
+
+_ON_POLICY: Settings = {
+    "steps_per_update": 20_000,
+    "passes": 40,
+    "minibatch": 64,
+    "learning_rate": 3e-4,
+    "critic_learning_rate": 3e-4,
+    "critic_decay": 5e-4,  # beside half the squared error; there 1e-3 beside all of it
+    "max_grad_norm": 40.0,
+    "entropy": 0.0,
+    "initial": "kaiming",
+    "adapter": "box_literal",
+    "reset_each_update": True,
+}
+_LIMITED: Settings = {"cost_limit": 25.0, "standardise_cost": False}
+_MULTIPLIER: Settings = {
+    "multiplier_rule": "adam",
+    "multiplier_rate": 0.035,
+    "multiplier_gain": 0.0,
+    "multiplier_initial": 0.001,
+    "cost_window": 50,
+}
+
+PAPER: dict[str, Settings] = {
+    "PPO": _ON_POLICY,
+    "FOCOPS": {
+        **_ON_POLICY,
+        **_LIMITED,
+        **_MULTIPLIER,
+        "multiplier_max": 2.0,
+        "temperature": 1.5,
+        "mask": "batch",
+        "normalise_by_multiplier": True,
+    },
+}
+"""Settings of the preset `paper`, by algorithm."""
+
+
+def settings_of(algorithm: str, preset: str) -> Settings:
+    """The settings of a preset; raises `AlgorithmError` for an unknown one, listing the known."""
+    if preset not in PRESETS:
+        raise AlgorithmError(f"there is no preset {preset!r}; there are {', '.join(PRESETS)}")
+    if preset == "default":
+        return {}
+    if algorithm not in PAPER:
+        named = ", ".join(PAPER)
+        raise AlgorithmError(
+            f"{algorithm} is not among the algorithms of the study, so it has no preset 'paper': {named}"
+        )
+    return PAPER[algorithm]

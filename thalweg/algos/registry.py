@@ -4,12 +4,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from thalweg.algos.ddpglag import DDPGLag, DDPGLagConfig
 from thalweg.algos.errors import AlgorithmError
 from thalweg.algos.focops import FOCOPS, FOCOPSConfig
 from thalweg.algos.interface import Learner, Task
 from thalweg.algos.ppo import PPO, PPOConfig
 from thalweg.algos.presets import settings_of
+from thalweg.algos.saclag import SACLag, SACLagConfig
 from thalweg.algos.settings import config_from
+from thalweg.algos.td3lag import TD3Lag, TD3LagConfig
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,9 @@ ALGORITHMS: dict[str, Entry] = {
         Entry(
             "FOCOPS", FOCOPSConfig, FOCOPS, "first-order constrained optimisation within a trust region of each state"
         ),
+        Entry("DDPGLag", DDPGLagConfig, DDPGLag, "deterministic policy gradient from a replay, with multipliers"),
+        Entry("TD3Lag", TD3LagConfig, TD3Lag, "DDPGLag with twin critics, smoothed targets and a delayed policy"),
+        Entry("SACLag", SACLagConfig, SACLag, "maximum-entropy policy from a replay, with multipliers"),
     )
 }
 

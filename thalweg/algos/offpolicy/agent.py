@@ -255,4 +255,6 @@ def _adam(parameters: Tensor, rate: float) -> torch.optim.Adam:
 def _shorten(parameters: nn.Parameter, longest: float) -> None:
     """Scale the gradient down to that length, if it is longer."""
     assert parameters.grad is not None
-    parameters.grad.mul_((longest / parameters.grad.norm().add(1e-6)).clamp(max=1.0))
+    length = float(parameters.grad.norm())
+    if length > longest:
+        parameters.grad.mul_(longest / length)

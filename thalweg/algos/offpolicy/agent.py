@@ -145,6 +145,8 @@ class Agent:
     def lessons(self, feedback: Feedback) -> Iterator[Batch]:
         """A batch for each gradient step that is due; afterwards nothing tallied has been NaN, else
         `NotFiniteError`."""
+        rate = self.config.learning_rate * (1.0 - feedback.progress if self.config.linear_decay else 1.0)
+        self.policy_optimiser.param_groups[0]["lr"] = rate
         count = int(self._owed + ALMOST)
         self._owed -= count
         for batch in self.replay.batches(count, self.config.minibatch, self.generator, self.policy.normaliser):
@@ -194,7 +196,11 @@ class Agent:
             self.multipliers.update(feedback)
         return (
             self._tally.report()
-            | {"gradient_steps": self.gradient_steps, "replay": self.replay.filled}
+            | {
+                "gradient_steps": self.gradient_steps,
+                "replay": self.replay.filled,
+                "learning_rate": self.policy_optimiser.param_groups[0]["lr"],
+            }
             | self.multipliers.metrics(feedback, self._moves_left(feedback))
             | cost_metrics(feedback, self.config.limits, self.config.cost_window)
         )

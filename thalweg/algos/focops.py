@@ -14,12 +14,20 @@ from thalweg.algos.maths.advantages import standardised
 from thalweg.algos.maths.multiplier import combined
 from thalweg.algos.memory import Sequences
 from thalweg.algos.multiplier import MultiplierConfig, Multipliers, limit_warnings
-from thalweg.algos.onpolicy.agent import Agent, Drift, cost_advantages, cost_metrics, metrics_of, signals_of
-from thalweg.algos.onpolicy.config import ConstrainedConfig
+from thalweg.algos.onpolicy.agent import (
+    Agent,
+    Drift,
+    cost_advantages,
+    cost_metrics,
+    cost_signals,
+    metrics_of,
+    reward_signal,
+)
+from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig
 
 
 @dataclass(frozen=True)
-class FOCOPSConfig(MultiplierConfig, ConstrainedConfig):
+class FOCOPSConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
     """Settings of FOCOPS; its multiplier is called ν in its paper."""
 
     temperature: float = 0.5
@@ -39,6 +47,7 @@ class FOCOPSConfig(MultiplierConfig, ConstrainedConfig):
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return (
             super().conditions()
+            | self.cost_conditions()
             | self.multiplier_conditions()
             | {
                 "temperature": (self.temperature > 0, "must be positive"),
@@ -81,7 +90,7 @@ class FOCOPS:
         """The multiplier first, then passes until the policy has moved by `target_kl`; returns the metrics."""
         config, agent = self.config, self.agent
         self.multipliers.update(feedback)
-        samples = agent.samples(rollout, signals_of(config, rollout))
+        samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
         advantages = combined(
             standardised(samples.advantages[0]),
             cost_advantages(config, samples),
@@ -98,8 +107,8 @@ class FOCOPS:
         inside = float((drift.each <= config.trust_radius).float().mean())
         left = agent.updates_left(feedback)
         return (
-            metrics_of(samples, log, drift, rate)
-            | {"inside_fraction": inside}
+            metrics_of(samples, log, drift)
+            | {"learning_rate": rate, "inside_fraction": inside}
             | self.multipliers.metrics(feedback, left)
             | cost_metrics(feedback, config.limits, config.cost_window)
         )

@@ -177,8 +177,10 @@ class Actor(nn.Module):
         )
         self.log_std = nn.Parameter(torch.zeros(actions.count)) if actions.kind == "gaussian" else None
 
-    def forward(self, inputs: Tensor | Sequences) -> Tensor:
-        outputs = self.stack(_features(self.gru, inputs, "actor"))[0]
+    def forward(self, inputs: Tensor | Sequences, plain: bool = False) -> Tensor:
+        """`plain`: so that it can be differentiated twice."""
+        features = _features(self.gru, inputs, "actor")
+        outputs = (self.stack.plain if plain else self.stack)(features)[0]
         return outputs if self.log_std is None else torch.cat([outputs, self.log_std.expand_as(outputs)], -1)
 
     def step(self, obs: Tensor, state: Tensor, fresh: Tensor) -> tuple[Tensor, Tensor]:

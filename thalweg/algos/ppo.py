@@ -12,11 +12,11 @@ from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import standardised
 from thalweg.algos.memory import Sequences
 from thalweg.algos.onpolicy.agent import Agent, Drift, cost_metrics, metrics_of, reward_signal
-from thalweg.algos.onpolicy.config import OnPolicyConfig
+from thalweg.algos.onpolicy.config import FirstOrderConfig
 
 
 @dataclass(frozen=True)
-class PPOConfig(OnPolicyConfig):
+class PPOConfig(FirstOrderConfig):
     """Settings of PPO."""
 
     clip: float = 0.2
@@ -63,7 +63,11 @@ class PPO:
                 log.append(self._step(inputs, *rows))
             drift.measure()
         clipped = ((drift.ratio - 1.0).abs() > config.clip).float().mean()
-        return metrics_of(samples, log, drift, rate) | {"clip_fraction": float(clipped)} | cost_metrics(feedback)
+        return (
+            metrics_of(samples, log, drift)
+            | {"learning_rate": rate, "clip_fraction": float(clipped)}
+            | cost_metrics(feedback)
+        )
 
     def _step(
         self, inputs: Tensor | Sequences, actions: Tensor, old_log_prob: Tensor, advantages: Tensor, targets: Tensor

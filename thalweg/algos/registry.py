@@ -4,10 +4,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from thalweg.algos.cpo import CPO, CPOConfig
+from thalweg.algos.cup import CUP, CUPConfig
 from thalweg.algos.errors import AlgorithmError
 from thalweg.algos.focops import FOCOPS, FOCOPSConfig
 from thalweg.algos.interface import Learner, Task
+from thalweg.algos.oncrpo import OnCRPO, OnCRPOConfig
+from thalweg.algos.p3o import P3O, P3OConfig
 from thalweg.algos.ppo import PPO, PPOConfig
+from thalweg.algos.ppolag import PPOLag, PPOLagConfig
 from thalweg.algos.presets import settings_of
 from thalweg.algos.settings import config_from
 
@@ -36,9 +41,14 @@ ALGORITHMS: dict[str, Entry] = {
     entry.name: entry
     for entry in (
         Entry("PPO", PPOConfig, PPO, "clipped policy gradient on the reward alone"),
+        Entry("PPOLag", PPOLagConfig, PPOLag, "PPO on reward less a multiplier times cost"),
         Entry(
             "FOCOPS", FOCOPSConfig, FOCOPS, "first-order constrained optimisation within a trust region of each state"
         ),
+        Entry("P3O", P3OConfig, P3O, "PPO with an exact penalty that only a broken limit switches on"),
+        Entry("OnCRPO", OnCRPOConfig, OnCRPO, "natural steps for the reward, or against a cost above its limit"),
+        Entry("CPO", CPOConfig, CPO, "the best natural step that keeps the limit to first order"),
+        Entry("CUP", CUPConfig, CUP, "PPO on the reward, then a projection towards the limit"),
     )
 }
 

@@ -19,7 +19,7 @@ from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import centred, standardised
 from thalweg.algos.multiplier import suffixes
 from thalweg.algos.networks import Critics
-from thalweg.algos.onpolicy.config import ConstrainedConfig, OnPolicyConfig
+from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig, OnPolicyConfig
 from thalweg.algos.onpolicy.samples import RolloutMemory, Samples, Signal, samples_of, valid_obs
 from thalweg.algos.policy import About, NetworkPlayer, Policy
 from thalweg.algos.settings import as_data
@@ -34,7 +34,7 @@ from thalweg.algos.state import (
 
 
 class Agent:
-    """A policy, K critics that share no weights with it, Adam for both, and where all that is random comes from."""
+    """A policy, K critics that share no weights with it, Adam, and where all that is random comes from."""
 
     def __init__(self, algorithm: str, critics: int, config: OnPolicyConfig, task: Task) -> None:
         self.config = config
@@ -49,13 +49,10 @@ class Agent:
             about=About(algorithm, as_data(config), task.context),
         )
         self.critics = Critics(critics, config.frame_stack * task.obs_size, config.shape, self.generator)
-        self.optimiser = torch.optim.Adam(
-            [
-                {"params": list(self.policy.actor.parameters()), "lr": config.learning_rate},
-                {"params": list(self.critics.parameters()), "lr": config.critic_learning_rate},
-            ],
-            fused=True,
-        )
+        groups = [{"params": list(self.critics.parameters()), "lr": config.critic_learning_rate}]
+        if isinstance(config, FirstOrderConfig):
+            groups.append({"params": list(self.policy.actor.parameters()), "lr": config.learning_rate})
+        self.optimiser = torch.optim.Adam(groups, fused=True)
         self._player = NetworkPlayer(self.policy, task.num_envs, False, self.generator, stacked=True)
         self._memory: RolloutMemory | None = None
         if self.policy.actor.gru is not None and self.critics.gru is not None:
@@ -94,19 +91,23 @@ class Agent:
 
     def decay(self, progress: float) -> float:
         """Set the policy's learning rate for this share of the run, 0..1, if it is to fall; returns it."""
+        assert isinstance(self.config, FirstOrderConfig)
         rate = self.config.learning_rate * (1.0 - progress if self.config.linear_decay else 1.0)
-        self.optimiser.param_groups[0]["lr"] = rate
+        self.optimiser.param_groups[1]["lr"] = rate
         return rate
 
     def step(self, loss: Tensor) -> None:
-        """One step of Adam down the gradient of a scalar, the policy's and the critics' shortened each by itself."""
+        """One step of Adam down the gradient of a scalar, the policy's and the critics' shortened each by itself.
+
+        A loss of the critics alone, or of the policy alone, leaves the other as it is.
+        """
         if self.config.critic_decay:
             squares = sum(parameter.square().sum() for parameter in self.critics.parameters())
             loss = loss + self.config.critic_decay * squares
         self.optimiser.zero_grad()
         loss.backward()
-        nn.utils.clip_grad_norm_(self.policy.actor.parameters(), self.config.max_grad_norm)
-        nn.utils.clip_grad_norm_(self.critics.parameters(), self.config.max_grad_norm)
+        for module in (self.policy.actor, self.critics):
+            nn.utils.clip_grad_norm_(module.parameters(), self.config.max_grad_norm)
         self.optimiser.step()
 
     def state(self) -> dict[str, Any]:
@@ -148,23 +149,29 @@ class Drift:
         self.passes, self.kl, self.entropy = 0, 0.0, 0.0
         self.each = torch.zeros(len(samples.actions))
         """[B] KL of each state, in nats."""
-        self.ratio = torch.ones(len(samples.actions))
-        """[B] π_θ(a|s) / π_k(a|s)."""
+        self.log_prob = self.old_log_prob
+        """[B] log π_θ(a|s)."""
 
     @torch.no_grad()
     def measure(self) -> None:
         """After a pass; raises `NotFiniteError` if the policy has become NaN."""
         new = self._agent.policy.given(self._samples.inputs)
         self.each = new.kl(self._old) if self._new_first else self._old.kl(new)
-        self.ratio = (new.log_prob(self._samples.actions) - self.old_log_prob).exp()
+        self.log_prob = new.log_prob(self._samples.actions)
         self.kl, self.entropy = float(self.each.mean()), float(new.entropy().mean())
         self.passes += 1
         require_finite(kl=self.kl, entropy=self.entropy)
 
     @property
+    def ratio(self) -> Tensor:
+        """[B] π_θ(a|s) / π_k(a|s)."""
+        return (self.log_prob - self.old_log_prob).exp()
+
+    @property
     def goes_on(self) -> bool:
         """Whether there may be another pass."""
         config = self._agent.config
+        assert isinstance(config, FirstOrderConfig)
         return self.passes < config.passes and self.kl <= config.target_kl
 
 
@@ -173,10 +180,9 @@ def reward_signal(config: OnPolicyConfig, rollout: Rollout) -> Signal:
     return Signal(rollout.rewards, config.discount, config.trace)
 
 
-def signals_of(config: ConstrainedConfig, rollout: Rollout) -> list[Signal]:
-    """The reward, then each cost."""
-    costs = [Signal(cost, config.cost_discount, config.cost_trace) for cost in rollout.costs.unbind(-1)]
-    return [reward_signal(config, rollout), *costs]
+def cost_signals(config: ConstrainedConfig, rollout: Rollout) -> list[Signal]:
+    """What the other critics predict: each cost."""
+    return [Signal(cost, config.cost_discount, config.cost_trace) for cost in rollout.costs.unbind(-1)]
 
 
 def cost_advantages(config: ConstrainedConfig, samples: Samples) -> Tensor:
@@ -185,7 +191,7 @@ def cost_advantages(config: ConstrainedConfig, samples: Samples) -> Tensor:
     return torch.stack([scaled(advantages) for advantages in samples.advantages[1:]])
 
 
-def metrics_of(samples: Samples, log: Sequence[Tensor], drift: Drift, rate: float) -> dict[str, float]:
+def metrics_of(samples: Samples, log: Sequence[Tensor], drift: Drift) -> dict[str, float]:
     """What every update reports: mean losses of its gradient steps ([1 + K] each: the policy's, then the critics'), how
     well the critics predicted, and how far the policy moved. Raises `NotFiniteError` if a loss is NaN."""
     means = torch.stack(list(log)).mean(0).tolist()
@@ -198,8 +204,7 @@ def metrics_of(samples: Samples, log: Sequence[Tensor], drift: Drift, rate: floa
             _critic_names(len(samples.values)), samples.values, samples.targets, strict=True
         )
     }
-    moved = {"kl": drift.kl, "entropy": drift.entropy, "passes": drift.passes}
-    return found | moved | explained | {"learning_rate": rate}
+    return found | {"kl": drift.kl, "entropy": drift.entropy, "passes": drift.passes} | explained
 
 
 def cost_metrics(feedback: Feedback, limits: Sequence[float] = (), window: int = 0) -> dict[str, float]:

@@ -1,0 +1,166 @@
+"""Penalised proximal policy optimisation (Zhang L. et al. 2022): the clipped surrogate of the reward, and an exact
+penalty that is there only while the cost's own surrogate says that the limit would be broken."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.maths import losses
+from thalweg.algos.maths.advantages import standardised
+from thalweg.algos.memory import Sequences
+from thalweg.algos.multiplier import limit_warnings
+from thalweg.algos.onpolicy.agent import (
+    Agent,
+    Drift,
+    cost_advantages,
+    cost_metrics,
+    cost_signals,
+    metrics_of,
+    reward_signal,
+)
+from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig
+
+
+@dataclass(frozen=True)
+class P3OConfig(ConstrainedConfig, FirstOrderConfig):
+    """Settings of P3O."""
+
+    penalty: float = 20.0
+    """κ: the weight of the penalty; exact as soon as it exceeds the optimal multiplier."""
+    clip: float = 0.2
+    """ε: how far the probability ratio counts, to either side of 1."""
+    clip_cost: bool = True
+    """Whether the cost's surrogate is clipped too, as in the paper; not in OmniSafe 0.5."""
+    scale_limit: bool = True
+    """Whether the violation counts times 1-γ, as in the paper; not in OmniSafe 0.5, where its sign decides alone."""
+    standardise_cost: bool = False
+    """Whether a cost's advantage is divided by its own deviation, and the violation with it; else only centred."""
+    cost_window: int = 0
+    """Episodes that the mean cost is taken over, up to 100, so that it lags; 0: those that have finished since the last
+    update."""
+
+    def conditions(self) -> dict[str, tuple[bool, str]]:
+        return (
+            super().conditions()
+            | self.cost_conditions()
+            | {
+                "penalty": (self.penalty >= 0, "must not be negative"),
+                "clip": (self.clip > 0, "must be positive"),
+                "cost_window": (0 <= self.cost_window <= 100, "must be in 0..100"),
+            }
+        )
+
+
+def policy_loss(
+    config: P3OConfig,
+    log_prob: Tensor,
+    old_log_prob: Tensor,
+    advantages: Tensor,
+    cost_advantages: Tensor,
+    violations: Tensor,
+    entropy: Tensor,
+) -> tuple[Tensor, Tensor]:
+    """L = L_clip + κ Σ_i max(0, E[max(ρ A_ci, clip(ρ) A_ci)] + (1-γ) (J_ci - d_i)) - c H, and the penalties [M] in it.
+
+    Args:
+        config: The settings.
+        log_prob: [B], log π_θ(a|s).
+        old_log_prob: [B], log π_k(a|s).
+        advantages: [B], A_r.
+        cost_advantages: [B, M], A_c.
+        violations: [M], J_c - d.
+        entropy: [B].
+    """
+    penalties = torch.stack(
+        [
+            losses.p3o_penalty(
+                log_prob,
+                old_log_prob,
+                cost,
+                float(violation),
+                clip=config.clip,
+                discount=config.cost_discount,
+                clipped=config.clip_cost,
+                scaled=config.scale_limit,
+            )
+            for cost, violation in zip(cost_advantages.unbind(1), violations, strict=True)
+        ]
+    )
+    reward = losses.ppo_clip(log_prob, old_log_prob, advantages, config.clip)
+    return reward + config.penalty * penalties.sum() - config.entropy * entropy.mean(), penalties
+
+
+class P3O:
+    """P3O at work."""
+
+    def __init__(self, config: P3OConfig, task: Task) -> None:
+        self.config, self.separate_costs, self.resets = config, config.separate_costs, config.reset_each_update
+        self.agent = Agent("P3O", 1 + len(config.limits), config, task)
+        self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
+
+    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+        """Raw actions [N, A] drawn from the policy."""
+        return self.agent.act(obs, fresh)
+
+    def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
+        """Passes until the policy has moved by `target_kl`; returns the metrics."""
+        config, agent = self.config, self.agent
+        samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
+        costs = cost_advantages(config, samples)
+        means = torch.tensor(feedback.cost_means(config.cost_window))
+        violations = torch.nan_to_num(means - torch.tensor(config.limits), nan=-float("inf"))
+        if config.standardise_cost:
+            violations = violations / (samples.advantages[1:].std(1, correction=0) + 1e-8)
+        rate, drift = agent.decay(feedback.progress), Drift(agent, samples)
+        rewards = standardised(samples.advantages[0])
+        data = (samples.actions, drift.old_log_prob, rewards, costs.T, samples.targets.T)
+        log: list[Tensor] = []
+        penalties: list[Tensor] = []
+        while drift.goes_on:
+            for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
+                losses_, penalty = self._step(violations, inputs, *rows)
+                log.append(losses_)
+                penalties.append(penalty)
+            drift.measure()
+        clipped = ((drift.ratio - 1.0).abs() > config.clip).float().mean()
+        weighed = torch.stack(penalties)
+        return (
+            metrics_of(samples, log, drift)
+            | {"learning_rate": rate, "clip_fraction": float(clipped)}
+            | {"penalty": config.penalty * float(weighed.sum(1).mean()), "gate": float((weighed > 0).float().mean())}
+            | cost_metrics(feedback, config.limits, config.cost_window)
+        )
+
+    def _step(
+        self,
+        violations: Tensor,
+        inputs: Tensor | Sequences,
+        actions: Tensor,
+        old_log_prob: Tensor,
+        advantages: Tensor,
+        costs: Tensor,
+        targets: Tensor,
+    ) -> tuple[Tensor, Tensor]:
+        """One gradient step of policy and critics, which share no weights; returns their losses [1 + K] and the
+        penalties [M]."""
+        new = self.policy.given(inputs)
+        loss, penalties = policy_loss(
+            self.config, new.log_prob(actions), old_log_prob, advantages, costs, violations, new.entropy()
+        )
+        errors = losses.squared_error(self.agent.critics(inputs), targets.T)
+        self.agent.step(loss + errors.sum())
+        return torch.cat([loss.detach().unsqueeze(0), errors.detach()]), penalties.detach()
+
+    def warnings(self, feedback: Feedback) -> dict[str, str]:
+        """Cost limits that nothing has broken."""
+        return limit_warnings(self.config.limits, feedback)
+
+    def state(self) -> dict[str, Any]:
+        return self.agent.state()
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        self.agent.load_state(state)

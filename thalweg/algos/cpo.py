@@ -8,12 +8,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from thalweg.algos.costs import cost_metrics
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import centred, standardised
 from thalweg.algos.maths.trust_region import cpo_step
 from thalweg.algos.multiplier import limit_warnings
-from thalweg.algos.onpolicy.agent import Agent, Drift, cost_metrics, cost_signals, metrics_of, reward_signal
+from thalweg.algos.onpolicy.agent import Agent, Drift, cost_signals, metrics_of, reward_signal
 from thalweg.algos.onpolicy.config import ConstrainedConfig, NaturalConfig
 from thalweg.algos.onpolicy.natural import Landscape, fit_critics, mean_length, most_violated
 

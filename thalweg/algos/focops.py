@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from thalweg.algos.costs import cost_metrics
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import standardised
@@ -18,7 +19,6 @@ from thalweg.algos.onpolicy.agent import (
     Agent,
     Drift,
     cost_advantages,
-    cost_metrics,
     cost_signals,
     metrics_of,
     reward_signal,

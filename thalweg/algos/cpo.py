@@ -16,7 +16,8 @@ from thalweg.algos.maths.trust_region import cpo_step
 from thalweg.algos.multiplier import limit_warnings
 from thalweg.algos.onpolicy.agent import Agent, Drift, cost_signals, metrics_of, reward_signal
 from thalweg.algos.onpolicy.config import ConstrainedConfig, NaturalConfig
-from thalweg.algos.onpolicy.natural import Landscape, fit_critics, mean_length, most_violated
+from thalweg.algos.onpolicy.natural import Landscape, fit_critics, most_violated
+from thalweg.algos.onpolicy.samples import mean_length
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 penalty that is there only while the cost's own surrogate says that the limit would be broken."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -23,6 +23,7 @@ from thalweg.algos.onpolicy.agent import (
     reward_signal,
 )
 from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig
+from thalweg.algos.onpolicy.samples import mean_length
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,13 @@ class P3OConfig(ConstrainedConfig, FirstOrderConfig):
     """ε: how far the probability ratio counts, to either side of 1."""
     clip_cost: bool = True
     """Whether the cost's surrogate is clipped too, as in the paper; not in OmniSafe 0.5."""
-    scale_limit: bool = True
-    """Whether the violation counts times 1-γ, as in the paper; not in OmniSafe 0.5, where its sign decides alone."""
+    limit_scale: Literal["length", "discount", "none"] = "length"
+    """What the violation of an episode is in steps: divided by an episode's mean length, since the costs are not
+    discounted; times 1-γ, as in the paper, whose costs are; or as it is, as in OmniSafe 0.5, where its sign decides
+    alone."""
+    centre_minibatches: bool = True
+    """Whether the cost's advantage is centred over each minibatch too, so that chance alone does not open the gate; in
+    OmniSafe over the rollout only."""
     standardise_cost: bool = False
     """Whether a cost's advantage is divided by its own deviation, and the violation with it; else only centred."""
     cost_window: int = 0
@@ -62,6 +68,7 @@ def policy_loss(
     advantages: Tensor,
     cost_advantages: Tensor,
     violations: Tensor,
+    scale: float,
     entropy: Tensor,
 ) -> tuple[Tensor, Tensor]:
     """L = L_clip + κ Σ_i max(0, E[max(ρ A_ci, clip(ρ) A_ci)] + (1-γ) (J_ci - d_i)) - c H, and the penalties [M] in it.
@@ -73,6 +80,7 @@ def policy_loss(
         advantages: [B], A_r.
         cost_advantages: [B, M], A_c.
         violations: [M], J_c - d.
+        scale: 1-γ, or what stands for it.
         entropy: [B].
     """
     penalties = torch.stack(
@@ -83,9 +91,8 @@ def policy_loss(
                 cost,
                 float(violation),
                 clip=config.clip,
-                discount=config.cost_discount,
+                scale=scale,
                 clipped=config.clip_cost,
-                scaled=config.scale_limit,
             )
             for cost, violation in zip(cost_advantages.unbind(1), violations, strict=True)
         ]
@@ -115,6 +122,7 @@ class P3O:
         violations = torch.nan_to_num(means - torch.tensor(config.limits), nan=-float("inf"))
         if config.standardise_cost:
             violations = violations / (samples.advantages[1:].std(1, correction=0) + 1e-8)
+        scale = {"length": 1.0 / mean_length(rollout), "discount": 1.0 - config.cost_discount, "none": 1.0}
         rate, drift = agent.decay(feedback.progress), Drift(agent, samples)
         rewards = standardised(samples.advantages[0])
         data = (samples.actions, drift.old_log_prob, rewards, costs.T, samples.targets.T)
@@ -122,8 +130,8 @@ class P3O:
         penalties: list[Tensor] = []
         while drift.goes_on:
             for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
-                losses_, penalty = self._step(violations, inputs, *rows)
-                log.append(losses_)
+                found, penalty = self._step(violations, scale[config.limit_scale], inputs, *rows)
+                log.append(found)
                 penalties.append(penalty)
             drift.measure()
         clipped = ((drift.ratio - 1.0).abs() > config.clip).float().mean()
@@ -138,6 +146,7 @@ class P3O:
     def _step(
         self,
         violations: Tensor,
+        scale: float,
         inputs: Tensor | Sequences,
         actions: Tensor,
         old_log_prob: Tensor,
@@ -148,8 +157,10 @@ class P3O:
         """One gradient step of policy and critics, which share no weights; returns their losses [1 + K] and the
         penalties [M]."""
         new = self.policy.given(inputs)
+        if self.config.centre_minibatches:
+            costs = costs - costs.mean(0)
         loss, penalties = policy_loss(
-            self.config, new.log_prob(actions), old_log_prob, advantages, costs, violations, new.entropy()
+            self.config, new.log_prob(actions), old_log_prob, advantages, costs, violations, scale, new.entropy()
         )
         errors = losses.squared_error(self.agent.critics(inputs), targets.T)
         self.agent.step(loss + errors.sum())

@@ -57,7 +57,8 @@ PAPER: dict[str, Settings] = {
         "passes": 10,
         "penalty": 20.0,
         "clip_cost": False,
-        "scale_limit": False,
+        "limit_scale": "none",
+        "centre_minibatches": False,
         "cost_window": 50,
     },
     "OnCRPO": {

@@ -13,7 +13,7 @@ COSTS = torch.tensor([1.0, -1.0, 1.0, -1.0], dtype=F64)
 
 
 def penalty(violation: float, **settings) -> float:
-    given = {"clip": 0.2, "discount": 0.99} | settings
+    given = {"clip": 0.2, "scale": 0.01} | settings
     return losses.p3o_penalty(RATIO.log(), ZEROS, COSTS, violation, **given).item()
 
 
@@ -24,14 +24,14 @@ def test_the_penalty_of_p3o_by_hand():
     # 1.5 - 1.5 + 0.5 - 0.5
     assert penalty(0.0, clipped=False) == pytest.approx(0.0)
     assert penalty(5.0, clipped=False) == pytest.approx(0.05)
-    assert penalty(5.0, clipped=False, scaled=False) == pytest.approx(5.0)
+    assert penalty(5.0, clipped=False, scale=1.0) == pytest.approx(5.0)
 
 
 @pytest.mark.parametrize(("violation", "opens"), [(-14.9, True), (-15.1, False)])
 def test_the_gate_of_p3o_flips_where_the_surrogate_equals_what_is_left_to_the_limit(violation: float, opens: bool):
-    # 0.15 = (1 - 0.99) · 15: a little less room, and there is a gradient; a little more, and there is none
+    # 0.15 = 0.01 · 15: a little less room, and there is a gradient; a little more, and there is none
     log_prob = RATIO.log().requires_grad_()
-    loss = losses.p3o_penalty(log_prob, ZEROS, COSTS, violation, clip=0.2, discount=0.99)
+    loss = losses.p3o_penalty(log_prob, ZEROS, COSTS, violation, clip=0.2, scale=0.01)
     loss.backward()
     assert log_prob.grad is not None
     assert (loss.item() > 0) == opens and bool(log_prob.grad.any()) == opens
@@ -65,6 +65,6 @@ def test_a_multiplier_too_few_is_refused():
 
 def test_a_cost_with_an_axis_too_many_is_refused():
     with pytest.raises(ValueError, match="same shape"):
-        losses.p3o_penalty(torch.zeros(3), torch.zeros(3), torch.zeros(3, 1), 0.0, clip=0.2, discount=0.99)
+        losses.p3o_penalty(torch.zeros(3), torch.zeros(3), torch.zeros(3, 1), 0.0, clip=0.2, scale=0.01)
     with pytest.raises(ValueError, match="same shape"):
         losses.cup_projection(torch.zeros(3), torch.zeros(3), torch.zeros(3, 1), torch.zeros(3), discount=0.9, trace=0)

@@ -11,7 +11,8 @@ from thalweg.algos.interface import Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.onpolicy.agent import Agent, Drift, reward_signal
 from thalweg.algos.onpolicy.config import NaturalConfig
-from thalweg.algos.onpolicy.natural import Landscape, fit_critics, mean_length
+from thalweg.algos.onpolicy.natural import Landscape, fit_critics
+from thalweg.algos.onpolicy.samples import mean_length
 
 N, T, D = 4, 32, 5
 SPACES = {"MultiDiscrete": gym.spaces.MultiDiscrete([3, 2]), "Box": gym.spaces.Box(-1.0, 1.0, (2,))}

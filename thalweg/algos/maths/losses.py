@@ -62,15 +62,15 @@ def p3o_penalty(
     violation: float,
     *,
     clip: float,
-    discount: float,
+    scale: float,
     clipped: bool = True,
-    scaled: bool = True,
 ) -> Tensor:
     """The exact penalty of one cost (Zhang L. et al. 2022, equation 11), a scalar.
 
     max(0, E[ max(ρ A_c, clip(ρ, 1-ε, 1+ε) A_c) ] + (1-γ) (J_c - d))
 
-    It is 0 where the surrogate stays below (1-γ) (d - J_c), and so is its gradient.
+    It is 0 where the surrogate stays below (1-γ) (d - J_c), and so is its gradient. A surrogate is a mean over steps
+    and J_c a sum over an episode's, hence the factor; where costs are not discounted it is 1 / (steps of an episode).
 
     Args:
         log_prob: [B], log π_θ(a|s).
@@ -78,9 +78,8 @@ def p3o_penalty(
         cost_advantages: [B], A_c in the cost's own units: it is weighed against the violation.
         violation: J_c - d.
         clip: ε.
-        discount: γ.
+        scale: The factor of the violation.
         clipped: Without it the surrogate is E[ρ A_c], as in OmniSafe 0.5.
-        scaled: Without it the factor 1-γ is 1, as in OmniSafe 0.5, so that the sign of the violation decides alone.
     """
     rank(1, log_prob=log_prob)
     same_shape(log_prob=log_prob, old_log_prob=old_log_prob, cost_advantages=cost_advantages)
@@ -88,7 +87,7 @@ def p3o_penalty(
     surrogate = ratio * cost_advantages
     if clipped:
         surrogate = torch.maximum(surrogate, ratio.clamp(1.0 - clip, 1.0 + clip) * cost_advantages)
-    return torch.relu(surrogate.mean() + (1.0 - discount if scaled else 1.0) * violation)
+    return torch.relu(surrogate.mean() + scale * violation)
 
 
 def cup_projection(

@@ -51,7 +51,7 @@ class Agent:
         self.critics = Critics(critics, config.frame_stack * task.obs_size, config.shape, self.generator)
         groups = [{"params": list(self.critics.parameters()), "lr": config.critic_learning_rate}]
         if isinstance(config, FirstOrderConfig):
-            groups.append({"params": list(self.policy.actor.parameters()), "lr": config.learning_rate})
+            groups.insert(0, {"params": list(self.policy.actor.parameters()), "lr": config.learning_rate})
         self.optimiser = torch.optim.Adam(groups, fused=True)
         self._player = NetworkPlayer(self.policy, task.num_envs, False, self.generator, stacked=True)
         self._memory: RolloutMemory | None = None
@@ -95,7 +95,7 @@ class Agent:
         """Set the policy's learning rate for this share of the run, 0..1, if it is to fall; returns it."""
         assert isinstance(self.config, FirstOrderConfig)
         rate = self.config.learning_rate * (1.0 - progress if self.config.linear_decay else 1.0)
-        self.optimiser.param_groups[1]["lr"] = rate
+        self.optimiser.param_groups[0]["lr"] = rate
         return rate
 
     def step(self, loss: Tensor) -> None:

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
-from thalweg.algos.interface import Feedback, Rollout
+from thalweg.algos.interface import Feedback
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.trust_region import conjugate_gradient
 from thalweg.algos.onpolicy.agent import Agent, Drift
@@ -75,12 +75,6 @@ def fit_critics(agent: Agent, samples: Samples, config: NaturalConfig) -> Tensor
             agent.step(errors.sum())
             log.append(errors.detach())
     return torch.stack(log).mean(0)
-
-
-def mean_length(rollout: Rollout) -> float:
-    """Steps of an episode, as the rollout has them; its own steps where no episode ended."""
-    ends = int((rollout.terminated | rollout.truncated).sum())
-    return int(rollout.valid.sum()) / max(ends, 1)
 
 
 def most_violated(feedback: Feedback, limits: tuple[float, ...], window: int) -> tuple[int, float]:

@@ -1,4 +1,4 @@
-"""What algorithms with a policy and critics share, by numbers."""
+"""What on-policy algorithms share, by numbers."""
 
 from typing import Any
 
@@ -7,40 +7,37 @@ import numpy as np
 import pytest
 import torch
 
+from tests.algos import rollouts
 from thalweg.algos import AlgorithmError
-from thalweg.algos.actor_critic import ActorCritic
 from thalweg.algos.interface import Rollout, Task
-from thalweg.algos.onpolicy import Signal
+from thalweg.algos.onpolicy.agent import Agent
+from thalweg.algos.onpolicy.samples import Samples, Signal
 from thalweg.algos.ppo import PPOConfig
 
 N, T, D = 2, 8, 3
 
 
-def agent(critics: int = 2, **settings: Any) -> ActorCritic:
+def agent(critics: int = 2, **settings: Any) -> Agent:
     config = PPOConfig(hidden=(8,), **settings)
-    return ActorCritic("Some", critics, config, Task(D, gym.spaces.Discrete(3), N, 0, {"encoder": "mine"}))
+    return Agent("Some", critics, config, Task(D, gym.spaces.Discrete(3), N, 0, {"encoder": "mine"}))
 
 
 def rollout(obs: torch.Tensor) -> Rollout:
     """Steps of which the last of each environment only reset it."""
     valid = torch.ones(T, N, dtype=torch.bool)
     valid[-1] = False
-    never = torch.zeros(T, N, dtype=torch.bool)
-    return Rollout(
-        obs=obs,
-        actions=torch.zeros(T, N, 1, dtype=torch.int64),
-        rewards=torch.ones(T, N),
-        costs=torch.zeros(T, N),
-        terminated=never,
-        truncated=never,
-        valid=valid,
-        final_index=torch.zeros(0, dtype=torch.int64),
-        final_obs=torch.zeros(0, D),
-    )
+    return rollouts.rollout_of(obs, valid=valid)
 
 
-def signals(steps: Rollout) -> list[Signal]:
-    return [Signal(steps.rewards, 0.9, 0.9), Signal(steps.costs, 0.9, 0.9)]
+def samples(one: Agent, steps: Rollout) -> Samples:
+    return one.samples(steps, [Signal(steps.rewards, 0.9, 0.9), Signal(steps.costs[..., 0], 0.9, 0.9)])
+
+
+def seen(one: Agent, steps: Rollout) -> torch.Tensor:
+    """Normalised observations [B, D]."""
+    inputs = samples(one, steps).inputs
+    assert isinstance(inputs, torch.Tensor)
+    return inputs
 
 
 def observations(seed: int) -> torch.Tensor:
@@ -52,18 +49,18 @@ def weights(module: torch.nn.Module) -> torch.Tensor:
 
 
 def test_the_policy_says_where_it_comes_from():
-    about = agent(head="gaussian_discretised").policy.about
+    about = agent(adapter="box_scaled").policy.about
     assert about.algorithm == "Some" and about.context == {"encoder": "mine"}
-    assert about.config["head"] == "gaussian_discretised"
+    assert about.config["adapter"] == "box_scaled"
 
 
 def test_the_first_rollout_is_seen_by_its_own_statistics_and_later_ones_by_those_that_acted():
     one, first, second = agent(), rollout(observations(1)), rollout(observations(2))
-    seen = one.samples(first, signals(first)).obs
+    now = seen(one, first)
     own = first.obs[:-1][first.valid]
     expected = (own - own.mean(0)) / own.std(0, correction=0)
-    assert torch.allclose(seen, expected.clamp(-5, 5), atol=1e-4)
-    later = one.samples(second, signals(second)).obs
+    assert torch.allclose(now, expected.clamp(-5, 5), atol=1e-4)
+    later = seen(one, second)
     expected = (second.obs[:-1][second.valid] - own.mean(0)) / own.std(0, correction=0)
     assert torch.allclose(later, expected.clamp(-5, 5), atol=1e-4)
     both = torch.cat([own, second.obs[:-1][second.valid]])
@@ -73,7 +70,7 @@ def test_the_first_rollout_is_seen_by_its_own_statistics_and_later_ones_by_those
 
 def test_without_normalisation_observations_stay_as_they_are():
     one, steps = agent(normalise_observations=False), rollout(observations(1))
-    assert torch.equal(one.samples(steps, signals(steps)).obs, steps.obs[:-1][steps.valid])
+    assert torch.equal(seen(one, steps), steps.obs[:-1][steps.valid])
 
 
 @pytest.mark.parametrize("long", [0, 1], ids=["policy", "critics"])
@@ -113,9 +110,10 @@ def test_only_the_policys_rate_falls(linear, expected):
 
 def test_everything_comes_back():
     one, other, steps = agent(), agent(), rollout(observations(1))
-    one.samples(steps, signals(steps))
+    samples(one, steps)
     one.step(weights_sum(one))
-    one.act(np.zeros((N, D), np.float32))
+    never = np.zeros(N, dtype=bool)
+    one.act(np.zeros((N, D), np.float32), never)
     other.load_state(one.state())
     for each in (one, other):
         each.step(weights_sum(each))
@@ -123,11 +121,11 @@ def test_everything_comes_back():
     assert torch.equal(weights(one.critics), weights(other.critics))
     obs = observations(3)[0].numpy()
     for _ in range(5):
-        assert torch.equal(one.act(obs), other.act(obs))
+        assert torch.equal(one.act(obs, never), other.act(obs, never))
     assert np.array_equal(one.policy.normaliser.mean, other.policy.normaliser.mean)
 
 
-def weights_sum(one: ActorCritic) -> torch.Tensor:
+def weights_sum(one: Agent) -> torch.Tensor:
     parameters = [*one.policy.actor.parameters(), *one.critics.parameters()]
     return sum(((p**2).sum() for p in parameters), torch.zeros(()))
 

@@ -104,5 +104,5 @@ def test_a_point_is_what_it_draws_and_has_no_density():
     point = Points(torch.tensor([[0.25, -0.5]]))
     assert point.sample(None).tolist() == point.mode().tolist() == [[0.25, -0.5]]
     for ask in (lambda: point.log_prob(point.mode()), point.entropy, lambda: point.kl(point)):
-        with pytest.raises(TypeError, match="a point has no|two points"):
+        with pytest.raises(TypeError, match=r"a point has no|two points"):
             ask()

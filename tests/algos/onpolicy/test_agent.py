@@ -133,3 +133,17 @@ def weights_sum(one: Agent) -> torch.Tensor:
 def test_the_state_of_another_number_of_critics_is_refused():
     with pytest.raises(AlgorithmError, match="a network of shapes"):
         agent(1).load_state(agent(2).state())
+
+
+def test_with_a_memory_what_acts_and_what_is_learnt_from_are_in_the_same_state():
+    one, never = agent(memory="gru", memory_size=4, sequence=3), np.zeros(N, dtype=bool)
+    assert one._memory is not None and one._player.hidden is not None
+    for number in range(3):  # the first rollout is seen by no statistics when acting, by its own when learning
+        steps = rollout(observations(number))
+        for obs in steps.obs[:-1].numpy():
+            one.act(obs, never)
+        acted = one._player.hidden.clone()
+        samples(one, steps)
+        if number:
+            assert torch.allclose(one._memory.starts["actor"], acted, atol=1e-6)
+        assert torch.allclose(one._memory.starts["actor"], one._player.hidden, atol=1e-6)

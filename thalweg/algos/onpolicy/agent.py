@@ -90,6 +90,8 @@ class Agent:
             normaliser.update(valid_obs(rollout))
         if self._memory is not None:
             self._memory.move_on()
+            # Not the same yet after the first rollout, which acting saw without statistics.
+            self._player.hidden = self._memory.starts["actor"]
         return samples
 
     def decay(self, progress: float) -> float:

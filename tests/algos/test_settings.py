@@ -18,7 +18,9 @@ def test_a_name_is_found_in_any_case():
 
 
 def test_an_unknown_key_lists_the_known_ones():
-    with pytest.raises(AlgorithmError, match=r"no 'cost_limt'; it has steps_per_update, .*, cost_limit, .*, temperature"):
+    with pytest.raises(
+        AlgorithmError, match=r"no 'cost_limt'; it has steps_per_update, .*, cost_limit, .*, temperature"
+    ):
         config_from(FOCOPSConfig, {"cost_limt": 0.2})
 
 

@@ -9,7 +9,7 @@ from thalweg.algos.settings import as_data, config_from
 
 
 def test_an_unknown_algorithm_lists_the_known_ones():
-    with pytest.raises(AlgorithmError, match="'TRPO'; there are PPO, FOCOPS"):
+    with pytest.raises(AlgorithmError, match="'TRPO'; there are PPO, PPOLag, FOCOPS"):
         algorithm_named("TRPO")
 
 

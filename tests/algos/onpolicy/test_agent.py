@@ -105,7 +105,7 @@ def test_the_gradient_before_is_forgotten():
 def test_only_the_policys_rate_falls(linear, expected):
     one = agent(learning_rate=1e-3, critic_learning_rate=5e-3, linear_decay=linear)
     assert one.decay(0.75) == pytest.approx(expected)
-    assert [group["lr"] for group in one.optimiser.param_groups] == pytest.approx([expected, 5e-3])
+    assert [one.optimisers[part].rate for part in ("actor", "critics")] == pytest.approx([expected, 5e-3])
 
 
 def test_everything_comes_back():

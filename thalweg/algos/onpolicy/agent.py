@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from thalweg.algos.actions import actions_of
+from thalweg.algos.adam import Adam
 from thalweg.algos.errors import require_finite
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
@@ -27,9 +28,7 @@ from thalweg.algos.state import (
     generator_state,
     load_generator,
     load_module,
-    load_optimiser,
     module_state,
-    optimiser_state,
 )
 
 
@@ -49,10 +48,11 @@ class Agent:
             about=About(algorithm, as_data(config), task.context),
         )
         self.critics = Critics(critics, config.frame_stack * task.obs_size, config.shape, self.generator)
-        groups = [{"params": list(self.critics.parameters()), "lr": config.critic_learning_rate}]
-        if isinstance(config, FirstOrderConfig):
-            groups.insert(0, {"params": list(self.policy.actor.parameters()), "lr": config.learning_rate})
-        self.optimiser = torch.optim.Adam(groups, fused=True)
+        rate = config.learning_rate if isinstance(config, FirstOrderConfig) else 0.0
+        self.optimisers = {
+            "actor": Adam(self.policy.actor.parameters(), rate),
+            "critics": Adam(self.critics.parameters(), config.critic_learning_rate),
+        }
         self._player = NetworkPlayer(self.policy, task.num_envs, False, self.generator, stacked=True)
         self._memory: RolloutMemory | None = None
         if self.policy.actor.gru is not None and self.critics.gru is not None:
@@ -95,7 +95,7 @@ class Agent:
         """Set the policy's learning rate for this share of the run, 0..1, if it is to fall; returns it."""
         assert isinstance(self.config, FirstOrderConfig)
         rate = self.config.learning_rate * (1.0 - progress if self.config.linear_decay else 1.0)
-        self.optimiser.param_groups[0]["lr"] = rate
+        self.optimisers["actor"].rate = rate
         return rate
 
     def step(self, loss: Tensor) -> None:
@@ -106,11 +106,11 @@ class Agent:
         if self.config.critic_decay:
             squares = sum(parameter.square().sum() for parameter in self.critics.parameters())
             loss = loss + self.config.critic_decay * squares
-        self.optimiser.zero_grad()
+        for optimiser in self.optimisers.values():
+            optimiser.forget()
         loss.backward()
-        for module in (self.policy.actor, self.critics):
-            nn.utils.clip_grad_norm_(module.parameters(), self.config.max_grad_norm)
-        self.optimiser.step()
+        for optimiser in self.optimisers.values():
+            optimiser.step(self.config.max_grad_norm)
 
     def state(self) -> dict[str, Any]:
         """Everything, as nested dictionaries of arrays and plain data."""
@@ -118,7 +118,7 @@ class Agent:
             "actor": module_state(self.policy.actor),
             "critics": module_state(self.critics),
             "normaliser": self.policy.normaliser.state(),
-            "optimiser": optimiser_state(self.optimiser),
+            "optimisers": {name: optimiser.state() for name, optimiser in self.optimisers.items()},
             "generator": generator_state(self.generator),
             "player": self._player.state(),
         }
@@ -129,7 +129,8 @@ class Agent:
         load_module(self.policy.actor, state["actor"])
         load_module(self.critics, state["critics"])
         self.policy.normaliser.load_state(state["normaliser"])
-        load_optimiser(self.optimiser, state["optimiser"])
+        for name, optimiser in self.optimisers.items():
+            optimiser.load_state(state["optimisers"][name])
         load_generator(self.generator, state["generator"])
         self._player.load_state(state["player"])
         if self._memory is not None:

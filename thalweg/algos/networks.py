@@ -66,8 +66,9 @@ class Stack(nn.Module):
         self.count, self.activation = count, activation
         self.sizes = (inputs, *hidden, outputs)
         self.flat = nn.Parameter(torch.empty(sum(count * (before + 1) * after for before, after in self._layers)))
+        self._views: tuple[int, Layers] = (0, [])
         with torch.no_grad():
-            for layer, (weight, bias) in enumerate(self._parts(self.flat)):
+            for layer, (weight, bias) in enumerate(self._parts()):
                 before, after = weight.shape[1:]
                 gain = last_gain if layer == len(hidden) else math.sqrt(2.0)
                 bound = 1 / math.sqrt(before)
@@ -86,12 +87,12 @@ class Stack(nn.Module):
         """[K, B, outputs]; `frozen`: as if the parameters were constants, while x may have a gradient; `chosen`: of
         these perceptrons only."""
         flat = self.flat.detach() if frozen else self.flat
-        return _Perceptrons.apply(x, flat, self.count, self.sizes, chosen, self.activation)  # pyright: ignore
+        return _Perceptrons.apply(x, flat, self._parts(), self.sizes, chosen, self.activation)  # pyright: ignore
 
     def plain(self, x: Tensor, flat: Tensor | None = None) -> Tensor:
         """The same by recorded calls, which can be differentiated twice; `flat` stands for the own parameters."""
         x = x.expand(self.count, *x.shape) if x.dim() == 2 else x
-        *inner, (last_weight, last_bias) = self._parts(self.flat if flat is None else flat)
+        *inner, (last_weight, last_bias) = layers_of(self.flat if flat is None else flat, self.count, self.sizes)
         for weight, bias in inner:
             x = _FUNCTIONS[self.activation](torch.baddbmm(bias, x, weight))
         return torch.baddbmm(last_bias, x, last_weight)
@@ -100,9 +101,12 @@ class Stack(nn.Module):
     def _layers(self) -> list[tuple[int, int]]:
         return list(itertools.pairwise(self.sizes))
 
-    def _parts(self, flat: Tensor) -> Layers:
-        """Weight [K, before, after] and bias [K, 1, after] of each layer: views of a vector like `flat`."""
-        return layers_of(flat, self.count, self.sizes)
+    def _parts(self) -> Layers:
+        """The layers as views of the vector without its gradient, made once for each place that it lies in."""
+        place = self.flat.data_ptr()
+        if self._views[0] != place:
+            self._views = (place, layers_of(self.flat.detach(), self.count, self.sizes))
+        return self._views[1]
 
 
 def layers_of(flat: Tensor, count: int, sizes: tuple[int, ...]) -> Layers:
@@ -122,11 +126,12 @@ class _Perceptrons(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, x: Tensor, flat: Tensor, count: int, sizes: tuple[int, ...], chosen: slice, activation: Activation
+        ctx: Any, x: Tensor, flat: Tensor, parts: Layers, sizes: tuple[int, ...], chosen: slice, activation: Activation
     ) -> Tensor:
-        parts = _chosen(layers_of(flat, count, sizes), chosen)
-        shared = x.dim() == 2
-        hidden = x.expand(len(parts[0][0]), *x.shape) if shared else x
+        ctx.count, ctx.sizes, ctx.chosen, ctx.activation = len(parts[0][0]), sizes, chosen, activation
+        parts = ctx.parts = _chosen(parts, chosen)
+        ctx.shared = x.dim() == 2
+        hidden = x.expand(len(parts[0][0]), *x.shape) if ctx.shared else x
         seen, before = [hidden], []
         for weight, bias in parts[:-1]:
             hidden = torch.baddbmm(bias, hidden, weight)
@@ -137,17 +142,16 @@ class _Perceptrons(torch.autograd.Function):
                 hidden = hidden.tanh_() if activation == "tanh" else hidden.relu_()
             seen.append(hidden)
         ctx.save_for_backward(flat, *seen, *before)
-        ctx.activation, ctx.shared, ctx.count, ctx.sizes, ctx.chosen = activation, shared, count, sizes, chosen
         return torch.baddbmm(parts[-1][1], hidden, parts[-1][0])
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, above: Tensor) -> Any:  # pyright: ignore
-        flat, *seen = ctx.saved_tensors
+        flat, *seen = ctx.saved_tensors  # which makes sure that nothing has changed since
         inner = len(ctx.sizes) - 2
         known = seen[-inner:] if inner else []
         wants_x, wants_flat = ctx.needs_input_grad[:2]
-        parts = _chosen(layers_of(flat, ctx.count, ctx.sizes), ctx.chosen)
+        parts: Layers = ctx.parts
         into = (torch.empty_like if len(above) == ctx.count else torch.zeros_like)(flat) if wants_flat else None
         places = _chosen(layers_of(into, ctx.count, ctx.sizes), ctx.chosen) if into is not None else []
         for layer in range(len(parts) - 1, -1, -1):
@@ -158,24 +162,36 @@ class _Perceptrons(torch.autograd.Function):
                 return None, into, None, None, None, None
             above = torch.bmm(above, parts[layer][0].transpose(1, 2))
             if layer > 0:
-                above = _DERIVATIVES[ctx.activation](above, known[layer - 1])
+                _DERIVATIVES[ctx.activation](above, known[layer - 1], above)
         return above.sum(0) if ctx.shared else above, into, None, None, None, None
+
+
+def _through(above: Tensor, after: Tensor, activation: Activation) -> None:
+    """Pass a gradient through an activation of which the outcome is given, in place."""
+    if activation == "tanh":
+        torch.ops.aten.tanh_backward.grad_input(above, after, grad_input=above)
+    else:
+        torch.ops.aten.threshold_backward.grad_input(above, after, 0.0, grad_input=above)
 
 
 def _chosen(layers: Layers, chosen: slice) -> Layers:
     return layers if chosen is ALL else [(weight[chosen], bias[chosen]) for weight, bias in layers]
 
 
-def _relu_backward(above: Tensor, after: Tensor) -> Tensor:
-    return torch.ops.aten.threshold_backward(above, after, 0.0)
+def _through_tanh(above: Tensor, after: Tensor, into: Tensor) -> None:
+    torch.ops.aten.tanh_backward.grad_input(above, after, grad_input=into)
+
+
+def _through_relu(above: Tensor, after: Tensor, into: Tensor) -> None:
+    torch.ops.aten.threshold_backward.grad_input(above, after, 0.0, grad_input=into)
+
+
+def _through_swish(above: Tensor, before: Tensor, into: Tensor) -> None:
+    torch.ops.aten.silu_backward.grad_input(above, before, grad_input=into)
 
 
 _FUNCTIONS = {"tanh": torch.tanh, "relu": torch.relu, "swish": nn.functional.silu}
-_DERIVATIVES = {
-    "tanh": torch.ops.aten.tanh_backward,
-    "relu": _relu_backward,
-    "swish": torch.ops.aten.silu_backward,
-}
+_DERIVATIVES = {"tanh": _through_tanh, "relu": _through_relu, "swish": _through_swish}
 """From the gradient after each, and what it gave (of "swish": what it was given), to the gradient before it."""
 
 

@@ -120,7 +120,7 @@ def test_parameters_changed_before_the_gradient_are_noticed():
 
 
 def layers(one: Stack) -> list[tuple[torch.Tensor, torch.Tensor]]:
-    return [(weight.detach(), bias.detach()) for weight, bias in one._parts(one.flat)]
+    return [(weight.detach(), bias.detach()) for weight, bias in one._parts()]
 
 
 def test_orthogonal_weights_keep_lengths_times_their_gain():

@@ -19,7 +19,7 @@ def stack(activation: Activation = "tanh", hidden: tuple[int, ...] = (6, 5), cou
     generator = torch.Generator().manual_seed(0)
     made = Stack(count, D, hidden, 2, activation=activation, generator=generator, **settings).double()
     with torch.no_grad():  # zero biases would hide a wrong gradient of theirs
-        made.flat += 0.1 * torch.randn(made.flat.shape, dtype=F64, generator=generator)
+        made.flat.add_(0.1 * torch.randn(made.flat.shape, dtype=F64, generator=generator))
     return made
 
 

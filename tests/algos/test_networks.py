@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from thalweg.algos.actions import actions_of
-from thalweg.algos.networks import Activation, Actor, Critics, Shape, Stack
+from thalweg.algos.networks import Activation, Actor, Critics, Shape, Stack, layers_of
 
 F64 = torch.float64
 K, B, D = 3, 7, 4
@@ -120,7 +120,7 @@ def test_parameters_changed_before_the_gradient_are_noticed():
 
 
 def layers(one: Stack) -> list[tuple[torch.Tensor, torch.Tensor]]:
-    return [(weight.detach(), bias.detach()) for weight, bias in one._parts(one.flat)]
+    return [(weight.detach(), bias.detach()) for weight, bias in layers_of(one.flat, one.count, one.sizes)]
 
 
 def test_orthogonal_weights_keep_lengths_times_their_gain():

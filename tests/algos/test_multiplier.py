@@ -14,7 +14,7 @@ from thalweg.algos.settings import require
 
 def multiplier(limit: float = 0.1, **settings: Any) -> Multiplier:
     """By its rule alone, unless it says otherwise."""
-    plain = {"multiplier_rate": 0.5, "multiplier_gain": 0.0, "multiplier_max": 2.0}
+    plain: dict[str, Any] = {"multiplier_rate": 0.5, "multiplier_gain": 0.0, "multiplier_max": 2.0}
     return Multiplier(MultiplierConfig(**(plain | settings)), limit)
 
 

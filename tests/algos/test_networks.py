@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from thalweg.algos.actions import actions_of
-from thalweg.algos.networks import Activation, Actor, Critics, Shape, Stack
+from thalweg.algos.networks import Activation, Actor, Critics, Shape, Stack, layers_of
 
 F64 = torch.float64
 K, B, D = 3, 7, 4
@@ -19,7 +19,7 @@ def stack(activation: Activation = "tanh", hidden: tuple[int, ...] = (6, 5), cou
     generator = torch.Generator().manual_seed(0)
     made = Stack(count, D, hidden, 2, activation=activation, generator=generator, **settings).double()
     with torch.no_grad():  # zero biases would hide a wrong gradient of theirs
-        made.flat += 0.1 * torch.randn(made.flat.shape, dtype=F64, generator=generator)
+        made.flat.add_(0.1 * torch.randn(made.flat.shape, dtype=F64, generator=generator))
     return made
 
 
@@ -120,7 +120,7 @@ def test_parameters_changed_before_the_gradient_are_noticed():
 
 
 def layers(one: Stack) -> list[tuple[torch.Tensor, torch.Tensor]]:
-    return [(weight.detach(), bias.detach()) for weight, bias in one._parts()]
+    return [(weight.detach(), bias.detach()) for weight, bias in layers_of(one.flat, one.count, one.sizes)]
 
 
 def test_orthogonal_weights_keep_lengths_times_their_gain():

@@ -10,7 +10,7 @@ A cell is an algorithm in an action space on a problem. It is held against the b
   `horizon` steps, with the terminal value 0 and its share of the limit at every decision.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -149,7 +149,7 @@ class Result:
         return self.share >= SHARE and self.excess <= 0.0
 
 
-def cells(algorithms: tuple[str, ...] = tuple(ROWS), problems: tuple[str, ...] = tuple(PROBLEMS)) -> Iterator[Cell]:
+def cells(algorithms: Collection[str] = tuple(ROWS), problems: Collection[str] = tuple(PROBLEMS)) -> Iterator[Cell]:
     """Every cell of the algorithms and problems named."""
     for algorithm in algorithms:
         row = ROWS[algorithm]

@@ -5,9 +5,7 @@ and cost are exact. Of heads whose formula is known the table is computed; of a 
 counted in play.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -16,12 +14,10 @@ from scipy.special import ndtr
 from tests.known_answer.envs import BOX_EDGE, ProblemEnv, SpaceName, joint
 from tests.known_answer.problems import ACTIONS, Problem
 from tests.known_answer.solutions import Outcome, outcome
-from thalweg.algos.distributions import Categoricals, Gaussians
-
-How = Literal["drawn", "mode", "played"]
-"""Whether a policy draws its actions, does the most probable thing, or has to be watched at play."""
-Player = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Actions [N, ...] of the environment for observations [N, D] and which of them begin an episode [N] bool."""
+from thalweg.algos import Policy
+from thalweg.algos.actions import Actions
+from thalweg.algos.distributions import Categoricals, Gaussians, Points, Squashed
+from thalweg.algos.policy import AnyPolicy, Player
 
 
 @dataclass(frozen=True)
@@ -35,29 +31,28 @@ class Score:
     """Of the total cost."""
 
 
-def score(policy: Any, problem: Problem, space: SpaceName, how: How, seed: int = 0) -> Score:
+def score(policy: AnyPolicy, problem: Problem, space: SpaceName, seed: int = 0) -> Score:
     """The policy's score in a problem that is played in the given action space."""
-    if how == "mode":
-        return Score(outcome(problem, modes(policy, problem, space)))
-    table = probabilities(policy, problem) if how == "drawn" else None
+    table = probabilities(policy, problem, space)
     if table is None:
         return played(policy, problem, space, seed)
     require_drawn(policy, problem, space, table, seed)
     return Score(outcome(problem, table))
 
 
-def probabilities(policy: Any, problem: Problem) -> np.ndarray | None:
-    """[S, 9] of the actions that the policy draws, by formula; None for a head without one here."""
-    if not hasattr(policy, "distribution"):
+def probabilities(policy: AnyPolicy, problem: Problem, space: SpaceName) -> np.ndarray | None:
+    """[S, 9] of the actions that the policy draws, by formula; None for one that remembers or plans."""
+    if not isinstance(policy, Policy) or policy.frames > 1 or policy.shape.memory:
         return None
     with torch.no_grad():
         distribution = policy.distribution(torch.eye(problem.places))
-    squashed = bool(getattr(distribution, "squashed", False))
-    if type(distribution) is Categoricals:
+    if policy.greedy or isinstance(distribution, Points):
+        return modes(policy, problem, space)
+    if isinstance(distribution, Categoricals):
         branches = distribution.log_p.exp().double().numpy()
-    elif type(distribution) is Gaussians or squashed:
-        mean, log_std = (getattr(distribution, name).double().numpy() for name in ("mean", "log_std"))
-        branches = gaussian_bins(mean, np.exp(log_std), _edges(policy.actions), squashed)
+    elif isinstance(distribution, Gaussians | Squashed):
+        mean, std = distribution.mean.double().numpy(), distribution.log_std.double().exp().numpy()
+        branches = gaussian_bins(mean, std, _edges(policy.actions), isinstance(distribution, Squashed))
     else:
         return None
     if branches.shape[1] == 1:
@@ -84,29 +79,28 @@ def gaussian_bins(mean: np.ndarray, std: np.ndarray, edges: np.ndarray, squashed
     return np.diff(below, prepend=0.0, append=1.0, axis=-1)
 
 
-def _edges(actions: Any) -> np.ndarray:
-    """[2] samples at which the head's choice changes: rounded for the adapters, the environment's own for a box."""
-    if actions.kind == "gaussian_discretised":
-        return np.array([-0.5, 0.5]) if actions.affine else np.array([0.5, 1.5])
-    return np.array([-BOX_EDGE, BOX_EDGE])
+def _edges(actions: Actions) -> np.ndarray:
+    """[K - 1] numbers at which the choice changes: where an adapter rounds, or the environment's own for a box."""
+    if not actions.sizes:
+        return np.array([-BOX_EDGE, BOX_EDGE])
+    last = actions.sizes[0] - 1
+    rounded = np.arange(last) + 0.5
+    return 2.0 * rounded / last - 1.0 if actions.adapter == "box_scaled" else rounded
 
 
-def player(policy: Any, num_envs: int, deterministic: bool = False, seed: int = 0) -> Player:
+def player(policy: AnyPolicy, num_envs: int, seed: int = 0) -> Player:
     """The policy at play; its draws come from the seed."""
-    generator = torch.Generator().manual_seed(seed)
-    if hasattr(policy, "player"):
-        return policy.player(num_envs, deterministic=deterministic, generator=generator)
-    return lambda obs, fresh: policy.act(obs, deterministic=deterministic, generator=generator)
+    return policy.player(num_envs, generator=torch.Generator().manual_seed(seed))
 
 
-def modes(policy: Any, problem: Problem, space: SpaceName) -> np.ndarray:
+def modes(policy: AnyPolicy, problem: Problem, space: SpaceName) -> np.ndarray:
     """[S, 9], 1 for what a policy without memory does where it draws no lots."""
-    play = player(policy, problem.places, deterministic=True)
+    play = policy.player(problem.places, deterministic=True)
     actions = play(np.eye(problem.places, dtype=np.float32), np.ones(problem.places, dtype=bool))
     return np.eye(ACTIONS)[joint(actions, space)]
 
 
-def drawn(policy: Any, problem: Problem, space: SpaceName, draws: int, seed: int = 0) -> np.ndarray:
+def drawn(policy: AnyPolicy, problem: Problem, space: SpaceName, draws: int, seed: int = 0) -> np.ndarray:
     """[S, 9] share of each action among so many draws in each place."""
     places = np.repeat(np.arange(problem.places), draws)
     play = player(policy, len(places), seed=seed)
@@ -115,7 +109,7 @@ def drawn(policy: Any, problem: Problem, space: SpaceName, draws: int, seed: int
 
 
 def require_drawn(
-    policy: Any, problem: Problem, space: SpaceName, table: np.ndarray, seed: int = 0, draws: int = 4000
+    policy: AnyPolicy, problem: Problem, space: SpaceName, table: np.ndarray, seed: int = 0, draws: int = 4000
 ) -> None:
     """Raises `AssertionError` for a table [S, 9] that is not what the policy draws: its head is another than was
     thought."""
@@ -125,14 +119,7 @@ def require_drawn(
 
 
 def played(
-    policy: Any,
-    problem: Problem,
-    space: SpaceName,
-    seed: int = 0,
-    *,
-    num_envs: int = 16,
-    steps: int = 250,
-    deterministic: bool = False,
+    policy: AnyPolicy, problem: Problem, space: SpaceName, seed: int = 0, *, num_envs: int = 16, steps: int = 250
 ) -> Score:
     """The score of any policy, whatever it remembers or plans, from `steps` steps of each of N environments.
 
@@ -140,7 +127,7 @@ def played(
     same expected return and cost (Altman 1999, chapter 3); so the counts are a table, and the luck of moves and
     endings does not count. The standard error is the jackknife's, over environments.
     """
-    env, play = ProblemEnv(problem, num_envs, space), player(policy, num_envs, deterministic, seed)
+    env, play = ProblemEnv(problem, num_envs, space), player(policy, num_envs, seed)
     obs, _ = env.reset(seed=seed)
     fresh, counts = np.ones(num_envs, dtype=bool), np.zeros((num_envs, problem.places, ACTIONS))
     for _ in range(steps):

@@ -1,6 +1,6 @@
 """Is what is said of a trained policy what it does?"""
 
-from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,35 +9,24 @@ import torch
 from tests.known_answer.envs import SPACES
 from tests.known_answer.harness import PLACES
 from tests.known_answer.problems import ACTIONS, PROBLEMS
-from tests.known_answer.scores import drawn, gaussian_bins, modes, played, probabilities, require_drawn, score
-from tests.known_answer.solutions import outcome
+from tests.known_answer.scores import drawn, gaussian_bins, played, probabilities, require_drawn, score
 from thalweg.algos import Policy
-from thalweg.algos.actions import actions_of
-from thalweg.algos.distributions import Gaussians
+from thalweg.algos.actions import Kind, actions_of
+from thalweg.algos.policy import About, Player
 
 PROBLEM = PROBLEMS["dense"]
 
 
-def policy_of(place: str, seed: int = 0) -> Policy:
+def policy_of(place: str, continuous: Kind = "gaussian", seed: int = 0, greedy: bool = False) -> Policy:
     """A policy that was never trained, but does different things in different places."""
     where = PLACES[place]
-    policy = Policy(PROBLEM.places, actions_of(SPACES[where.space], **where.config), normalise=False)
+    actions = actions_of(SPACES[where.space], **where.config, continuous=continuous)
+    policy = Policy(PROBLEM.places, actions, normalise=False, greedy=greedy)
     generator = torch.Generator().manual_seed(seed)
     with torch.no_grad():
-        last = policy.actor.mean.layers[-1]
-        last.weight.normal_(0.0, 0.5, generator=generator)  # pyright: ignore
-        if policy.actor.log_std is not None:
-            policy.actor.log_std.copy_(torch.tensor([-0.5, 0.3]))
+        for parameter in policy.actor.parameters():
+            parameter.normal_(0.0, 0.3, generator=generator)
     return policy
-
-
-class Squashed(Gaussians):
-    """tanh of a Gaussian."""
-
-    squashed = True
-
-    def sample(self, generator: torch.Generator | None) -> torch.Tensor:
-        return super().sample(generator).tanh()
 
 
 @pytest.mark.parametrize("squashed", [False, True])
@@ -57,47 +46,37 @@ def test_a_squashed_sample_never_rounds_to_the_last_option():
 
 
 @pytest.mark.parametrize("place", PLACES)
-def test_the_computed_table_is_what_the_policy_draws(place: str):
-    policy = policy_of(place)
-    table = probabilities(policy, PROBLEM)
+@pytest.mark.parametrize("continuous", ["gaussian", "squashed", "point"])
+def test_the_computed_table_is_what_the_policy_draws(place: str, continuous: Kind):
+    policy, space = policy_of(place, continuous), PLACES[place].space
+    table = probabilities(policy, PROBLEM, space)
     assert table is not None
-    assert drawn(policy, PROBLEM, PLACES[place].space, 20_000) == pytest.approx(table, abs=0.02)
-
-
-@pytest.mark.parametrize("place", ["box", "box_literal", "box_scaled"])
-def test_the_table_of_a_squashed_head_is_what_it_draws(place: str, monkeypatch: pytest.MonkeyPatch):
-    policy = policy_of(place)
-    head = policy.distribution
-    monkeypatch.setattr(policy, "distribution", lambda obs: Squashed(head(obs).mean, head(obs).log_std))  # pyright: ignore
-    table = probabilities(policy, PROBLEM)
-    assert table is not None
-    assert drawn(policy, PROBLEM, PLACES[place].space, 20_000) == pytest.approx(table, abs=0.02)
+    assert drawn(policy, PROBLEM, space, 20_000) == pytest.approx(table, abs=0.02)
 
 
 def test_a_table_of_another_policy_is_refused():
-    table = probabilities(policy_of("multidiscrete", seed=1), PROBLEM)
+    table = probabilities(policy_of("multidiscrete", seed=1), PROBLEM, "multidiscrete")
     assert table is not None
     with pytest.raises(AssertionError, match="other actions than computed"):
         require_drawn(policy_of("multidiscrete"), PROBLEM, "multidiscrete", table)
 
 
-def test_the_mode_is_one_action_in_each_place():
-    policy = policy_of("multidiscrete")
-    table = probabilities(policy, PROBLEM)
-    assert table is not None
-    assert modes(policy, PROBLEM, "multidiscrete").argmax(1).tolist() == table.argmax(1).tolist()
-    assert score(policy, PROBLEM, "multidiscrete", "mode").reward_error == 0.0
+def test_a_greedy_policy_does_one_thing_in_each_place():
+    chances = probabilities(policy_of("multidiscrete"), PROBLEM, "multidiscrete")
+    greedy = probabilities(policy_of("multidiscrete", greedy=True), PROBLEM, "multidiscrete")
+    assert chances is not None and greedy is not None
+    assert greedy.tolist() == np.eye(ACTIONS)[chances.argmax(1)].tolist()
 
 
 class Alternating:
     """Remembers: takes the first action, then the second, from the beginning of each episode."""
 
+    obs_size, actions, about = PROBLEM.places, actions_of(SPACES["discrete"]), About()
+
     def __init__(self, first: int, second: int) -> None:
         self.both = np.array([first, second])
 
-    def player(
-        self, num_envs: int, deterministic: bool = False, generator: torch.Generator | None = None
-    ) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    def player(self, num_envs: int, *, deterministic: bool = False, generator: torch.Generator | None = None) -> Player:
         age = np.zeros(num_envs, dtype=np.int64)
 
         def play(obs: np.ndarray, fresh: np.ndarray) -> np.ndarray:
@@ -105,6 +84,9 @@ class Alternating:
             return self.both[age % 2]
 
         return play
+
+    def save(self, path: str | Path) -> None:
+        raise NotImplementedError
 
 
 def episodes_of(first: int, second: int) -> tuple[float, float]:
@@ -126,16 +108,13 @@ def test_a_policy_with_a_memory_is_scored_by_what_it_does_in_play():
 
 def test_play_agrees_with_the_exact_score():
     policy = policy_of("multidiscrete")
-    exact, found = (score(policy, PROBLEM, "multidiscrete", how) for how in ("drawn", "played"))
+    exact, found = score(policy, PROBLEM, "multidiscrete"), played(policy, PROBLEM, "multidiscrete")
     assert exact.reward_error == 0.0
     assert abs(found.outcome.reward - exact.outcome.reward) < 4.0 * found.reward_error
     assert abs(found.outcome.cost - exact.outcome.cost) < 4.0 * found.cost_error
 
 
-def test_an_untrained_policy_scores_as_the_table_it_draws():
-    policy = policy_of("discrete")
-    drawn_table = drawn(policy, PROBLEM, "discrete", 50_000)
-    assert drawn_table.shape == (PROBLEM.places, ACTIONS)
-    assert score(policy, PROBLEM, "discrete", "drawn").outcome.reward == pytest.approx(
-        outcome(PROBLEM, drawn_table).reward, rel=0.02
-    )
+def test_a_policy_that_sees_several_frames_is_watched_at_play():
+    actions = actions_of(SPACES["discrete"])
+    assert probabilities(Policy(PROBLEM.places, actions, frames=2), PROBLEM, "discrete") is None
+    assert score(Policy(PROBLEM.places, actions, frames=2), PROBLEM, "discrete").reward_error > 0.0

@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.known_answer import harness
 from tests.known_answer.harness import Cell, ci_cells, trained
-from thalweg.algos import ALGORITHMS
 
 SEED = 0
 
@@ -28,7 +26,3 @@ def test_the_optimum_is_reached_within_the_limit(cell: Cell, tmp_path: Path):
     assert result.reached, f"{result.share:.1%} of the optimum, cost {result.score.outcome.cost:.3f} of {cell.limit}"
     if cell.row.against == "free":  # it knows no limit, and breaks the one that the others keep
         assert result.score.outcome.cost > 1.5 * sum(np.atleast_1d(np.asarray(cell.limit)))
-
-
-def test_every_algorithm_has_a_row():
-    assert set(ALGORITHMS) <= set(harness.ROWS)

@@ -108,6 +108,23 @@ def test_the_folder_of_a_run(finished):
     assert not list(folder.rglob("*.part"))
 
 
+def explained(algorithm: str) -> set[str]:
+    """Columns that the table of an algorithm's page has a row for, or PPO's, to which the others refer."""
+    docs = Path(__file__).parents[2] / "docs" / "algorithms"
+    cells = [
+        line.split("|")[1]
+        for page in {"ppo", algorithm.lower()}
+        for line in (docs / f"{page}.md").read_text().partition("## Metrics")[2].splitlines()
+        if line.startswith("| `")
+    ]
+    return {name.strip(" `") for cell in cells for name in cell.split(",")}
+
+
+def test_every_column_is_explained_on_the_page_of_its_algorithm(finished):
+    algorithm, folder = finished
+    assert set(rows_of(folder, "metrics.csv")[0]) <= explained(algorithm)
+
+
 def test_the_same_seed_gives_the_same_numbers(finished, tmp_path):
     algorithm, folder = finished
     torch.manual_seed(99)  # nothing global matters

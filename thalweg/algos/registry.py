@@ -6,6 +6,7 @@ from typing import Any
 
 from thalweg.algos.cpo import CPO, CPOConfig
 from thalweg.algos.cup import CUP, CUPConfig
+from thalweg.algos.ddpglag import DDPGLag, DDPGLagConfig
 from thalweg.algos.errors import AlgorithmError
 from thalweg.algos.focops import FOCOPS, FOCOPSConfig
 from thalweg.algos.interface import Learner, Task
@@ -14,7 +15,9 @@ from thalweg.algos.p3o import P3O, P3OConfig
 from thalweg.algos.ppo import PPO, PPOConfig
 from thalweg.algos.ppolag import PPOLag, PPOLagConfig
 from thalweg.algos.presets import settings_of
+from thalweg.algos.saclag import SACLag, SACLagConfig
 from thalweg.algos.settings import config_from
+from thalweg.algos.td3lag import TD3Lag, TD3LagConfig
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,9 @@ ALGORITHMS: dict[str, Entry] = {
         Entry("OnCRPO", OnCRPOConfig, OnCRPO, "natural steps for the reward, or against a cost above its limit"),
         Entry("CPO", CPOConfig, CPO, "the best natural step that keeps the limit to first order"),
         Entry("CUP", CUPConfig, CUP, "PPO on the reward, then a projection towards the limit"),
+        Entry("DDPGLag", DDPGLagConfig, DDPGLag, "deterministic policy gradient from a replay, with multipliers"),
+        Entry("TD3Lag", TD3LagConfig, TD3Lag, "DDPGLag with twin critics, smoothed targets and a delayed policy"),
+        Entry("SACLag", SACLagConfig, SACLag, "maximum-entropy policy from a replay, with multipliers"),
     )
 }
 

@@ -1,0 +1,95 @@
+"""Deep deterministic policy gradient (Lillicrap et al. 2016) with a Lagrange multiplier for each cost: the policy
+climbs its critics' gradient, and pays for the cost that they expect."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.maths.multiplier import combined
+from thalweg.algos.offpolicy.agent import Agent
+from thalweg.algos.offpolicy.deterministic import DeterministicConfig, deterministic
+from thalweg.algos.offpolicy.replay import Batch
+
+
+@dataclass(frozen=True)
+class DDPGLagConfig(DeterministicConfig):
+    """Settings of DDPGLag."""
+
+    target_actor: bool = True
+    """Whether targets take the action of the policy's slow copy, as in the paper; else that of the policy itself, as in
+    OmniSafe."""
+
+
+def policy_loss(config: DDPGLagConfig, values: Tensor, outputs: Tensor, multipliers: tuple[float, ...]) -> Tensor:
+    """L = -E[(Q_r(s, μ(s)) - Σ_i λ_i Q_ci(s, μ(s))) / (1 + Σ_i λ_i)] + c E[z²]: what the policy minimises.
+
+    Args:
+        config: With c, `output_decay`.
+        values: [1 + M, B], the reward's and then each cost's.
+        outputs: z [B, P], of the policy's network.
+        multipliers: λ [M].
+    """
+    lagrangian = combined(values[0], values[1:], multipliers, normalised=True)
+    return -lagrangian.mean() + config.output_decay * outputs.square().mean()
+
+
+class DDPGLag:
+    """DDPGLag at work."""
+
+    resets = False
+
+    def __init__(self, config: DDPGLagConfig, task: Task) -> None:
+        self.config, self.separate_costs = config, config.separate_costs
+        self.form = deterministic(config, task)
+        self.agent = Agent(
+            "DDPGLag", config, task, self.form.actions, coded=self.form.width, reward_critics=1, greedy=True
+        )
+        self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
+
+    @torch.inference_mode()
+    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+        """Raw actions [N, A]: the policy's with noise, at first uniform ones."""
+        if self.agent.begins:
+            return self.form.uniform(len(obs), self.agent.generator)
+        return self.form.explored(self.agent.parameters(obs), self.agent.generator)
+
+    def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
+        """Remember the rollout and take the gradient steps that are due; returns the metrics, if they are due."""
+        self.agent.remember(rollout, self.form.coded)
+        for batch in self.agent.lessons(feedback):
+            self._step(batch)
+        return self.agent.report(feedback)
+
+    def _step(self, batch: Batch) -> None:
+        """One gradient step of the critics and, if it is its turn, of the policy."""
+        agent = self.agent
+        next_values = self._next_values(batch)
+        agent.learn_values(agent.critics.stack(batch.pairs).squeeze(-1), batch, next_values)
+        if agent.policy_turn:
+            outputs = self.policy.actor(batch.obs)
+            pairs = torch.cat([batch.obs, self.form.differentiable(outputs, agent.generator)], 1)
+            values = agent.critics.stack(pairs, frozen=True, chosen=agent.critics.leading).squeeze(-1)
+            agent.improve(policy_loss(self.config, values, outputs, agent.multipliers.values))
+
+    @torch.no_grad()
+    def _next_values(self, batch: Batch) -> Tensor:
+        """V(s') [1 + M, B] = Q'(s', μ'(s')): slow critics at the action of the slow policy."""
+        agent = self.agent
+        actor = agent.slow_actor if self.config.target_actor else self.policy.actor.stack
+        action = self.form.chosen(actor(batch.next_obs)[0])
+        pairs = torch.cat([batch.next_obs, action], 1)
+        return agent.critics.cautious(agent.slow_critics(pairs).squeeze(-1))
+
+    def warnings(self, feedback: Feedback) -> dict[str, str]:
+        """What keeps the cost limits or their multipliers from doing their work."""
+        return self.agent.warnings(feedback)
+
+    def state(self) -> dict[str, Any]:
+        return self.agent.state()
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        self.agent.load_state(state)

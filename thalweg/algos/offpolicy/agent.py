@@ -1,0 +1,260 @@
+"""What do off-policy algorithms do alike? Remember steps, draw batches of them at a set pace, step along a gradient,
+let the slow copies follow, and be put away and brought back.
+
+Targets, losses and the order of a gradient step are absent on purpose: they are the algorithm, and stand in its file.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from thalweg.algos.actions import Actions
+from thalweg.algos.costs import cost_metrics
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.maths import bootstrap, losses
+from thalweg.algos.multiplier import Multipliers, limit_warnings, suffixes
+from thalweg.algos.networks import Stack
+from thalweg.algos.normaliser import Normaliser
+from thalweg.algos.offpolicy.config import OffPolicyConfig
+from thalweg.algos.offpolicy.critics import Critics, Slow
+from thalweg.algos.offpolicy.replay import Batch, Replay, steps_of
+from thalweg.algos.offpolicy.tally import Tally
+from thalweg.algos.policy import About, Policy
+from thalweg.algos.settings import as_data
+from thalweg.algos.state import (
+    generator_state,
+    load_generator,
+    load_module,
+    load_optimiser,
+    module_state,
+    optimiser_state,
+)
+
+CRITICS, POLICY = 0, 1
+"""Groups of what is tallied."""
+ALMOST = 1e-9
+"""Gradient steps that rounding may have lost."""
+
+
+class Agent:
+    """A policy, critics of its actions, their slow copies, the replay, and where all that is random comes from."""
+
+    def __init__(
+        self,
+        algorithm: str,
+        config: OffPolicyConfig,
+        task: Task,
+        actions: Actions,
+        *,
+        coded: int,
+        reward_critics: int,
+        outputs: int = 0,
+        greedy: bool = False,
+        tallied: tuple[str, ...] = (),
+    ) -> None:
+        """Make everything anew.
+
+        Args:
+            algorithm: Its name.
+            config: Its settings.
+            task: What it is made for.
+            actions: How the policy sees the action space.
+            coded: W, numbers of an action in the replay.
+            reward_critics: How many critics the reward has.
+            outputs: Numbers that a critic says of an observation; 0: one number, of an observation and an action.
+            greedy: Whether the policy is its most probable action.
+            tallied: Names of further numbers that each step of the policy gives.
+        """
+        self.config, self.num_envs = config, task.num_envs
+        self.generator = torch.Generator().manual_seed(task.seed)
+        size, costs = config.frame_stack * task.obs_size, len(config.limits)
+        self.policy = Policy(
+            task.obs_size,
+            actions,
+            config.shape,
+            frames=config.frame_stack,
+            normalise=config.normalise_observations,
+            greedy=greedy,
+            generator=self.generator,
+            about=About(algorithm, as_data(config), task.context),
+        )
+        self.critics = Critics(
+            reward_critics,
+            costs,
+            config.cost_critics,
+            inputs=size if outputs else size + coded,
+            outputs=outputs or 1,
+            shape=config.shape,
+            generator=self.generator,
+        )
+        self.slow = Slow([self.policy.actor.stack, self.critics.stack])
+        self.policy_optimiser = _adam(self.policy.actor.stack.flat, config.learning_rate)
+        self.critic_optimiser = _adam(self.critics.stack.flat, config.critic_learning_rate)
+        self.multipliers = Multipliers(config, config.limits)
+        self.replay = Replay(config.replay_size, size, coded, costs)
+        self._costs_seen = Normaliser(costs, config.normalise_cost)
+        self._discounts = torch.tensor([[config.discount], *[[config.cost_discount]] * costs])
+        names = ["", *(f"cost{name}_" for name in suffixes(costs))]
+        self._tally = Tally(
+            (*(f"{name}q_loss" for name in names), *(f"{name}q_mean" for name in names)), ("policy_loss", *tallied)
+        )
+        self.steps, self.gradient_steps = 0, 0
+        self._owed, self._reported_at = 0.0, 0
+
+    @property
+    def rollout_steps(self) -> int:
+        """T: steps of each environment between two rounds of learning."""
+        return max(1, self.config.steps_per_collection // self.num_envs)
+
+    @property
+    def slow_actor(self) -> Stack:
+        """The policy's slow copy."""
+        return self.slow.copies[0]
+
+    @property
+    def slow_critics(self) -> Stack:
+        return self.slow.copies[1]
+
+    @property
+    def begins(self) -> bool:
+        """Whether actions are still drawn uniformly."""
+        return self.steps < self.config.random_steps
+
+    def parameters(self, obs: np.ndarray) -> Tensor:
+        """[N, P] of the policy at observations float32 [N, K * D]."""
+        seen = self.policy.normaliser(torch.from_numpy(np.ascontiguousarray(obs, dtype=np.float32)))
+        return self.policy.actor(seen)
+
+    def remember(self, rollout: Rollout, coded: Callable[[Tensor], Tensor]) -> None:
+        """Put the rollout's valid steps into the replay, their raw actions [S, A] `coded` as [S, W].
+
+        Raises `NotFiniteError` for NaN or infinity.
+        """
+        obs, actions, next_obs, paid, going_on = steps_of(rollout)
+        self.policy.normaliser.update(obs)
+        self._costs_seen.update(paid[:, 1:])
+        paid = torch.cat([paid[:, :1], self._costs_seen(paid[:, 1:])], 1)
+        self.replay.add(obs, coded(actions), next_obs, paid, going_on)
+        self.steps += len(obs)
+        self._owed += self.config.updates_per_step * max(0, min(len(obs), self.steps - self.config.random_steps))
+
+    def lessons(self, feedback: Feedback) -> Iterator[Batch]:
+        """A batch for each gradient step that is due; afterwards nothing tallied has been NaN, else
+        `NotFiniteError`."""
+        count = int(self._owed + ALMOST)
+        self._owed -= count
+        for batch in self.replay.batches(count, self.config.minibatch, self.generator, self.policy.normaliser):
+            yield batch
+            self.gradient_steps += 1
+            if self.config.multiplier_schedule == "gradient_step":
+                self.multipliers.update(feedback)
+        self._tally.require_finite()
+
+    @property
+    def policy_turn(self) -> bool:
+        """Whether this gradient step, whose batch is at hand, improves the policy too."""
+        return (self.gradient_steps + 1) % self.config.policy_delay == 0
+
+    def learn_values(self, values: Tensor, batch: Batch, next_values: Tensor) -> None:
+        """One step of Adam of all critics down ½ E[(Q - y)²], summed over critics (`maths.bootstrap`).
+
+        Args:
+            values: Q(s, a) [K, B] of the batch's actions.
+            batch: What was remembered.
+            next_values: V(s') [S, B], without gradient.
+        """
+        targets = bootstrap.target(batch.paid, batch.going_on, next_values, self._discounts)
+        errors = losses.squared_error(values, targets[self.critics.signal])
+        self.critic_optimiser.zero_grad()
+        errors.sum().backward()
+        _shorten(self.critics.stack.flat, self.config.max_grad_norm)
+        self.critic_optimiser.step()
+        leading = self.critics.leading
+        self._tally.add(CRITICS, torch.cat([errors.detach()[leading], values.detach()[leading].mean(-1)]))
+
+    def improve(self, loss: Tensor, *tallied: Tensor) -> None:
+        """One step of Adam of the policy down the gradient of a scalar; then all slow copies follow."""
+        self.policy_optimiser.zero_grad()
+        loss.backward()
+        _shorten(self.policy.actor.stack.flat, self.config.max_grad_norm)
+        self.policy_optimiser.step()
+        self.slow.follow(self.config.target_rate)
+        self._tally.add(POLICY, torch.stack([loss, *tallied]).detach())
+
+    def report(self, feedback: Feedback) -> dict[str, float]:
+        """Metrics, if they are due: then the multipliers have moved first."""
+        if self.steps - self._reported_at < self.config.steps_per_update and feedback.steps_left:
+            return {}
+        self._reported_at = self.steps
+        if self.config.multiplier_schedule == "report" and self.gradient_steps:
+            self.multipliers.update(feedback)
+        return (
+            self._tally.report()
+            | {"gradient_steps": self.gradient_steps, "replay": self.replay.filled}
+            | self.multipliers.metrics(feedback, self._moves_left(feedback))
+            | cost_metrics(feedback, self.config.limits, self.config.cost_window)
+        )
+
+    def warnings(self, feedback: Feedback) -> dict[str, str]:
+        """What keeps the cost limits or their multipliers from doing their work."""
+        return limit_warnings(self.config.limits, feedback) | self.multipliers.warnings(
+            feedback, self._moves_left(feedback) + 1
+        )
+
+    def state(self) -> dict[str, Any]:
+        """Everything, as nested dictionaries of arrays and plain data."""
+        return {
+            "actor": module_state(self.policy.actor),
+            "critics": module_state(self.critics.stack),
+            "slow": self.slow.slow.numpy().copy(),
+            "policy_optimiser": optimiser_state(self.policy_optimiser),
+            "critic_optimiser": optimiser_state(self.critic_optimiser),
+            "multipliers": self.multipliers.state(),
+            "normaliser": self.policy.normaliser.state(),
+            "costs_seen": self._costs_seen.state(),
+            "replay": self.replay.state(),
+            "generator": generator_state(self.generator),
+            "tally": self._tally.state(),
+            "steps": self.steps,
+            "gradient_steps": self.gradient_steps,
+            "owed": self._owed,
+            "reported_at": self._reported_at,
+        }
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """The inverse of `state`; further keys are not looked at."""
+        load_module(self.policy.actor, state["actor"])
+        load_module(self.critics.stack, state["critics"])
+        self.slow.slow.copy_(torch.from_numpy(np.array(state["slow"])))
+        load_optimiser(self.policy_optimiser, state["policy_optimiser"])
+        load_optimiser(self.critic_optimiser, state["critic_optimiser"])
+        self.multipliers.load_state(state["multipliers"])
+        self.policy.normaliser.load_state(state["normaliser"])
+        self._costs_seen.load_state(state["costs_seen"])
+        self.replay.load_state(state["replay"])
+        load_generator(self.generator, state["generator"])
+        self._tally.load_state(state["tally"])
+        self.steps, self.gradient_steps = int(state["steps"]), int(state["gradient_steps"])
+        self._owed, self._reported_at = float(state["owed"]), int(state["reported_at"])
+
+    def _moves_left(self, feedback: Feedback) -> int:
+        """How often the multipliers will still move."""
+        if self.config.multiplier_schedule == "gradient_step":
+            return int(feedback.steps_left * self.config.updates_per_step)
+        return math.ceil(feedback.steps_left / self.config.steps_per_update)
+
+
+def _adam(parameters: Tensor, rate: float) -> torch.optim.Adam:
+    return torch.optim.Adam([parameters], lr=rate, fused=True)
+
+
+def _shorten(parameters: nn.Parameter, longest: float) -> None:
+    """Scale the gradient down to that length, if it is longer."""
+    assert parameters.grad is not None
+    length = float(parameters.grad.norm())
+    if length > longest:
+        parameters.grad.mul_(longest / length)

@@ -1,0 +1,156 @@
+"""How can a policy that knows one action per state learn by a gradient through its critics, and how does it explore?
+
+Numbers are points in -1..1. Choices are one-hot vectors: the gradient passes through the draw (straight through), and
+the policy in use is its most probable choice. Letters: B states, A numbers or branches, P parameters, W numbers of a
+coded action.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from thalweg.algos.actions import Actions, actions_of
+from thalweg.algos.distributions import Categoricals
+from thalweg.algos.interface import Task
+from thalweg.algos.maths import relaxed
+from thalweg.algos.offpolicy.config import OffPolicyConfig
+
+
+@dataclass(frozen=True)
+class DeterministicConfig(OffPolicyConfig):
+    """Settings of every algorithm whose policy is one action per state."""
+
+    exploration: float = 0.1
+    """ε: share of steps with a uniformly drawn action."""
+    exploration_noise: float = 0.1
+    """Standard deviation of what is added to a number, of -1..1, while collecting."""
+    exploration_temperature: float = 1.0
+    """Of choices while collecting: drawn from the softmax of the policy's outputs divided by this."""
+    relaxation: float = 1.0
+    """τ of the Gumbel-softmax whose gradient stands for that of a choice."""
+    output_decay: float = 1e-3
+    """Weight of the policy's mean squared outputs (logits, or what tanh is taken of) in its loss: a policy that has
+    become certain would have no gradient left."""
+
+    def conditions(self) -> dict[str, tuple[bool, str]]:
+        return super().conditions() | {
+            "exploration": (0 <= self.exploration <= 1, "must be in 0..1"),
+            "exploration_noise": (self.exploration_noise >= 0, "must not be negative"),
+            "exploration_temperature": (self.exploration_temperature > 0, "must be positive"),
+            "relaxation": (self.relaxation > 0, "must be positive"),
+            "output_decay": (self.output_decay >= 0, "must not be negative"),
+        }
+
+
+class Deterministic(Protocol):
+    """What an action is to a deterministic policy and its critics."""
+
+    actions: Actions
+    width: int
+    """W."""
+
+    def coded(self, raw: Tensor) -> Tensor:
+        """[B, W] what critics see of raw actions [B, A] that were executed."""
+        ...
+
+    def chosen(self, parameters: Tensor) -> Tensor:
+        """[B, W] the policy's own action, coded, as it would be executed."""
+        ...
+
+    def differentiable(self, parameters: Tensor, generator: torch.Generator) -> Tensor:
+        """[B, W] the same, with a gradient."""
+        ...
+
+    def smoothed(self, parameters: Tensor, generator: torch.Generator, *, noise: float, clip: float) -> Tensor:
+        """[B, W] an action near the policy's own, coded, as it would be executed."""
+        ...
+
+    def explored(self, parameters: Tensor, generator: torch.Generator) -> Tensor:
+        """Raw actions [B, A] for collecting."""
+        ...
+
+    def uniform(self, count: int, generator: torch.Generator) -> Tensor:
+        """Raw actions [count, A], each as probable as any other."""
+        ...
+
+
+class Numbers:
+    """Numbers in -1..1: the tanh of the policy's outputs."""
+
+    def __init__(self, actions: Actions, config: DeterministicConfig) -> None:
+        self.actions, self._config, self.width = actions, config, actions.count
+
+    def coded(self, raw: Tensor) -> Tensor:
+        return self.actions.executed(raw)
+
+    def chosen(self, parameters: Tensor) -> Tensor:
+        return self.coded(parameters.tanh())
+
+    def differentiable(self, parameters: Tensor, generator: torch.Generator) -> Tensor:
+        return parameters.tanh()
+
+    def smoothed(self, parameters: Tensor, generator: torch.Generator, *, noise: float, clip: float) -> Tensor:
+        """clip(μ + clip(ε, -c, c), -1, 1), ε ~ N(0, σ̃) (Fujimoto, van Hoof, Meger 2018, equation 14)."""
+        drawn = (noise * _normal(parameters, generator)).clamp_(-clip, clip)
+        return self.coded((parameters.tanh() + drawn).clamp_(-1.0, 1.0))
+
+    def explored(self, parameters: Tensor, generator: torch.Generator) -> Tensor:
+        noisy = parameters.tanh() + self._config.exploration_noise * _normal(parameters, generator)
+        return _mixed(noisy.clamp_(-1.0, 1.0), self, self._config.exploration, generator)
+
+    def uniform(self, count: int, generator: torch.Generator) -> Tensor:
+        return 2.0 * torch.rand(count, self.width, generator=generator) - 1.0
+
+
+class Choices:
+    """One-hot choices: the draw of a Gumbel-softmax for the gradient, the most probable option otherwise."""
+
+    def __init__(self, actions: Actions, config: DeterministicConfig) -> None:
+        self.actions, self._config = actions, config
+        self.width = actions.count * max(actions.sizes)
+
+    def coded(self, raw: Tensor) -> Tensor:
+        return relaxed.one_hot(raw, max(self.actions.sizes)).flatten(1)
+
+    def chosen(self, parameters: Tensor) -> Tensor:
+        return self.coded(self._choices(parameters).mode())
+
+    def differentiable(self, parameters: Tensor, generator: torch.Generator) -> Tensor:
+        log_p = self._choices(parameters).log_p
+        noise = relaxed.gumbel(torch.rand(log_p.shape, generator=generator))
+        return relaxed.straight_through(log_p, noise, self._config.relaxation).flatten(1)
+
+    def smoothed(self, parameters: Tensor, generator: torch.Generator, *, noise: float, clip: float) -> Tensor:
+        """A draw from the softmax of the outputs divided by `noise`; there is nothing to clip."""
+        if noise == 0:
+            return self.chosen(parameters)
+        return self.coded(self._choices(parameters / noise).sample(generator))
+
+    def explored(self, parameters: Tensor, generator: torch.Generator) -> Tensor:
+        drawn = self._choices(parameters / self._config.exploration_temperature).sample(generator)
+        return _mixed(drawn, self, self._config.exploration, generator)
+
+    def uniform(self, count: int, generator: torch.Generator) -> Tensor:
+        sizes = torch.tensor(self.actions.sizes)
+        return (torch.rand(count, len(sizes), generator=generator) * sizes).long()
+
+    def _choices(self, parameters: Tensor) -> Categoricals:
+        return Categoricals.from_logits(parameters, self.actions.sizes)
+
+
+def deterministic(config: DeterministicConfig, task: Task) -> Numbers | Choices:
+    """How the task's action space is learnt."""
+    actions = actions_of(task.action_space, config.adapter, "point")
+    return (Choices if actions.kind == "categorical" else Numbers)(actions, config)
+
+
+def _mixed(raw: Tensor, form: Deterministic, share: float, generator: torch.Generator) -> Tensor:
+    """Raw actions [B, A], of which about so large a share is replaced by uniform ones."""
+    replaced = torch.rand(len(raw), 1, generator=generator) < share
+    return torch.where(replaced, form.uniform(len(raw), generator), raw)
+
+
+def _normal(like: Tensor, generator: torch.Generator) -> Tensor:
+    return torch.randn(like.shape, generator=generator)

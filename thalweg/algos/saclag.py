@@ -1,0 +1,240 @@
+"""Soft actor-critic (Haarnoja et al. 2018) with a Lagrange multiplier for each cost: a policy that stays as random as
+its reward allows.
+
+Choices are learnt by exact sums over all joint actions (Christodoulou 2019), numbers by a draw that carries a gradient.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from thalweg.algos.actions import Actions, actions_of
+from thalweg.algos.distributions import Categoricals, Squashed
+from thalweg.algos.errors import AlgorithmError
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.maths import joint
+from thalweg.algos.maths.multiplier import combined
+from thalweg.algos.offpolicy.agent import Agent
+from thalweg.algos.offpolicy.config import OffPolicyConfig
+from thalweg.algos.offpolicy.replay import Batch
+
+MOST_JOINT_ACTIONS = 4096
+"""That exact sums are taken over."""
+
+
+@dataclass(frozen=True)
+class SACLagConfig(OffPolicyConfig):
+    """Settings of SACLag."""
+
+    alpha: float = 0.1
+    """α: what a nat of entropy is worth; with `auto_alpha` at the start."""
+    auto_alpha: bool = True
+    """Whether α moves so that the policy keeps its entropy at a target."""
+    alpha_learning_rate: float = 1e-3
+    """Adam's, for log α."""
+    entropy_share: float = 0.1
+    """The entropy aimed at by a policy of choices, as a share of the largest, log(number of joint actions)."""
+    entropy_per_number: float = -1.0
+    """The entropy aimed at by a policy of numbers, of -1..1, in nats for each of them."""
+    cost_target: Literal["policy", "mode"] = "policy"
+    """The action that a cost's target is taken at: the policy's, as the reward's is; or the policy's most probable one
+    (of numbers, the mean's), as in OmniSafe, which is another policy's cost."""
+
+    def conditions(self) -> dict[str, tuple[bool, str]]:
+        return super().conditions() | {
+            "alpha": (self.alpha > 0 or (self.alpha == 0 and not self.auto_alpha), "must be positive"),
+            "alpha_learning_rate": (self.alpha_learning_rate >= 0, "must not be negative"),
+            "entropy_share": (0 <= self.entropy_share <= 1, "must be in 0..1"),
+        }
+
+
+def policy_loss(values: Tensor, entropy: Tensor, alpha: Tensor, multipliers: tuple[float, ...]) -> Tensor:
+    """L = -E_s[(V_r(s) + α H(s) - Σ_i λ_i V_ci(s)) / (1 + Σ_i λ_i)]: what the policy minimises.
+
+    Args:
+        values: V [1 + M, B] = E_a[min Q_r], E_a[Q_ci], the reward's and then each cost's.
+        entropy: H [B], of the policy, or its estimate -log π(a|s).
+        alpha: α, a scalar without gradient.
+        multipliers: λ [M].
+    """
+    return -combined(values[0] + alpha * entropy, values[1:], multipliers, normalised=True).mean()
+
+
+def alpha_loss(log_alpha: Tensor, entropy: Tensor, aim: float) -> Tensor:
+    """log α (E[H] - H̄): α grows while the entropy [B] is below its aim (Haarnoja et al. 2018b, equation 18, with log α
+    in place of α, as in its authors' code)."""
+    return log_alpha * (entropy.detach().mean() - aim)
+
+
+class Exact:
+    """Choices: critics say one number for each of the J joint actions, and expectations are sums."""
+
+    def __init__(self, actions: Actions, config: SACLagConfig) -> None:
+        self.actions, self.config = actions, config
+        count = math.prod(actions.sizes)
+        if count > MOST_JOINT_ACTIONS:
+            raise AlgorithmError(
+                f"SACLag sums over all joint actions, of which this space has {count:,}, more than "
+                f"{MOST_JOINT_ACTIONS:,}: use adapter='box_scaled'"
+            )
+        self.coded_width, self.critic_outputs = 1, count
+        self.aim = config.entropy_share * math.log(count)
+        self._selected = joint.selection(actions.sizes)
+
+    def coded(self, raw: Tensor) -> Tensor:
+        """[B, 1] the number of each joint action [B, A]."""
+        return joint.numbers(raw, self.actions.sizes).unsqueeze(1).float()
+
+    def uniform(self, count: int, generator: torch.Generator) -> Tensor:
+        """Raw actions [count, A], each as probable as any other."""
+        sizes = torch.tensor(self.actions.sizes)
+        return (torch.rand(count, len(sizes), generator=generator) * sizes).long()
+
+    def said(self, agent: Agent, batch: Batch) -> Tensor:
+        """Q(s, a) of every joint action [K, B, J]."""
+        return agent.critics.stack(batch.obs)
+
+    def of_actions(self, said: Tensor, batch: Batch) -> Tensor:
+        """Q(s, a) [K, B] of the batch's actions."""
+        chosen = batch.actions.long().expand(len(said), -1, 1)
+        return said.gather(-1, chosen).squeeze(-1)
+
+    @torch.no_grad()
+    def next_values(self, agent: Agent, batch: Batch, alpha: Tensor) -> Tensor:
+        """V(s') [1 + M, B]: Σ_a π(a|s') (min Q'_r - α log π), and Σ_a π(a|s') Q'_ci."""
+        log_p, values = self._log_p(agent, batch.next_obs), agent.slow_critics(batch.next_obs)
+        values = agent.critics.cautious(values)
+        expected = torch.stack([joint.expectation(log_p, each) for each in values])
+        expected[0] -= alpha * joint.expectation(log_p, log_p)
+        if self.config.cost_target == "mode":
+            expected[1:] = values[1:, torch.arange(len(log_p)), log_p.argmax(-1)]
+        return expected
+
+    def objective(self, agent: Agent, batch: Batch, said: Tensor) -> tuple[Tensor, Tensor]:
+        """V(s) [1 + M, B] and H(s) [B] with the policy's gradient.
+
+        The critics are not asked again: the policy learns from what they said before their own gradient step.
+        """
+        log_p = self._log_p(agent, batch.obs)
+        values = agent.critics.cautious(said.detach())
+        expected = torch.stack([joint.expectation(log_p, each) for each in values])
+        return expected, -joint.expectation(log_p, log_p)
+
+    def _log_p(self, agent: Agent, obs: Tensor) -> Tensor:
+        """log π(a|s) [B, J]."""
+        policy = Categoricals.from_logits(agent.policy.actor(obs), self.actions.sizes)
+        return joint.log_prob(policy.log_p, self._selected)
+
+
+class Sampled:
+    """Numbers: critics see the action, and an expectation is one draw."""
+
+    def __init__(self, actions: Actions, config: SACLagConfig) -> None:
+        self.actions, self.config = actions, config
+        self.coded_width, self.critic_outputs = actions.count, 0
+        self.aim = config.entropy_per_number * actions.count
+
+    def coded(self, raw: Tensor) -> Tensor:
+        """[B, A] what was executed."""
+        return self.actions.executed(raw)
+
+    def uniform(self, count: int, generator: torch.Generator) -> Tensor:
+        """Raw actions [count, A], each as probable as any other."""
+        return 2.0 * torch.rand(count, self.actions.count, generator=generator) - 1.0
+
+    def said(self, agent: Agent, batch: Batch) -> Tensor:
+        """Q(s, a) [K, B] of the batch's actions."""
+        return agent.critics.stack(batch.pairs).squeeze(-1)
+
+    def of_actions(self, said: Tensor, batch: Batch) -> Tensor:
+        """The same."""
+        return said
+
+    @torch.no_grad()
+    def next_values(self, agent: Agent, batch: Batch, alpha: Tensor) -> Tensor:
+        """V(s') [1 + M, B]: min Q'_r(s', a') - α log π(a'|s'), and Q'_ci(s', a'), a' drawn from the policy."""
+        policy = self._policy(agent, batch.next_obs)
+        drawn, log_prob = policy.rsample(agent.generator)
+        pairs = torch.cat([batch.next_obs, self.coded(drawn)], 1)
+        if self.config.cost_target == "mode":
+            for_costs = torch.cat([batch.next_obs, self.coded(policy.mode())], 1)
+            pairs = torch.stack([for_costs if signal else pairs for signal in agent.critics.signal.tolist()])
+        values = agent.critics.cautious(agent.slow_critics(pairs).squeeze(-1))
+        values[0] -= alpha * log_prob
+        return values
+
+    def objective(self, agent: Agent, batch: Batch, said: Tensor) -> tuple[Tensor, Tensor]:
+        """V(s) [1 + M, B] and H(s) [B], both of one draw that carries the policy's gradient."""
+        drawn, log_prob = self._policy(agent, batch.obs).rsample(agent.generator)
+        values = agent.critics.stack(torch.cat([batch.obs, drawn], 1), frozen=True).squeeze(-1)
+        return agent.critics.cautious(values), -log_prob
+
+    def _policy(self, agent: Agent, obs: Tensor) -> Squashed:
+        return Squashed(*agent.policy.actor(obs).chunk(2, dim=-1))
+
+
+class SACLag:
+    """SACLag at work."""
+
+    resets = False
+
+    def __init__(self, config: SACLagConfig, task: Task) -> None:
+        self.config, self.separate_costs = config, config.separate_costs
+        actions = actions_of(task.action_space, config.adapter, "squashed")
+        self.form = (Exact if actions.kind == "categorical" else Sampled)(actions, config)
+        self.agent = Agent(
+            "SACLag",
+            config,
+            task,
+            actions,
+            coded=self.form.coded_width,
+            reward_critics=2,
+            outputs=self.form.critic_outputs,
+            tallied=("entropy", "alpha"),
+        )
+        self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
+        self.log_alpha = torch.tensor(config.alpha).log().requires_grad_(config.auto_alpha)
+        if config.auto_alpha:
+            self.agent.policy_optimiser.add_param_group({"params": [self.log_alpha], "lr": config.alpha_learning_rate})
+
+    @torch.inference_mode()
+    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+        """Raw actions [N, A] drawn from the policy, at first uniform ones."""
+        if self.agent.begins:
+            return self.form.uniform(len(obs), self.agent.generator)
+        return self.policy.actions.distribution(self.agent.parameters(obs)).sample(self.agent.generator)
+
+    def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
+        """Remember the rollout and take the gradient steps that are due; returns the metrics, if they are due."""
+        self.agent.remember(rollout, self.form.coded)
+        for batch in self.agent.lessons(feedback):
+            self._step(batch)
+        return self.agent.report(feedback)
+
+    def _step(self, batch: Batch) -> None:
+        """One gradient step of the critics and, if it is its turn, of the policy and α."""
+        agent, form, alpha = self.agent, self.form, self.log_alpha.detach().exp()
+        said = form.said(agent, batch)
+        agent.learn_values(form.of_actions(said, batch), batch, form.next_values(agent, batch, alpha))
+        if agent.policy_turn:
+            values, entropy = form.objective(agent, batch, said)
+            loss = policy_loss(values, entropy, alpha, agent.multipliers.values)
+            if self.config.auto_alpha:
+                loss = loss + alpha_loss(self.log_alpha, entropy, form.aim)
+            agent.improve(loss, entropy.mean(), alpha)
+
+    def warnings(self, feedback: Feedback) -> dict[str, str]:
+        """What keeps the cost limits or their multipliers from doing their work."""
+        return self.agent.warnings(feedback)
+
+    def state(self) -> dict[str, Any]:
+        return self.agent.state() | {"log_alpha": self.log_alpha.detach().numpy().copy()}
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        self.agent.load_state(state)
+        with torch.no_grad():
+            self.log_alpha.copy_(torch.from_numpy(np.array(state["log_alpha"])))

@@ -1,0 +1,117 @@
+"""Twin delayed deterministic policy gradient (Fujimoto, van Hoof, Meger 2018) with a Lagrange multiplier for each cost:
+the smaller of two estimates, targets taken near the policy's action, and a policy that waits for its critics."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.maths.multiplier import combined
+from thalweg.algos.offpolicy.agent import Agent
+from thalweg.algos.offpolicy.deterministic import DeterministicConfig, deterministic
+from thalweg.algos.offpolicy.replay import Batch
+
+
+@dataclass(frozen=True)
+class TD3LagConfig(DeterministicConfig):
+    """Settings of TD3Lag."""
+
+    policy_delay: int = 2
+    """Gradient steps of the critics for one of the policy."""
+    target_noise: float = 0.2
+    """σ̃ of what is added to a number, of -1..1, for targets; for choices the temperature that targets draw at; 0: the
+    policy's own action."""
+    target_noise_clip: float = 0.5
+    """c: what is added to a number is within ±c."""
+    cost_target: Literal["smoothed", "online"] = "smoothed"
+    """The action that a cost's target is taken at: the reward's, near that of the policy's slow copy; or that of the
+    policy itself, as in OmniSafe."""
+
+    def conditions(self) -> dict[str, tuple[bool, str]]:
+        return super().conditions() | {
+            "target_noise": (self.target_noise >= 0, "must not be negative"),
+            "target_noise_clip": (self.target_noise_clip >= 0, "must not be negative"),
+        }
+
+
+def policy_loss(config: TD3LagConfig, values: Tensor, outputs: Tensor, multipliers: tuple[float, ...]) -> Tensor:
+    """L = -E[(Q_r1(s, μ(s)) - Σ_i λ_i Q_ci(s, μ(s))) / (1 + Σ_i λ_i)] + c E[z²]: what the policy minimises.
+
+    Args:
+        config: With c, `output_decay`.
+        values: [1 + M, B], the reward's and then each cost's.
+        outputs: z [B, P], of the policy's network.
+        multipliers: λ [M].
+    """
+    lagrangian = combined(values[0], values[1:], multipliers, normalised=True)
+    return -lagrangian.mean() + config.output_decay * outputs.square().mean()
+
+
+class TD3Lag:
+    """TD3Lag at work."""
+
+    resets = False
+
+    def __init__(self, config: TD3LagConfig, task: Task) -> None:
+        self.config, self.separate_costs = config, config.separate_costs
+        self.form = deterministic(config, task)
+        self.agent = Agent(
+            "TD3Lag", config, task, self.form.actions, coded=self.form.width, reward_critics=2, greedy=True
+        )
+        self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
+
+    @torch.inference_mode()
+    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+        """Raw actions [N, A]: the policy's with noise, at first uniform ones."""
+        if self.agent.begins:
+            return self.form.uniform(len(obs), self.agent.generator)
+        return self.form.explored(self.agent.parameters(obs), self.agent.generator)
+
+    def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
+        """Remember the rollout and take the gradient steps that are due; returns the metrics, if they are due."""
+        self.agent.remember(rollout, self.form.coded)
+        for batch in self.agent.lessons(feedback):
+            self._step(batch)
+        return self.agent.report(feedback)
+
+    def _step(self, batch: Batch) -> None:
+        """One gradient step of the critics and, if it is its turn, of the policy."""
+        agent = self.agent
+        next_values = self._next_values(batch)
+        agent.learn_values(agent.critics.stack(batch.pairs).squeeze(-1), batch, next_values)
+        if agent.policy_turn:
+            outputs = self.policy.actor(batch.obs)
+            pairs = torch.cat([batch.obs, self.form.differentiable(outputs, agent.generator)], 1)
+            values = agent.critics.stack(pairs, frozen=True, chosen=agent.critics.leading).squeeze(-1)
+            agent.improve(policy_loss(self.config, values, outputs, agent.multipliers.values))
+
+    @torch.no_grad()
+    def _next_values(self, batch: Batch) -> Tensor:
+        """V(s') [1 + M, B]: the smaller of two slow critics of the reward, and those of each cost (of two the larger),
+        at an action near that of the slow policy."""
+        config, agent = self.config, self.agent
+        action = self.form.smoothed(
+            agent.slow_actor(batch.next_obs)[0],
+            agent.generator,
+            noise=config.target_noise,
+            clip=config.target_noise_clip,
+        )
+        pairs = torch.cat([batch.next_obs, action], 1)
+        if config.cost_target == "online":
+            online = self.form.chosen(self.policy.actor(batch.next_obs))
+            for_costs = torch.cat([batch.next_obs, online], 1)
+            pairs = torch.stack([for_costs if signal else pairs for signal in agent.critics.signal.tolist()])
+        return agent.critics.cautious(agent.slow_critics(pairs).squeeze(-1))
+
+    def warnings(self, feedback: Feedback) -> dict[str, str]:
+        """What keeps the cost limits or their multipliers from doing their work."""
+        return self.agent.warnings(feedback)
+
+    def state(self) -> dict[str, Any]:
+        return self.agent.state()
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        self.agent.load_state(state)

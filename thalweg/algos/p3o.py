@@ -30,7 +30,7 @@ from thalweg.algos.onpolicy.samples import mean_length
 class P3OConfig(ConstrainedConfig, FirstOrderConfig):
     """Settings of P3O."""
 
-    penalty: float = 20.0
+    penalty: float = 2.0
     """κ: the weight of the penalty; exact as soon as it exceeds the optimal multiplier."""
     clip: float = 0.2
     """ε: how far the probability ratio counts, to either side of 1."""
@@ -43,8 +43,9 @@ class P3OConfig(ConstrainedConfig, FirstOrderConfig):
     centre_minibatches: bool = True
     """Whether the cost's advantage is centred over each minibatch too, so that chance alone does not open the gate; in
     OmniSafe over the rollout only."""
-    standardise_cost: bool = False
-    """Whether a cost's advantage is divided by its own deviation, and the violation with it; else only centred."""
+    standardise_cost: bool = True
+    """Whether a cost's advantage is divided by its own deviation, and the violation with it, so that κ is of no unit;
+    else only centred."""
     cost_window: int = 0
     """Episodes that the mean cost is taken over, up to 100, so that it lags; 0: those that have finished since the last
     update."""

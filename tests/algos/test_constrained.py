@@ -164,6 +164,6 @@ def test_cup_projects_only_where_a_multiplier_is_above_zero():
 
 def test_p3o_has_no_penalty_while_there_is_room():
     for cost, open_ in ((0.0, False), (0.9, True)):
-        learner = learner_for("P3O", cost_limit=0.5, limit_scale="none")
+        learner = learner_for("P3O", cost_limit=0.5, limit_scale="none", standardise_cost=False, penalty=20.0)
         metrics = learner.update(tempted(learner, 0), feedback(cost))
         assert (metrics["gate"] > 0.5) == open_ and (metrics["penalty"] > 1.0) == open_

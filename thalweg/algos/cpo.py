@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from thalweg.algos.costs import cost_metrics
@@ -16,7 +15,7 @@ from thalweg.algos.maths.trust_region import cpo_step
 from thalweg.algos.multiplier import limit_warnings
 from thalweg.algos.onpolicy.agent import Agent, Drift, cost_signals, metrics_of, reward_signal
 from thalweg.algos.onpolicy.config import ConstrainedConfig, NaturalConfig
-from thalweg.algos.onpolicy.natural import Landscape, fit_critics, most_violated
+from thalweg.algos.onpolicy.natural import Landscape, most_violated
 from thalweg.algos.onpolicy.samples import mean_length
 
 
@@ -57,7 +56,7 @@ class CPO:
         return self.agent.act(obs, fresh)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
-        """One step of the policy that solves its programme, then the critics; returns the metrics."""
+        """One step of the policy that solves its programme, beside the critics; returns the metrics."""
         config, agent = self.config, self.agent
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
         worst, violation = most_violated(feedback, config.limits, config.cost_window)
@@ -65,12 +64,15 @@ class CPO:
         per_step = max(violation, -1e6) / mean_length(rollout)
         rewards, costs = standardised(samples.advantages[0]), centred(samples.advantages[1 + worst])
         drift = Drift(agent, samples)
-        landscape = Landscape(agent, samples, drift, config)
-        found = self._step(rewards, costs, per_step, drift, landscape)
+        with agent.critics_learning(samples, config.passes):
+            found = self._step(rewards, costs, per_step, drift, Landscape(agent, samples, drift, config))
         drift.measure()
         policy_loss = -losses.surrogate(drift.log_prob, drift.old_log_prob, rewards)
-        log = [torch.cat([policy_loss[None], fit_critics(agent, samples, config)])]
-        return metrics_of(samples, log, drift) | found | cost_metrics(feedback, config.limits, config.cost_window)
+        return (
+            metrics_of(agent, samples, [policy_loss], drift)
+            | found
+            | cost_metrics(feedback, config.limits, config.cost_window)
+        )
 
     def _step(
         self, rewards: Tensor, costs: Tensor, violation: float, drift: Drift, landscape: Landscape

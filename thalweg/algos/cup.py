@@ -85,11 +85,12 @@ class CUP:
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
         rate, drift = agent.decay(feedback.progress), Drift(agent, samples)
         rewards = standardised(samples.advantages[0])
-        data = (samples.actions, drift.old_log_prob, rewards, samples.targets.T)
+        data = (samples.actions, drift.old_log_prob, rewards)
         log: list[Tensor] = []
         while drift.goes_on:
-            for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
-                log.append(self._improve(inputs, *rows))
+            with agent.critics_learning(samples):
+                for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
+                    log.append(self._improve(inputs, *rows))
             drift.measure()
         clipped = ((drift.ratio - 1.0).abs() > config.clip).float().mean()
 
@@ -102,22 +103,18 @@ class CUP:
                 self._project(inputs, *rows)
             back.measure()
         return (
-            metrics_of(samples, log, drift)
+            metrics_of(agent, samples, log, drift)
             | {"learning_rate": rate, "clip_fraction": float(clipped)}
             | {"projection_kl": back.kl, "projection_passes": back.passes}
             | self.multipliers.metrics(feedback, agent.updates_left(feedback))
             | cost_metrics(feedback, config.limits, config.cost_window)
         )
 
-    def _improve(
-        self, inputs: Tensor | Sequences, actions: Tensor, old_log_prob: Tensor, advantages: Tensor, targets: Tensor
-    ) -> Tensor:
-        """One gradient step of policy and critics, which share no weights; returns their losses [1 + K]."""
+    def _improve(self, inputs: Tensor | Sequences, actions: Tensor, old_log_prob: Tensor, advantages: Tensor) -> Tensor:
+        """One gradient step of the policy; returns its loss."""
         new = self.policy.given(inputs)
         surrogate = improvement_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy())
-        errors = losses.squared_error(self.agent.critics(inputs), targets.T)
-        self.agent.step(surrogate + errors.sum())
-        return torch.cat([surrogate.detach().unsqueeze(0), errors.detach()])
+        return self.agent.step(surrogate)
 
     def _project(
         self, inputs: Tensor | Sequences, actions: Tensor, improved: Tensor, old_log_prob: Tensor, costs: Tensor

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from thalweg.algos.costs import cost_metrics
@@ -98,16 +97,17 @@ class FOCOPS:
             normalised=config.normalise_by_multiplier,
         )
         rate, drift = agent.decay(feedback.progress), Drift(agent, samples, new_first=True)
-        data = (samples.actions, drift.old_parameters, drift.old_log_prob, advantages, samples.targets.T)
+        data = (samples.actions, drift.old_parameters, drift.old_log_prob, advantages)
         log: list[Tensor] = []
         while drift.goes_on:
-            for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
-                log.append(self._step(inputs, *rows))
+            with agent.critics_learning(samples):
+                for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
+                    log.append(self._step(inputs, *rows))
             drift.measure()
         inside = float((drift.each <= config.trust_radius).float().mean())
         left = agent.updates_left(feedback)
         return (
-            metrics_of(samples, log, drift)
+            metrics_of(agent, samples, log, drift)
             | {"learning_rate": rate, "inside_fraction": inside}
             | self.multipliers.metrics(feedback, left)
             | cost_metrics(feedback, config.limits, config.cost_window)
@@ -120,9 +120,8 @@ class FOCOPS:
         old_parameters: Tensor,
         old_log_prob: Tensor,
         advantages: Tensor,
-        targets: Tensor,
     ) -> Tensor:
-        """One gradient step of policy and critics, which share no weights; returns their losses [1 + K]."""
+        """One gradient step of the policy; returns its loss."""
         new = self.policy.given(inputs)
         projection = policy_loss(
             self.config,
@@ -132,9 +131,7 @@ class FOCOPS:
             advantages,
             new.entropy(),
         )
-        errors = losses.squared_error(self.agent.critics(inputs), targets.T)
-        self.agent.step(projection + errors.sum())
-        return torch.cat([projection.detach().unsqueeze(0), errors.detach()])
+        return self.agent.step(projection)
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """What keeps the cost limits or their multipliers from doing their work."""

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from thalweg.algos.costs import cost_metrics
@@ -23,7 +22,7 @@ from thalweg.algos.onpolicy.agent import (
     reward_signal,
 )
 from thalweg.algos.onpolicy.config import ConstrainedConfig, NaturalConfig
-from thalweg.algos.onpolicy.natural import Landscape, fit_critics, most_violated
+from thalweg.algos.onpolicy.natural import Landscape, most_violated
 
 
 @dataclass(frozen=True)
@@ -60,19 +59,19 @@ class OnCRPO:
         return self.agent.act(obs, fresh)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
-        """One natural step of the policy, for the reward or against a cost, then the critics; returns the metrics."""
+        """One natural step of the policy, for the reward or against a cost, beside the critics; returns the metrics."""
         config, agent = self.config, self.agent
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
         worst, violation = most_violated(feedback, config.limits, config.cost_window)
         rectifies = violation > config.tolerance
         advantages = -cost_advantages(config, samples)[worst] if rectifies else standardised(samples.advantages[0])
         drift = Drift(agent, samples)
-        refused = self._step(advantages, drift, Landscape(agent, samples, drift, config))
+        with agent.critics_learning(samples, config.passes):
+            refused = self._step(advantages, drift, Landscape(agent, samples, drift, config))
         drift.measure()
         policy_loss = -losses.surrogate(drift.log_prob, drift.old_log_prob, advantages)
-        log = [torch.cat([policy_loss[None], fit_critics(agent, samples, config)])]
         return (
-            metrics_of(samples, log, drift)
+            metrics_of(agent, samples, [policy_loss], drift)
             | {"rectifies": float(rectifies), "steps_refused": refused}
             | cost_metrics(feedback, config.limits, config.cost_window)
         )

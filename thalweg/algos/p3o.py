@@ -126,19 +126,20 @@ class P3O:
         scale = {"length": 1.0 / mean_length(rollout), "discount": 1.0 - config.cost_discount, "none": 1.0}
         rate, drift = agent.decay(feedback.progress), Drift(agent, samples)
         rewards = standardised(samples.advantages[0])
-        data = (samples.actions, drift.old_log_prob, rewards, costs.T, samples.targets.T)
+        data = (samples.actions, drift.old_log_prob, rewards, costs.T)
         log: list[Tensor] = []
         penalties: list[Tensor] = []
         while drift.goes_on:
-            for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
-                found, penalty = self._step(violations, scale[config.limit_scale], inputs, *rows)
-                log.append(found)
-                penalties.append(penalty)
+            with agent.critics_learning(samples):
+                for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
+                    found, penalty = self._step(violations, scale[config.limit_scale], inputs, *rows)
+                    log.append(found)
+                    penalties.append(penalty)
             drift.measure()
         clipped = ((drift.ratio - 1.0).abs() > config.clip).float().mean()
         weighed = torch.stack(penalties)
         return (
-            metrics_of(samples, log, drift)
+            metrics_of(agent, samples, log, drift)
             | {"learning_rate": rate, "clip_fraction": float(clipped)}
             | {"penalty": config.penalty * float(weighed.sum(1).mean()), "gate": float((weighed > 0).float().mean())}
             | cost_metrics(feedback, config.limits, config.cost_window)
@@ -153,19 +154,15 @@ class P3O:
         old_log_prob: Tensor,
         advantages: Tensor,
         costs: Tensor,
-        targets: Tensor,
     ) -> tuple[Tensor, Tensor]:
-        """One gradient step of policy and critics, which share no weights; returns their losses [1 + K] and the
-        penalties [M]."""
+        """One gradient step of the policy; returns its loss and the penalties [M]."""
         new = self.policy.given(inputs)
         if self.config.centre_minibatches:
             costs = costs - costs.mean(0)
         loss, penalties = policy_loss(
             self.config, new.log_prob(actions), old_log_prob, advantages, costs, violations, scale, new.entropy()
         )
-        errors = losses.squared_error(self.agent.critics(inputs), targets.T)
-        self.agent.step(loss + errors.sum())
-        return torch.cat([loss.detach().unsqueeze(0), errors.detach()]), penalties.detach()
+        return self.agent.step(loss), penalties.detach()
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Cost limits that nothing has broken."""

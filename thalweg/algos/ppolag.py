@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from thalweg.algos.costs import cost_metrics
@@ -73,29 +72,26 @@ class PPOLag:
             normalised=True,
         )
         rate, drift = agent.decay(feedback.progress), Drift(agent, samples)
-        data = (samples.actions, drift.old_log_prob, advantages, samples.targets.T)
+        data = (samples.actions, drift.old_log_prob, advantages)
         log: list[Tensor] = []
         while drift.goes_on:
-            for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
-                log.append(self._step(inputs, *rows))
+            with agent.critics_learning(samples):
+                for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
+                    log.append(self._step(inputs, *rows))
             drift.measure()
         clipped = ((drift.ratio - 1.0).abs() > config.clip).float().mean()
         return (
-            metrics_of(samples, log, drift)
+            metrics_of(agent, samples, log, drift)
             | {"learning_rate": rate, "clip_fraction": float(clipped)}
             | self.multipliers.metrics(feedback, agent.updates_left(feedback))
             | cost_metrics(feedback, config.limits, config.cost_window)
         )
 
-    def _step(
-        self, inputs: Tensor | Sequences, actions: Tensor, old_log_prob: Tensor, advantages: Tensor, targets: Tensor
-    ) -> Tensor:
-        """One gradient step of policy and critics, which share no weights; returns their losses [1 + K]."""
+    def _step(self, inputs: Tensor | Sequences, actions: Tensor, old_log_prob: Tensor, advantages: Tensor) -> Tensor:
+        """One gradient step of the policy; returns its loss."""
         new = self.policy.given(inputs)
         surrogate = policy_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy())
-        errors = losses.squared_error(self.agent.critics(inputs), targets.T)
-        self.agent.step(surrogate + errors.sum())
-        return torch.cat([surrogate.detach().unsqueeze(0), errors.detach()])
+        return self.agent.step(surrogate)
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """What keeps the cost limits or their multipliers from doing their work."""

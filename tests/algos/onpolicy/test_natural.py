@@ -11,7 +11,7 @@ from thalweg.algos.interface import Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.onpolicy.agent import Agent, Drift, reward_signal
 from thalweg.algos.onpolicy.config import NaturalConfig
-from thalweg.algos.onpolicy.natural import Landscape, fit_critics
+from thalweg.algos.onpolicy.natural import Landscape
 from thalweg.algos.onpolicy.samples import mean_length
 
 N, T, D = 4, 32, 5
@@ -131,7 +131,8 @@ def test_critics_alone_learn_from_their_passes():
     samples = agent.samples(rollout, [reward_signal(config, rollout)])
     actor = [parameter.clone() for parameter in agent.policy.actor.parameters()]
     first = losses.squared_error(agent.critics(samples.inputs), samples.targets).item()
-    fit_critics(agent, samples, config)
+    with agent.critics_learning(samples, config.passes):
+        pass
     assert losses.squared_error(agent.critics(samples.inputs), samples.targets).item() < 0.5 * first
     assert all(torch.equal(a, b) for a, b in zip(actor, agent.policy.actor.parameters(), strict=True))
 

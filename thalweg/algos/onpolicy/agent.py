@@ -5,7 +5,9 @@ Losses, updates and the minibatch loop are absent on purpose: they are the algor
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,7 @@ from thalweg.algos.errors import require_finite
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import centred, standardised
+from thalweg.algos.memory import Sequences
 from thalweg.algos.multiplier import suffixes
 from thalweg.algos.networks import Critics
 from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig, OnPolicyConfig
@@ -49,10 +52,11 @@ class Agent:
         )
         self.critics = Critics(critics, config.frame_stack * task.obs_size, config.shape, self.generator)
         rate = config.learning_rate if isinstance(config, FirstOrderConfig) else 0.0
-        self.optimisers = {
-            "actor": Adam(self.policy.actor.parameters(), rate),
-            "critics": Adam(self.critics.parameters(), config.critic_learning_rate),
-        }
+        self.policy_optimiser = Adam(self.policy.actor.parameters(), rate)
+        self.critic_optimiser = Adam(self.critics.parameters(), config.critic_learning_rate)
+        self._critic_generator = torch.Generator().manual_seed(int(torch.randint(2**62, (), generator=self.generator)))
+        self._critic_log: list[Tensor] = []
+        self._beside = ThreadPoolExecutor(1, "critics")
         self._player = NetworkPlayer(self.policy, task.num_envs, False, self.generator, stacked=True)
         self._memory: RolloutMemory | None = None
         if self.policy.actor.gru is not None and self.critics.gru is not None:
@@ -62,6 +66,47 @@ class Agent:
     def rollout_steps(self) -> int:
         """T: steps of each environment between updates."""
         return max(2, self.config.steps_per_update // self._player.num_envs)
+
+    @contextmanager
+    def critics_learning(self, samples: Samples, passes: int = 1) -> Iterator[None]:
+        """While the body runs, the critics go through the samples so often, on a thread of their own.
+
+        They share no weights with the policy, and the advantages are known already, so that neither has to wait for the
+        other; the numbers are those of one after the other.
+        """
+        going = self._beside.submit(self._learn_critics, samples, passes, torch.get_num_threads())
+        try:
+            yield
+        finally:
+            self._critic_log += going.result()
+
+    def critic_losses(self) -> Tensor:
+        """[K] ½ E[(V - target)²] of each critic, mean over the gradient steps since they were last asked for."""
+        means = torch.stack(self._critic_log).mean(0)
+        self._critic_log = []
+        return means
+
+    def _learn_critics(self, samples: Samples, passes: int, threads: int) -> list[Tensor]:
+        """The losses [K] of each gradient step."""
+        if torch.get_num_threads() != threads:  # each thread has its own number
+            torch.set_num_threads(threads)
+        size, generator = self.config.minibatch, self._critic_generator
+        return [
+            self._critic_step(inputs, targets.T)
+            for _ in range(passes)
+            for inputs, (targets,) in samples.minibatches((samples.targets.T,), size, generator)
+        ]
+
+    def _critic_step(self, inputs: Tensor | Sequences, targets: Tensor) -> Tensor:
+        errors = losses.squared_error(self.critics(inputs), targets)
+        loss = errors.sum()
+        if self.config.critic_decay:
+            squares = [parameter.square().sum() for parameter in self.critics.parameters()]
+            loss = loss + self.config.critic_decay * torch.stack(squares).sum()
+        self.critic_optimiser.forget()
+        loss.backward()
+        self.critic_optimiser.step(self.config.max_grad_norm)
+        return errors.detach()
 
     def updates_left(self, feedback: Feedback) -> int:
         """Updates still to come after this one."""
@@ -95,22 +140,15 @@ class Agent:
         """Set the policy's learning rate for this share of the run, 0..1, if it is to fall; returns it."""
         assert isinstance(self.config, FirstOrderConfig)
         rate = self.config.learning_rate * (1.0 - progress if self.config.linear_decay else 1.0)
-        self.optimisers["actor"].rate = rate
+        self.policy_optimiser.rate = rate
         return rate
 
-    def step(self, loss: Tensor) -> None:
-        """One step of Adam down the gradient of a scalar, the policy's and the critics' shortened each by itself.
-
-        A loss of the critics alone, or of the policy alone, leaves the other as it is.
-        """
-        if self.config.critic_decay:
-            squares = sum(parameter.square().sum() for parameter in self.critics.parameters())
-            loss = loss + self.config.critic_decay * squares
-        for optimiser in self.optimisers.values():
-            optimiser.forget()
+    def step(self, loss: Tensor) -> Tensor:
+        """One step of Adam of the policy down the gradient of a scalar, which is returned without it."""
+        self.policy_optimiser.forget()
         loss.backward()
-        for optimiser in self.optimisers.values():
-            optimiser.step(self.config.max_grad_norm)
+        self.policy_optimiser.step(self.config.max_grad_norm)
+        return loss.detach()
 
     def state(self) -> dict[str, Any]:
         """Everything, as nested dictionaries of arrays and plain data."""
@@ -118,8 +156,10 @@ class Agent:
             "actor": module_state(self.policy.actor),
             "critics": module_state(self.critics),
             "normaliser": self.policy.normaliser.state(),
-            "optimisers": {name: optimiser.state() for name, optimiser in self.optimisers.items()},
+            "policy_optimiser": self.policy_optimiser.state(),
+            "critic_optimiser": self.critic_optimiser.state(),
             "generator": generator_state(self.generator),
+            "critic_generator": generator_state(self._critic_generator),
             "player": self._player.state(),
         }
         return state if self._memory is None else state | {"memory": self._memory.state()}
@@ -129,9 +169,10 @@ class Agent:
         load_module(self.policy.actor, state["actor"])
         load_module(self.critics, state["critics"])
         self.policy.normaliser.load_state(state["normaliser"])
-        for name, optimiser in self.optimisers.items():
-            optimiser.load_state(state["optimisers"][name])
+        self.policy_optimiser.load_state(state["policy_optimiser"])
+        self.critic_optimiser.load_state(state["critic_optimiser"])
         load_generator(self.generator, state["generator"])
+        load_generator(self._critic_generator, state["critic_generator"])
         self._player.load_state(state["player"])
         if self._memory is not None:
             self._memory.load_state(state["memory"])
@@ -194,12 +235,12 @@ def cost_advantages(config: ConstrainedConfig, samples: Samples) -> Tensor:
     return torch.stack([scaled(advantages) for advantages in samples.advantages[1:]])
 
 
-def metrics_of(samples: Samples, log: Sequence[Tensor], drift: Drift) -> dict[str, float]:
-    """What every update reports: mean losses of its gradient steps ([1 + K] each: the policy's, then the critics'), how
-    well the critics predicted, and how far the policy moved. Raises `NotFiniteError` if a loss is NaN."""
-    means = torch.stack(list(log)).mean(0).tolist()
-    names = ["policy_loss", *(f"{name}value_loss" for name in _critic_names(len(means) - 1))]
-    found = dict(zip(names, means, strict=True))
+def metrics_of(agent: Agent, samples: Samples, log: Sequence[Tensor], drift: Drift) -> dict[str, float]:
+    """What every update reports: mean losses of its gradient steps (the policy's are in the log), how well the critics
+    predicted, and how far the policy moved. Raises `NotFiniteError` if a loss is NaN."""
+    errors = agent.critic_losses().tolist()
+    found = {"policy_loss": float(torch.stack(list(log)).mean())}
+    found |= {f"{name}value_loss": error for name, error in zip(_critic_names(len(errors)), errors, strict=True)}
     require_finite(**found)
     explained = {
         f"{name}explained_variance": losses.explained_variance(values, targets)

@@ -66,17 +66,6 @@ class Landscape:
         return parameters_to_vector(torch.autograd.grad(scalar, parameters, create_graph=create_graph))
 
 
-def fit_critics(agent: Agent, samples: Samples, config: NaturalConfig) -> Tensor:
-    """Passes of the critics over the rollout; returns their mean losses [K]."""
-    log = []
-    for _ in range(config.passes):
-        for inputs, (targets,) in samples.minibatches((samples.targets.T,), config.minibatch, agent.generator):
-            errors = losses.squared_error(agent.critics(inputs), targets.T)
-            agent.step(errors.sum())
-            log.append(errors.detach())
-    return torch.stack(log).mean(0)
-
-
 def most_violated(feedback: Feedback, limits: tuple[float, ...], window: int) -> tuple[int, float]:
     """Which cost is furthest above its limit, and by how much; far below it before any episode has finished."""
     gaps = [mean - limit for mean, limit in zip(feedback.cost_means(window), limits, strict=True)]

@@ -16,8 +16,8 @@ from torch import Tensor, nn
 from thalweg.algos.actions import Actions
 from thalweg.algos.memory import Gru, Sequences
 
-Activation = Literal["tanh", "relu"]
-Initial = Literal["orthogonal", "kaiming"]
+Activation = Literal["tanh", "relu", "swish"]
+Initial = Literal["orthogonal", "kaiming", "truncated"]
 Layers = list[tuple[Tensor, Tensor]]
 """Weight [K, before, after] and bias [K, 1, after] of each layer."""
 
@@ -59,7 +59,8 @@ class Stack(nn.Module):
         initial: Initial = "orthogonal",
     ) -> None:
         """Orthogonal weights and zero biases (gain √2, and `last_gain` for the last layer); "kaiming": everything
-        uniform within ±1/√before, as torch starts its own layers."""
+        uniform within ±1/√before, as torch starts its own layers; "truncated": weights from a normal distribution of
+        deviation 1/(2√before), cut off at two of them, and zero biases."""
         super().__init__()
         self.count, self.activation = count, activation
         self.sizes = (inputs, *hidden, outputs)
@@ -68,13 +69,16 @@ class Stack(nn.Module):
             for layer, (weight, bias) in enumerate(self._parts(self.flat)):
                 before, after = weight.shape[1:]
                 gain = last_gain if layer == len(hidden) else math.sqrt(2.0)
+                bound = 1 / math.sqrt(before)
                 for k in range(count):
                     if initial == "orthogonal":
                         weight[k] = orthogonal((before, after), gain, generator)
+                    elif initial == "truncated":
+                        nn.init.trunc_normal_(weight[k], 0.0, bound / 2, -bound, bound, generator=generator)
                     else:
-                        weight[k].uniform_(-1 / math.sqrt(before), 1 / math.sqrt(before), generator=generator)
-                        bias[k].uniform_(-1 / math.sqrt(before), 1 / math.sqrt(before), generator=generator)
-                if initial == "orthogonal":
+                        weight[k].uniform_(-bound, bound, generator=generator)
+                        bias[k].uniform_(-bound, bound, generator=generator)
+                if initial != "kaiming":
                     bias.zero_()
 
     def forward(self, x: Tensor, frozen: bool = False) -> Tensor:
@@ -87,7 +91,7 @@ class Stack(nn.Module):
         x = x.expand(self.count, *x.shape) if x.dim() == 2 else x
         *inner, (last_weight, last_bias) = self._parts(self.flat if flat is None else flat)
         for weight, bias in inner:
-            x = getattr(torch, self.activation)(torch.baddbmm(bias, x, weight))
+            x = _FUNCTIONS[self.activation](torch.baddbmm(bias, x, weight))
         return torch.baddbmm(last_bias, x, last_weight)
 
     @property
@@ -119,12 +123,16 @@ class _Perceptrons(torch.autograd.Function):
         count = len(parts[0][0])
         shared = x.dim() == 2
         hidden = x.expand(count, *x.shape) if shared else x
-        seen = [hidden]
+        seen, before = [hidden], []
         for weight, bias in parts[:-1]:
             hidden = torch.baddbmm(bias, hidden, weight)
-            hidden = hidden.tanh_() if activation == "tanh" else hidden.relu_()
+            if activation == "swish":
+                before.append(hidden)  # its derivative does not follow from its value alone
+                hidden = nn.functional.silu(hidden)
+            else:
+                hidden = hidden.tanh_() if activation == "tanh" else hidden.relu_()
             seen.append(hidden)
-        ctx.save_for_backward(flat, *seen)
+        ctx.save_for_backward(flat, *seen, *before)
         ctx.activation, ctx.shared, ctx.sizes = activation, shared, tuple(w.shape[1] for w, _ in parts)
         return torch.baddbmm(parts[-1][1], hidden, parts[-1][0])
 
@@ -132,6 +140,8 @@ class _Perceptrons(torch.autograd.Function):
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, above: Tensor) -> Any:  # pyright: ignore
         flat, *seen = ctx.saved_tensors
+        inner = len(ctx.sizes) - 1
+        known = seen[-inner:] if inner else []
         wants_x, wants_flat = ctx.needs_input_grad[:2]
         sizes = (*ctx.sizes, above.shape[-1])
         parts = layers_of(flat, len(above), sizes)
@@ -145,13 +155,21 @@ class _Perceptrons(torch.autograd.Function):
                 return None, into, None, None
             above = torch.bmm(above, parts[layer][0].transpose(1, 2))
             if layer > 0:
-                derivative = torch.ops.aten.tanh_backward if ctx.activation == "tanh" else _relu_backward
-                above = derivative(above, seen[layer])
+                above = _DERIVATIVES[ctx.activation](above, known[layer - 1])
         return above.sum(0) if ctx.shared else above, into, None, None
 
 
 def _relu_backward(above: Tensor, after: Tensor) -> Tensor:
     return torch.ops.aten.threshold_backward(above, after, 0.0)
+
+
+_FUNCTIONS = {"tanh": torch.tanh, "relu": torch.relu, "swish": nn.functional.silu}
+_DERIVATIVES = {
+    "tanh": torch.ops.aten.tanh_backward,
+    "relu": _relu_backward,
+    "swish": torch.ops.aten.silu_backward,
+}
+"""From the gradient after each, and what it gave (of "swish": what it was given), to the gradient before it."""
 
 
 class Actor(nn.Module):

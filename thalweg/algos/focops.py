@@ -8,13 +8,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from thalweg.algos.costs import cost_metrics
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import standardised
 from thalweg.algos.maths.multiplier import combined
 from thalweg.algos.memory import Sequences
 from thalweg.algos.multiplier import MultiplierConfig, Multipliers, limit_warnings
-from thalweg.algos.onpolicy.agent import Agent, Drift, cost_advantages, cost_metrics, metrics_of, signals_of
+from thalweg.algos.onpolicy.agent import Agent, Drift, cost_advantages, metrics_of, signals_of
 from thalweg.algos.onpolicy.config import ConstrainedConfig
 
 

@@ -7,11 +7,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from thalweg.algos.costs import cost_metrics
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import standardised
 from thalweg.algos.memory import Sequences
-from thalweg.algos.onpolicy.agent import Agent, Drift, cost_metrics, metrics_of, reward_signal
+from thalweg.algos.onpolicy.agent import Agent, Drift, metrics_of, reward_signal
 from thalweg.algos.onpolicy.config import OnPolicyConfig
 
 

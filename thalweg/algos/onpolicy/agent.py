@@ -202,16 +202,5 @@ def metrics_of(samples: Samples, log: Sequence[Tensor], drift: Drift, rate: floa
     return found | moved | explained | {"learning_rate": rate}
 
 
-def cost_metrics(feedback: Feedback, limits: Sequence[float] = (), window: int = 0) -> dict[str, float]:
-    """J_c of each cost and the number of episodes behind it, and whether each limit has been broken by any episode."""
-    names = suffixes(len(feedback.largest_costs))
-    means = {f"cost_mean{name}": mean for name, mean in zip(names, feedback.cost_means(window), strict=True)}
-    bind = {
-        f"limit_can_bind{name}": float(largest > limit)
-        for name, largest, limit in zip(names, feedback.largest_costs, limits, strict=bool(limits))
-    }
-    return means | {"cost_episodes": len(feedback.fresh_costs)} | bind
-
-
 def _critic_names(count: int) -> list[str]:
     return ["", *(f"cost{name}_" for name in suffixes(count - 1))] if count > 1 else [""] * count

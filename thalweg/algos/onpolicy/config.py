@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from thalweg.algos.actions import Adapter
+from thalweg.algos.costs import CostConfig
 from thalweg.algos.memory import Memory
 from thalweg.algos.networks import Activation, Initial, Shape
 from thalweg.algos.settings import require
@@ -84,34 +85,6 @@ class OnPolicyConfig:
         """Of the networks."""
         memory = self.memory_size if self.memory == "gru" else 0
         return Shape(self.hidden, self.activation, self.initial, memory)
-
-
-@dataclass(frozen=True)
-class CostConfig:
-    """Settings of a limit on the mean cost of an episode."""
-
-    cost_limit: float = 0.1
-    """d: the mean cost that an episode may have."""
-    cost_limits: tuple[float, ...] = ()
-    """Limits of the costs that the environment tells apart (on the river tight and loose), each with a multiplier of
-    its own, in place of `cost_limit`."""
-
-    @property
-    def limits(self) -> tuple[float, ...]:
-        """d of each cost [M]."""
-        return self.cost_limits or (self.cost_limit,)
-
-    @property
-    def separate_costs(self) -> bool:
-        """Whether costs are limited one by one."""
-        return bool(self.cost_limits)
-
-    def cost_conditions(self) -> dict[str, tuple[bool, str]]:
-        """What must hold, for `require`."""
-        return {
-            "cost_limit": (self.cost_limit >= 0, "must not be negative"),
-            "cost_limits": (all(limit >= 0 for limit in self.cost_limits), "must not be negative"),
-        }
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,39 @@
+"""How does a gradient pass through a choice? As if it had been the soft choice that it was drawn from.
+
+The Gumbel trick draws option k of softmax(l) as argmax_k (l_k + g_k); a softmax in place of the argmax has a gradient.
+"""
+
+import torch
+from torch import Tensor
+
+from thalweg.algos.maths.shapes import rank, same_shape
+
+TINY = 1e-20
+"""Keeps the logarithm of a uniform number that is 0 finite."""
+
+
+def gumbel(uniform: Tensor) -> Tensor:
+    """Standard Gumbel noise g = -log(-log u), from u in [0, 1) of any shape."""
+    return -((uniform + TINY).log().neg() + TINY).log()
+
+
+def straight_through(log_p: Tensor, noise: Tensor, temperature: float) -> Tensor:
+    """One-hot choices [B, A, K] whose gradient is that of y = softmax((log π + g) / τ) (Jang, Gu, Poole 2017, equation
+    2 and section 2.2; Maddison, Mnih, Teh 2017).
+
+    Args:
+        log_p: log π [B, A, K].
+        noise: g [B, A, K], from `gumbel`; zeros choose the most probable option.
+        temperature: τ > 0; it changes the gradient only.
+    """
+    rank(3, log_p=log_p)
+    same_shape(log_p=log_p, noise=noise)
+    soft = ((log_p + noise) / temperature).softmax(-1)
+    hard = one_hot(soft.argmax(-1), soft.shape[-1], soft.dtype)
+    return hard + (soft - soft.detach())
+
+
+def one_hot(actions: Tensor, options: int, dtype: torch.dtype = torch.float32) -> Tensor:
+    """[B, A, K] with a 1 at the option of each branch, for actions [B, A] int64 in 0..K-1."""
+    hard = torch.zeros(*actions.shape, options, dtype=dtype)
+    return hard.scatter_(-1, actions.unsqueeze(-1), 1.0)

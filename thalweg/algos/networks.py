@@ -20,6 +20,7 @@ Activation = Literal["tanh", "relu", "swish"]
 Initial = Literal["orthogonal", "kaiming", "truncated"]
 Layers = list[tuple[Tensor, Tensor]]
 """Weight [K, before, after] and bias [K, 1, after] of each layer."""
+ALL = slice(None)
 
 
 @dataclass(frozen=True)
@@ -81,10 +82,11 @@ class Stack(nn.Module):
                 if initial != "kaiming":
                     bias.zero_()
 
-    def forward(self, x: Tensor, frozen: bool = False) -> Tensor:
-        """[K, B, outputs]; `frozen`: as if the parameters were constants, while x may have a gradient."""
+    def forward(self, x: Tensor, frozen: bool = False, chosen: slice = ALL) -> Tensor:
+        """[K, B, outputs]; `frozen`: as if the parameters were constants, while x may have a gradient; `chosen`: of
+        these perceptrons only."""
         flat = self.flat.detach() if frozen else self.flat
-        return _Perceptrons.apply(x, flat, self._parts(flat.detach()), self.activation)  # pyright: ignore
+        return _Perceptrons.apply(x, flat, self.count, self.sizes, chosen, self.activation)  # pyright: ignore
 
     def plain(self, x: Tensor, flat: Tensor | None = None) -> Tensor:
         """The same by recorded calls, which can be differentiated twice; `flat` stands for the own parameters."""
@@ -119,10 +121,12 @@ class _Perceptrons(torch.autograd.Function):
     """The stack and its gradient: the chain rule layer by layer, into one vector."""
 
     @staticmethod
-    def forward(ctx: Any, x: Tensor, flat: Tensor, parts: Layers, activation: Activation) -> Tensor:
-        count = len(parts[0][0])
+    def forward(
+        ctx: Any, x: Tensor, flat: Tensor, count: int, sizes: tuple[int, ...], chosen: slice, activation: Activation
+    ) -> Tensor:
+        parts = _chosen(layers_of(flat, count, sizes), chosen)
         shared = x.dim() == 2
-        hidden = x.expand(count, *x.shape) if shared else x
+        hidden = x.expand(len(parts[0][0]), *x.shape) if shared else x
         seen, before = [hidden], []
         for weight, bias in parts[:-1]:
             hidden = torch.baddbmm(bias, hidden, weight)
@@ -133,30 +137,33 @@ class _Perceptrons(torch.autograd.Function):
                 hidden = hidden.tanh_() if activation == "tanh" else hidden.relu_()
             seen.append(hidden)
         ctx.save_for_backward(flat, *seen, *before)
-        ctx.activation, ctx.shared, ctx.sizes = activation, shared, tuple(w.shape[1] for w, _ in parts)
+        ctx.activation, ctx.shared, ctx.count, ctx.sizes, ctx.chosen = activation, shared, count, sizes, chosen
         return torch.baddbmm(parts[-1][1], hidden, parts[-1][0])
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, above: Tensor) -> Any:  # pyright: ignore
         flat, *seen = ctx.saved_tensors
-        inner = len(ctx.sizes) - 1
+        inner = len(ctx.sizes) - 2
         known = seen[-inner:] if inner else []
         wants_x, wants_flat = ctx.needs_input_grad[:2]
-        sizes = (*ctx.sizes, above.shape[-1])
-        parts = layers_of(flat, len(above), sizes)
-        into = torch.empty_like(flat) if wants_flat else None
-        places = layers_of(into, len(above), sizes) if into is not None else []
+        parts = _chosen(layers_of(flat, ctx.count, ctx.sizes), ctx.chosen)
+        into = (torch.empty_like if len(above) == ctx.count else torch.zeros_like)(flat) if wants_flat else None
+        places = _chosen(layers_of(into, ctx.count, ctx.sizes), ctx.chosen) if into is not None else []
         for layer in range(len(parts) - 1, -1, -1):
             if into is not None:
                 torch.bmm(seen[layer].transpose(1, 2), above, out=places[layer][0])
                 torch.sum(above, 1, keepdim=True, out=places[layer][1])
             if layer == 0 and not wants_x:
-                return None, into, None, None
+                return None, into, None, None, None, None
             above = torch.bmm(above, parts[layer][0].transpose(1, 2))
             if layer > 0:
                 above = _DERIVATIVES[ctx.activation](above, known[layer - 1])
-        return above.sum(0) if ctx.shared else above, into, None, None
+        return above.sum(0) if ctx.shared else above, into, None, None, None, None
+
+
+def _chosen(layers: Layers, chosen: slice) -> Layers:
+    return layers if chosen is ALL else [(weight[chosen], bias[chosen]) for weight, bias in layers]
 
 
 def _relu_backward(above: Tensor, after: Tensor) -> Tensor:

@@ -4,11 +4,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from thalweg.algos.ccepets import CCEPETS, CCEPETSConfig
 from thalweg.algos.errors import AlgorithmError
 from thalweg.algos.focops import FOCOPS, FOCOPSConfig
 from thalweg.algos.interface import Learner, Task
 from thalweg.algos.ppo import PPO, PPOConfig
 from thalweg.algos.presets import settings_of
+from thalweg.algos.safeloop import SafeLOOP, SafeLOOPConfig
 from thalweg.algos.settings import config_from
 
 
@@ -38,6 +40,10 @@ ALGORITHMS: dict[str, Entry] = {
         Entry("PPO", PPOConfig, PPO, "clipped policy gradient on the reward alone"),
         Entry(
             "FOCOPS", FOCOPSConfig, FOCOPS, "first-order constrained optimisation within a trust region of each state"
+        ),
+        Entry("CCEPETS", CCEPETSConfig, CCEPETS, "plans by constrained cross-entropy in an ensemble of learnt models"),
+        Entry(
+            "SafeLOOP", SafeLOOPConfig, SafeLOOP, "plans like CCEPETS, with an actor that proposes and critics beyond"
         ),
     )
 }

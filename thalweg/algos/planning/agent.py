@@ -43,7 +43,9 @@ class Agent:
         self.replay = Replay(config.replay_size, config.hold_out)
         self.fitter = Fitter(self.policy.ensemble, config, self.generator)
         self.lengths = Lengths(task.num_envs, config.episode_length)
-        self._player = PlannerPlayer(self.policy, task.num_envs, not config.draw, self.generator, stacked=True)
+        self._player = PlannerPlayer(
+            self.policy, task.num_envs, self.generator, stacked=True, exploration=config.exploration
+        )
         self._assembly = Assembly(task.num_envs, config.action_repeat, drop_terminal=config.drop_terminal)
         self._steps, self._reported_at = 0, 0
         self._tally = Tally()

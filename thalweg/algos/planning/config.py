@@ -45,8 +45,10 @@ class PlanningConfig(CostConfig):
     """Sizes of the hidden layers of each model; empty: as `size` says."""
     horizon: int = 7
     """H: decisions that are imagined ahead."""
+    planning_discount: float = 0.99
+    """γ of the reward within the horizon."""
     discount: float = 0.99
-    """γ of the reward in imagination; the critic's too."""
+    """γ of the reward beyond it: the critics'."""
     momentum: float = 0.1
     """Share of the plan before that an iteration keeps."""
     floor: float = 0.02
@@ -57,12 +59,12 @@ class PlanningConfig(CostConfig):
     """Deviation of numbers, which lie in -1..1, in the first guess."""
     largest_variance: float = 4.0
     """Upper bound of the variance of numbers in a plan."""
-    draw: bool = True
-    """Whether training draws its actions from the plan; else it takes the plan's most probable one."""
+    exploration: float = 0.2
+    """Share of training's decisions that are drawn from the plan, instead of being its most probable action."""
     action_repeat: int = 1
     """Steps of the environment that each decision is carried out for."""
     episode_length: int = 0
-    """Steps of an episode that the cost limit is shared out over; 0: as measured. OmniSafe has 1000."""
+    """Steps of an episode that the cost limit is shared out over; 0: as measured."""
     cost_over: CostOver = "mean"
     """Whether the cost of a step is the mean or the largest of its imagined futures."""
     shared_noise: bool = True
@@ -146,7 +148,7 @@ class PlanningConfig(CostConfig):
         positive += ("steps_per_collection", "steps_per_update", "replay_size", "initial_std", "largest_variance")
         natural = ("samples", "particles", "iterations", "elites", "episode_length", "model_steps", "critic_steps")
         natural += ("random_steps", "model_learning_rate", "critic_learning_rate", "model_decay")
-        shares = ("discount", "momentum", "floor", "carry_over", "target_rate")
+        shares = ("discount", "planning_discount", "momentum", "floor", "carry_over", "exploration", "target_rate")
         sizes = self.sizes
         return (
             self.cost_conditions()

@@ -15,7 +15,7 @@ from thalweg.algos.networks import Layers
 
 ROWS_AT_ONCE = 1024
 """Rows that go through all layers before the next ones do: their numbers then stay in the processor's cache."""
-FEW_ROWS = 128
+FEW_ROWS = 64
 """Up to so many rows of each perceptron, all of them go through a layer in one call."""
 
 

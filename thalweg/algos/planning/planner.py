@@ -108,7 +108,7 @@ class Planner:
         steps = imagine(frozen, start, features, noise, needs_last=value is not None)
         return judged(
             steps,
-            config.discount,
+            config.planning_discount,
             config.cost_over,
             ends=config.predict_end,
             value=value,

@@ -75,10 +75,11 @@ class PlannerPolicy:
 
         Args:
             num_envs: N.
-            deterministic: The plan's most probable action instead of a drawn one; the search for it draws all the same.
+            deterministic: Changes nothing: the plan's most probable action is taken either way, but the search for it
+                draws.
             generator: Where the draws come from; a new one, the same at each call, if None.
         """
-        return PlannerPlayer(self, num_envs, deterministic, generator or torch.Generator().manual_seed(0))
+        return PlannerPlayer(self, num_envs, generator or torch.Generator().manual_seed(0))
 
     def save(self, path: str | Path) -> None:
         """Write the policy as one file, whole or not at all."""
@@ -123,12 +124,14 @@ class PlannerPlayer:
         self,
         policy: PlannerPolicy,
         num_envs: int,
-        deterministic: bool,
         generator: torch.Generator,
+        *,
         stacked: bool = False,
+        exploration: float = 0.0,
     ) -> None:
-        """`stacked`: observations come with their K frames side by side already."""
-        self.policy, self.deterministic, self.generator = policy, deterministic, generator
+        """`stacked`: observations come with their K frames side by side already; `exploration`: the share of decisions
+        that are drawn from the plan."""
+        self.policy, self.generator, self.exploration = policy, generator, exploration
         frames = policy.config.frame_stack
         self._size = policy.obs_size * (frames if stacked else 1)
         self._stack = FrameStack(num_envs, policy.obs_size, 1 if stacked else frames)
@@ -176,9 +179,11 @@ class PlannerPlayer:
         start = policy.ensemble.seen(obs)
         decision = policy.planner.decide(policy.frozen, start, guess, policy.budget, self.generator)
         self._plans[turn], self._planned[turn] = decision.plan, True
-        if self.deterministic:
-            return decision, search.mode(decision.plan)
-        return decision, search.draw(decision.plan, self.generator)
+        best = search.mode(decision.plan)
+        if not self.exploration:
+            return decision, best
+        explores = torch.rand(len(turn), 1, generator=self.generator) < self.exploration
+        return decision, torch.where(explores, search.draw(decision.plan, self.generator), best)
 
     def _any(self, count: int) -> Tensor:
         """[count, A] drawn without preference: each option alike, or numbers uniform in -1..1."""

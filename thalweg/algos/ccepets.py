@@ -25,8 +25,8 @@ from thalweg.algos.planning.transitions import Batch
 from thalweg.algos.state import load_module, load_optimiser, module_state, optimiser_state
 
 SIZES: dict[Size, Sizes] = {
-    "lite": Sizes(samples=64, particles=1, iterations=2, elites=8, model_hidden=(128, 128)),
-    "full": Sizes(samples=512, particles=4, iterations=5, elites=64, model_hidden=(200, 200, 200, 200)),
+    "lite": Sizes(samples=64, particles=1, iterations=4, elites=8, horizon=5, model_hidden=(128, 128)),
+    "full": Sizes(samples=512, particles=4, iterations=5, elites=64, horizon=7, model_hidden=(200, 200, 200, 200)),
 }
 
 

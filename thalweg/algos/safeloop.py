@@ -33,8 +33,8 @@ from thalweg.algos.state import load_module, load_optimiser, module_state, optim
 MOST_JOINT_ACTIONS = 4096
 """That exact sums are taken over."""
 SIZES: dict[Size, Sizes] = {
-    "lite": Sizes(samples=64, particles=1, iterations=2, elites=8, model_hidden=(128, 128)),
-    "full": Sizes(samples=100, particles=4, iterations=5, elites=20, model_hidden=(200, 200, 200, 200)),
+    "lite": Sizes(samples=64, particles=1, iterations=4, elites=8, horizon=5, model_hidden=(128, 128)),
+    "full": Sizes(samples=100, particles=4, iterations=5, elites=20, horizon=7, model_hidden=(200, 200, 200, 200)),
 }
 
 
@@ -44,9 +44,9 @@ class SafeLOOPConfig(PlanningConfig):
 
     proposals: int = 1
     """Plans that the actor proposes in each model of the ensemble."""
-    sharpness: float = 10.0
+    sharpness: float = 4.0
     """β: how strongly the best of the feasible candidates outweigh the others."""
-    cost_sharpness: float = 10.0
+    cost_sharpness: float = 4.0
     """β_c: the same where too few are feasible, and the cheapest count."""
     standardise_returns: bool = True
     """Whether β and β_c count deviations of the candidates' returns and costs; else those of an episode, each
@@ -138,7 +138,7 @@ class SafeARC:
             self.actions,
             lambda obs: self.soft.drawn(obs, generator),
             self.config.proposals,
-            self.config.horizon,
+            self.config.sizes.horizon,
             generator,
         )
 

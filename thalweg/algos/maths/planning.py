@@ -140,7 +140,8 @@ def categorical_step(
 
 def floored(probabilities: Tensor, exists: Tensor, floor: float) -> Tensor:
     """(1 - K f) p + f [..., A, K] where the option exists, and 0 elsewhere."""
-    return ((1.0 - exists.sum(-1, keepdim=True) * floor) * probabilities + floor) * exists
+    options = exists.sum(-1, keepdim=True).to(probabilities.dtype)
+    return ((1.0 - options * floor) * probabilities + floor) * exists
 
 
 def gaussian_step(

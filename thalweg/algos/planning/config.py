@@ -24,6 +24,8 @@ class Sizes:
     iterations: int
     elites: int
     """E, candidates that shape the next iteration, or the least that must be feasible."""
+    horizon: int
+    """H, decisions that are imagined ahead."""
     model_hidden: tuple[int, ...]
 
 
@@ -43,8 +45,8 @@ class PlanningConfig(CostConfig):
     """Candidates that shape the next iteration, and the least that must be feasible; 0: as `size` says."""
     model_hidden: tuple[int, ...] = ()
     """Sizes of the hidden layers of each model; empty: as `size` says."""
-    horizon: int = 7
-    """H: decisions that are imagined ahead."""
+    horizon: int = 0
+    """H: decisions that are imagined ahead; 0: as `size` says."""
     planning_discount: float = 0.99
     """γ of the reward within the horizon."""
     discount: float = 0.99
@@ -139,14 +141,24 @@ class PlanningConfig(CostConfig):
             self.particles or given.particles,
             self.iterations or given.iterations,
             self.elites or given.elites,
+            self.horizon or given.horizon,
             self.model_hidden or given.model_hidden,
         )
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         """What must hold of each field, in words."""
-        positive = ("horizon", "action_repeat", "members", "refit_steps", "refit_patience", "minibatch", "frame_stack")
+        positive = ("action_repeat", "members", "refit_steps", "refit_patience", "minibatch", "frame_stack")
         positive += ("steps_per_collection", "steps_per_update", "replay_size", "initial_std", "largest_variance")
-        natural = ("samples", "particles", "iterations", "elites", "episode_length", "model_steps", "critic_steps")
+        natural = (
+            "horizon",
+            "samples",
+            "particles",
+            "iterations",
+            "elites",
+            "episode_length",
+            "model_steps",
+            "critic_steps",
+        )
         natural += ("random_steps", "model_learning_rate", "critic_learning_rate", "model_decay")
         shares = ("discount", "planning_discount", "momentum", "floor", "carry_over", "exploration", "target_rate")
         sizes = self.sizes

@@ -146,7 +146,7 @@ def rolled_out(
         inputs[..., seen:] = action_features(actions, now)
         out = frozen.dense(inputs.view(frozen.members, -1, frozen.inputs)).view(*inputs.shape[:-1], -1)
         _move(frozen, inputs[..., :seen], out[..., mean], out[..., raw].sigmoid_(), noise[step])
-    return torch.stack(taken, -2).squeeze(3).movedim(0, 2).flatten(1, 2)
+    return torch.stack(taken, -2).squeeze(3).movedim(0, 1).flatten(1, 2)
 
 
 def _inputs(frozen: Frozen, start: Tensor, samples: int, particles: int) -> Tensor:

@@ -101,7 +101,7 @@ class Planner:
             len(start),
             samples.shape[1],
             config.sizes.particles,
-            config.horizon,
+            config.sizes.horizon,
             config.shared_noise,
             generator,
         )

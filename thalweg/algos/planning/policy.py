@@ -50,14 +50,14 @@ class PlannerPolicy:
         inputs = config.frame_stack * obs_size
         self.method = make(config, actions, inputs, lambda: float(self.ensemble.reward.std), generator)
         self.planner = Planner(config, actions, self.method)
-        self.episode_length = float(config.episode_length or config.horizon)
+        self.episode_length = float(config.episode_length or config.sizes.horizon)
         """L, mean steps of an episode."""
         self.frozen = self._frozen()
 
     @property
     def budget(self) -> Budget:
         """What a decision may cost."""
-        steps, length = self.config.horizon * self.config.action_repeat, self.episode_length
+        steps, length = self.config.sizes.horizon * self.config.action_repeat, self.episode_length
         costs = torch.tensor([planning.budget(limit, steps, length) for limit in self.config.limits])
         return Budget(costs, max(length / steps, 1.0))
 

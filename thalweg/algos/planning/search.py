@@ -60,7 +60,7 @@ class Options:
         self.uniform = self.exists / counts.unsqueeze(-1)
 
     def first(self, envs: int) -> Tensor:
-        return self.uniform.expand(envs, self.config.horizon, *self.uniform.shape).clone()
+        return self.uniform.expand(envs, self.config.sizes.horizon, *self.uniform.shape).clone()
 
     def shifted(self, plan: Tensor) -> Tensor:
         keep = self.config.carry_over
@@ -89,7 +89,7 @@ class Numbers:
         self.count, self.config, self.mean_momentum = count, config, mean_momentum
 
     def first(self, envs: int) -> Tensor:
-        plan = torch.zeros(envs, self.config.horizon, self.count, 2)
+        plan = torch.zeros(envs, self.config.sizes.horizon, self.count, 2)
         plan[..., 1] = self.config.initial_std**2
         return plan
 

@@ -40,7 +40,7 @@ def test_alpha_grows_while_the_entropy_is_below_its_aim():
 @torch.no_grad()
 def test_what_is_still_to_come_is_the_sum_over_all_actions():
     method, obs = method_for(), torch.randn(4, 3, generator=generator(2))
-    log_p = method.soft._policy(obs).log_p
+    log_p = method.soft._policy(obs).log_p  # pyright: ignore
     critics = method.soft.critics.plain(obs)
     value = method.value()
     assert value is not None
@@ -67,7 +67,7 @@ def test_the_soft_value_of_the_next_state_by_hand():
     method, obs = method_for(), torch.randn(3, 3, generator=generator(2))
     soft, alpha = method.soft, torch.tensor(0.3)
     found = soft.next_values(soft.critics, obs, alpha, generator())
-    log_p = soft._policy(obs).log_p
+    log_p = soft._policy(obs).log_p  # pyright: ignore
     joint = (log_p[:, 0, :, None] + log_p[:, 1, None, :2]).flatten(1)
     wanted = (joint.exp() * (soft.critics.plain(obs).amin(0) - alpha * joint)).sum(-1)
     assert torch.allclose(found, wanted, atol=1e-5)

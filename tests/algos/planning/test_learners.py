@@ -179,7 +179,7 @@ def test_each_quirk_can_be_tried_alone_and_makes_a_difference(name, quirk):
     frames = settings.get("frame_stack", 1)
     found = []
     for given in ({}, settings):
-        learner = learner_for(name, OPTIONS, **({"critic_learning_rate": 0.05, "steps_per_update": N * T} | given))
+        learner = learner_for(name, OPTIONS, **{"critic_learning_rate": 0.05, "steps_per_update": N * T, **given})
         shown = {}
         if given and frames > 1:
             shown = {"obs": torch.randn(T + 1, N, D * frames), "final_obs": torch.zeros(0, D * frames)}

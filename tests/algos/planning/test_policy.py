@@ -96,7 +96,7 @@ class TestEveryPlanner:
 
     def test_an_environment_in_company_decides_as_alone(self, name, monkeypatch):
         """With the draws of one environment repeated for each, all of them decide what it decides alone."""
-        policy = policy_for(name, shared_noise=False, **({"proposals": 0} if name == "SafeLOOP" else {}))
+        policy = policy_for(name, **{"shared_noise": False, **({"proposals": 0} if name == "SafeLOOP" else {})})
         obs = np.random.default_rng(3).standard_normal((1, D)).astype(np.float32)
         drawn = {"rand": torch.rand, "randn": torch.randn}
 

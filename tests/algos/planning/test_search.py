@@ -12,11 +12,8 @@ CONFIG = CCEPETSConfig(horizon=3, carry_over=0.5, initial_std=0.5, floor=0.02, m
 
 
 def test_the_search_fits_the_space():
-    kinds = [
-        search_of(actions_of(space, adapter, "squashed"), CONFIG, 0.0)
-        for space, adapter in ((OPTIONS, "native"), (OPTIONS, "box_scaled"), (BOX, "native"))
-    ]
-    assert [type(kind) for kind in kinds] == [Options, Numbers, Numbers]
+    spaces = [actions_of(OPTIONS), actions_of(OPTIONS, "box_scaled", "squashed"), actions_of(BOX, "native", "squashed")]
+    assert [type(search_of(actions, CONFIG, 0.0)) for actions in spaces] == [Options, Numbers, Numbers]
 
 
 def test_a_first_plan_of_options_is_uniform_and_draws_none_that_is_absent():

@@ -105,15 +105,11 @@ class Numbers:
         return torch.addcmul(mean, variance.sqrt(), noise).clamp_(-1.0, 1.0)
 
     def improved(self, plan: Tensor, samples: Tensor, weights: Tensor) -> Tensor:
-        mean, variance = planning.gaussian_step(
-            *plan.unbind(-1),
-            samples,
-            weights,
-            self.config.momentum,
-            self.mean_momentum,
-            self.config.largest_variance,
+        config, mean, variance = self.config, plan[..., 0], plan[..., 1]
+        improved = planning.gaussian_step(
+            mean, variance, samples, weights, config.momentum, self.mean_momentum, config.largest_variance
         )
-        return torch.stack([mean, variance], -1)
+        return torch.stack(improved, -1)
 
     def draw(self, plan: Tensor, generator: torch.Generator) -> Tensor:
         return self.samples(plan[:, :1], 1, generator)[:, 0, 0]

@@ -57,11 +57,16 @@ class Assembly:
         done = rollout.terminated | rollout.truncated
         keep = rollout.valid & ~done if self.drop_terminal else rollout.valid
         if self.repeat == 1:
-            fields = (rollout.obs[:-1], rollout.actions, rollout.rewards, rollout.costs)
-            return Batch(*(field[keep] for field in fields), next_frames[keep], rollout.terminated[keep])
-        parts = [self._step(rollout, next_frames, done, step) for step in range(len(rollout.rewards))]
-        columns = zip(*((b.obs, b.actions, b.rewards, b.costs, b.next_frame, b.ended) for b in parts), strict=True)
-        return Batch(*(torch.cat(column) for column in columns))
+            return Batch(
+                rollout.obs[:-1][keep],
+                rollout.actions[keep],
+                rollout.rewards[keep],
+                rollout.costs[keep],
+                next_frames[keep],
+                rollout.terminated[keep],
+            )
+        parts = [vars(self._step(rollout, next_frames, done, step)) for step in range(len(rollout.rewards))]
+        return Batch(**{name: torch.cat([part[name] for part in parts]) for name in parts[0]})
 
     def _step(self, rollout: Rollout, next_frames: Tensor, done: Tensor, step: int) -> Batch:
         """The decisions that step completes."""
@@ -80,8 +85,8 @@ class Assembly:
         whole = rollout.valid[step] & (done[step] | (self._count == self.repeat))
         self._count = torch.where(whole, 0, self._count)
         kept = whole & ~done[step] if self.drop_terminal else whole
-        fields = (begun[name][kept] for name in ("obs", "actions", "rewards", "costs"))
-        return Batch(*fields, next_frames[step][kept], rollout.terminated[step][kept])
+        summed = {name: value[kept] for name, value in begun.items()}
+        return Batch(**summed, next_frame=next_frames[step][kept], ended=rollout.terminated[step][kept])
 
     def state(self) -> dict[str, Any]:
         """What it remembers, as arrays."""

@@ -39,6 +39,26 @@ _MULTIPLIER: Settings = {
     "cost_window": 50,
 }
 
+_PLANNING: Settings = {
+    "size": "full",
+    "cost_limit": 1.0,
+    "episode_length": 5000,  # 1000 over H there, whatever the action repeat
+    "action_repeat": 5,
+    "drop_terminal": True,
+    "predict_end": False,
+    "shared_noise": False,
+    "planning_discount": 1.0,
+    "exploration": 0.0,
+    "rarity": 1.0,
+    "fitting": "refit",
+    "hold_out": 0.2,
+    "fixed_variance_bounds": True,
+    "random_steps": 10_000,
+    "steps_per_collection": 250,
+    "steps_per_update": 20_000,
+    "adapter": "box_literal",
+}
+
 PAPER: dict[str, Settings] = {
     "PPO": _ON_POLICY,
     "PPOLag": {**_ON_POLICY, **_LIMITED, **_MULTIPLIER, "multiplier_max": math.inf},
@@ -71,6 +91,23 @@ PAPER: dict[str, Settings] = {
         "kl_per_dimension": True,
         "tolerance": 2.0,
         "cost_window": 50,
+    },
+    "CCEPETS": {**_PLANNING, "initial_std": 2.0, "terminal_value": False, "critic_steps": 0},
+    "SafeLOOP": {
+        **_PLANNING,
+        "initial_std": 0.075**0.5,
+        "largest_variance": 2.0,
+        "cost_over": "max",
+        "proposals": 1,
+        "standardise_returns": False,
+        "sharpness": 10.0,
+        "cost_sharpness": 100.0,
+        "stale_action_value": True,
+        "auto_alpha": False,
+        "alpha": 0.2,
+        "alpha_decay": 0.99,
+        "standardise_rewards": False,
+        "critic_steps": 50,
     },
 }
 """Settings of the preset `paper`, by algorithm."""

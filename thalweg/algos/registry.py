@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from thalweg.algos.ccepets import CCEPETS, CCEPETSConfig
 from thalweg.algos.cpo import CPO, CPOConfig
 from thalweg.algos.cup import CUP, CUPConfig
 from thalweg.algos.ddpglag import DDPGLag, DDPGLagConfig
@@ -16,6 +17,7 @@ from thalweg.algos.ppo import PPO, PPOConfig
 from thalweg.algos.ppolag import PPOLag, PPOLagConfig
 from thalweg.algos.presets import settings_of
 from thalweg.algos.saclag import SACLag, SACLagConfig
+from thalweg.algos.safeloop import SafeLOOP, SafeLOOPConfig
 from thalweg.algos.settings import config_from
 from thalweg.algos.td3lag import TD3Lag, TD3LagConfig
 
@@ -55,6 +57,10 @@ ALGORITHMS: dict[str, Entry] = {
         Entry("DDPGLag", DDPGLagConfig, DDPGLag, "deterministic policy gradient from a replay, with multipliers"),
         Entry("TD3Lag", TD3LagConfig, TD3Lag, "DDPGLag with twin critics, smoothed targets and a delayed policy"),
         Entry("SACLag", SACLagConfig, SACLag, "maximum-entropy policy from a replay, with multipliers"),
+        Entry("CCEPETS", CCEPETSConfig, CCEPETS, "plans by constrained cross-entropy in an ensemble of learnt models"),
+        Entry(
+            "SafeLOOP", SafeLOOPConfig, SafeLOOP, "plans like CCEPETS, with an actor that proposes and critics beyond"
+        ),
     )
 }
 

@@ -54,6 +54,7 @@ WRONG = [
     (["encoder", "train", "--out", "/dev/null"], "/dev/null is not a folder"),
     (["train", "--set", "hidden=[64", "--out", "x"], "'hidden=[64' cannot be understood"),
     (["train", "--set", "learning_rate=fast", "--out", "x"], "learning_rate must be float, got 'fast'"),
+    (["train", "--preset", "study", "--out", "x"], "no preset 'study'; there are default, paper"),
     (["train", "--num-envs", "0", "--out", "x"], "num_envs must be at least 1"),
     (["world", "--seed", "-1"], "--seed must be 0 or more, not -1"),
     (["render", "--poses-seed", "-1"], "--poses-seed must be 0 or more, not -1"),
@@ -400,6 +401,7 @@ def test_a_setting_is_read_as_people_write_it(text: str, value: object):
 
 
 def test_a_small_learning_rate_reaches_the_algorithm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    from thalweg.algos import algorithm_named
     from thalweg.train import river
     from thalweg.train.errors import TrainingError
 
@@ -412,7 +414,10 @@ def test_a_small_learning_rate_reaches_the_algorithm(tmp_path: Path, monkeypatch
     monkeypatch.setattr(river, "run", run)
     given = ["train", "--level", "easy", "--num-envs", "1", "--out", str(tmp_path)]
     assert main([*given, "--set", "learning_rate=1e-4", "hidden=[8, 4]"]) == 2
-    assert (told["config"].learning_rate, told["config"].hidden) == (1e-4, (8, 4))
+    config = algorithm_named("FOCOPS").configure(told["config"], told["preset"])
+    assert (config.learning_rate, config.hidden, told["preset"]) == (1e-4, (8, 4), "default")
+    assert main([*given, "--preset", "paper", "--set", "cost_limit=0.3"]) == 2
+    assert told["config"] == {"cost_limit": 0.3} and told["preset"] == "paper"
 
 
 @pytest.mark.usefixtures("no_frames")

@@ -1,3 +1,5 @@
+from typing import Any
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -5,7 +7,8 @@ import torch
 from safetensors.numpy import save_file
 
 from thalweg.algos import About, AlgorithmError, Policy
-from thalweg.algos.actions import Actions, actions_of
+from thalweg.algos.actions import actions_of
+from thalweg.algos.networks import Shape
 
 SPACES = {
     "MultiDiscrete": gym.spaces.MultiDiscrete([3, 3, 3, 3]),
@@ -16,8 +19,9 @@ SPACES = {
 }
 
 
-def policy_for(space: gym.Space, **settings) -> Policy:
-    return Policy(5, actions_of(space, **settings), (16,), generator=torch.Generator().manual_seed(1))
+def policy_for(space: gym.Space, adapter: Any = "native", **settings: Any) -> Policy:
+    shape = Shape((16,), memory=settings.pop("memory", 0))
+    return Policy(5, actions_of(space, adapter), shape, generator=torch.Generator().manual_seed(1), **settings)
 
 
 def observations(count: int = 64) -> np.ndarray:
@@ -30,11 +34,10 @@ def test_every_action_belongs_to_the_space(space: gym.Space):
         assert space.contains(action if action.shape else np.int64(action))
 
 
-def test_the_discretised_gaussian_gives_options_of_the_space():
+@pytest.mark.parametrize("adapter", ["box_literal", "box_scaled"])
+def test_an_adapter_gives_options_of_the_space(adapter: str):
     space = SPACES["uneven"]
-    for affine in (False, True):
-        policy = policy_for(space, head="gaussian_discretised", affine=affine)
-        assert all(space.contains(action) for action in policy.act(observations()))
+    assert all(space.contains(action) for action in policy_for(space, adapter).act(observations()))
 
 
 def test_a_fresh_policy_draws_every_option_alike():
@@ -99,17 +102,6 @@ def test_the_wrong_number_of_observations_names_both():
         policy_for(SPACES["Discrete"]).act(np.zeros((4, 16), np.float32))
 
 
-@pytest.mark.parametrize("space", [gym.spaces.MultiBinary(3), gym.spaces.Text(3), gym.spaces.Box(0, 9, (2,), np.int64)])
-def test_an_unsupported_space_is_refused(space: gym.Space):
-    with pytest.raises(AlgorithmError, match="must be Discrete, MultiDiscrete"):
-        actions_of(space)
-
-
-def test_a_discretised_head_on_a_box_is_refused():
-    with pytest.raises(AlgorithmError, match="for discrete actions"):
-        actions_of(SPACES["Box"], head="gaussian_discretised")
-
-
 def test_files_that_are_no_policies_are_refused(tmp_path):
     path = tmp_path / "policy.safetensors"
     with pytest.raises(AlgorithmError, match="no policy file"):
@@ -127,6 +119,90 @@ def test_files_that_are_no_policies_are_refused(tmp_path):
         Policy.load(path)
 
 
-def test_an_action_record_survives_its_plain_data():
-    for space in SPACES.values():
-        assert Actions.from_data(actions_of(space).as_data()) == actions_of(space)
+REMEMBERING: dict[str, dict[str, int]] = {
+    "frames": {"frames": 3},
+    "recurrent": {"memory": 4},
+    "both": {"frames": 2, "memory": 4},
+}
+
+
+def flight(policy: Policy, steps: int = 12) -> list[Any]:
+    """Actions of two environments, of which the second begins anew in the midst."""
+    player = policy.player(2, generator=torch.Generator().manual_seed(0))
+    obs = np.random.default_rng(2).standard_normal((steps, 2, 5)).astype(np.float32)
+    return [player(obs[step], np.array([step == 0, step in (0, 7)])).tolist() for step in range(steps)]
+
+
+@pytest.mark.parametrize("settings", REMEMBERING.values(), ids=list(REMEMBERING))
+def test_a_saved_policy_that_remembers_acts_as_before(settings: dict[str, int], tmp_path):
+    policy = policy_for(SPACES["Box"], **settings)
+    policy.normaliser.update(torch.randn(50, policy.normaliser.mean.size) * 3 + 1)
+    policy.save(tmp_path / "policy.safetensors")
+    loaded = Policy.load(tmp_path / "policy.safetensors")
+    assert (loaded.frames, loaded.shape, loaded.obs_size) == (policy.frames, policy.shape, 5)
+    assert flight(loaded) == flight(policy)
+
+
+@pytest.mark.parametrize("settings", REMEMBERING.values(), ids=list(REMEMBERING))
+def test_a_policy_that_remembers_is_asked_through_its_player_only(settings: dict[str, int]):
+    with pytest.raises(AlgorithmError, match=r"remembers earlier observations: use policy\.player"):
+        policy_for(SPACES["Discrete"], **settings).act(observations())
+
+
+def test_of_a_recurrent_policy_nothing_is_known_without_its_memory():
+    with pytest.raises(AlgorithmError, match="has a memory: ask its player"):
+        policy_for(SPACES["Discrete"], memory=4).distribution(torch.zeros(1, 5))
+
+
+@pytest.mark.parametrize("settings", REMEMBERING.values(), ids=list(REMEMBERING))
+def test_a_player_forgets_where_an_episode_begins_and_only_there(settings: dict[str, int]):
+    policy, obs = policy_for(SPACES["Box"], **settings), observations(6).reshape(3, 2, 5)
+    players = [policy.player(2, deterministic=True) for _ in range(2)]
+    begun, on = np.ones(2, dtype=bool), np.zeros(2, dtype=bool)
+    players[0](obs[0], begun)
+    players[0](obs[1], on)
+    found, alone = players[0](obs[2], np.array([True, False])), players[1](obs[2], begun)
+    assert np.array_equal(found[0], alone[0]) and not np.array_equal(found[1], alone[1])
+
+
+@pytest.mark.parametrize("settings", REMEMBERING.values(), ids=list(REMEMBERING))
+def test_a_player_goes_on_from_its_state(settings: dict[str, int]):
+    policy, on = policy_for(SPACES["Box"], **settings), np.zeros(2, dtype=bool)
+    one, other = (policy.player(2, deterministic=True) for _ in range(2))
+    obs = observations(6).reshape(3, 2, 5)
+    one(obs[0], ~on)
+    one(obs[1], on)
+    other.load_state(one.state())
+    assert np.array_equal(one(obs[2], on), other(obs[2], on))
+
+
+def test_frames_are_seen_side_by_side_the_newest_last():
+    policy, on = policy_for(SPACES["Box"], frames=2), np.zeros(1, dtype=bool)
+    first, second = observations(2)
+    player = policy.player(1, deterministic=True)
+    player(first[None], ~on)
+    found = player(second[None], on)
+    seen = torch.from_numpy(np.concatenate([first, second])[None])
+    with torch.no_grad():
+        assert np.allclose(found, policy.actions.to_env(policy.distribution(seen).mode()))
+
+
+def test_a_greedy_policy_never_draws():
+    greedy, drawing = (policy_for(SPACES["MultiDiscrete"], greedy=greedy) for greedy in (True, False))
+    expected = drawing.act(observations(), deterministic=True)
+    assert np.array_equal(greedy.act(observations()), expected)
+    assert not np.array_equal(drawing.act(observations()), expected)
+
+
+def test_a_greedy_policy_is_saved_as_one(tmp_path):
+    policy_for(SPACES["MultiDiscrete"], greedy=True).save(tmp_path / "policy.safetensors")
+    loaded = Policy.load(tmp_path / "policy.safetensors")
+    assert loaded.greedy and np.array_equal(loaded.act(observations()), loaded.act(observations()))
+
+
+def test_the_format_of_a_file_is_checked_first(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    policy_for(SPACES["Discrete"]).save(path)
+    path.write_bytes(path.read_bytes().replace(b'\\"format\\": 2', b'\\"format\\": 1'))
+    with pytest.raises(AlgorithmError, match="holds a policy of format 1, this version reads 2"):
+        Policy.load(path)

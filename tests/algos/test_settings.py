@@ -1,4 +1,5 @@
 import dataclasses
+import inspect
 
 import pytest
 
@@ -8,7 +9,7 @@ from thalweg.algos.settings import as_data, config_from
 
 
 def test_an_unknown_algorithm_lists_the_known_ones():
-    with pytest.raises(AlgorithmError, match="'TRPO'; there are PPO, FOCOPS"):
+    with pytest.raises(AlgorithmError, match="'TRPO'; there are PPO, PPOLag, FOCOPS"):
         algorithm_named("TRPO")
 
 
@@ -17,7 +18,9 @@ def test_a_name_is_found_in_any_case():
 
 
 def test_an_unknown_key_lists_the_known_ones():
-    with pytest.raises(AlgorithmError, match=r"no 'cost_limt'; it has cost_limit, temperature"):
+    with pytest.raises(
+        AlgorithmError, match=r"no 'cost_limt'; it has steps_per_update, .*, cost_limit, .*, temperature"
+    ):
         config_from(FOCOPSConfig, {"cost_limt": 0.2})
 
 
@@ -53,12 +56,27 @@ def test_a_config_survives_its_plain_data(entry):
 
 
 @pytest.mark.parametrize("entry", ALGORITHMS.values(), ids=lambda entry: entry.name)
-def test_a_config_is_frozen_and_each_field_is_documented(entry):
-    import inspect
-
+def test_a_config_is_frozen_and_each_field_is_documented_where_it_stands(entry):
     with pytest.raises(dataclasses.FrozenInstanceError):
         entry.config().hidden = (1,)
-    lines = [line.strip() for line in inspect.getsource(entry.config).splitlines()]
-    for field in dataclasses.fields(entry.config):
-        at = next(i for i, line in enumerate(lines) if line.startswith(f"{field.name}:"))
-        assert lines[at + 1].startswith('"""'), field.name
+    documented: set[str] = set()
+    kinds: tuple[type, ...] = entry.config.__mro__[:-1]
+    for kind in kinds:
+        lines = [line.strip() for line in inspect.getsource(kind).splitlines()]
+        for name in inspect.get_annotations(kind):
+            at = next(i for i, line in enumerate(lines) if line.startswith(f"{name}:"))
+            assert lines[at + 1].startswith('"""'), f"{kind.__name__}.{name}"
+            documented.add(name)
+    assert documented == {field.name for field in dataclasses.fields(entry.config)}
+
+
+@pytest.mark.parametrize("limits", [(0.1,), (0.1, 0.2, 0.3), (0.1, -0.2)])
+def test_limits_of_costs_apart_are_two(limits: tuple[float, ...]):
+    with pytest.raises(AlgorithmError, match="cost_limits are two, tight and loose, and not negative"):
+        FOCOPSConfig(cost_limits=limits)
+
+
+def test_limits_of_costs_apart_stand_in_place_of_the_one():
+    together, apart = FOCOPSConfig(cost_limit=0.3), FOCOPSConfig(cost_limit=0.3, cost_limits=(0.1, 0.2))
+    assert (together.limits, together.separate_costs) == ((0.3,), False)
+    assert (apart.limits, apart.separate_costs) == ((0.1, 0.2), True)

@@ -1,10 +1,14 @@
 import zlib
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import torch
 
 from tests.env import handmade
+from thalweg.algos import Policy
+from thalweg.algos.actions import actions_of
+from thalweg.algos.networks import Shape
 from thalweg.bench import evaluation
 from thalweg.bench.baselines import BASELINES
 from thalweg.bench.episodes import REASONS, read_episodes, write_episodes
@@ -44,6 +48,34 @@ def test_a_flight_does_not_depend_on_what_is_flown_beside_it():
     alone = [evaluate(Sampler(), whole.only(place), LABEL, CONFIG, look=look)[0] for place in reversed(range(6))]
     assert together == alone[::-1]
     assert len({row.length for row in together}) > 1  # they did end at different times
+
+
+def flicker(poses: np.ndarray, time_s: np.ndarray) -> np.ndarray:
+    """Numbers that look unlike those of the step before."""
+    return np.sin(np.column_stack([poses, time_s]) * [31, 37, 41, 43, 47]).astype(np.float32)
+
+
+@pytest.mark.parametrize(("frames", "memory"), [(3, 0), (1, 4)], ids=["frames", "recurrent"])
+def test_each_episode_is_flown_with_a_memory_of_its_own(frames: int, memory: int):
+    actions = actions_of(gym.spaces.MultiDiscrete([3, 3, 3, 3]))
+    policy = Policy(5, actions, Shape((8,), initial="kaiming", memory=memory), frames=frames, normalise=False)
+    with torch.no_grad():
+        policy.actor.stack.flat.mul_(10.0)  # so that what is remembered decides
+    whole, told = course(), []
+    together = evaluate(policy, whole, LABEL, CONFIG, look=flicker, on_step=told.append)
+    assert len({len(step.flying) for step in told}) > 1  # they did end at different times
+    assert together == [evaluate(policy, whole.only(place), LABEL, CONFIG, look=flicker)[0] for place in range(6)]
+    assert together != evaluate(Forgetful(policy), whole, LABEL, CONFIG, look=flicker)
+
+
+class Forgetful:
+    """Takes every observation for the first of an episode."""
+
+    def __init__(self, policy: Policy) -> None:
+        self.policy = policy
+
+    def act(self, obs: np.ndarray, *, deterministic: bool, generator: torch.Generator) -> np.ndarray:
+        return self.policy.player(1, deterministic=deterministic, generator=generator)(obs, np.ones(1, dtype=bool))
 
 
 def test_every_start_is_flown_to_its_end_exactly_once_however_early_others_end():

@@ -68,10 +68,10 @@ def test_a_policy_that_does_not_fit_the_river_is_refused(tmp_path: Path, obs_siz
         check_sees_as_trained(Policy(obs_size, actions_of(space)), encoder)
 
 
-@pytest.mark.parametrize("head", ["native", "gaussian_discretised"])
-def test_a_policy_of_the_rivers_own_spaces_fits(tmp_path: Path, head: Any):
+@pytest.mark.parametrize("adapter", ["native", "box_literal", "box_scaled"])
+def test_a_policy_of_the_rivers_own_spaces_fits(tmp_path: Path, adapter: Any):
     encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
-    check_sees_as_trained(Policy(16, actions_of(gym.spaces.MultiDiscrete([3, 3, 3, 3]), head)), encoder)
+    check_sees_as_trained(Policy(16, actions_of(gym.spaces.MultiDiscrete([3, 3, 3, 3]), adapter)), encoder)
 
 
 LINE = '{"type": "LineString", "coordinates": [[9, 48], [9.0004, 48], [9.0008, 48], [9.0012, 48]]}'

@@ -46,6 +46,27 @@ def finished(request, tmp_path_factory) -> tuple[str, Path]:
     return request.param, folder
 
 
+REMEMBERING: dict[str, dict[str, Any]] = {
+    "gru": {"memory": "gru", "memory_size": 8, "sequence": 5},
+    "frames": {"frame_stack": 3},
+    "apart": {"cost_limits": [0.05, 0.1]},
+    "pid": {"multiplier_derivative": 2.0, "multiplier_smoothing": 0.5, "multiplier_delay": 3, "cost_window": 60},
+    "reset": {"reset_each_update": True, "adapter": "box_scaled"},
+}
+"""Settings by which a run has more to remember."""
+EVERYTHING = {key: value for settings in REMEMBERING.values() for key, value in settings.items()} | {
+    "reset_each_update": False
+}
+
+
+@pytest.fixture(scope="module", params=list(REMEMBERING))
+def remembered(request, tmp_path_factory) -> tuple[dict[str, Any], Path]:
+    folder = tmp_path_factory.mktemp(request.param)
+    config = SMALL | REMEMBERING[request.param]
+    train(folder, config=config)
+    return config, folder
+
+
 class Stop(Exception):
     pass
 
@@ -87,6 +108,23 @@ def test_the_folder_of_a_run(finished):
     assert not list(folder.rglob("*.part"))
 
 
+def explained(algorithm: str) -> set[str]:
+    """Columns that the table of an algorithm's page has a row for, or PPO's, to which the others refer."""
+    docs = Path(__file__).parents[2] / "docs" / "algorithms"
+    cells = [
+        line.split("|")[1]
+        for page in {"ppo", algorithm.lower()}
+        for line in (docs / f"{page}.md").read_text().partition("## Metrics")[2].splitlines()
+        if line.startswith("| `")
+    ]
+    return {name.strip(" `") for cell in cells for name in cell.split(",")}
+
+
+def test_every_column_is_explained_on_the_page_of_its_algorithm(finished):
+    algorithm, folder = finished
+    assert set(rows_of(folder, "metrics.csv")[0]) <= explained(algorithm)
+
+
 def test_the_same_seed_gives_the_same_numbers(finished, tmp_path):
     algorithm, folder = finished
     torch.manual_seed(99)  # nothing global matters
@@ -120,8 +158,17 @@ def test_a_run_broken_off_by_an_error_and_resumed_ends_with_the_same_numbers(fin
     assert numbers(tmp_path) == numbers(folder)
 
 
+@pytest.mark.parametrize("at", [130, 371])
+def test_a_run_with_more_to_remember_resumes_to_the_same_numbers(remembered, tmp_path, at):
+    config, folder = remembered
+    with pytest.raises(Stop):
+        train(tmp_path, env=StopsAt(at), config=config)
+    assert train(tmp_path, config=config).resumed_from == (at - 1) // 32 * 128
+    assert numbers(tmp_path) == numbers(folder)
+
+
 SCRIPT = """
-import sys, time
+import json, sys, time
 from pathlib import Path
 sys.path.insert(0, sys.argv[2])
 from tests.train.test_run import train
@@ -132,14 +179,21 @@ class Slow(Walk):
         time.sleep(0.002)
         return super().step(actions)
 
-train(Path(sys.argv[1]), sys.argv[3], Slow())
+train(Path(sys.argv[1]), sys.argv[3], Slow(), config=json.loads(sys.argv[4]))
 """
 
 
 @pytest.mark.slow
-def test_a_run_killed_at_any_moment_and_resumed_ends_with_the_same_numbers(finished, tmp_path):
-    algorithm, folder = finished
-    command = [sys.executable, "-c", SCRIPT, str(tmp_path), str(Path(__file__).parents[2]), algorithm]
+@pytest.mark.parametrize(
+    ("algorithm", "settings"),
+    [*((name, {}) for name in ALGORITHMS), ("FOCOPS", EVERYTHING)],
+    ids=[*ALGORITHMS, "everything"],
+)
+def test_a_run_killed_at_any_moment_and_resumed_ends_with_the_same_numbers(tmp_path, algorithm, settings):
+    config, whole, broken = SMALL | settings, tmp_path / "whole", tmp_path / "broken"
+    train(whole, algorithm, config=config)
+    root = Path(__file__).parents[2]
+    command = [sys.executable, "-c", SCRIPT, str(broken), str(root), algorithm, json.dumps(config)]
     # pytest shows this when the test fails; the delays are then the same, the machine's load is not.
     seed = int(os.environ.get("KILL_SEED", "") or np.random.SeedSequence().generate_state(1)[0])
     print(f"repeat these delays with KILL_SEED={seed}")
@@ -148,7 +202,7 @@ def test_a_run_killed_at_any_moment_and_resumed_ends_with_the_same_numbers(finis
         process = subprocess.Popen(command, stderr=subprocess.PIPE)
         deadline = time.monotonic() + 120
         # From the first row on, whatever it is doing: stepping, learning, writing a checkpoint.
-        metrics = tmp_path / "metrics.csv"
+        metrics = broken / "metrics.csv"
         size = metrics.stat().st_size if metrics.exists() else 0
         while process.poll() is None and time.monotonic() < deadline:
             if metrics.exists() and metrics.stat().st_size > size:
@@ -161,8 +215,8 @@ def test_a_run_killed_at_any_moment_and_resumed_ends_with_the_same_numbers(finis
         process.wait()
         assert process.returncode in (0, -signal.SIGKILL), process.stderr and process.stderr.read().decode()
     assert killed >= 1
-    train(tmp_path, algorithm)
-    assert numbers(tmp_path) == numbers(folder)
+    train(broken, algorithm, config=config)
+    assert numbers(broken) == numbers(whole)
 
 
 def test_a_finished_run_is_returned_at_once(finished):
@@ -301,7 +355,13 @@ def test_a_limit_that_binds_is_no_warning(tmp_path):
 
 def test_wrong_arguments_leave_no_folder(tmp_path):
     folder = tmp_path / "new"
-    wrong: list[dict[str, Any]] = [{"algorithm": "SAC"}, {"config": {"clipp": 0.1}}, {"steps": 0}]
+    wrong: list[dict[str, Any]] = [
+        {"algorithm": "ABC"},
+        {"config": {"clipp": 0.1}},
+        {"config": {"cost_limits": [0.1]}},
+        {"preset": "study"},
+        {"steps": 0},
+    ]
     for changes in wrong:
         with pytest.raises((AlgorithmError, TrainingError)):
             train(folder, **changes)
@@ -340,10 +400,62 @@ def test_a_folder_without_a_policy_is_refused(tmp_path):
         load_policy(tmp_path)
 
 
-@pytest.mark.parametrize("head", ["native", "gaussian_discretised"])
-def test_both_heads_train(tmp_path, head):
-    result = train(tmp_path, config=SMALL | {"head": head, "affine": True}, steps=300)
-    assert result.policy.actions.kind == ("categorical" if head == "native" else "gaussian_discretised")
+@pytest.mark.parametrize("adapter", ["native", "box_literal", "box_scaled"])
+def test_every_adapter_trains(tmp_path, adapter):
+    result = train(tmp_path, config=SMALL | {"adapter": adapter}, steps=300)
+    assert (result.policy.actions.kind, result.policy.actions.adapter) == (
+        "categorical" if adapter == "native" else "gaussian",
+        adapter,
+    )
+
+
+def test_the_policy_of_a_run_remembers_as_it_learnt_to(tmp_path):
+    result = train(tmp_path, config=SMALL | REMEMBERING["gru"] | REMEMBERING["frames"], steps=300)
+    policy = result.policy
+    assert (policy.frames, policy.shape.memory, policy.obs_size) == (3, 8, 3)
+    with pytest.raises(AlgorithmError, match="remembers earlier observations"):
+        policy.act(np.zeros((2, 3), np.float32))
+
+
+def test_costs_apart_have_columns_of_their_own(tmp_path):
+    train(tmp_path, config=SMALL | REMEMBERING["apart"], steps=700)
+    rows = rows_of(tmp_path, "metrics.csv")
+    names = {"cost_mean", "multiplier", "multiplier_reach", "limit_can_bind"}
+    assert {f"{name}{which}" for name in names for which in ("_tight", "_loose")} <= set(rows[0])
+    assert not names & set(rows[0])
+    episodes = rows_of(tmp_path, "episodes.csv")
+    at = int(rows[-2]["steps"]), int(rows[-1]["steps"])
+    fresh = [float(row["tight"]) for row in episodes if at[0] < int(row["step"]) <= at[1]]
+    assert float(rows[-1]["cost_mean_tight"]) == pytest.approx(np.mean(fresh)) and fresh
+
+
+def test_limits_of_costs_that_are_not_told_apart_are_refused(tmp_path):
+    class Together(Walk):
+        def step(self, actions):
+            *rest, info = super().step(actions)
+            del info["costs"]
+            return *rest, info
+
+    with pytest.raises(TrainingError, match=r"cost_limits are limits of tight and loose costs, but the environment"):
+        train(tmp_path, env=Together(), config=SMALL | REMEMBERING["apart"])
+    assert train(tmp_path / "together", env=Together(), steps=200).steps == 200
+
+
+def test_a_preset_is_resolved_and_written_down_and_settings_go_on_top(tmp_path):
+    with pytest.warns(LimitWarning, match="25 has not bound"):
+        train(tmp_path, preset="paper", config=SMALL, steps=300)
+    described = yaml.safe_load((tmp_path / "config.yaml").read_text())["run"]
+    config = described["config"]
+    assert described["preset"] == "paper"
+    assert (config["adapter"], config["mask"], config["cost_limit"]) == ("box_literal", "batch", 25.0)
+    assert (config["minibatch"], config["passes"]) == (64, 2)
+
+
+def test_another_preset_is_another_run(tmp_path):
+    with pytest.raises(Stop):
+        train(tmp_path, env=StopsAt(200))
+    with pytest.raises(TrainingError, match="preset is 'default' there and 'paper' here"):
+        train(tmp_path, preset="paper")
 
 
 def test_the_bar_shows_and_is_gone_afterwards(tmp_path, capsys):

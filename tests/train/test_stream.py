@@ -3,11 +3,13 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
+import torch
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from tests.train.toys import Count, Walk
 from thalweg.algos import NotFiniteError
-from thalweg.train.episodes import EpisodeBook
+from thalweg.algos.interface import Rollout
+from thalweg.train.episodes import Episode, EpisodeBook
 from thalweg.train.errors import TrainingError
 from thalweg.train.rollout import RolloutBuffer
 from thalweg.train.stream import PATIENCE, Stream
@@ -21,9 +23,9 @@ def counting(mode: AutoresetMode, **settings) -> SyncVectorEnv:
     return SyncVectorEnv(makers, autoreset_mode=mode)
 
 
-def trajectory(env: SyncVectorEnv, steps: int) -> list[tuple]:
+def trajectory(env: SyncVectorEnv, steps: int, frames: int = 1) -> list[tuple]:
     """(env, observation before, reward, cost, terminated, truncated, final observation) of each valid step."""
-    stream, seen = Stream(env), []
+    stream, seen = Stream(env, frames), []
     obs = stream.reset(0)
     for _ in range(steps):
         step = stream.step(np.zeros(2, np.int64))
@@ -32,7 +34,7 @@ def trajectory(env: SyncVectorEnv, steps: int) -> list[tuple]:
             flags = (bool(step.terminated[i]), bool(step.truncated[i]))
             seen.append((int(i), tuple(obs[i]), step.reward[i], step.cost[i], *flags, final.get(int(i))))
         obs = step.next_obs
-    return sorted(seen, key=lambda row: (row[0], row[1]))
+    return sorted(seen, key=lambda row: (row[0], row[1][-2:]))
 
 
 @pytest.mark.parametrize("names_cost", ["always", "last"])
@@ -52,6 +54,51 @@ def test_every_way_of_resetting_tells_the_same_story(mode: AutoresetMode, cut: b
         assert ours == [row for row in expected if row[0] == env]
 
 
+def stacked(episode: int, at: int) -> tuple[float, ...]:
+    """Three frames side by side; the first of the episode stands for those that are missing."""
+    return tuple(number for step in (at - 2, at - 1, at) for number in (episode, max(step, 0)))
+
+
+@pytest.mark.parametrize("cut", [True, False])
+@pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
+def test_frames_side_by_side_never_mix_episodes_whichever_way_of_resetting(mode: AutoresetMode, cut: bool):
+    found = trajectory(counting(mode, cut=cut), steps=30, frames=3)
+    for env, length in ((0, 3), (1, 5)):
+        ours = [(obs, final) for row, obs, *_, final in found if row == env][: 3 * length]
+        assert ours == [
+            (stacked(episode, at), stacked(episode, length) if at == length - 1 else None)
+            for episode in range(3)
+            for at in range(length)
+        ]
+
+
+@pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
+def test_an_observation_is_fresh_where_an_episode_begins_and_only_there(mode: AutoresetMode):
+    stream = Stream(counting(mode), 2)
+    stream.reset(0)
+    begun = 0
+    for _ in range(30):
+        step = stream.step(np.zeros(2, np.int64))
+        first = [obs[-1] == 0 for obs in step.next_obs]
+        assert step.fresh.tolist() == first
+        begun += sum(first)
+    assert begun > 10
+
+
+@pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
+def test_a_stream_goes_on_from_its_state_with_the_frames_before(mode: AutoresetMode):
+    stream, again = (Stream(counting(mode), 3) for _ in range(2))
+    for one in (stream, again):
+        one.reset(0)
+        for _ in range(7):
+            one.step(np.zeros(2, np.int64))
+    other = Stream(again.env, 3)
+    other.load_state(stream.state())
+    for _ in range(6):
+        here, there = (one.step(np.zeros(2, np.int64)) for one in (stream, other))
+        assert np.array_equal(here.next_obs, there.next_obs) and np.array_equal(here.final_obs, there.final_obs)
+
+
 @pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
 def test_reset_steps_are_not_counted(mode: AutoresetMode):
     env = counting(mode)
@@ -65,20 +112,39 @@ def test_reset_steps_are_not_counted(mode: AutoresetMode):
 
 @pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
 def test_a_rollout_keeps_the_final_observation_of_what_was_cut_off(mode: AutoresetMode):
-    import torch
+    rollout, lengths = collected(counting(mode)), (3.0, 5.0)
+    places = [divmod(int(i), 2) for i in rollout.final_index]
+    assert places and sorted(map(tuple, rollout.truncated.nonzero().tolist())) == sorted(places)
+    for (t, env), final in zip(places, rollout.final_obs.tolist(), strict=True):
+        assert final == [rollout.obs[t, env, 0].item(), lengths[env]]
 
-    stream = Stream(counting(mode))
-    obs, actions = stream.reset(0), torch.zeros(2, 1, dtype=torch.int64)
-    buffer = RolloutBuffer(8, 2, 2, actions)
+
+@pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
+def test_a_rollout_keeps_the_final_observation_of_what_ended_by_itself_too(mode: AutoresetMode):
+    rollout = collected(counting(mode, cut=False))
+    places = [divmod(int(i), 2) for i in rollout.final_index]
+    assert places and sorted(map(tuple, rollout.terminated.nonzero().tolist())) == sorted(places)
+    assert [final[1] for final in rollout.final_obs.tolist()] == [(3.0, 5.0)[env] for _, env in places]
+
+
+@pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
+def test_a_rollout_says_which_observations_begin_an_episode_and_what_each_step_cost(mode: AutoresetMode):
+    rollout = collected(counting(mode))
+    assert torch.equal(rollout.fresh, rollout.obs[..., 1] == 0)
+    assert rollout.costs.shape == (8, 2, 1)
+    assert torch.equal(rollout.costs[..., 0] > 0, rollout.truncated)
+
+
+def collected(env: SyncVectorEnv) -> Rollout:
+    """Eight steps of both environments."""
+    stream, actions = Stream(env), torch.zeros(2, 1, dtype=torch.int64)
+    obs, fresh = stream.reset(0), np.ones(2, dtype=bool)
+    buffer = RolloutBuffer(8, obs, actions, np.zeros((2, 1)))
     while not buffer.full:
         step = stream.step(actions.squeeze(1).numpy())
-        buffer.add(obs, actions, step)
-        obs = step.next_obs
-    rollout = buffer.rollout()
-    places = [divmod(int(i), 2) for i in rollout.final_index]
-    assert places and [tuple(rollout.truncated.nonzero()[k].tolist()) for k in range(len(places))] == places
-    for (t, env), final in zip(places, rollout.final_obs.tolist(), strict=True):
-        assert final == [rollout.obs[t, env, 0].item(), (3.0, 5.0)[env]]
+        buffer.add(obs, fresh, actions, step, step.cost[:, None])
+        obs, fresh = step.next_obs, step.fresh
+    return buffer.rollout()
 
 
 @pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
@@ -113,7 +179,7 @@ def test_images_are_sent_through_an_encoder():
         Stream(env)
 
 
-@pytest.mark.parametrize("what", ["observation", "reward", "cost"])
+@pytest.mark.parametrize("what", ["observation", "reward", "cost", "costs"])
 def test_nan_is_an_error_that_says_where(what: str):
     stream = Stream(Walk(poison=(what, 3)))
     stream.reset(0)
@@ -134,16 +200,41 @@ def test_a_cost_of_the_wrong_shape_is_refused():
         stream.step(np.ones((4, 2), np.int64))
 
 
-def test_rates_count_violated_episodes_per_step():
+def walked(steps: int) -> tuple[EpisodeBook, list[Episode]]:
+    """The book of eight walkers who go right, and all episodes."""
     stream, book = Stream(Walk(8)), EpisodeBook(8, [""] * 8)
-    assert math.isnan(book.cost_mean()) and math.isnan(book.metrics()["cost_rate_tight"])
     stream.reset(0)
-    episodes = []
-    for _ in range(300):
-        episodes += book.add(stream.step(np.tile([2, 0], (8, 1))))
+    return book, [episode for _ in range(steps) for episode in book.add(stream.step(np.tile([2, 0], (8, 1))))]
+
+
+def test_rates_count_violated_episodes_per_step():
+    assert math.isnan(EpisodeBook(8, [""] * 8).metrics()["cost_rate_tight"])
+    book, episodes = walked(300)
     metrics = book.metrics()
     assert metrics["cost_rate"] == sum(e.cost > 0 for e in episodes) / 2400 > 0
     assert metrics["cost_rate_tight"] == sum(e.tight > 0 for e in episodes) / 2400
     assert metrics["return_mean_50"] == pytest.approx(np.mean([e.return_ for e in episodes[-50:]]))
-    book.fresh.clear()
-    assert book.cost_mean() == pytest.approx(np.mean([e.cost for e in episodes[-50:]]))
+    assert metrics["cost_mean_50"] == pytest.approx(np.mean([e.cost for e in episodes[-50:]]))
+
+
+def test_costs_are_those_of_the_fresh_and_of_the_last_hundred_episodes():
+    book, episodes = walked(300)
+    book.fresh = episodes[-3:]
+    fresh, recent, largest = book.costs(separate=False)
+    assert len(episodes) > 100
+    assert fresh.tolist() == [[e.cost] for e in episodes[-3:]] and recent.tolist() == [
+        [e.cost] for e in episodes[-100:]
+    ]
+    assert largest == (1.0,)
+
+
+def test_costs_apart_are_tight_and_loose():
+    book, episodes = walked(300)
+    _, recent, largest = book.costs(separate=True)
+    assert recent.tolist() == [[e.tight, e.loose] for e in episodes[-100:]]
+    assert largest == (max(e.tight for e in episodes), max(e.loose for e in episodes))
+
+
+def test_before_any_episode_there_are_no_costs():
+    fresh, recent, largest = EpisodeBook(8, [""] * 8).costs(separate=True)
+    assert fresh.shape == recent.shape == (0, 2) and largest == (0.0, 0.0)

@@ -79,7 +79,8 @@ class Walk(VectorEnv):
             self._begin(done)
         obs = self._obs()
         if self.poison is not None and self.total == self.poison[1]:
-            {"observation": obs[0], "reward": reward, "cost": cost}[self.poison[0]][0] = np.nan
+            places = {"observation": obs[0], "reward": reward, "cost": cost, "costs": info["costs"][0]}
+            places[self.poison[0]][0] = np.nan
         return obs, reward, terminated, truncated, info
 
     def _begin(self, which: np.ndarray) -> None:

@@ -15,8 +15,8 @@ class CostConfig:
     cost_limit: float = 0.1
     """d: the mean cost that an episode may have."""
     cost_limits: tuple[float, ...] = ()
-    """Limits of the costs that the environment tells apart (on the river tight and loose), each with a multiplier of
-    its own, in place of `cost_limit`."""
+    """Limits of the two costs that the environment tells apart, tight and loose, each for itself, in place of
+    `cost_limit`."""
 
     @property
     def limits(self) -> tuple[float, ...]:
@@ -32,7 +32,10 @@ class CostConfig:
         """What must hold, for `require`."""
         return {
             "cost_limit": (self.cost_limit >= 0, "must not be negative"),
-            "cost_limits": (all(limit >= 0 for limit in self.cost_limits), "must not be negative"),
+            "cost_limits": (
+                len(self.cost_limits) in (0, 2) and all(limit >= 0 for limit in self.cost_limits),
+                "are two, tight and loose, and not negative",
+            ),
         }
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from thalweg.algos.costs import cost_metrics
@@ -15,12 +14,19 @@ from thalweg.algos.maths.advantages import standardised
 from thalweg.algos.maths.multiplier import combined
 from thalweg.algos.memory import Sequences
 from thalweg.algos.multiplier import MultiplierConfig, Multipliers, limit_warnings
-from thalweg.algos.onpolicy.agent import Agent, Drift, cost_advantages, metrics_of, signals_of
-from thalweg.algos.onpolicy.config import ConstrainedConfig
+from thalweg.algos.onpolicy.agent import (
+    Agent,
+    Drift,
+    cost_advantages,
+    cost_signals,
+    metrics_of,
+    reward_signal,
+)
+from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig
 
 
 @dataclass(frozen=True)
-class FOCOPSConfig(MultiplierConfig, ConstrainedConfig):
+class FOCOPSConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
     """Settings of FOCOPS; its multiplier is called ν in its paper."""
 
     temperature: float = 0.5
@@ -40,6 +46,7 @@ class FOCOPSConfig(MultiplierConfig, ConstrainedConfig):
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return (
             super().conditions()
+            | self.cost_conditions()
             | self.multiplier_conditions()
             | {
                 "temperature": (self.temperature > 0, "must be positive"),
@@ -82,7 +89,7 @@ class FOCOPS:
         """The multiplier first, then passes until the policy has moved by `target_kl`; returns the metrics."""
         config, agent = self.config, self.agent
         self.multipliers.update(feedback)
-        samples = agent.samples(rollout, signals_of(config, rollout))
+        samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
         advantages = combined(
             standardised(samples.advantages[0]),
             cost_advantages(config, samples),
@@ -90,17 +97,18 @@ class FOCOPS:
             normalised=config.normalise_by_multiplier,
         )
         rate, drift = agent.decay(feedback.progress), Drift(agent, samples, new_first=True)
-        data = (samples.actions, drift.old_parameters, drift.old_log_prob, advantages, samples.targets.T)
+        data = (samples.actions, drift.old_parameters, drift.old_log_prob, advantages)
         log: list[Tensor] = []
         while drift.goes_on:
-            for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
-                log.append(self._step(inputs, *rows))
+            with agent.critics_learning(samples):
+                for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
+                    log.append(self._step(inputs, *rows))
             drift.measure()
         inside = float((drift.each <= config.trust_radius).float().mean())
         left = agent.updates_left(feedback)
         return (
-            metrics_of(samples, log, drift, rate)
-            | {"inside_fraction": inside}
+            metrics_of(agent, samples, log, drift)
+            | {"learning_rate": rate, "inside_fraction": inside}
             | self.multipliers.metrics(feedback, left)
             | cost_metrics(feedback, config.limits, config.cost_window)
         )
@@ -112,9 +120,8 @@ class FOCOPS:
         old_parameters: Tensor,
         old_log_prob: Tensor,
         advantages: Tensor,
-        targets: Tensor,
     ) -> Tensor:
-        """One gradient step of policy and critics, which share no weights; returns their losses [1 + K]."""
+        """One gradient step of the policy; returns its loss."""
         new = self.policy.given(inputs)
         projection = policy_loss(
             self.config,
@@ -124,9 +131,7 @@ class FOCOPS:
             advantages,
             new.entropy(),
         )
-        errors = losses.squared_error(self.agent.critics(inputs), targets.T)
-        self.agent.step(projection + errors.sum())
-        return torch.cat([projection.detach().unsqueeze(0), errors.detach()])
+        return self.agent.step(projection)
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """What keeps the cost limits or their multipliers from doing their work."""

@@ -88,13 +88,22 @@ class Feedback:
 class Learner(Protocol):
     """An algorithm at work. `run` owns the environment, the loop, files and clocks; a learner owns its numbers."""
 
-    policy: AnyPolicy
-    rollout_steps: int
-    """T: steps of each environment between updates."""
-    separate_costs: bool
-    """Whether it wants the costs of `info["costs"]` one by one instead of their sum."""
-    resets: bool
-    """Whether all environments begin anew after each update that returned metrics."""
+    @property
+    def policy(self) -> AnyPolicy: ...
+    @property
+    def rollout_steps(self) -> int:
+        """T: steps of each environment between updates."""
+        ...
+
+    @property
+    def separate_costs(self) -> bool:
+        """Whether it wants the costs of `info["costs"]` one by one instead of their sum."""
+        ...
+
+    @property
+    def resets(self) -> bool:
+        """Whether all environments begin anew after each update that returned metrics."""
+        ...
 
     def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
         """Raw actions [N, A] with exploration, for observations float32 [N, K * D] of which `fresh` [N] begin an

@@ -72,15 +72,12 @@ class Gru(nn.Module):
         super().__init__()
         self.size = size
         bound = 1.0 / math.sqrt(size)
-        shapes = {
-            "weight_in": (3 * size, inputs),
-            "weight": (3 * size, size),
-            "bias_in": (3 * size,),
-            "bias": (3 * size,),
-        }
-        for name, shape in shapes.items():
-            values = torch.empty(shape).uniform_(-bound, bound, generator=generator)
-            setattr(self, name, nn.Parameter(values))
+
+        def uniform(*shape: int) -> nn.Parameter:
+            return nn.Parameter(torch.empty(shape).uniform_(-bound, bound, generator=generator))
+
+        self.weight_in, self.weight = uniform(3 * size, inputs), uniform(3 * size, size)
+        self.bias_in, self.bias = uniform(3 * size), uniform(3 * size)
 
     def step(self, obs: Tensor, state: Tensor, fresh: Tensor) -> Tensor:
         """The state [N, M] after observations [N, D], cleared first where `fresh` [N]."""

@@ -168,7 +168,7 @@ class Multipliers:
             reach = one.reach(updates_left, largest)
             if largest > one.limit and reach < min(NEGLIGIBLE, self.config.multiplier_max):
                 found[f"multiplier_too_slow{name}"] = (
-                    f"the multiplier{name} can't exceed {reach:.3g} in the {updates_left} updates left: raise "
+                    f"the {_told(name)}multiplier can't exceed {reach:.3g} in the {updates_left} updates left: raise "
                     f"multiplier_rate (now {self.config.multiplier_rate:g}), multiplier_gain, the steps, or update "
                     "more often"
                 )
@@ -189,7 +189,7 @@ def limit_warnings(limits: Sequence[float], feedback: Feedback) -> dict[str, str
     if feedback.episodes < ENOUGH_EPISODES:
         return {}
     return {
-        f"limit_never_binds{name}": f"the cost limit{name} {limit:g} has not bound anything: none of "
+        f"limit_never_binds{name}": f"the {_told(name)}cost limit {limit:g} has not bound anything: none of "
         f"{feedback.episodes} episodes cost more than {largest:g}, so their mean can't exceed it"
         for name, limit, largest in zip(suffixes(len(limits)), limits, feedback.largest_costs, strict=True)
         if largest <= limit
@@ -201,3 +201,8 @@ def suffixes(costs: int) -> tuple[str, ...]:
     if costs == 1:
         return ("",)
     return ("_tight", "_loose") if costs == 2 else tuple(f"_{place}" for place in range(costs))
+
+
+def _told(suffix: str) -> str:
+    """A suffix as a word in a sentence."""
+    return f"{suffix.removeprefix('_')} " if suffix else ""

@@ -16,8 +16,8 @@ from torch import Tensor, nn
 from thalweg.algos.actions import Actions
 from thalweg.algos.memory import Gru, Sequences
 
-Activation = Literal["tanh", "relu"]
-Initial = Literal["orthogonal", "kaiming"]
+Activation = Literal["tanh", "relu", "swish"]
+Initial = Literal["orthogonal", "kaiming", "truncated"]
 Layers = list[tuple[Tensor, Tensor]]
 """Weight [K, before, after] and bias [K, 1, after] of each layer."""
 ALL = slice(None)
@@ -60,7 +60,8 @@ class Stack(nn.Module):
         initial: Initial = "orthogonal",
     ) -> None:
         """Orthogonal weights and zero biases (gain √2, and `last_gain` for the last layer); "kaiming": everything
-        uniform within ±1/√before, as torch starts its own layers."""
+        uniform within ±1/√before, as torch starts its own layers; "truncated": weights from a normal distribution of
+        deviation 1/(2√before), cut off at two of them, and zero biases."""
         super().__init__()
         self.count, self.activation = count, activation
         self.sizes = (inputs, *hidden, outputs)
@@ -70,13 +71,16 @@ class Stack(nn.Module):
             for layer, (weight, bias) in enumerate(self._parts()):
                 before, after = weight.shape[1:]
                 gain = last_gain if layer == len(hidden) else math.sqrt(2.0)
+                bound = 1 / math.sqrt(before)
                 for k in range(count):
                     if initial == "orthogonal":
                         weight[k] = orthogonal((before, after), gain, generator)
+                    elif initial == "truncated":
+                        nn.init.trunc_normal_(weight[k], 0.0, bound / 2, -bound, bound, generator=generator)
                     else:
-                        weight[k].uniform_(-1 / math.sqrt(before), 1 / math.sqrt(before), generator=generator)
-                        bias[k].uniform_(-1 / math.sqrt(before), 1 / math.sqrt(before), generator=generator)
-                if initial == "orthogonal":
+                        weight[k].uniform_(-bound, bound, generator=generator)
+                        bias[k].uniform_(-bound, bound, generator=generator)
+                if initial != "kaiming":
                     bias.zero_()
 
     def forward(self, x: Tensor, frozen: bool = False, chosen: slice = ALL) -> Tensor:
@@ -90,7 +94,7 @@ class Stack(nn.Module):
         x = x.expand(self.count, *x.shape) if x.dim() == 2 else x
         *inner, (last_weight, last_bias) = layers_of(self.flat if flat is None else flat, self.count, self.sizes)
         for weight, bias in inner:
-            x = getattr(torch, self.activation)(torch.baddbmm(bias, x, weight))
+            x = _FUNCTIONS[self.activation](torch.baddbmm(bias, x, weight))
         return torch.baddbmm(last_bias, x, last_weight)
 
     @property
@@ -128,18 +132,24 @@ class _Perceptrons(torch.autograd.Function):
         parts = ctx.parts = _chosen(parts, chosen)
         ctx.shared = x.dim() == 2
         hidden = x.expand(len(parts[0][0]), *x.shape) if ctx.shared else x
-        seen = [hidden]
+        seen, before = [hidden], []
         for weight, bias in parts[:-1]:
             hidden = torch.baddbmm(bias, hidden, weight)
-            hidden = hidden.tanh_() if activation == "tanh" else hidden.relu_()
+            if activation == "swish":
+                before.append(hidden)  # its derivative does not follow from its value alone
+                hidden = nn.functional.silu(hidden)
+            else:
+                hidden = hidden.tanh_() if activation == "tanh" else hidden.relu_()
             seen.append(hidden)
-        ctx.save_for_backward(flat, *seen)
+        ctx.save_for_backward(flat, *seen, *before)
         return torch.baddbmm(parts[-1][1], hidden, parts[-1][0])
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, above: Tensor) -> Any:  # pyright: ignore
         flat, *seen = ctx.saved_tensors  # which makes sure that nothing has changed since
+        inner = len(ctx.sizes) - 2
+        known = seen[-inner:] if inner else []
         wants_x, wants_flat = ctx.needs_input_grad[:2]
         parts: Layers = ctx.parts
         into = (torch.empty_like if len(above) == ctx.count else torch.zeros_like)(flat) if wants_flat else None
@@ -152,7 +162,7 @@ class _Perceptrons(torch.autograd.Function):
                 return None, into, None, None, None, None
             above = torch.bmm(above, parts[layer][0].transpose(1, 2))
             if layer > 0:
-                _through(above, seen[layer], ctx.activation)
+                _DERIVATIVES[ctx.activation](above, known[layer - 1], above)
         return above.sum(0) if ctx.shared else above, into, None, None, None, None
 
 
@@ -166,6 +176,23 @@ def _through(above: Tensor, after: Tensor, activation: Activation) -> None:
 
 def _chosen(layers: Layers, chosen: slice) -> Layers:
     return layers if chosen is ALL else [(weight[chosen], bias[chosen]) for weight, bias in layers]
+
+
+def _through_tanh(above: Tensor, after: Tensor, into: Tensor) -> None:
+    torch.ops.aten.tanh_backward.grad_input(above, after, grad_input=into)
+
+
+def _through_relu(above: Tensor, after: Tensor, into: Tensor) -> None:
+    torch.ops.aten.threshold_backward.grad_input(above, after, 0.0, grad_input=into)
+
+
+def _through_swish(above: Tensor, before: Tensor, into: Tensor) -> None:
+    torch.ops.aten.silu_backward.grad_input(above, before, grad_input=into)
+
+
+_FUNCTIONS = {"tanh": torch.tanh, "relu": torch.relu, "swish": nn.functional.silu}
+_DERIVATIVES = {"tanh": _through_tanh, "relu": _through_relu, "swish": _through_swish}
+"""From the gradient after each, and what it gave (of "swish": what it was given), to the gradient before it."""
 
 
 class Actor(nn.Module):
@@ -191,8 +218,10 @@ class Actor(nn.Module):
         )
         self.log_std = nn.Parameter(torch.zeros(actions.count)) if actions.kind == "gaussian" else None
 
-    def forward(self, inputs: Tensor | Sequences) -> Tensor:
-        outputs = self.stack(_features(self.gru, inputs, "actor"))[0]
+    def forward(self, inputs: Tensor | Sequences, plain: bool = False) -> Tensor:
+        """`plain`: so that it can be differentiated twice."""
+        features = _features(self.gru, inputs, "actor")
+        outputs = (self.stack.plain if plain else self.stack)(features)[0]
         return outputs if self.log_std is None else torch.cat([outputs, self.log_std.expand_as(outputs)], -1)
 
     def step(self, obs: Tensor, state: Tensor, fresh: Tensor) -> tuple[Tensor, Tensor]:

@@ -45,6 +45,11 @@ class Normaliser:
         self.count = total
         self._refresh()
 
+    @property
+    def scale(self) -> Tensor:
+        """[D] by which differences of observations are multiplied."""
+        return self._scale if self.enabled and self.count else torch.ones_like(self._scale)
+
     def state(self) -> dict:
         """Everything, as arrays and plain data."""
         return {"count": self.count, "enabled": self.enabled, "mean": self.mean, "square": self.square}

@@ -59,10 +59,12 @@ class Player(Protocol):
 class AnyPolicy(Protocol):
     """What flies, whatever learnt it."""
 
-    obs_size: int
-    actions: Actions
-    about: About
-
+    @property
+    def obs_size(self) -> int: ...
+    @property
+    def actions(self) -> Actions: ...
+    @property
+    def about(self) -> About: ...
     def player(
         self, num_envs: int, *, deterministic: bool = False, generator: torch.Generator | None = None
     ) -> Player: ...

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from thalweg.algos.costs import cost_metrics
@@ -13,11 +12,11 @@ from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import standardised
 from thalweg.algos.memory import Sequences
 from thalweg.algos.onpolicy.agent import Agent, Drift, metrics_of, reward_signal
-from thalweg.algos.onpolicy.config import OnPolicyConfig
+from thalweg.algos.onpolicy.config import FirstOrderConfig
 
 
 @dataclass(frozen=True)
-class PPOConfig(OnPolicyConfig):
+class PPOConfig(FirstOrderConfig):
     """Settings of PPO."""
 
     clip: float = 0.2
@@ -57,24 +56,25 @@ class PPO:
         config, agent = self.config, self.agent
         samples = agent.samples(rollout, [reward_signal(config, rollout)])
         rate, drift = agent.decay(feedback.progress), Drift(agent, samples)
-        data = (samples.actions, drift.old_log_prob, standardised(samples.advantages[0]), samples.targets.T)
+        data = (samples.actions, drift.old_log_prob, standardised(samples.advantages[0]))
         log: list[Tensor] = []
         while drift.goes_on:
-            for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
-                log.append(self._step(inputs, *rows))
+            with agent.critics_learning(samples):
+                for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
+                    log.append(self._step(inputs, *rows))
             drift.measure()
         clipped = ((drift.ratio - 1.0).abs() > config.clip).float().mean()
-        return metrics_of(samples, log, drift, rate) | {"clip_fraction": float(clipped)} | cost_metrics(feedback)
+        return (
+            metrics_of(agent, samples, log, drift)
+            | {"learning_rate": rate, "clip_fraction": float(clipped)}
+            | cost_metrics(feedback)
+        )
 
-    def _step(
-        self, inputs: Tensor | Sequences, actions: Tensor, old_log_prob: Tensor, advantages: Tensor, targets: Tensor
-    ) -> Tensor:
-        """One gradient step of policy and critic, which share no weights; returns both losses [2]."""
+    def _step(self, inputs: Tensor | Sequences, actions: Tensor, old_log_prob: Tensor, advantages: Tensor) -> Tensor:
+        """One gradient step of the policy; returns its loss."""
         new = self.policy.given(inputs)
         surrogate = policy_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy())
-        errors = losses.squared_error(self.agent.critics(inputs), targets.T)
-        self.agent.step(surrogate + errors.sum())
-        return torch.cat([surrogate.detach().unsqueeze(0), errors.detach()])
+        return self.agent.step(surrogate)
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Nothing: PPO has no limit that could fail to bind."""

@@ -4,6 +4,7 @@
 0.5, which it adapted, with its quirks, each of them a setting that can be tried alone.
 """
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,18 +14,21 @@ Settings = Mapping[str, Any]
 
 PRESETS = ("default", "paper")
 
-_ON_POLICY: Settings = {
+_ON_POLICY_ROLLOUT: Settings = {
     "steps_per_update": 20_000,
+    "critic_decay": 5e-4,  # beside half the squared error; there 1e-3 beside all of it
+    "max_grad_norm": 40.0,
+    "initial": "kaiming",
+    "adapter": "box_literal",
+    "reset_each_update": True,
+}
+_ON_POLICY: Settings = {
+    **_ON_POLICY_ROLLOUT,
     "passes": 40,
     "minibatch": 64,
     "learning_rate": 3e-4,
     "critic_learning_rate": 3e-4,
-    "critic_decay": 5e-4,  # beside half the squared error; there 1e-3 beside all of it
-    "max_grad_norm": 40.0,
     "entropy": 0.0,
-    "initial": "kaiming",
-    "adapter": "box_literal",
-    "reset_each_update": True,
 }
 _LIMITED: Settings = {"cost_limit": 25.0, "standardise_cost": False}
 _MULTIPLIER: Settings = {
@@ -35,8 +39,29 @@ _MULTIPLIER: Settings = {
     "cost_window": 50,
 }
 
+_PLANNING: Settings = {
+    "size": "full",
+    "cost_limit": 1.0,
+    "episode_length": 5000,  # 1000 over H there, whatever the action repeat
+    "action_repeat": 5,
+    "drop_terminal": True,
+    "predict_end": False,
+    "shared_noise": False,
+    "planning_discount": 1.0,
+    "exploration": 0.0,
+    "rarity": 1.0,
+    "fitting": "refit",
+    "hold_out": 0.2,
+    "fixed_variance_bounds": True,
+    "random_steps": 10_000,
+    "steps_per_collection": 250,
+    "steps_per_update": 20_000,
+    "adapter": "box_literal",
+}
+
 PAPER: dict[str, Settings] = {
     "PPO": _ON_POLICY,
+    "PPOLag": {**_ON_POLICY, **_LIMITED, **_MULTIPLIER, "multiplier_max": math.inf},
     "FOCOPS": {
         **_ON_POLICY,
         **_LIMITED,
@@ -45,6 +70,44 @@ PAPER: dict[str, Settings] = {
         "temperature": 1.5,
         "mask": "batch",
         "normalise_by_multiplier": True,
+    },
+    "P3O": {
+        **_ON_POLICY,
+        **_LIMITED,
+        "passes": 10,
+        "penalty": 20.0,
+        "clip_cost": False,
+        "limit_scale": "none",
+        "centre_minibatches": False,
+        "cost_window": 50,
+    },
+    "OnCRPO": {
+        **_ON_POLICY_ROLLOUT,
+        **_LIMITED,
+        "passes": 10,
+        "minibatch": 128,
+        "critic_learning_rate": 1e-3,
+        "trust_radius": 0.01,
+        "kl_per_dimension": True,
+        "tolerance": 2.0,
+        "cost_window": 50,
+    },
+    "CCEPETS": {**_PLANNING, "initial_std": 2.0, "terminal_value": False, "critic_steps": 0},
+    "SafeLOOP": {
+        **_PLANNING,
+        "initial_std": 0.075**0.5,
+        "largest_variance": 2.0,
+        "cost_over": "max",
+        "proposals": 1,
+        "standardise_returns": False,
+        "sharpness": 10.0,
+        "cost_sharpness": 100.0,
+        "stale_action_value": True,
+        "auto_alpha": False,
+        "alpha": 0.2,
+        "alpha_decay": 0.99,
+        "standardise_rewards": False,
+        "critic_steps": 50,
     },
 }
 """Settings of the preset `paper`, by algorithm."""

@@ -4,13 +4,20 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from thalweg.algos.ccepets import CCEPETS, CCEPETSConfig
+from thalweg.algos.cpo import CPO, CPOConfig
+from thalweg.algos.cup import CUP, CUPConfig
 from thalweg.algos.ddpglag import DDPGLag, DDPGLagConfig
 from thalweg.algos.errors import AlgorithmError
 from thalweg.algos.focops import FOCOPS, FOCOPSConfig
 from thalweg.algos.interface import Learner, Task
+from thalweg.algos.oncrpo import OnCRPO, OnCRPOConfig
+from thalweg.algos.p3o import P3O, P3OConfig
 from thalweg.algos.ppo import PPO, PPOConfig
+from thalweg.algos.ppolag import PPOLag, PPOLagConfig
 from thalweg.algos.presets import settings_of
 from thalweg.algos.saclag import SACLag, SACLagConfig
+from thalweg.algos.safeloop import SafeLOOP, SafeLOOPConfig
 from thalweg.algos.settings import config_from
 from thalweg.algos.td3lag import TD3Lag, TD3LagConfig
 
@@ -39,12 +46,21 @@ ALGORITHMS: dict[str, Entry] = {
     entry.name: entry
     for entry in (
         Entry("PPO", PPOConfig, PPO, "clipped policy gradient on the reward alone"),
+        Entry("PPOLag", PPOLagConfig, PPOLag, "PPO on reward less a multiplier times cost"),
         Entry(
             "FOCOPS", FOCOPSConfig, FOCOPS, "first-order constrained optimisation within a trust region of each state"
         ),
+        Entry("P3O", P3OConfig, P3O, "PPO with an exact penalty that only a broken limit switches on"),
+        Entry("OnCRPO", OnCRPOConfig, OnCRPO, "natural steps for the reward, or against a cost above its limit"),
+        Entry("CPO", CPOConfig, CPO, "the best natural step that keeps the limit to first order"),
+        Entry("CUP", CUPConfig, CUP, "PPO on the reward, then a projection towards the limit"),
         Entry("DDPGLag", DDPGLagConfig, DDPGLag, "deterministic policy gradient from a replay, with multipliers"),
         Entry("TD3Lag", TD3LagConfig, TD3Lag, "DDPGLag with twin critics, smoothed targets and a delayed policy"),
         Entry("SACLag", SACLagConfig, SACLag, "maximum-entropy policy from a replay, with multipliers"),
+        Entry("CCEPETS", CCEPETSConfig, CCEPETS, "plans by constrained cross-entropy in an ensemble of learnt models"),
+        Entry(
+            "SafeLOOP", SafeLOOPConfig, SafeLOOP, "plans like CCEPETS, with an actor that proposes and critics beyond"
+        ),
     )
 }
 

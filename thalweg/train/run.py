@@ -86,7 +86,8 @@ def run(
         preset: `default`, or `paper`: what the study ran, quirks included.
         context: Plain data kept in the policy's file and in config.yaml, such as the encoder's name.
         progress: Whether a progress bar is shown.
-        checkpoint_seconds: Least time between two checkpoints; it has no influence on the numbers.
+        checkpoint_seconds: Least time between two checkpoints, 0 for one after every update; it has no influence on
+            the numbers.
         threads: Of acting and learning; small networks are slower with more than one.
 
     Raises `AlgorithmError` or `TrainingError` before anything runs for a wrong name, key, number, space or folder, and
@@ -171,7 +172,7 @@ def _learn(
         if training.done or before - saved_at >= pause:
             save_checkpoint(folder, training.book.steps, training.state() | {"identity": identity, "bytes": log.sync()})
             saved_at = time.perf_counter()
-            pause = max(checkpoint_seconds, CHECKPOINT_SHARE * (saved_at - before))
+            pause = max(checkpoint_seconds, CHECKPOINT_SHARE * (saved_at - before)) if checkpoint_seconds else 0.0
 
 
 class _Clock:

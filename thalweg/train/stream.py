@@ -96,7 +96,8 @@ class Stream:
         finished = np.flatnonzero(done)
         cost = self._cost(info, done, len(finished) > 0)
         reward = np.where(valid, np.asarray(reward, dtype=np.float64), 0.0)
-        self._require_finite(reward=reward, cost=cost)
+        costs = _named(info, "costs", done, (self.num_envs, 2))[0]
+        self._require_finite(reward=reward, cost=cost, **({} if costs is None else {"costs": costs}))
         final_obs = self._stack.peek(self._final_obs(next_obs, finished, truncated, info), finished)
         fresh = done if self.mode is not AutoresetMode.NEXT_STEP else ~valid
         if self.mode is AutoresetMode.NEXT_STEP:
@@ -110,7 +111,7 @@ class Stream:
             fresh=fresh,
             reward=reward,
             cost=np.where(valid, cost, 0.0),
-            costs=_named(info, "costs", done, (self.num_envs, 2))[0],
+            costs=costs,
             terminated=terminated,
             truncated=truncated,
             valid=valid,

@@ -4,7 +4,6 @@ import pytest
 import torch
 
 from thalweg.algos.maths import losses
-from thalweg.algos.maths.multiplier import adam, projected_gradient, with_proportion
 
 F64 = torch.float64
 
@@ -75,35 +74,3 @@ def test_explained_variance():
     assert losses.explained_variance(targets, targets) == 1.0
     assert losses.explained_variance(torch.zeros_like(targets), targets) == 0.0
     assert math.isnan(losses.explained_variance(targets, torch.ones_like(targets)))
-
-
-def test_the_multiplier_rises_over_the_limit_and_falls_under_it_within_its_bounds():
-    assert projected_gradient(1.0, 0.5, 0.1, 0.25, 2.0) == pytest.approx(1.1)
-    assert projected_gradient(1.0, 0.0, 0.1, 0.5, 2.0) == pytest.approx(0.95)
-    assert projected_gradient(0.01, 0.0, 0.1, 0.5, 2.0) == 0.0
-    assert projected_gradient(1.9, 1.0, 0.1, 0.5, 2.0) == 2.0
-
-
-def test_adam_begins_with_steps_of_its_rate_whatever_the_violation():
-    for cost in (0.2, 25.0):
-        value, moments = adam(0.001, (0.0, 0.0), 1, cost, 0.1, 0.035, 10.0)
-        assert value == pytest.approx(0.036, abs=1e-6)
-        value, _ = adam(value, moments, 2, cost, 0.1, 0.035, 10.0)
-        assert value == pytest.approx(0.071, abs=1e-6)
-
-
-def test_adam_agrees_with_torch():
-    parameter = torch.nn.Parameter(torch.tensor(0.5, dtype=F64))
-    optimiser, value, moments = torch.optim.Adam([parameter], lr=0.05), 0.5, (0.0, 0.0)
-    for count, cost in enumerate((0.4, 0.0, 0.9, 0.05, 0.1), start=1):
-        optimiser.zero_grad()
-        (-parameter * (cost - 0.1)).backward()
-        optimiser.step()
-        value, moments = adam(value, moments, count, cost, 0.1, 0.05, 10.0)
-        assert value == pytest.approx(parameter.item(), rel=1e-7)
-
-
-def test_the_proportional_part_answers_at_once_within_the_bounds():
-    assert with_proportion(0.5, 0.3, 0.1, 5.0, 2.0) == pytest.approx(1.5)
-    assert with_proportion(0.5, 0.0, 0.1, 10.0, 2.0) == 0.0
-    assert with_proportion(0.5, 1.0, 0.1, 5.0, 2.0) == 2.0

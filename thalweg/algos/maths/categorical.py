@@ -37,9 +37,16 @@ def kl(log_p: Tensor, log_q: Tensor) -> Tensor:
 def sample(log_p: Tensor, uniform: Tensor) -> Tensor:
     """Actions [B, A] int64 by the inverse of the cumulative distribution, from `uniform` [B, A] in [0, 1)."""
     same_shape(uniform=uniform, branches=log_p[..., 0])
-    cumulative = log_p.exp().cumsum(-1)
+    return drawn(log_p.exp(), uniform)
+
+
+def drawn(probabilities: Tensor, uniform: Tensor) -> Tensor:
+    """Options [...] int64 by the inverse of the cumulative distribution of probabilities [..., K], from `uniform` [...]
+    in [0, 1); both may be broadcast."""
+    cumulative = probabilities.cumsum(-1)
     # Scaled by the last sum, which rounding may leave a little off 1, so that an absent option is never drawn.
-    return (uniform.unsqueeze(-1) * cumulative[..., -1:] >= cumulative).sum(-1).clamp_(max=log_p.shape[-1] - 1)
+    below = uniform.unsqueeze(-1) * cumulative[..., -1:] >= cumulative
+    return below.sum(-1).clamp_(max=probabilities.shape[-1] - 1)
 
 
 def mode(log_p: Tensor) -> Tensor:

@@ -55,6 +55,75 @@ def focops(
     raise ValueError(f"the mask is 'state' or 'batch', got {mask!r}")
 
 
+def p3o_penalty(
+    log_prob: Tensor,
+    old_log_prob: Tensor,
+    cost_advantages: Tensor,
+    violation: float,
+    *,
+    clip: float,
+    scale: float,
+    clipped: bool = True,
+) -> Tensor:
+    """The exact penalty of one cost (Zhang L. et al. 2022, equation 11), a scalar.
+
+    max(0, E[ max(ρ A_c, clip(ρ, 1-ε, 1+ε) A_c) ] + (1-γ) (J_c - d))
+
+    It is 0 where the surrogate stays below (1-γ) (d - J_c), and so is its gradient. A surrogate is a mean over steps
+    and J_c a sum over an episode's, hence the factor; where costs are not discounted it is 1 / (steps of an episode).
+
+    Args:
+        log_prob: [B], log π_θ(a|s).
+        old_log_prob: [B], log π_k(a|s).
+        cost_advantages: [B], A_c in the cost's own units: it is weighed against the violation.
+        violation: J_c - d.
+        clip: ε.
+        scale: The factor of the violation.
+        clipped: Without it the surrogate is E[ρ A_c], as in OmniSafe 0.5.
+    """
+    rank(1, log_prob=log_prob)
+    same_shape(log_prob=log_prob, old_log_prob=old_log_prob, cost_advantages=cost_advantages)
+    ratio = (log_prob - old_log_prob).exp()
+    surrogate = ratio * cost_advantages
+    if clipped:
+        surrogate = torch.maximum(surrogate, ratio.clamp(1.0 - clip, 1.0 + clip) * cost_advantages)
+    return torch.relu(surrogate.mean() + scale * violation)
+
+
+def cup_projection(
+    log_prob: Tensor,
+    old_log_prob: Tensor,
+    kl: Tensor,
+    cost_advantages: Tensor,
+    *,
+    discount: float,
+    trace: float,
+) -> Tensor:
+    """The projection of an improved policy back towards the cost limit (Yang et al. 2022, section 4).
+
+    L = E_s[ KL_s(π_θ ‖ π_{k+½}) ] + (1-γλ) / (1-γ) E[ ρ ν A_c ], with ρ = π_θ / π_k
+
+    Args:
+        log_prob: [B], log π_θ(a|s).
+        old_log_prob: [B], log π_k(a|s): of the policy that acted.
+        kl: [B], KL(π_θ ‖ π_{k+½}), to the policy that the first step has improved.
+        cost_advantages: [B], Σ_i ν_i A_ci.
+        discount: γ of the cost, less than 1.
+        trace: λ of its generalised advantage estimation.
+    """
+    rank(1, log_prob=log_prob)
+    same_shape(log_prob=log_prob, old_log_prob=old_log_prob, kl=kl, cost_advantages=cost_advantages)
+    ratio = (log_prob - old_log_prob).exp()
+    return kl.mean() + (1.0 - discount * trace) / (1.0 - discount) * (ratio * cost_advantages).mean()
+
+
+def surrogate(log_prob: Tensor, old_log_prob: Tensor, advantages: Tensor) -> Tensor:
+    """E[ρ A], a scalar: to first order, how much better a policy is than the one that acted (Schulman et al. 2015)."""
+    rank(1, log_prob=log_prob)
+    same_shape(log_prob=log_prob, old_log_prob=old_log_prob, advantages=advantages)
+    return ((log_prob - old_log_prob).exp() * advantages).mean()
+
+
 def squared_error(predictions: Tensor, targets: Tensor) -> Tensor:
     """½ E[(V - target)²] of each critic [K], for predictions and targets [K, B]."""
     rank(2, predictions=predictions)

@@ -5,21 +5,25 @@ Losses, updates and the minibatch loop are absent on purpose: they are the algor
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from thalweg.algos.actions import actions_of
+from thalweg.algos.adam import Adam
 from thalweg.algos.errors import require_finite
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import centred, standardised
+from thalweg.algos.memory import Sequences
 from thalweg.algos.multiplier import suffixes
 from thalweg.algos.networks import Critics
-from thalweg.algos.onpolicy.config import ConstrainedConfig, OnPolicyConfig
+from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig, OnPolicyConfig
 from thalweg.algos.onpolicy.samples import RolloutMemory, Samples, Signal, samples_of, valid_obs
 from thalweg.algos.policy import About, NetworkPlayer, Policy
 from thalweg.algos.settings import as_data
@@ -27,14 +31,12 @@ from thalweg.algos.state import (
     generator_state,
     load_generator,
     load_module,
-    load_optimiser,
     module_state,
-    optimiser_state,
 )
 
 
 class Agent:
-    """A policy, K critics that share no weights with it, Adam for both, and where all that is random comes from."""
+    """A policy, K critics that share no weights with it, Adam, and where all that is random comes from."""
 
     def __init__(self, algorithm: str, critics: int, config: OnPolicyConfig, task: Task) -> None:
         self.config = config
@@ -49,13 +51,12 @@ class Agent:
             about=About(algorithm, as_data(config), task.context),
         )
         self.critics = Critics(critics, config.frame_stack * task.obs_size, config.shape, self.generator)
-        self.optimiser = torch.optim.Adam(
-            [
-                {"params": list(self.policy.actor.parameters()), "lr": config.learning_rate},
-                {"params": list(self.critics.parameters()), "lr": config.critic_learning_rate},
-            ],
-            fused=True,
-        )
+        rate = config.learning_rate if isinstance(config, FirstOrderConfig) else 0.0
+        self.policy_optimiser = Adam(self.policy.actor.parameters(), rate)
+        self.critic_optimiser = Adam(self.critics.parameters(), config.critic_learning_rate)
+        self._critic_generator = torch.Generator().manual_seed(int(torch.randint(2**62, (), generator=self.generator)))
+        self._critic_log: list[Tensor] = []
+        self._beside = ThreadPoolExecutor(1, "critics")
         self._player = NetworkPlayer(self.policy, task.num_envs, False, self.generator, stacked=True)
         self._memory: RolloutMemory | None = None
         if self.policy.actor.gru is not None and self.critics.gru is not None:
@@ -65,6 +66,47 @@ class Agent:
     def rollout_steps(self) -> int:
         """T: steps of each environment between updates."""
         return max(2, self.config.steps_per_update // self._player.num_envs)
+
+    @contextmanager
+    def critics_learning(self, samples: Samples, passes: int = 1) -> Iterator[None]:
+        """While the body runs, the critics go through the samples so often, on a thread of their own.
+
+        They share no weights with the policy, and the advantages are known already, so that neither has to wait for the
+        other; the numbers are those of one after the other.
+        """
+        going = self._beside.submit(self._learn_critics, samples, passes, torch.get_num_threads())
+        try:
+            yield
+        finally:
+            self._critic_log += going.result()
+
+    def critic_losses(self) -> Tensor:
+        """[K] ½ E[(V - target)²] of each critic, mean over the gradient steps since they were last asked for."""
+        means = torch.stack(self._critic_log).mean(0)
+        self._critic_log = []
+        return means
+
+    def _learn_critics(self, samples: Samples, passes: int, threads: int) -> list[Tensor]:
+        """The losses [K] of each gradient step."""
+        if torch.get_num_threads() != threads:  # each thread has its own number
+            torch.set_num_threads(threads)
+        size, generator = self.config.minibatch, self._critic_generator
+        return [
+            self._critic_step(inputs, targets.T)
+            for _ in range(passes)
+            for inputs, (targets,) in samples.minibatches((samples.targets.T,), size, generator)
+        ]
+
+    def _critic_step(self, inputs: Tensor | Sequences, targets: Tensor) -> Tensor:
+        errors = losses.squared_error(self.critics(inputs), targets)
+        loss = errors.sum()
+        if self.config.critic_decay:
+            squares = [parameter.square().sum() for parameter in self.critics.parameters()]
+            loss = loss + self.config.critic_decay * torch.stack(squares).sum()
+        self.critic_optimiser.forget()
+        loss.backward()
+        self.critic_optimiser.step(self.config.max_grad_norm)
+        return errors.detach()
 
     def updates_left(self, feedback: Feedback) -> int:
         """Updates still to come after this one."""
@@ -90,24 +132,23 @@ class Agent:
             normaliser.update(valid_obs(rollout))
         if self._memory is not None:
             self._memory.move_on()
+            # Not the same yet after the first rollout, which acting saw without statistics.
+            self._player.hidden = self._memory.starts["actor"]
         return samples
 
     def decay(self, progress: float) -> float:
         """Set the policy's learning rate for this share of the run, 0..1, if it is to fall; returns it."""
+        assert isinstance(self.config, FirstOrderConfig)
         rate = self.config.learning_rate * (1.0 - progress if self.config.linear_decay else 1.0)
-        self.optimiser.param_groups[0]["lr"] = rate
+        self.policy_optimiser.rate = rate
         return rate
 
-    def step(self, loss: Tensor) -> None:
-        """One step of Adam down the gradient of a scalar, the policy's and the critics' shortened each by itself."""
-        if self.config.critic_decay:
-            squares = sum(parameter.square().sum() for parameter in self.critics.parameters())
-            loss = loss + self.config.critic_decay * squares
-        self.optimiser.zero_grad()
+    def step(self, loss: Tensor) -> Tensor:
+        """One step of Adam of the policy down the gradient of a scalar, which is returned without it."""
+        self.policy_optimiser.forget()
         loss.backward()
-        nn.utils.clip_grad_norm_(self.policy.actor.parameters(), self.config.max_grad_norm)
-        nn.utils.clip_grad_norm_(self.critics.parameters(), self.config.max_grad_norm)
-        self.optimiser.step()
+        self.policy_optimiser.step(self.config.max_grad_norm)
+        return loss.detach()
 
     def state(self) -> dict[str, Any]:
         """Everything, as nested dictionaries of arrays and plain data."""
@@ -115,8 +156,10 @@ class Agent:
             "actor": module_state(self.policy.actor),
             "critics": module_state(self.critics),
             "normaliser": self.policy.normaliser.state(),
-            "optimiser": optimiser_state(self.optimiser),
+            "policy_optimiser": self.policy_optimiser.state(),
+            "critic_optimiser": self.critic_optimiser.state(),
             "generator": generator_state(self.generator),
+            "critic_generator": generator_state(self._critic_generator),
             "player": self._player.state(),
         }
         return state if self._memory is None else state | {"memory": self._memory.state()}
@@ -126,8 +169,10 @@ class Agent:
         load_module(self.policy.actor, state["actor"])
         load_module(self.critics, state["critics"])
         self.policy.normaliser.load_state(state["normaliser"])
-        load_optimiser(self.optimiser, state["optimiser"])
+        self.policy_optimiser.load_state(state["policy_optimiser"])
+        self.critic_optimiser.load_state(state["critic_optimiser"])
         load_generator(self.generator, state["generator"])
+        load_generator(self._critic_generator, state["critic_generator"])
         self._player.load_state(state["player"])
         if self._memory is not None:
             self._memory.load_state(state["memory"])
@@ -148,23 +193,29 @@ class Drift:
         self.passes, self.kl, self.entropy = 0, 0.0, 0.0
         self.each = torch.zeros(len(samples.actions))
         """[B] KL of each state, in nats."""
-        self.ratio = torch.ones(len(samples.actions))
-        """[B] π_θ(a|s) / π_k(a|s)."""
+        self.log_prob = self.old_log_prob
+        """[B] log π_θ(a|s)."""
 
     @torch.no_grad()
     def measure(self) -> None:
         """After a pass; raises `NotFiniteError` if the policy has become NaN."""
         new = self._agent.policy.given(self._samples.inputs)
         self.each = new.kl(self._old) if self._new_first else self._old.kl(new)
-        self.ratio = (new.log_prob(self._samples.actions) - self.old_log_prob).exp()
+        self.log_prob = new.log_prob(self._samples.actions)
         self.kl, self.entropy = float(self.each.mean()), float(new.entropy().mean())
         self.passes += 1
         require_finite(kl=self.kl, entropy=self.entropy)
 
     @property
+    def ratio(self) -> Tensor:
+        """[B] π_θ(a|s) / π_k(a|s)."""
+        return (self.log_prob - self.old_log_prob).exp()
+
+    @property
     def goes_on(self) -> bool:
         """Whether there may be another pass."""
         config = self._agent.config
+        assert isinstance(config, FirstOrderConfig)
         return self.passes < config.passes and self.kl <= config.target_kl
 
 
@@ -173,10 +224,9 @@ def reward_signal(config: OnPolicyConfig, rollout: Rollout) -> Signal:
     return Signal(rollout.rewards, config.discount, config.trace)
 
 
-def signals_of(config: ConstrainedConfig, rollout: Rollout) -> list[Signal]:
-    """The reward, then each cost."""
-    costs = [Signal(cost, config.cost_discount, config.cost_trace) for cost in rollout.costs.unbind(-1)]
-    return [reward_signal(config, rollout), *costs]
+def cost_signals(config: ConstrainedConfig, rollout: Rollout) -> list[Signal]:
+    """What the other critics predict: each cost."""
+    return [Signal(cost, config.cost_discount, config.cost_trace) for cost in rollout.costs.unbind(-1)]
 
 
 def cost_advantages(config: ConstrainedConfig, samples: Samples) -> Tensor:
@@ -185,12 +235,12 @@ def cost_advantages(config: ConstrainedConfig, samples: Samples) -> Tensor:
     return torch.stack([scaled(advantages) for advantages in samples.advantages[1:]])
 
 
-def metrics_of(samples: Samples, log: Sequence[Tensor], drift: Drift, rate: float) -> dict[str, float]:
-    """What every update reports: mean losses of its gradient steps ([1 + K] each: the policy's, then the critics'), how
-    well the critics predicted, and how far the policy moved. Raises `NotFiniteError` if a loss is NaN."""
-    means = torch.stack(list(log)).mean(0).tolist()
-    names = ["policy_loss", *(f"{name}value_loss" for name in _critic_names(len(means) - 1))]
-    found = dict(zip(names, means, strict=True))
+def metrics_of(agent: Agent, samples: Samples, log: Sequence[Tensor], drift: Drift) -> dict[str, float]:
+    """What every update reports: mean losses of its gradient steps (the policy's are in the log), how well the critics
+    predicted, and how far the policy moved. Raises `NotFiniteError` if a loss is NaN."""
+    errors = agent.critic_losses().tolist()
+    found = {"policy_loss": float(torch.stack(list(log)).mean())}
+    found |= {f"{name}value_loss": error for name, error in zip(_critic_names(len(errors)), errors, strict=True)}
     require_finite(**found)
     explained = {
         f"{name}explained_variance": losses.explained_variance(values, targets)
@@ -198,8 +248,7 @@ def metrics_of(samples: Samples, log: Sequence[Tensor], drift: Drift, rate: floa
             _critic_names(len(samples.values)), samples.values, samples.targets, strict=True
         )
     }
-    moved = {"kl": drift.kl, "entropy": drift.entropy, "passes": drift.passes}
-    return found | moved | explained | {"learning_rate": rate}
+    return found | {"kl": drift.kl, "entropy": drift.entropy, "passes": drift.passes} | explained
 
 
 def _critic_names(count: int) -> list[str]:

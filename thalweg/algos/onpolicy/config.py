@@ -16,24 +16,15 @@ class OnPolicyConfig:
     steps_per_update: int = 2048
     """Steps between updates, all environments together."""
     passes: int = 10
-    """How often an update goes through its steps, at most."""
+    """How often an update goes through its steps, at most; where the policy takes a single step, the critics alone."""
     minibatch: int = 256
     """Steps of one gradient step, about."""
-    target_kl: float = 0.02
-    """No further pass once the policy is this far from the one that acted: mean KL of all branches together, in
-    nats."""
-    learning_rate: float = 1e-3
-    """Adam's, for the policy."""
     critic_learning_rate: float = 1e-3
     """Adam's, for the critics."""
-    linear_decay: bool = True
-    """Whether the policy's learning rate falls linearly to 0 over the run."""
     discount: float = 0.99
     """γ of the reward."""
     trace: float = 0.95
     """λ of generalised advantage estimation, of the reward."""
-    entropy: float = 0.01
-    """Weight of the policy's entropy (nats, summed over branches) in the loss."""
     max_grad_norm: float = 1.0
     """Longer gradients are shortened to this, the policy's and the critics' each by itself."""
     critic_decay: float = 0.0
@@ -68,8 +59,6 @@ class OnPolicyConfig:
             "steps_per_update": (self.steps_per_update > 0, "must be positive"),
             "passes": (self.passes > 0, "must be positive"),
             "minibatch": (self.minibatch > 0, "must be positive"),
-            "target_kl": (self.target_kl > 0, "must be positive (inf: never stop early)"),
-            "learning_rate": (self.learning_rate >= 0, "must not be negative"),
             "critic_learning_rate": (self.critic_learning_rate >= 0, "must not be negative"),
             "discount": (0 <= self.discount <= 1, "must be in 0..1"),
             "trace": (0 <= self.trace <= 1, "must be in 0..1"),
@@ -88,8 +77,56 @@ class OnPolicyConfig:
 
 
 @dataclass(frozen=True)
-class ConstrainedConfig(CostConfig, OnPolicyConfig):
-    """Settings of every on-policy algorithm with a cost limit."""
+class FirstOrderConfig(OnPolicyConfig):
+    """Settings of every on-policy algorithm whose policy learns by Adam."""
+
+    target_kl: float = 0.02
+    """No further pass once the policy is this far from the one that acted: mean KL of all branches together, in
+    nats."""
+    learning_rate: float = 1e-3
+    """Adam's, for the policy."""
+    linear_decay: bool = True
+    """Whether the policy's learning rate falls linearly to 0 over the run."""
+    entropy: float = 0.01
+    """Weight of the policy's entropy (nats, summed over branches) in the loss."""
+
+    def conditions(self) -> dict[str, tuple[bool, str]]:
+        return super().conditions() | {
+            "target_kl": (self.target_kl > 0, "must be positive (inf: never stop early)"),
+            "learning_rate": (self.learning_rate >= 0, "must not be negative"),
+        }
+
+
+@dataclass(frozen=True)
+class NaturalConfig(OnPolicyConfig):
+    """Settings of every on-policy algorithm whose policy takes one natural step an update."""
+
+    trust_radius: float = 0.02
+    """δ: how far one step may move the policy: mean KL of all branches together, in nats."""
+    kl_per_dimension: bool = False
+    """Whether that KL is a mean over the action's numbers too, as in OmniSafe, so that it allows as many times more."""
+    conjugate_iterations: int = 15
+    """Of the conjugate gradient that solves for the step."""
+    damping: float = 0.1
+    """Added to the Fisher matrix, as this multiple of the identity."""
+    backtracks: int = 15
+    """Steps tried at most, each shorter than the one before; if none will do, the policy stays."""
+    backtrack_factor: float = 0.8
+    """How much shorter."""
+
+    def conditions(self) -> dict[str, tuple[bool, str]]:
+        return super().conditions() | {
+            "trust_radius": (self.trust_radius > 0, "must be positive"),
+            "conjugate_iterations": (self.conjugate_iterations > 0, "must be positive"),
+            "damping": (self.damping >= 0, "must not be negative"),
+            "backtracks": (self.backtracks > 0, "must be positive"),
+            "backtrack_factor": (0 < self.backtrack_factor < 1, "must be in 0..1"),
+        }
+
+
+@dataclass(frozen=True)
+class ConstrainedConfig(CostConfig):
+    """Settings of every on-policy algorithm with a cost limit, beside the others."""
 
     cost_discount: float = 0.99
     """γ of the cost."""
@@ -99,12 +136,8 @@ class ConstrainedConfig(CostConfig, OnPolicyConfig):
     """Whether a cost's advantage is divided by its own deviation, so that a multiplier compares like with like; else
     only centred."""
 
-    def conditions(self) -> dict[str, tuple[bool, str]]:
-        return (
-            super().conditions()
-            | self.cost_conditions()
-            | {
-                "cost_discount": (0 <= self.cost_discount <= 1, "must be in 0..1"),
-                "cost_trace": (0 <= self.cost_trace <= 1, "must be in 0..1"),
-            }
-        )
+    def cost_conditions(self) -> dict[str, tuple[bool, str]]:
+        return super().cost_conditions() | {
+            "cost_discount": (0 <= self.cost_discount <= 1, "must be in 0..1"),
+            "cost_trace": (0 <= self.cost_trace <= 1, "must be in 0..1"),
+        }

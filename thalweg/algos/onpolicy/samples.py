@@ -195,3 +195,9 @@ def _some(sequences: Sequences, columns: Tensor, keep: Tensor) -> Sequences:
 def valid_obs(rollout: Rollout) -> Tensor:
     """Raw observations [B, D] of the valid steps."""
     return rollout.obs[:-1][rollout.valid]
+
+
+def mean_length(rollout: Rollout) -> float:
+    """Steps of an episode, as the rollout has them; its own steps where no episode ended."""
+    ends = int((rollout.terminated | rollout.truncated).sum())
+    return int(rollout.valid.sum()) / max(ends, 1)

@@ -1,0 +1,193 @@
+"""Does every algorithm reach the optimum in every action space? On problems whose answer is known, with five seeds.
+
+    python benchmarks/known_answer.py --jobs 2
+
+writes known_answer.csv, a row per run, and known_answer.md, a table per problem, beside itself. A row is written when
+its run is finished, so that a killed benchmark goes on where it stopped; a run that was killed goes on too, in the
+folder `--runs`. What is asked of each algorithm, and with which settings, is data in `tests/known_answer/harness.py`:
+rows of other steps, settings or problems than it says don't count and are made anew. Rows name the sources of
+algorithms and training; to make the rows of an algorithm that has changed again, say `--again`. Algorithms that Thalweg
+has not are passed over.
+"""
+
+import argparse
+import csv
+import hashlib
+import json
+import multiprocessing
+import statistics
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))  # the problems stand among the tests
+
+from tests.known_answer.harness import (  # noqa: E402
+    EXCESS,
+    LEAST_EXCESS,
+    PLACES,
+    ROWS,
+    SHARE,
+    Cell,
+    cells,
+    reference,
+    trained,
+)
+from tests.known_answer.problems import PROBLEMS  # noqa: E402
+from thalweg.bench.files import csv_text  # noqa: E402
+from thalweg.cache import source_hash  # noqa: E402
+from thalweg.whole import write_whole  # noqa: E402
+
+SEEDS = 5
+SOURCES = source_hash("algos", "train")
+KEY = ("algorithm", "place", "problem", "tables", "seed", "steps", "config")
+"""What a row must say to count."""
+COLUMNS = (
+    *KEY,
+    "sources",
+    "reward",
+    "reward_error",
+    "costs",
+    "cost_error",
+    "optimum",
+    "share",
+    "excess",
+    "reached",
+)
+Table = dict[tuple[str, ...], dict[str, str]]
+"""Rows by their key."""
+
+
+def key(cell: Cell, seed: int) -> tuple[str, ...]:
+    """What the row of a run says of it."""
+    config = json.dumps(cell.config, sort_keys=True)
+    tables = PROBLEMS[cell.problem].digest
+    return (cell.algorithm, cell.place, cell.problem, tables, str(seed), str(cell.row.steps), config)
+
+
+def finished(path: Path) -> Table:
+    """The rows of the table, by their key."""
+    if not path.is_file():
+        return {}
+    with path.open(newline="") as file:
+        return {tuple(row[name] for name in KEY): row for row in csv.DictReader(file)}
+
+
+def measure(cell: Cell, seed: int, runs: Path) -> dict[str, str]:
+    """The row of a run: trained, or gone on with, and scored."""
+    name = key(cell, seed)
+    folder = hashlib.sha256(repr((SOURCES, name)).encode()).hexdigest()[:16]
+    result = trained(cell, seed, runs / f"{cell.algorithm}-{cell.place}-{cell.problem}-{seed}-{folder}")
+    score = result.score
+    said = {
+        "sources": SOURCES,
+        "reward": f"{score.outcome.reward:.4f}",
+        "reward_error": f"{score.reward_error:.4f}",
+        "costs": " ".join(f"{cost:.4f}" for cost in score.outcome.costs),
+        "cost_error": f"{score.cost_error:.4f}",
+        "optimum": f"{result.optimum.reward:.4f}",
+        "share": f"{result.share:.4f}",
+        "excess": f"{result.excess:.4f}",
+        "reached": str(int(result.reached)),
+    }
+    return dict(zip(KEY, name, strict=True)) | said
+
+
+def write(path: Path, rows: Table) -> None:
+    """The table, in the order of its keys."""
+    write_whole(path, csv_text(COLUMNS, ([rows[name][column] for column in COLUMNS] for name in sorted(rows))))
+
+
+def page(rows: Table, seeds: int) -> str:
+    """The tables, one for each problem."""
+    asked = (
+        f"Return of the last policy as a share of the optimum, and its cost, as means over {seeds} seeds; in brackets"
+        f" the seeds that reached {SHARE:.0%} with a cost at most {EXCESS:.0%} or {LEAST_EXCESS} above the limit."
+        " **Bold**: some did not. `box_literal` is there to show what it does; nothing is asked of it. PPO is"
+        " held against the best without a limit, DDPG and TD3 against the best that draws no lots, planners against a"
+        " perfect planner with their horizon."
+    )
+    parts = [asked]
+    for name, problem in PROBLEMS.items():
+        limits = " and ".join(f"{limit:g}" for limit in problem.limits)
+        parts.append(f"## {name}: limit {limits}\n\n" + _markdown(_problem_table(rows, name, seeds)))
+    return "\n\n".join(parts) + "\n"
+
+
+def _problem_table(rows: Table, problem: str, seeds: int) -> list[list[str]]:
+    lines = [["algorithm", "optimum: return, cost", *PLACES]]
+    for algorithm, row in ROWS.items():
+        if problem not in row.problems:
+            continue
+        at = {place: Cell(algorithm, place, problem) for place in row.places}
+        best = reference(next(iter(at.values())))
+        found = [_entry(rows, at[place], seeds) if place in at else "" for place in PLACES]
+        lines.append([algorithm, f"{best.reward:.2f}, {_costs([best.costs])}", *found])
+    return lines
+
+
+def _entry(rows: Table, cell: Cell, seeds: int) -> str:
+    """Share and cost of a cell's runs, and how many of them reached what is asked."""
+    runs = [rows[name] for name in (key(cell, seed) for seed in range(seeds)) if name in rows]
+    if not runs:
+        return "not there yet" if cell.missing else "not run"
+    share = statistics.mean(float(run["share"]) for run in runs)
+    costs = _costs([[float(cost) for cost in run["costs"].split()] for run in runs])
+    reached = sum(run["reached"] == "1" for run in runs)
+    text = f"{share:.0%}, {costs} ({reached}/{len(runs)})"
+    return text if reached == len(runs) or cell.place == "box_literal" else f"**{text}**"
+
+
+def _costs(costs: Sequence[Sequence[float]]) -> str:
+    """Mean of each kind."""
+    return " + ".join(f"{statistics.mean(kind):.3f}" for kind in zip(*costs, strict=True))
+
+
+def _markdown(lines: list[list[str]]) -> str:
+    head, *body = (f"| {' | '.join(line)} |" for line in lines)
+    return "\n".join([head, "|" + " --- |" * len(lines[0]), *body])
+
+
+def main() -> str | None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="+", choices=ROWS, default=list(ROWS), help="algorithms to run now")
+    parser.add_argument("--problems", nargs="+", choices=PROBLEMS, default=list(PROBLEMS), help="problems to run now")
+    parser.add_argument("--places", nargs="+", choices=PLACES, default=list(PLACES), help="action spaces to run now")
+    parser.add_argument("--seeds", type=int, default=SEEDS, help="so many of each, from 0")
+    parser.add_argument("--again", nargs="+", choices=ROWS, default=[], help="drop the rows of these algorithms first")
+    parser.add_argument("--jobs", type=int, default=1, help="runs at a time, each of one thread")
+    parser.add_argument("--runs", type=Path, default=HERE.parent / "runs" / "known_answer", help="folder of the runs")
+    parser.add_argument("--out", type=Path, default=HERE, help="folder for known_answer.csv and known_answer.md")
+    chosen = parser.parse_args()
+    if chosen.seeds < 1 or chosen.jobs < 1:
+        parser.error("--seeds and --jobs must be at least 1")
+
+    path = chosen.out / "known_answer.csv"
+    rows = {name: row for name, row in finished(path).items() if row["algorithm"] not in chosen.again}
+    asked = [cell for cell in cells(chosen.only, chosen.problems) if cell.place in chosen.places]
+    for missing in sorted({cell.missing for cell in asked if cell.missing}):
+        print(f"passed over: {missing}", flush=True)
+    planned = [(cell, seed) for seed in range(chosen.seeds) for cell in asked if not cell.missing]
+    waiting = [(cell, seed) for cell, seed in planned if key(cell, seed) not in rows]
+    print(f"{len(planned) - len(waiting)} of {len(planned)} runs are finished", flush=True)
+    failed = 0
+    with ProcessPoolExecutor(chosen.jobs, multiprocessing.get_context("spawn")) as pool:
+        futures = {pool.submit(measure, cell, seed, chosen.runs): (cell, seed) for cell, seed in waiting}
+        for done in as_completed(futures):
+            cell, seed = futures[done]
+            name = f"{cell.algorithm}, {cell.place}, {cell.problem}, seed {seed}"
+            if (error := done.exception()) is not None:
+                failed += 1
+                print(f"{name}: failed, {type(error).__name__}: {error}", flush=True)
+                continue
+            row = rows[key(cell, seed)] = done.result()
+            write(path, rows)
+            print(f"{name}: share {row['share']}, costs {row['costs']}, reached {row['reached']}", flush=True)
+    write_whole(chosen.out / "known_answer.md", page(rows, chosen.seeds))
+    return f"{failed} runs failed" if failed else None
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,116 @@
+"""Which settings are an algorithm's defaults? A search on Medium, written down before it is run.
+
+At most eight trials of 50,000 steps for each algorithm, with a training seed that no study uses. Of the trials whose
+last 100 episodes kept the limit (with a margin for their number), the one with the highest return wins; if none kept
+it, the one with the lowest cost. Planners are not searched: a trial of theirs takes too long.
+
+    python benchmarks/search.py [ALGORITHM ...]
+
+does what is left and appends a row to `search.csv` for each trial as it ends; a trial that was interrupted goes on.
+"""
+
+import argparse
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from thalweg.algos.registry import algorithm_named
+from thalweg.algos.settings import as_data
+from thalweg.train.river import TrainingGround, load_fitting_encoder
+
+HERE = Path(__file__).resolve().parent
+TABLE = HERE / "search.csv"
+STEPS, SEED, EPISODES = 50_000, 9001, 100
+MARGIN = 0.05
+"""Two standard errors of the mean of 100 costs of 0 or 1, one in sixteen of them 1."""
+
+Trial = dict[str, Any]
+TRIALS: dict[str, tuple[Trial, ...]] = {
+    "PPO": ({}, {"entropy": 0.003}, {"learning_rate": 5e-4}, {"steps_per_update": 4096}),
+    "PPOLag": (
+        {},
+        {"entropy": 0.003},
+        {"multiplier_gain": 20.0, "multiplier_rate": 2.0},
+        {"multiplier_gain": 5.0, "multiplier_max": 2.0},
+        {"multiplier_gain": 10.0, "multiplier_derivative": 5.0, "multiplier_smoothing": 0.5},
+    ),
+    "FOCOPS": ({}, {"temperature": 1.0}, {"temperature": 0.25}, {"multiplier_gain": 20.0}),
+    "P3O": (
+        {},
+        {"penalty": 5.0},
+        {"penalty": 2.0},
+        {"penalty": 1.0, "standardise_cost": True},
+        {"penalty": 0.5, "standardise_cost": True},
+        {"penalty": 5.0, "entropy": 0.003},
+    ),
+    "OnCRPO": (
+        {},
+        {"trust_radius": 0.05},
+        {"trust_radius": 0.1},
+        {"trust_radius": 0.05, "tolerance": 0.0},
+        {"trust_radius": 0.05, "steps_per_update": 1024},
+        {"trust_radius": 0.05, "damping": 0.01},
+    ),
+    "CPO": ({}, {"trust_radius": 0.05}, {"trust_radius": 0.05, "damping": 0.01}, {"trust_radius": 0.1}),
+    "CUP": ({}, {"entropy": 0.003}, {"multiplier_max": 1.0}, {"multiplier_gain": 5.0}),
+}
+"""Settings that differ from the defaults that the search began with, trial by trial."""
+
+
+def run_trial(algorithm: str, number: int, folder: Path) -> dict[str, Any]:
+    """Train, or go on; returns the row of the trial."""
+    changes = TRIALS[algorithm][number]
+    ground = TrainingGround("Medium", 16)
+    result = ground.train(
+        algorithm, load_fitting_encoder(None), steps=STEPS, seed=SEED, folder=folder, settings=changes or None
+    )
+    with open(folder / "episodes.csv", newline="") as file:
+        last = list(csv.DictReader(file))[-EPISODES:]
+    returns, costs = (np.array([float(row[name]) for row in last]) for name in ("return", "cost"))
+    limit = as_data(algorithm_named(algorithm).configure(changes)).get("cost_limit", float("nan"))
+    return {
+        "algorithm": algorithm,
+        "trial": number,
+        "changes": " ".join(f"{key}={value}" for key, value in changes.items()) or "none",
+        "seed": SEED,
+        "steps": STEPS,
+        "return_mean": round(float(returns.mean()), 4),
+        "cost_mean": round(float(costs.mean()), 4),
+        "cost_limit": limit,
+        "within": int(not costs.mean() > limit + MARGIN),
+        "seconds": round(result.seconds, 1),
+    }
+
+
+def done() -> list[dict[str, str]]:
+    """The rows so far."""
+    if not TABLE.exists():
+        return []
+    with open(TABLE, newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("algorithms", nargs="*", default=list(TRIALS), help="all if none is named")
+    parser.add_argument("--out", type=Path, default=Path("results/search"), help="folder of the runs")
+    given = parser.parse_args()
+    for name in given.algorithms:
+        algorithm = algorithm_named(name).name
+        for number in range(len(TRIALS[algorithm])):
+            if any((row["algorithm"], row["trial"]) == (algorithm, str(number)) for row in done()):
+                continue
+            row = run_trial(algorithm, number, given.out / f"{algorithm}-{number}")
+            new = not TABLE.exists()
+            with open(TABLE, "a", newline="") as file:
+                writer = csv.DictWriter(file, list(row), lineterminator="\n")
+                if new:
+                    writer.writeheader()
+                writer.writerow(row)
+            print(" ".join(f"{key} {value}" for key, value in row.items()), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,245 @@
+"""Both planners at work: what reaches them, what they report, and that they go on to the last bit."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+from tests.algos.planning.made import BOX, OPTIONS, generator
+from tests.train.toys import Walk
+from thalweg.algos import ALGORITHMS, NotFiniteError
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.planning.policy import METHODS
+from thalweg.train import load_policy, run
+
+N, T, D = 4, 16, 5
+PLANNERS = list(METHODS)
+SMALL: Mapping[str, Any] = {
+    "steps_per_collection": N * T,
+    "steps_per_update": 2 * N * T,
+    "random_steps": N * T,
+    "samples": 16,
+    "iterations": 2,
+    "elites": 4,
+    "horizon": 3,
+    "members": 3,
+    "model_hidden": (16,),
+    "hidden": (16,),
+    "minibatch": 32,
+    "model_steps": 8,
+    "critic_steps": 4,
+}
+FEEDBACK = Feedback(
+    progress=0.1,
+    steps_left=10_000,
+    fresh_costs=np.array([[1.0], [0.0]]),
+    recent_costs=np.array([[1.0], [0.0]]),
+    episodes=30,
+    largest_costs=(1.0,),
+)
+
+
+def learner_for(name: str, space: gym.Space = OPTIONS, seed: int = 0, **settings) -> Any:
+    entry = ALGORITHMS[name]
+    return entry.make(entry.configure(dict(SMALL) | settings), Task(D, space, N, seed, {}))
+
+
+def rollout_of(learner: Any, seed: int = 0, **changes) -> Rollout:
+    """Steps whose reward is 1 for option 0 of the first branch, or a positive number, and whose cost is 1 else."""
+    gen, costs = generator(seed), len(learner.config.limits)
+    obs = torch.randn(T + 1, N, D, generator=gen)
+    fresh = torch.zeros(T + 1, N, dtype=torch.bool)
+    actions = torch.stack([learner.act(obs[t].numpy(), fresh[t].numpy()) for t in range(T)])
+    good = actions[..., 0] == 0 if actions.dtype == torch.int64 else actions[..., 0] > 0
+    never = torch.zeros(T, N, dtype=torch.bool)
+    fields = {
+        "obs": obs,
+        "fresh": fresh,
+        "actions": actions,
+        "rewards": good.float(),
+        "costs": (~good).float().unsqueeze(-1).repeat(1, 1, costs),
+        "terminated": torch.rand(T, N, generator=gen) < 0.2,
+        "truncated": never,
+        "valid": ~never,
+        "final_index": torch.zeros(0, dtype=torch.int64),
+        "final_obs": torch.zeros(0, D),
+    }
+    return Rollout(**(fields | changes))
+
+
+def updated(learner: Any, count: int, first: int = 0) -> list[dict[str, float]]:
+    return [learner.update(rollout_of(learner, seed), FEEDBACK) for seed in range(first, first + count)]
+
+
+def same(one: Any, two: Any) -> bool:
+    """Whether nested states are equal to the last bit."""
+    if isinstance(one, Mapping):
+        return one.keys() == two.keys() and all(same(one[key], two[key]) for key in one)
+    if isinstance(one, np.ndarray):
+        return one.dtype == two.dtype and one.shape == two.shape and bool((one == two).all())
+    return one == two or str(one) == str(two)
+
+
+@pytest.mark.parametrize("space", [OPTIONS, BOX], ids=["options", "numbers"])
+@pytest.mark.parametrize("name", PLANNERS)
+class TestEveryPlanner:
+    def test_it_learns_which_action_pays(self, name, space):
+        learner = learner_for(name, space, model_steps=60, iterations=3)
+        updated(learner, 6)
+        obs = np.random.default_rng(0).standard_normal((64, D)).astype(np.float32)
+        chosen = learner.policy.player(64, generator=generator())(obs, np.ones(64, bool))[:, 0]
+        good = (chosen == 0) if space is OPTIONS else (chosen > 0)
+        assert good.mean() > 0.9
+
+    def test_from_its_state_it_goes_on_to_the_last_bit(self, name, space):
+        learner, other = learner_for(name, space), learner_for(name, space, seed=1)
+        updated(learner, 3)
+        other.load_state(learner.state())
+        assert same(other.state(), learner.state())
+        ours, theirs = (updated(one, 2, first=3) for one in (learner, other))
+        assert str(ours) == str(theirs) and same(other.state(), learner.state())
+
+    def test_it_reports_when_it_is_time_and_always_the_same_names(self, name, space):
+        found = updated(learner_for(name, space), 6)
+        assert [bool(metrics) for metrics in found] == [False, True] * 3
+        assert list(found[1]) == list(found[3]) == list(found[5])
+        assert all(math.isfinite(number) for number in found[5].values())
+
+    def test_the_end_of_the_run_is_reported_too(self, name, space):
+        learner = learner_for(name, space)
+        assert learner.update(rollout_of(learner), dataclasses.replace(FEEDBACK, steps_left=0))
+
+    def test_a_nan_in_the_rewards_stops_it(self, name, space):
+        learner, rewards = learner_for(name, space), torch.zeros(T, N)
+        rewards[3, 1] = math.nan
+        with pytest.raises(NotFiniteError, match="has become nan"):
+            learner.update(rollout_of(learner, rewards=rewards), FEEDBACK)
+
+    def test_steps_that_only_reset_change_nothing(self, name, space):
+        states = []
+        for junk in (0.0, 1e6):
+            learner, valid = learner_for(name, space), torch.ones(T, N, dtype=torch.bool)
+            valid[5::7] = False
+            rollout = rollout_of(learner, valid=valid, terminated=~valid.roll(-1, 0))
+            rewards = torch.where(valid, rollout.rewards, junk)
+            learner.update(dataclasses.replace(rollout, rewards=rewards), FEEDBACK)
+            states.append(learner.state())
+        assert same(*states)
+
+    def test_two_costs_are_told_apart(self, name, space):
+        learner = learner_for(name, space, cost_limits=(0.1, 0.2))
+        assert learner.separate_costs
+        two = dataclasses.replace(
+            FEEDBACK, fresh_costs=np.ones((2, 2)), recent_costs=np.ones((2, 2)), largest_costs=(1.0, 0.2)
+        )
+        for seed in range(2):
+            metrics = learner.update(rollout_of(learner, seed), two)
+        length = metrics["episode_length"]
+        assert metrics["budget_tight"] == pytest.approx(0.1 * min(3 / length, 1))
+        assert metrics["budget_loose"] == pytest.approx(2 * metrics["budget_tight"])
+        assert "plan_cost_loose" in metrics and list(learner.warnings(two)) == ["limit_never_binds_loose"]
+
+
+QUIRKS: dict[str, Mapping[str, Any]] = {
+    "horizon scale": {"episode_length": 1000},
+    "drop terminal": {"drop_terminal": True},
+    "no ends": {"predict_end": False},
+    "independent noise": {"shared_noise": False},
+    "undiscounted": {"planning_discount": 1.0},
+    "greedy": {"exploration": 0.0},
+    "refit": {"fitting": "refit", "refit_steps": 100, "hold_out": 0.2},
+    "fixed bounds": {"fixed_variance_bounds": True},
+    "action repeat": {"action_repeat": 5},
+    "worst particle": {"cost_over": "max"},
+    "bfloat16": {"precision": "bfloat16"},
+    "literal": {"adapter": "box_literal"},
+    "scaled": {"adapter": "box_scaled"},
+    "stacked": {"frame_stack": 2},
+    "particles": {"particles": 2},
+}
+OF_SAFELOOP: dict[str, Mapping[str, Any]] = {
+    "stale value": {"stale_action_value": True},
+    "raw temperatures": {"standardise_returns": False},
+    "decaying alpha": {"auto_alpha": False, "alpha_decay": 0.99},
+    "raw rewards": {"standardise_rewards": False},
+    "no proposals": {"proposals": 0},
+}
+ALONE = [(name, quirk) for name in PLANNERS for quirk in QUIRKS] + [("SafeLOOP", quirk) for quirk in OF_SAFELOOP]
+
+
+@pytest.mark.parametrize(("name", "quirk"), ALONE)
+def test_each_quirk_can_be_tried_alone_and_makes_a_difference(name, quirk):
+    settings = (QUIRKS | OF_SAFELOOP)[quirk]
+    frames = settings.get("frame_stack", 1)
+    found = []
+    for given in ({}, settings):
+        learner = learner_for(name, OPTIONS, **{"critic_learning_rate": 0.05, "steps_per_update": N * T, **given})
+        shown = {}
+        if given and frames > 1:
+            shown = {"obs": torch.randn(T + 1, N, D * frames), "final_obs": torch.zeros(0, D * frames)}
+            learner.act = lambda obs, fresh, act=learner.act: act(np.repeat(obs, frames, 1)[:, : D * frames], fresh)
+        metrics = [learner.update(rollout_of(learner, seed, **shown), FEEDBACK) for seed in range(3)][-1]
+        assert all(math.isfinite(x) for key, x in metrics.items() if quirk != "refit" or "model" not in key)
+        found.append(metrics)
+    assert str(found[0]) != str(found[1])
+
+
+def test_a_planner_never_drops_what_ended_unless_it_is_told_to():
+    """Costs that are paid at the end reach the replay, and with the quirk of OmniSafe none does."""
+    for drop in (False, True):
+        learner = learner_for("CCEPETS", drop_terminal=drop)
+        rollout = rollout_of(learner)
+        costs = rollout.terminated.float().unsqueeze(-1)
+        learner.update(dataclasses.replace(rollout, costs=costs), FEEDBACK)
+        replay = learner.agent.replay
+        kept = float(replay.rows(torch.arange(replay.size)).costs.sum())
+        assert kept == (0.0 if drop else float(costs.sum()) > 0 and float(costs.sum()))
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_the_preset_of_the_study_runs(name, tmp_path: Path):
+    small = {key: SMALL[key] for key in ("samples", "iterations", "model_hidden", "hidden")}
+    small |= {"random_steps": 100, "refit_steps": 200, "steps_per_collection": 100, "elites": 8}
+    with pytest.warns(UserWarning, match="has not bound anything"):
+        result = run(name, Walk(2), steps=600, seed=0, folder=tmp_path, config=small, preset="paper")
+    assert result.steps == 600 and load_policy(tmp_path).config.drop_terminal
+
+
+class Stop(Exception):
+    pass
+
+
+class StopsAt(Walk):
+    def __init__(self, at: int) -> None:
+        super().__init__()
+        self.stop = at
+
+    def step(self, actions):
+        if self.total + 1 == self.stop:
+            raise Stop
+        return super().step(actions)
+
+
+def numbers_of(folder: Path) -> tuple[list[str], str, bytes]:
+    """Metrics without times, episodes, the policy's bytes."""
+    lines = [line.split(",") for line in (folder / "metrics.csv").read_text().splitlines()]
+    kept = [place for place, key in enumerate(lines[0]) if not key.startswith(("time_", "seconds", "steps_per_second"))]
+    metrics = [",".join(line[place] for place in kept) for line in lines]
+    return metrics, (folder / "episodes.csv").read_text(), (folder / "policy.safetensors").read_bytes()
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_a_run_broken_off_and_resumed_ends_with_the_same_numbers(name, tmp_path: Path):
+    given: dict[str, Any] = {"steps": 600, "seed": 3, "config": dict(SMALL) | {"steps_per_collection": 32}}
+    run(name, Walk(), folder=tmp_path / "whole", **given)
+    with pytest.raises(Stop):
+        run(name, StopsAt(101), folder=tmp_path / "broken", checkpoint_seconds=0.0, **given)
+    result = run(name, Walk(), folder=tmp_path / "broken", **given)
+    assert result.resumed_from in range(32, 401, 32)
+    assert numbers_of(tmp_path / "broken") == numbers_of(tmp_path / "whole")

@@ -1,0 +1,47 @@
+"""Rollouts and feedback by hand, for tests of what learns."""
+
+from typing import Any
+
+import numpy as np
+import torch
+
+from thalweg.algos.interface import Feedback, Rollout
+
+
+def feedback(
+    *costs: float,
+    count: int = 3,
+    episodes: int = 30,
+    largest: float = 1.0,
+    progress: float = 0.1,
+    steps_left: int = 1000,
+) -> Feedback:
+    """What is known after `count` fresh episodes that cost as much as each other: `costs` [M]."""
+    told = np.tile(np.array(costs, dtype=np.float64), (count, 1))
+    return Feedback(
+        progress=progress,
+        steps_left=steps_left,
+        fresh_costs=told,
+        recent_costs=told,
+        episodes=episodes,
+        largest_costs=(largest,) * len(costs),
+    )
+
+
+def rollout_of(obs: torch.Tensor, **changes: Any) -> Rollout:
+    """Steps through observations [T + 1, N, D] in which nothing ends; every reward is 1, every cost 0."""
+    steps, count, size = obs.shape[0] - 1, obs.shape[1], obs.shape[2]
+    never = torch.zeros(steps, count, dtype=torch.bool)
+    fields = {
+        "obs": obs,
+        "fresh": torch.zeros(steps + 1, count, dtype=torch.bool),
+        "actions": torch.zeros(steps, count, 1, dtype=torch.int64),
+        "rewards": torch.ones(steps, count),
+        "costs": torch.zeros(steps, count, 1),
+        "terminated": never,
+        "truncated": never,
+        "valid": ~never,
+        "final_index": torch.zeros(0, dtype=torch.int64),
+        "final_obs": torch.zeros(0, size),
+    }
+    return Rollout(**(fields | changes))

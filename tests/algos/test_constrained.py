@@ -1,0 +1,169 @@
+"""What every on-policy algorithm with a cost limit must do: take the reward while the limit is kept, and stop when not.
+
+One option of the first branch pays 1 and costs 1, the others nothing.
+"""
+
+import dataclasses
+import math
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+from tests.algos.rollouts import feedback, rollout_of
+from thalweg.algos import ALGORITHMS, AlgorithmError
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.onpolicy.config import ConstrainedConfig, OnPolicyConfig
+
+N, T, D = 4, 64, 5
+SPACES = {"MultiDiscrete": gym.spaces.MultiDiscrete([3, 3]), "Discrete": gym.spaces.Discrete(3)}
+NAMES = [name for name, entry in ALGORITHMS.items() if issubclass(entry.config, ConstrainedConfig)]
+MULTIPLIED = [name for name in NAMES if hasattr(ALGORITHMS[name].config, "multiplier_rate")]
+LIMIT, KEPT, BROKEN = 1.0, 0.0, 5.0
+
+
+def learner_for(name: str, space: gym.Space = SPACES["MultiDiscrete"], **settings: Any) -> Any:
+    entry = ALGORITHMS[name]
+    given = {"cost_limit": LIMIT} if name in NAMES else {}
+    config = entry.config(steps_per_update=N * T, minibatch=64, passes=4, hidden=(16, 16), **given | settings)
+    return entry.make(config, Task(D, space, N, 0, {}))
+
+
+def tempted(learner: Any, seed: int, costs: int = 1) -> Rollout:
+    """Steps of the learner: option 0 of the first branch pays and costs; episodes end now and then."""
+    generator = torch.Generator().manual_seed(seed)
+    obs = torch.randn(T + 1, N, D, generator=generator)
+    actions = torch.stack([learner.act(obs[t].numpy(), np.zeros(N, dtype=bool)) for t in range(T)])
+    chosen = (actions[..., 0] == 0).float()
+    paid = torch.zeros(T, N, costs)
+    paid[..., -1] = chosen
+    ends = torch.rand(T, N, generator=generator) < 0.2
+    return rollout_of(obs, actions=actions, rewards=chosen, costs=paid, terminated=ends)
+
+
+def probability(learner: Any) -> float:
+    """Of the option that pays and costs."""
+    obs = torch.randn(256, D, generator=torch.Generator().manual_seed(9))
+    with torch.no_grad():
+        return float(learner.policy.distribution(obs).log_p[:, 0, 0].exp().mean())
+
+
+def after(learner: Any, told: Feedback, updates: int = 12, costs: int = 1) -> float:
+    for seed in range(updates):
+        learner.update(tempted(learner, seed, costs), told)
+    return probability(learner)
+
+
+@pytest.mark.parametrize("space", SPACES.values(), ids=list(SPACES))
+@pytest.mark.parametrize("name", NAMES)
+class TestEveryConstrainedAlgorithm:
+    def test_it_takes_what_pays_while_the_limit_is_kept(self, name: str, space: gym.Space):
+        learner = learner_for(name, space)
+        before = probability(learner)
+        assert after(learner, feedback(KEPT)) > before + 0.15
+
+    def test_it_leaves_what_costs_once_the_limit_is_broken(self, name: str, space: gym.Space):
+        learner = learner_for(name, space)
+        before = probability(learner)
+        assert after(learner, feedback(BROKEN)) < before - 0.1
+
+    def test_before_any_episode_it_takes_what_pays(self, name: str, space: gym.Space):
+        nothing = dataclasses.replace(feedback(0.0), fresh_costs=np.zeros((0, 1)), recent_costs=np.zeros((0, 1)))
+        learner = learner_for(name, space)
+        before = probability(learner)
+        assert after(learner, nothing) > before + 0.15
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_of_two_limits_the_broken_one_counts(name: str):
+    """The second cost is the one that is paid; which of the two limits is broken decides."""
+    ends = {}
+    for which, told in {"its own": feedback(KEPT, BROKEN), "neither": feedback(KEPT, KEPT)}.items():
+        learner = learner_for(name, cost_limits=(LIMIT, LIMIT))
+        ends[which] = after(learner, told, costs=2)
+    assert ends["its own"] < ends["neither"] - 0.2
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_of_two_costs_has_its_own_metrics(name: str):
+    learner = learner_for(name, cost_limits=(0.1, 0.2))
+    metrics = learner.update(tempted(learner, 0, 2), feedback(0.05, 0.3))
+    assert (metrics["cost_mean_tight"], metrics["cost_mean_loose"]) == pytest.approx((0.05, 0.3))
+    assert {"cost_tight_value_loss", "cost_loose_explained_variance", "limit_can_bind_loose"} <= set(metrics)
+
+
+@pytest.mark.parametrize("name", MULTIPLIED)
+def test_a_kept_limit_leaves_its_multiplier_at_zero_and_a_broken_one_moves_its_own(name: str):
+    learner = learner_for(name, cost_limits=(0.1, 0.1), multiplier_rate=0.5, multiplier_gain=0.0)
+    metrics = learner.update(tempted(learner, 0, 2), feedback(0.0, 0.5))
+    assert (metrics["multiplier_tight"], metrics["multiplier_loose"]) == (0.0, pytest.approx(0.2))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_limit_that_never_binds_is_named(name: str):
+    learner = learner_for(name, cost_limit=25.0)
+    assert "limit_never_binds" in learner.warnings(feedback(0.5))
+    assert not learner.warnings(feedback(0.5, episodes=5))
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("settings", [{"cost_limit": -0.1}, {"cost_limits": (0.1, -0.1)}, {"cost_discount": 1.5}])
+def test_settings_that_make_no_sense_are_refused(name: str, settings: dict[str, Any]):
+    with pytest.raises(AlgorithmError, match=f"{next(iter(settings))} (must|are)"):
+        ALGORITHMS[name].config(**settings)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_nan_in_the_costs_stops_it(name: str):
+    from thalweg.algos import NotFiniteError
+
+    learner = learner_for(name)
+    rollout = tempted(learner, 0)
+    rollout.costs[3, 1] = math.nan
+    with pytest.raises(NotFiniteError, match="has become nan"):
+        learner.update(rollout, feedback(BROKEN))
+
+
+def test_ppo_is_deaf_to_the_cost():
+    learner = learner_for("PPO")
+    before = probability(learner)
+    assert after(learner, feedback(BROKEN)) > before + 0.15
+
+
+@pytest.mark.parametrize("name", [n for n, e in ALGORITHMS.items() if issubclass(e.config, OnPolicyConfig)])
+def test_a_cost_window_or_none_is_what_the_mean_is_taken_over(name: str):
+    if "cost_window" not in ALGORITHMS[name].config.__dataclass_fields__:
+        pytest.skip("has no limit")
+    lagging = dataclasses.replace(feedback(0.8), recent_costs=np.array([[0.0]] * 9 + [[0.8]]))
+    fresh, window = (learner_for(name, cost_window=size) for size in (0, 10))
+    assert fresh.update(tempted(fresh, 0), lagging)["cost_mean"] == pytest.approx(0.8)
+    assert window.update(tempted(window, 0), lagging)["cost_mean"] == pytest.approx(0.08)
+
+
+def test_oncrpo_rectifies_only_above_its_tolerance():
+    for cost, rectifies in ((0.11, 0.0), (0.13, 1.0)):
+        learner = learner_for("OnCRPO", cost_limit=0.1, tolerance=0.02)
+        assert learner.update(tempted(learner, 0), feedback(cost))["rectifies"] == rectifies
+
+
+def test_cpo_says_when_no_step_keeps_the_limit_and_when_every_one_does():
+    for cost, feasible, binding in ((50.0, 0.0, 1.0), (0.0, 1.0, 0.0)):
+        learner = learner_for("CPO", cost_limit=10.0)
+        metrics = learner.update(tempted(learner, 0), feedback(cost))
+        assert (metrics["feasible"], metrics["binding"]) == (feasible, binding)
+
+
+def test_cup_projects_only_where_a_multiplier_is_above_zero():
+    for cost, projects in ((KEPT, False), (BROKEN, True)):
+        learner = learner_for("CUP")
+        metrics = learner.update(tempted(learner, 0), feedback(cost))
+        assert (metrics["projection_passes"] > 0) == projects and (metrics["projection_kl"] > 0) == projects
+
+
+def test_p3o_has_no_penalty_while_there_is_room():
+    for cost, open_ in ((0.0, False), (0.9, True)):
+        learner = learner_for("P3O", cost_limit=0.5, limit_scale="none", standardise_cost=False, penalty=20.0)
+        metrics = learner.update(tempted(learner, 0), feedback(cost))
+        assert (metrics["gate"] > 0.5) == open_ and (metrics["penalty"] > 1.0) == open_

@@ -1,0 +1,50 @@
+"""Presets: they set what exists, and only what differs."""
+
+import dataclasses
+
+import pytest
+
+from thalweg.algos import ALGORITHMS, AlgorithmError
+from thalweg.algos.presets import PAPER, settings_of
+from thalweg.algos.settings import as_data
+
+
+@pytest.mark.parametrize("algorithm", PAPER)
+def test_the_preset_of_the_study_differs_from_the_default_there_and_only_there(algorithm: str):
+    entry = ALGORITHMS[algorithm]
+    default, paper = (as_data(entry.configure(None, preset)) for preset in ("default", "paper"))
+    differing = {key for key in default if default[key] != paper[key]}
+    assert default == as_data(entry.config())
+    assert {key: paper[key] for key in PAPER[algorithm]} == dict(PAPER[algorithm])
+    assert differing and differing <= set(PAPER[algorithm])
+
+
+@pytest.mark.parametrize("algorithm", PAPER)
+def test_settings_are_set_on_top_of_a_preset(algorithm: str):
+    entry = ALGORITHMS[algorithm]
+    config, paper = entry.configure({"hidden": [7]}, "paper"), entry.configure(None, "paper")
+    assert config == dataclasses.replace(paper, hidden=(7,)) and config != paper
+
+
+def test_a_whole_config_stands_for_itself():
+    entry = ALGORITHMS["FOCOPS"]
+    assert entry.configure(entry.config(passes=3), "paper") == entry.config(passes=3)
+
+
+def test_the_study_limits_to_25_by_the_mean_of_the_last_fifty_episodes():
+    config = ALGORITHMS["FOCOPS"].configure(None, "paper")
+    assert (config.cost_limit, config.cost_window, config.multiplier_rule) == (25.0, 50, "adam")
+    assert (config.adapter, config.reset_each_update, config.mask) == ("box_literal", True, "batch")
+
+
+def test_an_unknown_preset_lists_the_known():
+    with pytest.raises(AlgorithmError, match="no preset 'study'; there are default, paper"):
+        settings_of("PPO", "study")
+    with pytest.raises(AlgorithmError, match="no preset 'study'"):
+        ALGORITHMS["PPO"].configure({"passes": 3}, "study")
+
+
+def test_an_algorithm_outside_the_study_has_no_preset_of_it():
+    with pytest.raises(AlgorithmError, match=r"DQN is not among the algorithms of the study.*: PPO, PPOLag, FOCOPS"):
+        settings_of("DQN", "paper")
+    assert settings_of("DQN", "default") == {}

@@ -1,0 +1,54 @@
+"""The benchmark on problems with a known answer: which rows count, and what the page marks."""
+
+import importlib
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from tests.known_answer.harness import Cell, Result, reference
+from tests.known_answer.scores import Score
+
+ROOT = Path(__file__).resolve().parents[2]
+CELL = Cell("CPO", "box", "end")
+
+
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch):
+    """`benchmarks/known_answer.py`, which is in no package."""
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    yield importlib.import_module("known_answer")
+    sys.modules.pop("known_answer", None)
+
+
+def rows(script: ModuleType, monkeypatch: pytest.MonkeyPatch, *shares: float) -> dict:
+    """Rows of runs that ended with such shares of the optimum's return, seed after seed."""
+    best, found = reference(CELL), {}
+    for seed, share in enumerate(shares):
+        result = Result(CELL, Score(replace(best, reward=share * best.reward)), best)
+        monkeypatch.setattr(script, "trained", lambda *_, result=result: result)
+        found[script.key(CELL, seed)] = script.measure(CELL, seed, Path("unused"))
+    return found
+
+
+def test_rows_come_back_under_their_keys(script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    written = rows(script, monkeypatch, 0.95, 0.85)
+    script.write(tmp_path / "table.csv", written)
+    assert script.finished(tmp_path / "table.csv") == written
+    assert script.finished(tmp_path / "none.csv") == {}
+
+
+def test_a_row_counts_for_its_own_seed_settings_and_problem_only(script: ModuleType):
+    others = [script.key(CELL, 1), script.key(Cell("CPO", "box_scaled", "end"), 0)]
+    others += [script.key(Cell("CPO", "box", "dense"), 0)]
+    assert script.key(CELL, 0) not in others
+    assert script.key(CELL, 0) == script.key(Cell("CPO", "box", "end"), 0)
+
+
+def test_the_page_marks_what_some_seed_missed(script: ModuleType, monkeypatch: pytest.MonkeyPatch):
+    page = script.page(rows(script, monkeypatch, 0.95, 0.85), 2)
+    assert "**90%, 0.100 (1/2)**" in page
+    page = script.page(rows(script, monkeypatch, 0.95, 0.97), 2)
+    assert "| 96%, 0.100 (2/2) |" in page and "not run" in page

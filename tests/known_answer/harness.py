@@ -1,0 +1,184 @@
+"""Does an algorithm reach the best that a problem holds? Which ones, where, and against what: as data; and the run that
+tells.
+
+A cell is an algorithm in an action space on a problem. It is held against the best that its kind of policy can do:
+
+* `free`: the best without a limit (PPO, which knows none);
+* `limited`: the best within the limit, which may draw lots;
+* `deterministic`: the best within the limit that draws none (DDPG, TD3);
+* `planner`: what a perfect planner with the algorithm's horizon reaches (`solutions.planned`): where it looks ahead
+  `horizon` steps, with the terminal value 0 and its share of the limit at every decision.
+"""
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from tests.known_answer.envs import ProblemEnv, SpaceName
+from tests.known_answer.problems import PROBLEMS
+from tests.known_answer.scores import Score, score
+from tests.known_answer.solutions import Limit, Outcome, best_deterministic, optimum, planned
+from thalweg.algos import ALGORITHMS
+from thalweg.train import run
+
+Against = Literal["free", "limited", "deterministic", "planner"]
+SHARE = 0.9
+"""Least share of the optimum's return."""
+EXCESS, LEAST_EXCESS = 0.1, 0.02
+"""By how much the cost may exceed its limit: as a share of the limit, or so much, whichever is more."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where actions are chosen: the environment's space, and the head in front of it."""
+
+    space: SpaceName
+    config: Mapping[str, Any] = field(default_factory=dict)
+    """What an algorithm's config must say for it."""
+
+
+PLACES: dict[str, Place] = {
+    "multidiscrete": Place("multidiscrete"),
+    "discrete": Place("discrete"),
+    "box": Place("box"),
+    "box_literal": Place("multidiscrete", {"adapter": "box_literal"}),
+    "box_scaled": Place("multidiscrete", {"adapter": "box_scaled"}),
+}
+"""The action spaces, and the two adapters, by which numbers choose among three. `box_literal` is there to show what
+is wrong with it: nothing is asked of it."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """What is asked of an algorithm."""
+
+    against: Against
+    steps: int = 160_000
+    config: Mapping[str, Any] = field(default_factory=dict)
+    """Other settings than its own defaults."""
+    places: tuple[str, ...] = tuple(PLACES)
+    """The first is its native one."""
+    problems: tuple[str, ...] = tuple(PROBLEMS)
+    in_ci: tuple[str, ...] = ("dense",)
+    """Problems of which CI tries the native space, with one seed."""
+    horizon: int = 0
+    """H of a planner, as its config says."""
+    limits: bool = True
+    """Whether it takes a limit for each kind of cost, where there are several; else it keeps the sum of them."""
+
+
+ROWS: dict[str, Row] = {
+    "PPO": Row("free", in_ci=("dense", "end")),
+    "PPOLag": Row("limited"),
+    "FOCOPS": Row("limited", in_ci=("dense", "end")),
+    "P3O": Row("limited"),
+    "OnCRPO": Row("limited"),
+    "CPO": Row("limited"),
+    "CUP": Row("limited"),
+    "DDPGLag": Row("deterministic", steps=40_000),
+    "TD3Lag": Row("deterministic", steps=40_000),
+    "SACLag": Row("limited", steps=40_000),
+    "SafeLOOP": Row("planner", steps=10_000, horizon=5),
+    "CCEPETS": Row("planner", steps=10_000, horizon=5),
+}
+"""Every algorithm that Thalweg has or is to have."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """An algorithm in a place on a problem."""
+
+    algorithm: str
+    place: str
+    problem: str
+
+    @property
+    def row(self) -> Row:
+        return ROWS[self.algorithm]
+
+    @property
+    def limit(self) -> Limit:
+        """What the run is told to keep: each of the problem's limits, or one for the total."""
+        limits = PROBLEMS[self.problem].limits
+        return limits if self.row.limits and len(limits) > 1 else sum(limits)
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """The settings that differ from the algorithm's defaults."""
+        told: dict[str, Any] = {}
+        if self.row.against != "free":
+            told = {"cost_limits": self.limit} if isinstance(self.limit, tuple) else {"cost_limit": self.limit}
+        return told | dict(self.row.config) | dict(PLACES[self.place].config)
+
+    @property
+    def missing(self) -> str:
+        """Why there is nothing to run; empty if there is."""
+        return "" if self.algorithm in ALGORITHMS else f"{self.algorithm} is not among Thalweg's algorithms yet"
+
+
+@dataclass(frozen=True)
+class Result:
+    """How near a trained policy came."""
+
+    cell: Cell
+    score: Score
+    optimum: Outcome
+
+    @property
+    def share(self) -> float:
+        """Of the optimum's return."""
+        return self.score.outcome.reward / self.optimum.reward
+
+    @property
+    def excess(self) -> float:
+        """How far the cost lies above what is allowed, at most over the limits; negative within."""
+        if self.cell.row.against == "free":
+            return -np.inf
+        limits = np.atleast_1d(np.asarray(self.cell.limit, dtype=float))
+        costs = self.score.outcome.costs if len(limits) > 1 else np.array([self.score.outcome.cost])
+        return float((costs - limits - np.maximum(EXCESS * limits, LEAST_EXCESS)).max())
+
+    @property
+    def reached(self) -> bool:
+        return self.share >= SHARE and self.excess <= 0.0
+
+
+def cells(algorithms: Collection[str] = tuple(ROWS), problems: Collection[str] = tuple(PROBLEMS)) -> Iterator[Cell]:
+    """Every cell of the algorithms and problems named."""
+    for algorithm in algorithms:
+        row = ROWS[algorithm]
+        for problem in (name for name in row.problems if name in problems):
+            yield from (Cell(algorithm, place, problem) for place in row.places)
+
+
+def ci_cells() -> list[Cell]:
+    """Each algorithm in its native space."""
+    return [Cell(name, row.places[0], problem) for name, row in ROWS.items() for problem in row.in_ci]
+
+
+def reference(cell: Cell) -> Outcome:
+    """What the cell is held against."""
+    return _reference(cell.problem, cell.row.against, cell.limit, cell.row.horizon)
+
+
+@cache
+def _reference(name: str, against: Against, limit: Limit, horizon: int) -> Outcome:
+    problem = PROBLEMS[name]
+    if against == "free":
+        return optimum(problem)
+    best = optimum(problem, limit)
+    if against == "deterministic":
+        return best_deterministic(problem, limit)
+    return planned(problem, limit, horizon, length=best.length) if against == "planner" else best
+
+
+def trained(cell: Cell, seed: int, folder: Path) -> Result:
+    """Train, and hold the policy that the run ends with against the optimum; an interrupted run goes on."""
+    problem, place, row = PROBLEMS[cell.problem], PLACES[cell.place], cell.row
+    env = ProblemEnv(problem, space=place.space)
+    ended = run(cell.algorithm, env, steps=row.steps, seed=seed, folder=folder, config=cell.config)
+    return Result(cell, score(ended.policy, problem, place.space, seed), reference(cell))

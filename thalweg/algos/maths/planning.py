@@ -1,0 +1,177 @@
+"""What is an imagined future worth, and how do the best futures shape the next plan?
+
+Letters: H steps ahead, N environments, S candidates, A branches or numbers of an action, K options, M costs.
+"""
+
+import torch
+from torch import Tensor
+
+from thalweg.algos.maths.shapes import rank, same_shape
+
+
+def survival(ends: Tensor) -> Tensor:
+    """Probability [H + 1, ...] of still flying before each step, and after the last: Π_{k<t} (1 - p_end,k).
+
+    Args:
+        ends: [H, ...], p_end of each step: the probability that it ends the episode if it is reached.
+    """
+    alive = torch.ones(len(ends) + 1, *ends.shape[1:], dtype=ends.dtype)
+    torch.cumprod(1.0 - ends, 0, out=alive[1:])
+    return alive
+
+
+def imagined_return(rewards: Tensor, alive: Tensor, discount: float, final: Tensor | None = None) -> Tensor:
+    """G [...] = Σ_{t<H} γ^t S_t r_t + γ^H S_H V(s_H): what comes after an end counts for nothing.
+
+    Args:
+        rewards: [H, ...], the expected reward of each step that is reached.
+        alive: S [H + 1, ...], from `survival`.
+        discount: γ.
+        final: V(s_H) [...], what is still to come after the last step; None for nothing.
+    """
+    same_shape(rewards=rewards, alive=alive[:-1])
+    powers = discount ** torch.arange(len(rewards) + 1, dtype=rewards.dtype)
+    total = torch.tensordot(powers[:-1], alive[:-1] * rewards, 1)
+    if final is None:
+        return total
+    same_shape(final=final, last=alive[-1])
+    return total + powers[-1] * alive[-1] * final
+
+
+def imagined_cost(costs: Tensor, alive: Tensor) -> Tensor:
+    """Expected cost of each step [H, ..., M], counted as far as it is reached: S_t c_t, undiscounted as the limit is.
+
+    Args:
+        costs: [H, ..., M], the expected cost of each step that is reached.
+        alive: S [H + 1, ...], from `survival`.
+    """
+    same_shape(one_cost=costs[..., 0], alive=alive[:-1])
+    return costs * alive[:-1].unsqueeze(-1)
+
+
+def budget(limit: float, horizon: int, length: float) -> float:
+    """What the next H steps may cost of the limit d on an episode: d H / L, all of d if episodes are shorter than H.
+
+    Args:
+        limit: d.
+        horizon: H, in steps of the environment.
+        length: L, the mean length of an episode; OmniSafe takes 1000 whatever it is.
+    """
+    return limit * min(horizon / length, 1.0)
+
+
+def elites(returns: Tensor, costs: Tensor, budgets: Tensor, count: int) -> Tensor:
+    """Weights [N, S] of the constrained cross-entropy method (Wen, Topcu 2018, algorithm 1): 1/E for each elite.
+
+    Where at least E candidates are feasible, the E feasible ones of highest return; elsewhere the E of lowest cost.
+
+    Args:
+        returns: G [N, S].
+        costs: C [N, S, M].
+        budgets: b [M]; feasible is C_i ≤ b_i for every cost.
+        count: E.
+
+    Of several costs, the lowest sum in budgets is the lowest.
+    """
+    rank(2, returns=returns)
+    same_shape(returns=returns, one_cost=costs[..., 0])
+    feasible = (costs <= budgets).all(-1)
+    enough = feasible.sum(-1, keepdim=True) >= count
+    lowness = -(costs / budgets.clamp(min=1e-6)).sum(-1)
+    score = torch.where(enough, returns.masked_fill(~feasible, -torch.inf), lowness)
+    chosen = score.topk(count, dim=-1).indices
+    return torch.zeros_like(returns).scatter_(-1, chosen, 1.0 / count)
+
+
+def feasible_softmax(
+    returns: Tensor, costs: Tensor, feasible: Tensor, least: int, sharpness: float, cost_sharpness: float
+) -> Tensor:
+    """Weights [N, S] of SafeARC (Sikchi, Zhou, Held 2021, algorithm 2 and section 4.3).
+
+    Where at least E candidates are feasible, w ∝ exp(β G) over those; elsewhere w ∝ exp(-β_c C) over all.
+
+    Args:
+        returns: G [N, S].
+        costs: C [N, S], the sum of the costs.
+        feasible: [N, S] bool, whether every cost keeps within its budget.
+        least: E.
+        sharpness: β.
+        cost_sharpness: β_c.
+    """
+    rank(2, returns=returns)
+    same_shape(returns=returns, costs=costs, feasible=feasible)
+    enough = feasible.sum(-1, keepdim=True) >= least
+    pursuing = (sharpness * returns).masked_fill(~feasible, -torch.inf)
+    return torch.where(enough, pursuing, -cost_sharpness * costs).softmax(-1)
+
+
+def standardised_rows(values: Tensor, mask: Tensor) -> Tensor:
+    """Values [N, S] with mean 0 and deviation 1 over those of each row that `mask` [N, S] names; the rest alike."""
+    same_shape(values=values, mask=mask)
+    count = mask.sum(-1, keepdim=True).clamp(min=1)
+    mean = (values * mask).sum(-1, keepdim=True) / count
+    variance = ((values - mean).square() * mask).sum(-1, keepdim=True) / count
+    return (values - mean) / (variance.sqrt() + 1e-8)
+
+
+def categorical_step(
+    probabilities: Tensor, options: Tensor, weights: Tensor, exists: Tensor, momentum: float, floor: float
+) -> Tensor:
+    """The plan [N, H, A, K] after one step of the cross-entropy method (Rubinstein, Kroese 2004, section 4.2).
+
+        p ← (1 - K f) (m p + (1 - m) Σ_s w_s 1{a_s = k}) + f
+
+    Args:
+        probabilities: p [N, H, A, K], of each option of each branch at each step ahead.
+        options: a [N, S, H, A] int64.
+        weights: w [N, S], of sum 1.
+        exists: [A, K] bool, which options a branch has: K counts those, and no other is ever drawn.
+        momentum: m.
+        floor: f, the least probability of an option that exists.
+    """
+    rank(4, probabilities=probabilities, options=options)
+    same_shape(one_option=probabilities[..., 0], one_candidate=options[:, 0])
+    counts = torch.zeros_like(probabilities)
+    shares = weights[:, :, None, None].expand(options.shape).movedim(1, -1)
+    counts.scatter_add_(-1, options.movedim(1, -1), shares)
+    mixed = momentum * probabilities + (1.0 - momentum) * counts
+    return floored(mixed, exists, floor)
+
+
+def floored(probabilities: Tensor, exists: Tensor, floor: float) -> Tensor:
+    """(1 - K f) p + f [..., A, K] where the option exists, and 0 elsewhere."""
+    options = exists.sum(-1, keepdim=True).to(probabilities.dtype)
+    return ((1.0 - options * floor) * probabilities + floor) * exists
+
+
+def gaussian_step(
+    mean: Tensor,
+    variance: Tensor,
+    samples: Tensor,
+    weights: Tensor,
+    momentum: float,
+    mean_momentum: float,
+    largest: float,
+) -> tuple[Tensor, Tensor]:
+    """Mean and variance [N, H, A] of the plan after one step of the cross-entropy method.
+
+        μ' = Σ_s w_s a_s,   σ'² = Σ_s w_s (a_s - μ')²
+        μ ← m_μ μ + (1 - m_μ) μ',   σ² ← min(m σ² + (1 - m) σ'², largest)
+
+    Args:
+        mean: μ [N, H, A].
+        variance: σ² [N, H, A].
+        samples: a [N, S, H, A].
+        weights: w [N, S], of sum 1.
+        momentum: m, of the variance.
+        mean_momentum: m_μ.
+        largest: Upper bound of the variance.
+    """
+    same_shape(mean=mean, variance=variance, one_candidate=samples[:, 0])
+    share = weights[:, :, None, None]
+    best = (share * samples).sum(1)
+    spread = (share * (samples - best.unsqueeze(1)).square()).sum(1)
+    return (
+        mean_momentum * mean + (1.0 - mean_momentum) * best,
+        (momentum * variance + (1.0 - momentum) * spread).clamp(max=largest),
+    )

@@ -1,0 +1,199 @@
+"""What do planners do alike? Act, collect, fit the model, and be put away and brought back.
+
+How candidates are weighed and what critics learn are absent on purpose: they are the algorithm, and stand in its file.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from thalweg.algos.actions import actions_of
+from thalweg.algos.costs import cost_metrics
+from thalweg.algos.errors import require_finite
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.multiplier import suffixes
+from thalweg.algos.planning.config import PlanningConfig
+from thalweg.algos.planning.ensemble import HEADS
+from thalweg.algos.planning.fitting import Fitter
+from thalweg.algos.planning.lengths import Lengths
+from thalweg.algos.planning.planner import Decision
+from thalweg.algos.planning.policy import PlannerPlayer, PlannerPolicy
+from thalweg.algos.planning.transitions import Assembly, Batch, Replay
+from thalweg.algos.policy import About
+from thalweg.algos.settings import as_data
+from thalweg.algos.state import generator_state, load_generator, load_module, module_state
+
+
+class Agent:
+    """A policy that plans, what it has lived through, and how its model is fitted to that."""
+
+    def __init__(self, algorithm: str, config: PlanningConfig, task: Task) -> None:
+        self.config, self.num_envs = config, task.num_envs
+        self.generator = torch.Generator().manual_seed(task.seed)
+        self.policy = PlannerPolicy(
+            task.obs_size,
+            actions_of(task.action_space, config.adapter, "squashed"),
+            config,
+            About(algorithm, as_data(config), task.context),
+            self.generator,
+        )
+        self.replay = Replay(config.replay_size, config.hold_out)
+        self.fitter = Fitter(self.policy.ensemble, config, self.generator)
+        self.lengths = Lengths(task.num_envs, config.episode_length)
+        self._player = PlannerPlayer(
+            self.policy, task.num_envs, self.generator, stacked=True, exploration=config.exploration
+        )
+        self._assembly = Assembly(task.num_envs, config.action_repeat, drop_terminal=config.drop_terminal)
+        self._steps, self._reported_at = 0, 0
+        self._tally = Tally()
+
+    @property
+    def rollout_steps(self) -> int:
+        """T: steps of each environment between fittings."""
+        return max(1, self.config.steps_per_collection // self.num_envs)
+
+    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+        """Raw actions [N, A] for observations float32 [N, K * D]: planned, or at random at first."""
+        raw, decision = self._player.raw(obs, fresh, at_random=self._steps < self.config.random_steps)
+        if decision is not None:
+            self._tally.decided(decision)
+        return raw
+
+    def learn(self, rollout: Rollout) -> None:
+        """Take in the rollout's steps, and fit the model."""
+        self._steps += int(rollout.valid.sum())
+        self.lengths.update(rollout)
+        batch = self._assembly.transitions(rollout, self.policy.obs_size)
+        if len(batch.rewards):
+            require_finite(what_was_paid=float(batch.rewards.sum() + batch.costs.sum()))
+            if self._steps > self.config.random_steps and self.replay.size:
+                self._tally.lived(self.policy, batch)
+            self.policy.ensemble.take_in(batch)
+            self.replay.add(batch)
+        losses = self.fitter.fit(self.replay, int(rollout.valid.sum()))
+        if not losses.isnan().all():
+            require_finite(**{f"{name}_loss": float(loss) for name, loss in zip(HEADS, losses, strict=True)})
+            self._tally.add({f"model_{name}_loss": float(loss) for name, loss in zip(HEADS, losses, strict=True)})
+        self.policy.episode_length = self.lengths.mean
+        self.policy.refresh()
+
+    def lessons(self) -> Iterator[Batch]:
+        """The batches that critics learn from after a rollout."""
+        if self.replay.size:
+            for _ in range(self.config.critic_steps):
+                yield self.replay.rows(self.replay.places((self.config.minibatch,), self.generator))
+
+    def log(self, **numbers: Tensor) -> None:
+        """Take note of numbers whose means are to be reported; raises `NotFiniteError` for NaN."""
+        found = {name: float(number) for name, number in numbers.items()}
+        require_finite(**found)
+        self._tally.add(found)
+
+    def report(self, feedback: Feedback) -> dict[str, float]:
+        """Metrics, if it is time for them."""
+        if self._steps - self._reported_at < self.config.steps_per_update and feedback.steps_left > 0:
+            return {}
+        self._reported_at = self._steps
+        budget = self.policy.budget.costs
+        budgets = {f"budget{name}": float(b) for name, b in zip(suffixes(len(budget)), budget, strict=True)}
+        held_out = {}
+        if self.replay.size:
+            errors = self.fitter.held_out(self.replay).mean(-1)
+            held_out = {f"held_out_{name}_loss": float(e) for name, e in zip(HEADS, errors, strict=True)}
+        sizes = {"replay_size": float(self.replay.size), "episode_length": self.lengths.mean}
+        metrics = self._unknown() | self._tally.means() | held_out | budgets | sizes
+        self._tally.clear()
+        return metrics | cost_metrics(feedback, self.config.limits)
+
+    def _unknown(self) -> dict[str, float]:
+        """NaN for each metric that there may be nothing to say about yet."""
+        costs = [f"cost{name}" for name in suffixes(len(self.config.limits))]
+        names = [f"model_{name}_loss" for name in HEADS] + ["plan_reward", *(f"plan_{cost}" for cost in costs)]
+        names += [f"{prefix}_{head}" for head in ("reward", *costs, "end") for prefix in ("predicted", "realised")]
+        names += ["feasible_share", "state_error", *(f"held_out_{name}_loss" for name in HEADS)]
+        return dict.fromkeys(names, float("nan"))
+
+    def state(self) -> dict[str, Any]:
+        """Everything, as nested dictionaries of arrays and plain data."""
+        return {
+            "ensemble": self.policy.ensemble.state(),
+            "method": module_state(self.policy.method.modules),
+            "fitter": self.fitter.state(),
+            "replay": self.replay.state(),
+            "assembly": self._assembly.state(),
+            "lengths": self.lengths.state(),
+            "player": self._player.state(),
+            "generator": generator_state(self.generator),
+            "tally": self._tally.state(),
+            "steps": self._steps,
+            "reported_at": self._reported_at,
+        }
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """The inverse of `state`; further keys are not looked at."""
+        self.policy.ensemble.load_state(state["ensemble"])
+        load_module(self.policy.method.modules, state["method"])
+        self.fitter.load_state(state["fitter"])
+        self.replay.load_state(state["replay"])
+        self._assembly.load_state(state["assembly"])
+        self.lengths.load_state(state["lengths"])
+        self._player.load_state(state["player"])
+        load_generator(self.generator, state["generator"])
+        self._tally.load_state(state["tally"])
+        self._steps, self._reported_at = int(state["steps"]), int(state["reported_at"])
+        self.policy.episode_length = self.lengths.mean
+        self.policy.refresh()
+
+
+class Tally:
+    """Sums of what is to be reported as means."""
+
+    def __init__(self) -> None:
+        self._sums: dict[str, float] = {}
+        self._counts: dict[str, float] = {}
+
+    def add(self, numbers: dict[str, float], weight: float = 1.0) -> None:
+        """Take in numbers that stand for so many."""
+        for name, number in numbers.items():
+            self._sums[name] = self._sums.get(name, 0.0) + number * weight
+            self._counts[name] = self._counts.get(name, 0.0) + weight
+
+    def decided(self, decision: Decision) -> None:
+        """What was expected of decisions."""
+        costs = {
+            f"plan_cost{name}": float(cost)
+            for name, cost in zip(suffixes(decision.cost.shape[1]), decision.cost.mean(0), strict=True)
+        }
+        numbers = {"plan_reward": decision.reward.mean(), "feasible_share": decision.feasible.mean()}
+        self.add(costs | {name: float(number) for name, number in numbers.items()}, len(decision.reward))
+
+    def lived(self, policy: PlannerPolicy, batch: Batch) -> None:
+        """What the model expected of steps that it has not been fitted to, and what they were."""
+        names = suffixes(batch.costs.shape[1])
+        expected, error = policy.ensemble.expected(batch)
+        lived = torch.cat([batch.rewards.unsqueeze(-1), batch.costs, batch.ended.unsqueeze(-1)], -1).mean(0)
+        heads = ["reward", *(f"cost{name}" for name in names), "end"]
+        numbers = {f"predicted_{head}": float(x) for head, x in zip(heads, expected, strict=True)}
+        numbers |= {f"realised_{head}": float(x) for head, x in zip(heads, lived, strict=True)}
+        self.add(numbers, len(batch.rewards))
+        going_on = int((~batch.ended).sum())
+        if going_on:
+            self.add({"state_error": float(error)}, going_on)
+
+    def means(self) -> dict[str, float]:
+        return {name: total / self._counts[name] for name, total in self._sums.items()}
+
+    def clear(self) -> None:
+        self._sums.clear()
+        self._counts.clear()
+
+    def state(self) -> dict[str, Any]:
+        """Plain data."""
+        return {"sums": dict(self._sums), "counts": dict(self._counts)}
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """The inverse of `state`."""
+        self._sums, self._counts = dict(state["sums"]), dict(state["counts"])

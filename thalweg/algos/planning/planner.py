@@ -1,0 +1,116 @@
+"""How is a decision made? Candidates are drawn from a plan, imagined, weighed, and the plan follows the best; again and
+again, for all environments at once.
+
+Letters: N environments, S candidates, G proposals among them, H steps ahead, A numbers of a raw action, K frames of D
+numbers, C costs.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor, nn
+
+from thalweg.algos.actions import Actions
+from thalweg.algos.planning.config import PlanningConfig
+from thalweg.algos.planning.ensemble import Frozen, action_features
+from thalweg.algos.planning.imagine import Futures, Value, imagine, judged, noise_for
+from thalweg.algos.planning.search import search_of
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What a decision may cost."""
+
+    costs: Tensor
+    """[C] within the horizon."""
+    per_episode: float
+    """How many horizons an episode has: what a sum over one must be multiplied by to be one over the other."""
+
+
+class Method(Protocol):
+    """What tells one planner from another."""
+
+    modules: nn.ModuleDict
+    """What it has learnt beside the model; part of the policy."""
+    mean_momentum: float
+    """Share of the mean of numbers that an iteration keeps."""
+
+    def weigh(self, futures: Futures, budget: Budget) -> Tensor:
+        """Weights [N, S] of the candidates, of sum 1."""
+        ...
+
+    def value(self) -> Value | None:
+        """What is still to come after the horizon; None if that counts for nothing."""
+        ...
+
+    def propose(self, frozen: Frozen, start: Tensor, generator: torch.Generator) -> Tensor | None:
+        """Candidates [N, G, H, A] that are not drawn from the plan, for normalised observations [N, K * D]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What was decided, and what is expected of it."""
+
+    plan: Tensor
+    """[N, H, A, W], as `Search` writes it."""
+    reward: Tensor
+    """[N] expected within the horizon, the mean of the last candidates by their weights."""
+    cost: Tensor
+    """[N, C], alike."""
+    feasible: Tensor
+    """[N] share of the last candidates that keep within the budget."""
+
+
+class Planner:
+    """Makes decisions with a model; remembers nothing."""
+
+    def __init__(self, config: PlanningConfig, actions: Actions, method: Method) -> None:
+        self.config, self.actions, self.method = config, actions, method
+        self.search = search_of(actions, config, method.mean_momentum)
+
+    def decide(
+        self, frozen: Frozen, start: Tensor, guess: Tensor, budget: Budget, generator: torch.Generator
+    ) -> Decision:
+        """The plan that a first guess [N, H, A, W] becomes, for normalised observations [N, K * D]."""
+        plan, proposals = guess, self.method.propose(frozen, start, generator)
+        decision = None
+        for _ in range(self.config.sizes.iterations):
+            samples = self.search.samples(plan, self.config.sizes.samples, generator)
+            if proposals is not None:
+                samples = torch.cat([samples, proposals], 1)
+            futures = self._imagined(frozen, start, samples, generator)
+            weights = self.method.weigh(futures, budget)
+            plan = self.search.improved(plan, samples, weights)
+            decision = Decision(
+                plan,
+                (weights * futures.rewards).sum(-1),
+                (weights.unsqueeze(-1) * futures.costs).sum(1),
+                (futures.costs <= budget.costs).all(-1).float().mean(-1),
+            )
+        assert decision is not None
+        return decision
+
+    def _imagined(self, frozen: Frozen, start: Tensor, samples: Tensor, generator: torch.Generator) -> Futures:
+        """What candidates [N, S, H, A] lead to."""
+        config, value = self.config, self.method.value()
+        features = action_features(self.actions, samples).movedim(2, 0)
+        noise = noise_for(
+            frozen,
+            len(start),
+            samples.shape[1],
+            config.sizes.particles,
+            config.sizes.horizon,
+            config.shared_noise,
+            generator,
+        )
+        steps = imagine(frozen, start, features, noise, needs_last=value is not None)
+        return judged(
+            steps,
+            config.planning_discount,
+            config.cost_over,
+            ends=config.predict_end,
+            value=value,
+            last_actions=samples[:, :, -1],
+        )

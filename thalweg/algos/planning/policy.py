@@ -1,0 +1,211 @@
+"""The policy that plans: a model, what its method has learnt beside it, and how decisions are made with them; in one
+file, like any other policy.
+
+Letters: N environments, D numbers of a frame, K frames, H steps ahead, A numbers of a raw action, C costs.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from thalweg.algos.actions import Actions
+from thalweg.algos.errors import AlgorithmError
+from thalweg.algos.maths import planning
+from thalweg.algos.memory import FrameStack
+from thalweg.algos.planning.config import PlanningConfig
+from thalweg.algos.planning.ensemble import Ensemble, Frozen
+from thalweg.algos.planning.planner import Budget, Decision, Method, Planner
+from thalweg.algos.policy import KINDS, About, named, save_policy
+from thalweg.algos.settings import config_from
+from thalweg.algos.state import load_module, module_state
+
+MakeMethod = Callable[[Any, Actions, int, Callable[[], float], torch.Generator], Method]
+"""From config, actions, numbers of an observation, the deviation of rewards, and a generator."""
+METHODS: dict[str, tuple[type[PlanningConfig], MakeMethod]] = {}
+"""By the algorithm's name; each planner's file adds its own."""
+
+
+class PlannerPolicy:
+    """Decisions by planning in an ensemble of models."""
+
+    def __init__(
+        self, obs_size: int, actions: Actions, config: PlanningConfig, about: About, generator: torch.Generator
+    ) -> None:
+        self.obs_size, self.actions, self.config, self.about = obs_size, actions, config, about
+        self.ensemble = Ensemble(
+            obs_size,
+            config.frame_stack,
+            actions,
+            len(config.limits),
+            config.members,
+            config.sizes.model_hidden,
+            generator,
+            normalise=config.normalise_observations,
+        )
+        make = METHODS[about.algorithm][1]
+        inputs = config.frame_stack * obs_size
+        self.method = make(config, actions, inputs, lambda: float(self.ensemble.reward.std), generator)
+        self.planner = Planner(config, actions, self.method)
+        self.episode_length = float(config.episode_length or config.sizes.horizon)
+        """L, mean steps of an episode."""
+        self.frozen = self._frozen()
+
+    @property
+    def budget(self) -> Budget:
+        """What a decision may cost."""
+        steps, length = self.config.sizes.horizon * self.config.action_repeat, self.episode_length
+        costs = torch.tensor([planning.budget(limit, steps, length) for limit in self.config.limits])
+        return Budget(costs, max(length / steps, 1.0))
+
+    def refresh(self) -> None:
+        """Plan with the model as it has become."""
+        self.frozen = self._frozen()
+
+    def _frozen(self) -> Frozen:
+        return Frozen(self.ensemble, torch.bfloat16 if self.config.precision == "bfloat16" else torch.float32)
+
+    def player(
+        self, num_envs: int, *, deterministic: bool = False, generator: torch.Generator | None = None
+    ) -> "PlannerPlayer":
+        """The policy in N environments.
+
+        Args:
+            num_envs: N.
+            deterministic: Changes nothing: the plan's most probable action is taken either way, but the search for it
+                draws.
+            generator: Where the draws come from; a new one, the same at each call, if None.
+        """
+        return PlannerPlayer(self, num_envs, generator or torch.Generator().manual_seed(0))
+
+    def save(self, path: str | Path) -> None:
+        """Write the policy as one file, whole or not at all."""
+        model = self.ensemble.state()
+        scales = {name: model[name] for name in ("observed", "change", "reward")}
+        header = {
+            "kind": "planner",
+            "obs_size": self.obs_size,
+            "actions": self.actions.as_data(),
+            "episode_length": self.episode_length,
+            "scales": {name: {key: state[key] for key in ("count", "enabled")} for name, state in scales.items()},
+        }
+        tensors = {f"model.{name}": model[name] for name in ("bounds", "ranges", "seen", "counts")}
+        tensors |= {f"stack.{name}": value for name, value in model["stack"].items()}
+        tensors |= {f"{name}.{key}": state[key] for name, state in scales.items() for key in ("mean", "square")}
+        tensors |= {f"method.{name}": value for name, value in module_state(self.method.modules).items()}
+        save_policy(path, header, {name: np.ascontiguousarray(value) for name, value in tensors.items()}, self.about)
+
+    @classmethod
+    def restored(cls, header: dict[str, Any], tensors: dict[str, np.ndarray], about: About) -> "PlannerPolicy":
+        """A policy from what `save` wrote."""
+        if about.algorithm not in METHODS:
+            raise AlgorithmError(f"this version knows no planner {about.algorithm!r}")
+        config = config_from(METHODS[about.algorithm][0], about.config)
+        generator = torch.Generator().manual_seed(0)
+        policy = cls(header["obs_size"], Actions.from_data(header["actions"]), config, about, generator)
+        scales = {name: header["scales"][name] | named(tensors, name) for name in ("observed", "change", "reward")}
+        policy.ensemble.load_state(named(tensors, "model") | scales | {"stack": named(tensors, "stack")})
+        load_module(policy.method.modules, named(tensors, "method"))
+        policy.episode_length = float(header["episode_length"])
+        policy.refresh()
+        return policy
+
+
+KINDS["planner"] = PlannerPolicy.restored
+
+
+class PlannerPlayer:
+    """A planner in N environments, with their frames, their plans, and the actions being carried out."""
+
+    def __init__(
+        self,
+        policy: PlannerPolicy,
+        num_envs: int,
+        generator: torch.Generator,
+        *,
+        stacked: bool = False,
+        exploration: float = 0.0,
+    ) -> None:
+        """`stacked`: observations come with their K frames side by side already; `exploration`: the share of decisions
+        that are drawn from the plan."""
+        self.policy, self.generator, self.exploration = policy, generator, exploration
+        frames = policy.config.frame_stack
+        self._size = policy.obs_size * (frames if stacked else 1)
+        self._stack = FrameStack(num_envs, policy.obs_size, 1 if stacked else frames)
+        self._plans = policy.planner.search.first(num_envs)
+        """[N, H, A, W], of the last decision of each environment."""
+        self._planned = torch.zeros(num_envs, dtype=torch.bool)
+        """[N] whether there is one in this episode."""
+        self._held = policy.planner.search.mode(self._plans)
+        """[N, A] being carried out."""
+        self._left = torch.zeros(num_envs, dtype=torch.int64)
+        """[N] steps for which it still is."""
+
+    def __call__(self, obs: np.ndarray, fresh: np.ndarray) -> np.ndarray:
+        return self.policy.actions.to_env(self.raw(obs, fresh)[0])
+
+    @torch.inference_mode()
+    def raw(self, obs: np.ndarray, fresh: np.ndarray, *, at_random: bool = False) -> tuple[Tensor, Decision | None]:
+        """Raw actions [N, A], and what was decided for those environments whose turn it was.
+
+        `at_random`: any action, without a plan.
+        """
+        obs = np.ascontiguousarray(obs, dtype=np.float32)
+        if obs.ndim != 2 or obs.shape[1] != self._size:
+            raise AlgorithmError(f"this policy sees [N, {self._size}] numbers, got an array of shape {obs.shape}")
+        seen = torch.from_numpy(self._stack.push(obs, fresh))
+        begins = torch.from_numpy(np.asarray(fresh, dtype=bool))
+        self._planned &= ~begins
+        turn = torch.nonzero((self._left == 0) | begins).squeeze(-1)
+        decision = None
+        if len(turn):
+            self._held = self._held.clone()
+            if at_random:
+                self._held[turn] = self._any(len(turn))
+            else:
+                decision, self._held[turn] = self._decide(seen[turn], turn)
+            self._left[turn] = self.policy.config.action_repeat
+        self._left -= 1
+        return self._held.clone(), decision
+
+    def _decide(self, obs: Tensor, turn: Tensor) -> tuple[Decision, Tensor]:
+        """Plan for the environments `turn`; returns the decision and raw actions."""
+        policy, search = self.policy, self.policy.planner.search
+        shape = (-1, *[1] * (self._plans.dim() - 1))
+        guess = torch.where(self._planned[turn].view(shape), search.shifted(self._plans[turn]), search.first(len(turn)))
+        start = policy.ensemble.seen(obs)
+        decision = policy.planner.decide(policy.frozen, start, guess, policy.budget, self.generator)
+        self._plans[turn], self._planned[turn] = decision.plan, True
+        best = search.mode(decision.plan)
+        if not self.exploration:
+            return decision, best
+        explores = torch.rand(len(turn), 1, generator=self.generator) < self.exploration
+        return decision, torch.where(explores, search.draw(decision.plan, self.generator), best)
+
+    def _any(self, count: int) -> Tensor:
+        """[count, A] drawn without preference: each option alike, or numbers uniform in -1..1."""
+        actions = self.policy.actions
+        uniform = torch.rand(count, actions.count, generator=self.generator)
+        if actions.kind == "categorical":
+            return (uniform * torch.tensor(actions.sizes)).long()
+        return 2.0 * uniform - 1.0
+
+    def state(self) -> dict[str, Any]:
+        """What it remembers, as arrays."""
+        return {
+            "frames": self._stack.state(),
+            "plans": self._plans.numpy().copy(),
+            "planned": self._planned.numpy().copy(),
+            "held": self._held.numpy().copy(),
+            "left": self._left.numpy().copy(),
+        }
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """The inverse of `state`."""
+        self._stack.load_state(state["frames"])
+        self._plans, self._planned, self._held, self._left = (
+            torch.from_numpy(np.array(state[name])) for name in ("plans", "planned", "held", "left")
+        )

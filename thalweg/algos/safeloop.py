@@ -1,0 +1,342 @@
+"""SafeLOOP (Sikchi, Zhou, Held 2021): a soft actor-critic learns beside a planner, proposes plans to it, and says what
+is still to come when its horizon ends; the planner, SafeARC, keeps within the budget.
+
+Choices are learnt by exact sums over all joint actions (Christodoulou 2019), numbers by a draw that carries a gradient.
+"""
+
+import copy
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from thalweg.algos.actions import Actions
+from thalweg.algos.distributions import Categoricals, Squashed
+from thalweg.algos.errors import AlgorithmError
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.maths import bootstrap, joint, losses, planning
+from thalweg.algos.multiplier import limit_warnings
+from thalweg.algos.networks import Actor, Shape, Stack
+from thalweg.algos.planning.agent import Agent
+from thalweg.algos.planning.config import PlanningConfig, Size, Sizes
+from thalweg.algos.planning.ensemble import Frozen
+from thalweg.algos.planning.imagine import Futures, Value, rolled_out
+from thalweg.algos.planning.planner import Budget
+from thalweg.algos.planning.policy import METHODS
+from thalweg.algos.planning.transitions import Batch
+from thalweg.algos.state import load_module, load_optimiser, module_state, optimiser_state
+
+MOST_JOINT_ACTIONS = 4096
+"""That exact sums are taken over."""
+SIZES: dict[Size, Sizes] = {
+    "lite": Sizes(samples=64, particles=1, iterations=4, elites=8, horizon=5, model_hidden=(128, 128)),
+    "full": Sizes(samples=100, particles=4, iterations=5, elites=20, horizon=7, model_hidden=(200, 200, 200, 200)),
+}
+
+
+@dataclass(frozen=True)
+class SafeLOOPConfig(PlanningConfig):
+    """Settings of SafeLOOP."""
+
+    proposals: int = 1
+    """Plans that the actor proposes in each model of the ensemble."""
+    sharpness: float = 4.0
+    """β: how strongly the best of the feasible candidates outweigh the others."""
+    cost_sharpness: float = 4.0
+    """β_c: the same where too few are feasible, and the cheapest count."""
+    standardise_returns: bool = True
+    """Whether β and β_c count deviations of the candidates' returns and costs; else those of an episode, each
+    horizon's times the horizons that an episode has, as in OmniSafe."""
+    stale_action_value: bool = False
+    """Whether what is still to come is the value of the last state with the action before it, as in OmniSafe; else with
+    the actor's."""
+    alpha: float = 0.2
+    """α: what a nat of the actor's entropy is worth; with `auto_alpha` at the start."""
+    auto_alpha: bool = True
+    """Whether α moves so that the actor keeps its entropy at a target."""
+    alpha_learning_rate: float = 1e-3
+    """Adam's, for log α."""
+    alpha_decay: float = 1.0
+    """What α is multiplied by after each gradient step, without `auto_alpha`."""
+    entropy_share: float = 0.2
+    """The entropy aimed at by an actor of choices, as a share of the largest, log(number of joint actions)."""
+    entropy_per_number: float = -1.0
+    """The entropy aimed at by an actor of numbers, of -1..1, in nats for each of them."""
+    learning_rate: float = 1e-3
+    """Adam's, for the actor."""
+    standardise_rewards: bool = True
+    """Whether critics learn rewards in their deviations, so that α means the same whatever is paid."""
+
+    def sized(self) -> Sizes:
+        return SIZES[self.size]
+
+    def conditions(self) -> dict[str, tuple[bool, str]]:
+        return super().conditions() | {
+            "proposals": (self.proposals >= 0, "must not be negative"),
+            "sharpness": (self.sharpness > 0, "must be positive"),
+            "cost_sharpness": (self.cost_sharpness > 0, "must be positive"),
+            "alpha": (self.alpha > 0 or (self.alpha == 0 and not self.auto_alpha), "must be positive"),
+            "alpha_learning_rate": (self.alpha_learning_rate >= 0, "must not be negative"),
+            "alpha_decay": (0 < self.alpha_decay <= 1, "must be in 0..1, and more than 0"),
+            "entropy_share": (0 <= self.entropy_share <= 1, "must be in 0..1"),
+            "learning_rate": (self.learning_rate >= 0, "must not be negative"),
+        }
+
+
+class SafeARC:
+    """How the planner weighs candidates, ends its horizon, and is given proposals."""
+
+    mean_momentum = 0.0
+
+    def __init__(
+        self,
+        config: SafeLOOPConfig,
+        actions: Actions,
+        inputs: int,
+        reward_std: Callable[[], float],
+        generator: torch.Generator,
+    ) -> None:
+        self.config, self.actions, self._reward_std = config, actions, reward_std
+        self.soft = (Exact if actions.kind == "categorical" else Sampled)(actions, config, inputs, generator)
+        self.modules = nn.ModuleDict({"actor": self.soft.actor, "critics": self.soft.critics})
+
+    @property
+    def unit(self) -> float:
+        """What the critics' numbers are multiples of."""
+        return self._reward_std() if self.config.standardise_rewards else 1.0
+
+    def weigh(self, futures: Futures, budget: Budget) -> Tensor:
+        """w ∝ exp(β G) over the feasible candidates, or exp(-β_c C) over all if too few are."""
+        config, returns, costs = self.config, futures.returns, futures.costs
+        feasible = (costs <= budget.costs).all(-1)
+        if config.standardise_returns:
+            total = planning.standardised_rows(costs.sum(-1), torch.ones_like(feasible))
+            returns = planning.standardised_rows(returns, feasible)
+        else:
+            total, returns = costs.sum(-1) * budget.per_episode, returns * budget.per_episode
+        return planning.feasible_softmax(
+            returns, total, feasible, config.sizes.elites, config.sharpness, config.cost_sharpness
+        )
+
+    def value(self) -> Value | None:
+        """E_a[min Q(s_H, a)] under the actor, in units of the reward."""
+        if self.config.stale_action_value:
+            return lambda obs, before: self.soft.action_value(obs, before) * self.unit
+        return lambda obs, _: self.soft.value(obs) * self.unit
+
+    def propose(self, frozen: Frozen, start: Tensor, generator: torch.Generator) -> Tensor | None:
+        """What the actor would do [N, G, H, A], in each model."""
+        if not self.config.proposals:
+            return None
+        return rolled_out(
+            frozen,
+            start,
+            self.actions,
+            lambda obs: self.soft.drawn(obs, generator),
+            self.config.proposals,
+            self.config.sizes.horizon,
+            generator,
+        )
+
+
+class Exact:
+    """Choices: critics say one number for each of the J joint actions, and expectations are sums."""
+
+    def __init__(self, actions: Actions, config: SafeLOOPConfig, inputs: int, generator: torch.Generator) -> None:
+        count = math.prod(actions.sizes)
+        if count > MOST_JOINT_ACTIONS:
+            raise AlgorithmError(
+                f"SafeLOOP sums over all joint actions, of which this space has {count:,}, more than "
+                f"{MOST_JOINT_ACTIONS:,}: use adapter='box_scaled'"
+            )
+        self.actions, shape = actions, Shape(config.hidden, "relu")
+        self.actor = Actor(inputs, actions, shape, generator)
+        self.critics = Stack(2, inputs, shape.hidden, count, activation="relu", generator=generator)
+        self.aim = config.entropy_share * math.log(count)
+        self._selected = joint.selection(actions.sizes)
+
+    def value(self, obs: Tensor) -> Tensor:
+        """Σ_a π(a|s) min Q(s, a) [R] of normalised observations [R, K * D]."""
+        return joint.expectation(self._log_p(obs), self.critics(obs).amin(0))
+
+    def action_value(self, obs: Tensor, raw: Tensor) -> Tensor:
+        """min Q(s, a) [R] of raw actions [R, A]."""
+        return _chosen(self.critics(obs).amin(0), joint.numbers(raw, self.actions.sizes))
+
+    def drawn(self, obs: Tensor, generator: torch.Generator) -> Tensor:
+        """Raw actions [R, A] of the actor."""
+        return self._policy(obs).sample(generator)
+
+    def next_values(self, slow: Stack, obs: Tensor, alpha: Tensor, generator: torch.Generator) -> Tensor:
+        """V(s') [B] = Σ_a π(a|s') (min Q'(s', a) - α log π(a|s'))."""
+        log_p = self._log_p(obs)
+        return joint.expectation(log_p, slow(obs).amin(0) - alpha * log_p)
+
+    def said(self, obs: Tensor, raw: Tensor) -> Tensor:
+        """Q(s, a) [2, B] of raw actions [B, A]."""
+        return _chosen(self.critics(obs), joint.numbers(raw, self.actions.sizes))
+
+    def objective(self, obs: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """E_a[min Q(s, a)] [B] and H(s) [B] with the actor's gradient."""
+        log_p = self._log_p(obs)
+        return joint.expectation(log_p, self.critics(obs, frozen=True).amin(0)), -joint.expectation(log_p, log_p)
+
+    def _policy(self, obs: Tensor) -> Categoricals:
+        return Categoricals.from_logits(self.actor(obs), self.actions.sizes)
+
+    def _log_p(self, obs: Tensor) -> Tensor:
+        """log π(a|s) [B, J]."""
+        return joint.log_prob(self._policy(obs).log_p, self._selected)
+
+
+class Sampled:
+    """Numbers: critics see the action, and an expectation is one draw."""
+
+    def __init__(self, actions: Actions, config: SafeLOOPConfig, inputs: int, generator: torch.Generator) -> None:
+        self.actions, shape = actions, Shape(config.hidden, "relu")
+        self.actor = Actor(inputs, actions, shape, generator)
+        self.critics = Stack(2, inputs + actions.count, shape.hidden, 1, activation="relu", generator=generator)
+        self.aim = config.entropy_per_number * actions.count
+
+    def value(self, obs: Tensor) -> Tensor:
+        """min Q(s, tanh μ) [R]: at the actor's middle, for normalised observations [R, K * D]."""
+        return self.action_value(obs, self._policy(obs).mode())
+
+    def action_value(self, obs: Tensor, raw: Tensor) -> Tensor:
+        """min Q(s, a) [R] of raw actions [R, A]."""
+        return self.said(obs, raw).amin(0)
+
+    def drawn(self, obs: Tensor, generator: torch.Generator) -> Tensor:
+        """Raw actions [R, A] of the actor."""
+        return self._policy(obs).sample(generator)
+
+    def next_values(self, slow: Stack, obs: Tensor, alpha: Tensor, generator: torch.Generator) -> Tensor:
+        """V(s') [B] = min Q'(s', a') - α log π(a'|s'), a' drawn from the actor."""
+        raw, log_prob = self._policy(obs).rsample(generator)
+        pairs = torch.cat([obs, self.actions.executed(raw)], -1)
+        return slow(pairs).squeeze(-1).amin(0) - alpha * log_prob
+
+    def said(self, obs: Tensor, raw: Tensor) -> Tensor:
+        """Q(s, a) [2, B] of raw actions [B, A]: of what was executed."""
+        return self.critics(torch.cat([obs, self.actions.executed(raw)], -1)).squeeze(-1)
+
+    def objective(self, obs: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """min Q(s, a) and -log π(a|s) [B] of one draw that carries the actor's gradient."""
+        raw, log_prob = self._policy(obs).rsample(generator)
+        return self.critics(torch.cat([obs, raw], -1), frozen=True).squeeze(-1).amin(0), -log_prob
+
+    def _policy(self, obs: Tensor) -> Squashed:
+        return Squashed(*self.actor(obs).chunk(2, dim=-1))
+
+
+METHODS["SafeLOOP"] = (SafeLOOPConfig, SafeARC)
+
+
+def actor_loss(values: Tensor, entropy: Tensor, alpha: Tensor) -> Tensor:
+    """L = -E_s[E_a[min Q(s, a)] + α H(s)]: what the actor minimises, from one number per state [B] each (Haarnoja et
+    al. 2018, equation 12). It knows no cost: what keeps the limit is the planner."""
+    return -(values + alpha * entropy).mean()
+
+
+def alpha_loss(log_alpha: Tensor, entropy: Tensor, aim: float) -> Tensor:
+    """log α (E[H] - H̄): α grows while the entropy [B] is below its aim (Haarnoja et al. 2018b, equation 18, with log α
+    in place of α, as in its authors' code)."""
+    return log_alpha * (entropy.detach().mean() - aim)
+
+
+def _chosen(values: Tensor, numbers: Tensor) -> Tensor:
+    """[..., B] of values [..., B, J], at the joint actions of those numbers [B]."""
+    return values.gather(-1, numbers.expand(values.shape[:-1]).unsqueeze(-1)).squeeze(-1)
+
+
+class SafeLOOP:
+    """SafeLOOP at work."""
+
+    resets = False
+
+    def __init__(self, config: SafeLOOPConfig, task: Task) -> None:
+        self.config, self.separate_costs = config, config.separate_costs
+        self.agent = Agent("SafeLOOP", config, task)
+        self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
+        method = self.policy.method
+        assert isinstance(method, SafeARC)
+        self.method, self.soft, self.slow = method, method.soft, copy.deepcopy(method.soft.critics)
+        self.log_alpha = torch.tensor(max(config.alpha, 1e-30)).log().requires_grad_(config.auto_alpha)
+        self.actor_optimiser = torch.optim.Adam(self.soft.actor.parameters(), config.learning_rate, fused=True)
+        self.optimiser = torch.optim.Adam(self.soft.critics.parameters(), config.critic_learning_rate, fused=True)
+        self.alpha_optimiser = torch.optim.Adam([self.log_alpha], config.alpha_learning_rate)
+
+    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+        """Raw actions [N, A]: planned, or at random at first."""
+        return self.agent.act(obs, fresh)
+
+    def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
+        """Keep the rollout's steps, fit the model, then critics and actor; returns the metrics, if they are due."""
+        self.agent.learn(rollout)
+        for batch in self.agent.lessons():
+            self._step(batch)
+        return self.agent.report(feedback)
+
+    def _step(self, batch: Batch) -> None:
+        """One gradient step of the critics, the actor and α."""
+        ensemble, soft, alpha = self.policy.ensemble, self.soft, self.log_alpha.detach().exp()
+        obs, generator = ensemble.seen(batch.obs), self.agent.generator
+        with torch.no_grad():
+            after = soft.next_values(self.slow, ensemble.seen(batch.next_obs), alpha, generator)
+            target = bootstrap.target(
+                (batch.rewards / self.method.unit).unsqueeze(0),
+                (~batch.ended).float(),
+                after.unsqueeze(0),
+                torch.tensor([[self.config.discount]]),
+            )
+        said = soft.said(obs, batch.actions)
+        errors = losses.squared_error(said, target.expand_as(said))
+        _descend(self.optimiser, errors.sum())
+        values, entropy = soft.objective(obs, generator)
+        loss = actor_loss(values, entropy, alpha)
+        _descend(self.actor_optimiser, loss)
+        if self.config.auto_alpha:
+            _descend(self.alpha_optimiser, alpha_loss(self.log_alpha, entropy, soft.aim))
+        else:
+            self.log_alpha += math.log(self.config.alpha_decay)
+        self.slow.flat.data.lerp_(soft.critics.flat.detach(), self.config.target_rate)
+        self.agent.log(
+            value_loss=errors.detach().mean(),
+            value=said.detach().mean(),
+            actor_loss=loss.detach(),
+            entropy=entropy.detach().mean(),
+            alpha=alpha,
+        )
+
+    def warnings(self, feedback: Feedback) -> dict[str, str]:
+        """Cost limits that bind nothing."""
+        return limit_warnings(self.config.limits, feedback)
+
+    def state(self) -> dict[str, Any]:
+        return self.agent.state() | {
+            "slow": module_state(self.slow),
+            "log_alpha": self.log_alpha.detach().numpy().copy(),
+            "optimiser": optimiser_state(self.optimiser),
+            "actor_optimiser": optimiser_state(self.actor_optimiser),
+            "alpha_optimiser": optimiser_state(self.alpha_optimiser),
+        }
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        self.agent.load_state(state)
+        load_module(self.slow, state["slow"])
+        with torch.no_grad():
+            self.log_alpha.copy_(torch.from_numpy(np.array(state["log_alpha"])))
+        load_optimiser(self.optimiser, state["optimiser"])
+        load_optimiser(self.actor_optimiser, state["actor_optimiser"])
+        load_optimiser(self.alpha_optimiser, state["alpha_optimiser"])
+
+
+def _descend(optimiser: torch.optim.Optimizer, loss: Tensor) -> None:
+    """One step down the gradient of a scalar."""
+    optimiser.zero_grad()
+    loss.backward()
+    optimiser.step()

@@ -23,6 +23,13 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     """Gradient steps for each step; what a round does not come to is carried over."""
     steps_per_update: int = 2048
     """Steps between two reports, all environments together: then the multipliers move, and metrics are logged."""
+    multiplier_rate: float = 2.0
+    """Step size of the part of λ that integrates; K_I of a PID multiplier. λ is the reward that a unit of cost is
+    worth."""
+    multiplier_gain: float = 5.0
+    """K_P: what is added to λ for each unit by which the mean cost exceeds the limit, at once; 0 for none."""
+    multiplier_max: float = 50.0
+    """Upper bound of λ."""
     multiplier_schedule: Schedule = "report"
     """When the multipliers move: once a report, from the episodes finished since the last one; or at each gradient
     step, as in OmniSafe, where an old mean is answered to again and again."""
@@ -36,11 +43,11 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     """γ of the reward."""
     cost_discount: float = 0.99
     """γ of the costs."""
-    target_rate: float = 0.005
+    target_rate: float = 0.01
     """τ: how far the slow copies move towards the networks each time that the policy is improved."""
     policy_delay: int = 1
     """Gradient steps of the critics for one of the policy."""
-    learning_rate: float = 3e-4
+    learning_rate: float = 1e-3
     """Adam's, for the policy."""
     critic_learning_rate: float = 1e-3
     """Adam's, for the critics."""

@@ -26,11 +26,12 @@ class DeterministicConfig(OffPolicyConfig):
     """ε: share of steps with a uniformly drawn action."""
     exploration_noise: float = 0.1
     """Standard deviation of what is added to a number, of -1..1, while collecting."""
-    exploration_temperature: float = 1.0
-    """Of choices while collecting: drawn from the softmax of the policy's outputs divided by this."""
+    exploration_temperature: float = 0.2
+    """Of choices while collecting: drawn from the softmax of the policy's outputs divided by this. Where it is high, the
+    multipliers answer to the costs of another policy than the one that is used in the end."""
     relaxation: float = 1.0
     """τ of the Gumbel-softmax whose gradient stands for that of a choice."""
-    output_decay: float = 1e-3
+    output_decay: float = 0.03
     """Weight of the policy's mean squared outputs (logits, or what tanh is taken of) in its loss: a policy that has
     become certain would have no gradient left."""
 

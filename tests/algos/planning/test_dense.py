@@ -61,7 +61,7 @@ def test_the_written_gradient_is_the_recorded_one(activation):
 
 def test_truncated_weights_lie_within_two_deviations_and_biases_are_zero():
     stack = Stack(2, 100, (50,), 3, generator=generator(), initial="truncated")
-    (weight, bias), _ = stack._parts(stack.flat.detach())
+    (weight, bias), _ = stack.layers
     assert float(weight.abs().max()) <= 0.1 and float(weight.std()) == pytest.approx(0.05 * 0.88, rel=0.03)
     assert bias.abs().sum() == 0
 

@@ -129,8 +129,11 @@ def test_only_the_policys_rate_falls(linear, expected):
     assert [one.policy_optimiser.rate, one.critic_optimiser.rate] == pytest.approx([expected, 5e-3])
 
 
-def test_everything_comes_back():
-    one, other, steps = agent(), agent(), rollout(observations(1))
+@pytest.mark.parametrize("memory", ["none", "gru"])
+def test_everything_comes_back(memory: str):
+    settings = {"memory": memory, "memory_size": 4, "adapter": "box_scaled"}
+    one, other = agent(**settings), agent(**settings)
+    steps = rollouts.rollout_of(observations(1), actions=torch.zeros(T, N, 1))
     samples(one, steps)
     one.step(weights_sum(one))
     never = np.zeros(N, dtype=bool)

@@ -124,7 +124,7 @@ def _problem_table(rows: Table, problem: str, seeds: int) -> list[list[str]]:
         at = {place: Cell(algorithm, place, problem) for place in row.places}
         best = reference(next(iter(at.values())))
         found = [_entry(rows, at[place], seeds) if place in at else "" for place in PLACES]
-        lines.append([algorithm, f"{best.reward:.2f}, {_costs([best.costs])}", *found])
+        lines.append([algorithm, f"{best.reward:.2f}, {_costs([best.costs.tolist()])}", *found])
     return lines
 
 

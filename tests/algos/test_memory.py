@@ -29,11 +29,12 @@ def test_frames_of_several_numbers_stay_together_the_newest_last():
 
 
 def test_a_glance_ahead_shows_what_a_push_would_return_and_changes_nothing():
-    stack = FrameStack(3, 1, 2)
+    stack = FrameStack(3, 1, 3)
     stack.push(column(1, 5, 9), np.array([YES] * 3))
+    stack.push(column(2, 6, 8), np.array([NO] * 3))
     before = stack.state()
-    assert stack.peek(column(7, 3), np.array([2, 0])).tolist() == [[9, 7], [1, 3]]
-    assert stack.peek(np.zeros((0, 1), np.float32), np.zeros(0, np.int64)).shape == (0, 2)
+    assert stack.peek(column(7, 3), np.array([2, 0])).tolist() == [[9, 8, 7], [1, 2, 3]]
+    assert stack.peek(np.zeros((0, 1), np.float32), np.zeros(0, np.int64)).shape == (0, 3)
     assert np.array_equal(stack.state(), before)
 
 

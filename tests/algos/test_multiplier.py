@@ -188,7 +188,7 @@ def test_fresh_episodes_count_else_the_last_fifty():
     assert told.cost_means() == (0.5,)
     older = replace(told, fresh_costs=told.fresh_costs[:0], recent_costs=feedback(*[1.0], count=100).recent_costs)
     older.recent_costs[:50] = 0.0
-    assert older.cost_means() == (1.0,) and older.cost_means(window=100) == (0.5,)
+    assert older.cost_means() == (1.0,) and older.cost_means(window=80) == (50 / 80,)
     nothing = feedback(0.5, 0.5, count=0)
     assert all(math.isnan(mean) for mean in nothing.cost_means()) and len(nothing.cost_means(window=5)) == 2
 

@@ -92,7 +92,7 @@ def test_weights_do_not_depend_on_the_size_of_returns():
     larger = dataclasses.replace(futures(), returns=100 * futures().returns)
     assert torch.allclose(method.weigh(larger, budget), weights, atol=1e-5)
     deviation = (2 / 3) ** 0.5
-    wanted = (4.0 * torch.tensor([1.0, -1.0, 0.0]) / deviation).softmax(-1)
+    wanted = (2.0 * torch.tensor([1.0, -1.0, 0.0]) / deviation).softmax(-1)
     assert weights[0].tolist() == pytest.approx([*wanted.tolist(), 0], abs=1e-5)
 
 

@@ -47,13 +47,13 @@ def finished(request, tmp_path_factory) -> tuple[str, Path]:
 
 
 REMEMBERING: dict[str, dict[str, Any]] = {
-    "gru": {"memory": "gru", "memory_size": 8, "sequence": 5},
+    "gru": {"memory": "gru", "memory_size": 8, "sequence": 5, "adapter": "box_literal"},
     "frames": {"frame_stack": 3},
     "apart": {"cost_limits": [0.05, 0.1]},
     "pid": {"multiplier_derivative": 2.0, "multiplier_smoothing": 0.5, "multiplier_delay": 3, "cost_window": 60},
-    "reset": {"reset_each_update": True, "adapter": "box_scaled"},
+    "reset": {"reset_each_update": True, "memory": "gru", "memory_size": 8, "adapter": "box_scaled"},
 }
-"""Settings by which a run has more to remember."""
+"""Settings by which a run has more to remember; drawn numbers show a difference that drawn options might hide."""
 EVERYTHING = {key: value for settings in REMEMBERING.values() for key, value in settings.items()} | {
     "reset_each_update": False
 }

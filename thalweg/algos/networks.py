@@ -65,10 +65,12 @@ class Stack(nn.Module):
         super().__init__()
         self.count, self.activation = count, activation
         self.sizes = (inputs, *hidden, outputs)
-        self.flat = nn.Parameter(torch.empty(sum(count * (before + 1) * after for before, after in self._layers)))
+        self.flat = nn.Parameter(
+            torch.empty(sum(count * (before + 1) * after for before, after in itertools.pairwise(self.sizes)))
+        )
         self._views: tuple[int, Layers] = (0, [])
         with torch.no_grad():
-            for layer, (weight, bias) in enumerate(self._parts()):
+            for layer, (weight, bias) in enumerate(self.layers):
                 before, after = weight.shape[1:]
                 gain = last_gain if layer == len(hidden) else math.sqrt(2.0)
                 bound = 1 / math.sqrt(before)
@@ -87,7 +89,7 @@ class Stack(nn.Module):
         """[K, B, outputs]; `frozen`: as if the parameters were constants, while x may have a gradient; `chosen`: of
         these perceptrons only."""
         flat = self.flat.detach() if frozen else self.flat
-        return _Perceptrons.apply(x, flat, self._parts(), self.sizes, chosen, self.activation)  # pyright: ignore
+        return _Perceptrons.apply(x, flat, self.layers, self.sizes, chosen, self.activation)  # pyright: ignore
 
     def plain(self, x: Tensor, flat: Tensor | None = None) -> Tensor:
         """The same by recorded calls, which can be differentiated twice; `flat` stands for the own parameters."""
@@ -98,10 +100,7 @@ class Stack(nn.Module):
         return torch.baddbmm(last_bias, x, last_weight)
 
     @property
-    def _layers(self) -> list[tuple[int, int]]:
-        return list(itertools.pairwise(self.sizes))
-
-    def _parts(self) -> Layers:
+    def layers(self) -> Layers:
         """The layers as views of the vector without its gradient, made once for each place that it lies in."""
         place = self.flat.data_ptr()
         if self._views[0] != place:

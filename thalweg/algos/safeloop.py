@@ -44,7 +44,7 @@ class SafeLOOPConfig(PlanningConfig):
 
     proposals: int = 1
     """Plans that the actor proposes in each model of the ensemble."""
-    sharpness: float = 4.0
+    sharpness: float = 2.0
     """β: how strongly the best of the feasible candidates outweigh the others."""
     cost_sharpness: float = 4.0
     """β_c: the same where too few are feasible, and the cheapest count."""

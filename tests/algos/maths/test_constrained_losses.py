@@ -12,9 +12,8 @@ RATIO = torch.tensor([1.5, 1.5, 0.5, 0.5], dtype=F64)
 COSTS = torch.tensor([1.0, -1.0, 1.0, -1.0], dtype=F64)
 
 
-def penalty(violation: float, **settings) -> float:
-    given = {"clip": 0.2, "scale": 0.01} | settings
-    return losses.p3o_penalty(RATIO.log(), ZEROS, COSTS, violation, **given).item()
+def penalty(violation: float, scale: float = 0.01, clipped: bool = True) -> float:
+    return losses.p3o_penalty(RATIO.log(), ZEROS, COSTS, violation, clip=0.2, scale=scale, clipped=clipped).item()
 
 
 def test_the_penalty_of_p3o_by_hand():

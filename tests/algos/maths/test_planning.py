@@ -58,6 +58,15 @@ def test_elites_are_the_feasible_of_most_return_and_else_the_cheapest():
     assert weights.tolist() == [[0, 0.5, 0.5, 0], [0, 0, 0.5, 0.5]]
 
 
+@pytest.mark.parametrize("cheapest", range(4))
+def test_too_few_feasible_candidates_are_joined_by_the_cheapest_of_the_others(cheapest):
+    costs = torch.full((1, 4, 1), 0.9)
+    feasible = (cheapest + 1) % 4
+    costs[0, cheapest], costs[0, feasible] = 0.6, 0.1
+    weights = planning.elites(RETURNS[:1], costs, torch.tensor([0.5]), 2)
+    assert torch.nonzero(weights[0]).flatten().tolist() == sorted([cheapest, feasible])
+
+
 def test_a_candidate_is_feasible_only_within_every_budget():
     costs = torch.tensor([[[0.1, 0.9], [0.1, 0.1], [0.9, 0.1], [0.2, 0.2]]])
     weights = planning.elites(RETURNS[:1], costs, torch.tensor([0.5, 0.5]), 2)

@@ -62,7 +62,7 @@ def test_the_closed_form_solves_its_quadratic_programme():
     kinds = {"binding": 0, "free": 0, "infeasible": 0}
     for matrix, g, b, c in programmes(200):
         along_g, along_b = np.linalg.solve(matrix, g), np.linalg.solve(matrix, b)
-        direction = cpo_step(g @ along_g, g @ along_b, b @ along_b, c, RADIUS)
+        direction = cpo_step(float(g @ along_g), float(g @ along_b), float(b @ along_b), c, RADIUS)
         assert direction.feasible == (c <= 0 or c * c <= 2 * RADIUS * (b @ along_b))
         step = direction.along_reward * along_g + direction.along_cost * along_b
         assert 0.5 * step @ matrix @ step <= RADIUS * (1 + 1e-9)

@@ -100,7 +100,7 @@ def test_critics_learn_beside_the_policy_as_they_would_after_it():
         found = samples(one, steps)
         with one.critics_learning(found, 3):
             for _ in range(20 * busy):
-                one.step(weights_sum(one))
+                one.step(torch.stack([(p**2).sum() for p in one.policy.actor.parameters()]).sum())
     assert torch.equal(both[0].critic_losses(), both[1].critic_losses())
     assert torch.equal(weights(both[0].critics), weights(both[1].critics))
     assert not torch.equal(weights(both[0].policy.actor), weights(both[1].policy.actor))
@@ -129,8 +129,11 @@ def test_only_the_policys_rate_falls(linear, expected):
     assert [one.policy_optimiser.rate, one.critic_optimiser.rate] == pytest.approx([expected, 5e-3])
 
 
-def test_everything_comes_back():
-    one, other, steps = agent(), agent(), rollout(observations(1))
+@pytest.mark.parametrize("memory", ["none", "gru"])
+def test_everything_comes_back(memory: str):
+    settings = {"memory": memory, "memory_size": 4, "adapter": "box_scaled"}
+    one, other = agent(**settings), agent(**settings)
+    steps = rollouts.rollout_of(observations(1), actions=torch.zeros(T, N, 1))
     samples(one, steps)
     one.step(weights_sum(one))
     never = np.zeros(N, dtype=bool)

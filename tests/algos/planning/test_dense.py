@@ -18,7 +18,7 @@ def test_fast_products_are_the_plain_ones(rows: int):
     stack, x = stack_of(), torch.randn(3, rows, 5, generator=generator(1))
     with torch.no_grad():
         wanted = stack.plain(x)
-    assert torch.allclose(Dense(stack._parts(stack.flat))(x), wanted, atol=1e-5)
+    assert torch.allclose(Dense(stack.layers)(x), wanted, atol=1e-5)
 
 
 def test_without_onednn_they_are_too(monkeypatch):
@@ -26,20 +26,20 @@ def test_without_onednn_they_are_too(monkeypatch):
     stack, x = stack_of(), torch.randn(3, 300, 5, generator=generator(1))
     with torch.no_grad():
         wanted = stack.plain(x)
-    assert torch.allclose(Dense(stack._parts(stack.flat))(x), wanted, atol=1e-5)
+    assert torch.allclose(Dense(stack.layers)(x), wanted, atol=1e-5)
 
 
 def test_bfloat16_is_near_and_gives_float32():
     stack, x = stack_of(), torch.randn(3, 300, 5, generator=generator(1))
     with torch.no_grad():
         wanted = stack.plain(x)
-    found = Dense(stack._parts(stack.flat), torch.bfloat16)(x)
+    found = Dense(stack.layers, torch.bfloat16)(x)
     assert found.dtype == torch.float32 and 0 < float((found - wanted).abs().max()) < 0.05
 
 
 def test_it_is_a_copy():
     stack, x = stack_of(), torch.randn(3, 4, 5, generator=generator(1))
-    copied = Dense(stack._parts(stack.flat))
+    copied = Dense(stack.layers)
     before = copied(x)
     stack.flat.data.zero_()
     assert torch.equal(copied(x), before)
@@ -61,7 +61,7 @@ def test_the_written_gradient_is_the_recorded_one(activation):
 
 def test_truncated_weights_lie_within_two_deviations_and_biases_are_zero():
     stack = Stack(2, 100, (50,), 3, generator=generator(), initial="truncated")
-    (weight, bias), _ = stack._parts(stack.flat.detach())
+    (weight, bias), _ = stack.layers
     assert float(weight.abs().max()) <= 0.1 and float(weight.std()) == pytest.approx(0.05 * 0.88, rel=0.03)
     assert bias.abs().sum() == 0
 

@@ -10,6 +10,7 @@ from torch.nn.functional import softplus
 from tests.algos.planning.made import BOX, OPTIONS, ensemble_for, generator, raw_actions
 from thalweg.algos.actions import actions_of
 from thalweg.algos.ccepets import CCEPETSConfig
+from thalweg.algos.networks import layers_of
 from thalweg.algos.planning.ensemble import Ensemble, Frozen, action_features, features_of
 from thalweg.algos.planning.fitting import Fitter, _decays
 from thalweg.algos.planning.transitions import Batch, Replay
@@ -118,7 +119,7 @@ def test_the_bounds_of_the_variance_are_drawn_together_unless_they_are_fixed():
 
 def test_weights_decay_more_towards_the_last_layer_and_biases_not_at_all():
     ensemble = ensemble_for(hidden=(16, 16))
-    parts = ensemble.stack._parts(_decays(ensemble, 0.4))
+    parts = layers_of(_decays(ensemble, 0.4), ensemble.stack.count, ensemble.stack.sizes)
     assert [float(w.unique()) for w, _ in parts] == pytest.approx([0.1, 0.25, 0.4])
     assert all(float(b.abs().sum()) == 0 for _, b in parts)
 

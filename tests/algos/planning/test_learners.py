@@ -16,6 +16,7 @@ from tests.train.toys import Walk
 from thalweg.algos import ALGORITHMS, NotFiniteError
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.planning.policy import METHODS
+from thalweg.algos.safeloop import SafeARC
 from thalweg.train import load_policy, run
 
 N, T, D = 4, 16, 5
@@ -164,7 +165,6 @@ QUIRKS: dict[str, Mapping[str, Any]] = {
     "particles": {"particles": 2},
 }
 OF_SAFELOOP: dict[str, Mapping[str, Any]] = {
-    "stale value": {"stale_action_value": True},
     "raw temperatures": {"standardise_returns": False},
     "decaying alpha": {"auto_alpha": False, "alpha_decay": 0.99},
     "raw rewards": {"standardise_rewards": False},
@@ -188,6 +188,20 @@ def test_each_quirk_can_be_tried_alone_and_makes_a_difference(name, quirk):
         assert all(math.isfinite(x) for key, x in metrics.items() if quirk != "refit" or "model" not in key)
         found.append(metrics)
     assert str(found[0]) != str(found[1])
+
+
+def test_a_stale_value_is_that_of_the_last_action_instead_of_the_policys():
+    """At the end of the horizon, of the state reached and the action that led there, as in OmniSafe."""
+    learner = learner_for("SafeLOOP")
+    arc = SafeARC(learner.config, learner.policy.actions, D, lambda: 2.0, generator())
+    stale = SafeARC(learner_for("SafeLOOP", stale_action_value=True).config, arc.actions, D, lambda: 2.0, generator())
+    obs, actions = torch.randn(7, D, generator=generator(1)), torch.tensor([[1, 2], [0, 1]]).repeat(4, 1)[:7]
+    value, other = arc.value(), stale.value()
+    assert value is not None and other is not None
+    with torch.no_grad():
+        assert torch.equal(value(obs, actions), 2.0 * arc.soft.value(obs))
+        assert torch.equal(other(obs, actions), 2.0 * arc.soft.action_value(obs, actions))
+        assert not torch.allclose(value(obs, actions), other(obs, actions))
 
 
 def test_a_planner_never_drops_what_ended_unless_it_is_told_to():

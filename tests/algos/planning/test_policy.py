@@ -33,7 +33,7 @@ def told(policy: PlannerPolicy, *, reward: float, cost: float = -1e3) -> Planner
     `cost` for the logit of a cost of 1, which option 0 (or a number of -1) never has."""
     ensemble = policy.ensemble
     ensemble.stack.flat.data.zero_()
-    (first, _), (last, bias) = ensemble.stack._parts(ensemble.stack.flat.data)
+    (first, _), (last, bias) = ensemble.stack.layers
     chosen = D + (1 if ensemble.actions.kind == "categorical" else 0)
     first[:, chosen, 0] = 20.0  # swish(20) is 20, and swish(0) is 0
     parts = ensemble.layout.parts
@@ -169,7 +169,7 @@ def test_the_budget_is_the_horizons_share_of_each_limit():
 def test_what_is_still_to_come_counts():
     """A critic that loves what the model says will follow from option 1 draws the plan there, though nothing pays."""
     policy = told(policy_for(iterations=4), reward=0.0)
-    (_, _), (last, _) = policy.ensemble.stack._parts(policy.ensemble.stack.flat.data)
+    (_, _), (last, _) = policy.ensemble.stack.layers
     last[:, 0, 0] = 1.0 / 20.0  # the first number grows by 1 with each option 1
     policy.refresh()
     critic: Any = policy.method

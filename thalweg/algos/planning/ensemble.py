@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from thalweg.algos.actions import Actions
 from thalweg.algos.maths import dynamics
-from thalweg.algos.networks import Stack, layers_of
+from thalweg.algos.networks import Stack
 from thalweg.algos.normaliser import CLIP, Normaliser
 from thalweg.algos.planning.dense import Dense
 from thalweg.algos.planning.transitions import Batch
@@ -242,10 +242,7 @@ class Frozen:
         )
         self.clip = CLIP if ensemble.observed.enabled else None
         """Normalised frames lie within ± this."""
-        layers = [
-            (weight.clone(), bias.clone())
-            for weight, bias in layers_of(ensemble.stack.flat.detach(), ensemble.stack.count, ensemble.stack.sizes)
-        ]
+        layers = [(weight.clone(), bias.clone()) for weight, bias in ensemble.stack.layers]
         scale = ensemble.observed.scale
         mean, reward, raw, _, _ = layout.parts
         low, high = ensemble.bounds.detach()

@@ -168,7 +168,7 @@ def carry_out(order: dict) -> dict:
     """Train as ordered."""
     record = ToyCMDP.record = Record(order["stamp_every"])
     counting = Counting()
-    agent = omnisafe.Agent(order["algorithm"], "Toy-v0", custom_cfgs=order["settings"])
+    agent = omnisafe.Agent(order["algorithm"], "Toy-v0", custom_cfgs=order["settings"])  # pyright: ignore[reportAttributeAccessIssue]
     decisions = timed(agent.agent._planner) if hasattr(agent.agent, "_planner") else []
     agent.agent.learn()
     ended = time.perf_counter()

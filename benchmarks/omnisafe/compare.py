@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.omnisafe import plot
-from benchmarks.omnisafe.contests import CONTESTS, Contest, Work, merged
+from benchmarks.omnisafe.contests import ACTION_REPEAT, CONTESTS, Contest, Work, merged
 from benchmarks.omnisafe.environment import python_with_omnisafe
 from benchmarks.peer_venv import SetupError, last_lines
 from thalweg.algos.registry import ALGORITHMS
@@ -49,6 +49,7 @@ def order_of(contest: Contest, work: Work, side: str, seed: int) -> dict[str, An
         "preset": "paper",
         "config": dict(work.ours),
         "steps": work.steps,
+        "stamp_every": work.stamp_every,
         "seed": seed,
         "envs": contest.envs,
         "threads": threads,
@@ -65,17 +66,24 @@ def carry_out(python: Path, side: str, order: dict[str, Any]) -> dict[str, Any]:
     return json.loads(done.stdout)
 
 
-def rate(contest: Contest, work: Work, answer: dict[str, Any]) -> float:
-    """Units a second: steps from the end of the random ones to the end of all, learning included, or decisions in the
-    time that they alone took."""
-    stamps = [stamp for stamp in answer["stamps"] if stamp[0] >= work.start]
-    steps = stamps[-1][0] - stamps[0][0]
-    if contest.unit == "steps":
-        return steps / (stamps[-1][1] - stamps[0][1])
+def rates(contest: Contest, work: Work, answer: dict[str, Any]) -> tuple[float, float]:
+    """Units a second, and a second of the processor, from the end of the random steps to the end of all, learning
+    included; of decisions both are those in the time that they alone took."""
+    if contest.unit == "decisions":
+        count, seconds = decided(work, answer)
+        return count / seconds, count / seconds
+    first = next(stamp for stamp in answer["stamps"] if stamp[0] >= work.start)
+    steps, wall, processor = (end - begin for begin, end in zip(first, answer["stamps"][-1], strict=True))
+    return steps / wall, steps / processor
+
+
+def decided(work: Work, answer: dict[str, Any]) -> tuple[float, float]:
+    """How many decisions a planner took, and the seconds of them: OmniSafe's each by itself, Thalweg's by update."""
     if "decisions" in answer:
-        return len(answer["decisions"]) / sum(answer["decisions"])
-    repeat = 5
-    return steps / repeat / sum(answer["act_s"][-(len(stamps) - 1) :])
+        return len(answer["decisions"]), sum(answer["decisions"])
+    before = max([steps for steps, _ in answer["acting"] if steps <= work.start], default=0)
+    last = answer["acting"][-1][0]
+    return (last - before) / ACTION_REPEAT, sum(seconds for steps, seconds in answer["acting"] if steps > before)
 
 
 def in_turns(contests: Sequence[Contest], turn: int) -> list[tuple[Contest, str]]:
@@ -104,9 +112,11 @@ def measure_speed(python: Path, contests: Sequence[Contest], repeats: int, out: 
             answer = carry_out(python, side, order_of(contest, contest.works.speed, side, turn))
             line = lines.setdefault(
                 (contest.algorithm, side),
-                {"algorithm": contest.algorithm, "side": side, "unit": contest.unit, "rates": []},
+                {"algorithm": contest.algorithm, "side": side, "unit": contest.unit, "rates": [], "by_processor": []},
             )
-            line["rates"].append(rate(contest, contest.works.speed, answer))
+            wall, processor = rates(contest, contest.works.speed, answer)
+            line["rates"].append(wall)
+            line["by_processor"].append(processor)
             line |= {
                 "threads": contest.threads[side],
                 "steps": answer["stamps"][-1][0],
@@ -115,7 +125,7 @@ def measure_speed(python: Path, contests: Sequence[Contest], repeats: int, out: 
             }
             if side == PEER:
                 before["peer"] = answer["versions"]
-            done = f"{line['rates'][-1]:.3g} {contest.unit} a second"
+            done = f"{wall:.3g} {contest.unit} a second, {processor:.3g} a second of the processor"
             print(f"{turn + 1} of {repeats}: {side}'s {contest.algorithm}, {done}", flush=True)
         write_whole(out, json.dumps(before | {"lines": list(lines.values())}, indent=2) + "\n")
 

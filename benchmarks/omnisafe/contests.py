@@ -14,6 +14,8 @@ from typing import Any, Literal, NamedTuple
 
 LIMIT = 0.1
 """Mean cost that an episode may have, where an algorithm has a limit."""
+ACTION_REPEAT = 5
+"""Steps for which a decision of a planner holds."""
 QUIET = {"logger_cfgs": {"use_tensorboard": False, "use_wandb": False, "save_model_freq": 10**9}}
 """What OmniSafe need not write, which favours it."""
 
@@ -112,7 +114,7 @@ def off_policy(peer: Mapping[str, Any], ours: Mapping[str, Any]) -> Works:
 def planner(decisions: int, peer: Mapping[str, Any], small: Mapping[str, Any], ours: Mapping[str, Any]) -> Works:
     """So many decisions of OmniSafe's own size after one fit of the model; for the curves `small` ones.
 
-    Each holds for five steps. OmniSafe's limit is one of 1,000 steps: 1 is a tenth of a toy's episode. It learns the
+    OmniSafe's limit is one of 1,000 steps: 1 is a tenth of a toy's episode. It learns the
     cost, as Thalweg does, and is told nothing.
     """
 
@@ -123,10 +125,10 @@ def planner(decisions: int, peer: Mapping[str, Any], small: Mapping[str, Any], o
             "dynamics_cfgs": {"predict_cost": True},
             "evaluation_cfgs": {"use_eval": False},
         }
-        return Work(steps, merged(QUIET, theirs, peer), {"cost_limit": LIMIT, **ours}, start, stamp_every=5)
+        return Work(steps, merged(QUIET, theirs, peer), {"cost_limit": LIMIT, **ours}, start, stamp_every=ACTION_REPEAT)
 
     curves = work(8_000, 2_000)
-    return Works(work(1_300 + 5 * decisions, 1_300), replace(curves, peer=merged(curves.peer, small)))
+    return Works(work(1_300 + ACTION_REPEAT * decisions, 1_300), replace(curves, peer=merged(curves.peer, small)))
 
 
 LAGRANGE = {"lagrange_cfgs": {"cost_limit": LIMIT}}

@@ -8,7 +8,7 @@ An order names the `algorithm`, the `settings` as OmniSafe nests them, and after
 `stamp_every`. The answer has
 
 * episodes: [step, return, cost, length] of each that finished, counted in steps of the environment;
-* stamps: [steps, seconds since the first one], at the begin of every so many steps, and at the end;
+* stamps: [steps, seconds, seconds of the processor] at the begin of every so many steps, and at the end;
 * decisions: seconds that each decision of a planner took;
 * gradient_steps: how often each optimiser stepped;
 * networks: the shapes of all weights;
@@ -51,7 +51,10 @@ class Record:
 
     def before(self, now: float) -> None:
         if self.steps % self.every == 0:
-            self.stamps.append((self.steps, now))
+            self.stamp(now)
+
+    def stamp(self, now: float) -> None:
+        self.stamps.append((self.steps, now, time.process_time()))
 
     def after(self, reward: float, cost: float, done: bool) -> None:
         self.steps += 1
@@ -171,10 +174,10 @@ def carry_out(order: dict) -> dict:
     agent = omnisafe.Agent(order["algorithm"], "Toy-v0", custom_cfgs=order["settings"])  # pyright: ignore[reportAttributeAccessIssue]
     decisions = timed(agent.agent._planner) if hasattr(agent.agent, "_planner") else []
     agent.agent.learn()
-    ended = time.perf_counter()
+    record.stamp(time.perf_counter())
     return {
         "episodes": record.episodes,
-        "stamps": [[steps, at - record.stamps[0][1]] for steps, at in [*record.stamps, (record.steps, ended)]],
+        "stamps": record.stamps,
         "decisions": decisions,
         "gradient_steps": counting.by_name(agent.agent),
         "networks": shapes(agent.agent),

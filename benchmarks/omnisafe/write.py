@@ -21,7 +21,7 @@ PAGE = HERE.parent / "README.md"
 SPEED, CURVES = HERE / "speed.json", HERE / "curves.csv"
 MARK = "omnisafe"
 PEER, OURS = SIDES = "OmniSafe", "Thalweg"
-SPEEDS = ("a second", "of", "OmniSafe", "Thalweg", "times", "least", "greatest", "asked for")
+SPEEDS = ("a second", "of", "OmniSafe", "Thalweg", "times", "least", "greatest", "by processor time", "asked for")
 LEARNT = ("learnt", "return, OmniSafe", "return, Thalweg", "falls, OmniSafe", "falls, Thalweg", "OmniSafe's errors")
 LAST = 0.2
 """What was learnt is the mean over this share of the steps, the last."""
@@ -40,13 +40,15 @@ def ratio(ours: Sequence[float], theirs: Sequence[float]) -> tuple[float, float,
 
 def speed_rows(found: dict[str, Any]) -> list[list[str]]:
     """A row for each algorithm that was measured, in the order of `SPEEDS`."""
-    rates = {(line["algorithm"], line["side"]): line["rates"] for line in found["lines"]}
+    lines = {(line["algorithm"], line["side"]): line for line in found["lines"]}
     rows = []
     for contest in CONTESTS:
-        if (contest.algorithm, PEER) not in rates:
+        if (contest.algorithm, PEER) not in lines:
             continue
-        both = [rates[contest.algorithm, side] for side in SIDES]
-        cells = [*(statistics.median(each) for each in both), *ratio(both[1], both[0])]
+        theirs, ours = (lines[contest.algorithm, side] for side in SIDES)
+        medians = (statistics.median(line["rates"]) for line in (theirs, ours))
+        by_processor = ratio(ours["by_processor"], theirs["by_processor"])[0]
+        cells = [*medians, *ratio(ours["rates"], theirs["rates"]), by_processor]
         least = "" if contest.least is None else f"{contest.least:g}"
         rows.append([contest.unit, contest.algorithm, *map(shown, cells), least])
     return rows
@@ -93,7 +95,8 @@ def section() -> str:
         repeats = len(found["lines"][0]["rates"])
         parts.append(
             f"{markdown(list(SPEEDS), speed_rows(found))}\n{repeats} repetitions in turns: medians, and the median, "
-            f"least and greatest of their ratios. {describe(found)}. The peer: {peer}. Work of a repetition: "
+            f"least and greatest of their ratios; other programs on the machine take their share of a second, but not of "
+            f"a second of the processor. {describe(found)}. The peer: {peer}. Work of a repetition: "
             f"{work_done(found)}. Load of the machine before: {found['load_before']:.1f}.\n"
         )
     if CURVES.exists():

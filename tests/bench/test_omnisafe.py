@@ -33,6 +33,7 @@ def speeds() -> dict:
     rates = {"PPO": ([100.0, 200.0, 100.0], [900.0, 1000.0, 1200.0]), "SafeLOOP": ([4.0, 4.0, 5.0], [12.0, 16.0, 15.0])}
     lines = [
         {"algorithm": name, "side": side, "unit": contest_named(name).unit, "rates": each, "threads": 1, "steps": 20000}
+        | {"by_processor": [rate * (2 if side == OURS else 1) for rate in each]}
         | {"gradient_steps": {"actor_optimizer": 12520}, "environment_s": 1.0}
         for name, both in rates.items()
         for side, each in zip(compare.SIDES, both, strict=True)
@@ -96,17 +97,18 @@ def test_orders_name_the_seed_and_the_threads_of_their_side():
 def test_the_rate_of_steps_leaves_out_those_at_random():
     contest = contest_named("SACLag")
     work = contest.works.speed
-    stamps = [[0, 0.0], [work.start, 3.0], [work.start + 500, 8.0], [work.start + 1000, 23.0]]
-    assert compare.rate(contest, work, {"stamps": stamps}) == 1000 / 20.0
+    after = [(0, 3.0, 2.0), (500, 8.0, 3.0), (1000, 23.0, 7.0)]
+    stamps = [[0, 0.0, 0.0], *([work.start + steps, *clocks] for steps, *clocks in after)]
+    assert compare.rates(contest, work, {"stamps": stamps}) == (1000 / 20.0, 1000 / 5.0)
 
 
 def test_the_rate_of_decisions_is_of_the_time_that_they_alone_took():
     contest = contest_named("SafeLOOP")
     work = contest.works.speed
-    stamps = [[0, 0.0], [work.start, 3.0], [work.start + 100, 60.0], [work.start + 200, 90.0]]
-    assert compare.rate(contest, work, {"stamps": stamps, "decisions": [0.5, 0.25, 0.25]}) == 3.0
-    # 200 steps are 40 decisions; the first entry of `act_s` belongs to the steps at random.
-    assert compare.rate(contest, work, {"stamps": stamps, "act_s": [7.0, 6.0, 10.0]}) == 2.5
+    assert compare.rates(contest, work, {"decisions": [0.5, 0.25, 0.25]})[0] == 3.0
+    # 200 steps are 40 decisions; the acting until the end of the steps at random is left out.
+    acting = [[work.start, 7.0], [work.start + 100, 6.0], [work.start + 200, 10.0]]
+    assert compare.rates(contest, work, {"acting": acting})[0] == pytest.approx(2.5)
 
 
 def test_an_episode_counts_where_it_ended():
@@ -150,8 +152,8 @@ def test_a_side_that_fails_says_why(tmp_path: Path):
 
 def test_a_row_of_speed_has_medians_and_the_ratios_of_each_repetition():
     assert write.speed_rows(speeds()) == [
-        ["steps", "PPO", "100", "1,000", "9.00", "5.00", "12.0", ""],
-        ["decisions", "SafeLOOP", "4.00", "15.0", "3.00", "3.00", "4.00", "3"],
+        ["steps", "PPO", "100", "1,000", "9.00", "5.00", "12.0", "18.0", ""],
+        ["decisions", "SafeLOOP", "4.00", "15.0", "3.00", "3.00", "4.00", "6.00", "3"],
     ]
 
 
@@ -178,7 +180,7 @@ def test_the_page_is_written_between_its_marks_and_a_second_time_changes_nothing
     assert write.main([]) == 0
     first = page.read_text()
     assert first.startswith("before\n<!-- omnisafe -->\n") and first.endswith("<!-- /omnisafe -->\nafter\n")
-    assert "| steps | PPO | 100 | 1,000 | 9.00 | 5.00 | 12.0 |  |" in first and "| PPO | 4.40 | 5.00 |" in first
+    assert "| steps | PPO | 100 | 1,000 | 9.00 | 5.00 | 12.0 | 18.0 |  |" in first and "| PPO | 4.40 | 5.00 |" in first
     assert "OmniSafe's PPO: 20,000 steps, gradient steps: 12,520 actor;" in first
     assert write.main(["--check"]) == 0
     assert write.main([]) == 0 and page.read_text() == first

@@ -95,8 +95,8 @@ def section() -> str:
         repeats = len(found["lines"][0]["rates"])
         parts.append(
             f"{markdown(list(SPEEDS), speed_rows(found))}\n{repeats} repetitions in turns: medians, and the median, "
-            f"least and greatest of their ratios; other programs on the machine take their share of a second, but not of "
-            f"a second of the processor. {describe(found)}. The peer: {peer}. Work of a repetition: "
+            f"least and greatest of their ratios; other programs take their share of a second, not of a second of the "
+            f"processor. {describe(found)}. The peer: {peer}. Work of a repetition: "
             f"{work_done(found)}. Load of the machine before: {found['load_before']:.1f}.\n"
         )
     if CURVES.exists():

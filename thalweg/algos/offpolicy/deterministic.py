@@ -27,8 +27,8 @@ class DeterministicConfig(OffPolicyConfig):
     exploration_noise: float = 0.1
     """Standard deviation of what is added to a number, of -1..1, while collecting."""
     exploration_temperature: float = 0.2
-    """Of choices while collecting: drawn from the softmax of the policy's outputs divided by this. Where it is high, the
-    multipliers answer to the costs of another policy than the one that is used in the end."""
+    """Of choices while collecting: drawn from the softmax of the policy's outputs divided by this. Where it is high,
+    the multipliers answer to the costs of another policy than the one that is used in the end."""
     relaxation: float = 1.0
     """τ of the Gumbel-softmax whose gradient stands for that of a choice."""
     output_decay: float = 0.03

@@ -59,6 +59,36 @@ _PLANNING: Settings = {
     "adapter": "box_literal",
 }
 
+_OFF_POLICY: Settings = {
+    "steps_per_collection": 1,
+    "updates_per_step": 1.0,
+    "steps_per_update": 2000,
+    "target_rate": 0.005,
+    "learning_rate": 3e-4,
+    "critic_learning_rate": 3e-4,
+    "linear_decay": False,
+    "normalise_cost": True,
+    "normalise_observations": False,
+    "initial": "kaiming",
+    "adapter": "box_literal",
+    "cost_limit": 25.0,
+    "cost_window": 10,
+    "multiplier_schedule": "gradient_step",
+    "multiplier_rule": "adam",
+    "multiplier_rate": 1e-5,
+    "multiplier_gain": 0.0,
+    "multiplier_initial": 0.001,
+    "multiplier_max": math.inf,
+}
+_FIRST_MOVE = 202_000  # steps: epochs of 2,000 are counted from 0, and the first to move the multiplier is number 101
+_DETERMINISTIC: Settings = {
+    **_OFF_POLICY,
+    "random_steps": 25_000,
+    "multiplier_warmup": _FIRST_MOVE - 25_000,
+    "exploration": 0.0,
+    "output_decay": 0.0,
+}
+
 PAPER: dict[str, Settings] = {
     "PPO": _ON_POLICY,
     "PPOLag": {**_ON_POLICY, **_LIMITED, **_MULTIPLIER, "multiplier_max": math.inf},
@@ -91,6 +121,17 @@ PAPER: dict[str, Settings] = {
         "kl_per_dimension": True,
         "tolerance": 2.0,
         "cost_window": 50,
+    },
+    "DDPGLag": {**_DETERMINISTIC, "target_actor": False},
+    "TD3Lag": {**_DETERMINISTIC, "cost_target": "online"},
+    "SACLag": {
+        **_OFF_POLICY,
+        "random_steps": 10_000,
+        "multiplier_warmup": _FIRST_MOVE - 10_000,
+        "policy_delay": 2,
+        "alpha": 0.2,
+        "auto_alpha": False,
+        "cost_target": "mode",
     },
     "CCEPETS": {**_PLANNING, "initial_std": 2.0, "terminal_value": False, "critic_steps": 0},
     "SafeLOOP": {

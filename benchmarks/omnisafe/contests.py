@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 LIMIT = 0.1
@@ -72,8 +73,15 @@ ON_POLICY = {"hidden": (64, 64), "linear_decay": True, "max_grad_norm": 40.0, "e
 RATES = {"learning_rate": 3e-4, "critic_learning_rate": 3e-4}
 
 
-def on_policy(passes: int, minibatch: int, peer: Mapping[str, Any], ours: Mapping[str, Any]) -> Works:
-    """One epoch of OmniSafe's default for the speed; fifty short ones for the curves."""
+def on_policy(
+    passes: int,
+    minibatch: int,
+    peer: Mapping[str, Any],
+    ours: Mapping[str, Any],
+    curves_peer: Mapping[str, Any] = MappingProxyType({}),
+    curves_ours: Mapping[str, Any] = MappingProxyType({}),
+) -> Works:
+    """One epoch of OmniSafe's default for the speed; fifty short ones for the curves, with what else these need."""
 
     def work(steps: int, update: int, times: int, stops: bool) -> Work:
         algo = {"steps_per_epoch": update, "update_iters": times, "batch_size": minibatch, "kl_early_stop": stops}
@@ -82,7 +90,9 @@ def on_policy(passes: int, minibatch: int, peer: Mapping[str, Any], ours: Mappin
         stop = {"target_kl": 0.02 if stops else math.inf}
         return Work(steps, merged(QUIET, peer, theirs), {**ON_POLICY, **ours, **mine, **stop})
 
-    return Works(speed=work(SPEED_STEPS, SPEED_STEPS, passes, False), curves=work(CURVE_STEPS, CURVE_UPDATE, 10, True))
+    curves = work(CURVE_STEPS, CURVE_UPDATE, 10, True)
+    curves = replace(curves, peer=merged(curves.peer, curves_peer), ours={**curves.ours, **curves_ours})
+    return Works(work(SPEED_STEPS, SPEED_STEPS, passes, False), curves)
 
 
 def trust_region(peer: Mapping[str, Any], ours: Mapping[str, Any]) -> Works:
@@ -142,17 +152,34 @@ ADAM = {
     "standardise_cost": False,
 }
 """OmniSafe's multiplier, and its cost advantages, only centred."""
+SWIFT, HIGH = 0.5, 50.0
+"""Step size and bound of the multiplier in the curves. By OmniSafe's own, 0.035 and for FOCOPS 2, no limit is felt on
+either side: the costs of rare falls are small beside standardised advantages of the reward."""
 RESETS = "all episodes are cut and begun anew at each update"
 TWO = {"OmniSafe": 2, "Thalweg": 2}
 
 CONTESTS = (
     Contest("PPO", "steps", None, on_policy(40, 64, {}, RATES), differs=RESETS),
-    Contest("PPOLag", "steps", 8.0, on_policy(40, 64, LAGRANGE, {**RATES, "cost_limit": LIMIT}), differs=RESETS),
+    Contest(
+        "PPOLag",
+        "steps",
+        8.0,
+        on_policy(
+            *(40, 64, LAGRANGE, {**RATES, "cost_limit": LIMIT}),
+            curves_peer={"lagrange_cfgs": {"lambda_lr": SWIFT}},
+            curves_ours={"multiplier_rate": SWIFT},
+        ),
+        differs=RESETS,
+    ),
     Contest(
         "FOCOPS",
         "steps",
         8.0,
-        on_policy(40, 64, LAGRANGE, {**RATES, **ADAM, "temperature": 1.5, "multiplier_max": 2.0}),
+        on_policy(
+            *(40, 64, LAGRANGE, {**RATES, **ADAM, "temperature": 1.5, "multiplier_max": 2.0}),
+            curves_peer={"lagrange_cfgs": {"lambda_lr": SWIFT, "lagrangian_upper_bound": HIGH}},
+            curves_ours={"multiplier_rate": SWIFT, "multiplier_max": HIGH},
+        ),
         differs="KL [B, 1] and surrogate [B] broadcast to [B, B], so that the trust region of a state weighs all of "
         f"them alike; advantages are divided by 1 + ν; {RESETS}",
     ),

@@ -69,7 +69,7 @@ def draw(table: Path, figure: Path) -> None:
         pair[1].set_ylim(0, 0.65)
         pair[1].axhline(LIMIT, color="black", linewidth=0.8, linestyle=":")
         pair[0].set_ylim(0, 8)
-    axes[0, 0].legend(frameon=False, loc="upper left")
+    axes[0, 0].legend(frameon=False, loc="lower right")
     with whole(figure) as draft:
         plots.savefig(draft, dpi=110, format="png")
     plt.close(plots)

@@ -103,8 +103,8 @@ def section() -> str:
         curves = read(CURVES)
         seeds = max(len(each) for each in curves.values())
         parts.append(
-            f"{markdown(list(LEARNT), learnt_rows(curves))}\nMeans over the last {LAST:.0%} of the steps of {seeds} "
-            "seeds.\n\n![Returns and falls of both, algorithm by algorithm](omnisafe/curves.png)\n"
+            f"{markdown(list(LEARNT), learnt_rows(curves))}\nMeans over the last {LAST:.0%} of the steps. Seeds: "
+            f"{seeds}.\n\n![Returns and falls of both, algorithm by algorithm](omnisafe/curves.png)\n"
         )
     return "\n".join(parts) or "Not measured yet.\n"
 

@@ -73,7 +73,12 @@ def test_our_settings_are_keys_of_the_algorithm_and_the_same_as_the_peers(contes
     assert (config.target_kl == float("inf")) == (not theirs["kl_early_stop"])
     assert work.peer["train_cfgs"]["total_steps"] == work.steps
     if hasattr(config, "cost_limit"):
-        assert config.cost_limit == work.peer["lagrange_cfgs"]["cost_limit"]
+        lagrange = {"lambda_lr": 0.035, "lagrangian_upper_bound": 2.0, **work.peer["lagrange_cfgs"]}
+        assert config.cost_limit == lagrange["cost_limit"]
+        assert (config.multiplier_rate, config.multiplier_max) == (
+            lagrange["lambda_lr"],
+            lagrange["lagrangian_upper_bound"],
+        )
 
 
 def test_settings_are_merged_to_the_bottom_and_the_parts_stay():

@@ -23,7 +23,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from peer_setup import PINS, SIDE, Setup, SetupError, drawing_by, last_lines, set_up
+from peer_setup import PINS, SIDE, Setup, drawing_by, set_up
+from peer_venv import SetupError, last_lines
 from PIL import Image
 
 from thalweg.train.machine import machine, versions

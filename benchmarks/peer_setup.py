@@ -1,19 +1,16 @@
-"""Makes the virtual environment in which `peer.py` runs Safety-Gymnasium, whose pins conflict with Thalweg's own.
+"""What `peer.py` needs to run Safety-Gymnasium: the pins of its virtual environment, and a way to draw.
 
-It lies in Thalweg's cache folder, is made whole or not at all, and is used again until a pin changes. What the
-registry of Python packages does not hold, an old Python and a library for OpenGL, is asked for and never installed.
+What the registry of Python packages does not hold, an old Python and a library for OpenGL, is asked for and never
+installed.
 """
 
-import hashlib
 import json
 import os
-import secrets
-import shutil
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
-from thalweg.cache import cache_dir
+from peer_venv import Recipe, SetupError, call, last_lines, python_of
 
 PINS = (
     "safety-gymnasium==1.0.0",
@@ -50,8 +47,12 @@ SOFTWARE = ("llvmpipe", "softpipe")
 """Rasterisers that draw on the processor, as OpenGL names them."""
 
 
-class SetupError(Exception):
-    """What is missing on this machine, and what would mend it."""
+def check(python: Path) -> None:
+    """That all that the packages ask for is there."""
+    call([str(python), "-I", "-m", "pip", "check"])
+
+
+RECIPE = Recipe("Safety-Gymnasium", PYTHONS, (("--only-binary", ":all:", "--no-deps", *PINS),), finish=check)
 
 
 @dataclass(frozen=True)
@@ -68,65 +69,8 @@ class Setup:
 
 def set_up(named: str | None) -> Setup:
     """Safety-Gymnasium, ready to draw; `named` is the Python to use, else one is looked for. Raises `SetupError`."""
-    python = peer_python(named)
+    python = python_of(RECIPE, named)
     return Setup(python, *backend(python))
-
-
-def find_python(named: str | None) -> tuple[str, str]:
-    """Path and version of a Python that Safety-Gymnasium runs under: the one named, else the newest on the path."""
-    wanted = "3.8, 3.9 or 3.10"
-    candidates = [named] if named else [f"python{major}.{minor}" for major, minor in PYTHONS]
-    for candidate in candidates:
-        path = shutil.which(candidate)
-        asked = ["-I", "-c", "import platform; print(platform.python_version())"]
-        found = subprocess.run([path, *asked], capture_output=True, text=True, check=False) if path else None
-        if found is None or found.returncode:
-            continue
-        version = found.stdout.strip()
-        if tuple(int(part) for part in version.split(".")[:2]) in PYTHONS:
-            return str(path), version
-        raise SetupError(f"Safety-Gymnasium needs Python {wanted}; {candidate} is Python {version}.")
-    raise SetupError(
-        f"Safety-Gymnasium needs Python {wanted}, and none of these runs here: {', '.join(candidates)}. "
-        "Install one, for instance by `uv python install 3.10` or pyenv, or name it: --python PATH"
-    )
-
-
-def peer_python(named: str | None) -> Path:
-    """The Python of the virtual environment with `PINS`, which is made first where it is missing (about a minute)."""
-    key = hashlib.sha256("\n".join(PINS).encode()).hexdigest()[:16]
-    parent = cache_dir() / "peer"
-    ready = sorted(parent.glob(f"{key}-*/bin/python"))
-    if ready and named is None:
-        return ready[-1]
-    base, version = find_python(named)
-    home = parent / f"{key}-{version}"
-    python = home / "bin" / "python"
-    if not python.exists():
-        print(f"making a virtual environment for Safety-Gymnasium under Python {version}", flush=True)
-        make_whole(base, home)
-    return python
-
-
-def make_whole(base: str, home: Path) -> None:
-    """A virtual environment of `base` with `PINS` at `home`: made beside it, then put there in one move."""
-    home.parent.mkdir(parents=True, exist_ok=True)
-    draft = home.with_name(f".{home.name}.{secrets.token_hex(8)}.part")
-    pip = [str(draft / "bin" / "python"), "-I", "-m", "pip"]
-    install = [*pip, "install", "--disable-pip-version-check", "--quiet", "--only-binary", ":all:", "--no-deps", *PINS]
-    try:
-        for command in ([base, "-m", "venv", str(draft)], install, [*pip, "check"]):
-            done = subprocess.run(command, capture_output=True, text=True, check=False)
-            if done.returncode:
-                raise SetupError(f"{' '.join(command[1:4])} failed:\n{last_lines(done.stdout + done.stderr)}")
-        os.replace(draft, home)
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
-
-
-def last_lines(text: str, count: int = 8) -> str:
-    """The end of what a process printed."""
-    return "\n".join(text.strip().splitlines()[-count:])
 
 
 def backend(python: Path) -> tuple[str, str]:

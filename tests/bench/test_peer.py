@@ -18,7 +18,7 @@ def scripts(monkeypatch: pytest.MonkeyPatch):
     """Imports a script of `benchmarks/`, which is no package, by its name."""
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
     yield importlib.import_module
-    for name in ("peer", "peer_setup", "write_peer"):
+    for name in ("peer", "peer_setup", "peer_venv", "write_peer"):
         sys.modules.pop(name, None)
 
 
@@ -30,6 +30,16 @@ def peer(scripts) -> ModuleType:
 @pytest.fixture
 def peer_setup(scripts) -> ModuleType:
     return scripts("peer_setup")
+
+
+@pytest.fixture
+def peer_venv(scripts) -> ModuleType:
+    return scripts("peer_venv")
+
+
+@pytest.fixture
+def recipe(peer_setup: ModuleType):
+    return peer_setup.RECIPE
 
 
 @pytest.fixture
@@ -116,32 +126,32 @@ def test_the_script_of_a_side_is_one_that_python_3_8_can_read():
     ast.parse((ROOT / "benchmarks" / "peer_side.py").read_text(), feature_version=(3, 8))
 
 
-def test_a_missing_python_is_named_with_what_would_do(peer_setup: ModuleType):
-    with pytest.raises(peer_setup.SetupError, match=r"needs Python 3.8, 3.9 or 3.10, and none .* no-such-python"):
-        peer_setup.find_python("no-such-python")
+def test_a_missing_python_is_named_with_what_would_do(peer_venv: ModuleType, recipe):
+    with pytest.raises(peer_venv.SetupError, match=r"needs Python 3.8, 3.9 or 3.10, and none .* no-such-python"):
+        peer_venv.find_python(recipe, "no-such-python")
 
 
-def test_a_python_too_new_is_named_with_its_version(peer_setup: ModuleType, tmp_path: Path):
+def test_a_python_too_new_is_named_with_its_version(peer_venv: ModuleType, recipe, tmp_path: Path):
     new = fake_python(tmp_path / "python", "echo 3.11.7")
-    with pytest.raises(peer_setup.SetupError, match=rf"{new} is Python 3\.11\.7"):
-        peer_setup.find_python(str(new))
+    with pytest.raises(peer_venv.SetupError, match=rf"{new} is Python 3\.11\.7"):
+        peer_venv.find_python(recipe, str(new))
 
 
 def test_a_python_is_searched_from_the_newest_on_past_those_that_fail(
-    peer_setup: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    peer_venv: ModuleType, recipe, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     fake_python(tmp_path / "python3.10", "exit 127")  # such as pyenv's for a version that is not chosen
     older = fake_python(tmp_path / "python3.9", "echo 3.9.18")
     fake_python(tmp_path / "python3.8", "echo 3.8.18")
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
-    assert peer_setup.find_python(None) == (str(older), "3.9.18")
+    assert peer_venv.find_python(recipe, None) == (str(older), "3.9.18")
 
 
-def test_a_virtual_environment_that_fails_says_why_and_leaves_nothing(peer_setup: ModuleType, tmp_path: Path):
+def test_a_virtual_environment_that_fails_says_why_and_leaves_nothing(peer_venv: ModuleType, recipe, tmp_path: Path):
     base = fake_python(tmp_path / "python", 'mkdir -p "$3"; echo "No module named venv" >&2; exit 1')
     home = tmp_path / "cache" / "made"
-    with pytest.raises(peer_setup.SetupError, match=r"-m venv .* failed:\nNo module named venv"):
-        peer_setup.make_whole(str(base), home)
+    with pytest.raises(peer_venv.SetupError, match=r"-m venv .* failed:\nNo module named venv"):
+        peer_venv.make_whole(recipe, str(base), home)
     assert list(home.parent.iterdir()) == []
 
 

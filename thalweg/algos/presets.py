@@ -148,6 +148,7 @@ PAPER: dict[str, Settings] = {
         "alpha": 0.2,
         "alpha_decay": 0.99,
         "standardise_rewards": False,
+        "target_rate": 0.005,
         "critic_steps": 50,
     },
 }

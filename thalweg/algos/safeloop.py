@@ -62,12 +62,14 @@ class SafeLOOPConfig(PlanningConfig):
     """Adam's, for log α."""
     alpha_decay: float = 1.0
     """What α is multiplied by after each gradient step, without `auto_alpha`."""
-    entropy_share: float = 0.2
+    entropy_share: float = 0.1
     """The entropy aimed at by an actor of choices, as a share of the largest, log(number of joint actions)."""
     entropy_per_number: float = -1.0
     """The entropy aimed at by an actor of numbers, of -1..1, in nats for each of them."""
     learning_rate: float = 1e-3
     """Adam's, for the actor."""
+    target_rate: float = 0.02
+    """How far the target critics follow the critics in each gradient step."""
     standardise_rewards: bool = True
     """Whether critics learn rewards in their deviations, so that α means the same whatever is paid."""
 

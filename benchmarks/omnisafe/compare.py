@@ -1,0 +1,199 @@
+"""Thalweg beside OmniSafe: the same algorithms with the same settings on the same toy, in turns on this machine.
+
+    python -m benchmarks.omnisafe.compare speed
+    python -m benchmarks.omnisafe.compare curves
+
+from the root of the repository. `speed` writes speed.json, `curves` writes curves.csv and curves.png, and `write.py`
+puts them into the page. Runs for the curves are kept in results/omnisafe/, so that a killed one goes on where it was.
+`contests.py` says what is set. OmniSafe gets a virtual environment of its own, made at the first call. It is no part
+of CI: all of `curves` takes hours.
+"""
+
+import argparse
+import csv
+import hashlib
+import json
+import os
+import statistics
+import subprocess
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.omnisafe import plot
+from benchmarks.omnisafe.contests import ACTION_REPEAT, CONTESTS, Contest, Work, merged
+from benchmarks.omnisafe.environment import python_with_omnisafe
+from benchmarks.peer_venv import SetupError, last_lines
+from thalweg.algos.registry import ALGORITHMS
+from thalweg.train.machine import machine, versions
+from thalweg.whole import whole, write_whole
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+PEER, OURS = SIDES = "OmniSafe", "Thalweg"
+SPEED, CURVES, FIGURE = HERE / "speed.json", HERE / "curves.csv", HERE / "curves.png"
+KEPT = ROOT / "results" / "omnisafe"
+BINS = 25
+"""Points of a curve: means over the episodes that ended in so many equal stretches."""
+
+
+def order_of(contest: Contest, work: Work, side: str, seed: int) -> dict[str, Any]:
+    """What `side.py` or `ours.py` is to do."""
+    threads = contest.threads[side]
+    if side == PEER:
+        settings = merged(work.peer, {"seed": seed, "train_cfgs": {"torch_threads": threads}})
+        return {"algorithm": contest.algorithm, "settings": settings, "stamp_every": work.stamp_every}
+    return {
+        "algorithm": contest.algorithm,
+        "preset": "paper",
+        "config": dict(work.ours),
+        "steps": work.steps,
+        "stamp_every": work.stamp_every,
+        "seed": seed,
+        "envs": contest.envs,
+        "threads": threads,
+    }
+
+
+def carry_out(python: Path, side: str, order: dict[str, Any]) -> dict[str, Any]:
+    """The answer of a side, which runs in a process of its own."""
+    ours = [sys.executable, "-m", "benchmarks.omnisafe.ours"]
+    command = [str(python), "-E", "-s", str(HERE / "side.py")] if side == PEER else ours
+    done = subprocess.run(command, input=json.dumps(order), capture_output=True, text=True, check=False, cwd=ROOT)
+    if done.returncode:
+        raise RuntimeError(f"{side}'s {order['algorithm']} failed:\n{last_lines(done.stderr)}")
+    return json.loads(done.stdout)
+
+
+def rates(contest: Contest, work: Work, answer: dict[str, Any]) -> tuple[float, float]:
+    """Units a second, and a second of the processor, from the end of the random steps to the end of all, learning
+    included; of decisions both are those in the time that they alone took."""
+    if contest.unit == "decisions":
+        count, seconds = decided(work, answer)
+        return count / seconds, count / seconds
+    first = next(stamp for stamp in answer["stamps"] if stamp[0] >= work.start)
+    steps, wall, processor = (end - begin for begin, end in zip(first, answer["stamps"][-1], strict=True))
+    return steps / wall, steps / processor
+
+
+def decided(work: Work, answer: dict[str, Any]) -> tuple[float, float]:
+    """How many decisions a planner took, and the seconds of them: OmniSafe's each by itself, Thalweg's by update."""
+    if "decisions" in answer:
+        return len(answer["decisions"]), sum(answer["decisions"])
+    before = max([steps for steps, _ in answer["acting"] if steps <= work.start], default=0)
+    last = answer["acting"][-1][0]
+    return (last - before) / ACTION_REPEAT, sum(seconds for steps, seconds in answer["acting"] if steps > before)
+
+
+def in_turns(contests: Sequence[Contest], turn: int) -> list[tuple[Contest, str]]:
+    """Who is measured when: each second turn backwards, so that no place is better."""
+    order = [(contest, side) for contest in contests for side in SIDES]
+    return order[::-1] if turn % 2 else order
+
+
+def known(contests: Iterable[Contest]) -> list[Contest]:
+    """Those whose algorithm Thalweg has; the others are named."""
+    found = []
+    for contest in contests:
+        if contest.algorithm in ALGORITHMS:
+            found.append(contest)
+        else:
+            print(f"{contest.algorithm}: passed over, Thalweg does not have it yet", flush=True)
+    return found
+
+
+def measure_speed(python: Path, contests: Sequence[Contest], repeats: int, out: Path) -> None:
+    """Write the rates of both sides, and how much each did, after each turn."""
+    lines: dict[tuple[str, str], dict[str, Any]] = {}
+    before = {"machine": machine(), "load_before": os.getloadavg()[0], "versions": versions()}
+    for turn in range(repeats):
+        for contest, side in in_turns(contests, turn):
+            answer = carry_out(python, side, order_of(contest, contest.works.speed, side, turn))
+            line = lines.setdefault(
+                (contest.algorithm, side),
+                {"algorithm": contest.algorithm, "side": side, "unit": contest.unit, "rates": [], "by_processor": []},
+            )
+            wall, processor = rates(contest, contest.works.speed, answer)
+            line["rates"].append(wall)
+            line["by_processor"].append(processor)
+            line |= {
+                "threads": contest.threads[side],
+                "steps": answer["stamps"][-1][0],
+                "gradient_steps": answer["gradient_steps"],
+                "environment_s": answer["environment_s"],
+            }
+            if side == PEER:
+                before["peer"] = answer["versions"]
+            done = f"{wall:.3g} {contest.unit} a second, {processor:.3g} a second of the processor"
+            print(f"{turn + 1} of {repeats}: {side}'s {contest.algorithm}, {done}", flush=True)
+        write_whole(out, json.dumps(before | {"lines": list(lines.values())}, indent=2) + "\n")
+
+
+def kept_answer(python: Path, contest: Contest, side: str, seed: int) -> dict[str, Any]:
+    """A run for the curves: carried out once, and kept."""
+    order = order_of(contest, contest.works.curves, side, seed)
+    key = hashlib.sha256(json.dumps(order, sort_keys=True).encode()).hexdigest()[:12]
+    file = KEPT / f"{contest.algorithm}-{side}-{seed}-{key}.json"
+    if not file.exists():
+        print(f"{side}'s {contest.algorithm}, seed {seed}", flush=True)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(file, json.dumps(carry_out(python, side, order)))
+    return json.loads(file.read_text())
+
+
+def binned(episodes: Sequence[Sequence[float]], steps: int, bins: int = BINS) -> list[tuple[int, float, float, int]]:
+    """(last step, mean return, mean cost, episodes) of each stretch in which an episode ended."""
+    found = []
+    for place in range(bins):
+        begin, end = steps * place // bins, steps * (place + 1) // bins
+        there = [episode for episode in episodes if begin < episode[0] <= end]
+        if there:
+            means = (statistics.fmean(episode[column] for episode in there) for column in (1, 2))
+            found.append((end, *means, len(there)))
+    return found
+
+
+def draw_curves(python: Path, contests: Sequence[Contest], seeds: int) -> None:
+    """Train both sides, and write the table and the figure."""
+    table: list[dict[str, Any]] = []
+    for seed in range(seeds):
+        for contest, side in in_turns(contests, seed):
+            answer = kept_answer(python, contest, side, seed)
+            for step, paid, cost, count in binned(answer["episodes"], contest.works.curves.steps):
+                row = {"algorithm": contest.algorithm, "side": side, "seed": seed, "step": step}
+                table.append(row | {"return": f"{paid:.4f}", "cost": f"{cost:.4f}", "episodes": count})
+    names = [contest.algorithm for contest in contests]
+    table.sort(key=lambda row: (names.index(row["algorithm"]), SIDES.index(row["side"]), row["seed"], row["step"]))
+    with whole(CURVES) as draft, draft.open("w", newline="") as file:
+        writer = csv.DictWriter(file, table[0], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(table)
+    plot.draw(CURVES, FIGURE)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="Thalweg beside OmniSafe on a toy")
+    parser.add_argument("what", choices=("speed", "curves"))
+    parser.add_argument("--algorithms", nargs="+", choices=[contest.algorithm for contest in CONTESTS])
+    parser.add_argument("--repeats", type=int, default=3, help="of the speed")
+    parser.add_argument("--seeds", type=int, default=3, help="of the curves")
+    parser.add_argument("--python", help="a Python 3.11 for OmniSafe; else the one on the path")
+    given = parser.parse_args()
+    if min(given.repeats, given.seeds) < 1:
+        parser.error("at least one repetition and one seed")
+    chosen = known(c for c in CONTESTS if not given.algorithms or c.algorithm in given.algorithms)
+    try:
+        python = python_with_omnisafe(given.python)
+    except SetupError as error:
+        print(error, file=sys.stderr)
+        return 1
+    if given.what == "speed":
+        measure_speed(python, chosen, given.repeats, SPEED)
+    else:
+        draw_curves(python, chosen, given.seeds)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,89 @@
+"""Thalweg on the toy, in a process of its own: the counterpart of `side.py`, which answers the same order alike.
+
+An order names the `algorithm`, the `config`, the `preset`, `steps`, `seed`, `envs` and `threads`, and `stamp_every`.
+The answer is told in `side.py`, except
+
+* acting: [steps, seconds of acting] of each update, instead of decisions;
+* passes: how often each update went through its steps, where the algorithm says so.
+"""
+
+import csv
+import inspect
+import json
+import os
+import sys
+import tempfile
+import time
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from torch.optim.optimizer import register_optimizer_step_post_hook
+
+from benchmarks.omnisafe.toy_vector import ToyVectorEnv
+from thalweg.train.machine import versions
+from thalweg.train.run import run
+
+
+class Stamped(ToyVectorEnv):
+    """The toy with a look at the clock at the begin of every so many steps."""
+
+    def __init__(self, num_envs: int, every: int) -> None:
+        super().__init__(num_envs)
+        self.every, self.steps, self.stamps = every, 0, []
+
+    def step(self, actions: np.ndarray) -> tuple:
+        if self.steps // self.every >= len(self.stamps):
+            self.stamp()
+        self.steps += self.num_envs
+        return super().step(actions)
+
+    def stamp(self) -> None:
+        self.stamps.append((self.steps, time.perf_counter(), time.process_time()))
+
+
+def carry_out(order: dict, folder: Path) -> dict:
+    """Train as ordered."""
+    steps = [0]
+
+    def count(*_: Any) -> None:
+        steps[0] += 1
+
+    register_optimizer_step_post_hook(count)
+    given: dict[str, Any] = {name: order[name] for name in ("steps", "seed", "config", "threads")}
+    if "preset" in inspect.signature(run).parameters:
+        given["preset"] = order["preset"]
+    env = Stamped(order["envs"], order["stamp_every"])
+    run(order["algorithm"], env, folder=folder, **given)
+    env.stamp()
+    metrics, episodes = rows(folder / "metrics.csv"), rows(folder / "episodes.csv")
+    return {
+        "episodes": [
+            [int(row["step"]), *(float(row[name]) for name in ("return", "cost", "length"))] for row in episodes
+        ],
+        "stamps": env.stamps,
+        "acting": [[int(row["steps"]), float(row["time_act"])] for row in metrics],
+        "environment_s": sum(float(row["time_env"]) for row in metrics),
+        "gradient_steps": {"all networks": steps[0]},
+        "passes": [float(row["passes"]) for row in metrics if row.get("passes")],
+        "versions": versions(),
+    }
+
+
+def rows(file: Path) -> list[dict[str, str]]:
+    with file.open(newline="") as text:
+        return list(csv.DictReader(text))
+
+
+def main() -> None:
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+    warnings.simplefilter("ignore")  # short runs cannot do what training warns of
+    order = json.load(sys.stdin)
+    with tempfile.TemporaryDirectory() as folder:
+        print(json.dumps(carry_out(order, Path(folder) / "run")), file=answers, flush=True)
+
+
+if __name__ == "__main__":
+    main()

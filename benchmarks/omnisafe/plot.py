@@ -1,0 +1,90 @@
+"""How do both learn? For each algorithm the returns above and the costs below, the mean over the seeds and their span.
+
+    python -m benchmarks.omnisafe.plot
+
+draws curves.png from curves.csv, as `compare.py` does at its end.
+"""
+
+import csv
+from collections import defaultdict
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+
+from benchmarks.omnisafe.contests import CONTESTS, LIMIT
+from thalweg.whole import whole
+
+HERE = Path(__file__).resolve().parent
+COLOURS = {"OmniSafe": "#d95f02", "Thalweg": "#1b6ca8"}
+ACROSS = 5
+"""Algorithms side by side."""
+MEASURES = {"return": "return", "cost": "falls an episode"}
+
+Curves = dict[tuple[str, str], dict[int, dict[int, dict[str, float]]]]
+"""By algorithm and side, seed, and step: return, cost and episodes of a stretch."""
+
+
+def read(file: Path) -> Curves:
+    """The table of `compare.py`."""
+    curves: Curves = defaultdict(lambda: defaultdict(dict))
+    with file.open(newline="") as text:
+        for row in csv.DictReader(text):
+            numbers = {name: float(row[name]) for name in (*MEASURES, "episodes")}
+            curves[row["algorithm"], row["side"]][int(row["seed"])][int(row["step"])] = numbers
+    return curves
+
+
+def band(seeds: dict[int, dict[int, dict[str, float]]], measure: str) -> np.ndarray:
+    """[4, steps] of what all seeds have: step, mean, least, greatest."""
+    steps = sorted(set.intersection(*(set(points) for points in seeds.values())))
+    values = np.array([[points[step][measure] for step in steps] for points in seeds.values()])
+    return np.stack([steps, values.mean(0), values.min(0), values.max(0)])
+
+
+def draw(table: Path, figure: Path) -> None:
+    """The figure of a table."""
+    curves = read(table)
+    names = [contest.algorithm for contest in CONTESTS if any(key[0] == contest.algorithm for key in curves)]
+    across = min(ACROSS, len(names))
+    down = -(-len(names) // across)
+    size = (2.9 * across + 0.6, 4.4 * down + 0.4)
+    plots, axes = plt.subplots(2 * down, across, figsize=size, squeeze=False, layout="constrained")
+    for place in range(down * across):
+        column, pair = place % across, axes[2 * (place // across) :][:2, place % across]
+        if place >= len(names):
+            for axis in pair:
+                axis.set_axis_off()
+            continue
+        pair[0].set_title(names[place])
+        for axis, measure in zip(pair, MEASURES, strict=True):
+            draw_one(axis, curves, names[place], measure)
+            if not column:
+                axis.set_ylabel(MEASURES[measure])
+        pair[1].set_xlabel("thousand steps")
+        pair[1].set_ylim(0, 0.65)
+        pair[1].axhline(LIMIT, color="black", linewidth=0.8, linestyle=":")
+        pair[0].set_ylim(0, 8)
+    axes[0, 0].legend(frameon=False, loc="lower right")
+    with whole(figure) as draft:
+        plots.savefig(draft, dpi=110, format="png")
+    plt.close(plots)
+
+
+def draw_one(axis: Axes, curves: Curves, algorithm: str, measure: str) -> None:
+    """Both sides of one algorithm."""
+    for side, colour in COLOURS.items():
+        if (algorithm, side) not in curves:
+            continue
+        steps, mean, least, greatest = band(curves[algorithm, side], measure)
+        axis.plot(steps / 1000, mean, color=colour, label=side)
+        axis.fill_between(steps / 1000, least, greatest, color=colour, alpha=0.2, linewidth=0)
+    axis.spines[["top", "right"]].set_visible(False)
+
+
+if __name__ == "__main__":
+    draw(HERE / "curves.csv", HERE / "curves.png")

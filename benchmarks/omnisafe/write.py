@@ -1,0 +1,126 @@
+"""Writes the comparison with OmniSafe into benchmarks/README.md, between its marks, so that no figure is typed.
+
+python -m benchmarks.omnisafe.write [--check]
+"""
+
+import json
+import statistics
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.marks import between_marks
+from benchmarks.omnisafe.contests import CONTESTS, contest_named
+from benchmarks.omnisafe.plot import Curves, read
+from thalweg.bench.speed import describe
+from thalweg.bench.tables import markdown
+
+HERE = Path(__file__).resolve().parent
+PAGE = HERE.parent / "README.md"
+SPEED, CURVES = HERE / "speed.json", HERE / "curves.csv"
+MARK = "omnisafe"
+PEER, OURS = SIDES = "OmniSafe", "Thalweg"
+SPEEDS = ("a second", "of", "OmniSafe", "Thalweg", "times", "least", "greatest", "by processor time", "asked for")
+LEARNT = ("learnt", "return, OmniSafe", "return, Thalweg", "falls, OmniSafe", "falls, Thalweg", "OmniSafe's errors")
+LAST = 0.2
+"""What was learnt is the mean over this share of the steps, the last."""
+
+
+def shown(value: float) -> str:
+    """A rate or a ratio: two places below 10, one below 100."""
+    return f"{value:.2f}" if value < 10 else f"{value:.1f}" if value < 100 else f"{value:,.0f}"
+
+
+def ratio(ours: Sequence[float], theirs: Sequence[float]) -> tuple[float, float, float]:
+    """How many times theirs ours is: median, least and greatest of the repetitions, each by itself."""
+    found = [mine / other for mine, other in zip(ours, theirs, strict=True)]
+    return statistics.median(found), min(found), max(found)
+
+
+def speed_rows(found: dict[str, Any]) -> list[list[str]]:
+    """A row for each algorithm that was measured, in the order of `SPEEDS`."""
+    lines = {(line["algorithm"], line["side"]): line for line in found["lines"]}
+    rows = []
+    for contest in CONTESTS:
+        if (contest.algorithm, PEER) not in lines:
+            continue
+        theirs, ours = (lines[contest.algorithm, side] for side in SIDES)
+        medians = (statistics.median(line["rates"]) for line in (theirs, ours))
+        by_processor = ratio(ours["by_processor"], theirs["by_processor"])[0]
+        cells = [*medians, *ratio(ours["rates"], theirs["rates"]), by_processor]
+        least = "" if contest.least is None else f"{contest.least:g}"
+        rows.append([contest.unit, contest.algorithm, *map(shown, cells), least])
+    return rows
+
+
+def learnt(curves: Curves, algorithm: str, side: str) -> tuple[float, float]:
+    """Mean return and cost of the episodes in the last part of all seeds."""
+    points = [(step, numbers) for seed in curves[algorithm, side].values() for step, numbers in seed.items()]
+    end = max(step for step, _ in points)
+    last = [numbers for step, numbers in points if step > (1 - LAST) * end]
+    episodes = sum(numbers["episodes"] for numbers in last)
+    paid, cost = (sum(one[name] * one["episodes"] for one in last) / episodes for name in ("return", "cost"))
+    return paid, cost
+
+
+def learnt_rows(curves: Curves) -> list[list[str]]:
+    """A row for each algorithm that was trained, in the order of `LEARNT`."""
+    names = [contest.algorithm for contest in CONTESTS if (contest.algorithm, OURS) in curves]
+    rows = []
+    for name in names:
+        (theirs, their_cost), (ours, our_cost) = (learnt(curves, name, side) for side in SIDES)
+        cells = [f"{theirs:.2f}", f"{ours:.2f}", f"{their_cost:.3f}", f"{our_cost:.3f}"]
+        rows.append([name, *cells, contest_named(name).differs])
+    return rows
+
+
+def work_done(found: dict[str, Any]) -> str:
+    """How much either side did, in a sentence for each algorithm."""
+    said = []
+    for line in found["lines"]:
+        steps = ", ".join(
+            f"{count:,} {name.removesuffix('_optimizer').strip('_')}" for name, count in line["gradient_steps"].items()
+        )
+        said.append(f"{line['side']}'s {line['algorithm']}: {line['steps']:,} steps, gradient steps: {steps or 'none'}")
+    return "; ".join(said)
+
+
+def section() -> str:
+    """What the page says, of as much as was measured."""
+    parts = []
+    if SPEED.exists():
+        found = json.loads(SPEED.read_text())
+        peer = ", ".join(f"{name} {number}" for name, number in found["peer"].items())
+        repeats = len(found["lines"][0]["rates"])
+        parts.append(
+            f"{markdown(list(SPEEDS), speed_rows(found))}\n{repeats} repetitions in turns: medians, and the median, "
+            f"least and greatest of their ratios; other programs take their share of a second, not of a second of the "
+            f"processor. {describe(found)}. The peer: {peer}. Work of a repetition: "
+            f"{work_done(found)}. Load of the machine before: {found['load_before']:.1f}.\n"
+        )
+    if CURVES.exists():
+        curves = read(CURVES)
+        seeds = max(len(each) for each in curves.values())
+        parts.append(
+            f"{markdown(list(LEARNT), learnt_rows(curves))}\nMeans over the last {LAST:.0%} of the steps. Seeds: "
+            f"{seeds}.\n\n![Returns and falls of both, algorithm by algorithm](omnisafe/curves.png)\n"
+        )
+    return "\n".join(parts) or "Not measured yet.\n"
+
+
+def main(arguments: list[str]) -> int:
+    """Write the page; with `--check` only say by the exit status whether it is up to date."""
+    old = PAGE.read_text()
+    new = between_marks(old, MARK, section())
+    if new == old:
+        return 0
+    if "--check" in arguments:
+        print(f"stale, `python -m benchmarks.omnisafe.write` writes it: {PAGE.name}", file=sys.stderr)
+        return 1
+    PAGE.write_text(new)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,207 @@
+"""The comparison with OmniSafe: what is ordered of either side, its arithmetic, and the page."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from benchmarks.omnisafe import compare, plot, write
+from benchmarks.omnisafe.compare import OURS, PEER
+from benchmarks.omnisafe.contests import CONTESTS, contest_named, merged
+from thalweg.algos.registry import ALGORITHMS
+from thalweg.algos.settings import config_from
+
+CURVES = """algorithm,side,seed,step,return,cost,episodes
+PPO,OmniSafe,0,50,1.0,0.5,4
+PPO,OmniSafe,0,90,2.0,0.0,1
+PPO,OmniSafe,0,100,4.0,0.2,3
+PPO,OmniSafe,1,50,3.0,0.1,4
+PPO,OmniSafe,1,100,8.0,0.6,1
+PPO,Thalweg,0,100,5.0,0.1,2
+"""
+
+
+@pytest.fixture
+def curves(tmp_path: Path) -> Path:
+    file = tmp_path / "curves.csv"
+    file.write_text(CURVES)
+    return file
+
+
+def speeds() -> dict:
+    """Figures as `compare.py` writes them."""
+    rates = {"PPO": ([100.0, 200.0, 100.0], [900.0, 1000.0, 1200.0]), "SafeLOOP": ([4.0, 4.0, 5.0], [12.0, 16.0, 15.0])}
+    lines = [
+        {"algorithm": name, "side": side, "unit": contest_named(name).unit, "rates": each, "threads": 1, "steps": 20000}
+        | {"by_processor": [rate * (2 if side == OURS else 1) for rate in each]}
+        | {"gradient_steps": {"actor_optimizer": 12520}, "environment_s": 1.0}
+        for name, both in rates.items()
+        for side, each in zip(compare.SIDES, both, strict=True)
+    ]
+    return {
+        "machine": {"cpu": "Abacus", "cores": 2, "memory_gib": 1, "system": "Linux"},
+        "versions": {"python": "3.11"},
+        "load_before": 0.1,
+        "peer": {"python": "3.11", "omnisafe": "0.5.0"},
+        "lines": lines,
+    }
+
+
+@pytest.fixture
+def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """`write.py` with figures and a page in a folder of the test."""
+    page = tmp_path / "README.md"
+    page.write_text("before\n<!-- omnisafe -->\nold\n<!-- /omnisafe -->\nafter\n")
+    for name, file in (("PAGE", page), ("SPEED", tmp_path / "speed.json"), ("CURVES", tmp_path / "curves.csv")):
+        monkeypatch.setattr(write, name, file)
+    return page
+
+
+def test_every_algorithm_of_the_paper_has_a_row():
+    names = ["PPO", "PPOLag", "FOCOPS", "P3O", "OnCRPO", "DDPGLag", "TD3Lag", "SACLag", "SafeLOOP", "CCEPETS"]
+    assert [contest.algorithm for contest in CONTESTS] == names
+
+
+@pytest.mark.parametrize("contest", [c for c in CONTESTS if c.algorithm in ALGORITHMS], ids=lambda c: c.algorithm)
+@pytest.mark.parametrize("kind", ["speed", "curves"])
+def test_our_settings_are_keys_of_the_algorithm_and_the_same_as_the_peers(contest, kind: str):
+    work = getattr(contest.works, kind)
+    config = config_from(ALGORITHMS[contest.algorithm].config, json.loads(json.dumps(work.ours)))
+    theirs = work.peer["algo_cfgs"]
+    assert config.steps_per_update == theirs["steps_per_epoch"]
+    assert (config.passes, config.minibatch) == (theirs["update_iters"], theirs["batch_size"])
+    assert (config.target_kl == float("inf")) == (not theirs["kl_early_stop"])
+    assert work.peer["train_cfgs"]["total_steps"] == work.steps
+    if hasattr(config, "cost_limit"):
+        lagrange = {"lambda_lr": 0.035, "lagrangian_upper_bound": 2.0, **work.peer["lagrange_cfgs"]}
+        assert config.cost_limit == lagrange["cost_limit"]
+        assert (config.multiplier_rate, config.multiplier_max) == (
+            lagrange["lambda_lr"],
+            lagrange["lagrangian_upper_bound"],
+        )
+
+
+def test_settings_are_merged_to_the_bottom_and_the_parts_stay():
+    first, second = {"a": {"b": 1, "c": 2}, "d": 3}, {"a": {"c": 4, "e": {"f": 5}}}
+    assert merged(first, second) == {"a": {"b": 1, "c": 4, "e": {"f": 5}}, "d": 3}
+    assert first == {"a": {"b": 1, "c": 2}, "d": 3}
+    merged(first, second)["a"]["e"]["f"] = 6
+    assert second["a"]["e"]["f"] == 5
+
+
+def test_orders_name_the_seed_and_the_threads_of_their_side():
+    contest = contest_named("SafeLOOP")
+    theirs = compare.order_of(contest, contest.works.speed, PEER, 7)
+    assert theirs["settings"]["seed"] == 7 and theirs["settings"]["train_cfgs"]["torch_threads"] == 2
+    assert theirs["settings"]["train_cfgs"]["total_steps"] == contest.works.speed.steps
+    assert "seed" not in contest.works.speed.peer
+    ours = compare.order_of(contest, contest.works.speed, OURS, 7)
+    assert (ours["seed"], ours["threads"], ours["steps"]) == (7, 2, contest.works.speed.steps)
+
+
+def test_the_rate_of_steps_leaves_out_those_at_random():
+    contest = contest_named("SACLag")
+    work = contest.works.speed
+    after = [(0, 3.0, 2.0), (500, 8.0, 3.0), (1000, 23.0, 7.0)]
+    stamps = [[0, 0.0, 0.0], *([work.start + steps, *clocks] for steps, *clocks in after)]
+    assert compare.rates(contest, work, {"stamps": stamps}) == (1000 / 20.0, 1000 / 5.0)
+
+
+def test_the_rate_of_decisions_is_of_the_time_that_they_alone_took():
+    contest = contest_named("SafeLOOP")
+    work = contest.works.speed
+    assert compare.rates(contest, work, {"decisions": [0.5, 0.25, 0.25]})[0] == 3.0
+    # 200 steps are 40 decisions; the acting until the end of the steps at random is left out.
+    acting = [[work.start, 7.0], [work.start + 100, 6.0], [work.start + 200, 10.0]]
+    assert compare.rates(contest, work, {"acting": acting})[0] == pytest.approx(2.5)
+
+
+def test_an_episode_counts_where_it_ended():
+    episodes = [[1, 1.0, 0.0, 1], [50, 3.0, 1.0, 49], [51, 5.0, 0.0, 1], [100, 7.0, 0.0, 49]]
+    assert compare.binned(episodes, 100, bins=2) == [(50, 2.0, 0.5, 2), (100, 6.0, 0.0, 2)]
+    assert [row[0] for row in compare.binned(episodes, 100, bins=4)] == [25, 50, 75, 100]
+    assert [row[0] for row in compare.binned(episodes, 200, bins=4)] == [50, 100]
+
+
+def test_each_second_turn_goes_backwards():
+    first = compare.in_turns(CONTESTS[:2], 0)
+    assert [(contest.algorithm, side) for contest, side in first] == [
+        *(("PPO", PEER), ("PPO", OURS)),
+        *(("PPOLag", PEER), ("PPOLag", OURS)),
+    ]
+    assert compare.in_turns(CONTESTS[:2], 1) == first[::-1]
+
+
+def test_what_thalweg_does_not_have_is_passed_over_in_words(monkeypatch: pytest.MonkeyPatch, capsys):
+    monkeypatch.setattr(compare, "ALGORITHMS", {"PPO": None})
+    assert [contest.algorithm for contest in compare.known(CONTESTS[:2])] == ["PPO"]
+    assert capsys.readouterr().out == "PPOLag: passed over, Thalweg does not have it yet\n"
+
+
+def test_a_run_is_carried_out_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(compare, "KEPT", tmp_path)
+    orders = []
+    monkeypatch.setattr(compare, "carry_out", lambda *given: orders.append(given) or {"episodes": [len(orders)]})
+    contest = contest_named("PPO")
+    found = [compare.kept_answer(Path("python"), contest, PEER, seed) for seed in (0, 1, 0)]
+    assert [answer["episodes"] for answer in found] == [[1], [2], [1]]
+
+
+def test_a_side_that_fails_says_why(tmp_path: Path):
+    python = tmp_path / "python"
+    python.write_text("#!/bin/sh\necho no such thing >&2\nexit 3\n")
+    python.chmod(0o755)
+    with pytest.raises(RuntimeError, match="OmniSafe's PPO failed:\nno such thing"):
+        compare.carry_out(python, PEER, {"algorithm": "PPO"})
+
+
+def test_a_row_of_speed_has_medians_and_the_ratios_of_each_repetition():
+    assert write.speed_rows(speeds()) == [
+        ["steps", "PPO", "100", "1,000", "9.00", "5.00", "12.0", "18.0", ""],
+        ["decisions", "SafeLOOP", "4.00", "15.0", "3.00", "3.00", "4.00", "6.00", "3"],
+    ]
+
+
+def test_what_was_learnt_is_the_mean_over_the_last_episodes_of_all_seeds(curves: Path):
+    read = plot.read(curves)
+    # (2 x 1 + 4 x 3 + 8 x 1) / 5 and (0 + 0.2 x 3 + 0.6) / 5: what ended after step 80.
+    assert write.learnt(read, "PPO", PEER) == (pytest.approx(4.4), pytest.approx(0.24))
+    row = write.learnt_rows(read)[0]
+    assert row == ["PPO", "4.40", "5.00", "0.240", "0.100", contest_named("PPO").differs]
+
+
+def test_a_band_has_the_steps_that_all_seeds_have(curves: Path):
+    found = plot.band(plot.read(curves)["PPO", PEER], "return")
+    assert found.tolist() == [[50, 100], [2, 6], [1, 4], [3, 8]]
+
+
+def test_the_figure_is_drawn(curves: Path, tmp_path: Path):
+    plot.draw(curves, tmp_path / "curves.png")
+    assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_page_is_written_between_its_marks_and_a_second_time_changes_nothing(page: Path, curves: Path):
+    (page.parent / "speed.json").write_text(json.dumps(speeds()))
+    assert write.main([]) == 0
+    first = page.read_text()
+    assert first.startswith("before\n<!-- omnisafe -->\n") and first.endswith("<!-- /omnisafe -->\nafter\n")
+    assert "| steps | PPO | 100 | 1,000 | 9.00 | 5.00 | 12.0 | 18.0 |  |" in first and "| PPO | 4.40 | 5.00 |" in first
+    assert "OmniSafe's PPO: 20,000 steps, gradient steps: 12,520 actor;" in first
+    assert write.main(["--check"]) == 0
+    assert write.main([]) == 0 and page.read_text() == first
+
+
+def test_the_check_is_red_for_a_stale_page_and_leaves_it(page: Path, curves: Path, capsys):
+    old = page.read_text()
+    assert write.main(["--check"]) == 1
+    assert capsys.readouterr().err.endswith("writes it: README.md\n")
+    assert page.read_text() == old
+
+
+def test_without_figures_the_page_says_so(page: Path):
+    assert write.main([]) == 0
+    assert "<!-- omnisafe -->\nNot measured yet.\n<!-- /omnisafe -->" in page.read_text()
+
+
+def test_the_page_says_what_was_measured():
+    assert write.main(["--check"]) == 0

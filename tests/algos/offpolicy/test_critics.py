@@ -48,8 +48,7 @@ def test_copies_follow_by_their_share_of_the_way():
     with torch.no_grad():
         for stack in both:
             stack.flat.add_(1.0)
-    for twin, old in zip(slow.copies, before, strict=True):
-        assert torch.equal(twin.flat, old)
+    assert all(torch.equal(twin.flat, old) for twin, old in zip(slow.copies, before, strict=True))
     slow.follow(0.25)
     for stack, twin, old in zip(both, slow.copies, before, strict=True):
         assert torch.allclose(twin.flat, 0.75 * old + 0.25 * stack.flat.detach())  # (1 - τ) θ' + τ θ

@@ -1,0 +1,211 @@
+"""The pace of collecting and learning, and what is reported of it."""
+
+import dataclasses
+import math
+from typing import Any
+
+import pytest
+import torch
+
+from tests.algos.offpolicy.learners import NAMES, SPACES, D, N, T, learner_for, rollout_of
+from tests.algos.rollouts import feedback
+from thalweg.algos import AlgorithmError, NotFiniteError
+from thalweg.algos.ddpglag import DDPGLagConfig
+from thalweg.algos.offpolicy.tally import Tally
+
+FEEDBACK = feedback(0.5)
+
+
+def ddpg(**settings: Any) -> Any:
+    return learner_for("DDPGLag", **({"minibatch": 4, "hidden": (4,)} | settings))
+
+
+def rounds(learner: Any, count: int, steps: int = 1, told: Any = FEEDBACK) -> list[dict[str, float]]:
+    return [learner.update(rollout_of(learner, seed, steps), told) for seed in range(count)]
+
+
+def test_a_collection_is_at_least_one_step_of_each_environment():
+    assert [ddpg(steps_per_collection=steps).rollout_steps for steps in (1, N, 2 * N - 1, 2 * N, 64)] == [
+        1,
+        1,
+        1,
+        2,
+        16,
+    ]
+
+
+def test_gradient_steps_keep_up_with_the_steps_and_fractions_are_carried_over():
+    learner, counts = ddpg(updates_per_step=0.3), []
+    for seed in range(10):
+        learner.update(rollout_of(learner, seed, 1), FEEDBACK)
+        counts.append(learner.agent.gradient_steps)
+    assert counts == [1, 2, 3, 4, 6, 7, 8, 9, 10, 12]  # 1.2 each time
+
+
+def test_nothing_is_learnt_from_the_random_steps_and_none_is_made_up_for():
+    learner = ddpg(random_steps=10, updates_per_step=1.0)
+    counts = []
+    for seed in range(5):
+        learner.update(rollout_of(learner, seed, 1), FEEDBACK)
+        counts.append(learner.agent.gradient_steps)
+    assert counts == [0, 0, 2, 6, 10]  # 4 steps a round, the first 10 of them random
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_random_steps_are_uniform_and_the_others_the_policys(name: str):
+    still = {} if name == "SACLag" else {"exploration": 0.0, "exploration_temperature": 1e-3}
+    learner = learner_for(name, SPACES["MultiDiscrete"], random_steps=N, **still)
+    obs = torch.zeros(3000, D).numpy()
+    with torch.no_grad():
+        learner.policy.actor.stack.flat[-6:] = torch.tensor([90.0, 0.0, 0.0, 0.0, 0.0, 90.0])  # the last biases
+    drawn = learner.act(obs, obs[:, 0] > 0)
+    assert [(drawn[:, 0] == k).float().mean().item() for k in range(3)] == pytest.approx([1 / 3] * 3, abs=0.03)
+    learner.update(rollout_of(learner, 0, 1), FEEDBACK)
+    assert learner.act(obs, obs[:, 0] > 0).unique(dim=0).tolist() == [[0, 2]]
+
+
+def test_metrics_come_once_in_so_many_steps_and_at_the_end():
+    learner = ddpg(steps_per_update=10)
+    assert [bool(found) for found in rounds(learner, 7)] == [False, False, True, False, False, True, False]
+    assert rounds(learner, 1, told=feedback(0.5, steps_left=0))[0]["gradient_steps"] == 8
+
+
+def test_the_multiplier_moves_once_a_report():
+    learner = ddpg(steps_per_update=8, multiplier_rate=1.0, multiplier_gain=0.0, cost_limit=0.1)
+    moved = [learner.agent.multipliers.values[0] for _ in range(6) if rounds(learner, 1) is not None]
+    assert moved == pytest.approx([0.0, 0.4, 0.4, 0.8, 0.8, 1.2])
+
+
+def test_the_multiplier_waits_for_the_first_gradient_step():
+    learner = ddpg(steps_per_update=4, random_steps=8, multiplier_rate=1.0, multiplier_gain=0.0)
+    assert [found["multiplier"] for found in rounds(learner, 3)] == pytest.approx([0.0, 0.0, 0.4])
+
+
+def test_the_multiplier_of_omnisafe_moves_at_each_gradient_step_after_its_warmup():
+    settings = {"multiplier_rule": "adam", "multiplier_rate": 1e-3, "multiplier_gain": 0.0, "multiplier_warmup": 5}
+    learner = ddpg(multiplier_schedule="gradient_step", updates_per_step=1.0, steps_per_update=4, **settings)
+    found = [each["multiplier"] for each in rounds(learner, 3)]
+    assert found == pytest.approx([0.0, 3e-3, 7e-3], rel=1e-3)  # 4, 8 and 12 gradient steps, 5 of them too early
+
+
+def test_the_reach_counts_the_moves_that_are_left():
+    told, settings = feedback(0.5, steps_left=100), {"multiplier_rate": 1e-3, "multiplier_gain": 0.0, "cost_limit": 0.5}
+    by_report = rounds(ddpg(steps_per_update=4, **settings), 1, told=told)[0]
+    assert by_report["multiplier_reach"] - by_report["multiplier"] == pytest.approx(25 * 0.5e-3)
+    by_step = ddpg(steps_per_update=4, updates_per_step=0.5, multiplier_schedule="gradient_step", **settings)
+    metrics = rounds(by_step, 1, told=told)[0]
+    assert metrics["multiplier_reach"] - metrics["multiplier"] == pytest.approx(50 * 0.5e-3)
+
+
+def test_a_limit_that_can_not_bind_and_a_multiplier_that_gets_nowhere_are_named():
+    assert list(ddpg(cost_limit=25.0).warnings(FEEDBACK)) == ["limit_never_binds"]
+    slow = {"multiplier_rate": 1e-6, "multiplier_gain": 0.0}
+    assert list(ddpg(**slow).warnings(FEEDBACK)) == ["multiplier_too_slow"]
+    assert not ddpg().warnings(FEEDBACK)
+
+
+def test_the_policys_learning_rate_falls_linearly_with_progress():
+    told = feedback(0.5, progress=0.75, steps_left=0)
+    assert rounds(ddpg(learning_rate=1e-3), 1, told=told)[0]["learning_rate"] == pytest.approx(0.25e-3)
+    constant = ddpg(learning_rate=1e-3, linear_decay=False)
+    assert rounds(constant, 1, told=told)[0]["learning_rate"] == 1e-3
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("delay", "expected"), [(1, 4), (2, 2), (3, 1)])
+def test_the_policy_and_the_slow_copies_wait_for_the_critics(name: str, delay: int, expected: int):
+    learner, calls = learner_for(name, policy_delay=delay, updates_per_step=1.0), []
+    follow = learner.agent.slow.follow
+    learner.agent.slow.follow = lambda rate: (calls.append(rate), follow(rate))
+    before = learner.agent.slow.slow.clone()
+    learner.update(rollout_of(learner, 0, 1), FEEDBACK)
+    assert calls == [learner.config.target_rate] * expected and not torch.equal(learner.agent.slow.slow, before)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_policys_step_moves_no_critic_and_the_critics_step_no_policy(name: str):
+    for still, moving in (("learning_rate", "critic_learning_rate"), ("critic_learning_rate", "learning_rate")):
+        learner = learner_for(name, **{still: 0.0, moving: 1e-3})
+        stacks = {"learning_rate": learner.policy.actor.stack, "critic_learning_rate": learner.agent.critics.stack}
+        before = {key: stack.flat.detach().clone() for key, stack in stacks.items()}
+        learner.update(rollout_of(learner), FEEDBACK)
+        assert torch.equal(stacks[still].flat, before[still]) and not torch.equal(stacks[moving].flat, before[moving])
+
+
+def test_costs_are_learnt_in_deviations_where_omnisafe_does():
+    raw, scaled = ddpg(), ddpg(normalise_cost=True)
+    for learner in (raw, scaled):
+        rounds(learner, 1, steps=T)
+    costs = torch.from_numpy(raw.agent.replay.state()["rows"])[:, -2]
+    learnt = torch.from_numpy(scaled.agent.replay.state()["rows"])[:, -2]
+    assert torch.allclose(learnt, (costs - costs.mean()) / costs.std(correction=0), atol=1e-5)
+    assert learnt.min() < 0 <= costs.min()
+
+
+def test_long_gradients_are_shortened():
+    learner = ddpg(max_grad_norm=1e-3, updates_per_step=1.0)
+    rounds(learner, 1)
+    for optimiser in (learner.agent.policy_optimiser, learner.agent.critic_optimiser):
+        (parameter,) = optimiser.param_groups[0]["params"]
+        assert float(parameter.grad.norm()) <= 1e-3 * (1 + 1e-5)
+
+
+def test_metrics_say_what_was_seen():
+    learner = ddpg(steps_per_update=N * T)
+    metrics = rounds(learner, 1, steps=T)[0]
+    assert (metrics["gradient_steps"], metrics["replay"]) == (N * T // 4, N * T)
+    assert {"q_loss", "cost_q_loss", "q_mean", "cost_q_mean", "policy_loss", "cost_mean", "cost_episodes"} <= set(
+        metrics
+    )
+    nothing = rounds(ddpg(random_steps=10**6, steps_per_update=4), 1)[0]
+    assert math.isnan(nothing["q_loss"]) and nothing["gradient_steps"] == 0 and nothing.keys() == metrics.keys()
+
+
+def test_a_tally_is_the_mean_of_each_group():
+    tally = Tally(("a", "b"), ("c",))
+    for number in (1.0, 3.0):
+        tally.add(0, torch.tensor([number, 10.0 * number]))
+    assert str(tally.report()) == str({"a": 2.0, "b": 20.0, "c": math.nan})
+    tally.add(1, torch.tensor([5.0]))
+    other = Tally(("a", "b"), ("c",))
+    other.load_state(tally.state())
+    assert str(tally.report()) == str({"a": math.nan, "b": math.nan, "c": 5.0}) == str(other.report())
+
+
+def test_a_tally_names_what_has_become_nan():
+    tally = Tally(("a", "b"))
+    tally.add(0, torch.tensor([1.0, math.nan]))
+    with pytest.raises(NotFiniteError, match="b has become nan"):
+        tally.require_finite()
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"steps_per_collection": 0}, "steps_per_collection must be positive"),
+        ({"updates_per_step": 0.0}, "updates_per_step must be positive"),
+        ({"target_rate": 0.0}, "target_rate must be in 0..1, and more than 0"),
+        ({"cost_critics": 3}, "cost_critics must be 1 or 2"),
+        ({"discount": 1.1}, "discount must be in 0..1"),
+        ({"multiplier_initial": 99.0}, "multiplier_initial must be in 0..multiplier_max"),
+        ({"cost_limit": -1.0}, "cost_limit must not be negative"),
+        ({"exploration": 1.5}, "exploration must be in 0..1"),
+        ({"relaxation": 0.0}, "relaxation must be positive"),
+    ],
+)
+def test_settings_that_make_no_sense_are_named(settings: dict[str, Any], words: str):
+    with pytest.raises(AlgorithmError, match=words):
+        DDPGLagConfig(**settings)
+
+
+@pytest.mark.parametrize(("way", "worth"), [("terminated", 1.0), ("truncated", 2.0)])
+def test_a_world_that_ends_at_each_step_is_worth_its_reward_and_one_that_is_cut_off_goes_on(way: str, worth: float):
+    learner = ddpg(discount=0.5, updates_per_step=2.0, critic_learning_rate=1e-2, hidden=(16,), target_rate=0.1)
+    every = torch.ones(T, N, dtype=torch.bool)
+    for seed in range(4):
+        rollout = rollout_of(learner, seed)
+        ends = {"terminated": ~every, "truncated": ~every} | {way: every}
+        final = {"final_index": torch.arange(N * T), "final_obs": rollout.obs[1:].flatten(0, 1)}
+        rollout = dataclasses.replace(rollout, rewards=torch.ones(T, N), costs=torch.ones(T, N, 1), **ends, **final)
+        metrics = learner.update(rollout, FEEDBACK)
+    assert metrics["q_mean"] == pytest.approx(worth, abs=0.1)  # pyright: ignore[reportPossiblyUnbound]

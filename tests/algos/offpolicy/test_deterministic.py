@@ -1,0 +1,125 @@
+"""Actions of deterministic policies: what critics see of them, and how they explore."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+from thalweg.algos.actions import actions_of
+from thalweg.algos.maths import relaxed
+from thalweg.algos.offpolicy.deterministic import Choices, DeterministicConfig, Numbers
+
+MANY = 20_000
+UNEVEN = gym.spaces.MultiDiscrete([3, 2])
+
+
+def generator(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+def numbers(adapter: str = "native", **settings) -> Numbers:
+    space = gym.spaces.Box(-2.0, 2.0, (2,), np.float32) if adapter == "native" else gym.spaces.MultiDiscrete([3, 3])
+    return Numbers(actions_of(space, adapter, "point"), DeterministicConfig(**settings))  # pyright: ignore
+
+
+def choices(**settings) -> Choices:
+    return Choices(actions_of(UNEVEN), DeterministicConfig(**settings))
+
+
+def test_scaled_numbers_are_remembered_as_the_middle_of_their_bin():
+    raw = torch.tensor([[-1.0, -0.51], [-0.49, 0.49], [0.51, 1.0]])
+    assert numbers("box_scaled").coded(raw).tolist() == [[-1.0, -1.0], [0.0, 0.0], [1.0, 1.0]]
+
+
+@pytest.mark.parametrize("adapter", ["native", "box_literal"])
+def test_other_numbers_are_remembered_as_they_are(adapter: str):
+    raw = torch.tensor([[-1.0, -0.3], [0.2, 0.7]])
+    assert torch.equal(numbers(adapter).coded(raw), raw)
+
+
+def test_what_targets_ask_about_is_what_would_be_executed():
+    outputs = torch.tensor([[0.2, 5.0]])  # tanh: 0.197, 1.0
+    assert numbers("box_scaled").chosen(outputs).tolist() == [[0.0, 1.0]]
+    assert numbers("native").chosen(outputs).flatten().tolist() == pytest.approx([0.19738, 0.99991], abs=1e-5)
+
+
+def test_choices_are_remembered_as_one_hot_vectors():
+    assert choices().width == 6
+    assert choices().coded(torch.tensor([[2, 1], [0, 0]])).tolist() == [[0, 0, 1, 0, 1, 0], [1, 0, 0, 1, 0, 0]]
+    assert choices().chosen(torch.tensor([[0.0, 3.0, 1.0, 2.0, 1.0]])).tolist() == [[0, 1, 0, 1, 0, 0]]
+
+
+def test_a_number_carries_the_gradient_of_tanh():
+    outputs = torch.tensor([[0.5, -1.0]], requires_grad=True)
+    numbers("box_scaled").differentiable(outputs, generator()).sum().backward()
+    assert outputs.grad is not None
+    assert outputs.grad.flatten().tolist() == pytest.approx([1 - np.tanh(0.5) ** 2, 1 - np.tanh(1.0) ** 2])
+
+
+def test_a_choice_carries_the_gradient_of_the_softmax_at_its_temperature():
+    logits, weight = torch.randn(7, 5, generator=generator(1)), torch.randn(7, 6, generator=generator(2))
+    gradients = []
+    for relaxation in (0.5, 2.0):
+        outputs = logits.clone().requires_grad_()
+        found = choices(relaxation=relaxation).differentiable(outputs, generator())
+        assert torch.equal(found.detach().view(7, 2, 3).sum(-1), torch.ones(7, 2))
+        (found * weight).sum().backward()
+        again = logits.clone().requires_grad_()
+        log_p = torch.stack([again[:, :3].log_softmax(-1), torch.cat([again[:, 3:].log_softmax(-1)] * 2, 1)[:, :3]], 1)
+        absent = torch.tensor([[False] * 3, [False, False, True]])
+        noise = relaxed.gumbel(torch.rand(7, 2, 3, generator=generator()))
+        soft = ((log_p.masked_fill(absent, -1e9) + noise) / relaxation).softmax(-1)
+        (soft.flatten(1) * weight).sum().backward()
+        assert outputs.grad is not None and again.grad is not None
+        assert torch.allclose(outputs.grad, again.grad, atol=1e-6)
+        gradients.append(outputs.grad)
+    assert not torch.allclose(*gradients, atol=1e-3)
+
+
+def test_a_target_is_smoothed_within_its_clip_and_the_bounds():
+    outputs = torch.tensor([[0.0, 10.0]]).expand(MANY, 2)
+    found = numbers().smoothed(outputs, generator(), noise=0.2, clip=0.3)
+    assert found[:, 0].std() == pytest.approx(0.17, abs=0.01)  # a normal of 0.2 cut off at 0.3
+    assert found[:, 0].abs().max() <= 0.3 + 1e-6 and found[:, 0].mean().abs() < 0.01
+    assert found[:, 1].min() >= 0.7 - 1e-6 and found[:, 1].max() == 1.0
+
+
+def test_a_smoothed_choice_is_drawn_at_the_temperature():
+    p = torch.tensor([[0.25, 0.75, 0.0, 0.5, 0.5]]).clamp(min=1e-12).log().expand(MANY, 5)
+    found = choices().smoothed(p, generator(), noise=0.5, clip=0.0).mean(0)
+    # p² normed: 1/16 : 9/16
+    assert found.tolist() == pytest.approx([0.1, 0.9, 0.0, 0.5, 0.5, 0.0], abs=0.015)
+    assert torch.equal(choices().smoothed(p, generator(), noise=0.0, clip=0.0), choices().chosen(p))
+
+
+def test_numbers_explore_by_noise_and_by_a_share_of_uniform_ones():
+    outputs = torch.zeros(MANY, 2)
+    still = numbers(exploration=0.0, exploration_noise=0.0).explored(outputs, generator())
+    assert torch.equal(still, torch.zeros(MANY, 2))
+    noisy = numbers(exploration=0.0, exploration_noise=0.3).explored(outputs, generator())
+    assert noisy.std() == pytest.approx(0.3, abs=0.01)
+    rare = numbers(exploration=0.2, exploration_noise=0.0).explored(outputs, generator())
+    elsewhere = (rare != 0).all(1)
+    assert elsewhere.float().mean() == pytest.approx(0.2, abs=0.01)
+    assert torch.equal(elsewhere, (rare != 0).any(1))  # a whole action at a time
+    assert rare[elsewhere].std() == pytest.approx(1 / np.sqrt(3), abs=0.02)
+    far = numbers(exploration=0.0, exploration_noise=0.3).explored(outputs + 9.0, generator())
+    assert far.max() == 1.0 and far.min() >= -1.0
+
+
+def test_choices_explore_by_temperature_and_by_a_share_of_uniform_ones():
+    p = torch.tensor([[0.25, 0.75, 1e-12, 0.5, 0.5]]).log().expand(MANY, 5)
+    drawn = choices(exploration=0.0, exploration_temperature=0.5).explored(p, generator())
+    assert (drawn[:, 0] == 1).float().mean() == pytest.approx(0.9, abs=0.01)
+    certain = torch.tensor([[99.0, 0.0, 0.0, 99.0, 0.0]]).expand(MANY, 5)
+    mixed = choices(exploration=0.3).explored(certain, generator())
+    assert (mixed[:, 0] != 0).float().mean() == pytest.approx(0.3 * 2 / 3, abs=0.01)
+    assert (mixed[:, 1] != 0).float().mean() == pytest.approx(0.3 / 2, abs=0.01)
+
+
+def test_uniform_actions_reach_everything_alike():
+    drawn = choices().uniform(MANY, generator())
+    assert [(drawn[:, 0] == k).float().mean().item() for k in range(3)] == pytest.approx([1 / 3] * 3, abs=0.015)
+    assert [(drawn[:, 1] == k).float().mean().item() for k in range(2)] == pytest.approx([1 / 2] * 2, abs=0.015)
+    spread = numbers().uniform(MANY, generator())
+    assert spread.min() < -0.99 and spread.max() > 0.99 and abs(float(spread.mean())) < 0.01

@@ -1,0 +1,159 @@
+"""What every off-policy algorithm must do."""
+
+import dataclasses
+import math
+from typing import Any
+
+import gymnasium as gym
+import pytest
+import torch
+
+from tests.algos.offpolicy.learners import NAMES, SPACES, N, T, learner_for, rollout_of, share_of_good
+from tests.algos.rollouts import feedback
+from thalweg.algos import AlgorithmError, NotFiniteError
+from thalweg.algos.actions import actions_of
+
+FEEDBACK = feedback(0.5)
+VARIANTS: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "scaled": {"adapter": "box_scaled"},
+    "literal": {"adapter": "box_literal"},
+    "frames": {"frame_stack": 3},
+    "twins": {"cost_critics": 2},
+    "apart": {"cost_limits": (0.1, 0.2), "cost_critics": 2},
+    "kaiming": {"initial": "kaiming", "activation": "tanh", "normalise_observations": False},
+    "omnisafe": {"multiplier_schedule": "gradient_step", "normalise_cost": True, "linear_decay": False},
+    "small replay": {"replay_size": 100},
+    "delayed": {"policy_delay": 3, "updates_per_step": 0.3},
+}
+"""Settings that change what is learnt or remembered."""
+
+
+def told(learner: Any, cost: float = 0.5, **others: Any):
+    """Feedback with as many costs as the learner limits."""
+    return feedback(*[cost] * len(learner.config.limits), **others)
+
+
+def learns(name: str, space: gym.Space, *, first_pays: bool, **settings: Any) -> bool:
+    """Whether eight rounds are enough to prefer what pays, be it the first option or the others."""
+    given = {"learning_rate": 1e-2, "critic_learning_rate": 3e-3, "updates_per_step": 0.25, "multiplier_max": 0.0}
+    learner = learner_for(name, space, **(given | settings))
+    for seed in range(8):
+        rollout = rollout_of(learner, seed)
+        paid = rollout.rewards if first_pays else 1.0 - rollout.rewards
+        learner.update(dataclasses.replace(rollout, rewards=paid), told(learner))
+    return share_of_good(learner) > 0.8 if first_pays else share_of_good(learner) < 0.2
+
+
+@pytest.mark.parametrize("space", SPACES.values(), ids=list(SPACES))
+@pytest.mark.parametrize("name", NAMES)
+class TestEveryAlgorithm:
+    def test_it_learns_which_action_pays(self, name: str, space: gym.Space):
+        assert learns(name, space, first_pays=True) and learns(name, space, first_pays=False)
+
+    def test_from_its_state_it_goes_on_to_the_last_bit(self, name: str, space: gym.Space):
+        goes_on_to_the_last_bit(name, space)
+
+    def test_nan_in_the_rewards_stops_it(self, name: str, space: gym.Space):
+        learner = learner_for(name, space)
+        rewards = torch.zeros(T, N)
+        rewards[3, 1] = math.nan
+        with pytest.raises(NotFiniteError, match="has become nan"):
+            learner.update(rollout_of(learner, rewards=rewards), FEEDBACK)
+
+    def test_a_loss_that_is_not_finite_stops_it_even_where_nothing_is_reported(self, name: str, space: gym.Space):
+        learner = learner_for(name, space, steps_per_update=10**9)
+        with pytest.raises(NotFiniteError, match=r"q_loss has become"):
+            learner.update(rollout_of(learner, rewards=torch.full((T, N), 1e30)), FEEDBACK)
+
+    def test_steps_that_only_reset_change_nothing(self, name: str, space: gym.Space):
+        results = []
+        for junk in (0.0, 1e6):
+            learner = learner_for(name, space, steps_per_update=64)
+            valid = torch.ones(T, N, dtype=torch.bool)
+            valid[5::7] = False
+            rollout = rollout_of(learner, valid=valid)
+            paid = torch.where(valid, rollout.rewards, junk)
+            results.append(learner.update(dataclasses.replace(rollout, rewards=paid), FEEDBACK))
+        assert results[0]["replay"] == N * T - 4 * N == results[1]["replay"]
+        assert results[0] == results[1]
+
+
+def goes_on_to_the_last_bit(name: str, space: gym.Space, **settings: Any) -> None:
+    """After a round that reported nothing, so that everything is under way."""
+    learner, other = (learner_for(name, space, steps_per_update=N * T + 1, **settings) for _ in range(2))
+    assert not learner.update(rollout_of(learner), told(learner))
+    other.load_state(learner.state())
+    for seed in (1, 2):
+        ours, theirs = (one.update(rollout_of(one, seed), told(one, 0.3)) for one in (learner, other))
+        assert str(ours) == str(theirs) and bool(ours) == (seed == 1)
+    assert_same(learner.state(), other.state())
+
+
+def assert_same(one: Any, two: Any) -> None:
+    if isinstance(one, dict):
+        assert one.keys() == two.keys()
+        for key in one:
+            assert_same(one[key], two[key])
+    else:
+        assert str(one) == str(two) and (not hasattr(one, "tobytes") or one.tobytes() == two.tobytes())
+
+
+@pytest.mark.parametrize("settings", VARIANTS.values(), ids=list(VARIANTS))
+@pytest.mark.parametrize("name", NAMES)
+class TestEveryVariant:
+    def test_from_its_state_it_goes_on_to_the_last_bit(self, name: str, settings: dict[str, Any]):
+        goes_on_to_the_last_bit(name, SPACES["MultiDiscrete"], **settings)
+
+    def test_it_learns_which_action_pays(self, name: str, settings: dict[str, Any]):
+        assert learns(name, SPACES["MultiDiscrete"], first_pays=settings.get("adapter") == "box_literal", **settings)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_two_costs_pull_by_their_own_multipliers(name: str):
+    ends = []
+    for dear in (0, 1):
+        still = {"multiplier_rate": 0.0, "multiplier_gain": 0.0, "multiplier_initial": 0.0}
+        learner = learner_for(name, cost_limits=(0.1, 0.1), learning_rate=1e-2, updates_per_step=0.5, **still)
+        learner.agent.multipliers.each[dear].value = 20.0
+        for seed in range(10):
+            rollout = rollout_of(learner, seed)
+            good = rollout.actions[..., 0] == 0
+            apart = torch.stack([good, ~good], -1).float()  # the first option's cost is tight, the others' loose
+            learner.update(dataclasses.replace(rollout, costs=apart, rewards=torch.zeros(T, N)), told(learner, 0.1))
+            learner.agent.multipliers.each[dear].value = 20.0
+        ends.append(share_of_good(learner))
+    assert ends[0] < 0.2 and ends[1] > 0.8
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_metrics_of_costs_apart_name_them(name: str):
+    learner = learner_for(name, cost_limits=(0.1, 0.2))
+    metrics = learner.update(rollout_of(learner), feedback(0.5, 0.25))
+    numbers = ("cost_mean", "multiplier", "multiplier_reach", "limit_can_bind")
+    expected = {f"{number}{which}" for number in numbers for which in ("_tight", "_loose")}
+    expected |= {f"cost{which}_{number}" for number in ("q_loss", "q_mean") for which in ("_tight", "_loose")}
+    assert expected <= set(metrics) and (metrics["cost_mean_tight"], metrics["cost_mean_loose"]) == (0.5, 0.25)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_policy_in_use_is_the_one_that_was_learnt(name: str, tmp_path):
+    learner = learner_for(name, SPACES["MultiDiscrete"])
+    learner.policy.save(tmp_path / "policy.safetensors")
+    again = type(learner.policy).load(tmp_path / "policy.safetensors")
+    assert again.greedy == (name != "SACLag") and again.about.algorithm == name
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_space_that_is_not_supported_is_refused_in_words(name: str):
+    with pytest.raises(AlgorithmError, match="must be Discrete, MultiDiscrete"):
+        learner_for(name, gym.spaces.MultiBinary(3))
+
+
+def test_too_many_joint_actions_are_refused_by_sacs_exact_sums_alone():
+    space = gym.spaces.MultiDiscrete([8] * 5)
+    with pytest.raises(AlgorithmError, match="32,768, more than 4,096: use adapter='box_scaled'"):
+        learner_for("SACLag", space)
+    for name, settings in (("SACLag", {"adapter": "box_scaled"}), ("DDPGLag", {}), ("TD3Lag", {})):
+        learner = learner_for(name, space, **settings)
+        assert learner.policy.actions == actions_of(space, **settings, continuous="squashed")  # pyright: ignore

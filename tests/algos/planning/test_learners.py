@@ -146,6 +146,16 @@ class TestEveryPlanner:
         assert "plan_cost_loose" in metrics and list(learner.warnings(two)) == ["limit_never_binds_loose"]
 
 
+DOCS = Path(__file__).parents[3] / "docs" / "algorithms"
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_every_metric_is_explained(name):
+    pages = "".join((DOCS / f"{page}.md").read_text() for page in {"ccepets", name.lower()})
+    metrics = learner_for(name).update(rollout_of(learner_for(name)), dataclasses.replace(FEEDBACK, steps_left=0))
+    assert [key for key in metrics if f"`{key}`" not in pages] == []
+
+
 QUIRKS: dict[str, Mapping[str, Any]] = {
     "horizon scale": {"episode_length": 1000},
     "drop terminal": {"drop_terminal": True},

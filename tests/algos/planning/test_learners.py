@@ -188,8 +188,11 @@ def test_each_quirk_can_be_tried_alone_and_makes_a_difference(name, quirk):
     settings = (QUIRKS | OF_SAFELOOP)[quirk]
     frames = settings.get("frame_stack", 1)
     found = []
+    base: dict[str, Any] = {"critic_learning_rate": 0.05, "steps_per_update": N * T}
+    if quirk in OF_SAFELOOP:
+        base["cost_limit"] = 100.0  # where nothing is feasible, no return is looked at
     for given in ({}, settings):
-        learner = learner_for(name, OPTIONS, **{"critic_learning_rate": 0.05, "steps_per_update": N * T, **given})
+        learner = learner_for(name, OPTIONS, **{**base, **given})
         shown = {}
         if given and frames > 1:
             shown = {"obs": torch.randn(T + 1, N, D * frames), "final_obs": torch.zeros(0, D * frames)}

@@ -147,6 +147,16 @@ class TestEveryPlanner:
         assert "plan_cost_loose" in metrics and list(learner.warnings(two)) == ["limit_never_binds_loose"]
 
 
+DOCS = Path(__file__).parents[3] / "docs" / "algorithms"
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_every_metric_is_explained(name):
+    pages = "".join((DOCS / f"{page}.md").read_text() for page in {"ccepets", name.lower()})
+    metrics = learner_for(name).update(rollout_of(learner_for(name)), dataclasses.replace(FEEDBACK, steps_left=0))
+    assert [key for key in metrics if f"`{key}`" not in pages] == []
+
+
 QUIRKS: dict[str, Mapping[str, Any]] = {
     "horizon scale": {"episode_length": 1000},
     "drop terminal": {"drop_terminal": True},
@@ -178,8 +188,11 @@ def test_each_quirk_can_be_tried_alone_and_makes_a_difference(name, quirk):
     settings = (QUIRKS | OF_SAFELOOP)[quirk]
     frames = settings.get("frame_stack", 1)
     found = []
+    base: dict[str, Any] = {"critic_learning_rate": 0.05, "steps_per_update": N * T}
+    if quirk in OF_SAFELOOP:
+        base["cost_limit"] = 100.0  # where nothing is feasible, no return is looked at
     for given in ({}, settings):
-        learner = learner_for(name, OPTIONS, **{"critic_learning_rate": 0.05, "steps_per_update": N * T, **given})
+        learner = learner_for(name, OPTIONS, **{**base, **given})
         shown = {}
         if given and frames > 1:
             shown = {"obs": torch.randn(T + 1, N, D * frames), "final_obs": torch.zeros(0, D * frames)}

@@ -70,7 +70,6 @@ def merged(*parts: Mapping[str, Any]) -> dict[str, Any]:
 
 SPEED_STEPS, CURVE_STEPS, CURVE_UPDATE = 20_000, 100_000, 2_000
 ON_POLICY = {"hidden": (64, 64), "linear_decay": True, "max_grad_norm": 40.0, "entropy": 0.0}
-RATES = {"learning_rate": 3e-4, "critic_learning_rate": 3e-4}
 
 
 def on_policy(
@@ -81,18 +80,20 @@ def on_policy(
     curves_peer: Mapping[str, Any] = MappingProxyType({}),
     curves_ours: Mapping[str, Any] = MappingProxyType({}),
 ) -> Works:
-    """One epoch of OmniSafe's default for the speed; fifty short ones for the curves, with what else these need."""
+    """One epoch of OmniSafe's default for the speed; fifty short ones, of larger minibatches and steps, for the curves,
+    with what else these need."""
 
-    def work(steps: int, update: int, times: int, stops: bool) -> Work:
-        algo = {"steps_per_epoch": update, "update_iters": times, "batch_size": minibatch, "kl_early_stop": stops}
-        theirs = {"train_cfgs": {"total_steps": steps}, "algo_cfgs": algo}
-        mine = {"steps_per_update": update, "passes": times, "minibatch": minibatch}
-        stop = {"target_kl": 0.02 if stops else math.inf}
-        return Work(steps, merged(QUIET, peer, theirs), {**ON_POLICY, **ours, **mine, **stop})
+    def work(steps: int, update: int, times: int, batch: int, rate: float, stops: bool) -> Work:
+        algo = {"steps_per_epoch": update, "update_iters": times, "batch_size": batch, "kl_early_stop": stops}
+        model = {"actor": {"lr": rate}, "critic": {"lr": rate}}
+        theirs = {"train_cfgs": {"total_steps": steps}, "algo_cfgs": algo, "model_cfgs": model}
+        mine = {"steps_per_update": update, "passes": times, "minibatch": batch}
+        mine |= {"learning_rate": rate, "critic_learning_rate": rate, "target_kl": 0.02 if stops else math.inf}
+        return Work(steps, merged(QUIET, peer, theirs), {**ON_POLICY, **ours, **mine})
 
-    curves = work(CURVE_STEPS, CURVE_UPDATE, 10, True)
+    curves = work(CURVE_STEPS, CURVE_UPDATE, 10, 256, 1e-3, True)
     curves = replace(curves, peer=merged(curves.peer, curves_peer), ours={**curves.ours, **curves_ours})
-    return Works(work(SPEED_STEPS, SPEED_STEPS, passes, False), curves)
+    return Works(work(SPEED_STEPS, SPEED_STEPS, passes, minibatch, 3e-4, False), curves)
 
 
 def trust_region(peer: Mapping[str, Any], ours: Mapping[str, Any]) -> Works:
@@ -152,20 +153,20 @@ ADAM = {
     "standardise_cost": False,
 }
 """OmniSafe's multiplier, and its cost advantages, only centred."""
-SWIFT, HIGH = 0.5, 50.0
+SWIFT, HIGH = 3.0, 100.0
 """Step size and bound of the multiplier in the curves. By OmniSafe's own, 0.035 and for FOCOPS 2, no limit is felt on
 either side: the costs of rare falls are small beside standardised advantages of the reward."""
 RESETS = "all episodes are cut and begun anew at each update"
 TWO = {"OmniSafe": 2, "Thalweg": 2}
 
 CONTESTS = (
-    Contest("PPO", "steps", None, on_policy(40, 64, {}, RATES), differs=RESETS),
+    Contest("PPO", "steps", None, on_policy(40, 64, {}, {}), differs=RESETS),
     Contest(
         "PPOLag",
         "steps",
         8.0,
         on_policy(
-            *(40, 64, LAGRANGE, {**RATES, "cost_limit": LIMIT}),
+            *(40, 64, LAGRANGE, {"cost_limit": LIMIT}),
             curves_peer={"lagrange_cfgs": {"lambda_lr": SWIFT}},
             curves_ours={"multiplier_rate": SWIFT},
         ),
@@ -176,7 +177,7 @@ CONTESTS = (
         "steps",
         8.0,
         on_policy(
-            *(40, 64, LAGRANGE, {**RATES, **ADAM, "temperature": 1.5, "multiplier_max": 2.0}),
+            *(40, 64, LAGRANGE, {**ADAM, "temperature": 1.5, "multiplier_max": 2.0}),
             curves_peer={"lagrange_cfgs": {"lambda_lr": SWIFT, "lagrangian_upper_bound": HIGH}},
             curves_ours={"multiplier_rate": SWIFT, "multiplier_max": HIGH},
         ),
@@ -187,7 +188,7 @@ CONTESTS = (
         "P3O",
         "steps",
         None,
-        on_policy(10, 64, IN_ALGO, {**RATES, "cost_limit": LIMIT}),
+        on_policy(10, 64, IN_ALGO, {"cost_limit": LIMIT}),
         differs=f"the cost's surrogate is not clipped, and the excess lacks its factor 1 - γ; {RESETS}",
     ),
     Contest(

@@ -69,6 +69,8 @@ def test_our_settings_are_keys_of_the_algorithm_and_the_same_as_the_peers(contes
     config = config_from(ALGORITHMS[contest.algorithm].config, json.loads(json.dumps(work.ours)))
     theirs = work.peer["algo_cfgs"]
     assert config.steps_per_update == theirs["steps_per_epoch"]
+    assert config.learning_rate == work.peer["model_cfgs"]["actor"]["lr"]
+    assert config.critic_learning_rate == work.peer["model_cfgs"]["critic"]["lr"]
     assert (config.passes, config.minibatch) == (theirs["update_iters"], theirs["batch_size"])
     assert (config.target_kl == float("inf")) == (not theirs["kl_early_stop"])
     assert work.peer["train_cfgs"]["total_steps"] == work.steps

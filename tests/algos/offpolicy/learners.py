@@ -21,10 +21,10 @@ SPACES = {
 }
 
 
-def learner_for(name: str, space: gym.Space = SPACES["MultiDiscrete"], seed: int = 0, **settings: Any) -> Any:
+def learner_for(name: str, space: gym.Space = SPACES["MultiDiscrete"], **settings: Any) -> Any:
     entry = ALGORITHMS[name]
     small = {"steps_per_update": N * T, "minibatch": 32, "hidden": (16, 16), "random_steps": 0}
-    return entry.make(entry.config(**(small | settings)), Task(D, space, N, seed, {}))
+    return entry.make(entry.config(**(small | settings)), Task(D, space, N, 0, {}))
 
 
 def rollout_of(learner: Any, seed: int = 0, steps: int = T, **changes: Any) -> Rollout:

@@ -47,7 +47,7 @@ def test_copies_follow_by_their_share_of_the_way():
     before = [stack.flat.detach().clone() for stack in both]
     with torch.no_grad():
         for stack in both:
-            stack.flat += 1.0
+            stack.flat.add_(1.0)
     assert all(torch.equal(twin.flat, old) for twin, old in zip(slow.copies, before, strict=True))
     slow.follow(0.25)
     for stack, twin, old in zip(both, slow.copies, before, strict=True):

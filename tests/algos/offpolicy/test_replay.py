@@ -117,7 +117,8 @@ def test_a_state_holds_what_is_filled_and_goes_on_as_before():
     assert filled(7, range(4)).state()["rows"].shape == (4, 6)
     other.load_state(replay.state())
     for one in (replay, other):
-        one.add(*[torch.full((2, 1), 50.0)] * 3, torch.full((2, 2), 50.0), torch.ones(2))
+        some = torch.full((2, 1), 50.0)
+        one.add(some, some, some, torch.full((2, 2), 50.0), torch.ones(2))
     assert np.array_equal(replay.state()["rows"], other.state()["rows"]) and replay.state()["next"] == 4
     assert torch.equal(draw(replay)[0].pairs, draw(other)[0].pairs)
 

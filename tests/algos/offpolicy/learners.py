@@ -24,7 +24,7 @@ SPACES = {
 def learner_for(name: str, space: Any = SPACES["MultiDiscrete"], seed: Any = 0, **settings: Any) -> Any:
     entry = ALGORITHMS[name]
     small = {"steps_per_update": N * T, "minibatch": 32, "hidden": (16, 16), "random_steps": 0}
-    return entry.make(entry.config(**(small | settings)), Task(D, space, N, seed, {}))
+    return entry.make(entry.config(**(small | settings)), Task(D, space, N, 0, {}))
 
 
 def rollout_of(learner: Any, seed: int = 0, steps: int = T, **changes: Any) -> Rollout:

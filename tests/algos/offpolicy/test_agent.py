@@ -125,7 +125,8 @@ def test_the_policy_and_the_slow_copies_wait_for_the_critics(name: str, delay: i
 @pytest.mark.parametrize("name", NAMES)
 def test_the_policys_step_moves_no_critic_and_the_critics_step_no_policy(name: str):
     for still, moving in (("learning_rate", "critic_learning_rate"), ("critic_learning_rate", "learning_rate")):
-        learner = learner_for(name, **{still: 0.0, moving: 1e-3})
+        settings: dict[str, Any] = {still: 0.0, moving: 1e-3}
+        learner = learner_for(name, **settings)
         stacks = {"learning_rate": learner.policy.actor.stack, "critic_learning_rate": learner.agent.critics.stack}
         before = {key: stack.flat.detach().clone() for key, stack in stacks.items()}
         learner.update(rollout_of(learner), FEEDBACK)

@@ -113,7 +113,7 @@ class TestEveryVariant:
 def test_two_costs_pull_by_their_own_multipliers(name: str):
     ends = []
     for dear in (0, 1):
-        still = {"multiplier_rate": 0.0, "multiplier_gain": 0.0, "multiplier_initial": 0.0}
+        still: dict[str, Any] = {"multiplier_rate": 0.0, "multiplier_gain": 0.0, "multiplier_initial": 0.0}
         learner = learner_for(name, cost_limits=(0.1, 0.1), learning_rate=1e-2, updates_per_step=0.5, **still)
         learner.agent.multipliers.each[dear].value = 20.0
         for seed in range(10):

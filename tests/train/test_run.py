@@ -1,6 +1,7 @@
 import csv
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -16,10 +17,24 @@ import yaml
 
 from tests.train.toys import Walk
 from thalweg.algos import ALGORITHMS, AlgorithmError, LimitWarning, NotFiniteError, Policy
+from thalweg.algos.offpolicy.config import OffPolicyConfig
+from thalweg.algos.planning.config import PlanningConfig
 from thalweg.train import ResumeWarning, TrainingError, load_policy, run
 
-SMALL = {"steps_per_update": 128, "minibatch": 64, "passes": 2, "hidden": (16,)}
+SMALL: dict[str, Any] = {"steps_per_update": 128, "minibatch": 64, "passes": 2, "hidden": (16,)}
+SMALL_REPLAY = {"steps_per_update": 128, "steps_per_collection": 128, "minibatch": 16, "hidden": (16,)}
+SMALL_REPLAY |= {"random_steps": 100, "replay_size": 1000}
+SMALL_PLANS = SMALL_REPLAY | {"samples": 8, "iterations": 2, "elites": 2, "horizon": 3, "members": 2}
+SMALL_PLANS |= {"model_hidden": (16,), "model_steps": 8, "critic_steps": 4}
+"""A checkpoint every 128 steps for each family; a replay is full before the run is over."""
 STEPS = 1500
+
+
+def small(algorithm: str) -> dict[str, Any]:
+    kind = ALGORITHMS[algorithm].config
+    if issubclass(kind, PlanningConfig):
+        return SMALL_PLANS
+    return SMALL_REPLAY if issubclass(kind, OffPolicyConfig) else SMALL
 
 
 def rows_of(folder: Path, name: str) -> list[dict[str, str]]:
@@ -35,7 +50,12 @@ def numbers(folder: Path) -> tuple[list[dict[str, str]], str, bytes]:
 
 
 def train(folder: Path, algorithm: str = "FOCOPS", env: Walk | None = None, **settings: Any):
-    given: dict[str, Any] = {"steps": STEPS, "seed": 3, "config": SMALL, "checkpoint_seconds": 0.0} | settings
+    given: dict[str, Any] = {
+        "steps": STEPS,
+        "seed": 3,
+        "config": small(algorithm),
+        "checkpoint_seconds": 0.0,
+    } | settings
     return run(algorithm, env or Walk(), folder=folder, **given)
 
 
@@ -89,10 +109,7 @@ def test_the_folder_of_a_run(finished):
     algorithm, folder = finished
     config = yaml.safe_load((folder / "config.yaml").read_text())
     assert config["run"]["algorithm"] == algorithm and config["run"]["seed"] == 3
-    assert (
-        config["run"]["config"]["minibatch"] == 64
-        and config["run"]["config"]["clip" if algorithm == "PPO" else "trust_radius"]
-    )
+    assert config["run"]["config"]["minibatch"] == small(algorithm)["minibatch"]
     assert config["versions"]["torch"] == torch.__version__ and config["versions"]["numpy"] == np.__version__
     metrics, episodes = rows_of(folder, "metrics.csv"), rows_of(folder, "episodes.csv")
     assert len(metrics) == -(-STEPS // 128) and metrics[-1]["steps"] == str(STEPS)
@@ -108,21 +125,18 @@ def test_the_folder_of_a_run(finished):
     assert not list(folder.rglob("*.part"))
 
 
-def explained(algorithm: str) -> set[str]:
-    """Columns that the table of an algorithm's page has a row for, or PPO's, to which the others refer."""
+def explained(page: str) -> set[str]:
+    """Columns that the table of a page has a row for, or that of a page which its section on metrics refers to."""
     docs = Path(__file__).parents[2] / "docs" / "algorithms"
-    cells = [
-        line.split("|")[1]
-        for page in {"ppo", algorithm.lower()}
-        for line in (docs / f"{page}.md").read_text().partition("## Metrics")[2].splitlines()
-        if line.startswith("| `")
-    ]
-    return {name.strip(" `") for cell in cells for name in cell.split(",")}
+    section = (docs / f"{page}.md").read_text().partition("## Metrics")[2].partition("\n## ")[0]
+    cells = [line.split("|")[1] for line in section.splitlines() if line.startswith("| `")]
+    others = [explained(other) for other in re.findall(r"\]\((\w+)\.md", section)]
+    return {name.strip(" `") for cell in cells for name in cell.split(",")}.union(*others)
 
 
 def test_every_column_is_explained_on_the_page_of_its_algorithm(finished):
     algorithm, folder = finished
-    assert set(rows_of(folder, "metrics.csv")[0]) <= explained(algorithm)
+    assert set(rows_of(folder, "metrics.csv")[0]) <= explained(algorithm.lower())
 
 
 def test_the_same_seed_gives_the_same_numbers(finished, tmp_path):
@@ -190,7 +204,7 @@ train(Path(sys.argv[1]), sys.argv[3], Slow(), config=json.loads(sys.argv[4]))
     ids=[*ALGORITHMS, "everything"],
 )
 def test_a_run_killed_at_any_moment_and_resumed_ends_with_the_same_numbers(tmp_path, algorithm, settings):
-    config, whole, broken = SMALL | settings, tmp_path / "whole", tmp_path / "broken"
+    config, whole, broken = small(algorithm) | settings, tmp_path / "whole", tmp_path / "broken"
     train(whole, algorithm, config=config)
     root = Path(__file__).parents[2]
     command = [sys.executable, "-c", SCRIPT, str(broken), str(root), algorithm, json.dumps(config)]

@@ -11,7 +11,6 @@ from tests.train.toys import Walk
 from thalweg.algos import LimitWarning
 from thalweg.train import load_policy, run
 
-DOCS = Path(__file__).parents[3] / "docs" / "algorithms"
 SMALL = {
     "steps_per_collection": 32,
     "steps_per_update": 256,
@@ -22,7 +21,6 @@ SMALL = {
 }
 """The replay is full before the run is over."""
 VARIANTS: dict[str, dict[str, Any]] = {
-    "default": {},
     "frames": {"frame_stack": 3, "adapter": "box_scaled"},
     "apart": {"cost_limits": [0.05, 0.1], "cost_critics": 2},
 }
@@ -66,16 +64,3 @@ def test_the_preset_of_the_study_runs_and_its_multiplier_stands_still(name: str,
     rows = rows_of(tmp_path, "metrics.csv")
     assert [float(row["multiplier"]) for row in rows] == [0.001] * 3 and int(rows[-1]["gradient_steps"]) == 250
     assert float(rows[-1]["multiplier_reach"]) == 0.001
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_every_column_is_explained_on_the_algorithms_page(name: str, tmp_path: Path):
-    train(tmp_path, name)
-    cells = [
-        line.split("|")[1]
-        for page in ("ppo", name.lower())
-        for line in (DOCS / f"{page}.md").read_text().partition("## Metrics")[2].splitlines()
-        if line.startswith("| `")
-    ]
-    explained = {word.strip(" `") for cell in cells for word in cell.split(",")}
-    assert set(rows_of(tmp_path, "metrics.csv")[0]) <= explained

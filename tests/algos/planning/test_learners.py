@@ -147,16 +147,6 @@ class TestEveryPlanner:
         assert "plan_cost_loose" in metrics and list(learner.warnings(two)) == ["limit_never_binds_loose"]
 
 
-DOCS = Path(__file__).parents[3] / "docs" / "algorithms"
-
-
-@pytest.mark.parametrize("name", PLANNERS)
-def test_every_metric_is_explained(name):
-    pages = "".join((DOCS / f"{page}.md").read_text() for page in {"ccepets", name.lower()})
-    metrics = learner_for(name).update(rollout_of(learner_for(name)), dataclasses.replace(FEEDBACK, steps_left=0))
-    assert [key for key in metrics if f"`{key}`" not in pages] == []
-
-
 QUIRKS: dict[str, Mapping[str, Any]] = {
     "horizon scale": {"episode_length": 1000},
     "drop terminal": {"drop_terminal": True},
@@ -236,37 +226,3 @@ def test_the_preset_of_the_study_runs(name, tmp_path: Path):
     with pytest.warns(UserWarning, match="has not bound anything"):
         result = run(name, Walk(2), steps=600, seed=0, folder=tmp_path, config=small, preset="paper")
     assert result.steps == 600 and load_policy(tmp_path).config.drop_terminal
-
-
-class Stop(Exception):
-    pass
-
-
-class StopsAt(Walk):
-    def __init__(self, at: int) -> None:
-        super().__init__()
-        self.stop = at
-
-    def step(self, actions):
-        if self.total + 1 == self.stop:
-            raise Stop
-        return super().step(actions)
-
-
-def numbers_of(folder: Path) -> tuple[list[str], str, bytes]:
-    """Metrics without times, episodes, the policy's bytes."""
-    lines = [line.split(",") for line in (folder / "metrics.csv").read_text().splitlines()]
-    kept = [place for place, key in enumerate(lines[0]) if not key.startswith(("time_", "seconds", "steps_per_second"))]
-    metrics = [",".join(line[place] for place in kept) for line in lines]
-    return metrics, (folder / "episodes.csv").read_text(), (folder / "policy.safetensors").read_bytes()
-
-
-@pytest.mark.parametrize("name", PLANNERS)
-def test_a_run_broken_off_and_resumed_ends_with_the_same_numbers(name, tmp_path: Path):
-    given: dict[str, Any] = {"steps": 600, "seed": 3, "config": dict(SMALL) | {"steps_per_collection": 32}}
-    run(name, Walk(), folder=tmp_path / "whole", **given)
-    with pytest.raises(Stop):
-        run(name, StopsAt(101), folder=tmp_path / "broken", checkpoint_seconds=0.0, **given)
-    result = run(name, Walk(), folder=tmp_path / "broken", **given)
-    assert result.resumed_from in range(32, 401, 32)
-    assert numbers_of(tmp_path / "broken") == numbers_of(tmp_path / "whole")

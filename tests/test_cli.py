@@ -38,7 +38,7 @@ WRONG = [
     (["render", "--gallery", "--quality", "fast"], "leave out --frames and --quality"),
     (["render", "--gallery", "--frames", "x"], "leave out --frames and --quality"),
     (["render", "--pose", "0", "0", "3", "0", "--poses", "pilot"], "give --pose or --poses pilot, not both"),
-    (["train", "--algorithm", "FOCUPS", "--out", "x"], "PPO, FOCOPS"),
+    (["train", "--algorithm", "FOCUPS", "--out", "x"], "PPO, PPOLag, FOCOPS"),
     (["train", "--set", "learning_rate", "--out", "x"], "key=value"),
     (["evaluate", "nothing_here"], "packaged, random, hover, forward, pilot"),
     (["evaluate", "hover", "--levels", "medum"], "Easy, Medium, Hard"),

@@ -13,7 +13,7 @@ LAYERS = ("whole", "cache", "kernel", "threads", "world", "render", "env")
 
 ALLOWED: dict[str, set[str]] = {part: set(LAYERS[:index]) for index, part in enumerate(LAYERS)}
 ALLOWED["encoder"] = {"whole", "cache"}
-ALLOWED["algos"] = {"whole"}
+ALLOWED["algos"] = {"whole", "kernel"}
 ALLOWED["train"] = {*LAYERS, "encoder", "algos"}
 ALLOWED["bench"] = {*ALLOWED["train"], "train"}
 ALLOWED["options"] = {"world"}

@@ -24,7 +24,7 @@ from thalweg.cache import cache_dir, source_hash
 
 config: Any = numba_config
 """Its settings are made when Numba is imported, so that no type checker knows them."""
-KERNEL_SOURCES = ("kernel.py", "world", "render", "env")
+KERNEL_SOURCES = ("kernel.py", "world", "render", "env", "algos/loops.py")
 
 
 def kernel(

@@ -1,9 +1,9 @@
 """What is compared? A row for each algorithm: what to set on either side so that both do the same, and what cannot be.
 
 Settings of OmniSafe are nested as in its own files, those of Thalweg are keys of the algorithm's config on top of the
-preset "paper". `speed` has OmniSafe's own sizes of networks, batches and updates, and stops no update early, so that
-both sides do the same work; `curves` is small enough for three seeds on two cores. A row whose algorithm Thalweg has
-not yet is passed over.
+preset "paper", which is OmniSafe's defaults: so what is not named here is alike, down to OmniSafe's errors, and what is
+`MENDED` is where the two differ. `speed` has OmniSafe's own sizes of networks, batches and updates, and stops no update
+early, so that both sides do the same work; `curves` is small enough for three seeds on two cores.
 """
 
 import math
@@ -68,8 +68,24 @@ def merged(*parts: Mapping[str, Any]) -> dict[str, Any]:
     return result
 
 
+MENDED: Mapping[str, Mapping[str, Any]] = {
+    "PPO": {},
+    "PPOLag": {},
+    "FOCOPS": {"mask": "state", "normalise_by_multiplier": False},
+    "P3O": {"clip_cost": True, "limit_scale": "length", "centre_minibatches": True},
+    "OnCRPO": {"kl_per_dimension": False},
+    "DDPGLag": {"target_actor": True},
+    "TD3Lag": {"cost_target": "smoothed"},
+    "SACLag": {"cost_target": "policy"},
+    "SafeLOOP": {"drop_terminal": False, "predict_end": True, "stale_action_value": False},
+    "CCEPETS": {"drop_terminal": False, "predict_end": True},
+}
+"""OmniSafe's errors that Thalweg does without, as settings of ours; `Contest.differs` says them in words."""
+AS_IT_IS: Mapping[str, Any] = MappingProxyType({})
+NATIVE = {"adapter": "native"}
+"""The toy's actions are numbers as they are."""
 SPEED_STEPS, CURVE_STEPS, CURVE_UPDATE = 20_000, 100_000, 2_000
-ON_POLICY = {"hidden": (64, 64), "linear_decay": True, "max_grad_norm": 40.0, "entropy": 0.0}
+UNCUT = {"reset_each_update": False}
 
 
 def on_policy(
@@ -77,8 +93,8 @@ def on_policy(
     minibatch: int,
     peer: Mapping[str, Any],
     ours: Mapping[str, Any],
-    curves_peer: Mapping[str, Any] = MappingProxyType({}),
-    curves_ours: Mapping[str, Any] = MappingProxyType({}),
+    curves_peer: Mapping[str, Any] = AS_IT_IS,
+    curves_ours: Mapping[str, Any] = AS_IT_IS,
 ) -> Works:
     """One epoch of OmniSafe's default for the speed; fifty short ones, of larger minibatches and steps, for the curves,
     with what else these need."""
@@ -89,7 +105,7 @@ def on_policy(
         theirs = {"train_cfgs": {"total_steps": steps}, "algo_cfgs": algo, "model_cfgs": model}
         mine = {"steps_per_update": update, "passes": times, "minibatch": batch}
         mine |= {"learning_rate": rate, "critic_learning_rate": rate, "target_kl": 0.02 if stops else math.inf}
-        return Work(steps, merged(QUIET, peer, theirs), {**ON_POLICY, **ours, **mine})
+        return Work(steps, merged(QUIET, peer, theirs), {**NATIVE, **UNCUT, **ours, **mine})
 
     curves = work(CURVE_STEPS, CURVE_UPDATE, 10, 256, 1e-3, True)
     curves = replace(curves, peer=merged(curves.peer, curves_peer), ours={**curves.ours, **curves_ours})
@@ -101,12 +117,12 @@ def trust_region(peer: Mapping[str, Any], ours: Mapping[str, Any]) -> Works:
 
     def work(steps: int, update: int) -> Work:
         theirs = {"train_cfgs": {"total_steps": steps}, "algo_cfgs": {"steps_per_epoch": update}}
-        return Work(steps, merged(QUIET, peer, theirs), {**ours, "steps_per_update": update})
+        return Work(steps, merged(QUIET, peer, theirs), {**NATIVE, **UNCUT, **ours, "steps_per_update": update})
 
     return Works(work(SPEED_STEPS, SPEED_STEPS), work(CURVE_STEPS, CURVE_UPDATE))
 
 
-def off_policy(peer: Mapping[str, Any], ours: Mapping[str, Any]) -> Works:
+def off_policy(ours: Mapping[str, Any]) -> Works:
     """A gradient step for each step, of OmniSafe's own networks and batches, after a shorter start at random."""
     algo = {"cost_normalize": False, "steps_per_epoch": 1000, "warmup_epochs": 2}
     multiplier = {"cost_limit": LIMIT, "lambda_lr": 3e-4}
@@ -117,16 +133,24 @@ def off_policy(peer: Mapping[str, Any], ours: Mapping[str, Any]) -> Works:
             "algo_cfgs": {**algo, "start_learning_steps": start},
             "lagrange_cfgs": multiplier,
         }
-        return Work(steps, merged(QUIET, theirs, peer), {"cost_limit": LIMIT, **ours}, start)
+        mine = {**NATIVE, "cost_limit": LIMIT, "normalise_cost": False, "multiplier_rate": 3e-4}
+        # Two epochs of 1,000 without a multiplier, those at random among them.
+        mine |= {"random_steps": start, "multiplier_warmup": 2_000 - start, "steps_per_update": 1_000}
+        return Work(steps, merged(QUIET, theirs), {**mine, **ours}, start)
 
     return Works(work(4_000, 1_000), work(20_000, 2_000))
 
 
-def planner(decisions: int, peer: Mapping[str, Any], small: Mapping[str, Any], ours: Mapping[str, Any]) -> Works:
+def planner(
+    decisions: int,
+    ours: Mapping[str, Any],
+    small: Mapping[str, Any] = AS_IT_IS,
+    small_ours: Mapping[str, Any] = AS_IT_IS,
+) -> Works:
     """So many decisions of OmniSafe's own size after one fit of the model; for the curves `small` ones.
 
-    OmniSafe's limit is one of 1,000 steps: 1 is a tenth of a toy's episode. It learns the
-    cost, as Thalweg does, and is told nothing.
+    OmniSafe's limit is one of 1,000 steps: 1 is a tenth of a toy's episode. It learns the cost, as Thalweg does, and is
+    told nothing.
     """
 
     def work(steps: int, start: int) -> Work:
@@ -136,23 +160,17 @@ def planner(decisions: int, peer: Mapping[str, Any], small: Mapping[str, Any], o
             "dynamics_cfgs": {"predict_cost": True},
             "evaluation_cfgs": {"use_eval": False},
         }
-        return Work(steps, merged(QUIET, theirs, peer), {"cost_limit": LIMIT, **ours}, start, stamp_every=ACTION_REPEAT)
+        mine = {**NATIVE, "cost_limit": LIMIT, "episode_length": 0, "random_steps": start}
+        mine |= {"steps_per_collection": 50, "steps_per_update": 50}
+        return Work(steps, merged(QUIET, theirs), {**mine, **ours}, start, stamp_every=ACTION_REPEAT)
 
     curves = work(8_000, 2_000)
-    return Works(work(1_300 + ACTION_REPEAT * decisions, 1_300), replace(curves, peer=merged(curves.peer, small)))
+    both = replace(curves, peer=merged(curves.peer, small), ours={**curves.ours, **small_ours})
+    return Works(work(1_300 + ACTION_REPEAT * decisions, 1_300), both)
 
 
 LAGRANGE = {"lagrange_cfgs": {"cost_limit": LIMIT}}
 IN_ALGO = {"algo_cfgs": {"cost_limit": LIMIT}}
-ADAM = {
-    "cost_limit": LIMIT,
-    "multiplier_rule": "adam",
-    "multiplier_rate": 0.035,
-    "multiplier_gain": 0.0,
-    "multiplier_initial": 0.001,
-    "standardise_cost": False,
-}
-"""OmniSafe's multiplier, and its cost advantages, only centred."""
 SWIFT, HIGH = 3.0, 100.0
 """Step size and bound of the multiplier in the curves. By OmniSafe's own, 0.035 and for FOCOPS 2, no limit is felt on
 either side: the costs of rare falls are small beside standardised advantages of the reward."""
@@ -177,7 +195,7 @@ CONTESTS = (
         "steps",
         8.0,
         on_policy(
-            *(40, 64, LAGRANGE, {**ADAM, "temperature": 1.5, "multiplier_max": 2.0}),
+            *(40, 64, LAGRANGE, {"cost_limit": LIMIT, **MENDED["FOCOPS"]}),
             curves_peer={"lagrange_cfgs": {"lambda_lr": SWIFT, "lagrangian_upper_bound": HIGH}},
             curves_ours={"multiplier_rate": SWIFT, "multiplier_max": HIGH},
         ),
@@ -188,24 +206,24 @@ CONTESTS = (
         "P3O",
         "steps",
         None,
-        on_policy(10, 64, IN_ALGO, {"cost_limit": LIMIT}),
+        on_policy(10, 64, IN_ALGO, {"cost_limit": LIMIT, **MENDED["P3O"]}),
         differs=f"the cost's surrogate is not clipped, and the excess lacks its factor 1 - γ; {RESETS}",
     ),
     Contest(
         "OnCRPO",
         "steps",
         None,
-        trust_region(
-            merged(IN_ALGO, {"algo_cfgs": {"distance": 0.02}}), {"cost_limit": LIMIT, "passes": 10, "minibatch": 128}
-        ),
+        trust_region(merged(IN_ALGO, {"algo_cfgs": {"distance": 0.02}}), {"cost_limit": LIMIT, "tolerance": 0.02}),
         differs=f"KL is the mean over the action's dimensions, not their sum; {RESETS}",
     ),
-    Contest("DDPGLag", "steps", 2.5, off_policy({}, {}), envs=1, differs="targets take the online actor's action"),
+    Contest(
+        "DDPGLag", "steps", 2.5, off_policy(MENDED["DDPGLag"]), envs=1, differs="targets take the online actor's action"
+    ),
     Contest(
         "TD3Lag",
         "steps",
         2.5,
-        off_policy({}, {}),
+        off_policy(MENDED["TD3Lag"]),
         envs=1,
         differs="the cost's target takes the online actor's action, unsmoothed",
     ),
@@ -213,7 +231,7 @@ CONTESTS = (
         "SACLag",
         "steps",
         2.5,
-        off_policy({}, {}),
+        off_policy(MENDED["SACLag"]),
         envs=1,
         differs="the cost's target takes the mean action instead of a sampled one",
     ),
@@ -221,7 +239,7 @@ CONTESTS = (
         "SafeLOOP",
         "decisions",
         3.0,
-        planner(40, {}, {}, {}),
+        planner(40, {"critic_steps": 10, **MENDED["SafeLOOP"]}),
         envs=1,
         threads=TWO,
         differs="the last step of each episode is thrown away, and with it every cost; values lag an action behind",
@@ -230,7 +248,11 @@ CONTESTS = (
         "CCEPETS",
         "decisions",
         3.0,
-        planner(15, {}, {"planner_cfgs": {"num_samples": 100, "num_elites": 20}}, {}),
+        planner(
+            *(15, MENDED["CCEPETS"]),
+            small={"planner_cfgs": {"num_samples": 100, "num_elites": 20}},
+            small_ours={"samples": 100, "elites": 20},
+        ),
         envs=1,
         threads=TWO,
         differs="the last step of each episode is thrown away, and with it every cost",

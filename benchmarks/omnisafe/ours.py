@@ -8,20 +8,19 @@ The answer is told in `side.py`, except
 """
 
 import csv
-import inspect
 import json
+import math
 import os
 import sys
 import tempfile
 import time
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from torch.optim.optimizer import register_optimizer_step_post_hook
 
 from benchmarks.omnisafe.toy_vector import ToyVectorEnv
+from thalweg.algos.adam import Adam
 from thalweg.train.machine import versions
 from thalweg.train.run import run
 
@@ -45,15 +44,15 @@ class Stamped(ToyVectorEnv):
 
 def carry_out(order: dict, folder: Path) -> dict:
     """Train as ordered."""
-    steps = [0]
+    counted, step = 0, Adam.step
 
-    def count(*_: Any) -> None:
-        steps[0] += 1
+    def counting(self: Adam, most: float = math.inf) -> None:
+        nonlocal counted
+        counted += 1
+        step(self, most)
 
-    register_optimizer_step_post_hook(count)
-    given: dict[str, Any] = {name: order[name] for name in ("steps", "seed", "config", "threads")}
-    if "preset" in inspect.signature(run).parameters:
-        given["preset"] = order["preset"]
+    Adam.step = counting  # pyright: ignore[reportAttributeAccessIssue]
+    given = {name: order[name] for name in ("steps", "seed", "config", "threads", "preset")}
     env = Stamped(order["envs"], order["stamp_every"])
     run(order["algorithm"], env, folder=folder, **given)
     env.stamp()
@@ -65,7 +64,7 @@ def carry_out(order: dict, folder: Path) -> dict:
         "stamps": env.stamps,
         "acting": [[int(row["steps"]), float(row["time_act"])] for row in metrics],
         "environment_s": sum(float(row["time_env"]) for row in metrics),
-        "gradient_steps": {"all networks": steps[0]},
+        "gradient_steps": {"all networks": counted},
         "passes": [float(row["passes"]) for row in metrics if row.get("passes")],
         "versions": versions(),
     }

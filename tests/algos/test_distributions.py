@@ -1,11 +1,12 @@
 """Policies of bounded numbers, against the change of variables done numerically."""
 
 import math
+from typing import Any
 
 import pytest
 import torch
 
-from thalweg.algos.distributions import LOG_STD_RANGE, Points, Squashed
+from thalweg.algos.distributions import LOG_STD_RANGE, Categoricals, Gaussians, Points, Squashed, Traced
 from thalweg.algos.maths import gaussian
 
 F64 = torch.float64
@@ -106,3 +107,38 @@ def test_a_point_is_what_it_draws_and_has_no_density():
     for ask in (lambda: point.log_prob(point.mode()), point.entropy, lambda: point.kl(point)):
         with pytest.raises(TypeError, match=r"a point has no|two points"):
             ask()
+
+
+PARTS = {
+    "equal branches": lambda parameters: Categoricals.from_logits(parameters, (3, 3)),
+    "unequal branches": lambda parameters: Categoricals.from_logits(parameters, (4, 2)),
+    "numbers": lambda parameters: Gaussians(*parameters.chunk(2, -1)),
+}
+
+
+@pytest.mark.parametrize("part", list(PARTS))
+def test_the_written_slopes_are_those_that_torch_records(part: str):
+    generator = torch.Generator().manual_seed(0)
+    parameters, other = torch.randn(2, 9, 6, generator=generator, dtype=torch.float64)
+    parameters.requires_grad_()
+    new, old = PARTS[part](parameters), PARTS[part](other)
+    actions = PARTS[part](torch.zeros_like(other)).sample(generator)
+    weights = torch.randn(9, generator=generator, dtype=torch.float64)
+    for name, given in (("log_prob", (actions,)), ("entropy", ()), ("kl", (old,))):
+        number = (getattr(new, name)(*given) * weights).sum()
+        (expected,) = torch.autograd.grad(number, parameters, retain_graph=True)
+        found = weights.unsqueeze(-1) * getattr(new, f"{name}_slope")(*given)
+        assert torch.allclose(found, expected, atol=1e-12) and expected.any()
+
+
+def test_a_traced_distribution_passes_the_gradient_of_all_that_was_asked_on():
+    parameters = torch.tensor([[0.5, -0.2, 0.1], [1.0, 0.0, -1.0]], requires_grad=True)
+    old, actions = Categoricals.from_logits(torch.zeros(2, 3), (3,)), torch.tensor([[0], [2]])
+
+    def loss(new: Any) -> torch.Tensor:
+        return new.log_prob(actions).exp().sum() + new.kl(old).square().sum() - new.entropy().mean()
+
+    (expected,) = torch.autograd.grad(loss(Categoricals.from_logits(parameters, (3,))), parameters)
+    traced = Traced(Categoricals.from_logits(parameters.detach(), (3,)))
+    loss(traced).backward()
+    assert torch.allclose(traced.slope(), expected, atol=1e-7)

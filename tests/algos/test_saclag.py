@@ -143,7 +143,7 @@ def test_a_drawn_value_of_the_next_state_agrees_with_a_numeric_change_of_variabl
     q = one_by_one(learner.agent.slow_critics, torch.cat([batch.next_obs, action], 1))[..., 0]
     expected = torch.stack([torch.minimum(q[0], q[1]) - 0.3 * log_prob, q[2]])
     near = (action.abs() < 0.999).all(-1)  # further out the distribution function has no digits left
-    assert near.sum() >= 5 and torch.allclose(found.double()[:, near], expected[:, near], atol=1e-3)
+    assert near.sum() >= 3 and torch.allclose(found.double()[:, near], expected[:, near], atol=1e-3)
 
 
 def test_omnisafes_target_of_the_cost_is_that_of_the_mean():

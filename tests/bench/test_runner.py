@@ -122,7 +122,7 @@ def test_a_full_disk_stops_the_suite_and_keeps_what_was_finished(tmp_path: Path,
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"algorithms": ("PPO", "FOCUPS")}, "unknown algorithm 'FOCUPS'; known: PPO, FOCOPS"),
+        ({"algorithms": ("PPO", "FOCUPS")}, "unknown algorithm 'FOCUPS'; known: PPO, PPOLag, FOCOPS"),
         ({"test_levels": ("Easy", "Meduim")}, "unknown level 'Meduim'; known: Easy, Medium, Hard"),
         ({"baselines": ("hoover",)}, "unknown baseline 'hoover'; known: random, hover, forward, pilot"),
         ({"steps": 0}, "steps must be at least 1"),

@@ -46,6 +46,12 @@ class Adam:
             maximize=False,
         )
 
+    def arrays(self) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+        """Parameters, both means and counts of steps, each a list by parameter: the memory itself, to be written to."""
+        kinds = (self.parameters, self._first, self._second, self._counts)
+        values, first, second, counts = ([tensor.detach().numpy() for tensor in kind] for kind in kinds)
+        return values, first, second, counts
+
     def forget(self) -> None:
         """Begin a new gradient."""
         for parameter in self.parameters:

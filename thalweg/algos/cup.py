@@ -112,17 +112,20 @@ class CUP:
 
     def _improve(self, inputs: Tensor | Sequences, actions: Tensor, old_log_prob: Tensor, advantages: Tensor) -> Tensor:
         """One gradient step of the policy; returns its loss."""
-        new = self.policy.given(inputs)
-        surrogate = improvement_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy())
-        return self.agent.step(surrogate)
+        return self.agent.step(
+            inputs,
+            lambda new: improvement_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy()),
+        )
 
     def _project(
         self, inputs: Tensor | Sequences, actions: Tensor, improved: Tensor, old_log_prob: Tensor, costs: Tensor
     ) -> None:
         """One gradient step of the policy back towards the limit."""
-        new = self.policy.given(inputs)
-        kl = new.kl(self.policy.actions.distribution(improved))
-        self.agent.step(projection_loss(self.config, new.log_prob(actions), old_log_prob, kl, costs))
+        half = self.policy.actions.distribution(improved)
+        self.agent.step(
+            inputs,
+            lambda new: projection_loss(self.config, new.log_prob(actions), old_log_prob, new.kl(half), costs),
+        )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """What keeps the cost limits or their multipliers from doing their work."""

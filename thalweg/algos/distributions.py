@@ -1,8 +1,9 @@
 """A policy at a batch of states: what it draws, how probable that was, how far it has moved. Formulas are in
 `maths`."""
 
+from collections.abc import Callable
 from functools import cache
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 import torch
 from torch import Tensor
@@ -39,11 +40,28 @@ class Distribution(Protocol):
         ...
 
 
+class Sloped(Distribution, Protocol):
+    """One whose numbers' gradients in its parameters [B, P] are written out."""
+
+    def log_prob_slope(self, actions: Tensor) -> Tensor:
+        """[B, P]."""
+        ...
+
+    def entropy_slope(self) -> Tensor:
+        """[B, P]."""
+        ...
+
+    def kl_slope(self, other: Self) -> Tensor:
+        """[B, P], of KL(self ‖ other)."""
+        ...
+
+
 class Categoricals:
     """Independent choices: log-probabilities [B, A, K]."""
 
-    def __init__(self, log_p: Tensor) -> None:
-        self.log_p = log_p
+    def __init__(self, log_p: Tensor, present: Tensor | None = None) -> None:
+        """`present`: [A, K] bool, which options exist; None: all."""
+        self.log_p, self.present = log_p, present
 
     @classmethod
     def from_logits(cls, logits: Tensor, sizes: tuple[int, ...]) -> "Categoricals":
@@ -51,7 +69,7 @@ class Categoricals:
         if len(set(sizes)) == 1:
             return cls(logits.view(-1, len(sizes), sizes[0]).log_softmax(-1))
         columns, absent = _columns(sizes)
-        return cls(logits[:, columns].masked_fill(absent, categorical.ABSENT).log_softmax(-1))
+        return cls(logits[:, columns].masked_fill(absent, categorical.ABSENT).log_softmax(-1), ~absent)
 
     def sample(self, generator: torch.Generator | None) -> Tensor:
         uniform = torch.rand(self.log_p.shape[:-1], dtype=self.log_p.dtype, generator=generator)
@@ -68,6 +86,19 @@ class Categoricals:
 
     def kl(self, other: "Categoricals") -> Tensor:
         return categorical.kl(self.log_p, other.log_p)
+
+    def log_prob_slope(self, actions: Tensor) -> Tensor:
+        return self._of_logits(categorical.log_prob_slope(self.log_p, actions))
+
+    def entropy_slope(self) -> Tensor:
+        return self._of_logits(categorical.entropy_slope(self.log_p))
+
+    def kl_slope(self, other: "Categoricals") -> Tensor:
+        return self._of_logits(categorical.kl_slope(self.log_p, other.log_p))
+
+    def _of_logits(self, slope: Tensor) -> Tensor:
+        """[B, Σ sizes] of a gradient [B, A, K]: without the options that do not exist."""
+        return slope.flatten(1) if self.present is None else slope[:, self.present]
 
 
 class Gaussians:
@@ -91,6 +122,15 @@ class Gaussians:
 
     def kl(self, other: "Gaussians") -> Tensor:
         return gaussian.kl(self.mean, self.log_std, other.mean, other.log_std)
+
+    def log_prob_slope(self, actions: Tensor) -> Tensor:
+        return gaussian.log_prob_slope(self.mean, self.log_std, actions)
+
+    def entropy_slope(self) -> Tensor:
+        return gaussian.entropy_slope(self.log_std)
+
+    def kl_slope(self, other: "Gaussians") -> Tensor:
+        return gaussian.kl_slope(self.mean, self.log_std, other.mean, other.log_std)
 
 
 class Squashed:
@@ -144,6 +184,38 @@ class Points:
 
     def kl(self, other: "Points") -> Tensor:
         raise TypeError("two points have no finite divergence")
+
+
+class Traced:
+    """A distribution that a loss is taken of: its numbers [B] are where torch begins to record, and what they mean for
+    the parameters is written out. That is a third of the time of recording it all."""
+
+    def __init__(self, distribution: Sloped) -> None:
+        self._distribution = distribution
+        self._asked: list[tuple[Tensor, Callable[[], Tensor]]] = []
+
+    def log_prob(self, actions: Tensor) -> Tensor:
+        found = self._distribution.log_prob(actions)
+        return self._traced(found, lambda: self._distribution.log_prob_slope(actions))
+
+    def entropy(self) -> Tensor:
+        return self._traced(self._distribution.entropy(), self._distribution.entropy_slope)
+
+    def kl(self, other: Any) -> Tensor:
+        return self._traced(self._distribution.kl(other), lambda: self._distribution.kl_slope(other))
+
+    @torch.no_grad()
+    def slope(self) -> Tensor:
+        """The gradient of the loss in the parameters [B, P], once that of the numbers asked for is there."""
+        parts = [found.grad.unsqueeze(-1) * slope() for found, slope in self._asked if found.grad is not None]
+        total = parts[0]
+        for part in parts[1:]:
+            total += part
+        return total
+
+    def _traced(self, found: Tensor, slope: Callable[[], Tensor]) -> Tensor:
+        self._asked.append((found.requires_grad_(), slope))
+        return found
 
 
 @cache

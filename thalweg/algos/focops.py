@@ -122,16 +122,13 @@ class FOCOPS:
         advantages: Tensor,
     ) -> Tensor:
         """One gradient step of the policy; returns its loss."""
-        new = self.policy.given(inputs)
-        projection = policy_loss(
-            self.config,
-            new.log_prob(actions),
-            old_log_prob,
-            new.kl(self.policy.actions.distribution(old_parameters)),
-            advantages,
-            new.entropy(),
+        old = self.policy.actions.distribution(old_parameters)
+        return self.agent.step(
+            inputs,
+            lambda new: policy_loss(
+                self.config, new.log_prob(actions), old_log_prob, new.kl(old), advantages, new.entropy()
+            ),
         )
-        return self.agent.step(projection)
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """What keeps the cost limits or their multipliers from doing their work."""

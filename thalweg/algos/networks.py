@@ -7,13 +7,18 @@ is written out instead of being recorded call by call. `plain` is the same funct
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
+from thalweg.algos import loops
 from thalweg.algos.actions import Actions
+from thalweg.algos.adam import Adam
+from thalweg.algos.maths import losses
 from thalweg.algos.memory import Gru, Sequences
 
 Activation = Literal["tanh", "relu", "swish"]
@@ -21,6 +26,18 @@ Initial = Literal["orthogonal", "kaiming", "truncated"]
 Layers = list[tuple[Tensor, Tensor]]
 """Weight [K, before, after] and bias [K, 1, after] of each layer."""
 ALL = slice(None)
+SMALL = 128
+"""Numbers of a layer up to which compiled loops are faster than a library's products."""
+ROWS = 1024
+
+
+class Trace(NamedTuple):
+    """What the gradient of a pass needs of it."""
+
+    seen: list[Tensor]
+    """[K, B, before] what each layer was given."""
+    before: list[Tensor]
+    """[K, B, after] what each activation was given, where its derivative does not follow from what it gave."""
 
 
 @dataclass(frozen=True)
@@ -63,12 +80,16 @@ class Stack(nn.Module):
         uniform within ±1/√before, as torch starts its own layers; "truncated": weights from a normal distribution of
         deviation 1/(2√before), cut off at two of them, and zero biases."""
         super().__init__()
-        self.count, self.activation = count, activation
+        self.count = count
+        self.activation: Activation = activation
         self.sizes = (inputs, *hidden, outputs)
         self.flat = nn.Parameter(
             torch.empty(sum(count * (before + 1) * after for before, after in itertools.pairwise(self.sizes)))
         )
         self._views: tuple[int, Layers] = (0, [])
+        self.sizes_array, self.code = np.array(self.sizes), loops.TANH if activation == "tanh" else loops.RELU
+        self.small = activation != "swish" and max(self.sizes) <= SMALL
+        """Whether compiled loops compute it, if it is asked for on a CPU."""
         with torch.no_grad():
             for layer, (weight, bias) in enumerate(self.layers):
                 before, after = weight.shape[1:]
@@ -91,6 +112,35 @@ class Stack(nn.Module):
         flat = self.flat.detach() if frozen else self.flat
         return _Perceptrons.apply(x, flat, self.layers, self.sizes, chosen, self.activation)  # pyright: ignore
 
+    @torch.no_grad()
+    def ahead(self, x: Tensor) -> tuple[Tensor, Callable[[Tensor], None]]:
+        """[K, B, outputs] without a record, and what is to be called with their gradient: it leaves that of the
+        parameters in `flat.grad`, in place of what was there. For a step that torch need not keep books of."""
+        if self.small and x.dim() == 2 and x.dtype == torch.float32 and x.device.type == "cpu":
+            return self._ahead_in_loops(x)
+        parts = self.layers
+        outputs, trace = _outputs(x, parts, self.activation)
+
+        @torch.no_grad()
+        def back(above: Tensor) -> None:
+            slopes = layers_of(self._slopes(), self.count, self.sizes)
+            _gradients(above, trace, parts, slopes, self.activation, wants_x=False)
+
+        return outputs, back
+
+    def _ahead_in_loops(self, x: Tensor) -> tuple[Tensor, Callable[[Tensor], None]]:
+        sizes, activation = self.sizes_array, self.code
+        seen, flat = x.contiguous().numpy(), self.flat.detach().numpy()
+        hidden = np.empty((self.count, len(x) * sum(self.sizes[1:-1])), np.float32)
+        found = np.empty((self.count, len(x), self.sizes[-1]), np.float32)
+        loops.outputs(seen, flat, sizes, activation, hidden, found)
+
+        def back(above: Tensor) -> None:
+            slopes = self._slopes().numpy()
+            loops.gradients(seen, flat, sizes, activation, hidden, above.detach().contiguous().numpy(), slopes)
+
+        return torch.from_numpy(found), back
+
     def plain(self, x: Tensor, flat: Tensor | None = None) -> Tensor:
         """The same by recorded calls, which can be differentiated twice; `flat` stands for the own parameters."""
         x = x.expand(self.count, *x.shape) if x.dim() == 2 else x
@@ -106,6 +156,12 @@ class Stack(nn.Module):
         if self._views[0] != place:
             self._views = (place, layers_of(self.flat.detach(), self.count, self.sizes))
         return self._views[1]
+
+    def _slopes(self) -> Tensor:
+        """Where the parameters' gradients lie."""
+        if self.flat.grad is None:
+            self.flat.grad = torch.empty_like(self.flat)
+        return self.flat.grad
 
 
 def layers_of(flat: Tensor, count: int, sizes: tuple[int, ...]) -> Layers:
@@ -128,49 +184,56 @@ class _Perceptrons(torch.autograd.Function):
         ctx: Any, x: Tensor, flat: Tensor, parts: Layers, sizes: tuple[int, ...], chosen: slice, activation: Activation
     ) -> Tensor:
         ctx.count, ctx.sizes, ctx.chosen, ctx.activation = len(parts[0][0]), sizes, chosen, activation
-        parts = ctx.parts = _chosen(parts, chosen)
-        ctx.shared = x.dim() == 2
-        hidden = x.expand(len(parts[0][0]), *x.shape) if ctx.shared else x
-        seen, before = [hidden], []
-        for weight, bias in parts[:-1]:
-            hidden = torch.baddbmm(bias, hidden, weight)
-            if activation == "swish":
-                before.append(hidden)  # its derivative does not follow from its value alone
-                hidden = nn.functional.silu(hidden)
-            else:
-                hidden = hidden.tanh_() if activation == "tanh" else hidden.relu_()
-            seen.append(hidden)
-        ctx.save_for_backward(flat, *seen, *before)
-        return torch.baddbmm(parts[-1][1], hidden, parts[-1][0])
+        ctx.parts, ctx.shared = _chosen(parts, chosen), x.dim() == 2
+        outputs, trace = _outputs(x, ctx.parts, activation)
+        ctx.save_for_backward(flat, *trace.seen, *trace.before)
+        return outputs
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, above: Tensor) -> Any:  # pyright: ignore
-        flat, *seen = ctx.saved_tensors  # which makes sure that nothing has changed since
-        inner = len(ctx.sizes) - 2
-        known = seen[-inner:] if inner else []
+        flat, *kept = ctx.saved_tensors  # which makes sure that nothing has changed since
+        trace = Trace(kept[: len(ctx.parts)], kept[len(ctx.parts) :])
         wants_x, wants_flat = ctx.needs_input_grad[:2]
-        parts: Layers = ctx.parts
-        into = (torch.empty_like if len(above) == ctx.count else torch.zeros_like)(flat) if wants_flat else None
-        places = _chosen(layers_of(into, ctx.count, ctx.sizes), ctx.chosen) if into is not None else []
-        for layer in range(len(parts) - 1, -1, -1):
-            if into is not None:
-                torch.bmm(seen[layer].transpose(1, 2), above, out=places[layer][0])
-                torch.sum(above, 1, keepdim=True, out=places[layer][1])
-            if layer == 0 and not wants_x:
-                return None, into, None, None, None, None
-            above = torch.bmm(above, parts[layer][0].transpose(1, 2))
-            if layer > 0:
-                _DERIVATIVES[ctx.activation](above, known[layer - 1], above)
-        return above.sum(0) if ctx.shared else above, into, None, None, None, None
+        into, places = None, []
+        if wants_flat:
+            into = (torch.empty_like if len(above) == ctx.count else torch.zeros_like)(flat)
+            places = _chosen(layers_of(into, ctx.count, ctx.sizes), ctx.chosen)
+        below = _gradients(above, trace, ctx.parts, places, ctx.activation, wants_x)
+        return below.sum(0) if below is not None and ctx.shared else below, into, None, None, None, None
 
 
-def _through(above: Tensor, after: Tensor, activation: Activation) -> None:
-    """Pass a gradient through an activation of which the outcome is given, in place."""
-    if activation == "tanh":
-        torch.ops.aten.tanh_backward.grad_input(above, after, grad_input=above)
-    else:
-        torch.ops.aten.threshold_backward.grad_input(above, after, 0.0, grad_input=above)
+def _outputs(x: Tensor, parts: Layers, activation: Activation) -> tuple[Tensor, Trace]:
+    """[K, B, outputs] of observations [B, D] or [K, B, D]."""
+    hidden = x.expand(len(parts[0][0]), *x.shape) if x.dim() == 2 else x
+    seen, before = [hidden], []
+    for weight, bias in parts[:-1]:
+        hidden = torch.baddbmm(bias, hidden, weight)
+        if activation == "swish":
+            before.append(hidden)
+            hidden = nn.functional.silu(hidden)
+        else:
+            hidden = hidden.tanh_() if activation == "tanh" else hidden.relu_()
+        seen.append(hidden)
+    return torch.baddbmm(parts[-1][1], hidden, parts[-1][0]), Trace(seen, before)
+
+
+def _gradients(
+    above: Tensor, trace: Trace, parts: Layers, places: Layers, activation: Activation, wants_x: bool
+) -> Tensor | None:
+    """From the gradient of the outputs: that of each layer into its place, if there are places, and that of what the
+    first was given [K, B, D], if it is wanted."""
+    known = trace.before or trace.seen[1:]
+    for layer in range(len(parts) - 1, -1, -1):
+        if places:
+            torch.bmm(trace.seen[layer].transpose(1, 2), above, out=places[layer][0])
+            torch.sum(above, 1, keepdim=True, out=places[layer][1])
+        if layer == 0 and not wants_x:
+            return None
+        above = torch.bmm(above, parts[layer][0].transpose(1, 2))
+        if layer > 0:
+            _DERIVATIVES[activation](above, known[layer - 1], above)
+    return above
 
 
 def _chosen(layers: Layers, chosen: slice) -> Layers:
@@ -223,11 +286,40 @@ class Actor(nn.Module):
         outputs = (self.stack.plain if plain else self.stack)(features)[0]
         return outputs if self.log_std is None else torch.cat([outputs, self.log_std.expand_as(outputs)], -1)
 
+    def everywhere(self, inputs: Tensor | Sequences) -> Tensor:
+        """Parameters at all states of a rollout, in blocks of rows that stay in the processor's cache."""
+        return torch.cat([self(rows) for rows in inputs.split(ROWS)]) if isinstance(inputs, Tensor) else self(inputs)
+
+    def ahead(self, inputs: Tensor | Sequences) -> tuple[Tensor, Callable[[Tensor], None]]:
+        """Parameters [B, P] without a record, and what is to be called with their gradient: it leaves that of the
+        network in `grad`, in place of what was there."""
+        if not isinstance(inputs, Tensor):
+            for parameter in self.parameters():
+                parameter.grad = None
+            recorded = self(inputs)
+            return recorded.detach(), recorded.backward
+        outputs, through = self.stack.ahead(inputs)
+        spread, count = self.log_std, outputs.shape[-1]
+        found = outputs[0] if spread is None else torch.cat([outputs[0], spread.detach().expand_as(outputs[0])], -1)
+
+        def back(slope: Tensor) -> None:
+            through(slope[:, :count].unsqueeze(0))
+            if spread is not None:
+                spread.grad = slope[:, count:].sum(0)
+
+        return found, back
+
     def step(self, obs: Tensor, state: Tensor, fresh: Tensor) -> tuple[Tensor, Tensor]:
         """Parameters [N, P] and the recurrent state after observations [N, D]."""
         assert self.gru is not None
         state = self.gru.step(obs, state, fresh)
         return self(torch.cat([obs, state], -1)), state
+
+
+def part_bounds(rows: int, minibatch: int) -> np.ndarray:
+    """Where each part of about `minibatch` rows begins, and where the last ends; no part is a small rest."""
+    parts = max(1, round(rows / minibatch))
+    return np.concatenate([[0], np.cumsum([len(part) for part in np.array_split(np.arange(rows), parts)])])
 
 
 class Critics(nn.Module):
@@ -252,6 +344,54 @@ class Critics(nn.Module):
 
     def forward(self, inputs: Tensor | Sequences) -> Tensor:
         return self.stack(_features(self.gru, inputs, "critics")).squeeze(-1)
+
+    @property
+    def in_loops(self) -> bool:
+        """Whether `pass_over` can do it."""
+        return self.gru is None and self.stack.small
+
+    def pass_over(
+        self, inputs: Tensor, targets: Tensor, *, minibatch: int, optimiser: Adam, decay: float, most: float
+    ) -> Tensor:
+        """One gradient step for each part of about `minibatch` rows [B, D] and targets [B, count], as with `regress`
+        and `optimiser.step(most)`, but without Python in between; returns the losses [steps, count]."""
+        bounds = part_bounds(len(inputs), minibatch)
+        errors = np.empty((len(bounds) - 1, self.count), np.float32)
+        (flat,), (first,), (second,), (count,) = optimiser.arrays()
+        count[...] = loops.regress(
+            inputs.numpy(),
+            targets.contiguous().numpy(),
+            bounds,
+            flat,
+            self.stack.sizes_array,
+            self.stack.code,
+            first,
+            second,
+            int(count),
+            np.float32(optimiser.rate),
+            np.float32(decay),
+            float(most),
+            errors,
+        )
+        return torch.from_numpy(errors)
+
+    def regress(self, inputs: Tensor | Sequences, targets: Tensor, decay: float = 0.0) -> Tensor:
+        """[count] ½ E[(V - target)²] of each, for targets [count, B]; the gradient of their sum, and of `decay` times
+        the sum of squares of all parameters, is left in `grad`, in place of what was there."""
+        if isinstance(inputs, Tensor):
+            values, back = self.stack.ahead(inputs)
+            errors = values - targets.unsqueeze(-1)
+            back(errors / errors.shape[1])
+            found = 0.5 * errors.squeeze(-1).square().mean(-1)
+        else:
+            for parameter in self.parameters():
+                parameter.grad = None
+            found = losses.squared_error(self(inputs), targets)
+            found.sum().backward()
+        for parameter in self.parameters():
+            if decay and parameter.grad is not None:
+                parameter.grad.add_(parameter.detach(), alpha=2.0 * decay)
+        return found.detach()
 
 
 def _features(gru: Gru | None, inputs: Tensor | Sequences, name: str) -> Tensor:

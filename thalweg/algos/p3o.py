@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from thalweg.algos.costs import cost_metrics
+from thalweg.algos.distributions import Traced
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import standardised
@@ -156,13 +157,18 @@ class P3O:
         costs: Tensor,
     ) -> tuple[Tensor, Tensor]:
         """One gradient step of the policy; returns its loss and the penalties [M]."""
-        new = self.policy.given(inputs)
         if self.config.centre_minibatches:
             costs = costs - costs.mean(0)
-        loss, penalties = policy_loss(
-            self.config, new.log_prob(actions), old_log_prob, advantages, costs, violations, scale, new.entropy()
-        )
-        return self.agent.step(loss), penalties.detach()
+        penalties = torch.zeros(len(violations))
+
+        def loss_of(new: Traced) -> Tensor:
+            nonlocal penalties
+            loss, penalties = policy_loss(
+                self.config, new.log_prob(actions), old_log_prob, advantages, costs, violations, scale, new.entropy()
+            )
+            return loss
+
+        return self.agent.step(inputs, loss_of), penalties.detach()
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Cost limits that nothing has broken."""

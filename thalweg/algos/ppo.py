@@ -72,9 +72,10 @@ class PPO:
 
     def _step(self, inputs: Tensor | Sequences, actions: Tensor, old_log_prob: Tensor, advantages: Tensor) -> Tensor:
         """One gradient step of the policy; returns its loss."""
-        new = self.policy.given(inputs)
-        surrogate = policy_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy())
-        return self.agent.step(surrogate)
+        return self.agent.step(
+            inputs,
+            lambda new: policy_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy()),
+        )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Nothing: PPO has no limit that could fail to bind."""

@@ -1,5 +1,6 @@
 """What on-policy algorithms share, by numbers."""
 
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
@@ -73,22 +74,58 @@ def test_without_normalisation_observations_stay_as_they_are():
     assert torch.equal(seen(one, steps), steps.obs[:-1][steps.valid])
 
 
+def loss_of(found: Samples) -> Callable[[Any], torch.Tensor]:
+    """What the policy says of the actions taken, and how sure it is."""
+    return lambda new: new.log_prob(found.actions).square().mean() - 0.3 * new.entropy().mean()
+
+
+def gradients(one: Agent) -> torch.Tensor:
+    return torch.cat([p.grad.flatten() for p in one.policy.actor.parameters() if p.grad is not None])
+
+
+SPACES = {
+    "Discrete": gym.spaces.Discrete(3),
+    "MultiDiscrete": gym.spaces.MultiDiscrete([3, 2]),
+    "Box": gym.spaces.Box(-1.0, 1.0, (2,), np.float32),
+}
+
+
+@pytest.mark.parametrize("settings", [{}, {"hidden": (200,)}, {"memory": "gru", "memory_size": 4}], ids=str)
+@pytest.mark.parametrize("space", list(SPACES))
+def test_the_gradient_of_a_step_is_the_one_that_torch_records(space: str, settings: dict[str, Any]):
+    config = PPOConfig(**({"hidden": (8,), "max_grad_norm": 1e9} | settings))
+    one = Agent("Some", 2, config, Task(D, SPACES[space], N, 0, {}))
+    actions = torch.stack([one.act(obs, np.zeros(N, dtype=bool)) for obs in observations(2)[:-1].numpy()])
+    found = samples(one, rollouts.rollout_of(observations(1), actions=actions))
+    old = one.policy.actions.distribution(torch.randn(T * N, one.policy.actor(found.inputs).shape[1]))
+
+    def loss(new: Any) -> torch.Tensor:
+        return loss_of(found)(new) + (new.kl(old) * torch.arange(T * N)).sum()
+
+    loss(one.policy.given(found.inputs)).backward()
+    expected = gradients(one)
+    told = one.step(found.inputs, loss)
+    assert torch.allclose(gradients(one), expected, rtol=1e-3, atol=1e-4) and expected.abs().max() > 1.0
+    assert not told.requires_grad
+
+
 def test_a_long_gradient_is_shortened():
     one = agent(max_grad_norm=0.5)
-    parameters = list(one.policy.actor.parameters())
-    one.step(1e3 * sum((p.sum() for p in parameters), torch.zeros(())))
-    lengths = [float(p.grad.norm()) for p in parameters if p.grad is not None]
-    assert np.hypot.reduce(lengths) == pytest.approx(0.5, rel=1e-5)
+    found = samples(one, rollout(observations(1)))
+    one.step(found.inputs, lambda new: 1e3 * new.log_prob(found.actions).sum())
+    assert float(gradients(one).norm()) == pytest.approx(0.5, rel=1e-5)
 
 
 def test_a_step_goes_down_at_the_policys_rate_and_leaves_the_critics():
     one = agent(learning_rate=0.01, critic_learning_rate=0.002)
+    found = samples(one, rollout(observations(1)))
     before = weights(one.policy.actor), weights(one.critics)
-    loss = sum((p.sum() for p in [*one.policy.actor.parameters(), *one.critics.parameters()]), torch.zeros(()))
-    told = one.step(loss)
-    assert told == loss.detach() and not told.requires_grad
+    told = one.step(found.inputs, lambda new: new.log_prob(found.actions).mean())
+    assert float(told) == pytest.approx(-np.log(3), abs=0.1)
     # Adam's first step is as long as the rate, whatever the gradient.
-    assert (weights(one.policy.actor) - before[0]).numpy() == pytest.approx(-0.01, rel=1e-3)
+    felt = gradients(one).abs() > 1e-4
+    moved = (weights(one.policy.actor) - before[0])[felt]
+    assert moved.numpy() == pytest.approx(-0.01 * gradients(one)[felt].sign().numpy(), rel=1e-3) and len(moved) > 10
     assert torch.equal(weights(one.critics), before[1])
 
 
@@ -96,11 +133,10 @@ def test_critics_learn_beside_the_policy_as_they_would_after_it():
     """Whatever the policy does meanwhile: the same losses and weights, to the last bit."""
     both = [agent(2), agent(2)]
     for one, busy in zip(both, (False, True), strict=True):
-        steps = rollout(observations(1))
-        found = samples(one, steps)
+        found = samples(one, rollout(observations(1)))
         with one.critics_learning(found, 3):
             for _ in range(20 * busy):
-                one.step(torch.stack([(p**2).sum() for p in one.policy.actor.parameters()]).sum())
+                one.step(found.inputs, loss_of(found))
     assert torch.equal(both[0].critic_losses(), both[1].critic_losses())
     assert torch.equal(weights(both[0].critics), weights(both[1].critics))
     assert not torch.equal(weights(both[0].policy.actor), weights(both[1].policy.actor))
@@ -114,12 +150,39 @@ def test_what_goes_wrong_with_the_critics_is_told():
         pass
 
 
-def test_the_gradient_before_is_forgotten():
-    one = agent(max_grad_norm=1e9)
-    parameters = list(one.policy.actor.parameters())
-    for _ in range(2):
-        one.step(sum((p.sum() for p in parameters), torch.zeros(())))
-        assert all(p.grad is not None and torch.equal(p.grad, torch.ones_like(p)) for p in parameters)
+@pytest.mark.parametrize("memory", ["none", "gru"])
+def test_the_gradient_before_is_forgotten(memory: str):
+    one = agent(max_grad_norm=1e9, learning_rate=0.0, memory=memory, memory_size=4)
+    found = samples(one, rollout(observations(1)))
+    one.step(found.inputs, loss_of(found))
+    first = gradients(one).clone()
+    one.step(found.inputs, loss_of(found))
+    assert torch.equal(gradients(one), first) and first.any()
+
+
+@pytest.mark.parametrize("settings", [{}, {"activation": "relu"}, {"hidden": (130,)}], ids=str)
+def test_critics_go_through_the_samples_as_torch_and_adam_would(settings: dict[str, Any]):
+    """Also where the loops do it: `regress` and Adam of torch, step by step."""
+    config = PPOConfig(**({"hidden": (8,), "minibatch": 5, "critic_decay": 0.01, "max_grad_norm": 0.05} | settings))
+    both = [Agent("Some", 2, config, Task(D, gym.spaces.Discrete(3), N, 0, {})) for _ in range(2)]
+    one, other = both
+    found, _ = (samples(each, rollout(observations(1))) for each in both)
+    with one.critics_learning(found, 4):
+        pass
+    told = []
+    for _ in range(4):
+        for inputs, (targets,) in found.minibatches((found.targets.T,), 5, other._critic_generator):
+            values = other.critics.stack.plain(inputs).squeeze(-1)  # pyright: ignore[reportArgumentType]
+            errors = 0.5 * (values - targets.T).square().mean(-1)
+            other.critic_optimiser.forget()
+            (errors.sum() + 0.01 * other.critics.stack.flat.square().sum()).backward()
+            other.critic_optimiser.step(0.05)
+            told.append(errors.detach())
+    assert torch.allclose(one.critic_losses(), torch.stack(told).mean(0), rtol=1e-4)
+    assert torch.allclose(weights(one.critics), weights(other.critics), atol=2e-5)
+    states = [each.critic_optimiser.state()["0"] for each in both]
+    assert states[0]["count"] == states[1]["count"] == 4 * 3
+    assert states[0]["second"] == pytest.approx(states[1]["second"], rel=1e-2, abs=1e-9)
 
 
 @pytest.mark.parametrize(("linear", "expected"), [(True, 0.25e-3), (False, 1e-3)])
@@ -133,25 +196,24 @@ def test_only_the_policys_rate_falls(linear, expected):
 def test_everything_comes_back(memory: str):
     settings = {"memory": memory, "memory_size": 4, "adapter": "box_scaled"}
     one, other = agent(**settings), agent(**settings)
-    steps = rollouts.rollout_of(observations(1), actions=torch.zeros(T, N, 1))
-    samples(one, steps)
-    one.step(weights_sum(one))
+    found = samples(one, rollouts.rollout_of(observations(1), actions=torch.zeros(T, N, 1)))
+
+    def learn(each: Agent) -> None:
+        with each.critics_learning(found):
+            each.step(found.inputs, loss_of(found))
+
+    learn(one)
     never = np.zeros(N, dtype=bool)
     one.act(np.zeros((N, D), np.float32), never)
     other.load_state(one.state())
     for each in (one, other):
-        each.step(weights_sum(each))
+        learn(each)
     assert torch.equal(weights(one.policy.actor), weights(other.policy.actor))
     assert torch.equal(weights(one.critics), weights(other.critics))
     obs = observations(3)[0].numpy()
     for _ in range(5):
         assert torch.equal(one.act(obs, never), other.act(obs, never))
     assert np.array_equal(one.policy.normaliser.mean, other.policy.normaliser.mean)
-
-
-def weights_sum(one: Agent) -> torch.Tensor:
-    parameters = [*one.policy.actor.parameters(), *one.critics.parameters()]
-    return sum(((p**2).sum() for p in parameters), torch.zeros(()))
 
 
 def test_the_state_of_another_number_of_critics_is_refused():

@@ -34,6 +34,23 @@ def kl(log_p: Tensor, log_q: Tensor) -> Tensor:
     return (log_p.exp() * (log_p - log_q)).sum((-1, -2))
 
 
+def log_prob_slope(log_p: Tensor, actions: Tensor) -> Tensor:
+    """The gradient of `log_prob` in the logits [B, A, K]: 1{k = a_b} - π_b(k)."""
+    return log_p.exp().neg_().scatter_add_(-1, actions.unsqueeze(-1), log_p.new_ones(*actions.shape, 1))
+
+
+def entropy_slope(log_p: Tensor) -> Tensor:
+    """The gradient of `entropy` in the logits [B, A, K]: -π_b(k) (log π_b(k) + H_b)."""
+    p = log_p.exp()
+    return -p * (log_p - (p * log_p).sum(-1, keepdim=True))
+
+
+def kl_slope(log_p: Tensor, log_q: Tensor) -> Tensor:
+    """The gradient of `kl` in the logits of p [B, A, K]: p_b(k) (log p_b(k) - log q_b(k) - KL_b)."""
+    p, apart = log_p.exp(), log_p - log_q
+    return p * (apart - (p * apart).sum(-1, keepdim=True))
+
+
 def sample(log_p: Tensor, uniform: Tensor) -> Tensor:
     """Actions [B, A] int64 by the inverse of the cumulative distribution, from `uniform` [B, A] in [0, 1)."""
     same_shape(uniform=uniform, branches=log_p[..., 0])

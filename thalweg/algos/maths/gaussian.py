@@ -35,6 +35,25 @@ def kl(mean_p: Tensor, log_std_p: Tensor, mean_q: Tensor, log_std_q: Tensor) -> 
     return (log_std_q - log_std_p + 0.5 * (variance_ratio + shift) - 0.5).sum(-1)
 
 
+def log_prob_slope(mean: Tensor, log_std: Tensor, actions: Tensor) -> Tensor:
+    """The gradient of `log_prob` in mean and log standard deviation, side by side [B, 2 A]: (a - μ) / σ² and
+    ((a - μ) / σ)² - 1."""
+    precision = (-log_std).exp()
+    deviation = (actions - mean) * precision
+    return torch.cat([deviation * precision, deviation.square() - 1.0], -1)
+
+
+def entropy_slope(log_std: Tensor) -> Tensor:
+    """The gradient of `entropy` in the same [B, 2 A]: 0 and 1."""
+    return torch.cat([torch.zeros_like(log_std), torch.ones_like(log_std)], -1)
+
+
+def kl_slope(mean_p: Tensor, log_std_p: Tensor, mean_q: Tensor, log_std_q: Tensor) -> Tensor:
+    """The gradient of `kl` in mean and log standard deviation of p [B, 2 A]: (μp - μq) / σq² and σp² / σq² - 1."""
+    shift = (mean_p - mean_q) * (-2.0 * log_std_q).exp()
+    return torch.cat([shift, (2.0 * (log_std_p - log_std_q)).exp() - 1.0], -1)
+
+
 def squashed_log_prob(mean: Tensor, log_std: Tensor, before: Tensor) -> Tensor:
     """log π(a|s) [B] of a = tanh(u), from u [B, A] drawn from the Gaussian (Haarnoja et al. 2018, appendix C).
 

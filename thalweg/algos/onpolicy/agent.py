@@ -5,10 +5,10 @@ Losses, updates and the minibatch loop are absent on purpose: they are the algor
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -16,6 +16,7 @@ from torch import Tensor
 
 from thalweg.algos.actions import actions_of
 from thalweg.algos.adam import Adam
+from thalweg.algos.distributions import Sloped, Traced
 from thalweg.algos.errors import require_finite
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
@@ -69,16 +70,21 @@ class Agent:
 
     @contextmanager
     def critics_learning(self, samples: Samples, passes: int = 1) -> Iterator[None]:
-        """While the body runs, the critics go through the samples so often, on a thread of their own.
+        """While the body runs, the critics go through the samples so often.
 
         They share no weights with the policy, and the advantages are known already, so that neither has to wait for the
-        other; the numbers are those of one after the other.
+        other; the numbers are those of one after the other, which is how it is done where no compiled loop leaves
+        Python to the policy meanwhile.
         """
-        going = self._beside.submit(self._learn_critics, samples, passes, torch.get_num_threads())
-        try:
+        if self.critics.in_loops:
+            going = self._beside.submit(self._learn_critics, samples, passes)
+            try:
+                yield
+            finally:
+                self._critic_log += going.result()
+        else:
             yield
-        finally:
-            self._critic_log += going.result()
+            self._critic_log += self._learn_critics(samples, passes)
 
     def critic_losses(self) -> Tensor:
         """[K] ½ E[(V - target)²] of each critic, mean over the gradient steps since they were last asked for."""
@@ -86,27 +92,27 @@ class Agent:
         self._critic_log = []
         return means
 
-    def _learn_critics(self, samples: Samples, passes: int, threads: int) -> list[Tensor]:
+    def _learn_critics(self, samples: Samples, passes: int) -> list[Tensor]:
         """The losses [K] of each gradient step."""
-        if torch.get_num_threads() != threads:  # each thread has its own number
-            torch.set_num_threads(threads)
-        size, generator = self.config.minibatch, self._critic_generator
-        return [
-            self._critic_step(inputs, targets.T)
-            for _ in range(passes)
-            for inputs, (targets,) in samples.minibatches((samples.targets.T,), size, generator)
-        ]
-
-    def _critic_step(self, inputs: Tensor | Sequences, targets: Tensor) -> Tensor:
-        errors = losses.squared_error(self.critics(inputs), targets)
-        loss = errors.sum()
-        if self.config.critic_decay:
-            squares = [parameter.square().sum() for parameter in self.critics.parameters()]
-            loss = loss + self.config.critic_decay * torch.stack(squares).sum()
-        self.critic_optimiser.forget()
-        loss.backward()
-        self.critic_optimiser.step(self.config.max_grad_norm)
-        return errors.detach()
+        config, generator, targets = self.config, self._critic_generator, samples.targets.T
+        if isinstance(samples.inputs, Tensor) and self.critics.in_loops:
+            return [
+                error
+                for _ in range(passes)
+                for error in self.critics.pass_over(
+                    *samples.shuffled((targets,), generator),
+                    minibatch=config.minibatch,
+                    optimiser=self.critic_optimiser,
+                    decay=config.critic_decay,
+                    most=config.max_grad_norm,
+                )
+            ]
+        found = []
+        for _ in range(passes):
+            for inputs, (aims,) in samples.minibatches((targets,), config.minibatch, generator):
+                found.append(self.critics.regress(inputs, aims.T, config.critic_decay))
+                self.critic_optimiser.step(config.max_grad_norm)
+        return found
 
     def updates_left(self, feedback: Feedback) -> int:
         """Updates still to come after this one."""
@@ -143,10 +149,14 @@ class Agent:
         self.policy_optimiser.rate = rate
         return rate
 
-    def step(self, loss: Tensor) -> Tensor:
-        """One step of Adam of the policy down the gradient of a scalar, which is returned without it."""
-        self.policy_optimiser.forget()
+    def step(self, inputs: Tensor | Sequences, loss_of: Callable[[Traced], Tensor]) -> Tensor:
+        """One step of Adam of the policy down the gradient of a scalar, which is returned without it: the loss of what
+        the policy is at B states, given what it sees there."""
+        parameters, back = self.policy.actor.ahead(inputs)
+        new = Traced(cast(Sloped, self.policy.actions.distribution(parameters)))
+        loss = loss_of(new)
         loss.backward()
+        back(new.slope())
         self.policy_optimiser.step(self.config.max_grad_norm)
         return loss.detach()
 
@@ -185,7 +195,7 @@ class Drift:
         """`new_first`: KL(π_θ ‖ π_k) instead of KL(π_k ‖ π_θ)."""
         self._agent, self._samples, self._new_first = agent, samples, new_first
         with torch.no_grad():
-            self.old_parameters = agent.policy.actor(samples.inputs)
+            self.old_parameters = agent.policy.actor.everywhere(samples.inputs)
             """[B, P] of π_k."""
             self._old = agent.policy.actions.distribution(self.old_parameters)
             self.old_log_prob = self._old.log_prob(samples.actions)
@@ -199,7 +209,8 @@ class Drift:
     @torch.no_grad()
     def measure(self) -> None:
         """After a pass; raises `NotFiniteError` if the policy has become NaN."""
-        new = self._agent.policy.given(self._samples.inputs)
+        policy = self._agent.policy
+        new = policy.actions.distribution(policy.actor.everywhere(self._samples.inputs))
         self.each = new.kl(self._old) if self._new_first else self._old.kl(new)
         self.log_prob = new.log_prob(self._samples.actions)
         self.kl, self.entropy = float(self.each.mean()), float(new.entropy().mean())

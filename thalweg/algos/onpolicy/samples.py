@@ -42,6 +42,12 @@ class Samples:
     values: Tensor
     """[K, B], what it said."""
 
+    def shuffled(self, tensors: Sequence[Tensor], generator: torch.Generator) -> list[Tensor]:
+        """Observations, and tensors [B, ...] beside them, in a new order."""
+        assert isinstance(self.inputs, Tensor)
+        order = torch.randperm(len(self.actions), generator=generator)
+        return [tensor[order] for tensor in (self.inputs, *tensors)]
+
     def minibatches(
         self, tensors: Sequence[Tensor], size: int, generator: torch.Generator
     ) -> Iterator[tuple[Tensor | Sequences, tuple[Tensor, ...]]]:
@@ -52,8 +58,7 @@ class Samples:
         """
         parts = max(1, round(len(self.actions) / size))
         if isinstance(self.inputs, Tensor):
-            order = torch.randperm(len(self.actions), generator=generator)
-            cut = [tensor[order].tensor_split(parts) for tensor in (self.inputs, *tensors)]
+            cut = [tensor.tensor_split(parts) for tensor in self.shuffled(tensors, generator)]
             yield from ((inputs, rows) for inputs, *rows in zip(*cut, strict=True))  # pyright: ignore
             return
         order = torch.randperm(self.inputs.obs.shape[1], generator=generator)

@@ -29,32 +29,20 @@ MARGIN = 0.05
 Trial = dict[str, Any]
 TRIALS: dict[str, tuple[Trial, ...]] = {
     "PPO": ({}, {"entropy": 0.003}, {"learning_rate": 5e-4}, {"steps_per_update": 4096}),
-    "PPOLag": (
-        {},
-        {"entropy": 0.003},
-        {"multiplier_gain": 20.0, "multiplier_rate": 2.0},
-        {"multiplier_gain": 5.0, "multiplier_max": 2.0},
-        {"multiplier_gain": 10.0, "multiplier_derivative": 5.0, "multiplier_smoothing": 0.5},
-    ),
-    "FOCOPS": ({}, {"temperature": 1.0}, {"temperature": 0.25}, {"multiplier_gain": 20.0}),
-    "P3O": (
-        {},
-        {"penalty": 5.0},
-        {"penalty": 2.0},
-        {"penalty": 1.0, "standardise_cost": True},
-        {"penalty": 0.5, "standardise_cost": True},
-        {"penalty": 5.0, "entropy": 0.003},
-    ),
+    "PPOLag": ({}, {"entropy": 0.003}, {"multiplier_gain": 20.0, "multiplier_rate": 2.0}, {"learning_rate": 5e-4}),
+    "FOCOPS": ({}, {"temperature": 1.0}, {"temperature": 0.25}, {"multiplier_max": 5.0}),
+    "P3O": ({}, {"penalty": 5.0}, {"penalty": 1.0}, {"entropy": 0.003}),
     "OnCRPO": (
         {},
         {"trust_radius": 0.05},
-        {"trust_radius": 0.1},
-        {"trust_radius": 0.05, "tolerance": 0.0},
-        {"trust_radius": 0.05, "steps_per_update": 1024},
         {"trust_radius": 0.05, "damping": 0.01},
+        {"trust_radius": 0.05, "tolerance": 0.0},
     ),
-    "CPO": ({}, {"trust_radius": 0.05}, {"trust_radius": 0.05, "damping": 0.01}, {"trust_radius": 0.1}),
-    "CUP": ({}, {"entropy": 0.003}, {"multiplier_max": 1.0}, {"multiplier_gain": 5.0}),
+    "CPO": ({}, {"trust_radius": 0.05}, {"trust_radius": 0.05, "damping": 0.01}),
+    "CUP": ({}, {"entropy": 0.003}, {"multiplier_max": 5.0}),
+    "DDPGLag": ({}, {"learning_rate": 3e-4}, {"updates_per_step": 0.5}),
+    "TD3Lag": ({}, {"learning_rate": 3e-4}, {"updates_per_step": 0.5}),
+    "SACLag": ({}, {"learning_rate": 3e-4}, {"entropy_share": 0.3}),
 }
 """Settings that differ from the defaults that the search began with, trial by trial."""
 

@@ -2,14 +2,14 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from benchmarks.omnisafe import compare, plot, write
 from benchmarks.omnisafe.compare import OURS, PEER
-from benchmarks.omnisafe.contests import CONTESTS, contest_named, merged
+from benchmarks.omnisafe.contests import CONTESTS, LIMIT, MENDED, RESETS, Contest, Work, contest_named, merged
 from thalweg.algos.registry import ALGORITHMS
-from thalweg.algos.settings import config_from
 
 CURVES = """algorithm,side,seed,step,return,cost,episodes
 PPO,OmniSafe,0,50,1.0,0.5,4
@@ -62,19 +62,41 @@ def test_every_algorithm_of_the_paper_has_a_row():
     assert [contest.algorithm for contest in CONTESTS] == names
 
 
-@pytest.mark.parametrize("contest", [contest_named(name) for name in ("PPO", "FOCOPS")], ids=lambda c: c.algorithm)
-@pytest.mark.parametrize("kind", ["speed", "curves"])
-def test_our_settings_are_keys_of_the_algorithm_and_the_same_as_the_peers(contest, kind: str):
+def ours(contest: Contest, kind: str) -> tuple[Work, Any]:
+    """A run, and the config of Thalweg's side."""
     work = getattr(contest.works, kind)
-    config = config_from(ALGORITHMS[contest.algorithm].config, json.loads(json.dumps(work.ours)))
+    return work, ALGORITHMS[contest.algorithm].configure(json.loads(json.dumps(work.ours)), "paper")
+
+
+@pytest.mark.parametrize("contest", CONTESTS, ids=lambda c: c.algorithm)
+@pytest.mark.parametrize("kind", ["speed", "curves"])
+def test_our_settings_are_keys_of_the_algorithm_and_suit_the_toy(contest: Contest, kind: str):
+    work, config = ours(contest, kind)
+    assert config.adapter == "native" and work.peer["train_cfgs"]["total_steps"] == work.steps
+    if hasattr(config, "cost_limit"):
+        assert config.cost_limit == LIMIT
+
+
+@pytest.mark.parametrize("contest", CONTESTS, ids=lambda c: c.algorithm)
+def test_what_is_mended_is_otherwise_in_the_preset_and_said_in_words(contest: Contest):
+    mended, paper = MENDED[contest.algorithm], ALGORITHMS[contest.algorithm].configure({}, "paper")
+    assert all(getattr(paper, key) != value for key, value in mended.items())
+    assert contest.differs.startswith(RESETS) or mended
+
+
+@pytest.mark.parametrize(
+    "contest", [contest_named(name) for name in ("PPO", "PPOLag", "FOCOPS")], ids=lambda c: c.algorithm
+)
+@pytest.mark.parametrize("kind", ["speed", "curves"])
+def test_our_settings_are_the_same_as_the_peers(contest: Contest, kind: str):
+    work, config = ours(contest, kind)
     theirs = work.peer["algo_cfgs"]
     assert config.steps_per_update == theirs["steps_per_epoch"]
     assert config.learning_rate == work.peer["model_cfgs"]["actor"]["lr"]
     assert config.critic_learning_rate == work.peer["model_cfgs"]["critic"]["lr"]
     assert (config.passes, config.minibatch) == (theirs["update_iters"], theirs["batch_size"])
     assert (config.target_kl == float("inf")) == (not theirs["kl_early_stop"])
-    assert work.peer["train_cfgs"]["total_steps"] == work.steps
-    if hasattr(config, "cost_limit"):
+    if contest.algorithm == "FOCOPS":
         lagrange = {"lambda_lr": 0.035, "lagrangian_upper_bound": 2.0, **work.peer["lagrange_cfgs"]}
         assert config.cost_limit == lagrange["cost_limit"]
         assert (config.multiplier_rate, config.multiplier_max) == (

@@ -16,11 +16,14 @@ import tempfile
 import time
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from torch import Tensor
 
 from benchmarks.omnisafe.toy_vector import ToyVectorEnv
 from thalweg.algos.adam import Adam
+from thalweg.algos.networks import Critics
 from thalweg.train.machine import versions
 from thalweg.train.run import run
 
@@ -44,14 +47,19 @@ class Stamped(ToyVectorEnv):
 
 def carry_out(order: dict, folder: Path) -> dict:
     """Train as ordered."""
-    counted, step = 0, Adam.step
+    counted = {"policy and others": 0, "critics": 0}
+    step, pass_over = Adam.step, Critics.pass_over
 
     def counting(self: Adam, most: float = math.inf) -> None:
-        nonlocal counted
-        counted += 1
+        counted["policy and others"] += 1
         step(self, most)
 
-    Adam.step = counting  # pyright: ignore[reportAttributeAccessIssue]
+    def passing(self: Critics, *given: Any, **named: Any) -> Tensor:
+        errors = pass_over(self, *given, **named)
+        counted["critics"] += len(errors)
+        return errors
+
+    Adam.step, Critics.pass_over = counting, passing  # pyright: ignore[reportAttributeAccessIssue]
     given = {name: order[name] for name in ("steps", "seed", "config", "threads", "preset")}
     env = Stamped(order["envs"], order["stamp_every"])
     run(order["algorithm"], env, folder=folder, **given)
@@ -64,7 +72,7 @@ def carry_out(order: dict, folder: Path) -> dict:
         "stamps": env.stamps,
         "acting": [[int(row["steps"]), float(row["time_act"])] for row in metrics],
         "environment_s": sum(float(row["time_env"]) for row in metrics),
-        "gradient_steps": {"all networks": counted},
+        "gradient_steps": {name: count for name, count in counted.items() if count},
         "passes": [float(row["passes"]) for row in metrics if row.get("passes")],
         "versions": versions(),
     }

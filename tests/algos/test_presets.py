@@ -28,7 +28,11 @@ def test_settings_are_set_on_top_of_a_preset(algorithm: str):
 
 def test_a_whole_config_stands_for_itself():
     entry = ALGORITHMS["FOCOPS"]
-    assert entry.configure(entry.config(passes=3), "paper") == entry.config(passes=3)
+    assert entry.configure(entry.config(passes=3)) == entry.config(passes=3)
+    with pytest.raises(AlgorithmError, match="a whole FOCOPSConfig leaves nothing to the preset 'paper'"):
+        entry.configure(entry.config(passes=3), "paper")
+    with pytest.raises(AlgorithmError, match="a config of PPOConfig or a mapping is needed, got FOCOPSConfig"):
+        ALGORITHMS["PPO"].configure(entry.config())
 
 
 def test_the_study_limits_to_25_by_the_mean_of_the_last_fifty_episodes():

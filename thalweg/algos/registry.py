@@ -36,10 +36,17 @@ class Entry:
     def configure(self, given: Any = None, preset: str = "default") -> Any:
         """The config of a preset, with the given values on top; a whole config stands for itself.
 
-        Raises `AlgorithmError` for an unknown preset or key, listing the known ones, and for a value of the wrong type.
+        Raises `AlgorithmError` for an unknown preset or key, listing the known ones, for a value of the wrong type, and
+        for a preset beside a whole config.
         """
         base = settings_of(self.name, preset)
-        return config_from(self.config, {**base, **given} if isinstance(given, Mapping) else given or base)
+        if given is None or isinstance(given, Mapping):
+            return config_from(self.config, {**base, **(given or {})})
+        if preset != "default":
+            raise AlgorithmError(
+                f"a whole {self.config.__name__} leaves nothing to the preset {preset!r}: give one of them"
+            )
+        return config_from(self.config, given)
 
 
 ALGORITHMS: dict[str, Entry] = {

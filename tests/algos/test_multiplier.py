@@ -22,7 +22,7 @@ def values(one: Multiplier, *costs: float) -> list[float]:
     """λ after each update."""
     found = []
     for cost in costs:
-        one.update(cost)
+        one.update(cost, 0.25)
         found.append(one.value)
     return found
 
@@ -31,6 +31,14 @@ def test_by_gradient_it_follows_the_violation_within_its_bounds():
     # + 0.5 (c - 0.1) each time
     assert values(multiplier(), 0.5, 0.0, 0.0, 9.0) == pytest.approx([0.2, 0.15, 0.1, 2.0])
     assert values(multiplier(multiplier_initial=0.02), 0.0) == [0.0]
+
+
+def test_one_that_settles_falls_ever_less_towards_the_end():
+    # Of what the cost stays below its limit, three quarters count after a quarter of the run, and nothing at its end.
+    one = multiplier(multiplier_initial=0.5, multiplier_settles=True)
+    for cost, progress, expected in ((0.0, 0.25, 0.4625), (0.0, 1.0, 0.4625), (0.3, 1.0, 0.5625)):
+        one.update(cost, progress)
+        assert one.value == pytest.approx(expected)
 
 
 def test_by_adam_it_follows_torchs_steps():

@@ -55,7 +55,8 @@ class DDPGLag:
         """Raw actions [N, A]: the policy's with noise, at first uniform ones."""
         if self.agent.begins:
             return self.form.uniform(len(obs), self.agent.generator)
-        return self.form.explored(self.agent.parameters(obs), self.agent.generator)
+        strength = self.config.exploration_at(self.agent.progress)
+        return self.form.explored(self.agent.parameters(obs), self.agent.generator, strength)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         """Remember the rollout and take the gradient steps that are due; returns the metrics, if they are due."""

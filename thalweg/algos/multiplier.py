@@ -37,6 +37,9 @@ class MultiplierConfig:
     """λ before the first update."""
     multiplier_max: float = 10.0
     """Upper bound of λ."""
+    multiplier_settles: bool = False
+    """Whether a mean cost below the limit counts ever less, down to nothing at the end of the run: what can only swing
+    about its limit, as a policy without chance does, then ends on the safe side of it."""
     multiplier_warmup: int = 0
     """Updates before λ first moves."""
     cost_window: int = 0
@@ -75,12 +78,15 @@ class Multiplier:
         self._smooth: deque[float] = deque(maxlen=config.multiplier_delay + 1)
         """Smoothed mean costs, the newest last."""
 
-    def update(self, cost: float) -> None:
-        """Answer to the mean cost of the last episodes; NaN, where no episode has finished yet, changes nothing."""
+    def update(self, cost: float, progress: float) -> None:
+        """Answer to the mean cost of the last episodes at this share of the run; NaN, where no episode has finished
+        yet, changes nothing."""
         config = self.config
         self._updates += 1
         if math.isnan(cost) or self._updates <= config.multiplier_warmup:
             return
+        if config.multiplier_settles and cost < self.limit:
+            cost += progress * (self.limit - cost)
         upper, rate = config.multiplier_max, config.multiplier_rate
         if config.multiplier_rule == "gradient":
             self._moving = maths.projected_gradient(self._moving, cost, self.limit, rate, upper)
@@ -146,7 +152,7 @@ class Multipliers:
     def update(self, feedback: Feedback) -> None:
         """Answer to the mean costs of the episodes that count."""
         for one, cost in zip(self.each, feedback.cost_means(self.config.cost_window), strict=True):
-            one.update(cost)
+            one.update(cost, feedback.progress)
 
     def metrics(self, feedback: Feedback, updates_left: int) -> dict[str, float]:
         """Each λ used in this update, and how far it can still get."""

@@ -66,13 +66,13 @@ _OFF_POLICY: Settings = {
     "target_rate": 0.005,
     "learning_rate": 3e-4,
     "critic_learning_rate": 3e-4,
-    "linear_decay": False,
     "normalise_cost": True,
     "normalise_observations": False,
     "initial": "kaiming",
     "adapter": "box_literal",
     "cost_limit": 25.0,
     "cost_window": 10,
+    "multiplier_settles": False,
     "multiplier_schedule": "gradient_step",
     "multiplier_rule": "adam",
     "multiplier_rate": 1e-5,
@@ -86,6 +86,7 @@ _DETERMINISTIC: Settings = {
     "random_steps": 25_000,
     "multiplier_warmup": _FIRST_MOVE - 25_000,
     "exploration": 0.0,
+    "exploration_fades": False,
     "output_decay": 0.0,
 }
 

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from thalweg.algos.actions import Actions, actions_of
+from thalweg.algos.adam import Adam
 from thalweg.algos.distributions import Categoricals, Squashed
 from thalweg.algos.errors import AlgorithmError
 from thalweg.algos.interface import Feedback, Rollout, Task
@@ -198,8 +199,7 @@ class SACLag:
         )
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
         self.log_alpha = torch.tensor(config.alpha).log().requires_grad_(config.auto_alpha)
-        if config.auto_alpha:
-            self.agent.policy_optimiser.add_param_group({"params": [self.log_alpha], "lr": config.alpha_learning_rate})
+        self.alpha_optimiser = Adam([self.log_alpha], config.alpha_learning_rate)
 
     @torch.inference_mode()
     def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
@@ -223,18 +223,22 @@ class SACLag:
         if agent.policy_turn:
             values, entropy = form.objective(agent, batch, said)
             loss = policy_loss(values, entropy, alpha, agent.multipliers.values)
+            self.alpha_optimiser.forget()
             if self.config.auto_alpha:
                 loss = loss + alpha_loss(self.log_alpha, entropy, form.aim)
             agent.improve(loss, entropy.mean(), alpha)
+            self.alpha_optimiser.step()  # without a gradient it stays
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """What keeps the cost limits or their multipliers from doing their work."""
         return self.agent.warnings(feedback)
 
     def state(self) -> dict[str, Any]:
-        return self.agent.state() | {"log_alpha": self.log_alpha.detach().numpy().copy()}
+        alpha = {"log_alpha": self.log_alpha.detach().numpy().copy(), "alpha_optimiser": self.alpha_optimiser.state()}
+        return self.agent.state() | alpha
 
     def load_state(self, state: dict[str, Any]) -> None:
         self.agent.load_state(state)
         with torch.no_grad():
             self.log_alpha.copy_(torch.from_numpy(np.array(state["log_alpha"])))
+        self.alpha_optimiser.load_state(state["alpha_optimiser"])

@@ -104,10 +104,11 @@ def test_a_limit_that_can_not_bind_and_a_multiplier_that_gets_nowhere_are_named(
     assert not ddpg().warnings(FEEDBACK)
 
 
-def test_the_policys_learning_rate_falls_linearly_with_progress():
+def test_the_policys_learning_rate_falls_linearly_with_progress_where_it_is_to():
     told = feedback(0.5, progress=0.75, steps_left=0)
-    assert rounds(ddpg(learning_rate=1e-3), 1, told=told)[0]["learning_rate"] == pytest.approx(0.25e-3)
-    constant = ddpg(learning_rate=1e-3, linear_decay=False)
+    falling = ddpg(learning_rate=1e-3, linear_decay=True)
+    assert rounds(falling, 1, told=told)[0]["learning_rate"] == pytest.approx(0.25e-3)
+    constant = ddpg(learning_rate=1e-3)
     assert rounds(constant, 1, told=told)[0]["learning_rate"] == 1e-3
 
 
@@ -147,7 +148,7 @@ def test_long_gradients_are_shortened():
     learner = ddpg(max_grad_norm=1e-3, updates_per_step=1.0)
     rounds(learner, 1)
     for optimiser in (learner.agent.policy_optimiser, learner.agent.critic_optimiser):
-        (parameter,) = optimiser.param_groups[0]["params"]
+        (parameter,) = optimiser.parameters
         assert float(parameter.grad.norm()) <= 1e-3 * (1 + 1e-5)
 
 

@@ -112,6 +112,7 @@ def test_choices_explore_by_temperature_and_by_a_share_of_uniform_ones():
     drawn = choices(exploration=0.0, exploration_temperature=0.5).explored(p, generator())
     assert (drawn[:, 0] == 1).float().mean() == pytest.approx(0.9, abs=0.01)
     certain = torch.tensor([[99.0, 0.0, 0.0, 99.0, 0.0]]).expand(MANY, 5)
+    assert (choices().explored(p, generator(), 0.0)[:, 0] == 1).all()
     mixed = choices(exploration=0.3).explored(certain, generator())
     assert (mixed[:, 0] != 0).float().mean() == pytest.approx(0.3 * 2 / 3, abs=0.01)
     assert (mixed[:, 1] != 0).float().mean() == pytest.approx(0.3 / 2, abs=0.01)

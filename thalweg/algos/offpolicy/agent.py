@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from thalweg.algos.actions import Actions
+from thalweg.algos.adam import Adam
 from thalweg.algos.costs import cost_metrics
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import bootstrap, losses
@@ -29,9 +30,7 @@ from thalweg.algos.state import (
     generator_state,
     load_generator,
     load_module,
-    load_optimiser,
     module_state,
-    optimiser_state,
 )
 
 CRITICS, POLICY = 0, 1
@@ -92,8 +91,8 @@ class Agent:
             generator=self.generator,
         )
         self.slow = Slow([self.policy.actor.stack, self.critics.stack])
-        self.policy_optimiser = _adam(self.policy.actor.stack.flat, config.learning_rate)
-        self.critic_optimiser = _adam(self.critics.stack.flat, config.critic_learning_rate)
+        self.policy_optimiser = Adam([self.policy.actor.stack.flat], config.learning_rate)
+        self.critic_optimiser = Adam([self.critics.stack.flat], config.critic_learning_rate)
         self.multipliers = Multipliers(config, config.limits)
         self.replay = Replay(config.replay_size, size, coded, costs)
         self._costs_seen = Normaliser(costs, config.normalise_cost)
@@ -102,7 +101,8 @@ class Agent:
         self._tally = Tally(
             (*(f"{name}q_loss" for name in names), *(f"{name}q_mean" for name in names)), ("policy_loss", *tallied)
         )
-        self.steps, self.gradient_steps = 0, 0
+        self.steps, self.gradient_steps, self.progress = 0, 0, 0.0
+        """`progress`: the share of the run that was over when it last learnt."""
         self._owed, self._reported_at = 0.0, 0
 
     @property
@@ -145,8 +145,9 @@ class Agent:
     def lessons(self, feedback: Feedback) -> Iterator[Batch]:
         """A batch for each gradient step that is due; afterwards nothing tallied has been NaN, else
         `NotFiniteError`."""
+        self.progress = feedback.progress
         rate = self.config.learning_rate * (1.0 - feedback.progress if self.config.linear_decay else 1.0)
-        self.policy_optimiser.param_groups[0]["lr"] = rate
+        self.policy_optimiser.rate = rate
         count = int(self._owed + ALMOST)
         self._owed -= count
         for batch in self.replay.batches(count, self.config.minibatch, self.generator, self.policy.normaliser):
@@ -171,19 +172,17 @@ class Agent:
         """
         targets = bootstrap.target(batch.paid, batch.going_on, next_values, self._discounts)
         errors = losses.squared_error(values, targets[self.critics.signal])
-        self.critic_optimiser.zero_grad()
+        self.critic_optimiser.forget()
         errors.sum().backward()
-        _shorten(self.critics.stack.flat, self.config.max_grad_norm)
-        self.critic_optimiser.step()
+        self.critic_optimiser.step(self.config.max_grad_norm)
         leading = self.critics.leading
         self._tally.add(CRITICS, torch.cat([errors.detach()[leading], values.detach()[leading].mean(-1)]))
 
     def improve(self, loss: Tensor, *tallied: Tensor) -> None:
         """One step of Adam of the policy down the gradient of a scalar; then all slow copies follow."""
-        self.policy_optimiser.zero_grad()
+        self.policy_optimiser.forget()
         loss.backward()
-        _shorten(self.policy.actor.stack.flat, self.config.max_grad_norm)
-        self.policy_optimiser.step()
+        self.policy_optimiser.step(self.config.max_grad_norm)
         self.slow.follow(self.config.target_rate)
         self._tally.add(POLICY, torch.stack([loss, *tallied]).detach())
 
@@ -199,7 +198,7 @@ class Agent:
             | {
                 "gradient_steps": self.gradient_steps,
                 "replay": self.replay.filled,
-                "learning_rate": self.policy_optimiser.param_groups[0]["lr"],
+                "learning_rate": self.policy_optimiser.rate,
             }
             | self.multipliers.metrics(feedback, self._moves_left(feedback))
             | cost_metrics(feedback, self.config.limits, self.config.cost_window)
@@ -217,8 +216,8 @@ class Agent:
             "actor": module_state(self.policy.actor),
             "critics": module_state(self.critics.stack),
             "slow": self.slow.slow.numpy().copy(),
-            "policy_optimiser": optimiser_state(self.policy_optimiser),
-            "critic_optimiser": optimiser_state(self.critic_optimiser),
+            "policy_optimiser": self.policy_optimiser.state(),
+            "critic_optimiser": self.critic_optimiser.state(),
             "multipliers": self.multipliers.state(),
             "normaliser": self.policy.normaliser.state(),
             "costs_seen": self._costs_seen.state(),
@@ -227,6 +226,7 @@ class Agent:
             "tally": self._tally.state(),
             "steps": self.steps,
             "gradient_steps": self.gradient_steps,
+            "progress": self.progress,
             "owed": self._owed,
             "reported_at": self._reported_at,
         }
@@ -236,8 +236,8 @@ class Agent:
         load_module(self.policy.actor, state["actor"])
         load_module(self.critics.stack, state["critics"])
         self.slow.slow.copy_(torch.from_numpy(np.array(state["slow"])))
-        load_optimiser(self.policy_optimiser, state["policy_optimiser"])
-        load_optimiser(self.critic_optimiser, state["critic_optimiser"])
+        self.policy_optimiser.load_state(state["policy_optimiser"])
+        self.critic_optimiser.load_state(state["critic_optimiser"])
         self.multipliers.load_state(state["multipliers"])
         self.policy.normaliser.load_state(state["normaliser"])
         self._costs_seen.load_state(state["costs_seen"])
@@ -245,6 +245,7 @@ class Agent:
         load_generator(self.generator, state["generator"])
         self._tally.load_state(state["tally"])
         self.steps, self.gradient_steps = int(state["steps"]), int(state["gradient_steps"])
+        self.progress = float(state["progress"])
         self._owed, self._reported_at = float(state["owed"]), int(state["reported_at"])
 
     def _moves_left(self, feedback: Feedback) -> int:
@@ -252,15 +253,3 @@ class Agent:
         if self.config.multiplier_schedule == "gradient_step":
             return int(feedback.steps_left * self.config.updates_per_step)
         return math.ceil(feedback.steps_left / self.config.steps_per_update)
-
-
-def _adam(parameters: Tensor, rate: float) -> torch.optim.Adam:
-    return torch.optim.Adam([parameters], lr=rate, fused=True)
-
-
-def _shorten(parameters: nn.Parameter, longest: float) -> None:
-    """Scale the gradient down to that length, if it is longer."""
-    assert parameters.grad is not None
-    length = float(parameters.grad.norm())
-    if length > longest:
-        parameters.grad.mul_(longest / length)

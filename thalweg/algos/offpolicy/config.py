@@ -30,6 +30,8 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     """K_P: what is added to λ for each unit by which the mean cost exceeds the limit, at once; 0 for none."""
     multiplier_max: float = 50.0
     """Upper bound of λ."""
+    multiplier_settles: bool = True
+    """Whether a mean cost below the limit counts ever less, down to nothing at the end of the run."""
     multiplier_schedule: Schedule = "report"
     """When the multipliers move: once a report, from the episodes finished since the last one; or at each gradient
     step, as in OmniSafe, where an old mean is answered to again and again."""
@@ -51,9 +53,8 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     """Adam's, for the policy."""
     critic_learning_rate: float = 1e-3
     """Adam's, for the critics."""
-    linear_decay: bool = True
-    """Whether the policy's learning rate falls linearly to 0 over the run, so that what remains at its end does not
-    depend on where the multipliers' swing is cut off."""
+    linear_decay: bool = False
+    """Whether the policy's learning rate falls linearly to 0 over the run."""
     max_grad_norm: float = 40.0
     """Longer gradients are shortened to this, the policy's and that of all critics each by itself."""
     cost_critics: int = 1

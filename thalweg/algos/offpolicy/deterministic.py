@@ -17,6 +17,9 @@ from thalweg.algos.interface import Task
 from thalweg.algos.maths import relaxed
 from thalweg.algos.offpolicy.config import OffPolicyConfig
 
+COLDEST = 1e-3
+"""Temperature at which choices are as good as certain."""
+
 
 @dataclass(frozen=True)
 class DeterministicConfig(OffPolicyConfig):
@@ -29,6 +32,9 @@ class DeterministicConfig(OffPolicyConfig):
     exploration_temperature: float = 0.2
     """Of choices while collecting: drawn from the softmax of the policy's outputs divided by this. Where it is high,
     the multipliers answer to the costs of another policy than the one that is used in the end."""
+    exploration_fades: bool = True
+    """Whether ε, the deviation and the temperature fall linearly to 0 over the run, so that towards its end the
+    multipliers answer to the costs of the policy that remains."""
     relaxation: float = 1.0
     """τ of the Gumbel-softmax whose gradient stands for that of a choice."""
     output_decay: float = 0.03
@@ -43,6 +49,10 @@ class DeterministicConfig(OffPolicyConfig):
             "relaxation": (self.relaxation > 0, "must be positive"),
             "output_decay": (self.output_decay >= 0, "must not be negative"),
         }
+
+    def exploration_at(self, progress: float) -> float:
+        """Share 0..1 of the usual exploration at this share of the run."""
+        return 1.0 - progress if self.exploration_fades else 1.0
 
 
 class Deterministic(Protocol):
@@ -68,8 +78,8 @@ class Deterministic(Protocol):
         """[B, W] an action near the policy's own, coded, as it would be executed."""
         ...
 
-    def explored(self, parameters: Tensor, generator: torch.Generator) -> Tensor:
-        """Raw actions [B, A] for collecting."""
+    def explored(self, parameters: Tensor, generator: torch.Generator, strength: float = 1.0) -> Tensor:
+        """Raw actions [B, A] for collecting, at this share 0..1 of the usual exploration."""
         ...
 
     def uniform(self, count: int, generator: torch.Generator) -> Tensor:
@@ -97,9 +107,9 @@ class Numbers:
         drawn = (noise * _normal(parameters, generator)).clamp_(-clip, clip)
         return self.coded((parameters.tanh() + drawn).clamp_(-1.0, 1.0))
 
-    def explored(self, parameters: Tensor, generator: torch.Generator) -> Tensor:
-        noisy = parameters.tanh() + self._config.exploration_noise * _normal(parameters, generator)
-        return _mixed(noisy.clamp_(-1.0, 1.0), self, self._config.exploration, generator)
+    def explored(self, parameters: Tensor, generator: torch.Generator, strength: float = 1.0) -> Tensor:
+        noisy = parameters.tanh() + strength * self._config.exploration_noise * _normal(parameters, generator)
+        return _mixed(noisy.clamp_(-1.0, 1.0), self, strength * self._config.exploration, generator)
 
     def uniform(self, count: int, generator: torch.Generator) -> Tensor:
         return 2.0 * torch.rand(count, self.width, generator=generator) - 1.0
@@ -129,9 +139,10 @@ class Choices:
             return self.chosen(parameters)
         return self.coded(self._choices(parameters / noise).sample(generator))
 
-    def explored(self, parameters: Tensor, generator: torch.Generator) -> Tensor:
-        drawn = self._choices(parameters / self._config.exploration_temperature).sample(generator)
-        return _mixed(drawn, self, self._config.exploration, generator)
+    def explored(self, parameters: Tensor, generator: torch.Generator, strength: float = 1.0) -> Tensor:
+        temperature = max(strength * self._config.exploration_temperature, COLDEST)
+        drawn = self._choices(parameters / temperature).sample(generator)
+        return _mixed(drawn, self, strength * self._config.exploration, generator)
 
     def uniform(self, count: int, generator: torch.Generator) -> Tensor:
         sizes = torch.tensor(self.actions.sizes)

@@ -6,8 +6,7 @@ writes known_answer.csv, a row per run, and known_answer.md, a table per problem
 its run is finished, so that a killed benchmark goes on where it stopped; a run that was killed goes on too, in the
 folder `--runs`. What is asked of each algorithm, and with which settings, is data in `tests/known_answer/harness.py`:
 rows of other steps, settings or problems than it says don't count and are made anew. Rows name the sources of
-algorithms and training; to make the rows of an algorithm that has changed again, say `--again`. Algorithms that Thalweg
-has not are passed over.
+algorithms and training; to make the rows of an algorithm that has changed again, say `--again`.
 """
 
 import argparse
@@ -132,7 +131,7 @@ def _entry(rows: Table, cell: Cell, seeds: int) -> str:
     """Share and cost of a cell's runs, and how many of them reached what is asked."""
     runs = [rows[name] for name in (key(cell, seed) for seed in range(seeds)) if name in rows]
     if not runs:
-        return "not there yet" if cell.missing else "not run"
+        return "not run"
     share = statistics.mean(float(run["share"]) for run in runs)
     costs = _costs([[float(cost) for cost in run["costs"].split()] for run in runs])
     reached = sum(run["reached"] == "1" for run in runs)
@@ -167,9 +166,7 @@ def main() -> str | None:
     path = chosen.out / "known_answer.csv"
     rows = {name: row for name, row in finished(path).items() if row["algorithm"] not in chosen.again}
     asked = [cell for cell in cells(chosen.only, chosen.problems) if cell.place in chosen.places]
-    for missing in sorted({cell.missing for cell in asked if cell.missing}):
-        print(f"passed over: {missing}", flush=True)
-    planned = [(cell, seed) for seed in range(chosen.seeds) for cell in asked if not cell.missing]
+    planned = [(cell, seed) for seed in range(chosen.seeds) for cell in asked]
     waiting = [(cell, seed) for cell, seed in planned if key(cell, seed) not in rows]
     print(f"{len(planned) - len(waiting)} of {len(planned)} runs are finished", flush=True)
     failed = 0

@@ -66,6 +66,7 @@ _OFF_POLICY: Settings = {
     "target_rate": 0.005,
     "learning_rate": 3e-4,
     "critic_learning_rate": 3e-4,
+    "linear_decay": False,
     "normalise_cost": True,
     "normalise_observations": False,
     "initial": "kaiming",

@@ -106,9 +106,9 @@ def test_a_limit_that_can_not_bind_and_a_multiplier_that_gets_nowhere_are_named(
 
 def test_the_policys_learning_rate_falls_linearly_with_progress_where_it_is_to():
     told = feedback(0.5, progress=0.75, steps_left=0)
-    falling = ddpg(learning_rate=1e-3, linear_decay=True)
+    falling = ddpg(learning_rate=1e-3)
     assert rounds(falling, 1, told=told)[0]["learning_rate"] == pytest.approx(0.25e-3)
-    constant = ddpg(learning_rate=1e-3)
+    constant = ddpg(learning_rate=1e-3, linear_decay=False)
     assert rounds(constant, 1, told=told)[0]["learning_rate"] == 1e-3
 
 

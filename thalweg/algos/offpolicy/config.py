@@ -53,8 +53,9 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     """Adam's, for the policy."""
     critic_learning_rate: float = 1e-3
     """Adam's, for the critics."""
-    linear_decay: bool = False
-    """Whether the policy's learning rate falls linearly to 0 over the run."""
+    linear_decay: bool = True
+    """Whether the policy's learning rate falls linearly to 0 over the run, so that what remains at its end does not
+    depend on where a swing is cut off."""
     max_grad_norm: float = 40.0
     """Longer gradients are shortened to this, the policy's and that of all critics each by itself."""
     cost_critics: int = 1

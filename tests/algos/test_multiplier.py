@@ -34,9 +34,9 @@ def test_by_gradient_it_follows_the_violation_within_its_bounds():
 
 
 def test_one_that_settles_falls_ever_less_towards_the_end():
-    # Of what the cost stays below its limit, three quarters count after a quarter of the run, and nothing at its end.
+    # Of what the cost stays below its limit, all counts until the last quarter, half in its middle, nothing at its end.
     one = multiplier(multiplier_initial=0.5, multiplier_settles=True)
-    for cost, progress, expected in ((0.0, 0.25, 0.4625), (0.0, 1.0, 0.4625), (0.3, 1.0, 0.5625)):
+    for cost, progress, expected in ((0.0, 0.5, 0.45), (0.0, 0.875, 0.425), (0.0, 1.0, 0.425), (0.3, 1.0, 0.525)):
         one.update(cost, progress)
         assert one.value == pytest.approx(expected)
 

@@ -13,6 +13,8 @@ Rule = Literal["gradient", "adam"]
 
 NEGLIGIBLE = 0.1
 """A multiplier of standardised advantages that can't exceed this hardly changes what is learnt."""
+SETTLING = 0.25
+"""Share of a run, its last, in which multipliers may settle."""
 ENOUGH_EPISODES = 20
 """Before this many episodes nothing is said about what costs are possible."""
 
@@ -38,8 +40,8 @@ class MultiplierConfig:
     multiplier_max: float = 10.0
     """Upper bound of λ."""
     multiplier_settles: bool = False
-    """Whether a mean cost below the limit counts ever less, down to nothing at the end of the run: what can only swing
-    about its limit, as a policy without chance does, then ends on the safe side of it."""
+    """Whether a mean cost below the limit counts ever less over the last quarter of the run, down to nothing at its
+    end: what can only swing about its limit, as a policy without chance does, then ends on the safe side of it."""
     multiplier_warmup: int = 0
     """Updates before λ first moves."""
     cost_window: int = 0
@@ -86,7 +88,7 @@ class Multiplier:
         if math.isnan(cost) or self._updates <= config.multiplier_warmup:
             return
         if config.multiplier_settles and cost < self.limit:
-            cost += progress * (self.limit - cost)
+            cost += max(1.0 - (1.0 - progress) / SETTLING, 0.0) * (self.limit - cost)
         upper, rate = config.multiplier_max, config.multiplier_rate
         if config.multiplier_rule == "gradient":
             self._moving = maths.projected_gradient(self._moving, cost, self.limit, rate, upper)

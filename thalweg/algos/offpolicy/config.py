@@ -31,7 +31,7 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     multiplier_max: float = 50.0
     """Upper bound of λ."""
     multiplier_settles: bool = True
-    """Whether a mean cost below the limit counts ever less, down to nothing at the end of the run."""
+    """Whether a mean cost below the limit counts ever less over the last quarter of the run, down to nothing."""
     multiplier_schedule: Schedule = "report"
     """When the multipliers move: once a report, from the episodes finished since the last one; or at each gradient
     step, as in OmniSafe, where an old mean is answered to again and again."""

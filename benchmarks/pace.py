@@ -1,0 +1,148 @@
+"""How long does each algorithm train on the river, where does the time go, and how does it learn? One run of each.
+
+    python benchmarks/pace.py [ALGORITHM ...]
+    python benchmarks/pace.py --write
+
+200,000 steps on Medium with the defaults and one seed, frames included. A killed run goes on; a finished one is a row
+of pace.csv and a curve of pace_curves.csv. `--write` puts the table into docs/algorithms/README.md and draws a picture
+of each curve for the algorithm's page.
+"""
+
+import argparse
+import csv
+import sys
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+from marks import between_marks
+from matplotlib import pyplot as plt
+
+from thalweg.algos.registry import ALGORITHMS, algorithm_named
+from thalweg.bench.figures import STYLE
+from thalweg.bench.files import csv_text
+from thalweg.bench.tables import markdown
+from thalweg.train.river import TrainingGround, load_fitting_encoder
+from thalweg.whole import whole, write_whole
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent
+TABLE, CURVES = HERE / "pace.csv", HERE / "pace_curves.csv"
+PAGE, PICTURES = ROOT / "docs" / "algorithms" / "README.md", ROOT / "docs" / "images" / "curves"
+MARK = "pace"
+STEPS, SEED, NUM_ENVS = 200_000, 0, 16
+STAGES = ("act", "env", "learn", "encode", "other")
+"""Seconds of acting (with planners, of planning), of frames and rules, of learning, of the encoder, and of the rest."""
+POINT = 4096
+"""Steps between two points of a curve."""
+COLUMNS = ("algorithm", "steps", "seconds", *STAGES, "return_mean_50", "cost_mean_50")
+CURVE = ("algorithm", "steps", "return_mean_50", "cost_mean_50")
+Rows = list[dict[str, str]]
+
+
+def rows_of(path: Path) -> Rows:
+    """A table's rows; none where it is not there yet."""
+    if not path.exists():
+        return []
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def row_of(algorithm: str, metrics: Rows) -> dict[str, str]:
+    """What the log of a finished run says of its time, and of its end."""
+    spent = {stage: f"{sum(float(row[f'time_{stage}']) for row in metrics):.1f}" for stage in STAGES}
+    last = metrics[-1]
+    ends = {name: f"{float(last[name]):.3f}" for name in ("return_mean_50", "cost_mean_50")}
+    return {"algorithm": algorithm, "steps": last["steps"], "seconds": f"{float(last['seconds']):.1f}"} | spent | ends
+
+
+def curve_of(algorithm: str, metrics: Rows) -> Rows:
+    """The row of the log nearest after each multiple of `POINT`, and the last."""
+    found: dict[int, dict[str, str]] = {}
+    for row in metrics:
+        found.setdefault(int(row["steps"]) // POINT, row)
+    found[-1] = metrics[-1]
+    rows = sorted(found.values(), key=lambda row: int(row["steps"]))
+    return [
+        {"algorithm": algorithm, "steps": row["steps"]} | {name: f"{float(row[name]):.3f}" for name in CURVE[2:]}
+        for row in {row["steps"]: row for row in rows}.values()
+    ]
+
+
+def put(path: Path, columns: tuple[str, ...], algorithm: str, new: Rows) -> None:
+    """The rows of an algorithm in place of those that were there, in the order of the registry."""
+    kept = [row for row in rows_of(path) if row["algorithm"] != algorithm]
+    order = list(ALGORITHMS)
+    rows = sorted([*kept, *new], key=lambda row: order.index(row["algorithm"]))
+    write_whole(path, csv_text(columns, ([row[name] for name in columns] for row in rows)))
+
+
+def measure(algorithm: str, folder: Path) -> None:
+    """Train, or go on, and write down what came of it."""
+    TrainingGround("Medium", NUM_ENVS).train(
+        algorithm, load_fitting_encoder(None), steps=STEPS, seed=SEED, folder=folder
+    )
+    metrics = rows_of(folder / "metrics.csv")
+    put(CURVES, CURVE, algorithm, curve_of(algorithm, metrics))
+    put(TABLE, COLUMNS, algorithm, [row_of(algorithm, metrics)])
+
+
+def table() -> str:
+    """The table of the page: minutes, and the share of each stage."""
+    head = ["algorithm", "minutes", "steps a second", *STAGES, "return", "cost"]
+    lines = []
+    for row in rows_of(TABLE):
+        seconds = float(row["seconds"])
+        shares = [f"{float(row[stage]) / seconds:.0%}" for stage in STAGES]
+        ends = [f"{float(row[name]):.2f}" for name in ("return_mean_50", "cost_mean_50")]
+        lines.append([row["algorithm"], f"{seconds / 60:.1f}", f"{float(row['steps']) / seconds:,.0f}", *shares, *ends])
+    return markdown(head, lines)
+
+
+def draw(algorithm: str, rows: Rows, path: Path) -> None:
+    """Return and cost over the steps."""
+    steps = [int(row["steps"]) for row in rows]
+    with matplotlib.rc_context(STYLE):
+        figure, axes = plt.subplots(1, 2, figsize=(6.4, 2.2))
+        for axis, name, top in zip(axes, CURVE[2:], (10.0, 1.0), strict=True):
+            axis.plot(steps, [float(row[name]) for row in rows], color="#1b6ca8")
+            axis.set(title=f"{name.split('_')[0]}, mean of the last 50 episodes", xlabel="steps", xlim=(0, STEPS))
+            axis.set_ylim(0.0, top)
+            axis.xaxis.set_major_formatter(lambda steps, _: f"{steps:,.0f}")
+            axis.xaxis.set_major_locator(matplotlib.ticker.MaxNLocator(4))  # pyright: ignore[reportAttributeAccessIssue]
+        if hasattr(ALGORITHMS[algorithm].config, "cost_limit"):
+            axes[1].axhline(0.1, color="#c0392b", linewidth=1, linestyle="--", label="limit")
+            axes[1].legend(frameon=False)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole(path) as draft:
+            figure.savefig(draft, format="png", dpi=110)
+        plt.close(figure)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("algorithms", nargs="*", default=list(ALGORITHMS), help="all if none is named")
+    parser.add_argument("--out", type=Path, default=Path("results/pace"), help="folder of the runs")
+    parser.add_argument("--write", action="store_true", help="train nothing; write the page and the pictures")
+    parser.add_argument("--check", action="store_true", help="only say whether the page has today's figures")
+    given = parser.parse_args(arguments)
+    if given.write or given.check:
+        page = PAGE.read_text()
+        fresh = between_marks(page, MARK, table())
+        if given.check:
+            return int(fresh != page)
+        write_whole(PAGE, fresh)
+        curves = rows_of(CURVES)
+        for name in {row["algorithm"] for row in curves}:
+            draw(name, [row for row in curves if row["algorithm"] == name], PICTURES / f"{name.lower()}.png")
+        return 0
+    for name in given.algorithms:
+        algorithm = algorithm_named(name).name
+        if algorithm not in {row["algorithm"] for row in rows_of(TABLE)}:
+            measure(algorithm, given.out / algorithm)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

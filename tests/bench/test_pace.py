@@ -1,0 +1,69 @@
+"""The table of times on the river: what a log says of a run."""
+
+import csv
+import importlib
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+
+@pytest.fixture
+def pace(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(Path(__file__).resolve().parents[2] / "benchmarks")
+    monkeypatch.delitem(sys.modules, "pace", raising=False)
+    return importlib.import_module("pace")
+
+
+def metrics(updates: int = 9, steps: int = 2048) -> list[dict[str, str]]:
+    """Rows of a log: each update takes 2 s, half of it in the environment."""
+    shares = {"act": 0.1, "env": 1.0, "learn": 0.5, "encode": 0.3, "other": 0.1}
+    return [
+        {
+            "steps": str(steps * update),
+            "seconds": str(2.0 * update),
+            "return_mean_50": str(update),
+            "cost_mean_50": "0.25",
+        }
+        | {f"time_{stage}": str(share) for stage, share in shares.items()}
+        for update in range(1, updates + 1)
+    ]
+
+
+def test_a_row_adds_up_the_stages_and_tells_the_end(pace: ModuleType):
+    row = pace.row_of("PPO", metrics())
+    assert [row[stage] for stage in pace.STAGES] == ["0.9", "9.0", "4.5", "2.7", "0.9"]
+    assert (row["steps"], row["seconds"], row["return_mean_50"], row["cost_mean_50"]) == (
+        "18432",
+        "18.0",
+        "9.000",
+        "0.250",
+    )
+    assert set(row) == set(pace.COLUMNS)
+
+
+def test_a_curve_has_a_point_for_each_4096_steps_and_its_end(pace: ModuleType):
+    curve = pace.curve_of("PPO", metrics())
+    assert [int(row["steps"]) for row in curve] == [2048, 4096, 8192, 12288, 16384, 18432]
+    assert curve[-1]["return_mean_50"] == "9.000"
+
+
+def test_a_run_made_again_takes_the_place_of_the_one_before(pace: ModuleType, tmp_path: Path):
+    path = tmp_path / "pace.csv"
+    for name, returns in (("SACLag", 1), ("PPO", 2), ("SACLag", 3)):
+        pace.put(path, pace.COLUMNS, name, [pace.row_of(name, metrics(returns))])
+    rows = list(csv.DictReader(path.open()))
+    assert [(row["algorithm"], row["return_mean_50"]) for row in rows] == [("PPO", "2.000"), ("SACLag", "3.000")]
+
+
+def test_the_page_has_minutes_and_shares(pace: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(pace, "TABLE", tmp_path / "pace.csv")
+    pace.put(pace.TABLE, pace.COLUMNS, "PPO", [pace.row_of("PPO", metrics())])
+    assert "| PPO | 0.3 | 1,024 | 5% | 50% | 25% | 15% | 5% | 9.00 | 0.25 |" in pace.table()
+
+
+def test_a_picture_is_drawn(pace: ModuleType, tmp_path: Path):
+    path = tmp_path / "new" / "ppo.png"
+    pace.draw("PPO", pace.curve_of("PPO", metrics()), path)
+    assert path.read_bytes()[:4] == b"\x89PNG"

@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from thalweg.algos.actions import actions_of
-from thalweg.algos.networks import Activation, Actor, Critics, Shape, Stack, layers_of
+from thalweg.algos.chain import FUSED, MANY_ROWS, Activation, layers_of
+from thalweg.algos.networks import Actor, Critics, Shape, Stack
 
 F64 = torch.float64
 K, B, D = 3, 7, 4
@@ -85,6 +86,34 @@ class TestStack:
         one(x, frozen=True).square().sum().backward()
         assert x.grad is not None and torch.equal(x.grad, expected)
         assert one.flat.grad is None
+
+
+@pytest.mark.skipif(FUSED is None, reason="this torch has no product of oneDNN's")
+@pytest.mark.parametrize("shared", [True, False], ids=["shared", "apart"])
+@pytest.mark.parametrize("activation", ["tanh", "relu", "swish"])
+def test_wide_networks_by_onednn_are_those_that_torch_records(activation: Any, shared: bool):
+    generator = torch.Generator().manual_seed(0)
+    one = Stack(K, D, (200, 130), 2, activation=activation, generator=generator)
+    with torch.no_grad():
+        one.flat.add_(0.02 * torch.randn(one.flat.shape, generator=generator))
+    shape = (MANY_ROWS, D) if shared else (K, MANY_ROWS, D)
+    x = torch.randn(shape, generator=generator).requires_grad_()
+    above = torch.randn(K, MANY_ROWS, 2, generator=generator)
+    assert torch.allclose(one(x), one.plain(x), atol=1e-5)
+    found = torch.autograd.grad((one(x) * above).sum(), (x, one.flat))
+    expected = torch.autograd.grad((one.plain(x) * above).sum(), (x, one.flat))
+    for ours, theirs in zip(found, expected, strict=True):
+        assert torch.allclose(ours, theirs, rtol=1e-4, atol=2e-4) and theirs.abs().max() > 0.5
+    (alone,) = torch.autograd.grad((one(x, frozen=True) * above).sum(), x)
+    assert torch.equal(alone, found[0])
+    some = slice(0, 2)
+    of_some = one(x if shared else x[some], chosen=some)
+    (part,) = torch.autograd.grad((of_some * above[some]).sum(), one.flat)
+    (whole,) = torch.autograd.grad((one.plain(x)[some] * above[some]).sum(), one.flat)
+    assert torch.allclose(part, whole, rtol=1e-4, atol=2e-4)
+    _, back = one.ahead(x.detach())
+    back(above)
+    assert one.flat.grad is not None and torch.equal(one.flat.grad, found[1])
 
 
 def test_without_hidden_layers_it_is_linear():

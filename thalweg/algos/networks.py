@@ -9,35 +9,23 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
-from thalweg.algos import loops
+from thalweg.algos import chain, loops
 from thalweg.algos.actions import Actions
 from thalweg.algos.adam import Adam
+from thalweg.algos.chain import ALL, FUNCTIONS, Activation, Layers, Perceptrons, layers_of
 from thalweg.algos.maths import losses
 from thalweg.algos.memory import Gru, Sequences
 
-Activation = Literal["tanh", "relu", "swish"]
 Initial = Literal["orthogonal", "kaiming", "truncated"]
-Layers = list[tuple[Tensor, Tensor]]
-"""Weight [K, before, after] and bias [K, 1, after] of each layer."""
-ALL = slice(None)
 SMALL = 128
 """Numbers of a layer up to which compiled loops are faster than a library's products."""
 ROWS = 1024
-
-
-class Trace(NamedTuple):
-    """What the gradient of a pass needs of it."""
-
-    seen: list[Tensor]
-    """[K, B, before] what each layer was given."""
-    before: list[Tensor]
-    """[K, B, after] what each activation was given, where its derivative does not follow from what it gave."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +98,7 @@ class Stack(nn.Module):
         """[K, B, outputs]; `frozen`: as if the parameters were constants, while x may have a gradient; `chosen`: of
         these perceptrons only."""
         flat = self.flat.detach() if frozen else self.flat
-        return _Perceptrons.apply(x, flat, self.layers, self.sizes, chosen, self.activation)  # pyright: ignore
+        return Perceptrons.apply(x, flat, self.layers, self.sizes, chosen, self.activation)  # pyright: ignore
 
     @torch.no_grad()
     def ahead(self, x: Tensor) -> tuple[Tensor, Callable[[Tensor], None]]:
@@ -119,12 +107,12 @@ class Stack(nn.Module):
         if self.small and x.dim() == 2 and x.dtype == torch.float32 and x.device.type == "cpu":
             return self._ahead_in_loops(x)
         parts = self.layers
-        outputs, trace = _outputs(x, parts, self.activation)
+        outputs, trace = chain.outputs(x, parts, self.activation)
 
         @torch.no_grad()
         def back(above: Tensor) -> None:
             slopes = layers_of(self._slopes(), self.count, self.sizes)
-            _gradients(above, trace, parts, slopes, self.activation, wants_x=False)
+            chain.gradients(above, trace, parts, slopes, self.activation, wants_x=False)
 
         return outputs, back
 
@@ -146,7 +134,7 @@ class Stack(nn.Module):
         x = x.expand(self.count, *x.shape) if x.dim() == 2 else x
         *inner, (last_weight, last_bias) = layers_of(self.flat if flat is None else flat, self.count, self.sizes)
         for weight, bias in inner:
-            x = _FUNCTIONS[self.activation](torch.baddbmm(bias, x, weight))
+            x = FUNCTIONS[self.activation](torch.baddbmm(bias, x, weight))
         return torch.baddbmm(last_bias, x, last_weight)
 
     @property
@@ -162,99 +150,6 @@ class Stack(nn.Module):
         if self.flat.grad is None:
             self.flat.grad = torch.empty_like(self.flat)
         return self.flat.grad
-
-
-def layers_of(flat: Tensor, count: int, sizes: tuple[int, ...]) -> Layers:
-    """Weight [K, before, after] and bias [K, 1, after] of each layer of K perceptrons: views of their vector."""
-    lengths = [
-        length for before, after in itertools.pairwise(sizes) for length in (count * before * after, count * after)
-    ]
-    pieces = iter(flat.split(lengths))
-    return [
-        (next(pieces).view(count, before, after), next(pieces).view(count, 1, after))
-        for before, after in itertools.pairwise(sizes)
-    ]
-
-
-class _Perceptrons(torch.autograd.Function):
-    """The stack and its gradient: the chain rule layer by layer, into one vector."""
-
-    @staticmethod
-    def forward(
-        ctx: Any, x: Tensor, flat: Tensor, parts: Layers, sizes: tuple[int, ...], chosen: slice, activation: Activation
-    ) -> Tensor:
-        ctx.count, ctx.sizes, ctx.chosen, ctx.activation = len(parts[0][0]), sizes, chosen, activation
-        ctx.parts, ctx.shared = _chosen(parts, chosen), x.dim() == 2
-        outputs, trace = _outputs(x, ctx.parts, activation)
-        ctx.save_for_backward(flat, *trace.seen, *trace.before)
-        return outputs
-
-    @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(ctx: Any, above: Tensor) -> Any:  # pyright: ignore
-        flat, *kept = ctx.saved_tensors  # which makes sure that nothing has changed since
-        trace = Trace(kept[: len(ctx.parts)], kept[len(ctx.parts) :])
-        wants_x, wants_flat = ctx.needs_input_grad[:2]
-        into, places = None, []
-        if wants_flat:
-            into = (torch.empty_like if len(above) == ctx.count else torch.zeros_like)(flat)
-            places = _chosen(layers_of(into, ctx.count, ctx.sizes), ctx.chosen)
-        below = _gradients(above, trace, ctx.parts, places, ctx.activation, wants_x)
-        return below.sum(0) if below is not None and ctx.shared else below, into, None, None, None, None
-
-
-def _outputs(x: Tensor, parts: Layers, activation: Activation) -> tuple[Tensor, Trace]:
-    """[K, B, outputs] of observations [B, D] or [K, B, D]."""
-    hidden = x.expand(len(parts[0][0]), *x.shape) if x.dim() == 2 else x
-    seen, before = [hidden], []
-    for weight, bias in parts[:-1]:
-        hidden = torch.baddbmm(bias, hidden, weight)
-        if activation == "swish":
-            before.append(hidden)
-            hidden = nn.functional.silu(hidden)
-        else:
-            hidden = hidden.tanh_() if activation == "tanh" else hidden.relu_()
-        seen.append(hidden)
-    return torch.baddbmm(parts[-1][1], hidden, parts[-1][0]), Trace(seen, before)
-
-
-def _gradients(
-    above: Tensor, trace: Trace, parts: Layers, places: Layers, activation: Activation, wants_x: bool
-) -> Tensor | None:
-    """From the gradient of the outputs: that of each layer into its place, if there are places, and that of what the
-    first was given [K, B, D], if it is wanted."""
-    known = trace.before or trace.seen[1:]
-    for layer in range(len(parts) - 1, -1, -1):
-        if places:
-            torch.bmm(trace.seen[layer].transpose(1, 2), above, out=places[layer][0])
-            torch.sum(above, 1, keepdim=True, out=places[layer][1])
-        if layer == 0 and not wants_x:
-            return None
-        above = torch.bmm(above, parts[layer][0].transpose(1, 2))
-        if layer > 0:
-            _DERIVATIVES[activation](above, known[layer - 1], above)
-    return above
-
-
-def _chosen(layers: Layers, chosen: slice) -> Layers:
-    return layers if chosen is ALL else [(weight[chosen], bias[chosen]) for weight, bias in layers]
-
-
-def _through_tanh(above: Tensor, after: Tensor, into: Tensor) -> None:
-    torch.ops.aten.tanh_backward.grad_input(above, after, grad_input=into)
-
-
-def _through_relu(above: Tensor, after: Tensor, into: Tensor) -> None:
-    torch.ops.aten.threshold_backward.grad_input(above, after, 0.0, grad_input=into)
-
-
-def _through_swish(above: Tensor, before: Tensor, into: Tensor) -> None:
-    torch.ops.aten.silu_backward.grad_input(above, before, grad_input=into)
-
-
-_FUNCTIONS = {"tanh": torch.tanh, "relu": torch.relu, "swish": nn.functional.silu}
-_DERIVATIVES = {"tanh": _through_tanh, "relu": _through_relu, "swish": _through_swish}
-"""From the gradient after each, and what it gave (of "swish": what it was given), to the gradient before it."""
 
 
 class Actor(nn.Module):

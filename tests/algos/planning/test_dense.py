@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from tests.algos.planning.made import ensemble_for, generator
+from thalweg.algos import chain
 from thalweg.algos.networks import Stack
-from thalweg.algos.planning import dense
 from thalweg.algos.planning.dense import FEW_ROWS, ROWS_AT_ONCE, Dense
 
 
@@ -22,7 +22,7 @@ def test_fast_products_are_the_plain_ones(rows: int):
 
 
 def test_without_onednn_they_are_too(monkeypatch):
-    monkeypatch.setattr(dense, "FUSED", None)
+    monkeypatch.setattr(chain, "FUSED", None)
     stack, x = stack_of(), torch.randn(3, 300, 5, generator=generator(1))
     with torch.no_grad():
         wanted = stack.plain(x)

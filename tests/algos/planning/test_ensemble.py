@@ -10,7 +10,7 @@ from torch.nn.functional import softplus
 from tests.algos.planning.made import BOX, OPTIONS, ensemble_for, generator, raw_actions
 from thalweg.algos.actions import actions_of
 from thalweg.algos.ccepets import CCEPETSConfig
-from thalweg.algos.networks import layers_of
+from thalweg.algos.chain import layers_of
 from thalweg.algos.planning.ensemble import Ensemble, Frozen, action_features, features_of
 from thalweg.algos.planning.fitting import Fitter, _decays
 from thalweg.algos.planning.transitions import Batch, Replay

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from thalweg.algos.actions import Adapter
+from thalweg.algos.chain import Activation
 from thalweg.algos.costs import CostConfig
 from thalweg.algos.multiplier import MultiplierConfig
-from thalweg.algos.networks import Activation, Initial, Shape
+from thalweg.algos.networks import Initial, Shape
 from thalweg.algos.settings import require
 
 Schedule = Literal["report", "gradient_step"]

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from thalweg.algos.networks import ALL, Shape, Stack
+from thalweg.algos.chain import ALL
+from thalweg.algos.networks import Shape, Stack
 
 
 class Critics:

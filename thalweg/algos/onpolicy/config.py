@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 
 from thalweg.algos.actions import Adapter
+from thalweg.algos.chain import Activation
 from thalweg.algos.costs import CostConfig
 from thalweg.algos.memory import Memory
-from thalweg.algos.networks import Activation, Initial, Shape
+from thalweg.algos.networks import Initial, Shape
 from thalweg.algos.settings import require
 
 

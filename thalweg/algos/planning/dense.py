@@ -1,36 +1,20 @@
 """How are M perceptrons evaluated fast enough to plan with? Without gradients, rows in the cache, several threads.
 
-Torch multiplies float32 matrices by MKL, which uses half of the vector width of a processor that Intel has not made;
-oneDNN, which torch brings too, uses all of it, and adds bias and swish before a result leaves the registers. Where
-torch lacks that, and for few rows, where calls cost more than sums, plain batched products do the same.
+Products are oneDNN's (`chain` says why); where torch lacks them, and for few rows, where calls cost more than sums,
+plain batched products do the same.
 """
-
-from typing import Any
 
 import torch
 from torch import Tensor
 from torch.nn.functional import silu
 
-from thalweg.algos.networks import Layers
+from thalweg.algos import chain
+from thalweg.algos.chain import Layers
 
 ROWS_AT_ONCE = 1024
 """Rows that go through all layers before the next ones do: their numbers then stay in the processor's cache."""
 FEW_ROWS = 64
 """Up to so many rows of each perceptron, all of them go through a layer in one call."""
-
-
-def _fused_linear() -> Any:
-    """oneDNN's product with bias and activation, or None where this torch has none that works."""
-    try:
-        fused = torch.ops.mkldnn._linear_pointwise
-        ones = torch.ones(2, 2)
-        found = fused(ones, ones, torch.ones(2), "swish", [], "")
-        return fused if torch.allclose(found, silu(torch.full((2, 2), 3.0))) else None
-    except (AttributeError, RuntimeError):
-        return None
-
-
-FUSED = _fused_linear()
 
 
 class Dense:
@@ -49,7 +33,7 @@ class Dense:
 
     def __call__(self, x: Tensor) -> Tensor:
         rows = x.shape[1]
-        if FUSED is None or rows <= FEW_ROWS:
+        if chain.FUSED is None or rows <= FEW_ROWS:
             return self._at_once(x)
         out = x.new_empty(len(x), rows, self._batched[-1][1].shape[-1])
         for m, layers in enumerate(self._single):
@@ -65,8 +49,8 @@ class Dense:
         return torch.baddbmm(last_bias, x, last_weight).float()
 
     def _fused(self, layers: list[tuple[Tensor, Tensor]], x: Tensor) -> Tensor:
-        assert FUSED is not None
+        assert chain.FUSED is not None
         x = x.to(self.dtype)
         for weight, bias in layers[:-1]:
-            x = FUSED(x, weight, bias, "swish", [], "")
-        return FUSED(x, *layers[-1], "none", [], "")
+            x = chain.FUSED(x, weight, bias, "swish", [], "")
+        return chain.FUSED(x, *layers[-1], "none", [], "")

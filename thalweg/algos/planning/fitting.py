@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from thalweg.algos.networks import layers_of
+from thalweg.algos.chain import layers_of
 from thalweg.algos.planning.config import PlanningConfig
 from thalweg.algos.planning.ensemble import Ensemble
 from thalweg.algos.planning.transitions import Replay

@@ -1,0 +1,196 @@
+"""What do K perceptrons of one shape say, and how does a gradient pass through them? The chain rule, layer by layer.
+
+Small networks are bound by the number of calls, so that their layers are batched products. Wide ones are bound by
+arithmetic: torch multiplies float32 matrices by MKL, which uses half of the vector width of a processor that Intel has
+not made; oneDNN, which torch brings too, uses all of it, and adds bias and activation before a result leaves the
+registers. Where torch lacks that, the same is done by batched products.
+
+Letters: K perceptrons, B rows, D numbers of an observation.
+"""
+
+import itertools
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import silu
+
+Activation = Literal["tanh", "relu", "swish"]
+Layers = list[tuple[Tensor, Tensor]]
+"""Weight [K, before, after] and bias [K, 1, after] of each layer."""
+ALL = slice(None)
+WIDE = 128
+"""Numbers of a layer beyond which a product is a matter of arithmetic."""
+MANY_ROWS = 64
+"""Rows from which on it is."""
+
+
+def _fused_linear() -> Any:
+    """oneDNN's product with bias and activation, or None where this torch has none that works."""
+    try:
+        fused = torch.ops.mkldnn._linear_pointwise
+        ones = torch.ones(2, 2)
+        found = fused(ones, ones, torch.ones(2), "swish", [], "")
+        return fused if torch.allclose(found, silu(torch.full((2, 2), 3.0))) else None
+    except (AttributeError, RuntimeError):
+        return None
+
+
+FUSED: Callable[..., Tensor] | None = _fused_linear()
+"""FUSED(x [B, before], weight [after, before], bias [after] or None, activation, [], "") -> [B, after]."""
+
+
+class Trace(NamedTuple):
+    """What the gradient of a pass needs of it: for each layer either [K, B, ...] or K times [B, ...]."""
+
+    seen: list[Tensor] | list[list[Tensor]]
+    """What each layer was given."""
+    before: list[Tensor] | list[list[Tensor]]
+    """What each activation was given, where its derivative does not follow from what it gave; else nothing."""
+
+
+def layers_of(flat: Tensor, count: int, sizes: tuple[int, ...]) -> Layers:
+    """Weight [K, before, after] and bias [K, 1, after] of each layer of K perceptrons: views of their vector."""
+    lengths = [
+        length for before, after in itertools.pairwise(sizes) for length in (count * before * after, count * after)
+    ]
+    pieces = iter(flat.split(lengths))
+    return [
+        (next(pieces).view(count, before, after), next(pieces).view(count, 1, after))
+        for before, after in itertools.pairwise(sizes)
+    ]
+
+
+def outputs(x: Tensor, parts: Layers, activation: Activation) -> tuple[Tensor, Trace]:
+    """[K, B, outputs] of rows [B, D], or [K, B, D], without a record."""
+    widest = max(max(weight.shape[1:]) for weight, _ in parts)
+    if FUSED is not None and widest > WIDE and x.shape[-2] >= MANY_ROWS and x.dtype == torch.float32 and x.is_cpu:
+        return _outputs_one_by_one(x, parts, activation)
+    hidden = x.expand(len(parts[0][0]), *x.shape) if x.dim() == 2 else x
+    seen, before = [hidden], []
+    for weight, bias in parts[:-1]:
+        hidden = torch.baddbmm(bias, hidden, weight)
+        if activation == "swish":
+            before.append(hidden)
+            hidden = silu(hidden)
+        else:
+            hidden = hidden.tanh_() if activation == "tanh" else hidden.relu_()
+        seen.append(hidden)
+    return torch.baddbmm(parts[-1][1], hidden, parts[-1][0]), Trace(seen, before)
+
+
+def gradients(
+    above: Tensor, trace: Trace, parts: Layers, places: Layers, activation: Activation, wants_x: bool
+) -> Tensor | None:
+    """From the gradient of the outputs [K, B, outputs]: that of each layer into its place, if there are places, and
+    that of what the first was given [K, B, D], if it is wanted."""
+    if not isinstance(trace.seen[0], Tensor):
+        return _gradients_one_by_one(above, trace, parts, places, activation, wants_x)
+    known = trace.before or trace.seen[1:]
+    for layer in range(len(parts) - 1, -1, -1):
+        if places:
+            torch.bmm(trace.seen[layer].transpose(1, 2), above, out=places[layer][0])  # pyright: ignore
+            torch.sum(above, 1, keepdim=True, out=places[layer][1])
+        if layer == 0 and not wants_x:
+            return None
+        above = torch.bmm(above, parts[layer][0].transpose(1, 2))
+        if layer > 0:
+            _DERIVATIVES[activation](above, known[layer - 1], above)
+    return above
+
+
+class Perceptrons(torch.autograd.Function):
+    """The same as one recorded function of rows and of the vector of all parameters."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, x: Tensor, flat: Tensor, parts: Layers, sizes: tuple[int, ...], chosen: slice, activation: Activation
+    ) -> Tensor:
+        ctx.count, ctx.sizes, ctx.chosen, ctx.activation = len(parts[0][0]), sizes, chosen, activation
+        ctx.parts, ctx.shared = _chosen(parts, chosen), x.dim() == 2
+        found, trace = outputs(x, ctx.parts, activation)
+        ctx.one_by_one = not isinstance(trace.seen[0], Tensor)
+        kept = [*trace.seen, *trace.before]
+        ctx.save_for_backward(flat, *(itertools.chain.from_iterable(kept) if ctx.one_by_one else kept))  # pyright: ignore
+        return found
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, above: Tensor) -> Any:  # pyright: ignore
+        flat, *kept = ctx.saved_tensors  # which makes sure that nothing has changed since
+        if ctx.one_by_one:
+            kept = [kept[first : first + len(above)] for first in range(0, len(kept), len(above))]
+        trace = Trace(kept[: len(ctx.parts)], kept[len(ctx.parts) :])
+        wants_x, wants_flat = ctx.needs_input_grad[:2]
+        into, places = None, []
+        if wants_flat:
+            into = (torch.empty_like if len(above) == ctx.count else torch.zeros_like)(flat)
+            places = _chosen(layers_of(into, ctx.count, ctx.sizes), ctx.chosen)
+        below = gradients(above, trace, ctx.parts, places, ctx.activation, wants_x)
+        return below.sum(0) if below is not None and ctx.shared else below, into, None, None, None, None
+
+
+def _outputs_one_by_one(x: Tensor, parts: Layers, activation: Activation) -> tuple[Tensor, Trace]:
+    """`outputs` by oneDNN, perceptron after perceptron."""
+    found = []
+    seen, before = [[] for _ in parts], [[] for _ in parts[1:]] if activation == "swish" else []
+    for k in range(len(parts[0][0])):
+        hidden = x if x.dim() == 2 else x[k]
+        for layer, (weight, bias) in enumerate(parts[:-1]):
+            seen[layer].append(hidden)
+            if activation == "swish":
+                hidden = _product(hidden, weight[k], bias[k, 0])
+                before[layer].append(hidden)
+                hidden = silu(hidden)
+            else:
+                hidden = _product(hidden, weight[k], bias[k, 0], activation)
+        seen[-1].append(hidden)
+        found.append(_product(hidden, parts[-1][0][k], parts[-1][1][k, 0]))
+    return torch.stack(found), Trace(seen, before)
+
+
+def _gradients_one_by_one(
+    above: Tensor, trace: Trace, parts: Layers, places: Layers, activation: Activation, wants_x: bool
+) -> Tensor | None:
+    """`gradients` by oneDNN, perceptron after perceptron."""
+    known, found = trace.before or trace.seen[1:], []
+    for k, slope in enumerate(above):
+        for layer in range(len(parts) - 1, -1, -1):
+            if places:
+                places[layer][0][k].copy_(_product(trace.seen[layer][k].t(), slope))
+                torch.sum(slope, 0, out=places[layer][1][k, 0])
+            if layer == 0 and not wants_x:
+                break
+            slope = _product(slope, parts[layer][0][k].t())
+            if layer > 0:
+                _DERIVATIVES[activation](slope, known[layer - 1][k], slope)
+        found.append(slope)
+    return torch.stack(found) if wants_x else None
+
+
+def _product(x: Tensor, weight: Tensor, bias: Tensor | None = None, activation: str = "none") -> Tensor:
+    """activation(x [B, before] weight [before, after] + bias [after])."""
+    assert FUSED is not None
+    return FUSED(x, weight.t(), bias, activation, [], "")
+
+
+def _chosen(layers: Layers, chosen: slice) -> Layers:
+    return layers if chosen is ALL else [(weight[chosen], bias[chosen]) for weight, bias in layers]
+
+
+def _through_tanh(above: Tensor, after: Tensor, into: Tensor) -> None:
+    torch.ops.aten.tanh_backward.grad_input(above, after, grad_input=into)
+
+
+def _through_relu(above: Tensor, after: Tensor, into: Tensor) -> None:
+    torch.ops.aten.threshold_backward.grad_input(above, after, 0.0, grad_input=into)
+
+
+def _through_swish(above: Tensor, before: Tensor, into: Tensor) -> None:
+    torch.ops.aten.silu_backward.grad_input(above, before, grad_input=into)
+
+
+FUNCTIONS = {"tanh": torch.tanh, "relu": torch.relu, "swish": nn.functional.silu}
+_DERIVATIVES = {"tanh": _through_tanh, "relu": _through_relu, "swish": _through_swish}
+"""From the gradient after each, and what it gave (of "swish": what it was given), to the gradient before it."""

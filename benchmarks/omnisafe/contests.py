@@ -134,8 +134,9 @@ def off_policy(ours: Mapping[str, Any]) -> Works:
             "lagrange_cfgs": multiplier,
         }
         mine = {**NATIVE, "cost_limit": LIMIT, "normalise_cost": False, "multiplier_rate": 3e-4}
-        # Two epochs of 1,000 without a multiplier, those at random among them.
-        mine |= {"random_steps": start, "multiplier_warmup": 2_000 - start, "steps_per_update": 1_000}
+        # Epochs are counted from 0, and the first to move the multiplier is the one after `warmup_epochs`.
+        first = (algo["warmup_epochs"] + 1) * algo["steps_per_epoch"]
+        mine |= {"random_steps": start, "multiplier_warmup": first - start, "steps_per_update": algo["steps_per_epoch"]}
         return Work(steps, merged(QUIET, theirs), {**mine, **ours}, start)
 
     return Works(work(4_000, 1_000), work(20_000, 2_000))
@@ -207,13 +208,17 @@ CONTESTS = (
         "steps",
         None,
         on_policy(10, 64, IN_ALGO, {"cost_limit": LIMIT, **MENDED["P3O"]}),
-        differs=f"the cost's surrogate is not clipped, and the excess lacks its factor 1 - γ; {RESETS}",
+        differs="the cost's surrogate is not clipped, its advantages are not centred by minibatch, and the excess "
+        f"lacks its factor, for which 1 over the steps of an episode stands here; {RESETS}",
     ),
     Contest(
         "OnCRPO",
         "steps",
         None,
-        trust_region(merged(IN_ALGO, {"algo_cfgs": {"distance": 0.02}}), {"cost_limit": LIMIT, "tolerance": 0.02}),
+        trust_region(
+            merged(IN_ALGO, {"algo_cfgs": {"distance": 0.02}}),
+            {"cost_limit": LIMIT, "tolerance": 0.02, **MENDED["OnCRPO"]},
+        ),
         differs=f"KL is the mean over the action's dimensions, not their sum; {RESETS}",
     ),
     Contest(
@@ -242,7 +247,8 @@ CONTESTS = (
         planner(40, {"critic_steps": 10, **MENDED["SafeLOOP"]}),
         envs=1,
         threads=TWO,
-        differs="the last step of each episode is thrown away, and with it every cost; values lag an action behind",
+        differs="the last step of each episode is thrown away, and with it every cost; imagined episodes never end; "
+        "values lag an action behind",
     ),
     Contest(
         "CCEPETS",
@@ -255,7 +261,7 @@ CONTESTS = (
         ),
         envs=1,
         threads=TWO,
-        differs="the last step of each episode is thrown away, and with it every cost",
+        differs="the last step of each episode is thrown away, and with it every cost; imagined episodes never end",
     ),
 )
 

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from torch import Tensor
+from torch.optim.optimizer import register_optimizer_step_post_hook
 
 from benchmarks.omnisafe.toy_vector import ToyVectorEnv
 from thalweg.algos.adam import Adam
@@ -47,7 +48,7 @@ class Stamped(ToyVectorEnv):
 
 def carry_out(order: dict, folder: Path) -> dict:
     """Train as ordered."""
-    counted = {"policy and others": 0, "critics": 0}
+    counted = {"policy and others": 0, "critics": 0, "model and others": 0}
     step, pass_over = Adam.step, Critics.pass_over
 
     def counting(self: Adam, most: float = math.inf) -> None:
@@ -59,6 +60,10 @@ def carry_out(order: dict, folder: Path) -> dict:
         counted["critics"] += len(errors)
         return errors
 
+    def count(*_: Any) -> None:
+        counted["model and others"] += 1
+
+    register_optimizer_step_post_hook(count)
     Adam.step, Critics.pass_over = counting, passing  # pyright: ignore[reportAttributeAccessIssue]
     given = {name: order[name] for name in ("steps", "seed", "config", "threads", "preset")}
     env = Stamped(order["envs"], order["stamp_every"])

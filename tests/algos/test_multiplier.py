@@ -128,9 +128,27 @@ def test_the_reach_counts_the_gain_and_waits_for_the_warm_up():
     assert one.reach(10, 1.0) == pytest.approx(6 * 0.05 + 0.5) == values(one, *[1.0] * 10)[-1]
 
 
-def test_by_adam_the_reach_is_a_rate_an_update():
-    one = multiplier(multiplier_rule="adam", multiplier_rate=0.035)
-    assert one.reach(10, 5.0) == pytest.approx(0.35)
+def test_by_adam_the_reach_is_never_exceeded():
+    one = multiplier(multiplier_rule="adam", multiplier_rate=0.035, multiplier_max=50.0)
+    assert one.reach(10, 5.0) == pytest.approx(0.35 * math.sqrt(10))
+    values(one, *[0.1] * 100)  # its moments know of no violation: then it takes its longest steps
+    reach = one.reach(20, 0.9)
+    found = values(one, *[0.9] * 20)[-1]
+    assert 20 * 0.035 < found <= reach
+
+
+def test_settling_alone_is_no_growth_of_the_cost():
+    one = multiplier(multiplier_derivative=10.0, multiplier_delay=10, multiplier_settles=True)
+    for step in range(31):
+        one.update(0.0, 0.4 + 0.02 * step)
+        assert one.value == 0.0
+
+
+def test_an_episode_counts_once():
+    both, told = Multipliers(CONFIG, (0.1,)), feedback(0.5)
+    both.update(told)
+    both.update(replace(told, fresh_costs=told.fresh_costs[:0]))
+    assert both.values == pytest.approx((0.2,))
 
 
 CONFIG = MultiplierConfig(multiplier_rate=0.5, multiplier_gain=0.0)
@@ -187,8 +205,18 @@ def test_a_multiplier_too_slow_to_matter_is_named_with_its_cost():
     slow = Multipliers(MultiplierConfig(multiplier_rate=1e-4, multiplier_gain=0.0), (5.0, 0.5))
     found = slow.warnings(feedback(0.5, 0.5), 10)
     assert list(found) == ["multiplier_too_slow_loose"]
-    assert found["multiplier_too_slow_loose"].startswith("the loose multiplier can't exceed 0.0005 in the 10 updates")
+    assert found["multiplier_too_slow_loose"].startswith(
+        "the loose multiplier can't exceed 0.0005 in this run, 10 updates"
+    )
     assert not slow.warnings(feedback(0.5, 0.5, episodes=5), 10)
+
+
+def test_one_that_had_time_enough_is_not_called_slow_at_the_end():
+    one = Multipliers(MultiplierConfig(multiplier_rate=0.1, multiplier_gain=0.0), (0.1,))
+    kept, broken = feedback(0.0), feedback(0.9)
+    for _ in range(50):
+        one.update(kept)
+    assert one.values == (0.0,) and not one.warnings(broken, 1)
 
 
 def test_fresh_episodes_count_else_the_last_fifty():

@@ -103,7 +103,7 @@ def test_wide_networks_by_onednn_are_those_that_torch_records(activation: Any, s
     found = torch.autograd.grad((one(x) * above).sum(), (x, one.flat))
     expected = torch.autograd.grad((one.plain(x) * above).sum(), (x, one.flat))
     for ours, theirs in zip(found, expected, strict=True):
-        assert torch.allclose(ours, theirs, rtol=1e-4, atol=2e-4) and theirs.abs().max() > 0.5
+        assert torch.allclose(ours, theirs, rtol=1e-4, atol=2e-4) and theirs.abs().max() > 0.1
     (alone,) = torch.autograd.grad((one(x, frozen=True) * above).sum(), x)
     assert torch.equal(alone, found[0])
     some = slice(0, 2)

@@ -82,6 +82,7 @@ def test_what_is_mended_is_otherwise_in_the_preset_and_said_in_words(contest: Co
     mended, paper = MENDED[contest.algorithm], ALGORITHMS[contest.algorithm].configure({}, "paper")
     assert all(getattr(paper, key) != value for key, value in mended.items())
     assert contest.differs.startswith(RESETS) or mended
+    assert all(mended.items() <= dict(work.ours).items() for work in contest.works)
 
 
 @pytest.mark.parametrize(

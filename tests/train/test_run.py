@@ -401,12 +401,13 @@ def test_numbers_out_of_range_are_named_before_the_folder_is_made(tmp_path, chan
 
 def test_the_policy_of_a_run_is_loaded_from_its_folder_or_its_file(finished):
     algorithm, folder = finished
-    policy = load_policy(folder)
-    assert isinstance(policy, Policy) and policy.about.algorithm == algorithm
-    obs = np.zeros((2, 3), np.float32)
-    again = load_policy(folder / "policy.safetensors")
-    assert np.array_equal(policy.act(obs, deterministic=True), again.act(obs, deterministic=True))
-    assert policy.normaliser.count == STEPS
+    policy, again = load_policy(folder), load_policy(folder / "policy.safetensors")
+    assert policy.about.algorithm == algorithm
+    obs, fresh = np.full((2, 3), 0.3, np.float32), np.ones(2, dtype=bool)
+    actions = [each.player(2, deterministic=True)(obs, fresh) for each in (policy, again)]
+    assert np.array_equal(*actions)
+    seen = policy.normaliser if isinstance(policy, Policy) else policy.ensemble.observed
+    assert seen.count == STEPS
 
 
 def test_a_folder_without_a_policy_is_refused(tmp_path):

@@ -1,6 +1,7 @@
 """Which limits are there on the costs of an episode, and what do the episodes say of them? Of every algorithm that has
 such limits."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -31,10 +32,10 @@ class CostConfig:
     def cost_conditions(self) -> dict[str, tuple[bool, str]]:
         """What must hold, for `require`."""
         return {
-            "cost_limit": (self.cost_limit >= 0, "must not be negative"),
+            "cost_limit": (0 <= self.cost_limit < math.inf, "must not be negative, nor infinite"),
             "cost_limits": (
-                len(self.cost_limits) in (0, 2) and all(limit >= 0 for limit in self.cost_limits),
-                "are two, tight and loose, and not negative",
+                len(self.cost_limits) in (0, 2) and all(0 <= limit < math.inf for limit in self.cost_limits),
+                "are two, tight and loose, and not negative, nor infinite",
             ),
         }
 

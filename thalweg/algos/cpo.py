@@ -63,6 +63,8 @@ class CPO:
         # An episode's cost is a sum over its steps, and the surrogate is a mean over steps.
         per_step = max(violation, -1e6) / mean_length(rollout)
         rewards, costs = standardised(samples.advantages[0]), centred(samples.advantages[1 + worst])
+        deviation = float(costs.std(correction=0)) + 1e-8  # so that the programme does not depend on a cost's unit
+        costs, per_step = costs / deviation, per_step / deviation
         drift = Drift(agent, samples)
         with agent.critics_learning(samples, config.passes):
             found = self._step(rewards, costs, per_step, drift, Landscape(agent, samples, drift, config))
@@ -82,7 +84,7 @@ class CPO:
         g, b = landscape.gradient(rewards), landscape.gradient(costs)
         along_g, along_b = landscape.solve(g), landscape.solve(b)
         q, r, s = (float(x) for x in (g.dot(along_g), g.dot(along_b), b.dot(along_b)))
-        direction = cpo_step(q, r, s, violation, self.config.trust_radius)
+        direction = cpo_step(q, r, s, violation, landscape.radius)
         step = direction.along_reward * along_g + direction.along_cost * along_b
 
         def accepts(log_prob: Tensor) -> bool:

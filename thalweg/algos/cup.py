@@ -129,7 +129,7 @@ class CUP:
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """What keeps the cost limits or their multipliers from doing their work."""
-        left = self.agent.updates_left(feedback) + 1
+        left = self.agent.updates_left(feedback)
         return limit_warnings(self.config.limits, feedback) | self.multipliers.warnings(feedback, left)
 
     def state(self) -> dict[str, Any]:

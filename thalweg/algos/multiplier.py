@@ -12,7 +12,10 @@ from thalweg.algos.maths import multiplier as maths
 Rule = Literal["gradient", "adam"]
 
 NEGLIGIBLE = 0.1
-"""A multiplier of standardised advantages that can't exceed this hardly changes what is learnt."""
+"""A multiplier that can't exceed this hardly changes what is learnt, be it one of standardised advantages or, off
+policy, of rewards of some size."""
+ADAM_LONGEST = math.sqrt(10.0)
+"""The most steps' rates that a step of Adam can have: (1 - β₁) / √(1 - β₂)."""
 SETTLING = 0.25
 """Share of a run, its last, in which multipliers may settle."""
 ENOUGH_EPISODES = 20
@@ -87,21 +90,19 @@ class Multiplier:
         self._updates += 1
         if math.isnan(cost) or self._updates <= config.multiplier_warmup:
             return
-        if config.multiplier_settles and cost < self.limit:
-            cost += max(1.0 - (1.0 - progress) / SETTLING, 0.0) * (self.limit - cost)
-        upper, rate = config.multiplier_max, config.multiplier_rate
+        upper, rate, felt = config.multiplier_max, config.multiplier_rate, self._felt(cost, progress)
         if config.multiplier_rule == "gradient":
-            self._moving = maths.projected_gradient(self._moving, cost, self.limit, rate, upper)
+            self._moving = maths.projected_gradient(self._moving, felt, self.limit, rate, upper)
         else:
             self._count += 1
             self._moving, self._moments = maths.adam(
-                self._moving, self._moments, self._count, cost, self.limit, rate, upper
+                self._moving, self._moments, self._count, felt, self.limit, rate, upper
             )
         before = self._smooth[-1] if self._smooth else cost
         self._smooth.append(maths.smoothed(before, cost, config.multiplier_smoothing))
         self.value = maths.pid(
             self._moving,
-            self._smooth[-1] - self.limit,
+            self._felt(self._smooth[-1], progress) - self.limit,
             self._smooth[-1] - self._smooth[0],
             gain=config.multiplier_gain,
             derivative=config.multiplier_derivative,
@@ -109,14 +110,26 @@ class Multiplier:
         )
 
     def reach(self, updates: int, largest_cost: float) -> float:
-        """The largest λ possible after so many updates if every episode had the largest cost seen."""
+        """The largest λ possible after so many more updates if every episode had the largest cost seen."""
+        moves = max(updates - max(self.config.multiplier_warmup - self._updates, 0), 0)
+        return self._after(self._moving, moves, largest_cost) if moves else self.value
+
+    def possible(self, updates: int, largest_cost: float) -> float:
+        """The largest λ possible in the whole run, of which so many updates are left, if every episode had."""
+        moves = max(self._updates + updates - self.config.multiplier_warmup, 0)
+        return self._after(self.config.multiplier_initial, moves, largest_cost)
+
+    def _after(self, begin: float, moves: int, largest_cost: float) -> float:
         config, gap = self.config, max(largest_cost - self.limit, 0.0)
-        moves = max(updates - max(config.multiplier_warmup - self._updates, 0), 0)
-        if not moves:
-            return self.value
-        step = config.multiplier_rate * (gap if config.multiplier_rule == "gradient" else float(gap > 0))
+        step = config.multiplier_rate * (gap if config.multiplier_rule == "gradient" else ADAM_LONGEST * (gap > 0))
         growth = config.multiplier_derivative * max(largest_cost, 0.0)
-        return min(self._moving + moves * step + config.multiplier_gain * gap + growth, config.multiplier_max)
+        return min(begin + moves * step + (config.multiplier_gain * gap + growth) * (moves > 0), config.multiplier_max)
+
+    def _felt(self, cost: float, progress: float) -> float:
+        """The cost as it counts: one below the limit ever less, where the multiplier settles."""
+        if not self.config.multiplier_settles or cost >= self.limit:
+            return cost
+        return cost + max(1.0 - (1.0 - progress) / SETTLING, 0.0) * (self.limit - cost)
 
     def state(self) -> dict[str, Any]:
         """Plain data."""
@@ -152,9 +165,10 @@ class Multipliers:
         return tuple(one.value for one in self.each)
 
     def update(self, feedback: Feedback) -> None:
-        """Answer to the mean costs of the episodes that count."""
+        """Answer to the mean costs of the episodes that count; without a window, each episode counts once."""
+        known = self.config.cost_window or len(feedback.fresh_costs)
         for one, cost in zip(self.each, feedback.cost_means(self.config.cost_window), strict=True):
-            one.update(cost, feedback.progress)
+            one.update(cost if known else math.nan, feedback.progress)
 
     def metrics(self, feedback: Feedback, updates_left: int) -> dict[str, float]:
         """Each λ used in this update, and how far it can still get."""
@@ -173,12 +187,12 @@ class Multipliers:
             return found
         names = suffixes(len(self.each))
         for one, name, largest in zip(self.each, names, feedback.largest_costs, strict=True):
-            reach = one.reach(updates_left, largest)
-            if largest > one.limit and reach < min(NEGLIGIBLE, self.config.multiplier_max):
+            possible = one.possible(updates_left, largest)
+            if largest > one.limit and possible < min(NEGLIGIBLE, self.config.multiplier_max):
                 found[f"multiplier_too_slow{name}"] = (
-                    f"the {_told(name)}multiplier can't exceed {reach:.3g} in the {updates_left} updates left: raise "
-                    f"multiplier_rate (now {self.config.multiplier_rate:g}), multiplier_gain, the steps, or update "
-                    "more often"
+                    f"the {_told(name)}multiplier can't exceed {possible:.3g} in this run, {updates_left} updates "
+                    f"before its end: raise multiplier_rate (now {self.config.multiplier_rate:g}), multiplier_gain, "
+                    "the steps, or update more often"
                 )
         return found
 

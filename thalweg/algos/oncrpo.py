@@ -80,7 +80,7 @@ class OnCRPO:
         """The longest step along H⁻¹ g that gains; returns how many were refused."""
         gradient = landscape.gradient(advantages)
         along = landscape.solve(gradient)
-        step = natural_step(float(gradient.dot(along)), self.config.trust_radius) * along
+        step = natural_step(float(gradient.dot(along)), landscape.radius) * along
         before = float(advantages.mean())
         return landscape.search(
             step, lambda log_prob: float(losses.surrogate(log_prob, drift.old_log_prob, advantages)) > before

@@ -58,6 +58,10 @@ class P3OConfig(ConstrainedConfig, FirstOrderConfig):
             | {
                 "penalty": (self.penalty >= 0, "must not be negative"),
                 "clip": (self.clip > 0, "must be positive"),
+                "cost_discount": (
+                    0 <= self.cost_discount < 1 or (self.cost_discount == 1 and self.limit_scale != "discount"),
+                    "must be in 0..1, and less than 1 with limit_scale=discount",
+                ),
                 "cost_window": (0 <= self.cost_window <= 100, "must be in 0..100"),
             }
         )
@@ -73,7 +77,7 @@ def policy_loss(
     scale: float,
     entropy: Tensor,
 ) -> tuple[Tensor, Tensor]:
-    """L = L_clip + κ Σ_i max(0, E[max(ρ A_ci, clip(ρ) A_ci)] + (1-γ) (J_ci - d_i)) - c H, and the penalties [M] in it.
+    """L = L_clip + κ Σ_i max(0, E[max(ρ A_ci, clip(ρ) A_ci)] + k (J_ci - d_i)) - c H, and the penalties [M] in it.
 
     Args:
         config: The settings.
@@ -81,8 +85,8 @@ def policy_loss(
         old_log_prob: [B], log π_k(a|s).
         advantages: [B], A_r.
         cost_advantages: [B, M], A_c.
-        violations: [M], J_c - d.
-        scale: 1-γ, or what stands for it.
+        violations: [M], J_c - d, in the unit of A_c.
+        scale: k, as `limit_scale` says.
         entropy: [B].
     """
     penalties = torch.stack(
@@ -142,7 +146,10 @@ class P3O:
         return (
             metrics_of(agent, samples, log, drift)
             | {"learning_rate": rate, "clip_fraction": float(clipped)}
-            | {"penalty": config.penalty * float(weighed.sum(1).mean()), "gate": float((weighed > 0).float().mean())}
+            | {
+                "penalty": config.penalty * float(weighed.sum(1).mean()),
+                "gate": float((weighed > 0).any(1).float().mean()),
+            }
             | cost_metrics(feedback, config.limits, config.cost_window)
         )
 

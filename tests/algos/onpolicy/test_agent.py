@@ -69,6 +69,17 @@ def test_the_first_rollout_is_seen_by_its_own_statistics_and_later_ones_by_those
     assert one.policy.normaliser.mean == pytest.approx(both.mean(0).numpy(), abs=1e-5)
 
 
+@pytest.mark.parametrize("initial", ["orthogonal", "kaiming"])
+def test_the_first_rollout_is_learnt_from_the_policy_that_acted(initial: Any):
+    """Where a fresh policy already prefers something, observations are seen as acting saw them."""
+    one, obs, never = agent(initial=initial), observations(1), np.zeros(N, dtype=bool)
+    acted = one.policy.distribution(obs[:-1].flatten(0, 1))
+    assert torch.equal(one.act(obs[0].numpy(), never) >= 0, torch.ones(N, 1, dtype=torch.bool))
+    learnt = one.policy.given(samples(one, rollouts.rollout_of(obs)).inputs)
+    assert float(acted.kl(learnt).detach().max()) < 1e-3
+    assert one.policy.normaliser.count == N * T
+
+
 def test_without_normalisation_observations_stay_as_they_are():
     one, steps = agent(normalise_observations=False), rollout(observations(1))
     assert torch.equal(seen(one, steps), steps.obs[:-1][steps.valid])

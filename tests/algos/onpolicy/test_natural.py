@@ -28,7 +28,8 @@ def flown(agent: Agent, **changes: torch.Tensor) -> Rollout:
 
 def place(space: gym.Space, **settings) -> tuple[Agent, Drift, Landscape, torch.Tensor]:
     """An agent that has seen a rollout, in double precision, and the advantages of it."""
-    config = NaturalConfig(steps_per_update=128, hidden=(3,), damping=0.0, conjugate_iterations=200, **settings)
+    usual = {"steps_per_update": 128, "hidden": (3,), "damping": 0.0, "conjugate_iterations": 200}
+    config = NaturalConfig(**(usual | settings))
     agent = Agent("any", 1, config, Task(D, space, N, 0, {}))
     rollout = flown(agent)
     samples = agent.samples(rollout, [reward_signal(config, rollout)])
@@ -143,3 +144,9 @@ def test_the_mean_length_counts_steps_for_each_end():
     assert mean_length(flown(agent, terminated=ends)) == 128.0
     ends[3, 0] = ends[20, 2] = ends[31, 1] = True
     assert mean_length(flown(agent, terminated=ends)) == pytest.approx(128 / 3)
+
+
+@pytest.mark.parametrize(("steps", "share"), [(128, 1.0), (100, 1.0), (512, 0.25)])
+def test_from_a_rollout_cut_short_the_step_is_shorter(steps: int, share: float):
+    _, _, landscape, _ = place(SPACES["MultiDiscrete"], steps_per_update=steps)
+    assert landscape.radius == pytest.approx(0.02 * share)

@@ -75,7 +75,7 @@ def p3o_penalty(
     Args:
         log_prob: [B], log π_θ(a|s).
         old_log_prob: [B], log π_k(a|s).
-        cost_advantages: [B], A_c in the cost's own units: it is weighed against the violation.
+        cost_advantages: [B], A_c in the unit of the violation, against which it is weighed.
         violation: J_c - d.
         clip: ε.
         scale: The factor of the violation.

@@ -207,7 +207,7 @@ class Agent:
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """What keeps the cost limits or their multipliers from doing their work."""
         return limit_warnings(self.config.limits, feedback) | self.multipliers.warnings(
-            feedback, self._moves_left(feedback) + 1
+            feedback, self._moves_left(feedback)
         )
 
     def state(self) -> dict[str, Any]:
@@ -250,6 +250,7 @@ class Agent:
 
     def _moves_left(self, feedback: Feedback) -> int:
         """How often the multipliers will still move."""
+        left = max(feedback.steps_left - max(self.config.random_steps - self.steps, 0), 0)
         if self.config.multiplier_schedule == "gradient_step":
-            return int(feedback.steps_left * self.config.updates_per_step)
-        return math.ceil(feedback.steps_left / self.config.steps_per_update)
+            return int(left * self.config.updates_per_step)
+        return math.ceil(left / self.config.steps_per_update)

@@ -60,7 +60,7 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     max_grad_norm: float = 40.0
     """Longer gradients are shortened to this, the policy's and that of all critics each by itself."""
     cost_critics: int = 1
-    """Critics of each cost: of two the larger estimate is taken, as the smaller of two is of the reward."""
+    """Critics of each cost: of two, targets take the larger estimate, as they take the smaller of two of the reward."""
     normalise_cost: bool = False
     """Whether critics learn each cost's deviation from its running mean, in deviations and within ±5, as in OmniSafe:
     then a step without cost earns something, and a multiplier weighs another unit. The limit holds for raw costs."""
@@ -99,6 +99,7 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
                 "learning_rate": (self.learning_rate >= 0, "must not be negative"),
                 "critic_learning_rate": (self.critic_learning_rate >= 0, "must not be negative"),
                 "max_grad_norm": (self.max_grad_norm > 0, "must be positive"),
+                "hidden": (all(size > 0 for size in self.hidden), "must be positive"),
                 "cost_critics": (self.cost_critics in (1, 2), "must be 1 or 2"),
                 "frame_stack": (self.frame_stack > 0, "must be positive"),
             }

@@ -126,11 +126,11 @@ class Agent:
         """The rollout's valid steps with the advantages of each signal, critic k predicting signal k; afterwards the
         rollout counts among the statistics of observations.
 
-        Those statistics change here only, so that the policy that acted is the one learnt from. A fresh policy
-        draws alike whatever it sees, so the first rollout's are taken in at once.
+        Those statistics change here only, so that the policy that acted is the one learnt from. A fresh policy with
+        an orthogonal start draws alike whatever it sees, so the first rollout's are taken in at once.
         """
         normaliser = self.policy.normaliser
-        fresh = normaliser.count == 0
+        fresh = normaliser.count == 0 and self.config.initial == "orthogonal"
         if fresh:
             normaliser.update(valid_obs(rollout))
         samples = samples_of(rollout, self.critics, normaliser, signals, self._memory)

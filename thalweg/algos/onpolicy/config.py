@@ -64,6 +64,7 @@ class OnPolicyConfig:
             "discount": (0 <= self.discount <= 1, "must be in 0..1"),
             "trace": (0 <= self.trace <= 1, "must be in 0..1"),
             "max_grad_norm": (self.max_grad_norm > 0, "must be positive"),
+            "hidden": (all(size > 0 for size in self.hidden), "must be positive"),
             "critic_decay": (self.critic_decay >= 0, "must not be negative"),
             "frame_stack": (self.frame_stack > 0, "must be positive"),
             "memory_size": (self.memory_size > 0, "must be positive"),

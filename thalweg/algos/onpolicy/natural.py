@@ -29,6 +29,8 @@ class Landscape:
         self._start = parameters_to_vector(self._actor.parameters()).detach().clone()
         dimensions = agent.policy.actions.count if config.kl_per_dimension else 1
         self._share = 1.0 / dimensions
+        self.radius = config.trust_radius * min(1.0, len(samples.actions) / config.steps_per_update)
+        """δ, less by the share of steps that a rollout at the end of a run is short of: few steps say little."""
 
     def gradient(self, advantages: Tensor) -> Tensor:
         """∇ E[ρ A] [P] at the policy that acted, for advantages [B]."""
@@ -56,7 +58,7 @@ class Landscape:
             new = self._agent.policy.given(self._samples.inputs)
             old = self._agent.policy.actions.distribution(self._drift.old_parameters)
             kl = self._share * float(old.kl(new).mean())
-            if kl <= self._config.trust_radius and accepts(new.log_prob(self._samples.actions)):
+            if kl <= self.radius and accepts(new.log_prob(self._samples.actions)):
                 return tried
         vector_to_parameters(self._start, self._actor.parameters())
         return self._config.backtracks

@@ -107,6 +107,21 @@ def test_the_copy_for_imagination_gives_what_the_model_means():
     assert torch.allclose(frozen.least + frozen.most * fast[..., raw].sigmoid(), variance, rtol=1e-3)
 
 
+def test_what_models_expect_is_the_mean_of_their_probabilities_not_of_their_logits():
+    ensemble = ensemble_for(members=5)
+    ensemble.stack.flat.data.zero_()
+    *_, (_, bias) = ensemble.stack.layers
+    _, reward, _, cost, end = ensemble.layout.parts
+    logits = torch.tensor([-6.0, -6.0, -6.0, -6.0, 2.0]).view(5, 1, 1)
+    bias[..., cost], bias[..., end], bias[..., reward] = logits, logits, torch.arange(5.0).view(5, 1, 1)
+    expected, error = ensemble.expected(batch := batch_for(ensemble))
+    # (4 / (1 + e⁶) + 1 / (1 + e⁻²)) / 5, of a cost whose range is 0 to 0.2
+    assert expected[1:].tolist() == pytest.approx([0.2 * 0.17814, 0.17814], rel=1e-4)
+    assert float(expected[0]) == pytest.approx(float(ensemble.reward.mean + 2.0 * ensemble.reward.std))
+    change = (batch.next_frame - batch.obs - ensemble.change.mean) / ensemble.change.std
+    assert float(error) == pytest.approx(float(change[~batch.ended].square().mean()), rel=1e-5)
+
+
 def test_the_bounds_of_the_variance_are_drawn_together_unless_they_are_fixed():
     for fixed in (False, True):
         ensemble, replay = ensemble_for(), Replay(100, 0.1)

@@ -187,8 +187,11 @@ class Ensemble:
     @torch.no_grad()
     def expected(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """What the models expect of a batch [B]: mean reward, mean of each cost and of the end [2 + C], and the mean
-        squared error of the change of the frame, in deviations of that change, where the episode goes on."""
-        out = self.stack(torch.cat([self.seen(batch.obs), action_features(self.actions, batch.actions)], -1)).mean(0)
+        squared error of the change of the frame, in deviations of that change, where the episode goes on.
+
+        Probabilities are averaged over models, as in imagination, not their logits.
+        """
+        out = self.stack(torch.cat([self.seen(batch.obs), action_features(self.actions, batch.actions)], -1))
         mean, reward, _, cost, end = (out[..., part] for part in self.layout.parts)
         low, high = self.ranges
         heads = [
@@ -197,8 +200,8 @@ class Ensemble:
             torch.sigmoid(end),
         ]
         change = batch.next_frame - batch.obs[..., -self.layout.frame :]
-        errors = ((change - self.change.mean) / self.change.std - mean).square().mean(-1)
-        return torch.cat(heads, -1).mean(0), errors[~batch.ended].mean()
+        errors = ((change - self.change.mean) / self.change.std - mean.mean(0)).square().mean(-1)
+        return torch.cat(heads, -1).mean((0, 1)), errors[~batch.ended].mean()
 
     def bounds_loss(self) -> Tensor:
         """What draws the bounds of the log-variance together."""

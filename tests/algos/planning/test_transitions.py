@@ -76,6 +76,16 @@ def test_an_action_repeat_goes_on_in_the_next_rollout():
     assert len(first.rewards) == 0 and second.rewards.tolist() == [6, 6] and second.obs[:, 0].tolist() == [0, 10]
 
 
+def test_a_decision_of_an_episode_abandoned_between_two_rollouts_is_not_joined_to_the_next():
+    assembly, later = Assembly(2, 4, drop_terminal=False), rollout_of(6)
+    assert len(assembly.transitions(rollout_of(3), 3).rewards) == 0
+    later.fresh[0, 1] = True
+    batch = assembly.transitions(later, 3)
+    found = sorted(zip(batch.obs[:, 0].tolist(), batch.rewards.tolist(), strict=True))
+    # environment 0 goes on after three steps; environment 1 begins anew, with rewards 0 to 3
+    assert found == [(0.0, 0 + 1 + 2 + 0), (1.0, 1 + 2 + 3 + 4), (10.0, 0 + 1 + 2 + 3)]
+
+
 def batch_of(first: int, count: int) -> Batch:
     numbers = torch.arange(float(first), first + count)
     return Batch(

@@ -69,7 +69,8 @@ class Assembly:
         return Batch(**{name: torch.cat([part[name] for part in parts]) for name in parts[0]})
 
     def _step(self, rollout: Rollout, next_frames: Tensor, done: Tensor, step: int) -> Batch:
-        """The decisions that step completes."""
+        """The decisions that step completes; one that was cut off with its episode between two rollouts is dropped."""
+        self._count = torch.where(rollout.fresh[step], 0, self._count)
         first = (self._count == 0) & rollout.valid[step]
         now = {"obs": rollout.obs[step], "actions": rollout.actions[step]}
         if not self._begun:

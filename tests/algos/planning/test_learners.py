@@ -147,6 +147,13 @@ class TestEveryPlanner:
         assert "plan_cost_loose" in metrics and list(learner.warnings(two)) == ["limit_never_binds_loose"]
 
 
+def test_what_was_expected_is_held_against_planned_steps_alone():
+    """Of which the second rollout has none: it begins before `random_steps` are over."""
+    learner = learner_for("CCEPETS", random_steps=N * T * 3 // 2, steps_per_update=N * T)
+    found = [math.isnan(metrics["predicted_reward"]) for metrics in updated(learner, 3)]
+    assert found == [True, True, False]
+
+
 QUIRKS: dict[str, Mapping[str, Any]] = {
     "horizon scale": {"episode_length": 1000},
     "drop terminal": {"drop_terminal": True},

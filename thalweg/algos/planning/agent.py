@@ -64,12 +64,13 @@ class Agent:
 
     def learn(self, rollout: Rollout) -> None:
         """Take in the rollout's steps, and fit the model."""
+        planned = self._steps >= self.config.random_steps
         self._steps += int(rollout.valid.sum())
         self.lengths.update(rollout)
         batch = self._assembly.transitions(rollout, self.policy.obs_size)
         if len(batch.rewards):
             require_finite(what_was_paid=float(batch.rewards.sum() + batch.costs.sum()))
-            if self._steps > self.config.random_steps and self.replay.size:
+            if planned and self.replay.size:
                 self._tally.lived(self.policy, batch)
             self.policy.ensemble.take_in(batch)
             self.replay.add(batch)

@@ -91,7 +91,7 @@ class CCEPETS:
 
     def __init__(self, config: CCEPETSConfig, task: Task) -> None:
         self.config, self.separate_costs = config, config.separate_costs
-        self.agent = Agent("CCEPETS", config, task)
+        self.agent = Agent("CCEPETS", config, task, ("value_loss", "value") if config.terminal_value else ())
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
         method = self.policy.method
         assert isinstance(method, Elites)

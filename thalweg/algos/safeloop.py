@@ -265,7 +265,7 @@ class SafeLOOP:
 
     def __init__(self, config: SafeLOOPConfig, task: Task) -> None:
         self.config, self.separate_costs = config, config.separate_costs
-        self.agent = Agent("SafeLOOP", config, task)
+        self.agent = Agent("SafeLOOP", config, task, ("value_loss", "value", "actor_loss", "entropy", "alpha"))
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
         method = self.policy.method
         assert isinstance(method, SafeARC)

@@ -112,6 +112,13 @@ class TestEveryPlanner:
         assert list(found[1]) == list(found[3]) == list(found[5])
         assert all(math.isfinite(number) for number in found[5].values())
 
+    def test_a_first_report_without_anything_learnt_has_the_same_names(self, name, space):
+        learner = learner_for(name, space, drop_terminal=True, steps_per_update=N * T)
+        nothing = rollout_of(learner, terminated=torch.ones(T, N, dtype=torch.bool))
+        first, second = learner.update(nothing, FEEDBACK), learner.update(rollout_of(learner, 1), FEEDBACK)
+        assert math.isnan(first["value_loss"]) and math.isfinite(second["value_loss"])
+        assert list(first) == list(second)
+
     def test_the_end_of_the_run_is_reported_too(self, name, space):
         learner = learner_for(name, space)
         assert learner.update(rollout_of(learner), dataclasses.replace(FEEDBACK, steps_left=0))

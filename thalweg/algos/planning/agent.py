@@ -30,8 +30,9 @@ from thalweg.algos.state import generator_state, load_generator, load_module, mo
 class Agent:
     """A policy that plans, what it has lived through, and how its model is fitted to that."""
 
-    def __init__(self, algorithm: str, config: PlanningConfig, task: Task) -> None:
-        self.config, self.num_envs = config, task.num_envs
+    def __init__(self, algorithm: str, config: PlanningConfig, task: Task, logged: tuple[str, ...] = ()) -> None:
+        """`logged`: names of the numbers that `log` will be given."""
+        self.config, self.num_envs, self._logged = config, task.num_envs, logged
         self.generator = torch.Generator().manual_seed(task.seed)
         self.policy = PlannerPolicy(
             task.obs_size,
@@ -114,7 +115,7 @@ class Agent:
         costs = [f"cost{name}" for name in suffixes(len(self.config.limits))]
         names = [f"model_{name}_loss" for name in HEADS] + ["plan_reward", *(f"plan_{cost}" for cost in costs)]
         names += [f"{prefix}_{head}" for head in ("reward", *costs, "end") for prefix in ("predicted", "realised")]
-        names += ["feasible_share", "state_error", *(f"held_out_{name}_loss" for name in HEADS)]
+        names += ["feasible_share", "state_error", *(f"held_out_{name}_loss" for name in HEADS), *self._logged]
         return dict.fromkeys(names, float("nan"))
 
     def state(self) -> dict[str, Any]:

@@ -192,6 +192,16 @@ def test_a_refit_stops_when_nothing_is_gained_and_waits_for_its_steps():
     assert fitter.fit(replay, 9).isnan().all()
 
 
+def test_refits_come_every_so_many_steps_whatever_the_collections():
+    ensemble, replay = ensemble_for(), Replay(100, 0.2)
+    replay.add(batch_for(ensemble, 20))
+    config = CCEPETSConfig(fitting="refit", refit_steps=10, refit_patience=1, model_learning_rate=0.0)
+    fitter = Fitter(ensemble, config, generator())
+    fitted = [bool(fitter.fit(replay, 4).isfinite().all()) for _ in range(10)]
+    assert [4 * (number + 1) for number, so in enumerate(fitted) if so] == [12, 20, 32, 40]
+    assert fitter.fit(replay, 35).isfinite().all() and fitter.fit(replay, 4).isnan().all()  # 75, 79: once, not thrice
+
+
 def test_from_its_state_the_model_goes_on_alike():
     one, two, replay = ensemble_for(), ensemble_for(), Replay(100, 0.1)
     replay.add(batch_for(one, 50))

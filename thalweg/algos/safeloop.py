@@ -294,7 +294,7 @@ class SafeLOOP:
             after = soft.next_values(self.slow, ensemble.seen(batch.next_obs), alpha, generator)
             target = bootstrap.target(
                 (batch.rewards / self.method.unit).unsqueeze(0),
-                (~batch.ended).float(),
+                (~batch.terminated).float(),
                 after.unsqueeze(0),
                 torch.tensor([[self.config.discount]]),
             )

@@ -176,12 +176,12 @@ class Tally:
         """What the model expected of steps that it has not been fitted to, and what they were."""
         names = suffixes(batch.costs.shape[1])
         expected, error = policy.ensemble.expected(batch)
-        lived = torch.cat([batch.rewards.unsqueeze(-1), batch.costs, batch.ended.unsqueeze(-1)], -1).mean(0)
+        lived = torch.cat([batch.rewards.unsqueeze(-1), batch.costs, batch.terminated.unsqueeze(-1)], -1).mean(0)
         heads = ["reward", *(f"cost{name}" for name in names), "end"]
         numbers = {f"predicted_{head}": float(x) for head, x in zip(heads, expected, strict=True)}
         numbers |= {f"realised_{head}": float(x) for head, x in zip(heads, lived, strict=True)}
         self.add(numbers, len(batch.rewards))
-        going_on = int((~batch.ended).sum())
+        going_on = int((~batch.terminated).sum())
         if going_on:
             self.add({"state_error": float(error)}, going_on)
 

@@ -129,13 +129,11 @@ class CCEPETS:
 
     def state(self) -> dict[str, Any]:
         return self.agent.state() | {
-            "critic": module_state(self.critic),
             "slow": module_state(self.slow),
             "optimiser": optimiser_state(self.optimiser),
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
         self.agent.load_state(state)
-        load_module(self.critic, state["critic"])
         load_module(self.slow, state["slow"])
         load_optimiser(self.optimiser, state["optimiser"])

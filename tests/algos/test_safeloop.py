@@ -9,6 +9,7 @@ import torch
 
 from tests.algos.planning.made import BOX, OPTIONS, generator
 from thalweg.algos.actions import actions_of
+from thalweg.algos.maths import planning
 from thalweg.algos.planning.imagine import Futures
 from thalweg.algos.planning.planner import Budget
 from thalweg.algos.safeloop import SafeARC, SafeLOOPConfig, actor_loss, alpha_loss
@@ -94,6 +95,26 @@ def test_weights_do_not_depend_on_the_size_of_returns():
     deviation = (2 / 3) ** 0.5
     wanted = (2.0 * torch.tensor([1.0, -1.0, 0.0]) / deviation).softmax(-1)
     assert weights[0].tolist() == pytest.approx([*wanted.tolist(), 0], abs=1e-5)
+
+
+def test_of_two_costs_a_broken_tight_one_outweighs_a_loose_one_within_its_budget():
+    """Of three candidates, of which fewer than E are feasible: 2, 0.5 and 0.2 tight budgets, 0.2, 0.9 and 1.2 loose."""
+    costs = torch.tensor([[[0.02, 0.2], [0.005, 0.9], [0.002, 1.2]]])
+    returns, budget = torch.zeros(1, 3), Budget(torch.tensor([0.01, 1.0]), 10.0)
+    method = method_for(elites=2, samples=3, cost_limits=(0.1, 10.0))
+    weights = method.weigh(Futures(returns, returns, costs), budget)
+    total = torch.tensor([2.2, 1.4, 1.4])
+    wanted = (-4.0 * (total - total.mean()) / total.std(correction=0)).softmax(-1)
+    assert weights[0].tolist() == pytest.approx(wanted.tolist(), abs=1e-4)
+
+
+def test_of_one_cost_the_budget_changes_nothing_but_what_is_feasible():
+    method, costs = method_for(elites=2, samples=4), futures().costs + torch.tensor([0.0, 0.1, 0.2, 0.3]).view(1, 4, 1)
+    found = [
+        method.weigh(dataclasses.replace(futures(), costs=costs), Budget(torch.tensor([b]), 10.0)) for b in (0.01, 0.07)
+    ]
+    wanted = -4.0 * planning.standardised_rows(costs.squeeze(-1), torch.ones(1, 4, dtype=torch.bool))
+    assert torch.equal(found[0], found[1]) and torch.equal(found[0], wanted.softmax(-1))
 
 
 def test_with_the_quirk_temperatures_multiply_sums_over_an_episode():

@@ -6,8 +6,8 @@ A cell is an algorithm in an action space on a problem. It is held against the b
 * `free`: the best without a limit (PPO, which knows none);
 * `limited`: the best within the limit, which may draw lots;
 * `deterministic`: the best within the limit that draws none (DDPG, TD3);
-* `planner`: what a perfect planner with the algorithm's horizon reaches (`solutions.planned`): where it looks ahead
-  `horizon` steps, with the terminal value 0 and its share of the limit at every decision.
+* `planner`: what a perfect planner with the algorithm's horizon reaches (`solutions.planned`): where it looks as many
+  steps ahead, with the terminal value 0 and its share of the limit at every decision.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -22,6 +22,8 @@ from tests.known_answer.envs import ProblemEnv, SpaceName
 from tests.known_answer.problems import PROBLEMS
 from tests.known_answer.scores import Score, score
 from tests.known_answer.solutions import Limit, Outcome, best_deterministic, optimum, planned
+from thalweg.algos import ALGORITHMS
+from thalweg.algos.planning.config import PlanningConfig
 from thalweg.train import run
 
 Against = Literal["free", "limited", "deterministic", "planner"]
@@ -64,10 +66,6 @@ class Row:
     problems: tuple[str, ...] = tuple(PROBLEMS)
     in_ci: tuple[str, ...] = ("dense",)
     """Problems of which CI tries the native space, with one seed."""
-    horizon: int = 0
-    """H of a planner, as its config says."""
-    limits: bool = True
-    """Whether it takes a limit for each kind of cost, where there are several; else it keeps the sum of them."""
 
 
 OFF_POLICY = {"hidden": (64, 64), "minibatch": 128, "steps_per_update": 512}
@@ -84,8 +82,8 @@ ROWS: dict[str, Row] = {
     "DDPGLag": Row("deterministic", steps=60_000, config=OFF_POLICY),
     "TD3Lag": Row("deterministic", steps=60_000, config=OFF_POLICY),
     "SACLag": Row("limited", steps=60_000, config={**OFF_POLICY, "entropy_share": 0.3}),
-    "SafeLOOP": Row("planner", steps=10_000, horizon=5),
-    "CCEPETS": Row("planner", steps=10_000, horizon=5),
+    "SafeLOOP": Row("planner", steps=10_000),
+    "CCEPETS": Row("planner", steps=10_000),
 }
 """Every algorithm that Thalweg has."""
 
@@ -104,9 +102,9 @@ class Cell:
 
     @property
     def limit(self) -> Limit:
-        """What the run is told to keep: each of the problem's limits, or one for the total."""
+        """What the run is told to keep: a number, or one for each kind of cost where there are several."""
         limits = PROBLEMS[self.problem].limits
-        return limits if self.row.limits and len(limits) > 1 else sum(limits)
+        return limits[0] if len(limits) == 1 else limits
 
     @property
     def config(self) -> dict[str, Any]:
@@ -115,6 +113,12 @@ class Cell:
         if self.row.against != "free":
             told = {"cost_limits": self.limit} if isinstance(self.limit, tuple) else {"cost_limit": self.limit}
         return told | dict(self.row.config) | dict(PLACES[self.place].config)
+
+    @property
+    def horizon(self) -> int:
+        """H of a planner, in steps; of any other algorithm 0."""
+        config = ALGORITHMS[self.algorithm].configure(self.config)
+        return config.sizes.horizon * config.action_repeat if isinstance(config, PlanningConfig) else 0
 
 
 @dataclass(frozen=True)
@@ -159,7 +163,7 @@ def ci_cells() -> list[Cell]:
 
 def reference(cell: Cell) -> Outcome:
     """What the cell is held against."""
-    return _reference(cell.problem, cell.row.against, cell.limit, cell.row.horizon)
+    return _reference(cell.problem, cell.row.against, cell.limit, cell.horizon)
 
 
 @cache

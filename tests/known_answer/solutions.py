@@ -91,7 +91,7 @@ def planned(
 
     At each decision, in place s, of all 9^H sequences of actions it takes the one with
 
-        max E[Σ_{t<H} r_t + V(s_H)]  subject to  E[Σ_{t<H} c_t] ≤ limit · H / L
+        max E[Σ_{t<H} r_t + V(s_H)]  subject to  E[Σ_{t<H} c_t] ≤ limit · min(H / L, 1)
 
     and executes its first action. Expectations are over the noise, of which the sequence takes no notice (open loop),
     and sums end with the episode; nothing is discounted, L is the mean length of an episode in steps, V is `terminal`
@@ -109,7 +109,7 @@ def planned(
         reward, costs = zip(
             *(_sequences(problem, table, value, place, a, horizon) for a in range(ACTIONS)), strict=True
         )
-        policy[place] = _first_actions(np.stack(reward), np.stack(costs), bounds * horizon / length)
+        policy[place] = _first_actions(np.stack(reward), np.stack(costs), bounds * min(horizon / length, 1.0))
     return outcome(problem, policy)
 
 

@@ -8,14 +8,15 @@ import pytest
 from tests.known_answer.harness import PLACES, ROWS, Cell, Result, cells, reference
 from tests.known_answer.problems import PROBLEMS
 from tests.known_answer.scores import Score
-from tests.known_answer.solutions import best_deterministic, optimum
+from tests.known_answer.solutions import best_deterministic, optimum, planned
 from thalweg.algos import ALGORITHMS
+from thalweg.algos.ccepets import CCEPETSConfig
 
 SINGLE = ("dense", "end", "mixture")
 
 
 def test_every_algorithm_has_a_row():
-    assert set(ALGORITHMS) <= set(ROWS)
+    assert set(ALGORITHMS) == set(ROWS)
 
 
 def test_cells_are_every_algorithm_in_every_place_on_every_problem():
@@ -27,6 +28,15 @@ def test_limits_are_told_one_by_one_where_there_are_two():
     assert Cell("FOCOPS", "box", "dense").config == {"cost_limit": 0.355}
     assert Cell("FOCOPS", "box_scaled", "two").config == {"cost_limits": (0.255, 0.955), "adapter": "box_scaled"}
     assert Cell("PPO", "discrete", "two").config == {}
+
+
+def test_a_planner_is_held_against_one_of_its_own_horizon(monkeypatch: pytest.MonkeyPatch):
+    assert Cell("CCEPETS", "box", "mixture").horizon == CCEPETSConfig().sizes.horizon
+    monkeypatch.setitem(ROWS, "CCEPETS", replace(ROWS["CCEPETS"], config={"horizon": 1}))
+    short = Cell("CCEPETS", "box", "mixture")
+    problem = PROBLEMS["mixture"]
+    wanted = planned(problem, 0.35, 1, length=optimum(problem, 0.35).length)
+    assert short.horizon == 1 and reference(short).reward == pytest.approx(wanted.reward)
 
 
 def test_each_is_held_against_what_its_kind_can_do():

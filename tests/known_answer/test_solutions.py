@@ -141,6 +141,13 @@ def test_a_planner_takes_the_first_action_of_the_best_sequence_within_its_budget
         assert set(np.flatnonzero(policy[place])) == first
 
 
+def test_a_planner_that_sees_further_than_an_episode_lasts_keeps_the_limit_not_more():
+    problem = PROBLEMS["mixture"]
+    short, long = (planned(problem, 0.1, 3, length=length).policy for length in (0.5, 3.0))
+    assert np.array_equal(short, long)
+    assert short[0, 6] == 0.0  # full pace in the rapids costs 0.2: more than the limit, less than six of them
+
+
 def test_a_planner_that_can_keep_no_budget_does_what_is_cheapest():
     problem = PROBLEMS["mixture"]
     risk = problem.risk.copy()

@@ -1,3 +1,5 @@
+"""A run from its folder on: what lies there, that it can be repeated, broken off and resumed, and what is refused."""
+
 import csv
 import json
 import os

@@ -75,11 +75,11 @@ class Elites:
 METHODS["CCEPETS"] = (CCEPETSConfig, Elites)
 
 
-def value_loss(values: Tensor, next_values: Tensor, rewards: Tensor, ended: Tensor, discount: float) -> Tensor:
+def value_loss(values: Tensor, next_values: Tensor, rewards: Tensor, terminated: Tensor, discount: float) -> Tensor:
     """½ E[(V(s) - r - γ (1 - terminated) V'(s'))²]: what the critic minimises, from one number per step [B] each. It
     learns what the planner's own behaviour brings (Sutton 1988)."""
     gamma = torch.tensor([[discount]], dtype=values.dtype)
-    going_on = (~ended).to(values.dtype)
+    going_on = (~terminated).to(values.dtype)
     target = bootstrap.target(rewards.unsqueeze(0), going_on, next_values.unsqueeze(0), gamma)
     return losses.squared_error(values.unsqueeze(0), target)[0]
 
@@ -91,7 +91,7 @@ class CCEPETS:
 
     def __init__(self, config: CCEPETSConfig, task: Task) -> None:
         self.config, self.separate_costs = config, config.separate_costs
-        self.agent = Agent("CCEPETS", config, task)
+        self.agent = Agent("CCEPETS", config, task, ("value_loss", "value") if config.terminal_value else ())
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
         method = self.policy.method
         assert isinstance(method, Elites)
@@ -116,7 +116,7 @@ class CCEPETS:
         with torch.no_grad():
             after = self.slow(ensemble.seen(batch.next_obs))[0]
         values = self.critic(ensemble.seen(batch.obs))[0]
-        loss = value_loss(values, after, batch.rewards / ensemble.reward.std, batch.ended, self.config.discount)
+        loss = value_loss(values, after, batch.rewards / ensemble.reward.std, batch.terminated, self.config.discount)
         self.optimiser.zero_grad()
         loss.backward()
         self.optimiser.step()
@@ -129,13 +129,11 @@ class CCEPETS:
 
     def state(self) -> dict[str, Any]:
         return self.agent.state() | {
-            "critic": module_state(self.critic),
             "slow": module_state(self.slow),
             "optimiser": optimiser_state(self.optimiser),
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
         self.agent.load_state(state)
-        load_module(self.critic, state["critic"])
         load_module(self.slow, state["slow"])
         load_optimiser(self.optimiser, state["optimiser"])

@@ -112,11 +112,14 @@ class SafeARC:
         return self._reward_std() if self.config.standardise_rewards else 1.0
 
     def weigh(self, futures: Futures, budget: Budget) -> Tensor:
-        """w ∝ exp(β G) over the feasible candidates, or exp(-β_c C) over all if too few are."""
+        """w ∝ exp(β G) over the feasible candidates, or exp(-β_c C) over all if too few are.
+
+        Standardised, several costs are summed in budgets, so that none outweighs another by its size; else as they are.
+        """
         config, returns, costs = self.config, futures.returns, futures.costs
         feasible = (costs <= budget.costs).all(-1)
         if config.standardise_returns:
-            total = planning.standardised_rows(costs.sum(-1), torch.ones_like(feasible))
+            total = planning.standardised_rows(planning.in_budgets(costs, budget.costs), torch.ones_like(feasible))
             returns = planning.standardised_rows(returns, feasible)
         else:
             total, returns = costs.sum(-1) * budget.per_episode, returns * budget.per_episode
@@ -262,7 +265,7 @@ class SafeLOOP:
 
     def __init__(self, config: SafeLOOPConfig, task: Task) -> None:
         self.config, self.separate_costs = config, config.separate_costs
-        self.agent = Agent("SafeLOOP", config, task)
+        self.agent = Agent("SafeLOOP", config, task, ("value_loss", "value", "actor_loss", "entropy", "alpha"))
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
         method = self.policy.method
         assert isinstance(method, SafeARC)
@@ -291,7 +294,7 @@ class SafeLOOP:
             after = soft.next_values(self.slow, ensemble.seen(batch.next_obs), alpha, generator)
             target = bootstrap.target(
                 (batch.rewards / self.method.unit).unsqueeze(0),
-                (~batch.ended).float(),
+                (~batch.terminated).float(),
                 after.unsqueeze(0),
                 torch.tensor([[self.config.discount]]),
             )

@@ -1,3 +1,5 @@
+"""Advantages by hand, at ends and at cuts, and in a world without an end, whose worth is known."""
+
 import pytest
 import torch
 

@@ -4,7 +4,6 @@ import pytest
 import torch
 
 from thalweg.algos.maths import losses
-from thalweg.algos.maths.multiplier import combined
 
 F64 = torch.float64
 ZEROS = torch.zeros(4, dtype=F64)
@@ -47,19 +46,6 @@ def test_the_projection_of_cup_by_hand():
 def test_the_surrogate_by_hand():
     assert losses.surrogate(RATIO.log(), ZEROS, COSTS).item() == pytest.approx(0.0)
     assert losses.surrogate(RATIO.log(), ZEROS, COSTS.abs()).item() == pytest.approx(1.0)
-
-
-def test_advantages_less_each_cost_times_its_multiplier():
-    rewards = torch.tensor([3.0, -1.0], dtype=F64)
-    costs = torch.tensor([[1.0, 0.0], [0.5, 2.0]], dtype=F64)
-    # 3 - 2·1 - 1·0.5 and -1 - 2·0 - 1·2, and a quarter of each
-    assert combined(rewards, costs, (2.0, 1.0), normalised=False).tolist() == [0.5, -3.0]
-    assert combined(rewards, costs, (2.0, 1.0), normalised=True).tolist() == [0.125, -0.75]
-
-
-def test_a_multiplier_too_few_is_refused():
-    with pytest.raises(ValueError, match="2 costs and 1 multipliers"):
-        combined(torch.zeros(3), torch.zeros(2, 3), (1.0,), normalised=True)
 
 
 def test_a_cost_with_an_axis_too_many_is_refused():

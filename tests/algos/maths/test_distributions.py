@@ -1,3 +1,5 @@
+"""Choices against all joint actions one by one, Gaussians against torch, and how numbers become options."""
+
 import itertools
 import math
 

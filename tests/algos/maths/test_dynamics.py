@@ -1,3 +1,5 @@
+"""What a model minimises: written out another way, and what its minimum predicts."""
+
 import math
 
 import pytest

@@ -1,3 +1,5 @@
+"""What PPO and FOCOPS minimise, by hand, and the errors of critics."""
+
 import math
 
 import pytest

@@ -37,8 +37,7 @@ def test_an_imagined_cost_counts_as_far_as_it_is_reached_and_is_not_discounted()
 
 
 def test_a_certain_end_hides_what_comes_after_it_but_not_what_comes_with_it():
-    ends, alive = torch.tensor([1.0, 0.0]), planning.survival(torch.tensor([1.0, 0.0]))
-    assert ends[0] == 1
+    alive = planning.survival(torch.tensor([1.0, 0.0]))
     assert float(planning.imagined_return(torch.tensor([2.0, 5.0]), alive, 1.0, torch.tensor(7.0))) == 2.0
     assert float(planning.imagined_cost(torch.tensor([[1.0], [1.0]]), alive).sum()) == 1.0
 

@@ -52,7 +52,7 @@ def test_the_losses_by_hand():
     for member in range(4):
         for row in range(5):
             o = out[member, row]
-            if not batch.ended[row]:
+            if not batch.terminated[row]:
                 target = (batch.next_frame[row] - batch.obs[row] - ensemble.change.mean) / ensemble.change.std
                 raw = high - softplus(high - o[4:7])
                 log_variance = low + softplus(raw - low)
@@ -61,7 +61,7 @@ def test_the_losses_by_hand():
             wanted = (batch.rewards[row] - ensemble.reward.mean[0]) / ensemble.reward.std[0]
             sums[1, member] += 0.5 * (o[3] - wanted) ** 2
             shares = [float(batch.costs[row, 0]) / 0.2, float(batch.costs[row, 1]) / 0.2]
-            for head, (y, w) in enumerate(zip([*shares, float(batch.ended[row])], [4.0, 1.0, 10.0], strict=True)):
+            for head, (y, w) in enumerate(zip([*shares, float(batch.terminated[row])], [4.0, 1.0, 10.0], strict=True)):
                 p = torch.sigmoid(o[7 + head] + np.log(w))
                 sums[2 if head < 2 else 3, member] += -(w * y * torch.log(p) + (1 - y) * torch.log(1 - p))
     assert torch.allclose(found, sums / 5, atol=1e-4)
@@ -70,7 +70,7 @@ def test_the_losses_by_hand():
 def test_the_state_after_an_end_is_not_asked_for():
     ensemble = ensemble_for()
     batch = batch_for(ensemble)
-    other = replace(batch, next_frame=torch.where(batch.ended.unsqueeze(-1), 1e3, batch.next_frame))
+    other = replace(batch, next_frame=torch.where(batch.terminated.unsqueeze(-1), 1e3, batch.next_frame))
     with torch.no_grad():
         assert torch.equal(ensemble.losses(batch, 10.0), ensemble.losses(other, 10.0))
 
@@ -105,6 +105,21 @@ def test_the_copy_for_imagination_gives_what_the_model_means():
     clamped = low + softplus(high - softplus(high - plain[..., raw]) - low)
     variance = clamped.exp() * (ensemble.change.std / deviation) ** 2
     assert torch.allclose(frozen.least + frozen.most * fast[..., raw].sigmoid(), variance, rtol=1e-3)
+
+
+def test_what_models_expect_is_the_mean_of_their_probabilities_not_of_their_logits():
+    ensemble = ensemble_for(members=5)
+    ensemble.stack.flat.data.zero_()
+    *_, (_, bias) = ensemble.stack.layers
+    _, reward, _, cost, end = ensemble.layout.parts
+    logits = torch.tensor([-6.0, -6.0, -6.0, -6.0, 2.0]).view(5, 1, 1)
+    bias[..., cost], bias[..., end], bias[..., reward] = logits, logits, torch.arange(5.0).view(5, 1, 1)
+    expected, error = ensemble.expected(batch := batch_for(ensemble))
+    # (4 / (1 + e⁶) + 1 / (1 + e⁻²)) / 5, of a cost whose range is 0 to 0.2
+    assert expected[1:].tolist() == pytest.approx([0.2 * 0.17814, 0.17814], rel=1e-4)
+    assert float(expected[0]) == pytest.approx(float(ensemble.reward.mean + 2.0 * ensemble.reward.std))
+    change = (batch.next_frame - batch.obs - ensemble.change.mean) / ensemble.change.std
+    assert float(error) == pytest.approx(float(change[~batch.terminated].square().mean()), rel=1e-5)
 
 
 def test_the_bounds_of_the_variance_are_drawn_together_unless_they_are_fixed():
@@ -175,6 +190,16 @@ def test_a_refit_stops_when_nothing_is_gained_and_waits_for_its_steps():
     assert fitter.fit(replay, 1).isfinite().all()
     assert len(steps) == 3 * 3  # the first epoch, which gains on nothing at all, and two more; 48 rows in threes
     assert fitter.fit(replay, 9).isnan().all()
+
+
+def test_refits_come_every_so_many_steps_whatever_the_collections():
+    ensemble, replay = ensemble_for(), Replay(100, 0.2)
+    replay.add(batch_for(ensemble, 20))
+    config = CCEPETSConfig(fitting="refit", refit_steps=10, refit_patience=1, model_learning_rate=0.0)
+    fitter = Fitter(ensemble, config, generator())
+    fitted = [bool(fitter.fit(replay, 4).isfinite().all()) for _ in range(10)]
+    assert [4 * (number + 1) for number, so in enumerate(fitted) if so] == [12, 20, 32, 40]
+    assert fitter.fit(replay, 35).isfinite().all() and fitter.fit(replay, 4).isnan().all()  # 75, 79: once, not thrice
 
 
 def test_from_its_state_the_model_goes_on_alike():

@@ -54,7 +54,8 @@ def learner_for(name: str, space: gym.Space = OPTIONS, seed: int = 0, **settings
 def rollout_of(learner: Any, seed: int = 0, **changes) -> Rollout:
     """Steps whose reward is 1 for option 0 of the first branch, or a positive number, and whose cost is 1 else."""
     gen, costs = generator(seed), len(learner.config.limits)
-    obs = torch.randn(T + 1, N, D, generator=gen)
+    newest, frames = torch.randn(T + 1, N, D, generator=gen), learner.config.frame_stack
+    obs = torch.cat([newest[(torch.arange(T + 1) - k).clamp(min=0)] for k in reversed(range(frames))], -1)
     fresh = torch.zeros(T + 1, N, dtype=torch.bool)
     actions = torch.stack([learner.act(obs[t].numpy(), fresh[t].numpy()) for t in range(T)])
     good = actions[..., 0] == 0 if actions.dtype == torch.int64 else actions[..., 0] > 0
@@ -69,7 +70,7 @@ def rollout_of(learner: Any, seed: int = 0, **changes) -> Rollout:
         "truncated": never,
         "valid": ~never,
         "final_index": torch.zeros(0, dtype=torch.int64),
-        "final_obs": torch.zeros(0, D),
+        "final_obs": torch.zeros(0, obs.shape[-1]),
     }
     return Rollout(**(fields | changes))
 
@@ -112,6 +113,13 @@ class TestEveryPlanner:
         assert list(found[1]) == list(found[3]) == list(found[5])
         assert all(math.isfinite(number) for number in found[5].values())
 
+    def test_a_first_report_without_anything_learnt_has_the_same_names(self, name, space):
+        learner = learner_for(name, space, drop_terminal=True, steps_per_update=N * T)
+        nothing = rollout_of(learner, terminated=torch.ones(T, N, dtype=torch.bool))
+        first, second = learner.update(nothing, FEEDBACK), learner.update(rollout_of(learner, 1), FEEDBACK)
+        assert math.isnan(first["value_loss"]) and math.isfinite(second["value_loss"])
+        assert list(first) == list(second)
+
     def test_the_end_of_the_run_is_reported_too(self, name, space):
         learner = learner_for(name, space)
         assert learner.update(rollout_of(learner), dataclasses.replace(FEEDBACK, steps_left=0))
@@ -147,50 +155,60 @@ class TestEveryPlanner:
         assert "plan_cost_loose" in metrics and list(learner.warnings(two)) == ["limit_never_binds_loose"]
 
 
-QUIRKS: dict[str, Mapping[str, Any]] = {
-    "horizon scale": {"episode_length": 1000},
-    "drop terminal": {"drop_terminal": True},
-    "no ends": {"predict_end": False},
-    "independent noise": {"shared_noise": False},
-    "undiscounted": {"planning_discount": 1.0},
-    "greedy": {"exploration": 0.0},
-    "refit": {"fitting": "refit", "refit_steps": 100, "hold_out": 0.2},
-    "fixed bounds": {"fixed_variance_bounds": True},
-    "action repeat": {"action_repeat": 5},
-    "worst particle": {"cost_over": "max"},
-    "bfloat16": {"precision": "bfloat16"},
-    "literal": {"adapter": "box_literal"},
-    "scaled": {"adapter": "box_scaled"},
-    "stacked": {"frame_stack": 2},
-    "particles": {"particles": 2},
+def test_what_was_expected_is_held_against_planned_steps_alone():
+    """Of which the second rollout has none: it begins before `random_steps` are over."""
+    learner = learner_for("CCEPETS", random_steps=N * T * 3 // 2, steps_per_update=N * T)
+    found = [math.isnan(metrics["predicted_reward"]) for metrics in updated(learner, 3)]
+    assert found == [True, True, False]
+
+
+@dataclasses.dataclass(frozen=True)
+class Quirk:
+    """Settings that depart from the defaults."""
+
+    settings: Mapping[str, Any]
+    column: str
+    """Of the report, in which they must show."""
+    besides: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    """What is set with and without them, so that only they make the difference."""
+
+
+QUIRKS = {
+    "horizon scale": Quirk({"episode_length": 1000}, "feasible_share", {"cost_limit": 2.0}),
+    "drop terminal": Quirk({"drop_terminal": True}, "replay_size"),
+    "no ends": Quirk({"predict_end": False}, "plan_reward"),
+    "independent noise": Quirk({"shared_noise": False}, "plan_reward"),
+    "undiscounted": Quirk({"planning_discount": 1.0}, "plan_reward"),
+    "greedy": Quirk({"exploration": 0.0}, "realised_reward"),
+    "refit": Quirk({"fitting": "refit", "refit_steps": N * T}, "held_out_reward_loss", {"hold_out": 0.2}),
+    "fixed bounds": Quirk({"fixed_variance_bounds": True}, "held_out_state_loss"),
+    "action repeat": Quirk({"action_repeat": 5}, "replay_size"),
+    "worst particle": Quirk({"cost_over": "max"}, "plan_cost"),
+    "bfloat16": Quirk({"precision": "bfloat16"}, "plan_reward"),
+    "literal": Quirk({"adapter": "box_literal"}, "realised_reward"),
+    "scaled": Quirk({"adapter": "box_scaled"}, "realised_reward"),
+    "stacked": Quirk({"frame_stack": 2}, "held_out_state_loss"),
+    "particles": Quirk({"particles": 2}, "plan_reward"),
 }
-OF_SAFELOOP: dict[str, Mapping[str, Any]] = {
-    "raw temperatures": {"standardise_returns": False},
-    "decaying alpha": {"auto_alpha": False, "alpha_decay": 0.99},
-    "raw rewards": {"standardise_rewards": False},
-    "no proposals": {"proposals": 0},
+OF_SAFELOOP = {
+    # Where nothing is feasible, no return is looked at.
+    "raw temperatures": Quirk({"standardise_returns": False}, "plan_reward", {"cost_limit": 100.0}),
+    "decaying alpha": Quirk({"auto_alpha": False, "alpha_decay": 0.99}, "alpha"),
+    "raw rewards": Quirk({"standardise_rewards": False}, "value"),
+    "no proposals": Quirk({"proposals": 0}, "plan_reward"),
 }
 ALONE = [(name, quirk) for name in PLANNERS for quirk in QUIRKS] + [("SafeLOOP", quirk) for quirk in OF_SAFELOOP]
 
 
 @pytest.mark.parametrize(("name", "quirk"), ALONE)
-def test_each_quirk_can_be_tried_alone_and_makes_a_difference(name, quirk):
-    settings = (QUIRKS | OF_SAFELOOP)[quirk]
-    frames = settings.get("frame_stack", 1)
+def test_each_quirk_can_be_tried_alone_and_shows_where_it_should(name, quirk):
+    tried = (QUIRKS | OF_SAFELOOP)[quirk]
     found = []
-    base: dict[str, Any] = {"critic_learning_rate": 0.05, "steps_per_update": N * T}
-    if quirk in OF_SAFELOOP:
-        base["cost_limit"] = 100.0  # where nothing is feasible, no return is looked at
-    for given in ({}, settings):
-        learner = learner_for(name, OPTIONS, **{**base, **given})
-        shown = {}
-        if given and frames > 1:
-            shown = {"obs": torch.randn(T + 1, N, D * frames), "final_obs": torch.zeros(0, D * frames)}
-            learner.act = lambda obs, fresh, act=learner.act: act(np.repeat(obs, frames, 1)[:, : D * frames], fresh)
-        metrics = [learner.update(rollout_of(learner, seed, **shown), FEEDBACK) for seed in range(3)][-1]
-        assert all(math.isfinite(x) for key, x in metrics.items() if quirk != "refit" or "model" not in key)
-        found.append(metrics)
-    assert str(found[0]) != str(found[1])
+    for settings in ({}, tried.settings):
+        learner = learner_for(name, steps_per_update=N * T, **tried.besides, **settings)
+        found.append(updated(learner, 3)[-1])
+    assert all(math.isfinite(number) for metrics in found for number in metrics.values())
+    assert found[0][tried.column] != found[1][tried.column]
 
 
 def test_a_stale_value_is_that_of_the_last_action_instead_of_the_policys():
@@ -213,10 +231,12 @@ def test_a_planner_never_drops_what_ended_unless_it_is_told_to():
         learner = learner_for("CCEPETS", drop_terminal=drop)
         rollout = rollout_of(learner)
         costs = rollout.terminated.float().unsqueeze(-1)
+        paid = float(costs.sum())
         learner.update(dataclasses.replace(rollout, costs=costs), FEEDBACK)
         replay = learner.agent.replay
         kept = float(replay.rows(torch.arange(replay.size)).costs.sum())
-        assert kept == (0.0 if drop else float(costs.sum()) > 0 and float(costs.sum()))
+        assert paid > 0.0
+        assert kept == (0.0 if drop else paid)
 
 
 @pytest.mark.parametrize("name", PLANNERS)

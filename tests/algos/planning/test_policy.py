@@ -202,7 +202,12 @@ def test_more_joint_actions_than_can_be_summed_are_refused_by_safeloop_alone():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [({"elites": 65}, "elites must be in 1..64"), ({"horizon": -1}, "horizon must not be negative"),
-     ({"hold_out": 0.0}, "hold_out must be between 0 and 1"), ({"rarity": 0.5}, "rarity must be at least 1")],
+     ({"hold_out": 0.0}, "hold_out must be in 0..0.5, and more"), ({"hold_out": 0.6}, "hold_out must be in 0..0.5"),
+     ({"rarity": 0.5}, "rarity must be at least 1"), ({"hidden": (64, 0)}, "hidden must be positive"),
+     ({"cost_limit": 0.0}, "cost_limit must be positive: a predicted chance is never 0"),
+     ({"cost_limits": (0.1, 0.0)}, "cost_limits are two, .* and positive: a predicted chance is never 0"),
+     ({"cost_limits": (0.1,)}, "cost_limits are two"), ({"frame_stack": 0}, "frame_stack must be 1"),
+     ({"frame_stack": 2, "action_repeat": 2}, "frame_stack must be 1, or more without an action_repeat")],
 )  # fmt: skip
 def test_settings_out_of_range_are_named(changes, words):
     with pytest.raises(AlgorithmError, match=words):

@@ -6,6 +6,7 @@ import torch
 from tests.algos.planning.made import BOX, OPTIONS, generator
 from thalweg.algos.actions import actions_of
 from thalweg.algos.ccepets import CCEPETSConfig
+from thalweg.algos.errors import AlgorithmError
 from thalweg.algos.planning.search import Numbers, Options, search_of
 
 CONFIG = CCEPETSConfig(horizon=3, carry_over=0.5, initial_std=0.5, floor=0.02, momentum=0.1)
@@ -53,6 +54,12 @@ def test_an_improved_plan_of_options_keeps_the_floor():
     assert float(plan[0, 0, 0, 1]) == pytest.approx(0.02 / (1 - 0.1 * (1 - 0.06)), rel=1e-3)
     assert float(plan[0, 0, 1, 2]) == 0
     assert plan.sum(-1).flatten().tolist() == pytest.approx([1.0] * 6)
+
+
+def test_a_floor_that_would_leave_nothing_of_a_plan_is_refused():
+    with pytest.raises(AlgorithmError, match=r"floor must be less than 1/4 where a choice has 4 options, got 0\.25"):
+        Options((3, 4), CCEPETSConfig(floor=0.25))
+    assert Options((3, 3), CCEPETSConfig(floor=0.25)).config.floor == 0.25
 
 
 def test_numbers_begin_with_their_deviation_and_stay_within_bounds():

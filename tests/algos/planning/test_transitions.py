@@ -28,7 +28,7 @@ def made_of(rollout: Rollout, repeat: int = 1, drop_terminal: bool = False) -> B
 def test_a_terminal_step_is_kept_with_its_cost_and_its_last_observation():
     batch = made_of(ending())
     assert len(batch.rewards) == 12 and float(batch.costs.sum()) == 1.0
-    (row,) = torch.nonzero(batch.ended).flatten().tolist()
+    (row,) = torch.nonzero(batch.terminated).flatten().tolist()
     assert float(batch.costs[row]) == 1.0
     assert batch.obs[row].tolist() == [12, 12, 12] and batch.next_frame[row].tolist() == [99, 99, 99]
 
@@ -36,12 +36,12 @@ def test_a_terminal_step_is_kept_with_its_cost_and_its_last_observation():
 def test_a_step_that_was_cut_off_is_no_end_and_leads_to_its_last_observation():
     batch = made_of(ending())
     row = int(torch.nonzero(batch.obs[:, 0] == 4))
-    assert not batch.ended[row] and batch.next_frame[row].tolist() == [77, 77, 77]
+    assert not batch.terminated[row] and batch.next_frame[row].tolist() == [77, 77, 77]
 
 
 def test_with_the_quirk_no_cost_at_an_end_is_ever_seen():
     batch = made_of(ending(), drop_terminal=True)
-    assert len(batch.rewards) == 10 and float(batch.costs.sum()) == 0.0 and not batch.ended.any()
+    assert len(batch.rewards) == 10 and float(batch.costs.sum()) == 0.0 and not batch.terminated.any()
 
 
 def test_a_step_that_only_resets_is_no_transition():
@@ -55,7 +55,7 @@ def test_a_step_that_only_resets_is_no_transition():
 def test_with_an_action_repeat_a_transition_is_of_several_steps_and_an_end_cuts_it_short():
     batch = made_of(ending(), repeat=2)
     found = [(float(o[0]), float(r), float(f[0]), bool(e)) for o, r, f, e in
-             zip(batch.obs, batch.rewards, batch.next_frame, batch.ended, strict=True)]  # fmt: skip
+             zip(batch.obs, batch.rewards, batch.next_frame, batch.terminated, strict=True)]  # fmt: skip
     environment0 = [(0, 0 + 1, 2, False), (2, 2 + 3, 4, False), (4, 4, 77, False)]
     environment1 = [(10, 0 + 1, 12, False), (12, 2, 99, True), (13, 3 + 4, 15, False)]
     assert sorted(found) == sorted(environment0 + environment1)
@@ -74,6 +74,16 @@ def test_an_action_repeat_goes_on_in_the_next_rollout():
     other.load_state(assembly.state())
     second = other.transitions(halves[1], 3)
     assert len(first.rewards) == 0 and second.rewards.tolist() == [6, 6] and second.obs[:, 0].tolist() == [0, 10]
+
+
+def test_a_decision_of_an_episode_abandoned_between_two_rollouts_is_not_joined_to_the_next():
+    assembly, later = Assembly(2, 4, drop_terminal=False), rollout_of(6)
+    assert len(assembly.transitions(rollout_of(3), 3).rewards) == 0
+    later.fresh[0, 1] = True
+    batch = assembly.transitions(later, 3)
+    found = sorted(zip(batch.obs[:, 0].tolist(), batch.rewards.tolist(), strict=True))
+    # environment 0 goes on after three steps; environment 1 begins anew, with rewards 0 to 3
+    assert found == [(0.0, 0 + 1 + 2 + 0), (1.0, 1 + 2 + 3 + 4), (10.0, 0 + 1 + 2 + 3)]
 
 
 def batch_of(first: int, count: int) -> Batch:

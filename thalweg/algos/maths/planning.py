@@ -60,6 +60,13 @@ def budget(limit: float, horizon: int, length: float) -> float:
     return limit * min(horizon / length, 1.0)
 
 
+def in_budgets(costs: Tensor, budgets: Tensor) -> Tensor:
+    """b̄ Σ_i C_i / b_i [...] of costs [..., M]: each counted in its budget b [M], times their mean b̄, so that one cost
+    alone stays as it is."""
+    budgets = budgets.clamp(min=1e-6)
+    return (costs * (budgets.mean() / budgets)).sum(-1)
+
+
 def elites(returns: Tensor, costs: Tensor, budgets: Tensor, count: int) -> Tensor:
     """Weights [N, S] of the constrained cross-entropy method (Wen, Topcu 2018, algorithm 1): 1/E for each elite.
 
@@ -71,14 +78,13 @@ def elites(returns: Tensor, costs: Tensor, budgets: Tensor, count: int) -> Tenso
         budgets: b [M]; feasible is C_i ≤ b_i for every cost.
         count: E.
 
-    Of several costs, the lowest sum in budgets is the lowest.
+    Of several costs, the lowest sum `in_budgets` is the lowest.
     """
     rank(2, returns=returns)
     same_shape(returns=returns, one_cost=costs[..., 0])
     feasible = (costs <= budgets).all(-1)
     enough = feasible.sum(-1, keepdim=True) >= count
-    lowness = -(costs / budgets.clamp(min=1e-6)).sum(-1)
-    score = torch.where(enough, returns.masked_fill(~feasible, -torch.inf), lowness)
+    score = torch.where(enough, returns.masked_fill(~feasible, -torch.inf), -in_budgets(costs, budgets))
     chosen = score.topk(count, dim=-1).indices
     return torch.zeros_like(returns).scatter_(-1, chosen, 1.0 / count)
 
@@ -92,7 +98,7 @@ def feasible_softmax(
 
     Args:
         returns: G [N, S].
-        costs: C [N, S], the sum of the costs.
+        costs: C [N, S], the costs as one number: standardised, of `in_budgets`; or their sum over an episode.
         feasible: [N, S] bool, whether every cost keeps within its budget.
         least: E.
         sharpness: β.

@@ -30,8 +30,9 @@ from thalweg.algos.state import generator_state, load_generator, load_module, mo
 class Agent:
     """A policy that plans, what it has lived through, and how its model is fitted to that."""
 
-    def __init__(self, algorithm: str, config: PlanningConfig, task: Task) -> None:
-        self.config, self.num_envs = config, task.num_envs
+    def __init__(self, algorithm: str, config: PlanningConfig, task: Task, logged: tuple[str, ...] = ()) -> None:
+        """`logged`: names of the numbers that `log` will be given."""
+        self.config, self.num_envs, self._logged = config, task.num_envs, logged
         self.generator = torch.Generator().manual_seed(task.seed)
         self.policy = PlannerPolicy(
             task.obs_size,
@@ -64,12 +65,13 @@ class Agent:
 
     def learn(self, rollout: Rollout) -> None:
         """Take in the rollout's steps, and fit the model."""
+        planned = self._steps >= self.config.random_steps
         self._steps += int(rollout.valid.sum())
         self.lengths.update(rollout)
         batch = self._assembly.transitions(rollout, self.policy.obs_size)
         if len(batch.rewards):
             require_finite(what_was_paid=float(batch.rewards.sum() + batch.costs.sum()))
-            if self._steps > self.config.random_steps and self.replay.size:
+            if planned and self.replay.size:
                 self._tally.lived(self.policy, batch)
             self.policy.ensemble.take_in(batch)
             self.replay.add(batch)
@@ -113,7 +115,7 @@ class Agent:
         costs = [f"cost{name}" for name in suffixes(len(self.config.limits))]
         names = [f"model_{name}_loss" for name in HEADS] + ["plan_reward", *(f"plan_{cost}" for cost in costs)]
         names += [f"{prefix}_{head}" for head in ("reward", *costs, "end") for prefix in ("predicted", "realised")]
-        names += ["feasible_share", "state_error", *(f"held_out_{name}_loss" for name in HEADS)]
+        names += ["feasible_share", "state_error", *(f"held_out_{name}_loss" for name in HEADS), *self._logged]
         return dict.fromkeys(names, float("nan"))
 
     def state(self) -> dict[str, Any]:
@@ -174,12 +176,12 @@ class Tally:
         """What the model expected of steps that it has not been fitted to, and what they were."""
         names = suffixes(batch.costs.shape[1])
         expected, error = policy.ensemble.expected(batch)
-        lived = torch.cat([batch.rewards.unsqueeze(-1), batch.costs, batch.ended.unsqueeze(-1)], -1).mean(0)
+        lived = torch.cat([batch.rewards.unsqueeze(-1), batch.costs, batch.terminated.unsqueeze(-1)], -1).mean(0)
         heads = ["reward", *(f"cost{name}" for name in names), "end"]
         numbers = {f"predicted_{head}": float(x) for head, x in zip(heads, expected, strict=True)}
         numbers |= {f"realised_{head}": float(x) for head, x in zip(heads, lived, strict=True)}
         self.add(numbers, len(batch.rewards))
-        going_on = int((~batch.ended).sum())
+        going_on = int((~batch.terminated).sum())
         if going_on:
             self.add({"state_error": float(error)}, going_on)
 

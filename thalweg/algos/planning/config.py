@@ -94,7 +94,7 @@ class PlanningConfig(CostConfig):
     refit_patience: int = 5
     """Epochs of a refit without a gain of 1 % on the steps held out after which it stops."""
     hold_out: float = 0.05
-    """Share of the steps that are not fitted to, but show how good the model is."""
+    """Share of the steps that are not fitted to, but show how good the model is; at most a half."""
     minibatch: int = 256
     """Steps of one gradient step, for each model and for the critics."""
     hidden: tuple[int, ...] = (64, 64)
@@ -123,7 +123,8 @@ class PlanningConfig(CostConfig):
     adapter: Adapter = "native"
     """Discrete actions as options ("native"), or as numbers that are rounded ("box_literal", "box_scaled")."""
     frame_stack: int = 1
-    """How many of the last observations are seen side by side; the model predicts the newest."""
+    """How many of the last observations are seen side by side; the model predicts the newest. Not with an
+    `action_repeat`: the model sees no frames between two decisions."""
 
     def __post_init__(self) -> None:
         require(**self.conditions())
@@ -147,7 +148,7 @@ class PlanningConfig(CostConfig):
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         """What must hold of each field, in words."""
-        positive = ("action_repeat", "members", "refit_steps", "refit_patience", "minibatch", "frame_stack")
+        positive = ("action_repeat", "members", "refit_steps", "refit_patience", "minibatch")
         positive += ("steps_per_collection", "steps_per_update", "replay_size", "initial_std", "largest_variance")
         natural = (
             "horizon",
@@ -168,9 +169,19 @@ class PlanningConfig(CostConfig):
             | {name: (getattr(self, name) >= 0, "must not be negative") for name in natural}
             | {name: (0 <= getattr(self, name) <= 1, "must be in 0..1") for name in shares}
             | {
+                "cost_limit": (self.cost_limit > 0, "must be positive: a predicted chance is never 0"),
+                "cost_limits": (
+                    len(self.cost_limits) in (0, 2) and all(limit > 0 for limit in self.cost_limits),
+                    "are two, tight and loose, and positive: a predicted chance is never 0",
+                ),
                 "elites": (0 < sizes.elites <= sizes.samples, f"must be in 1..{sizes.samples}, the samples"),
                 "rarity": (self.rarity >= 1, "must be at least 1"),
-                "hold_out": (0 < self.hold_out < 1, "must be between 0 and 1"),
+                "hold_out": (0 < self.hold_out <= 0.5, "must be in 0..0.5, and more than 0"),
                 "model_hidden": (all(size > 0 for size in self.model_hidden), "must be positive"),
+                "hidden": (all(size > 0 for size in self.hidden), "must be positive"),
+                "frame_stack": (
+                    self.frame_stack == 1 or (self.frame_stack > 1 and self.action_repeat == 1),
+                    "must be 1, or more without an action_repeat: the model sees no frames between two decisions",
+                ),
             }
         )

@@ -135,7 +135,7 @@ class Ensemble:
     def take_in(self, batch: Batch) -> None:
         """Adapt the scales to new steps."""
         self.observed.update(batch.obs[:, -self.layout.frame :])
-        going_on = ~batch.ended
+        going_on = ~batch.terminated
         self.change.update((batch.next_frame - batch.obs[:, -self.layout.frame :])[going_on])
         self.reward.update(batch.rewards.unsqueeze(-1))
         if len(batch.obs):
@@ -143,7 +143,7 @@ class Ensemble:
             self._seen = torch.stack([low, high])
             self.ranges = torch.stack([low, torch.where(high > low, high, low + 1.0)])
         shares = self.cost_shares(batch.costs).sum(0)
-        counted = torch.cat([torch.tensor([len(batch.obs)]), shares, batch.ended.sum().unsqueeze(0)])
+        counted = torch.cat([torch.tensor([len(batch.obs)]), shares, batch.terminated.sum().unsqueeze(0)])
         self.counts = self.counts + counted.double()
 
     def seen(self, obs: Tensor) -> Tensor:
@@ -170,7 +170,7 @@ class Ensemble:
         x = torch.cat([self.seen(batch.obs), action_features(self.actions, batch.actions)], -1)
         out = self.stack(x)
         mean, reward, raw, cost, end = (out[..., part] for part in self.layout.parts)
-        going_on = (~batch.ended).to(out.dtype).expand(out.shape[:-1])
+        going_on = (~batch.terminated).to(out.dtype).expand(out.shape[:-1])
         change = batch.next_frame - batch.obs[..., -self.layout.frame :]
         target = ((change - self.change.mean) / self.change.std).expand_as(mean)
         variance = dynamics.bounded_variance(raw, *self.bounds)
@@ -178,17 +178,20 @@ class Ensemble:
         wanted = ((batch.rewards - self.reward.mean) / self.reward.std).expand(out.shape[:-1])
         weights = dynamics.rarity((self.counts[1:] / self.counts[0].clamp(min=1)).to(out.dtype), rarity)
         shares = self.cost_shares(batch.costs).expand_as(cost)
-        ended = batch.ended.to(out.dtype).unsqueeze(-1).expand_as(end)
+        terminated = batch.terminated.to(out.dtype).unsqueeze(-1).expand_as(end)
         costs = dynamics.balanced_cross_entropy(cost, shares, weights[:-1])
-        ends = dynamics.balanced_cross_entropy(end, ended, weights[-1:])
+        ends = dynamics.balanced_cross_entropy(end, terminated, weights[-1:])
         rewards = 0.5 * (reward.squeeze(-1) - wanted).square()
         return torch.stack([state.mean(-1), rewards.mean(-1), costs.sum(-1).mean(-1), ends.sum(-1).mean(-1)])
 
     @torch.no_grad()
     def expected(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """What the models expect of a batch [B]: mean reward, mean of each cost and of the end [2 + C], and the mean
-        squared error of the change of the frame, in deviations of that change, where the episode goes on."""
-        out = self.stack(torch.cat([self.seen(batch.obs), action_features(self.actions, batch.actions)], -1)).mean(0)
+        squared error of the change of the frame, in deviations of that change, where the episode goes on.
+
+        Probabilities are averaged over models, as in imagination, not their logits.
+        """
+        out = self.stack(torch.cat([self.seen(batch.obs), action_features(self.actions, batch.actions)], -1))
         mean, reward, _, cost, end = (out[..., part] for part in self.layout.parts)
         low, high = self.ranges
         heads = [
@@ -197,8 +200,8 @@ class Ensemble:
             torch.sigmoid(end),
         ]
         change = batch.next_frame - batch.obs[..., -self.layout.frame :]
-        errors = ((change - self.change.mean) / self.change.std - mean).square().mean(-1)
-        return torch.cat(heads, -1).mean(0), errors[~batch.ended].mean()
+        errors = ((change - self.change.mean) / self.change.std - mean.mean(0)).square().mean(-1)
+        return torch.cat(heads, -1).mean((0, 1)), errors[~batch.terminated].mean()
 
     def bounds_loss(self) -> Tensor:
         """What draws the bounds of the log-variance together."""

@@ -38,7 +38,7 @@ class Fitter:
         self._since_refit += new_steps
         if self._since_refit < self.config.refit_steps or not replay.size:
             return torch.full((4,), float("nan"))
-        self._since_refit = 0
+        self._since_refit %= self.config.refit_steps
         return self._mean(self._refit(replay))
 
     @torch.no_grad()
@@ -92,8 +92,8 @@ class Fitter:
 
 
 def _decays(ensemble: Ensemble, last: float) -> Tensor:
-    """Weight decay of each number of the stack's vector: a quarter of `last` in the first layer, rising by layers to
-    it; none of biases (Chua et al. 2018, their code)."""
+    """Weight decay of each number of the stack's vector: a quarter of `last` in the first layer, rising to it by equal
+    steps; none of biases. In the code of Chua et al. 2018 it rises as well, by steps chosen for each task."""
     sizes, count = ensemble.stack.sizes, ensemble.stack.count
     decays = torch.zeros_like(ensemble.stack.flat.detach())
     shares = np.linspace(0.25, 1.0, len(list(itertools.pairwise(sizes))))

@@ -31,12 +31,12 @@ class Lengths:
     def update(self, rollout: Rollout) -> None:
         """Count the steps of a rollout; an episode that was cut off between two rollouts counts for nothing."""
         fresh, valid = rollout.fresh[:-1].numpy(), rollout.valid.numpy()
-        done = (rollout.terminated | rollout.truncated).numpy()
+        over = (rollout.terminated | rollout.truncated).numpy()
         for step in range(len(valid)):
             self._running = np.where(fresh[step], 0, self._running) + valid[step]
             self._longest = max(self._longest, int(self._running.max()))
-            self._finished.extend(int(length) for length in self._running[done[step]])
-            self._running[done[step]] = 0
+            self._finished.extend(int(length) for length in self._running[over[step]])
+            self._running[over[step]] = 0
 
     def state(self) -> dict[str, Any]:
         """Arrays and plain data."""

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from thalweg.algos.actions import Actions
+from thalweg.algos.errors import AlgorithmError
 from thalweg.algos.maths import categorical, planning
 from thalweg.algos.planning.config import PlanningConfig
 
@@ -53,6 +54,11 @@ class Options:
     """Independent choices: probabilities [N, H, A, K]."""
 
     def __init__(self, sizes: tuple[int, ...], config: PlanningConfig) -> None:
+        """Raises `AlgorithmError` for a floor that would leave nothing of a plan."""
+        if config.floor * max(sizes) >= 1:
+            raise AlgorithmError(
+                f"floor must be less than 1/{max(sizes)} where a choice has {max(sizes)} options, got {config.floor}"
+            )
         self.config = config
         counts = torch.tensor(sizes)
         self.exists = torch.arange(int(counts.max())) < counts.unsqueeze(-1)

@@ -28,8 +28,8 @@ class Batch:
     """[B, C]."""
     next_frame: Tensor
     """[B, D], the newest frame afterwards: the last one of an episode that ended, whichever way."""
-    ended: Tensor
-    """[B] bool, terminated: nothing comes after. Not where the clock ran out."""
+    terminated: Tensor
+    """[B] bool: nothing comes after. Not where the clock ran out."""
 
     @property
     def next_obs(self) -> Tensor:
@@ -54,8 +54,8 @@ class Assembly:
         """
         next_frames = rollout.obs[1:, :, -frame:].clone()
         next_frames.flatten(0, 1)[rollout.final_index] = rollout.final_obs[:, -frame:]
-        done = rollout.terminated | rollout.truncated
-        keep = rollout.valid & ~done if self.drop_terminal else rollout.valid
+        over = rollout.terminated | rollout.truncated
+        keep = rollout.valid & ~over if self.drop_terminal else rollout.valid
         if self.repeat == 1:
             return Batch(
                 rollout.obs[:-1][keep],
@@ -65,11 +65,12 @@ class Assembly:
                 next_frames[keep],
                 rollout.terminated[keep],
             )
-        parts = [vars(self._step(rollout, next_frames, done, step)) for step in range(len(rollout.rewards))]
+        parts = [vars(self._step(rollout, next_frames, over, step)) for step in range(len(rollout.rewards))]
         return Batch(**{name: torch.cat([part[name] for part in parts]) for name in parts[0]})
 
-    def _step(self, rollout: Rollout, next_frames: Tensor, done: Tensor, step: int) -> Batch:
-        """The decisions that step completes."""
+    def _step(self, rollout: Rollout, next_frames: Tensor, over: Tensor, step: int) -> Batch:
+        """The decisions that step completes; one that was cut off with its episode between two rollouts is dropped."""
+        self._count = torch.where(rollout.fresh[step], 0, self._count)
         first = (self._count == 0) & rollout.valid[step]
         now = {"obs": rollout.obs[step], "actions": rollout.actions[step]}
         if not self._begun:
@@ -82,11 +83,11 @@ class Assembly:
         begun["costs"] = torch.where(first.unsqueeze(-1), 0.0, begun["costs"])
         begun["costs"] = begun["costs"] + rollout.costs[step] * rollout.valid[step].unsqueeze(-1)
         self._count += rollout.valid[step]
-        whole = rollout.valid[step] & (done[step] | (self._count == self.repeat))
+        whole = rollout.valid[step] & (over[step] | (self._count == self.repeat))
         self._count = torch.where(whole, 0, self._count)
-        kept = whole & ~done[step] if self.drop_terminal else whole
+        kept = whole & ~over[step] if self.drop_terminal else whole
         summed = {name: value[kept] for name, value in begun.items()}
-        return Batch(**summed, next_frame=next_frames[step][kept], ended=rollout.terminated[step][kept])
+        return Batch(**summed, next_frame=next_frames[step][kept], terminated=rollout.terminated[step][kept])
 
     def state(self) -> dict[str, Any]:
         """What it remembers, as arrays."""

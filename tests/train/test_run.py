@@ -33,7 +33,7 @@ STEPS = 1500
 
 
 def small(algorithm: str) -> dict[str, Any]:
-    kind = ALGORITHMS[algorithm].config
+    kind = ALGORITHMS[algorithm].config if algorithm in ALGORITHMS else object
     if issubclass(kind, PlanningConfig):
         return SMALL_PLANS
     return SMALL_REPLAY if issubclass(kind, OffPolicyConfig) else SMALL

@@ -13,6 +13,8 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
+ENVS = 16
+"""Thalweg's environments where it learns from steps; a planner decides for one."""
 LIMIT = 0.1
 """Mean cost that an episode may have, where an algorithm has a limit."""
 ACTION_REPEAT = 5
@@ -52,7 +54,7 @@ class Contest:
     works: Works
     differs: str = ""
     """What OmniSafe 0.5.0 does otherwise than the algorithm's paper, and Thalweg does not."""
-    envs: int = 16
+    envs: int = ENVS
     """Thalweg's environments; OmniSafe has one, more would be processes that wait for each other."""
     threads: Mapping[str, int] = field(default_factory=lambda: {"OmniSafe": 1, "Thalweg": 1})
     """Of PyTorch: the faster of one and two."""
@@ -137,6 +139,7 @@ def off_policy(ours: Mapping[str, Any]) -> Works:
         # Epochs are counted from 0, and the first to move the multiplier is the one after `warmup_epochs`.
         first = (algo["warmup_epochs"] + 1) * algo["steps_per_epoch"]
         mine |= {"random_steps": start, "multiplier_warmup": first - start, "steps_per_update": algo["steps_per_epoch"]}
+        mine |= {"steps_per_collection": ENVS}
         return Work(steps, merged(QUIET, theirs), {**mine, **ours}, start)
 
     return Works(work(4_000, 1_000), work(20_000, 2_000))
@@ -221,15 +224,12 @@ CONTESTS = (
         ),
         differs=f"KL is the mean over the action's dimensions, not their sum; {RESETS}",
     ),
-    Contest(
-        "DDPGLag", "steps", 2.5, off_policy(MENDED["DDPGLag"]), envs=1, differs="targets take the online actor's action"
-    ),
+    Contest("DDPGLag", "steps", 2.5, off_policy(MENDED["DDPGLag"]), differs="targets take the online actor's action"),
     Contest(
         "TD3Lag",
         "steps",
         2.5,
         off_policy(MENDED["TD3Lag"]),
-        envs=1,
         differs="the cost's target takes the online actor's action, unsmoothed",
     ),
     Contest(
@@ -237,7 +237,6 @@ CONTESTS = (
         "steps",
         2.5,
         off_policy(MENDED["SACLag"]),
-        envs=1,
         differs="the cost's target takes the mean action instead of a sampled one",
     ),
     Contest(

@@ -83,7 +83,7 @@ def test_omnisafes_target_of_the_cost_is_that_of_the_most_probable_action():
 def test_what_the_policy_maximises_is_the_sum_over_all_81_joint_actions():
     learner, batch = river()
     expected, entropies, _ = by_loops(learner, batch.obs, learner.agent.critics.stack)
-    said = learner.form.said(learner.agent, batch)
+    said, _ = learner.form.said(learner.agent, batch)
     values, entropy = learner.form.objective(learner.agent, batch, said)
     for state in range(7):
         assert values[:, state].tolist() == pytest.approx(expected[state], abs=1e-4)
@@ -93,7 +93,7 @@ def test_what_the_policy_maximises_is_the_sum_over_all_81_joint_actions():
 def test_the_policys_gradient_is_that_of_the_sum_and_no_critics():
     learner, batch = river()
     actor, critics = learner.policy.actor.stack, learner.agent.critics.stack
-    values, entropy = learner.form.objective(learner.agent, batch, learner.form.said(learner.agent, batch))
+    values, entropy = learner.form.objective(learner.agent, batch, learner.form.said(learner.agent, batch)[0])
     policy_loss(values, entropy, ALPHA, (2.0, 1.0)).backward()
     found, actor.flat.grad = actor.flat.grad, None
     assert critics.flat.grad is None and found is not None
@@ -111,7 +111,7 @@ def test_the_policys_gradient_is_that_of_the_sum_and_no_critics():
 
 def test_values_of_the_batchs_actions_are_those_at_their_numbers():
     learner, batch = river()
-    said = learner.form.said(learner.agent, batch)
+    said, _ = learner.form.said(learner.agent, batch)
     found = learner.form.of_actions(said, batch)
     for state, number in enumerate(batch.actions[:, 0].int().tolist()):
         assert torch.equal(found[:, state], said[:, state, number])

@@ -5,6 +5,7 @@ Choices are learnt by exact sums over all joint actions (Christodoulou 2019), nu
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -95,9 +96,9 @@ class Exact:
         sizes = torch.tensor(self.actions.sizes)
         return (torch.rand(count, len(sizes), generator=generator) * sizes).long()
 
-    def said(self, agent: Agent, batch: Batch) -> Tensor:
-        """Q(s, a) of every joint action [K, B, J]."""
-        return agent.critics.stack(batch.obs)
+    def said(self, agent: Agent, batch: Batch) -> tuple[Tensor, Callable[[Tensor], None]]:
+        """Q(s, a) of every joint action [K, B, J], and what passes their gradient on to the critics."""
+        return agent.critics.stack.ahead(batch.obs)
 
     def of_actions(self, said: Tensor, batch: Batch) -> Tensor:
         """Q(s, a) [K, B] of the batch's actions."""
@@ -147,13 +148,13 @@ class Sampled:
         """Raw actions [count, A], each as probable as any other."""
         return 2.0 * torch.rand(count, self.actions.count, generator=generator) - 1.0
 
-    def said(self, agent: Agent, batch: Batch) -> Tensor:
-        """Q(s, a) [K, B] of the batch's actions."""
-        return agent.critics.stack(batch.pairs).squeeze(-1)
+    def said(self, agent: Agent, batch: Batch) -> tuple[Tensor, Callable[[Tensor], None]]:
+        """Q(s, a) [K, B, 1] of the batch's actions, and what passes their gradient on to the critics."""
+        return agent.critics.stack.ahead(batch.pairs)
 
     def of_actions(self, said: Tensor, batch: Batch) -> Tensor:
-        """The same."""
-        return said
+        """The same [K, B]."""
+        return said.squeeze(-1)
 
     @torch.no_grad()
     def next_values(self, agent: Agent, batch: Batch, alpha: Tensor) -> Tensor:
@@ -218,8 +219,9 @@ class SACLag:
     def _step(self, batch: Batch) -> None:
         """One gradient step of the critics and, if it is its turn, of the policy and α."""
         agent, form, alpha = self.agent, self.form, self.log_alpha.detach().exp()
-        said = form.said(agent, batch)
-        agent.learn_values(form.of_actions(said, batch), batch, form.next_values(agent, batch, alpha))
+        said, back = form.said(agent, batch)
+        next_values = form.next_values(agent, batch, alpha)
+        agent.learn_values(said, back, lambda said: form.of_actions(said, batch), batch, next_values)
         if agent.policy_turn:
             values, entropy = form.objective(agent, batch, said)
             loss = policy_loss(values, entropy, alpha, agent.multipliers.values)

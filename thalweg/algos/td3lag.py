@@ -82,7 +82,8 @@ class TD3Lag:
         """One gradient step of the critics and, if it is its turn, of the policy."""
         agent = self.agent
         next_values = self._next_values(batch)
-        agent.learn_values(agent.critics.stack(batch.pairs).squeeze(-1), batch, next_values)
+        said, back = agent.critics.stack.ahead(batch.pairs)
+        agent.learn_values(said, back, lambda said: said.squeeze(-1), batch, next_values)
         if agent.policy_turn:
             outputs = self.policy.actor(batch.obs)
             pairs = torch.cat([batch.obs, self.form.differentiable(outputs, agent.generator)], 1)

@@ -162,18 +162,29 @@ class Agent:
         """Whether this gradient step, whose batch is at hand, improves the policy too."""
         return (self.gradient_steps + 1) % self.config.policy_delay == 0
 
-    def learn_values(self, values: Tensor, batch: Batch, next_values: Tensor) -> None:
+    def learn_values(
+        self,
+        said: Tensor,
+        back: Callable[[Tensor], None],
+        of_actions: Callable[[Tensor], Tensor],
+        batch: Batch,
+        next_values: Tensor,
+    ) -> None:
         """One step of Adam of all critics down ½ E[(Q - y)²], summed over critics (`maths.bootstrap`).
 
         Args:
-            values: Q(s, a) [K, B] of the batch's actions.
+            said: [K, B, W] what the critics put out, without a record, and
+            back: what their stack's `ahead` gave beside it.
+            of_actions: From what they say, Q(s, a) [K, B] of the batch's actions.
             batch: What was remembered.
             next_values: V(s') [S, B], without gradient.
         """
+        values = of_actions(said.requires_grad_())
         targets = bootstrap.target(batch.paid, batch.going_on, next_values, self._discounts)
         errors = losses.squared_error(values, targets[self.critics.signal])
-        self.critic_optimiser.forget()
         errors.sum().backward()
+        assert said.grad is not None
+        back(said.grad)
         self.critic_optimiser.step(self.config.max_grad_norm)
         leading = self.critics.leading
         self._tally.add(CRITICS, torch.cat([errors.detach()[leading], values.detach()[leading].mean(-1)]))

@@ -17,7 +17,7 @@ import os
 import statistics
 import subprocess
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,6 @@ from benchmarks.omnisafe import plot
 from benchmarks.omnisafe.contests import ACTION_REPEAT, CONTESTS, Contest, Work, merged
 from benchmarks.omnisafe.environment import python_with_omnisafe
 from benchmarks.peer_venv import SetupError, last_lines
-from thalweg.algos.registry import ALGORITHMS
 from thalweg.train.machine import machine, versions
 from thalweg.whole import whole, write_whole
 
@@ -90,17 +89,6 @@ def in_turns(contests: Sequence[Contest], turn: int) -> list[tuple[Contest, str]
     """Who is measured when: each second turn backwards, so that no place is better."""
     order = [(contest, side) for contest in contests for side in SIDES]
     return order[::-1] if turn % 2 else order
-
-
-def known(contests: Iterable[Contest]) -> list[Contest]:
-    """Those whose algorithm Thalweg has; the others are named."""
-    found = []
-    for contest in contests:
-        if contest.algorithm in ALGORITHMS:
-            found.append(contest)
-        else:
-            print(f"{contest.algorithm}: passed over, Thalweg does not have it yet", flush=True)
-    return found
 
 
 def measure_speed(python: Path, contests: Sequence[Contest], repeats: int, out: Path) -> None:
@@ -182,7 +170,7 @@ def main() -> int:
     given = parser.parse_args()
     if min(given.repeats, given.seeds) < 1:
         parser.error("at least one repetition and one seed")
-    chosen = known(c for c in CONTESTS if not given.algorithms or c.algorithm in given.algorithms)
+    chosen = [c for c in CONTESTS if not given.algorithms or c.algorithm in given.algorithms]
     try:
         python = python_with_omnisafe(given.python)
     except SetupError as error:

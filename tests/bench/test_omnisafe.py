@@ -157,12 +157,6 @@ def test_each_second_turn_goes_backwards():
     assert compare.in_turns(CONTESTS[:2], 1) == first[::-1]
 
 
-def test_what_thalweg_does_not_have_is_passed_over_in_words(monkeypatch: pytest.MonkeyPatch, capsys):
-    monkeypatch.setattr(compare, "ALGORITHMS", {"PPO": None})
-    assert [contest.algorithm for contest in compare.known(CONTESTS[:2])] == ["PPO"]
-    assert capsys.readouterr().out == "PPOLag: passed over, Thalweg does not have it yet\n"
-
-
 def test_a_run_is_carried_out_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(compare, "KEPT", tmp_path)
     orders = []

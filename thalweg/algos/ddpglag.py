@@ -9,9 +9,8 @@ import torch
 from torch import Tensor
 
 from thalweg.algos.interface import Feedback, Rollout, Task
-from thalweg.algos.maths.multiplier import combined
 from thalweg.algos.offpolicy.agent import Agent
-from thalweg.algos.offpolicy.deterministic import DeterministicConfig, deterministic
+from thalweg.algos.offpolicy.deterministic import DeterministicConfig, deterministic, policy_loss
 from thalweg.algos.offpolicy.replay import Batch
 
 
@@ -22,19 +21,6 @@ class DDPGLagConfig(DeterministicConfig):
     target_actor: bool = True
     """Whether targets take the action of the policy's slow copy, as in the paper; else that of the policy itself, as in
     OmniSafe."""
-
-
-def policy_loss(config: DDPGLagConfig, values: Tensor, outputs: Tensor, multipliers: tuple[float, ...]) -> Tensor:
-    """L = -E[(Q_r(s, μ(s)) - Σ_i λ_i Q_ci(s, μ(s))) / (1 + Σ_i λ_i)] + c E[z²]: what the policy minimises.
-
-    Args:
-        config: With c, `output_decay`.
-        values: [1 + M, B], the reward's and then each cost's.
-        outputs: z [B, P], of the policy's network.
-        multipliers: λ [M].
-    """
-    lagrangian = combined(values[0], values[1:], multipliers, normalised=True)
-    return -lagrangian.mean() + config.output_decay * outputs.square().mean()
 
 
 class DDPGLag:

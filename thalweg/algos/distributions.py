@@ -188,7 +188,7 @@ class Points:
 
 class Traced:
     """A distribution that a loss is taken of: its numbers [B] are where torch begins to record, and what they mean for
-    the parameters is written out. That is a third of the time of recording it all."""
+    the parameters is written out, so that fewer calls are recorded."""
 
     def __init__(self, distribution: Sloped) -> None:
         self._distribution = distribution

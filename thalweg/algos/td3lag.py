@@ -9,9 +9,8 @@ import torch
 from torch import Tensor
 
 from thalweg.algos.interface import Feedback, Rollout, Task
-from thalweg.algos.maths.multiplier import combined
 from thalweg.algos.offpolicy.agent import Agent
-from thalweg.algos.offpolicy.deterministic import DeterministicConfig, deterministic
+from thalweg.algos.offpolicy.deterministic import DeterministicConfig, deterministic, policy_loss
 from thalweg.algos.offpolicy.replay import Batch
 
 
@@ -35,19 +34,6 @@ class TD3LagConfig(DeterministicConfig):
             "target_noise": (self.target_noise >= 0, "must not be negative"),
             "target_noise_clip": (self.target_noise_clip >= 0, "must not be negative"),
         }
-
-
-def policy_loss(config: TD3LagConfig, values: Tensor, outputs: Tensor, multipliers: tuple[float, ...]) -> Tensor:
-    """L = -E[(Q_r1(s, μ(s)) - Σ_i λ_i Q_ci(s, μ(s))) / (1 + Σ_i λ_i)] + c E[z²]: what the policy minimises.
-
-    Args:
-        config: With c, `output_decay`.
-        values: [1 + M, B], the reward's and then each cost's.
-        outputs: z [B, P], of the policy's network.
-        multipliers: λ [M].
-    """
-    lagrangian = combined(values[0], values[1:], multipliers, normalised=True)
-    return -lagrangian.mean() + config.output_decay * outputs.square().mean()
 
 
 class TD3Lag:

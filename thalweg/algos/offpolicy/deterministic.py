@@ -15,6 +15,7 @@ from thalweg.algos.actions import Actions, actions_of
 from thalweg.algos.distributions import Categoricals
 from thalweg.algos.interface import Task
 from thalweg.algos.maths import relaxed
+from thalweg.algos.maths.multiplier import combined
 from thalweg.algos.offpolicy.config import OffPolicyConfig
 
 COLDEST = 1e-3
@@ -53,6 +54,19 @@ class DeterministicConfig(OffPolicyConfig):
     def exploration_at(self, progress: float) -> float:
         """Share 0..1 of the usual exploration at this share of the run."""
         return 1.0 - progress if self.exploration_fades else 1.0
+
+
+def policy_loss(config: DeterministicConfig, values: Tensor, outputs: Tensor, multipliers: tuple[float, ...]) -> Tensor:
+    """L = -E[(Q_r(s, μ(s)) - Σ_i λ_i Q_ci(s, μ(s))) / (1 + Σ_i λ_i)] + c E[z²]: what the policy minimises.
+
+    Args:
+        config: With c, `output_decay`.
+        values: [1 + M, B], the reward's and then each cost's.
+        outputs: z [B, P], of the policy's network.
+        multipliers: λ [M].
+    """
+    lagrangian = combined(values[0], values[1:], multipliers, normalised=True)
+    return -lagrangian.mean() + config.output_decay * outputs.square().mean()
 
 
 class Deterministic(Protocol):

@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from tests.algos.offpolicy.learners import SPACES, batch_of, learner_for, one_by_one, shake
-from thalweg.algos.ddpglag import DDPGLagConfig, policy_loss
+from thalweg.algos.ddpglag import DDPGLagConfig
+from thalweg.algos.offpolicy.deterministic import policy_loss
 
 F64 = torch.float64
 

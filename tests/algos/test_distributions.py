@@ -71,6 +71,18 @@ def test_drawing_carries_the_gradient_of_mean_and_deviation():
     assert torch.autograd.gradcheck(drawn, (mean, log_std))
 
 
+def test_slopes_of_a_draw_are_those_which_torch_finds():
+    mean, log_std, of_actions = torch.randn(3, 6, 2, dtype=F64, generator=torch.Generator().manual_seed(1))
+    log_std[0, 0], of_log_prob = 2.5, torch.linspace(-1.0, 2.0, 6, dtype=F64)  # the first is held at its bound
+    actions, log_prob, back = Squashed(mean, log_std).ahead(torch.Generator().manual_seed(0))
+    found = back(of_actions, of_log_prob)
+    drawn, said = Squashed(mean.requires_grad_(), log_std.requires_grad_()).rsample(torch.Generator().manual_seed(0))
+    ((drawn * of_actions).sum() + (said * of_log_prob).sum()).backward()
+    assert mean.grad is not None and log_std.grad is not None and float(log_std.grad[0, 0]) == 0.0
+    assert torch.equal(actions, drawn.detach()) and torch.equal(log_prob, said.detach())
+    assert torch.allclose(found, torch.cat([mean.grad, log_std.grad], -1))
+
+
 def test_far_out_where_tanh_rounds_to_one_the_log_probability_stays_exact():
     # log(1 - tanh² u) → log 4 - 2u
     before = torch.tensor([[30.0]])

@@ -84,7 +84,7 @@ def test_what_the_policy_maximises_is_the_sum_over_all_81_joint_actions():
     learner, batch = river()
     expected, entropies, _ = by_loops(learner, batch.obs, learner.agent.critics.stack)
     said, _ = learner.form.said(learner.agent, batch)
-    values, entropy = learner.form.objective(learner.agent, batch, said)
+    values, entropy, _ = learner.form.objective(learner.agent, batch, said)
     for state in range(7):
         assert values[:, state].tolist() == pytest.approx(expected[state], abs=1e-4)
     assert entropy.tolist() == pytest.approx(entropies, abs=1e-5)
@@ -93,8 +93,9 @@ def test_what_the_policy_maximises_is_the_sum_over_all_81_joint_actions():
 def test_the_policys_gradient_is_that_of_the_sum_and_no_critics():
     learner, batch = river()
     actor, critics = learner.policy.actor.stack, learner.agent.critics.stack
-    values, entropy = learner.form.objective(learner.agent, batch, learner.form.said(learner.agent, batch)[0])
+    values, entropy, back = learner.form.objective(learner.agent, batch, learner.form.said(learner.agent, batch)[0])
     policy_loss(values, entropy, ALPHA, (2.0, 1.0)).backward()
+    back()
     found, actor.flat.grad = actor.flat.grad, None
     assert critics.flat.grad is None and found is not None
     branches = actor.plain(batch.obs)[0].view(-1, 4, 3).log_softmax(-1)
@@ -109,12 +110,15 @@ def test_the_policys_gradient_is_that_of_the_sum_and_no_critics():
     assert torch.allclose(found, actor.flat.grad, atol=1e-5) and found.abs().max() > 1e-3
 
 
-def test_values_of_the_batchs_actions_are_those_at_their_numbers():
-    learner, batch = river()
+def test_critics_learn_at_the_numbers_of_the_batchs_actions_and_nowhere_else():
+    learner, batch = river(discount=0.0, cost_discount=0.0)
     said, _ = learner.form.said(learner.agent, batch)
-    found = learner.form.of_actions(said, batch)
+    slopes: list[torch.Tensor] = []
+    learner.agent.learn_values(said, slopes.append, batch, torch.zeros(3, 7), learner.form.chosen(batch))
     for state, number in enumerate(batch.actions[:, 0].int().tolist()):
-        assert torch.equal(found[:, state], said[:, state, number])
+        expected = torch.zeros(6, 81)
+        expected[:, number] = (said[:, state, number] - batch.paid[[0, 0, 1, 2, 1, 2], state]) / 7
+        assert torch.allclose(slopes[0][:, state], expected, atol=1e-6)
 
 
 def box(**settings: Any) -> tuple[Any, Any]:
@@ -163,8 +167,9 @@ def test_a_draw_carries_the_gradient_of_the_policy():
     learner, batch = box()
     actor, critics = learner.policy.actor.stack, learner.agent.critics.stack
     learner.agent.generator.manual_seed(5)
-    values, entropy = learner.form.objective(learner.agent, batch, torch.zeros(3, 7))
+    values, entropy, back = learner.form.objective(learner.agent, batch, torch.zeros(3, 7))
     policy_loss(values, entropy, ALPHA, (2.0,)).backward()
+    back()
     found, actor.flat.grad = actor.flat.grad, None
     mean, log_std = actor.plain(batch.obs)[0].chunk(2, -1)
     noise = torch.randn(7, 2, generator=torch.Generator().manual_seed(5))

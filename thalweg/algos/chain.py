@@ -10,6 +10,7 @@ Letters: K perceptrons, B rows, D numbers of an observation.
 
 import itertools
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import torch
@@ -50,6 +51,27 @@ class Trace(NamedTuple):
     """What each activation was given, where its derivative does not follow from what it gave; else nothing."""
 
 
+class Parts:
+    """The layers of K perceptrons of one shape: views of the vector that all their parameters lie in."""
+
+    def __init__(self, layers: Layers) -> None:
+        self.layers = layers
+        self.widest = max(max(weight.shape[1:]) for weight, _ in layers)
+
+    @classmethod
+    def of(cls, flat: Tensor, count: int, sizes: tuple[int, ...]) -> "Parts":
+        return cls(layers_of(flat, count, sizes))
+
+    @cached_property
+    def apart(self) -> list[Layers]:
+        """[before, after] and [after] of each layer of each perceptron."""
+        return [[(weight[k], bias[k, 0]) for weight, bias in self.layers] for k in range(len(self.layers[0][0]))]
+
+    def some(self, chosen: slice) -> "Parts":
+        """Of these perceptrons only."""
+        return self if chosen is ALL else Parts([(weight[chosen], bias[chosen]) for weight, bias in self.layers])
+
+
 def layers_of(flat: Tensor, count: int, sizes: tuple[int, ...]) -> Layers:
     """Weight [K, before, after] and bias [K, 1, after] of each layer of K perceptrons: views of their vector."""
     lengths = [
@@ -62,14 +84,14 @@ def layers_of(flat: Tensor, count: int, sizes: tuple[int, ...]) -> Layers:
     ]
 
 
-def outputs(x: Tensor, parts: Layers, activation: Activation) -> tuple[Tensor, Trace]:
+def outputs(x: Tensor, parts: Parts, activation: Activation) -> tuple[Tensor, Trace]:
     """[K, B, outputs] of rows [B, D], or [K, B, D], without a record."""
-    widest = max(max(weight.shape[1:]) for weight, _ in parts)
-    if FUSED is not None and widest > WIDE and x.shape[-2] >= MANY_ROWS and x.dtype == torch.float32 and x.is_cpu:
-        return _outputs_one_by_one(x, parts, activation)
-    hidden = x.expand(len(parts[0][0]), *x.shape) if x.dim() == 2 else x
+    if FUSED is not None and parts.widest > WIDE and x.shape[-2] >= MANY_ROWS and x.dtype == torch.float32 and x.is_cpu:
+        return _outputs_one_by_one(x, parts.apart, activation)
+    *inner, (last_weight, last_bias) = parts.layers
+    hidden = x.expand(len(last_weight), *x.shape) if x.dim() == 2 else x
     seen, before = [hidden], []
-    for weight, bias in parts[:-1]:
+    for weight, bias in inner:
         hidden = torch.baddbmm(bias, hidden, weight)
         if activation == "swish":
             before.append(hidden)
@@ -77,24 +99,24 @@ def outputs(x: Tensor, parts: Layers, activation: Activation) -> tuple[Tensor, T
         else:
             hidden = hidden.tanh_() if activation == "tanh" else hidden.relu_()
         seen.append(hidden)
-    return torch.baddbmm(parts[-1][1], hidden, parts[-1][0]), Trace(seen, before)
+    return torch.baddbmm(last_bias, hidden, last_weight), Trace(seen, before)
 
 
 def gradients(
-    above: Tensor, trace: Trace, parts: Layers, places: Layers, activation: Activation, wants_x: bool
+    above: Tensor, trace: Trace, parts: Parts, places: Parts | None, activation: Activation, wants_x: bool
 ) -> Tensor | None:
     """From the gradient of the outputs [K, B, outputs]: that of each layer into its place, if there are places, and
     that of what the first was given [K, B, D], if it is wanted."""
     if not isinstance(trace.seen[0], Tensor):
-        return _gradients_one_by_one(above, trace, parts, places, activation, wants_x)
-    known = trace.before or trace.seen[1:]
-    for layer in range(len(parts) - 1, -1, -1):
-        if places:
-            torch.bmm(trace.seen[layer].transpose(1, 2), above, out=places[layer][0])  # pyright: ignore
-            torch.sum(above, 1, keepdim=True, out=places[layer][1])
+        return _gradients_one_by_one(above, trace, parts.apart, places and places.apart, activation, wants_x)
+    known, layers = trace.before or trace.seen[1:], parts.layers
+    for layer in range(len(layers) - 1, -1, -1):
+        if places is not None:
+            torch.bmm(trace.seen[layer].transpose(1, 2), above, out=places.layers[layer][0])  # pyright: ignore
+            torch.sum(above, 1, keepdim=True, out=places.layers[layer][1])
         if layer == 0 and not wants_x:
             return None
-        above = torch.bmm(above, parts[layer][0].transpose(1, 2))
+        above = torch.bmm(above, layers[layer][0].transpose(1, 2))
         if layer > 0:
             _DERIVATIVES[activation](above, known[layer - 1], above)
     return above
@@ -105,10 +127,10 @@ class Perceptrons(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, x: Tensor, flat: Tensor, parts: Layers, sizes: tuple[int, ...], chosen: slice, activation: Activation
+        ctx: Any, x: Tensor, flat: Tensor, parts: Parts, sizes: tuple[int, ...], chosen: slice, activation: Activation
     ) -> Tensor:
-        ctx.count, ctx.sizes, ctx.chosen, ctx.activation = len(parts[0][0]), sizes, chosen, activation
-        ctx.parts, ctx.shared = _chosen(parts, chosen), x.dim() == 2
+        ctx.count, ctx.sizes, ctx.chosen, ctx.activation = len(parts.layers[0][0]), sizes, chosen, activation
+        ctx.parts, ctx.shared = parts.some(chosen), x.dim() == 2
         found, trace = outputs(x, ctx.parts, activation)
         ctx.one_by_one = not isinstance(trace.seen[0], Tensor)
         kept = [*trace.seen, *trace.before]
@@ -121,62 +143,68 @@ class Perceptrons(torch.autograd.Function):
         flat, *kept = ctx.saved_tensors  # which makes sure that nothing has changed since
         if ctx.one_by_one:
             kept = [kept[first : first + len(above)] for first in range(0, len(kept), len(above))]
-        trace = Trace(kept[: len(ctx.parts)], kept[len(ctx.parts) :])
+        layers = len(ctx.parts.layers)
+        trace = Trace(kept[:layers], kept[layers:])
         wants_x, wants_flat = ctx.needs_input_grad[:2]
-        into, places = None, []
+        into, places = None, None
         if wants_flat:
             into = (torch.empty_like if len(above) == ctx.count else torch.zeros_like)(flat)
-            places = _chosen(layers_of(into, ctx.count, ctx.sizes), ctx.chosen)
+            places = Parts.of(into, ctx.count, ctx.sizes).some(ctx.chosen)
         below = gradients(above, trace, ctx.parts, places, ctx.activation, wants_x)
         return below.sum(0) if below is not None and ctx.shared else below, into, None, None, None, None
 
 
-def _outputs_one_by_one(x: Tensor, parts: Layers, activation: Activation) -> tuple[Tensor, Trace]:
+def _outputs_one_by_one(x: Tensor, apart: list[Layers], activation: Activation) -> tuple[Tensor, Trace]:
     """`outputs` by oneDNN, perceptron after perceptron."""
     found = []
-    seen, before = [[] for _ in parts], [[] for _ in parts[1:]] if activation == "swish" else []
-    for k in range(len(parts[0][0])):
+    seen, before = [[] for _ in apart[0]], [[] for _ in apart[0][1:]] if activation == "swish" else []
+    for k, (*inner, (last_weight, last_bias)) in enumerate(apart):
         hidden = x if x.dim() == 2 else x[k]
-        for layer, (weight, bias) in enumerate(parts[:-1]):
+        for layer, (weight, bias) in enumerate(inner):
             seen[layer].append(hidden)
             if activation == "swish":
-                hidden = _product(hidden, weight[k], bias[k, 0])
+                hidden = _product(hidden, weight, bias)
                 before[layer].append(hidden)
                 hidden = silu(hidden)
             else:
-                hidden = _product(hidden, weight[k], bias[k, 0], activation)
+                hidden = _product(hidden, weight, bias, activation)
         seen[-1].append(hidden)
-        found.append(_product(hidden, parts[-1][0][k], parts[-1][1][k, 0]))
+        found.append(_product(hidden, last_weight, last_bias))
     return torch.stack(found), Trace(seen, before)
 
 
 def _gradients_one_by_one(
-    above: Tensor, trace: Trace, parts: Layers, places: Layers, activation: Activation, wants_x: bool
+    above: Tensor,
+    trace: Trace,
+    apart: list[Layers],
+    places: list[Layers] | None,
+    activation: Activation,
+    wants_x: bool,
 ) -> Tensor | None:
     """`gradients` by oneDNN, perceptron after perceptron."""
-    known, found = trace.before or trace.seen[1:], []
+    known, found, through = trace.before or trace.seen[1:], [], _DERIVATIVES[activation]
     for k, slope in enumerate(above):
-        for layer in range(len(parts) - 1, -1, -1):
-            if places:
-                places[layer][0][k].copy_(_product(trace.seen[layer][k].t(), slope))
-                torch.sum(slope, 0, out=places[layer][1][k, 0])
+        for layer in range(len(apart[k]) - 1, -1, -1):
+            if places is not None:
+                weight_place, bias_place = places[k][layer]
+                weight_place.copy_(_product(trace.seen[layer][k].t(), slope))
+                torch.sum(slope, 0, out=bias_place)
             if layer == 0 and not wants_x:
                 break
-            slope = _product(slope, parts[layer][0][k].t())
+            slope = _product(slope, apart[k][layer][0].t())
             if layer > 0:
-                _DERIVATIVES[activation](slope, known[layer - 1][k], slope)
+                through(slope, known[layer - 1][k], slope)
         found.append(slope)
     return torch.stack(found) if wants_x else None
 
 
 def _product(x: Tensor, weight: Tensor, bias: Tensor | None = None, activation: str = "none") -> Tensor:
-    """activation(x [B, before] weight [before, after] + bias [after])."""
+    """activation(x [B, before] weight [before, after] + bias [after]), for no activation, "tanh" or "relu"."""
     assert FUSED is not None
-    return FUSED(x, weight.t(), bias, activation, [], "")
-
-
-def _chosen(layers: Layers, chosen: slice) -> Layers:
-    return layers if chosen is ALL else [(weight[chosen], bias[chosen]) for weight, bias in layers]
+    if 1 not in weight.shape:  # which is no matter of arithmetic
+        return FUSED(x, weight.t(), bias, activation, [], "")
+    found = torch.mm(x, weight) if bias is None else torch.addmm(bias, x, weight)
+    return found if activation == "none" else found.tanh_() if activation == "tanh" else found.relu_()
 
 
 def _through_tanh(above: Tensor, after: Tensor, into: Tensor) -> None:

@@ -88,15 +88,15 @@ class Categoricals:
         return categorical.kl(self.log_p, other.log_p)
 
     def log_prob_slope(self, actions: Tensor) -> Tensor:
-        return self._of_logits(categorical.log_prob_slope(self.log_p, actions))
+        return self.of_logits(categorical.log_prob_slope(self.log_p, actions))
 
     def entropy_slope(self) -> Tensor:
-        return self._of_logits(categorical.entropy_slope(self.log_p))
+        return self.of_logits(categorical.entropy_slope(self.log_p))
 
     def kl_slope(self, other: "Categoricals") -> Tensor:
-        return self._of_logits(categorical.kl_slope(self.log_p, other.log_p))
+        return self.of_logits(categorical.kl_slope(self.log_p, other.log_p))
 
-    def _of_logits(self, slope: Tensor) -> Tensor:
+    def of_logits(self, slope: Tensor) -> Tensor:
         """[B, Σ sizes] of a gradient [B, A, K]: without the options that do not exist."""
         return slope.flatten(1) if self.present is None else slope[:, self.present]
 
@@ -138,12 +138,26 @@ class Squashed:
 
     def __init__(self, mean: Tensor, log_std: Tensor) -> None:
         self.mean, self.log_std = mean, log_std.clamp(*LOG_STD_RANGE)
+        self._given = log_std
 
     def rsample(self, generator: torch.Generator | None) -> tuple[Tensor, Tensor]:
         """Actions [B, A] that carry the gradient of the parameters, and their log-probabilities [B]."""
         noise = torch.randn(self.mean.shape, dtype=self.mean.dtype, generator=generator)
         before = self.mean + self.log_std.exp() * noise
         return before.tanh(), gaussian.squashed_log_prob(self.mean, self.log_std, before)
+
+    def ahead(self, generator: torch.Generator | None) -> tuple[Tensor, Tensor, Callable[[Tensor, Tensor], Tensor]]:
+        """The same without a record, and what gives from both their gradients that of the parameters [B, 2 A]."""
+        noise = torch.randn(self.mean.shape, dtype=self.mean.dtype, generator=generator)
+        spread = self.log_std.exp() * noise
+        before = self.mean + spread
+        actions = before.tanh()
+
+        def back(of_actions: Tensor, of_log_prob: Tensor) -> Tensor:
+            mean, log_std = gaussian.squashed_slopes(actions, spread, of_actions, of_log_prob)
+            return torch.cat([mean, log_std * (self._given == self.log_std)], -1)
+
+        return actions, gaussian.squashed_log_prob(self.mean, self.log_std, before), back
 
     def sample(self, generator: torch.Generator | None) -> Tensor:
         return self.rsample(generator)[0]

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from thalweg.algos import chain, loops
 from thalweg.algos.actions import Actions
 from thalweg.algos.adam import Adam
-from thalweg.algos.chain import ALL, FUNCTIONS, Activation, Layers, Perceptrons, layers_of
+from thalweg.algos.chain import ALL, FUNCTIONS, Activation, Layers, Parts, Perceptrons, layers_of
 from thalweg.algos.maths import losses
 from thalweg.algos.memory import Gru, Sequences
 
@@ -74,7 +74,7 @@ class Stack(nn.Module):
         self.flat = nn.Parameter(
             torch.empty(sum(count * (before + 1) * after for before, after in itertools.pairwise(self.sizes)))
         )
-        self._views: tuple[int, Layers] = (0, [])
+        self._views: dict[str, tuple[int, Parts]] = {}
         self.sizes_array, self.code = np.array(self.sizes), loops.TANH if activation == "tanh" else loops.RELU
         self.small = activation != "swish" and max(self.sizes) <= SMALL
         """Whether compiled loops compute it, if it is asked for on a CPU."""
@@ -98,7 +98,9 @@ class Stack(nn.Module):
         """[K, B, outputs]; `frozen`: as if the parameters were constants, while x may have a gradient; `chosen`: of
         these perceptrons only."""
         flat = self.flat.detach() if frozen else self.flat
-        return Perceptrons.apply(x, flat, self.layers, self.sizes, chosen, self.activation)  # pyright: ignore
+        if not (torch.is_grad_enabled() and (x.requires_grad or flat.requires_grad)):
+            return chain.outputs(x, self.parts.some(chosen), self.activation)[0]
+        return Perceptrons.apply(x, flat, self.parts, self.sizes, chosen, self.activation)  # pyright: ignore
 
     @torch.no_grad()
     def ahead(self, x: Tensor) -> tuple[Tensor, Callable[[Tensor], None]]:
@@ -106,13 +108,28 @@ class Stack(nn.Module):
         parameters in `flat.grad`, in place of what was there. For a step that torch need not keep books of."""
         if self.small and x.dim() == 2 and x.dtype == torch.float32 and x.device.type == "cpu":
             return self._ahead_in_loops(x)
-        parts = self.layers
+        parts = self.parts
         outputs, trace = chain.outputs(x, parts, self.activation)
 
         @torch.no_grad()
         def back(above: Tensor) -> None:
-            slopes = layers_of(self._slopes(), self.count, self.sizes)
+            slopes = self._cut("slopes", self._slopes())
             chain.gradients(above, trace, parts, slopes, self.activation, wants_x=False)
+
+        return outputs, back
+
+    @torch.no_grad()
+    def through(self, x: Tensor, chosen: slice = ALL) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
+        """[K, B, outputs] of rows [B, D] without a record, of these perceptrons, as if they were constants; and what
+        gives from their gradient that of the rows [B, D]."""
+        parts = self.parts.some(chosen)
+        outputs, trace = chain.outputs(x, parts, self.activation)
+
+        @torch.no_grad()
+        def back(above: Tensor) -> Tensor:
+            below = chain.gradients(above, trace, parts, None, self.activation, wants_x=True)
+            assert below is not None
+            return below.sum(0)
 
         return outputs, back
 
@@ -138,12 +155,22 @@ class Stack(nn.Module):
         return torch.baddbmm(last_bias, x, last_weight)
 
     @property
+    def parts(self) -> Parts:
+        """Views of the vector without its gradient."""
+        return self._cut("parameters", self.flat.detach())
+
+    @property
     def layers(self) -> Layers:
-        """The layers as views of the vector without its gradient, made once for each place that it lies in."""
-        place = self.flat.data_ptr()
-        if self._views[0] != place:
-            self._views = (place, layers_of(self.flat.detach(), self.count, self.sizes))
-        return self._views[1]
+        """Weight and bias of each layer, as views of the vector without its gradient."""
+        return self.parts.layers
+
+    def _cut(self, name: str, flat: Tensor) -> Parts:
+        """Views of a vector that is cut like the parameters, made once for each place that it lies in."""
+        place, parts = self._views.get(name, (0, None))
+        if parts is None or place != flat.data_ptr():
+            parts = Parts.of(flat, self.count, self.sizes)
+            self._views[name] = (flat.data_ptr(), parts)
+        return parts
 
     def _slopes(self) -> Tensor:
         """Where the parameters' gradients lie."""

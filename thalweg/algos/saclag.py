@@ -100,15 +100,14 @@ class Exact:
         """Q(s, a) of every joint action [K, B, J], and what passes their gradient on to the critics."""
         return agent.critics.stack.ahead(batch.obs)
 
-    def of_actions(self, said: Tensor, batch: Batch) -> Tensor:
-        """Q(s, a) [K, B] of the batch's actions."""
-        chosen = batch.actions.long().expand(len(said), -1, 1)
-        return said.gather(-1, chosen).squeeze(-1)
+    def chosen(self, batch: Batch) -> Tensor:
+        """Which joint action each state of the batch saw, [B]."""
+        return batch.actions[:, 0].long()
 
     @torch.no_grad()
     def next_values(self, agent: Agent, batch: Batch, alpha: Tensor) -> Tensor:
         """V(s') [1 + M, B]: Σ_a π(a|s') (min Q'_r - α log π), and Σ_a π(a|s') Q'_ci."""
-        log_p, values = self._log_p(agent, batch.next_obs), agent.slow_critics(batch.next_obs)
+        log_p, values = self._log_p(agent.policy.actor(batch.next_obs)), agent.slow_critics(batch.next_obs)
         values = agent.critics.cautious(values)
         expected = torch.stack([joint.expectation(log_p, each) for each in values])
         expected[0] -= alpha * joint.expectation(log_p, log_p)
@@ -116,19 +115,20 @@ class Exact:
             expected[1:] = values[1:, torch.arange(len(log_p)), log_p.argmax(-1)]
         return expected
 
-    def objective(self, agent: Agent, batch: Batch, said: Tensor) -> tuple[Tensor, Tensor]:
-        """V(s) [1 + M, B] and H(s) [B] with the policy's gradient.
+    def objective(self, agent: Agent, batch: Batch, said: Tensor) -> tuple[Tensor, Tensor, Callable[[], None]]:
+        """V(s) [1 + M, B] and H(s) [B], and what passes their gradient on to the policy, once it is there.
 
         The critics are not asked again: the policy learns from what they said before their own gradient step.
         """
-        log_p = self._log_p(agent, batch.obs)
+        outputs, back = agent.policy.actor.ahead(batch.obs)
+        log_p = self._log_p(outputs.requires_grad_())
         values = agent.critics.cautious(said.detach())
         expected = torch.stack([joint.expectation(log_p, each) for each in values])
-        return expected, -joint.expectation(log_p, log_p)
+        return expected, -joint.expectation(log_p, log_p), lambda: back(_slope(outputs))
 
-    def _log_p(self, agent: Agent, obs: Tensor) -> Tensor:
+    def _log_p(self, outputs: Tensor) -> Tensor:
         """log π(a|s) [B, J]."""
-        policy = Categoricals.from_logits(agent.policy.actor(obs), self.actions.sizes)
+        policy = Categoricals.from_logits(outputs, self.actions.sizes)
         return joint.log_prob(policy.log_p, self._selected)
 
 
@@ -152,14 +152,13 @@ class Sampled:
         """Q(s, a) [K, B, 1] of the batch's actions, and what passes their gradient on to the critics."""
         return agent.critics.stack.ahead(batch.pairs)
 
-    def of_actions(self, said: Tensor, batch: Batch) -> Tensor:
-        """The same [K, B]."""
-        return said.squeeze(-1)
+    def chosen(self, batch: Batch) -> None:
+        """There is but one number."""
 
     @torch.no_grad()
     def next_values(self, agent: Agent, batch: Batch, alpha: Tensor) -> Tensor:
         """V(s') [1 + M, B]: min Q'_r(s', a') - α log π(a'|s'), and Q'_ci(s', a'), a' drawn from the policy."""
-        policy = self._policy(agent, batch.next_obs)
+        policy = _squashed(agent.policy.actor(batch.next_obs))
         drawn, log_prob = policy.rsample(agent.generator)
         pairs = torch.cat([batch.next_obs, self.coded(drawn)], 1)
         if self.config.cost_target == "mode":
@@ -169,14 +168,32 @@ class Sampled:
         values[0] -= alpha * log_prob
         return values
 
-    def objective(self, agent: Agent, batch: Batch, said: Tensor) -> tuple[Tensor, Tensor]:
-        """V(s) [1 + M, B] and H(s) [B], both of one draw that carries the policy's gradient."""
-        drawn, log_prob = self._policy(agent, batch.obs).rsample(agent.generator)
-        values = agent.critics.stack(torch.cat([batch.obs, drawn], 1), frozen=True).squeeze(-1)
-        return agent.critics.cautious(values), -log_prob
+    def objective(self, agent: Agent, batch: Batch, said: Tensor) -> tuple[Tensor, Tensor, Callable[[], None]]:
+        """V(s) [1 + M, B] and H(s) [B], both of one draw, and what passes their gradient on to the policy, once it is
+        there."""
+        with torch.no_grad():
+            outputs, through_policy = agent.policy.actor.ahead(batch.obs)
+            drawn, log_prob, through_draw = _squashed(outputs).ahead(agent.generator)
+            values, through_critics = agent.critics.stack.through(torch.cat([batch.obs, drawn], 1))
+        for leaf in (values, log_prob):
+            leaf.requires_grad_()
 
-    def _policy(self, agent: Agent, obs: Tensor) -> Squashed:
-        return Squashed(*agent.policy.actor(obs).chunk(2, dim=-1))
+        @torch.no_grad()
+        def back() -> None:
+            of_drawn = through_critics(_slope(values))[:, batch.obs.shape[1] :]
+            through_policy(through_draw(of_drawn, _slope(log_prob)))
+
+        return agent.critics.cautious(values.squeeze(-1)), -log_prob, back
+
+
+def _slope(leaf: Tensor) -> Tensor:
+    """The gradient that has been left in it."""
+    assert leaf.grad is not None
+    return leaf.grad
+
+
+def _squashed(outputs: Tensor) -> Squashed:
+    return Squashed(*outputs.chunk(2, dim=-1))
 
 
 class SACLag:
@@ -221,13 +238,15 @@ class SACLag:
         agent, form, alpha = self.agent, self.form, self.log_alpha.detach().exp()
         said, back = form.said(agent, batch)
         next_values = form.next_values(agent, batch, alpha)
-        agent.learn_values(said, back, lambda said: form.of_actions(said, batch), batch, next_values)
+        agent.learn_values(said, back, batch, next_values, form.chosen(batch))
         if agent.policy_turn:
-            values, entropy = form.objective(agent, batch, said)
+            values, entropy, back = form.objective(agent, batch, said)
             loss = policy_loss(values, entropy, alpha, agent.multipliers.values)
             self.alpha_optimiser.forget()
             if self.config.auto_alpha:
                 loss = loss + alpha_loss(self.log_alpha, entropy, form.aim)
+            loss.backward()
+            back()
             agent.improve(loss, entropy.mean(), alpha)
             self.alpha_optimiser.step()  # without a gradient it stays
 

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.offpolicy.agent import Agent
-from thalweg.algos.offpolicy.deterministic import DeterministicConfig, deterministic, policy_loss
+from thalweg.algos.offpolicy.deterministic import DeterministicConfig, climb, deterministic
 from thalweg.algos.offpolicy.replay import Batch
 
 
@@ -69,12 +69,9 @@ class TD3Lag:
         agent = self.agent
         next_values = self._next_values(batch)
         said, back = agent.critics.stack.ahead(batch.pairs)
-        agent.learn_values(said, back, lambda said: said.squeeze(-1), batch, next_values)
+        agent.learn_values(said, back, batch, next_values)
         if agent.policy_turn:
-            outputs = self.policy.actor(batch.obs)
-            pairs = torch.cat([batch.obs, self.form.differentiable(outputs, agent.generator)], 1)
-            values = agent.critics.stack(pairs, frozen=True, chosen=agent.critics.leading).squeeze(-1)
-            agent.improve(policy_loss(self.config, values, outputs, agent.multipliers.values))
+            climb(agent, self.form, self.config, batch)
 
     @torch.no_grad()
     def _next_values(self, batch: Batch) -> Tensor:

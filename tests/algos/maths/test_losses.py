@@ -71,6 +71,14 @@ def test_critic_errors_are_kept_apart():
     assert found.tolist() == [1.0, 0.5]
 
 
+def test_the_slope_of_critic_errors_is_that_which_torch_finds():
+    predictions, targets = torch.randn(2, 3, 5, dtype=F64, generator=torch.Generator().manual_seed(0))
+    predictions.requires_grad_()
+    losses.squared_error(predictions, targets).sum().backward()
+    assert predictions.grad is not None
+    assert torch.allclose(losses.squared_error_slope(predictions.detach(), targets), predictions.grad)
+
+
 def test_explained_variance():
     targets = tensor(1, 2, 3, 4)
     assert losses.explained_variance(targets, targets) == 1.0

@@ -6,8 +6,9 @@ import pytest
 import torch
 
 from thalweg.algos.actions import actions_of
+from thalweg.algos.ddpglag import DDPGLagConfig
 from thalweg.algos.maths import relaxed
-from thalweg.algos.offpolicy.deterministic import Choices, DeterministicConfig, Numbers
+from thalweg.algos.offpolicy.deterministic import Choices, DeterministicConfig, Numbers, policy_loss, policy_slopes
 
 MANY = 20_000
 UNEVEN = gym.spaces.MultiDiscrete([3, 2])
@@ -50,30 +51,38 @@ def test_choices_are_remembered_as_one_hot_vectors():
 
 
 def test_a_number_carries_the_gradient_of_tanh():
-    outputs = torch.tensor([[0.5, -1.0]], requires_grad=True)
-    numbers("box_scaled").differentiable(outputs, generator()).sum().backward()
-    assert outputs.grad is not None
-    assert outputs.grad.flatten().tolist() == pytest.approx([1 - np.tanh(0.5) ** 2, 1 - np.tanh(1.0) ** 2])
+    point, back = numbers("box_scaled").ahead(torch.tensor([[0.5, -1.0]]), generator())
+    assert point.flatten().tolist() == pytest.approx(np.tanh([0.5, -1.0]))
+    found = back(torch.tensor([[1.0, 3.0]])).flatten().tolist()
+    assert found == pytest.approx([1 - np.tanh(0.5) ** 2, 3 - 3 * np.tanh(1.0) ** 2])
 
 
 def test_a_choice_carries_the_gradient_of_the_softmax_at_its_temperature():
     logits, weight = torch.randn(7, 5, generator=generator(1)), torch.randn(7, 6, generator=generator(2))
     gradients = []
     for relaxation in (0.5, 2.0):
-        outputs = logits.clone().requires_grad_()
-        found = choices(relaxation=relaxation).differentiable(outputs, generator())
-        assert torch.equal(found.detach().view(7, 2, 3).sum(-1), torch.ones(7, 2))
-        (found * weight).sum().backward()
+        drawn, back = choices(relaxation=relaxation).ahead(logits, generator())
+        assert torch.equal(drawn.view(7, 2, 3).sum(-1), torch.ones(7, 2))
+        found = back(weight)
         again = logits.clone().requires_grad_()
         log_p = torch.stack([again[:, :3].log_softmax(-1), torch.cat([again[:, 3:].log_softmax(-1)] * 2, 1)[:, :3]], 1)
         absent = torch.tensor([[False] * 3, [False, False, True]])
         noise = relaxed.gumbel(torch.rand(7, 2, 3, generator=generator()))
         soft = ((log_p.masked_fill(absent, -1e9) + noise) / relaxation).softmax(-1)
         (soft.flatten(1) * weight).sum().backward()
-        assert outputs.grad is not None and again.grad is not None
-        assert torch.allclose(outputs.grad, again.grad, atol=1e-6)
-        gradients.append(outputs.grad)
+        assert again.grad is not None and torch.allclose(found, again.grad, atol=1e-6)
+        gradients.append(found)
     assert not torch.allclose(*gradients, atol=1e-3)
+
+
+def test_the_slopes_of_the_policys_loss_are_those_which_torch_finds():
+    values, outputs = torch.randn(3, 7, generator=generator(1)), torch.randn(7, 5, generator=generator(2))
+    config = DDPGLagConfig(output_decay=0.2)
+    found = policy_slopes(config, values, outputs, (2.0, 0.5))
+    leaves = values.requires_grad_(), outputs.requires_grad_()
+    policy_loss(config, *leaves, (2.0, 0.5)).backward()
+    for slope, leaf in zip(found, leaves, strict=True):
+        assert leaf.grad is not None and torch.allclose(slope, leaf.grad, atol=1e-7)
 
 
 def test_a_target_is_smoothed_within_its_clip_and_the_bounds():

@@ -64,6 +64,24 @@ def squashed_log_prob(mean: Tensor, log_std: Tensor, before: Tensor) -> Tensor:
     return log_prob(mean, log_std, before) - stretch.sum(-1)
 
 
+def squashed_slopes(actions: Tensor, spread: Tensor, of_actions: Tensor, of_log_prob: Tensor) -> tuple[Tensor, Tensor]:
+    """From the gradients of a = tanh(u), u = μ + σ ε [B, A], and of log π(a|s) [B], those of μ and log σ [B, A].
+
+    With ε held, log π = Σ_i -½ ε_i² - log σ_i - ½ log 2π - log(1 - a_i²), so that u gets (1 - a²) g_a + 2 a g_π, μ the
+    same, and log σ that times σ ε, less g_π.
+
+    Args:
+        actions: a [B, A].
+        spread: σ ε [B, A].
+        of_actions: g_a [B, A].
+        of_log_prob: g_π [B].
+    """
+    same_shape(actions=actions, spread=spread, of_actions=of_actions)
+    each = of_log_prob.unsqueeze(-1)
+    mean = (1.0 - actions.square()) * of_actions + 2.0 * actions * each
+    return mean, mean * spread - each
+
+
 def discretised(samples: Tensor, sizes: Tensor, *, scaled: bool) -> Tensor:
     """The choices [B, A] int64 that continuous samples [B, A] stand for: rounded and clamped to 0..sizes-1.
 

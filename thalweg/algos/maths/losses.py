@@ -131,6 +131,13 @@ def squared_error(predictions: Tensor, targets: Tensor) -> Tensor:
     return 0.5 * (predictions - targets).square().mean(-1)
 
 
+def squared_error_slope(predictions: Tensor, targets: Tensor) -> Tensor:
+    """The gradient (V - target) / B [K, B] of the sum of `squared_error` in the predictions."""
+    rank(2, predictions=predictions)
+    same_shape(predictions=predictions, targets=targets)
+    return (predictions - targets) / predictions.shape[1]
+
+
 def explained_variance(predictions: Tensor, targets: Tensor) -> float:
     """1 - Var(target - V) / Var(target) of [B]: 1 is perfect, 0 no better than a constant, NaN if nothing varies."""
     same_shape(predictions=predictions, targets=targets)

@@ -17,9 +17,9 @@ def gumbel(uniform: Tensor) -> Tensor:
     return -((uniform + TINY).log().neg() + TINY).log()
 
 
-def straight_through(log_p: Tensor, noise: Tensor, temperature: float) -> Tensor:
-    """One-hot choices [B, A, K] whose gradient is that of y = softmax((log π + g) / τ) (Jang, Gu, Poole 2017, equation
-    2 and section 2.2; Maddison, Mnih, Teh 2017).
+def straight_through(log_p: Tensor, noise: Tensor, temperature: float) -> tuple[Tensor, Tensor]:
+    """One-hot choices [B, A, K], and the soft ones y = softmax((log π + g) / τ) [B, A, K] whose gradient stands for
+    theirs (Jang, Gu, Poole 2017, equation 2 and section 2.2; Maddison, Mnih, Teh 2017).
 
     Args:
         log_p: log π [B, A, K].
@@ -29,8 +29,13 @@ def straight_through(log_p: Tensor, noise: Tensor, temperature: float) -> Tensor
     rank(3, log_p=log_p)
     same_shape(log_p=log_p, noise=noise)
     soft = ((log_p + noise) / temperature).softmax(-1)
-    hard = one_hot(soft.argmax(-1), soft.shape[-1], soft.dtype)
-    return hard + (soft - soft.detach())
+    return one_hot(soft.argmax(-1), soft.shape[-1], soft.dtype), soft
+
+
+def straight_through_slope(above: Tensor, soft: Tensor, temperature: float) -> Tensor:
+    """From the gradient of the choices [B, A, K] that of the logits: y (g - Σ_k y_k g_k) / τ, as of the soft ones."""
+    same_shape(above=above, soft=soft)
+    return soft * (above - (above * soft).sum(-1, keepdim=True)) / temperature
 
 
 def one_hot(actions: Tensor, options: int, dtype: torch.dtype = torch.float32) -> Tensor:

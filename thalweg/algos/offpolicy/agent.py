@@ -162,37 +162,38 @@ class Agent:
         """Whether this gradient step, whose batch is at hand, improves the policy too."""
         return (self.gradient_steps + 1) % self.config.policy_delay == 0
 
+    @torch.no_grad()
     def learn_values(
         self,
         said: Tensor,
         back: Callable[[Tensor], None],
-        of_actions: Callable[[Tensor], Tensor],
         batch: Batch,
         next_values: Tensor,
+        chosen: Tensor | None = None,
     ) -> None:
         """One step of Adam of all critics down ½ E[(Q - y)²], summed over critics (`maths.bootstrap`).
 
         Args:
             said: [K, B, W] what the critics put out, without a record, and
             back: what their stack's `ahead` gave beside it.
-            of_actions: From what they say, Q(s, a) [K, B] of the batch's actions.
             batch: What was remembered.
-            next_values: V(s') [S, B], without gradient.
+            next_values: V(s') [S, B].
+            chosen: Which of the W numbers is Q of the batch's actions, [B] int64; None: there is but one.
         """
-        values = of_actions(said.requires_grad_())
+        values = said[..., 0] if chosen is None else said.gather(-1, chosen.expand(len(said), -1).unsqueeze(-1))[..., 0]
         targets = bootstrap.target(batch.paid, batch.going_on, next_values, self._discounts)
-        errors = losses.squared_error(values, targets[self.critics.signal])
-        errors.sum().backward()
-        assert said.grad is not None
-        back(said.grad)
+        targets = targets if len(targets) == len(said) else targets[self.critics.signal]
+        slopes = losses.squared_error_slope(values, targets).unsqueeze(-1)
+        if chosen is not None:
+            slopes = torch.zeros_like(said).scatter_(-1, chosen.expand(len(said), -1).unsqueeze(-1), slopes)
+        back(slopes)
         self.critic_optimiser.step(self.config.max_grad_norm)
-        leading = self.critics.leading
-        self._tally.add(CRITICS, torch.cat([errors.detach()[leading], values.detach()[leading].mean(-1)]))
+        errors, leading = losses.squared_error(values, targets), self.critics.leading
+        self._tally.add(CRITICS, torch.cat([errors[leading], values[leading].mean(-1)]))
 
     def improve(self, loss: Tensor, *tallied: Tensor) -> None:
-        """One step of Adam of the policy down the gradient of a scalar; then all slow copies follow."""
-        self.policy_optimiser.forget()
-        loss.backward()
+        """One step of Adam of the policy down the gradient that has been left in it, of this scalar; then all slow
+        copies follow."""
         self.policy_optimiser.step(self.config.max_grad_norm)
         self.slow.follow(self.config.target_rate)
         self._tally.add(POLICY, torch.stack([loss, *tallied]).detach())

@@ -5,6 +5,7 @@ the policy in use is its most probable choice. Letters: B states, A numbers or b
 coded action.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -16,7 +17,9 @@ from thalweg.algos.distributions import Categoricals
 from thalweg.algos.interface import Task
 from thalweg.algos.maths import relaxed
 from thalweg.algos.maths.multiplier import combined
+from thalweg.algos.offpolicy.agent import Agent
 from thalweg.algos.offpolicy.config import OffPolicyConfig
+from thalweg.algos.offpolicy.replay import Batch
 
 COLDEST = 1e-3
 """Temperature at which choices are as good as certain."""
@@ -69,6 +72,14 @@ def policy_loss(config: DeterministicConfig, values: Tensor, outputs: Tensor, mu
     return -lagrangian.mean() + config.output_decay * outputs.square().mean()
 
 
+def policy_slopes(
+    config: DeterministicConfig, values: Tensor, outputs: Tensor, multipliers: tuple[float, ...]
+) -> tuple[Tensor, Tensor]:
+    """The gradient of `policy_loss` in the values [1 + M, B] and, while these stay as they are, in the outputs."""
+    weights = torch.tensor([-1.0, *multipliers], dtype=values.dtype) / ((1.0 + sum(multipliers)) * values.shape[1])
+    return weights.unsqueeze(1).expand_as(values), (2.0 * config.output_decay / outputs.numel()) * outputs
+
+
 class Deterministic(Protocol):
     """What an action is to a deterministic policy and its critics."""
 
@@ -84,8 +95,8 @@ class Deterministic(Protocol):
         """[B, W] the policy's own action, coded, as it would be executed."""
         ...
 
-    def differentiable(self, parameters: Tensor, generator: torch.Generator) -> Tensor:
-        """[B, W] the same, with a gradient."""
+    def ahead(self, parameters: Tensor, generator: torch.Generator) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
+        """[B, W] the same, or for choices a draw; and what gives from its gradient that of the parameters [B, P]."""
         ...
 
     def smoothed(self, parameters: Tensor, generator: torch.Generator, *, noise: float, clip: float) -> Tensor:
@@ -113,8 +124,9 @@ class Numbers:
     def chosen(self, parameters: Tensor) -> Tensor:
         return self.coded(parameters.tanh())
 
-    def differentiable(self, parameters: Tensor, generator: torch.Generator) -> Tensor:
-        return parameters.tanh()
+    def ahead(self, parameters: Tensor, generator: torch.Generator) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
+        point = parameters.tanh()
+        return point, lambda above: above * (1.0 - point.square())
 
     def smoothed(self, parameters: Tensor, generator: torch.Generator, *, noise: float, clip: float) -> Tensor:
         """clip(μ + clip(ε, -c, c), -1, 1), ε ~ N(0, σ̃) (Fujimoto, van Hoof, Meger 2018, equation 14)."""
@@ -142,10 +154,15 @@ class Choices:
     def chosen(self, parameters: Tensor) -> Tensor:
         return self.coded(self._choices(parameters).mode())
 
-    def differentiable(self, parameters: Tensor, generator: torch.Generator) -> Tensor:
-        log_p = self._choices(parameters).log_p
-        noise = relaxed.gumbel(torch.rand(log_p.shape, generator=generator))
-        return relaxed.straight_through(log_p, noise, self._config.relaxation).flatten(1)
+    def ahead(self, parameters: Tensor, generator: torch.Generator) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
+        choices, temperature = self._choices(parameters), self._config.relaxation
+        noise = relaxed.gumbel(torch.rand(choices.log_p.shape, generator=generator))
+        hard, soft = relaxed.straight_through(choices.log_p, noise, temperature)
+
+        def back(above: Tensor) -> Tensor:
+            return choices.of_logits(relaxed.straight_through_slope(above.view_as(soft), soft, temperature))
+
+        return hard.flatten(1), back
 
     def smoothed(self, parameters: Tensor, generator: torch.Generator, *, noise: float, clip: float) -> Tensor:
         """A draw from the softmax of the outputs divided by `noise`; there is nothing to clip."""
@@ -170,6 +187,19 @@ def deterministic(config: DeterministicConfig, task: Task) -> Numbers | Choices:
     """How the task's action space is learnt."""
     actions = actions_of(task.action_space, config.adapter, "point")
     return (Choices if actions.kind == "categorical" else Numbers)(actions, config)
+
+
+@torch.no_grad()
+def climb(agent: Agent, form: Deterministic, config: DeterministicConfig, batch: Batch) -> None:
+    """One step of Adam of the policy, whose gradient passes through the critics and its action, by the chain rule."""
+    critics, multipliers = agent.critics, agent.multipliers.values
+    outputs, through_policy = agent.policy.actor.ahead(batch.obs)
+    action, through_action = form.ahead(outputs, agent.generator)
+    values, through_critics = critics.stack.through(torch.cat([batch.obs, action], 1), critics.leading)
+    of_values, of_outputs = policy_slopes(config, values[..., 0], outputs, multipliers)
+    of_action = through_critics(of_values.unsqueeze(-1))[:, batch.obs.shape[1] :]
+    through_policy(through_action(of_action) + of_outputs)
+    agent.improve(policy_loss(config, values[..., 0], outputs, multipliers))
 
 
 def _mixed(raw: Tensor, form: Deterministic, share: float, generator: torch.Generator) -> Tensor:

@@ -10,7 +10,6 @@ algorithms and training; to make the rows of an algorithm that has changed again
 """
 
 import argparse
-import csv
 import hashlib
 import json
 import multiprocessing
@@ -35,7 +34,7 @@ from tests.known_answer.harness import (  # noqa: E402
     trained,
 )
 from tests.known_answer.problems import PROBLEMS  # noqa: E402
-from thalweg.bench.files import csv_text  # noqa: E402
+from thalweg.bench.files import csv_text, read_csv  # noqa: E402
 from thalweg.cache import source_hash  # noqa: E402
 from thalweg.whole import write_whole  # noqa: E402
 
@@ -68,10 +67,8 @@ def key(cell: Cell, seed: int) -> tuple[str, ...]:
 
 def finished(path: Path) -> Table:
     """The rows of the table, by their key."""
-    if not path.is_file():
-        return {}
-    with path.open(newline="") as file:
-        return {tuple(row[name] for name in KEY): row for row in csv.DictReader(file)}
+    rows = read_csv(path, COLUMNS) if path.is_file() else []
+    return {tuple(row[name] for name in KEY): row for row in rows}
 
 
 def measure(cell: Cell, seed: int, runs: Path) -> dict[str, str]:

@@ -9,7 +9,6 @@ of each curve for the algorithm's page.
 """
 
 import argparse
-import csv
 import sys
 from pathlib import Path
 
@@ -21,7 +20,7 @@ from matplotlib import pyplot as plt
 
 from thalweg.algos.registry import ALGORITHMS, algorithm_named
 from thalweg.bench.figures import STYLE
-from thalweg.bench.files import csv_text
+from thalweg.bench.files import csv_text, read_csv
 from thalweg.bench.tables import markdown
 from thalweg.train.river import TrainingGround, load_fitting_encoder
 from thalweg.whole import whole, write_whole
@@ -41,12 +40,9 @@ CURVE = ("algorithm", "steps", "return_mean_50", "cost_mean_50")
 Rows = list[dict[str, str]]
 
 
-def rows_of(path: Path) -> Rows:
+def rows_of(path: Path, columns: tuple[str, ...]) -> Rows:
     """A table's rows; none where it is not there yet."""
-    if not path.exists():
-        return []
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
+    return read_csv(path, columns) if path.exists() else []
 
 
 def row_of(algorithm: str, metrics: Rows) -> dict[str, str]:
@@ -72,7 +68,7 @@ def curve_of(algorithm: str, metrics: Rows) -> Rows:
 
 def put(path: Path, columns: tuple[str, ...], algorithm: str, new: Rows) -> None:
     """The rows of an algorithm in place of those that were there, in the order of the registry."""
-    kept = [row for row in rows_of(path) if row["algorithm"] != algorithm]
+    kept = [row for row in rows_of(path, columns) if row["algorithm"] != algorithm]
     order = list(ALGORITHMS)
     rows = sorted([*kept, *new], key=lambda row: order.index(row["algorithm"]))
     write_whole(path, csv_text(columns, ([row[name] for name in columns] for row in rows)))
@@ -83,7 +79,7 @@ def measure(algorithm: str, folder: Path) -> None:
     TrainingGround("Medium", NUM_ENVS).train(
         algorithm, load_fitting_encoder(None), steps=STEPS, seed=SEED, folder=folder
     )
-    metrics = rows_of(folder / "metrics.csv")
+    metrics = read_csv(folder / "metrics.csv", ("steps", "seconds", *CURVE[2:]))
     put(CURVES, CURVE, algorithm, curve_of(algorithm, metrics))
     put(TABLE, COLUMNS, algorithm, [row_of(algorithm, metrics)])
 
@@ -92,7 +88,7 @@ def table() -> str:
     """The table of the page: minutes, and the share of each stage."""
     head = ["algorithm", "minutes", "steps a second", *STAGES, "return", "cost"]
     lines = []
-    for row in rows_of(TABLE):
+    for row in rows_of(TABLE, COLUMNS):
         seconds = float(row["seconds"])
         shares = [f"{float(row[stage]) / seconds:.0%}" for stage in STAGES]
         ends = [f"{float(row[name]):.2f}" for name in ("return_mean_50", "cost_mean_50")]
@@ -133,13 +129,13 @@ def main(arguments: list[str] | None = None) -> int:
         if given.check:
             return int(fresh != page)
         write_whole(PAGE, fresh)
-        curves = rows_of(CURVES)
+        curves = rows_of(CURVES, CURVE)
         for name in {row["algorithm"] for row in curves}:
             draw(name, [row for row in curves if row["algorithm"] == name], PICTURES / f"{name.lower()}.png")
         return 0
     for name in given.algorithms:
         algorithm = algorithm_named(name).name
-        if algorithm not in {row["algorithm"] for row in rows_of(TABLE)}:
+        if algorithm not in {row["algorithm"] for row in rows_of(TABLE, COLUMNS)}:
             measure(algorithm, given.out / algorithm)
     return 0
 

@@ -8,7 +8,8 @@ import pytest
 
 from tests.algos.rollouts import feedback
 from thalweg.algos import AlgorithmError
-from thalweg.algos.multiplier import Multiplier, MultiplierConfig, Multipliers, limit_warnings, suffixes
+from thalweg.algos.costs import limit_warnings, suffixes
+from thalweg.algos.multiplier import Multiplier, MultiplierConfig, Multipliers
 from thalweg.algos.settings import require
 
 

@@ -25,7 +25,7 @@ def chosen(learner, outputs: torch.Tensor) -> torch.Tensor:
 
 @pytest.mark.parametrize("space", ["MultiDiscrete", "Box"])
 def test_targets_are_the_smaller_of_two_critics_of_the_reward_and_the_larger_of_two_of_a_cost(space):
-    learner = learner_for("TD3Lag", SPACES[space], target_noise=0.0, cost_critics=2)
+    learner = learner_for("TD3Lag", SPACES[space], target_noise=0.0, target_temperature=0.0, cost_critics=2)
     shake(learner)
     batch = batch_of(learner, learner.form.uniform(9, learner.agent.generator))
     action = chosen(learner, one_by_one(learner.agent.slow_actor, batch.next_obs)[0])
@@ -38,7 +38,9 @@ def test_targets_are_the_smaller_of_two_critics_of_the_reward_and_the_larger_of_
 def test_omnisafes_target_of_the_cost_is_taken_at_the_action_of_the_policy_itself_without_noise(space):
     found = {}
     for cost_target in ("smoothed", "online"):
-        learner = learner_for("TD3Lag", SPACES[space], cost_target=cost_target, target_noise=0.4)
+        learner = learner_for(
+            "TD3Lag", SPACES[space], cost_target=cost_target, target_noise=0.4, target_temperature=0.4
+        )
         shake(learner)
         batch = batch_of(learner, learner.form.uniform(9, torch.Generator().manual_seed(1)))
         learner.agent.generator.manual_seed(5)
@@ -52,7 +54,7 @@ def test_omnisafes_target_of_the_cost_is_taken_at_the_action_of_the_policy_itsel
 
 @pytest.mark.parametrize("space", ["MultiDiscrete", "Box"])
 def test_targets_are_smoothed_by_draws_around_the_slow_policy(space):
-    learner = learner_for("TD3Lag", SPACES[space], target_noise=0.4)
+    learner = learner_for("TD3Lag", SPACES[space], target_noise=0.4, target_temperature=0.4)
     shake(learner)
     batch = batch_of(learner, learner.form.uniform(9, learner.agent.generator))
     draws = torch.stack([learner._next_values(batch) for _ in range(20)])

@@ -1,6 +1,5 @@
-"""A run from its folder on: what lies there, that it can be repeated, broken off and resumed, and what is refused."""
+"""A run from its folder on: what lies there, and that it can be repeated, broken off and resumed."""
 
-import csv
 import json
 import os
 import re
@@ -17,48 +16,10 @@ import pytest
 import torch
 import yaml
 
+from tests.train.small_runs import SMALL, STEPS, Stop, StopsAt, numbers, rows_of, small, train
 from tests.train.toys import Walk
 from thalweg.algos import ALGORITHMS, AlgorithmError, LimitWarning, NotFiniteError, Policy
-from thalweg.algos.offpolicy.config import OffPolicyConfig
-from thalweg.algos.planning.config import PlanningConfig
-from thalweg.train import ResumeWarning, TrainingError, load_policy, run
-
-SMALL: dict[str, Any] = {"steps_per_update": 128, "minibatch": 64, "passes": 2, "hidden": (16,)}
-SMALL_REPLAY = {"steps_per_update": 128, "steps_per_collection": 128, "minibatch": 16, "hidden": (16,)}
-SMALL_REPLAY |= {"random_steps": 100, "replay_size": 1000}
-SMALL_PLANS = SMALL_REPLAY | {"samples": 8, "iterations": 2, "elites": 2, "horizon": 3, "members": 2}
-SMALL_PLANS |= {"model_hidden": (16,), "model_steps": 8, "critic_steps": 4}
-"""A checkpoint every 128 steps for each family; a replay is full before the run is over."""
-STEPS = 1500
-
-
-def small(algorithm: str) -> dict[str, Any]:
-    kind = ALGORITHMS[algorithm].config if algorithm in ALGORITHMS else object
-    if issubclass(kind, PlanningConfig):
-        return SMALL_PLANS
-    return SMALL_REPLAY if issubclass(kind, OffPolicyConfig) else SMALL
-
-
-def rows_of(folder: Path, name: str) -> list[dict[str, str]]:
-    with open(folder / name) as file:
-        return list(csv.DictReader(file))
-
-
-def numbers(folder: Path) -> tuple[list[dict[str, str]], str, bytes]:
-    """What must not depend on interruptions: metrics without times, episodes, the policy's bytes."""
-    timing = ("time_", "seconds", "steps_per_second")
-    metrics = [{k: v for k, v in row.items() if not k.startswith(timing)} for row in rows_of(folder, "metrics.csv")]
-    return metrics, (folder / "episodes.csv").read_text(), (folder / "policy.safetensors").read_bytes()
-
-
-def train(folder: Path, algorithm: str = "FOCOPS", env: Walk | None = None, **settings: Any):
-    given: dict[str, Any] = {
-        "steps": STEPS,
-        "seed": 3,
-        "config": small(algorithm),
-        "checkpoint_seconds": 0.0,
-    } | settings
-    return run(algorithm, env or Walk(), folder=folder, **given)
+from thalweg.train import ResumeWarning, load_policy
 
 
 @pytest.fixture(scope="module", params=list(ALGORITHMS))
@@ -87,24 +48,6 @@ def remembered(request, tmp_path_factory) -> tuple[dict[str, Any], Path]:
     config = SMALL | REMEMBERING[request.param]
     train(folder, config=config)
     return config, folder
-
-
-class Stop(Exception):
-    pass
-
-
-class StopsAt(Walk):
-    """Raises in the given vector step, once."""
-
-    def __init__(self, at: int, **settings) -> None:
-        super().__init__(**settings)
-        self.stop = at
-
-    def step(self, actions):
-        if self.total + 1 == self.stop:
-            self.stop = 0
-            raise Stop
-        return super().step(actions)
 
 
 def test_the_folder_of_a_run(finished):
@@ -187,7 +130,8 @@ SCRIPT = """
 import json, sys, time
 from pathlib import Path
 sys.path.insert(0, sys.argv[2])
-from tests.train.test_run import train
+from tests.train.small_runs import train
+from tests.train.small_runs import Stop, StopsAt, SMALL, STEPS, numbers, rows_of, small, train
 from tests.train.toys import Walk
 
 class Slow(Walk):
@@ -253,79 +197,6 @@ def test_an_environment_that_can_not_be_brought_back_resumes_with_a_warning(tmp_
     assert steps == sorted(steps)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"algorithm": "PPO"}, "algorithm is 'FOCOPS' there and 'PPO' here"),
-        ({"config": SMALL | {"cost_limit": 0.3}}, "config.cost_limit is 0.1 there and 0.3 here"),
-        ({"env": Walk(6)}, "num_envs is 4 there and 6 here"),
-        ({"seed": 5}, "seed is 3 there and 5 here"),
-        ({"context": {"encoder": "mine"}}, "context.encoder is 'absent' there and 'mine' here"),
-    ],
-)
-def test_the_folder_of_another_run_is_refused_before_anything_happens(tmp_path, changes, words):
-    with pytest.raises(Stop):
-        train(tmp_path, env=StopsAt(200))
-    kept = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    with pytest.raises(TrainingError, match=words):
-        train(tmp_path, **changes)
-    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == kept
-
-
-def test_of_many_differences_the_first_are_named_and_the_others_counted(tmp_path):
-    with pytest.raises(Stop):
-        train(tmp_path, env=StopsAt(200))
-    changes = {f"key_{k}": k for k in range(9)}
-    with pytest.raises(TrainingError, match=r"context\.key_3 is 'absent' there and 3 here; and 5 more\. Choose"):
-        train(tmp_path, context=changes)
-
-
-@pytest.mark.parametrize(
-    ("names", "said"),
-    [
-        (
-            ["thesis.tex"],
-            r"home holds thesis.tex, but no config.yaml: it is not the folder of a run\. Give a new or empty",
-        ),
-        (["metrics.csv", "checkpoints"], "home holds checkpoints, metrics.csv, but no config.yaml"),
-        (list("fedcba"), r"home holds a, b, c, d and 2 more, .* such as .*home.NAME$"),
-    ],
-)
-def test_a_folder_of_something_else_is_refused_and_left_as_it_was(tmp_path, names, said):
-    home = tmp_path / "home"
-    for name in names:
-        (home / name).mkdir(parents=True)
-    with pytest.raises(TrainingError, match=said):
-        train(home)
-    assert sorted(path.name for path in home.iterdir()) == sorted(names)
-
-
-def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
-    (tmp_path / "file").write_text("kept")
-    with pytest.raises(TrainingError, match="file is a file; give a new folder for the run"):
-        train(tmp_path / "file")
-    assert (tmp_path / "file").read_text() == "kept"
-
-
-def test_hidden_files_are_in_no_runs_way(tmp_path):
-    (tmp_path / ".config.0123456789abcdef.part.yaml").write_text("run:")
-    assert train(tmp_path, steps=200).steps >= 200
-
-
-def test_one_environment_alone_is_refused_by_name(tmp_path):
-    import gymnasium
-
-    with pytest.raises(TrainingError, match=r"takes a Gymnasium VectorEnv, .*, not "):
-        train(tmp_path, env=gymnasium.make("CartPole-v1"))  # pyright: ignore
-
-
-def test_the_folder_of_another_run_is_refused_before_its_first_checkpoint_too(tmp_path):
-    with pytest.raises(Stop):
-        train(tmp_path, env=StopsAt(5))
-    with pytest.raises(TrainingError, match="seed is 3 there and 5 here"):
-        train(tmp_path, seed=5)
-
-
 @pytest.mark.parametrize("what", ["observation", "reward", "cost"])
 def test_nan_from_the_environment_stops_the_run_and_leaves_the_last_good_checkpoint(tmp_path, what):
     with pytest.raises(NotFiniteError, match=what):
@@ -369,38 +240,6 @@ def test_a_limit_that_binds_is_no_warning(tmp_path):
     assert rows_of(tmp_path, "metrics.csv")[-1]["limit_can_bind"] == "1.0"
 
 
-def test_wrong_arguments_leave_no_folder(tmp_path):
-    folder = tmp_path / "new"
-    wrong: list[dict[str, Any]] = [
-        {"algorithm": "ABC"},
-        {"config": {"clipp": 0.1}},
-        {"config": {"cost_limits": [0.1]}},
-        {"preset": "study"},
-        {"steps": 0},
-    ]
-    for changes in wrong:
-        with pytest.raises((AlgorithmError, TrainingError)):
-            train(folder, **changes)
-    with pytest.raises(TrainingError, match="plain data only"):
-        train(folder, context={"path": object()})
-    assert not folder.exists()
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"steps": 0}, "steps must be at least 1, got 0"),
-        ({"steps": -100}, "steps must be at least 1, got -100"),
-        ({"threads": 0}, "threads must be at least 1, got 0"),
-        ({"seed": -1}, "seed must not be negative, got -1"),
-    ],
-)
-def test_numbers_out_of_range_are_named_before_the_folder_is_made(tmp_path, changes, words):
-    with pytest.raises(TrainingError, match=words):
-        train(tmp_path / "new", **changes)
-    assert not (tmp_path / "new").exists()
-
-
 def test_the_policy_of_a_run_is_loaded_from_its_folder_or_its_file(finished):
     algorithm, folder = finished
     policy, again = load_policy(folder), load_policy(folder / "policy.safetensors")
@@ -410,11 +249,6 @@ def test_the_policy_of_a_run_is_loaded_from_its_folder_or_its_file(finished):
     assert np.array_equal(*actions)
     seen = policy.normaliser if isinstance(policy, Policy) else policy.ensemble.observed
     assert seen.count == STEPS
-
-
-def test_a_folder_without_a_policy_is_refused(tmp_path):
-    with pytest.raises(AlgorithmError, match="not a run"):
-        load_policy(tmp_path)
 
 
 @pytest.mark.parametrize("adapter", ["native", "box_literal", "box_scaled"])
@@ -446,18 +280,6 @@ def test_costs_apart_have_columns_of_their_own(tmp_path):
     assert float(rows[-1]["cost_mean_tight"]) == pytest.approx(np.mean(fresh)) and fresh
 
 
-def test_limits_of_costs_that_are_not_told_apart_are_refused(tmp_path):
-    class Together(Walk):
-        def step(self, actions):
-            *rest, info = super().step(actions)
-            del info["costs"]
-            return *rest, info
-
-    with pytest.raises(TrainingError, match=r"cost_limits are limits of tight and loose costs, but the environment"):
-        train(tmp_path, env=Together(), config=SMALL | REMEMBERING["apart"])
-    assert train(tmp_path / "together", env=Together(), steps=200).steps == 200
-
-
 def test_a_preset_is_resolved_and_written_down_and_settings_go_on_top(tmp_path):
     with pytest.warns(LimitWarning, match="25 has not bound"):
         train(tmp_path, preset="paper", config=SMALL, steps=300)
@@ -466,13 +288,6 @@ def test_a_preset_is_resolved_and_written_down_and_settings_go_on_top(tmp_path):
     assert described["preset"] == "paper"
     assert (config["adapter"], config["mask"], config["cost_limit"]) == ("box_literal", "batch", 25.0)
     assert (config["minibatch"], config["passes"]) == (64, 2)
-
-
-def test_another_preset_is_another_run(tmp_path):
-    with pytest.raises(Stop):
-        train(tmp_path, env=StopsAt(200))
-    with pytest.raises(TrainingError, match="preset is 'default' there and 'paper' here"):
-        train(tmp_path, preset="paper")
 
 
 def test_the_bar_shows_and_is_gone_afterwards(tmp_path, capsys):

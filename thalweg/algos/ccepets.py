@@ -11,9 +11,9 @@ import torch
 from torch import Tensor, nn
 
 from thalweg.algos.actions import Actions
+from thalweg.algos.costs import limit_warnings
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import bootstrap, losses, planning
-from thalweg.algos.multiplier import limit_warnings
 from thalweg.algos.networks import Critics, Shape
 from thalweg.algos.planning.agent import Agent
 from thalweg.algos.planning.config import PlanningConfig, Size, Sizes

@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from thalweg.algos.interface import Feedback
-from thalweg.algos.multiplier import suffixes
+
+ENOUGH_EPISODES = 20
+"""Before this many episodes nothing is said about what costs are possible."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,19 @@ class CostConfig:
         }
 
 
+@dataclass(frozen=True)
+class MeanCostConfig:
+    """Settings of the mean cost that is held against the limit."""
+
+    cost_window: int = 0
+    """Episodes that the mean cost is taken over, up to 100, so that it lags; 0: those that have finished since the last
+    update."""
+
+    def window_conditions(self) -> dict[str, tuple[bool, str]]:
+        """What must hold, for `require`."""
+        return {"cost_window": (0 <= self.cost_window <= 100, "must be in 0..100")}
+
+
 def cost_metrics(feedback: Feedback, limits: Sequence[float] = (), window: int = 0) -> dict[str, float]:
     """J_c of each cost and the number of episodes behind it, and whether each limit has been broken by any episode."""
     names = suffixes(len(feedback.largest_costs))
@@ -49,3 +64,27 @@ def cost_metrics(feedback: Feedback, limits: Sequence[float] = (), window: int =
         for name, largest, limit in zip(names, feedback.largest_costs, limits, strict=bool(limits))
     }
     return means | {"cost_episodes": len(feedback.fresh_costs)} | bind
+
+
+def limit_warnings(limits: Sequence[float], feedback: Feedback) -> dict[str, str]:
+    """Cost limits that no episode has been able to break, by a short code."""
+    if feedback.episodes < ENOUGH_EPISODES:
+        return {}
+    return {
+        f"limit_never_binds{name}": f"the {told(name)}cost limit {limit:g} has not bound anything: none of "
+        f"{feedback.episodes} episodes cost more than {largest:g}, so their mean can't exceed it"
+        for name, limit, largest in zip(suffixes(len(limits)), limits, feedback.largest_costs, strict=True)
+        if largest <= limit
+    }
+
+
+def suffixes(costs: int) -> tuple[str, ...]:
+    """What tells the costs apart in names: nothing if there is but one, else tight and loose, or numbers."""
+    if costs == 1:
+        return ("",)
+    return ("_tight", "_loose") if costs == 2 else tuple(f"_{place}" for place in range(costs))
+
+
+def told(suffix: str) -> str:
+    """A suffix as a word in a sentence, or nothing."""
+    return f"{suffix.removeprefix('_')} " if suffix else ""

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
-from thalweg.algos.costs import cost_metrics
+from thalweg.algos.costs import cost_metrics, limit_warnings
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import centred, standardised
 from thalweg.algos.maths.trust_region import cpo_step
-from thalweg.algos.multiplier import limit_warnings
 from thalweg.algos.onpolicy.agent import Agent, Drift, cost_signals, metrics_of, reward_signal
 from thalweg.algos.onpolicy.config import ConstrainedConfig, NaturalConfig
 from thalweg.algos.onpolicy.natural import Landscape, most_violated
@@ -25,9 +24,6 @@ class CPOConfig(ConstrainedConfig, NaturalConfig):
 
     standardise_cost: bool = False
     """Must be off: the cost's advantage is weighed against the violation, in the same units."""
-    cost_window: int = 0
-    """Episodes that the mean cost is taken over, up to 100, so that it lags; 0: those that have finished since the last
-    update."""
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return (
@@ -38,7 +34,6 @@ class CPOConfig(ConstrainedConfig, NaturalConfig):
                     not self.standardise_cost,
                     "must be off for CPO, which needs the cost's own units",
                 ),
-                "cost_window": (0 <= self.cost_window <= 100, "must be in 0..100"),
             }
         )
 

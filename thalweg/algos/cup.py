@@ -8,12 +8,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from thalweg.algos.costs import cost_metrics
+from thalweg.algos.costs import cost_metrics, limit_warnings
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import standardised
 from thalweg.algos.memory import Sequences
-from thalweg.algos.multiplier import MultiplierConfig, Multipliers, limit_warnings
+from thalweg.algos.multiplier import MultiplierConfig, Multipliers
 from thalweg.algos.onpolicy.agent import (
     Agent,
     Drift,

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from thalweg.algos.costs import ENOUGH_EPISODES, MeanCostConfig, suffixes, told
 from thalweg.algos.interface import Feedback
 from thalweg.algos.maths import multiplier as maths
 
@@ -18,12 +19,10 @@ ADAM_LONGEST = math.sqrt(10.0)
 """The most steps' rates that a step of Adam can have: (1 - β₁) / √(1 - β₂)."""
 SETTLING = 0.25
 """Share of a run, its last, in which multipliers may settle."""
-ENOUGH_EPISODES = 20
-"""Before this many episodes nothing is said about what costs are possible."""
 
 
 @dataclass(frozen=True)
-class MultiplierConfig:
+class MultiplierConfig(MeanCostConfig):
     """Settings of a Lagrange multiplier λ; each cost has one of its own."""
 
     multiplier_rule: Rule = "gradient"
@@ -47,13 +46,10 @@ class MultiplierConfig:
     end: what can only swing about its limit, as a policy without chance does, then ends on the safe side of it."""
     multiplier_warmup: int = 0
     """Updates before λ first moves."""
-    cost_window: int = 0
-    """Episodes that the mean cost is taken over, up to 100, so that it lags; 0: those that have finished since the last
-    update."""
 
     def multiplier_conditions(self) -> dict[str, tuple[bool, str]]:
         """What must hold, for `require`."""
-        return {
+        return self.window_conditions() | {
             "multiplier_rate": (self.multiplier_rate >= 0, "must not be negative"),
             "multiplier_gain": (self.multiplier_gain >= 0, "must not be negative"),
             "multiplier_derivative": (self.multiplier_derivative >= 0, "must not be negative"),
@@ -65,7 +61,6 @@ class MultiplierConfig:
                 "must be in 0..multiplier_max",
             ),
             "multiplier_warmup": (self.multiplier_warmup >= 0, "must not be negative"),
-            "cost_window": (0 <= self.cost_window <= 100, "must be in 0..100"),
         }
 
 
@@ -190,7 +185,7 @@ class Multipliers:
             possible = one.possible(updates_left, largest)
             if largest > one.limit and possible < min(NEGLIGIBLE, self.config.multiplier_max):
                 found[f"multiplier_too_slow{name}"] = (
-                    f"the {_told(name)}multiplier can't exceed {possible:.3g} in this run, {updates_left} updates "
+                    f"the {told(name)}multiplier can't exceed {possible:.3g} in this run, {updates_left} updates "
                     f"before its end: raise multiplier_rate (now {self.config.multiplier_rate:g}), multiplier_gain, "
                     "the steps, or update more often"
                 )
@@ -204,27 +199,3 @@ class Multipliers:
         """The inverse of `state`."""
         for place, one in enumerate(self.each):
             one.load_state(state[str(place)])
-
-
-def limit_warnings(limits: Sequence[float], feedback: Feedback) -> dict[str, str]:
-    """Cost limits that no episode has been able to break, by a short code."""
-    if feedback.episodes < ENOUGH_EPISODES:
-        return {}
-    return {
-        f"limit_never_binds{name}": f"the {_told(name)}cost limit {limit:g} has not bound anything: none of "
-        f"{feedback.episodes} episodes cost more than {largest:g}, so their mean can't exceed it"
-        for name, limit, largest in zip(suffixes(len(limits)), limits, feedback.largest_costs, strict=True)
-        if largest <= limit
-    }
-
-
-def suffixes(costs: int) -> tuple[str, ...]:
-    """What tells the costs apart in names: nothing if there is but one, else tight and loose, or numbers."""
-    if costs == 1:
-        return ("",)
-    return ("_tight", "_loose") if costs == 2 else tuple(f"_{place}" for place in range(costs))
-
-
-def _told(suffix: str) -> str:
-    """A suffix as a word in a sentence."""
-    return f"{suffix.removeprefix('_')} " if suffix else ""

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
-from thalweg.algos.costs import cost_metrics
+from thalweg.algos.costs import cost_metrics, limit_warnings
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import standardised
 from thalweg.algos.maths.trust_region import natural_step
-from thalweg.algos.multiplier import limit_warnings
 from thalweg.algos.onpolicy.agent import (
     Agent,
     Drift,
@@ -31,9 +30,6 @@ class OnCRPOConfig(ConstrainedConfig, NaturalConfig):
 
     tolerance: float = 0.02
     """How far above its limit a mean cost may be before it is what the next step is about."""
-    cost_window: int = 0
-    """Episodes that the mean cost is taken over, up to 100, so that it lags; 0: those that have finished since the last
-    update."""
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return (
@@ -41,7 +37,6 @@ class OnCRPOConfig(ConstrainedConfig, NaturalConfig):
             | self.cost_conditions()
             | {
                 "tolerance": (self.tolerance >= 0, "must not be negative"),
-                "cost_window": (0 <= self.cost_window <= 100, "must be in 0..100"),
             }
         )
 

@@ -8,13 +8,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from thalweg.algos.costs import cost_metrics
+from thalweg.algos.costs import cost_metrics, limit_warnings
 from thalweg.algos.distributions import Traced
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import standardised
 from thalweg.algos.memory import Sequences
-from thalweg.algos.multiplier import limit_warnings
 from thalweg.algos.onpolicy.agent import (
     Agent,
     Drift,
@@ -35,6 +34,8 @@ class P3OConfig(ConstrainedConfig, FirstOrderConfig):
     """κ: the weight of the penalty; exact as soon as it exceeds the optimal multiplier."""
     clip: float = 0.2
     """ε: how far the probability ratio counts, to either side of 1."""
+    entropy: float = 0.003
+    """Weight of the policy's entropy (nats, summed over branches) in the loss."""
     clip_cost: bool = True
     """Whether the cost's surrogate is clipped too, as in the paper; not in OmniSafe 0.5."""
     limit_scale: Literal["length", "discount", "none"] = "length"
@@ -47,9 +48,6 @@ class P3OConfig(ConstrainedConfig, FirstOrderConfig):
     standardise_cost: bool = True
     """Whether a cost's advantage is divided by its own deviation, and the violation with it, so that κ is of no unit;
     else only centred."""
-    cost_window: int = 0
-    """Episodes that the mean cost is taken over, up to 100, so that it lags; 0: those that have finished since the last
-    update."""
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return (
@@ -62,7 +60,6 @@ class P3OConfig(ConstrainedConfig, FirstOrderConfig):
                     0 <= self.cost_discount < 1 or (self.cost_discount == 1 and self.limit_scale != "discount"),
                     "must be in 0..1, and less than 1 with limit_scale=discount",
                 ),
-                "cost_window": (0 <= self.cost_window <= 100, "must be in 0..100"),
             }
         )
 

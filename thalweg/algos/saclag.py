@@ -50,6 +50,7 @@ class SACLagConfig(OffPolicyConfig):
         return super().conditions() | {
             "alpha": (self.alpha > 0 or (self.alpha == 0 and not self.auto_alpha), "must be positive"),
             "alpha_learning_rate": (self.alpha_learning_rate >= 0, "must not be negative"),
+            "entropy_per_number": (self.entropy_per_number < math.log(2.0), "must be less than log 2, that of -1..1"),
             "entropy_share": (0 <= self.entropy_share <= 1, "must be in 0..1"),
         }
 

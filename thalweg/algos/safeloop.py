@@ -15,11 +15,11 @@ import torch
 from torch import Tensor, nn
 
 from thalweg.algos.actions import Actions
+from thalweg.algos.costs import limit_warnings
 from thalweg.algos.distributions import Categoricals, Squashed
 from thalweg.algos.errors import AlgorithmError
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import bootstrap, joint, losses, planning
-from thalweg.algos.multiplier import limit_warnings
 from thalweg.algos.networks import Actor, Shape, Stack
 from thalweg.algos.planning.agent import Agent
 from thalweg.algos.planning.config import PlanningConfig, Size, Sizes

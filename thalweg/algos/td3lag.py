@@ -21,10 +21,12 @@ class TD3LagConfig(DeterministicConfig):
     policy_delay: int = 2
     """Gradient steps of the critics for one of the policy."""
     target_noise: float = 0.2
-    """σ̃ of what is added to a number, of -1..1, for targets; for choices the temperature that targets draw at; 0: the
-    policy's own action."""
+    """σ̃ of what is added to a number, of -1..1, for targets."""
     target_noise_clip: float = 0.5
     """c: what is added to a number is within ±c."""
+    target_temperature: float = 0.05
+    """Of choices for targets: drawn from the softmax of the policy's outputs divided by this; 0: the policy's own. Much
+    higher, targets are those of another policy than the one that is used in the end."""
     cost_target: Literal["smoothed", "online"] = "smoothed"
     """The action that a cost's target is taken at: the reward's, near that of the policy's slow copy; or that of the
     policy itself, as in OmniSafe."""
@@ -32,6 +34,7 @@ class TD3LagConfig(DeterministicConfig):
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return super().conditions() | {
             "target_noise": (self.target_noise >= 0, "must not be negative"),
+            "target_temperature": (self.target_temperature >= 0, "must not be negative"),
             "target_noise_clip": (self.target_noise_clip >= 0, "must not be negative"),
         }
 
@@ -83,6 +86,7 @@ class TD3Lag:
             agent.generator,
             noise=config.target_noise,
             clip=config.target_noise_clip,
+            temperature=config.target_temperature,
         )
         pairs = torch.cat([batch.next_obs, action], 1)
         if config.cost_target == "online":

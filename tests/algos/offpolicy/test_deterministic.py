@@ -87,7 +87,7 @@ def test_the_slopes_of_the_policys_loss_are_those_which_torch_finds():
 
 def test_a_target_is_smoothed_within_its_clip_and_the_bounds():
     outputs = torch.tensor([[0.0, 10.0]]).expand(MANY, 2)
-    found = numbers().smoothed(outputs, generator(), noise=0.2, clip=0.3)
+    found = numbers().smoothed(outputs, generator(), noise=0.2, clip=0.3, temperature=9.0)
     assert found[:, 0].std() == pytest.approx(0.17, abs=0.01)  # a normal of 0.2 cut off at 0.3
     assert found[:, 0].abs().max() <= 0.3 + 1e-6 and found[:, 0].mean().abs() < 0.01
     assert found[:, 1].min() >= 0.7 - 1e-6 and found[:, 1].max() == 1.0
@@ -95,10 +95,10 @@ def test_a_target_is_smoothed_within_its_clip_and_the_bounds():
 
 def test_a_smoothed_choice_is_drawn_at_the_temperature():
     p = torch.tensor([[0.25, 0.75, 0.0, 0.5, 0.5]]).clamp(min=1e-12).log().expand(MANY, 5)
-    found = choices().smoothed(p, generator(), noise=0.5, clip=0.0).mean(0)
+    found = choices().smoothed(p, generator(), noise=9.0, clip=0.0, temperature=0.5).mean(0)
     # p² normed: 1/16 : 9/16
     assert found.tolist() == pytest.approx([0.1, 0.9, 0.0, 0.5, 0.5, 0.0], abs=0.015)
-    assert torch.equal(choices().smoothed(p, generator(), noise=0.0, clip=0.0), choices().chosen(p))
+    assert torch.equal(choices().smoothed(p, generator(), noise=9.0, clip=0.0, temperature=0.0), choices().chosen(p))
 
 
 def test_numbers_explore_by_noise_and_by_a_share_of_uniform_ones():

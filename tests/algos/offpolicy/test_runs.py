@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from tests.algos.offpolicy.learners import NAMES
-from tests.train.test_run import Stop, StopsAt, numbers, rows_of
+from tests.train.small_runs import Stop, StopsAt, numbers, rows_of
 from tests.train.toys import Walk
 from thalweg.algos import LimitWarning
 from thalweg.train import load_policy, run

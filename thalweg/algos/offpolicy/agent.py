@@ -14,10 +14,10 @@ from torch import Tensor
 
 from thalweg.algos.actions import Actions
 from thalweg.algos.adam import Adam
-from thalweg.algos.costs import cost_metrics
+from thalweg.algos.costs import cost_metrics, limit_warnings, suffixes
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import bootstrap, losses
-from thalweg.algos.multiplier import Multipliers, limit_warnings, suffixes
+from thalweg.algos.multiplier import Multipliers
 from thalweg.algos.networks import Stack
 from thalweg.algos.normaliser import Normaliser
 from thalweg.algos.offpolicy.config import OffPolicyConfig

@@ -69,7 +69,8 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     activation: Activation = "relu"
     """Of the hidden layers."""
     initial: Initial = "orthogonal"
-    """How weights start: orthogonal with a last layer of the policy near zero, or uniform as torch's own layers."""
+    """How weights start: orthogonal with a last layer of the policy near zero ("orthogonal"); uniform as
+    torch's own layers ("kaiming"); or normal, cut off at two deviations ("truncated")."""
     normalise_observations: bool = True
     """Whether observations are standardised by running statistics: remembered ones by those of today."""
     adapter: Adapter = "native"

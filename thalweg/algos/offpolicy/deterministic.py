@@ -99,7 +99,9 @@ class Deterministic(Protocol):
         """[B, W] the same, or for choices a draw; and what gives from its gradient that of the parameters [B, P]."""
         ...
 
-    def smoothed(self, parameters: Tensor, generator: torch.Generator, *, noise: float, clip: float) -> Tensor:
+    def smoothed(
+        self, parameters: Tensor, generator: torch.Generator, *, noise: float, clip: float, temperature: float
+    ) -> Tensor:
         """[B, W] an action near the policy's own, coded, as it would be executed."""
         ...
 
@@ -128,7 +130,9 @@ class Numbers:
         point = parameters.tanh()
         return point, lambda above: above * (1.0 - point.square())
 
-    def smoothed(self, parameters: Tensor, generator: torch.Generator, *, noise: float, clip: float) -> Tensor:
+    def smoothed(
+        self, parameters: Tensor, generator: torch.Generator, *, noise: float, clip: float, temperature: float
+    ) -> Tensor:
         """clip(μ + clip(ε, -c, c), -1, 1), ε ~ N(0, σ̃) (Fujimoto, van Hoof, Meger 2018, equation 14)."""
         drawn = (noise * _normal(parameters, generator)).clamp_(-clip, clip)
         return self.coded((parameters.tanh() + drawn).clamp_(-1.0, 1.0))
@@ -164,11 +168,13 @@ class Choices:
 
         return hard.flatten(1), back
 
-    def smoothed(self, parameters: Tensor, generator: torch.Generator, *, noise: float, clip: float) -> Tensor:
-        """A draw from the softmax of the outputs divided by `noise`; there is nothing to clip."""
-        if noise == 0:
+    def smoothed(
+        self, parameters: Tensor, generator: torch.Generator, *, noise: float, clip: float, temperature: float
+    ) -> Tensor:
+        """A draw from the softmax of the outputs divided by the temperature."""
+        if temperature == 0:
             return self.chosen(parameters)
-        return self.coded(self._choices(parameters / noise).sample(generator))
+        return self.coded(self._choices(parameters / temperature).sample(generator))
 
     def explored(self, parameters: Tensor, generator: torch.Generator, strength: float = 1.0) -> Tensor:
         temperature = max(strength * self._config.exploration_temperature, COLDEST)

@@ -16,13 +16,13 @@ from torch import Tensor
 
 from thalweg.algos.actions import actions_of
 from thalweg.algos.adam import Adam
+from thalweg.algos.costs import suffixes
 from thalweg.algos.distributions import Sloped, Traced
 from thalweg.algos.errors import require_finite
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import centred, standardised
 from thalweg.algos.memory import Sequences
-from thalweg.algos.multiplier import suffixes
 from thalweg.algos.networks import Critics
 from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig, OnPolicyConfig
 from thalweg.algos.onpolicy.samples import RolloutMemory, Samples, Signal, samples_of, valid_obs

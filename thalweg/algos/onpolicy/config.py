@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from thalweg.algos.actions import Adapter
 from thalweg.algos.chain import Activation
-from thalweg.algos.costs import CostConfig
+from thalweg.algos.costs import CostConfig, MeanCostConfig
 from thalweg.algos.memory import Memory
 from thalweg.algos.networks import Initial, Shape
 from thalweg.algos.settings import require
@@ -35,7 +35,8 @@ class OnPolicyConfig:
     activation: Activation = "tanh"
     """Of the hidden layers."""
     initial: Initial = "orthogonal"
-    """How weights start: orthogonal with a last layer of the policy near zero, or uniform as torch's own layers."""
+    """How weights start: orthogonal with a last layer of the policy near zero ("orthogonal"); uniform as
+    torch's own layers ("kaiming"); or normal, cut off at two deviations ("truncated")."""
     normalise_observations: bool = True
     """Whether observations are standardised by running statistics."""
     adapter: Adapter = "native"
@@ -96,6 +97,7 @@ class FirstOrderConfig(OnPolicyConfig):
         return super().conditions() | {
             "target_kl": (self.target_kl > 0, "must be positive (inf: never stop early)"),
             "learning_rate": (self.learning_rate >= 0, "must not be negative"),
+            "entropy": (self.entropy >= 0, "must not be negative"),
         }
 
 
@@ -127,7 +129,7 @@ class NaturalConfig(OnPolicyConfig):
 
 
 @dataclass(frozen=True)
-class ConstrainedConfig(CostConfig):
+class ConstrainedConfig(CostConfig, MeanCostConfig):
     """Settings of every on-policy algorithm with a cost limit, beside the others."""
 
     cost_discount: float = 0.99
@@ -139,7 +141,11 @@ class ConstrainedConfig(CostConfig):
     only centred."""
 
     def cost_conditions(self) -> dict[str, tuple[bool, str]]:
-        return super().cost_conditions() | {
-            "cost_discount": (0 <= self.cost_discount <= 1, "must be in 0..1"),
-            "cost_trace": (0 <= self.cost_trace <= 1, "must be in 0..1"),
-        }
+        return (
+            super().cost_conditions()
+            | self.window_conditions()
+            | {
+                "cost_discount": (0 <= self.cost_discount <= 1, "must be in 0..1"),
+                "cost_trace": (0 <= self.cost_trace <= 1, "must be in 0..1"),
+            }
+        )

@@ -11,10 +11,9 @@ import torch
 from torch import Tensor
 
 from thalweg.algos.actions import actions_of
-from thalweg.algos.costs import cost_metrics
+from thalweg.algos.costs import cost_metrics, suffixes
 from thalweg.algos.errors import require_finite
 from thalweg.algos.interface import Feedback, Rollout, Task
-from thalweg.algos.multiplier import suffixes
 from thalweg.algos.planning.config import PlanningConfig
 from thalweg.algos.planning.ensemble import HEADS
 from thalweg.algos.planning.fitting import Fitter

@@ -1,0 +1,139 @@
+"""What a run refuses before it has begun, by name, and what it leaves as it was."""
+
+from typing import Any
+
+import pytest
+
+from tests.train.small_runs import SMALL, Stop, StopsAt, train
+from tests.train.toys import Walk
+from thalweg.algos import AlgorithmError
+from thalweg.train import TrainingError, load_policy
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"algorithm": "PPO"}, "algorithm is 'FOCOPS' there and 'PPO' here"),
+        ({"config": SMALL | {"cost_limit": 0.3}}, "config.cost_limit is 0.1 there and 0.3 here"),
+        ({"env": Walk(6)}, "num_envs is 4 there and 6 here"),
+        ({"seed": 5}, "seed is 3 there and 5 here"),
+        ({"context": {"encoder": "mine"}}, "context.encoder is 'absent' there and 'mine' here"),
+    ],
+)
+def test_the_folder_of_another_run_is_refused_before_anything_happens(tmp_path, changes, words):
+    with pytest.raises(Stop):
+        train(tmp_path, env=StopsAt(200))
+    kept = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    with pytest.raises(TrainingError, match=words):
+        train(tmp_path, **changes)
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == kept
+
+
+def test_of_many_differences_the_first_are_named_and_the_others_counted(tmp_path):
+    with pytest.raises(Stop):
+        train(tmp_path, env=StopsAt(200))
+    changes = {f"key_{k}": k for k in range(9)}
+    with pytest.raises(TrainingError, match=r"context\.key_3 is 'absent' there and 3 here; and 5 more\. Choose"):
+        train(tmp_path, context=changes)
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (
+            ["thesis.tex"],
+            r"home holds thesis.tex, but no config.yaml: it is not the folder of a run\. Give a new or empty",
+        ),
+        (["metrics.csv", "checkpoints"], "home holds checkpoints, metrics.csv, but no config.yaml"),
+        (list("fedcba"), r"home holds a, b, c, d and 2 more, .* such as .*home.NAME$"),
+    ],
+)
+def test_a_folder_of_something_else_is_refused_and_left_as_it_was(tmp_path, names, said):
+    home = tmp_path / "home"
+    for name in names:
+        (home / name).mkdir(parents=True)
+    with pytest.raises(TrainingError, match=said):
+        train(home)
+    assert sorted(path.name for path in home.iterdir()) == sorted(names)
+
+
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
+    (tmp_path / "file").write_text("kept")
+    with pytest.raises(TrainingError, match="file is a file; give a new folder for the run"):
+        train(tmp_path / "file")
+    assert (tmp_path / "file").read_text() == "kept"
+
+
+def test_hidden_files_are_in_no_runs_way(tmp_path):
+    (tmp_path / ".config.0123456789abcdef.part.yaml").write_text("run:")
+    assert train(tmp_path, steps=200).steps >= 200
+
+
+def test_one_environment_alone_is_refused_by_name(tmp_path):
+    import gymnasium
+
+    with pytest.raises(TrainingError, match=r"takes a Gymnasium VectorEnv, .*, not "):
+        train(tmp_path, env=gymnasium.make("CartPole-v1"))  # pyright: ignore
+
+
+def test_the_folder_of_another_run_is_refused_before_its_first_checkpoint_too(tmp_path):
+    with pytest.raises(Stop):
+        train(tmp_path, env=StopsAt(5))
+    with pytest.raises(TrainingError, match="seed is 3 there and 5 here"):
+        train(tmp_path, seed=5)
+
+
+def test_wrong_arguments_leave_no_folder(tmp_path):
+    folder = tmp_path / "new"
+    wrong: list[dict[str, Any]] = [
+        {"algorithm": "ABC"},
+        {"config": {"clipp": 0.1}},
+        {"config": {"cost_limits": [0.1]}},
+        {"preset": "study"},
+        {"steps": 0},
+    ]
+    for changes in wrong:
+        with pytest.raises((AlgorithmError, TrainingError)):
+            train(folder, **changes)
+    with pytest.raises(TrainingError, match="plain data only"):
+        train(folder, context={"path": object()})
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"steps": 0}, "steps must be at least 1, got 0"),
+        ({"steps": -100}, "steps must be at least 1, got -100"),
+        ({"threads": 0}, "threads must be at least 1, got 0"),
+        ({"seed": -1}, "seed must not be negative, got -1"),
+    ],
+)
+def test_numbers_out_of_range_are_named_before_the_folder_is_made(tmp_path, changes, words):
+    with pytest.raises(TrainingError, match=words):
+        train(tmp_path / "new", **changes)
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_folder_without_a_policy_is_refused(tmp_path):
+    with pytest.raises(AlgorithmError, match="not a run"):
+        load_policy(tmp_path)
+
+
+def test_limits_of_costs_that_are_not_told_apart_are_refused(tmp_path):
+    class Together(Walk):
+        def step(self, actions):
+            *rest, info = super().step(actions)
+            del info["costs"]
+            return *rest, info
+
+    with pytest.raises(TrainingError, match=r"cost_limits are limits of tight and loose costs, but the environment"):
+        train(tmp_path, env=Together(), config=SMALL | {"cost_limits": [0.1, 0.2]})
+    assert train(tmp_path / "together", env=Together(), steps=200).steps == 200
+
+
+def test_another_preset_is_another_run(tmp_path):
+    with pytest.raises(Stop):
+        train(tmp_path, env=StopsAt(200))
+    with pytest.raises(TrainingError, match="preset is 'default' there and 'paper' here"):
+        train(tmp_path, preset="paper")

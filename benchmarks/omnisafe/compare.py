@@ -65,12 +65,12 @@ def carry_out(python: Path, side: str, order: dict[str, Any]) -> dict[str, Any]:
     return json.loads(done.stdout)
 
 
-def rates(contest: Contest, work: Work, answer: dict[str, Any]) -> tuple[float, float]:
+def rates(contest: Contest, work: Work, answer: dict[str, Any]) -> tuple[float, float | None]:
     """Units a second, and a second of the processor, from the end of the random steps to the end of all, learning
-    included; of decisions both are those in the time that they alone took."""
+    included; of decisions only those in the time that they alone took."""
     if contest.unit == "decisions":
         count, seconds = decided(work, answer)
-        return count / seconds, count / seconds
+        return count / seconds, None
     first = next(stamp for stamp in answer["stamps"] if stamp[0] >= work.start)
     steps, wall, processor = (end - begin for begin, end in zip(first, answer["stamps"][-1], strict=True))
     return steps / wall, steps / processor
@@ -104,7 +104,8 @@ def measure_speed(python: Path, contests: Sequence[Contest], repeats: int, out: 
             )
             wall, processor = rates(contest, contest.works.speed, answer)
             line["rates"].append(wall)
-            line["by_processor"].append(processor)
+            if processor is not None:
+                line["by_processor"].append(processor)
             line |= {
                 "threads": contest.threads[side],
                 "steps": answer["stamps"][-1][0],
@@ -113,8 +114,8 @@ def measure_speed(python: Path, contests: Sequence[Contest], repeats: int, out: 
             }
             if side == PEER:
                 before["peer"] = answer["versions"]
-            done = f"{wall:.3g} {contest.unit} a second, {processor:.3g} a second of the processor"
-            print(f"{turn + 1} of {repeats}: {side}'s {contest.algorithm}, {done}", flush=True)
+            done = f"{side}'s {contest.algorithm}, {wall:.3g} {contest.unit} a second"
+            print(f"{turn + 1} of {repeats}: {done}", flush=True)
         write_whole(out, json.dumps(before | {"lines": list(lines.values())}, indent=2) + "\n")
 
 

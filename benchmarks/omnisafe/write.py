@@ -11,16 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.marks import between_marks
+from benchmarks.omnisafe.compare import CURVES, OURS, PEER, SIDES, SPEED
 from benchmarks.omnisafe.contests import CONTESTS, contest_named
 from benchmarks.omnisafe.plot import Curves, read
 from thalweg.bench.speed import describe
 from thalweg.bench.tables import markdown
 
-HERE = Path(__file__).resolve().parent
-PAGE = HERE.parent / "README.md"
-SPEED, CURVES = HERE / "speed.json", HERE / "curves.csv"
+PAGE = Path(__file__).resolve().parents[1] / "README.md"
 MARK = "omnisafe"
-PEER, OURS = SIDES = "OmniSafe", "Thalweg"
 SPEEDS = ("a second", "of", "OmniSafe", "Thalweg", "times", "least", "greatest", "by processor time", "asked for")
 LEARNT = ("learnt", "return, OmniSafe", "return, Thalweg", "falls, OmniSafe", "falls, Thalweg", "OmniSafe's errors")
 LAST = 0.2
@@ -47,10 +45,11 @@ def speed_rows(found: dict[str, Any]) -> list[list[str]]:
             continue
         theirs, ours = (lines[contest.algorithm, side] for side in SIDES)
         medians = (statistics.median(line["rates"]) for line in (theirs, ours))
-        by_processor = ratio(ours["by_processor"], theirs["by_processor"])[0]
-        cells = [*medians, *ratio(ours["rates"], theirs["rates"]), by_processor]
+        cells = [*medians, *ratio(ours["rates"], theirs["rates"])]
+        # The time of decisions is taken by the clock alone.
+        by_processor = shown(ratio(ours["by_processor"], theirs["by_processor"])[0]) if ours["by_processor"] else ""
         least = "" if contest.least is None else f"{contest.least:g}"
-        rows.append([contest.unit, contest.algorithm, *map(shown, cells), least])
+        rows.append([contest.unit, contest.algorithm, *map(shown, cells), by_processor, least])
     return rows
 
 

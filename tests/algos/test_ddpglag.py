@@ -73,7 +73,8 @@ def test_critics_learn_towards_their_targets():
     targets = torch.empty(2, 9)
     for state in range(9):
         for signal, discount in enumerate((0.9, 0.8)):
-            rest = 0.0 if state < 2 else discount * float(after[signal, state])
+            worth = max(float(after[signal, state]), 0.0) if signal else float(after[signal, state])
+            rest = 0.0 if state < 2 else discount * worth
             targets[signal, state] = float(batch.paid[signal, state]) + rest
     (0.5 * (critics.plain(batch.pairs)[..., 0] - targets).square().mean(1)).sum().backward()
     assert found is not None and critics.flat.grad is not None

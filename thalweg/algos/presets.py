@@ -68,6 +68,7 @@ _OFF_POLICY: Settings = {
     "critic_learning_rate": 3e-4,
     "linear_decay": False,
     "normalise_cost": True,
+    "cost_floor": False,
     "normalise_observations": False,
     "initial": "kaiming",
     "adapter": "box_literal",

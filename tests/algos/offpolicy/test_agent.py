@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import torch
 
-from tests.algos.offpolicy.learners import NAMES, SPACES, D, N, T, learner_for, rollout_of
+from tests.algos.offpolicy.learners import NAMES, SPACES, D, N, T, batch_of, learner_for, rollout_of
 from tests.algos.rollouts import feedback
 from thalweg.algos import AlgorithmError, NotFiniteError
 from thalweg.algos.ddpglag import DDPGLagConfig
@@ -135,13 +135,35 @@ def test_the_policys_step_moves_no_critic_and_the_critics_step_no_policy(name: s
 
 
 def test_costs_are_learnt_in_deviations_where_omnisafe_does():
-    raw, scaled = ddpg(), ddpg(normalise_cost=True)
+    raw, scaled = ddpg(), ddpg(normalise_cost=True, cost_floor=False)
     for learner in (raw, scaled):
         rounds(learner, 1, steps=T)
     costs = torch.from_numpy(raw.agent.replay.state()["rows"])[:, -2]
     learnt = torch.from_numpy(scaled.agent.replay.state()["rows"])[:, -2]
     assert torch.allclose(learnt, (costs - costs.mean()) / costs.std(correction=0), atol=1e-5)
     assert learnt.min() < 0 <= costs.min()
+
+
+@pytest.mark.parametrize(("floor", "lowest"), [(True, 0.0), (False, -0.9)])
+def test_targets_take_no_cost_below_nothing(floor: bool, lowest: float):
+    learner = ddpg(cost_floor=floor, discount=0.9, cost_discount=0.9, learning_rate=0.0)
+    batch = batch_of(learner, learner.form.uniform(5, learner.agent.generator), ends=0)
+    batch.paid.zero_()
+    slopes: list[torch.Tensor] = []
+    learner.agent.learn_values(torch.zeros(2, 5, 1), slopes.append, batch, -torch.ones(2, 5))
+    reward, cost = (-5 * slopes[0][..., 0]).tolist()  # (Q - y) / B with Q = 0
+    assert reward == pytest.approx([-0.9] * 5) and cost == pytest.approx([lowest] * 5)
+
+
+def test_a_negative_cost_is_refused_where_there_is_a_floor():
+    learner = ddpg()
+    rollout = rollout_of(learner)
+    rollout.costs[3, 1] = -0.5
+    with pytest.raises(AlgorithmError, match=r"a step cost -0\.5; with cost_floor none may be negative"):
+        learner.update(rollout, FEEDBACK)
+    ddpg(cost_floor=False).update(rollout, FEEDBACK)
+    with pytest.raises(AlgorithmError, match="cost_floor must be off with normalise_cost"):
+        ddpg(normalise_cost=True)
 
 
 def test_long_gradients_are_shortened():

@@ -22,7 +22,12 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "twins": {"cost_critics": 2},
     "apart": {"cost_limits": (0.1, 0.2), "cost_critics": 2},
     "kaiming": {"initial": "kaiming", "activation": "tanh", "normalise_observations": False},
-    "omnisafe": {"multiplier_schedule": "gradient_step", "normalise_cost": True, "linear_decay": False},
+    "omnisafe": {
+        "multiplier_schedule": "gradient_step",
+        "normalise_cost": True,
+        "cost_floor": False,
+        "linear_decay": False,
+    },
     "small replay": {"replay_size": 100},
     "delayed": {"policy_delay": 3, "updates_per_step": 0.3},
 }

@@ -15,6 +15,7 @@ from torch import Tensor
 from thalweg.algos.actions import Actions
 from thalweg.algos.adam import Adam
 from thalweg.algos.costs import cost_metrics, limit_warnings, suffixes
+from thalweg.algos.errors import AlgorithmError
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import bootstrap, losses
 from thalweg.algos.multiplier import Multipliers
@@ -132,9 +133,11 @@ class Agent:
     def remember(self, rollout: Rollout, coded: Callable[[Tensor], Tensor]) -> None:
         """Put the rollout's valid steps into the replay, their raw actions [S, A] `coded` as [S, W].
 
-        Raises `NotFiniteError` for NaN or infinity.
+        Raises `NotFiniteError` for NaN or infinity, and `AlgorithmError` for a negative cost where there is a floor.
         """
         obs, actions, next_obs, paid, going_on = steps_of(rollout)
+        if self.config.cost_floor and (lowest := float(paid[:, 1:].amin())) < 0.0:
+            raise AlgorithmError(f"a step cost {lowest:g}; with cost_floor none may be negative: set it to false")
         self.policy.normaliser.update(obs)
         self._costs_seen.update(paid[:, 1:])
         paid = torch.cat([paid[:, :1], self._costs_seen(paid[:, 1:])], 1)
@@ -177,9 +180,11 @@ class Agent:
             said: [K, B, W] what the critics put out, without a record, and
             back: what their stack's `ahead` gave beside it.
             batch: What was remembered.
-            next_values: V(s') [S, B].
+            next_values: V(s') [S, B]; with a floor those of costs are raised to it in place.
             chosen: Which of the W numbers is Q of the batch's actions, [B] int64; None: there is but one.
         """
+        if self.config.cost_floor:
+            next_values[1:].clamp_(min=0.0)
         values = said[..., 0] if chosen is None else said.gather(-1, chosen.expand(len(said), -1).unsqueeze(-1))[..., 0]
         targets = bootstrap.target(batch.paid, batch.going_on, next_values, self._discounts)
         targets = targets if len(targets) == len(said) else targets[self.critics.signal]

@@ -61,6 +61,9 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     """Longer gradients are shortened to this, the policy's and that of all critics each by itself."""
     cost_critics: int = 1
     """Critics of each cost: of two, targets take the larger estimate, as they take the smaller of two of the reward."""
+    cost_floor: bool = True
+    """Whether targets take a cost's critic at no less than 0, as no cost is negative. A policy seeks out where its cost
+    is underestimated; without a floor what it finds goes into the targets, and so on without end."""
     normalise_cost: bool = False
     """Whether critics learn each cost's deviation from its running mean, in deviations and within ±5, as in OmniSafe:
     then a step without cost earns something, and a multiplier weighs another unit. The limit holds for raw costs."""
@@ -101,6 +104,7 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
                 "critic_learning_rate": (self.critic_learning_rate >= 0, "must not be negative"),
                 "max_grad_norm": (self.max_grad_norm > 0, "must be positive"),
                 "hidden": (all(size > 0 for size in self.hidden), "must be positive"),
+                "cost_floor": (not (self.cost_floor and self.normalise_cost), "must be off with normalise_cost"),
                 "cost_critics": (self.cost_critics in (1, 2), "must be 1 or 2"),
                 "frame_stack": (self.frame_stack > 0, "must be positive"),
             }

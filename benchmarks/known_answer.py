@@ -5,8 +5,8 @@
 writes known_answer.csv, a row per run, and known_answer.md, a table per problem, beside itself. A row is written when
 its run is finished, so that a killed benchmark goes on where it stopped; a run that was killed goes on too, in the
 folder `--runs`. What is asked of each algorithm, and with which settings, is data in `tests/known_answer/harness.py`:
-rows of other steps, settings or problems than it says don't count and are made anew. Rows name the sources of
-algorithms and training; to make the rows of an algorithm that has changed again, say `--again`.
+rows of other steps, settings (or defaults) or problems than it says don't count and are made anew. Rows name the
+sources of algorithms and training; to make the rows of an algorithm that has changed again, say `--again`.
 """
 
 import argparse
@@ -34,13 +34,15 @@ from tests.known_answer.harness import (  # noqa: E402
     trained,
 )
 from tests.known_answer.problems import PROBLEMS  # noqa: E402
+from thalweg.algos import ALGORITHMS  # noqa: E402
+from thalweg.algos.settings import as_data  # noqa: E402
 from thalweg.bench.files import csv_text, read_csv  # noqa: E402
 from thalweg.cache import source_hash  # noqa: E402
 from thalweg.whole import write_whole  # noqa: E402
 
 SEEDS = 5
 SOURCES = source_hash("algos", "train")
-KEY = ("algorithm", "place", "problem", "tables", "seed", "steps", "config")
+KEY = ("algorithm", "place", "problem", "tables", "seed", "steps", "settings", "config")
 """What a row must say to count."""
 COLUMNS = (
     *KEY,
@@ -59,16 +61,20 @@ Table = dict[tuple[str, ...], dict[str, str]]
 
 
 def key(cell: Cell, seed: int) -> tuple[str, ...]:
-    """What the row of a run says of it."""
+    """What the row of a run says of it: the settings that differ from the defaults, and a hash of all of them."""
     config = json.dumps(cell.config, sort_keys=True)
     tables = PROBLEMS[cell.problem].digest
-    return (cell.algorithm, cell.place, cell.problem, tables, str(seed), str(cell.row.steps), config)
+    resolved = json.dumps(as_data(ALGORITHMS[cell.algorithm].configure(cell.config)), sort_keys=True)
+    settings = hashlib.sha256(resolved.encode()).hexdigest()[:8]
+    return (cell.algorithm, cell.place, cell.problem, tables, str(seed), str(cell.row.steps), settings, config)
 
 
 def finished(path: Path) -> Table:
-    """The rows of the table, by their key."""
+    """The rows of the table that count, by their key."""
     rows = read_csv(path, COLUMNS) if path.is_file() else []
-    return {tuple(row[name] for name in KEY): row for row in rows}
+    table = {tuple(row[name] for name in KEY): row for row in rows}
+    asked = {key(cell, seed) for cell in cells() for seed in {int(row["seed"]) for row in rows}}
+    return {name: row for name, row in table.items() if name in asked}
 
 
 def measure(cell: Cell, seed: int, runs: Path) -> dict[str, str]:

@@ -1,5 +1,6 @@
 """Perceptrons computed together, against torch's own gradient of the same function."""
 
+import copy
 import math
 from typing import Any
 
@@ -114,6 +115,25 @@ def test_wide_networks_by_onednn_are_those_that_torch_records(activation: Any, s
     _, back = one.ahead(x.detach())
     back(above)
     assert one.flat.grad is not None and torch.equal(one.flat.grad, found[1])
+    if shared:
+        said, through = one.through(x.detach(), some)
+        (expected,) = torch.autograd.grad((one.plain(x)[some] * above[some]).sum(), x)
+        assert torch.equal(said, of_some.detach())
+        assert torch.allclose(through(above[some]), expected, rtol=1e-4, atol=2e-4)
+
+
+def test_a_copy_learns_by_itself_even_where_its_original_lay():
+    generator = torch.Generator().manual_seed(0)
+    for _ in range(20):
+        one = Stack(1, D, (160,), 1, activation="relu", generator=generator)
+        x, above = torch.randn(MANY_ROWS, D, generator=generator), torch.ones(1, MANY_ROWS, 1)
+        one.ahead(x)[1](above)
+        twin = copy.deepcopy(one)
+        twin.flat.grad = None
+        del one
+        twin.ahead(x)[1](above)
+        (expected,) = torch.autograd.grad(twin.plain(x).sum(), twin.flat)
+        assert twin.flat.grad is not None and torch.allclose(twin.flat.grad, expected, rtol=1e-4, atol=1e-3)
 
 
 def test_without_hidden_layers_it_is_linear():

@@ -2,7 +2,7 @@
 
 import importlib
 import sys
-from dataclasses import replace
+from dataclasses import make_dataclass, replace
 from pathlib import Path
 from types import ModuleType
 
@@ -45,6 +45,17 @@ def test_a_row_counts_for_its_own_seed_settings_and_problem_only(script: ModuleT
     others += [script.key(Cell("CPO", "box", "dense"), 0)]
     assert script.key(CELL, 0) not in others
     assert script.key(CELL, 0) == script.key(Cell("CPO", "box", "end"), 0)
+
+
+def test_rows_of_other_defaults_do_not_count(script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    written = rows(script, monkeypatch, 0.95)
+    script.write(tmp_path / "table.csv", written)
+    entry = script.ALGORITHMS["CPO"]
+    changed = replace(
+        entry, config=make_dataclass("Changed", [("damping", float, 0.2)], bases=(entry.config,), frozen=True)
+    )
+    monkeypatch.setitem(script.ALGORITHMS, "CPO", changed)
+    assert script.finished(tmp_path / "table.csv") == {}
 
 
 def test_the_page_marks_what_some_seed_missed(script: ModuleType, monkeypatch: pytest.MonkeyPatch):

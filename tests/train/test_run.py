@@ -131,7 +131,6 @@ import json, sys, time
 from pathlib import Path
 sys.path.insert(0, sys.argv[2])
 from tests.train.small_runs import train
-from tests.train.small_runs import Stop, StopsAt, SMALL, STEPS, numbers, rows_of, small, train
 from tests.train.toys import Walk
 
 class Slow(Walk):

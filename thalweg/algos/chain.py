@@ -60,6 +60,7 @@ class Parts:
 
     @classmethod
     def of(cls, flat: Tensor, count: int, sizes: tuple[int, ...]) -> "Parts":
+        """Cut out of the vector."""
         return cls(layers_of(flat, count, sizes))
 
     @cached_property
@@ -199,9 +200,9 @@ def _gradients_one_by_one(
 
 
 def _product(x: Tensor, weight: Tensor, bias: Tensor | None = None, activation: str = "none") -> Tensor:
-    """activation(x [B, before] weight [before, after] + bias [after]), for no activation, "tanh" or "relu"."""
+    """activation(x [B, before] weight [before, after] + bias [after]), for "none", "tanh" or "relu"."""
     assert FUSED is not None
-    if 1 not in weight.shape:  # which is no matter of arithmetic
+    if 1 not in weight.shape:  # a vector takes less time than asking oneDNN does
         return FUSED(x, weight.t(), bias, activation, [], "")
     found = torch.mm(x, weight) if bias is None else torch.addmm(bias, x, weight)
     return found if activation == "none" else found.tanh_() if activation == "tanh" else found.relu_()

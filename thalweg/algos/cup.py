@@ -31,6 +31,8 @@ class CUPConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
 
     clip: float = 0.2
     """ε: how far the probability ratio counts in the first step, to either side of 1."""
+    entropy: float = 0.01
+    """Weight of the policy's entropy (nats, summed over branches) in the loss."""
     projection_passes: int = 10
     """How often the projection goes through the update's steps, at most."""
     multiplier_max: float = 2.0

@@ -1,8 +1,8 @@
 """A small perceptron forwards and backwards, as compiled loops.
 
 A product of 64 x 64 numbers takes a few microseconds, and about as many to ask a library for it; a gradient step of
-three small networks asks some forty times. Here the policy's asks twice, and the critics' only once a pass. Nothing is
-reordered (no `fastmath`), so that a machine gives the same bits whenever it compiled.
+three small networks asks some forty times. Here the policy's asks twice, and that of critics on-policy only once a
+pass. Nothing is reordered (no `fastmath`), so that a machine gives the same bits whenever it compiled.
 
 Letters: K networks, B rows, L layers; `sizes` [L + 1] holds the numbers before and after each layer, and `flat` their
 parameters as `networks.layers_of` cuts them.

@@ -74,7 +74,7 @@ class Stack(nn.Module):
         self.flat = nn.Parameter(
             torch.empty(sum(count * (before + 1) * after for before, after in itertools.pairwise(self.sizes)))
         )
-        self._views: dict[str, tuple[int, Parts]] = {}
+        self._views: dict[str, Parts] = {}
         self.sizes_array, self.code = np.array(self.sizes), loops.TANH if activation == "tanh" else loops.RELU
         self.small = activation != "swish" and max(self.sizes) <= SMALL
         """Whether compiled loops compute it, if it is asked for on a CPU."""
@@ -166,10 +166,9 @@ class Stack(nn.Module):
 
     def _cut(self, name: str, flat: Tensor) -> Parts:
         """Views of a vector that is cut like the parameters, made once for each place that it lies in."""
-        place, parts = self._views.get(name, (0, None))
-        if parts is None or place != flat.data_ptr():
-            parts = Parts.of(flat, self.count, self.sizes)
-            self._views[name] = (flat.data_ptr(), parts)
+        parts = self._views.get(name)
+        if parts is None or parts.layers[0][0].data_ptr() != flat.data_ptr():
+            parts = self._views[name] = Parts.of(flat, self.count, self.sizes)
         return parts
 
     def _slopes(self) -> Tensor:

@@ -34,8 +34,6 @@ class P3OConfig(ConstrainedConfig, FirstOrderConfig):
     """κ: the weight of the penalty; exact as soon as it exceeds the optimal multiplier."""
     clip: float = 0.2
     """ε: how far the probability ratio counts, to either side of 1."""
-    entropy: float = 0.003
-    """Weight of the policy's entropy (nats, summed over branches) in the loss."""
     clip_cost: bool = True
     """Whether the cost's surrogate is clipped too, as in the paper; not in OmniSafe 0.5."""
     limit_scale: Literal["length", "discount", "none"] = "length"

@@ -21,8 +21,6 @@ class PPOConfig(FirstOrderConfig):
 
     clip: float = 0.2
     """ε: how far the probability ratio counts, to either side of 1."""
-    entropy: float = 0.003
-    """Weight of the policy's entropy (nats, summed over branches) in the loss."""
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return super().conditions() | {"clip": (self.clip > 0, "must be positive")}

@@ -30,6 +30,8 @@ class PPOLagConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
 
     clip: float = 0.2
     """ε: how far the probability ratio counts, to either side of 1."""
+    entropy: float = 0.01
+    """Weight of the policy's entropy (nats, summed over branches) in the loss."""
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return (

@@ -237,17 +237,17 @@ class SACLag:
     def _step(self, batch: Batch) -> None:
         """One gradient step of the critics and, if it is its turn, of the policy and α."""
         agent, form, alpha = self.agent, self.form, self.log_alpha.detach().exp()
-        said, back = form.said(agent, batch)
+        said, to_critics = form.said(agent, batch)
         next_values = form.next_values(agent, batch, alpha)
-        agent.learn_values(said, back, batch, next_values, form.chosen(batch))
+        agent.learn_values(said, to_critics, batch, next_values, form.chosen(batch))
         if agent.policy_turn:
-            values, entropy, back = form.objective(agent, batch, said)
+            values, entropy, to_policy = form.objective(agent, batch, said)
             loss = policy_loss(values, entropy, alpha, agent.multipliers.values)
             self.alpha_optimiser.forget()
             if self.config.auto_alpha:
                 loss = loss + alpha_loss(self.log_alpha, entropy, form.aim)
             loss.backward()
-            back()
+            to_policy()
             agent.improve(loss, entropy.mean(), alpha)
             self.alpha_optimiser.step()  # without a gradient it stays
 

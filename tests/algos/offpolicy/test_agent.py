@@ -155,6 +155,13 @@ def test_targets_take_no_cost_below_nothing(floor: bool, lowest: float):
     assert reward == pytest.approx([-0.9] * 5) and cost == pytest.approx([lowest] * 5)
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_a_rollout_of_nothing_but_resets_is_nothing_to_learn_from(name: str):
+    learner = learner_for(name)
+    learner.update(rollout_of(learner, steps=1, valid=torch.zeros(1, N, dtype=torch.bool)), FEEDBACK)
+    assert learner.agent.steps == learner.agent.replay.filled == 0
+
+
 def test_a_negative_cost_is_refused_where_there_is_a_floor():
     learner = ddpg()
     rollout = rollout_of(learner)

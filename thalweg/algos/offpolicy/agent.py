@@ -1,7 +1,8 @@
 """What do off-policy algorithms do alike? Remember steps, draw batches of them at a set pace, step along a gradient,
 let the slow copies follow, and be put away and brought back.
 
-Targets, losses and the order of a gradient step are absent on purpose: they are the algorithm, and stand in its file.
+What an action will be worth, the policy's loss and the order of a gradient step are absent on purpose: they are the
+algorithm, and stand in its file (what DDPG and TD3 have alike in `deterministic`).
 """
 
 import math
@@ -136,8 +137,9 @@ class Agent:
         Raises `NotFiniteError` for NaN or infinity, and `AlgorithmError` for a negative cost where there is a floor.
         """
         obs, actions, next_obs, paid, going_on = steps_of(rollout)
-        if self.config.cost_floor and (lowest := float(paid[:, 1:].amin())) < 0.0:
-            raise AlgorithmError(f"a step cost {lowest:g}; with cost_floor none may be negative: set it to false")
+        negative = paid[:, 1:][paid[:, 1:] < 0.0]
+        if self.config.cost_floor and len(negative):
+            raise AlgorithmError(f"a step cost {negative[0]:g}; with cost_floor none may be negative: set it to false")
         self.policy.normaliser.update(obs)
         self._costs_seen.update(paid[:, 1:])
         paid = torch.cat([paid[:, :1], self._costs_seen(paid[:, 1:])], 1)
@@ -177,21 +179,19 @@ class Agent:
         """One step of Adam of all critics down ½ E[(Q - y)²], summed over critics (`maths.bootstrap`).
 
         Args:
-            said: [K, B, W] what the critics put out, without a record, and
-            back: what their stack's `ahead` gave beside it.
+            said: [K, B, W] what the critics put out.
+            back: What their stack's `ahead` gave beside it.
             batch: What was remembered.
-            next_values: V(s') [S, B]; with a floor those of costs are raised to it in place.
+            next_values: V(s') [S, B], before any floor.
             chosen: Which of the W numbers is Q of the batch's actions, [B] int64; None: there is but one.
         """
         if self.config.cost_floor:
-            next_values[1:].clamp_(min=0.0)
-        values = said[..., 0] if chosen is None else said.gather(-1, chosen.expand(len(said), -1).unsqueeze(-1))[..., 0]
-        targets = bootstrap.target(batch.paid, batch.going_on, next_values, self._discounts)
-        targets = targets if len(targets) == len(said) else targets[self.critics.signal]
+            next_values = torch.cat([next_values[:1], next_values[1:].clamp(min=0.0)])
+        place = None if chosen is None else chosen.expand(len(said), -1).unsqueeze(-1)
+        values = (said if place is None else said.gather(-1, place)).squeeze(-1)
+        targets = bootstrap.target(batch.paid, batch.going_on, next_values, self._discounts)[self.critics.signal]
         slopes = losses.squared_error_slope(values, targets).unsqueeze(-1)
-        if chosen is not None:
-            slopes = torch.zeros_like(said).scatter_(-1, chosen.expand(len(said), -1).unsqueeze(-1), slopes)
-        back(slopes)
+        back(slopes if place is None else torch.zeros_like(said).scatter_(-1, place, slopes))
         self.critic_optimiser.step(self.config.max_grad_norm)
         errors, leading = losses.squared_error(values, targets), self.critics.leading
         self._tally.add(CRITICS, torch.cat([errors[leading], values[leading].mean(-1)]))

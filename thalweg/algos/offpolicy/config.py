@@ -24,10 +24,10 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     """Gradient steps for each step; what a round does not come to is carried over."""
     steps_per_update: int = 2048
     """Steps between two reports, all environments together: then the multipliers move, and metrics are logged."""
-    multiplier_rate: float = 2.0
+    multiplier_rate: float = 0.5
     """Step size of the part of λ that integrates; K_I of a PID multiplier. λ is the reward that a unit of cost is
     worth."""
-    multiplier_gain: float = 5.0
+    multiplier_gain: float = 1.0
     """K_P: what is added to λ for each unit by which the mean cost exceeds the limit, at once; 0 for none."""
     multiplier_max: float = 50.0
     """Upper bound of λ."""

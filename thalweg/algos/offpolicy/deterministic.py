@@ -96,7 +96,8 @@ class Deterministic(Protocol):
         ...
 
     def ahead(self, parameters: Tensor, generator: torch.Generator) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
-        """[B, W] the same, or for choices a draw; and what gives from its gradient that of the parameters [B, P]."""
+        """[B, W] the policy's own action before any rounding, for choices a draw; and what gives from its gradient that
+        of the parameters [B, P]."""
         ...
 
     def smoothed(

@@ -90,7 +90,7 @@ class FirstOrderConfig(OnPolicyConfig):
     """Adam's, for the policy."""
     linear_decay: bool = True
     """Whether the policy's learning rate falls linearly to 0 over the run."""
-    entropy: float = 0.01
+    entropy: float = 0.003
     """Weight of the policy's entropy (nats, summed over branches) in the loss."""
 
     def conditions(self) -> dict[str, tuple[bool, str]]:

@@ -53,7 +53,8 @@ class Rollout:
     final_index: Tensor
     """[F] int64, t * N + n of each step that ended an episode and of which the last observation is known."""
     final_obs: Tensor
-    """[F, K * D] float32, what was seen at the end of those steps, before the reset."""
+    """[F, K * D] float32, what was seen at the end of those steps, before the reset; zeros where an episode ended by
+    itself and the environment did not say, for nothing comes after it."""
 
 
 @dataclass(frozen=True)

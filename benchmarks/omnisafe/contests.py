@@ -224,12 +224,20 @@ CONTESTS = (
         ),
         differs=f"KL is the mean over the action's dimensions, not their sum; {RESETS}",
     ),
-    Contest("DDPGLag", "steps", 2.5, off_policy(MENDED["DDPGLag"]), differs="targets take the online actor's action"),
+    Contest(
+        "DDPGLag",
+        "steps",
+        2.5,
+        off_policy(MENDED["DDPGLag"]),
+        threads=TWO,
+        differs="targets take the online actor's action",
+    ),
     Contest(
         "TD3Lag",
         "steps",
         2.5,
         off_policy(MENDED["TD3Lag"]),
+        threads=TWO,
         differs="the cost's target takes the online actor's action, unsmoothed",
     ),
     Contest(
@@ -237,6 +245,7 @@ CONTESTS = (
         "steps",
         2.5,
         off_policy(MENDED["SACLag"]),
+        threads=TWO,
         differs="the cost's target takes the mean action instead of a sampled one",
     ),
     Contest(

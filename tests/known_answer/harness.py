@@ -70,9 +70,9 @@ class Row:
 
 OFF_POLICY = {"hidden": (64, 64), "minibatch": 128, "steps_per_update": 512}
 OFF_POLICY |= {"multiplier_rate": 2.0, "multiplier_gain": 5.0, "updates_per_step": 0.5}
-"""For tables of four states and episodes of ten steps: small networks, more gradient steps, as many episodes between two
-moves of a multiplier as a river has, and multipliers that reach the 5 to 13 that a cost is worth there. SACLag is told
-to keep more entropy: a policy that draws lots has it."""
+"""For tables of four states and episodes of ten steps: small networks, more gradient steps, as many episodes between
+two moves of a multiplier as a river has, and multipliers that reach the 5 to 13 that a cost is worth there. SACLag is
+told to keep more entropy: a policy that draws lots has it."""
 ROWS: dict[str, Row] = {
     "PPO": Row("free", in_ci=("dense", "end")),
     "PPOLag": Row("limited"),

@@ -142,12 +142,12 @@ class Squashed:
 
     def rsample(self, generator: torch.Generator | None) -> tuple[Tensor, Tensor]:
         """Actions [B, A] that carry the gradient of the parameters, and their log-probabilities [B]."""
-        noise = torch.randn(self.mean.shape, dtype=self.mean.dtype, generator=generator)
-        before = self.mean + self.log_std.exp() * noise
-        return before.tanh(), gaussian.squashed_log_prob(self.mean, self.log_std, before)
+        actions, log_prob, _ = self.ahead(generator)
+        return actions, log_prob
 
     def ahead(self, generator: torch.Generator | None) -> tuple[Tensor, Tensor, Callable[[Tensor, Tensor], Tensor]]:
-        """The same without a record, and what gives from both their gradients that of the parameters [B, 2 A]."""
+        """The same, and what gives from both their gradients that of the parameters [B, 2 A], for a draw that torch
+        need not record."""
         noise = torch.randn(self.mean.shape, dtype=self.mean.dtype, generator=generator)
         spread = self.log_std.exp() * noise
         before = self.mean + spread

@@ -115,7 +115,7 @@ def test_an_interrupt_says_how_to_go_on(monkeypatch: pytest.MonkeyPatch, capsys:
     assert main(["report", "x"]) == 130
     assert capsys.readouterr().err == "\nInterrupted. Nothing is kept; the same command begins anew.\n"
     assert main(["bench", "quick", "--out", "x"]) == 130
-    assert capsys.readouterr().err == "\nInterrupted. The same command goes on where this one stopped.\n"
+    assert capsys.readouterr().err == "\nInterrupted. The same command goes on from the last checkpoint.\n"
 
 
 def test_what_cannot_be_drawn_or_written_is_said_in_one_line(tmp_path: Path, easy_world, capsys: pytest.CaptureFixture):

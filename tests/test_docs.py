@@ -1,15 +1,21 @@
 """The pages of the docs can be found, what they link to is there, and what they say to type can be typed."""
 
 import importlib.util
+import math
 import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from PIL import Image
 
+from thalweg.algos.onpolicy.config import OnPolicyConfig
+from thalweg.algos.presets import PAPER
+from thalweg.algos.registry import ALGORITHMS
 from thalweg.cli import COMMANDS, _parse
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -135,3 +141,69 @@ def test_pictures_in_a_row_are_of_one_height_and_fill_its_width():
     for y in (0, 99):
         colours = [row.getpixel((x, y)) for x in range(row.width)]
         assert colours == [(255, 0, 0)] * 50 + [(255, 255, 255)] * pictures.GAP + [(0, 128, 0)] * 150
+
+
+WORDS = {"yes": True, "true": True, "no": False, "false": False, "none": math.inf, "√0.075": 0.075**0.5}
+
+
+def said(cell: str) -> list[Any]:
+    """Values of a table's cell, in their order: `256, 256` or `0, 0.1, false`."""
+    values: list[Any] = []
+    for word in cell.split(", "):
+        number = re.fullmatch(r"-?\d{1,3}(?:,\d{3})+|-?[\d.]+(?:e-?\d+)?", word)
+        values.append(WORDS[word] if word in WORDS else float(word.replace(",", "")) if number else word)
+    return values
+
+
+def table_values(page: Path, column: str) -> Iterator[tuple[str, Any]]:
+    """Settings and their values in the tables of a page that have such a column."""
+    at = None
+    for line in page.read_text().splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split(" | ")] if line.startswith("|") else []
+        if not cells:
+            at = None
+        elif cells[0].strip() == "setting":
+            at = cells.index(column) if column in cells else None
+        elif at is not None and (names := re.findall(r"`(\w+)`", cells[0])):
+            values = said(cells[at])
+            if len(names) == 1 and len(values) > 1:
+                values = [tuple(values)]
+            each = values * len(names) if len(values) == 1 else values  # one value may stand for several settings
+            yield from zip(names, each, strict=True)
+
+
+def table_settings() -> Iterator[tuple[str, str, str, Any]]:
+    """Algorithm, column, setting and value of every table of settings."""
+    for name in ALGORITHMS:
+        page = ROOT / "docs" / "algorithms" / f"{name.lower()}.md"
+        for column in ("here", "`paper`"):
+            for setting, value in table_values(page, column):
+                yield name, column.strip("`"), setting, value
+
+
+@pytest.mark.parametrize("column", ["here", "paper"])
+def test_settings_of_the_pages_are_those_of_the_code(column: str):
+    """`here` is the default; what is said in words has no value to compare."""
+    preset = {"here": "default", "paper": "paper"}[column]
+    wrong, compared = [], 0
+    for name, found, setting, value in table_settings():
+        if found != column:
+            continue
+        real = getattr(ALGORITHMS[name].configure(None, preset), setting)
+        if isinstance(value, str) and not isinstance(real, str):
+            continue
+        compared += 1
+        if value != real and value != pytest.approx(real):
+            wrong.append(f"{name}: {setting} is {real}, the page says {value}")
+    assert not wrong and compared > 20
+
+
+@pytest.mark.parametrize("name", [name for name in PAPER if not issubclass(ALGORITHMS[name].config, OnPolicyConfig)])
+def test_the_page_names_everything_that_the_preset_sets_otherwise(name: str):
+    """Its own, or the page that its section on OmniSafe begins with."""
+    pages = {"DDPGLag": (), "CCEPETS": ()}.get(name, ("ddpglag",) if name.endswith("Lag") else ("ccepets",))
+    texts = [(ROOT / "docs" / "algorithms" / f"{page}.md").read_text() for page in (name.lower(), *pages)]
+    entry = ALGORITHMS[name]
+    default, paper = entry.configure(), entry.configure(None, "paper")
+    differing = [key for key in PAPER[name] if getattr(default, key) != getattr(paper, key)]
+    assert [key for key in differing if not any(f"`{key}`" in text for text in texts)] == []

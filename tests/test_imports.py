@@ -12,9 +12,10 @@ LAYERS = ("whole", "cache", "kernel", "threads", "world", "render", "env")
 """Each may import those to its left."""
 
 ALLOWED: dict[str, set[str]] = {part: set(LAYERS[:index]) for index, part in enumerate(LAYERS)}
-ALLOWED["encoder"] = {"whole", "cache"}
+ALLOWED["cores"] = set()
+ALLOWED["encoder"] = {"whole", "cache", "cores"}
 ALLOWED["algos"] = {"whole", "kernel"}
-ALLOWED["train"] = {*LAYERS, "encoder", "algos"}
+ALLOWED["train"] = {*LAYERS, "cores", "encoder", "algos"}
 ALLOWED["bench"] = {*ALLOWED["train"], "train"}
 ALLOWED["options"] = {"world"}
 ALLOWED["cli"] = {*ALLOWED["bench"], "bench", "options"}

@@ -4,8 +4,10 @@ Each command is a dataclass: its fields are the options, their docstrings the he
 is imported when it runs, so that `thalweg --help` answers at once.
 """
 
+import signal
 import sys
 import traceback
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from importlib.metadata import version
@@ -267,8 +269,9 @@ class Train:
             f"{result.folder}: {result.algorithm}, {result.steps:,} steps, {result.episodes:,} episodes in"
             f" {result.seconds:.0f} s; last 50: return {result.return_mean:.2f}, cost {result.cost_mean:.2f}"
         )
-        for line in result.warnings:
-            print(f"Warning: {line}")
+        if result.already_finished or result.resumed_from is not None:  # else they have been shown
+            for line in result.warnings:
+                print(f"Warning: {line}")
         encoder = ["--encoder", str(self.encoder)] if self.encoder else []
         print(f"Evaluate it: {shlex.join(['thalweg', 'evaluate', str(self.out), *self.river.words(), *encoder])}")
         return 0
@@ -394,6 +397,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         command = _parse(given)
         _check_seeds(command)
+        if arguments is None:
+            warnings.showwarning = _show_warning
+            signal.signal(signal.SIGTERM, signal.default_int_handler)  # to be told to end is to be interrupted
         return command.run()
     except KeyboardInterrupt:
         print(f"\nInterrupted. {_after_interrupt(command)}", file=sys.stderr)
@@ -404,6 +410,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return 2 if _ours(error) else 1
         print(f"thalweg: {error}", file=sys.stderr)
         return 2
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    """A warning as a line, without the place in the code that it came from."""
+    print(f"Warning: {message}", file=sys.stderr)
 
 
 def _parse(arguments: list[str]) -> Any:
@@ -419,7 +430,7 @@ def _parse(arguments: list[str]) -> Any:
 def _after_interrupt(command: Any) -> str:
     """What becomes of a command that was interrupted."""
     if isinstance(command, Train | Bench | Encoder):
-        return "The same command goes on where this one stopped."
+        return "The same command goes on from the last checkpoint."
     return "Nothing is kept; the same command begins anew."
 
 

@@ -15,6 +15,7 @@ def feedback(
     largest: float = 1.0,
     progress: float = 0.1,
     steps_left: int = 1000,
+    length: float = 5.0,
 ) -> Feedback:
     """What is known after `count` fresh episodes that cost as much as each other: `costs` [M]."""
     told = np.tile(np.array(costs, dtype=np.float64), (count, 1))
@@ -25,6 +26,7 @@ def feedback(
         recent_costs=told,
         episodes=episodes,
         largest_costs=(largest,) * len(costs),
+        mean_length=length,
     )
 
 

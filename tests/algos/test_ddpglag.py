@@ -29,7 +29,7 @@ def test_without_multipliers_the_loss_is_that_of_ddpg():
 def test_targets_are_taken_at_the_action_of_the_slow_policy_or_as_in_omnisafe_of_the_policy(space, target_actor):
     learner = learner_for("DDPGLag", SPACES[space], target_actor=target_actor, cost_limits=(0.1, 0.2), cost_critics=2)
     shake(learner)
-    batch = batch_of(learner, learner.form.uniform(9, learner.agent.generator))
+    batch = batch_of(learner, learner.policy.actions.uniform(9, learner.agent.generator))
     actors = {True: learner.agent.slow_actor, False: learner.policy.actor.stack}
     found = learner._next_values(batch)
     for used, actor in actors.items():
@@ -49,7 +49,7 @@ def test_the_policy_climbs_the_leading_critics_against_their_costs():
     learner = learner_for("DDPGLag", SPACES["Box"], cost_critics=2, learning_rate=0.0, critic_learning_rate=0.0)
     shake(learner)
     learner.agent.multipliers.each[0].value = 1.5
-    batch = batch_of(learner, learner.form.uniform(9, learner.agent.generator))
+    batch = batch_of(learner, learner.policy.actions.uniform(9, learner.agent.generator))
     learner._step(batch)
     actor, critics = learner.policy.actor.stack, learner.agent.critics.stack
     found, actor.flat.grad = actor.flat.grad, None
@@ -65,7 +65,7 @@ def test_critics_learn_towards_their_targets():
     """The gradient of the critics' step is that of ½ E[(Q - y)²], y by hand."""
     learner = learner_for("DDPGLag", learning_rate=0.0, critic_learning_rate=0.0, discount=0.9, cost_discount=0.8)
     shake(learner)
-    batch = batch_of(learner, learner.form.uniform(9, learner.agent.generator), ends=2)
+    batch = batch_of(learner, learner.policy.actions.uniform(9, learner.agent.generator), ends=2)
     after = learner._next_values(batch)
     learner._step(batch)
     critics = learner.agent.critics.stack

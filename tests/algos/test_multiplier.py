@@ -202,6 +202,11 @@ def test_a_multiplier_too_slow_to_matter_is_named_with_its_cost():
     assert not slow.warnings(feedback(0.5, 0.5, episodes=5), 10)
 
 
+def test_one_whose_bound_is_too_low_to_matter_is_named_with_it():
+    found = Multipliers(MultiplierConfig(multiplier_max=0.05), (0.1,)).warnings(feedback(0.5), 1000)
+    assert "multiplier_max (now 0.05)" in found["multiplier_too_slow"]
+
+
 def test_one_that_had_time_enough_is_not_called_slow_at_the_end():
     one = Multipliers(MultiplierConfig(multiplier_rate=0.1, multiplier_gain=0.0), (0.1,))
     kept, broken = feedback(0.0), feedback(0.9)
@@ -223,7 +228,7 @@ def test_fresh_episodes_count_else_the_last_fifty():
 @dataclass(frozen=True)
 class Checked(MultiplierConfig):
     def __post_init__(self) -> None:
-        require(**self.multiplier_conditions())
+        require(self, self.multiplier_conditions())
 
 
 @pytest.mark.parametrize(

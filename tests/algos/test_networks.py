@@ -107,18 +107,14 @@ def test_wide_networks_by_onednn_are_those_that_torch_records(activation: Any, s
         assert torch.allclose(ours, theirs, rtol=1e-4, atol=2e-4) and theirs.abs().max() > 0.1
     (alone,) = torch.autograd.grad((one(x, frozen=True) * above).sum(), x)
     assert torch.equal(alone, found[0])
-    some = slice(0, 2)
-    of_some = one(x if shared else x[some], chosen=some)
-    (part,) = torch.autograd.grad((of_some * above[some]).sum(), one.flat)
-    (whole,) = torch.autograd.grad((one.plain(x)[some] * above[some]).sum(), one.flat)
-    assert torch.allclose(part, whole, rtol=1e-4, atol=2e-4)
     _, back = one.ahead(x.detach())
     back(above)
     assert one.flat.grad is not None and torch.equal(one.flat.grad, found[1])
     if shared:
+        some = slice(0, 2)
         said, through = one.through(x.detach(), some)
         (expected,) = torch.autograd.grad((one.plain(x)[some] * above[some]).sum(), x)
-        assert torch.equal(said, of_some.detach())
+        assert torch.equal(said, one(x)[some].detach())
         assert torch.allclose(through(above[some]), expected, rtol=1e-4, atol=2e-4)
 
 

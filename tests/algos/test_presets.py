@@ -1,4 +1,4 @@
-"""Presets: they set what exists, and only what differs."""
+"""Presets: they set what exists, and all that differs."""
 
 import dataclasses
 
@@ -10,7 +10,7 @@ from thalweg.algos.settings import as_data
 
 
 @pytest.mark.parametrize("algorithm", PAPER)
-def test_the_preset_of_the_study_differs_from_the_default_there_and_only_there(algorithm: str):
+def test_the_preset_of_the_study_sets_what_it_says_and_differs_nowhere_else(algorithm: str):
     entry = ALGORITHMS[algorithm]
     default, paper = (as_data(entry.configure(None, preset)) for preset in ("default", "paper"))
     differing = {key for key in default if default[key] != paper[key]}

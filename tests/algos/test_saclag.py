@@ -10,7 +10,8 @@ import torch
 
 from tests.algos.offpolicy.learners import SPACES, batch_of, learner_for, one_by_one, shake
 from thalweg.algos import AlgorithmError
-from thalweg.algos.saclag import SACLagConfig, alpha_loss, policy_loss
+from thalweg.algos.maths import losses
+from thalweg.algos.saclag import SACLagConfig, policy_loss
 
 F64 = torch.float64
 RIVER = gym.spaces.MultiDiscrete([3, 3, 3, 3])
@@ -28,7 +29,7 @@ def test_the_policys_loss_by_hand():
 @pytest.mark.parametrize(("entropy", "grows"), [(0.2, True), (0.8, False)])
 def test_alpha_grows_while_the_entropy_is_below_its_aim(entropy: float, grows: bool):
     log_alpha = torch.tensor(0.0, requires_grad=True)
-    alpha_loss(log_alpha, torch.full((4,), entropy), 0.5).backward()
+    losses.temperature(log_alpha, torch.full((4,), entropy), 0.5).backward()
     assert log_alpha.grad is not None
     assert float(log_alpha.grad) == pytest.approx(entropy - 0.5) and (float(log_alpha.grad) < 0) == grows
 
@@ -37,7 +38,7 @@ def river(**settings: Any) -> tuple[Any, Any]:
     """A learner with two costs and two critics of each, and a batch of seven states."""
     learner = learner_for("SACLag", RIVER, cost_limits=(0.1, 0.2), cost_critics=2, **settings)
     shake(learner)
-    return learner, batch_of(learner, learner.form.uniform(7, learner.agent.generator))
+    return learner, batch_of(learner, learner.policy.actions.uniform(7, learner.agent.generator))
 
 
 def by_loops(learner: Any, obs: torch.Tensor, stack: Any) -> tuple[list[list[float]], list[float], list[list[float]]]:
@@ -124,7 +125,7 @@ def test_critics_learn_at_the_numbers_of_the_batchs_actions_and_nowhere_else():
 def box(**settings: Any) -> tuple[Any, Any]:
     learner = learner_for("SACLag", SPACES["Box"], **settings)
     shake(learner)
-    return learner, batch_of(learner, learner.form.uniform(7, learner.agent.generator))
+    return learner, batch_of(learner, learner.policy.actions.uniform(7, learner.agent.generator))
 
 
 def drawn(learner: Any, obs: torch.Tensor, seed: int) -> tuple[torch.Tensor, torch.Tensor]:
@@ -192,7 +193,7 @@ def test_entropies_aimed_at():
 @pytest.mark.parametrize("auto", [True, False])
 def test_alpha_moves_or_stays(auto: bool):
     learner = learner_for("SACLag", auto_alpha=auto, alpha=0.2, entropy_share=0.0, policy_delay=1)
-    batch = batch_of(learner, learner.form.uniform(7, learner.agent.generator))
+    batch = batch_of(learner, learner.policy.actions.uniform(7, learner.agent.generator))
     for _ in range(3):
         learner._step(batch)
     alpha = float(learner.log_alpha.detach().exp())

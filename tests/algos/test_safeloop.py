@@ -9,10 +9,10 @@ import torch
 
 from tests.algos.planning.made import BOX, OPTIONS, generator
 from thalweg.algos.actions import actions_of
-from thalweg.algos.maths import planning
+from thalweg.algos.maths import losses, planning
 from thalweg.algos.planning.imagine import Futures
 from thalweg.algos.planning.planner import Budget
-from thalweg.algos.safeloop import SafeARC, SafeLOOPConfig, actor_loss, alpha_loss
+from thalweg.algos.safeloop import SafeARC, SafeLOOPConfig, actor_loss
 
 F64 = torch.float64
 
@@ -34,7 +34,7 @@ def test_the_actors_loss_by_hand():
 def test_alpha_grows_while_the_entropy_is_below_its_aim():
     for entropy, grows in ((0.5, True), (1.5, False)):
         log_alpha = torch.tensor(0.0, requires_grad=True)
-        alpha_loss(log_alpha, torch.tensor([entropy]), 1.0).backward()
+        losses.temperature(log_alpha, torch.tensor([entropy]), 1.0).backward()
         assert log_alpha.grad is not None and (float(log_alpha.grad) < 0) is grows
 
 

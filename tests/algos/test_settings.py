@@ -19,7 +19,7 @@ def test_a_name_is_found_in_any_case():
 
 def test_an_unknown_key_lists_the_known_ones():
     with pytest.raises(
-        AlgorithmError, match=r"no 'cost_limt'; it has steps_per_update, .*, cost_limit, .*, temperature"
+        AlgorithmError, match=r"no 'cost_limt'.*; it has steps_per_update, .*, cost_limit, .*, temperature"
     ):
         config_from(FOCOPSConfig, {"cost_limt": 0.2})
 
@@ -44,10 +44,37 @@ def test_a_wrong_value_is_named(key: str, value: object, words: str):
     assert key in str(caught.value)
 
 
+def test_a_misspelt_key_is_met_with_the_one_that_was_meant():
+    with pytest.raises(AlgorithmError, match=r"has no 'cost_limt' \(did you mean 'cost_limit'\?\); it has "):
+        config_from(FOCOPSConfig, {"cost_limt": 0.1})
+    with pytest.raises(AlgorithmError, match="has no 'xyzzy'; it has "):
+        config_from(FOCOPSConfig, {"xyzzy": 0.1})
+
+
+def test_a_number_out_of_range_is_repeated():
+    with pytest.raises(AlgorithmError, match=r"^cost_limit must not be negative, nor infinite; got -0\.5$"):
+        FOCOPSConfig(cost_limit=-0.5)
+
+
 def test_whole_numbers_and_lists_become_what_the_field_wants():
     config = config_from(FOCOPSConfig, {"cost_limit": 1, "hidden": [32, 16]})
     assert (config.cost_limit, config.hidden) == (1.0, (32, 16))
     assert as_data(config)["hidden"] == [32, 16]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"activation": "gelu"}, r"activation is one of 'tanh'.*, got 'gelu'"),
+        ({"memory": "lstm"}, "memory is one of"),
+        ({"mask": "all"}, "mask is one of"),
+        ({"multiplier_rule": "pid"}, "multiplier_rule is one of"),
+        ({"passes": 2.5}, "passes must be int, got 2.5"),
+    ],
+)
+def test_a_whole_config_is_checked_like_a_mapping(changes: dict, words: str):
+    with pytest.raises(AlgorithmError, match=words):
+        ALGORITHMS["FOCOPS"].configure(FOCOPSConfig(**changes))
 
 
 @pytest.mark.parametrize("entry", ALGORITHMS.values(), ids=lambda entry: entry.name)

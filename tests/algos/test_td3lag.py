@@ -27,7 +27,7 @@ def chosen(learner, outputs: torch.Tensor) -> torch.Tensor:
 def test_targets_are_the_smaller_of_two_critics_of_the_reward_and_the_larger_of_two_of_a_cost(space):
     learner = learner_for("TD3Lag", SPACES[space], target_noise=0.0, target_temperature=0.0, cost_critics=2)
     shake(learner)
-    batch = batch_of(learner, learner.form.uniform(9, learner.agent.generator))
+    batch = batch_of(learner, learner.policy.actions.uniform(9, learner.agent.generator))
     action = chosen(learner, one_by_one(learner.agent.slow_actor, batch.next_obs)[0])
     q = one_by_one(learner.agent.slow_critics, torch.cat([batch.next_obs, action], 1))[..., 0]
     expected = torch.stack([torch.minimum(q[0], q[1]), torch.maximum(q[2], q[3])])
@@ -42,7 +42,7 @@ def test_omnisafes_target_of_the_cost_is_taken_at_the_action_of_the_policy_itsel
             "TD3Lag", SPACES[space], cost_target=cost_target, target_noise=0.4, target_temperature=0.4
         )
         shake(learner)
-        batch = batch_of(learner, learner.form.uniform(9, torch.Generator().manual_seed(1)))
+        batch = batch_of(learner, learner.policy.actions.uniform(9, torch.Generator().manual_seed(1)))
         learner.agent.generator.manual_seed(5)
         found[cost_target] = learner._next_values(batch).double()
     online = chosen(learner, one_by_one(learner.policy.actor.stack, batch.next_obs)[0])  # pyright: ignore
@@ -56,7 +56,7 @@ def test_omnisafes_target_of_the_cost_is_taken_at_the_action_of_the_policy_itsel
 def test_targets_are_smoothed_by_draws_around_the_slow_policy(space):
     learner = learner_for("TD3Lag", SPACES[space], target_noise=0.4, target_temperature=0.4)
     shake(learner)
-    batch = batch_of(learner, learner.form.uniform(9, learner.agent.generator))
+    batch = batch_of(learner, learner.policy.actions.uniform(9, learner.agent.generator))
     draws = torch.stack([learner._next_values(batch) for _ in range(20)])
     assert (draws.std(0) > 1e-4).any() and draws.std(0).isfinite().all()
 
@@ -65,7 +65,7 @@ def test_the_policy_climbs_one_critic_of_the_reward_not_the_smaller_of_two():
     learner = learner_for("TD3Lag", SPACES["Box"], policy_delay=1, learning_rate=0.0, critic_learning_rate=0.0)
     shake(learner)
     learner.agent.multipliers.each[0].value = 1.5
-    batch = batch_of(learner, learner.form.uniform(9, learner.agent.generator))
+    batch = batch_of(learner, learner.policy.actions.uniform(9, learner.agent.generator))
     learner._step(batch)
     actor, critics = learner.policy.actor.stack, learner.agent.critics.stack
     found, actor.flat.grad = actor.flat.grad, None

@@ -27,7 +27,7 @@ def rows(script: ModuleType, monkeypatch: pytest.MonkeyPatch, *shares: float) ->
     """Rows of runs that ended with such shares of the optimum's return, seed after seed."""
     best, found = reference(CELL), {}
     for seed, share in enumerate(shares):
-        result = Result(CELL, Score(replace(best, reward=share * best.reward)), best)
+        result = Result(CELL, Score.of(replace(best, reward=share * best.reward)), best)
         monkeypatch.setattr(script, "trained", lambda *_, result=result: result)
         found[script.key(CELL, seed)] = script.measure(CELL, seed, Path("unused"))
     return found
@@ -56,6 +56,26 @@ def test_rows_of_other_defaults_do_not_count(script: ModuleType, monkeypatch: py
     )
     monkeypatch.setitem(script.ALGORITHMS, "CPO", changed)
     assert script.finished(tmp_path / "table.csv") == {}
+
+
+def test_a_run_that_failed_is_a_row_and_does_not_count_as_finished(
+    script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    written = rows(script, monkeypatch, 0.95, 0.95)
+    written[script.key(CELL, 1)] = script.failure(CELL, 1, ValueError("seed 1 is broken"))
+    script.write(tmp_path / "table.csv", written)
+    found = script.finished(tmp_path / "table.csv")
+    assert found[script.key(CELL, 1)]["error"] == "ValueError: seed 1 is broken"
+    assert list(script.waiting([(CELL, 0), (CELL, 1), (CELL, 2)], found)) == [(CELL, 1), (CELL, 2)]
+    assert "**95%, 0.100 (1/2)**" in script.page(found, 2)
+
+
+def test_rows_are_judged_by_todays_optimum(script: ModuleType, monkeypatch: pytest.MonkeyPatch):
+    written = rows(script, monkeypatch, 0.95)
+    assert "95%, 0.100 (1/1)" in script.page(written, 1)
+    better = replace(reference(CELL), reward=2.0 * reference(CELL).reward)
+    monkeypatch.setattr(script, "reference", lambda cell: better)
+    assert "**48%, 0.100 (0/1)**" in script.page(written, 1)
 
 
 def test_the_page_marks_what_some_seed_missed(script: ModuleType, monkeypatch: pytest.MonkeyPatch):

@@ -7,8 +7,18 @@ from typing import Any
 import pytest
 
 from benchmarks.omnisafe import compare, plot, write
-from benchmarks.omnisafe.compare import OURS, PEER
-from benchmarks.omnisafe.contests import CONTESTS, LIMIT, MENDED, RESETS, Contest, Work, contest_named, merged
+from benchmarks.omnisafe.compare import HALF, OURS, PEER
+from benchmarks.omnisafe.contests import (
+    ACTION_REPEAT,
+    CONTESTS,
+    LIMIT,
+    MENDED,
+    RESETS,
+    Contest,
+    Work,
+    contest_named,
+    merged,
+)
 from thalweg.algos.registry import ALGORITHMS
 
 CURVES = """algorithm,side,seed,step,return,cost,episodes
@@ -149,12 +159,37 @@ def test_an_episode_counts_where_it_ended():
 
 
 def test_each_second_turn_goes_backwards():
-    first = compare.in_turns(CONTESTS[:2], 0)
+    first = compare.in_turns(CONTESTS[:2], 0, compare.sides_of)
     assert [(contest.algorithm, side) for contest, side in first] == [
         *(("PPO", PEER), ("PPO", OURS)),
         *(("PPOLag", PEER), ("PPOLag", OURS)),
     ]
-    assert compare.in_turns(CONTESTS[:2], 1) == first[::-1]
+    assert compare.in_turns(CONTESTS[:2], 1, compare.sides_of) == first[::-1]
+
+
+def test_planners_are_measured_with_half_the_bits_too():
+    contest = contest_named("CCEPETS")
+    assert compare.sides_of(contest) == (PEER, OURS, HALF) and compare.sides_of(contest_named("PPO")) == (PEER, OURS)
+    whole, half = (compare.order_of(contest, contest.works.speed, side, 0) for side in (OURS, HALF))
+    assert half == whole | {"config": whole["config"] | {"precision": "bfloat16"}}
+    assert ALGORITHMS["CCEPETS"].configure(whole["config"], "paper").precision == "float32"
+
+
+@pytest.mark.parametrize("name", ["SafeLOOP", "CCEPETS"])
+def test_both_planners_may_spend_as_much_on_an_episode(name: str):
+    work = contest_named(name).works.speed
+    # OmniSafe's limit is one of 1,000 decisions, the toy's episodes have 100 steps.
+    decisions = 100 / ACTION_REPEAT
+    assert work.peer["algo_cfgs"]["cost_limit"] / 1000 * decisions == pytest.approx(work.ours["cost_limit"])
+
+
+def test_what_is_measured_of_some_leaves_the_others(tmp_path: Path):
+    here, file = {"machine": "one", "versions": "two"}, tmp_path / "speed.json"
+    assert compare.others(file, CONTESTS[:1], here) == []
+    lines = [{"algorithm": "PPO"}, {"algorithm": "FOCOPS"}]
+    file.write_text(json.dumps(here | {"lines": lines}))
+    assert compare.others(file, CONTESTS[:1], here) == lines[1:]
+    assert compare.others(file, CONTESTS[:1], here | {"versions": "three"}) == []
 
 
 def test_a_run_is_carried_out_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -164,6 +199,8 @@ def test_a_run_is_carried_out_once(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     contest = contest_named("PPO")
     found = [compare.kept_answer(Path("python"), contest, PEER, seed) for seed in (0, 1, 0)]
     assert [answer["episodes"] for answer in found] == [[1], [2], [1]]
+    monkeypatch.setattr(compare, "sources_of", lambda side: "changed")
+    assert compare.kept_answer(Path("python"), contest, PEER, 0)["episodes"] == [3]
 
 
 def test_a_side_that_fails_says_why(tmp_path: Path):

@@ -139,3 +139,17 @@ def test_another_render_version_is_refused(encoder):
 def test_an_unknown_precision_is_named():
     with pytest.raises(EncoderInputError, match="unknown precision 'float8'; known: float32, bfloat16"):
         Encoder(VAE(VAEConfig(size_px=64)), precision="float8")
+
+
+def test_it_runs_in_as_many_threads_as_were_asked_for_whatever_others_have_set(encoder, frames, monkeypatch):
+    seen = []
+    hook = encoder._head.register_forward_hook(lambda *_: seen.append(torch.get_num_threads()))
+    before = torch.get_num_threads()
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    try:
+        torch.set_num_threads(2)  # as Numba's kernels do on OpenMP
+        encoder(frames[:4])
+        assert seen and set(seen) == {1} and torch.get_num_threads() == 2
+    finally:
+        hook.remove()
+        torch.set_num_threads(before)

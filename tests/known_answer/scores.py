@@ -24,11 +24,24 @@ from thalweg.algos.policy import AnyPolicy, Player
 class Score:
     """What a policy reaches, and how sure that is."""
 
-    outcome: Outcome
+    reward: float
+    """Undiscounted return."""
+    costs: np.ndarray
+    """[K] undiscounted cost of each kind."""
     reward_error: float = 0.0
     """Standard error of the return; 0 where it is exact."""
     cost_error: float = 0.0
     """Of the total cost."""
+
+    @classmethod
+    def of(cls, exact: Outcome) -> "Score":
+        """What is known without error."""
+        return cls(exact.reward, exact.costs)
+
+    @property
+    def cost(self) -> float:
+        """Of all kinds together."""
+        return float(self.costs.sum())
 
 
 def score(policy: AnyPolicy, problem: Problem, space: SpaceName, seed: int = 0) -> Score:
@@ -37,7 +50,7 @@ def score(policy: AnyPolicy, problem: Problem, space: SpaceName, seed: int = 0) 
     if table is None:
         return played(policy, problem, space, seed)
     require_drawn(policy, problem, space, table, seed)
-    return Score(outcome(problem, table))
+    return Score.of(outcome(problem, table))
 
 
 def probabilities(policy: AnyPolicy, problem: Problem, space: SpaceName) -> np.ndarray | None:
@@ -136,7 +149,8 @@ def played(
         obs, _, fresh, _, _ = env.step(actions)
     whole = outcome(problem, _table(counts.sum(0)))
     without = [outcome(problem, _table(counts.sum(0) - one)) for one in counts]
-    return Score(whole, *(_jackknife([getattr(o, name) for o in without]) for name in ("reward", "cost")))
+    errors = (_jackknife([getattr(each, name) for each in without]) for name in ("reward", "cost"))
+    return Score(whole.reward, whole.costs, *errors)
 
 
 def _jackknife(without: list[float]) -> float:

@@ -52,23 +52,23 @@ def test_each_is_held_against_what_its_kind_can_do():
 def test_what_is_asked_for_can_be_had_and_the_unconstrained_optimum_does_not_do(name: str, algorithm: str):
     cell = Cell(algorithm, "discrete", name)
     best = reference(cell)
-    assert Result(cell, Score(best), best).reached
-    assert not Result(cell, Score(optimum(PROBLEMS[name])), best).reached
+    assert Result(cell, Score.of(best), best).reached
+    assert not Result(cell, Score.of(optimum(PROBLEMS[name])), best).reached
 
 
 def test_the_cost_may_exceed_its_limit_by_a_tenth_or_two_hundredths():
     best = optimum(PROBLEMS["two"], PROBLEMS["two"].limits)
     for costs, reached in [((0.28, 1.05), True), ((0.285, 0.9), False), ((0.2, 1.06), False)]:
-        score = Score(replace(best, costs=np.array(costs)))
+        score = Score.of(replace(best, costs=np.array(costs)))
         assert Result(Cell("CPO", "discrete", "two"), score, best).reached == reached
     best = optimum(PROBLEMS["end"], 0.1)
     for cost, reached in [(0.119, True), (0.121, False)]:
-        score = Score(replace(best, costs=np.array([cost])))
+        score = Score.of(replace(best, costs=np.array([cost])))
         assert Result(Cell("CPO", "discrete", "end"), score, best).reached == reached
 
 
 def test_nine_tenths_of_the_return_are_asked_for():
     best = optimum(PROBLEMS["end"], 0.1)
     for share, reached in [(0.91, True), (0.89, False)]:
-        score = Score(replace(best, reward=share * best.reward))
+        score = Score.of(replace(best, reward=share * best.reward))
         assert Result(Cell("CPO", "discrete", "end"), score, best).reached == reached

@@ -102,16 +102,16 @@ def test_a_policy_with_a_memory_is_scored_by_what_it_does_in_play():
     found = played(Alternating(8, 1), PROBLEM, "discrete", num_envs=32, steps=1000)
     reward, cost = episodes_of(8, 1)
     assert 0.0 < found.reward_error < 0.05 * reward
-    assert abs(found.outcome.reward - reward) < 4.0 * found.reward_error
-    assert abs(found.outcome.cost - cost) < 4.0 * found.cost_error
+    assert abs(found.reward - reward) < 4.0 * found.reward_error
+    assert abs(found.cost - cost) < 4.0 * found.cost_error
 
 
 def test_play_agrees_with_the_exact_score():
     policy = policy_of("multidiscrete")
     exact, found = score(policy, PROBLEM, "multidiscrete"), played(policy, PROBLEM, "multidiscrete")
     assert exact.reward_error == 0.0
-    assert abs(found.outcome.reward - exact.outcome.reward) < 4.0 * found.reward_error
-    assert abs(found.outcome.cost - exact.outcome.cost) < 4.0 * found.cost_error
+    assert abs(found.reward - exact.reward) < 4.0 * found.reward_error
+    assert abs(found.cost - exact.cost) < 4.0 * found.cost_error
 
 
 def test_a_policy_that_sees_several_frames_is_watched_at_play():

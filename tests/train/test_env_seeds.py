@@ -30,7 +30,7 @@ def test_a_run_begins_with_a_list_of_seeds():
             asked.append(seed)
             return super().reset(seed=seed, options=options)
 
-    Training(Asked(4), Stream(Asked(4)), None, steps=8, seed=5, threads=1)  # pyright: ignore[reportArgumentType]
+    Training(Asked(4), Stream(Asked(4)), None, steps=8, seed=5, threads=1).begin()  # pyright: ignore[reportArgumentType]
     assert asked == [env_seeds(5, 0, 4)]
     assert all(type(seed) is int and 0 <= seed < 2**31 for seed in asked[0])
     assert np.unique(asked[0]).size == 4

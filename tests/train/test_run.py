@@ -211,6 +211,36 @@ def test_nan_from_the_environment_stops_the_run_and_leaves_the_last_good_checkpo
     assert result.resumed_from == 384
 
 
+def test_nan_in_the_first_observation_is_a_failed_run_too(tmp_path):
+    class Blind(Walk):
+        def reset(self, **given):
+            obs, info = super().reset(**given)
+            return obs * np.nan, info
+
+    with pytest.raises(
+        NotFiniteError, match=r"observation is not finite in rows \[0, .* of the reset after vector step 0"
+    ):
+        train(tmp_path, env=Blind())
+    status = json.loads((tmp_path / "status.json").read_text())
+    assert (status["state"], status["steps"]) == ("failed", 0)
+    assert train(tmp_path).resumed_from is None
+
+
+def test_the_status_of_a_run_that_goes_on_is_that_of_its_last_checkpoint(tmp_path):
+    seen = []
+
+    class Watched(Walk):
+        def step(self, actions):
+            if (tmp_path / "status.json").exists():
+                seen.append(json.loads((tmp_path / "status.json").read_text()))
+            return super().step(actions)
+
+    train(tmp_path, env=Watched())
+    assert {status["state"] for status in seen} == {"running"}
+    assert sorted({status["steps"] for status in seen}) == [128 * k for k in range(STEPS // 128 + 1)]
+    assert seen[0]["return_mean"] is None and seen[-1]["return_mean"] < 100  # no NaN, which JSON has not
+
+
 def test_a_loss_that_turns_nan_stops_the_run_and_leaves_the_last_good_checkpoint(tmp_path):
     class Huge(Walk):
         def step(self, actions):

@@ -165,6 +165,55 @@ def test_no_cost_in_an_endless_episode_is_an_error_some_day():
             stream.step(np.zeros(1, np.int64))
 
 
+def test_an_environment_that_named_its_cost_once_may_be_silent_ever_after():
+    lengths = iter([1, 10**9])
+
+    class Rare(Count):
+        def reset(self, **given):
+            self.length = next(lengths)
+            return super().reset(**given)
+
+    env = SyncVectorEnv([lambda: Rare(names_cost="last")], autoreset_mode=AutoresetMode.SAME_STEP)
+    stream = Stream(env)
+    stream.reset(0)
+    costs = [float(stream.step(np.zeros(1, np.int64)).cost[0]) for _ in range(PATIENCE + 2)]
+    assert costs == [1.0] + [0.0] * (PATIENCE + 1)
+
+
+def test_what_a_reset_step_says_does_not_matter():
+    class Odd(Walk):
+        """Its costs are nonsense in the step that only resets."""
+
+        def __init__(self):
+            super().__init__()
+            self.metadata, self.ended = {"autoreset_mode": AutoresetMode.NEXT_STEP}, np.zeros(4, dtype=bool)
+
+        def step(self, actions):
+            obs, reward, terminated, truncated, info = super().step(actions)
+            for name in ("cost", "costs"):
+                info[name][self.ended] = np.nan
+            self.ended = (terminated | truncated) & ~self.ended
+            return obs, reward, terminated, truncated, info
+
+    stream = Stream(Odd())
+    stream.reset(0)
+    steps = [stream.step(np.tile([2, 0], (4, 1))) for _ in range(60)]
+    assert sum(int((~step.valid).sum()) for step in steps) > 10
+    assert all(step.costs is not None and not step.costs[~step.valid].any() for step in steps)
+
+
+def test_a_reason_has_the_environments_own_name_or_none():
+    class Coded(Walk):
+        def step(self, actions):
+            *rest, info = super().step(actions)
+            return *rest, info | {"done_reason": [3, None, "lost", 3]}
+
+    stream, book = Stream(Coded()), EpisodeBook(4, [""] * 4, {3: "Found"})
+    stream.reset(0)
+    episodes = [episode for _ in range(60) for episode in book.add(stream.step(np.tile([2, 0], (4, 1))))]
+    assert {(e.env, e.reason) for e in episodes} == {(0, "Found"), (1, "None"), (2, "lost"), (3, "Found")}
+
+
 def test_an_unknown_way_of_resetting_is_refused():
     env = Walk()
     env.metadata = {}

@@ -1,6 +1,7 @@
 """What a run tells a learner between its updates, with a learner that only writes down what it is told."""
 
 import csv
+import math
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,7 @@ def trained(env: Any = None, steps: int = STEPS, **settings: Any) -> tuple[Scrib
     stream = Stream(env)
     learner = Scribe(Task(stream.obs_size, env.single_action_space, env.num_envs, 0, {}), **settings)
     training = Training(env, stream, learner, steps, seed=0, threads=1)
+    training.begin()
     ended: list[list[Episode]] = [[]]
     while not training.done:
         ended[-1] += training.step()
@@ -89,6 +91,9 @@ def test_recent_costs_and_the_count_go_on_over_updates():
     last = learner.told[-1]
     assert last.recent_costs[:, 0].tolist() == costs[-100:] and last.episodes == len(costs)
     assert last.largest_costs == (max(costs),)
+    lengths = [e.length for each in ended for e in each]
+    assert last.mean_length == pytest.approx(np.mean(lengths[-100:])) and len(set(lengths)) > 3
+    assert math.isnan(learner.told[0].mean_length) == (not ended[0])
 
 
 def test_progress_is_that_before_the_rollout_and_steps_left_those_after_it():

@@ -4,6 +4,7 @@
 the environment executes. Letters: N environments, A branches of a discrete space or numbers of a Box.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -24,6 +25,8 @@ reaches the first options only. `box_scaled` stretches -1..1 over all options fi
 """
 Kind = Literal["categorical", "gaussian", "squashed", "point"]
 """Of the policy: choices, a Gaussian, a Gaussian through tanh, or one point through tanh."""
+MOST_JOINT_ACTIONS = 4096
+"""That exact sums are taken over."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,21 @@ class Actions:
         """How many numbers the policy's network gives: logits, means, or means and log standard deviations."""
         per_number = 2 if self.kind == "squashed" else 1
         return sum(self.sizes) if self.kind == "categorical" else per_number * self.count
+
+    def joint_count(self, algorithm: str) -> int:
+        """J: how many joint actions there are; raises `AlgorithmError` for more than an algorithm can sum over."""
+        count = math.prod(self.sizes)
+        if count > MOST_JOINT_ACTIONS:
+            raise AlgorithmError(
+                f"{algorithm} sums over all joint actions, of which this space has {count:,}, more than "
+                f"{MOST_JOINT_ACTIONS:,}: use adapter='box_scaled'"
+            )
+        return count
+
+    def uniform(self, count: int, generator: torch.Generator) -> Tensor:
+        """Raw actions [count, A], each as probable as any other: options, or numbers in -1..1."""
+        drawn = torch.rand(count, self.count, generator=generator)
+        return (drawn * torch.tensor(self.sizes)).long() if self.kind == "categorical" else 2.0 * drawn - 1.0
 
     def distribution(self, parameters: Tensor) -> Distribution:
         """The policy at each state, from parameters [B, P]."""

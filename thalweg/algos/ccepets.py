@@ -77,7 +77,7 @@ METHODS["CCEPETS"] = (CCEPETSConfig, Elites)
 
 def value_loss(values: Tensor, next_values: Tensor, rewards: Tensor, terminated: Tensor, discount: float) -> Tensor:
     """½ E[(V(s) - r - γ (1 - terminated) V'(s'))²]: what the critic minimises, from one number per step [B] each. It
-    learns what the planner's own behaviour brings (Sutton 1988)."""
+    learns what the behaviour that the replay holds brings on average, early exploration included (Sutton 1988)."""
     gamma = torch.tensor([[discount]], dtype=values.dtype)
     going_on = (~terminated).to(values.dtype)
     target = bootstrap.target(rewards.unsqueeze(0), going_on, next_values.unsqueeze(0), gamma)

@@ -128,11 +128,10 @@ class Perceptrons(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, x: Tensor, flat: Tensor, parts: Parts, sizes: tuple[int, ...], chosen: slice, activation: Activation
+        ctx: Any, x: Tensor, flat: Tensor, parts: Parts, sizes: tuple[int, ...], activation: Activation
     ) -> Tensor:
-        ctx.count, ctx.sizes, ctx.chosen, ctx.activation = len(parts.layers[0][0]), sizes, chosen, activation
-        ctx.parts, ctx.shared = parts.some(chosen), x.dim() == 2
-        found, trace = outputs(x, ctx.parts, activation)
+        ctx.parts, ctx.sizes, ctx.activation, ctx.shared = parts, sizes, activation, x.dim() == 2
+        found, trace = outputs(x, parts, activation)
         ctx.one_by_one = not isinstance(trace.seen[0], Tensor)
         kept = [*trace.seen, *trace.before]
         ctx.save_for_backward(flat, *(itertools.chain.from_iterable(kept) if ctx.one_by_one else kept))  # pyright: ignore
@@ -149,10 +148,10 @@ class Perceptrons(torch.autograd.Function):
         wants_x, wants_flat = ctx.needs_input_grad[:2]
         into, places = None, None
         if wants_flat:
-            into = (torch.empty_like if len(above) == ctx.count else torch.zeros_like)(flat)
-            places = Parts.of(into, ctx.count, ctx.sizes).some(ctx.chosen)
+            into = torch.empty_like(flat)
+            places = Parts.of(into, len(above), ctx.sizes)
         below = gradients(above, trace, ctx.parts, places, ctx.activation, wants_x)
-        return below.sum(0) if below is not None and ctx.shared else below, into, None, None, None, None
+        return below.sum(0) if below is not None and ctx.shared else below, into, None, None, None
 
 
 def _outputs_one_by_one(x: Tensor, apart: list[Layers], activation: Activation) -> tuple[Tensor, Trace]:

@@ -5,7 +5,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from thalweg.algos.interface import Feedback
+from thalweg.algos.interface import REMEMBERED, Feedback
 
 ENOUGH_EPISODES = 20
 """Before this many episodes nothing is said about what costs are possible."""
@@ -47,16 +47,16 @@ class MeanCostConfig:
     """Settings of the mean cost that is held against the limit."""
 
     cost_window: int = 0
-    """Episodes that the mean cost is taken over, up to 100, so that it lags; 0: those that have finished since the last
-    update."""
+    """Last episodes that the mean cost is taken over, so that it lags; 0: those that have finished since the last
+    update, and if there are none, the last fifty (multipliers then stay as they are)."""
 
     def window_conditions(self) -> dict[str, tuple[bool, str]]:
         """What must hold, for `require`."""
-        return {"cost_window": (0 <= self.cost_window <= 100, "must be in 0..100")}
+        return {"cost_window": (0 <= self.cost_window <= REMEMBERED, f"must be in 0..{REMEMBERED}")}
 
 
 def cost_metrics(feedback: Feedback, limits: Sequence[float] = (), window: int = 0) -> dict[str, float]:
-    """J_c of each cost and the number of episodes behind it, and whether each limit has been broken by any episode."""
+    """J_c of each cost, the number of fresh episodes, and whether each limit has been broken by any episode."""
     names = suffixes(len(feedback.largest_costs))
     means = {f"cost_mean{name}": mean for name, mean in zip(names, feedback.cost_means(window), strict=True)}
     bind = {

@@ -15,7 +15,9 @@ from thalweg.algos.maths.trust_region import cpo_step
 from thalweg.algos.onpolicy.agent import Agent, Drift, cost_signals, metrics_of, reward_signal
 from thalweg.algos.onpolicy.config import ConstrainedConfig, NaturalConfig
 from thalweg.algos.onpolicy.natural import Landscape, most_violated
-from thalweg.algos.onpolicy.samples import mean_length
+
+FAR_BELOW = -1e6
+"""The violation of a limit of which nothing is known yet."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,7 @@ class CPOConfig(ConstrainedConfig, NaturalConfig):
     """Settings of CPO."""
 
     standardise_cost: bool = False
-    """Must be off: the cost's advantage is weighed against the violation, in the same units."""
+    """Must be off: cost advantages and the violation are divided by the same deviation in any case."""
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return (
@@ -32,7 +34,7 @@ class CPOConfig(ConstrainedConfig, NaturalConfig):
             | {
                 "standardise_cost": (
                     not self.standardise_cost,
-                    "must be off for CPO, which needs the cost's own units",
+                    "must be off for CPO, which itself scales advantages and violation alike",
                 ),
             }
         )
@@ -55,14 +57,17 @@ class CPO:
         config, agent = self.config, self.agent
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
         worst, violation = most_violated(feedback, config.limits, config.cost_window)
-        # An episode's cost is a sum over its steps, and the surrogate is a mean over steps.
-        per_step = max(violation, -1e6) / mean_length(rollout)
+        # An episode's cost is a sum over its steps, and the surrogate is a mean over steps. Before any episode has
+        # ended there is no length, but then nothing is known to be violated either.
+        per_step = violation / feedback.mean_length if feedback.episodes else FAR_BELOW
         rewards, costs = standardised(samples.advantages[0]), centred(samples.advantages[1 + worst])
         deviation = float(costs.std(correction=0)) + 1e-8  # so that the programme does not depend on a cost's unit
         costs, per_step = costs / deviation, per_step / deviation
         drift = Drift(agent, samples)
         with agent.critics_learning(samples, config.passes):
-            found = self._step(rewards, costs, per_step, drift, Landscape(agent, samples, drift, config))
+            found = self._step(
+                rewards, costs, per_step, drift, Landscape(agent, samples, drift, config, feedback.progress)
+            )
         drift.measure()
         policy_loss = -losses.surrogate(drift.log_prob, drift.old_log_prob, rewards)
         return (

@@ -94,7 +94,7 @@ class CUP:
                 for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
                     log.append(self._improve(inputs, *rows))
             drift.measure()
-        clipped = ((drift.ratio - 1.0).abs() > config.clip).float().mean()
+        clipped = drift.clip_fraction(config.clip)
 
         weights = torch.tensor(self.multipliers.values).unsqueeze(-1)
         costs = (weights * cost_advantages(config, samples)).sum(0)
@@ -106,7 +106,7 @@ class CUP:
             back.measure()
         return (
             metrics_of(agent, samples, log, drift)
-            | {"learning_rate": rate, "clip_fraction": float(clipped)}
+            | {"learning_rate": rate, "clip_fraction": clipped}
             | {"projection_kl": back.kl, "projection_passes": back.passes}
             | self.multipliers.metrics(feedback, agent.updates_left(feedback))
             | cost_metrics(feedback, config.limits, config.cost_window)

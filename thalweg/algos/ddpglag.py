@@ -40,7 +40,7 @@ class DDPGLag:
     def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
         """Raw actions [N, A]: the policy's with noise, at first uniform ones."""
         if self.agent.begins:
-            return self.form.uniform(len(obs), self.agent.generator)
+            return self.policy.actions.uniform(len(obs), self.agent.generator)
         strength = self.config.exploration_at(self.agent.progress)
         return self.form.explored(self.agent.parameters(obs), self.agent.generator, strength)
 

@@ -24,7 +24,8 @@ class Distribution(Protocol):
         ...
 
     def mode(self) -> Tensor:
-        """The most probable raw actions [B, A]."""
+        """The raw actions [B, A] of a policy that draws no lots: the most probable options, or the numbers in the
+        middle."""
         ...
 
     def log_prob(self, actions: Tensor) -> Tensor:

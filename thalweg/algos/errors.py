@@ -8,7 +8,7 @@ class AlgorithmError(ValueError):
 
 
 class NotFiniteError(ArithmeticError):
-    """A number that learning depends on has become NaN or infinite; says which one and when."""
+    """A number that learning depends on has become NaN or infinite; says which one."""
 
 
 class LimitWarning(UserWarning):

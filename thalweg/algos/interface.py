@@ -13,6 +13,11 @@ from torch import Tensor
 
 from thalweg.algos.policy import AnyPolicy
 
+REMEMBERED = 100
+"""Last episodes that a learner is told of."""
+SHOWN = 50
+"""Last episodes of which means are shown, as in the study's curves."""
+
 
 @dataclass(frozen=True)
 class Task:
@@ -59,7 +64,7 @@ class Rollout:
 
 @dataclass(frozen=True)
 class Feedback:
-    """What the episodes so far say, for multipliers and schedules; measured by the run, never by a logger."""
+    """What the episodes so far say, for limits, multipliers and schedules; measured by the run, never by a logger."""
 
     progress: float
     """Share of the run's steps taken before this rollout, 0..1."""
@@ -68,19 +73,21 @@ class Feedback:
     fresh_costs: np.ndarray
     """[E, M] undiscounted costs of the episodes finished since the last update that returned metrics."""
     recent_costs: np.ndarray
-    """[E, M] of the last 100 episodes at most, the newest last."""
+    """[E, M] of the last `REMEMBERED` episodes at most, the newest last."""
     episodes: int
     """Episodes finished since the run began."""
     largest_costs: tuple[float, ...]
     """[M] the largest cost of any of them."""
+    mean_length: float
+    """Steps of an episode: the mean of the same last episodes as `recent_costs`; NaN before any."""
 
     def cost_means(self, window: int = 0) -> tuple[float, ...]:
-        """J_c [M]: mean cost of the fresh episodes, else of the last 50; with a window, of the last so many. NaN
+        """J_c [M]: mean cost of the fresh episodes, else of the last `SHOWN`; with a window, of the last so many. NaN
         before any."""
         if window:
             chosen = self.recent_costs[-window:]
         else:
-            chosen = self.fresh_costs if len(self.fresh_costs) else self.recent_costs[-50:]
+            chosen = self.fresh_costs if len(self.fresh_costs) else self.recent_costs[-SHOWN:]
         if not len(chosen):
             return (float("nan"),) * len(self.largest_costs)
         return tuple(float(mean) for mean in chosen.mean(0))

@@ -66,7 +66,8 @@ class Sequences:
 
 
 class Gru(nn.Module):
-    """A gated recurrent unit (Cho et al. 2014): state h [N, M], from which and the observation features are made."""
+    """A gated recurrent unit (Cho et al. 2014, the reset gate behind the product as in torch): state h [N, M], from
+    which and the observation features are made."""
 
     def __init__(self, inputs: int, size: int, generator: torch.Generator) -> None:
         super().__init__()

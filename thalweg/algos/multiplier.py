@@ -18,7 +18,7 @@ policy, of rewards of some size."""
 ADAM_LONGEST = math.sqrt(10.0)
 """The most steps' rates that a step of Adam can have: (1 - β₁) / √(1 - β₂)."""
 SETTLING = 0.25
-"""Share of a run, its last, in which multipliers may settle."""
+"""Share of a run, its last, in which multipliers and natural steps may settle."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ class MultiplierConfig(MeanCostConfig):
     """λ before the first update."""
     multiplier_max: float = 10.0
     """Upper bound of λ."""
-    multiplier_settles: bool = False
+    multiplier_settles: bool = True
     """Whether a mean cost below the limit counts ever less over the last quarter of the run, down to nothing at its
-    end: what can only swing about its limit, as a policy without chance does, then ends on the safe side of it."""
+    end: what swings about its limit, as a policy without chance always does, then ends on the safe side of it."""
     multiplier_warmup: int = 0
     """Updates before λ first moves."""
 
@@ -183,11 +183,11 @@ class Multipliers:
         names = suffixes(len(self.each))
         for one, name, largest in zip(self.each, names, feedback.largest_costs, strict=True):
             possible = one.possible(updates_left, largest)
-            if largest > one.limit and possible < min(NEGLIGIBLE, self.config.multiplier_max):
+            if largest > one.limit and possible < NEGLIGIBLE:
                 found[f"multiplier_too_slow{name}"] = (
                     f"the {told(name)}multiplier can't exceed {possible:.3g} in this run, {updates_left} updates "
                     f"before its end: raise multiplier_rate (now {self.config.multiplier_rate:g}), multiplier_gain, "
-                    "the steps, or update more often"
+                    f"multiplier_max (now {self.config.multiplier_max:g}) or the steps, or update more often"
                 )
         return found
 

@@ -94,13 +94,12 @@ class Stack(nn.Module):
                 if initial != "kaiming":
                     bias.zero_()
 
-    def forward(self, x: Tensor, frozen: bool = False, chosen: slice = ALL) -> Tensor:
-        """[K, B, outputs]; `frozen`: as if the parameters were constants, while x may have a gradient; `chosen`: of
-        these perceptrons only."""
+    def forward(self, x: Tensor, frozen: bool = False) -> Tensor:
+        """[K, B, outputs]; `frozen`: as if the parameters were constants, while x may have a gradient."""
         flat = self.flat.detach() if frozen else self.flat
         if not (torch.is_grad_enabled() and (x.requires_grad or flat.requires_grad)):
-            return chain.outputs(x, self.parts.some(chosen), self.activation)[0]
-        return Perceptrons.apply(x, flat, self.parts, self.sizes, chosen, self.activation)  # pyright: ignore
+            return chain.outputs(x, self.parts, self.activation)[0]
+        return Perceptrons.apply(x, flat, self.parts, self.sizes, self.activation)  # pyright: ignore
 
     @torch.no_grad()
     def ahead(self, x: Tensor) -> tuple[Tensor, Callable[[Tensor], None]]:
@@ -237,10 +236,15 @@ class Actor(nn.Module):
         return self(torch.cat([obs, state], -1)), state
 
 
+def part_count(rows: int, minibatch: int) -> int:
+    """Into how many parts of about `minibatch` rows are they cut, so that none is a small rest?"""
+    return max(1, round(rows / minibatch))
+
+
 def part_bounds(rows: int, minibatch: int) -> np.ndarray:
-    """Where each part of about `minibatch` rows begins, and where the last ends; no part is a small rest."""
-    parts = max(1, round(rows / minibatch))
-    return np.concatenate([[0], np.cumsum([len(part) for part in np.array_split(np.arange(rows), parts)])])
+    """Where each of these parts begins, and where the last ends."""
+    parts = np.array_split(np.arange(rows), part_count(rows, minibatch))
+    return np.concatenate([[0], np.cumsum([len(part) for part in parts])])
 
 
 class Critics(nn.Module):
@@ -301,9 +305,9 @@ class Critics(nn.Module):
         the sum of squares of all parameters, is left in `grad`, in place of what was there."""
         if isinstance(inputs, Tensor):
             values, back = self.stack.ahead(inputs)
-            errors = values - targets.unsqueeze(-1)
-            back(errors / errors.shape[1])
-            found = 0.5 * errors.squeeze(-1).square().mean(-1)
+            values = values.squeeze(-1)
+            back(losses.squared_error_slope(values, targets).unsqueeze(-1))
+            found = losses.squared_error(values, targets)
         else:
             for parameter in self.parameters():
                 parameter.grad = None

@@ -28,7 +28,7 @@ from thalweg.algos.onpolicy.natural import Landscape, most_violated
 class OnCRPOConfig(ConstrainedConfig, NaturalConfig):
     """Settings of OnCRPO."""
 
-    tolerance: float = 0.02
+    tolerance: float = 0.0
     """How far above its limit a mean cost may be before it is what the next step is about."""
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
@@ -62,7 +62,7 @@ class OnCRPO:
         advantages = -cost_advantages(config, samples)[worst] if rectifies else standardised(samples.advantages[0])
         drift = Drift(agent, samples)
         with agent.critics_learning(samples, config.passes):
-            refused = self._step(advantages, drift, Landscape(agent, samples, drift, config))
+            refused = self._step(advantages, drift, Landscape(agent, samples, drift, config, feedback.progress))
         drift.measure()
         policy_loss = -losses.surrogate(drift.log_prob, drift.old_log_prob, advantages)
         return (

@@ -23,7 +23,6 @@ from thalweg.algos.onpolicy.agent import (
     reward_signal,
 )
 from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig
-from thalweg.algos.onpolicy.samples import mean_length
 
 
 @dataclass(frozen=True)
@@ -123,7 +122,8 @@ class P3O:
         violations = torch.nan_to_num(means - torch.tensor(config.limits), nan=-float("inf"))
         if config.standardise_cost:
             violations = violations / (samples.advantages[1:].std(1, correction=0) + 1e-8)
-        scale = {"length": 1.0 / mean_length(rollout), "discount": 1.0 - config.cost_discount, "none": 1.0}
+        length = feedback.mean_length if feedback.episodes else 1.0  # before any there is no violation either
+        scale = {"length": 1.0 / length, "discount": 1.0 - config.cost_discount, "none": 1.0}
         rate, drift = agent.decay(feedback.progress), Drift(agent, samples)
         rewards = standardised(samples.advantages[0])
         data = (samples.actions, drift.old_log_prob, rewards, costs.T)
@@ -136,11 +136,10 @@ class P3O:
                     log.append(found)
                     penalties.append(penalty)
             drift.measure()
-        clipped = ((drift.ratio - 1.0).abs() > config.clip).float().mean()
         weighed = torch.stack(penalties)
         return (
             metrics_of(agent, samples, log, drift)
-            | {"learning_rate": rate, "clip_fraction": float(clipped)}
+            | {"learning_rate": rate, "clip_fraction": drift.clip_fraction(config.clip)}
             | {
                 "penalty": config.penalty * float(weighed.sum(1).mean()),
                 "gate": float((weighed > 0).any(1).float().mean()),

@@ -63,10 +63,9 @@ class PPO:
                 for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
                     log.append(self._step(inputs, *rows))
             drift.measure()
-        clipped = ((drift.ratio - 1.0).abs() > config.clip).float().mean()
         return (
             metrics_of(agent, samples, log, drift)
-            | {"learning_rate": rate, "clip_fraction": float(clipped)}
+            | {"learning_rate": rate, "clip_fraction": drift.clip_fraction(config.clip)}
             | cost_metrics(feedback)
         )
 

@@ -30,6 +30,8 @@ class PPOLagConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
 
     clip: float = 0.2
     """ε: how far the probability ratio counts, to either side of 1."""
+    multiplier_max: float = 2.0
+    """Upper bound of λ."""
     entropy: float = 0.01
     """Weight of the policy's entropy (nats, summed over branches) in the loss."""
 
@@ -81,10 +83,9 @@ class PPOLag:
                 for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
                     log.append(self._step(inputs, *rows))
             drift.measure()
-        clipped = ((drift.ratio - 1.0).abs() > config.clip).float().mean()
         return (
             metrics_of(agent, samples, log, drift)
-            | {"learning_rate": rate, "clip_fraction": float(clipped)}
+            | {"learning_rate": rate, "clip_fraction": drift.clip_fraction(config.clip)}
             | self.multipliers.metrics(feedback, agent.updates_left(feedback))
             | cost_metrics(feedback, config.limits, config.cost_window)
         )

@@ -1,4 +1,4 @@
-"""Which settings make up a preset? Data: what differs from an algorithm's own defaults.
+"""Which settings make up a preset? Data: what differs from an algorithm's own defaults, or may do so one day.
 
 `default` is ours: the fields' defaults. `paper` is what the study ran as far as that is known: the defaults of OmniSafe
 0.5, which it adapted, with its quirks, each of them a setting that can be tried alone.
@@ -21,6 +21,11 @@ _ON_POLICY_ROLLOUT: Settings = {
     "initial": "kaiming",
     "adapter": "box_literal",
     "reset_each_update": True,
+    "discount": 0.99,
+    "trace": 0.95,
+    "hidden": [64, 64],
+    "activation": "tanh",
+    "normalise_observations": True,
 }
 _ON_POLICY: Settings = {
     **_ON_POLICY_ROLLOUT,
@@ -28,13 +33,20 @@ _ON_POLICY: Settings = {
     "minibatch": 64,
     "learning_rate": 3e-4,
     "critic_learning_rate": 3e-4,
+    "linear_decay": True,
+    "target_kl": 0.02,
     "entropy": 0.0,
 }
-_LIMITED: Settings = {"cost_limit": 25.0, "standardise_cost": False}
+_CLIPPED: Settings = {**_ON_POLICY, "clip": 0.2}
+_LIMITED: Settings = {"cost_limit": 25.0, "standardise_cost": False, "cost_discount": 0.99, "cost_trace": 0.95}
 _MULTIPLIER: Settings = {
     "multiplier_rule": "adam",
     "multiplier_rate": 0.035,
     "multiplier_gain": 0.0,
+    "multiplier_derivative": 0.0,
+    "multiplier_smoothing": 0.0,
+    "multiplier_warmup": 0,
+    "multiplier_settles": False,
     "multiplier_initial": 0.001,
     "cost_window": 50,
 }
@@ -63,6 +75,14 @@ _OFF_POLICY: Settings = {
     "steps_per_collection": 1,
     "updates_per_step": 1.0,
     "steps_per_update": 2000,
+    "minibatch": 256,
+    "replay_size": 1_000_000,
+    "discount": 0.99,
+    "cost_discount": 0.99,
+    "hidden": [256, 256],
+    "activation": "relu",
+    "max_grad_norm": 40.0,
+    "cost_critics": 1,
     "target_rate": 0.005,
     "learning_rate": 3e-4,
     "critic_learning_rate": 3e-4,
@@ -73,12 +93,14 @@ _OFF_POLICY: Settings = {
     "initial": "kaiming",
     "adapter": "box_literal",
     "cost_limit": 25.0,
-    "cost_window": 10,
+    "cost_window": 50,
     "multiplier_settles": False,
     "multiplier_schedule": "gradient_step",
     "multiplier_rule": "adam",
     "multiplier_rate": 1e-5,
     "multiplier_gain": 0.0,
+    "multiplier_derivative": 0.0,
+    "multiplier_smoothing": 0.0,
     "multiplier_initial": 0.001,
     "multiplier_max": math.inf,
 }
@@ -88,24 +110,26 @@ _DETERMINISTIC: Settings = {
     "random_steps": 25_000,
     "multiplier_warmup": _FIRST_MOVE - 25_000,
     "exploration": 0.0,
+    "exploration_noise": 0.1,
     "exploration_fades": False,
     "output_decay": 0.0,
 }
 
 PAPER: dict[str, Settings] = {
-    "PPO": _ON_POLICY,
-    "PPOLag": {**_ON_POLICY, **_LIMITED, **_MULTIPLIER, "multiplier_max": math.inf},
+    "PPO": _CLIPPED,
+    "PPOLag": {**_CLIPPED, **_LIMITED, **_MULTIPLIER, "multiplier_max": math.inf},
     "FOCOPS": {
         **_ON_POLICY,
         **_LIMITED,
         **_MULTIPLIER,
         "multiplier_max": 2.0,
         "temperature": 1.5,
+        "trust_radius": 0.02,
         "mask": "batch",
         "normalise_by_multiplier": True,
     },
     "P3O": {
-        **_ON_POLICY,
+        **_CLIPPED,
         **_LIMITED,
         "passes": 10,
         "penalty": 20.0,
@@ -121,12 +145,23 @@ PAPER: dict[str, Settings] = {
         "minibatch": 128,
         "critic_learning_rate": 1e-3,
         "trust_radius": 0.01,
+        "radius_settles": False,
+        "conjugate_iterations": 15,
+        "damping": 0.1,
+        "backtracks": 15,
+        "backtrack_factor": 0.8,
         "kl_per_dimension": True,
         "tolerance": 2.0,
         "cost_window": 50,
     },
-    "DDPGLag": {**_DETERMINISTIC, "target_actor": False},
-    "TD3Lag": {**_DETERMINISTIC, "cost_target": "online"},
+    "DDPGLag": {**_DETERMINISTIC, "target_actor": False, "policy_delay": 1},
+    "TD3Lag": {
+        **_DETERMINISTIC,
+        "cost_target": "online",
+        "policy_delay": 2,
+        "target_noise": 0.2,
+        "target_noise_clip": 0.5,
+    },
     "SACLag": {
         **_OFF_POLICY,
         "random_steps": 10_000,
@@ -153,6 +188,7 @@ PAPER: dict[str, Settings] = {
         "standardise_rewards": False,
         "target_rate": 0.005,
         "critic_steps": 50,
+        "critics_wait": True,
     },
 }
 """Settings of the preset `paper`, by algorithm."""

@@ -16,22 +16,20 @@ from torch import Tensor
 from thalweg.algos.actions import Actions, actions_of
 from thalweg.algos.adam import Adam
 from thalweg.algos.distributions import Categoricals, Squashed
-from thalweg.algos.errors import AlgorithmError
 from thalweg.algos.interface import Feedback, Rollout, Task
-from thalweg.algos.maths import joint
+from thalweg.algos.maths import joint, losses
 from thalweg.algos.maths.multiplier import combined
 from thalweg.algos.offpolicy.agent import Agent
 from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.offpolicy.replay import Batch
-
-MOST_JOINT_ACTIONS = 4096
-"""That exact sums are taken over."""
 
 
 @dataclass(frozen=True)
 class SACLagConfig(OffPolicyConfig):
     """Settings of SACLag."""
 
+    multiplier_settles: bool = False
+    """Off: a policy that draws lots can stay at its limit, and need not end on the safe side of a swing."""
     alpha: float = 0.1
     """α: what a nat of entropy is worth; with `auto_alpha` at the start."""
     auto_alpha: bool = True
@@ -67,23 +65,13 @@ def policy_loss(values: Tensor, entropy: Tensor, alpha: Tensor, multipliers: tup
     return -combined(values[0] + alpha * entropy, values[1:], multipliers, normalised=True).mean()
 
 
-def alpha_loss(log_alpha: Tensor, entropy: Tensor, aim: float) -> Tensor:
-    """log α (E[H] - H̄): α grows while the entropy [B] is below its aim (Haarnoja et al. 2018b, equation 18, with log α
-    in place of α, as in its authors' code)."""
-    return log_alpha * (entropy.detach().mean() - aim)
-
-
 class Exact:
     """Choices: critics say one number for each of the J joint actions, and expectations are sums."""
 
     def __init__(self, actions: Actions, config: SACLagConfig) -> None:
+        """Raises `AlgorithmError` for more joint actions than can be summed over."""
         self.actions, self.config = actions, config
-        count = math.prod(actions.sizes)
-        if count > MOST_JOINT_ACTIONS:
-            raise AlgorithmError(
-                f"SACLag sums over all joint actions, of which this space has {count:,}, more than "
-                f"{MOST_JOINT_ACTIONS:,}: use adapter='box_scaled'"
-            )
+        count = actions.joint_count("SACLag")
         self.coded_width, self.critic_outputs = 1, count
         self.aim = config.entropy_share * math.log(count)
         self._selected = joint.selection(actions.sizes)
@@ -91,11 +79,6 @@ class Exact:
     def coded(self, raw: Tensor) -> Tensor:
         """[B, 1] the number of each joint action [B, A]."""
         return joint.numbers(raw, self.actions.sizes).unsqueeze(1).float()
-
-    def uniform(self, count: int, generator: torch.Generator) -> Tensor:
-        """Raw actions [count, A], each as probable as any other."""
-        sizes = torch.tensor(self.actions.sizes)
-        return (torch.rand(count, len(sizes), generator=generator) * sizes).long()
 
     def said(self, agent: Agent, batch: Batch) -> tuple[Tensor, Callable[[Tensor], None]]:
         """Q(s, a) of every joint action [K, B, J], and what passes their gradient on to the critics."""
@@ -145,10 +128,6 @@ class Sampled:
         """[B, A] what was executed."""
         return self.actions.executed(raw)
 
-    def uniform(self, count: int, generator: torch.Generator) -> Tensor:
-        """Raw actions [count, A], each as probable as any other."""
-        return 2.0 * torch.rand(count, self.actions.count, generator=generator) - 1.0
-
     def said(self, agent: Agent, batch: Batch) -> tuple[Tensor, Callable[[Tensor], None]]:
         """Q(s, a) [K, B, 1] of the batch's actions, and what passes their gradient on to the critics."""
         return agent.critics.stack.ahead(batch.pairs)
@@ -163,8 +142,7 @@ class Sampled:
         drawn, log_prob = policy.rsample(agent.generator)
         pairs = torch.cat([batch.next_obs, self.coded(drawn)], 1)
         if self.config.cost_target == "mode":
-            for_costs = torch.cat([batch.next_obs, self.coded(policy.mode())], 1)
-            pairs = torch.stack([for_costs if signal else pairs for signal in agent.critics.signal.tolist()])
+            pairs = agent.critics.each(pairs, torch.cat([batch.next_obs, self.coded(policy.mode())], 1))
         values = agent.critics.cautious(agent.slow_critics(pairs).squeeze(-1))
         values[0] -= alpha * log_prob
         return values
@@ -224,7 +202,7 @@ class SACLag:
     def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
         """Raw actions [N, A] drawn from the policy, at first uniform ones."""
         if self.agent.begins:
-            return self.form.uniform(len(obs), self.agent.generator)
+            return self.policy.actions.uniform(len(obs), self.agent.generator)
         return self.policy.actions.distribution(self.agent.parameters(obs)).sample(self.agent.generator)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
@@ -245,7 +223,7 @@ class SACLag:
             loss = policy_loss(values, entropy, alpha, agent.multipliers.values)
             self.alpha_optimiser.forget()
             if self.config.auto_alpha:
-                loss = loss + alpha_loss(self.log_alpha, entropy, form.aim)
+                loss = loss + losses.temperature(self.log_alpha, entropy, form.aim)
             loss.backward()
             to_policy()
             agent.improve(loss, entropy.mean(), alpha)

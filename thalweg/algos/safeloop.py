@@ -16,22 +16,18 @@ from torch import Tensor, nn
 
 from thalweg.algos.actions import Actions
 from thalweg.algos.costs import limit_warnings
-from thalweg.algos.distributions import Categoricals, Squashed
-from thalweg.algos.errors import AlgorithmError
 from thalweg.algos.interface import Feedback, Rollout, Task
-from thalweg.algos.maths import bootstrap, joint, losses, planning
-from thalweg.algos.networks import Actor, Shape, Stack
+from thalweg.algos.maths import bootstrap, losses, planning
 from thalweg.algos.planning.agent import Agent
 from thalweg.algos.planning.config import PlanningConfig, Size, Sizes
 from thalweg.algos.planning.ensemble import Frozen
 from thalweg.algos.planning.imagine import Futures, Value, rolled_out
 from thalweg.algos.planning.planner import Budget
 from thalweg.algos.planning.policy import METHODS
+from thalweg.algos.planning.soft import soft_actor_critic
 from thalweg.algos.planning.transitions import Batch
 from thalweg.algos.state import load_module, load_optimiser, module_state, optimiser_state
 
-MOST_JOINT_ACTIONS = 4096
-"""That exact sums are taken over."""
 SIZES: dict[Size, Sizes] = {
     "lite": Sizes(samples=64, particles=1, iterations=4, elites=8, horizon=5, model_hidden=(128, 128)),
     "full": Sizes(samples=100, particles=4, iterations=5, elites=20, horizon=7, model_hidden=(200, 200, 200, 200)),
@@ -84,6 +80,7 @@ class SafeLOOPConfig(PlanningConfig):
             "alpha": (self.alpha > 0 or (self.alpha == 0 and not self.auto_alpha), "must be positive"),
             "alpha_learning_rate": (self.alpha_learning_rate >= 0, "must not be negative"),
             "alpha_decay": (0 < self.alpha_decay <= 1, "must be in 0..1, and more than 0"),
+            "entropy_per_number": (self.entropy_per_number < math.log(2.0), "must be less than log 2, that of -1..1"),
             "entropy_share": (0 <= self.entropy_share <= 1, "must be in 0..1"),
             "learning_rate": (self.learning_rate >= 0, "must not be negative"),
         }
@@ -103,7 +100,7 @@ class SafeARC:
         generator: torch.Generator,
     ) -> None:
         self.config, self.actions, self._reward_std = config, actions, reward_std
-        self.soft = (Exact if actions.kind == "categorical" else Sampled)(actions, config, inputs, generator)
+        self.soft = soft_actor_critic(actions, config, inputs, generator)
         self.modules = nn.ModuleDict({"actor": self.soft.actor, "critics": self.soft.critics})
 
     @property
@@ -128,7 +125,8 @@ class SafeARC:
         )
 
     def value(self) -> Value | None:
-        """E_a[min Q(s_H, a)] under the actor, in units of the reward."""
+        """E_a[min Q(s_H, a)] under the actor, for numbers at its middle, or min Q at the action before with
+        `stale_action_value`, in units of the reward."""
         if self.config.stale_action_value:
             return lambda obs, before: self.soft.action_value(obs, before) * self.unit
         return lambda obs, _: self.soft.value(obs) * self.unit
@@ -148,96 +146,6 @@ class SafeARC:
         )
 
 
-class Exact:
-    """Choices: critics say one number for each of the J joint actions, and expectations are sums."""
-
-    def __init__(self, actions: Actions, config: SafeLOOPConfig, inputs: int, generator: torch.Generator) -> None:
-        count = math.prod(actions.sizes)
-        if count > MOST_JOINT_ACTIONS:
-            raise AlgorithmError(
-                f"SafeLOOP sums over all joint actions, of which this space has {count:,}, more than "
-                f"{MOST_JOINT_ACTIONS:,}: use adapter='box_scaled'"
-            )
-        self.actions, shape = actions, Shape(config.hidden, "relu")
-        self.actor = Actor(inputs, actions, shape, generator)
-        self.critics = Stack(2, inputs, shape.hidden, count, activation="relu", generator=generator)
-        self.aim = config.entropy_share * math.log(count)
-        self._selected = joint.selection(actions.sizes)
-
-    def value(self, obs: Tensor) -> Tensor:
-        """Σ_a π(a|s) min Q(s, a) [R] of normalised observations [R, K * D]."""
-        return joint.expectation(self._log_p(obs), self.critics(obs).amin(0))
-
-    def action_value(self, obs: Tensor, raw: Tensor) -> Tensor:
-        """min Q(s, a) [R] of raw actions [R, A]."""
-        return _chosen(self.critics(obs).amin(0), joint.numbers(raw, self.actions.sizes))
-
-    def drawn(self, obs: Tensor, generator: torch.Generator) -> Tensor:
-        """Raw actions [R, A] of the actor."""
-        return self._policy(obs).sample(generator)
-
-    def next_values(self, slow: Stack, obs: Tensor, alpha: Tensor, generator: torch.Generator) -> Tensor:
-        """V(s') [B] = Σ_a π(a|s') (min Q'(s', a) - α log π(a|s'))."""
-        log_p = self._log_p(obs)
-        return joint.expectation(log_p, slow(obs).amin(0) - alpha * log_p)
-
-    def said(self, obs: Tensor, raw: Tensor) -> Tensor:
-        """Q(s, a) [2, B] of raw actions [B, A]."""
-        return _chosen(self.critics(obs), joint.numbers(raw, self.actions.sizes))
-
-    def objective(self, obs: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """E_a[min Q(s, a)] [B] and H(s) [B] with the actor's gradient."""
-        log_p = self._log_p(obs)
-        return joint.expectation(log_p, self.critics(obs, frozen=True).amin(0)), -joint.expectation(log_p, log_p)
-
-    def _policy(self, obs: Tensor) -> Categoricals:
-        return Categoricals.from_logits(self.actor(obs), self.actions.sizes)
-
-    def _log_p(self, obs: Tensor) -> Tensor:
-        """log π(a|s) [B, J]."""
-        return joint.log_prob(self._policy(obs).log_p, self._selected)
-
-
-class Sampled:
-    """Numbers: critics see the action, and an expectation is one draw."""
-
-    def __init__(self, actions: Actions, config: SafeLOOPConfig, inputs: int, generator: torch.Generator) -> None:
-        self.actions, shape = actions, Shape(config.hidden, "relu")
-        self.actor = Actor(inputs, actions, shape, generator)
-        self.critics = Stack(2, inputs + actions.count, shape.hidden, 1, activation="relu", generator=generator)
-        self.aim = config.entropy_per_number * actions.count
-
-    def value(self, obs: Tensor) -> Tensor:
-        """min Q(s, tanh μ) [R]: at the actor's middle, for normalised observations [R, K * D]."""
-        return self.action_value(obs, self._policy(obs).mode())
-
-    def action_value(self, obs: Tensor, raw: Tensor) -> Tensor:
-        """min Q(s, a) [R] of raw actions [R, A]."""
-        return self.said(obs, raw).amin(0)
-
-    def drawn(self, obs: Tensor, generator: torch.Generator) -> Tensor:
-        """Raw actions [R, A] of the actor."""
-        return self._policy(obs).sample(generator)
-
-    def next_values(self, slow: Stack, obs: Tensor, alpha: Tensor, generator: torch.Generator) -> Tensor:
-        """V(s') [B] = min Q'(s', a') - α log π(a'|s'), a' drawn from the actor."""
-        raw, log_prob = self._policy(obs).rsample(generator)
-        pairs = torch.cat([obs, self.actions.executed(raw)], -1)
-        return slow(pairs).squeeze(-1).amin(0) - alpha * log_prob
-
-    def said(self, obs: Tensor, raw: Tensor) -> Tensor:
-        """Q(s, a) [2, B] of raw actions [B, A]: of what was executed."""
-        return self.critics(torch.cat([obs, self.actions.executed(raw)], -1)).squeeze(-1)
-
-    def objective(self, obs: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """min Q(s, a) and -log π(a|s) [B] of one draw that carries the actor's gradient."""
-        raw, log_prob = self._policy(obs).rsample(generator)
-        return self.critics(torch.cat([obs, raw], -1), frozen=True).squeeze(-1).amin(0), -log_prob
-
-    def _policy(self, obs: Tensor) -> Squashed:
-        return Squashed(*self.actor(obs).chunk(2, dim=-1))
-
-
 METHODS["SafeLOOP"] = (SafeLOOPConfig, SafeARC)
 
 
@@ -245,17 +153,6 @@ def actor_loss(values: Tensor, entropy: Tensor, alpha: Tensor) -> Tensor:
     """L = -E_s[E_a[min Q(s, a)] + α H(s)]: what the actor minimises, from one number per state [B] each (Haarnoja et
     al. 2018, equation 12). It knows no cost: what keeps the limit is the planner."""
     return -(values + alpha * entropy).mean()
-
-
-def alpha_loss(log_alpha: Tensor, entropy: Tensor, aim: float) -> Tensor:
-    """log α (E[H] - H̄): α grows while the entropy [B] is below its aim (Haarnoja et al. 2018b, equation 18, with log α
-    in place of α, as in its authors' code)."""
-    return log_alpha * (entropy.detach().mean() - aim)
-
-
-def _chosen(values: Tensor, numbers: Tensor) -> Tensor:
-    """[..., B] of values [..., B, J], at the joint actions of those numbers [B]."""
-    return values.gather(-1, numbers.expand(values.shape[:-1]).unsqueeze(-1)).squeeze(-1)
 
 
 class SafeLOOP:
@@ -305,7 +202,7 @@ class SafeLOOP:
         loss = actor_loss(values, entropy, alpha)
         _descend(self.actor_optimiser, loss)
         if self.config.auto_alpha:
-            _descend(self.alpha_optimiser, alpha_loss(self.log_alpha, entropy, soft.aim))
+            _descend(self.alpha_optimiser, losses.temperature(self.log_alpha, entropy, soft.aim))
         else:
             self.log_alpha += math.log(self.config.alpha_decay)
         self.slow.flat.data.lerp_(soft.critics.flat.detach(), self.config.target_rate)

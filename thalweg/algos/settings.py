@@ -1,6 +1,7 @@
 """How does a config come from what a person wrote? Checked key by key before anything runs."""
 
 import dataclasses
+import difflib
 import math
 import typing
 from collections.abc import Mapping
@@ -14,19 +15,23 @@ Config = TypeVar("Config")
 def config_from(kind: type[Config], given: "Config | Mapping[str, Any] | None") -> Config:
     """The config of a frozen dataclass `kind` with the given values, the rest at their defaults.
 
-    `given` may be such a config already. Raises `AlgorithmError` for an unknown key, listing the known ones, and
-    for a value of the wrong type.
+    `given` may be such a config already, which is checked like a mapping. Raises `AlgorithmError` for an unknown key,
+    listing the known ones, and for a value of the wrong type.
     """
     if given is None:
         return kind()
     if isinstance(given, kind):
-        return given
+        given = {field.name: getattr(given, field.name) for field in dataclasses.fields(given)}  # pyright: ignore
     if not isinstance(given, Mapping):
         raise AlgorithmError(f"a config of {kind.__name__} or a mapping is needed, got {type(given).__name__}")
     types = typing.get_type_hints(kind)
     unknown = [key for key in given if key not in types]
     if unknown:
-        raise AlgorithmError(f"{kind.__name__} has no {', '.join(map(repr, unknown))}; it has {', '.join(types)}")
+        near = difflib.get_close_matches(unknown[0], types, 1)
+        meant = f" (did you mean {near[0]!r}?)" if near else ""
+        raise AlgorithmError(
+            f"{kind.__name__} has no {', '.join(map(repr, unknown))}{meant}; it has {', '.join(types)}"
+        )
     return kind(**{key: _checked(f"{kind.__name__}.{key}", types[key], value) for key, value in given.items()})
 
 
@@ -37,11 +42,11 @@ def as_data(config: Any) -> dict[str, Any]:
     }
 
 
-def require(**conditions: tuple[bool, str]) -> None:
-    """Raises `AlgorithmError` for the first field whose condition is false, with its words."""
+def require(config: Any, conditions: Mapping[str, tuple[bool, str]]) -> None:
+    """Raises `AlgorithmError` for the first field of a config whose condition is false, with its words and value."""
     for field, (holds, words) in conditions.items():
         if not holds:
-            raise AlgorithmError(f"{field} {words}")
+            raise AlgorithmError(f"{field} {words}; got {getattr(config, field)}")
 
 
 def _checked(name: str, kind: Any, value: Any) -> Any:

@@ -56,7 +56,7 @@ class TD3Lag:
     def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
         """Raw actions [N, A]: the policy's with noise, at first uniform ones."""
         if self.agent.begins:
-            return self.form.uniform(len(obs), self.agent.generator)
+            return self.policy.actions.uniform(len(obs), self.agent.generator)
         strength = self.config.exploration_at(self.agent.progress)
         return self.form.explored(self.agent.parameters(obs), self.agent.generator, strength)
 
@@ -91,8 +91,7 @@ class TD3Lag:
         pairs = torch.cat([batch.next_obs, action], 1)
         if config.cost_target == "online":
             online = self.form.chosen(self.policy.actor(batch.next_obs))
-            for_costs = torch.cat([batch.next_obs, online], 1)
-            pairs = torch.stack([for_costs if signal else pairs for signal in agent.critics.signal.tolist()])
+            pairs = agent.critics.each(pairs, torch.cat([batch.next_obs, online], 1))
         return agent.critics.cautious(agent.slow_critics(pairs).squeeze(-1))
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:

@@ -8,11 +8,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from thalweg.algos.interface import SHOWN
 from thalweg.bench.episodes import REASONS, WORDS
 from thalweg.bench.results import Results
 from thalweg.bench.statistics import Curve, Summary, band, curve, summaries
 from thalweg.bench.tables import seeds_text
-from thalweg.train.episodes import WINDOW
 
 GRID = 200
 """Points of a training curve."""
@@ -41,7 +41,7 @@ def png(figure: Figure) -> bytes:
 
 
 PANELS = (
-    ("return_", f"return (mean of the last {WINDOW} episodes)"),
+    ("return_", f"return (mean of the last {SHOWN} episodes)"),
     ("total_rate", "violations per step, all"),
     ("tight_rate", "violations per step, tight"),
     ("loose_rate", "violations per step, loose"),

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from thalweg.algos.interface import SHOWN
 from thalweg.bench.episodes import REASONS, Episode
-from thalweg.train.episodes import WINDOW
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Curve:
     steps: np.ndarray
     """[G]."""
     return_: np.ndarray
-    """[G] mean return of the last `WINDOW` episodes; NaN before the first episode has ended."""
+    """[G] mean return of the last `SHOWN` episodes; NaN before the first episode has ended."""
     total_rate: np.ndarray
     """[G] violations so far / steps so far, as the two kinds below."""
     tight_rate: np.ndarray
@@ -99,7 +99,7 @@ def curve(log: TrainingLog, grid: np.ndarray) -> Curve:
     """The paper's training curves at the grid's steps [G] (positive): running return, and the rate of violations."""
     ended = np.searchsorted(log.step, grid, side="right")
     sums = np.concatenate([[0.0], np.cumsum(log.return_)])
-    first = np.maximum(ended - WINDOW, 0)
+    first = np.maximum(ended - SHOWN, 0)
     flown = grid <= log.last_step * (1 + 1e-9)  # the grid's last point may lie a rounding error beyond
     with np.errstate(invalid="ignore"):
         mean = np.where(flown, (sums[ended] - sums[first]) / (ended - first), np.nan)

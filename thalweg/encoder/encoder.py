@@ -18,6 +18,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from thalweg.cores import asked_threads, torch_threads
 from thalweg.encoder.files import EncoderFileError, load_vae
 from thalweg.encoder.vae import LEAK, VAE, EncoderInputError
 
@@ -71,7 +72,7 @@ class Encoder:
         """Codes float32 [N, Z] of frames uint8 [N, H, W, C]; raises `EncoderInputError` for anything else."""
         pixels = self._pixels(frames)
         codes = np.empty((len(frames), self.latent), np.float32)
-        with torch.inference_mode():
+        with torch_threads(asked_threads()), torch.inference_mode():
             for start in range(0, len(frames), CHUNK):
                 cut = pixels[start : start + CHUNK]
                 company = cut.repeat(2, 1, 1, 1) if len(cut) == 1 else cut

@@ -64,6 +64,10 @@ class DoneReason(IntEnum):
         return self.name.title().replace("_", "")
 
 
+REASON_NAMES = {int(reason): reason.label for reason in DoneReason}
+"""Labels by code."""
+
+
 class Limits(NamedTuple):
     """The numbers of an `EnvConfig` as the kernels take them: metres and radians, flags as 0 or 1."""
 

@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from thalweg.env.actions import row_of_one
-from thalweg.env.config import DEFAULT_CONFIG, EnvConfig, whole
+from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, EnvConfig, whole
 from thalweg.env.observation import one_of
 from thalweg.env.vector import RiverVectorEnv
 from thalweg.world.record import World
@@ -24,6 +24,7 @@ class RiverEnv(gymnasium.Env):
         "render_modes": ["rgb_array"],
         "render_fps": 1.0 / DEFAULT_CONFIG.step_s,
     }
+    done_reasons = REASON_NAMES
 
     def __init__(
         self, world: World, config: EnvConfig = DEFAULT_CONFIG, *, renderer: Any = None, render_mode: str | None = None

@@ -18,7 +18,7 @@ from gymnasium.vector.utils import batch_space
 
 from thalweg.env import forking, state_arrays
 from thalweg.env.actions import action_space, from_units, units
-from thalweg.env.config import DEFAULT_CONFIG, ConfigError, DoneReason, EnvConfig, refuse_unknown, whole
+from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, DoneReason, EnvConfig, refuse_unknown, whole
 from thalweg.env.courses import config_fingerprint, fingerprint, pack
 from thalweg.env.observation import observation_space, observed, one_of
 from thalweg.env.rules import empty_outcome, empty_state, step_all
@@ -44,6 +44,8 @@ class RiverVectorEnv(VectorEnv):
         "render_fps": 1.0 / DEFAULT_CONFIG.step_s,
         "autoreset_mode": AutoresetMode.SAME_STEP,
     }
+    done_reasons = REASON_NAMES
+    """What the codes of `info["done_reason"]` are called."""
 
     def __init__(
         self,

@@ -2,17 +2,14 @@
 
 import math
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
+from thalweg.algos.interface import REMEMBERED, SHOWN
 from thalweg.train.stream import Step
-
-WINDOW = 50
-"""Episodes of which means are shown, as in the paper's curves."""
-REMEMBERED = 100
-"""Last episodes whose costs a multiplier can ask for."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +41,9 @@ COLUMNS = tuple(name.rstrip("_") for name in Episode.__dataclass_fields__)
 class EpisodeBook:
     """Keeps count of N environments."""
 
-    def __init__(self, num_envs: int, worlds: list[str]) -> None:
+    def __init__(self, num_envs: int, worlds: list[str], reasons: Mapping[int, str] | None = None) -> None:
+        """`reasons`: the environment's own names for the codes of `info["done_reason"]`."""
+        self._reasons = reasons or {}
         self.worlds = worlds
         """[N] name of each environment's world, or empty strings."""
         self._sums = np.zeros((num_envs, 4))
@@ -69,7 +68,7 @@ class EpisodeBook:
         self._sums[:, 1] += step.cost
         if step.costs is not None:
             self.split = True
-            self._sums[:, 2:] += np.where(step.valid[:, None], step.costs, 0.0)
+            self._sums[:, 2:] += step.costs
         self._lengths += step.valid
         ended = [self._close(int(env), step) for env in step.finished]
         for episode in ended:
@@ -83,8 +82,8 @@ class EpisodeBook:
         return ended
 
     def costs(self, separate: bool) -> tuple[np.ndarray, np.ndarray, tuple[float, ...]]:
-        """Costs [E, M] of the episodes finished since the last update and of the last 100, and the largest of any [M];
-        tight and loose if `separate`, else their sum."""
+        """Costs [E, M] of the episodes finished since the last update and of those remembered, and the largest of any
+        [M]; tight and loose if `separate`, else their sum."""
         names = ("tight", "loose") if separate else ("cost",)
         fresh, recent = (
             np.array([[getattr(episode, name) for name in names] for episode in episodes]).reshape(-1, len(names))
@@ -92,9 +91,14 @@ class EpisodeBook:
         )
         return fresh, recent, tuple(self.largest[name] for name in names)
 
+    @property
+    def mean_length(self) -> float:
+        """Steps of the episodes remembered; NaN before any."""
+        return float(np.mean([episode.length for episode in self.recent])) if self.recent else math.nan
+
     def metrics(self) -> dict[str, float]:
         """Means of the last episodes, and violated episodes per step so far (total, and by kind where told apart)."""
-        recent = list(self.recent)[-WINDOW:]
+        recent = list(self.recent)[-SHOWN:]
         rates = {name: number / max(self.steps, 1) for name, number in self.violations.items()}
         nan = math.nan
         return {
@@ -145,23 +149,17 @@ class EpisodeBook:
             tight=tight if self.split else math.nan,
             loose=loose if self.split else math.nan,
             length=int(self._lengths[env]),
-            reason=_reason(step, env),
+            reason=self._reason(step, env),
             world=self.worlds[env],
         )
         self._sums[env], self._lengths[env] = 0.0, 0
         return episode
 
-
-def _reason(step: Step, env: int) -> str:
-    """The name of `done_reason` if the environment gives one."""
-    final = step.info.get("final_info")
-    codes = final.get("done_reason") if isinstance(final, dict) else None
-    codes = step.info.get("done_reason") if codes is None else codes
-    if codes is not None:
-        from thalweg.env import DoneReason  # here, because other people's environments need none of ours
-
-        try:
-            return DoneReason(int(codes[env])).label
-        except ValueError:
-            return str(codes[env])
-    return "terminated" if step.terminated[env] else "truncated"
+    def _reason(self, step: Step, env: int) -> str:
+        """What `done_reason` says if the environment gives one: its name, else as it is."""
+        final = step.info.get("final_info")
+        codes = final.get("done_reason") if isinstance(final, dict) else None
+        codes = step.info.get("done_reason") if codes is None else codes
+        if codes is None:
+            return "terminated" if step.terminated[env] else "truncated"
+        return self._reasons.get(codes[env], str(codes[env]))

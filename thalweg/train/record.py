@@ -77,8 +77,9 @@ def require_same(place: Path, theirs: dict[str, Any], ours: dict[str, Any]) -> N
 
 
 def write_status(folder: Path, status: dict[str, Any]) -> None:
-    """Write status.json: `state` is running, finished, interrupted or failed."""
-    write_whole(folder / STATUS, json.dumps(status, indent=1) + "\n")
+    """Write status.json: `state` is running, finished, interrupted or failed; what is not known yet (NaN) is null."""
+    known = {name: None if value != value else value for name, value in status.items()}
+    write_whole(folder / STATUS, json.dumps(known, indent=1, allow_nan=False) + "\n")
 
 
 def read_status(folder: Path) -> dict[str, Any]:

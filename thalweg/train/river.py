@@ -129,7 +129,8 @@ class TrainingGround:
     ) -> RunResult:
         """Train with a progress bar, going on from what lies in the folder.
 
-        Raises the errors of `thalweg.train.run`, those of settings and of the folder before a world is built.
+        Raises the errors of `thalweg.train.run`, those of settings and of a folder that is no run on this river before
+        a world is built.
         """
         entry = algorithm_named(algorithm)
         entry.configure(settings, preset)

@@ -1,5 +1,6 @@
 """How does an algorithm learn on an environment? The loop, and the folder that it leaves behind."""
 
+import math
 import time
 import warnings
 from collections.abc import Mapping
@@ -121,14 +122,13 @@ def run(
     if saved is not None:
         record.require_same(folder, saved[1]["identity"], identity)
     training = Training(env, stream, learner, steps, seed, threads)
-    if saved is not None:
-        training.load_state(saved[1])
     log = RunLog(folder) if saved is None else RunLog(folder, kept=saved[1]["bytes"], step=saved[0])
     report = _Report(folder, entry.name, training)
     try:
+        training.begin(None if saved is None else saved[1])
         report.status("running")
         with Progress(f"{entry.name}, seed {seed}", steps, shown=progress) as bar:
-            _learn(training, log, bar, identity, folder, checkpoint_seconds)
+            _learn(training, log, bar, report, identity, checkpoint_seconds)
         learner.policy.save(folder / record.POLICY)
         status = report.status("finished")
     except KeyboardInterrupt:
@@ -153,7 +153,7 @@ def load_policy(path: str | Path) -> Any:
 
 
 def _learn(
-    training: Training, log: RunLog, bar: Progress, identity: dict, folder: Path, checkpoint_seconds: float
+    training: Training, log: RunLog, bar: Progress, report: "_Report", identity: dict, checkpoint_seconds: float
 ) -> None:
     """Step and update until the steps are done; checkpoints lie between updates only."""
     clock = _Clock(training)
@@ -170,7 +170,9 @@ def _learn(
             log.update(training.book.steps, row | clock.lap())
         before = time.perf_counter()
         if training.done or before - saved_at >= pause:
-            save_checkpoint(folder, training.book.steps, training.state() | {"identity": identity, "bytes": log.sync()})
+            state = training.state() | {"identity": identity, "bytes": log.sync()}
+            save_checkpoint(report.folder, training.book.steps, state)
+            report.status("running")
             saved_at = time.perf_counter()
             pause = max(checkpoint_seconds, CHECKPOINT_SHARE * (saved_at - before)) if checkpoint_seconds else 0.0
 
@@ -248,9 +250,10 @@ def _claim(folder: Path, identity: dict[str, Any], threads: int) -> dict[str, An
 
 def _result(folder: Path, status: dict[str, Any], resumed_from: int | None, already_finished: bool) -> RunResult:
     names = ("algorithm", "steps", "episodes", "return_mean", "cost_mean", "cost_rate", "seconds")
+    said: dict[str, Any] = {name: math.nan if status[name] is None else status[name] for name in names}
     return RunResult(
         folder=folder,
-        **{name: status[name] for name in names},
+        **said,
         resumed_from=resumed_from,
         already_finished=already_finished,
         warnings=tuple(status["warnings"].values()),

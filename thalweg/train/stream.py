@@ -32,7 +32,7 @@ class Step:
     cost: np.ndarray
     """[N] float64; 0 where not valid."""
     costs: np.ndarray | None
-    """[N, 2] float64, tight and loose, if the environment tells them apart."""
+    """[N, 2] float64, tight and loose, if the environment tells them apart; 0 where not valid."""
     terminated: np.ndarray
     """[N] bool."""
     truncated: np.ndarray
@@ -80,7 +80,8 @@ class Stream:
                 raise
             obs, _ = self.env.reset(seed=seed[0])
         self.pending[:] = False
-        return self._stack.push(self._obs(obs), np.ones(self.num_envs, dtype=bool))
+        first = self._obs(obs, f"the reset after vector step {self._steps}")
+        return self._stack.push(first, np.ones(self.num_envs, dtype=bool))
 
     def step(self, actions: np.ndarray) -> Step:
         """What the actions [N, ...] led to.
@@ -94,10 +95,13 @@ class Stream:
         truncated = np.asarray(truncated, dtype=bool) & valid & ~terminated
         done = terminated | truncated
         finished = np.flatnonzero(done)
-        cost = self._cost(info, done, len(finished) > 0)
+        cost = np.where(valid, self._cost(info, done, len(finished) > 0), 0.0)
         reward = np.where(valid, np.asarray(reward, dtype=np.float64), 0.0)
-        costs = _named(info, "costs", done, (self.num_envs, 2))[0]
-        self._require_finite(reward=reward, cost=cost, **({} if costs is None else {"costs": costs}))
+        costs = _named(info, "costs", done, (self.num_envs, 2))
+        costs = None if costs is None else np.where(valid[:, None], costs, 0.0)
+        self._require_finite(reward=reward, cost=cost)
+        if costs is not None:
+            self._require_finite(costs=costs)
         final_obs = self._stack.peek(self._final_obs(next_obs, finished, truncated, info), finished)
         fresh = done if self.mode is not AutoresetMode.NEXT_STEP else ~valid
         if self.mode is AutoresetMode.NEXT_STEP:
@@ -110,7 +114,7 @@ class Stream:
             next_obs=self._stack.push(next_obs, fresh),
             fresh=fresh,
             reward=reward,
-            cost=np.where(valid, cost, 0.0),
+            cost=cost,
             costs=costs,
             terminated=terminated,
             truncated=truncated,
@@ -135,24 +139,24 @@ class Stream:
         self._steps, self._cost_seen = int(state["steps"]), bool(state["cost_seen"])
         self._stack.load_state(state["frames"])
 
-    def _obs(self, obs: Any) -> np.ndarray:
+    def _obs(self, obs: Any, moment: str = "") -> np.ndarray:
         array = np.array(obs, dtype=np.float32)
         if array.shape != (self.num_envs, self.obs_size):
             raise TrainingError(f"observations of {(self.num_envs, self.obs_size)} were announced, got {array.shape}")
-        self._require_finite(observation=array)
+        self._require_finite(moment, observation=array)
         return array
 
     def _cost(self, info: dict[str, Any], done: np.ndarray, any_done: bool) -> np.ndarray:
-        cost, found = _named(info, "cost", done, (self.num_envs,))
-        self._cost_seen |= found
-        if cost is None or not self._cost_seen:
-            if any_done or self._steps >= PATIENCE:
-                raise TrainingError(
-                    "the environment names no cost: info['cost'] [N] is needed at every step, or at least in "
-                    f"info['final_info'] of a finished episode; info has {', '.join(map(repr, info)) or 'nothing'}"
-                )
-            return np.zeros(self.num_envs)
-        return cost
+        cost = _named(info, "cost", done, (self.num_envs,))
+        self._cost_seen |= cost is not None
+        if cost is not None:
+            return cost
+        if any_done or (self._steps >= PATIENCE and not self._cost_seen):
+            raise TrainingError(
+                "the environment names no cost: info['cost'] [N] is needed at every step, or at least in "
+                f"info['final_info'] of a finished episode; info has {', '.join(map(repr, info)) or 'nothing'}"
+            )
+        return np.zeros(self.num_envs)
 
     def _final_obs(
         self, next_obs: np.ndarray, finished: np.ndarray, truncated: np.ndarray, info: dict[str, Any]
@@ -171,11 +175,12 @@ class Stream:
         self._require_finite(final_obs=rows)
         return rows
 
-    def _require_finite(self, **arrays: np.ndarray) -> None:
+    def _require_finite(self, moment: str = "", **arrays: np.ndarray) -> None:
+        moment = moment or f"vector step {self._steps + 1}"
         for name, array in arrays.items():
             if not np.isfinite(array).all():
                 where = sorted({int(row) for row in np.argwhere(~np.isfinite(array))[:, 0]})
-                raise NotFiniteError(f"{name} is not finite in rows {where[:8]} of vector step {self._steps + 1}")
+                raise NotFiniteError(f"{name} is not finite in rows {where[:8]} of {moment}")
 
 
 def _autoreset_mode(env: VectorEnv) -> AutoresetMode:
@@ -189,19 +194,19 @@ def _autoreset_mode(env: VectorEnv) -> AutoresetMode:
     )
 
 
-def _named(info: dict[str, Any], key: str, done: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray | None, bool]:
-    """`info[key]` as float64 of the given shape, finished environments' rows taken from `final_info` if they are there;
-    and whether any environment really named it. None if it stands nowhere."""
+def _named(info: dict[str, Any], key: str, done: np.ndarray, shape: tuple[int, ...]) -> np.ndarray | None:
+    """`info[key]` as float64 of the given shape, finished environments' rows taken from `final_info` if they are there.
+    None if it stands nowhere."""
     final = info.get("final_info")
     last = final.get(key) if isinstance(final, dict) else None
     if key not in info and last is None:
-        return None, False
+        return None
     values = _array(info[key], key, shape) if key in info else np.zeros(shape)
     if last is not None and isinstance(final, dict):
         told = done & np.asarray(final.get(f"_{key}", done), dtype=bool)
         told = told.reshape(-1, *[1] * (len(shape) - 1))
         values = np.where(told, _array(last, f"final_info[{key!r}]", shape), values)
-    return values, True
+    return values
 
 
 def _array(value: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:

@@ -2,15 +2,15 @@
 
 import time
 import warnings
-from contextlib import contextmanager
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import torch
-from gymnasium.vector import VectorEnv
+from gymnasium.vector import SyncVectorEnv, VectorEnv
 
 from thalweg.algos.errors import LimitWarning
 from thalweg.algos.interface import Feedback, Learner
+from thalweg.cores import torch_threads
 from thalweg.train.episodes import Episode, EpisodeBook
 from thalweg.train.errors import ResumeWarning, TrainingError
 from thalweg.train.rollout import RolloutBuffer
@@ -23,17 +23,25 @@ class Training:
     def __init__(self, env: VectorEnv, stream: Stream, learner: Learner, steps: int, seed: int, threads: int) -> None:
         self.env, self.stream, self.learner = env, stream, learner
         self.steps, self.seed, self.threads = steps, seed, threads
-        self.book = EpisodeBook(stream.num_envs, world_names(env))
+        self.book = EpisodeBook(stream.num_envs, world_names(env), reason_names(env))
         self.updates = 0
         self.seconds = 0.0
         """Time spent so far, over all interruptions."""
         self.stages = {"act": 0.0, "env": 0.0, "learn": 0.0}
         self.warned: dict[str, str] = {}
         """Warnings given so far, by their code."""
-        self.obs = stream.reset(env_seeds(seed, 0, stream.num_envs))
+        self.obs = np.zeros((stream.num_envs, 0), dtype=np.float32)
+        """[N, K * D] what the next action will see; nothing before `begin`."""
         self.fresh = np.ones(stream.num_envs, dtype=bool)
         self._began_update_at = 0
         self._buffer: RolloutBuffer | None = None
+
+    def begin(self, state: dict[str, Any] | None = None) -> None:
+        """Reset all environments, or go on from a state."""
+        if state is None:
+            self._begin_anew()
+        else:
+            self.load_state(state)
 
     @property
     def done(self) -> bool:
@@ -42,7 +50,7 @@ class Training:
     def step(self) -> list[Episode]:
         """One action in each environment; returns the episodes that it ended."""
         before = time.perf_counter()
-        with threads(self.threads):
+        with torch_threads(self.threads):
             raw = self.learner.act(self.obs, self.fresh)
             actions = self.learner.policy.actions.to_env(raw)
         acted = time.perf_counter()
@@ -66,7 +74,7 @@ class Training:
         assert self._buffer is not None
         feedback = self.feedback()
         before = time.perf_counter()
-        with threads(self.threads):
+        with torch_threads(self.threads):
             metrics = self.learner.update(self._buffer.rollout(), feedback)
         self.stages["learn"] += time.perf_counter() - before
         self._buffer.clear()
@@ -89,6 +97,7 @@ class Training:
             recent_costs=recent,
             episodes=self.book.count,
             largest_costs=largest,
+            mean_length=self.book.mean_length,
         )
 
     def state(self) -> dict[str, Any]:
@@ -110,9 +119,9 @@ class Training:
     def load_state(self, state: dict[str, Any]) -> None:
         """The inverse of `state`. An environment that can't be brought back begins new episodes, with a
         `ResumeWarning`."""
-        self.learner.load_state(state["learner"])
         self.book.load_state(state["book"])
         self.updates, self.seconds = int(state["updates"]), float(state["seconds"])
+        self.learner.load_state(state["learner"])
         self.warned = dict(state["warned"])
         self._began_update_at = self.book.steps
         if "environment" in state and hasattr(self.env, "set_state"):
@@ -143,7 +152,7 @@ class Training:
                 "cost_limits are limits of tight and loose costs, but the environment does not tell them apart: "
                 "info['costs'] [N, 2] is needed at every step"
             )
-        return np.where(step.valid[:, None], step.costs, 0.0)
+        return step.costs
 
     def _warn(self, found: dict[str, str]) -> None:
         for code, sentence in found.items():
@@ -170,12 +179,8 @@ def world_names(env: VectorEnv) -> list[str]:
     return [f"{worlds[i].name}-{worlds[i].seed}" for i in index]
 
 
-@contextmanager
-def threads(count: int):
-    """Torch uses that many threads inside: small networks are slower with more, an encoder outside is not."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(count)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
+def reason_names(env: VectorEnv) -> Mapping[int, str]:
+    """The environment's own names for the codes of `info["done_reason"]`; none if it has none."""
+    base: Any = env.unwrapped
+    one = base.envs[0].unwrapped if isinstance(base, SyncVectorEnv) else base
+    return getattr(one, "done_reasons", {})

@@ -147,7 +147,7 @@ def test_costs_are_learnt_in_deviations_where_omnisafe_does():
 @pytest.mark.parametrize(("floor", "lowest"), [(True, 0.0), (False, -0.9)])
 def test_targets_take_no_cost_below_nothing(floor: bool, lowest: float):
     learner = ddpg(cost_floor=floor, discount=0.9, cost_discount=0.9, learning_rate=0.0)
-    batch = batch_of(learner, learner.form.uniform(5, learner.agent.generator), ends=0)
+    batch = batch_of(learner, learner.policy.actions.uniform(5, learner.agent.generator), ends=0)
     batch.paid.zero_()
     slopes: list[torch.Tensor] = []
     learner.agent.learn_values(torch.zeros(2, 5, 1), slopes.append, batch, -torch.ones(2, 5))

@@ -32,7 +32,7 @@ def test_of_several_the_rewards_smallest_counts_and_each_costs_largest(made, val
 def test_the_leading_critics_are_one_of_each_signal(made):
     one, x = critics(*made), torch.randn(5, 3)
     assert one.signal[one.leading].tolist() == list(range(1 + made[1]))
-    assert torch.equal(one.stack(x, chosen=one.leading), one.stack(x)[one.leading])
+    assert torch.equal(one.stack.through(x, one.leading)[0], one.stack(x)[one.leading])
     assert one.signal.tolist() == [0] * made[0] + [k for _ in range(made[2]) for k in range(1, 1 + made[1])]
 
 

@@ -128,8 +128,8 @@ def test_choices_explore_by_temperature_and_by_a_share_of_uniform_ones():
 
 
 def test_uniform_actions_reach_everything_alike():
-    drawn = choices().uniform(MANY, generator())
+    drawn = choices().actions.uniform(MANY, generator())
     assert [(drawn[:, 0] == k).float().mean().item() for k in range(3)] == pytest.approx([1 / 3] * 3, abs=0.015)
     assert [(drawn[:, 1] == k).float().mean().item() for k in range(2)] == pytest.approx([1 / 2] * 2, abs=0.015)
-    spread = numbers().uniform(MANY, generator())
+    spread = numbers().actions.uniform(MANY, generator())
     assert spread.min() < -0.99 and spread.max() > 0.99 and abs(float(spread.mean())) < 0.01

@@ -69,10 +69,14 @@ def test_the_first_rollout_is_seen_by_its_own_statistics_and_later_ones_by_those
     assert one.policy.normaliser.mean == pytest.approx(both.mean(0).numpy(), abs=1e-5)
 
 
-@pytest.mark.parametrize("initial", ["orthogonal", "kaiming"])
-def test_the_first_rollout_is_learnt_from_the_policy_that_acted(initial: Any):
+@pytest.mark.parametrize(
+    ("settings", "scale"),
+    [({"initial": "orthogonal"}, 1.0), ({"initial": "kaiming"}, 1.0), ({"activation": "relu"}, 1000.0)],
+    ids=str,
+)
+def test_the_first_rollout_is_learnt_from_the_policy_that_acted(settings: dict[str, Any], scale: float):
     """Where a fresh policy already prefers something, observations are seen as acting saw them."""
-    one, obs, never = agent(initial=initial), observations(1), np.zeros(N, dtype=bool)
+    one, obs, never = agent(**settings), scale * observations(1), np.zeros(N, dtype=bool)
     acted = one.policy.distribution(obs[:-1].flatten(0, 1))
     assert torch.equal(one.act(obs[0].numpy(), never) >= 0, torch.ones(N, 1, dtype=torch.bool))
     learnt = one.policy.given(samples(one, rollouts.rollout_of(obs)).inputs)

@@ -12,7 +12,6 @@ from thalweg.algos.maths import losses
 from thalweg.algos.onpolicy.agent import Agent, Drift, reward_signal
 from thalweg.algos.onpolicy.config import NaturalConfig
 from thalweg.algos.onpolicy.natural import Landscape
-from thalweg.algos.onpolicy.samples import mean_length
 
 N, T, D = 4, 32, 5
 SPACES = {"MultiDiscrete": gym.spaces.MultiDiscrete([3, 2]), "Box": gym.spaces.Box(-1.0, 1.0, (2,))}
@@ -138,12 +137,25 @@ def test_critics_alone_learn_from_their_passes():
     assert all(torch.equal(a, b) for a, b in zip(actor, agent.policy.actor.parameters(), strict=True))
 
 
-def test_the_mean_length_counts_steps_for_each_end():
-    agent = Agent("any", 1, NaturalConfig(), Task(D, SPACES["Box"], N, 0, {}))
-    ends = torch.zeros(T, N, dtype=torch.bool)
-    assert mean_length(flown(agent, terminated=ends)) == 128.0
-    ends[3, 0] = ends[20, 2] = ends[31, 1] = True
-    assert mean_length(flown(agent, terminated=ends)) == pytest.approx(128 / 3)
+def test_steps_that_only_reset_do_not_shorten_the_step():
+    config = NaturalConfig(steps_per_update=128)
+    agent = Agent("any", 1, config, Task(D, SPACES["MultiDiscrete"], N, 0, {}))
+    valid = torch.ones(T, N, dtype=torch.bool)
+    valid[::2] = False
+    rollout = flown(agent, valid=valid)
+    samples = agent.samples(rollout, [reward_signal(config, rollout)])
+    assert len(samples.actions) == T * N // 2
+    assert Landscape(agent, samples, Drift(agent, samples), config).radius == config.trust_radius
+
+
+@pytest.mark.parametrize(
+    ("progress", "settles", "share"), [(0.0, True, 1.0), (0.75, True, 1.0), (0.9, True, 0.4), (0.9, False, 1.0)]
+)
+def test_over_the_last_quarter_of_a_run_the_step_shrinks_to_nothing(progress: float, settles: bool, share: float):
+    agent, drift, landscape, _ = place(SPACES["MultiDiscrete"])
+    config = NaturalConfig(radius_settles=settles)
+    later = Landscape(agent, landscape._samples, drift, config, progress)
+    assert later.radius == pytest.approx(config.trust_radius * share)
 
 
 @pytest.mark.parametrize(("steps", "share"), [(128, 1.0), (100, 1.0), (512, 0.25)])

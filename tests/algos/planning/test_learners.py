@@ -43,6 +43,7 @@ FEEDBACK = Feedback(
     recent_costs=np.array([[1.0], [0.0]]),
     episodes=30,
     largest_costs=(1.0,),
+    mean_length=100.0,
 )
 
 
@@ -130,6 +131,14 @@ class TestEveryPlanner:
         with pytest.raises(NotFiniteError, match="has become nan"):
             learner.update(rollout_of(learner, rewards=rewards), FEEDBACK)
 
+    def test_a_model_that_turns_nan_stops_it(self, name, space):
+        learner = learner_for(name, space)
+        learner.update(rollout_of(learner), FEEDBACK)
+        with torch.no_grad():
+            learner.policy.ensemble.stack.flat[0] = math.nan
+        with pytest.raises(NotFiniteError, match="model_state_loss has become nan"):
+            learner.update(rollout_of(learner), FEEDBACK)
+
     def test_steps_that_only_reset_change_nothing(self, name, space):
         states = []
         for junk in (0.0, 1e6):
@@ -140,6 +149,17 @@ class TestEveryPlanner:
             learner.update(dataclasses.replace(rollout, rewards=rewards), FEEDBACK)
             states.append(learner.state())
         assert same(*states)
+
+    def test_critics_may_wait_for_the_planning(self, name, space):
+        changed = []
+        for waits in (False, True):
+            learner = learner_for(name, space, critics_wait=waits, random_steps=2 * N * T)
+            begin = {key: value.clone() for key, value in learner.policy.method.modules.state_dict().items()}
+            for _ in range(2):
+                learner.update(rollout_of(learner), FEEDBACK)
+                now = learner.policy.method.modules.state_dict()
+                changed.append(any(not torch.equal(now[key], value) for key, value in begin.items()))
+        assert changed == [True, True, False, True]
 
     def test_two_costs_are_told_apart(self, name, space):
         learner = learner_for(name, space, cost_limits=(0.1, 0.2))

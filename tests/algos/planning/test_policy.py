@@ -1,6 +1,7 @@
 """A planner in flight: decisions that are good in a world that is known, plans that are kept, files that act alike."""
 
 import dataclasses
+import math
 from typing import Any
 
 import gymnasium as gym
@@ -204,8 +205,10 @@ def test_more_joint_actions_than_can_be_summed_are_refused_by_safeloop_alone():
     [({"elites": 65}, "elites must be in 1..64"), ({"horizon": -1}, "horizon must not be negative"),
      ({"hold_out": 0.0}, "hold_out must be in 0..0.5, and more"), ({"hold_out": 0.6}, "hold_out must be in 0..0.5"),
      ({"rarity": 0.5}, "rarity must be at least 1"), ({"hidden": (64, 0)}, "hidden must be positive"),
-     ({"cost_limit": 0.0}, "cost_limit must be positive: a predicted chance is never 0"),
-     ({"cost_limits": (0.1, 0.0)}, "cost_limits are two, .* and positive: a predicted chance is never 0"),
+     ({"cost_limit": 0.0}, "cost_limit must be positive and finite: a predicted chance is never 0"),
+     ({"cost_limit": math.inf}, "cost_limit must be positive and finite"),
+     ({"cost_limits": (0.1, 0.0)}, "cost_limits are two, .* positive and finite: a predicted chance is never 0"),
+     ({"cost_limits": (0.1, math.inf)}, "cost_limits are two, .* positive and finite"),
      ({"cost_limits": (0.1,)}, "cost_limits are two"), ({"frame_stack": 0}, "frame_stack must be 1"),
      ({"frame_stack": 2, "action_repeat": 2}, "frame_stack must be 1, or more without an action_repeat")],
 )  # fmt: skip

@@ -38,6 +38,7 @@ def kl(mean_p: Tensor, log_std_p: Tensor, mean_q: Tensor, log_std_q: Tensor) -> 
 def log_prob_slope(mean: Tensor, log_std: Tensor, actions: Tensor) -> Tensor:
     """The gradient of `log_prob` in mean and log standard deviation, side by side [B, 2 A]: (a - μ) / σ² and
     ((a - μ) / σ)² - 1."""
+    same_shape(mean=mean, log_std=log_std, actions=actions)
     precision = (-log_std).exp()
     deviation = (actions - mean) * precision
     return torch.cat([deviation * precision, deviation.square() - 1.0], -1)
@@ -50,6 +51,7 @@ def entropy_slope(log_std: Tensor) -> Tensor:
 
 def kl_slope(mean_p: Tensor, log_std_p: Tensor, mean_q: Tensor, log_std_q: Tensor) -> Tensor:
     """The gradient of `kl` in mean and log standard deviation of p [B, 2 A]: (μp - μq) / σq² and σp² / σq² - 1."""
+    same_shape(mean_p=mean_p, log_std_p=log_std_p, mean_q=mean_q, log_std_q=log_std_q)
     shift = (mean_p - mean_q) * (-2.0 * log_std_q).exp()
     return torch.cat([shift, (2.0 * (log_std_p - log_std_q)).exp() - 1.0], -1)
 
@@ -77,6 +79,7 @@ def squashed_slopes(actions: Tensor, spread: Tensor, of_actions: Tensor, of_log_
         of_log_prob: g_π [B].
     """
     same_shape(actions=actions, spread=spread, of_actions=of_actions)
+    same_shape(of_log_prob=of_log_prob, states=actions[..., 0])
     each = of_log_prob.unsqueeze(-1)
     mean = (1.0 - actions.square()) * of_actions + 2.0 * actions * each
     return mean, mean * spread - each

@@ -124,6 +124,12 @@ def surrogate(log_prob: Tensor, old_log_prob: Tensor, advantages: Tensor) -> Ten
     return ((log_prob - old_log_prob).exp() * advantages).mean()
 
 
+def temperature(log_alpha: Tensor, entropy: Tensor, aim: float) -> Tensor:
+    """log α (E[H] - H̄): α grows while the entropy [B] is below its aim (Haarnoja et al. 2018b, equation 18, with log α
+    in place of α, as in its authors' code)."""
+    return log_alpha * (entropy.detach().mean() - aim)
+
+
 def squared_error(predictions: Tensor, targets: Tensor) -> Tensor:
     """½ E[(V - target)²] of each critic [K], for predictions and targets [K, B]."""
     rank(2, predictions=predictions)

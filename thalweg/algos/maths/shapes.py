@@ -1,4 +1,4 @@
-"""Do the arrays of a formula fit together? Every formula here asks first, because a broadcast is a silent wrong answer.
+"""Do the arrays of a formula fit together? Formulas of several arrays ask first: a broadcast is a silent wrong answer.
 
 A `[B, 1]` against a `[B]` becomes a `[B, B]` matrix whose mean looks like a loss: it cost a published library its
 FOCOPS trust region.

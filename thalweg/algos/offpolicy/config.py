@@ -31,8 +31,6 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     """K_P: what is added to λ for each unit by which the mean cost exceeds the limit, at once; 0 for none."""
     multiplier_max: float = 50.0
     """Upper bound of λ."""
-    multiplier_settles: bool = True
-    """Whether a mean cost below the limit counts ever less over the last quarter of the run, down to nothing."""
     multiplier_schedule: Schedule = "report"
     """When the multipliers move: once a report, from the episodes finished since the last one; or at each gradient
     step, as in OmniSafe, where an old mean is answered to again and again."""
@@ -82,7 +80,7 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     """How many of the last observations are seen side by side."""
 
     def __post_init__(self) -> None:
-        require(**self.conditions())
+        require(self, self.conditions())
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         """What must hold of each field, in words."""

@@ -47,6 +47,10 @@ class Critics:
         self.leading = slice(rewards - 1, rewards + costs) if rewards + twins > 2 else ALL
         """One critic of each signal [S]: the reward's last, and the first of each cost."""
 
+    def each(self, for_reward: Tensor, for_costs: Tensor) -> Tensor:
+        """[K, B, D] what each critic is asked: the reward's and the costs' something else [B, D]."""
+        return torch.stack([for_costs if signal else for_reward for signal in self.signal.tolist()])
+
     def cautious(self, values: Tensor) -> Tensor:
         """[S, B, ...] from the values of all critics [K, B, ...]: the reward's smallest, each cost's largest."""
         if self.rewards == self.twins == 1:

@@ -110,10 +110,6 @@ class Deterministic(Protocol):
         """Raw actions [B, A] for collecting, at this share 0..1 of the usual exploration."""
         ...
 
-    def uniform(self, count: int, generator: torch.Generator) -> Tensor:
-        """Raw actions [count, A], each as probable as any other."""
-        ...
-
 
 class Numbers:
     """Numbers in -1..1: the tanh of the policy's outputs."""
@@ -141,9 +137,6 @@ class Numbers:
     def explored(self, parameters: Tensor, generator: torch.Generator, strength: float = 1.0) -> Tensor:
         noisy = parameters.tanh() + strength * self._config.exploration_noise * _normal(parameters, generator)
         return _mixed(noisy.clamp_(-1.0, 1.0), self, strength * self._config.exploration, generator)
-
-    def uniform(self, count: int, generator: torch.Generator) -> Tensor:
-        return 2.0 * torch.rand(count, self.width, generator=generator) - 1.0
 
 
 class Choices:
@@ -182,10 +175,6 @@ class Choices:
         drawn = self._choices(parameters / temperature).sample(generator)
         return _mixed(drawn, self, strength * self._config.exploration, generator)
 
-    def uniform(self, count: int, generator: torch.Generator) -> Tensor:
-        sizes = torch.tensor(self.actions.sizes)
-        return (torch.rand(count, len(sizes), generator=generator) * sizes).long()
-
     def _choices(self, parameters: Tensor) -> Categoricals:
         return Categoricals.from_logits(parameters, self.actions.sizes)
 
@@ -212,7 +201,7 @@ def climb(agent: Agent, form: Deterministic, config: DeterministicConfig, batch:
 def _mixed(raw: Tensor, form: Deterministic, share: float, generator: torch.Generator) -> Tensor:
     """Raw actions [B, A], of which about so large a share is replaced by uniform ones."""
     replaced = torch.rand(len(raw), 1, generator=generator) < share
-    return torch.where(replaced, form.uniform(len(raw), generator), raw)
+    return torch.where(replaced, form.actions.uniform(len(raw), generator), raw)
 
 
 def _normal(like: Tensor, generator: torch.Generator) -> Tensor:

@@ -127,10 +127,11 @@ class Agent:
         rollout counts among the statistics of observations.
 
         Those statistics change here only, so that the policy that acted is the one learnt from. A fresh policy with
-        an orthogonal start draws alike whatever it sees, so the first rollout's are taken in at once.
+        an orthogonal start and bounded activations draws alike whatever it sees, so the first rollout's are taken in
+        at once.
         """
-        normaliser = self.policy.normaliser
-        fresh = normaliser.count == 0 and self.config.initial == "orthogonal"
+        normaliser, config = self.policy.normaliser, self.config
+        fresh = normaliser.count == 0 and config.initial == "orthogonal" and config.activation == "tanh"
         if fresh:
             normaliser.update(valid_obs(rollout))
         samples = samples_of(rollout, self.critics, normaliser, signals, self._memory)
@@ -221,6 +222,10 @@ class Drift:
     def ratio(self) -> Tensor:
         """[B] π_θ(a|s) / π_k(a|s)."""
         return (self.log_prob - self.old_log_prob).exp()
+
+    def clip_fraction(self, clip: float) -> float:
+        """Share of states whose ratio is outside 1 ± ε."""
+        return float(((self.ratio - 1.0).abs() > clip).float().mean())
 
     @property
     def goes_on(self) -> bool:

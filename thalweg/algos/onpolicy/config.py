@@ -15,7 +15,7 @@ class OnPolicyConfig:
     """Settings of every on-policy algorithm."""
 
     steps_per_update: int = 2048
-    """Steps between updates, all environments together."""
+    """Steps between updates, all environments together; two of each environment at least."""
     passes: int = 10
     """How often an update goes through its steps, at most; where the policy takes a single step, the critics alone."""
     minibatch: int = 256
@@ -53,7 +53,7 @@ class OnPolicyConfig:
     """Whether all episodes are cut off after each update, and count for nothing, as in OmniSafe."""
 
     def __post_init__(self) -> None:
-        require(**self.conditions())
+        require(self, self.conditions())
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         """What must hold of each field, in words."""
@@ -107,6 +107,9 @@ class NaturalConfig(OnPolicyConfig):
 
     trust_radius: float = 0.02
     """δ: how far one step may move the policy: mean KL of all branches together, in nats."""
+    radius_settles: bool = True
+    """Whether δ falls to nothing over the last quarter of the run, so that what remains of a policy that swings about a
+    limit does not depend on where the swing is cut off."""
     kl_per_dimension: bool = False
     """Whether that KL is a mean over the action's numbers too, as in OmniSafe, so that it allows as many times more."""
     conjugate_iterations: int = 15

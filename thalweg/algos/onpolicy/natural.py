@@ -12,6 +12,7 @@ from torch.nn.utils import parameters_to_vector, vector_to_parameters
 from thalweg.algos.interface import Feedback
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.trust_region import conjugate_gradient
+from thalweg.algos.multiplier import SETTLING
 from thalweg.algos.onpolicy.agent import Agent, Drift
 from thalweg.algos.onpolicy.config import NaturalConfig
 from thalweg.algos.onpolicy.samples import Samples
@@ -23,13 +24,17 @@ class Landscape:
     `drift` stays the measure of how far the policy has moved.
     """
 
-    def __init__(self, agent: Agent, samples: Samples, drift: Drift, config: NaturalConfig) -> None:
+    def __init__(
+        self, agent: Agent, samples: Samples, drift: Drift, config: NaturalConfig, progress: float = 0.0
+    ) -> None:
+        """`progress`: share of the run's steps taken before this rollout."""
         self._agent, self._samples, self._drift, self._config = agent, samples, drift, config
         self._actor = agent.policy.actor
         self._start = parameters_to_vector(self._actor.parameters()).detach().clone()
         dimensions = agent.policy.actions.count if config.kl_per_dimension else 1
         self._share = 1.0 / dimensions
-        self.radius = config.trust_radius * min(1.0, len(samples.actions) / config.steps_per_update)
+        settled = min(1.0, (1.0 - progress) / SETTLING) if config.radius_settles else 1.0
+        self.radius = config.trust_radius * settled * min(1.0, samples.rollout_steps / agent.rollout_steps)
         """δ, less by the share of steps that a rollout at the end of a run is short of: few steps say little."""
 
     def gradient(self, advantages: Tensor) -> Tensor:

@@ -13,7 +13,7 @@ from torch import Tensor
 from thalweg.algos.interface import Rollout
 from thalweg.algos.maths.advantages import gae
 from thalweg.algos.memory import Gru, Sequences
-from thalweg.algos.networks import Critics
+from thalweg.algos.networks import Critics, part_count
 from thalweg.algos.normaliser import Normaliser
 
 
@@ -41,6 +41,8 @@ class Samples:
     """[K, B], advantage + value: what each critic should have said."""
     values: Tensor
     """[K, B], what it said."""
+    rollout_steps: int
+    """T."""
 
     def shuffled(self, tensors: Sequence[Tensor], generator: torch.Generator) -> list[Tensor]:
         """Observations, and tensors [B, ...] beside them, in a new order."""
@@ -56,7 +58,7 @@ class Samples:
         Observations are shuffled once and cut into views, which is cheaper than gathering for every part; sequences
         stay whole. No part is a small rest.
         """
-        parts = max(1, round(len(self.actions) / size))
+        parts = part_count(len(self.actions), size)
         if isinstance(self.inputs, Tensor):
             cut = [tensor.tensor_split(parts) for tensor in self.shuffled(tensors, generator)]
             yield from ((inputs, rows) for inputs, *rows in zip(*cut, strict=True))  # pyright: ignore
@@ -119,6 +121,7 @@ def samples_of(
         advantages=flat_advantages,
         targets=flat_advantages + flat_values,
         values=flat_values,
+        rollout_steps=steps,
     )
 
 
@@ -200,9 +203,3 @@ def _some(sequences: Sequences, columns: Tensor, keep: Tensor) -> Sequences:
 def valid_obs(rollout: Rollout) -> Tensor:
     """Raw observations [B, D] of the valid steps."""
     return rollout.obs[:-1][rollout.valid]
-
-
-def mean_length(rollout: Rollout) -> float:
-    """Steps of an episode, as the rollout has them; its own steps where no episode ended."""
-    ends = int((rollout.terminated | rollout.truncated).sum())
-    return int(rollout.valid.sum()) / max(ends, 1)

@@ -63,7 +63,7 @@ class Agent:
         return raw
 
     def learn(self, rollout: Rollout) -> None:
-        """Take in the rollout's steps, and fit the model."""
+        """Take in the rollout's steps, and fit the model; raises `NotFiniteError` if what was paid or a loss is NaN."""
         planned = self._steps >= self.config.random_steps
         self._steps += int(rollout.valid.sum())
         self.lengths.update(rollout)
@@ -75,15 +75,17 @@ class Agent:
             self.policy.ensemble.take_in(batch)
             self.replay.add(batch)
         losses = self.fitter.fit(self.replay, int(rollout.valid.sum()))
-        if not losses.isnan().all():
-            require_finite(**{f"{name}_loss": float(loss) for name, loss in zip(HEADS, losses, strict=True)})
-            self._tally.add({f"model_{name}_loss": float(loss) for name, loss in zip(HEADS, losses, strict=True)})
+        if losses is not None:
+            found = {f"model_{name}_loss": float(loss) for name, loss in zip(HEADS, losses, strict=True)}
+            require_finite(**found)
+            self._tally.add(found)
         self.policy.episode_length = self.lengths.mean
         self.policy.refresh()
 
     def lessons(self) -> Iterator[Batch]:
         """The batches that critics learn from after a rollout."""
-        if self.replay.size:
+        waits = self.config.critics_wait and self._steps < self.config.random_steps
+        if self.replay.size and not waits:
             for _ in range(self.config.critic_steps):
                 yield self.replay.rows(self.replay.places((self.config.minibatch,), self.generator))
 

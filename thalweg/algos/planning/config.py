@@ -1,5 +1,6 @@
 """Which settings do all planners have?"""
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -103,6 +104,8 @@ class PlanningConfig(CostConfig):
     """Adam's, for the critics."""
     critic_steps: int = 64
     """Gradient steps of the critics per collection."""
+    critics_wait: bool = False
+    """Whether critics (and an actor) begin to learn only when planning does, as in OmniSafe."""
     target_rate: float = 0.005
     """How far the target critics follow the critics in each gradient step."""
     steps_per_collection: int = 256
@@ -127,7 +130,7 @@ class PlanningConfig(CostConfig):
     `action_repeat`: the model sees no frames between two decisions."""
 
     def __post_init__(self) -> None:
-        require(**self.conditions())
+        require(self, self.conditions())
 
     def sized(self) -> Sizes:
         """What `size` says; each planner has its own."""
@@ -150,6 +153,7 @@ class PlanningConfig(CostConfig):
         """What must hold of each field, in words."""
         positive = ("action_repeat", "members", "refit_steps", "refit_patience", "minibatch")
         positive += ("steps_per_collection", "steps_per_update", "replay_size", "initial_std", "largest_variance")
+        positive += ("target_rate",)
         natural = (
             "horizon",
             "samples",
@@ -169,10 +173,13 @@ class PlanningConfig(CostConfig):
             | {name: (getattr(self, name) >= 0, "must not be negative") for name in natural}
             | {name: (0 <= getattr(self, name) <= 1, "must be in 0..1") for name in shares}
             | {
-                "cost_limit": (self.cost_limit > 0, "must be positive: a predicted chance is never 0"),
+                "cost_limit": (
+                    0 < self.cost_limit < math.inf,
+                    "must be positive and finite: a predicted chance is never 0",
+                ),
                 "cost_limits": (
-                    len(self.cost_limits) in (0, 2) and all(limit > 0 for limit in self.cost_limits),
-                    "are two, tight and loose, and positive: a predicted chance is never 0",
+                    len(self.cost_limits) in (0, 2) and all(0 < limit < math.inf for limit in self.cost_limits),
+                    "are two, tight and loose, positive and finite: a predicted chance is never 0",
                 ),
                 "elites": (0 < sizes.elites <= sizes.samples, f"must be in 1..{sizes.samples}, the samples"),
                 "rarity": (self.rarity >= 1, "must be at least 1"),

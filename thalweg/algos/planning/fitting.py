@@ -30,14 +30,16 @@ class Fitter:
         self._decay = _decays(ensemble, config.model_decay)
         self._since_refit = 0
 
-    def fit(self, replay: Replay, new_steps: int) -> Tensor:
-        """Learn as the config says after so many new steps; returns the mean loss of each head [4], NaN if it was not
-        time yet."""
-        if self.config.fitting == "steady":
-            return self._mean(self._steady(replay)) if replay.size else torch.full((4,), float("nan"))
+    def fit(self, replay: Replay, new_steps: int) -> Tensor | None:
+        """Learn as the config says after so many new steps; returns the mean loss of each head [4] over the gradient
+        steps, None if there were none."""
         self._since_refit += new_steps
-        if self._since_refit < self.config.refit_steps or not replay.size:
-            return torch.full((4,), float("nan"))
+        if not replay.size:
+            return None
+        if self.config.fitting == "steady":
+            return self._mean(self._steady(replay))
+        if self._since_refit < self.config.refit_steps:
+            return None
         self._since_refit %= self.config.refit_steps
         return self._mean(self._refit(replay))
 
@@ -78,8 +80,8 @@ class Fitter:
         return losses.detach().mean(-1)
 
     @staticmethod
-    def _mean(log: list[Tensor]) -> Tensor:
-        return torch.stack(log).mean(0) if log else torch.full((4,), float("nan"))
+    def _mean(log: list[Tensor]) -> Tensor | None:
+        return torch.stack(log).mean(0) if log else None
 
     def state(self) -> dict[str, Any]:
         """What it remembers."""

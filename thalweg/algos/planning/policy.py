@@ -164,7 +164,7 @@ class PlannerPlayer:
         if len(turn):
             self._held = self._held.clone()
             if at_random:
-                self._held[turn] = self._any(len(turn))
+                self._held[turn] = self.policy.actions.uniform(len(turn), self.generator)
             else:
                 decision, self._held[turn] = self._decide(seen[turn], turn)
             self._left[turn] = self.policy.config.action_repeat
@@ -184,14 +184,6 @@ class PlannerPlayer:
             return decision, best
         explores = torch.rand(len(turn), 1, generator=self.generator) < self.exploration
         return decision, torch.where(explores, search.draw(decision.plan, self.generator), best)
-
-    def _any(self, count: int) -> Tensor:
-        """[count, A] drawn without preference: each option alike, or numbers uniform in -1..1."""
-        actions = self.policy.actions
-        uniform = torch.rand(count, actions.count, generator=self.generator)
-        if actions.kind == "categorical":
-            return (uniform * torch.tensor(actions.sizes)).long()
-        return 2.0 * uniform - 1.0
 
     def state(self) -> dict[str, Any]:
         """What it remembers, as arrays."""

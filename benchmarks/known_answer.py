@@ -4,9 +4,10 @@
 
 writes known_answer.csv, a row per run, and known_answer.md, a table per problem, beside itself. A row is written when
 its run is finished, so that a killed benchmark goes on where it stopped; a run that was killed goes on too, in the
-folder `--runs`. What is asked of each algorithm, and with which settings, is data in `tests/known_answer/harness.py`:
-rows of other steps, settings (or defaults) or problems than it says don't count and are made anew. Rows name the
-sources of algorithms and training; to make the rows of an algorithm that has changed again, say `--again`.
+folder `--runs`. A run that failed is a row with its error, and is tried again by the next call. What is asked of each
+algorithm, and with which settings, is data in `tests/known_answer/harness.py`: rows of other steps, settings (or
+defaults) or problems than it says don't count and are made anew. Rows name the sources of algorithms and training; to
+make the rows of an algorithm that has changed again, say `--again`.
 """
 
 import argparse
@@ -19,6 +20,8 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
+import numpy as np
+
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))  # the problems stand among the tests
 
@@ -29,11 +32,13 @@ from tests.known_answer.harness import (  # noqa: E402
     ROWS,
     SHARE,
     Cell,
+    Result,
     cells,
     reference,
     trained,
 )
 from tests.known_answer.problems import PROBLEMS  # noqa: E402
+from tests.known_answer.scores import Score  # noqa: E402
 from thalweg.algos import ALGORITHMS  # noqa: E402
 from thalweg.algos.settings import as_data  # noqa: E402
 from thalweg.bench.files import csv_text, read_csv  # noqa: E402
@@ -51,10 +56,7 @@ COLUMNS = (
     "reward_error",
     "costs",
     "cost_error",
-    "optimum",
-    "share",
-    "excess",
-    "reached",
+    "error",
 )
 Table = dict[tuple[str, ...], dict[str, str]]
 """Rows by their key."""
@@ -83,18 +85,33 @@ def measure(cell: Cell, seed: int, runs: Path) -> dict[str, str]:
     folder = hashlib.sha256(repr((SOURCES, name)).encode()).hexdigest()[:16]
     result = trained(cell, seed, runs / f"{cell.algorithm}-{cell.place}-{cell.problem}-{seed}-{folder}")
     score = result.score
-    said = {
+    return dict(zip(KEY, name, strict=True)) | {
         "sources": SOURCES,
-        "reward": f"{score.outcome.reward:.4f}",
+        "reward": f"{score.reward:.4f}",
         "reward_error": f"{score.reward_error:.4f}",
-        "costs": " ".join(f"{cost:.4f}" for cost in score.outcome.costs),
+        "costs": " ".join(f"{cost:.4f}" for cost in score.costs),
         "cost_error": f"{score.cost_error:.4f}",
-        "optimum": f"{result.optimum.reward:.4f}",
-        "share": f"{result.share:.4f}",
-        "excess": f"{result.excess:.4f}",
-        "reached": str(int(result.reached)),
+        "error": "",
     }
-    return dict(zip(KEY, name, strict=True)) | said
+
+
+def failure(cell: Cell, seed: int, error: BaseException) -> dict[str, str]:
+    """The row of a run that failed."""
+    said = dict.fromkeys(COLUMNS, "") | {"sources": SOURCES, "error": f"{type(error).__name__}: {error}"}
+    return said | dict(zip(KEY, key(cell, seed), strict=True))
+
+
+def result_of(cell: Cell, row: dict[str, str]) -> Result:
+    """What a row of a run that did not fail says, held against today's optimum."""
+    costs = np.array([float(cost) for cost in row["costs"].split()])
+    score = Score(float(row["reward"]), costs, float(row["reward_error"]), float(row["cost_error"]))
+    return Result(cell, score, reference(cell))
+
+
+def waiting(planned: Sequence[tuple[Cell, int]], rows: Table) -> list[tuple[Cell, int]]:
+    """The runs that have no row yet, or failed."""
+    done = {name for name, row in rows.items() if not row["error"]}
+    return [(cell, seed) for cell, seed in planned if key(cell, seed) not in done]
 
 
 def write(path: Path, rows: Table) -> None:
@@ -106,10 +123,10 @@ def page(rows: Table, seeds: int) -> str:
     """The tables, one for each problem."""
     asked = (
         f"Return of the last policy as a share of the optimum, and its cost, as means over {seeds} seeds; in brackets"
-        f" the seeds that reached {SHARE:.0%} with a cost at most {EXCESS:.0%} or {LEAST_EXCESS} above the limit."
-        " **Bold**: some did not. `box_literal` is there to show what it does; nothing is asked of it. PPO is"
-        " held against the best without a limit, DDPG and TD3 against the best that draws no lots, planners against a"
-        " perfect planner with their horizon."
+        f" the seeds that reached {SHARE:.0%} with a cost at most {EXCESS:.0%} or {LEAST_EXCESS} above the limit, of"
+        " those that were run. **Bold**: some did not, or failed. `box_literal` is there to show what it does; nothing"
+        " is asked of it. PPO is held against the best without a limit, DDPG and TD3 against the best that draws no"
+        " lots, planners against a perfect planner with their horizon."
     )
     parts = [asked]
     for name, problem in PROBLEMS.items():
@@ -133,11 +150,12 @@ def _problem_table(rows: Table, problem: str, seeds: int) -> list[list[str]]:
 def _entry(rows: Table, cell: Cell, seeds: int) -> str:
     """Share and cost of a cell's runs, and how many of them reached what is asked."""
     runs = [rows[name] for name in (key(cell, seed) for seed in range(seeds)) if name in rows]
-    if not runs:
-        return "not run"
-    share = statistics.mean(float(run["share"]) for run in runs)
-    costs = _costs([[float(cost) for cost in run["costs"].split()] for run in runs])
-    reached = sum(run["reached"] == "1" for run in runs)
+    results = [result_of(cell, run) for run in runs if not run["error"]]
+    if not results:
+        return "**failed**" if runs else "not run"
+    share = statistics.mean(result.share for result in results)
+    costs = _costs([result.score.costs.tolist() for result in results])
+    reached = sum(result.reached for result in results)
     text = f"{share:.0%}, {costs} ({reached}/{len(runs)})"
     return text if reached == len(runs) or cell.place == "box_literal" else f"**{text}**"
 
@@ -170,21 +188,22 @@ def main() -> str | None:
     rows = {name: row for name, row in finished(path).items() if row["algorithm"] not in chosen.again}
     asked = [cell for cell in cells(chosen.only, chosen.problems) if cell.place in chosen.places]
     planned = [(cell, seed) for seed in range(chosen.seeds) for cell in asked]
-    waiting = [(cell, seed) for cell, seed in planned if key(cell, seed) not in rows]
-    print(f"{len(planned) - len(waiting)} of {len(planned)} runs are finished", flush=True)
+    left = waiting(planned, rows)
+    print(f"{len(planned) - len(left)} of {len(planned)} runs are finished", flush=True)
     failed = 0
     with ProcessPoolExecutor(chosen.jobs, multiprocessing.get_context("spawn")) as pool:
-        futures = {pool.submit(measure, cell, seed, chosen.runs): (cell, seed) for cell, seed in waiting}
-        for done in as_completed(futures):
-            cell, seed = futures[done]
-            name = f"{cell.algorithm}, {cell.place}, {cell.problem}, seed {seed}"
-            if (error := done.exception()) is not None:
-                failed += 1
-                print(f"{name}: failed, {type(error).__name__}: {error}", flush=True)
-                continue
-            row = rows[key(cell, seed)] = done.result()
+        futures = {pool.submit(measure, cell, seed, chosen.runs): (cell, seed) for cell, seed in left}
+        for ended in as_completed(futures):
+            cell, seed = futures[ended]
+            error = ended.exception()
+            row = rows[key(cell, seed)] = ended.result() if error is None else failure(cell, seed, error)
             write(path, rows)
-            print(f"{name}: share {row['share']}, costs {row['costs']}, reached {row['reached']}", flush=True)
+            result = None if error else result_of(cell, row)
+            failed += result is None
+            said = (
+                f"share {result.share:.3f}, costs {row['costs']}, reached {result.reached}" if result else row["error"]
+            )
+            print(f"{cell.algorithm}, {cell.place}, {cell.problem}, seed {seed}: {said}", flush=True)
     write_whole(chosen.out / "known_answer.md", page(rows, chosen.seeds))
     return f"{failed} runs failed" if failed else None
 

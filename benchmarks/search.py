@@ -12,6 +12,10 @@ same seed. They found that targets of costs need a floor (`cost_floor`) and mult
 since; after them the trials of learning rates gave way to those of `cost_critics`. The third rule does not cover what
 the multipliers' defaults are: known answers have their own, in the units of their problems.
 
+PPOLag's bound of λ was taken against the second rule, for its trial cost more than the defaults: a run of 200,000 steps
+with the bound of 10 had ended with neither return nor limit, λ at its bound and a policy that turned round at once,
+while the bound of 2, which FOCOPS has, doubled the return of 50,000 steps.
+
     python benchmarks/search.py [ALGORITHM ...]
 
 does what is left and appends a row to `search.csv` for each trial as it ends; a trial that was interrupted goes on.

@@ -4,20 +4,19 @@
     python -m benchmarks.omnisafe.compare curves
 
 from the root of the repository. `speed` writes speed.json, `curves` writes curves.csv and curves.png, and `write.py`
-puts them into the page. Runs for the curves are kept in results/omnisafe/, so that a killed one goes on where it was.
-`contests.py` says what is set. OmniSafe gets a virtual environment of its own, made at the first call. It is no part
-of CI: all of `curves` takes hours.
+puts them into the page; with `--algorithms` the others' lines stay. Runs for the curves are kept in results/omnisafe/,
+so that a killed one goes on where it was. `contests.py` says what is set. OmniSafe gets a virtual environment of its
+own, made at the first call. It is no part of CI: all of `curves` takes hours.
 """
 
 import argparse
-import csv
 import hashlib
 import json
 import os
 import statistics
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,28 +24,33 @@ from benchmarks.omnisafe import plot
 from benchmarks.omnisafe.contests import ACTION_REPEAT, CONTESTS, Contest, Work, merged
 from benchmarks.omnisafe.environment import python_with_omnisafe
 from benchmarks.peer_venv import SetupError, last_lines
+from thalweg.bench.files import csv_text, read_csv
+from thalweg.cache import source_hash
 from thalweg.train.machine import machine, versions
-from thalweg.whole import whole, write_whole
+from thalweg.whole import write_whole
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 PEER, OURS = SIDES = "OmniSafe", "Thalweg"
+HALF = "Thalweg, bfloat16"
+"""Our planners once more, with products of half the bits; of speed only."""
 SPEED, CURVES, FIGURE = HERE / "speed.json", HERE / "curves.csv", HERE / "curves.png"
 KEPT = ROOT / "results" / "omnisafe"
 BINS = 25
 """Points of a curve: means over the episodes that ended in so many equal stretches."""
+COLUMNS = ("algorithm", "side", "seed", "step", "return", "cost", "episodes")
 
 
 def order_of(contest: Contest, work: Work, side: str, seed: int) -> dict[str, Any]:
     """What `side.py` or `ours.py` is to do."""
-    threads = contest.threads[side]
+    threads = contest.threads[PEER if side == PEER else OURS]
     if side == PEER:
         settings = merged(work.peer, {"seed": seed, "train_cfgs": {"torch_threads": threads}})
         return {"algorithm": contest.algorithm, "settings": settings, "stamp_every": work.stamp_every}
     return {
         "algorithm": contest.algorithm,
         "preset": "paper",
-        "config": dict(work.ours),
+        "config": dict(work.ours) | ({"precision": "bfloat16"} if side == HALF else {}),
         "steps": work.steps,
         "stamp_every": work.stamp_every,
         "seed": seed,
@@ -85,18 +89,35 @@ def decided(work: Work, answer: dict[str, Any]) -> tuple[float, float]:
     return (last - before) / ACTION_REPEAT, sum(seconds for steps, seconds in answer["acting"] if steps > before)
 
 
-def in_turns(contests: Sequence[Contest], turn: int) -> list[tuple[Contest, str]]:
+def sides_of(contest: Contest) -> tuple[str, ...]:
+    """Who is measured: of planners we twice."""
+    return (*SIDES, HALF) if contest.unit == "decisions" else SIDES
+
+
+def in_turns(
+    contests: Sequence[Contest], turn: int, sides: Callable[[Contest], tuple[str, ...]]
+) -> list[tuple[Contest, str]]:
     """Who is measured when: each second turn backwards, so that no place is better."""
-    order = [(contest, side) for contest in contests for side in SIDES]
+    order = [(contest, side) for contest in contests for side in sides(contest)]
     return order[::-1] if turn % 2 else order
 
 
+def others(out: Path, contests: Sequence[Contest], here: dict[str, Any]) -> list[dict[str, Any]]:
+    """Lines of algorithms that are not measured now, if they were on this machine with these versions."""
+    found = json.loads(out.read_text()) if out.exists() else {}
+    if any(found.get(name) != here[name] for name in ("machine", "versions")):
+        return []
+    now = {contest.algorithm for contest in contests}
+    return [line for line in found["lines"] if line["algorithm"] not in now]
+
+
 def measure_speed(python: Path, contests: Sequence[Contest], repeats: int, out: Path) -> None:
-    """Write the rates of both sides, and how much each did, after each turn."""
+    """Write the rates of all sides, and how much each did, after each turn; those of other algorithms stay."""
     lines: dict[tuple[str, str], dict[str, Any]] = {}
     before = {"machine": machine(), "load_before": os.getloadavg()[0], "versions": versions()}
+    kept = others(out, contests, before)
     for turn in range(repeats):
-        for contest, side in in_turns(contests, turn):
+        for contest, side in in_turns(contests, turn, sides_of):
             answer = carry_out(python, side, order_of(contest, contest.works.speed, side, turn))
             line = lines.setdefault(
                 (contest.algorithm, side),
@@ -107,7 +128,7 @@ def measure_speed(python: Path, contests: Sequence[Contest], repeats: int, out: 
             if processor is not None:
                 line["by_processor"].append(processor)
             line |= {
-                "threads": contest.threads[side],
+                "threads": contest.threads[PEER if side == PEER else OURS],
                 "steps": answer["stamps"][-1][0],
                 "gradient_steps": answer["gradient_steps"],
                 "environment_s": answer["environment_s"],
@@ -116,13 +137,21 @@ def measure_speed(python: Path, contests: Sequence[Contest], repeats: int, out: 
                 before["peer"] = answer["versions"]
             done = f"{side}'s {contest.algorithm}, {wall:.3g} {contest.unit} a second"
             print(f"{turn + 1} of {repeats}: {done}", flush=True)
-        write_whole(out, json.dumps(before | {"lines": list(lines.values())}, indent=2) + "\n")
+        write_whole(out, json.dumps(before | {"lines": [*kept, *lines.values()]}, indent=2) + "\n")
+
+
+def sources_of(side: str) -> str:
+    """What a run's numbers come from beside its order: the toy and the runner, and of ours the algorithms."""
+    files = ("toy.py", "side.py") if side == PEER else ("toy.py", "toy_vector.py", "ours.py")
+    ours = "" if side == PEER else source_hash("algos", "train")
+    return ours + "".join((HERE / name).read_text() for name in files)
 
 
 def kept_answer(python: Path, contest: Contest, side: str, seed: int) -> dict[str, Any]:
-    """A run for the curves: carried out once, and kept."""
+    """A run for the curves: carried out once, and kept as long as its order and sources are the same."""
     order = order_of(contest, contest.works.curves, side, seed)
-    key = hashlib.sha256(json.dumps(order, sort_keys=True).encode()).hexdigest()[:12]
+    said = json.dumps([order, sources_of(side)], sort_keys=True)
+    key = hashlib.sha256(said.encode()).hexdigest()[:12]
     file = KEPT / f"{contest.algorithm}-{side}-{seed}-{key}.json"
     if not file.exists():
         print(f"{side}'s {contest.algorithm}, seed {seed}", flush=True)
@@ -144,20 +173,20 @@ def binned(episodes: Sequence[Sequence[float]], steps: int, bins: int = BINS) ->
 
 
 def draw_curves(python: Path, contests: Sequence[Contest], seeds: int) -> None:
-    """Train both sides, and write the table and the figure."""
-    table: list[dict[str, Any]] = []
+    """Train both sides, and write the table and the figure; the rows of other algorithms stay."""
+    chosen = {contest.algorithm for contest in contests}
+    rows: list[dict[str, Any]] = list(read_csv(CURVES, COLUMNS)) if CURVES.exists() else []
+    table = [row for row in rows if row["algorithm"] not in chosen]
     for seed in range(seeds):
-        for contest, side in in_turns(contests, seed):
+        for contest, side in in_turns(contests, seed, lambda _: SIDES):
             answer = kept_answer(python, contest, side, seed)
             for step, paid, cost, count in binned(answer["episodes"], contest.works.curves.steps):
                 row = {"algorithm": contest.algorithm, "side": side, "seed": seed, "step": step}
                 table.append(row | {"return": f"{paid:.4f}", "cost": f"{cost:.4f}", "episodes": count})
-    names = [contest.algorithm for contest in contests]
-    table.sort(key=lambda row: (names.index(row["algorithm"]), SIDES.index(row["side"]), row["seed"], row["step"]))
-    with whole(CURVES) as draft, draft.open("w", newline="") as file:
-        writer = csv.DictWriter(file, table[0], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(table)
+    names = [contest.algorithm for contest in CONTESTS]
+    place = {name: number for number, name in enumerate(names)}
+    table.sort(key=lambda row: (place[row["algorithm"]], SIDES.index(row["side"]), int(row["seed"]), int(row["step"])))
+    write_whole(CURVES, csv_text(COLUMNS, ([row[name] for name in COLUMNS] for row in table)))
     plot.draw(CURVES, FIGURE)
 
 

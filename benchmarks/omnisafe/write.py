@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.marks import between_marks
-from benchmarks.omnisafe.compare import CURVES, OURS, PEER, SIDES, SPEED
+from benchmarks.omnisafe.compare import CURVES, HALF, OURS, PEER, SIDES, SPEED
 from benchmarks.omnisafe.contests import CONTESTS, contest_named
 from benchmarks.omnisafe.plot import Curves, read
 from thalweg.bench.speed import describe
@@ -37,19 +37,20 @@ def ratio(ours: Sequence[float], theirs: Sequence[float]) -> tuple[float, float,
 
 
 def speed_rows(found: dict[str, Any]) -> list[list[str]]:
-    """A row for each algorithm that was measured, in the order of `SPEEDS`."""
+    """A row for each algorithm that was measured, of planners two, in the order of `SPEEDS`."""
     lines = {(line["algorithm"], line["side"]): line for line in found["lines"]}
     rows = []
-    for contest in CONTESTS:
-        if (contest.algorithm, PEER) not in lines:
+    for contest, side in ((contest, side) for contest in CONTESTS for side in (OURS, HALF)):
+        if (contest.algorithm, side) not in lines:
             continue
-        theirs, ours = (lines[contest.algorithm, side] for side in SIDES)
+        theirs, ours = (lines[contest.algorithm, each] for each in (PEER, side))
         medians = (statistics.median(line["rates"]) for line in (theirs, ours))
         cells = [*medians, *ratio(ours["rates"], theirs["rates"])]
         # The time of decisions is taken by the clock alone.
         by_processor = shown(ratio(ours["by_processor"], theirs["by_processor"])[0]) if ours["by_processor"] else ""
-        least = "" if contest.least is None else f"{contest.least:g}"
-        rows.append([contest.unit, contest.algorithm, *map(shown, cells), by_processor, least])
+        least = "" if contest.least is None or side == HALF else f"{contest.least:g}"
+        name = contest.algorithm + side.removeprefix(OURS)
+        rows.append([contest.unit, name, *map(shown, cells), by_processor, least])
     return rows
 
 

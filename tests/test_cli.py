@@ -118,6 +118,23 @@ def test_an_interrupt_says_how_to_go_on(monkeypatch: pytest.MonkeyPatch, capsys:
     assert capsys.readouterr().err == "\nInterrupted. The same command goes on from the last checkpoint.\n"
 
 
+def test_a_run_told_to_end_warns_and_ends_as_an_interrupted_one():
+    code = """
+import os, signal, sys, warnings
+from thalweg import cli
+def run(command):
+    warnings.warn("the limit never binds", stacklevel=1)
+    os.kill(os.getpid(), signal.SIGTERM)
+    raise SystemExit("not ended")
+cli.Train.run = run
+sys.argv = ["thalweg", "train", "--out", "x"]
+sys.exit(cli.main())
+"""
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    said = "Warning: the limit never binds\n\nInterrupted. The same command goes on from the last checkpoint.\n"
+    assert (ended.returncode, ended.stderr) == (130, said)
+
+
 def test_what_cannot_be_drawn_or_written_is_said_in_one_line(tmp_path: Path, easy_world, capsys: pytest.CaptureFixture):
     render = ["render", "--level", "easy", "--out", str(tmp_path / "x.png")]
     file = tmp_path / "file"

@@ -1,5 +1,15 @@
 """Where do measured figures stand in a page? Between a pair of marks, so that scripts write them and nobody types."""
 
+import textwrap
+
+WIDTH = 120
+"""Characters of a line of our pages."""
+
+
+def prose(text: str) -> str:
+    """Sentences, wrapped as our pages are."""
+    return textwrap.fill(text, WIDTH, break_long_words=False, break_on_hyphens=False) + "\n"
+
 
 def between_marks(page: str, mark: str, text: str) -> str:
     """The page with `text` between `<!-- mark -->` and `<!-- /mark -->`.

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from marks import between_marks
+from marks import between_marks, prose
 
 from thalweg.bench.files import read_csv
 from thalweg.bench.speed import COLUMNS, describe, table_rows
@@ -25,9 +25,8 @@ NOT_YET = "Not measured yet.\n"
 def speed() -> str:
     """The table of speeds, with the machine."""
     found = json.loads((HERE / "speed.json").read_text())
-    return (
-        f"{markdown(list(COLUMNS), table_rows(found))}\nMedian, slowest and fastest repetition on {describe(found)}.\n"
-    )
+    machine = prose(f"Median, slowest and fastest repetition on {describe(found)}.")
+    return f"{markdown(list(COLUMNS), table_rows(found))}\n{machine}"
 
 
 def stages() -> str:
@@ -37,21 +36,22 @@ def stages() -> str:
     rows = [[line["name"], *(f"{line[key]:.2f}" for key in ("median", "fastest", "slowest"))] for line in lines]
     whole = sum(line["median"] for line in lines if line["name"] != REFLECTION)
     header = ["stage", "ms a frame", "of the quickest view", "of the slowest"]
-    return (
-        f"{markdown(header, rows)}\n{whole:.2f} ms in all, the reflection being a part of the water's;"
-        f" {lines[0]['features'].split('; ')[1]}, {lines[0]['resolution']}; {describe(found)}.\n"
+    summary = prose(
+        f"{whole:.2f} ms in all, the reflection being a part of the water's;"
+        f" {lines[0]['features'].split('; ')[1]}, {lines[0]['resolution']}; {describe(found)}."
     )
+    return f"{markdown(header, rows)}\n{summary}"
 
 
 def twin() -> str:
     """How near the kernel is to its definition."""
     rows = read_csv(HERE / "twin.csv", ("psnr_db", "mask", "class"))
     decibels, masks, kinds = ([float(row[name]) for row in rows] for name in ("psnr_db", "mask", "class"))
-    return (
+    return prose(
         f"Over {len(rows)} poses at {rows[0]['pixels']} x {rows[0]['pixels']}, one sample a pixel against"
         f" {rows[0]['samples']}: {statistics.mean(decibels):.1f} dB (least {min(decibels):.1f}). The mask agrees at"
         f" {statistics.mean(masks):.2%} of the pixels (least {min(masks):.2%}), the class at"
-        f" {statistics.mean(kinds):.1%}.\n"
+        f" {statistics.mean(kinds):.1%}."
     )
 
 
@@ -67,7 +67,8 @@ def scaling() -> str:
     alone = {w: each for (c, p, w), each in rate.items() if p == 128 and c == max(16, w)}
     worlds = [f"{w}: {alone[w]:,.0f}" for w in sorted(alone)]
     header = ["frames a second, four worlds", *(f"{c} cameras" if c > 1 else "one camera" for c in cameras)]
-    return f"{markdown(header, table)}\nFrames a second at 128 x 128 by distinct worlds: {'; '.join(worlds)}.\n"
+    by_worlds = prose(f"Frames a second at 128 x 128 by distinct worlds: {'; '.join(worlds)}.")
+    return f"{markdown(header, table)}\n{by_worlds}"
 
 
 SECTIONS: dict[tuple[Path, str], tuple[str, Callable[[], str]]] = {

@@ -5,7 +5,7 @@ import statistics
 import sys
 from pathlib import Path
 
-from marks import between_marks
+from marks import between_marks, prose
 from peer import COMPARED, KINDS, OURS, PEER
 
 from thalweg.bench.speed import describe
@@ -50,12 +50,14 @@ def section(found: dict) -> str:
     resets = {line["side"]: line["reset_s"] for line in found["measurements"] if line["kind"] == "one"}
     peer = ", ".join(f"{name} {found['peer'][name]}" for name in ("safety-gymnasium", "mujoco", "python"))
     repeats = len(found["measurements"][0]["rates"])
-    return (
-        f"{markdown(list(RATIOS), ratio_rows(found))}\n{markdown(list(COLUMNS), table_rows(found))}\n"
+    how = prose(
         f"{repeats} repetitions of {found['seconds']:g} s each, in turns; a ratio is the median over them, with the "
         f"least and the greatest. {describe(found)}. The peer: {peer}; `{found['opengl']}`. A reset, left out for the "
         f"peer alone, takes it {resets[PEER] * 1e3:,.0f} ms, Thalweg {resets[OURS] * 1e3:,.0f} ms. Load of the machine "
-        f"before: {found['load_before']:.1f}.\n\n"
+        f"before: {found['load_before']:.1f}."
+    )
+    return (
+        f"{markdown(list(RATIOS), ratio_rows(found))}\n{markdown(list(COLUMNS), table_rows(found))}\n{how}\n"
         "![Starts of episodes: Safety-Gymnasium above, Thalweg below](peer.png)\n"
     )
 
@@ -68,10 +70,10 @@ def sentence(found: dict) -> str:
         for line in (by_name[name] for name in COMPARED)
     )
     size, cores = found["size"], found["machine"]["cores"]
-    return (
+    return prose(
         f"Beside Safety-Gymnasium's vision task, both {size} x {size} on the processor, {cores} cores, in one run: "
         f"{one} its steps a second with one environment each, {best} with each side at its fastest, {frame} its frames "
-        "alone ([how, and the figures](../benchmarks/README.md#beside-safety-gymnasium)).\n"
+        "alone ([how, and the figures](../benchmarks/README.md#beside-safety-gymnasium))."
     )
 
 

@@ -188,7 +188,7 @@ def test_the_table_has_a_row_for_each_line_kind_by_kind_theirs_first(peer: Modul
 def test_the_ratios_stand_in_the_table_and_in_the_sentence(peer: ModuleType, scripts):
     write_peer = scripts("write_peer")
     assert write_peer.ratio_rows(record(peer))[1] == ["steps, each at its fastest", "5.00", "4.00", "6.00"]
-    said = write_peer.sentence(record(peer))
+    said = " ".join(write_peer.sentence(record(peer)).split())
     assert "0.50 times (0.40 to 0.60) its steps a second with one environment each, 5.00 times (4.00 to 6.00)" in said
 
 

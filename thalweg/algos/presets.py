@@ -174,6 +174,7 @@ PAPER: dict[str, Settings] = {
     "CCEPETS": {**_PLANNING, "initial_std": 2.0, "terminal_value": False, "critic_steps": 0},
     "SafeLOOP": {
         **_PLANNING,
+        "settled_variance": 1e-3,
         "initial_std": 0.075**0.5,
         "largest_variance": 2.0,
         "cost_over": "max",

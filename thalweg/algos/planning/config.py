@@ -58,6 +58,9 @@ class PlanningConfig(CostConfig):
     """Least probability of each option in a plan."""
     carry_over: float = 0.5
     """Share of the last decision's plan, shifted by a step, in the first guess of the next; of options only."""
+    settled_variance: float = 0.0
+    """The search for a decision ends early, after at least one iteration, once no variance of its plan is above this:
+    that of a number, or p (1 - p) of an option. 0: it takes all iterations."""
     initial_std: float = 0.5
     """Deviation of numbers, which lie in -1..1, in the first guess."""
     largest_variance: float = 4.0
@@ -164,7 +167,7 @@ class PlanningConfig(CostConfig):
             "model_steps",
             "critic_steps",
         )
-        natural += ("random_steps", "model_learning_rate", "critic_learning_rate", "model_decay")
+        natural += ("settled_variance", "random_steps", "model_learning_rate", "critic_learning_rate", "model_decay")
         shares = ("discount", "planning_discount", "momentum", "floor", "carry_over", "exploration", "target_rate")
         sizes = self.sizes
         return (

@@ -74,23 +74,27 @@ class Planner:
         self, frozen: Frozen, start: Tensor, guess: Tensor, budget: Budget, generator: torch.Generator
     ) -> Decision:
         """The plan that a first guess [N, H, A, W] becomes, for normalised observations [N, K * D]."""
-        plan, proposals = guess, self.method.propose(frozen, start, generator)
-        decision = None
+        envs, costs = len(guess), len(budget.costs)
+        found = Decision(guess.clone(), torch.empty(envs), torch.empty(envs, costs), torch.empty(envs))
+        searching = torch.arange(envs)
+        proposals = self.method.propose(frozen, start, generator)
         for _ in range(self.config.sizes.iterations):
+            plan = found.plan[searching]
             samples = self.search.samples(plan, self.config.sizes.samples, generator)
             if proposals is not None:
-                samples = torch.cat([samples, proposals], 1)
-            futures = self._imagined(frozen, start, samples, generator)
+                samples = torch.cat([samples, proposals[searching]], 1)
+            futures = self._imagined(frozen, start[searching], samples, generator)
             weights = self.method.weigh(futures, budget)
             plan = self.search.improved(plan, samples, weights)
-            decision = Decision(
-                plan,
-                (weights * futures.rewards).sum(-1),
-                (weights.unsqueeze(-1) * futures.costs).sum(1),
-                (futures.costs <= budget.costs).all(-1).float().mean(-1),
-            )
-        assert decision is not None
-        return decision
+            found.plan[searching] = plan
+            found.reward[searching] = (weights * futures.rewards).sum(-1)
+            found.cost[searching] = (weights.unsqueeze(-1) * futures.costs).sum(1)
+            found.feasible[searching] = (futures.costs <= budget.costs).all(-1).float().mean(-1)
+            if self.config.settled_variance:
+                searching = searching[self.search.variance(plan) > self.config.settled_variance]
+                if not len(searching):
+                    break
+        return found
 
     def _imagined(self, frozen: Frozen, start: Tensor, samples: Tensor, generator: torch.Generator) -> Futures:
         """What candidates [N, S, H, A] lead to."""

@@ -34,6 +34,10 @@ class Search(Protocol):
         """The plan after samples [N, S, H, A] were given weights [N, S]."""
         ...
 
+    def variance(self, plan: Tensor) -> Tensor:
+        """[N] the largest variance of anything in the plan."""
+        ...
+
     def draw(self, plan: Tensor, generator: torch.Generator) -> Tensor:
         """Raw actions [N, A] of the first step, drawn."""
         ...
@@ -81,6 +85,9 @@ class Options:
     def improved(self, plan: Tensor, samples: Tensor, weights: Tensor) -> Tensor:
         return planning.categorical_step(plan, samples, weights, self.exists, self.config.momentum, self.config.floor)
 
+    def variance(self, plan: Tensor) -> Tensor:
+        return (plan * (1.0 - plan)).flatten(1).amax(1)
+
     def draw(self, plan: Tensor, generator: torch.Generator) -> Tensor:
         return categorical.drawn(plan[:, 0], torch.rand(plan[:, 0, :, 0].shape, generator=generator))
 
@@ -116,6 +123,9 @@ class Numbers:
             mean, variance, samples, weights, config.momentum, self.mean_momentum, config.largest_variance
         )
         return torch.stack(improved, -1)
+
+    def variance(self, plan: Tensor) -> Tensor:
+        return plan[..., 1].flatten(1).amax(1)
 
     def draw(self, plan: Tensor, generator: torch.Generator) -> Tensor:
         return self.samples(plan[:, :1], 1, generator)[:, 0, 0]

@@ -8,6 +8,7 @@ import gymnasium as gym
 import pytest
 import torch
 
+from thalweg.algos import chain
 from thalweg.algos.actions import actions_of
 from thalweg.algos.chain import FUSED, MANY_ROWS, Activation, layers_of
 from thalweg.algos.networks import Actor, Critics, Shape, Stack
@@ -92,7 +93,11 @@ class TestStack:
 @pytest.mark.skipif(FUSED is None, reason="this torch has no product of oneDNN's")
 @pytest.mark.parametrize("shared", [True, False], ids=["shared", "apart"])
 @pytest.mark.parametrize("activation", ["tanh", "relu", "swish"])
-def test_wide_networks_by_onednn_are_those_that_torch_records(activation: Any, shared: bool):
+@pytest.mark.parametrize("processor", ["znver4", "znver5"])
+def test_wide_networks_by_onednn_are_those_that_torch_records(
+    activation: Any, shared: bool, processor: str, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(chain, "SLOPES_BY_MKL", chain.weight_slopes_by_mkl(processor))
     generator = torch.Generator().manual_seed(0)
     one = Stack(K, D, (200, 130), 2, activation=activation, generator=generator)
     with torch.no_grad():

@@ -1,9 +1,10 @@
 """What do K perceptrons of one shape say, and how does a gradient pass through them? The chain rule, layer by layer.
 
 Small networks are bound by the number of calls, so that their layers are batched products. Wide ones are bound by
-arithmetic: torch multiplies float32 matrices by MKL, which uses half of the vector width of a processor that Intel has
-not made; oneDNN, which torch brings too, uses all of it, and adds bias and activation before a result leaves the
-registers. Where torch lacks that, the same is done by batched products.
+arithmetic: torch multiplies float32 matrices by MKL, which uses half of the vector width of AMD's Zen 5; oneDNN, which
+torch brings too, uses all of it, and adds bias and activation before a result leaves the registers. Where torch lacks
+that, the same is done by batched products. Gradients of weights need a transposed matrix, which oneDNN copies first:
+elsewhere than on Zen 5, MKL takes less time for them.
 
 Letters: K perceptrons, B rows, D numbers of an observation.
 """
@@ -14,6 +15,7 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import torch
+from llvmlite import binding
 from torch import Tensor, nn
 from torch.nn.functional import silu
 
@@ -38,6 +40,12 @@ def _fused_linear() -> Any:
         return None
 
 
+def weight_slopes_by_mkl(processor: str) -> bool:
+    """Whether MKL takes less time than oneDNN for the gradients of weights, by LLVM's name of the processor."""
+    return processor != "znver5"
+
+
+SLOPES_BY_MKL = weight_slopes_by_mkl(binding.get_host_cpu_name())
 FUSED: Callable[..., Tensor] | None = _fused_linear()
 """FUSED(x [B, before], weight [after, before], bias [after] or None, activation, [], "") -> [B, after]."""
 
@@ -187,7 +195,7 @@ def _gradients_one_by_one(
         for layer in range(len(apart[k]) - 1, -1, -1):
             if places is not None:
                 weight_place, bias_place = places[k][layer]
-                weight_place.copy_(_product(trace.seen[layer][k].t(), slope))
+                _weight_slope(trace.seen[layer][k], slope, weight_place)
                 torch.sum(slope, 0, out=bias_place)
             if layer == 0 and not wants_x:
                 break
@@ -205,6 +213,14 @@ def _product(x: Tensor, weight: Tensor, bias: Tensor | None = None, activation: 
         return FUSED(x, weight.t(), bias, activation, [], "")
     found = torch.mm(x, weight) if bias is None else torch.addmm(bias, x, weight)
     return found if activation == "none" else found.tanh_() if activation == "tanh" else found.relu_()
+
+
+def _weight_slope(seen: Tensor, slope: Tensor, into: Tensor) -> None:
+    """seen [B, before] transposed times slope [B, after]."""
+    if SLOPES_BY_MKL:
+        torch.mm(seen.t(), slope, out=into)
+    else:
+        into.copy_(_product(seen.t(), slope))
 
 
 def _through_tanh(above: Tensor, after: Tensor, into: Tensor) -> None:

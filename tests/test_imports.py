@@ -8,7 +8,7 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parent.parent / "thalweg"
 
-LAYERS = ("whole", "cache", "kernel", "threads", "world", "render", "env")
+LAYERS = ("whole", "cache", "kernel", "threads", "devices", "gpu", "world", "render", "env")
 """Each may import those to its left."""
 
 ALLOWED: dict[str, set[str]] = {part: set(LAYERS[:index]) for index, part in enumerate(LAYERS)}

@@ -1,4 +1,4 @@
-"""A world and poses become frames: colour, water mask, depth and class, on the CPU."""
+"""A world and poses become frames: colour, water mask, depth and class."""
 
 from thalweg.render.camera import Camera
 from thalweg.render.errors import RenderError

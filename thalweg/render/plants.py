@@ -31,6 +31,29 @@ def bucket_of(far):
     return int32(clamp(math.sqrt(far) * f32((BUCKETS - 1) / math.sqrt(FAR_M)), f32(0), f32(BUCKETS - 1)))
 
 
+@kernel(inlined=True)
+def distance_in_view(plants, p, density, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, slant_w, slant_h):
+    """Horizontal distance of plant p if it may be in view, in metres; -1 if not, or if it is not drawn.
+
+    slant_w, slant_h: the lengths of (1, half_w) and (1, half_h); other arguments as of `visible_plants`.
+    """
+    px = plants[p, table.P_X] - ox
+    py = plants[p, table.P_Y] - oy
+    flat = px * px + py * py
+    if flat > f32(FAR_M * FAR_M) or flat < f32(NEAR_M * NEAR_M) or plants[p, table.P_RANK] >= density:
+        return f32(-1)
+    half_tall = plants[p, table.P_HEIGHT] * f32(0.5)
+    pz = plants[p, table.P_Z] + half_tall - oz
+    # A sphere around the plant against the five planes of the view.
+    radius = half_tall + plants[p, table.P_HALF]
+    ahead = px * fx + py * fy + pz * fz
+    aside = abs(px * rx + py * ry)
+    above = abs(px * ux + py * uy + pz * uz)
+    if ahead < -radius or aside > ahead * half_w + radius * slant_w or above > ahead * half_h + radius * slant_h:
+        return f32(-1)
+    return f32(math.sqrt(flat))
+
+
 @kernel
 def visible_plants(scene, w, density, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, order, distance):
     """How many plants may be in view; their numbers, near to far, go to order [M]. distance [M] is scratch.
@@ -47,21 +70,11 @@ def visible_plants(scene, w, density, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz
     found = np.empty(last - first, np.int32)
     heads = np.zeros(BUCKETS + 1, np.int32)
     for p in range(first, last):
-        px = plants[p, table.P_X] - ox
-        py = plants[p, table.P_Y] - oy
-        flat = px * px + py * py
-        if flat > f32(FAR_M * FAR_M) or flat < f32(NEAR_M * NEAR_M) or plants[p, table.P_RANK] >= density:
+        far = distance_in_view(
+            plants, p, density, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, slant_w, slant_h
+        )
+        if far < f32(0):
             continue
-        half_tall = plants[p, table.P_HEIGHT] * f32(0.5)
-        pz = plants[p, table.P_Z] + half_tall - oz
-        # A sphere around the plant against the five planes of the view.
-        radius = half_tall + plants[p, table.P_HALF]
-        ahead = px * fx + py * fy + pz * fz
-        aside = abs(px * rx + py * ry)
-        above = abs(px * ux + py * uy + pz * uz)
-        if ahead < -radius or aside > ahead * half_w + radius * slant_w or above > ahead * half_h + radius * slant_h:
-            continue
-        far = math.sqrt(flat)
         bucket = bucket_of(far)
         distance[p - first] = far
         heads[bucket + 1] += 1

@@ -7,6 +7,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
+from thalweg.devices import device_named
 from thalweg.render import compilation
 from thalweg.render.batch import bands_of, draw
 from thalweg.render.camera import Camera
@@ -37,18 +38,29 @@ class Frame:
 class Renderer:
     """Draws worlds as seen by a camera. Its tables are built once; drawing changes nothing in it."""
 
-    def __init__(self, worlds: Sequence[World], camera: Camera | None = None, quality: Quality = "full") -> None:
+    def __init__(
+        self,
+        worlds: Sequence[World],
+        camera: Camera | None = None,
+        quality: Quality = "full",
+        device: str = "cpu",
+    ) -> None:
         """Prepare the tables of the worlds.
 
         `quality`: "full", or "fast" for frames without reflections, filtered less, and marched once for four pixels.
+        `device`: where frames are drawn, see `thalweg.devices`; they are arrays of the host either way, and within
+        2/255 alike.
 
-        Raises `RenderError` if there is no world, or no such quality.
+        Raises `RenderError` if there is no world, no such quality, or too little memory on the GPU; `DeviceError` for a
+        device that can't be used.
         """
         if not worlds:
             raise RenderError("a renderer needs at least one world")
         if quality not in QUALITIES:
             raise RenderError(f"quality = {quality!r}: choose one of {', '.join(QUALITIES)}")
-        compilation.begin()
+        self.device = device_named(device)
+        if self.device == "cpu":
+            compilation.begin()
         self.worlds = tuple(worlds)
         self.camera = camera or Camera()
         self.scene = build_scene(self.worlds)
@@ -56,6 +68,11 @@ class Renderer:
         self.quality = quality
         size = int(self.camera.height_px), int(self.camera.width_px)
         self._camera = *size, np.float32(self.camera.near_m), quality == "fast"
+        self._painter = None
+        if self.device != "cpu":
+            from thalweg.render.gpu.painter import Painter
+
+            self._painter = Painter(self.scene, self._camera, self.device)
 
     def render(
         self,
@@ -73,7 +90,6 @@ class Renderer:
         """
         poses, worlds, times = self._checked(poses, world_index, time_s)
         looks = look_rows(look_values(look, len(poses)), self.camera)
-        compilation.finish()
         shape = (len(poses), self.camera.height_px, self.camera.width_px, 4)
         if out is None:
             out = np.empty(shape, np.uint8)
@@ -93,7 +109,6 @@ class Renderer:
         """Frames with depth and class; arguments as of `render`."""
         poses, worlds, times = self._checked(poses, world_index, time_s)
         looks = look_rows(look_values(look, len(poses)), self.camera)
-        compilation.finish()
         shape = (len(poses), self.camera.height_px, self.camera.width_px)
         image, depth, kind = np.empty((*shape, 4), np.uint8), np.empty(shape, np.float32), np.empty(shape, np.uint8)
         self._draw(worlds, poses, times, looks, image, True, depth, kind)
@@ -101,6 +116,10 @@ class Renderer:
 
     def _draw(self, worlds, poses, times, looks, out, want_layers, depth, kind) -> None:
         packed = out.view(np.uint32)[..., 0]
+        if self._painter is not None:
+            self._painter.draw_for_host(worlds, poses, times, looks, packed, (depth, kind) if want_layers else None)
+            return
+        compilation.finish()
         bands = bands_of(self.camera.height_px, numba.get_num_threads(), len(poses))
         draw(self.scene, worlds, poses, times, looks, self._camera, packed, want_layers, depth, kind, bands)
 

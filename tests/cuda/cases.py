@@ -18,6 +18,11 @@ def world() -> World:
     return plane(slope_x=-0.03, water_level=0.0, bridges=bridges, plants=_mixed(places))
 
 
+def worlds() -> list[World]:
+    """That one, and one of nothing but ground and water."""
+    return [world(), plane(slope_y=0.04, water_level=0.5)]
+
+
 def _mixed(places):
     plants = plants_at(places, 0, 4.0, 2.5)
     plants.kind[:] = np.arange(len(places)) * 3 % 20
@@ -25,10 +30,14 @@ def _mixed(places):
     return plants
 
 
-POSES = np.array([[-16.0, 0.0, 4.0, 0.1], [-4.0, -9.0, 2.6, 0.75], [12.0, -12.0, 6.0, 1.7]])
-TIMES = np.array([0.0, 3.5, 8.25])
+POSES = np.array([[-16.0, 0.0, 4.0, 0.1], [-4.0, -9.0, 2.6, 0.75], [12.0, -12.0, 6.0, 1.7], [3.0, 4.0, 5.0, -2.0]])
+WORLD_INDEX = np.array([0, 0, 0, 1])
+A_PASS = 3
+"""Cameras that are drawn at once: two passes."""
+TIMES = np.array([0.0, 3.5, 8.25, 1.0])
 LOOKS = [
     Look(),
     Look(haze=20.0, warmth=0.7, water_tint=-0.8, turbidity=0.5, ripple=1.7, season=0.8, plant_density=0.6),
     Look(exposure_ev=0.6, pitch_deg=-8.0, fov_deg=20.0, noise=5.0, turbidity=3.0),
+    Look(),
 ]

@@ -1,0 +1,136 @@
+"""How many registers does each kernel need on a Hopper GPU, and does any spill? Compiled without having one.
+
+    python benchmarks/registers.py
+
+writes registers.csv, with the multiprocessor's share that can be at work at once. It needs requirements-cuda.lock.
+"""
+
+import csv
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+from unittest import mock
+
+import nvidia
+from numba import cuda, types
+from numba.cuda import dispatcher
+
+from thalweg.render.gpu import develop, pixel, visible
+from thalweg.render.scene import Scene
+
+TABLE = Path(__file__).resolve().parent / "registers.csv"
+COLUMNS = ("kernel", "registers", "stack_bytes", "spilled_bytes", "shared_bytes", "threads", "occupancy")
+CAPABILITY = (9, 0)
+REGISTERS, THREADS, WARP, STEP = 65536, 2048, 32, 8
+"""Of a multiprocessor of that capability: its registers and threads, the threads of a warp, and the step in which a
+thread is given registers."""
+
+FLOAT, DOUBLE, UINT, BYTE = types.float32, types.float64, types.uint32, types.uint8
+LINE, PLANE, SPACE, FOUR = FLOAT[::1], FLOAT[:, ::1], FLOAT[:, :, ::1], FLOAT[:, :, :, ::1]
+INTS, WORLDS, CAMERA = types.int32[::1], types.int64[::1], types.Tuple((types.int64, types.int64, FLOAT, types.boolean))
+ORDER, BOXES, COUNTS = types.int32[:, ::1], types.int16[:, :, ::1], INTS
+KINDS = BYTE[:, :, ::1]
+PLANES = types.Tuple((SPACE, KINDS, SPACE, SPACE, SPACE, SPACE, SPACE))
+TABLES: dict[str, Any] = {
+    "place": types.int64[:, ::1], "number": PLANE, "plants": PLANE, "bridges": PLANE, "shade": PLANE, "autumn": PLANE,
+    "atlas_level": types.int64[::1], "paint": UINT[::1], "canopy_paint": UINT[::1], "sky": UINT[::1],
+    "ripples": UINT[::1], "atlas": UINT[::1],
+}  # fmt: skip
+SCENE = types.NamedTuple([TABLES.get(name, LINE) for name in Scene._fields], Scene)
+
+
+class Variant(NamedTuple):
+    """A kernel with the types of its arguments, and how many threads a block has."""
+
+    function: Callable
+    arguments: tuple[Any, ...]
+    threads: int
+
+
+def variants() -> dict[str, Variant]:
+    """Every kernel of a frame, in every form that `Painter` asks for."""
+    trace = (SCENE, WORLDS, LINE, PLANE, PLANE, ORDER, PLANE, BOXES, COUNTS, PLANES)
+    add = (SCENE, WORLDS, PLANE, PLANE, PLANES, FOUR, LINE)
+    found = {
+        "place_cameras": Variant(
+            visible.place_cameras, (DOUBLE[:, ::1], DOUBLE[::1], PLANE, CAMERA, PLANE, LINE, UINT[::1]), visible.THREADS
+        ),
+        "find": Variant(
+            visible.find, (SCENE, WORLDS, PLANE, CAMERA, PLANE, ORDER, PLANE, BOXES, COUNTS), visible.THREADS
+        ),
+    }
+    for fast in (False, True):
+        quality = "fast" if fast else "full"
+        for coloured in (True, False):
+            name = f"trace, {quality}" + ("" if coloured else ", no colours")
+            found[name] = Variant(pixel.tracer(fast, coloured), trace, pixel.THREADS)
+        found[f"add_up, {quality}"] = Variant(develop.adder(fast), add, develop.THREADS)
+    found["develop"] = Variant(
+        develop.develop,
+        (SPACE, SPACE, SPACE, KINDS, SPACE, PLANE, UINT[::1], LINE, UINT[::1], UINT[:, :, ::1]),
+        develop.THREADS,
+    )
+    found["layers"] = Variant(develop.layers, (SPACE, KINDS, SPACE, SPACE, SPACE, KINDS, KINDS), develop.THREADS)
+    return found
+
+
+class Hopper:
+    """What functions called from a kernel ask the device for, where there is none."""
+
+    compute_capability = CAPABILITY
+
+
+def ptx_of(variant: Variant) -> str:
+    """A kernel in the language of GPUs."""
+    with mock.patch.object(dispatcher, "get_current_device", Hopper):
+        ptx, _ = cuda.compile_ptx(variant.function, types.void(*variant.arguments), cc=CAPABILITY, fastmath=True)
+    return ptx
+
+
+def measured(ptx: str) -> dict[str, int]:
+    """Registers of a thread, bytes of its stack and of what it spilled, and shared bytes of a block, as NVIDIA's
+    assembler says."""
+    assembler = next(Path(place) for base in nvidia.__path__ for place in Path(base).glob("*/bin/ptxas"))
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder) / "kernel.ptx"
+        source.write_text(ptx)
+        command = [assembler, "-v", "-arch=sm_90", "-o", Path(folder) / "kernel.cubin", source]
+        said = subprocess.run(command, capture_output=True, text=True, check=True).stderr
+    stack, stored, loaded = map(
+        int, re.findall(r"(\d+) bytes stack frame, (\d+) bytes spill stores, (\d+) bytes spill loads", said)[-1]
+    )
+    registers = int(re.findall(r"Used (\d+) registers", said)[-1])
+    shared = re.findall(r"(\d+) bytes smem", said)
+    return {
+        "registers": registers,
+        "stack_bytes": stack,
+        "spilled_bytes": stored + loaded,
+        "shared_bytes": int(shared[-1]) if shared else 0,
+    }
+
+
+def occupancy(registers: int, threads: int) -> float:
+    """Share of a multiprocessor's threads that its registers let be at work at once, whole blocks only."""
+    each = -(-registers // STEP) * STEP * WARP
+    blocks = REGISTERS // (each * (threads // WARP))
+    return min(blocks * threads, THREADS) / THREADS
+
+
+def main() -> int:
+    with TABLE.open("w", newline="") as text:
+        rows = csv.writer(text, lineterminator="\n")
+        rows.writerow(COLUMNS)
+        for name, variant in variants().items():
+            found = measured(ptx_of(variant))
+            share = occupancy(found["registers"], variant.threads)
+            rows.writerow([name, *found.values(), variant.threads, f"{share:.2f}"])
+            print(name, found, f"occupancy {share:.0%}", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,38 @@
+"""Draws the cases as a GPU would and stores what comes out: `python -m tests.cuda.simulate_frames FILE QUALITY`."""
+
+import sys
+
+import numpy as np
+
+from tests.cuda import cases, simulated
+from thalweg.render import Renderer
+from thalweg.render.gpu.painter import Painter, Views
+from thalweg.render.look import look_rows, look_values
+from thalweg.render.scene import build_scene
+
+
+def main(path: str, quality: str) -> None:
+    simulated.begin()
+    count, side = len(cases.POSES), cases.SIDE
+    scene = build_scene(cases.worlds())
+    looks = look_rows(look_values(cases.LOOKS, count), cases.CAMERA)
+    painter = Painter(scene, (side, side, np.float32(cases.CAMERA.near_m), quality == "fast"), simulated.DEVICE)
+    painter.cameras = cases.A_PASS
+    views = Views(cases.WORLD_INDEX, cases.POSES, cases.TIMES, looks)
+    shape = count, side, side
+    images = np.zeros(shape, np.uint32)
+    layers = np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
+    painter.draw(views, images, layers)
+    alone = np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
+    painter.draw(views, None, alone)
+    found = {"images": images, "depth": layers[0], "kind": layers[1], "mask": layers[2]}
+    found |= {"alone_depth": alone[0], "alone_kind": alone[1], "alone_mask": alone[2]}
+    if quality == "fast":  # which takes a simulator less time
+        renderer = Renderer(cases.worlds(), cases.CAMERA, quality, simulated.DEVICE)
+        frame = renderer.render_layers(cases.POSES[:1], look=cases.LOOKS[:1])
+        found |= {"rgb": frame.rgb, "depth_m": frame.depth_m, "class_id": frame.class_id}
+    np.savez(path, **found)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,56 @@
+"""Every kernel compiled for a GPU of the Hopper kind, without having one: registers only, and single precision."""
+
+import os
+import re
+
+import pytest
+
+if "CI" not in os.environ:  # `make test` installs it; there its absence is an error
+    pytest.importorskip("numba_cuda", reason="needs numba-cuda: pip install -r requirements-cuda.lock")
+
+from numba import cuda, float32, types
+
+from benchmarks import registers
+
+DOUBLE = {"place_cameras"}
+"""Poses are in double precision, so that what one thread a camera makes of them is too."""
+
+
+def in_single_precision(ptx: str) -> bool:
+    return not re.search(r"\.f64\b", ptx)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", registers.variants())
+def test_a_kernel_needs_no_memory_of_its_own_and_no_double_precision(name: str):
+    variant = registers.variants()[name]
+    ptx = registers.ptx_of(variant)
+    assert ".target sm_90" in ptx and "st.global" in ptx
+    found = registers.measured(ptx)
+    assert found["stack_bytes"] == found["spilled_bytes"] == 0
+    # With more, too few threads would be at work at once to hide how long memory takes.
+    assert 0 < found["registers"] <= 136
+    assert registers.occupancy(found["registers"], variant.threads) >= 0.18
+    assert in_single_precision(ptx) == (name not in DOUBLE)
+
+
+def test_a_kernel_that_spills_or_computes_in_double_precision_is_noticed():
+    def indexed(numbers, out):
+        kept = cuda.local.array(512, float32)
+        for i in range(512):
+            kept[i] = numbers[i]
+        out[0] = kept[int(numbers[0])]
+
+    def doubled(numbers, out):
+        out[0] = numbers[0] * 0.1  # a Python literal is a double
+
+    line = types.float32[::1]
+    spilling, precise = (registers.ptx_of(registers.Variant(each, (line, line), 64)) for each in (indexed, doubled))
+    assert registers.measured(spilling)["stack_bytes"] == 2048
+    assert not in_single_precision(precise) and in_single_precision(spilling)
+
+
+def test_occupancy_counts_whole_blocks():
+    assert registers.occupancy(32, 256) == 1.0
+    assert registers.occupancy(128, 256) == 0.25
+    assert registers.occupancy(97, 64) == 9 * 64 / 2048  # 104 registers a thread, 6,656 a block

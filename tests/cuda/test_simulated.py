@@ -1,0 +1,64 @@
+"""The same source on a GPU: kernels under Numba's CUDA simulator, against the CPU."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.cuda import cases
+from thalweg.render import Renderer
+from thalweg.render.batch import bands_of, draw
+from thalweg.render.classes import BRIDGE, GROUND, PLANT, SKY, WATER
+from thalweg.render.look import look_rows, look_values
+from thalweg.render.scene import build_scene
+
+ROOT = Path(__file__).parents[2]
+
+
+def simulated(module: str, *arguments: str) -> None:
+    """Run a module of this folder in a process whose kernels are plain Python."""
+    environment = os.environ | {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_DISABLE_JIT": "1", "PYTHONWARNINGS": "ignore"}
+    command = [sys.executable, "-m", f"tests.cuda.{module}", *arguments]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, cwd=ROOT, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def frames_of_the_cpu(quality: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Frames [N, SIDE, SIDE] uint32, smaller than a `Camera` may be, and the depth and class of each pixel."""
+    count, side = len(cases.POSES), cases.SIDE
+    images = np.zeros((count, side, side), np.uint32)
+    looks = look_rows(look_values(cases.LOOKS, count), cases.CAMERA)
+    camera = side, side, np.float32(cases.CAMERA.near_m), quality == "fast"
+    layers = np.empty((count, side, side), np.float32), np.empty((count, side, side), np.uint8)
+    scene = build_scene(cases.worlds())  # also leaves the atlas in the cache, which the simulator is too slow to grow
+    bands = bands_of(side, 1, count)
+    draw(scene, cases.WORLD_INDEX, cases.POSES, cases.TIMES, looks, camera, images, True, *layers, bands)
+    return images, *layers
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("quality", ["full", "fast"])
+def test_frames_and_layers_are_those_of_the_cpu(tmp_path: Path, quality: str):
+    images, depth, classes = frames_of_the_cpu(quality)
+    assert set(np.unique(classes)) == {SKY, WATER, GROUND, PLANT, BRIDGE}
+    path = tmp_path / "simulated.npz"
+    simulated("simulate_frames", str(path), quality)
+    found = np.load(path)
+    ours, theirs = (a.view(np.uint8).reshape(*a.shape, 4).astype(int) for a in (images, found["images"]))
+    assert ours[..., :3].std() > 30
+    np.testing.assert_array_equal(theirs[..., 3], ours[..., 3])
+    apart = np.abs(ours - theirs)[..., :3]
+    assert (apart <= 2).mean() > 0.999
+    assert apart.max() <= 8
+    if quality == "fast":
+        wanted = Renderer(cases.worlds(), cases.CAMERA, "fast").render_layers(cases.POSES[:1], look=cases.LOOKS[:1])
+        assert np.abs(found["rgb"].astype(int) - wanted.rgb).max() <= 8
+        np.testing.assert_array_equal(found["class_id"], wanted.class_id)
+        np.testing.assert_allclose(found["depth_m"], wanted.depth_m, rtol=1e-5)
+    for alone in ("", "alone_"):
+        np.testing.assert_array_equal(found[f"{alone}mask"], ours[..., 3])
+        np.testing.assert_array_equal(found[f"{alone}kind"], classes)
+        np.testing.assert_allclose(found[f"{alone}depth"], depth, rtol=1e-5)

@@ -15,12 +15,20 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from unittest import mock
 
+import numba
+import numpy as np
 import nvidia
 from numba import cuda, types
 from numba.cuda import dispatcher
 
+from thalweg.env.beginning import begins_of
+from thalweg.env.config import EnvConfig
+from thalweg.env.courses import pack
+from thalweg.env.gpu import rules
+from thalweg.env.rules import empty_outcome, empty_state
 from thalweg.render.gpu import develop, pixel, visible
 from thalweg.render.scene import Scene
+from thalweg.world import load_or_build
 
 TABLE = Path(__file__).resolve().parent / "registers.csv"
 COLUMNS = ("kernel", "registers", "stack_bytes", "spilled_bytes", "shared_bytes", "threads", "occupancy")
@@ -44,15 +52,26 @@ SCENE = types.NamedTuple([TABLES.get(name, LINE) for name in Scene._fields], Sce
 
 
 class Variant(NamedTuple):
-    """A kernel with the types of its arguments, and how many threads a block has."""
+    """A kernel with the types of its arguments, how many threads a block has, and its arithmetic."""
 
     function: Callable
     arguments: tuple[Any, ...]
     threads: int
+    fastmath: bool = True
+
+
+def rule_types() -> tuple[Any, ...]:
+    """Types of the arguments of the rules' kernel, as an environment of tensors gives them."""
+    config = EnvConfig()
+    courses = pack([load_or_build("Easy", 0)], config)
+    ints, bytes_ = np.zeros(1, np.int64), np.zeros(1, np.uint8)
+    state, outcome = empty_state(ints, courses), empty_outcome(1)
+    begins = begins_of(config, ints, ints, ints, 1)
+    return tuple(numba.typeof(each) for each in (state.pose, courses, config.limits, begins, state, outcome, bytes_))
 
 
 def variants() -> dict[str, Variant]:
-    """Every kernel of a frame, in every form that `Painter` asks for."""
+    """Every kernel of a frame, in every form that `Painter` asks for, and that of the rules."""
     trace = (SCENE, WORLDS, LINE, PLANE, PLANE, ORDER, PLANE, BOXES, COUNTS, PLANES)
     add = (SCENE, WORLDS, PLANE, PLANE, PLANES, FOUR, LINE)
     found = {
@@ -74,6 +93,7 @@ def variants() -> dict[str, Variant]:
         (SPACE, SPACE, SPACE, KINDS, SPACE, PLANE, UINT[::1], LINE, UINT[::1], UINT[:, :, ::1]),
         develop.THREADS,
     )
+    found["advance"] = Variant(rules.advance, rule_types(), rules.THREADS, fastmath=False)
     found["layers"] = Variant(develop.layers, (SPACE, KINDS, SPACE, SPACE, SPACE, KINDS, KINDS), develop.THREADS)
     return found
 
@@ -87,7 +107,9 @@ class Hopper:
 def ptx_of(variant: Variant) -> str:
     """A kernel in the language of GPUs."""
     with mock.patch.object(dispatcher, "get_current_device", Hopper):
-        ptx, _ = cuda.compile_ptx(variant.function, types.void(*variant.arguments), cc=CAPABILITY, fastmath=True)
+        ptx, _ = cuda.compile_ptx(
+            variant.function, types.void(*variant.arguments), cc=CAPABILITY, fastmath=variant.fastmath
+        )
     return ptx
 
 

@@ -5,8 +5,12 @@ Importing the package registers its Gymnasium ids, and a note of forks; its part
 
 import os
 import sys
+from typing import TYPE_CHECKING, Any
 
 from gymnasium.envs.registration import register, registry
+
+if TYPE_CHECKING:
+    from thalweg.env.tensors import TensorRiverEnv
 
 LEVEL_IDS = {name: f"thalweg/{name}-v0" for name in ("Easy", "Medium", "Hard")}
 """Gymnasium id of each level's fixed river."""
@@ -28,6 +32,20 @@ def _note_fork() -> None:
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_note_fork)
+
+
+def make_torch(level: str, num_envs: int = 1, **options: Any) -> "TensorRiverEnv":
+    """N environments of a level whose observations, rewards and costs are tensors on one device.
+
+    Args:
+        level: "Easy", "Medium" or "Hard".
+        num_envs: N.
+        options: `device` ("auto" by default, see `thalweg.devices`), `world_seeds` or `worlds`, `config`, and fields of
+            `thalweg.env.EnvConfig`.
+    """
+    from thalweg.env.making import make_tensors
+
+    return make_tensors(level, num_envs, **options)
 
 
 def register_envs() -> None:

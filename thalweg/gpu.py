@@ -12,24 +12,31 @@ import numpy as np
 
 
 @cache
-def compiled(function: Callable) -> Any:
-    """The function as a kernel, compiled at its first launch, with the arithmetic of the CPU's kernels (fastmath).
+def compiled(function: Callable, fastmath: bool) -> Any:
+    """The function as a kernel, compiled at its first launch; `fastmath` as for the kernels of the CPU.
 
     A function that was made by another is compiled once for each that the other made.
     """
     from numba import cuda  # not before a GPU is asked for
 
-    return cuda.jit(function, fastmath=True)
+    return cuda.jit(function, fastmath=fastmath)
 
 
-def launch(function: Callable, blocks: int | tuple[int, ...], threads: int, device: Any, *arguments: Any) -> None:
+def launch(
+    function: Callable,
+    blocks: int | tuple[int, ...],
+    threads: int,
+    device: Any,
+    *arguments: Any,
+    fastmath: bool = True,
+) -> None:
     """Start a kernel on torch's stream of a device, and return at once."""
     import torch
     from numba import cuda
 
     stream = cuda.external_stream(torch.cuda.current_stream(device).cuda_stream)
     with cuda.gpus[torch.device(device).index or 0]:
-        compiled(function)[blocks, threads, stream](*arguments)
+        compiled(function, fastmath)[blocks, threads, stream](*arguments)
 
 
 def as_array(tensor: Any, dtype: Any = None) -> Any:

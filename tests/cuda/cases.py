@@ -1,8 +1,11 @@
-"""The worlds, poses and looks on which a GPU's frames are held against the CPU's; small enough for a simulator."""
+"""The worlds, poses, looks and flights on which a GPU is held against the CPU; small enough for a simulator."""
 
 import numpy as np
+import torch
 
 from tests.render.plain import plane, plants_at
+from thalweg.env import EnvConfig
+from thalweg.env.tensors import TensorRiverEnv
 from thalweg.render import Camera, Look
 from thalweg.world.record import World
 
@@ -21,6 +24,23 @@ def world() -> World:
 def worlds() -> list[World]:
     """That one, and one of nothing but ground and water."""
     return [world(), plane(slope_y=0.04, water_level=0.5)]
+
+
+FLIGHTS, STEPS = 5, 60
+
+
+def flown() -> dict[str, np.ndarray]:
+    """What happens to environments of tensors in all steps of random flights: poses, rewards, costs, reasons."""
+    env = TensorRiverEnv(worlds(), FLIGHTS, EnvConfig(observation="none", max_idle_steps=8), device="cpu")
+    env.reset(seed=0)
+    chosen = torch.randint(0, 3, (STEPS, FLIGHTS, 4), generator=torch.Generator().manual_seed(0))
+    steps = [env.step(actions) for actions in chosen]
+    return {
+        "pose": np.array([obs.numpy() for obs, *_ in steps]),
+        "reward": np.array([reward.numpy() for _, reward, *_ in steps]),
+        "costs": np.array([info["costs"].numpy() for *_, info in steps]),
+        "reason": np.array([info["done_reason"].numpy() for *_, info in steps]),
+    }
 
 
 def _mixed(places):

@@ -18,7 +18,7 @@ from thalweg.render import renderer
 FREE_BYTES, DEVICE = 1_000_000_000, "simulator"
 
 
-def launch(function: Callable, blocks: Any, threads: int, device: Any, *arguments: Any) -> None:
+def launch(function: Callable, blocks: Any, threads: int, device: Any, *arguments: Any, fastmath: bool = True) -> None:
     cuda.jit(function)[blocks, threads](*arguments)
 
 

@@ -62,3 +62,15 @@ def test_frames_and_layers_are_those_of_the_cpu(tmp_path: Path, quality: str):
         np.testing.assert_array_equal(found[f"{alone}mask"], ours[..., 3])
         np.testing.assert_array_equal(found[f"{alone}kind"], classes)
         np.testing.assert_allclose(found[f"{alone}depth"], depth, rtol=1e-5)
+
+
+@pytest.mark.slow
+def test_flights_are_those_of_the_cpu(tmp_path: Path):
+    path = tmp_path / "flown.npz"
+    simulated("simulate_rules", str(path))
+    found, wanted = np.load(path), cases.flown()
+    assert len(set(wanted["reason"].ravel())) >= 3 and (wanted["costs"].sum((0, 1)) > 0).all()
+    np.testing.assert_array_equal(found["reason"], wanted["reason"])
+    np.testing.assert_array_equal(found["costs"], wanted["costs"])
+    np.testing.assert_array_equal(found["reward"], wanted["reward"])
+    np.testing.assert_allclose(found["pose"], wanted["pose"], rtol=0, atol=1e-9)

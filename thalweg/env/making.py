@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gymnasium.vector import AutoresetMode
 
@@ -10,6 +10,9 @@ from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig, refuse_un
 from thalweg.env.single import RiverEnv
 from thalweg.env.vector import RiverVectorEnv
 from thalweg.world.record import World
+
+if TYPE_CHECKING:
+    from thalweg.env.tensors import TensorRiverEnv
 
 
 def make_single(
@@ -61,6 +64,29 @@ def make_vector(
         autoreset_mode=autoreset_mode,
         render_mode=render_mode,
     )
+
+
+def make_tensors(
+    level: str,
+    num_envs: int = 1,
+    *,
+    worlds: World | Sequence[World] | None = None,
+    world_seeds: Sequence[int] | None = None,
+    device: str = "auto",
+    config: EnvConfig = DEFAULT_CONFIG,
+    **options: Any,
+) -> "TensorRiverEnv":
+    """As `make_vector`, of tensors on one device; `thalweg.make_torch` calls it."""
+    from thalweg.devices import device_named
+    from thalweg.env.tensors import TensorRiverEnv
+
+    own = ("num_envs", "worlds", "world_seeds", "device", "config")
+    config, device = _with_options(config, options, own), device_named(device)
+    if device == "cpu":
+        _begin_compiling(config)
+    given = [worlds] if isinstance(worlds, World) else worlds
+    rivers = _worlds(level, given, None if world_seeds is None else _seeds(world_seeds))
+    return TensorRiverEnv(rivers, num_envs, config, device=device)
 
 
 make_single.metadata = RiverEnv.metadata  # pyright: ignore[reportFunctionMemberAccess]

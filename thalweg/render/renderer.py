@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numba
 import numpy as np
@@ -113,6 +114,19 @@ class Renderer:
         image, depth, kind = np.empty((*shape, 4), np.uint8), np.empty(shape, np.float32), np.empty(shape, np.uint8)
         self._draw(worlds, poses, times, looks, image, True, depth, kind)
         return Frame(np.ascontiguousarray(image[..., :3]), image[..., 3] > 0, depth, kind)
+
+    def render_tensors(self, views: Sequence[Any], out: Any) -> None:
+        """`render` without checks, from torch's tensors on this renderer's device into one, of which nothing is copied.
+
+        views: world_index [N] int64, poses [N, 4] and times [N] float64, and looks as rows [N, LOOK_COLUMNS] float32 of
+        `thalweg.render.look.look_rows`; out: [N, H, W, 4] uint8.
+        """
+        if self._painter is not None:
+            self._painter.draw_tensors(views, out)
+            return
+        none = np.empty((1, 1, 1), np.float32), np.empty((1, 1, 1), np.uint8)
+        world_index, poses, times, rows = (tensor.numpy() for tensor in views)
+        self._draw(world_index, poses, times, rows, out.numpy(), False, *none)
 
     def _draw(self, worlds, poses, times, looks, out, want_layers, depth, kind) -> None:
         packed = out.view(np.uint32)[..., 0]

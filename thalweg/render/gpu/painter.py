@@ -4,6 +4,7 @@ A pass draws as many cameras as the scratch has room for. Everything lies in tor
 once; nothing waits for the device, and nothing is copied from it.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -99,6 +100,11 @@ class Painter:
                 None if images is None else images[part],
                 None if layers is None else tuple(layer[part] for layer in layers),
             )
+
+    def draw_tensors(self, views: Sequence[Any], out: Any) -> None:
+        """Draw frames from torch's tensors into one [N, H, W, 4] uint8, all on this device."""
+        images = gpu.as_array(out, np.uint32).reshape(out.shape[:3])
+        self.draw(Views(*(gpu.as_array(tensor) for tensor in views)), images)
 
     def draw_for_host(
         self,

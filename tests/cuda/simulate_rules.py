@@ -1,0 +1,24 @@
+"""Flies environments of tensors by the kernel of a GPU and stores what happens: `python -m tests.cuda.simulate_rules
+FILE`."""
+
+import sys
+
+import numpy as np
+
+from tests.cuda import cases, simulated
+from thalweg import gpu
+from thalweg.env import tensors
+from thalweg.env.gpu import rules
+
+THREADS = 2
+
+
+def main(path: str) -> None:
+    simulated.begin()
+    blocks = -(-cases.FLIGHTS // THREADS) + 1  # the last one has nothing to do
+    tensors.advance_rows = lambda *given: gpu.launch(rules.advance, blocks, THREADS, simulated.DEVICE, *given)
+    np.savez(path, **cases.flown())
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,1 @@
+"""The rules on a GPU: a thread an environment."""

@@ -63,12 +63,12 @@ def empty(shape: tuple[int, ...], kind: Any, device: Any) -> Any:
     return as_array(torch.empty(length, dtype=torch.uint8, device=device), kind).reshape(shape)
 
 
-def to_host(array: Any) -> np.ndarray:
-    """A copy of the kernels' array on the host, once all that was launched before is done."""
+def to_host(array: Any, device: Any) -> np.ndarray:
+    """A copy on the host of the kernels' array on a device, once all that was launched before is done."""
     import torch
 
     array_bytes = array.view(np.uint8) if array.dtype.itemsize > 1 else array
-    return torch.as_tensor(array_bytes, device="cuda").cpu().numpy().view(array.dtype).reshape(array.shape)
+    return torch.as_tensor(array_bytes, device=device).cpu().numpy().view(array.dtype).reshape(array.shape)
 
 
 def free_bytes(device: Any) -> int:

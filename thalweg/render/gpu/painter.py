@@ -91,6 +91,8 @@ class Painter:
             layers: [N, H, W] each: float32 depths, uint8 classes, and uint8 masks of 0 or 255; None for none.
         """
         count = len(views.poses)
+        if not count:
+            return
         self._make_room(min(count, self.cameras))
         for first in range(0, count, self._room):
             part = slice(first, min(first + self._room, count))
@@ -121,9 +123,9 @@ class Painter:
         drawn = gpu.empty(shape, np.uint32, self.device)
         found = tuple(gpu.empty(shape, kind, self.device) for kind in (np.float32, np.uint8, np.uint8))
         self.draw(views, drawn, found if layers else None)
-        images[...] = gpu.to_host(drawn)
+        images[...] = gpu.to_host(drawn, self.device)
         for place, values in zip(layers or (), found, strict=False):
-            place[...] = gpu.to_host(values)
+            place[...] = gpu.to_host(values, self.device)
 
     def _make_room(self, cameras: int) -> None:
         """Scratch for so many cameras of a pass."""

@@ -154,9 +154,12 @@ def planner(
 ) -> Works:
     """So many decisions of OmniSafe's own size after one fit of the model; for the curves `small` ones.
 
-    OmniSafe's limit is one of 1,000 decisions, ten times the 100 steps of a toy's episode if each of them were decided,
-    and `ACTION_REPEAT` times that as they are. It learns the cost, as Thalweg does, and is told nothing.
+    For OmniSafe an episode has 1,000 decisions, whatever it is: its limit is ten times that of the toy's 100 steps if
+    each of them were decided, and `ACTION_REPEAT` times that as they are; and its returns are multiplied to be of so
+    long an episode, which makes its weights sharp and ends its searches early. Thalweg is told the same here. OmniSafe
+    learns the cost, as Thalweg does, and is told nothing of it.
     """
+    limit, length = 10 * ACTION_REPEAT * LIMIT, 1_000 * ACTION_REPEAT
 
     def work(steps: int, start: int) -> Work:
         theirs = {
@@ -164,12 +167,12 @@ def planner(
             "algo_cfgs": {
                 "steps_per_epoch": steps,
                 "start_learning_steps": start,
-                "cost_limit": 10 * ACTION_REPEAT * LIMIT,
+                "cost_limit": limit,
             },
             "dynamics_cfgs": {"predict_cost": True},
             "evaluation_cfgs": {"use_eval": False},
         }
-        mine = {**NATIVE, "cost_limit": LIMIT, "episode_length": 0, "random_steps": start}
+        mine = {**NATIVE, "cost_limit": limit, "episode_length": length, "random_steps": start}
         mine |= {"steps_per_collection": 50, "steps_per_update": 50}
         return Work(steps, merged(QUIET, theirs), {**mine, **ours}, start, stamp_every=ACTION_REPEAT)
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.marks import between_marks
+from benchmarks.marks import between_marks, prose
 from benchmarks.omnisafe.compare import CURVES, HALF, OURS, PEER, SIDES, SPEED
 from benchmarks.omnisafe.contests import CONTESTS, contest_named
 from benchmarks.omnisafe.plot import Curves, read
@@ -20,6 +20,7 @@ from thalweg.bench.tables import markdown
 PAGE = Path(__file__).resolve().parents[1] / "README.md"
 MARK = "omnisafe"
 SPEEDS = ("a second", "of", "OmniSafe", "Thalweg", "times", "least", "greatest", "by processor time", "asked for")
+WORK = ("of", "steps, OmniSafe", "gradient steps, OmniSafe", "steps, Thalweg", "gradient steps, Thalweg")
 LEARNT = ("learnt", "return, OmniSafe", "return, Thalweg", "falls, OmniSafe", "falls, Thalweg", "OmniSafe's errors")
 LAST = 0.2
 """What was learnt is the mean over this share of the steps, the last."""
@@ -75,15 +76,22 @@ def learnt_rows(curves: Curves) -> list[list[str]]:
     return rows
 
 
-def work_done(found: dict[str, Any]) -> str:
-    """How much either side did, in a sentence for each algorithm."""
-    said = []
-    for line in found["lines"]:
-        steps = ", ".join(
-            f"{count:,} {name.removesuffix('_optimizer').strip('_')}" for name, count in line["gradient_steps"].items()
-        )
-        said.append(f"{line['side']}'s {line['algorithm']}: {line['steps']:,} steps, gradient steps: {steps or 'none'}")
-    return "; ".join(said)
+def work_rows(found: dict[str, Any]) -> list[list[str]]:
+    """How much either side did in a repetition, a row for each algorithm that was measured, in the order of `WORK`."""
+    lines = {(line["algorithm"], line["side"]): line for line in found["lines"]}
+    return [
+        [contest.algorithm, *(cell for side in SIDES for cell in work_of(lines[contest.algorithm, side]))]
+        for contest in CONTESTS
+        if (contest.algorithm, OURS) in lines
+    ]
+
+
+def work_of(line: dict[str, Any]) -> tuple[str, str]:
+    """Steps of a side, and its gradient steps by what they were of."""
+    counts = {
+        name.removesuffix("_optimizer").strip("_") or "model": count for name, count in line["gradient_steps"].items()
+    }
+    return f"{line['steps']:,}", ", ".join(f"{count:,} {name}" for name, count in counts.items()) or "none"
 
 
 def section() -> str:
@@ -93,12 +101,12 @@ def section() -> str:
         found = json.loads(SPEED.read_text())
         peer = ", ".join(f"{name} {number}" for name, number in found["peer"].items())
         repeats = len(found["lines"][0]["rates"])
-        parts.append(
-            f"{markdown(list(SPEEDS), speed_rows(found))}\n{repeats} repetitions in turns: medians, and the median, "
-            f"least and greatest of their ratios; other programs take their share of a second, not of a second of the "
-            f"processor. {describe(found)}. The peer: {peer}. Work of a repetition: "
-            f"{work_done(found)}. Load of the machine before: {found['load_before']:.1f}.\n"
+        said = prose(
+            f"{repeats} repetitions in turns: medians, and the median, least and greatest of their ratios; other "
+            f"programs take their share of a second, not of a second of the processor. {describe(found)}. The peer: "
+            f"{peer}. Load of the machine before: {found['load_before']:.1f}. What a repetition was:"
         )
+        parts.append(f"{markdown(list(SPEEDS), speed_rows(found))}\n{said}\n{markdown(list(WORK), work_rows(found))}")
     if CURVES.exists():
         curves = read(CURVES)
         seeds = max(len(each) for each in curves.values())

@@ -41,8 +41,9 @@ $(CUDA): $(READY) requirements-cuda.lock
 demo: $(READY)
 	$(BIN)/thalweg bench quick --out $(OUT)/quick
 
+# Two at a time, a file with one of them; PyTorch's threads would get into one another's way.
 test: $(READY) $(CUDA)
-	$(BIN)/python -m pytest
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: $(READY)
 	$(BIN)/ruff format --check .

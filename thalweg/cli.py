@@ -241,6 +241,11 @@ class Train:
     """`default`, or `paper`: what the study ran, as far as it is known, quirks included."""
     set: tuple[str, ...] = ()
     """Settings of the algorithm on top of the preset, such as learning_rate=1e-4; an unknown one lists the known."""
+    threads: int | None = None
+    """Of acting and learning; if not given two for wide networks and one for small ones. Give 1 to each of several runs
+    that share the cores."""
+    device: str = "cpu"
+    """Where it trains: cpu, cuda, cuda:1, or auto, which takes a GPU where there is one that works."""
 
     def run(self) -> int:
         import shlex
@@ -254,12 +259,14 @@ class Train:
         ground = TrainingGround(place, self.num_envs, self.world_seeds)
         result = ground.train(
             algorithm,
-            load_fitting_encoder(self.encoder),
+            load_fitting_encoder(self.encoder, self.device),
             steps=self.steps,
             seed=self.seed,
             folder=self.out,
             settings=settings or None,
             preset=self.preset,
+            threads=self.threads,
+            device=self.device,
         )
         if result.already_finished:
             print(f"{self.out} was finished before; nothing was trained.")
@@ -300,6 +307,9 @@ class Evaluate:
     """The encoder's file; the one that comes with the package if not given."""
     out: Path | None = None
     """Also write one row per episode to this CSV file; one that is there is replaced."""
+    device: str = "cpu"
+    """Where frames are drawn and encoded: cpu, cuda, cuda:1, or auto, which takes a GPU where there is one that
+    works."""
 
     def run(self) -> int:
         from thalweg.bench.command import Request, evaluate_command
@@ -310,8 +320,9 @@ class Evaluate:
             raise UsageError("--world-seed goes with --geojson; the levels are flown on their fixed rivers")
         places = (reach,) if reach is not None else self.levels or ("Easy", "Medium", "Hard")
         config = EvaluationConfig(self.episodes, self.starts_seed, self.deterministic)
-        request = Request(self.policy, places, config, self.seed, self.world_seed or 0, self.encoder, self.out)
-        evaluate_command(request)
+        evaluate_command(
+            Request(self.policy, places, config, self.seed, self.world_seed or 0, self.encoder, self.out, self.device)
+        )
         return 0
 
 

@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 from torch import Tensor
-from torch.optim.optimizer import register_optimizer_step_post_hook
 
 from benchmarks.omnisafe.toy_vector import ToyVectorEnv
 from thalweg.algos.adam import Adam
@@ -48,22 +47,18 @@ class Stamped(ToyVectorEnv):
 
 def carry_out(order: dict, folder: Path) -> dict:
     """Train as ordered."""
-    counted = {"policy and others": 0, "critics": 0, "model and others": 0}
+    counted = {"networks": 0, "critics in loops": 0}
     step, pass_over = Adam.step, Critics.pass_over
 
     def counting(self: Adam, most: float = math.inf) -> None:
-        counted["policy and others"] += 1
+        counted["networks"] += 1
         step(self, most)
 
     def passing(self: Critics, *given: Any, **named: Any) -> Tensor:
         errors = pass_over(self, *given, **named)
-        counted["critics"] += len(errors)
+        counted["critics in loops"] += len(errors)
         return errors
 
-    def count(*_: Any) -> None:
-        counted["model and others"] += 1
-
-    register_optimizer_step_post_hook(count)
     Adam.step, Critics.pass_over = counting, passing  # pyright: ignore[reportAttributeAccessIssue]
     given = {name: order[name] for name in ("steps", "seed", "config", "threads", "preset")}
     env = Stamped(order["envs"], order["stamp_every"])

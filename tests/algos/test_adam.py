@@ -33,8 +33,8 @@ def test_a_long_gradient_is_shortened_as_torch_shortens_it():
     ours, theirs = pair(), pair()
     descend(ours, 1)
     descend(theirs, 1)
-    length = torch.nn.utils.clip_grad_norm_(theirs, 0.5)
-    assert shorten([p.grad for p in ours if p.grad is not None], 0.5) == pytest.approx(float(length), rel=1e-6)
+    assert torch.nn.utils.clip_grad_norm_(theirs, 0.5) > 1.0
+    shorten([p.grad for p in ours if p.grad is not None], 0.5)
     for a, b in zip(ours, theirs, strict=True):
         assert a.grad is not None and b.grad is not None
         assert a.grad.numpy() == pytest.approx(b.grad.numpy(), rel=1e-5)
@@ -42,7 +42,8 @@ def test_a_long_gradient_is_shortened_as_torch_shortens_it():
 
 def test_a_short_gradient_stays():
     gradients = [torch.tensor([3.0]), torch.tensor([4.0])]
-    assert shorten(gradients, 5.0) == 5.0 and shorten(gradients, math.inf) == 5.0
+    shorten(gradients, 5.0)
+    shorten(gradients, math.inf)
     assert [g.item() for g in gradients] == [3.0, 4.0]
 
 

@@ -35,7 +35,7 @@ def tempted(learner: Any, seed: int, costs: int = 1) -> Rollout:
     """Steps of the learner: option 0 of the first branch pays and costs; episodes end now and then."""
     generator = torch.Generator().manual_seed(seed)
     obs = torch.randn(T + 1, N, D, generator=generator)
-    actions = torch.stack([learner.act(obs[t].numpy(), np.zeros(N, dtype=bool)) for t in range(T)])
+    actions = torch.stack([learner.act(obs[t], torch.zeros(N, dtype=torch.bool)) for t in range(T)])
     chosen = (actions[..., 0] == 0).float()
     paid = torch.zeros(T, N, costs)
     paid[..., -1] = chosen

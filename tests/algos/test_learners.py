@@ -53,7 +53,7 @@ def rollout_of(learner: Any, seed: int = 0, **changes: Any) -> Rollout:
     obs = torch.randn(T + 1, N, D * learner.config.frame_stack, generator=generator)
     ends = torch.rand(T, N, generator=generator) < 0.2
     fresh = torch.cat([torch.ones(1, N, dtype=torch.bool), ends])
-    actions = torch.stack([learner.act(obs[t].numpy(), fresh[t].numpy()) for t in range(T)])
+    actions = torch.stack([learner.act(obs[t], fresh[t]) for t in range(T)])
     kind = learner.policy.actions
     good = kind.options(actions)[..., 0] == 0 if kind.sizes else actions[..., 0] > 0
     costs = (~good).float().unsqueeze(-1).expand(-1, -1, len(getattr(learner.config, "cost_limits", ())) or 1)

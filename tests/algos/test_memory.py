@@ -9,54 +9,54 @@ from thalweg.algos.memory import FrameStack, Gru, Sequences
 NO, YES = False, True
 
 
-def column(*values: float) -> np.ndarray:
+def column(*values: float) -> torch.Tensor:
     """[N, 1] one number for each environment."""
-    return np.array(values, dtype=np.float32)[:, None]
+    return torch.tensor(values).unsqueeze(1)
 
 
 def test_the_first_frame_of_an_episode_stands_for_those_that_are_missing():
     stack = FrameStack(2, 1, 3)
-    assert stack.push(column(1, 5), np.array([YES, YES])).tolist() == [[1, 1, 1], [5, 5, 5]]
-    assert stack.push(column(2, 6), np.array([NO, NO])).tolist() == [[1, 1, 2], [5, 5, 6]]
-    assert stack.push(column(3, 7), np.array([NO, YES])).tolist() == [[1, 2, 3], [7, 7, 7]]
-    assert stack.push(column(4, 8), np.array([NO, NO])).tolist() == [[2, 3, 4], [7, 7, 8]]
+    assert stack.push(column(1.0, 5.0), torch.tensor([YES, YES])).tolist() == [[1, 1, 1], [5, 5, 5]]
+    assert stack.push(column(2.0, 6.0), torch.tensor([NO, NO])).tolist() == [[1, 1, 2], [5, 5, 6]]
+    assert stack.push(column(3.0, 7.0), torch.tensor([NO, YES])).tolist() == [[1, 2, 3], [7, 7, 7]]
+    assert stack.push(column(4.0, 8.0), torch.tensor([NO, NO])).tolist() == [[2, 3, 4], [7, 7, 8]]
 
 
 def test_frames_of_several_numbers_stay_together_the_newest_last():
     stack = FrameStack(1, 2, 2)
-    stack.push(np.array([[1, 2]], np.float32), np.array([YES]))
-    assert stack.push(np.array([[3, 4]], np.float32), np.array([NO])).tolist() == [[1, 2, 3, 4]]
+    stack.push(torch.tensor([[1.0, 2.0]]), torch.tensor([YES]))
+    assert stack.push(torch.tensor([[3.0, 4.0]]), torch.tensor([NO])).tolist() == [[1, 2, 3, 4]]
 
 
 def test_a_glance_ahead_shows_what_a_push_would_return_and_changes_nothing():
     stack = FrameStack(3, 1, 3)
-    stack.push(column(1, 5, 9), np.array([YES] * 3))
-    stack.push(column(2, 6, 8), np.array([NO] * 3))
+    stack.push(column(1.0, 5.0, 9.0), torch.tensor([YES] * 3))
+    stack.push(column(2.0, 6.0, 8.0), torch.tensor([NO] * 3))
     before = stack.state()
-    assert stack.peek(column(7, 3), np.array([2, 0])).tolist() == [[9, 8, 7], [1, 2, 3]]
-    assert stack.peek(np.zeros((0, 1), np.float32), np.zeros(0, np.int64)).shape == (0, 3)
+    assert stack.peek(column(7.0, 3.0), torch.tensor([2, 0])).tolist() == [[9, 8, 7], [1, 2, 3]]
+    assert stack.peek(torch.zeros(0, 1), torch.zeros(0, dtype=torch.int64)).shape == (0, 3)
     assert np.array_equal(stack.state(), before)
 
 
 def test_one_frame_is_itself():
     stack = FrameStack(2, 1, 1)
-    assert stack.push(column(1, 2), np.array([NO, YES])).tolist() == [[1], [2]]
-    assert stack.peek(column(3), np.array([1])).tolist() == [[3]]
+    assert stack.push(column(1.0, 2.0), torch.tensor([NO, YES])).tolist() == [[1], [2]]
+    assert stack.peek(column(3.0), torch.tensor([1])).tolist() == [[3]]
 
 
 def test_what_was_returned_is_not_changed_by_later_frames():
     stack = FrameStack(1, 1, 2)
-    first = stack.push(column(1), np.array([YES]))
-    stack.push(column(2), np.array([NO]))
+    first = stack.push(column(1.0), torch.tensor([YES]))
+    stack.push(column(2.0), torch.tensor([NO]))
     assert first.tolist() == [[1, 1]]
 
 
 def test_a_stack_goes_on_from_its_state():
     stack, other = FrameStack(1, 1, 3), FrameStack(1, 1, 3)
     for number, fresh in ((1, YES), (2, NO)):
-        stack.push(column(number), np.array([fresh]))
+        stack.push(column(float(number)), torch.tensor([fresh]))
     other.load_state(stack.state())
-    assert other.push(column(3), np.array([NO])).tolist() == [[1, 2, 3]]
+    assert other.push(column(3.0), torch.tensor([NO])).tolist() == [[1, 2, 3]]
 
 
 D, M = 3, 5

@@ -136,7 +136,7 @@ def flight(policy: Policy, steps: int = 12) -> list[Any]:
 @pytest.mark.parametrize("settings", REMEMBERING.values(), ids=list(REMEMBERING))
 def test_a_saved_policy_that_remembers_acts_as_before(settings: dict[str, int], tmp_path):
     policy = policy_for(SPACES["Box"], **settings)
-    policy.normaliser.update(torch.randn(50, policy.normaliser.mean.size) * 3 + 1)
+    policy.normaliser.update(torch.randn(50, len(policy.normaliser.mean)) * 3 + 1)
     policy.save(tmp_path / "policy.safetensors")
     loaded = Policy.load(tmp_path / "policy.safetensors")
     assert (loaded.frames, loaded.shape, loaded.obs_size) == (policy.frames, policy.shape, 5)

@@ -19,7 +19,11 @@ F64 = torch.float64
 
 def method_for(space: gym.Space = OPTIONS, **settings) -> SafeARC:
     made = SafeARC(
-        SafeLOOPConfig(hidden=(8,), **settings), actions_of(space, "native", "squashed"), 3, lambda: 2.0, generator()
+        SafeLOOPConfig(hidden=(8,), **settings),
+        actions_of(space, "native", "squashed"),
+        3,
+        lambda: torch.tensor(2.0),
+        generator(),
     )
     for parameter in made.modules.parameters():
         parameter.data += 0.5 * torch.randn(parameter.shape, generator=generator(1))

@@ -122,9 +122,11 @@ def test_what_is_looked_at_is_what_the_environment_shows():
     shown: list[np.ndarray] = []
 
     class Encoder:
-        def __call__(self, frames: np.ndarray) -> np.ndarray:
-            shown.append(frames.copy())
-            return np.zeros((len(frames), 4), np.float32)
+        device = torch.device("cpu")
+
+        def of_tensor(self, frames: torch.Tensor) -> torch.Tensor:
+            shown.append(frames.numpy().copy())
+            return torch.zeros(len(frames), 4)
 
     see = through_encoder(whole.world, Encoder(), handmade.BlankRenderer())  # pyright: ignore[reportArgumentType]
     evaluate(Straight(), whole, LABEL, CONFIG, look=see)

@@ -84,7 +84,9 @@ def test_our_settings_are_keys_of_the_algorithm_and_suit_the_toy(contest: Contes
     work, config = ours(contest, kind)
     assert config.adapter == "native" and work.peer["train_cfgs"]["total_steps"] == work.steps
     if hasattr(config, "cost_limit"):
-        assert config.cost_limit == LIMIT
+        # A planner is told of OmniSafe's episode, of 1,000 decisions, and of what that may cost.
+        episodes = config.episode_length / 100 if contest.unit == "decisions" else 1
+        assert config.cost_limit == pytest.approx(LIMIT * episodes)
 
 
 @pytest.mark.parametrize("contest", CONTESTS, ids=lambda c: c.algorithm)
@@ -179,8 +181,9 @@ def test_planners_are_measured_with_half_the_bits_too():
 def test_both_planners_may_spend_as_much_on_an_episode(name: str):
     work = contest_named(name).works.speed
     # OmniSafe's limit is one of 1,000 decisions, the toy's episodes have 100 steps.
-    decisions = 100 / ACTION_REPEAT
-    assert work.peer["algo_cfgs"]["cost_limit"] / 1000 * decisions == pytest.approx(work.ours["cost_limit"])
+    limit, decisions = work.peer["algo_cfgs"]["cost_limit"], 100 / ACTION_REPEAT
+    assert limit / 1000 * decisions == pytest.approx(LIMIT)
+    assert (work.ours["cost_limit"], work.ours["episode_length"]) == (limit, 1000 * ACTION_REPEAT)
 
 
 def test_what_is_measured_of_some_leaves_the_others(tmp_path: Path):
@@ -242,7 +245,7 @@ def test_the_page_is_written_between_its_marks_and_a_second_time_changes_nothing
     first = page.read_text()
     assert first.startswith("before\n<!-- omnisafe -->\n") and first.endswith("<!-- /omnisafe -->\nafter\n")
     assert "| steps | PPO | 100 | 1,000 | 9.00 | 5.00 | 12.0 | 18.0 |  |" in first and "| PPO | 4.40 | 5.00 |" in first
-    assert "OmniSafe's PPO: 20,000 steps, gradient steps: 12,520 actor;" in first
+    assert "| PPO | 20,000 | 12,520 actor | 20,000 |" in first
     assert write.main(["--check"]) == 0
     assert write.main([]) == 0 and page.read_text() == first
 

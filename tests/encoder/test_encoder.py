@@ -14,7 +14,7 @@ from thalweg.encoder import (
     check_render_version,
     load_encoder,
 )
-from thalweg.encoder.encoder import CHUNK
+from thalweg.encoder.encoder import CHUNKS
 from thalweg.encoder.measure import to_batch
 
 
@@ -69,8 +69,8 @@ def test_a_code_depends_on_its_own_frame_alone(which, frames):
 
 @pytest.mark.parametrize("rest", [1, 2, 17])
 def test_the_last_of_many_frames_are_coded_as_the_first(encoder, frames, rest):
-    many = np.concatenate([frames, frames])[: CHUNK + rest]
-    assert np.array_equal(encoder(many)[CHUNK:], encoder(frames)[CHUNK - len(frames) :][:rest])
+    many = np.concatenate([frames, frames])[: CHUNKS["cpu"] + rest]
+    assert np.array_equal(encoder(many)[CHUNKS["cpu"] :], encoder(frames)[CHUNKS["cpu"] - len(frames) :][:rest])
 
 
 def test_the_linear_layer_gives_the_same_bits_for_any_number_of_rows(encoder):

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from thalweg.render import Camera
 from thalweg.world.record import Grid, Plants, River, World
 
 
@@ -93,8 +94,14 @@ class BlankRenderer:
     """Frames that hold the pose and the world's number in their first pixels, so that tests see what was drawn."""
 
     def __init__(self, height_px: int = 8, width_px: int = 8) -> None:
-        self.camera = SimpleNamespace(height_px=height_px, width_px=width_px)
+        # Smaller than a camera may be.
+        self.camera = SimpleNamespace(**vars(Camera()) | {"height_px": height_px, "width_px": width_px})
         self.calls: list[int] = []
+
+    def render_tensors(self, views, out):
+        """The same of tensors: world_index, poses, times and looks."""
+        world_index, poses, times = (tensor.numpy() for tensor in views[:3])
+        self.render(poses, world_index, times, out.numpy())
 
     def render(self, poses, world_index=None, time_s=None, out=None):
         """Frames [N, H, W, 4] uint8."""

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from tests.train.toys import Walk
+from thalweg.algos.state import CPU
+from thalweg.train.collector import HostCollector, env_seeds
 from thalweg.train.stream import Stream
-from thalweg.train.training import Training, env_seeds
 
 
 def test_two_runs_share_no_environment():
@@ -30,7 +31,8 @@ def test_a_run_begins_with_a_list_of_seeds():
             asked.append(seed)
             return super().reset(seed=seed, options=options)
 
-    Training(Asked(4), Stream(Asked(4)), None, steps=8, seed=5, threads=1).begin()  # pyright: ignore[reportArgumentType]
+    env = Asked(4)
+    HostCollector(env, Stream(env), CPU, threads=1).begin(5)
     assert asked == [env_seeds(5, 0, 4)]
     assert all(type(seed) is int and 0 <= seed < 2**31 for seed in asked[0])
     assert np.unique(asked[0]).size == 4

@@ -140,7 +140,7 @@ def collected(env: SyncVectorEnv) -> Rollout:
     stream, actions = Stream(env), torch.zeros(2, 1, dtype=torch.int64)
     obs, fresh = stream.reset(0), np.ones(2, dtype=bool)
     buffer = RolloutBuffer(8, obs, actions, np.zeros((2, 1)))
-    while not buffer.full:
+    while buffer.filled < buffer.steps:
         step = stream.step(actions.squeeze(1).numpy())
         buffer.add(obs, fresh, actions, step, step.cost[:, None])
         obs, fresh = step.next_obs, step.fresh

@@ -16,7 +16,9 @@ from thalweg.algos.actions import actions_of
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.onpolicy.config import OnPolicyConfig
 from thalweg.algos.policy import Policy
+from thalweg.algos.state import CPU
 from thalweg.train import TrainingError, run
+from thalweg.train.collector import HostCollector
 from thalweg.train.episodes import Episode
 from thalweg.train.stream import Stream
 from thalweg.train.training import Training
@@ -35,7 +37,7 @@ class Scribe:
         self.told: list[Feedback] = []
         self.seen: list[dict[str, torch.Tensor]] = []
 
-    def act(self, obs: np.ndarray, fresh: np.ndarray) -> torch.Tensor:
+    def act(self, obs: torch.Tensor, fresh: torch.Tensor) -> torch.Tensor:
         return torch.tensor([[2, 0]]).expand(len(obs), -1)[:, : self.policy.actions.count]
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
@@ -57,9 +59,9 @@ class Scribe:
 def trained(env: Any = None, steps: int = STEPS, **settings: Any) -> tuple[Scribe, list[list[Episode]], Training]:
     """A learner after its run, and the episodes that ended before each of its updates."""
     env = env or Walk()
-    stream = Stream(env)
-    learner = Scribe(Task(stream.obs_size, env.single_action_space, env.num_envs, 0, {}), **settings)
-    training = Training(env, stream, learner, steps, seed=0, threads=1)
+    collector = HostCollector(env, Stream(env), CPU, threads=1)
+    learner = Scribe(Task(collector.obs_size, env.single_action_space, env.num_envs, 0, {}), **settings)
+    training = Training(collector, learner, steps, seed=0, threads=1)
     training.begin()
     ended: list[list[Episode]] = [[]]
     while not training.done:

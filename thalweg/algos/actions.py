@@ -1,12 +1,13 @@
 """What does a network's output mean for the environment? One record per action space, adapter and kind of policy.
 
-`raw` actions are what the algorithm learns from: the drawn options, or continuous numbers. `to_env` makes of them what
-the environment executes. Letters: N environments, A branches of a discrete space or numbers of a Box.
+`raw` actions are what the algorithm learns from: the drawn options, or continuous numbers. `executable` makes of them
+what the environment executes. Letters: N environments, A branches of a discrete space or numbers of a Box.
 """
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from functools import cache
+from typing import Any, Literal
 
 import gymnasium as gym
 import numpy as np
@@ -69,8 +70,8 @@ class Actions:
 
     def uniform(self, count: int, generator: torch.Generator) -> Tensor:
         """Raw actions [count, A], each as probable as any other: options, or numbers in -1..1."""
-        drawn = torch.rand(count, self.count, generator=generator)
-        return (drawn * torch.tensor(self.sizes)).long() if self.kind == "categorical" else 2.0 * drawn - 1.0
+        drawn = torch.rand(count, self.count, generator=generator, device=generator.device)
+        return (drawn * row_of(self.sizes, drawn.device)).long() if self.kind == "categorical" else 2.0 * drawn - 1.0
 
     def distribution(self, parameters: Tensor) -> Distribution:
         """The policy at each state, from parameters [B, P]."""
@@ -84,7 +85,7 @@ class Actions:
         """The options [N, A] int64 of a discrete space that raw actions [N, A] stand for."""
         if self.kind == "categorical":
             return raw
-        return gaussian.discretised(raw, torch.tensor(self.sizes), scaled=self.adapter == "box_scaled")
+        return gaussian.discretised(raw, row_of(self.sizes, raw.device), scaled=self.adapter == "box_scaled")
 
     def executed(self, raw: Tensor) -> Tensor:
         """The raw actions [N, A] that would have been executed alike: what an action value is learnt for.
@@ -94,20 +95,23 @@ class Actions:
         """
         if self.adapter != "box_scaled":
             return raw
-        return 2.0 * self.options(raw).to(raw.dtype) / (torch.tensor(self.sizes) - 1).clamp(min=1) - 1.0
+        return 2.0 * self.options(raw).to(raw.dtype) / (row_of(self.sizes, raw.device) - 1).clamp(min=1) - 1.0
+
+    def executable(self, raw: Tensor) -> Tensor:
+        """Actions [N, *shape] as the environment means them, from raw ones [N, A]: int64, or float64 for a Box."""
+        found = self.options(raw) + row_of(self.start, raw.device) if self.sizes else self._within_bounds(raw)
+        return found.view(-1, *self.shape)
 
     def to_env(self, raw: Tensor) -> np.ndarray:
-        """Actions [N, *shape] for the environment, from raw ones [N, A]."""
-        if not self.sizes:
-            return self._within_bounds(raw.numpy()).reshape(-1, *self.shape).astype(self.dtype)
-        return (self.options(raw).numpy() + np.asarray(self.start)).reshape(-1, *self.shape).astype(self.dtype)
+        """The same as an array of the environment's own type."""
+        return self.executable(raw).cpu().numpy().astype(self.dtype)
 
-    def _within_bounds(self, raw: np.ndarray) -> np.ndarray:
+    def _within_bounds(self, raw: Tensor) -> Tensor:
         """Clipped to the box; where it has both bounds, -1..1 spans it, so that a fresh policy reaches all of it."""
-        low, high = np.asarray(self.low), np.asarray(self.high)
-        bounded = np.isfinite(low) & np.isfinite(high)
-        below, above = np.where(bounded, low, -1.0), np.where(bounded, high, 1.0)
-        return np.clip((above + below) / 2 + (above - below) / 2 * raw, low, high)
+        low, high = row_of(self.low, raw.device), row_of(self.high, raw.device)
+        bounded = low.isfinite() & high.isfinite()
+        below, above = torch.where(bounded, low, -1.0), torch.where(bounded, high, 1.0)
+        return ((above + below) / 2 + (above - below) / 2 * raw).clamp(low, high)
 
     def as_data(self) -> dict[str, object]:
         """Plain data for JSON; `from_data` is its inverse. Infinite bounds become None."""
@@ -121,6 +125,14 @@ class Actions:
         high = tuple(np.inf if x is None else float(x) for x in data["high"])
         lists = {name: tuple(int(x) for x in data[name]) for name in ("shape", "sizes", "start")}
         return cls(data["kind"], dtype=str(data["dtype"]), adapter=data["adapter"], low=low, high=high, **lists)
+
+
+@cache
+def row_of(numbers: tuple[Any, ...], device: torch.device) -> Tensor:
+    """Whole numbers [A] as int64, others as float64, laid down on a device once."""
+    # The first caller may be acting, but they are kept for learning too.
+    with torch.inference_mode(False):
+        return torch.tensor(numbers, dtype=torch.float64 if isinstance(numbers[0], float) else None, device=device)
 
 
 def actions_of(space: gym.Space, adapter: Adapter = "native", continuous: Kind = "gaussian") -> Actions:

@@ -12,6 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from thalweg.algos.state import CPU, array_of, tensor_of
+
 
 class Adam:
     """Adam (Kingma, Ba 2015, algorithm 1) on some parameters, with β₁ = 0.9, β₂ = 0.999, ε = 1e-8."""
@@ -20,7 +22,7 @@ class Adam:
         self.parameters, self.rate = list(parameters), rate
         self._first = [torch.zeros_like(parameter) for parameter in self.parameters]
         self._second = [torch.zeros_like(parameter) for parameter in self.parameters]
-        self._counts = [torch.zeros(()) for _ in self.parameters]
+        self._counts = [torch.zeros((), device=parameter.device) for parameter in self.parameters]
 
     @torch.no_grad()
     def step(self, most: float = math.inf) -> None:
@@ -60,7 +62,7 @@ class Adam:
     def state(self) -> dict[str, Any]:
         """A copy of what it remembers of each parameter, by the parameter's number."""
         return {
-            str(number): {"first": first.numpy().copy(), "second": second.numpy().copy(), "count": float(count)}
+            str(number): {"first": array_of(first), "second": array_of(second), "count": float(count)}
             for number, (first, second, count) in enumerate(zip(self._first, self._second, self._counts, strict=True))
         }
 
@@ -68,15 +70,23 @@ class Adam:
         """The inverse of `state`; the rate stays as it is."""
         for number, remembered in state.items():
             place = int(number)
-            self._first[place].copy_(torch.from_numpy(np.array(remembered["first"])))
-            self._second[place].copy_(torch.from_numpy(np.array(remembered["second"])))
+            self._first[place].copy_(tensor_of(remembered["first"], CPU))
+            self._second[place].copy_(tensor_of(remembered["second"], CPU))
             self._counts[place].fill_(remembered["count"])
 
 
-def shorten(gradients: list[Tensor], most: float) -> float:
-    """Scale gradients, in place, so that together they are no longer than `most`; returns how long they were."""
-    length = math.hypot(*(float(torch.linalg.vector_norm(gradient)) for gradient in gradients))
-    if length > most:
+def shorten(gradients: list[Tensor], most: float) -> None:
+    """Scale gradients, in place, so that together they are no longer than `most`."""
+    if most == math.inf:
+        return
+    lengths = [torch.linalg.vector_norm(gradient) for gradient in gradients]
+    if gradients[0].is_cpu:
+        length = math.hypot(*(float(each) for each in lengths))
+        if length > most:
+            for gradient in gradients:
+                gradient.mul_(most / (length + 1e-6))
+    else:  # without waiting for a GPU to say how long they are
+        length = torch.linalg.vector_norm(torch.stack(lengths))
+        share = torch.where(length > most, most / (length + 1e-6), 1.0)
         for gradient in gradients:
-            gradient.mul_(most / (length + 1e-6))
-    return length
+            gradient.mul_(share)

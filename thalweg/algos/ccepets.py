@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
 from thalweg.algos.actions import Actions
+from thalweg.algos.adam import Adam
 from thalweg.algos.costs import limit_warnings
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import bootstrap, losses, planning
@@ -22,7 +22,7 @@ from thalweg.algos.planning.imagine import Futures, Value
 from thalweg.algos.planning.planner import Budget
 from thalweg.algos.planning.policy import METHODS
 from thalweg.algos.planning.transitions import Batch
-from thalweg.algos.state import load_module, load_optimiser, module_state, optimiser_state
+from thalweg.algos.state import load_module, module_state
 
 SIZES: dict[Size, Sizes] = {
     "lite": Sizes(samples=64, particles=1, iterations=4, elites=8, horizon=5, model_hidden=(128, 128)),
@@ -49,7 +49,7 @@ class Elites:
         config: CCEPETSConfig,
         actions: Actions,
         inputs: int,
-        reward_std: Callable[[], float],
+        reward_std: Callable[[], Tensor],
         generator: torch.Generator,
     ) -> None:
         self.config, self.mean_momentum, self._reward_std = config, config.momentum, reward_std
@@ -78,7 +78,7 @@ METHODS["CCEPETS"] = (CCEPETSConfig, Elites)
 def value_loss(values: Tensor, next_values: Tensor, rewards: Tensor, terminated: Tensor, discount: float) -> Tensor:
     """½ E[(V(s) - r - γ (1 - terminated) V'(s'))²]: what the critic minimises, from one number per step [B] each. It
     learns what the behaviour that the replay holds brings on average, early exploration included (Sutton 1988)."""
-    gamma = torch.tensor([[discount]], dtype=values.dtype)
+    gamma = values.new_tensor([[discount]])
     going_on = (~terminated).to(values.dtype)
     target = bootstrap.target(rewards.unsqueeze(0), going_on, next_values.unsqueeze(0), gamma)
     return losses.squared_error(values.unsqueeze(0), target)[0]
@@ -96,9 +96,9 @@ class CCEPETS:
         method = self.policy.method
         assert isinstance(method, Elites)
         self.critic, self.slow = method.critic, copy.deepcopy(method.critic)
-        self.optimiser = torch.optim.Adam(self.critic.parameters(), config.critic_learning_rate, fused=True)
+        self.optimiser = Adam(self.critic.parameters(), config.critic_learning_rate)
 
-    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Raw actions [N, A]: planned, or at random at first."""
         return self.agent.act(obs, fresh)
 
@@ -117,7 +117,7 @@ class CCEPETS:
             after = self.slow(ensemble.seen(batch.next_obs))[0]
         values = self.critic(ensemble.seen(batch.obs))[0]
         loss = value_loss(values, after, batch.rewards / ensemble.reward.std, batch.terminated, self.config.discount)
-        self.optimiser.zero_grad()
+        self.optimiser.forget()
         loss.backward()
         self.optimiser.step()
         self.slow.stack.flat.data.lerp_(self.critic.stack.flat.detach(), self.config.target_rate)
@@ -130,10 +130,10 @@ class CCEPETS:
     def state(self) -> dict[str, Any]:
         return self.agent.state() | {
             "slow": module_state(self.slow),
-            "optimiser": optimiser_state(self.optimiser),
+            "optimiser": self.optimiser.state(),
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
         self.agent.load_state(state)
         load_module(self.slow, state["slow"])
-        load_optimiser(self.optimiser, state["optimiser"])
+        self.optimiser.load_state(state["optimiser"])

@@ -4,7 +4,6 @@ in closed form; not among the study's ten, and the reference that they are compa
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from torch import Tensor
 
 from thalweg.algos.costs import cost_metrics, limit_warnings
@@ -48,7 +47,7 @@ class CPO:
         self.agent = Agent("CPO", 1 + len(config.limits), config, task)
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
 
-    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Raw actions [N, A] drawn from the policy."""
         return self.agent.act(obs, fresh)
 

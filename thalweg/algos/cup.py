@@ -4,8 +4,6 @@ costs too much; not among the study's ten."""
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-import torch
 from torch import Tensor
 
 from thalweg.algos.costs import cost_metrics, limit_warnings
@@ -76,7 +74,7 @@ class CUP:
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
         self.multipliers = Multipliers(config, config.limits)
 
-    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Raw actions [N, A] drawn from the policy."""
         return self.agent.act(obs, fresh)
 
@@ -96,11 +94,11 @@ class CUP:
             drift.measure()
         clipped = drift.clip_fraction(config.clip)
 
-        weights = torch.tensor(self.multipliers.values).unsqueeze(-1)
-        costs = (weights * cost_advantages(config, samples)).sum(0)
+        advantages = cost_advantages(config, samples)
+        costs = (advantages.new_tensor(self.multipliers.values).unsqueeze(-1) * advantages).sum(0)
         back = Drift(agent, samples, new_first=True)
         data = (samples.actions, back.old_parameters, drift.old_log_prob, costs)
-        while back.passes < config.projection_passes and back.kl <= config.target_kl and weights.any():
+        while back.passes < config.projection_passes and back.kl <= config.target_kl and any(self.multipliers.values):
             for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
                 self._project(inputs, *rows)
             back.measure()

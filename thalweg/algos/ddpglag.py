@@ -4,7 +4,6 @@ climbs its critics' gradient, and pays for the cost that they expect."""
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -37,7 +36,7 @@ class DDPGLag:
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
 
     @torch.inference_mode()
-    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Raw actions [N, A]: the policy's with noise, at first uniform ones."""
         if self.agent.begins:
             return self.policy.actions.uniform(len(obs), self.agent.generator)

@@ -69,11 +69,11 @@ class Categoricals:
         """From logits [B, Σ sizes], branch after branch; shorter branches are filled up with absent options."""
         if len(set(sizes)) == 1:
             return cls(logits.view(-1, len(sizes), sizes[0]).log_softmax(-1))
-        columns, absent = _columns(sizes)
+        columns, absent = _columns(sizes, logits.device)
         return cls(logits[:, columns].masked_fill(absent, categorical.ABSENT).log_softmax(-1), ~absent)
 
     def sample(self, generator: torch.Generator | None) -> Tensor:
-        uniform = torch.rand(self.log_p.shape[:-1], dtype=self.log_p.dtype, generator=generator)
+        uniform = torch.rand(self.log_p.shape[:-1], generator=generator, **_kind(self.log_p))
         return categorical.sample(self.log_p, uniform)
 
     def mode(self) -> Tensor:
@@ -109,7 +109,7 @@ class Gaussians:
         self.mean, self.log_std = mean, log_std
 
     def sample(self, generator: torch.Generator | None) -> Tensor:
-        noise = torch.randn(self.mean.shape, dtype=self.mean.dtype, generator=generator)
+        noise = torch.randn(self.mean.shape, generator=generator, **_kind(self.mean))
         return self.mean + self.log_std.exp() * noise
 
     def mode(self) -> Tensor:
@@ -149,7 +149,7 @@ class Squashed:
     def ahead(self, generator: torch.Generator | None) -> tuple[Tensor, Tensor, Callable[[Tensor, Tensor], Tensor]]:
         """The same, and what gives from both their gradients that of the parameters [B, 2 A], for a draw that torch
         need not record."""
-        noise = torch.randn(self.mean.shape, dtype=self.mean.dtype, generator=generator)
+        noise = torch.randn(self.mean.shape, generator=generator, **_kind(self.mean))
         spread = self.log_std.exp() * noise
         before = self.mean + spread
         actions = before.tanh()
@@ -233,8 +233,13 @@ class Traced:
         return found
 
 
+def _kind(like: Tensor) -> dict[str, Any]:
+    """What new numbers beside a tensor have in common with it."""
+    return {"dtype": like.dtype, "device": like.device}
+
+
 @cache
-def _columns(sizes: tuple[int, ...]) -> tuple[Tensor, Tensor]:
+def _columns(sizes: tuple[int, ...], device: torch.device) -> tuple[Tensor, Tensor]:
     """For branches of different sizes: column of each option [A, K], and which do not exist [A, K] bool."""
     longest, first = max(sizes), 0
     columns, absent = [], []
@@ -244,4 +249,4 @@ def _columns(sizes: tuple[int, ...]) -> tuple[Tensor, Tensor]:
         first += size
     # The first caller may be acting, but these are kept for learning too.
     with torch.inference_mode(False):
-        return torch.tensor(columns), torch.tensor(absent)
+        return torch.tensor(columns, device=device), torch.tensor(absent, device=device)

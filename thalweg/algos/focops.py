@@ -4,7 +4,6 @@ region and a cost limit, in closed form, then projected back onto what the netwo
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import numpy as np
 from torch import Tensor
 
 from thalweg.algos.costs import cost_metrics, limit_warnings
@@ -81,7 +80,7 @@ class FOCOPS:
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
         self.multipliers = Multipliers(config, config.limits)
 
-    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Raw actions [N, A] drawn from the policy."""
         return self.agent.act(obs, fresh)
 

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+import torch
 from gymnasium import Space
 from torch import Tensor
 
 from thalweg.algos.policy import AnyPolicy
+from thalweg.algos.state import CPU
 
 REMEMBERED = 100
 """Last episodes that a learner is told of."""
@@ -32,6 +34,8 @@ class Task:
     seed: int
     context: dict[str, Any]
     """Kept in the policy's file."""
+    device: torch.device = CPU
+    """Where it learns: where rollouts lie, and all that it makes of them."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +117,7 @@ class Learner(Protocol):
         """Whether all environments begin anew after each update that returned metrics."""
         ...
 
-    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Raw actions [N, A] with exploration, for observations float32 [N, K * D] of which `fresh` [N] begin an
         episode."""
         ...

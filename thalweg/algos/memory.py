@@ -12,6 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from thalweg.algos.state import CPU, array_of, tensor_of
+
 Memory = Literal["none", "gru"]
 
 
@@ -21,34 +23,32 @@ class FrameStack:
     Before there are K, the first one of the episode stands for those that are missing.
     """
 
-    def __init__(self, num_envs: int, size: int, frames: int) -> None:
+    def __init__(self, num_envs: int, size: int, frames: int, device: torch.device = CPU) -> None:
         self.frames = frames
-        self._last = np.zeros((num_envs, frames, size), dtype=np.float32)
+        self._last = torch.zeros(num_envs, frames, size, device=device)
 
-    def push(self, obs: np.ndarray, fresh: np.ndarray) -> np.ndarray:
+    def push(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Take in observations [N, D], of which `fresh` [N] bool begin an episode; returns all of them [N, K * D]."""
         if self.frames == 1:
             return obs
-        self._last = np.where(fresh[:, None, None], obs[:, None], self._with(obs))
-        return self._last.reshape(len(obs), -1).copy()
+        moved = torch.cat([self._last[:, 1:], obs.unsqueeze(1)], 1)
+        self._last = torch.where(fresh.view(-1, 1, 1), obs.unsqueeze(1), moved)
+        return self._last.flatten(1).clone()
 
-    def peek(self, obs: np.ndarray, envs: np.ndarray) -> np.ndarray:
+    def peek(self, obs: Tensor, envs: Tensor) -> Tensor:
         """What `push` would return for observations [F, D] of environments [F] whose episodes go on; it changes
         nothing."""
         if self.frames == 1:
             return obs
-        return np.concatenate([self._last[envs, 1:], obs[:, None]], 1).reshape(len(obs), self._last[0].size)
+        return torch.cat([self._last[envs, 1:], obs.unsqueeze(1)], 1).flatten(1)
 
     def state(self) -> np.ndarray:
         """[N, K, D]."""
-        return self._last.copy()
+        return array_of(self._last)
 
     def load_state(self, state: np.ndarray) -> None:
         """The inverse of `state`."""
-        self._last = np.array(state, dtype=np.float32)
-
-    def _with(self, obs: np.ndarray) -> np.ndarray:
-        return np.concatenate([self._last[:, 1:], obs[:, None]], 1)
+        self._last = tensor_of(state, self._last.device)
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,8 @@ class Gru(nn.Module):
         bound = 1.0 / math.sqrt(size)
 
         def uniform(*shape: int) -> nn.Parameter:
-            return nn.Parameter(torch.empty(shape).uniform_(-bound, bound, generator=generator))
+            empty = torch.empty(shape, device=generator.device)
+            return nn.Parameter(empty.uniform_(-bound, bound, generator=generator))
 
         self.weight_in, self.weight = uniform(3 * size, inputs), uniform(3 * size, size)
         self.bias_in, self.bias = uniform(3 * size), uniform(3 * size)
@@ -100,4 +101,4 @@ class Gru(nn.Module):
 
     def start(self, count: int) -> Tensor:
         """[N, M] zeros: before anything was seen."""
-        return torch.zeros(count, self.size)
+        return self.bias.new_zeros(count, self.size)

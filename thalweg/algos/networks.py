@@ -41,7 +41,7 @@ class Shape:
 
 def orthogonal(shape: tuple[int, int], gain: float, generator: torch.Generator) -> Tensor:
     """A matrix with orthonormal rows or columns, times `gain` (Saxe et al. 2014)."""
-    weight = torch.empty(shape)
+    weight = torch.empty(shape, device=generator.device)
     nn.init.orthogonal_(weight, gain, generator=generator)
     return weight
 
@@ -71,9 +71,8 @@ class Stack(nn.Module):
         self.count = count
         self.activation: Activation = activation
         self.sizes = (inputs, *hidden, outputs)
-        self.flat = nn.Parameter(
-            torch.empty(sum(count * (before + 1) * after for before, after in itertools.pairwise(self.sizes)))
-        )
+        length = sum(count * (before + 1) * after for before, after in itertools.pairwise(self.sizes))
+        self.flat = nn.Parameter(torch.empty(length, device=generator.device))
         self._views: dict[str, Parts] = {}
         self.sizes_array, self.code = np.array(self.sizes), loops.TANH if activation == "tanh" else loops.RELU
         self.small = activation != "swish" and max(self.sizes) <= SMALL
@@ -105,7 +104,7 @@ class Stack(nn.Module):
     def ahead(self, x: Tensor) -> tuple[Tensor, Callable[[Tensor], None]]:
         """[K, B, outputs] without a record, and what is to be called with their gradient: it leaves that of the
         parameters in `flat.grad`, in place of what was there. For a step that torch need not keep books of."""
-        if self.small and x.dim() == 2 and x.dtype == torch.float32 and x.device.type == "cpu":
+        if self.small and x.dim() == 2 and x.dtype == torch.float32 and x.is_cpu:
             return self._ahead_in_loops(x)
         parts = self.parts
         outputs, trace = chain.outputs(x, parts, self.activation)
@@ -198,7 +197,8 @@ class Actor(nn.Module):
             initial=shape.initial,
             generator=generator,
         )
-        self.log_std = nn.Parameter(torch.zeros(actions.count)) if actions.kind == "gaussian" else None
+        spread = torch.zeros(actions.count, device=generator.device)
+        self.log_std = nn.Parameter(spread) if actions.kind == "gaussian" else None
 
     def forward(self, inputs: Tensor | Sequences, plain: bool = False) -> Tensor:
         """`plain`: so that it can be differentiated twice."""
@@ -273,7 +273,7 @@ class Critics(nn.Module):
     @property
     def in_loops(self) -> bool:
         """Whether `pass_over` can do it."""
-        return self.gru is None and self.stack.small
+        return self.gru is None and self.stack.small and self.stack.flat.is_cpu
 
     def pass_over(
         self, inputs: Tensor, targets: Tensor, *, minibatch: int, optimiser: Adam, decay: float, most: float

@@ -5,6 +5,7 @@ import torch
 from torch import Tensor
 
 from thalweg.algos.errors import AlgorithmError
+from thalweg.algos.state import CPU, array_of, tensor_of
 
 CLIP = 5.0
 """Normalised observations are clipped to this many standard deviations."""
@@ -18,13 +19,13 @@ class Normaliser:
     Acting never changes it, so an evaluation uses the statistics of training.
     """
 
-    def __init__(self, size: int, enabled: bool = True) -> None:
+    def __init__(self, size: int, enabled: bool = True, device: torch.device = CPU) -> None:
         self.enabled = enabled
         self.count = 0
-        self.mean = np.zeros(size)
-        self.square = np.zeros(size)
+        self.mean = torch.zeros(size, dtype=torch.float64, device=device)
+        self.square = torch.zeros_like(self.mean)
         """Sum of squared differences from the mean, float64 [D]."""
-        self._shift, self._scale = torch.zeros(size), torch.ones(size)
+        self._shift, self._scale = torch.zeros(size, device=device), torch.ones(size, device=device)
 
     def __call__(self, obs: Tensor) -> Tensor:
         """Normalised observations [B, D]."""
@@ -36,7 +37,7 @@ class Normaliser:
         """Take in observations [B, D] (Chan, Golub, LeVeque 1983: statistics of two sets joined)."""
         if not self.enabled or len(obs) == 0:
             return
-        batch = obs.numpy().astype(np.float64)
+        batch = obs.double()
         mean, count = batch.mean(0), len(batch)
         total = self.count + count
         apart = mean - self.mean
@@ -52,19 +53,19 @@ class Normaliser:
 
     def state(self) -> dict:
         """Everything, as arrays and plain data."""
-        return {"count": self.count, "enabled": self.enabled, "mean": self.mean, "square": self.square}
+        moments = {"mean": array_of(self.mean), "square": array_of(self.square)}
+        return {"count": self.count, "enabled": self.enabled, **moments}
 
     def load_state(self, state: dict) -> None:
         """The inverse of `state`; raises `AlgorithmError` if the size differs."""
-        if np.shape(state["mean"]) != self.mean.shape:
+        if np.shape(state["mean"]) != tuple(self.mean.shape):
             raise AlgorithmError(
                 f"a normaliser of {len(self.mean)} numbers can't take one of {np.shape(state['mean'])}"
             )
         self.count, self.enabled = int(state["count"]), bool(state["enabled"])
-        self.mean = np.array(state["mean"], dtype=np.float64)
-        self.square = np.array(state["square"], dtype=np.float64)
+        self.mean, self.square = (tensor_of(state[name], self.mean.device).double() for name in ("mean", "square"))
         self._refresh()
 
     def _refresh(self) -> None:
-        std = np.maximum(np.sqrt(self.square / max(self.count, 1)), STD_FLOOR)
-        self._shift, self._scale = torch.from_numpy(self.mean).float(), torch.from_numpy(1.0 / std).float()
+        std = (self.square / max(self.count, 1)).sqrt().clamp(min=STD_FLOOR)
+        self._shift, self._scale = self.mean.float(), (1.0 / std).float()

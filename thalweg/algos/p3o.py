@@ -4,7 +4,6 @@ penalty that is there only while the cost's own surrogate says that the limit wo
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -109,7 +108,7 @@ class P3O:
         self.agent = Agent("P3O", 1 + len(config.limits), config, task)
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
 
-    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Raw actions [N, A] drawn from the policy."""
         return self.agent.act(obs, fresh)
 
@@ -121,7 +120,7 @@ class P3O:
         means = torch.tensor(feedback.cost_means(config.cost_window))
         violations = torch.nan_to_num(means - torch.tensor(config.limits), nan=-float("inf"))
         if config.standardise_cost:
-            violations = violations / (samples.advantages[1:].std(1, correction=0) + 1e-8)
+            violations = violations / (samples.advantages[1:].std(1, correction=0).cpu() + 1e-8)
         length = feedback.mean_length if feedback.episodes else 1.0  # before any there is no violation either
         scale = {"length": 1.0 / length, "discount": 1.0 - config.cost_discount, "none": 1.0}
         rate, drift = agent.decay(feedback.progress), Drift(agent, samples)
@@ -160,7 +159,7 @@ class P3O:
         """One gradient step of the policy; returns its loss and the penalties [M]."""
         if self.config.centre_minibatches:
             costs = costs - costs.mean(0)
-        penalties = torch.zeros(len(violations))
+        penalties = costs.new_zeros(len(violations))
 
         def loss_of(new: Traced) -> Tensor:
             nonlocal penalties

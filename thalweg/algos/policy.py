@@ -24,7 +24,7 @@ from thalweg.algos.errors import AlgorithmError
 from thalweg.algos.memory import FrameStack, Sequences
 from thalweg.algos.networks import Actor, Shape
 from thalweg.algos.normaliser import Normaliser
-from thalweg.algos.state import load_module, module_state
+from thalweg.algos.state import CPU, array_of, load_module, module_state, new_generator, tensor_of
 from thalweg.whole import write_whole
 
 FORMAT = 2
@@ -89,8 +89,14 @@ class Policy:
         """`greedy`: the policy is its most probable action; whatever draws others is not part of it."""
         self.obs_size, self.actions, self.shape, self.frames = obs_size, actions, shape, frames
         self.greedy, self.about = greedy, about
-        self.normaliser = Normaliser(frames * obs_size, normalise)
-        self.actor = Actor(frames * obs_size, actions, shape, generator or torch.Generator().manual_seed(0))
+        generator = generator or new_generator(CPU)
+        self.normaliser = Normaliser(frames * obs_size, normalise, generator.device)
+        self.actor = Actor(frames * obs_size, actions, shape, generator)
+
+    @property
+    def device(self) -> torch.device:
+        """Where it acts: that of the generator it was made with."""
+        return self.actor.stack.flat.device
 
     def distribution(self, obs: Tensor) -> Distribution:
         """π(·|s) for raw observations [B, K * D]; of a policy with a recurrent memory, nothing is known without it."""
@@ -110,7 +116,7 @@ class Policy:
         Args:
             num_envs: N.
             deterministic: The most probable action instead of a drawn one.
-            generator: Where the draws come from; torch's global one if None.
+            generator: Where the draws come from, one of the policy's device; torch's global one if None.
         """
         return NetworkPlayer(self, num_envs, deterministic or self.greedy, generator)
 
@@ -138,23 +144,33 @@ class Policy:
             "normaliser": {"count": self.normaliser.count, "enabled": self.normaliser.enabled},
         }
         tensors = {f"actor.{name}": value for name, value in module_state(self.actor).items()}
-        tensors |= {"normaliser.mean": self.normaliser.mean, "normaliser.square": self.normaliser.square}
+        moments = self.normaliser.state()
+        tensors |= {f"normaliser.{name}": moments[name] for name in ("mean", "square")}
         save_policy(path, header, tensors, self.about)
 
     @classmethod
-    def restored(cls, header: dict[str, Any], tensors: dict[str, np.ndarray], about: About) -> "Policy":
-        """A policy from what `save` wrote."""
+    def restored(
+        cls, header: dict[str, Any], tensors: dict[str, np.ndarray], about: About, generator: torch.Generator
+    ) -> "Policy":
+        """A policy from what `save` wrote, on the generator's device."""
         shape = Shape(**(header["shape"] | {"hidden": tuple(header["shape"]["hidden"])}))
-        actions = Actions.from_data(header["actions"])
-        policy = cls(header["obs_size"], actions, shape, frames=header["frames"], greedy=header["greedy"], about=about)
+        policy = cls(
+            header["obs_size"],
+            Actions.from_data(header["actions"]),
+            shape,
+            frames=header["frames"],
+            greedy=header["greedy"],
+            generator=generator,
+            about=about,
+        )
         load_module(policy.actor, named(tensors, "actor"))
         policy.normaliser.load_state(header["normaliser"] | named(tensors, "normaliser"))
         return policy
 
     @staticmethod
-    def load(path: str | Path) -> Any:
+    def load(path: str | Path, device: torch.device = CPU) -> Any:
         """`load_policy`, under the name that a reader looks for."""
-        return load_policy(path)
+        return load_policy(path, device)
 
 
 class NetworkPlayer:
@@ -172,42 +188,52 @@ class NetworkPlayer:
         self.policy, self.deterministic, self.generator = policy, deterministic, generator
         self.num_envs = num_envs
         self._size = policy.obs_size * (policy.frames if stacked else 1)
-        self._stack = FrameStack(num_envs, policy.obs_size, 1 if stacked else policy.frames)
+        self._stack = FrameStack(num_envs, policy.obs_size, 1 if stacked else policy.frames, policy.device)
         gru = policy.actor.gru
         self.hidden = gru.start(num_envs) if gru is not None else None
         """[N, M] recurrent state after the last observation."""
 
     def __call__(self, obs: np.ndarray, fresh: np.ndarray) -> np.ndarray:
-        return self.policy.actions.to_env(self.raw(obs, fresh))
+        return self.policy.actions.to_env(self.raw(*seen_of(obs, fresh, self.policy.device)))
 
     @torch.inference_mode()
-    def raw(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+    def raw(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Raw actions [N, A]; see `Actions` for what raw means."""
-        obs = np.ascontiguousarray(obs, dtype=np.float32)
-        if obs.ndim != 2 or obs.shape[1] != self._size:
-            raise AlgorithmError(f"this policy sees [N, {self._size}] numbers, got an array of shape {obs.shape}")
+        check_width(obs, self._size)
         policy = self.policy
-        seen = policy.normaliser(torch.from_numpy(self._stack.push(obs, fresh)))
+        seen = policy.normaliser(self._stack.push(obs, fresh))
         if self.hidden is None:
             parameters = policy.actor(seen)
         else:
-            parameters, self.hidden = policy.actor.step(seen, self.hidden, torch.from_numpy(np.asarray(fresh)))
+            parameters, self.hidden = policy.actor.step(seen, self.hidden, fresh)
         distribution = policy.actions.distribution(parameters)
         return distribution.mode() if self.deterministic else distribution.sample(self.generator)
 
     def state(self) -> dict[str, Any]:
         """What it remembers, as arrays."""
-        hidden = {} if self.hidden is None else {"hidden": self.hidden.numpy().copy()}
+        hidden = {} if self.hidden is None else {"hidden": array_of(self.hidden)}
         return {"frames": self._stack.state(), **hidden}
 
     def load_state(self, state: dict[str, Any]) -> None:
         """The inverse of `state`."""
         self._stack.load_state(state["frames"])
         if self.hidden is not None:
-            self.hidden = torch.from_numpy(np.array(state["hidden"]))
+            self.hidden = tensor_of(state["hidden"], self.policy.device)
 
 
-Restore = Callable[[dict[str, Any], dict[str, np.ndarray], About], Any]
+def seen_of(obs: np.ndarray, fresh: np.ndarray, device: torch.device) -> tuple[Tensor, Tensor]:
+    """What a policy on a device sees of arrays of the host: [N, D] float32 and [N] bool."""
+    seen = torch.from_numpy(np.ascontiguousarray(obs, dtype=np.float32))
+    return seen.to(device), torch.from_numpy(np.array(fresh, dtype=bool)).to(device)
+
+
+def check_width(obs: Tensor, size: int) -> None:
+    """Raise `AlgorithmError` unless observations are [N, size]."""
+    if obs.dim() != 2 or obs.shape[1] != size:
+        raise AlgorithmError(f"this policy sees [N, {size}] numbers, got an array of shape {tuple(obs.shape)}")
+
+
+Restore = Callable[[dict[str, Any], dict[str, np.ndarray], About, torch.Generator], Any]
 KINDS: dict[str, Restore] = {"network": Policy.restored}
 """How each kind of policy file is read; kinds that need more than a network add themselves."""
 
@@ -218,8 +244,9 @@ def save_policy(path: str | Path, header: dict[str, Any], tensors: dict[str, np.
     write_whole(path, save(tensors, {HEADER: json.dumps(whole)}))
 
 
-def load_policy(path: str | Path) -> Any:
-    """A policy from its file; raises `AlgorithmError` for a file that is missing, truncated or of another version."""
+def load_policy(path: str | Path, device: torch.device = CPU) -> Any:
+    """A policy from its file, on a device; raises `AlgorithmError` for a file that is missing, truncated or of another
+    version."""
     path = Path(path)
     if not path.is_file():
         raise AlgorithmError(f"there is no policy file {path}")
@@ -234,7 +261,7 @@ def load_policy(path: str | Path) -> Any:
         raise AlgorithmError(f"{path} holds a policy of format {version}, this version reads {FORMAT}")
     try:
         about = About(header["algorithm"], header["config"], header["context"])
-        return KINDS[header["kind"]](header, tensors, about)
+        return KINDS[header["kind"]](header, tensors, about, new_generator(device))
     except (KeyError, RuntimeError, TypeError) as error:
         raise AlgorithmError(f"{path} does not hold what its header says: {error}") from error
 

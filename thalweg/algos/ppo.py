@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from torch import Tensor
 
 from thalweg.algos.costs import cost_metrics
@@ -47,7 +46,7 @@ class PPO:
             config.reset_each_update,
         )
 
-    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Raw actions [N, A] drawn from the policy."""
         return self.agent.act(obs, fresh)
 

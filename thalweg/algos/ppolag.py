@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from torch import Tensor
 
 from thalweg.algos.costs import cost_metrics, limit_warnings
@@ -60,7 +59,7 @@ class PPOLag:
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
         self.multipliers = Multipliers(config, config.limits)
 
-    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Raw actions [N, A] drawn from the policy."""
         return self.agent.act(obs, fresh)
 

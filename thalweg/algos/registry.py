@@ -21,6 +21,9 @@ from thalweg.algos.safeloop import SafeLOOP, SafeLOOPConfig
 from thalweg.algos.settings import config_from
 from thalweg.algos.td3lag import TD3Lag, TD3LagConfig
 
+WIDE = 2
+"""Threads for wide networks; more were not measured."""
+
 
 @dataclass(frozen=True)
 class Entry:
@@ -32,6 +35,8 @@ class Entry:
     make: Callable[[Any, Task], Learner]
     about: str
     """One line."""
+    threads: int = 1
+    """Of PyTorch that pay on the CPU: small networks lose by a second, wide ones gain by it."""
 
     def configure(self, given: Any = None, preset: str = "default") -> Any:
         """The config of a preset, with the given values on top; a whole config stands for itself.
@@ -61,12 +66,22 @@ ALGORITHMS: dict[str, Entry] = {
         Entry("OnCRPO", OnCRPOConfig, OnCRPO, "natural steps for the reward, or against a cost above its limit"),
         Entry("CPO", CPOConfig, CPO, "the best natural step that keeps the limit to first order"),
         Entry("CUP", CUPConfig, CUP, "PPO on the reward, then a projection towards the limit"),
-        Entry("DDPGLag", DDPGLagConfig, DDPGLag, "deterministic policy gradient from a replay, with multipliers"),
-        Entry("TD3Lag", TD3LagConfig, TD3Lag, "DDPGLag with twin critics, smoothed targets and a delayed policy"),
-        Entry("SACLag", SACLagConfig, SACLag, "maximum-entropy policy from a replay, with multipliers"),
-        Entry("CCEPETS", CCEPETSConfig, CCEPETS, "plans by constrained cross-entropy in an ensemble of learnt models"),
+        Entry("DDPGLag", DDPGLagConfig, DDPGLag, "deterministic policy gradient from a replay, with multipliers", WIDE),
+        Entry("TD3Lag", TD3LagConfig, TD3Lag, "DDPGLag with twin critics, smoothed targets and a delayed policy", WIDE),
+        Entry("SACLag", SACLagConfig, SACLag, "maximum-entropy policy from a replay, with multipliers", WIDE),
         Entry(
-            "SafeLOOP", SafeLOOPConfig, SafeLOOP, "plans like CCEPETS, with an actor that proposes and critics beyond"
+            "CCEPETS",
+            CCEPETSConfig,
+            CCEPETS,
+            "plans by constrained cross-entropy in an ensemble of learnt models",
+            WIDE,
+        ),
+        Entry(
+            "SafeLOOP",
+            SafeLOOPConfig,
+            SafeLOOP,
+            "plans like CCEPETS, with an actor that proposes and critics beyond",
+            WIDE,
         ),
     )
 }

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -22,6 +21,7 @@ from thalweg.algos.maths.multiplier import combined
 from thalweg.algos.offpolicy.agent import Agent
 from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.offpolicy.replay import Batch
+from thalweg.algos.state import CPU, array_of, tensor_of
 
 
 @dataclass(frozen=True)
@@ -68,13 +68,13 @@ def policy_loss(values: Tensor, entropy: Tensor, alpha: Tensor, multipliers: tup
 class Exact:
     """Choices: critics say one number for each of the J joint actions, and expectations are sums."""
 
-    def __init__(self, actions: Actions, config: SACLagConfig) -> None:
+    def __init__(self, actions: Actions, config: SACLagConfig, device: torch.device) -> None:
         """Raises `AlgorithmError` for more joint actions than can be summed over."""
         self.actions, self.config = actions, config
         count = actions.joint_count("SACLag")
         self.coded_width, self.critic_outputs = 1, count
         self.aim = config.entropy_share * math.log(count)
-        self._selected = joint.selection(actions.sizes)
+        self._selected = joint.selection(actions.sizes).to(device)
 
     def coded(self, raw: Tensor) -> Tensor:
         """[B, 1] the number of each joint action [B, A]."""
@@ -96,7 +96,7 @@ class Exact:
         expected = torch.stack([joint.expectation(log_p, each) for each in values])
         expected[0] -= alpha * joint.expectation(log_p, log_p)
         if self.config.cost_target == "mode":
-            expected[1:] = values[1:, torch.arange(len(log_p)), log_p.argmax(-1)]
+            expected[1:] = values[1:, torch.arange(len(log_p), device=log_p.device), log_p.argmax(-1)]
         return expected
 
     def objective(self, agent: Agent, batch: Batch, said: Tensor) -> tuple[Tensor, Tensor, Callable[[], None]]:
@@ -119,7 +119,7 @@ class Exact:
 class Sampled:
     """Numbers: critics see the action, and an expectation is one draw."""
 
-    def __init__(self, actions: Actions, config: SACLagConfig) -> None:
+    def __init__(self, actions: Actions, config: SACLagConfig, device: torch.device) -> None:
         self.actions, self.config = actions, config
         self.coded_width, self.critic_outputs = actions.count, 0
         self.aim = config.entropy_per_number * actions.count
@@ -183,7 +183,7 @@ class SACLag:
     def __init__(self, config: SACLagConfig, task: Task) -> None:
         self.config, self.separate_costs = config, config.separate_costs
         actions = actions_of(task.action_space, config.adapter, "squashed")
-        self.form = (Exact if actions.kind == "categorical" else Sampled)(actions, config)
+        self.form = (Exact if actions.kind == "categorical" else Sampled)(actions, config, task.device)
         self.agent = Agent(
             "SACLag",
             config,
@@ -195,11 +195,11 @@ class SACLag:
             tallied=("entropy", "alpha"),
         )
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
-        self.log_alpha = torch.tensor(config.alpha).log().requires_grad_(config.auto_alpha)
+        self.log_alpha = torch.tensor(config.alpha, device=task.device).log().requires_grad_(config.auto_alpha)
         self.alpha_optimiser = Adam([self.log_alpha], config.alpha_learning_rate)
 
     @torch.inference_mode()
-    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Raw actions [N, A] drawn from the policy, at first uniform ones."""
         if self.agent.begins:
             return self.policy.actions.uniform(len(obs), self.agent.generator)
@@ -234,11 +234,11 @@ class SACLag:
         return self.agent.warnings(feedback)
 
     def state(self) -> dict[str, Any]:
-        alpha = {"log_alpha": self.log_alpha.detach().numpy().copy(), "alpha_optimiser": self.alpha_optimiser.state()}
+        alpha = {"log_alpha": array_of(self.log_alpha), "alpha_optimiser": self.alpha_optimiser.state()}
         return self.agent.state() | alpha
 
     def load_state(self, state: dict[str, Any]) -> None:
         self.agent.load_state(state)
         with torch.no_grad():
-            self.log_alpha.copy_(torch.from_numpy(np.array(state["log_alpha"])))
+            self.log_alpha.copy_(tensor_of(state["log_alpha"], CPU))
         self.alpha_optimiser.load_state(state["alpha_optimiser"])

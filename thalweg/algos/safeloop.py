@@ -10,11 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
 from thalweg.algos.actions import Actions
+from thalweg.algos.adam import Adam
 from thalweg.algos.costs import limit_warnings
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import bootstrap, losses, planning
@@ -26,7 +26,13 @@ from thalweg.algos.planning.planner import Budget
 from thalweg.algos.planning.policy import METHODS
 from thalweg.algos.planning.soft import soft_actor_critic
 from thalweg.algos.planning.transitions import Batch
-from thalweg.algos.state import load_module, load_optimiser, module_state, optimiser_state
+from thalweg.algos.state import (
+    CPU,
+    array_of,
+    load_module,
+    module_state,
+    tensor_of,
+)
 
 SIZES: dict[Size, Sizes] = {
     "lite": Sizes(samples=64, particles=1, iterations=4, elites=8, horizon=5, model_hidden=(128, 128)),
@@ -96,7 +102,7 @@ class SafeARC:
         config: SafeLOOPConfig,
         actions: Actions,
         inputs: int,
-        reward_std: Callable[[], float],
+        reward_std: Callable[[], Tensor],
         generator: torch.Generator,
     ) -> None:
         self.config, self.actions, self._reward_std = config, actions, reward_std
@@ -104,7 +110,7 @@ class SafeARC:
         self.modules = nn.ModuleDict({"actor": self.soft.actor, "critics": self.soft.critics})
 
     @property
-    def unit(self) -> float:
+    def unit(self) -> Tensor | float:
         """What the critics' numbers are multiples of."""
         return self._reward_std() if self.config.standardise_rewards else 1.0
 
@@ -167,12 +173,13 @@ class SafeLOOP:
         method = self.policy.method
         assert isinstance(method, SafeARC)
         self.method, self.soft, self.slow = method, method.soft, copy.deepcopy(method.soft.critics)
-        self.log_alpha = torch.tensor(max(config.alpha, 1e-30)).log().requires_grad_(config.auto_alpha)
-        self.actor_optimiser = torch.optim.Adam(self.soft.actor.parameters(), config.learning_rate, fused=True)
-        self.optimiser = torch.optim.Adam(self.soft.critics.parameters(), config.critic_learning_rate, fused=True)
-        self.alpha_optimiser = torch.optim.Adam([self.log_alpha], config.alpha_learning_rate)
+        log_alpha = torch.tensor(max(config.alpha, 1e-30), device=task.device).log()
+        self.log_alpha = log_alpha.requires_grad_(config.auto_alpha)
+        self.actor_optimiser = Adam(self.soft.actor.parameters(), config.learning_rate)
+        self.optimiser = Adam(self.soft.critics.parameters(), config.critic_learning_rate)
+        self.alpha_optimiser = Adam([self.log_alpha], config.alpha_learning_rate)
 
-    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Raw actions [N, A]: planned, or at random at first."""
         return self.agent.act(obs, fresh)
 
@@ -193,7 +200,7 @@ class SafeLOOP:
                 (batch.rewards / self.method.unit).unsqueeze(0),
                 (~batch.terminated).float(),
                 after.unsqueeze(0),
-                torch.tensor([[self.config.discount]]),
+                after.new_tensor([[self.config.discount]]),
             )
         said = soft.said(obs, batch.actions)
         errors = losses.squared_error(said, target.expand_as(said))
@@ -221,24 +228,24 @@ class SafeLOOP:
     def state(self) -> dict[str, Any]:
         return self.agent.state() | {
             "slow": module_state(self.slow),
-            "log_alpha": self.log_alpha.detach().numpy().copy(),
-            "optimiser": optimiser_state(self.optimiser),
-            "actor_optimiser": optimiser_state(self.actor_optimiser),
-            "alpha_optimiser": optimiser_state(self.alpha_optimiser),
+            "log_alpha": array_of(self.log_alpha),
+            "optimiser": self.optimiser.state(),
+            "actor_optimiser": self.actor_optimiser.state(),
+            "alpha_optimiser": self.alpha_optimiser.state(),
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
         self.agent.load_state(state)
         load_module(self.slow, state["slow"])
         with torch.no_grad():
-            self.log_alpha.copy_(torch.from_numpy(np.array(state["log_alpha"])))
-        load_optimiser(self.optimiser, state["optimiser"])
-        load_optimiser(self.actor_optimiser, state["actor_optimiser"])
-        load_optimiser(self.alpha_optimiser, state["alpha_optimiser"])
+            self.log_alpha.copy_(tensor_of(state["log_alpha"], CPU))
+        self.optimiser.load_state(state["optimiser"])
+        self.actor_optimiser.load_state(state["actor_optimiser"])
+        self.alpha_optimiser.load_state(state["alpha_optimiser"])
 
 
-def _descend(optimiser: torch.optim.Optimizer, loss: Tensor) -> None:
+def _descend(optimiser: Adam, loss: Tensor) -> None:
     """One step down the gradient of a scalar."""
-    optimiser.zero_grad()
+    optimiser.forget()
     loss.backward()
     optimiser.step()

@@ -4,14 +4,31 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from thalweg.algos.errors import AlgorithmError
+
+CPU = torch.device("cpu")
+
+
+def array_of(tensor: Tensor) -> np.ndarray:
+    """A copy of a tensor's numbers on the host, wherever it lies."""
+    return tensor.detach().cpu().numpy().copy()
+
+
+def tensor_of(array: Any, device: torch.device) -> Tensor:
+    """A copy of an array's numbers on a device."""
+    return torch.from_numpy(np.array(array)).to(device)
+
+
+def new_generator(device: torch.device, seed: int = 0) -> torch.Generator:
+    """Random numbers of a device; the same seed gives other numbers on a GPU than on the CPU."""
+    return torch.Generator(device).manual_seed(seed)
 
 
 def module_state(module: nn.Module) -> dict[str, np.ndarray]:
     """A copy of a module's parameters by name."""
-    return {name: value.detach().cpu().numpy().copy() for name, value in module.state_dict().items()}
+    return {name: array_of(value) for name, value in module.state_dict().items()}
 
 
 def load_module(module: nn.Module, state: dict[str, np.ndarray]) -> None:
@@ -20,25 +37,7 @@ def load_module(module: nn.Module, state: dict[str, np.ndarray]) -> None:
     there = {name: tuple(np.shape(value)) for name, value in state.items()}
     if here != there:
         raise AlgorithmError(f"a network of shapes {here} can't take one of {there}")
-    module.load_state_dict({name: torch.from_numpy(np.array(value)) for name, value in state.items()})
-
-
-def optimiser_state(optimiser: torch.optim.Optimizer) -> dict[str, Any]:
-    """A copy of what an optimiser remembers of each parameter, by the parameter's number."""
-    remembered = optimiser.state_dict()["state"]
-    return {
-        str(number): {name: value.detach().cpu().numpy().copy() for name, value in memory.items()}
-        for number, memory in remembered.items()
-    }
-
-
-def load_optimiser(optimiser: torch.optim.Optimizer, state: dict[str, Any]) -> None:
-    """The inverse of `optimiser_state`; learning rates stay as they are."""
-    memory = {
-        int(number): {name: torch.from_numpy(np.array(value)) for name, value in values.items()}
-        for number, values in state.items()
-    }
-    optimiser.load_state_dict({"state": memory, "param_groups": optimiser.state_dict()["param_groups"]})
+    module.load_state_dict({name: tensor_of(value, CPU) for name, value in state.items()})
 
 
 def generator_state(generator: torch.Generator) -> np.ndarray:

@@ -4,7 +4,6 @@ the smaller of two estimates, targets taken near the policy's action, and a poli
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -53,7 +52,7 @@ class TD3Lag:
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
 
     @torch.inference_mode()
-    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Raw actions [N, A]: the policy's with noise, at first uniform ones."""
         if self.agent.begins:
             return self.policy.actions.uniform(len(obs), self.agent.generator)

@@ -39,6 +39,8 @@ class Request:
     """Of the plants and hills of real rivers."""
     encoder: Path | None = None
     out: Path | None = None
+    device: str = "cpu"
+    """Where frames are drawn and encoded."""
 
 
 def policy_named(name: str) -> Policy:
@@ -57,7 +59,7 @@ def evaluate_command(request: Request) -> None:
     console = _console()
     places = [place if isinstance(place, Reach) else level_named(place).name for place in request.places]
     policy = policy_named(request.policy)
-    encoder = None if hasattr(policy, "sees") else load_fitting_encoder(request.encoder)
+    encoder = None if hasattr(policy, "sees") else load_fitting_encoder(request.encoder, request.device)
     if encoder is not None:
         check_sees_as_trained(policy, encoder)
     name = request.policy if request.policy in (*BASELINES, PACKAGED) else Path(request.policy).resolve().name

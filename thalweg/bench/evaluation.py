@@ -20,6 +20,7 @@ from thalweg.encoder import Encoder
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.env.starts import CLOCK_S
 from thalweg.render import Renderer
+from thalweg.render.look import look_rows, look_values
 from thalweg.train.announce import announce
 from thalweg.world import World, level_named, load_or_build
 
@@ -114,11 +115,21 @@ def episode_generator(label: Label, place: int) -> torch.Generator:
 
 
 def through_encoder(world: World, encoder: Encoder, renderer: Renderer | None = None) -> Look:
-    """What a trained policy sees: the latents float32 [K, Z] of the frames at the given poses and times."""
-    drawn = renderer or Renderer([world])
+    """What a trained policy sees: the latents float32 [K, Z] of the frames at the given poses and times.
+
+    Frames are drawn on the encoder's device and stay there.
+    """
+    drawn = renderer or Renderer([world], device=str(encoder.device))
+    camera, device = drawn.camera, encoder.device
+    usual = torch.from_numpy(look_rows(look_values(None, 1), camera)).to(device)
 
     def look(poses: np.ndarray, time_s: np.ndarray) -> np.ndarray:
-        return encoder(drawn.render(poses, np.zeros(len(poses), dtype=np.int64), time_s))
+        count = len(poses)
+        index = torch.zeros(count, dtype=torch.int64, device=device)
+        placed, times = (torch.from_numpy(np.array(array, dtype=np.float64)).to(device) for array in (poses, time_s))
+        frames = torch.empty(count, camera.height_px, camera.width_px, 4, dtype=torch.uint8, device=device)
+        drawn.render_tensors((index, placed, times, usual.repeat(count, 1)), frames)
+        return encoder.of_tensor(frames).cpu().numpy()
 
     return look
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from thalweg.cores import asked_threads, torch_threads
 from thalweg.encoder.files import EncoderFileError, load_vae
@@ -26,7 +26,7 @@ DEFAULT_PATH = Path(__file__).with_name("default.safetensors")
 """The encoder that comes with the package."""
 ROWS = 16
 """The linear layer gets a multiple of this number of rows; what is missing is filled with zeros."""
-CHUNK = 64
+CHUNKS = {"cpu": 64, "cuda": 1024}
 """Frames converted to floating point at a time, so that thousands of frames need no more memory than these."""
 PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16}
 
@@ -54,6 +54,11 @@ class Encoder:
         self._head.to(self._device, self._dtype)
 
     @property
+    def device(self) -> torch.device:
+        """Where it computes."""
+        return self._device
+
+    @property
     def latent(self) -> int:
         """Numbers in a code, Z."""
         return self.config.latent
@@ -70,16 +75,24 @@ class Encoder:
 
     def __call__(self, frames: np.ndarray) -> np.ndarray:
         """Codes float32 [N, Z] of frames uint8 [N, H, W, C]; raises `EncoderInputError` for anything else."""
-        pixels = self._pixels(frames)
-        codes = np.empty((len(frames), self.latent), np.float32)
+        self._check(np.shape(frames), getattr(frames, "dtype", None))
+        return self.of_tensor(torch.from_numpy(np.ascontiguousarray(frames))).cpu().numpy()
+
+    def of_tensor(self, frames: Tensor) -> Tensor:
+        """The same of a tensor, which stays where it is if that is the encoder's device."""
+        self._check(tuple(frames.shape), frames.dtype)
+        channels, chunk = self.config.channels, CHUNKS.get(self._device.type, CHUNKS["cuda"])
+        if frames.shape[3] != len(channels):
+            frames = frames[..., channels[0] : channels[-1] + 1]
+        codes = torch.empty(len(frames), self.latent, device=self._device)
         with torch_threads(asked_threads()), torch.inference_mode():
-            for start in range(0, len(frames), CHUNK):
-                cut = pixels[start : start + CHUNK]
+            for start in range(0, len(frames), chunk):
+                cut = frames[start : start + chunk]
                 company = cut.repeat(2, 1, 1, 1) if len(cut) == 1 else cut
-                # Converting after the cut keeps the big array uint8; H, W, C in memory is what "channels last" means.
+                # Converting after the cut keeps the big tensor uint8; H, W, C in memory is what "channels last" means.
                 images = company.to(self._device).to(self._dtype).permute(0, 3, 1, 2)
                 features = self._convolutions(images).flatten(1)
-                codes[start : start + CHUNK] = self._codes(features)[: len(cut)].float().cpu().numpy()
+                codes[start : start + chunk] = self._codes(features)[: len(cut)].float()
         return codes
 
     def decode(self, codes: np.ndarray) -> np.ndarray:
@@ -90,21 +103,17 @@ class Encoder:
             images = self.vae.decode(torch.as_tensor(codes, dtype=torch.float32))
         return (images.permute(0, 2, 3, 1) * 255).round().to(torch.uint8).numpy()
 
-    def _pixels(self, frames: np.ndarray) -> torch.Tensor:
+    def _check(self, shape: tuple[int, ...], kind: Any) -> None:
         size, channels = self.config.size_px, self.config.channels
-        shape, kind = np.shape(frames), getattr(frames, "dtype", None)
         if len(shape) != 4 or shape[1:3] != (size, size) or shape[3] not in (len(channels), 4):
             raise EncoderInputError(
                 f"an encoder of {self.inputs} takes frames [N, {size}, {size}, {len(channels)}]"
                 f" or [N, {size}, {size}, 4], not {list(shape)}"
             )
-        if kind != np.uint8:
+        if kind not in (np.uint8, torch.uint8):
             raise EncoderInputError(f"frames must be uint8, not {kind}")
-        if shape[3] != len(channels):
-            frames = frames[..., channels[0] : channels[-1] + 1]
-        return torch.from_numpy(np.ascontiguousarray(frames))
 
-    def _codes(self, features: torch.Tensor) -> torch.Tensor:
+    def _codes(self, features: Tensor) -> Tensor:
         missing = -len(features) % ROWS
         padded = nn.functional.pad(features, (0, 0, 0, missing)) if missing else features
         return self._head(padded)[: len(features)]

@@ -76,7 +76,8 @@ class TensorRiverEnv:
             values, suns = np.array([look for look, _ in drawn]), np.array([sun for _, sun in drawn])
         rows = look_rows(values, config.camera)
 
-        place = np.arange(self.num_envs, dtype=np.int64) % len(self.worlds)
+        self.world_index = place = np.arange(self.num_envs, dtype=np.int64) % len(self.worlds)
+        """[N] the world of each environment."""
         state, outcome = empty_state(place, courses)._asdict(), empty_outcome(self.num_envs)._asdict()
         own: dict[str, np.ndarray] = {name: np.zeros(self.num_envs, np.int64) for name in ("seed", "episode", "look")}
         own["ended"] = np.ones(self.num_envs, np.uint8)
@@ -104,6 +105,10 @@ class TensorRiverEnv:
         self.single_observation_space = observation_space(config.observation, *size)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+
+    @property
+    def unwrapped(self) -> "TensorRiverEnv":
+        return self
 
     def reset(self, *, seed: int = 0) -> tuple[Any, Info]:
         """Begin new episodes in all environments, the first of their seeds; returns observations and info."""

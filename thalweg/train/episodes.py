@@ -9,7 +9,28 @@ from typing import Any
 import numpy as np
 
 from thalweg.algos.interface import REMEMBERED, SHOWN
-from thalweg.train.stream import Step
+
+
+@dataclass(frozen=True)
+class Account:
+    """What a step of N environments brought, and which episodes it ended."""
+
+    reward: np.ndarray
+    """[N] float64; 0 where not valid."""
+    cost: np.ndarray
+    """[N] float64; 0 where not valid."""
+    costs: np.ndarray | None
+    """[N, 2] float64, tight and loose, if the environment tells them apart; 0 where not valid."""
+    terminated: np.ndarray
+    """[N] bool."""
+    truncated: np.ndarray
+    """[N] bool, and not terminated."""
+    valid: np.ndarray
+    """[N] bool; false where the environment only reset itself."""
+    finished: np.ndarray
+    """[F] int64, environments whose episode ended in this step, either way."""
+    reasons: Any
+    """[N] the environment's codes of why their episode ended, if it gives any."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +82,7 @@ class EpisodeBook:
         self.split = False
         """Whether the environment tells tight from loose costs."""
 
-    def add(self, step: Step) -> list[Episode]:
+    def add(self, step: Account) -> list[Episode]:
         """Take in a step; returns the episodes that it ended."""
         self.steps += int(step.valid.sum())
         self._sums[:, 0] += step.reward
@@ -139,7 +160,7 @@ class EpisodeBook:
         """Forget the running episodes: their environments could not be brought back."""
         self._sums[:], self._lengths[:] = 0.0, 0
 
-    def _close(self, env: int, step: Step) -> Episode:
+    def _close(self, env: int, step: Account) -> Episode:
         total, cost, tight, loose = (float(x) for x in self._sums[env])
         episode = Episode(
             step=self.steps,
@@ -155,11 +176,8 @@ class EpisodeBook:
         self._sums[env], self._lengths[env] = 0.0, 0
         return episode
 
-    def _reason(self, step: Step, env: int) -> str:
+    def _reason(self, step: Account, env: int) -> str:
         """What `done_reason` says if the environment gives one: its name, else as it is."""
-        final = step.info.get("final_info")
-        codes = final.get("done_reason") if isinstance(final, dict) else None
-        codes = step.info.get("done_reason") if codes is None else codes
-        if codes is None:
+        if step.reasons is None:
             return "terminated" if step.terminated[env] else "truncated"
-        return self._reasons.get(codes[env], str(codes[env]))
+        return self._reasons.get(step.reasons[env], str(step.reasons[env]))

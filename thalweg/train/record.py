@@ -21,7 +21,7 @@ def describe(identity: dict[str, Any], threads: int) -> dict[str, Any]:
     return {
         "run": identity,
         "versions": versions(),
-        "device": "cpu",
+        "device": identity.get("device", "cpu"),
         "machine": machine() | {"learning_threads": threads},
     }
 

@@ -11,6 +11,8 @@ from typing import Any
 
 from thalweg.algos.actions import Actions
 from thalweg.algos.registry import algorithm_named
+from thalweg.cores import asked_threads
+from thalweg.devices import device_named
 from thalweg.encoder import Encoder, check_render_version, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import RENDER_VERSION
@@ -19,15 +21,17 @@ from thalweg.train.errors import TrainingError
 from thalweg.train.latent import LatentVectorEnv
 from thalweg.train.record import read_config
 from thalweg.train.run import RunResult, run
+from thalweg.train.tensors import LatentTensorEnv
 from thalweg.world import Reach, World, level_named, load_or_build
 
 BRANCHES = (3, 3, 3, 3)
 """Options of each branch of an action: climb, turn, forward, side."""
 
 
-def load_fitting_encoder(path: Path | None = None) -> Encoder:
-    """An encoder that was trained on frames as this renderer draws them; raises the encoder's own errors."""
-    encoder = load_encoder(path)
+def load_fitting_encoder(path: Path | None = None, device: str = "cpu") -> Encoder:
+    """An encoder on a device that was trained on frames as this renderer draws them; raises the encoder's own
+    errors."""
+    encoder = load_encoder(path, device=device_named(device))
     check_render_version(encoder, RENDER_VERSION)
     return encoder
 
@@ -126,8 +130,13 @@ class TrainingGround:
         folder: Path,
         settings: dict | None = None,
         preset: str = "default",
+        threads: int | None = None,
+        device: str = "cpu",
     ) -> RunResult:
         """Train with a progress bar, going on from what lies in the folder.
+
+        On the CPU the environments are Gymnasium's, on a GPU those of tensors; the encoder must be on the device.
+        `threads` are those of acting and learning; as many as pay and were asked for if not given.
 
         Raises the errors of `thalweg.train.run`, those of settings and of a folder that is no run on this river before
         a world is built.
@@ -141,7 +150,8 @@ class TrainingGround:
             "env": asdict(self.config),
         }
         check_same_file(folder, context)
-        env = LatentVectorEnv(RiverVectorEnv(self.worlds(), self.num_envs, self.config), encoder)
+        place = device_named(device)
+        env = self._seen_through(encoder, place)
         try:
             return run(
                 entry.name,
@@ -153,6 +163,16 @@ class TrainingGround:
                 preset=preset,
                 context=context,
                 progress=True,
+                threads=min(entry.threads, asked_threads()) if threads is None else threads,
+                device=place,
             )
         finally:
             env.close()
+
+    def _seen_through(self, encoder: Encoder, device: str) -> Any:
+        """The environments on a device, whose observations are codes."""
+        if device == "cpu":
+            return LatentVectorEnv(RiverVectorEnv(self.worlds(), self.num_envs, self.config), encoder)
+        from thalweg.env.tensors import TensorRiverEnv
+
+        return LatentTensorEnv(TensorRiverEnv(self.worlds(), self.num_envs, self.config, device=device), encoder)

@@ -5,6 +5,7 @@ import torch
 from torch import Tensor
 
 from thalweg.algos.interface import Rollout
+from thalweg.algos.state import CPU
 from thalweg.train.errors import TrainingError
 from thalweg.train.stream import Step
 
@@ -12,9 +13,14 @@ from thalweg.train.stream import Step
 class RolloutBuffer:
     """T steps of N environments, written in place: nothing is allocated while steps come in."""
 
-    def __init__(self, steps: int, obs: np.ndarray, actions: Tensor, costs: np.ndarray) -> None:
-        """Room for `steps` steps like the given one: observations [N, K * D], raw actions [N, A], costs [N, M]."""
-        self.steps, self.filled = steps, 0
+    def __init__(
+        self, steps: int, obs: np.ndarray, actions: Tensor, costs: np.ndarray, device: torch.device = CPU
+    ) -> None:
+        """Room for `steps` steps like the given one: observations [N, K * D], raw actions [N, A], costs [N, M].
+
+        `device` is where rollouts are wanted.
+        """
+        self.steps, self.filled, self.device = steps, 0, device
         num_envs = len(obs)
         self._tensors = {
             "obs": torch.zeros(steps + 1, num_envs, obs.shape[1]),
@@ -30,10 +36,6 @@ class RolloutBuffer:
         self._ends: list[tuple[int, np.ndarray]] = []
         """Place t * N + n and last observation of each step that ended an episode."""
 
-    @property
-    def full(self) -> bool:
-        return self.filled == self.steps
-
     def add(self, obs: np.ndarray, fresh: np.ndarray, actions: Tensor, step: Step, costs: np.ndarray) -> None:
         """Take in observations [N, K * D], of which `fresh` [N] begin an episode, raw actions [N, A], what they led
         to, and the costs [N, M] that are learnt from."""
@@ -42,7 +44,7 @@ class RolloutBuffer:
         arrays["obs"][at + 1] = step.next_obs
         arrays["fresh"][at] = fresh
         arrays["fresh"][at + 1] = step.fresh
-        arrays["actions"][at] = actions.numpy()
+        arrays["actions"][at] = actions.cpu().numpy()
         arrays["rewards"][at] = step.reward
         arrays["costs"][at] = costs
         arrays["terminated"][at] = step.terminated
@@ -53,14 +55,15 @@ class RolloutBuffer:
         self.filled += 1
 
     def rollout(self) -> Rollout:
-        """The steps so far; views of this buffer, to be used before the next `add`."""
+        """The steps so far; on the CPU views of this buffer, to be used before the next `add`."""
         if not self.filled:
             raise TrainingError("there are no steps to learn from")
         size = self._tensors["obs"].shape[2]
         final = np.stack([obs for _, obs in self._ends]) if self._ends else np.zeros((0, size), np.float32)
         index = torch.tensor([place for place, _ in self._ends], dtype=torch.int64)
         tensors = {name: tensor[: self.filled + (name in ("obs", "fresh"))] for name, tensor in self._tensors.items()}
-        return Rollout(**tensors, final_index=index, final_obs=torch.from_numpy(final))
+        tensors |= {"final_index": index, "final_obs": torch.from_numpy(final)}
+        return Rollout(**{name: tensor.to(self.device) for name, tensor in tensors.items()})
 
     def clear(self) -> None:
         """Make room for the next rollout."""

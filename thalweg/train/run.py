@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import torch
 from gymnasium.vector import VectorEnv
 
 from thalweg.algos import policy as policies
@@ -15,12 +16,13 @@ from thalweg.algos.errors import AlgorithmError
 from thalweg.algos.interface import Task
 from thalweg.algos.registry import algorithm_named
 from thalweg.algos.settings import as_data
+from thalweg.devices import device_named
 from thalweg.train import record
 from thalweg.train.checkpoint import load_checkpoint, save_checkpoint
 from thalweg.train.errors import ResumeWarning, TrainingError
 from thalweg.train.loggers import RunLog
 from thalweg.train.progress import Progress
-from thalweg.train.stream import Stream
+from thalweg.train.tensors import TensorEnv, collector_for
 from thalweg.train.training import Training
 
 CHECKPOINT_SHARE = 20
@@ -59,7 +61,7 @@ class RunResult:
 
 def run(
     algorithm: str,
-    env: VectorEnv,
+    env: VectorEnv | TensorEnv,
     *,
     steps: int,
     seed: int,
@@ -70,6 +72,7 @@ def run(
     progress: bool = False,
     checkpoint_seconds: float = 20.0,
     threads: int = 1,
+    device: str = "cpu",
 ) -> RunResult:
     """Train, and leave config.yaml, metrics.csv, episodes.csv, TensorBoard, checkpoints and policy.safetensors in
     `folder`.
@@ -79,7 +82,8 @@ def run(
 
     Args:
         algorithm: A name in `thalweg.algos.registry.ALGORITHMS`, in any case.
-        env: A vector environment with vectors for observations and `info["cost"]` [N]; it is not closed.
+        env: A Gymnasium vector environment with vectors for observations and `info["cost"]` [N], or one of tensors; it
+            is not closed.
         steps: At least so many, all environments together.
         seed: 0 or more; of the environment and of the algorithm; the global random generators are neither used nor set.
         folder: Made if it does not exist.
@@ -90,6 +94,7 @@ def run(
         checkpoint_seconds: Least time between two checkpoints, 0 for one after every update; it has no influence on
             the numbers.
         threads: Of acting and learning; small networks are slower with more than one.
+        device: Where it learns, see `thalweg.devices`; an environment of tensors must be there already.
 
     Raises `AlgorithmError` or `TrainingError` before anything runs for a wrong name, key, number, space or folder, and
     `NotFiniteError` as soon as a number that learning depends on is NaN; the last good checkpoint stays.
@@ -99,8 +104,9 @@ def run(
     for name, number, least in (("steps", steps, 1), ("threads", threads, 1), ("seed", seed, 0)):
         if number < least:
             raise TrainingError(f"{name} must {f'be at least {least}' if least else 'not be negative'}, got {number}")
-    stream, context = Stream(env, resolved.frame_stack), dict(context or {})
-    task = Task(stream.obs_size, env.single_action_space, env.num_envs, seed, context)
+    place, context = torch.device(device_named(device)), dict(context or {})
+    collector = collector_for(env, resolved.frame_stack, place, threads)
+    task = Task(collector.obs_size, env.single_action_space, env.num_envs, seed, context, place)
     learner = entry.make(resolved, task)
     identity = {
         "algorithm": entry.name,
@@ -109,11 +115,11 @@ def run(
         "steps": steps,
         "seed": seed,
         "num_envs": env.num_envs,
-        "obs_size": stream.obs_size,
+        "obs_size": collector.obs_size,
         "actions": learner.policy.actions.as_data(),
-        "autoreset_mode": stream.mode.name,
+        "autoreset_mode": collector.mode.name,
         "context": context,
-    }
+    } | ({} if place.type == "cpu" else {"device": place.type})
     folder = Path(folder)
     status = _claim(folder, identity, threads)
     if status.get("state") == "finished":
@@ -121,7 +127,7 @@ def run(
     saved = load_checkpoint(folder)
     if saved is not None:
         record.require_same(folder, saved[1]["identity"], identity)
-    training = Training(env, stream, learner, steps, seed, threads)
+    training = Training(collector, learner, steps, seed, threads)
     log = RunLog(folder) if saved is None else RunLog(folder, kept=saved[1]["bytes"], step=saved[0])
     report = _Report(folder, entry.name, training)
     try:
@@ -142,14 +148,15 @@ def run(
     return _result(folder, status, resumed_from=saved[0] if saved else None, already_finished=False)
 
 
-def load_policy(path: str | Path) -> Any:
-    """The policy in a run's folder or a policy file; raises `AlgorithmError` if there is none, naming how the run
-    stands."""
+def load_policy(path: str | Path, device: str = "cpu") -> Any:
+    """The policy in a run's folder or a policy file, on a device; raises `AlgorithmError` if there is none, naming how
+    the run stands."""
     path = Path(path)
     if path.is_dir() and not (path / record.POLICY).exists():
         state = record.read_status(path).get("state", "not a run")
         raise AlgorithmError(f"there is no {record.POLICY} in {path} ({state}): it is written when a run finishes")
-    return policies.load_policy(path / record.POLICY if path.is_dir() else path)
+    file = path / record.POLICY if path.is_dir() else path
+    return policies.load_policy(file, torch.device(device_named(device)))
 
 
 def _learn(
@@ -199,7 +206,7 @@ class _Clock:
     def _now(self) -> dict[str, float]:
         """Seconds so far, the encoder's told from the environment's if it stands between them."""
         stages = dict(self.training.stages)
-        encode = getattr(self.training.env, "stage_seconds", {}).get("encode", 0.0)
+        encode = getattr(self.training.collector.env, "stage_seconds", {}).get("encode", 0.0)
         return stages | {"env": stages["env"] - encode, "encode": encode}
 
 

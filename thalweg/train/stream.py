@@ -9,10 +9,12 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import torch
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from thalweg.algos.errors import NotFiniteError
 from thalweg.algos.memory import FrameStack
+from thalweg.train.episodes import Account
 from thalweg.train.errors import TrainingError
 
 PATIENCE = 10_000
@@ -20,31 +22,15 @@ PATIENCE = 10_000
 
 
 @dataclass(frozen=True)
-class Step:
+class Step(Account):
     """What one action of each environment led to. N environments, F of them finished their episode."""
 
     next_obs: np.ndarray
     """[N, K * D] float32, what the next action will see: K frames side by side."""
     fresh: np.ndarray
     """[N] bool, whether that begins an episode."""
-    reward: np.ndarray
-    """[N] float64; 0 where not valid."""
-    cost: np.ndarray
-    """[N] float64; 0 where not valid."""
-    costs: np.ndarray | None
-    """[N, 2] float64, tight and loose, if the environment tells them apart; 0 where not valid."""
-    terminated: np.ndarray
-    """[N] bool."""
-    truncated: np.ndarray
-    """[N] bool, and not terminated."""
-    valid: np.ndarray
-    """[N] bool; false where the environment only reset itself."""
-    finished: np.ndarray
-    """[F] int64, environments whose episode ended in this step, either way."""
     final_obs: np.ndarray
     """[F, K * D] float32, what their episodes ended with."""
-    info: dict[str, Any]
-    """As the environment gave it."""
 
 
 class Stream:
@@ -81,7 +67,7 @@ class Stream:
             obs, _ = self.env.reset(seed=seed[0])
         self.pending[:] = False
         first = self._obs(obs, f"the reset after vector step {self._steps}")
-        return self._stack.push(first, np.ones(self.num_envs, dtype=bool))
+        return self._pushed(first, np.ones(self.num_envs, dtype=bool))
 
     def step(self, actions: np.ndarray) -> Step:
         """What the actions [N, ...] led to.
@@ -102,7 +88,8 @@ class Stream:
         self._require_finite(reward=reward, cost=cost)
         if costs is not None:
             self._require_finite(costs=costs)
-        final_obs = self._stack.peek(self._final_obs(next_obs, finished, truncated, info), finished)
+        last = torch.from_numpy(self._final_obs(next_obs, finished, truncated, info))
+        final_obs = self._stack.peek(last, torch.from_numpy(finished)).numpy()
         fresh = done if self.mode is not AutoresetMode.NEXT_STEP else ~valid
         if self.mode is AutoresetMode.NEXT_STEP:
             self.pending = done
@@ -111,7 +98,7 @@ class Stream:
             next_obs = np.where(done[:, None], self._obs(first), next_obs)
         self._steps += 1
         return Step(
-            next_obs=self._stack.push(next_obs, fresh),
+            next_obs=self._pushed(next_obs, fresh),
             fresh=fresh,
             reward=reward,
             cost=cost,
@@ -120,8 +107,8 @@ class Stream:
             truncated=truncated,
             valid=valid,
             finished=finished,
+            reasons=_reasons(info),
             final_obs=final_obs,
-            info=info,
         )
 
     def state(self) -> dict[str, Any]:
@@ -138,6 +125,9 @@ class Stream:
         self.pending = np.array(state["pending"], dtype=bool)
         self._steps, self._cost_seen = int(state["steps"]), bool(state["cost_seen"])
         self._stack.load_state(state["frames"])
+
+    def _pushed(self, obs: np.ndarray, fresh: np.ndarray) -> np.ndarray:
+        return self._stack.push(torch.from_numpy(obs), torch.from_numpy(fresh)).numpy()
 
     def _obs(self, obs: Any, moment: str = "") -> np.ndarray:
         array = np.array(obs, dtype=np.float32)
@@ -192,6 +182,13 @@ def _autoreset_mode(env: VectorEnv) -> AutoresetMode:
         f"env.metadata['autoreset_mode'] must be one of {', '.join(AutoresetMode.__members__)}, got {named!r}: "
         "without it nobody can tell a first observation from a last one"
     )
+
+
+def _reasons(info: dict[str, Any]) -> Any:
+    """[N] what the environment says of why episodes ended; None if nothing."""
+    final = info.get("final_info")
+    codes = final.get("done_reason") if isinstance(final, dict) else None
+    return info.get("done_reason") if codes is None else codes
 
 
 def _named(info: dict[str, Any], key: str, done: np.ndarray, shape: tuple[int, ...]) -> np.ndarray | None:

@@ -55,7 +55,7 @@ def test_nothing_is_learnt_from_the_random_steps_and_none_is_made_up_for():
 def test_random_steps_are_uniform_and_the_others_the_policys(name: str):
     still = {} if name == "SACLag" else {"exploration": 0.0, "exploration_temperature": 1e-3}
     learner = learner_for(name, SPACES["MultiDiscrete"], random_steps=N, **still)
-    obs = torch.zeros(3000, D).numpy()
+    obs = torch.zeros(3000, D)
     with torch.no_grad():
         learner.policy.actor.stack.flat[-6:] = torch.tensor([90.0, 0.0, 0.0, 0.0, 0.0, 90.0])  # the last biases
     drawn = learner.act(obs, obs[:, 0] > 0)

@@ -76,9 +76,9 @@ def test_the_first_rollout_is_seen_by_its_own_statistics_and_later_ones_by_those
 )
 def test_the_first_rollout_is_learnt_from_the_policy_that_acted(settings: dict[str, Any], scale: float):
     """Where a fresh policy already prefers something, observations are seen as acting saw them."""
-    one, obs, never = agent(**settings), scale * observations(1), np.zeros(N, dtype=bool)
+    one, obs, never = agent(**settings), scale * observations(1), torch.zeros(N, dtype=torch.bool)
     acted = one.policy.distribution(obs[:-1].flatten(0, 1))
-    assert torch.equal(one.act(obs[0].numpy(), never) >= 0, torch.ones(N, 1, dtype=torch.bool))
+    assert torch.equal(one.act(obs[0], never) >= 0, torch.ones(N, 1, dtype=torch.bool))
     learnt = one.policy.given(samples(one, rollouts.rollout_of(obs)).inputs)
     assert float(acted.kl(learnt).detach().max()) < 1e-3
     assert one.policy.normaliser.count == N * T
@@ -110,7 +110,7 @@ SPACES = {
 def test_the_gradient_of_a_step_is_the_one_that_torch_records(space: str, settings: dict[str, Any]):
     config = PPOConfig(**({"hidden": (8,), "max_grad_norm": 1e9} | settings))
     one = Agent("Some", 2, config, Task(D, SPACES[space], N, 0, {}))
-    actions = torch.stack([one.act(obs, np.zeros(N, dtype=bool)) for obs in observations(2)[:-1].numpy()])
+    actions = torch.stack([one.act(obs, torch.zeros(N, dtype=torch.bool)) for obs in observations(2)[:-1]])
     found = samples(one, rollouts.rollout_of(observations(1), actions=actions))
     old = one.policy.actions.distribution(torch.randn(T * N, one.policy.actor(found.inputs).shape[1]))
 
@@ -218,17 +218,17 @@ def test_everything_comes_back(memory: str):
             each.step(found.inputs, loss_of(found))
 
     learn(one)
-    never = np.zeros(N, dtype=bool)
-    one.act(np.zeros((N, D), np.float32), never)
+    never = torch.zeros(N, dtype=torch.bool)
+    one.act(torch.zeros(N, D), never)
     other.load_state(one.state())
     for each in (one, other):
         learn(each)
     assert torch.equal(weights(one.policy.actor), weights(other.policy.actor))
     assert torch.equal(weights(one.critics), weights(other.critics))
-    obs = observations(3)[0].numpy()
+    obs = observations(3)[0]
     for _ in range(5):
         assert torch.equal(one.act(obs, never), other.act(obs, never))
-    assert np.array_equal(one.policy.normaliser.mean, other.policy.normaliser.mean)
+    assert torch.equal(one.policy.normaliser.mean, other.policy.normaliser.mean)
 
 
 def test_the_state_of_another_number_of_critics_is_refused():
@@ -237,11 +237,11 @@ def test_the_state_of_another_number_of_critics_is_refused():
 
 
 def test_with_a_memory_what_acts_and_what_is_learnt_from_are_in_the_same_state():
-    one, never = agent(memory="gru", memory_size=4, sequence=3), np.zeros(N, dtype=bool)
+    one, never = agent(memory="gru", memory_size=4, sequence=3), torch.zeros(N, dtype=torch.bool)
     assert one._memory is not None and one._player.hidden is not None
     for number in range(3):  # the first rollout is seen by no statistics when acting, by its own when learning
         steps = rollout(observations(number))
-        for obs in steps.obs[:-1].numpy():
+        for obs in steps.obs[:-1]:
             one.act(obs, never)
         acted = one._player.hidden.clone()
         samples(one, steps)

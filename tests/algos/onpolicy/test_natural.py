@@ -1,7 +1,6 @@
 """Natural steps of a small policy, against a Fisher matrix that is written out."""
 
 import gymnasium as gym
-import numpy as np
 import pytest
 import torch
 from torch.nn.utils import parameters_to_vector
@@ -21,7 +20,7 @@ def flown(agent: Agent, **changes: torch.Tensor) -> Rollout:
     """What the agent did on its way through random observations, rewarded at random."""
     generator = torch.Generator().manual_seed(0)
     obs = torch.randn(T + 1, N, D, generator=generator)
-    actions = torch.stack([agent.act(obs[t].numpy(), np.zeros(N, dtype=bool)) for t in range(T)])
+    actions = torch.stack([agent.act(obs[t], torch.zeros(N, dtype=torch.bool)) for t in range(T)])
     return rollout_of(obs, actions=actions, **({"rewards": torch.rand(T, N, generator=generator)} | changes))
 
 

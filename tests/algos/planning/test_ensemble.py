@@ -95,7 +95,7 @@ def test_the_copy_for_imagination_gives_what_the_model_means():
         plain = ensemble.stack.plain(torch.cat([seen, features], -1))
     fast = frozen.dense(torch.cat([seen, features], -1).expand(4, -1, -1).contiguous())
     mean, reward, raw, cost, end = ensemble.layout.parts
-    deviation = torch.from_numpy(np.sqrt(ensemble.observed.square / ensemble.observed.count)).float()
+    deviation = (ensemble.observed.square / ensemble.observed.count).sqrt().float()
     change = (plain[..., mean] * ensemble.change.std + ensemble.change.mean) / deviation
     assert torch.allclose(fast[..., mean], change, atol=1e-4)
     assert torch.allclose(fast[..., reward], plain[..., reward] * ensemble.reward.std + ensemble.reward.mean, atol=1e-4)

@@ -58,7 +58,7 @@ def rollout_of(learner: Any, seed: int = 0, **changes) -> Rollout:
     newest, frames = torch.randn(T + 1, N, D, generator=gen), learner.config.frame_stack
     obs = torch.cat([newest[(torch.arange(T + 1) - k).clamp(min=0)] for k in reversed(range(frames))], -1)
     fresh = torch.zeros(T + 1, N, dtype=torch.bool)
-    actions = torch.stack([learner.act(obs[t].numpy(), fresh[t].numpy()) for t in range(T)])
+    actions = torch.stack([learner.act(obs[t], fresh[t]) for t in range(T)])
     good = actions[..., 0] == 0 if actions.dtype == torch.int64 else actions[..., 0] > 0
     never = torch.zeros(T, N, dtype=torch.bool)
     fields = {
@@ -234,8 +234,10 @@ def test_each_quirk_can_be_tried_alone_and_shows_where_it_should(name, quirk):
 def test_a_stale_value_is_that_of_the_last_action_instead_of_the_policys():
     """At the end of the horizon, of the state reached and the action that led there, as in OmniSafe."""
     learner = learner_for("SafeLOOP")
-    arc = SafeARC(learner.config, learner.policy.actions, D, lambda: 2.0, generator())
-    stale = SafeARC(learner_for("SafeLOOP", stale_action_value=True).config, arc.actions, D, lambda: 2.0, generator())
+    arc = SafeARC(learner.config, learner.policy.actions, D, lambda: torch.tensor(2.0), generator())
+    stale = SafeARC(
+        learner_for("SafeLOOP", stale_action_value=True).config, arc.actions, D, lambda: torch.tensor(2.0), generator()
+    )
     obs, actions = torch.randn(7, D, generator=generator(1)), torch.tensor([[1, 2], [0, 1]]).repeat(4, 1)[:7]
     value, other = arc.value(), stale.value()
     assert value is not None and other is not None

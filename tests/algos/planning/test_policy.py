@@ -15,9 +15,10 @@ from thalweg.algos.actions import actions_of
 from thalweg.algos.ccepets import CCEPETSConfig
 from thalweg.algos.planning.planner import Planner
 from thalweg.algos.planning.policy import METHODS, PlannerPlayer, PlannerPolicy
-from thalweg.algos.policy import About, load_policy
+from thalweg.algos.policy import About, load_policy, seen_of
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.algos.settings import as_data
+from thalweg.algos.state import CPU
 
 PLANNERS = list(METHODS)
 D, N = 3, 4
@@ -102,7 +103,7 @@ class TestEveryPlanner:
         drawn = {"rand": torch.rand, "randn": torch.randn}
 
         def repeated(kind: str, axis_of_envs: int):
-            def draw(*shape: Any, generator: Any = None) -> torch.Tensor:
+            def draw(*shape: Any, generator: Any = None, device: Any = None) -> torch.Tensor:
                 sizes = list(shape[0] if isinstance(shape[0], tuple) else shape)
                 axis = 0 if kind == "rand" else axis_of_envs
                 count, sizes[axis] = sizes[axis], 1
@@ -116,7 +117,7 @@ class TestEveryPlanner:
         for envs in (1, 5):
             player = PlannerPlayer(policy, envs, generator(2))
             for step in range(2):
-                player.raw(obs.repeat(envs, 0), np.full(envs, step == 0))
+                player.raw(*seen_of(obs.repeat(envs, 0), np.full(envs, step == 0), CPU))
             plans.append(player._plans)
         assert torch.allclose(plans[1], plans[0].expand_as(plans[1]), atol=1e-5)
 
@@ -128,7 +129,9 @@ class TestEveryPlanner:
         shown = [np.concatenate([obs[max(t - 2, 0)], obs[max(t - 1, 0)], obs[t]], 1) for t in range(4)]
         for t in range(4):
             fresh = np.full(N, t == 0)
-            assert np.array_equal(policy.actions.to_env(beside.raw(shown[t], fresh)[0]), alone(obs[t], fresh))
+            assert np.array_equal(
+                policy.actions.to_env(beside.raw(*seen_of(shown[t], fresh, CPU))[0]), alone(obs[t], fresh)
+            )
 
 
 def test_a_plan_is_kept_until_its_episode_ends(monkeypatch):
@@ -155,7 +158,7 @@ def test_a_repeated_action_lasts_until_its_episode_ends():
     player, obs = policy.player(2, generator=generator()), np.zeros((2, D), np.float32)
     decided = []
     for t in range(6):
-        decision = player.raw(obs, np.array([t == 0, t in (0, 2)]))[1]
+        decision = player.raw(*seen_of(obs, np.array([t == 0, t in (0, 2)]), CPU))[1]
         decided.append(0 if decision is None else len(decision.reward))
     assert decided == [2, 0, 1, 1, 0, 1]
 

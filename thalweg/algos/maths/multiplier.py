@@ -7,7 +7,6 @@ is over the limit.
 import math
 from collections.abc import Sequence
 
-import torch
 from torch import Tensor
 
 from thalweg.algos.maths.shapes import same_shape
@@ -69,5 +68,5 @@ def combined(rewards: Tensor, costs: Tensor, multipliers: Sequence[float], *, no
     same_shape(rewards=rewards, one_cost=costs[0])
     if len(costs) != len(multipliers):
         raise ValueError(f"{len(costs)} costs and {len(multipliers)} multipliers")
-    total = rewards - (costs * torch.tensor(multipliers, dtype=costs.dtype).unsqueeze(-1)).sum(0)
+    total = rewards - (costs * costs.new_tensor(multipliers).unsqueeze(-1)).sum(0)
     return total / (1.0 + sum(multipliers)) if normalised else total

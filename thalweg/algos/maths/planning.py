@@ -15,7 +15,7 @@ def survival(ends: Tensor) -> Tensor:
     Args:
         ends: [H, ...], p_end of each step: the probability that it ends the episode if it is reached.
     """
-    alive = torch.ones(len(ends) + 1, *ends.shape[1:], dtype=ends.dtype)
+    alive = ends.new_ones(len(ends) + 1, *ends.shape[1:])
     torch.cumprod(1.0 - ends, 0, out=alive[1:])
     return alive
 
@@ -30,7 +30,7 @@ def imagined_return(rewards: Tensor, alive: Tensor, discount: float, final: Tens
         final: V(s_H) [...], what is still to come after the last step; None for nothing.
     """
     same_shape(rewards=rewards, alive=alive[:-1])
-    powers = discount ** torch.arange(len(rewards) + 1, dtype=rewards.dtype)
+    powers = discount ** torch.arange(len(rewards) + 1, dtype=rewards.dtype, device=rewards.device)
     total = torch.tensordot(powers[:-1], alive[:-1] * rewards, 1)
     if final is None:
         return total

@@ -40,5 +40,5 @@ def straight_through_slope(above: Tensor, soft: Tensor, temperature: float) -> T
 
 def one_hot(actions: Tensor, options: int, dtype: torch.dtype = torch.float32) -> Tensor:
     """[B, A, K] with a 1 at the option of each branch, for actions [B, A] int64 in 0..K-1."""
-    hard = torch.zeros(*actions.shape, options, dtype=dtype)
+    hard = torch.zeros(*actions.shape, options, dtype=dtype, device=actions.device)
     return hard.scatter_(-1, actions.unsqueeze(-1), 1.0)

@@ -9,7 +9,6 @@ import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -29,10 +28,14 @@ from thalweg.algos.offpolicy.tally import Tally
 from thalweg.algos.policy import About, Policy
 from thalweg.algos.settings import as_data
 from thalweg.algos.state import (
+    CPU,
+    array_of,
     generator_state,
     load_generator,
     load_module,
     module_state,
+    new_generator,
+    tensor_of,
 )
 
 CRITICS, POLICY = 0, 1
@@ -71,7 +74,7 @@ class Agent:
             tallied: Names of further numbers that each step of the policy gives.
         """
         self.config, self.num_envs = config, task.num_envs
-        self.generator = torch.Generator().manual_seed(task.seed)
+        self.generator = new_generator(task.device, task.seed)
         size, costs = config.frame_stack * task.obs_size, len(config.limits)
         self.policy = Policy(
             task.obs_size,
@@ -96,12 +99,15 @@ class Agent:
         self.policy_optimiser = Adam([self.policy.actor.stack.flat], config.learning_rate)
         self.critic_optimiser = Adam([self.critics.stack.flat], config.critic_learning_rate)
         self.multipliers = Multipliers(config, config.limits)
-        self.replay = Replay(config.replay_size, size, coded, costs)
-        self._costs_seen = Normaliser(costs, config.normalise_cost)
-        self._discounts = torch.tensor([[config.discount], *[[config.cost_discount]] * costs])
+        self.replay = Replay(config.replay_size, size, coded, costs, task.device)
+        self._costs_seen = Normaliser(costs, config.normalise_cost, task.device)
+        discounts = [[config.discount], *[[config.cost_discount]] * costs]
+        self._discounts = torch.tensor(discounts, device=task.device)
         names = ["", *(f"cost{name}_" for name in suffixes(costs))]
         self._tally = Tally(
-            (*(f"{name}q_loss" for name in names), *(f"{name}q_mean" for name in names)), ("policy_loss", *tallied)
+            (*(f"{name}q_loss" for name in names), *(f"{name}q_mean" for name in names)),
+            ("policy_loss", *tallied),
+            device=task.device,
         )
         self.steps, self.gradient_steps, self.progress = 0, 0, 0.0
         """`progress`: the share of the run that was over when it last learnt."""
@@ -126,10 +132,9 @@ class Agent:
         """Whether actions are still drawn uniformly."""
         return self.steps < self.config.random_steps
 
-    def parameters(self, obs: np.ndarray) -> Tensor:
+    def parameters(self, obs: Tensor) -> Tensor:
         """[N, P] of the policy at observations float32 [N, K * D]."""
-        seen = self.policy.normaliser(torch.from_numpy(np.ascontiguousarray(obs, dtype=np.float32)))
-        return self.policy.actor(seen)
+        return self.policy.actor(self.policy.normaliser(obs))
 
     def remember(self, rollout: Rollout, coded: Callable[[Tensor], Tensor]) -> None:
         """Put the rollout's valid steps into the replay, their raw actions [S, A] `coded` as [S, W].
@@ -232,7 +237,7 @@ class Agent:
         return {
             "actor": module_state(self.policy.actor),
             "critics": module_state(self.critics.stack),
-            "slow": self.slow.slow.numpy().copy(),
+            "slow": array_of(self.slow.slow),
             "policy_optimiser": self.policy_optimiser.state(),
             "critic_optimiser": self.critic_optimiser.state(),
             "multipliers": self.multipliers.state(),
@@ -252,7 +257,7 @@ class Agent:
         """The inverse of `state`; further keys are not looked at."""
         load_module(self.policy.actor, state["actor"])
         load_module(self.critics.stack, state["critics"])
-        self.slow.slow.copy_(torch.from_numpy(np.array(state["slow"])))
+        self.slow.slow.copy_(tensor_of(state["slow"], CPU))
         self.policy_optimiser.load_state(state["policy_optimiser"])
         self.critic_optimiser.load_state(state["critic_optimiser"])
         self.multipliers.load_state(state["multipliers"])

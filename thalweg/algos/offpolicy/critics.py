@@ -42,14 +42,15 @@ class Critics:
             initial=shape.initial,
             generator=generator,
         )
-        self.signal = torch.tensor([0] * rewards + list(range(1, 1 + costs)) * twins)
+        self.signal = torch.tensor([0] * rewards + list(range(1, 1 + costs)) * twins, device=generator.device)
         """[K] which signal each critic is of."""
         self.leading = slice(rewards - 1, rewards + costs) if rewards + twins > 2 else ALL
         """One critic of each signal [S]: the reward's last, and the first of each cost."""
 
     def each(self, for_reward: Tensor, for_costs: Tensor) -> Tensor:
         """[K, B, D] what each critic is asked: the reward's and the costs' something else [B, D]."""
-        return torch.stack([for_costs if signal else for_reward for signal in self.signal.tolist()])
+        others = self.twins * self.costs
+        return torch.stack([for_reward] * self.rewards + [for_costs] * others)
 
     def cautious(self, values: Tensor) -> Tensor:
         """[S, B, ...] from the values of all critics [K, B, ...]: the reward's smallest, each cost's largest."""
@@ -76,7 +77,7 @@ class Slow:
         for stack, twin, fast, slow in zip(
             stacks, self.copies, self.fast.split(lengths), self.slow.split(lengths), strict=True
         ):
-            stack.flat.data = fast
+            stack.flat = nn.Parameter(fast)
             twin.flat = nn.Parameter(slow, requires_grad=False)
 
     def follow(self, rate: float) -> None:

@@ -76,7 +76,7 @@ def policy_slopes(
     config: DeterministicConfig, values: Tensor, outputs: Tensor, multipliers: tuple[float, ...]
 ) -> tuple[Tensor, Tensor]:
     """The gradient of `policy_loss` in the values [1 + M, B] and, while these stay as they are, in the outputs."""
-    weights = torch.tensor([-1.0, *multipliers], dtype=values.dtype) / ((1.0 + sum(multipliers)) * values.shape[1])
+    weights = values.new_tensor([-1.0, *multipliers]) / ((1.0 + sum(multipliers)) * values.shape[1])
     return weights.unsqueeze(1).expand_as(values), (2.0 * config.output_decay / outputs.numel()) * outputs
 
 
@@ -154,7 +154,7 @@ class Choices:
 
     def ahead(self, parameters: Tensor, generator: torch.Generator) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
         choices, temperature = self._choices(parameters), self._config.relaxation
-        noise = relaxed.gumbel(torch.rand(choices.log_p.shape, generator=generator))
+        noise = relaxed.gumbel(torch.rand(choices.log_p.shape, generator=generator, device=parameters.device))
         hard, soft = relaxed.straight_through(choices.log_p, noise, temperature)
 
         def back(above: Tensor) -> Tensor:
@@ -200,9 +200,9 @@ def climb(agent: Agent, form: Deterministic, config: DeterministicConfig, batch:
 
 def _mixed(raw: Tensor, form: Deterministic, share: float, generator: torch.Generator) -> Tensor:
     """Raw actions [B, A], of which about so large a share is replaced by uniform ones."""
-    replaced = torch.rand(len(raw), 1, generator=generator) < share
+    replaced = torch.rand(len(raw), 1, generator=generator, device=raw.device) < share
     return torch.where(replaced, form.actions.uniform(len(raw), generator), raw)
 
 
 def _normal(like: Tensor, generator: torch.Generator) -> Tensor:
-    return torch.randn(like.shape, generator=generator)
+    return torch.randn(like.shape, generator=generator, device=like.device)

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from thalweg.algos.errors import AlgorithmError, require_finite
 from thalweg.algos.interface import Rollout
+from thalweg.algos.state import CPU, array_of, tensor_of
 
 AT_ONCE = 64
 """Batches that are gathered together at most."""
@@ -40,11 +41,11 @@ class Batch:
 class Replay:
     """The last `size` steps."""
 
-    def __init__(self, size: int, obs: int, action: int, costs: int) -> None:
+    def __init__(self, size: int, obs: int, action: int, costs: int, device: torch.device = CPU) -> None:
         """Room for `size` steps with `obs` numbers seen, `action` of a coded action and so many costs; memory is taken
         as it fills."""
         self.size, self._obs, self._action, self._paid = size, obs, action, 1 + costs
-        self.rows = torch.empty(size, 2 * obs + action + 1 + costs + 1)
+        self.rows = torch.empty(size, 2 * obs + action + 1 + costs + 1, device=device)
         """[R, ...] observation, action, next observation, reward, costs, going on."""
         self.filled, self._next = 0, 0
 
@@ -68,7 +69,7 @@ class Replay:
         """So many batches of `size` steps, each drawn uniformly with replacement."""
         while count > 0:
             now = min(count, AT_ONCE)
-            drawn = torch.randint(self.filled, (now * size,), generator=generator)
+            drawn = torch.randint(self.filled, (now * size,), generator=generator, device=self.rows.device)
             rows = self.rows.index_select(0, drawn)
             after = self._obs + self._action
             for seen in (rows[:, : self._obs], rows[:, after : after + self._obs]):
@@ -82,7 +83,7 @@ class Replay:
 
     def state(self) -> dict[str, Any]:
         """Arrays: the filled part only."""
-        return {"rows": self.rows[: self.filled].numpy().copy(), "next": self._next}
+        return {"rows": array_of(self.rows[: self.filled]), "next": self._next}
 
     def load_state(self, state: dict[str, Any]) -> None:
         """The inverse of `state`; raises `AlgorithmError` for rows of another width or too many."""
@@ -90,7 +91,7 @@ class Replay:
         if rows.shape[1] != self.rows.shape[1] or len(rows) > self.size:
             raise AlgorithmError(f"a replay of {tuple(self.rows.shape)} can't take rows of {rows.shape}")
         self.filled, self._next = len(rows), int(state["next"])
-        self.rows[: self.filled] = torch.from_numpy(rows)
+        self.rows[: self.filled] = tensor_of(rows, self.rows.device)
 
 
 def steps_of(rollout: Rollout) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:

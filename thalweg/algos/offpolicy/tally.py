@@ -6,15 +6,16 @@ import torch
 from torch import Tensor
 
 from thalweg.algos.errors import require_finite
+from thalweg.algos.state import CPU, array_of, tensor_of
 
 
 class Tally:
     """Sums of a few numbers of each gradient step, by the names that they are reported under."""
 
-    def __init__(self, *groups: tuple[str, ...]) -> None:
+    def __init__(self, *groups: tuple[str, ...], device: torch.device = CPU) -> None:
         """The numbers of a group come together, but not every group with every gradient step."""
         self.groups = groups
-        self._sums = [torch.zeros(len(group)) for group in groups]
+        self._sums = [torch.zeros(len(group), device=device) for group in groups]
         self._counts = [0] * len(groups)
 
     def add(self, group: int, numbers: Tensor) -> None:
@@ -39,9 +40,9 @@ class Tally:
 
     def state(self) -> dict[str, Any]:
         """Arrays and plain data."""
-        return {"counts": list(self._counts)} | {str(k): sums.numpy().copy() for k, sums in enumerate(self._sums)}
+        return {"counts": list(self._counts)} | {str(k): array_of(sums) for k, sums in enumerate(self._sums)}
 
     def load_state(self, state: dict[str, Any]) -> None:
         """The inverse of `state`."""
         self._counts = [int(count) for count in state["counts"]]
-        self._sums = [torch.from_numpy(state[str(k)].copy()) for k in range(len(self.groups))]
+        self._sums = [tensor_of(state[str(k)], sums.device) for k, sums in enumerate(self._sums)]

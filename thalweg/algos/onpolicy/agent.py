@@ -10,7 +10,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any, cast
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -33,6 +32,7 @@ from thalweg.algos.state import (
     load_generator,
     load_module,
     module_state,
+    new_generator,
 )
 
 
@@ -41,7 +41,7 @@ class Agent:
 
     def __init__(self, algorithm: str, critics: int, config: OnPolicyConfig, task: Task) -> None:
         self.config = config
-        self.generator = torch.Generator().manual_seed(task.seed)
+        self.generator = new_generator(task.device, task.seed)
         self.policy = Policy(
             task.obs_size,
             actions_of(task.action_space, config.adapter),
@@ -55,7 +55,8 @@ class Agent:
         rate = config.learning_rate if isinstance(config, FirstOrderConfig) else 0.0
         self.policy_optimiser = Adam(self.policy.actor.parameters(), rate)
         self.critic_optimiser = Adam(self.critics.parameters(), config.critic_learning_rate)
-        self._critic_generator = torch.Generator().manual_seed(int(torch.randint(2**62, (), generator=self.generator)))
+        drawn = torch.randint(2**62, (), generator=self.generator, device=task.device)
+        self._critic_generator = new_generator(task.device, int(drawn))
         self._critic_log: list[Tensor] = []
         self._beside = ThreadPoolExecutor(1, "critics")
         self._player = NetworkPlayer(self.policy, task.num_envs, False, self.generator, stacked=True)
@@ -118,7 +119,7 @@ class Agent:
         """Updates still to come after this one."""
         return math.ceil(feedback.steps_left / (self.rollout_steps * self._player.num_envs))
 
-    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Raw actions [N, A] drawn from the policy, for observations float32 [N, K * D]."""
         return self._player.raw(obs, fresh)
 
@@ -202,7 +203,7 @@ class Drift:
             self.old_log_prob = self._old.log_prob(samples.actions)
             """[B]."""
         self.passes, self.kl, self.entropy = 0, 0.0, 0.0
-        self.each = torch.zeros(len(samples.actions))
+        self.each = torch.zeros_like(self.old_log_prob)
         """[B] KL of each state, in nats."""
         self.log_prob = self.old_log_prob
         """[B] log π_θ(a|s)."""

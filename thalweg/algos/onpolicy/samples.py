@@ -15,6 +15,7 @@ from thalweg.algos.maths.advantages import gae
 from thalweg.algos.memory import Gru, Sequences
 from thalweg.algos.networks import Critics, part_count
 from thalweg.algos.normaliser import Normaliser
+from thalweg.algos.state import array_of, tensor_of
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Samples:
     def shuffled(self, tensors: Sequence[Tensor], generator: torch.Generator) -> list[Tensor]:
         """Observations, and tensors [B, ...] beside them, in a new order."""
         assert isinstance(self.inputs, Tensor)
-        order = torch.randperm(len(self.actions), generator=generator)
+        order = torch.randperm(len(self.actions), generator=generator, device=self.actions.device)
         return [tensor[order] for tensor in (self.inputs, *tensors)]
 
     def minibatches(
@@ -63,7 +64,7 @@ class Samples:
             cut = [tensor.tensor_split(parts) for tensor in self.shuffled(tensors, generator)]
             yield from ((inputs, rows) for inputs, *rows in zip(*cut, strict=True))  # pyright: ignore
             return
-        order = torch.randperm(self.inputs.obs.shape[1], generator=generator)
+        order = torch.randperm(self.inputs.obs.shape[1], generator=generator, device=self.actions.device)
         places = _places(self.inputs)
         for columns in order.tensor_split(min(parts, len(order))):
             rows = places[:, columns].flatten()
@@ -143,7 +144,7 @@ class RolloutMemory:
         self._states = {name: gru.states(obs, rollout.fresh, self.starts[name]) for name, gru in self.gru.items()}
         states = self._states["critics"]
         last = states[:-1].flatten(0, 1)[rollout.final_index]
-        after = self.gru["critics"].step(final, last, torch.zeros(len(final), dtype=torch.bool))
+        after = self.gru["critics"].step(final, last, torch.zeros_like(final[:, 0], dtype=torch.bool))
         return torch.cat([obs, states], -1).flatten(0, 1), torch.cat([final, after], -1)
 
     def sequences(self, obs: Tensor, rollout: Rollout) -> tuple[Sequences, Tensor]:
@@ -158,9 +159,9 @@ class RolloutMemory:
             padded = torch.cat([tensor, tensor.new_zeros(missing, *tensor.shape[1:])])
             return padded.view(blocks, self.length, *tensor.shape[1:]).transpose(0, 1).flatten(1, 2)
 
-        number = torch.full((steps, count), -1)
-        number[rollout.valid] = torch.arange(int(rollout.valid.sum()))
-        rows = (cut(number + 1) - 1).flatten()
+        # Places are counted from 1, so that what is filled up with zeros is no step.
+        number = rollout.valid.flatten().cumsum(0).view(steps, count) * rollout.valid
+        rows = cut(number).flatten() - 1
         keep = (rows >= 0).nonzero().squeeze(-1)
         starts = {
             name: torch.stack([self.starts[name], *states[self.length - 1 : steps - 1 : self.length]]).flatten(0, 1)
@@ -174,18 +175,18 @@ class RolloutMemory:
 
     def state(self) -> dict[str, object]:
         """Arrays."""
-        return {name: start.numpy().copy() for name, start in self.starts.items()}
+        return {name: array_of(start) for name, start in self.starts.items()}
 
     def load_state(self, state: dict) -> None:
         """The inverse of `state`."""
-        self.starts = {name: torch.from_numpy(state[name].copy()) for name in self.starts}
+        self.starts = {name: tensor_of(state[name], start.device) for name, start in self.starts.items()}
 
 
 def _places(sequences: Sequences) -> Tensor:
     """[L, C] which of the B rows each step is; -1 where it does not count."""
     length, count = sequences.fresh.shape
-    places = torch.full((length * count,), -1)
-    places[sequences.keep] = torch.arange(len(sequences.keep))
+    places = torch.full((length * count,), -1, device=sequences.keep.device)
+    places[sequences.keep] = torch.arange(len(sequences.keep), device=sequences.keep.device)
     return places.view(length, count)
 
 

@@ -6,7 +6,6 @@ How candidates are weighed and what critics learn are absent on purpose: they ar
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -23,7 +22,7 @@ from thalweg.algos.planning.policy import PlannerPlayer, PlannerPolicy
 from thalweg.algos.planning.transitions import Assembly, Batch, Replay
 from thalweg.algos.policy import About
 from thalweg.algos.settings import as_data
-from thalweg.algos.state import generator_state, load_generator, load_module, module_state
+from thalweg.algos.state import generator_state, load_generator, load_module, module_state, new_generator
 
 
 class Agent:
@@ -32,7 +31,7 @@ class Agent:
     def __init__(self, algorithm: str, config: PlanningConfig, task: Task, logged: tuple[str, ...] = ()) -> None:
         """`logged`: names of the numbers that `log` will be given."""
         self.config, self.num_envs, self._logged = config, task.num_envs, logged
-        self.generator = torch.Generator().manual_seed(task.seed)
+        self.generator = new_generator(task.device, task.seed)
         self.policy = PlannerPolicy(
             task.obs_size,
             actions_of(task.action_space, config.adapter, "squashed"),
@@ -40,13 +39,15 @@ class Agent:
             About(algorithm, as_data(config), task.context),
             self.generator,
         )
-        self.replay = Replay(config.replay_size, config.hold_out)
+        self.replay = Replay(config.replay_size, config.hold_out, task.device)
         self.fitter = Fitter(self.policy.ensemble, config, self.generator)
         self.lengths = Lengths(task.num_envs, config.episode_length)
         self._player = PlannerPlayer(
             self.policy, task.num_envs, self.generator, stacked=True, exploration=config.exploration
         )
-        self._assembly = Assembly(task.num_envs, config.action_repeat, drop_terminal=config.drop_terminal)
+        self._assembly = Assembly(
+            task.num_envs, config.action_repeat, drop_terminal=config.drop_terminal, device=task.device
+        )
         self._steps, self._reported_at = 0, 0
         self._tally = Tally()
 
@@ -55,7 +56,7 @@ class Agent:
         """T: steps of each environment between fittings."""
         return max(1, self.config.steps_per_collection // self.num_envs)
 
-    def act(self, obs: np.ndarray, fresh: np.ndarray) -> Tensor:
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Raw actions [N, A] for observations float32 [N, K * D]: planned, or at random at first."""
         raw, decision = self._player.raw(obs, fresh, at_random=self._steps < self.config.random_steps)
         if decision is not None:
@@ -76,24 +77,23 @@ class Agent:
             self.replay.add(batch)
         losses = self.fitter.fit(self.replay, int(rollout.valid.sum()))
         if losses is not None:
-            found = {f"model_{name}_loss": float(loss) for name, loss in zip(HEADS, losses, strict=True)}
-            require_finite(**found)
-            self._tally.add(found)
+            self._tally.add({f"model_{name}_loss": loss for name, loss in zip(HEADS, losses, strict=True)})
+            self._tally.require_finite()
         self.policy.episode_length = self.lengths.mean
         self.policy.refresh()
 
     def lessons(self) -> Iterator[Batch]:
-        """The batches that critics learn from after a rollout."""
+        """The batches that critics learn from after a rollout; afterwards nothing logged has been NaN, else
+        `NotFiniteError`."""
         waits = self.config.critics_wait and self._steps < self.config.random_steps
         if self.replay.size and not waits:
             for _ in range(self.config.critic_steps):
                 yield self.replay.rows(self.replay.places((self.config.minibatch,), self.generator))
+            self._tally.require_finite()
 
     def log(self, **numbers: Tensor) -> None:
-        """Take note of numbers whose means are to be reported; raises `NotFiniteError` for NaN."""
-        found = {name: float(number) for name, number in numbers.items()}
-        require_finite(**found)
-        self._tally.add(found)
+        """Take note of numbers whose means are to be reported."""
+        self._tally.add(numbers)
 
     def report(self, feedback: Feedback) -> dict[str, float]:
         """Metrics, if it is time for them."""
@@ -145,33 +145,36 @@ class Agent:
         self.lengths.load_state(state["lengths"])
         self._player.load_state(state["player"])
         load_generator(self.generator, state["generator"])
-        self._tally.load_state(state["tally"])
+        self._tally.load_state(state["tally"], self.policy.device)
         self._steps, self._reported_at = int(state["steps"]), int(state["reported_at"])
         self.policy.episode_length = self.lengths.mean
         self.policy.refresh()
 
 
 class Tally:
-    """Sums of what is to be reported as means."""
+    """Sums of what is to be reported as means; where they lie nothing waits for them."""
 
     def __init__(self) -> None:
-        self._sums: dict[str, float] = {}
+        self._sums: dict[str, Tensor] = {}
         self._counts: dict[str, float] = {}
 
-    def add(self, numbers: dict[str, float], weight: float = 1.0) -> None:
-        """Take in numbers that stand for so many."""
+    def add(self, numbers: dict[str, Tensor], weight: float = 1.0) -> None:
+        """Take in numbers [] that stand for so many."""
         for name, number in numbers.items():
-            self._sums[name] = self._sums.get(name, 0.0) + number * weight
+            share = number.detach().double() * weight
+            self._sums[name] = self._sums[name] + share if name in self._sums else share
             self._counts[name] = self._counts.get(name, 0.0) + weight
+
+    def require_finite(self) -> None:
+        """Raises `NotFiniteError` for a number that has been NaN or infinite since the last report."""
+        require_finite(**self._totals())
 
     def decided(self, decision: Decision) -> None:
         """What was expected of decisions."""
-        costs = {
-            f"plan_cost{name}": float(cost)
-            for name, cost in zip(suffixes(decision.cost.shape[1]), decision.cost.mean(0), strict=True)
-        }
+        names = suffixes(decision.cost.shape[1])
+        costs = {f"plan_cost{name}": cost for name, cost in zip(names, decision.cost.mean(0), strict=True)}
         numbers = {"plan_reward": decision.reward.mean(), "feasible_share": decision.feasible.mean()}
-        self.add(costs | {name: float(number) for name, number in numbers.items()}, len(decision.reward))
+        self.add(costs | numbers, len(decision.reward))
 
     def lived(self, policy: PlannerPolicy, batch: Batch) -> None:
         """What the model expected of steps that it has not been fitted to, and what they were."""
@@ -179,15 +182,15 @@ class Tally:
         expected, error = policy.ensemble.expected(batch)
         lived = torch.cat([batch.rewards.unsqueeze(-1), batch.costs, batch.terminated.unsqueeze(-1)], -1).mean(0)
         heads = ["reward", *(f"cost{name}" for name in names), "end"]
-        numbers = {f"predicted_{head}": float(x) for head, x in zip(heads, expected, strict=True)}
-        numbers |= {f"realised_{head}": float(x) for head, x in zip(heads, lived, strict=True)}
+        numbers = {f"predicted_{head}": number for head, number in zip(heads, expected, strict=True)}
+        numbers |= {f"realised_{head}": number for head, number in zip(heads, lived, strict=True)}
         self.add(numbers, len(batch.rewards))
         going_on = int((~batch.terminated).sum())
         if going_on:
-            self.add({"state_error": float(error)}, going_on)
+            self.add({"state_error": error}, going_on)
 
     def means(self) -> dict[str, float]:
-        return {name: total / self._counts[name] for name, total in self._sums.items()}
+        return {name: total / self._counts[name] for name, total in self._totals().items()}
 
     def clear(self) -> None:
         self._sums.clear()
@@ -195,8 +198,16 @@ class Tally:
 
     def state(self) -> dict[str, Any]:
         """Plain data."""
-        return {"sums": dict(self._sums), "counts": dict(self._counts)}
+        return {"sums": self._totals(), "counts": dict(self._counts)}
 
-    def load_state(self, state: dict[str, Any]) -> None:
+    def load_state(self, state: dict[str, Any], device: torch.device) -> None:
         """The inverse of `state`."""
-        self._sums, self._counts = dict(state["sums"]), dict(state["counts"])
+        self._counts = dict(state["counts"])
+        self._sums = {
+            name: torch.tensor(total, dtype=torch.float64, device=device) for name, total in state["sums"].items()
+        }
+
+    def _totals(self) -> dict[str, float]:
+        """The sums, read in one go."""
+        totals = torch.stack(list(self._sums.values())).tolist() if self._sums else []
+        return dict(zip(self._sums, totals, strict=True))

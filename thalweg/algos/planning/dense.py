@@ -33,7 +33,7 @@ class Dense:
 
     def __call__(self, x: Tensor) -> Tensor:
         rows = x.shape[1]
-        if chain.FUSED is None or rows <= FEW_ROWS:
+        if chain.FUSED is None or rows <= FEW_ROWS or not x.is_cpu:
             return self._at_once(x)
         out = x.new_empty(len(x), rows, self._batched[-1][1].shape[-1])
         for m, layers in enumerate(self._single):

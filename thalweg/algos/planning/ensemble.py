@@ -4,20 +4,20 @@ the episode (Chua et al. 2018, with heads for what ends and what costs).
 Letters: M models, B rows, K frames seen side by side of D numbers each, F numbers of an action, C costs.
 """
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
-from thalweg.algos.actions import Actions
+from thalweg.algos.actions import Actions, row_of
 from thalweg.algos.maths import dynamics
 from thalweg.algos.networks import Stack
 from thalweg.algos.normaliser import CLIP, Normaliser
 from thalweg.algos.planning.dense import Dense
 from thalweg.algos.planning.transitions import Batch
-from thalweg.algos.state import load_module, module_state
+from thalweg.algos.state import CPU, array_of, load_module, module_state, tensor_of
 
 LOG_VARIANCE = (-10.0, 0.5)
 """Where the learnt bounds of the log-variance begin, in units of the deviation of what is predicted."""
@@ -63,16 +63,16 @@ def action_features(actions: Actions, raw: Tensor) -> Tensor:
     or the middle of the bin it falls into."""
     if actions.kind != "categorical":
         return actions.executed(raw)
-    first = torch.tensor([0, *actions.sizes[:-1]]).cumsum(0)
-    return torch.zeros(*raw.shape[:-1], sum(actions.sizes)).scatter_(-1, raw + first, 1.0)
+    first = row_of((0, *itertools.accumulate(actions.sizes[:-1])), raw.device)
+    return torch.zeros(*raw.shape[:-1], sum(actions.sizes), device=raw.device).scatter_(-1, raw + first, 1.0)
 
 
 class Scale:
     """Mean and deviation of what is predicted, so that the network's numbers are about 1; nothing is clipped."""
 
-    def __init__(self, size: int) -> None:
-        self.moments = Normaliser(size)
-        self.mean, self.std = torch.zeros(size), torch.ones(size)
+    def __init__(self, size: int, device: torch.device = CPU) -> None:
+        self.moments = Normaliser(size, device=device)
+        self.mean, self.std = torch.zeros(size, device=device), torch.ones(size, device=device)
 
     def update(self, values: Tensor) -> None:
         """Take in values [B, size]."""
@@ -89,10 +89,10 @@ class Scale:
     def _refresh(self) -> None:
         if self.moments.count == 0:
             return
-        std = np.sqrt(self.moments.square / self.moments.count)
-        self.mean = torch.from_numpy(self.moments.mean).float()
+        std = (self.moments.square / self.moments.count).sqrt()
+        self.mean = self.moments.mean.float()
         # What never varies is predicted as it is.
-        self.std = torch.from_numpy(np.where(std > 1e-6, std, 1.0)).float()
+        self.std = torch.where(std > 1e-6, std, 1.0).float()
 
 
 class Ensemble:
@@ -121,15 +121,16 @@ class Ensemble:
             activation="swish",
             initial="truncated",
         )
-        self.bounds = nn.Parameter(torch.tensor(LOG_VARIANCE).unsqueeze(-1).repeat(1, frame))
+        device = generator.device
+        self.bounds = nn.Parameter(torch.tensor(LOG_VARIANCE, device=device).unsqueeze(-1).repeat(1, frame))
         """[2, D] of the log-variance."""
-        self.observed = Normaliser(frame, normalise)
+        self.observed = Normaliser(frame, normalise, device)
         """Of a frame, whichever of the K it is: imagination moves frames from place to place."""
-        self.change, self.reward = Scale(frame), Scale(1)
-        self.ranges = torch.tensor([[0.0], [1.0]]).repeat(1, costs)
+        self.change, self.reward = Scale(frame, device), Scale(1, device)
+        self.ranges = torch.tensor([[0.0], [1.0]], device=device).repeat(1, costs)
         """[2, C] the smallest cost seen, or 0, and the largest, or what makes the range 1 before any was seen."""
-        self._seen = torch.zeros(2, costs)
-        self.counts = torch.zeros(1 + costs + 1, dtype=torch.float64)
+        self._seen = torch.zeros(2, costs, device=device)
+        self.counts = torch.zeros(1 + costs + 1, dtype=torch.float64, device=device)
         """Steps taken in, then the sum of each cost's place in its range, and of the ends."""
 
     def take_in(self, batch: Batch) -> None:
@@ -143,7 +144,7 @@ class Ensemble:
             self._seen = torch.stack([low, high])
             self.ranges = torch.stack([low, torch.where(high > low, high, low + 1.0)])
         shares = self.cost_shares(batch.costs).sum(0)
-        counted = torch.cat([torch.tensor([len(batch.obs)]), shares, batch.terminated.sum().unsqueeze(0)])
+        counted = torch.cat([shares.new_tensor([len(batch.obs)]), shares, batch.terminated.sum().unsqueeze(0)])
         self.counts = self.counts + counted.double()
 
     def seen(self, obs: Tensor) -> Tensor:
@@ -211,24 +212,24 @@ class Ensemble:
         """Everything, as arrays and plain data."""
         return {
             "stack": module_state(self.stack),
-            "bounds": self.bounds.detach().numpy().copy(),
+            "bounds": array_of(self.bounds),
             "observed": self.observed.state(),
             "change": self.change.state(),
             "reward": self.reward.state(),
-            "ranges": self.ranges.numpy().copy(),
-            "seen": self._seen.numpy().copy(),
-            "counts": self.counts.numpy().copy(),
+            "ranges": array_of(self.ranges),
+            "seen": array_of(self._seen),
+            "counts": array_of(self.counts),
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
         """The inverse of `state`."""
         load_module(self.stack, state["stack"])
-        self.bounds.data = torch.from_numpy(np.array(state["bounds"]))
+        device = self.bounds.device
+        with torch.no_grad():
+            self.bounds.copy_(tensor_of(state["bounds"], CPU))
         for name in ("observed", "change", "reward"):
             getattr(self, name).load_state(state[name])
-        self.ranges, self._seen, self.counts = (
-            torch.from_numpy(np.array(state[name])) for name in ("ranges", "seen", "counts")
-        )
+        self.ranges, self._seen, self.counts = (tensor_of(state[name], device) for name in ("ranges", "seen", "counts"))
 
 
 class Frozen:

@@ -8,11 +8,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from thalweg.algos.adam import Adam
 from thalweg.algos.chain import layers_of
 from thalweg.algos.planning.config import PlanningConfig
 from thalweg.algos.planning.ensemble import Ensemble
 from thalweg.algos.planning.transitions import Replay
-from thalweg.algos.state import load_optimiser, optimiser_state
 
 GAIN = 0.01
 """Of the loss held out, relative, that counts as getting better."""
@@ -26,7 +26,7 @@ class Fitter:
     def __init__(self, ensemble: Ensemble, config: PlanningConfig, generator: torch.Generator) -> None:
         self.ensemble, self.config, self.generator = ensemble, config, generator
         learnt = [ensemble.stack.flat] if config.fixed_variance_bounds else [ensemble.stack.flat, ensemble.bounds]
-        self.optimiser = torch.optim.Adam(learnt, lr=config.model_learning_rate, fused=True)
+        self.optimiser = Adam(learnt, config.model_learning_rate)
         self._decay = _decays(ensemble, config.model_decay)
         self._since_refit = 0
 
@@ -56,9 +56,11 @@ class Fitter:
         """Epochs over the whole replay, each model in an order of its own, until none has gained for a while."""
         members, log = self.ensemble.stack.count, []
         fitted = replay.fitted()
-        best, patience = torch.full((members,), torch.inf), self.config.refit_patience
+        device, patience = fitted.device, self.config.refit_patience
+        best = torch.full((members,), torch.inf, device=device)
         for _ in range(MOST_EPOCHS):
-            orders = [fitted[torch.randperm(len(fitted), generator=self.generator)] for _ in range(members)]
+            drawn = [torch.randperm(len(fitted), generator=self.generator, device=device) for _ in range(members)]
+            orders = [fitted[order] for order in drawn]
             log += [self._step(replay, places) for places in torch.stack(orders).split(self.config.minibatch, 1)]
             error = self.held_out(replay).sum(0)
             better = best.isinf() | (best - error > GAIN * best.abs())
@@ -71,7 +73,7 @@ class Fitter:
     def _step(self, replay: Replay, places: Tensor) -> Tensor:
         """One gradient step on the transitions at places [M, B]; returns the losses [4]."""
         losses = self.ensemble.losses(replay.rows(places), self.config.rarity)
-        self.optimiser.zero_grad()
+        self.optimiser.forget()
         (losses.sum() + self.ensemble.bounds_loss()).backward()
         flat = self.ensemble.stack.flat
         assert flat.grad is not None
@@ -85,11 +87,11 @@ class Fitter:
 
     def state(self) -> dict[str, Any]:
         """What it remembers."""
-        return {"optimiser": optimiser_state(self.optimiser), "since_refit": self._since_refit}
+        return {"optimiser": self.optimiser.state(), "since_refit": self._since_refit}
 
     def load_state(self, state: dict[str, Any]) -> None:
         """The inverse of `state`."""
-        load_optimiser(self.optimiser, state["optimiser"])
+        self.optimiser.load_state(state["optimiser"])
         self._since_refit = int(state["since_refit"])
 
 

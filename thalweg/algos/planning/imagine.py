@@ -47,7 +47,7 @@ def noise_for(
 ) -> Tensor:
     """Standard normal disturbances [H, M, N, S or 1, P, D]; `shared`: the same for all candidates of an environment."""
     shape = (horizon, frozen.members, envs, 1 if shared else samples, particles, frozen.layout.frame)
-    return torch.randn(shape, generator=generator)
+    return torch.randn(shape, generator=generator, device=generator.device)
 
 
 def imagine(frozen: Frozen, start: Tensor, features: Tensor, noise: Tensor, *, needs_last: bool = True) -> Steps:
@@ -66,7 +66,7 @@ def imagine(frozen: Frozen, start: Tensor, features: Tensor, noise: Tensor, *, n
     particles, seen = noise.shape[-2], start.shape[-1]
     mean, reward, raw, cost, _ = layout.parts
     shape = (members, envs, samples, particles)
-    outputs = torch.empty(horizon, *shape, 2 + layout.costs)
+    outputs = start.new_empty(horizon, *shape, 2 + layout.costs)
     inputs = _inputs(frozen, start, samples, 1)
     for step in range(horizon):
         inputs[..., seen:] = features[step].unsqueeze(-2)
@@ -152,7 +152,7 @@ def rolled_out(
 def _inputs(frozen: Frozen, start: Tensor, samples: int, particles: int) -> Tensor:
     """[M, N, S, P, inputs] with the start in place; the actions are still to be written."""
     envs, seen = start.shape
-    inputs = torch.empty(frozen.members, envs, samples, particles, frozen.inputs)
+    inputs = start.new_empty(frozen.members, envs, samples, particles, frozen.inputs)
     inputs[..., :seen] = start[:, None, None]
     return inputs
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from thalweg.algos.interface import Rollout
+from thalweg.algos.state import array_of
 
 REMEMBERED = 100
 """Finished episodes that the mean is taken over."""
@@ -30,8 +31,8 @@ class Lengths:
 
     def update(self, rollout: Rollout) -> None:
         """Count the steps of a rollout; an episode that was cut off between two rollouts counts for nothing."""
-        fresh, valid = rollout.fresh[:-1].numpy(), rollout.valid.numpy()
-        over = (rollout.terminated | rollout.truncated).numpy()
+        fresh, valid = array_of(rollout.fresh[:-1]), array_of(rollout.valid)
+        over = array_of(rollout.terminated | rollout.truncated)
         for step in range(len(valid)):
             self._running = np.where(fresh[step], 0, self._running) + valid[step]
             self._longest = max(self._longest, int(self._running.max()))

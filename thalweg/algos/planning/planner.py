@@ -16,6 +16,7 @@ from thalweg.algos.planning.config import PlanningConfig
 from thalweg.algos.planning.ensemble import Frozen, action_features
 from thalweg.algos.planning.imagine import Futures, Value, imagine, judged, noise_for
 from thalweg.algos.planning.search import search_of
+from thalweg.algos.state import CPU
 
 
 @dataclass(frozen=True)
@@ -66,17 +67,17 @@ class Decision:
 class Planner:
     """Makes decisions with a model; remembers nothing."""
 
-    def __init__(self, config: PlanningConfig, actions: Actions, method: Method) -> None:
+    def __init__(self, config: PlanningConfig, actions: Actions, method: Method, device: torch.device = CPU) -> None:
         self.config, self.actions, self.method = config, actions, method
-        self.search = search_of(actions, config, method.mean_momentum)
+        self.search = search_of(actions, config, method.mean_momentum, device)
 
     def decide(
         self, frozen: Frozen, start: Tensor, guess: Tensor, budget: Budget, generator: torch.Generator
     ) -> Decision:
         """The plan that a first guess [N, H, A, W] becomes, for normalised observations [N, K * D]."""
         envs, costs = len(guess), len(budget.costs)
-        found = Decision(guess.clone(), torch.empty(envs), torch.empty(envs, costs), torch.empty(envs))
-        searching = torch.arange(envs)
+        found = Decision(guess.clone(), start.new_empty(envs), start.new_empty(envs, costs), start.new_empty(envs))
+        searching = torch.arange(envs, device=start.device)
         proposals = self.method.propose(frozen, start, generator)
         for _ in range(self.config.sizes.iterations):
             plan = found.plan[searching]

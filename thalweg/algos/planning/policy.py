@@ -19,11 +19,11 @@ from thalweg.algos.memory import FrameStack
 from thalweg.algos.planning.config import PlanningConfig
 from thalweg.algos.planning.ensemble import Ensemble, Frozen
 from thalweg.algos.planning.planner import Budget, Decision, Method, Planner
-from thalweg.algos.policy import KINDS, About, named, save_policy
+from thalweg.algos.policy import KINDS, About, check_width, named, save_policy, seen_of
 from thalweg.algos.settings import config_from
-from thalweg.algos.state import load_module, module_state
+from thalweg.algos.state import array_of, load_module, module_state, new_generator, tensor_of
 
-MakeMethod = Callable[[Any, Actions, int, Callable[[], float], torch.Generator], Method]
+MakeMethod = Callable[[Any, Actions, int, Callable[[], Tensor], torch.Generator], Method]
 """From config, actions, numbers of an observation, the deviation of rewards, and a generator."""
 METHODS: dict[str, tuple[type[PlanningConfig], MakeMethod]] = {}
 """By the algorithm's name; each planner's file adds its own."""
@@ -48,18 +48,27 @@ class PlannerPolicy:
         )
         make = METHODS[about.algorithm][1]
         inputs = config.frame_stack * obs_size
-        self.method = make(config, actions, inputs, lambda: float(self.ensemble.reward.std), generator)
-        self.planner = Planner(config, actions, self.method)
+        self.method = make(config, actions, inputs, lambda: self.ensemble.reward.std, generator)
+        self.planner = Planner(config, actions, self.method, generator.device)
         self.episode_length = float(config.episode_length or config.sizes.horizon)
         """L, mean steps of an episode."""
+        self._budget: tuple[float, Budget] | None = None
+        """That of an episode of so many steps."""
         self.frozen = self._frozen()
+
+    @property
+    def device(self) -> torch.device:
+        """Where it plans: that of the generator it was made with."""
+        return self.ensemble.bounds.device
 
     @property
     def budget(self) -> Budget:
         """What a decision may cost."""
-        steps, length = self.config.sizes.horizon * self.config.action_repeat, self.episode_length
-        costs = torch.tensor([planning.budget(limit, steps, length) for limit in self.config.limits])
-        return Budget(costs, max(length / steps, 1.0))
+        if self._budget is None or self._budget[0] != self.episode_length:  # laid down on the device once
+            steps, length = self.config.sizes.horizon * self.config.action_repeat, self.episode_length
+            costs = [planning.budget(limit, steps, length) for limit in self.config.limits]
+            self._budget = length, Budget(torch.tensor(costs, device=self.device), max(length / steps, 1.0))
+        return self._budget[1]
 
     def refresh(self) -> None:
         """Plan with the model as it has become."""
@@ -77,9 +86,9 @@ class PlannerPolicy:
             num_envs: N.
             deterministic: Changes nothing: the plan's most probable action is taken either way, but the search for it
                 draws.
-            generator: Where the draws come from; a new one, the same at each call, if None.
+            generator: Where the draws come from, one of the policy's device; a new one, the same at each call, if None.
         """
-        return PlannerPlayer(self, num_envs, generator or torch.Generator().manual_seed(0))
+        return PlannerPlayer(self, num_envs, generator or new_generator(self.device))
 
     def save(self, path: str | Path) -> None:
         """Write the policy as one file, whole or not at all."""
@@ -99,12 +108,13 @@ class PlannerPolicy:
         save_policy(path, header, {name: np.ascontiguousarray(value) for name, value in tensors.items()}, self.about)
 
     @classmethod
-    def restored(cls, header: dict[str, Any], tensors: dict[str, np.ndarray], about: About) -> "PlannerPolicy":
-        """A policy from what `save` wrote."""
+    def restored(
+        cls, header: dict[str, Any], tensors: dict[str, np.ndarray], about: About, generator: torch.Generator
+    ) -> "PlannerPolicy":
+        """A policy from what `save` wrote, on the generator's device."""
         if about.algorithm not in METHODS:
             raise AlgorithmError(f"this version knows no planner {about.algorithm!r}")
         config = config_from(METHODS[about.algorithm][0], about.config)
-        generator = torch.Generator().manual_seed(0)
         policy = cls(header["obs_size"], Actions.from_data(header["actions"]), config, about, generator)
         scales = {name: header["scales"][name] | named(tensors, name) for name in ("observed", "change", "reward")}
         policy.ensemble.load_state(named(tensors, "model") | scales | {"stack": named(tensors, "stack")})
@@ -134,32 +144,32 @@ class PlannerPlayer:
         self.policy, self.generator, self.exploration = policy, generator, exploration
         frames = policy.config.frame_stack
         self._size = policy.obs_size * (frames if stacked else 1)
-        self._stack = FrameStack(num_envs, policy.obs_size, 1 if stacked else frames)
+        self._stack = FrameStack(num_envs, policy.obs_size, 1 if stacked else frames, policy.device)
         self._plans = policy.planner.search.first(num_envs)
         """[N, H, A, W], of the last decision of each environment."""
-        self._planned = torch.zeros(num_envs, dtype=torch.bool)
+        self._planned = torch.zeros(num_envs, dtype=torch.bool, device=policy.device)
         """[N] whether there is one in this episode."""
         self._held = policy.planner.search.mode(self._plans)
         """[N, A] being carried out."""
-        self._left = torch.zeros(num_envs, dtype=torch.int64)
+        self._left = torch.zeros(num_envs, dtype=torch.int64, device=policy.device)
         """[N] steps for which it still is."""
 
     def __call__(self, obs: np.ndarray, fresh: np.ndarray) -> np.ndarray:
-        return self.policy.actions.to_env(self.raw(obs, fresh)[0])
+        return self.policy.actions.to_env(self.raw(*seen_of(obs, fresh, self.policy.device))[0])
 
     @torch.inference_mode()
-    def raw(self, obs: np.ndarray, fresh: np.ndarray, *, at_random: bool = False) -> tuple[Tensor, Decision | None]:
+    def raw(self, obs: Tensor, fresh: Tensor, *, at_random: bool = False) -> tuple[Tensor, Decision | None]:
         """Raw actions [N, A], and what was decided for those environments whose turn it was.
 
         `at_random`: any action, without a plan.
         """
-        obs = np.ascontiguousarray(obs, dtype=np.float32)
-        if obs.ndim != 2 or obs.shape[1] != self._size:
-            raise AlgorithmError(f"this policy sees [N, {self._size}] numbers, got an array of shape {obs.shape}")
-        seen = torch.from_numpy(self._stack.push(obs, fresh))
-        begins = torch.from_numpy(np.asarray(fresh, dtype=bool))
-        self._planned &= ~begins
-        turn = torch.nonzero((self._left == 0) | begins).squeeze(-1)
+        check_width(obs, self._size)
+        seen = self._stack.push(obs, fresh)
+        self._planned &= ~fresh
+        if self.policy.config.action_repeat > 1:
+            turn = torch.nonzero((self._left == 0) | fresh).squeeze(-1)
+        else:  # everyone's, which need not be looked for
+            turn = torch.arange(len(fresh), device=fresh.device)
         decision = None
         if len(turn):
             self._held = self._held.clone()
@@ -182,22 +192,22 @@ class PlannerPlayer:
         best = search.mode(decision.plan)
         if not self.exploration:
             return decision, best
-        explores = torch.rand(len(turn), 1, generator=self.generator) < self.exploration
+        explores = torch.rand(len(turn), 1, generator=self.generator, device=turn.device) < self.exploration
         return decision, torch.where(explores, search.draw(decision.plan, self.generator), best)
 
     def state(self) -> dict[str, Any]:
         """What it remembers, as arrays."""
         return {
             "frames": self._stack.state(),
-            "plans": self._plans.numpy().copy(),
-            "planned": self._planned.numpy().copy(),
-            "held": self._held.numpy().copy(),
-            "left": self._left.numpy().copy(),
+            "plans": array_of(self._plans),
+            "planned": array_of(self._planned),
+            "held": array_of(self._held),
+            "left": array_of(self._left),
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
         """The inverse of `state`."""
         self._stack.load_state(state["frames"])
         self._plans, self._planned, self._held, self._left = (
-            torch.from_numpy(np.array(state[name])) for name in ("plans", "planned", "held", "left")
+            tensor_of(state[name], self.policy.device) for name in ("plans", "planned", "held", "left")
         )

@@ -13,6 +13,7 @@ from thalweg.algos.actions import Actions
 from thalweg.algos.errors import AlgorithmError
 from thalweg.algos.maths import categorical, planning
 from thalweg.algos.planning.config import PlanningConfig
+from thalweg.algos.state import CPU
 
 
 class Search(Protocol):
@@ -47,25 +48,25 @@ class Search(Protocol):
         ...
 
 
-def search_of(actions: Actions, config: PlanningConfig, mean_momentum: float) -> "Search":
+def search_of(actions: Actions, config: PlanningConfig, mean_momentum: float, device: torch.device = CPU) -> "Search":
     """The one that fits the space."""
     if actions.kind == "categorical":
-        return Options(actions.sizes, config)
-    return Numbers(actions.count, config, mean_momentum)
+        return Options(actions.sizes, config, device)
+    return Numbers(actions.count, config, mean_momentum, device)
 
 
 class Options:
     """Independent choices: probabilities [N, H, A, K]."""
 
-    def __init__(self, sizes: tuple[int, ...], config: PlanningConfig) -> None:
+    def __init__(self, sizes: tuple[int, ...], config: PlanningConfig, device: torch.device = CPU) -> None:
         """Raises `AlgorithmError` for a floor that would leave nothing of a plan."""
         if config.floor * max(sizes) >= 1:
             raise AlgorithmError(
                 f"floor must be less than 1/{max(sizes)} where a choice has {max(sizes)} options, got {config.floor}"
             )
         self.config = config
-        counts = torch.tensor(sizes)
-        self.exists = torch.arange(int(counts.max())) < counts.unsqueeze(-1)
+        counts = torch.tensor(sizes, device=device)
+        self.exists = torch.arange(max(sizes), device=device) < counts.unsqueeze(-1)
         """[A, K] bool."""
         self.uniform = self.exists / counts.unsqueeze(-1)
 
@@ -80,7 +81,7 @@ class Options:
 
     def samples(self, plan: Tensor, count: int, generator: torch.Generator) -> Tensor:
         shape = (len(plan), count, *plan.shape[1:3])
-        return categorical.drawn(plan.unsqueeze(1), torch.rand(shape, generator=generator))
+        return categorical.drawn(plan.unsqueeze(1), torch.rand(shape, generator=generator, device=plan.device))
 
     def improved(self, plan: Tensor, samples: Tensor, weights: Tensor) -> Tensor:
         return planning.categorical_step(plan, samples, weights, self.exists, self.config.momentum, self.config.floor)
@@ -89,7 +90,8 @@ class Options:
         return (plan * (1.0 - plan)).flatten(1).amax(1)
 
     def draw(self, plan: Tensor, generator: torch.Generator) -> Tensor:
-        return categorical.drawn(plan[:, 0], torch.rand(plan[:, 0, :, 0].shape, generator=generator))
+        uniform = torch.rand(plan[:, 0, :, 0].shape, generator=generator, device=plan.device)
+        return categorical.drawn(plan[:, 0], uniform)
 
     def mode(self, plan: Tensor) -> Tensor:
         return categorical.mode(plan[:, 0])
@@ -98,11 +100,11 @@ class Options:
 class Numbers:
     """Independent Gaussians clipped to -1..1: mean and variance [N, H, A, 2]."""
 
-    def __init__(self, count: int, config: PlanningConfig, mean_momentum: float) -> None:
-        self.count, self.config, self.mean_momentum = count, config, mean_momentum
+    def __init__(self, count: int, config: PlanningConfig, mean_momentum: float, device: torch.device = CPU) -> None:
+        self.count, self.config, self.mean_momentum, self.device = count, config, mean_momentum, device
 
     def first(self, envs: int) -> Tensor:
-        plan = torch.zeros(envs, self.config.sizes.horizon, self.count, 2)
+        plan = torch.zeros(envs, self.config.sizes.horizon, self.count, 2, device=self.device)
         plan[..., 1] = self.config.initial_std**2
         return plan
 
@@ -114,7 +116,7 @@ class Numbers:
 
     def samples(self, plan: Tensor, count: int, generator: torch.Generator) -> Tensor:
         mean, variance = plan.unsqueeze(1).unbind(-1)
-        noise = torch.randn(len(plan), count, *plan.shape[1:3], generator=generator)
+        noise = torch.randn(len(plan), count, *plan.shape[1:3], generator=generator, device=plan.device)
         return torch.addcmul(mean, variance.sqrt(), noise).clamp_(-1.0, 1.0)
 
     def improved(self, plan: Tensor, samples: Tensor, weights: Tensor) -> Tensor:

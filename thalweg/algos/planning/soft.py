@@ -37,7 +37,7 @@ class Exact:
         self.actor = Actor(inputs, actions, shape, generator)
         self.critics = Stack(2, inputs, shape.hidden, count, activation="relu", generator=generator)
         self.aim = config.entropy_share * math.log(count)
-        self._selected = joint.selection(actions.sizes)
+        self._selected = joint.selection(actions.sizes).to(generator.device)
 
     def value(self, obs: Tensor) -> Tensor:
         """Σ_a π(a|s) min Q(s, a) [R] of normalised observations [R, K * D]."""

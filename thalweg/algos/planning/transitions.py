@@ -7,11 +7,11 @@ transitions, K frames seen side by side of D numbers each, A numbers of a raw ac
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from thalweg.algos.interface import Rollout
+from thalweg.algos.state import CPU, array_of, tensor_of
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,9 @@ class Batch:
 class Assembly:
     """Makes transitions of the steps of rollouts; with an action repeat, each of several steps."""
 
-    def __init__(self, num_envs: int, repeat: int, *, drop_terminal: bool) -> None:
+    def __init__(self, num_envs: int, repeat: int, *, drop_terminal: bool, device: torch.device = CPU) -> None:
         self.num_envs, self.repeat, self.drop_terminal = num_envs, repeat, drop_terminal
-        self._count = torch.zeros(num_envs, dtype=torch.int64)
+        self._count = torch.zeros(num_envs, dtype=torch.int64, device=device)
         """[N] steps since the decision that is being carried out."""
         self._begun: dict[str, Tensor] = {}
         """What was seen and done then, and sums since: obs [N, K * D], actions [N, A], rewards [N], costs [N, C]."""
@@ -91,11 +91,11 @@ class Assembly:
 
     def state(self) -> dict[str, Any]:
         """What it remembers, as arrays."""
-        return {"count": self._count.numpy().copy()} | {k: v.numpy().copy() for k, v in self._begun.items()}
+        return {name: array_of(value) for name, value in {"count": self._count, **self._begun}.items()}
 
     def load_state(self, state: dict[str, Any]) -> None:
         """The inverse of `state`."""
-        tensors = {name: torch.from_numpy(np.array(value)) for name, value in state.items()}
+        tensors = {name: tensor_of(value, self._count.device) for name, value in state.items()}
         self._count = tensors.pop("count")
         self._begun = tensors
 
@@ -106,8 +106,8 @@ class Replay:
     One in so many stays out of fitting: the first of each block, wherever it lies, so that no draw decides.
     """
 
-    def __init__(self, capacity: int, hold_out: float) -> None:
-        self.capacity, self.block = capacity, max(2, round(1.0 / hold_out))
+    def __init__(self, capacity: int, hold_out: float, device: torch.device = CPU) -> None:
+        self.device, self.capacity, self.block = device, capacity, max(2, round(1.0 / hold_out))
         self.size, self._at = 0, 0
         self._fields: dict[str, Tensor] = {}
 
@@ -120,7 +120,7 @@ class Replay:
         if count > self.capacity:
             new, count = {name: value[-self.capacity :] for name, value in new.items()}, self.capacity
         self._make_room(min(self.capacity, self.size + count), new)
-        places = (self._at + torch.arange(count)) % self.capacity
+        places = (self._at + torch.arange(count, device=self.device)) % self.capacity
         for name, value in new.items():
             self._fields[name][places] = value
         self._at = (self._at + count) % self.capacity
@@ -134,8 +134,8 @@ class Replay:
         """Random places to fit to, with replacement."""
         fitted = self.size - self.held_out_count
         if fitted < 1:
-            return torch.zeros(shape, dtype=torch.int64)
-        drawn = torch.randint(fitted, shape, generator=generator)
+            return torch.zeros(shape, dtype=torch.int64, device=self.device)
+        drawn = torch.randint(fitted, shape, generator=generator, device=self.device)
         return drawn // (self.block - 1) * self.block + 1 + drawn % (self.block - 1)
 
     @property
@@ -144,24 +144,24 @@ class Replay:
 
     def held_out(self) -> Batch:
         """Those that are not fitted to."""
-        return self.rows(torch.arange(0, self.size, self.block))
+        return self.rows(torch.arange(0, self.size, self.block, device=self.device))
 
     def fitted(self) -> Tensor:
         """Places of all those that are."""
-        places = torch.arange(self.size)
+        places = torch.arange(self.size, device=self.device)
         return places[places % self.block != 0]
 
     def state(self) -> dict[str, Any]:
         """Its filled part, as arrays."""
         return {"size": self.size, "at": self._at} | {
-            name: field[: self.size].numpy().copy() for name, field in self._fields.items()
+            name: array_of(field[: self.size]) for name, field in self._fields.items()
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
         """The inverse of `state`."""
         self.size, self._at = int(state["size"]), int(state["at"])
         self._fields = {
-            name: torch.from_numpy(np.array(value)) for name, value in state.items() if name not in ("size", "at")
+            name: tensor_of(value, self.device) for name, value in state.items() if name not in ("size", "at")
         }
 
     def _make_room(self, needed: int, like: dict[str, Tensor]) -> None:
@@ -170,6 +170,6 @@ class Replay:
             return
         room = min(self.capacity, max(needed, 2 * room, 4096))
         old = self._fields
-        self._fields = {name: torch.zeros(room, *value.shape[1:], dtype=value.dtype) for name, value in like.items()}
+        self._fields = {name: value.new_zeros(room, *value.shape[1:]) for name, value in like.items()}
         for name, field in old.items():
             self._fields[name][: self.size] = field[: self.size]

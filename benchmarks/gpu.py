@@ -1,0 +1,264 @@
+"""How fast is the river on this GPU, and does it say the same as the CPU? First parity, then speed.
+
+    python benchmarks/gpu.py [--out gpu.csv] [--minutes 7]
+
+checks frames, codes and rules against the CPU, then times frames, rules, codes and training for 64 to 16,384 cameras in
+1 to 64 worlds, prints a table and writes a row for each figure, with the card's name; what there was no time left for
+is missing. A bare machine needs Python 3.11, a torch that was built for CUDA, numba-cuda, and what the package needs
+anyway (requirements.lock); worlds are built by all cores, in about a minute.
+"""
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from thalweg.algos.interface import Task
+from thalweg.algos.registry import algorithm_named
+from thalweg.bench.files import csv_text
+from thalweg.devices import DeviceError, device_named
+from thalweg.encoder import Encoder, load_encoder
+from thalweg.env import EnvConfig, sample_starts
+from thalweg.env.tensors import TensorRiverEnv
+from thalweg.render import Renderer
+from thalweg.render.look import look_rows, look_values
+from thalweg.train.tensors import LatentTensorEnv, TensorCollector
+from thalweg.train.training import Training
+from thalweg.whole import write_whole
+from thalweg.world import World, load_or_build
+
+HERE = Path(__file__).resolve().parent
+COLUMNS = ("card", "what", "quality", "cameras", "worlds", "figure", "unit", "wanted", "holds")
+WITHIN, SHARE = 2, 0.999
+"""Steps of 255 within which a pixel is alike, and the share of pixels that must be."""
+POSE_M = 1e-9
+SECONDS = 1.0
+"""Least time that a figure is measured for."""
+REPEATS = 3
+"""Least number of calls, after one that is not measured."""
+LEARNER = "FOCOPS"
+ROLLOUT = 4096
+"""Least steps that an update learns from; of many environments each takes eight."""
+
+
+@dataclass
+class Table:
+    """The rows so far, each printed as it comes."""
+
+    card: str
+    rows: list[dict[str, str]] = field(default_factory=list)
+
+    def add(self, what: str, figure: float, unit: str, wanted: float | None = None, holds: bool | None = None, **at):
+        """A figure; `wanted` and `holds` are of checks."""
+        row = {"card": self.card, "what": what, "figure": f"{figure:.6g}", "unit": unit}
+        row |= {name: str(value) for name, value in at.items()}
+        row |= {} if wanted is None else {"wanted": f"{wanted:g}", "holds": "yes" if holds else "NO"}
+        self.rows.append({name: row.get(name, "") for name in COLUMNS})
+        print("  ".join(f"{name} {row[name]}" for name in COLUMNS[1:] if row.get(name)), flush=True)
+
+    def write(self, path: Path) -> None:
+        write_whole(path, csv_text(COLUMNS, ([row[name] for name in COLUMNS] for row in self.rows)))
+
+
+class Clock:
+    """Times calls on a device, and knows when the whole has to be over."""
+
+    def __init__(self, device: torch.device, minutes: float) -> None:
+        self.device, self.end = device, time.monotonic() + 60 * minutes
+
+    @property
+    def over(self) -> bool:
+        return time.monotonic() >= self.end
+
+    def rate(self, call: Callable[[], object], each: int) -> float:
+        """Things a second, `each` of them done by a call."""
+        call()
+        self.wait()
+        begin, calls = time.perf_counter(), 0
+        while calls < REPEATS or time.perf_counter() - begin < SECONDS:
+            call()
+            calls += 1
+            self.wait()
+        return calls * each / (time.perf_counter() - begin)
+
+    def wait(self) -> None:
+        if self.device.type == "cuda":
+            torch.cuda.synchronize(self.device)
+
+
+def built(seed: int) -> int:
+    """Build a river into the cache folder; returns its seed."""
+    load_or_build("Medium", seed)
+    return seed
+
+
+def rivers(count: int) -> list[World]:
+    """Medium's rivers of the first seeds, built by all cores."""
+    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
+        return [load_or_build("Medium", seed) for seed in pool.map(built, range(count))]
+
+
+def views(worlds: Sequence[World], count: int, renderer: Renderer, device: torch.device) -> tuple[Tensor, ...]:
+    """What so many cameras see at random safe places, as `Renderer.render_tensors` takes it."""
+    several = [sample_starts(world, -(-count // len(worlds)), seed) for seed, world in enumerate(worlds)]
+    poses = np.concatenate(several, 1).reshape(-1, 4)[:count] if len(worlds) > 1 else several[0][:count]
+    index = np.arange(count) % len(worlds)
+    rows = np.repeat(look_rows(look_values(None, 1), renderer.camera), count, 0)
+    arrays = index.astype(np.int64), np.ascontiguousarray(poses), np.zeros(count), rows
+    return tuple(torch.from_numpy(array).to(device) for array in arrays)
+
+
+def drawn(worlds: Sequence[World], count: int, quality: str, device: torch.device) -> Tensor:
+    """Frames [count, H, W, 4] on the host."""
+    renderer = Renderer(worlds, quality=quality, device=str(device))  # pyright: ignore[reportArgumentType]
+    camera = renderer.camera
+    frames = torch.empty(count, camera.height_px, camera.width_px, 4, dtype=torch.uint8, device=device)
+    renderer.render_tensors(views(worlds, count, renderer, device), frames)
+    return frames.cpu()
+
+
+def check_frames(table: Table, worlds: Sequence[World], count: int, device: torch.device) -> None:
+    """Frames and masks of both qualities, and codes of the full one."""
+    for quality in ("full", "fast"):
+        here, there = (drawn(worlds, count, quality, place).int() for place in (torch.device("cpu"), device))
+        apart = (here - there).abs()
+        alike = float((apart[..., :3].amax(-1) <= WITHIN).float().mean())
+        masks = float((apart[..., 3] == 0).float().mean())
+        at = {"quality": quality, "cameras": count, "worlds": len(worlds)}
+        table.add("pixels alike", alike, "share", SHARE, alike >= SHARE, **at)
+        table.add("masks alike", masks, "share", SHARE, masks >= SHARE, **at)
+        if quality == "full":
+            frames = here.to(torch.uint8)
+            codes = [load_encoder(device=str(place)).of_tensor(frames.to(place)).cpu() for place in ("cpu", device)]
+            most = float((codes[0] - codes[1]).abs().max())
+            table.add("codes apart", most, "deviations", 1e-2, most <= 1e-2, **at)
+
+
+def check_rules(table: Table, worlds: Sequence[World], envs: int, steps: int, device: torch.device) -> None:
+    """The same random actions on both sides: reasons, rewards, costs and poses."""
+    config = EnvConfig(observation="none")
+    sides = [TensorRiverEnv(worlds, envs, config, device=str(place)) for place in ("cpu", device)]
+    for side in sides:
+        side.reset(seed=0)
+    generator, alike, furthest = torch.Generator().manual_seed(0), 0, 0.0
+    for _ in range(steps):
+        actions = torch.randint(0, 3, (envs, 4), generator=generator)
+        (_, paid, *_, here), (_, also, *_, there) = (side.step(actions.to(side.device)) for side in sides)
+        same = paid == also.cpu()
+        for name in ("costs", "done_reason"):
+            equal = here[name] == there[name].cpu()
+            same &= equal.all(-1) if equal.dim() > 1 else equal
+        alike += int(same.sum())
+        furthest = max(furthest, float((here["pose"] - there["pose"].cpu()).abs().max()))
+    at = {"cameras": envs, "worlds": len(worlds)}
+    table.add("steps alike", alike / (envs * steps), f"share of {envs * steps:,}", 1.0, alike == envs * steps, **at)
+    table.add("poses apart", furthest, "m", POSE_M, furthest <= POSE_M, **at)
+
+
+def time_frames(table: Table, clock: Clock, worlds: Sequence[World], counts: Sequence[int]) -> None:
+    """Frames of both qualities, and their codes."""
+    encoder = load_encoder(device=str(clock.device))
+    for quality in ("full", "fast"):
+        renderer = Renderer(worlds, quality=quality, device=str(clock.device))
+        camera = renderer.camera
+        for count in untimed(clock, counts):
+            seen = views(worlds, count, renderer, clock.device)
+            size = count, camera.height_px, camera.width_px, 4
+            frames = torch.empty(size, dtype=torch.uint8, device=clock.device)
+            at = {"cameras": count, "worlds": len(worlds)}
+            rate = clock.rate(partial(renderer.render_tensors, seen, frames), count)
+            table.add("render", rate, "frames/s", quality=quality, **at)
+            if quality == "full":
+                table.add(
+                    "encode", clock.rate(lambda frames=frames: encoder.of_tensor(frames), count), "frames/s", **at
+                )
+
+
+def time_rules(table: Table, clock: Clock, worlds: Sequence[World], counts: Sequence[int]) -> None:
+    """Steps of the rules alone."""
+    for count in untimed(clock, counts):
+        env = TensorRiverEnv(worlds, count, EnvConfig(observation="none"), device=str(clock.device))
+        env.reset(seed=0)
+        actions = torch.randint(0, 3, (count, 4), device=clock.device)
+        table.add("step", clock.rate(partial(env.step, actions), count), "steps/s", cameras=count, worlds=len(worlds))
+
+
+def time_training(table: Table, clock: Clock, worlds: Sequence[World], counts: Sequence[int], encoder: Encoder) -> None:
+    """Whole training: frames, codes, rules, actions and updates."""
+    for count in untimed(clock, counts):
+        env = LatentTensorEnv(TensorRiverEnv(worlds, count, device=str(clock.device)), encoder)
+        entry = algorithm_named(LEARNER)
+        config = entry.configure({"steps_per_update": max(ROLLOUT, 8 * count), "minibatch": max(64, count // 8)})
+        collector = TensorCollector(env, config.frame_stack, 1)
+        task = Task(collector.obs_size, env.single_action_space, count, 0, {}, clock.device)
+        training = Training(collector, entry.make(config, task), 10**9, seed=0, threads=1)
+        training.begin()
+
+        steps = count * training.learner.rollout_steps
+        table.add("train", clock.rate(partial(update, training), steps), "steps/s", cameras=count, worlds=len(worlds))
+
+
+def update(training: Training) -> None:
+    """A rollout, and what is learnt from it."""
+    while not training.ready:
+        training.step()
+    training.update()
+
+
+def untimed(clock: Clock, counts: Sequence[int]) -> Iterator[int]:
+    """Those for which there is time left."""
+    for count in counts:
+        if clock.over:
+            return
+        yield count
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="The river on a GPU: parity, then speed")
+    parser.add_argument("--device", default="cuda")
+    parser.add_argument("--cameras", type=int, nargs="+", default=[64, 256, 1024, 4096, 16384])
+    parser.add_argument("--worlds", type=int, nargs="+", default=[1, 16, 64])
+    parser.add_argument("--check", type=int, default=256, help="frames that are held against the CPU's")
+    parser.add_argument("--check-steps", type=int, default=1_000_000, help="steps that are")
+    parser.add_argument("--minutes", type=float, default=7.0, help="nothing new is measured after so many")
+    parser.add_argument("--out", type=Path, default=HERE / "gpu.csv")
+    given = parser.parse_args()
+    if min([*given.cameras, *given.worlds, given.check, given.check_steps]) < 1:
+        parser.error("cameras, worlds and checks are counted from 1")
+    try:
+        device = torch.device(device_named(given.device))
+    except DeviceError as error:
+        print(error, file=sys.stderr)
+        return 1
+    card = torch.cuda.get_device_name(device) if device.type == "cuda" else "none, the CPU"
+    table, clock = Table(card), Clock(device, given.minutes)
+    print(f"{card}; torch {torch.__version__}, CUDA {torch.version.cuda}", flush=True)
+    pool = rivers(max(given.worlds))
+    try:
+        check_frames(table, pool[: min(2, len(pool))], given.check, device)
+        envs = min(4096, given.check_steps)
+        check_rules(table, pool[: min(2, len(pool))], envs, max(1, given.check_steps // envs), device)
+        encoder = load_encoder(device=str(device))
+        for count in untimed(clock, given.worlds):
+            time_frames(table, clock, pool[:count], given.cameras)
+            time_rules(table, clock, pool[:count], given.cameras)
+            time_training(table, clock, pool[:count], [n for n in given.cameras if n <= 4096], encoder)
+    finally:
+        if table.rows:
+            table.write(given.out)
+            print(f"{given.out}: {len(table.rows)} rows", flush=True)
+    return int(any(row["holds"] == "NO" for row in table.rows))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,138 @@
+"""Steps of tensors are the same as steps of arrays: to the learner, and in the records of episodes."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+from tests.devices.toy import SPACES, ArrayWalk, TensorWalk
+from thalweg.algos import ALGORITHMS
+from thalweg.algos.interface import Rollout, Task
+from thalweg.algos.state import CPU
+from thalweg.devices import DeviceError
+from thalweg.train import TrainingError, run
+from thalweg.train.collector import Collector
+from thalweg.train.tensors import TensorCollector, collector_for
+from thalweg.train.training import Training
+
+N = 6
+
+
+class Script:
+    """A learner that acts by a list, and writes down what it is given."""
+
+    resets = False
+
+    def __init__(self, collector: Collector, space: gym.Space, *, steps: int, separate: bool = False) -> None:
+        task = Task(collector.obs_size, space, N, 0, {})
+        self.policy = ALGORITHMS["PPO"].make(ALGORITHMS["PPO"].config(), task).policy
+        self.rollout_steps, self.separate_costs = steps, separate
+        self.generator = np.random.default_rng(3)
+        self.saw: list[tuple[torch.Tensor, torch.Tensor]] = []
+        self.given: list[Rollout] = []
+
+    def act(self, obs: torch.Tensor, fresh: torch.Tensor) -> torch.Tensor:
+        self.saw.append((obs.clone(), fresh.clone()))
+        return torch.from_numpy(self.generator.integers(0, 3, (N, self.policy.actions.count)))
+
+    def update(self, rollout: Rollout, feedback: Any) -> dict[str, float]:
+        self.given.append(Rollout(**{name: value.clone() for name, value in vars(rollout).items()}))
+        return {"told": float(len(feedback.fresh_costs))}
+
+    def warnings(self, feedback: Any) -> dict[str, str]:
+        return {}
+
+    def state(self) -> dict[str, Any]:
+        return {}
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        pass
+
+
+def taken(env: Any, frames: int, separate: bool) -> tuple[Script, Training]:
+    """What a learner saw of five rollouts of 7 steps."""
+    collector = collector_for(env, frames, CPU, 1)
+    learner = Script(collector, env.single_action_space, steps=7, separate=separate)
+    training = Training(collector, learner, 10_000, seed=0, threads=1)  # pyright: ignore[reportArgumentType]
+    training.begin()
+    while training.updates < 5:
+        training.step()
+        if training.ready:
+            training.update()
+    return learner, training
+
+
+@pytest.mark.parametrize("frames", [1, 3])
+@pytest.mark.parametrize("separate", [False, True], ids=["sum", "apart"])
+def test_tensors_and_arrays_teach_the_same(frames: int, separate: bool):
+    space = SPACES["MultiDiscrete"]
+    of_arrays, first = taken(ArrayWalk(N, space), frames, separate)
+    of_tensors, second = taken(TensorWalk(N, space, CPU), frames, separate)
+    assert len(of_arrays.given) == len(of_tensors.given) == 5
+    for (obs, fresh), (other, also) in zip(of_arrays.saw, of_tensors.saw, strict=True):
+        assert torch.equal(obs, other) and torch.equal(fresh, also)
+    for one, other in zip(of_arrays.given, of_tensors.given, strict=True):
+        for name in ("obs", "fresh", "actions", "rewards", "costs", "terminated", "truncated", "valid"):
+            assert torch.equal(getattr(one, name), getattr(other, name)), name
+        # The last observation of an episode stands apart in one, and follows its last step in the other.
+        after = other.obs[1:].flatten(0, 1)
+        assert len(one.final_index) and torch.equal(after[one.final_index], one.final_obs)
+        assert not len(other.final_index)
+    assert list(first.book.recent) == list(second.book.recent) and first.book.count > 20
+    assert {episode.reason for episode in first.book.recent} == {"Arrived", "Late"}
+    assert first.book.steps == second.book.steps and first.book.metrics() == second.book.metrics()
+
+
+def test_episodes_are_told_once_a_rollout_is_complete():
+    collector = collector_for(TensorWalk(N, SPACES["MultiDiscrete"], CPU), 1, CPU, 1)
+    learner = Script(collector, SPACES["MultiDiscrete"], steps=8)
+    collector.begin(0)
+    found = [len(collector.step(learner)) for _ in range(8)]  # pyright: ignore[reportArgumentType]
+    assert found[:7] == [0] * 7 and found[7] > 3 and collector.waiting == 8
+
+
+@pytest.mark.parametrize("name", ["FOCOPS", "TD3Lag", "CCEPETS"])
+def test_a_run_of_tensors_that_was_cut_goes_on_with_the_same_numbers(name: str, tmp_path, monkeypatch):
+    def begin(folder: str) -> Any:
+        env = TensorWalk(N, SPACES["MultiDiscrete"], CPU)
+        config = {
+            "FOCOPS": {"steps_per_update": 60, "cost_limit": 0.5, "frame_stack": 2},
+            "TD3Lag": {"random_steps": 30, "steps_per_update": 60, "cost_limit": 0.5},
+            "CCEPETS": {"random_steps": 60, "steps_per_update": 60, "steps_per_collection": 60, "cost_limit": 0.5},
+        }[name]
+        return run(name, env, steps=360, seed=1, folder=tmp_path / folder, config=config, checkpoint_seconds=0)
+
+    whole = begin("whole")
+    from thalweg.train import training as module
+
+    count, update = 0, Training.update
+
+    def cut(self):
+        nonlocal count
+        count += 1
+        if count == 3:
+            raise KeyboardInterrupt
+        return update(self)
+
+    monkeypatch.setattr(module.Training, "update", cut)
+    with pytest.raises(KeyboardInterrupt):
+        begin("cut")
+    monkeypatch.setattr(module.Training, "update", update)
+    rest = begin("cut")
+    assert rest.resumed_from and rest.steps == whole.steps and whole.episodes > 20
+    for file in ("episodes.csv", "policy.safetensors"):
+        assert (tmp_path / "whole" / file).read_bytes() == (tmp_path / "cut" / file).read_bytes()
+
+
+def test_an_environment_of_tensors_must_be_where_it_is_learnt():
+    with pytest.raises(DeviceError, match="device = 'meta', but the environment's tensors are on cpu"):
+        collector_for(TensorWalk(N, SPACES["Discrete"], CPU), 1, torch.device("meta"), 1)
+
+
+def test_an_environment_of_tensors_says_how_it_begins_episodes():
+    env = TensorWalk(N, SPACES["Discrete"], CPU)
+    env.metadata = {}
+    with pytest.raises(TrainingError, match=r"AutoresetMode.NEXT_STEP"):
+        TensorCollector(env, 1, 1)

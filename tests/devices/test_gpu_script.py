@@ -1,0 +1,55 @@
+"""benchmarks/gpu.py, which is for a machine with a GPU, does all that it does on the CPU too."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks import gpu
+from thalweg.bench.files import read_csv
+from thalweg.world import World
+
+
+@pytest.fixture
+def brief(monkeypatch: pytest.MonkeyPatch, easy_world: World, tmp_path: Path) -> Path:
+    """The script with little to do; where its table will be."""
+    monkeypatch.setattr(gpu, "rivers", lambda count: [easy_world] * count)
+    for name, value in {"SECONDS": 0.0, "REPEATS": 1, "ROLLOUT": 8}.items():
+        monkeypatch.setattr(gpu, name, value)
+    out = tmp_path / "gpu.csv"
+    sizes = ["--cameras", "2", "--worlds", "1", "2", "--check", "2", "--check-steps", "40"]
+    monkeypatch.setattr(sys, "argv", ["gpu.py", "--device", "cpu", *sizes, "--out", str(out)])
+    return out
+
+
+def test_it_checks_and_times_everything(brief: Path):
+    assert gpu.main() == 0
+    rows = read_csv(brief, gpu.COLUMNS)
+    checks = [(row["what"], row["quality"]) for row in rows if row["wanted"]]
+    assert checks == [
+        *[("pixels alike", "full"), ("masks alike", "full"), ("codes apart", "full")],
+        *[("pixels alike", "fast"), ("masks alike", "fast"), ("steps alike", ""), ("poses apart", "")],
+    ]
+    assert {row["holds"] for row in rows if row["wanted"]} == {"yes"}
+    for worlds in ("1", "2"):
+        timed = [row for row in rows if not row["wanted"] and row["worlds"] == worlds]
+        assert [row["what"] for row in timed] == ["render", "encode", "render", "step", "train"]
+        assert all(float(row["figure"]) > 0 and row["cameras"] == "2" for row in timed)
+
+
+def test_a_check_that_fails_is_told_and_is_its_exit_status(brief: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(gpu, "WITHIN", -1)
+    assert gpu.main() == 1
+    failed = [row["what"] for row in read_csv(brief, gpu.COLUMNS) if row["holds"] == "NO"]
+    assert failed == ["pixels alike", "pixels alike"]
+
+
+def test_without_time_it_checks_alone(brief: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(sys, "argv", [*sys.argv, "--minutes", "0"])
+    assert gpu.main() == 0
+    assert all(row["wanted"] for row in read_csv(brief, gpu.COLUMNS))
+
+
+def test_a_gpu_that_is_not_there_is_an_error(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    monkeypatch.setattr(sys, "argv", ["gpu.py", "--device", "cuda:99"])
+    assert gpu.main() == 1 and "cuda:99" in capsys.readouterr().err

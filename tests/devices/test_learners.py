@@ -1,0 +1,154 @@
+"""Every learner works where its task says: no tensor of it is left behind on the CPU, and none is fetched in a step."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from tests.devices.pretend import PRETEND, Device, Mixed, Pretend, pretended
+from tests.devices.toy import SPACES, TensorWalk
+from thalweg.algos import ALGORITHMS
+from thalweg.algos.interface import Task
+from thalweg.algos.policy import load_policy
+from thalweg.algos.state import CPU, array_of
+from thalweg.train.tensors import TensorCollector
+from thalweg.train.training import Training
+
+N, STEPS = 8, 240
+SHORT: dict[str, dict[str, Any]] = {
+    **{
+        name: {"steps_per_update": 80, "minibatch": 40, "passes": 2}
+        for name in ("PPO", "PPOLag", "FOCOPS", "P3O", "CUP")
+    },
+    **{name: {"steps_per_update": 80, "minibatch": 40, "passes": 2} for name in ("OnCRPO", "CPO")},
+    **{name: {"random_steps": 40, "steps_per_update": 80, "minibatch": 16} for name in ("DDPGLag", "TD3Lag", "SACLag")},
+    **{
+        name: {
+            "random_steps": 80,
+            "steps_per_update": 80,
+            "steps_per_collection": 40,
+            "minibatch": 16,
+            "model_steps": 4,
+            "critic_steps": 4,
+            "hidden": (8,),
+            "model_hidden": (8, 8),
+        }
+        for name in ("SafeLOOP", "CCEPETS")
+    },
+}
+CASES = [
+    *[(name, "MultiDiscrete", {"cost_limits": (0.5, 1.0), "frame_stack": 2}) for name in ALGORITHMS if name != "PPO"],
+    *[(name, "Box", {}) for name in ALGORITHMS],
+    *[(name, "Discrete", {}) for name in ("PPO", "SACLag", "SafeLOOP")],
+    *[(name, "MultiDiscrete", {"adapter": "box_scaled"}) for name in ("FOCOPS", "TD3Lag", "SACLag", "SafeLOOP")],
+    *[(name, "MultiDiscrete", {"memory": "gru", "memory_size": 4}) for name in ("FOCOPS", "CPO")],
+    ("FOCOPS", "MultiDiscrete", {"hidden": (200,), "activation": "relu", "initial": "kaiming"}),
+    ("CCEPETS", "MultiDiscrete", {"fitting": "refit", "refit_steps": 150, "refit_patience": 1, "action_repeat": 2}),
+    ("SafeLOOP", "Box", {"settled_variance": 0.1, "precision": "bfloat16"}),
+]
+
+
+@pytest.fixture
+def there(monkeypatch: pytest.MonkeyPatch) -> Iterator[Device]:
+    with pretended(monkeypatch) as device:
+        yield device
+
+
+def trained(name: str, space: str, settings: dict[str, Any], device: torch.device, steps: int = STEPS) -> Training:
+    entry = ALGORITHMS[name]
+    limit = {} if name == "PPO" or "cost_limits" in settings else {"cost_limit": 0.5}
+    config = entry.configure(SHORT[name] | limit | settings)
+    env = TensorWalk(N, SPACES[space], device)
+    collector = TensorCollector(env, config.frame_stack, 1)
+    learner = entry.make(config, Task(collector.obs_size, SPACES[space], N, 0, {}, device))
+    training = Training(collector, learner, steps, seed=0, threads=1)
+    training.begin()
+    training.metrics = []  # pyright: ignore[reportAttributeAccessIssue]
+    while not training.done:
+        training.step()
+        if training.ready:
+            training.metrics.append(training.update())  # pyright: ignore[reportAttributeAccessIssue]
+    return training
+
+
+@pytest.mark.parametrize(("name", "space", "settings"), CASES, ids=lambda each: str(each))
+def test_a_learner_stays_on_its_device(name: str, space: str, settings: dict[str, Any], there: Device):
+    training = trained(name, space, settings, PRETEND)
+    told = [metrics for metrics in training.metrics if metrics]  # pyright: ignore[reportAttributeAccessIssue]
+    assert len(told) >= 2 and training.book.count > 20
+    for name in [name for name in told[-1] if name.endswith("loss")]:
+        assert any(np.isfinite(metrics[name]) for metrics in told), name
+
+
+@pytest.mark.parametrize("name", list(ALGORITHMS))
+def test_a_policy_of_a_device_acts_alike_on_the_cpu(name: str, there: Device, tmp_path):
+    training = trained(name, "MultiDiscrete", {}, PRETEND)
+    training.learner.policy.save(tmp_path / "policy.safetensors")
+    obs, fresh = np.random.default_rng(0).standard_normal((N, 3)).astype(np.float32), np.ones(N, dtype=bool)
+    found = []
+    for device in (CPU, PRETEND):
+        policy = load_policy(tmp_path / "policy.safetensors", device)
+        assert policy.device == device
+        found.append(policy.player(N, deterministic=True)(obs, fresh))
+    assert np.array_equal(*found)
+
+
+@pytest.mark.parametrize("name", list(ALGORITHMS))
+def test_a_checkpoint_of_a_device_is_one_of_arrays_and_brings_everything_back(name: str, there: Device):
+    training = trained(name, "MultiDiscrete", {}, PRETEND)
+    state = training.learner.state()
+    again = trained(name, "MultiDiscrete", {}, PRETEND, steps=1)
+    again.learner.load_state(state)
+    same(state, again.learner.state())
+
+
+def same(one: Any, other: Any) -> None:
+    """Nested dictionaries of arrays and plain data."""
+    assert type(one) is type(other)
+    if isinstance(one, dict):
+        assert one.keys() == other.keys()
+        for key in one:
+            same(one[key], other[key])
+    elif isinstance(one, np.ndarray):
+        assert one.dtype == other.dtype and np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
+    else:
+        assert one == other or one != one
+
+
+@pytest.mark.parametrize("name", list(ALGORITHMS))
+def test_nothing_is_copied_in_a_step(name: str, there: Device):
+    training = trained(name, "MultiDiscrete", {}, PRETEND, steps=240)  # past its random steps
+    training.step()
+    training.learner.rollout_steps = 10**6  # pyright: ignore[reportAttributeAccessIssue]
+    there.copied.clear()
+    training.collector.step(training.learner)
+    assert not +there.copied
+
+
+class TestPretend:
+    """The device notices what a GPU would not put up with."""
+
+    def test_tensors_of_two_devices_cannot_be_mixed(self, there: Device):
+        held = torch.ones(3, device=PRETEND)
+        assert isinstance(held, Pretend) and held.device == PRETEND
+        with pytest.raises(Mixed):
+            held.add(torch.ones(3))
+        assert array_of(held + torch.tensor(2.0)).tolist() == [3.0] * 3
+
+    def test_a_tensor_is_no_array(self, there: Device):
+        with pytest.raises(Mixed):
+            torch.ones(3, device=PRETEND).numpy()
+        with pytest.raises(Mixed):
+            np.asarray(torch.ones(3, device=PRETEND))
+
+    def test_copies_are_counted(self, there: Device):
+        held = torch.arange(3, device=PRETEND)
+        assert not +there.copied
+        held.cpu()
+        assert there.copied["to the host"] == 1
+        torch.ones(3).to(PRETEND)
+        assert there.copied["to the device"] == 1
+        float(held.sum())
+        assert there.copied["read"] == 1

@@ -88,8 +88,8 @@ ROWS: dict[str, Row] = {
     "SafeLOOP": Row("planner", steps=10_000, in_ci=("mixture",)),
     "CCEPETS": Row("planner", steps=10_000),
 }
-"""Every algorithm that Thalweg has. SafeLOOP ends near nine tenths on `dense`, above it with some seeds and below it with
-others, so that CI tries it on another problem; the benchmark's table has all of them."""
+"""Every algorithm that Thalweg has. SafeLOOP ends near nine tenths on `dense`, above it with some seeds and below it
+with others, so that CI tries it on another problem; the benchmark's table has all of them."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,5 @@
 import zlib
+from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
@@ -16,6 +17,7 @@ from thalweg.bench.evaluation import Course, EvaluationConfig, Label, Step, eval
 from thalweg.bench.files import ResultsError
 from thalweg.env import RiverVectorEnv, sample_starts
 from thalweg.env.starts import CLOCK_S
+from thalweg.render import Camera
 from thalweg.train.collect import views
 
 CONFIG = EvaluationConfig(episodes=6)
@@ -128,7 +130,9 @@ def test_what_is_looked_at_is_what_the_environment_shows():
             shown.append(frames.numpy().copy())
             return torch.zeros(len(frames), 4)
 
-    see = through_encoder(whole.world, Encoder(), handmade.BlankRenderer())  # pyright: ignore[reportArgumentType]
+    renderer = handmade.BlankRenderer()
+    renderer.camera = SimpleNamespace(**vars(Camera()) | vars(renderer.camera))  # smaller than a camera may be
+    see = through_encoder(whole.world, Encoder(), renderer)  # pyright: ignore[reportArgumentType]
     evaluate(Straight(), whole, LABEL, CONFIG, look=see)
     env = RiverVectorEnv([whole.world], 3, renderer=handmade.BlankRenderer())
     env.reset(seed=0, options={"pose": whole.starts})

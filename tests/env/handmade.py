@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thalweg.render import Camera
 from thalweg.world.record import Grid, Plants, River, World
 
 
@@ -94,8 +93,7 @@ class BlankRenderer:
     """Frames that hold the pose and the world's number in their first pixels, so that tests see what was drawn."""
 
     def __init__(self, height_px: int = 8, width_px: int = 8) -> None:
-        # Smaller than a camera may be.
-        self.camera = SimpleNamespace(**vars(Camera()) | {"height_px": height_px, "width_px": width_px})
+        self.camera = SimpleNamespace(height_px=height_px, width_px=width_px)
         self.calls: list[int] = []
 
     def render_tensors(self, views, out):

@@ -111,7 +111,7 @@ def rivers(count: int) -> list[World]:
 def views(worlds: Sequence[World], count: int, renderer: Renderer, device: torch.device) -> tuple[Tensor, ...]:
     """What so many cameras see at random safe places, as `Renderer.render_tensors` takes it."""
     several = [sample_starts(world, -(-count // len(worlds)), seed) for seed, world in enumerate(worlds)]
-    poses = np.concatenate(several, 1).reshape(-1, 4)[:count] if len(worlds) > 1 else several[0][:count]
+    poses = np.concatenate(several, 1).reshape(-1, 4)[:count]  # the worlds by turns
     index = np.arange(count) % len(worlds)
     rows = np.repeat(look_rows(look_values(None, 1), renderer.camera), count, 0)
     arrays = index.astype(np.int64), np.ascontiguousarray(poses), np.zeros(count), rows

@@ -5,6 +5,7 @@ Its name is torch's "meta", under which torch keeps tensors without numbers; her
 CPU.
 """
 
+import sys
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,13 +15,12 @@ import pytest
 import torch
 from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
-from torch.utils._pytree import tree_map
+from torch.utils._pytree import tree_leaves, tree_map
 
 PRETEND = torch.device("meta")
 ATEN = torch.ops.aten
 COPIES = (ATEN._to_copy.default, ATEN.copy_.default)
 """Which may have tensors of both devices."""
-FREE = (ATEN.detach.default, ATEN.is_same_size.default)
 
 
 class Mixed(RuntimeError):
@@ -70,7 +70,7 @@ class Device(TorchDispatchMode):
 
     def __torch_dispatch__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         kwargs = dict(kwargs or {})
-        tensors = [each for each in _leaves((args, kwargs)) if isinstance(each, torch.Tensor)]
+        tensors = [each for each in tree_leaves((args, kwargs)) if isinstance(each, torch.Tensor)]
         ours = {id(each.held): each for each in tensors if isinstance(each, Pretend)}
         onto = kwargs.get("device")
         makes = onto is not None and torch.device(onto) == PRETEND
@@ -139,17 +139,11 @@ def pretended(monkeypatch: pytest.MonkeyPatch) -> Iterator[Device]:
     monkeypatch.setattr(torch.inference_mode, "__enter__", enter)
     monkeypatch.setattr(torch.inference_mode, "__exit__", lambda self, *error: without.pop().__exit__(*error))
     monkeypatch.setattr(torch.nn.init, "orthogonal_", _orthogonal(torch.nn.init.orthogonal_))
-    for module in [m for name, m in __import__("sys").modules.items() if name.startswith("thalweg.algos")]:
+    for module in [m for name, m in sys.modules.items() if name.startswith("thalweg.algos")]:
         if getattr(module, "new_generator", None) is before:
             monkeypatch.setattr(module, "new_generator", made)
     with Made(), Device() as device:
         yield device
-
-
-def _leaves(tree: Any) -> list[Any]:
-    from torch.utils._pytree import tree_leaves
-
-    return tree_leaves(tree)
 
 
 def _orthogonal(before: Any) -> Any:

@@ -14,7 +14,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -46,9 +46,10 @@ SECONDS = 1.0
 """Least time that a figure is measured for."""
 REPEATS = 3
 """Least number of calls, after one that is not measured."""
-LEARNER = "FOCOPS"
-ROLLOUT = 4096
-"""Least steps that an update learns from; of many environments each takes eight."""
+LEARNERS = ("FOCOPS", "SACLag", "CCEPETS")
+"""Whose training is timed: the first in all numbers of worlds, the others in the first of them."""
+SETTINGS: dict[str, int] = {}
+"""Of the learners; beside them their defaults, which follow the number of environments."""
 
 
 @dataclass
@@ -193,19 +194,36 @@ def time_rules(table: Table, clock: Clock, worlds: Sequence[World], counts: Sequ
         table.add("step", clock.rate(partial(env.step, actions), count), "steps/s", cameras=count, worlds=len(worlds))
 
 
-def time_training(table: Table, clock: Clock, worlds: Sequence[World], counts: Sequence[int], encoder: Encoder) -> None:
-    """Whole training: frames, codes, rules, actions and updates."""
-    for count in untimed(clock, counts):
-        env = LatentTensorEnv(TensorRiverEnv(worlds, count, device=str(clock.device)), encoder)
-        entry = algorithm_named(LEARNER)
-        config = entry.configure({"steps_per_update": max(ROLLOUT, 8 * count), "minibatch": max(64, count // 8)})
-        collector = TensorCollector(env, config.frame_stack, 1)
-        task = Task(collector.obs_size, env.single_action_space, count, 0, {}, clock.device)
-        training = Training(collector, entry.make(config, task), 10**9, seed=0, threads=1)
-        training.begin()
+def time_training(
+    table: Table,
+    clock: Clock,
+    worlds: Sequence[World],
+    counts: Sequence[int],
+    encoder: Encoder,
+    learners: Sequence[str],
+) -> None:
+    """Whole training once its random steps are over: frames, codes, rules, actions and updates."""
+    for learner in learners:
+        for count in untimed(clock, counts):
+            training = begun(learner, worlds, count, encoder)
+            steps = count * training.learner.rollout_steps
+            rate = clock.rate(partial(update, training), steps)
+            table.add(f"train {learner}", rate, "steps/s", cameras=count, worlds=len(worlds))
 
-        steps = count * training.learner.rollout_steps
-        table.add("train", clock.rate(partial(update, training), steps), "steps/s", cameras=count, worlds=len(worlds))
+
+def begun(learner: str, worlds: Sequence[World], count: int, encoder: Encoder) -> Training:
+    """A run of tensors that learns from now on."""
+    env = LatentTensorEnv(TensorRiverEnv(worlds, count, device=str(encoder.device)), encoder)
+    entry = algorithm_named(learner)
+    known = {field.name for field in fields(entry.config)}
+    config = entry.configure({key: value for key, value in SETTINGS.items() if key in known}, num_envs=count)
+    collector = TensorCollector(env, config.frame_stack, 1)
+    task = Task(collector.obs_size, env.single_action_space, count, 0, {}, encoder.device)
+    training = Training(collector, entry.make(config, task), 10**9, seed=0, threads=1)
+    training.begin()
+    while training.book.steps < getattr(config, "random_steps", 0):
+        update(training)
+    return training
 
 
 def update(training: Training) -> None:
@@ -249,10 +267,11 @@ def main() -> int:
         envs = min(4096, given.check_steps)
         check_rules(table, pool[: min(2, len(pool))], envs, max(1, given.check_steps // envs), device)
         encoder = load_encoder(device=str(device))
-        for count in untimed(clock, given.worlds):
+        for place, count in enumerate(untimed(clock, given.worlds)):
             time_frames(table, clock, pool[:count], given.cameras)
             time_rules(table, clock, pool[:count], given.cameras)
-            time_training(table, clock, pool[:count], [n for n in given.cameras if n <= 4096], encoder)
+            learners = LEARNERS if place == 0 else LEARNERS[:1]
+            time_training(table, clock, pool[:count], [n for n in given.cameras if n <= 4096], encoder, learners)
     finally:
         if table.rows:
             table.write(given.out)

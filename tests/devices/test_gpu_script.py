@@ -14,7 +14,8 @@ from thalweg.world import World
 def brief(monkeypatch: pytest.MonkeyPatch, easy_world: World, tmp_path: Path) -> Path:
     """The script with little to do; where its table will be."""
     monkeypatch.setattr(gpu, "rivers", lambda count: [easy_world] * count)
-    for name, value in {"SECONDS": 0.0, "REPEATS": 1, "ROLLOUT": 8}.items():
+    few = {"steps_per_update": 8, "steps_per_collection": 4, "random_steps": 4, "samples": 4, "elites": 2}
+    for name, value in {"SECONDS": 0.0, "REPEATS": 1, "SETTINGS": few}.items():
         monkeypatch.setattr(gpu, name, value)
     out = tmp_path / "gpu.csv"
     sizes = ["--cameras", "2", "--worlds", "1", "2", "--check", "2", "--check-steps", "40"]
@@ -33,7 +34,9 @@ def test_it_checks_and_times_everything(brief: Path):
     assert {row["holds"] for row in rows if row["wanted"]} == {"yes"}
     for worlds in ("1", "2"):
         timed = [row for row in rows if not row["wanted"] and row["worlds"] == worlds]
-        assert [row["what"] for row in timed] == ["render", "encode", "render", "step", "train"]
+        learners = gpu.LEARNERS if worlds == "1" else gpu.LEARNERS[:1]
+        trained = [f"train {name}" for name in learners]
+        assert [row["what"] for row in timed] == ["render", "encode", "render", "step", *trained]
         assert all(float(row["figure"]) > 0 and row["cameras"] == "2" for row in timed)
 
 

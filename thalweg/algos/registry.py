@@ -20,6 +20,7 @@ from thalweg.algos.saclag import SACLag, SACLagConfig
 from thalweg.algos.safeloop import SafeLOOP, SafeLOOPConfig
 from thalweg.algos.settings import config_from
 from thalweg.algos.td3lag import TD3Lag, TD3LagConfig
+from thalweg.algos.width import following
 
 WIDE = 2
 """Threads for wide networks; more were not measured."""
@@ -38,15 +39,18 @@ class Entry:
     threads: int = 1
     """Of PyTorch that pay on the CPU: small networks lose by a second, wide ones gain by it."""
 
-    def configure(self, given: Any = None, preset: str = "default") -> Any:
+    def configure(self, given: Any = None, preset: str = "default", num_envs: int = 1) -> Any:
         """The config of a preset, with the given values on top; a whole config stands for itself.
+
+        What is not given follows the number of environments (`thalweg.algos.width`), but never in the study's preset.
 
         Raises `AlgorithmError` for an unknown preset or key, listing the known ones, for a value of the wrong type, and
         for a preset beside a whole config.
         """
         base = settings_of(self.name, preset)
         if given is None or isinstance(given, Mapping):
-            return config_from(self.config, {**base, **(given or {})})
+            wide = following(self.config, num_envs) if preset == "default" else {}
+            return config_from(self.config, {**wide, **base, **(given or {})})
         if preset != "default":
             raise AlgorithmError(
                 f"a whole {self.config.__name__} leaves nothing to the preset {preset!r}: give one of them"

@@ -89,14 +89,20 @@ def test_a_renderer_refuses_a_device_before_it_builds_anything():
         Renderer([plane()], device="gpu")
 
 
-def test_a_pass_has_as_many_cameras_as_fit_beside_the_worlds():
-    assert painter.cameras_of_a_pass(10_000, 4_000, 100) == 60
-    assert painter.cameras_of_a_pass(10**12, 4_000, 100) == painter.MOST_CAMERAS
+def test_a_pass_has_as_many_cameras_as_fit_and_one_at_least():
+    assert painter.cameras_of_a_pass(6_000, 100) == 60
+    assert painter.cameras_of_a_pass(10**12, 100) == painter.MOST_CAMERAS
+    assert painter.cameras_of_a_pass(50, 100) == 1
 
 
-def test_too_little_memory_is_named_with_what_is_needed_and_free():
-    with pytest.raises(RenderError, match=r"tables take 4\.00 GB and a camera 1\.5 MB .* which has 4\.00 GB free"):
-        painter.cameras_of_a_pass(4_001_000_000, 4_000_000_000, 1_500_000)
+def test_too_many_worlds_are_told_how_many_fit():
+    scene = build_scene([plane()] * 8)
+    tables, each = painter.bytes_of(scene), 1_500_000
+    painter.check_room(scene, each, tables + each)
+    with pytest.raises(RenderError, match=r"8 worlds take .* and a camera 1\.5 MB .*: 7 worlds of this size fit"):
+        painter.check_room(scene, each, tables + each - 1)
+    with pytest.raises(RenderError, match=r"0\.00 GB are free: 0 worlds of this size fit"):
+        painter.check_room(scene, each, 100)
 
 
 def test_scratch_counts_pixels_plants_and_in_full_quality_the_softened_light():

@@ -13,9 +13,11 @@ from thalweg.env import RiverVectorEnv
 from thalweg.env.actions import ActionError
 from thalweg.env.beginning import mixed, uniform
 from thalweg.env.config import ConfigError, EnvConfig
+from thalweg.env.courses import pack
+from thalweg.env.room import bytes_each, check_room
 from thalweg.env.starts import CLOCK_S, check_pose
 from thalweg.env.state_arrays import StateError
-from thalweg.env.tensors import TensorRiverEnv
+from thalweg.env.tensors import TURNS, TensorRiverEnv
 from thalweg.render.randomisation import Randomisation
 
 N = 6
@@ -200,3 +202,22 @@ def test_make_torch_takes_the_options_of_the_gymnasium_ids():
         thalweg.make_torch("Easy", 2, device="cpu", colour=1)
     with pytest.raises(ValueError, match="choose auto, cpu, cuda"):
         thalweg.make_torch("Easy", 2, device="tpu")
+
+
+def test_more_environments_than_the_device_has_memory_for_are_refused_before_any_is_made(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    config = EnvConfig()
+    each = bytes_each(pack(worlds(), config), config, TURNS)
+    assert each > TURNS * 4 * 128 * 128  # its frames alone
+    monkeypatch.setattr("thalweg.env.tensors.free_bytes", lambda device: 10 * each)
+    TensorRiverEnv(worlds(), 10, config, device="cpu")
+    with pytest.raises(ConfigError, match=r"num_envs = 1,000,000,000,000 takes .* are free: 10 fit"):
+        TensorRiverEnv(worlds(), 10**12, config, device="cpu")
+
+
+def test_what_all_share_is_counted_once():
+    check_room(5, 100, 50, 550)
+    with pytest.raises(ConfigError, match=r"num_envs = 5 takes .*: 4 fit"):
+        check_room(5, 100, 51, 550)
+    check_room(5, 100, 0, None)  # a system that does not tell

@@ -24,6 +24,7 @@ from thalweg.env.beginning import advance_rows, begins_of
 from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, DoneReason, EnvConfig, whole
 from thalweg.env.courses import Courses, config_fingerprint, fingerprint, pack
 from thalweg.env.observation import observation_space
+from thalweg.env.room import bytes_each, check_room, free_bytes
 from thalweg.env.rules import Outcome, State, empty_outcome, empty_state
 from thalweg.env.starts import random_start
 from thalweg.env.state_arrays import StateError
@@ -59,12 +60,16 @@ class TensorRiverEnv:
         *,
         device: str = "auto",
     ) -> None:
-        """Raises `ConfigError`, `DeviceError`, `UnsafePoseError` for a world without a safe start, and `RenderError`
-        for more worlds than the device has memory for."""
+        """Raises `ConfigError`, also for more environments than the device has memory for, `RenderError` for more
+        worlds than that, `DeviceError`, and `UnsafePoseError` for a world without a safe start."""
         self.worlds = (worlds,) if isinstance(worlds, World) else tuple(worlds)
         self.num_envs, self.config = whole("num_envs", num_envs, 1), config
         self.device = torch.device(device_named(device))
         courses = pack(self.worlds, config)
+        beside = 0
+        if self.device.type != "cpu" and config.observation != "none":
+            beside = self._renderer.scratch_bytes
+        check_room(self.num_envs, bytes_each(courses, config, TURNS), beside, free_bytes(self.device))
         for world in range(len(self.worlds)):
             random_start(courses, world, config, config.limits, np.random.default_rng(world))
         randomisation = config.randomisation

@@ -128,6 +128,11 @@ class Renderer:
         world_index, poses, times, rows = (tensor.numpy() for tensor in views)
         self._draw(world_index, poses, times, rows, out.numpy(), False, *none)
 
+    @property
+    def scratch_bytes(self) -> int:
+        """Memory of the GPU that drawing takes at least, beside the worlds' tables and the frames; 0 on the CPU."""
+        return 0 if self._painter is None else self._painter.each
+
     def _draw(self, worlds, poses, times, looks, out, want_layers, depth, kind) -> None:
         packed = out.view(np.uint32)[..., 0]
         if self._painter is not None:

@@ -51,18 +51,21 @@ def most_plants(scene: Scene) -> int:
     return max(1, int((scene.place[:, PLANT_TO] - scene.place[:, PLANT_FROM]).max()))
 
 
-def cameras_of_a_pass(free: int, tables: int, each: int) -> int:
-    """How many cameras fit beside the tables into the free bytes of a device, at most `MOST_CAMERAS`.
-
-    Raises `RenderError`, naming what is needed and what there is, where not even one does.
-    """
-    count = min(MOST_CAMERAS, (free - tables) // each)
-    if count < 1:
+def check_room(scene: Scene, each: int, free: int) -> None:
+    """Raise `RenderError` unless the tables of a scene and the scratch of one camera fit into the free bytes of a
+    device, saying what is needed and how many worlds fit."""
+    tables, worlds = bytes_of(scene), len(scene.place)
+    if tables + each > free:
+        fitting = max(0, (free - each) * worlds // tables)
         raise RenderError(
-            f"the worlds' tables take {tables / 1e9:.2f} GB and a camera {each / 1e6:.1f} MB of the GPU's memory, which"
-            f" has {free / 1e9:.2f} GB free: draw fewer worlds together, or smaller frames"
+            f"{worlds} worlds take {tables / 1e9:.2f} GB and a camera {each / 1e6:.1f} MB of the GPU's memory, of which"
+            f" {free / 1e9:.2f} GB are free: {fitting} worlds of this size fit"
         )
-    return count
+
+
+def cameras_of_a_pass(free: int, each: int) -> int:
+    """How many cameras of `each` bytes of scratch fit into the free ones: one at least, at most `MOST_CAMERAS`."""
+    return max(1, min(MOST_CAMERAS, free // each))
 
 
 class Painter:
@@ -74,10 +77,13 @@ class Painter:
         self.device, self._camera = device, camera
         height, width, _, self.fast = camera
         self.each = bytes_each(scene, height, width, self.fast)
-        self.cameras = cameras_of_a_pass(gpu.free_bytes(device), bytes_of(scene), self.each)
+        """Bytes of scratch for a camera of a pass."""
+        check_room(scene, self.each, gpu.free_bytes(device))
         self._scene = Scene(*(gpu.on_device(table, device) for table in scene))
         self._codes = gpu.on_device(CODE_TABLE, device)
         self._plants = most_plants(scene)
+        self.cameras = 0
+        """Cameras that a pass may have: told at the first, for what frames take is taken by then; 0 before."""
         self._room = 0
         self._scratch: dict[str, Any] = {}
 
@@ -93,6 +99,8 @@ class Painter:
         count = len(views.poses)
         if not count:
             return
+        if not self.cameras:
+            self.cameras = cameras_of_a_pass(gpu.free_bytes(self.device), self.each)
         self._make_room(min(count, self.cameras))
         for first in range(0, count, self._room):
             part = slice(first, min(first + self._room, count))

@@ -1,0 +1,117 @@
+"""The real thing, on a GPU: skipped, and said so at the end of the run, where there is none."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from benchmarks import gpu
+from thalweg.algos.interface import Task
+from thalweg.algos.registry import algorithm_named
+from thalweg.bench.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
+from thalweg.encoder import load_encoder
+from thalweg.env.config import ConfigError, EnvConfig
+from thalweg.env.tensors import TensorRiverEnv
+from thalweg.train import LatentTensorEnv, load_policy, run
+from thalweg.train.tensors import TensorCollector
+from thalweg.train.training import Training
+from thalweg.world import World
+
+pytestmark = pytest.mark.gpu
+SMALL = {
+    "FOCOPS": {"steps_per_update": 512},
+    "SACLag": {"random_steps": 128, "steps_per_update": 256},
+    "SafeLOOP": {"random_steps": 128, "steps_per_update": 256, "steps_per_collection": 64, "model_steps": 4},
+}
+"""Of 16 environments."""
+
+
+@pytest.fixture
+def card() -> torch.device:
+    return torch.device("cuda:0")
+
+
+@contextmanager
+def no_waiting() -> Iterator[None]:
+    """Whatever would make the host wait for the device raises an error, copies to the host above all."""
+    torch.cuda.set_sync_debug_mode("error")
+    try:
+        yield
+    finally:
+        torch.cuda.set_sync_debug_mode("default")
+
+
+def flown(world: World, card: torch.device, num_envs: int = 16) -> Any:
+    return LatentTensorEnv(TensorRiverEnv([world], num_envs, device=str(card)), load_encoder(device=str(card)))
+
+
+def test_frames_masks_and_codes_are_those_of_the_cpu(easy_world: World, medium_world: World, card: torch.device):
+    table = gpu.Table("")
+    gpu.check_frames(table, [easy_world, medium_world], 64, card)
+    assert [row for row in table.rows if row["holds"] != "yes"] == []
+
+
+def test_a_million_random_steps_are_those_of_the_cpu(easy_world: World, medium_world: World, card: torch.device):
+    table = gpu.Table("")
+    gpu.check_rules(table, [easy_world, medium_world], 4096, 245, card)
+    assert [row for row in table.rows if row["holds"] != "yes"] == []
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_nothing_waits_in_a_step(name: str, easy_world: World, card: torch.device):
+    env, entry = flown(easy_world, card), algorithm_named(name)
+    collector = TensorCollector(env, 1, 1)
+    task = Task(collector.obs_size, env.single_action_space, env.num_envs, 0, {}, card)
+    training = Training(collector, entry.make(entry.configure(SMALL[name]), task), 10_000, seed=0, threads=1)
+    training.begin()
+    for _ in range(2):  # learns once, for what is compiled or allocated the first time
+        gpu.update(training)
+    with no_waiting():
+        training.step()
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_a_run_that_was_cut_off_ends_like_one_that_was_not(
+    name: str, easy_world: World, card: torch.device, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    same = {"steps": 1024, "seed": 1, "config": SMALL[name], "device": "cuda", "checkpoint_seconds": 0.0}
+    run(name, flown(easy_world, card), folder=tmp_path / "whole", **same)
+    update, done = Training.update, []
+
+    def cut_off(training: Training) -> dict[str, float]:
+        done.append(update(training))
+        if training.book.steps >= 600:
+            raise KeyboardInterrupt
+        return done[-1]
+
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(Training, "update", cut_off)
+        run(name, flown(easy_world, card), folder=tmp_path / "cut", **same)
+    run(name, flown(easy_world, card), folder=tmp_path / "cut", **same)
+    whole, cut = ((tmp_path / folder / "policy.safetensors").read_bytes() for folder in ("whole", "cut"))
+    assert whole == cut
+
+
+def test_what_is_trained_on_one_flies_alike_on_the_other(easy_world: World, card: torch.device, tmp_path: Path):
+    run("PPO", flown(easy_world, card, 64), steps=20_000, seed=0, folder=tmp_path, device="cuda")
+    config = EvaluationConfig(episodes=20)
+    course, label, returns = Course.on(easy_world, config), Label("PPO", 0, "Easy"), []
+    for place in ("cpu", str(card)):
+        look = through_encoder(easy_world, load_encoder(device=place))
+        flights = evaluate(load_policy(tmp_path), course, label, config, look=look)
+        returns.append(np.array([flight.return_ for flight in flights]))
+    here, there = returns
+    apart = float(np.mean(here - there))
+    interval = 1.96 * float(np.std(here - there, ddof=1)) / len(here) ** 0.5
+    assert abs(apart) <= max(interval, 1e-9), f"{here.mean():.2f} on the CPU, {there.mean():.2f} on the GPU"
+
+
+def test_more_cameras_than_the_card_has_memory_for_are_refused(easy_world: World, card: torch.device):
+    before = torch.cuda.memory_allocated(card)
+    with pytest.raises(ConfigError, match=r"num_envs = 100,000,000 takes .* fit"):
+        TensorRiverEnv([easy_world], 100_000_000, EnvConfig(), device=str(card))
+    assert torch.cuda.memory_allocated(card) - before < 2e9  # the world's tables alone

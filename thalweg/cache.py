@@ -33,3 +33,8 @@ def source_hash(*parts: str) -> str:
             digest.update(file.relative_to(PACKAGE).as_posix().encode())
             digest.update(file.read_bytes())
     return digest.hexdigest()[:16]
+
+
+def file_mark(path: Path) -> str:
+    """What tells a file from every other: a hash of its content."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]

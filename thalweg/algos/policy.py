@@ -108,6 +108,18 @@ class Policy:
         """π(·|s) for what the network sees: normalised observations [B, K * D], or sequences of them."""
         return self.actions.distribution(self.actor(inputs))
 
+    def begin_as(self, other: Any) -> None:
+        """Take over the network of another policy, and what it knows of observations.
+
+        Raises `AlgorithmError`, naming what differs, for one that sees, remembers or does other things.
+        """
+        for what in ("obs_size", "frames", "actions", "shape"):
+            here, there = getattr(self, what), getattr(other, what, "none, for it plans")
+            if here != there:
+                raise AlgorithmError(f"a policy can't begin as one of another {what}: {here} here, {there} there")
+        load_module(self.actor, module_state(other.actor))
+        self.normaliser.load_state(other.normaliser.state())
+
     def player(
         self, num_envs: int, *, deterministic: bool = False, generator: torch.Generator | None = None
     ) -> "NetworkPlayer":

@@ -14,10 +14,10 @@ from thalweg.bench.episodes import Episode
 from thalweg.bench.evaluation import Course, EvaluationConfig, Label, Look, Step, evaluate, through_encoder
 from thalweg.bench.files import ResultsError
 from thalweg.bench.suites import Run, Suite
-from thalweg.cache import source_hash
+from thalweg.cache import file_mark, source_hash
 from thalweg.encoder import DEFAULT_PATH, Encoder
 from thalweg.train import load_policy
-from thalweg.train.river import TrainingGround, check_sees_as_trained, file_mark, load_fitting_encoder
+from thalweg.train.river import TrainingGround, check_sees_as_trained, load_fitting_encoder
 
 PACKAGED_POLICY = Path(__file__).with_name("flight.safetensors")
 """The best policy so far, which comes with the package."""

@@ -3,7 +3,6 @@
 Other environments go to `thalweg.train.run` as they are; nothing there knows of rivers.
 """
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 from thalweg.algos.actions import Actions
 from thalweg.algos.registry import algorithm_named
+from thalweg.cache import file_mark
 from thalweg.cores import asked_threads
 from thalweg.devices import device_named
 from thalweg.encoder import Encoder, check_render_version, load_encoder
@@ -20,7 +20,7 @@ from thalweg.train.announce import announce
 from thalweg.train.errors import TrainingError
 from thalweg.train.latent import LatentVectorEnv
 from thalweg.train.record import read_config
-from thalweg.train.run import RunResult, run
+from thalweg.train.run import RunResult, load_policy, run
 from thalweg.train.tensors import LatentTensorEnv
 from thalweg.world import Reach, World, level_named, load_or_build
 
@@ -34,11 +34,6 @@ def load_fitting_encoder(path: Path | None = None, device: str = "cpu") -> Encod
     encoder = load_encoder(path, device=device_named(device))
     check_render_version(encoder, RENDER_VERSION)
     return encoder
-
-
-def file_mark(path: Path) -> str:
-    """What tells a file from every other: a hash of its content."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
 
 
 def mark(encoder: Encoder) -> str:
@@ -132,17 +127,19 @@ class TrainingGround:
         preset: str = "default",
         threads: int | None = None,
         device: str = "cpu",
+        begin_with: Path | None = None,
     ) -> RunResult:
         """Train with a progress bar, going on from what lies in the folder.
 
         On the CPU the environments are Gymnasium's, on a GPU those of tensors; the encoder must be on the device.
-        `threads` are those of acting and learning; as many as pay and were asked for if not given.
+        `threads` are those of acting and learning; as many as pay and were asked for if not given. `begin_with`: see
+        `thalweg.train.run`.
 
         Raises the errors of `thalweg.train.run`, those of settings and of a folder that is no run on this river before
         a world is built.
         """
         entry = algorithm_named(algorithm)
-        entry.configure(settings, preset)
+        entry.configure(settings, preset, self.num_envs)
         context = {
             **self.about(),
             "encoder": mark(encoder),
@@ -150,6 +147,8 @@ class TrainingGround:
             "env": asdict(self.config),
         }
         check_same_file(folder, context)
+        if begin_with is not None:
+            check_sees_as_trained(load_policy(begin_with), encoder)
         place = device_named(device)
         env = self._seen_through(encoder, place)
         try:
@@ -165,6 +164,7 @@ class TrainingGround:
                 progress=True,
                 threads=min(entry.threads, asked_threads()) if threads is None else threads,
                 device=place,
+                begin_with=begin_with,
             )
         finally:
             env.close()

@@ -13,9 +13,11 @@ from gymnasium.vector import VectorEnv
 
 from thalweg.algos import policy as policies
 from thalweg.algos.errors import AlgorithmError
-from thalweg.algos.interface import Task
+from thalweg.algos.interface import Learner, Task
 from thalweg.algos.registry import algorithm_named
 from thalweg.algos.settings import as_data
+from thalweg.algos.state import CPU
+from thalweg.cache import file_mark
 from thalweg.devices import device_named
 from thalweg.train import record
 from thalweg.train.checkpoint import load_checkpoint, save_checkpoint
@@ -73,6 +75,7 @@ def run(
     checkpoint_seconds: float = 20.0,
     threads: int = 1,
     device: str = "cpu",
+    begin_with: str | Path | None = None,
 ) -> RunResult:
     """Train, and leave config.yaml, metrics.csv, episodes.csv, TensorBoard, checkpoints and policy.safetensors in
     `folder`.
@@ -87,7 +90,8 @@ def run(
         steps: At least so many, all environments together.
         seed: 0 or more; of the environment and of the algorithm; the global random generators are neither used nor set.
         folder: Made if it does not exist.
-        config: The algorithm's config, or a mapping of some of its keys, which are set on top of the preset.
+        config: The algorithm's config, or a mapping of some of its keys, which are set on top of the preset; of more
+            than 64 environments the others follow their number, see `thalweg.algos.width`.
         preset: `default`, or `paper`: what the study ran, quirks included.
         context: Plain data kept in the policy's file and in config.yaml, such as the encoder's name.
         progress: Whether a progress bar is shown.
@@ -95,12 +99,14 @@ def run(
             the numbers.
         threads: Of acting and learning; small networks are slower with more than one.
         device: Where it learns, see `thalweg.devices`; an environment of tensors must be there already.
+        begin_with: A run's folder or a policy file: the policy begins as that one, such as PPO's for an algorithm with
+            a limit, or one of an easier river; critics and all else begin anew.
 
     Raises `AlgorithmError` or `TrainingError` before anything runs for a wrong name, key, number, space or folder, and
     `NotFiniteError` as soon as a number that learning depends on is NaN; the last good checkpoint stays.
     """
     entry = algorithm_named(algorithm)
-    resolved = entry.configure(config, preset)
+    resolved = entry.configure(config, preset, getattr(env, "num_envs", 1))  # what has none is refused below
     for name, number, least in (("steps", steps, 1), ("threads", threads, 1), ("seed", seed, 0)):
         if number < least:
             raise TrainingError(f"{name} must {f'be at least {least}' if least else 'not be negative'}, got {number}")
@@ -120,6 +126,8 @@ def run(
         "autoreset_mode": collector.mode.name,
         "context": context,
     } | ({} if place.type == "cpu" else {"device": place.type})
+    if begin_with is not None:
+        identity["begin_with"] = _begin_as(learner, policy_file(begin_with))
     folder = Path(folder)
     status = _claim(folder, identity, threads)
     if status.get("state") == "finished":
@@ -151,12 +159,25 @@ def run(
 def load_policy(path: str | Path, device: str = "cpu") -> Any:
     """The policy in a run's folder or a policy file, on a device; raises `AlgorithmError` if there is none, naming how
     the run stands."""
+    return policies.load_policy(policy_file(path), torch.device(device_named(device)))
+
+
+def policy_file(path: str | Path) -> Path:
+    """The policy file of a run's folder, or the path itself; raises `AlgorithmError` for a folder without one."""
     path = Path(path)
     if path.is_dir() and not (path / record.POLICY).exists():
         state = record.read_status(path).get("state", "not a run")
         raise AlgorithmError(f"there is no {record.POLICY} in {path} ({state}): it is written when a run finishes")
-    file = path / record.POLICY if path.is_dir() else path
-    return policies.load_policy(file, torch.device(device_named(device)))
+    return path / record.POLICY if path.is_dir() else path
+
+
+def _begin_as(learner: Learner, file: Path) -> dict[str, str]:
+    """Let a learner's policy begin as that of a file; returns what tells this policy from others."""
+    other, own = policies.load_policy(file, CPU), learner.policy
+    if not isinstance(own, policies.Policy):
+        raise AlgorithmError(f"{own.about.algorithm} plans, and can't begin with another policy")
+    own.begin_as(other)
+    return {"algorithm": other.about.algorithm, "content": file_mark(file)}
 
 
 def _learn(

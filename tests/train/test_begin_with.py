@@ -1,0 +1,114 @@
+"""A run that begins with the policy of another: what it takes over, what it refuses, and that it can be broken off."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import yaml
+
+from tests.train.small_runs import SMALL, Stop, StopsAt, numbers, train
+from thalweg.algos import AlgorithmError
+from thalweg.algos.policy import load_policy
+from thalweg.train.training import Training
+
+SEEN = torch.from_numpy(np.random.default_rng(0).standard_normal((4, 3)).astype(np.float32))
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory) -> Path:
+    """A run of PPO."""
+    folder = tmp_path_factory.mktemp("first")
+    train(folder, "PPO")
+    return folder
+
+
+def shown(folder: Path) -> np.ndarray:
+    """What the network of a run's policy says of some observations."""
+    policy = load_policy(folder / "policy.safetensors")
+    return policy.actor(policy.normaliser(SEEN)).detach().numpy()
+
+
+@pytest.mark.parametrize("algorithm", ["PPOLag", "FOCOPS", "P3O", "CUP"])
+def test_the_policy_begins_as_the_other(algorithm: str, first: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    begun = {}
+    begin = Training.begin
+
+    def look(training: Training, state=None) -> None:
+        policy: Any = training.learner.policy
+        begun["shown"] = policy.actor(policy.normaliser(SEEN)).detach().numpy()
+        begun["count"] = policy.normaliser.count
+        begin(training, state)
+
+    monkeypatch.setattr(Training, "begin", look)
+    train(tmp_path, algorithm, steps=64, begin_with=first)
+    assert np.array_equal(begun["shown"], shown(first)) and begun["count"] > 1000
+    said = yaml.safe_load((tmp_path / "config.yaml").read_text())["run"]["begin_with"]
+    assert said["algorithm"] == "PPO" and len(said["content"]) == 16
+
+
+@pytest.mark.parametrize("algorithm", ["DDPGLag", "SACLag"])
+def test_slow_copies_follow_the_policy_that_was_taken_over(algorithm: str, tmp_path: Path, monkeypatch):
+    train(tmp_path / "first", algorithm, steps=400)
+    found = []
+    learn = Training.update
+
+    def look(training: Training):
+        learner = training.learner
+        if not learner.agent.gradient_steps:  # pyright: ignore[reportAttributeAccessIssue]
+            iterator = learner.agent.lessons(training.feedback())  # pyright: ignore[reportAttributeAccessIssue]
+            next(iterator, None)
+            slow = learner.agent.slow  # pyright: ignore[reportAttributeAccessIssue]
+            found.append(bool((slow.slow == slow.fast).all()))
+        return learn(training)
+
+    monkeypatch.setattr(Training, "update", look)
+    train(tmp_path / "then", algorithm, steps=256, begin_with=tmp_path / "first")
+    assert found and all(found)
+
+
+def test_a_run_that_began_with_another_is_gone_on_with_to_the_bit(first: Path, tmp_path: Path):
+    train(tmp_path / "whole", begin_with=first)
+    with pytest.raises(Stop):
+        train(tmp_path / "cut", env=StopsAt(200), begin_with=first)
+    train(tmp_path / "cut", begin_with=first)
+    assert numbers(tmp_path / "whole") == numbers(tmp_path / "cut")
+    train(tmp_path / "plain")
+    assert numbers(tmp_path / "plain") != numbers(tmp_path / "whole")
+
+
+def test_a_run_belongs_to_what_it_began_with(first: Path, tmp_path: Path):
+    train(tmp_path, steps=128)
+    with pytest.raises(ValueError, match=r"belongs to another run: .*begin_with"):
+        train(tmp_path, steps=128, begin_with=first)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "changes", "words"),
+    [
+        ("FOCOPS", {"hidden": (8,)}, "another shape"),
+        ("FOCOPS", {"frame_stack": 2}, "another frames: 2 here, 1 there"),
+        ("FOCOPS", {"adapter": "box_scaled"}, "another actions"),
+        ("CCEPETS", None, "CCEPETS plans, and can't begin with another policy"),
+    ],
+)
+def test_a_policy_of_another_kind_is_refused_before_anything_is_written(
+    algorithm: str, changes: dict | None, words: str, first: Path, tmp_path: Path
+):
+    given: dict[str, Any] = {} if changes is None else {"config": SMALL | changes}
+    with pytest.raises(AlgorithmError, match=words):
+        train(tmp_path / "run", algorithm, begin_with=first, **given)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_planner_is_nothing_to_begin_with(tmp_path: Path):
+    train(tmp_path / "planner", "CCEPETS", steps=256)
+    with pytest.raises(AlgorithmError, match=r"another frames|another shape|plans"):
+        train(tmp_path / "run", "FOCOPS", begin_with=tmp_path / "planner")
+
+
+def test_a_folder_without_a_policy_is_named(tmp_path: Path):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(AlgorithmError, match=r"no policy\.safetensors in .*empty \(not a run\)"):
+        train(tmp_path / "run", begin_with=tmp_path / "empty")

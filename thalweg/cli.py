@@ -204,12 +204,38 @@ class EncoderShow:
 
 
 @dataclass(frozen=True)
+class EncoderStudy:
+    """Compare encoders: sizes of codes, inputs, and what can be read from codes; the same command resumes."""
+
+    out: Path
+    """Folder of the study."""
+    level: str = "Medium"
+    """Where the images are collected."""
+    images: int = 2000
+    """Images to train on."""
+    held_out: int = 500
+    """Further images that are only measured."""
+    epochs: int = 100
+    """Passes over the images."""
+    seed: int = 0
+    """Of the poses and of the training."""
+
+    def run(self) -> int:
+        from thalweg.bench.encoder_study import Plan, run_study
+
+        page = run_study(self.out, Plan(self.level, self.images, self.held_out, self.epochs, self.seed))
+        print(f"{page.read_text(encoding='utf-8')}\n{page}: these tables, with their figures and CSV files beside it")
+        return 0
+
+
+@dataclass(frozen=True)
 class Encoder:
-    """Train an encoder, or look at one."""
+    """Train an encoder, look at one, or compare many."""
 
     action: (
         Annotated[EncoderTrain, subcommand("train", prefix_name=False)]
         | Annotated[EncoderShow, subcommand("show", prefix_name=False)]
+        | Annotated[EncoderStudy, subcommand("study", prefix_name=False)]
     )
 
     def run(self) -> int:
@@ -244,6 +270,8 @@ class Train:
     threads: int | None = None
     """Of acting and learning; if not given two for wide networks and one for small ones. Give 1 to each of several runs
     that share the cores."""
+    begin_with: Path | None = None
+    """A run's folder or a policy file: begin as that policy, such as PPO's, or one of an easier river."""
     device: str = "cpu"
     """Where it trains: cpu, cuda, cuda:1, or auto, which takes a GPU where there is one that works."""
 
@@ -267,6 +295,7 @@ class Train:
             preset=self.preset,
             threads=self.threads,
             device=self.device,
+            begin_with=self.begin_with,
         )
         if result.already_finished:
             print(f"{self.out} was finished before; nothing was trained.")

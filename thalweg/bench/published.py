@@ -41,3 +41,13 @@ PUBLISHED: dict[tuple[str, str], Published] = {
     for level, cell in zip(LEVELS, cells, strict=True)
 }
 """By algorithm and level."""
+
+RELATIVE_ENTROPY = {
+    ("rgb", "mask"): 0.103,
+    ("rgb", "rgb+mask"): 0.037,
+    ("mask", "rgb"): 0.075,
+    ("mask", "rgb+mask"): 0.091,
+    ("rgb+mask", "rgb"): 0.075,
+    ("rgb+mask", "mask"): 0.187,
+}
+"""D(P ‖ Q) between the codes of encoders of different inputs, P first."""

@@ -98,8 +98,7 @@ def train_encoder(
         "images_hash": hashlib.sha256(np.ascontiguousarray(images).data).hexdigest()[:16],
         "precision": resolve_precision(precision, device),
     }
-    order = np.random.default_rng([seed, 0]).permutation(len(images))
-    kept, aside = images[np.sort(order[held_out:])], images[np.sort(order[:held_out])]
+    kept, aside = (images[part] for part in split(len(images), held_out, seed))
     state = _State(config, run, device)
     rows = state.resume(folder / "checkpoint.safetensors")
     with _bar(progress) as bar:
@@ -114,6 +113,12 @@ def train_encoder(
             _write_rows(folder / "metrics.csv", rows)
             bar.update(task, advance=1, note=f"{speed:.0f} images/s, mse {row['mse']:.5f}, kl {row['kl']:.2f}")
     return _finish(folder / "encoder.safetensors", state, kept, aside, rows, source)
+
+
+def split(count: int, held_out: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Places of the images that are trained on, and of those held out, both in order; drawn by `seed`."""
+    order = np.random.default_rng([seed, 0]).permutation(count)
+    return np.sort(order[held_out:]), np.sort(order[:held_out])
 
 
 def resolve_precision(precision: str, device: str = "cpu") -> str:

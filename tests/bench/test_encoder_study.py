@@ -1,0 +1,102 @@
+"""The encoder study, small: it measures what it says, goes on where it was killed, and refuses what is not its own."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from thalweg.bench import encoder_study
+from thalweg.bench.encoder_study import CASES, COMPARED, MEASURES, SIZE_COLUMNS, SIZES, Case, Plan, run_study
+from thalweg.bench.files import ResultsError
+from thalweg.encoder import load_encoder
+from thalweg.encoder.training import split
+
+SMALL = Plan("Easy", images=40, held_out=8, epochs=2, cases=(*COMPARED, Case("rgb+mask", 8)))
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("study") / "encoders"
+    run_study(folder, SMALL, progress=False)
+    return folder
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with open(path) as file:
+        return list(csv.DictReader(file))
+
+
+def test_what_the_study_compares():
+    sizes = [case.latent for case in CASES if (case.architecture, case.inputs) == ("lean", "rgb+mask")]
+    assert sorted(sizes) == sorted(SIZES) and len(set(CASES)) == len(CASES) == 12
+    assert {case.latent for case in CASES if case.architecture == "paper"} == {16, 64}
+    assert all(case.precision == ("bfloat16" if case.architecture == "paper" else "float32") for case in CASES)
+
+
+def test_every_case_has_a_row_and_no_number_that_its_input_can_not_have(study: Path):
+    found = rows(study / "sizes.csv")
+    assert [(row["inputs"], row["numbers"]) for row in found] == [
+        ("rgb", "16"),
+        ("mask", "16"),
+        ("rgb+mask", "16"),
+        ("rgb+mask", "8"),
+    ]
+    assert list(found[0]) == list(SIZE_COLUMNS)
+    assert found[0]["iou_mask"] == "" and found[1]["iou_colours"] == "" and found[2]["iou_mask"] != ""
+    for row in found:
+        assert float(row["train_mse"]) > 0 and float(row["held_out_mse"]) > 0 and 0 <= float(row["iou_ceiling"]) <= 1
+        assert all(float(row[f"read_{name}"]) <= 1 for name in ("height", "left_bank"))
+
+
+def test_errors_are_those_of_the_encoders_own_files(study: Path):
+    about = load_encoder(study / "lean-rgb-mask-8" / "encoder.safetensors").about
+    assert rows(study / "sizes.csv")[3]["held_out_mse"] == f"{about['held_out_mse']:.5f}"
+
+
+def test_entropies_stand_beside_the_papers(study: Path):
+    found = {(row["first"], row["second"]): row for row in rows(study / "entropy.csv")}
+    assert len(found) == 6 and found["rgb+mask", "mask"]["paper"] == "0.187"
+    assert all(float(row["smoothing_1e-06"]) >= float(row["smoothing_0.001"]) > 0 for row in found.values())
+
+
+def test_the_page_and_the_figures_are_there(study: Path):
+    page = (study / "study.md").read_text()
+    assert "40 frames of Easy" in page and "relative entropy" in page.lower() and "R²" in page
+    assert all((study / name).stat().st_size > 5000 for name in ("sizes.png", "inputs.png"))
+
+
+def test_what_is_finished_is_not_done_again_and_what_was_killed_goes_on(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    folder = tmp_path / "cut"
+    train, trained = encoder_study.train_encoder, []
+
+    def killed(*args, **kwargs):
+        trained.append(args[2].name)
+        if len(trained) == 2:
+            raise KeyboardInterrupt
+        return train(*args, **kwargs)
+
+    monkeypatch.setattr(encoder_study, "train_encoder", killed)
+    with pytest.raises(KeyboardInterrupt):
+        run_study(folder, SMALL, progress=False)
+    assert (folder / "lean-rgb-16" / MEASURES).exists() and not (folder / "study.md").exists()
+    run_study(folder, SMALL, progress=False)
+    assert trained == ["lean-rgb-16", "lean-mask-16", "lean-mask-16", "lean-rgb-mask-16", "lean-rgb-mask-8"]
+    for name in ("sizes.csv", "entropy.csv", "study.md"):
+        assert (folder / name).read_text() == (study / name).read_text()
+
+
+def test_a_folder_of_another_study_is_refused_with_the_difference(study: Path, tmp_path: Path):
+    with pytest.raises(ResultsError, match=r"epochs is 2 there and 3 here"):
+        run_study(study, Plan("Easy", images=40, held_out=8, epochs=3, cases=SMALL.cases), progress=False)
+    (tmp_path / "letter.txt").write_text("mine")
+    with pytest.raises(ResultsError, match="is not empty and holds no study"):
+        run_study(tmp_path, SMALL, progress=False)
+
+
+def test_images_held_out_are_never_trained_on():
+    kept, aside = split(10, 3, 0)
+    assert len(aside) == 3 and sorted([*kept, *aside]) == list(range(10))
+    assert np.array_equal(split(10, 3, 0)[1], aside)

@@ -1,0 +1,46 @@
+"""How alike are the codes of two encoders? Their relative entropy, number by number, as the paper compares its inputs.
+
+Each number of a code is stretched linearly so that what is seen of it fills (-2, 2), and counted in ⌈√K⌉ equal bins for
+K images. The paper does not say what it did with empty bins, without which the sum is infinite: here `smoothing` is
+added to the share of every bin.
+"""
+
+import math
+
+import numpy as np
+from scipy.stats import entropy
+
+from thalweg.encoder.vae import EncoderInputError
+
+REACH = 2.0
+"""Codes are stretched to -REACH..REACH."""
+SMOOTHING = 1e-6
+"""Added to each bin's share of the images."""
+
+
+def histograms(codes: np.ndarray) -> np.ndarray:
+    """Shares [Z, bins] of the images in each bin, from codes [K, Z]; a number that never varies lies in the middle."""
+    if codes.ndim != 2 or len(codes) < 2 or not np.isfinite(codes).all():
+        raise EncoderInputError(f"codes must be finite numbers [K, Z] of at least 2 images, not {list(codes.shape)}")
+    codes = codes.astype(np.float64)
+    low, high = codes.min(0), codes.max(0)
+    width = np.where(high > low, high - low, 1.0)
+    places = np.where(high > low, (codes - low) / width, 0.5)
+    bins = math.ceil(math.sqrt(len(codes)))
+    edges = np.linspace(-REACH, REACH, bins + 1)
+    stretched = (2.0 * places - 1.0) * REACH
+    return np.stack([np.histogram(column, edges)[0] for column in stretched.T]) / len(codes)
+
+
+def relative_entropy(first: np.ndarray, second: np.ndarray, smoothing: float = SMOOTHING) -> float:
+    """D(P ‖ Q) in nats, mean over the numbers of the codes, of codes P [K, Z] and Q [K, Z] of the same images.
+
+    Raises `EncoderInputError` for codes of different shapes, and for a smoothing that is not positive.
+    """
+    if first.shape != second.shape:
+        raise EncoderInputError(
+            f"codes of the same images are needed, not {list(first.shape)} and {list(second.shape)}"
+        )
+    if not smoothing > 0:
+        raise EncoderInputError(f"smoothing must be above 0, not {smoothing}: an empty bin has no logarithm")
+    return float(entropy(histograms(first) + smoothing, histograms(second) + smoothing, axis=1).mean())

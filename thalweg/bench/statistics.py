@@ -58,10 +58,15 @@ def summarise(rows: Sequence[Episode]) -> Summary:
 
 def summaries(rows: Sequence[Episode]) -> dict[tuple[str, str], Summary]:
     """A summary for each algorithm and level, in the order in which they first appear."""
+    return {key: summarise(group) for key, group in grouped(rows).items()}
+
+
+def grouped(rows: Sequence[Episode]) -> dict[tuple[str, str], list[Episode]]:
+    """The episodes of each algorithm and level, in the order in which they first appear."""
     groups: dict[tuple[str, str], list[Episode]] = {}
     for row in rows:
         groups.setdefault((row.algorithm, row.level), []).append(row)
-    return {key: summarise(group) for key, group in groups.items()}
+    return groups
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,10 @@ from itertools import product
 
 from thalweg.bench.episodes import REASONS
 from thalweg.bench.files import csv_text
+from thalweg.bench.inference import middle_return, proportion
 from thalweg.bench.published import PUBLISHED
 from thalweg.bench.results import Results
-from thalweg.bench.statistics import Summary, summaries
+from thalweg.bench.statistics import Summary, grouped, summaries
 
 ELSEWHERE = "paper, another simulator"
 """Marks a published figure wherever one stands beside ours."""
@@ -64,6 +65,7 @@ DETAILS = (
     "level",
     "episodes",
     "seeds",
+    "return, IQM",
     "success",
     "tight violation",
     "loose violation",
@@ -73,8 +75,8 @@ DETAILS = (
 
 
 def detail_table(results: Results) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of what the paper's table leaves out, one row per policy and level."""
-    cells = summaries(results.episodes)
+    """Header and rows of what the paper's table leaves out, one row per policy and level; intervals of 95 %."""
+    cells, flown = summaries(results.episodes), grouped(results.episodes)
     rows = []
     for algorithm, level in product(results.policies, results.levels):
         cell = cells.get((algorithm, level))
@@ -82,12 +84,12 @@ def detail_table(results: Results) -> tuple[list[str], list[list[str]]]:
             gap = results.gap(algorithm)
             rest = [gap, seeds_text(results, algorithm, 0), *[gap] * (len(DETAILS) - 4)]
         else:
+            shares = cell.success, cell.tight, cell.loose
             rest = [
                 str(cell.episodes),
                 seeds_text(results, algorithm, cell.seeds),
-                f"{cell.success:.0%}",
-                f"{cell.tight:.0%}",
-                f"{cell.loose:.0%}",
+                str(middle_return(flown[algorithm, level])),
+                *(proportion(round(share * cell.episodes), cell.episodes).as_percent() for share in shares),
                 f"{cell.progress_mean:.0%}",
                 f"{cell.length_mean:.0f}",
             ]

@@ -41,9 +41,9 @@ BINS = 25
 COLUMNS = ("algorithm", "side", "seed", "step", "return", "cost", "episodes")
 
 
-def order_of(contest: Contest, work: Work, side: str, seed: int) -> dict[str, Any]:
-    """What `side.py` or `ours.py` is to do."""
-    threads = contest.threads[PEER if side == PEER else OURS]
+def order_of(contest: Contest, work: Work, side: str, seed: int, threads: int = 0) -> dict[str, Any]:
+    """What `side.py` or `ours.py` is to do; with the contest's threads if none are given."""
+    threads = threads or contest.threads[PEER if side == PEER else OURS]
     if side == PEER:
         settings = merged(work.peer, {"seed": seed, "train_cfgs": {"torch_threads": threads}})
         return {"algorithm": contest.algorithm, "settings": settings, "stamp_every": work.stamp_every}
@@ -149,7 +149,7 @@ def sources_of(side: str) -> str:
 
 def kept_answer(python: Path, contest: Contest, side: str, seed: int) -> dict[str, Any]:
     """A run for the curves: carried out once, and kept as long as its order and sources are the same."""
-    order = order_of(contest, contest.works.curves, side, seed)
+    order = order_of(contest, contest.works.curves, side, seed, threads=1)  # other work may go on beside it
     said = json.dumps([order, sources_of(side)], sort_keys=True)
     key = hashlib.sha256(said.encode()).hexdigest()[:12]
     file = KEPT / f"{contest.algorithm}-{side}-{seed}-{key}.json"

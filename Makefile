@@ -39,7 +39,7 @@ $(CUDA): $(READY) requirements-cuda.lock
 	@touch $@
 
 demo: $(READY)
-	$(BIN)/thalweg bench quick --out $(OUT)/quick
+	$(BIN)/thalweg bench quick --jobs 1 --out $(OUT)/quick
 
 # Two at a time, a file with one of them; PyTorch's threads would get into one another's way.
 test: $(READY) $(CUDA)

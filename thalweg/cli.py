@@ -363,11 +363,17 @@ class Bench:
     """`quick`, `easy` or `paper`."""
     out: Path
     """Folder of the results."""
+    jobs: int | None = None
+    """Runs at a time, each in a process of its own that has its share of the cores; as many as cores if not given. 1:
+    one after the other, with progress bars."""
+    only: tuple[str, ...] = ()
+    """Names of algorithms (FOCOPS), arms (FOCOPS-paper) or runs (FOCOPS-0) that are to be done now; all if none is
+    given."""
 
     def run(self) -> int:
         from thalweg.bench.command import bench_command
 
-        return bench_command(self.suite, self.out)
+        return bench_command(self.suite, self.out, self.jobs, self.only)
 
 
 @dataclass(frozen=True)

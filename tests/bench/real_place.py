@@ -8,21 +8,18 @@ import sys
 from pathlib import Path
 
 from thalweg.bench.runner import run_suite
-from thalweg.bench.suites import Suite
+from thalweg.bench.suites import Arm, Suite
 from thalweg.train.training import Training
 
 SUITE = Suite(
     "tiny",
-    algorithms=("FOCOPS",),
-    seeds=(0,),
-    steps=512,
+    (Arm("FOCOPS", settings={"steps_per_update": 128}, seeds=(0,), steps=512),),
     train_level="Easy",
     test_levels=("Easy",),
     episodes=2,
     num_envs=8,
     baselines=(),
     packaged=False,
-    settings={"steps_per_update": 128},
 )
 
 

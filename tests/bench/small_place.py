@@ -5,6 +5,7 @@ As a program it does a suite and can be told to die at some call: `python small_
 
 import os
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,18 +14,21 @@ import numpy as np
 from thalweg.bench.episodes import REASONS, Episode
 from thalweg.bench.evaluation import Step
 from thalweg.bench.runner import run_suite
-from thalweg.bench.suites import Run, Suite
+from thalweg.bench.suites import Arm, Run, Suite
 
-SUITE = Suite(
-    "small", algorithms=("PPO", "FOCOPS"), seeds=(0, 1), steps=100, episodes=3, baselines=("hover",), packaged=False
-)
+ARMS = tuple(Arm(name, seeds=(0, 1), steps=100) for name in ("PPO", "FOCOPS"))
+SUITE = Suite("small", ARMS, episodes=3, baselines=("hover",), packaged=False)
 
 
 class SmallPlace:
     """Trains by writing its seed, evaluates by drawing from it; counts its calls."""
 
-    def __init__(self, die_at: int = -1, broken: tuple[str, ...] = ()) -> None:
-        self.die_at = die_at
+    def __init__(
+        self, die_at: int = -1, broken: tuple[str, ...] = (), dies: tuple[str, ...] = (), sleeps_s: float = 0.0
+    ) -> None:
+        """`dies`: runs whose training ends the process; `sleeps_s`: how long any training takes, after a note of who
+        does it."""
+        self.die_at, self.dies, self.sleeps_s = die_at, dies, sleeps_s
         self.broken = broken
         self.calls: list[str] = []
 
@@ -35,7 +39,12 @@ class SmallPlace:
 
     def train(self, run: Run, folder: Path) -> None:
         self._call(f"train {run.name}")
+        if run.name in self.dies:
+            os._exit(9)
         folder.mkdir(parents=True, exist_ok=True)
+        if self.sleeps_s:
+            (folder / "process.txt").write_text(str(os.getpid()))
+            time.sleep(self.sleeps_s)
         (folder / "episodes.csv").write_text("step,return,tight,loose\n10,1.5,1.0,0.0\n50,2.5,0.0,0.2\n")
         if run.name in self.broken:
             raise ArithmeticError("the loss is NaN\nin line two")

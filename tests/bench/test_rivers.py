@@ -12,10 +12,12 @@ from thalweg.bench import film
 from thalweg.bench.evaluation import Course
 from thalweg.bench.files import ResultsError
 from thalweg.bench.river import Rivers
-from thalweg.bench.suites import Run, Suite
+from thalweg.bench.suites import Arm, Run, Suite
 from thalweg.env import sample_starts
 
-SUITE = Suite("tiny", ("PPO",), (0,), steps=512, train_level="Easy", test_levels=("Easy",), episodes=4, packaged=False)
+SUITE = Suite(
+    "tiny", (Arm("PPO", seeds=(0,), steps=512),), train_level="Easy", test_levels=("Easy",), episodes=4, packaged=False
+)
 RUN = Run("baseline", "random", 0)
 
 

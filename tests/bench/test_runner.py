@@ -11,6 +11,7 @@ import pytest
 
 from tests.bench import small_place
 from tests.bench.small_place import SUITE, SmallPlace
+from thalweg.algos import AlgorithmError
 from thalweg.bench import river, runner
 from thalweg.bench.episodes import WORDS
 from thalweg.bench.figures import failure_bars, training_curves
@@ -19,7 +20,7 @@ from thalweg.bench.filming import best_flight
 from thalweg.bench.results import read_results, read_runs
 from thalweg.bench.river import made_by
 from thalweg.bench.runner import run_suite
-from thalweg.bench.suites import SUITES, Run, suite_named
+from thalweg.bench.suites import STUDIED, SUITES, Arm, Run, suite_named
 from thalweg.encoder import load_encoder
 from thalweg.train.river import mark
 
@@ -122,18 +123,22 @@ def test_a_full_disk_stops_the_suite_and_keeps_what_was_finished(tmp_path: Path,
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"algorithms": ("PPO", "FOCUPS")}, "unknown algorithm 'FOCUPS'; known: PPO, PPOLag, FOCOPS"),
+        ({"arms": (Arm("PPO"), Arm("FOCUPS"))}, "unknown algorithm 'FOCUPS'; known: PPO, PPOLag, FOCOPS"),
         ({"test_levels": ("Easy", "Meduim")}, "unknown level 'Meduim'; known: Easy, Medium, Hard"),
         ({"baselines": ("hoover",)}, "unknown baseline 'hoover'; known: random, hover, forward, pilot"),
-        ({"steps": 0}, "steps must be at least 1"),
-        ({"seeds": (1, 1)}, "named twice"),
-        ({"seeds": (0, -1)}, "seeds must be 0 or more, not -1"),
+        ({"arms": (Arm("PPO", steps=0),)}, "steps of PPO must be at least 1, not 0"),
+        ({"arms": (Arm("PPO", seeds=(1, 1)),)}, "named twice"),
+        ({"arms": (Arm("PPO"), Arm("FOCOPS", name="PPO"))}, "named twice"),
+        ({"arms": (Arm("PPO", name="my arm"),)}, "an arm is called 'my arm'; letters, digits, - and . will do"),
+        ({"arms": (Arm("PPO", seeds=(0, -1)),)}, "seeds must be 0 or more, not -1"),
+        ({"arms": (Arm("PPO", settings={"pases": 3}),)}, "PPOConfig has no 'pases' .did you mean 'passes'"),
+        ({"arms": (Arm("PPO", preset="papr"),)}, "no preset 'papr'; there are default, paper"),
         ({"starts_seed": -3}, "starts_seed must be 0 or more, not -3"),
     ],
 )
 def test_a_misspelt_suite_fails_before_anything_is_done(tmp_path: Path, change: dict, message: str):
     place = SmallPlace()
-    with pytest.raises(ResultsError, match=message):
+    with pytest.raises((ResultsError, AlgorithmError), match=message):
         run_suite(replace(SUITE, **change), tmp_path / "new", place)
     assert place.calls == []
     assert not (tmp_path / "new").exists()
@@ -141,8 +146,11 @@ def test_a_misspelt_suite_fails_before_anything_is_done(tmp_path: Path, change: 
 
 def test_a_folder_of_another_suite_is_refused_with_the_difference(tmp_path: Path):
     run_suite(SUITE, tmp_path, SmallPlace())
-    with pytest.raises(ResultsError, match="steps 100 there, 200 now"):
-        run_suite(replace(SUITE, steps=200), tmp_path, SmallPlace())
+    longer = Arm("FOCOPS", seeds=(0, 1), steps=200)
+    with pytest.raises(ResultsError, match=r"\(FOCOPS: steps 100 there, 200 now\)"):
+        run_suite(replace(SUITE, arms=(SUITE.arms[0], longer)), tmp_path, SmallPlace())
+    with pytest.raises(ResultsError, match=r"\(episodes 3 there, 4 now; arm FOCOPS not now\)"):
+        run_suite(replace(SUITE, arms=SUITE.arms[:1], episodes=4), tmp_path, SmallPlace())
 
 
 @pytest.mark.parametrize("part", ["source", "encoder", "packaged"])
@@ -186,7 +194,7 @@ def test_a_folder_with_something_else_in_it_is_refused(tmp_path: Path):
 def test_without_a_packaged_policy_the_rest_is_done_and_it_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ):
-    monkeypatch.setattr("thalweg.bench.runner.PACKAGED_POLICY", tmp_path / "nothing")
+    monkeypatch.setattr("thalweg.bench.hands.PACKAGED_POLICY", tmp_path / "nothing")
     outcome = run_suite(replace(SUITE, packaged=True), tmp_path / "out", SmallPlace())
     assert [row.run for row in outcome.runs if row.status == "absent"] == ["packaged-0"]
     assert outcome.failed == []
@@ -262,7 +270,7 @@ def test_the_suite_of_the_learning_curves_makes_its_report_of_one_level(tmp_path
 def test_the_record_of_a_suite_names_versions_and_machine(tmp_path: Path):
     run_suite(SUITE, tmp_path, SmallPlace())
     record = json.loads((tmp_path / "suite.json").read_text())
-    assert record["algorithms"] == ["PPO", "FOCOPS"]
+    assert [arm["name"] for arm in record["arms"]] == ["PPO", "FOCOPS"] and record["arms"][0]["steps"] == 100
     assert record["machine"]["cores"] >= 1
     assert set(record["versions"]) == {"thalweg", "python", "numpy", "scipy", "numba", "torch", "gymnasium"}
     assert (record["env"]["max_height_m"], record["env"]["camera"]["fov_deg"]) == (15.0, 60.0)
@@ -270,7 +278,8 @@ def test_the_record_of_a_suite_names_versions_and_machine(tmp_path: Path):
 
 def test_the_suites_are_found_by_name_and_an_unknown_one_lists_them():
     assert suite_named("Quick") is SUITES["quick"]
-    assert SUITES["paper"].steps == 200_000
-    assert SUITES["paper"].seeds == (0, 1, 2)
+    arms = SUITES["paper"].arms
+    assert [arm.label for arm in arms] == [*STUDIED, "PPO-paper", "FOCOPS-paper"]
+    assert {(arm.steps, arm.seeds) for arm in arms} == {(200_000, (0, 1, 2))}
     with pytest.raises(ResultsError, match="unknown suite 'papr'; known: quick, easy, paper"):
         suite_named("papr")

@@ -11,6 +11,7 @@ from thalweg.bench.baselines import BASELINES, Policy
 from thalweg.bench.episodes import Episode, write_episodes
 from thalweg.bench.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
 from thalweg.bench.files import ResultsError
+from thalweg.bench.hands import Here, Processes, cores
 from thalweg.bench.published import SOURCE
 from thalweg.bench.results import Results, read_results
 from thalweg.bench.river import PACKAGED_POLICY
@@ -87,10 +88,12 @@ def _course(place: str | Reach, request: Request) -> tuple[Course, str]:
     return Course.on(place.build(request.world_seed), request.config), place.name
 
 
-def bench_command(name: str, folder: Path) -> int:
-    """Run a suite; returns 1 if a run of it failed."""
+def bench_command(name: str, folder: Path, jobs: int | None = None, only: tuple[str, ...] = ()) -> int:
+    """Run a suite, or some of it, so many runs at a time; returns 1 if one of them failed."""
     console = _console()
-    outcome = run_suite(suite_named(name), folder, console=console)
+    jobs = cores() if jobs is None else jobs
+    hands = Here() if jobs == 1 else Processes(jobs)
+    outcome = run_suite(suite_named(name), folder, console=console, hands=hands, only=only)
     print_tables(console, read_results(folder), detail=False)
     lines = [f"Report: {outcome.report.page}", f"Table:  {outcome.report.table}"]
     if outcome.report.film is not None:

@@ -54,7 +54,7 @@ def training_curves(results: Results) -> Figure | None:
     logs = [log for log in results.training if len(log.step)]
     if not logs:
         return None
-    last = int(results.suite.get("steps") or max(log.step[-1] for log in logs))
+    last = results.most_steps or int(max(log.step[-1] for log in logs))
     grid = np.linspace(last / GRID, last, GRID)
     names = list(dict.fromkeys(log.algorithm for log in logs))
     with matplotlib.rc_context(STYLE):

@@ -15,6 +15,7 @@ from thalweg.bench import figures, tables
 from thalweg.bench.files import ResultsError
 from thalweg.bench.published import SOURCE
 from thalweg.bench.results import CAPTION, FILM, Results, read_results
+from thalweg.bench.suites import arms_of
 from thalweg.whole import write_whole
 
 TEMPLATE = Template((Path(__file__).with_name("page.html")).read_text(encoding="utf-8"))
@@ -124,11 +125,13 @@ def _intro(results: Results) -> str:
     trained = [row for row in results.runs if row.kind == "train"]
     parts = [f"{len(results.episodes)} evaluated episodes on {', '.join(results.levels)}."]
     if trained and suite:
+        steps = sorted({arm["steps"] for arm in arms_of(suite)})
+        seeds = max(len(arm["seeds"]) for arm in arms_of(suite))
         parts.append(
-            f"{len(trained)} training runs of {int(suite['steps']):,} steps on {suite['train_level']}"
-            f" ({len(suite['seeds'])} seed{'s' * (len(suite['seeds']) > 1)})."
+            f"{len(trained)} training runs of {' or '.join(f'{count:,}' for count in steps)} steps on"
+            f" {suite['train_level']} ({seeds} seed{'s' * (seeds > 1)})."
         )
-        if suite["steps"] < 200_000:
+        if steps[-1] < 200_000:
             parts.append(
                 "This is far shorter than the paper's 200,000 steps: it shows that everything runs, not who is better."
             )

@@ -4,6 +4,7 @@ suite.json                    the suite as it was run, with versions and the mac
 runs.csv                      one row per run, failed ones with their error
 runs/PPO-0/                   the folder of a training run; `episodes.csv` in it gives the training curves
 evaluation/PPO-0-Easy.csv     one row per evaluated episode
+logs/PPO-0.txt                what a run printed that was done in a process of its own
 film.mp4, film.txt            a flight, and what it shows; film-error.txt instead where filming failed
 report/                       made from the files above, and from nothing else
 """
@@ -17,7 +18,7 @@ import numpy as np
 from thalweg.bench.episodes import Episode, read_episodes
 from thalweg.bench.files import ResultsError, csv_text, read_csv
 from thalweg.bench.statistics import TrainingLog
-from thalweg.bench.suites import PACKAGED
+from thalweg.bench.suites import PACKAGED, arms_of
 from thalweg.whole import write_whole
 
 RUN_COLUMNS = ("run", "kind", "algorithm", "seed", "steps", "status", "error", "wall_s", "steps_per_s")
@@ -66,7 +67,7 @@ class Results:
     def policies(self) -> list[str]:
         """Every algorithm, flown or not: in the order of the runs, then those of the suite that have not begun."""
         begun, flown = (row.algorithm for row in self.runs), (row.algorithm for row in self.episodes)
-        return list(dict.fromkeys([*begun, *self.suite.get("algorithms", []), *flown]))
+        return list(dict.fromkeys([*begun, *(arm["name"] for arm in arms_of(self.suite)), *flown]))
 
     @property
     def planned_flights(self) -> set[tuple[str, int, str]]:
@@ -74,15 +75,20 @@ class Results:
         suite = self.suite
         alone = [*suite.get("baselines", []), *([PACKAGED] if suite.get("packaged") else [])]
         flown = [(name, 0) for name in alone]
-        flown += [(name, seed) for name in suite.get("algorithms", []) for seed in suite.get("seeds", [])]
+        flown += [(arm["name"], seed) for arm in arms_of(suite) for seed in arm["seeds"]]
         failed = {(row.algorithm, row.seed) for row in self.runs if row.status != "finished"}
         levels = suite.get("test_levels", [])
         return {(name, seed, level) for name, seed in flown if (name, seed) not in failed for level in levels}
 
     def planned_seeds(self, algorithm: str) -> int:
         """How many seeds there should be of an algorithm."""
-        seeds = self.suite.get("seeds", []) if algorithm in self.suite.get("algorithms", []) else []
-        return max(len(seeds), sum(row.algorithm == algorithm for row in self.runs), 1)
+        planned = sum(len(arm["seeds"]) for arm in arms_of(self.suite) if arm["name"] == algorithm)
+        return max(planned, sum(row.algorithm == algorithm for row in self.runs), 1)
+
+    @property
+    def most_steps(self) -> int:
+        """Steps of the longest runs of the suite; 0 where it is not known."""
+        return max((arm["steps"] for arm in arms_of(self.suite)), default=0)
 
     def gap(self, algorithm: str) -> str:
         """Why there are no episodes of an algorithm: `failed`, `absent`, or just `missing`."""

@@ -78,14 +78,16 @@ class Rivers:
 
     def train(self, run: Run, folder: Path) -> None:
         """Train on the level's fixed river, seen through the encoder."""
+        arm = self.suite.arm(run.algorithm)
         ground = TrainingGround(self.suite.train_level, self.suite.num_envs)
         ground.train(
-            run.algorithm,
+            arm.algorithm,
             self.encoder,
-            steps=self.suite.steps,
+            steps=arm.steps,
             seed=run.seed,
             folder=folder,
-            settings=self.suite.settings or None,
+            settings=dict(arm.settings) or None,
+            preset=arm.preset,
         )
 
     def policy(self, run: Run, folder: Path) -> Policy:

@@ -1,28 +1,26 @@
-"""How does a suite get done? One run after another, each in its folder; what is finished is never done again.
+"""How does a suite get done? Run by run, each in its folder, several at a time; what is finished is never done again.
 
 Kill it at any moment: the same command goes on and ends with the same episodes. A run that fails is a row with its
 error in `runs.csv`, the others go on, and the same command tries the failed one again.
 """
 
-import errno
 import json
-import traceback
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
-from thalweg.bench.bars import all_landed, bar, progress_of_flights
-from thalweg.bench.episodes import read_episodes, write_episodes
+from thalweg.bench.episodes import read_episodes
 from thalweg.bench.files import ResultsError
 from thalweg.bench.filming import film_best
+from thalweg.bench.hands import Hands, Here, Work
 from thalweg.bench.report import Report, write_report
 from thalweg.bench.results import RunRow, evaluation_path, read_runs, read_suite, write_runs
-from thalweg.bench.river import PACKAGED_POLICY, Place, Rivers, made_by
+from thalweg.bench.river import Place, Rivers, made_by
 from thalweg.bench.suites import Run, Suite, check
 from thalweg.env import EnvConfig
 from thalweg.train.machine import machine, versions
-from thalweg.train.record import POLICY, read_status
 from thalweg.whole import write_whole
 
 
@@ -33,30 +31,61 @@ class Outcome:
     folder: Path
     report: Report
     runs: list[RunRow]
+    """Of the runs that were asked for, in the order of the suite."""
 
     @property
     def failed(self) -> list[RunRow]:
         return [row for row in self.runs if row.status == "failed"]
 
 
-def run_suite(suite: Suite, folder: Path, place: Place | None = None, console: Console | None = None) -> Outcome:
+def run_suite(
+    suite: Suite,
+    folder: Path,
+    place: Place | None = None,
+    console: Console | None = None,
+    *,
+    hands: Hands | None = None,
+    only: tuple[str, ...] = (),
+) -> Outcome:
     """Do what is left of a suite and write its report.
 
-    Raises `ResultsError`, before anything runs, for a suite that names what does not exist and for a folder that holds
-    another suite.
+    Args:
+        suite: What to do.
+        folder: Of the results.
+        place: Where policies are trained and flown; our rivers if not given.
+        console: Where it is said what is going on.
+        hands: Who does the runs; this process, one after the other, if not given.
+        only: Names of arms, baselines or runs that are to be done now; all if empty.
+
+    Raises `ResultsError` or `AlgorithmError`, before anything runs, for a suite that names what does not exist, for a
+    folder that holds another suite, and for a name in `only` that the suite does not have.
     """
     console = console or Console()
     _check(suite)
+    asked = chosen(suite, only)
     claim(folder, suite)
     place = place or Rivers(suite)
     rows = {row.run: row for row in read_runs(folder)}
-    for run in suite.runs():
-        if not _finished(run, suite, folder, rows.get(run.name)):
-            rows[run.name] = _attempt(run, suite, folder, place, console)
-            write_runs(folder, [rows[other.name] for other in suite.runs() if other.name in rows])
+    left = [run for run in asked if not _finished(run, suite, folder, rows.get(run.name))]
+    for row in (hands or Here()).carry_out(Work(suite, folder, place, console), left):
+        rows[row.run] = row
+        write_runs(folder, [rows[other.name] for other in suite.runs() if other.name in rows])
     film_best(suite, folder, place, console)
     report = write_report(folder)
-    return Outcome(folder, report, [rows[run.name] for run in suite.runs()])
+    return Outcome(folder, report, [rows[run.name] for run in asked])
+
+
+def chosen(suite: Suite, only: tuple[str, ...]) -> list[Run]:
+    """The runs of a suite that are named, by their own name or by that of their arm; all if none is."""
+    runs = suite.runs()
+    known = {name for run in runs for name in (run.name, run.algorithm)}
+    for name in only:
+        if name not in known:
+            labels = dict.fromkeys(run.algorithm for run in runs)
+            raise ResultsError(
+                f"suite {suite.name} has no {name!r}; it has {', '.join(labels)}, and their seeds: PPO-0"
+            )
+    return [run for run in runs if not only or {run.name, run.algorithm} & set(only)]
 
 
 def _check(suite: Suite) -> None:
@@ -64,6 +93,8 @@ def _check(suite: Suite) -> None:
     from thalweg.world import LEVELS
 
     check(suite, tuple(ALGORITHMS), tuple(LEVELS))
+    for arm in suite.arms:
+        ALGORITHMS[arm.algorithm].configure(dict(arm.settings), arm.preset, suite.num_envs)
 
 
 def claim(folder: Path, suite: Suite) -> None:
@@ -83,19 +114,34 @@ def claim(folder: Path, suite: Suite) -> None:
         write_whole(path, json.dumps(record, indent=2) + "\n")
         return
     old = read_suite(folder)
-    differing = [key for key, value in json.loads(json.dumps(suite.as_data())).items() if old.get(key) != value]
-    if differing:
-        changes = "; ".join(f"{key} {old.get(key)!r} there, {suite.as_data()[key]!r} now" for key in differing)
-        raise ResultsError(f"{folder} holds other results ({changes}); choose another folder")
+    changes = differences(old, json.loads(json.dumps(suite.as_data())))
+    if changes:
+        raise ResultsError(f"{folder} holds other results ({'; '.join(changes)}); choose another folder")
     theirs = old.get("made_by") or {}
-    changes = "; ".join(
-        f"{key} {theirs.get(key)} there, {mine} now" for key, mine in made.items() if theirs.get(key) != mine
-    )
+    changes = [f"{key} {theirs.get(key)} there, {mine} now" for key, mine in made.items() if theirs.get(key) != mine]
     if changes:
         raise ResultsError(
-            f"{folder} holds results made by another Thalweg ({changes}); choose another --out, or remove it"
+            f"{folder} holds results made by another Thalweg ({'; '.join(changes)}); choose another --out, or remove it"
             f" (make demo OUT=elsewhere, too). Its report can be made again all the same: thalweg report {folder}"
         )
+
+
+def differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
+    """What differs between two records of suites, arm by arm."""
+    there, here = ({arm["name"]: arm for arm in record.get("arms", [])} for record in (old, new))
+    found = [
+        f"{key} {old.get(key)!r} there, {value!r} now"
+        for key, value in new.items()
+        if key != "arms" and old.get(key) != value
+    ]
+    found += [f"arm {name} {'not there' if name in here else 'not now'}" for name in there.keys() ^ here.keys()]
+    return found + [
+        f"{name}: {key} {there[name].get(key)!r} there, {value!r} now"
+        for name in here
+        if name in there
+        for key, value in here[name].items()
+        if there[name].get(key) != value
+    ]
 
 
 def _finished(run: Run, suite: Suite, folder: Path, row: RunRow | None) -> bool:
@@ -109,46 +155,3 @@ def _finished(run: Run, suite: Suite, folder: Path, row: RunRow | None) -> bool:
         )
     except (ResultsError, OSError):
         return False
-
-
-def _attempt(run: Run, suite: Suite, folder: Path, place: Place, console: Console) -> RunRow:
-    """Train and evaluate one run. Whatever goes wrong in it becomes its row; a full disk stops everything."""
-    if run.kind == "packaged" and not PACKAGED_POLICY.exists():
-        why = "this copy of Thalweg comes without a trained policy"
-        console.print(f"{run.name}: {why}; the others go on")
-        return RunRow(run.name, run.kind, run.algorithm, run.seed, 0, "absent", why)
-    home = folder / "runs" / run.name
-    error = ""
-    try:
-        (home / "error.txt").unlink(missing_ok=True)
-        if run.kind == "train" and not (home / POLICY).exists():
-            console.print(f"{run.name}: train {suite.steps:,} steps on {suite.train_level}", highlight=False)
-            place.train(run, home)
-        for level in suite.test_levels:
-            _evaluate(run, home, suite, level, folder, place, console)
-    except Exception as failure:
-        if isinstance(failure, OSError) and failure.errno == errno.ENOSPC:
-            raise
-        error = " ".join(f"{type(failure).__name__}: {failure}".split())
-        write_whole(home / "error.txt", traceback.format_exc())
-        console.print(f"{run.name} failed: {error}", style="red", highlight=False, markup=False)
-    status = read_status(home)
-    steps, seconds = int(status.get("steps", 0)), float(status.get("seconds", 0.0))
-    done = "failed" if error else "finished"
-    rate = steps / seconds if seconds > 0 else 0.0
-    return RunRow(run.name, run.kind, run.algorithm, run.seed, steps, done, error, seconds, rate)
-
-
-def _evaluate(run: Run, home: Path, suite: Suite, level: str, folder: Path, place: Place, console: Console) -> None:
-    """Evaluate on a level, unless its file is there and whole."""
-    path = evaluation_path(folder, run.name, level)
-    try:
-        if len(read_episodes(path)) == suite.episodes:
-            return
-    except (ResultsError, OSError):
-        pass
-    with bar(console, "episodes") as progress:
-        on_step = progress_of_flights(progress, f"{run.name} on {level}", suite.episodes)
-        rows = place.evaluate(run, home, level, on_step)
-        all_landed(progress)
-    write_episodes(path, rows)

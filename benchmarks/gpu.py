@@ -172,7 +172,7 @@ def time_frames(table: Table, clock: Clock, worlds: Sequence[World], counts: Seq
     for quality in ("full", "fast"):
         renderer = Renderer(worlds, quality=quality, device=str(clock.device))
         camera = renderer.camera
-        for count in untimed(clock, counts):
+        for count in while_there_is_time(clock, counts):
             seen = views(worlds, count, renderer, clock.device)
             size = count, camera.height_px, camera.width_px, 4
             frames = torch.empty(size, dtype=torch.uint8, device=clock.device)
@@ -187,7 +187,7 @@ def time_frames(table: Table, clock: Clock, worlds: Sequence[World], counts: Seq
 
 def time_rules(table: Table, clock: Clock, worlds: Sequence[World], counts: Sequence[int]) -> None:
     """Steps of the rules alone."""
-    for count in untimed(clock, counts):
+    for count in while_there_is_time(clock, counts):
         env = TensorRiverEnv(worlds, count, EnvConfig(observation="none"), device=str(clock.device))
         env.reset(seed=0)
         actions = torch.randint(0, 3, (count, 4), device=clock.device)
@@ -204,7 +204,7 @@ def time_training(
 ) -> None:
     """Whole training once its random steps are over: frames, codes, rules, actions and updates."""
     for learner in learners:
-        for count in untimed(clock, counts):
+        for count in while_there_is_time(clock, counts):
             training = begun(learner, worlds, count, encoder)
             steps = count * training.learner.rollout_steps
             rate = clock.rate(partial(update, training), steps)
@@ -233,7 +233,7 @@ def update(training: Training) -> None:
     training.update()
 
 
-def untimed(clock: Clock, counts: Sequence[int]) -> Iterator[int]:
+def while_there_is_time(clock: Clock, counts: Sequence[int]) -> Iterator[int]:
     """Those for which there is time left."""
     for count in counts:
         if clock.over:
@@ -267,7 +267,7 @@ def main() -> int:
         envs = min(4096, given.check_steps)
         check_rules(table, pool[: min(2, len(pool))], envs, max(1, given.check_steps // envs), device)
         encoder = load_encoder(device=str(device))
-        for place, count in enumerate(untimed(clock, given.worlds)):
+        for place, count in enumerate(while_there_is_time(clock, given.worlds)):
             time_frames(table, clock, pool[:count], given.cameras)
             time_rules(table, clock, pool[:count], given.cameras)
             learners = LEARNERS if place == 0 else LEARNERS[:1]

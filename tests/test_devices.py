@@ -98,11 +98,13 @@ def test_a_pass_has_as_many_cameras_as_fit_and_one_at_least():
 def test_too_many_worlds_are_told_how_many_fit():
     scene = build_scene([plane()] * 8)
     tables, each = painter.bytes_of(scene), 1_500_000
-    painter.check_room(scene, each, tables + each)
-    with pytest.raises(RenderError, match=r"8 worlds take .* and a camera 1\.5 MB .*: 7 worlds of this size fit"):
-        painter.check_room(scene, each, tables + each - 1)
+    painter.check_memory(scene, each, tables + each)
+    with pytest.raises(
+        RenderError, match=r"tables of 8 worlds take .* and a camera 1\.5 MB .*: 7 worlds of this size fit"
+    ):
+        painter.check_memory(scene, each, tables + each - 1)
     with pytest.raises(RenderError, match=r"0\.00 GB are free: 0 worlds of this size fit"):
-        painter.check_room(scene, each, 100)
+        painter.check_memory(scene, each, 100)
 
 
 def test_scratch_counts_pixels_plants_and_in_full_quality_the_softened_light():

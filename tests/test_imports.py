@@ -13,7 +13,7 @@ LAYERS = ("whole", "cache", "kernel", "threads", "devices", "gpu", "world", "ren
 
 ALLOWED: dict[str, set[str]] = {part: set(LAYERS[:index]) for index, part in enumerate(LAYERS)}
 ALLOWED["cores"] = set()
-ALLOWED["encoder"] = {"whole", "cache", "cores"}
+ALLOWED["encoder"] = {"whole", "cache", "cores", "devices"}
 ALLOWED["algos"] = {"whole", "kernel"}
 ALLOWED["train"] = {*LAYERS, "cores", "encoder", "algos"}
 ALLOWED["bench"] = {*ALLOWED["train"], "train"}

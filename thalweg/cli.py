@@ -171,7 +171,8 @@ class EncoderTrain:
             seed=self.seed,
             command=shlex.join(["thalweg", *sys.argv[1:]]),
         )
-        print(f"{result.path}: mean squared error {result.train_mse:.5f}, of held-out images {result.held_out_mse}")
+        aside = "" if result.held_out_mse is None else f", of images held out {result.held_out_mse:.5f}"
+        print(f"{result.path}: mean squared error {result.train_mse:.5f}{aside}")
         return 0
 
 
@@ -221,9 +222,12 @@ class EncoderStudy:
     """Of the poses and of the training."""
 
     def run(self) -> int:
+        import shlex
+
         from thalweg.bench.encoder_study import Plan, run_study
 
-        page = run_study(self.out, Plan(self.level, self.images, self.held_out, self.epochs, self.seed))
+        plan = Plan(self.level, self.images, self.held_out, self.epochs, self.seed)
+        page = run_study(self.out, plan, command=shlex.join(["thalweg", *sys.argv[1:]]))
         print(f"{page.read_text(encoding='utf-8')}\n{page}: these tables, with their figures and CSV files beside it")
         return 0
 
@@ -268,8 +272,8 @@ class Train:
     set: tuple[str, ...] = ()
     """Settings of the algorithm on top of the preset, such as learning_rate=1e-4; an unknown one lists the known."""
     threads: int | None = None
-    """Of acting and learning; if not given two for wide networks and one for small ones. Give 1 to each of several runs
-    that share the cores."""
+    """Of acting and learning; if not given, two for wide networks and one for small ones, but no more than
+    OMP_NUM_THREADS. Give 1 to each of several runs that share the cores."""
     begin_with: Path | None = None
     """A run's folder or a policy file: begin as that policy, such as PPO's, or one of an easier river."""
     device: str = "cpu"

@@ -41,7 +41,7 @@ BINS = 25
 COLUMNS = ("algorithm", "side", "seed", "step", "return", "cost", "episodes")
 
 
-def order_of(contest: Contest, work: Work, side: str, seed: int, threads: int = 0) -> dict[str, Any]:
+def order_of(contest: Contest, work: Work, side: str, seed: int, threads: int | None = None) -> dict[str, Any]:
     """What `side.py` or `ours.py` is to do; with the contest's threads if none are given."""
     threads = threads or contest.threads[PEER if side == PEER else OURS]
     if side == PEER:

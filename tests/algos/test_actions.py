@@ -131,3 +131,10 @@ def test_an_unsupported_space_is_refused(space: gym.Space):
 )
 def test_a_record_survives_its_plain_data(actions: Actions):
     assert Actions.from_data(actions.as_data()) == actions
+
+
+def test_a_box_with_bounds_of_0_changes_no_type_of_options():
+    box = actions_of(gym.spaces.Box(0.0, 1.0, (2,), np.float64))
+    options = actions_of(gym.spaces.MultiDiscrete([3, 3]))
+    assert box.executable(torch.tensor([[0.5, -2.0]])).dtype == torch.float64
+    assert options.executable(torch.tensor([[2, 0]])).dtype == torch.int64

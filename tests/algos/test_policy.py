@@ -104,7 +104,7 @@ def test_the_wrong_number_of_observations_names_both():
 
 def test_files_that_are_no_policies_are_refused(tmp_path):
     path = tmp_path / "policy.safetensors"
-    with pytest.raises(AlgorithmError, match="no policy file"):
+    with pytest.raises(AlgorithmError, match=r"there is no policy at .*: give a run's folder or a policy file"):
         Policy.load(path)
     policy_for(SPACES["Discrete"]).save(path)
     whole = path.read_bytes()

@@ -24,14 +24,19 @@ def test_of_4096_environments_each_takes_as_many_steps_and_a_rollout_has_as_many
 
 
 def test_a_replay_learns_from_as_many_steps_for_each_that_was_taken():
-    found = changes("SACLag", 100)  # twice as many as the defaults are for, rounded up
+    found = changes("SACLag", 96)  # half as many again as the defaults are for
     assert found == {
-        "steps_per_collection": (64, 128),
-        "steps_per_update": (2048, 4096),
-        "random_steps": (1000, 2000),
-        "minibatch": (256, 512),
-        "updates_per_step": (0.25, 0.125),
+        "steps_per_collection": (64, 96),
+        "steps_per_update": (2048, 3072),
+        "random_steps": (1000, 1500),
+        "minibatch": (256, 384),
+        "updates_per_step": (0.25, 0.25 / 1.5),
     }
+
+
+def test_one_environment_more_changes_little():
+    config = ALGORITHMS["FOCOPS"].configure(num_envs=65)
+    assert (config.steps_per_update, config.minibatch) == (2080, 260)  # 32 steps of each, as of 64
 
 
 def test_a_planner_fits_as_often_to_as_many_more_steps():

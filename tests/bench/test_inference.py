@@ -1,4 +1,4 @@
-"""Intervals and comparisons: on numbers worked by hand, and by how often they hold the truth."""
+"""Intervals: on numbers worked by hand, and by how often they hold the truth."""
 
 from dataclasses import replace
 
@@ -6,17 +6,7 @@ import numpy as np
 import pytest
 
 from thalweg.bench.episodes import Episode
-from thalweg.bench.inference import (
-    difference,
-    improvement,
-    iqm,
-    limit_met,
-    profile,
-    proportion,
-    regret,
-    stratified,
-    table_of,
-)
+from thalweg.bench.inference import iqm, middle_return, over_seeds, share, table_of
 
 ROW = Episode("PPO", 0, "Easy", 1, 0, 0.0, 0.0, 2.0, 0.0, 1.0, 0.0, 0.0, 0.0, 10, "Idle", False, 0.1)
 
@@ -44,84 +34,42 @@ def test_the_interquartile_mean_is_that_of_the_middle_half():
     assert iqm(np.array([100.0, 3.0, 1.0, -50.0, 5.0, 4.0, 2.0, 6.0])) == pytest.approx((2 + 3 + 4 + 5) / 4)
 
 
-def test_an_interval_needs_three_seeds_and_holds_the_figure():
-    table = np.random.default_rng(0).normal(5.0, 1.0, (20, 3))
-    found = stratified(table)
-    assert found.low < found.value < found.high and found.value == pytest.approx(float(iqm(table.ravel())))
-    assert str(stratified(table[:, :2])) == f"{float(iqm(table[:, :2].ravel())):.2f}"
-    assert stratified(table) == found
+def test_the_interval_is_students_over_the_seeds():
+    found = over_seeds(np.array([[1.0, 2.0, 6.0], [3.0, 4.0, 8.0]]), np.mean)  # seeds: 2, 3, 7
+    deviation = (((2 - 4) ** 2 + (3 - 4) ** 2 + (7 - 4) ** 2) / 2) ** 0.5
+    half = 4.302653 * deviation / 3**0.5  # t of 97.5 % and 2 degrees of freedom
+    assert (found.value, found.low, found.high) == pytest.approx((4.0, 4.0 - half, 4.0 + half))
 
 
-def test_seeds_are_drawn_within_each_start():
-    # Starts differ by far, seeds not at all: there is nothing to be unsure of.
-    table = np.repeat(np.arange(20.0)[:, None], 3, 1)
-    found = stratified(table, np.mean)
-    assert (found.low, found.high) == pytest.approx((9.5, 9.5))
+def test_fewer_than_three_seeds_have_no_interval():
+    assert str(over_seeds(np.array([[1.0, 2.0], [3.0, 4.0]]), np.mean)) == "2.50"
+    assert str(middle_return(rows([[2.0, 2.0, 2.0], [4.0, 4.0, 4.0]]))) == "3.00 [3.00, 3.00]"
+    assert str(middle_return(rows([[2.0, 2.0, 2.0], [4.0, 4.0, 4.0]])[:-1])) == "2.67"  # a flight is missing
 
 
-def test_intervals_of_nineteen_in_twenty_hold_the_truth():
+@pytest.mark.parametrize("seeds", [3, 5])
+def test_where_seeds_differ_as_much_as_episodes_nineteen_in_twenty_hold_the_truth(seeds: int):
     generator, held = np.random.default_rng(0), 0
-    for _ in range(100):
-        found = stratified(generator.normal(0.0, 1.0, (20, 5)), np.mean)
+    for _ in range(400):
+        found = over_seeds(generator.normal(0, 1, (1, seeds)) + generator.normal(0, 1, (20, seeds)), np.mean)
         held += found.low <= 0.0 <= found.high
-    assert 84 <= held <= 99  # resampling five seeds is a little too sure: √(4/5) of the width, 92 %
+    assert 0.92 <= held / 400 <= 0.98
 
 
-def test_improvement_counts_wins_and_half_the_ties():
-    better, worse = np.array([[2.0, 5.0], [1.0, 1.0]]), np.array([[1.0, 5.0], [1.0, 3.0]])
-    first = (1 + 0 + 1 + 0.5) / 4
-    second = (0.5 + 0 + 0.5 + 0) / 4
-    assert improvement(better, worse).value == pytest.approx((first + second) / 2)
-    assert improvement(worse, better).value == pytest.approx(1 - (first + second) / 2)
-
-
-def test_improvement_of_three_seeds_has_an_interval():
-    generator = np.random.default_rng(1)
-    better, worse = generator.normal(1.0, 1.0, (20, 3)), generator.normal(0.0, 1.0, (20, 3))
-    found = improvement(better, worse)
-    assert 0.5 < found.low < found.value < found.high <= 1.0
-    with pytest.raises(ValueError, match="20 and 19 starts are no pairs"):
-        improvement(better, worse[:19])
-
-
-def test_pairs_tell_apart_what_starts_hide():
-    generator = np.random.default_rng(2)
-    hard = generator.normal(0.0, 10.0, (20, 1))
-    first = hard + 0.5 + generator.normal(0.0, 0.3, (20, 3))
-    second = hard + generator.normal(0.0, 0.3, (20, 3))
-    found = difference(first, second)
-    assert 0.0 < found.low < 0.5 < found.high < 1.0
-    assert difference(first, first).value == 0.0
-
-
-def test_a_share_has_wilsons_interval():
-    found = proportion(3, 20)  # z = 1.96: (p + z²/2n ± z √(p(1-p)/n + z²/4n²)) / (1 + z²/n)
+def test_the_share_of_one_policy_has_wilsons_interval():
+    # z = 1.96: (p + z²/2n ± z √(p (1-p) / n + z²/4n²)) / (1 + z²/n)
     p, n, z = 0.15, 20, 1.959964
     middle, half = p + z**2 / (2 * n), z * (p * (1 - p) / n + z**2 / (4 * n**2)) ** 0.5
+    found = share(rows([[float(start < 3)] for start in range(n)]), lambda row: row.return_ > 0)
     assert (found.low, found.high) == pytest.approx(
         ((middle - half) / (1 + z**2 / n), (middle + half) / (1 + z**2 / n))
     )
-    assert proportion(0, 20).low == pytest.approx(0.0, abs=1e-12) and proportion(0, 20).high > 0.1
+    assert found.as_percent() == "15% [5%, 36%]"
 
 
-def test_a_profile_falls_from_all_to_none():
-    assert profile(np.array([[1.0, 2.0], [2.0, 4.0]]), np.array([0.0, 1.0, 2.0, 2.5, 5.0])).tolist() == [
-        1.0,
-        1.0,
-        0.75,
-        0.25,
-        0.0,
-    ]
-
-
-def test_regret_adds_up_what_was_above_the_limit():
-    assert regret(np.array([0.0, 1.0, 0.2, 0.05]), 0.1) == pytest.approx(0.9 + 0.1)
-
-
-def test_a_limit_is_met_broken_or_not_yet_known():
-    costs = np.zeros((20, 3))
-    assert limit_met(costs, 0.1) == "yes" and limit_met(costs + 1.0, 0.1) == "no"
-    some = costs.copy()
-    some[0, 0] = some[1, 1] = some[2, 2] = some[3, 0] = some[4, 1] = some[5, 2] = 1.0
-    assert limit_met(some, 0.1) == "unclear"
-    assert limit_met(some[:, :1], 0.2) == "yes?" and limit_met(some[:, :1], 0.05) == "no?"
+def test_the_share_of_several_seeds_is_no_surer_than_its_seeds_or_its_episodes():
+    apart = share(rows([[0.0, 0.0, 1.0]] * 20), lambda row: row.return_ > 0)  # shares of 0, 0 and 1
+    assert (apart.low, apart.high) == (0.0, 1.0)
+    alike = share(rows([[0.0, 0.0, 0.0]] * 20), lambda row: row.return_ > 0)
+    assert alike.low == pytest.approx(0.0, abs=1e-12) and 0.04 < alike.high < 0.08
+    assert share(rows([[0.0, 1.0]] * 20), lambda row: row.return_ > 0).as_percent() == "50%"

@@ -8,11 +8,11 @@ import pytest
 import torch
 
 from tests.devices.toy import SPACES, ArrayWalk, TensorWalk
-from thalweg.algos import ALGORITHMS
+from thalweg.algos import ALGORITHMS, NotFiniteError
 from thalweg.algos.interface import Rollout, Task
 from thalweg.algos.state import CPU
 from thalweg.devices import DeviceError
-from thalweg.train import TrainingError, run
+from thalweg.train import ResumeWarning, TrainingError, run
 from thalweg.train.collector import Collector
 from thalweg.train.tensors import TensorCollector, collector_for
 from thalweg.train.training import Training
@@ -136,3 +136,79 @@ def test_an_environment_of_tensors_says_how_it_begins_episodes():
     env.metadata = {}
     with pytest.raises(TrainingError, match=r"AutoresetMode.NEXT_STEP"):
         TensorCollector(env, 1, 1)
+
+
+class BareWalk:
+    """A walk with what `TensorEnv` asks for and nothing else; its numbers are of double precision."""
+
+    metadata = TensorWalk.metadata
+
+    def __init__(self, cost: bool = True, poison: int = -1) -> None:
+        self.walk, self.cost, self.poison, self.taken = TensorWalk(N, SPACES["Discrete"], CPU), cost, poison, 0
+        self.num_envs, self.device, self.single_action_space = N, CPU, SPACES["Discrete"]
+        self.single_observation_space = self.walk.single_observation_space
+
+    def reset(self, *, seed: int) -> Any:
+        obs, info = self.walk.reset(seed=seed)
+        return obs.double(), info
+
+    def step(self, actions: torch.Tensor) -> Any:
+        obs, reward, terminated, truncated, info = self.walk.step(actions)
+        if self.taken == self.poison:
+            reward[2] = torch.nan
+        self.taken += 1
+        return obs.double(), reward, terminated, truncated, {"cost": info["cost"]} if self.cost else {}
+
+
+PPO = {"steps_per_update": 60, "minibatch": 30, "passes": 1}
+
+
+def test_an_environment_with_no_more_than_is_asked_for_is_trained_on_and_begins_anew(tmp_path, monkeypatch):
+    update = Training.update
+
+    def cut(training: Training) -> Any:
+        if training.updates == 2:
+            raise KeyboardInterrupt
+        return update(training)
+
+    def begin() -> Any:
+        return run("PPO", BareWalk(), steps=240, seed=1, folder=tmp_path, config=PPO, checkpoint_seconds=0)
+
+    monkeypatch.setattr(Training, "update", cut)
+    with pytest.raises(KeyboardInterrupt):
+        begin()
+    monkeypatch.setattr(Training, "update", update)
+    with pytest.warns(ResumeWarning, match="no get_state and set_state: the run goes on with new episodes"):
+        ended = begin()
+    assert ended.resumed_from and ended.steps >= 240
+
+
+def test_an_environment_of_tensors_without_a_cost_is_told_so(tmp_path):
+    with pytest.raises(
+        TrainingError, match=r"names no cost: info\['cost'\] \[N\] is needed at every step, info has noth"
+    ):
+        run("PPO", BareWalk(cost=False), steps=240, seed=1, folder=tmp_path, config=PPO)
+
+
+def test_a_reward_that_is_no_number_is_named_with_its_row_and_step(tmp_path):
+    with pytest.raises(NotFiniteError, match=r"reward is not finite in rows \[2\] of step 4 of the rollout"):
+        run("PPO", BareWalk(poison=3), steps=240, seed=1, folder=tmp_path, config=PPO)
+
+
+def test_what_a_step_that_only_resets_pays_counts_for_nothing():
+    collector = collector_for(BareWalk(), 1, CPU, 1)
+    learner = Script(collector, SPACES["Discrete"], steps=20)
+    collector.begin(0)
+    walk = collector.env.walk  # pyright: ignore[reportAttributeAccessIssue]
+    step = collector.env.step
+
+    def paid_for_nothing(actions: torch.Tensor) -> Any:
+        resetting = walk.ended.clone()
+        obs, reward, terminated, truncated, info = step(actions)
+        return obs, torch.where(resetting, torch.nan, reward), terminated, truncated, info
+
+    collector.env.step = paid_for_nothing  # pyright: ignore[reportAttributeAccessIssue]
+    for _ in range(20):
+        collector.step(learner)  # pyright: ignore[reportArgumentType]
+    rewards = collector.rollout().rewards
+    assert rewards.isfinite().all() and not collector.rollout().valid.all()

@@ -60,5 +60,5 @@ def test_what_can_not_be_compared_is_named():
         relative_entropy(np.zeros((9, 1)), np.zeros((9, 2)))
     with pytest.raises(EncoderInputError, match="smoothing must be above 0, not 0"):
         relative_entropy(column(3, 3, 3), column(3, 3, 3), 0.0)
-    with pytest.raises(EncoderInputError, match="finite"):
+    with pytest.raises(EncoderInputError, match="1 of the 2 numbers of the codes are not finite"):
         histograms(np.array([[0.0], [np.nan]]))

@@ -109,6 +109,19 @@ def test_numbers_that_are_not_finite_are_refused(path):
         load_vae(path)
 
 
+def test_what_is_too_large_for_half_precision_is_kept_whole(path):
+    large = VAE(CONFIG)
+    variances = [tensor for name, tensor in large.state_dict().items() if name.endswith("running_var")]
+    for variance in variances:
+        variance.fill_(1e6)
+    save_vae(path, large, {})
+    loaded, _ = load_vae(path)
+    assert (
+        all((tensor == 1e6).all() for name, tensor in loaded.state_dict().items() if name.endswith("running_var"))
+        and len(variances) > 4
+    )
+
+
 def test_another_latent_size_is_refused(path):
     assert load_encoder(path, latent=6).latent == 6
     with pytest.raises(EncoderFileError, match=f"{path}: encodes to 6 numbers, but 16 are needed"):

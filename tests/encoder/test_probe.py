@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from thalweg.encoder import EncoderInputError
+from thalweg.encoder import EncoderInputError, probe
 from thalweg.encoder.probe import explained
 
 
@@ -24,13 +24,23 @@ def test_a_line_is_read_whole_half_with_noise_and_chance_or_a_square_not_at_all(
     assert chance == pytest.approx(0.0, abs=0.01) and square == pytest.approx(0.0, abs=0.01)
 
 
-def test_it_is_judged_on_images_that_it_was_not_fitted_to():
+def test_it_is_judged_on_images_that_it_was_not_fitted_to(monkeypatch: pytest.MonkeyPatch):
     codes, truths = drawn(20, 0)
     wide = np.hstack([codes, np.random.default_rng(2).standard_normal((20, 17))])
-    itself = explained(wide, truths, wide, truths, ridge=1e-9)[2]
+    monkeypatch.setattr(probe, "RIDGES", np.array([1e-9]))
+    itself = explained(wide, truths, wide, truths)[2]
     other_codes, other_truths = drawn(500, 1)
     others = np.hstack([other_codes, np.random.default_rng(3).standard_normal((500, 17))])
-    assert itself > 0.9 and explained(wide, truths, others, other_truths, ridge=1e-9)[2] < 0
+    assert itself > 0.9 and explained(wide, truths, others, other_truths)[2] < 0
+
+
+def test_what_a_few_numbers_say_is_still_read_among_a_thousand():
+    generator = np.random.default_rng(0)
+    codes = generator.standard_normal((2500, 1024))
+    truths = (codes[:, :4].sum(1) + 2.0 * generator.standard_normal(2500))[:, None]  # half of its variance
+    of_many = explained(codes[:2000], truths[:2000], codes[2000:], truths[2000:])[0]
+    of_few = explained(codes[:2000, :16], truths[:2000], codes[2000:, :16], truths[2000:])[0]
+    assert 0.15 < of_many < of_few and of_few == pytest.approx(0.5, abs=0.07)
 
 
 def test_what_is_not_known_of_an_image_leaves_it_out():
@@ -50,5 +60,7 @@ def test_a_number_that_never_varies_does_no_harm():
 
 def test_codes_of_other_sizes_are_named():
     codes, truths = drawn(10, 0)
-    with pytest.raises(EncoderInputError, match=r"codes \[10, 3\] and \[10, 2\]"):
+    with pytest.raises(EncoderInputError, match=r"codes \[10, 3\] with truths \[10, 4\], and codes \[10, 2\]"):
         explained(codes, truths, codes[:, :2], truths)
+    with pytest.raises(EncoderInputError, match=r"truths \[9, 4\].*each code needs its truths"):
+        explained(codes, truths[:9], codes, truths)

@@ -19,9 +19,9 @@ def test_the_overlap_is_counted_for_each_image_and_then_averaged():
 
 
 def test_masks_of_other_shapes_or_kinds_are_named():
-    with pytest.raises(EncoderInputError, match=r"\[1, 2, 2\] and \[2, 2, 2\]"):
+    with pytest.raises(EncoderInputError, match=r"bool \[1, 2, 2\] and bool \[2, 2, 2\]"):
         mean_iou(masks("##/.."), masks("##/..", "##/.."))
-    with pytest.raises(EncoderInputError, match="bool"):
+    with pytest.raises(EncoderInputError, match=r"not uint8 .* and bool"):
         mean_iou(masks("##/..").astype(np.uint8), masks("##/.."))
 
 

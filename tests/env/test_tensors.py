@@ -212,12 +212,12 @@ def test_more_environments_than_the_device_has_memory_for_are_refused_before_any
     assert each > TURNS * 4 * 128 * 128  # its frames alone
     monkeypatch.setattr("thalweg.env.tensors.free_bytes", lambda device: 10 * each)
     TensorRiverEnv(worlds(), 10, config, device="cpu")
-    with pytest.raises(ConfigError, match=r"num_envs = 1,000,000,000,000 takes .* are free: 10 fit"):
+    with pytest.raises(ConfigError, match=r"num_envs = 1,000,000,000,000 takes .* are free: at most 10 fit"):
         TensorRiverEnv(worlds(), 10**12, config, device="cpu")
 
 
 def test_what_all_share_is_counted_once():
     check_room(5, 100, 50, 550)
-    with pytest.raises(ConfigError, match=r"num_envs = 5 takes .*: 4 fit"):
+    with pytest.raises(ConfigError, match=r"num_envs = 5 takes .*: at most 4 fit"):
         check_room(5, 100, 51, 550)
     check_room(5, 100, 0, None)  # a system that does not tell

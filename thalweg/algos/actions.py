@@ -108,7 +108,7 @@ class Actions:
 
     def _within_bounds(self, raw: Tensor) -> Tensor:
         """Clipped to the box; where it has both bounds, -1..1 spans it, so that a fresh policy reaches all of it."""
-        low, high = row_of(self.low, raw.device), row_of(self.high, raw.device)
+        low, high = (row_of(bounds, raw.device, torch.float64) for bounds in (self.low, self.high))
         bounded = low.isfinite() & high.isfinite()
         below, above = torch.where(bounded, low, -1.0), torch.where(bounded, high, 1.0)
         return ((above + below) / 2 + (above - below) / 2 * raw).clamp(low, high)
@@ -128,11 +128,11 @@ class Actions:
 
 
 @cache
-def row_of(numbers: tuple[Any, ...], device: torch.device) -> Tensor:
-    """Whole numbers [A] as int64, others as float64, laid down on a device once."""
+def row_of(numbers: tuple[Any, ...], device: torch.device, dtype: torch.dtype = torch.int64) -> Tensor:
+    """Numbers [A] of a type, laid down on a device once."""
     # The first caller may be acting, but they are kept for learning too.
     with torch.inference_mode(False):
-        return torch.tensor(numbers, dtype=torch.float64 if isinstance(numbers[0], float) else None, device=device)
+        return torch.tensor(numbers, dtype=dtype, device=device)
 
 
 def actions_of(space: gym.Space, adapter: Adapter = "native", continuous: Kind = "gaussian") -> Actions:

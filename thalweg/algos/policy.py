@@ -111,14 +111,32 @@ class Policy:
     def begin_as(self, other: Any) -> None:
         """Take over the network of another policy, and what it knows of observations.
 
-        Raises `AlgorithmError`, naming what differs, for one that sees, remembers or does other things.
+        Raises `AlgorithmError` for a planner, which has none, and for one that sees, remembers or does other things,
+        naming each that differs.
         """
-        for what in ("obs_size", "frames", "actions", "shape"):
-            here, there = getattr(self, what), getattr(other, what, "none, for it plans")
-            if here != there:
-                raise AlgorithmError(f"a policy can't begin as one of another {what}: {here} here, {there} there")
+        if not isinstance(other, Policy):
+            raise AlgorithmError(f"{other.about.algorithm} plans: it has no network to begin with")
+        here, there = self._kind(), other._kind()
+        differing = [
+            f"{name} is {value} here and {there[name]} there" for name, value in here.items() if value != there[name]
+        ]
+        if differing:
+            raise AlgorithmError(f"a policy can't begin as one of another kind: {'; '.join(differing)}")
         load_module(self.actor, module_state(other.actor))
         self.normaliser.load_state(other.normaliser.state())
+
+    def _kind(self) -> dict[str, Any]:
+        """What two policies must have in common for one to begin as the other, by the names of settings."""
+        shape = self.shape
+        return {
+            "obs_size": self.obs_size,
+            "actions": self.actions,
+            "frame_stack": self.frames,
+            "hidden": shape.hidden,
+            "activation": shape.activation,
+            "memory_size": shape.memory,
+            "normalise_observations": self.normaliser.enabled,
+        }
 
     def player(
         self, num_envs: int, *, deterministic: bool = False, generator: torch.Generator | None = None
@@ -261,7 +279,7 @@ def load_policy(path: str | Path, device: torch.device = CPU) -> Any:
     version."""
     path = Path(path)
     if not path.is_file():
-        raise AlgorithmError(f"there is no policy file {path}")
+        raise AlgorithmError(f"there is no policy at {path}: give a run's folder or a policy file")
     try:
         with safe_open(path, framework="numpy") as file:
             header = json.loads((file.metadata() or {}).get(HEADER, "null"))

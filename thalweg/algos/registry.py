@@ -49,8 +49,8 @@ class Entry:
         """
         base = settings_of(self.name, preset)
         if given is None or isinstance(given, Mapping):
-            wide = following(self.config, num_envs) if preset == "default" else {}
-            return config_from(self.config, {**wide, **base, **(given or {})})
+            followed = following(self.config, num_envs) if preset == "default" else {}
+            return config_from(self.config, {**followed, **base, **(given or {})})
         if preset != "default":
             raise AlgorithmError(
                 f"a whole {self.config.__name__} leaves nothing to the preset {preset!r}: give one of them"

@@ -1,10 +1,11 @@
 """How small may a code be, and what should an encoder look at? The paper's two questions, and what a pilot could read.
 
 Each case is trained in a folder of its own, by epochs: killed at any moment, the same call goes on. Its measures are
-written once it is trained, and the tables are made of those alone.
+written once it is trained; the tables are made of them, and of the codes of the encoders.
 """
 
 import json
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -60,7 +61,7 @@ class Case:
 
     @property
     def precision(self) -> str:
-        """The paper's layers are some ten times the lean ones."""
+        """bfloat16 for the paper's layers, which have nine times as many weights, else float32."""
         return "bfloat16" if self.architecture == "paper" else "float32"
 
 
@@ -84,6 +85,11 @@ class Plan:
     """Of poses and training."""
     cases: tuple[Case, ...] = CASES
 
+    def __post_init__(self) -> None:
+        for name, least in (("images", 8), ("held_out", 2), ("epochs", 1), ("seed", 0)):
+            if getattr(self, name) < least:
+                raise ResultsError(f"{name} must be at least {least}, not {getattr(self, name)}")
+
 
 @dataclass(frozen=True)
 class Scenes:
@@ -95,8 +101,10 @@ class Scenes:
     """[K, T] float64, see `thalweg.env.bearings`."""
 
 
-def run_study(folder: Path, plan: Plan = Plan(), *, progress: bool = True) -> Path:
+def run_study(folder: Path, plan: Plan = Plan(), *, command: str = "", progress: bool = True) -> Path:
     """Train what is not trained yet, measure it, and write the tables; returns the page.
+
+    `command` is written into the encoders' files.
 
     Raises `ResultsError` for a folder of another study, and the errors of `train_encoder`.
     """
@@ -108,7 +116,7 @@ def run_study(folder: Path, plan: Plan = Plan(), *, progress: bool = True) -> Pa
         home = folder / case.name
         if (home / MEASURES).exists():
             continue
-        source = Source(plan.level, plan.seed, RENDER_VERSION, "thalweg encoder study")
+        source = Source(plan.level, plan.seed, RENDER_VERSION, command)
         result = train_encoder(
             scenes.frames,
             case.config,
@@ -157,7 +165,7 @@ def measures(encoder: Encoder, finder: Finder, scenes: Scenes, kept: np.ndarray,
 
 
 def write_tables(folder: Path, plan: Plan, scenes: Scenes, kept: np.ndarray, aside: np.ndarray) -> Path:
-    """sizes.csv, entropy.csv, sizes.png, inputs.png and study.md, of the measures that there are."""
+    """sizes.csv, entropy.csv, sizes.png, inputs.png and study.md, once every case has its measures."""
     known = {case: _read(folder / case.name / MEASURES) for case in plan.cases}
     rows = [size_row(case, found) for case, found in known.items()]
     write_whole(folder / "sizes.csv", csv_text(SIZE_COLUMNS, rows))
@@ -193,7 +201,7 @@ ENTROPY_COLUMNS = ("first", "second", "paper", *(f"smoothing_{value:g}" for valu
 def size_row(case: Case, found: dict[str, Any]) -> list[str]:
     """A row of sizes.csv; what an input does not have is empty."""
     values = [found[name] for name in SIZE_COLUMNS[3:9]] + [found["read"][name] for name in BEARINGS]
-    cells = ["" if value is None or value != value else f"{value:.5f}" for value in values]
+    cells = ["" if value is None or math.isnan(value) else f"{value:.5f}" for value in values]
     return [case.architecture, case.inputs, str(case.latent), *cells]
 
 
@@ -221,7 +229,7 @@ def page(plan: Plan, rows: Sequence[list[str]], entropies: Sequence[list[str]]) 
         " frames themselves.\n",
         markdown(names[:3] + names[9:], [row[:3] + row[9:] for row in rows]),
         "R² on images held out of a linear regression on the code: distances to the banks, heading error, height above"
-        " the water, way to the next bridge within 60 m.\n",
+        " the water, way to the middle of the next bridge within 60 m.\n",
     ]
     if entropies:
         parts += [

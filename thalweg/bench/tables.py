@@ -4,7 +4,7 @@ from itertools import product
 
 from thalweg.bench.episodes import REASONS
 from thalweg.bench.files import csv_text
-from thalweg.bench.inference import middle_return, proportion
+from thalweg.bench.inference import middle_return, share
 from thalweg.bench.published import PUBLISHED
 from thalweg.bench.results import Results
 from thalweg.bench.statistics import Summary, grouped, summaries
@@ -73,6 +73,9 @@ DETAILS = (
     "steps",
 )
 
+EVENTS = (lambda row: row.success, lambda row: row.tight > 0, lambda row: row.loose > 0)
+"""Of an episode: success, tight and loose violation."""
+
 
 def detail_table(results: Results) -> tuple[list[str], list[list[str]]]:
     """Header and rows of what the paper's table leaves out, one row per policy and level; intervals of 95 %."""
@@ -84,12 +87,12 @@ def detail_table(results: Results) -> tuple[list[str], list[list[str]]]:
             gap = results.gap(algorithm)
             rest = [gap, seeds_text(results, algorithm, 0), *[gap] * (len(DETAILS) - 4)]
         else:
-            shares = cell.success, cell.tight, cell.loose
+            own = flown[algorithm, level]
             rest = [
                 str(cell.episodes),
                 seeds_text(results, algorithm, cell.seeds),
-                str(middle_return(flown[algorithm, level])),
-                *(proportion(round(share * cell.episodes), cell.episodes).as_percent() for share in shares),
+                str(middle_return(own)),
+                *(share(own, holds).as_percent() for holds in EVENTS),
                 f"{cell.progress_mean:.0%}",
                 f"{cell.length_mean:.0f}",
             ]

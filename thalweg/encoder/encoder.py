@@ -19,6 +19,7 @@ import torch
 from torch import Tensor, nn
 
 from thalweg.cores import asked_threads, torch_threads
+from thalweg.devices import device_named
 from thalweg.encoder.files import EncoderFileError, load_vae
 from thalweg.encoder.vae import LEAK, VAE, EncoderInputError
 
@@ -145,9 +146,10 @@ def load_encoder(
 ) -> Encoder:
     """The encoder of a file, by default the one of the package; `latent` is the size the caller needs, if it needs one.
 
-    Raises `EncoderFileError` for a file that is missing, truncated, foreign, of another version or of another size.
+    Raises `EncoderFileError` for a file that is missing, truncated, foreign, of another version or of another size, and
+    `DeviceError` for a device that can't be used.
     """
-    path = DEFAULT_PATH if path is None else Path(path)
+    path, device = DEFAULT_PATH if path is None else Path(path), device_named(device)
     vae, about = load_vae(path)
     if latent is not None and vae.config.latent != latent:
         raise EncoderFileError(f"{path}: encodes to {vae.config.latent} numbers, but {latent} are needed")

@@ -19,9 +19,14 @@ SMOOTHING = 1e-6
 
 
 def histograms(codes: np.ndarray) -> np.ndarray:
-    """Shares [Z, bins] of the images in each bin, from codes [K, Z]; a number that never varies lies in the middle."""
-    if codes.ndim != 2 or len(codes) < 2 or not np.isfinite(codes).all():
-        raise EncoderInputError(f"codes must be finite numbers [K, Z] of at least 2 images, not {list(codes.shape)}")
+    """Shares [Z, bins] of the images in each bin, from codes [K, Z]; a number that never varies lies in the middle.
+
+    Raises `EncoderInputError` for codes of another shape, or that are not finite.
+    """
+    if codes.ndim != 2 or len(codes) < 2:
+        raise EncoderInputError(f"codes must be [K, Z] of at least 2 images, not {list(codes.shape)}")
+    if wrong := int((~np.isfinite(codes)).sum()):
+        raise EncoderInputError(f"{wrong} of the {codes.size} numbers of the codes are not finite")
     codes = codes.astype(np.float64)
     low, high = codes.min(0), codes.max(0)
     width = np.where(high > low, high - low, 1.0)
@@ -35,7 +40,8 @@ def histograms(codes: np.ndarray) -> np.ndarray:
 def relative_entropy(first: np.ndarray, second: np.ndarray, smoothing: float = SMOOTHING) -> float:
     """D(P ‖ Q) in nats, mean over the numbers of the codes, of codes P [K, Z] and Q [K, Z] of the same images.
 
-    Raises `EncoderInputError` for codes of different shapes, and for a smoothing that is not positive.
+    Raises `EncoderInputError` for codes of different shapes or that are not finite, and for a smoothing that is not
+    positive.
     """
     if first.shape != second.shape:
         raise EncoderInputError(

@@ -56,12 +56,13 @@ def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, torch.Tensor], 
 def save_vae(path: str | Path, vae: VAE, about: Mapping[str, Any], *, half_decoder: bool = True) -> None:
     """Write an autoencoder and what is said about it.
 
-    `half_decoder` stores the decoder, which only makes pictures, in float16.
+    `half_decoder` stores the decoder, which only makes pictures, in float16, but for what is too large for it.
     """
     tensors = {}
     for name, tensor in vae.state_dict().items():
         decodes = name.startswith(("decoder.", "expand."))
-        tensors[name] = tensor.half() if half_decoder and decodes and tensor.is_floating_point() else tensor
+        small = half_decoder and decodes and tensor.is_floating_point() and bool(tensor.half().isfinite().all())
+        tensors[name] = tensor.half() if small else tensor
     write_tensors(path, tensors, {**about, "kind": "encoder", "format": FORMAT, "config": asdict(vae.config)})
 
 

@@ -22,9 +22,10 @@ EPOCHS, BATCH, RATE = 4, 32, 3e-3
 
 
 def mean_iou(found: np.ndarray, truth: np.ndarray) -> float:
-    """Mean over images of the IoU of two masks, bool [K, H, W]."""
+    """Mean over images of the IoU of two masks, bool [K, H, W]; raises `EncoderInputError` for anything else."""
     if found.shape != truth.shape or found.ndim != 3 or found.dtype != bool or truth.dtype != bool:
-        raise EncoderInputError(f"masks must be bool [K, H, W], both, not {list(found.shape)} and {list(truth.shape)}")
+        kinds = " and ".join(f"{mask.dtype} {list(mask.shape)}" for mask in (found, truth))
+        raise EncoderInputError(f"masks must be bool [K, H, W], both, not {kinds}")
     both, either = (found & truth).sum((1, 2)), (found | truth).sum((1, 2))
     return float(np.where(either > 0, both / np.maximum(either, 1), 1.0).mean())
 

@@ -15,7 +15,7 @@ from thalweg.world.record import World
 
 BEARINGS = ("left bank", "right bank", "heading error", "height", "bridge")
 """Metres to either bank, straight across, in the direction of travel; radians by which the heading is to the left of
-the course in that direction; metres above the water; metres along the course to the next bridge ahead."""
+the course in that direction; metres above the water; metres along the course to the middle of the next bridge ahead."""
 SIGHT_M = 60.0
 """Bridges further ahead than this count as not there: NaN."""
 
@@ -51,7 +51,7 @@ def _fill(courses, poses, found):
 
 
 def _to_bridge(courses: Courses, poses: np.ndarray) -> np.ndarray:
-    """[K] metres along the course to the next bridge ahead; NaN for none within `SIGHT_M`."""
+    """[K] metres along the course to the middle of the next bridge ahead; NaN for none within `SIGHT_M`."""
     middles = 0.5 * (courses.bridge_box[:, :2] + courses.bridge_box[:, 3:5])
     bridges = np.array([_arc(courses, x, y)[0] for x, y in middles])
     found = np.full(len(poses), np.nan)

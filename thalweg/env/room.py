@@ -34,5 +34,5 @@ def check_room(num_envs: int, each: int, beside: int, free: int | None) -> None:
     fitting = max(0, (free - beside) // each)
     raise ConfigError(
         f"num_envs = {num_envs:,} takes {(num_envs * each + beside) / 1e9:.2f} GB of the device's memory, of which"
-        f" {free / 1e9:.2f} GB are free: {fitting:,} fit"
+        f" {free / 1e9:.2f} GB are free: at most {fitting:,} fit, and what encodes and learns takes room beside them"
     )

@@ -125,13 +125,18 @@ class HostCollector:
             self.stream.load_state(state["stream"])
             self.obs, self.fresh = np.array(state["obs"], dtype=np.float32), np.array(state["fresh"], dtype=bool)
             return
-        warnings.warn(
-            "the environment has no get_state and set_state: the run goes on with new episodes, and will not end with "
-            "the same numbers as an unbroken one",
-            ResumeWarning,
-            stacklevel=5,
-        )
+        warn_of_new_episodes()
         self.begin(seed)
+
+
+def warn_of_new_episodes() -> None:
+    """Say that an environment can't be brought back."""
+    warnings.warn(
+        "the environment has no get_state and set_state: the run goes on with new episodes, and will not end with the "
+        "same numbers as an unbroken one",
+        ResumeWarning,
+        stacklevel=6,
+    )
 
 
 def learnt_costs(learner: Learner, cost: Any, costs: Any) -> Any:
@@ -157,7 +162,7 @@ def env_seeds(seed: int, steps: int, count: int) -> list[int]:
 
 def world_names(env: Any) -> list[str]:
     """[N] the name and seed of the world of each environment; empty strings if it has none."""
-    base: Any = env.unwrapped
+    base: Any = getattr(env, "unwrapped", env)
     worlds, index = getattr(base, "worlds", None), getattr(base, "world_index", None)
     if worlds is None or index is None:
         return [""] * env.num_envs
@@ -166,6 +171,6 @@ def world_names(env: Any) -> list[str]:
 
 def reason_names(env: Any) -> Mapping[int, str]:
     """The environment's own names for the codes of `info["done_reason"]`; none if it has none."""
-    base: Any = env.unwrapped
+    base: Any = getattr(env, "unwrapped", env)
     one = base.envs[0].unwrapped if isinstance(base, SyncVectorEnv) else base
     return getattr(one, "done_reasons", {})

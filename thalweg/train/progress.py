@@ -24,12 +24,12 @@ class Progress:
         self._at, self._steps = time.perf_counter(), -1
 
     def show(self, training: Training) -> None:
-        """Show where the run is, at most a few times a second."""
+        """Show where the run is, at most a few times a second, and at its end."""
         now, steps = time.perf_counter(), training.book.steps
-        if self._bar.disable or now - self._at < INTERVAL_S:
+        if self._bar.disable or (now - self._at < INTERVAL_S and not training.done):
             return
         # The rate is of this call alone: a resumed run does not count what was done before.
-        rate = (steps - self._steps) / (now - self._at) if self._steps >= 0 else math.nan
+        rate = (steps - self._steps) / max(now - self._at, 1e-9) if self._steps >= 0 else math.nan
         means = training.book.metrics()
         text = f"return {means['return_mean_50']:.2f} cost {means['cost_mean_50']:.2f}"
         self._bar.update(self._task, completed=min(steps, training.steps), rate=rate, means=text)

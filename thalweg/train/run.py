@@ -38,7 +38,8 @@ class RunResult:
     folder: Path
     algorithm: str
     steps: int
-    """Steps taken, all environments together: the number asked for, rounded up to a step of every environment."""
+    """Steps taken, all environments together: the number asked for, rounded up to a step of every environment, or to a
+    whole rollout of environments of tensors."""
     episodes: int
     return_mean: float
     """Mean undiscounted return of the last 50 episodes; NaN before any."""
@@ -102,8 +103,9 @@ def run(
         begin_with: A run's folder or a policy file: the policy begins as that one, such as PPO's for an algorithm with
             a limit, or one of an easier river; critics and all else begin anew.
 
-    Raises `AlgorithmError` or `TrainingError` before anything runs for a wrong name, key, number, space or folder, and
-    `NotFiniteError` as soon as a number that learning depends on is NaN; the last good checkpoint stays.
+    Raises `AlgorithmError`, `TrainingError` or `DeviceError` before anything runs for a wrong name, key, number, space,
+    folder or device, and `NotFiniteError` as soon as a number that learning depends on is NaN; the last good checkpoint
+    stays.
     """
     entry = algorithm_named(algorithm)
     resolved = entry.configure(config, preset, getattr(env, "num_envs", 1))  # what has none is refused below
@@ -266,9 +268,11 @@ def _claim(folder: Path, identity: dict[str, Any], threads: int) -> dict[str, An
         return {}
     record.require_same(folder, begun["run"], identity)
     status = record.read_status(folder)
-    if status.get("state") != "finished" and begun["versions"] != record.versions():
+    there = begun["versions"] | {"threads": begun["machine"]["learning_threads"]}
+    here = record.versions() | {"threads": threads}
+    if status.get("state") != "finished" and there != here:
         warnings.warn(
-            f"{folder} was begun with {begun['versions']} and goes on with {record.versions()}: "
+            f"{folder} was begun with {there} and goes on with {here}: "
             "the numbers may differ from those of an unbroken run",
             ResumeWarning,
             stacklevel=3,

@@ -13,13 +13,21 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
-from thalweg.algos.errors import require_finite
+from thalweg.algos.errors import NotFiniteError
 from thalweg.algos.interface import Learner, Rollout
 from thalweg.algos.memory import FrameStack
 from thalweg.algos.state import array_of, tensor_of
 from thalweg.cores import torch_threads
 from thalweg.devices import DeviceError
-from thalweg.train.collector import Collector, HostCollector, env_seeds, learnt_costs, reason_names, world_names
+from thalweg.train.collector import (
+    Collector,
+    HostCollector,
+    env_seeds,
+    learnt_costs,
+    reason_names,
+    warn_of_new_episodes,
+    world_names,
+)
 from thalweg.train.episodes import Account, Episode, EpisodeBook
 from thalweg.train.errors import TrainingError
 from thalweg.train.stopwatch import Stopwatch
@@ -33,7 +41,9 @@ class TensorEnv(Protocol):
     """N environments on one device, which begin a new episode in the step after the last one of the old
     (`AutoresetMode.NEXT_STEP`).
 
-    `info` has `cost` [N], perhaps `costs` [N, 2] (tight, loose) and `done_reason` [N] int64.
+    `info` has `cost` [N], perhaps `costs` [N, 2] (tight, loose) and `done_reason` [N] int64. What is returned must stay
+    as it is until the second step after. With `get_state` and `set_state`, as `TensorRiverEnv` has them, a run that was
+    interrupted goes on with the same numbers; without, with new episodes.
     """
 
     @property
@@ -43,11 +53,19 @@ class TensorEnv(Protocol):
     @property
     def device(self) -> torch.device: ...
     @property
-    def single_observation_space(self) -> Space: ...
+    def single_observation_space(self) -> Space:
+        """A Box of D numbers."""
+        ...
+
     @property
     def single_action_space(self) -> Space: ...
-    def reset(self, *, seed: int) -> tuple[Tensor, dict[str, Tensor]]: ...
-    def step(self, actions: Tensor) -> Step: ...
+    def reset(self, *, seed: int) -> tuple[Tensor, dict[str, Tensor]]:
+        """First observations [N, D] of new episodes, and info."""
+        ...
+
+    def step(self, actions: Tensor) -> Step:
+        """What actions [N, ...], as a Gymnasium environment takes them, led to."""
+        ...
 
 
 class TensorEncoder(Protocol):
@@ -191,6 +209,7 @@ class TensorCollector:
         self.book.abandon()
         (first,) = env_seeds(seed, self.book.steps, 1)
         obs, _ = self.env.reset(seed=first)
+        obs = obs.float()
         self._fresh, self._pending = torch.ones_like(self._fresh), torch.zeros_like(self._pending)
         self._obs = self._stack.push(obs, self._fresh)
 
@@ -200,18 +219,24 @@ class TensorCollector:
             actions = learner.policy.actions.executable(raw)
         with self._watch.on("env"):
             obs, reward, terminated, truncated, info = self.env.step(actions)
-        valid = ~self._pending
+        if "cost" not in info:
+            named = ", ".join(map(repr, info)) or "nothing"
+            raise TrainingError(
+                f"the environment names no cost: info['cost'] [N] is needed at every step, info has {named}"
+            )
+        obs, valid = obs.float(), ~self._pending
         terminated, truncated = terminated & valid, truncated & valid & ~terminated
-        cost, costs = info["cost"] * valid, info.get("costs")
+        reward, cost = (torch.where(valid, paid, 0.0) for paid in (reward, info["cost"]))
+        costs = info.get("costs")
         learnt = {
             "actions": raw,
-            "rewards": reward * valid,
+            "rewards": reward,
             "costs": learnt_costs(learner, cost, costs) * valid[:, None],
             "terminated": terminated,
             "truncated": truncated,
             "valid": valid,
         }
-        told = {"reward": reward * valid, "cost": cost}
+        told = {"reward": reward, "cost": cost}
         if costs is not None:
             told |= {"tight": costs[:, 0] * valid, "loose": costs[:, 1] * valid}
         if "done_reason" in info:
@@ -240,16 +265,18 @@ class TensorCollector:
 
     def state(self) -> dict[str, Any]:
         getter = getattr(self.env, "get_state", None)
-        if getter is None:
-            raise TrainingError("an environment of tensors needs get_state and set_state for checkpoints")
         own = {"obs": self._obs, "fresh": self._fresh, "pending": self._pending}
         return {
-            "environment": dict(getter()),
+            **({} if getter is None else {"environment": dict(getter())}),
             **{name: array_of(tensor) for name, tensor in own.items()},
             "frames": self._stack.state(),
         }
 
     def load_state(self, state: dict[str, Any], seed: int) -> None:
+        if "environment" not in state or not hasattr(self.env, "set_state"):
+            warn_of_new_episodes()
+            self.begin(seed)
+            return
         self.env.set_state(state["environment"])  # pyright: ignore[reportAttributeAccessIssue]
         self._obs, self._fresh, self._pending = (
             tensor_of(state[name], self.env.device) for name in ("obs", "fresh", "pending")
@@ -261,7 +288,13 @@ class TensorCollector:
         assert self._buffer is not None
         told = {name: array_of(tensor) for name, tensor in self._buffer.told.items() if name in said}
         ended = {name: array_of(self._buffer.learnt[name]) for name in ("terminated", "truncated", "valid")}
-        require_finite(**{f"the sum of each {name}": float(told[name].sum()) for name in ("reward", "cost")})
+        for name in ("reward", "cost"):
+            wrong = np.argwhere(~np.isfinite(told[name][: self._buffer.filled]))
+            if len(wrong):
+                rows = wrong[wrong[:, 0] == wrong[0, 0], 1].tolist()
+                raise NotFiniteError(
+                    f"{name} is not finite in rows {rows[:8]} of step {wrong[0, 0] + 1} of the rollout"
+                )
         episodes = []
         for at in range(self._buffer.filled):
             apart = np.stack([told["tight"][at], told["loose"][at]], 1) if "tight" in told else None

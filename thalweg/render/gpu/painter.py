@@ -51,15 +51,15 @@ def most_plants(scene: Scene) -> int:
     return max(1, int((scene.place[:, PLANT_TO] - scene.place[:, PLANT_FROM]).max()))
 
 
-def check_room(scene: Scene, each: int, free: int) -> None:
+def check_memory(scene: Scene, each: int, free: int) -> None:
     """Raise `RenderError` unless the tables of a scene and the scratch of one camera fit into the free bytes of a
     device, saying what is needed and how many worlds fit."""
     tables, worlds = bytes_of(scene), len(scene.place)
     if tables + each > free:
         fitting = max(0, (free - each) * worlds // tables)
         raise RenderError(
-            f"{worlds} worlds take {tables / 1e9:.2f} GB and a camera {each / 1e6:.1f} MB of the GPU's memory, of which"
-            f" {free / 1e9:.2f} GB are free: {fitting} worlds of this size fit"
+            f"the tables of {worlds} worlds take {tables / 1e9:.2f} GB and a camera {each / 1e6:.1f} MB of the GPU's"
+            f" memory, of which {free / 1e9:.2f} GB are free: {fitting} worlds of this size fit"
         )
 
 
@@ -78,12 +78,12 @@ class Painter:
         height, width, _, self.fast = camera
         self.each = bytes_each(scene, height, width, self.fast)
         """Bytes of scratch for a camera of a pass."""
-        check_room(scene, self.each, gpu.free_bytes(device))
+        check_memory(scene, self.each, gpu.free_bytes(device))
         self._scene = Scene(*(gpu.on_device(table, device) for table in scene))
         self._codes = gpu.on_device(CODE_TABLE, device)
         self._plants = most_plants(scene)
         self.cameras = 0
-        """Cameras that a pass may have: told at the first, for what frames take is taken by then; 0 before."""
+        """Cameras that a pass may have, set at the first draw, when frames already have their memory; 0 before."""
         self._room = 0
         self._scratch: dict[str, Any] = {}
 

@@ -24,6 +24,8 @@ COLOURS = {"OmniSafe": "#d95f02", "Thalweg": "#1b6ca8"}
 ACROSS = 5
 """Algorithms side by side."""
 MEASURES = {"return": "return", "cost": "falls an episode"}
+TOPS = (8.0, 0.65)
+"""Where the axes end at least, so that most of them are alike."""
 
 Curves = dict[tuple[str, str], dict[int, dict[int, dict[str, float]]]]
 """By algorithm and side, seed, and step: return, cost and episodes of a stretch."""
@@ -66,9 +68,9 @@ def draw(table: Path, figure: Path) -> None:
             if not column:
                 axis.set_ylabel(MEASURES[measure])
         pair[1].set_xlabel("thousand steps")
-        pair[1].set_ylim(0, 0.65)
         pair[1].axhline(LIMIT, color="black", linewidth=0.8, linestyle=":")
-        pair[0].set_ylim(0, 8)
+        for axis, least in zip(pair, TOPS, strict=True):
+            axis.set_ylim(0, max(least, axis.get_ylim()[1]))
     axes[0, 0].legend(frameon=False, loc="lower right")
     with whole(figure) as draft:
         plots.savefig(draft, dpi=110, format="png")

@@ -21,7 +21,15 @@ PAGE = Path(__file__).resolve().parents[1] / "README.md"
 MARK = "omnisafe"
 SPEEDS = ("a second", "of", "OmniSafe", "Thalweg", "times", "least", "greatest", "by processor time", "asked for")
 WORK = ("of", "steps, OmniSafe", "gradient steps, OmniSafe", "steps, Thalweg", "gradient steps, Thalweg")
-LEARNT = ("learnt", "return, OmniSafe", "return, Thalweg", "falls, OmniSafe", "falls, Thalweg", "OmniSafe's errors")
+LEARNT = (
+    "learnt",
+    "seeds",
+    "return, OmniSafe",
+    "return, Thalweg",
+    "falls, OmniSafe",
+    "falls, Thalweg",
+    "OmniSafe's errors",
+)
 LAST = 0.2
 """What was learnt is the mean over this share of the steps, the last."""
 
@@ -72,7 +80,8 @@ def learnt_rows(curves: Curves) -> list[list[str]]:
     for name in names:
         (theirs, their_cost), (ours, our_cost) = (learnt(curves, name, side) for side in SIDES)
         cells = [f"{theirs:.2f}", f"{ours:.2f}", f"{their_cost:.3f}", f"{our_cost:.3f}"]
-        rows.append([name, *cells, contest_named(name).differs])
+        seeds = min(len(curves[name, side]) for side in SIDES)
+        rows.append([name, str(seeds), *cells, contest_named(name).differs])
     return rows
 
 
@@ -109,10 +118,9 @@ def section() -> str:
         parts.append(f"{markdown(list(SPEEDS), speed_rows(found))}\n{said}\n{markdown(list(WORK), work_rows(found))}")
     if CURVES.exists():
         curves = read(CURVES)
-        seeds = max(len(each) for each in curves.values())
         parts.append(
-            f"{markdown(list(LEARNT), learnt_rows(curves))}\nMeans over the last {LAST:.0%} of the steps. Seeds: "
-            f"{seeds}.\n\n![Returns and falls of both, algorithm by algorithm](omnisafe/curves.png)\n"
+            f"{markdown(list(LEARNT), learnt_rows(curves))}\nMeans over the last {LAST:.0%} of the steps; of one seed "
+            "chance is large.\n\n![Returns and falls of both, algorithm by algorithm](omnisafe/curves.png)\n"
         )
     return "\n".join(parts) or "Not measured yet.\n"
 

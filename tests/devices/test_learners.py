@@ -78,8 +78,30 @@ def test_a_learner_stays_on_its_device(name: str, space: str, settings: dict[str
     training = trained(name, space, settings, PRETEND)
     told = [metrics for metrics in training.metrics if metrics]  # pyright: ignore[reportAttributeAccessIssue]
     assert len(told) >= 2 and training.book.count > 20
-    for name in [name for name in told[-1] if name.endswith("loss")]:
-        assert any(np.isfinite(metrics[name]) for metrics in told), name
+    losses = [metric for metric in told[-1] if metric.endswith("loss")]
+    assert losses
+    for loss in losses:  # NaN where nothing was fitted since the last report
+        assert any(np.isfinite(metrics[loss]) for metrics in told), loss
+
+
+@pytest.mark.parametrize("name", list(ALGORITHMS))
+def test_what_is_learnt_on_a_device_is_what_the_cpu_learns(name: str, monkeypatch: pytest.MonkeyPatch):
+    # The pretended device draws the CPU's random numbers; compiled loops and gradients by hand are the CPU's alone.
+    here = dict(floats(trained(name, "MultiDiscrete", {}, CPU).learner.state()))
+    with pretended(monkeypatch):
+        there = dict(floats(trained(name, "MultiDiscrete", {}, PRETEND).learner.state()))
+    assert here.keys() == there.keys() and len(here) > 5
+    for part, numbers in here.items():
+        np.testing.assert_allclose(there[part], numbers, rtol=1e-3, atol=1e-4, err_msg=part)
+
+
+def floats(state: Any, part: str = "") -> Iterator[tuple[str, np.ndarray]]:
+    """All arrays of floats in nested dictionaries, by their place."""
+    if isinstance(state, dict):
+        for name, value in state.items():
+            yield from floats(value, f"{part}/{name}")
+    elif isinstance(state, np.ndarray) and state.dtype.kind == "f":
+        yield part, state
 
 
 @pytest.mark.parametrize("name", list(ALGORITHMS))

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import torch
 from torch import Tensor
-from torch.nn.utils import parameters_to_vector, vector_to_parameters
+from torch.nn.utils import parameters_to_vector
 
 from thalweg.algos.interface import Feedback
 from thalweg.algos.maths import losses
@@ -59,14 +59,20 @@ class Landscape:
         """Take the longest of ever shorter steps [P] that stays within the trust region and that `accepts` says yes to,
         given log π(a|s) [B] there; returns how many were tried and refused. If all were, the policy stays."""
         for tried in range(self._config.backtracks):
-            vector_to_parameters(self._start + self._config.backtrack_factor**tried * step, self._actor.parameters())
+            self._put(self._start + self._config.backtrack_factor**tried * step)
             new = self._agent.policy.given(self._samples.inputs)
             old = self._agent.policy.actions.distribution(self._drift.old_parameters)
             kl = self._share * float(old.kl(new).mean())
             if kl <= self.radius and accepts(new.log_prob(self._samples.actions)):
                 return tried
-        vector_to_parameters(self._start, self._actor.parameters())
+        self._put(self._start)
         return self._config.backtracks
+
+    def _put(self, vector: Tensor) -> None:
+        """Move the policy to [P], in the memory that it has: what is laid out over it stays so."""
+        parameters = list(self._actor.parameters())
+        for parameter, part in zip(parameters, vector.split([each.numel() for each in parameters]), strict=True):
+            parameter.copy_(part.view_as(parameter))
 
     def _flat(self, scalar: Tensor, create_graph: bool = False) -> Tensor:
         parameters = list(self._actor.parameters())

@@ -12,12 +12,13 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, fields
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -30,6 +31,7 @@ from thalweg.devices import DeviceError, device_named
 from thalweg.encoder import Encoder, load_encoder
 from thalweg.env import EnvConfig, sample_starts
 from thalweg.env.tensors import TensorRiverEnv
+from thalweg.options import settings_from
 from thalweg.render import Renderer
 from thalweg.render.look import look_rows, look_values
 from thalweg.train.tensors import LatentTensorEnv, TensorCollector
@@ -48,8 +50,6 @@ REPEATS = 3
 """Least number of calls, after one that is not measured."""
 LEARNERS = ("FOCOPS", "SACLag", "CCEPETS")
 """Whose training is timed: the first in all numbers of worlds, the others in the first of them."""
-SETTINGS: dict[str, int] = {}
-"""Of the learners; beside them their defaults, which follow the number of environments."""
 
 
 @dataclass
@@ -201,22 +201,26 @@ def time_training(
     counts: Sequence[int],
     encoder: Encoder,
     learners: Sequence[str],
+    settings: Mapping[str, Any],
 ) -> None:
-    """Whole training once its random steps are over: frames, codes, rules, actions and updates."""
+    """Whole training once its random steps are over: frames, codes, rules, actions and updates.
+
+    Of the settings each learner takes those that it has; its other defaults follow the number of environments.
+    """
     for learner in learners:
         for count in while_there_is_time(clock, counts):
-            training = begun(learner, worlds, count, encoder)
+            training = begun(learner, worlds, count, encoder, settings)
             steps = count * training.learner.rollout_steps
             rate = clock.rate(partial(update, training), steps)
             table.add(f"train {learner}", rate, "steps/s", cameras=count, worlds=len(worlds))
 
 
-def begun(learner: str, worlds: Sequence[World], count: int, encoder: Encoder) -> Training:
+def begun(learner: str, worlds: Sequence[World], count: int, encoder: Encoder, settings: Mapping[str, Any]) -> Training:
     """A run of tensors that learns from now on."""
     env = LatentTensorEnv(TensorRiverEnv(worlds, count, device=str(encoder.device)), encoder)
     entry = algorithm_named(learner)
     known = {field.name for field in fields(entry.config)}
-    config = entry.configure({key: value for key, value in SETTINGS.items() if key in known}, num_envs=count)
+    config = entry.configure({key: value for key, value in settings.items() if key in known}, num_envs=count)
     collector = TensorCollector(env, config.frame_stack, 1)
     task = Task(collector.obs_size, env.single_action_space, count, 0, {}, encoder.device)
     training = Training(collector, entry.make(config, task), 10**9, seed=0, threads=1)
@@ -249,6 +253,7 @@ def main() -> int:
     parser.add_argument("--check", type=int, default=256, help="frames that are held against the CPU's")
     parser.add_argument("--check-steps", type=int, default=1_000_000, help="steps that are")
     parser.add_argument("--minutes", type=float, default=7.0, help="nothing new is measured after so many")
+    parser.add_argument("--set", nargs="*", default=[], help="settings of the learners, such as steps_per_update=4096")
     parser.add_argument("--out", type=Path, default=HERE / "gpu.csv")
     given = parser.parse_args()
     if min([*given.cameras, *given.worlds, given.check, given.check_steps]) < 1:
@@ -259,6 +264,7 @@ def main() -> int:
         print(error, file=sys.stderr)
         return 1
     card = torch.cuda.get_device_name(device) if device.type == "cuda" else "none, the CPU"
+    settings = settings_from(given.set)
     table, clock = Table(card), Clock(device, given.minutes)
     print(f"{card}; torch {torch.__version__}, CUDA {torch.version.cuda}", flush=True)
     pool = rivers(max(given.worlds))
@@ -271,7 +277,9 @@ def main() -> int:
             time_frames(table, clock, pool[:count], given.cameras)
             time_rules(table, clock, pool[:count], given.cameras)
             learners = LEARNERS if place == 0 else LEARNERS[:1]
-            time_training(table, clock, pool[:count], [n for n in given.cameras if n <= 4096], encoder, learners)
+            time_training(
+                table, clock, pool[:count], [n for n in given.cameras if n <= 4096], encoder, learners, settings
+            )
     finally:
         if table.rows:
             table.write(given.out)

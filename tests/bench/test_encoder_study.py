@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from thalweg.bench import encoder_study
-from thalweg.bench.encoder_study import CASES, COMPARED, MEASURES, SIZE_COLUMNS, SIZES, Case, Plan, run_study
+from thalweg.bench.encoder_study import CASES, COMPARED, MEASURES, SIZES, Plan, run_study
+from thalweg.bench.encoder_tables import SIZE_COLUMNS, Case
 from thalweg.bench.files import ResultsError
 from thalweg.encoder import load_encoder
 from thalweg.encoder.training import split

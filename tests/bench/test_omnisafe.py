@@ -226,7 +226,7 @@ def test_what_was_learnt_is_the_mean_over_the_last_episodes_of_all_seeds(curves:
     # (2 x 1 + 4 x 3 + 8 x 1) / 5 and (0 + 0.2 x 3 + 0.6) / 5: what ended after step 80.
     assert write.learnt(read, "PPO", PEER) == (pytest.approx(4.4), pytest.approx(0.24))
     row = write.learnt_rows(read)[0]
-    assert row == ["PPO", "2", "4.40", "5.00", "0.240", "0.100", contest_named("PPO").differs]
+    assert row == ["PPO", "1", "4.40", "5.00", "0.240", "0.100", contest_named("PPO").differs]
 
 
 def test_a_band_has_the_steps_that_all_seeds_have(curves: Path):
@@ -245,7 +245,7 @@ def test_the_page_is_written_between_its_marks_and_a_second_time_changes_nothing
     first = page.read_text()
     assert first.startswith("before\n<!-- omnisafe -->\n") and first.endswith("<!-- /omnisafe -->\nafter\n")
     assert (
-        "| steps | PPO | 100 | 1,000 | 9.00 | 5.00 | 12.0 | 18.0 |  |" in first and "| PPO | 2 | 4.40 | 5.00 |" in first
+        "| steps | PPO | 100 | 1,000 | 9.00 | 5.00 | 12.0 | 18.0 |  |" in first and "| PPO | 1 | 4.40 | 5.00 |" in first
     )
     assert "| PPO | 20,000 | 12,520 actor | 20,000 |" in first
     assert write.main(["--check"]) == 0

@@ -14,12 +14,12 @@ from thalweg.world import World
 def brief(monkeypatch: pytest.MonkeyPatch, easy_world: World, tmp_path: Path) -> Path:
     """The script with little to do; where its table will be."""
     monkeypatch.setattr(gpu, "rivers", lambda count: [easy_world] * count)
-    few = {"steps_per_update": 8, "steps_per_collection": 4, "random_steps": 4, "samples": 4, "elites": 2}
-    for name, value in {"SECONDS": 0.0, "REPEATS": 1, "SETTINGS": few}.items():
+    for name, value in {"SECONDS": 0.0, "REPEATS": 1}.items():
         monkeypatch.setattr(gpu, name, value)
     out = tmp_path / "gpu.csv"
     sizes = ["--cameras", "2", "--worlds", "1", "2", "--check", "2", "--check-steps", "40"]
-    monkeypatch.setattr(sys, "argv", ["gpu.py", "--device", "cpu", *sizes, "--out", str(out)])
+    few = ["--set", "steps_per_update=8", "steps_per_collection=4", "random_steps=4", "samples=4", "elites=2"]
+    monkeypatch.setattr(sys, "argv", ["gpu.py", "--device", "cpu", *sizes, *few, "--out", str(out)])
     return out
 
 

@@ -1,8 +1,10 @@
 from importlib.metadata import version
 
 import pytest
+import torch
 
 from thalweg.train import machine as made
+from thalweg.train import record
 from thalweg.train.machine import machine, versions
 
 
@@ -20,3 +22,9 @@ def test_a_package_that_is_not_installed_is_unknown(monkeypatch: pytest.MonkeyPa
 def test_the_machine_has_a_processor_and_memory():
     assert set(machine()) == {"cpu", "cores", "memory_gib", "system"}
     assert int(machine()["cores"]) >= 1
+
+
+def test_a_run_on_a_gpu_names_the_card(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(torch.cuda, "get_device_name", lambda: "NVIDIA Made-up")
+    there, here = (record.describe(identity, 1)["machine"] for identity in ({"device": "cuda"}, {}))
+    assert there["card"] == "NVIDIA Made-up" and set(there) - set(here) == {"card", "cuda", "numba-cuda"}

@@ -184,3 +184,27 @@ def test_a_run_says_on_what_it_was_trained(tmp_path: Path, monkeypatch: pytest.M
     assert context["env"]["max_steps"] == 77
     assert context["env"]["camera"] == {**asdict(Camera()), "fov_deg": 50.0}
     assert yaml.safe_load(yaml.safe_dump(context)) == context
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "asked", "given", "threads"),
+    [
+        ("SACLag", "", None, 2),
+        ("CCEPETS", "", None, 2),
+        ("PPO", "", None, 1),
+        ("SACLag", "1", None, 1),
+        ("SACLag", "8", None, 2),
+        ("PPO", "1", 3, 3),
+    ],
+)
+def test_wide_networks_learn_in_two_threads_unless_fewer_are_asked_for_or_others_given(
+    algorithm: str, asked: str, given: int | None, threads: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    found: dict[str, Any] = {}
+    monkeypatch.setattr(river, "run", lambda *_, **settings: found.update(settings))
+    monkeypatch.setattr(TrainingGround, "_seen_through", lambda *_: SimpleNamespace(close=lambda: None))
+    monkeypatch.setattr("thalweg.cores.AT_FIRST", 4)
+    monkeypatch.setenv("OMP_NUM_THREADS", asked)
+    encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
+    TrainingGround("Easy", 4).train(algorithm, encoder, steps=1, seed=0, folder=tmp_path / "run", threads=given)
+    assert found["threads"] == threads

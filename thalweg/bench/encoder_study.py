@@ -5,22 +5,16 @@ written once it is trained; the tables are made of them, and of the codes of the
 """
 
 import json
-import math
-from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
-from matplotlib.figure import Figure
 
-from thalweg.bench.figures import STYLE, png
+from thalweg.bench.encoder_tables import ENTROPY_COLUMNS, SIZE_COLUMNS, Case, entropy_rows, page, size_figure, size_row
+from thalweg.bench.figures import png
 from thalweg.bench.files import ResultsError, csv_text
-from thalweg.bench.published import RELATIVE_ENTROPY
-from thalweg.bench.tables import markdown
-from thalweg.encoder import Encoder, Source, VAEConfig, draw_reconstructions, load_encoder, train_encoder
-from thalweg.encoder.entropy import SMOOTHING, relative_entropy
+from thalweg.encoder import Encoder, Source, draw_reconstructions, load_encoder, train_encoder
 from thalweg.encoder.measure import reconstruct
 from thalweg.encoder.probe import explained
 from thalweg.encoder.training import split
@@ -36,33 +30,9 @@ SIZES = (1024, 512, 256, 128, 64, 32, 16, 8)
 INPUTS = ("rgb", "mask", "rgb+mask")
 CODE = 16
 """Numbers in the codes of different inputs."""
-OTHER_SMOOTHINGS = (1e-9, 1e-4, 1e-3)
-"""What else could be added to each bin, to see how much the choice matters."""
 SHOWN = 8
 """Images of the figure."""
 RECORD, MEASURES = "study.json", "measures.json"
-
-
-@dataclass(frozen=True)
-class Case:
-    """An encoder to be trained."""
-
-    inputs: str
-    latent: int
-    architecture: str = "lean"
-
-    @property
-    def name(self) -> str:
-        return f"{self.architecture}-{self.inputs.replace('+', '-')}-{self.latent}"
-
-    @property
-    def config(self) -> VAEConfig:
-        return VAEConfig(inputs=self.inputs, latent=self.latent, architecture=self.architecture)
-
-    @property
-    def precision(self) -> str:
-        """bfloat16 for the paper's layers, which have nine times as many weights, else float32."""
-        return "bfloat16" if self.architecture == "paper" else "float32"
 
 
 SWEEP = tuple(Case("rgb+mask", size) for size in SIZES)
@@ -168,7 +138,7 @@ def write_tables(folder: Path, plan: Plan, scenes: Scenes, kept: np.ndarray, asi
     """sizes.csv, entropy.csv, sizes.png, inputs.png and study.md, once every case has its measures."""
     known = {case: _read(folder / case.name / MEASURES) for case in plan.cases}
     rows = [size_row(case, found) for case, found in known.items()]
-    write_whole(folder / "sizes.csv", csv_text(SIZE_COLUMNS, rows))
+    write_whole(folder / "sizes.csv", csv_text(SIZE_COLUMNS, ([row[name] for name in SIZE_COLUMNS] for row in rows)))
     compared = {
         case.inputs: load_encoder(folder / case.name / "encoder.safetensors") for case in COMPARED if case in known
     }
@@ -179,89 +149,12 @@ def write_tables(folder: Path, plan: Plan, scenes: Scenes, kept: np.ndarray, asi
         write_whole(folder / "entropy.csv", csv_text(ENTROPY_COLUMNS, entropies))
         draw_reconstructions(scenes.frames[aside[:SHOWN]], compared, folder / "inputs.png")
     write_whole(folder / "sizes.png", png(size_figure(known)))
-    write_whole(folder / "study.md", page(plan, rows, entropies))
-    return folder / "study.md"
-
-
-SIZE_COLUMNS = (
-    "architecture",
-    "inputs",
-    "numbers",
-    "train_mse",
-    "held_out_mse",
-    "mean_image_mse",
-    "iou_mask",
-    "iou_colours",
-    "iou_ceiling",
-    *(f"read_{name.replace(' ', '_')}" for name in BEARINGS),
-)
-ENTROPY_COLUMNS = ("first", "second", "paper", *(f"smoothing_{value:g}" for value in (SMOOTHING, *OTHER_SMOOTHINGS)))
-
-
-def size_row(case: Case, found: dict[str, Any]) -> list[str]:
-    """A row of sizes.csv; what an input does not have is empty."""
-    values = [found[name] for name in SIZE_COLUMNS[3:9]] + [found["read"][name] for name in BEARINGS]
-    cells = ["" if value is None or math.isnan(value) else f"{value:.5f}" for value in values]
-    return [case.architecture, case.inputs, str(case.latent), *cells]
-
-
-def entropy_rows(codes: dict[str, np.ndarray]) -> Iterable[list[str]]:
-    """A row of entropy.csv for each pair of inputs, the paper's figure beside ours."""
-    for (first, second), published in RELATIVE_ENTROPY.items():
-        if first in codes and second in codes:
-            ours = [
-                relative_entropy(codes[first], codes[second], smoothing) for smoothing in (SMOOTHING, *OTHER_SMOOTHINGS)
-            ]
-            yield [first, second, f"{published:.3f}", *(f"{value:.3f}" for value in ours)]
-
-
-def page(plan: Plan, rows: Sequence[list[str]], entropies: Sequence[list[str]]) -> str:
-    """The tables, with what their columns mean."""
-    names = [name.replace("read_", "").replace("_", " ") for name in SIZE_COLUMNS]
-    parts = [
-        "# The encoder study\n",
+    about = (
         f"{plan.images:,} frames of {plan.level} to train on and {plan.held_out:,} held out, {plan.epochs} epochs, seed"
-        f" {plan.seed}.\n",
-        "## Size, river and what a line reads\n",
-        markdown(names[:9], [row[:9] for row in rows]),
-        "Mean squared errors of values in 0..1. IoU of the water, on images held out: of the reconstructed mask, and of"
-        " the water that a small network finds in the reconstructed colours; `iou ceiling` is what it finds in the"
-        " frames themselves.\n",
-        markdown(names[:3] + names[9:], [row[:3] + row[9:] for row in rows]),
-        "R² on images held out of a linear regression on the code: distances to the banks, heading error, height above"
-        " the water, way to the middle of the next bridge within 60 m.\n",
-    ]
-    if entropies:
-        parts += [
-            "## Inputs: relative entropy of the codes\n",
-            markdown(list(ENTROPY_COLUMNS), [list(row) for row in entropies]),
-            "In nats, mean over 16 numbers; `paper` is the paper's figure, of another simulator, for which it is not"
-            " known what was added to empty bins.\n",
-        ]
-    return "\n".join(parts)
-
-
-def size_figure(known: dict[Case, dict[str, Any]]) -> Figure:
-    """Error against the size of the code."""
-    with rc_context(STYLE):
-        figure = Figure(figsize=(6, 3.6))
-        axis = figure.subplots()
-        for architecture, marker in (("lean", "o-"), ("paper", "s")):
-            cases = sorted(
-                (case for case in known if (case.architecture, case.inputs) == (architecture, "rgb+mask")),
-                key=lambda case: case.latent,
-            )
-            for what, colour in (("train_mse", "C0"), ("held_out_mse", "C1")):
-                label = f"{architecture}, {'trained on' if what == 'train_mse' else 'held out'}"
-                errors = [known[case][what] for case in cases]
-                if cases:
-                    axis.plot([case.latent for case in cases], errors, marker, color=colour, label=label)
-        axis.set_xscale("log", base=2)
-        axis.set_xlabel("numbers in a code")
-        axis.set_ylabel("mean squared error")
-        axis.set_ylim(bottom=0)
-        axis.legend(frameon=False)
-    return figure
+        f" {plan.seed}."
+    )
+    write_whole(folder / "study.md", page(about, rows, entropies))
+    return folder / "study.md"
 
 
 def _claim(folder: Path, plan: Plan) -> None:

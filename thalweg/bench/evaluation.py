@@ -117,7 +117,7 @@ def episode_generator(label: Label, place: int) -> torch.Generator:
 def through_encoder(world: World, encoder: Encoder, renderer: Renderer | None = None) -> Look:
     """What a trained policy sees: the latents float32 [K, Z] of the frames at the given poses and times.
 
-    Frames are drawn on the encoder's device and stay there.
+    Frames are drawn on the encoder's device, where a renderer that is given must be, and stay there.
     """
     drawn = renderer or Renderer([world], device=str(encoder.device))
     camera, device = drawn.camera, encoder.device

@@ -14,6 +14,13 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version()} | {part: _version(part) for part in PARTS}
 
 
+def card() -> dict[str, str]:
+    """The GPU that torch uses, and what its kernels are made with."""
+    import torch  # which says so only where there is one
+
+    return {"card": torch.cuda.get_device_name(), "cuda": str(torch.version.cuda), "numba-cuda": _version("numba-cuda")}
+
+
 def _version(part: str) -> str:
     try:
         return version(part)

@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from thalweg.train.errors import TrainingError
-from thalweg.train.machine import machine, versions
+from thalweg.train.machine import card, machine, versions
 from thalweg.whole import write_whole
 
 CONFIG, STATUS, POLICY = "config.yaml", "status.json", "policy.safetensors"
@@ -18,11 +18,12 @@ MOST_NAMED = 4
 
 def describe(identity: dict[str, Any], threads: int) -> dict[str, Any]:
     """Everything that lies beside a result: what was asked for, and with what it was made."""
+    device = identity.get("device", "cpu")
     return {
         "run": identity,
         "versions": versions(),
-        "device": identity.get("device", "cpu"),
-        "machine": machine() | {"learning_threads": threads},
+        "device": device,
+        "machine": machine() | {"learning_threads": threads} | (card() if device == "cuda" else {}),
     }
 
 

@@ -159,7 +159,7 @@ class Agent:
         rate = self.config.learning_rate * (1.0 - feedback.progress if self.config.linear_decay else 1.0)
         self.policy_optimiser.rate = rate
         if not self.gradient_steps:
-            self.slow.follow(1.0)  # the policy may have begun as another since they were made
+            self.slow.catch_up()  # the policy may have begun as another since they were made
         count = int(self._owed + ALMOST)
         self._owed -= count
         for batch in self.replay.batches(count, self.config.minibatch, self.generator, self.policy.normaliser):

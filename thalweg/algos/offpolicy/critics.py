@@ -80,6 +80,10 @@ class Slow:
             stack.flat = nn.Parameter(fast)
             twin.flat = nn.Parameter(slow, requires_grad=False)
 
+    def catch_up(self) -> None:
+        """Make the copies equal again."""
+        self.slow.copy_(self.fast)
+
     def follow(self, rate: float) -> None:
         """Move the copies by τ = `rate`."""
         self.slow.lerp_(self.fast, rate)

@@ -1,5 +1,7 @@
+import csv
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -7,8 +9,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from thalweg.bench import evaluation
 from thalweg.cli import COMMANDS, EncoderTrain, _parse, main
 from thalweg.options import RiverFile, settings_from
+from thalweg.world import World
 
 
 def test_help_names_every_command_and_imports_nothing_heavy():
@@ -274,6 +278,7 @@ def test_options_of_a_river_are_typed_again_as_they_were_given():
         ),
         (["evaluate", "hover", "--geojson", "none.geojson"], "none.geojson: there is no such file"),
         (["evaluate", "hover", "--world-seed", "3"], "--world-seed goes with --geojson"),
+        (["evaluate", "hover", "--geojson", "none.geojson", "--unseen"], "--unseen goes with levels"),
         (["evaluate", "hover", "--geojson", "none.geojson", "--world-seed", "-3"], "--world-seed must be 0 or more"),
     ],
     ids=" ".join,
@@ -302,6 +307,21 @@ def test_a_real_river_and_a_level_are_not_mixed(
 def test_options_of_a_real_river_that_cannot_be_are_refused(given: list[str], said: str, capsys: pytest.CaptureFixture):
     assert main(["world", *given]) == 2
     assert said in capsys.readouterr().err
+
+
+def test_policies_are_evaluated_on_rivers_that_nothing_is_trained_on(
+    tmp_path: Path, easy_world: World, monkeypatch: pytest.MonkeyPatch
+):
+    out = tmp_path / "rows.csv"
+    monkeypatch.setattr(evaluation, "load_or_build", lambda level, seed: replace(easy_world, seed=seed))
+    options = ["--levels", "easy", "--unseen", "--episodes", "2", "--out", str(out)]
+    assert main(["evaluate", "hover", *options]) == 0
+    with open(out) as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["world_seed"], row["episode"], row["level"]) for row in rows] == [
+        (str(evaluation.UNSEEN), "0", "Easy"),
+        (str(evaluation.UNSEEN + 1), "1", "Easy"),
+    ]
 
 
 def test_baselines_are_evaluated_and_their_rows_written(tmp_path: Path, capsys: pytest.CaptureFixture):

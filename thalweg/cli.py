@@ -336,6 +336,9 @@ class Evaluate:
     """Of the sampled actions."""
     deterministic: bool = False
     """Take the most probable action instead of a sampled one."""
+    unseen: bool = False
+    """Fly on other rivers of the levels than the fixed ones, on which nothing is trained: one start on each of so many
+    rivers as there are episodes."""
     encoder: Path | None = None
     """The encoder's file; the one that comes with the package if not given."""
     out: Path | None = None
@@ -349,12 +352,24 @@ class Evaluate:
         from thalweg.bench.evaluation import EvaluationConfig
 
         reach = self.river.reach("--levels", self.levels)
+        if reach is not None and self.unseen:
+            raise UsageError("--unseen goes with levels: there is but one river in a file")
         if reach is None and self.world_seed is not None:
             raise UsageError("--world-seed goes with --geojson; the levels are flown on their fixed rivers")
         places = (reach,) if reach is not None else self.levels or ("Easy", "Medium", "Hard")
         config = EvaluationConfig(self.episodes, self.starts_seed, self.deterministic)
         evaluate_command(
-            Request(self.policy, places, config, self.seed, self.world_seed or 0, self.encoder, self.out, self.device)
+            Request(
+                self.policy,
+                places,
+                config,
+                self.seed,
+                self.world_seed or 0,
+                self.encoder,
+                self.out,
+                self.device,
+                self.unseen,
+            )
         )
         return 0
 

@@ -1,4 +1,5 @@
 import zlib
+from dataclasses import replace
 from types import SimpleNamespace
 
 import gymnasium as gym
@@ -201,3 +202,22 @@ def test_reasons_are_named_as_in_the_paper():
         "MaxStepReached",
         "Success",
     )
+
+
+def test_unseen_rivers_are_others_of_the_level_with_a_start_each(monkeypatch: pytest.MonkeyPatch):
+    built = []
+
+    def river(level, seed: int):
+        built.append((level.name, seed))
+        return replace(handmade.canal(length_m=60.0), seed=seed)
+
+    monkeypatch.setattr(evaluation, "load_or_build", river)
+    config = replace(CONFIG, episodes=3)
+    courses = Course.unseen("easy", config)
+    assert built == [("Easy", evaluation.UNSEEN + place) for place in range(3)]
+    assert [course.starts.shape for course in courses] == [(1, 4)] * 3
+    assert [course.places.tolist() for course in courses] == [[0], [1], [2]]
+    rows = [row for course in courses for row in evaluate(BASELINES["hover"], course, LABEL, config)]
+    assert [(row.world_seed, row.episode) for row in rows] == [(evaluation.UNSEEN + place, place) for place in range(3)]
+    again = Course.unseen("Easy", config)
+    assert all(np.array_equal(one.starts, other.starts) for one, other in zip(courses, again, strict=True))

@@ -64,7 +64,7 @@ def test_the_share_of_one_policy_has_wilsons_interval():
     assert (found.low, found.high) == pytest.approx(
         ((middle - half) / (1 + z**2 / n), (middle + half) / (1 + z**2 / n))
     )
-    assert found.as_percent() == "15% [5%, 36%]"
+    assert found.as_percent() == "15% [5, 36]"
 
 
 def test_the_share_of_several_seeds_is_no_surer_than_its_seeds_or_its_episodes():

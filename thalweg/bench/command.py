@@ -42,6 +42,8 @@ class Request:
     out: Path | None = None
     device: str = "cpu"
     """Where frames are drawn and encoded."""
+    unseen: bool = False
+    """Whether the rivers are others of the levels, one start on each."""
 
 
 def policy_named(name: str) -> Policy:
@@ -66,13 +68,15 @@ def evaluate_command(request: Request) -> None:
     name = request.policy if request.policy in (*BASELINES, PACKAGED) else Path(request.policy).resolve().name
     rows: list[Episode] = []
     for place in places:
-        course, level = _course(place, request)
-        look = through_encoder(course.world, encoder) if encoder is not None else None
+        courses, level = _courses(place, request)
         with bar(console, "episodes") as progress:
-            on_step = progress_of_flights(progress, f"{name} on {level}", request.config.episodes)
-            label = Label(name, request.seed, level)
-            rows.extend(evaluate(policy, course, label, request.config, look=look, on_step=on_step))
-            all_landed(progress)
+            for course in courses:
+                look = through_encoder(course.world, encoder) if encoder is not None else None
+                river = f", river {course.world.seed}" if request.unseen else ""
+                on_step = progress_of_flights(progress, f"{name} on {level}{river}", len(course.starts))
+                label = Label(name, request.seed, level)
+                rows.extend(evaluate(policy, course, label, request.config, look=look, on_step=on_step))
+                all_landed(progress)
     if request.out is not None:
         write_episodes(request.out, rows)
     print_tables(console, Results(Path(), {}, [], rows, [], []))
@@ -80,12 +84,14 @@ def evaluate_command(request: Request) -> None:
         console.print(f"One row per episode: {request.out}", highlight=False)
 
 
-def _course(place: str | Reach, request: Request) -> tuple[Course, str]:
-    """The course of a level or a real river, and what its rows are called."""
+def _courses(place: str | Reach, request: Request) -> tuple[list[Course], str]:
+    """The courses of a level or a real river, and what their rows are called."""
+    if isinstance(place, str) and request.unseen:
+        return Course.unseen(place, request.config), place
     if isinstance(place, str):
-        return Course.of_level(place, request.config), place
+        return [Course.of_level(place, request.config)], place
     announce(place, request.world_seed)
-    return Course.on(place.build(request.world_seed), request.config), place.name
+    return [Course.on(place.build(request.world_seed), request.config)], place.name
 
 
 def bench_command(name: str, folder: Path, jobs: int | None = None, only: tuple[str, ...] = ()) -> int:

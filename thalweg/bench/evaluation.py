@@ -7,7 +7,7 @@ actions are drawn for one episode at a time, so that a row does not depend on wh
 
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -27,6 +27,8 @@ from thalweg.world import World, level_named, load_or_build
 EVALUATION, CLOCKS = zlib.crc32(b"evaluation"), zlib.crc32(b"clocks")
 """Streams of random numbers of the evaluation, so that nothing that is trained on comes from the same seed as a start:
 neither the frames of the encoder nor the episodes of a policy."""
+UNSEEN = 100_000
+"""Seed of the first of a level's rivers that nothing is trained on."""
 
 Look = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """From poses [K, 4] and times [K] in seconds to observations [K, D], each row on its own."""
@@ -87,6 +89,16 @@ class Course:
         starts = sample_starts(world, config.episodes, seed, config=config.env)
         clocks = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(CLOCKS,)))
         return cls(world, starts, clocks.uniform(0, CLOCK_S, len(starts)), np.arange(len(starts)))
+
+    @classmethod
+    def unseen(cls, level: str, config: EvaluationConfig) -> list["Course"]:
+        """A start in each of as many rivers of the level as there are episodes, on which nothing is trained."""
+        chosen, courses = level_named(level), []
+        for place in range(config.episodes):
+            announce(chosen, UNSEEN + place)
+            one = cls.on(load_or_build(chosen, UNSEEN + place), replace(config, episodes=1))
+            courses.append(replace(one, places=np.array([place])))
+        return courses
 
     def only(self, place: int) -> "Course":
         """The course with but one start of its list; flown alone it gives the same flight."""

@@ -38,7 +38,9 @@ class Estimate:
 
     def as_percent(self) -> str:
         """Of a share: the same in whole percent."""
-        return f"{self.value:.0%}" if np.isnan(self.low) else f"{self.value:.0%} [{self.low:.0%}, {self.high:.0%}]"
+        if np.isnan(self.low):
+            return f"{self.value:.0%}"
+        return f"{self.value:.0%} [{100 * self.low:.0f}, {100 * self.high:.0f}]"
 
 
 def table_of(rows: Sequence[Episode], field: str = "return_") -> np.ndarray:

@@ -114,6 +114,8 @@ def size_figure(known: Mapping[Case, Measures]) -> Figure:
                 if cases:
                     axis.plot([case.latent for case in cases], errors, marker, color=colour, label=label)
         axis.set_xscale("log", base=2)
+        sizes = sorted({case.latent for case in known})
+        axis.set_xticks(sizes, [str(size) for size in sizes], minor=False)
         axis.set_xlabel("numbers in a code")
         axis.set_ylabel("mean squared error")
         axis.set_ylim(bottom=0)

@@ -11,7 +11,7 @@ from thalweg.bench.baselines import BASELINES, Policy
 from thalweg.bench.episodes import Episode, write_episodes
 from thalweg.bench.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
 from thalweg.bench.files import ResultsError
-from thalweg.bench.hands import Here, Processes, cores
+from thalweg.bench.hands import Here, Processes
 from thalweg.bench.published import SOURCE
 from thalweg.bench.results import Results, read_results
 from thalweg.bench.river import PACKAGED_POLICY
@@ -20,6 +20,7 @@ from thalweg.bench.suites import PACKAGED, suite_named
 from thalweg.bench.tables import ELSEWHERE, detail_table, paper_table
 from thalweg.train import load_policy
 from thalweg.train.announce import announce
+from thalweg.train.machine import cores
 from thalweg.train.river import check_sees_as_trained, load_fitting_encoder
 from thalweg.world import Reach, level_named
 

@@ -24,6 +24,7 @@ from thalweg.bench.files import ResultsError
 from thalweg.bench.results import RunRow, evaluation_path
 from thalweg.bench.river import PACKAGED_POLICY, Place
 from thalweg.bench.suites import Run, Suite
+from thalweg.train.machine import cores
 from thalweg.train.record import POLICY, read_status
 from thalweg.whole import write_whole
 
@@ -57,11 +58,6 @@ class Here:
         """See `Hands`."""
         for run in runs:
             yield attempt(run, work)
-
-
-def cores() -> int:
-    """How many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class Processes:

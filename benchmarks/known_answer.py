@@ -123,10 +123,10 @@ def page(rows: Table, seeds: int) -> str:
     """The tables, one for each problem."""
     asked = (
         f"Return of the last policy as a share of the optimum, and its cost, as means over up to {seeds} seeds; in"
-        f" brackets the seeds that reached {SHARE:.0%} with a cost at most {EXCESS:.0%} or {LEAST_EXCESS} above the limit,"
-        " of those that were run. **Bold**: some did not, or failed. `box_literal` is there to show what it does; nothing"
-        " is asked of it. PPO is held against the best without a limit, DDPG and TD3 against the best that draws no"
-        " lots, planners against a perfect planner with their horizon."
+        f" brackets the seeds that reached {SHARE:.0%} with a cost at most {EXCESS:.0%} or {LEAST_EXCESS} above the"
+        " limit, of those that were run. **Bold**: some did not, or failed. `box_literal` is there to show what it"
+        " does; nothing is asked of it. PPO is held against the best without a limit, DDPG and TD3 against the best"
+        " that draws no lots, planners against a perfect planner with their horizon."
     )
     parts = [asked]
     for name, problem in PROBLEMS.items():

@@ -18,7 +18,7 @@ from thalweg.world import LEVELS, World, load_or_build
 from thalweg.world.drawing import draw
 
 IMAGES = Path(__file__).resolve().parent / "images"
-CAM = Path(__file__).resolve().parents[1] / "examples" / "rivers" / "cam.geojson"
+CAM = Path(__file__).resolve().parents[1] / "thalweg" / "world" / "rivers" / "cam.geojson"
 GAP = 6
 SEEN = {"Easy": (3, 6), "Medium": (7, 10, 13), "Hard": (6, 9, 14)}
 """Which of each level's first starts are shown."""

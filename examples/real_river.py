@@ -8,14 +8,14 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-import thalweg  # registers the environments  # noqa: F401
+import thalweg  # registers the environments
 from thalweg.bench.sheet import sheet
 from thalweg.env import DoneReason
 from thalweg.world import World
 from thalweg.world.drawing import draw
 
 parser = argparse.ArgumentParser(description=__doc__)
-parser.add_argument("--file", type=Path, default=Path(__file__).parent / "rivers" / "cam.geojson")
+parser.add_argument("--file", type=Path, default=Path(thalweg.__file__).parent / "world" / "rivers" / "cam.geojson")
 parser.add_argument("--start-m", type=float, default=0.0)
 parser.add_argument("--length-m", type=float, default=None)
 parser.add_argument("--out", type=Path, default=Path("real_river"))

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from thalweg.bench.conditions import Trial
 from thalweg.bench.episodes import REASONS, Episode
 from thalweg.bench.evaluation import Step
 from thalweg.bench.runner import run_suite
@@ -50,9 +51,10 @@ class SmallPlace:
             raise ArithmeticError("the loss is NaN\nin line two")
         (folder / "policy.safetensors").write_bytes(b"")
 
-    def evaluate(self, run: Run, folder: Path, level: str, on_step: Callable[[Step], None]) -> list[Episode]:
-        self._call(f"evaluate {run.name} {level}")
-        random = np.random.default_rng([run.seed, len(run.algorithm), len(level)])
+    def evaluate(self, run: Run, folder: Path, trial: Trial, on_step: Callable[[Step], None]) -> list[Episode]:
+        self._call(f"evaluate {run.name} {trial}")
+        level, about = trial.level, (run.algorithm, trial.level, trial.condition.name)
+        random = np.random.default_rng([run.seed, *map(len, about)])
         rows = []
         for episode in range(SUITE.episodes):
             cost = float(random.choice([0.0, 0.2, 1.0]))

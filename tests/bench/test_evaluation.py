@@ -41,8 +41,8 @@ def course(world=None, count: int = 6) -> Course:
     return Course(world, sample_starts(world, count, 0), np.linspace(0, 50, count), np.arange(count))
 
 
-def look(poses: np.ndarray, time_s: np.ndarray) -> np.ndarray:
-    return np.column_stack([poses, time_s]).astype(np.float32)
+def look(step: Step) -> np.ndarray:
+    return np.column_stack([step.poses, step.time_s]).astype(np.float32)
 
 
 def test_a_flight_does_not_depend_on_what_is_flown_beside_it():
@@ -53,9 +53,9 @@ def test_a_flight_does_not_depend_on_what_is_flown_beside_it():
     assert len({row.length for row in together}) > 1  # they did end at different times
 
 
-def flicker(poses: np.ndarray, time_s: np.ndarray) -> np.ndarray:
+def flicker(step: Step) -> np.ndarray:
     """Numbers that look unlike those of the step before."""
-    return np.sin(np.column_stack([poses, time_s]) * [31, 37, 41, 43, 47]).astype(np.float32)
+    return np.sin(np.column_stack([step.poses, step.time_s]) * [31, 37, 41, 43, 47]).astype(np.float32)
 
 
 @pytest.mark.parametrize(("frames", "memory"), [(3, 0), (1, 4)], ids=["frames", "recurrent"])

@@ -20,7 +20,7 @@ from thalweg.bench.filming import best_flight
 from thalweg.bench.results import read_results, read_runs
 from thalweg.bench.river import made_by
 from thalweg.bench.runner import run_suite
-from thalweg.bench.suites import STUDIED, SUITES, Arm, Run, suite_named
+from thalweg.bench.suites import STUDIED, SUITES, Arm, Run, Stage, suite_named
 from thalweg.encoder import load_encoder
 from thalweg.train.river import mark
 
@@ -133,6 +133,11 @@ def test_a_full_disk_stops_the_suite_and_keeps_what_was_finished(tmp_path: Path,
         ({"arms": (Arm("PPO", seeds=(0, -1)),)}, "seeds must be 0 or more, not -1"),
         ({"arms": (Arm("PPO", settings={"pases": 3}),)}, "PPOConfig has no 'pases' .did you mean 'passes'"),
         ({"arms": (Arm("PPO", preset="papr"),)}, "no preset 'papr'; there are default, paper"),
+        ({"arms": (Arm("PPO", level="Esay"),)}, "unknown level 'Esay'"),
+        ({"arms": (Arm("PPO", before=(Stage("PPO", "Haard", 9),)),)}, "unknown level 'Haard'"),
+        ({"arms": (Arm("PPO", before=(Stage("POP", "Hard", 9),)),)}, "unknown algorithm 'POP'"),
+        ({"arms": (Arm("PPO", before=(Stage("PPO", "Hard", 0),)),)}, "steps of PPO must be at least 1, not 0"),
+        ({"arms": (Arm("PPO", before=(Stage("PPO", "Hard", 9, "papr"),)),)}, "no preset 'papr'"),
         ({"starts_seed": -3}, "starts_seed must be 0 or more, not -3"),
     ],
 )
@@ -281,5 +286,17 @@ def test_the_suites_are_found_by_name_and_an_unknown_one_lists_them():
     arms = SUITES["paper"].arms
     assert [arm.label for arm in arms] == [*STUDIED, "PPO-paper", "FOCOPS-paper"]
     assert {(arm.steps, arm.seeds) for arm in arms} == {(200_000, (0, 1, 2))}
-    with pytest.raises(ResultsError, match="unknown suite 'papr'; known: quick, easy, paper"):
+    with pytest.raises(ResultsError, match="unknown suite 'papr'; known: quick, easy, open, protocols, paper"):
         suite_named("papr")
+
+
+@pytest.mark.parametrize("name", SUITES)
+def test_a_suite_that_comes_with_the_package_names_only_what_there_is(name: str, tmp_path: Path):
+    """Nothing of it is done: that there is no run called so is found after the suite itself has been checked."""
+    with pytest.raises(ResultsError, match=f"suite {name} has no 'nobody'; it has "):
+        run_suite(SUITES[name], tmp_path / "new", SmallPlace(), only=("nobody",))
+
+
+def test_each_protocol_takes_as_many_steps():
+    totals = [arm.steps + sum(stage.steps for stage in arm.before) for arm in SUITES["protocols"].arms]
+    assert totals == [200_000] * 4

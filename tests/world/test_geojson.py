@@ -14,7 +14,7 @@ from thalweg.world import World, WorldError, WorldFileError
 from thalweg.world.geodesy import local_metres
 from thalweg.world.real import Centerline, falling, read_centerline, smoothed, thinned
 
-CAM = Path(__file__).resolve().parents[2] / "examples" / "rivers" / "cam.geojson"
+CAM = Path(__file__).resolve().parents[2] / "thalweg" / "world" / "rivers" / "cam.geojson"
 EAST = [[7.0, 45.0], [7.005, 45.0], [7.01, 45.0], [7.015, 45.0], [7.02, 45.0]]
 """1576.937 m along the parallel of 45 degrees, 394.234 m a piece: a hundredth of a degree is 788.468 m there."""
 

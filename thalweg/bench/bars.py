@@ -31,7 +31,8 @@ def progress_of_flights(progress: Progress, name: str, episodes: int) -> Callabl
         nonlocal flown
         flown += len(step.flying)
         rate = flown / max(time.perf_counter() - begun, 1e-9)
-        progress.update(task, completed=episodes - len(step.flying), rate=f"{rate:,.0f} steps/s")
+        left = len(step.flying) + step.waiting
+        progress.update(task, completed=episodes - left, rate=f"{rate:,.0f} steps/s")
 
     return on_step
 

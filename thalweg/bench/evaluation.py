@@ -19,19 +19,18 @@ from thalweg.bench.files import ResultsError
 from thalweg.encoder import Encoder
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.env.starts import CLOCK_S
+from thalweg.env.views import lit
 from thalweg.render import Renderer
 from thalweg.render.look import look_rows, look_values
+from thalweg.render.randomisation import Randomisation
 from thalweg.train.announce import announce
 from thalweg.world import World, level_named, load_or_build
 
-EVALUATION, CLOCKS = zlib.crc32(b"evaluation"), zlib.crc32(b"clocks")
+EVALUATION, CLOCKS, LOOKS = zlib.crc32(b"evaluation"), zlib.crc32(b"clocks"), zlib.crc32(b"looks")
 """Streams of random numbers of the evaluation, so that nothing that is trained on comes from the same seed as a start:
 neither the frames of the encoder nor the episodes of a policy."""
 UNSEEN = 100_000
 """Seed of the first of a level's rivers that nothing is trained on."""
-
-Look = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""From poses [K, 4] and times [K] in seconds to observations [K, D], each row on its own."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +73,12 @@ class Course:
     """[K] float64, where the water's clock stands at each start: its ripples are the same for every policy too."""
     places: np.ndarray
     """[K] int64, the place of each start in the level's list."""
+    looks: np.ndarray | None = None
+    """[K, P] float64, how each is seen (see `thalweg.render.look.PARAMETERS`); None for the usual day."""
+    lights: tuple[World, ...] = ()
+    """The world under each sun that starts are drawn from; none: under its own."""
+    suns: np.ndarray | None = None
+    """[K] int64, which of the lights each start has."""
 
     @classmethod
     def of_level(cls, level: str, config: EvaluationConfig) -> "Course":
@@ -100,10 +105,27 @@ class Course:
             courses.append(replace(one, places=np.array([place])))
         return courses
 
+    def varied(self, randomisation: Randomisation, config: EvaluationConfig) -> "Course":
+        """The same starts, each seen in a way of its own, which is the same for every policy."""
+        seeds = np.random.SeedSequence(EVALUATION + config.starts_seed, spawn_key=(LOOKS,))
+        generator = np.random.default_rng(seeds)
+        drawn = [randomisation.draw(generator) for _ in self.places]
+        lights = lit([self.world], randomisation) if randomisation.suns else []
+        looks, suns = np.array([look for look, _ in drawn]), np.array([sun for _, sun in drawn])
+        return replace(self, looks=looks, lights=tuple(lights), suns=suns)
+
     def only(self, place: int) -> "Course":
         """The course with but one start of its list; flown alone it gives the same flight."""
         row = np.flatnonzero(self.places == place)
-        return Course(self.world, self.starts[row], self.clocks_s[row], self.places[row])
+        looks, suns = (None if each is None else each[row] for each in (self.looks, self.suns))
+        return replace(
+            self,
+            starts=self.starts[row],
+            clocks_s=self.clocks_s[row],
+            places=self.places[row],
+            looks=looks,
+            suns=suns,
+        )
 
 
 @dataclass(frozen=True)
@@ -118,6 +140,12 @@ class Step:
     """[K] float64."""
     returns: np.ndarray
     """[K] float64, so far."""
+    waiting: int = 0
+    """Episodes on other rivers that are still to be begun."""
+
+
+Look = Callable[[Step], np.ndarray]
+"""From what is about to be flown to observations [K, D], each row on its own."""
 
 
 def episode_generator(label: Label, place: int) -> torch.Generator:
@@ -126,21 +154,27 @@ def episode_generator(label: Label, place: int) -> torch.Generator:
     return torch.Generator().manual_seed(int(entropy.generate_state(1, np.uint64)[0] >> np.uint64(1)))
 
 
-def through_encoder(world: World, encoder: Encoder, renderer: Renderer | None = None) -> Look:
-    """What a trained policy sees: the latents float32 [K, Z] of the frames at the given poses and times.
+def through_encoder(place: World | Course, encoder: Encoder, renderer: Renderer | None = None) -> Look:
+    """What a trained policy sees: the latents float32 [K, Z] of the frames at each step's poses and times.
 
-    Frames are drawn on the encoder's device, where a renderer that is given must be, and stay there.
+    Of a course every start is seen in its own way, of a world all are on the usual day. Frames are drawn on the
+    encoder's device, where a renderer that is given must be, and stay there.
     """
-    drawn = renderer or Renderer([world], device=str(encoder.device))
+    course = place if isinstance(place, Course) else None
+    worlds = [place] if isinstance(place, World) else place.lights or [place.world]
+    drawn = renderer or Renderer(worlds, device=str(encoder.device))
     camera, device = drawn.camera, encoder.device
-    usual = torch.from_numpy(look_rows(look_values(None, 1), camera)).to(device)
 
-    def look(poses: np.ndarray, time_s: np.ndarray) -> np.ndarray:
-        count = len(poses)
-        index = torch.zeros(count, dtype=torch.int64, device=device)
-        placed, times = (torch.from_numpy(np.array(array, dtype=np.float64)).to(device) for array in (poses, time_s))
-        frames = torch.empty(count, camera.height_px, camera.width_px, 4, dtype=torch.uint8, device=device)
-        drawn.render_tensors((index, placed, times, usual.repeat(count, 1)), frames)
+    def given(array: np.ndarray | None, rows: np.ndarray, usual: np.ndarray) -> np.ndarray:
+        return np.repeat(usual, len(rows), axis=0) if array is None else array[rows]
+
+    def look(step: Step) -> np.ndarray:
+        rows = step.flying
+        looks = given(course.looks if course else None, rows, look_values(None, 1))
+        suns = given(course.suns if course else None, rows, np.zeros(1, np.int64))
+        views = (suns, step.poses, step.time_s, look_rows(looks, camera))
+        frames = torch.empty(len(rows), camera.height_px, camera.width_px, 4, dtype=torch.uint8, device=device)
+        drawn.render_tensors(tuple(torch.from_numpy(np.ascontiguousarray(view)).to(device) for view in views), frames)
         return encoder.of_tensor(frames).cpu().numpy()
 
     return look
@@ -173,7 +207,7 @@ def evaluate(
         if on_step is not None:
             on_step(step)
         if sees == "frames" and look is not None:
-            obs = look(step.poses, step.time_s)
+            obs = look(step)
         else:
             obs = env.pilot_actions()[flying] if sees == "pilot" else np.zeros((len(flying), 0), np.float32)
         for row, index in enumerate(flying):

@@ -10,6 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from thalweg.bench.bars import bar, progress_of_frames
+from thalweg.bench.conditions import Trial
 from thalweg.bench.episodes import WORDS, Episode, read_episodes
 from thalweg.bench.results import CAPTION, FILM, NO_FILM, evaluation_path
 from thalweg.bench.river import Place
@@ -72,7 +73,7 @@ def best_flight(suite: Suite, folder: Path) -> Best | None:
     for kind in ("packaged", "train", "baseline"):
         flights = []
         for run in suite.runs():
-            path = evaluation_path(folder, run.name, level)
+            path = evaluation_path(folder, run.name, Trial(level))
             if run.kind == kind and path.exists():
                 flights.extend((run, episode) for episode in read_episodes(path))
         if flights:

@@ -19,6 +19,7 @@ from typing import Any, Protocol
 from rich.console import Console
 
 from thalweg.bench.bars import all_landed, bar, progress_of_flights
+from thalweg.bench.conditions import Trial
 from thalweg.bench.episodes import read_episodes, write_episodes
 from thalweg.bench.files import ResultsError
 from thalweg.bench.results import RunRow, evaluation_path
@@ -156,11 +157,16 @@ def attempt(run: Run, work: Work) -> RunRow:
     try:
         (home / "error.txt").unlink(missing_ok=True)
         if run.kind == "train" and not (home / POLICY).exists():
-            steps = suite.arm(run.algorithm).steps
-            console.print(f"{run.name}: train {steps:,} steps on {suite.train_level}", highlight=False)
+            arm = suite.arm(run.algorithm)
+            stages = [
+                *((stage.steps, stage.level) for stage in arm.before),
+                (arm.steps, arm.level or suite.train_level),
+            ]
+            plan = ", then ".join(f"{steps:,} steps on {level}" for steps, level in stages)
+            console.print(f"{run.name}: train {plan}", highlight=False)
             place.train(run, home)
-        for level in suite.test_levels:
-            _evaluate(run, home, level, work)
+        for trial in suite.trials(run):
+            _evaluate(run, home, trial, work)
     except Exception as failure:
         if isinstance(failure, OSError) and failure.errno == errno.ENOSPC:
             raise
@@ -168,6 +174,12 @@ def attempt(run: Run, work: Work) -> RunRow:
         write_whole(home / "error.txt", traceback.format_exc())
         console.print(f"{run.name} failed: {error}", style="red", highlight=False, markup=False)
     return row_of(run, work, error)
+
+
+def _stages(run: Run, suite: Suite) -> list[tuple[int, str]]:
+    """How many steps are taken on which level, one stage after the other."""
+    arm = suite.arm(run.algorithm)
+    return [*((stage.steps, stage.level) for stage in arm.before), (arm.steps, arm.level or suite.train_level)]
 
 
 def row_of(run: Run, work: Work, error: str) -> RunRow:
@@ -179,16 +191,16 @@ def row_of(run: Run, work: Work, error: str) -> RunRow:
     return replace(row, status="failed" if error else "finished", error=error, steps_per_s=rate)
 
 
-def _evaluate(run: Run, home: Path, level: str, work: Work) -> None:
-    """Evaluate on a level, unless its file is there and whole."""
-    path, episodes = evaluation_path(work.folder, run.name, level), work.suite.episodes
+def _evaluate(run: Run, home: Path, trial: Trial, work: Work) -> None:
+    """Fly a trial, unless its file is there and whole."""
+    path, episodes = evaluation_path(work.folder, run.name, trial), work.suite.episodes
     try:
         if len(read_episodes(path)) == episodes:
             return
     except (ResultsError, OSError):
         pass
     with bar(work.console, "episodes") as progress:
-        on_step = progress_of_flights(progress, f"{run.name} on {level}", episodes)
-        rows = work.place.evaluate(run, home, level, on_step)
+        on_step = progress_of_flights(progress, f"{run.name} on {trial}", episodes)
+        rows = work.place.evaluate(run, home, trial, on_step)
         all_landed(progress)
     write_episodes(path, rows)

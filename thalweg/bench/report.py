@@ -95,7 +95,7 @@ def problems(results: Results) -> list[str]:
     lines += [f"No film: {results.no_film}"] if results.no_film else []
     lines += [f"Not used: {line}" for line in results.skipped]
     planned = results.planned_flights
-    if missing := len(planned - {(row.algorithm, row.seed, row.level) for row in results.episodes}):
+    if missing := len(planned - results.flights):
         lines.append(f"Unfinished: {missing} of {len(planned)} evaluations are missing; the suite goes on with them")
     return lines
 

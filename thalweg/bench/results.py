@@ -4,17 +4,19 @@ suite.json                    the suite as it was run, with versions and the mac
 runs.csv                      one row per run, failed ones with their error
 runs/PPO-0/                   the folder of a training run; `episodes.csv` in it gives the training curves
 evaluation/PPO-0-Easy.csv     one row per evaluated episode
+evaluation/unseen/...         the same under a condition other than the main one
 logs/PPO-0.txt                what a run printed that was done in a process of its own
 film.mp4, film.txt            a flight, and what it shows; film-error.txt instead where filming failed
 report/                       made from the files above, and from nothing else
 """
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from thalweg.bench.conditions import Trial
 from thalweg.bench.episodes import Episode, read_episodes
 from thalweg.bench.files import ResultsError, csv_text, read_csv
 from thalweg.bench.statistics import TrainingLog
@@ -57,6 +59,8 @@ class Results:
     """One line for each file that was not used: its name and why."""
     no_film: str = ""
     """Why filming failed; empty if it did not."""
+    beyond: dict[str, list[Episode]] = field(default_factory=dict)
+    """Episodes under each condition other than the main one, in the order of the suite."""
 
     @property
     def levels(self) -> list[str]:
@@ -70,15 +74,28 @@ class Results:
         return list(dict.fromkeys([*begun, *(arm["name"] for arm in arms_of(self.suite)), *flown]))
 
     @property
-    def planned_flights(self) -> set[tuple[str, int, str]]:
-        """Policy, seed and level of each evaluation that there should be: of the suite, but for runs that failed."""
+    def planned_flights(self) -> set[tuple[str, str, int, str]]:
+        """Condition, policy, seed and level of each evaluation that there should be: of the suite, but for runs that
+        failed."""
         suite = self.suite
-        alone = [*suite.get("baselines", []), *([PACKAGED] if suite.get("packaged") else [])]
-        flown = [(name, 0) for name in alone]
+        baselines = [(name, 0) for name in suite.get("baselines", [])]
+        flown = [(PACKAGED, 0)] if suite.get("packaged") else []
         flown += [(arm["name"], seed) for arm in arms_of(suite) for seed in arm["seeds"]]
         failed = {(row.algorithm, row.seed) for row in self.runs if row.status != "finished"}
-        levels = suite.get("test_levels", [])
-        return {(name, seed, level) for name, seed in flown if (name, seed) not in failed for level in levels}
+        main = {"name": "", "blind": True, "levels": [], "rivers": []}
+        return {
+            (condition["name"], name, seed, level)
+            for condition in (main, *suite.get("conditions", []))
+            for name, seed in [*flown, *(baselines if condition["blind"] else [])]
+            for level in [*condition["rivers"]] or condition["levels"] or suite.get("test_levels", [])
+            if (name, seed) not in failed
+        }
+
+    @property
+    def flights(self) -> set[tuple[str, str, int, str]]:
+        """Condition, policy, seed and level of each evaluation that there is."""
+        every = {"": self.episodes, **self.beyond}
+        return {(name, row.algorithm, row.seed, row.level) for name, rows in every.items() for row in rows}
 
     def planned_seeds(self, algorithm: str) -> int:
         """How many seeds there should be of an algorithm."""
@@ -96,9 +113,9 @@ class Results:
         return next((status for status in ("failed", "absent") if status in statuses), "missing")
 
 
-def evaluation_path(folder: Path, run: str, level: str) -> Path:
-    """Where the episodes of a run on a level lie."""
-    return folder / "evaluation" / f"{run}-{level}.csv"
+def evaluation_path(folder: Path, run: str, trial: Trial) -> Path:
+    """Where the episodes of a run in a trial lie."""
+    return folder / "evaluation" / trial.condition.name / f"{run}-{trial.level}.csv"
 
 
 def write_runs(folder: Path, rows: list[RunRow]) -> None:
@@ -174,10 +191,17 @@ def read_results(folder: Path) -> Results:
 
     suite = attempt(folder / "suite.json", lambda: read_suite(folder), {})
     runs = attempt(folder / "runs.csv", lambda: read_runs(folder), [])
-    episodes: list[Episode] = []
-    for path in sorted((folder / "evaluation").glob("*")):
-        rows = attempt(path, lambda path=path: _checked(path), [])
-        episodes.extend(rows)
+    names = [condition["name"] for condition in suite.get("conditions", [])]
+    places = [(folder / "evaluation").glob("*"), *((folder / "evaluation" / name).glob("*") for name in names)]
+    episodes, *others = (
+        [
+            row
+            for path in sorted(place)
+            if path.name not in names
+            for row in attempt(path, lambda p=path: _checked(p), [])
+        ]
+        for place in places
+    )
     training = []
     for row in runs:
         path = folder / "runs" / row.run / "episodes.csv"
@@ -193,10 +217,17 @@ def read_results(folder: Path) -> Results:
         raise ResultsError(f"{folder} holds no evaluated episodes{reasons}")
     reason = folder / NO_FILM
     no_film = attempt(reason, lambda: reason.read_text(encoding="utf-8").strip(), "") if reason.exists() else ""
-    found = Results(folder, suite, runs, episodes, training, skipped, no_film)
+    beyond = {name: rows for name, rows in zip(names, others, strict=True) if rows}
+    found = Results(folder, suite, runs, episodes, training, skipped, no_film, beyond)
     by_run = {row.run: place for place, row in enumerate(runs)}
     by_level = {level: place for place, level in enumerate(found.levels)}
-    episodes.sort(key=lambda row: (by_run.get(f"{row.algorithm}-{row.seed}", len(by_run)), by_level[row.level]))
+    for rows in (episodes, *beyond.values()):
+        rows.sort(
+            key=lambda row: (
+                by_run.get(f"{row.algorithm}-{row.seed}", len(by_run)),
+                by_level.get(row.level, len(by_level)),
+            )
+        )
     return found
 
 

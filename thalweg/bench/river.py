@@ -3,17 +3,18 @@
 The runner sees only `Place`, so that tests can put a small problem in its stead.
 """
 
-from collections.abc import Callable
-from dataclasses import fields
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
 from thalweg.bench.baselines import BASELINES, Policy
+from thalweg.bench.conditions import MAIN, RIVERS, Trial
 from thalweg.bench.episodes import Episode
 from thalweg.bench.evaluation import Course, EvaluationConfig, Label, Look, Step, evaluate, through_encoder
 from thalweg.bench.files import ResultsError
-from thalweg.bench.suites import Run, Suite
+from thalweg.bench.suites import Arm, Run, Stage, Suite
 from thalweg.cache import file_mark, source_hash
 from thalweg.encoder import DEFAULT_PATH, Encoder
 from thalweg.train import load_policy
@@ -23,6 +24,8 @@ PACKAGED_POLICY = Path(__file__).with_name("flight.safetensors")
 """The best policy so far, which comes with the package."""
 
 
+STAGES = ".before"
+"""Folder, within a run's, of the runs that it begins with."""
 SOURCES = ("world", "render", "env", "algos", "train", "encoder", "kernel.py", "bench/evaluation.py")
 """Parts of the package that the episodes of a suite depend on."""
 
@@ -44,8 +47,8 @@ class Place(Protocol):
         """Train into the folder, going on from what lies there."""
         ...
 
-    def evaluate(self, run: Run, folder: Path, level: str, on_step: Callable[[Step], None]) -> list[Episode]:
-        """The evaluated episodes of the run's policy on a level."""
+    def evaluate(self, run: Run, folder: Path, trial: Trial, on_step: Callable[[Step], None]) -> list[Episode]:
+        """The evaluated episodes of the run's policy in a trial."""
         ...
 
     def title(self, run: Run, folder: Path) -> str:
@@ -62,32 +65,45 @@ class Rivers:
 
     def __init__(self, suite: Suite) -> None:
         self.suite = suite
-        self.config = EvaluationConfig(episodes=suite.episodes, starts_seed=suite.starts_seed)
-        self._courses: dict[str, Course] = {}
         self._looks: dict[str, Look] = {}
 
     @cached_property
     def encoder(self) -> Encoder:
         return load_fitting_encoder()
 
-    def course(self, level: str) -> Course:
-        """The level's river and starts."""
-        if level not in self._courses:
-            self._courses[level] = Course.of_level(level, self.config)
-        return self._courses[level]
+    def config(self, trial: Trial) -> EvaluationConfig:
+        """How a trial is flown."""
+        suite = self.suite
+        return EvaluationConfig(suite.episodes, suite.starts_seed, trial.condition.deterministic)
+
+    def courses(self, trial: Trial) -> list[Course]:
+        """The rivers of a trial and the starts on each."""
+        condition, level, config = trial.condition, trial.level, self.config(trial)
+        if condition.unseen:
+            return Course.unseen(level, config)
+        real = level in condition.rivers
+        course = Course.on(RIVERS[level].build(), config) if real else Course.of_level(level, config)
+        return [course if condition.randomisation is None else course.varied(condition.randomisation, config)]
 
     def train(self, run: Run, folder: Path) -> None:
-        """Train on the level's fixed river, seen through the encoder."""
-        arm = self.suite.arm(run.algorithm)
-        ground = TrainingGround(self.suite.train_level, self.suite.num_envs)
-        ground.train(
-            arm.algorithm,
+        """Train on the arm's levels, one stage after the other, seen through the encoder."""
+        arm, before = self.suite.arm(run.algorithm), None
+        for number, stage in enumerate(arm.before):
+            place = folder / STAGES / str(number)
+            self._train(stage, stage.level, run.seed, place, before)
+            before = place
+        self._train(arm, arm.level or self.suite.train_level, run.seed, folder, before)
+
+    def _train(self, what: Stage | Arm, level: str, seed: int, folder: Path, begin_with: Path | None) -> None:
+        TrainingGround(level, self.suite.num_envs).train(
+            what.algorithm,
             self.encoder,
-            steps=arm.steps,
-            seed=run.seed,
+            steps=what.steps,
+            seed=seed,
             folder=folder,
-            settings=dict(arm.settings) or None,
-            preset=arm.preset,
+            settings=dict(what.settings) or None,
+            preset=what.preset,
+            begin_with=begin_with,
         )
 
     def policy(self, run: Run, folder: Path) -> Policy:
@@ -96,20 +112,30 @@ class Rivers:
             return BASELINES[run.algorithm]
         return load_policy(PACKAGED_POLICY if run.kind == "packaged" else folder)
 
-    def look(self, level: str, policy: Policy) -> Look | None:
-        """What the policy sees on the level; None for one that sees no frames."""
+    def looks(self, trial: Trial, courses: Sequence[Course], policy: Policy) -> list[Look] | list[None]:
+        """What the policy sees on each course; None for one that sees no frames."""
         if hasattr(policy, "sees"):
-            return None
+            return [None] * len(courses)
         check_sees_as_trained(policy, self.encoder)
-        if level not in self._looks:
-            self._looks[level] = through_encoder(self.course(level).world, self.encoder)
-        return self._looks[level]
+        if trial.condition != MAIN:
+            return [through_encoder(course, self.encoder) for course in courses]
+        if trial.level not in self._looks:
+            self._looks[trial.level] = through_encoder(courses[0].world, self.encoder)
+        return [self._looks[trial.level]]
 
-    def evaluate(self, run: Run, folder: Path, level: str, on_step: Callable[[Step], None]) -> list[Episode]:
-        """The evaluated episodes of the run's policy on a level."""
-        policy = self.policy(run, folder)
-        label = Label(run.algorithm, run.seed, level)
-        return evaluate(policy, self.course(level), label, self.config, look=self.look(level, policy), on_step=on_step)
+    def evaluate(self, run: Run, folder: Path, trial: Trial, on_step: Callable[[Step], None]) -> list[Episode]:
+        """The evaluated episodes of the run's policy in a trial."""
+        policy, courses, rows = self.policy(run, folder), self.courses(trial), []
+        label, config = Label(run.algorithm, run.seed, trial.level), self.config(trial)
+        waiting = sum(len(course.starts) for course in courses)
+        for course, look in zip(courses, self.looks(trial, courses, policy), strict=True):
+            waiting -= len(course.starts)
+
+            def told(step: Step, waiting: int = waiting) -> None:
+                on_step(replace(step, waiting=waiting))
+
+            rows += evaluate(policy, course, label, config, look=look, on_step=told)
+        return rows
 
     def title(self, run: Run, folder: Path) -> str:
         """What the run's policy is called in front of people."""
@@ -124,12 +150,13 @@ class Rivers:
         """Fly an evaluated episode again and film it; raises `ResultsError` unless it is the same flight."""
         from thalweg.bench.film import Flight, write_film
 
-        policy = self.policy(run, folder)
-        course = self.course(episode.level).only(episode.episode)
+        policy, trial = self.policy(run, folder), Trial(episode.level)
+        (whole,) = self.courses(trial)
+        course = whole.only(episode.episode)
         label = Label(run.algorithm, run.seed, episode.level)
         steps: list[Step] = []
-        look = self.look(episode.level, policy)
-        (again,) = evaluate(policy, course, label, self.config, look=look, on_step=steps.append)
+        (look,) = self.looks(trial, [course], policy)
+        (again,) = evaluate(policy, course, label, self.config(trial), look=look, on_step=steps.append)
         _require_same(again, episode)
         write_film(path, course.world, Flight.of(again, steps), self.title(run, folder), on_frame=on_frame)
 

@@ -93,8 +93,8 @@ def _check(suite: Suite) -> None:
     from thalweg.world import LEVELS
 
     check(suite, tuple(ALGORITHMS), tuple(LEVELS))
-    for arm in suite.arms:
-        ALGORITHMS[arm.algorithm].configure(dict(arm.settings), arm.preset, suite.num_envs)
+    for each in [trained for arm in suite.arms for trained in (*arm.before, arm)]:
+        ALGORITHMS[each.algorithm].configure(dict(each.settings), each.preset, suite.num_envs)
 
 
 def claim(folder: Path, suite: Suite) -> None:
@@ -150,8 +150,8 @@ def _finished(run: Run, suite: Suite, folder: Path, row: RunRow | None) -> bool:
         return False
     try:
         return all(
-            len(read_episodes(evaluation_path(folder, run.name, level))) == suite.episodes
-            for level in suite.test_levels
+            len(read_episodes(evaluation_path(folder, run.name, trial))) == suite.episodes
+            for trial in suite.trials(run)
         )
     except (ResultsError, OSError):
         return False

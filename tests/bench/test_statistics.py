@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from thalweg.bench.episodes import Episode
-from thalweg.bench.statistics import TrainingLog, band, curve, summarise
+from thalweg.bench.statistics import TrainingLog, band, curve, regret, summarise
 
 
 def episode(return_: float, cost: float, reason: str, *, seed: int = 0, length: int = 10) -> Episode:
@@ -70,3 +70,13 @@ def test_a_band_goes_on_with_the_runs_that_do():
     mean, std = band([short, long])
     np.testing.assert_allclose(mean, [2, 3, 5, np.nan])
     np.testing.assert_allclose(std, [1, 1, 0, np.nan])
+
+
+def test_regret_is_what_blocks_of_episodes_cost_beyond_the_limit():
+    """Of 120 episodes the first 50 cost 0.5 each, the next 50 nothing, the last 20 0.2: (50 x 0.4 + 20 x 0.1) / 120."""
+    costs = np.repeat([0.5, 0.0, 0.2], [50, 50, 20])
+    tight = np.where(costs > 0.3, costs, 0.0)
+    log = TrainingLog("PPO", 0, np.arange(120), costs * 0, tight, costs - tight, 1000)
+    assert regret(log, 0.1) == pytest.approx(22.0 / 120)
+    assert regret(log, 1.0) == 0.0
+    assert np.isnan(regret(TrainingLog("PPO", 0, *[np.zeros(0)] * 4, 1000), 0.1))  # pyright: ignore

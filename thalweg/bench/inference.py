@@ -65,11 +65,23 @@ def iqm(values: np.ndarray, axis: int = -1) -> np.ndarray:
 def over_seeds(table: np.ndarray, statistic: Statistic = iqm) -> Estimate:
     """A statistic of all episodes [L, M], such as `iqm` or `numpy.mean`, and its interval, from the statistic of each
     seed's episodes."""
-    value, seeds = float(statistic(table.ravel(), axis=-1)), table.shape[1]
-    if seeds < LEAST_SEEDS:
+    return student(float(statistic(table.ravel(), axis=-1)), statistic(table, axis=0))
+
+
+def student(value: float, each: np.ndarray) -> Estimate:
+    """A figure with Student's interval over those of the seeds [M]."""
+    if len(each) < LEAST_SEEDS:
         return Estimate(value)
-    half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, seeds - 1) * stats.sem(statistic(table, axis=0)))
+    half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, len(each) - 1) * stats.sem(each))
     return Estimate(value, value - half, value + half)
+
+
+def wilson(value: float, count: int) -> tuple[float, float]:
+    """The ends of Wilson's interval of a share that was found in so many independent cases."""
+    z = float(stats.norm.ppf(0.5 + CONFIDENCE / 2))
+    middle, weight = value + z**2 / (2 * count), 1 + z**2 / count
+    half = z * float(np.sqrt(value * (1 - value) / count + z**2 / (4 * count**2)))
+    return (middle - half) / weight, (middle + half) / weight
 
 
 def middle_return(rows: Sequence[Episode]) -> Estimate:
@@ -92,9 +104,12 @@ def share(rows: Sequence[Episode], holds: Callable[[Episode], bool]) -> Estimate
     value, each = float(held.mean()), np.array([held[seeds == seed].mean() for seed in np.unique(seeds)])
     if 1 < len(each) < LEAST_SEEDS:
         return Estimate(value)
-    wilson = stats.binomtest(int(held.sum()), len(held)).proportion_ci(CONFIDENCE, method="wilson")
-    low, high = float(wilson.low), float(wilson.high)
-    if len(each) > 1:
-        half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, len(each) - 1) * stats.sem(each))
-        low, high = max(min(low, value - half), 0.0), min(max(high, value + half), 1.0)
-    return Estimate(value, low, high)
+    return no_surer(student(value, each) if len(each) > 1 else Estimate(value), len(held))
+
+
+def no_surer(found: Estimate, count: int) -> Estimate:
+    """The estimate of a share with an interval within 0..1 that is no narrower than Wilson's of so many cases."""
+    low, high = wilson(found.value, count)
+    if not np.isnan(found.low):
+        low, high = max(min(low, found.low), 0.0), min(max(high, found.high), 1.0)
+    return Estimate(found.value, low, high)

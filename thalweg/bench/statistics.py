@@ -125,3 +125,14 @@ def band(values: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         mean = np.where(known, stack, 0.0).sum(axis=0) / count
         std = np.sqrt(np.where(known, (stack - mean) ** 2, 0.0).sum(axis=0) / count)
     return mean, std
+
+
+def regret(log: TrainingLog, limit: float) -> float:
+    """The cost of training beyond a limit for each episode: what blocks of `SHOWN` episodes cost more than the limit
+    allows, over all episodes. A block that stays within it does not make up for another: whoever was hit is not helped
+    by later care (Efroni, Mannor, Pirotta 2020, "strong" regret)."""
+    costs = log.tight + log.loose
+    if not len(costs):
+        return float("nan")
+    blocks = np.split(costs, np.arange(SHOWN, len(costs), SHOWN))
+    return float(sum(max(block.sum() - limit * len(block), 0.0) for block in blocks) / len(costs))

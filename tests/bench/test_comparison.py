@@ -1,0 +1,102 @@
+"""Comparing algorithms start by start: known values, an independent formula, and how often intervals hold the truth."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from thalweg.bench.comparison import change, difference, improvement, profile, shared_tables
+from thalweg.bench.episodes import Episode
+from thalweg.bench.inference import wilson
+
+OURS = np.array([[3.0, 5.0], [1.0, 1.0]])
+THEIRS = np.array([[4.0, 4.0], [0.0, 1.0]])
+
+
+def episode(algorithm: str, seed: int, number: int, return_: float) -> Episode:
+    return Episode(
+        algorithm,
+        seed,
+        "Easy",
+        7,
+        number,
+        float(number),
+        0.0,
+        5.0,
+        0.0,
+        return_,
+        0.0,
+        0.0,
+        0.0,
+        9,
+        "Success",
+        True,
+        1.0,
+    )
+
+
+def test_the_probability_of_improvement_counts_pairs_of_the_same_start():
+    # Start 0: 3 and 5 against 4 and 4: two of four; start 1: 1 and 1 against 0 and 1: two won, two even.
+    assert improvement(OURS, THEIRS).value == (2 / 4 + 3 / 4) / 2
+    assert improvement(THEIRS, OURS).value == 1 - (2 / 4 + 3 / 4) / 2
+
+
+def test_a_difference_is_that_of_means_and_its_interval_welchs():
+    random = np.random.default_rng(0)
+    ours, theirs = random.normal(1.0, 1.0, (20, 5)), random.normal(0.5, 3.0, (20, 3))
+    found = difference(ours, theirs)
+    welch = stats.ttest_ind(ours.mean(0), theirs.mean(0), equal_var=False).confidence_interval(0.95)
+    np.testing.assert_allclose([found.low, found.high], [welch.low, welch.high], rtol=1e-12)
+    assert found.value == pytest.approx(ours.mean() - theirs.mean())
+
+
+def test_what_a_start_is_worth_cancels_out():
+    starts = np.random.default_rng(1).normal(0.0, 100.0, (20, 1))
+    ours, theirs = OURS[:1].repeat(20, 0), THEIRS[:1].repeat(20, 0)
+    assert improvement(ours + starts, theirs + starts).value == improvement(ours, theirs).value
+    found = change(ours + starts, ours + starts - [[1.0, 2.0]])
+    assert found.value == pytest.approx(1.5)
+
+
+def test_there_is_no_interval_of_two_seeds():
+    for found in (improvement(OURS, THEIRS), difference(OURS, THEIRS), change(OURS, THEIRS)):
+        assert np.isnan(found.low) and np.isnan(found.high)
+
+
+def test_three_seeds_that_always_win_are_no_certainty():
+    found = improvement(np.ones((20, 3)), np.zeros((20, 3)))
+    assert (found.value, found.high) == (1.0, 1.0)
+    assert found.low == pytest.approx(stats.binomtest(60, 60).proportion_ci(0.95, method="wilson").low)
+
+
+@pytest.mark.parametrize(("held", "count"), [(0, 20), (7, 20), (60, 60)])
+def test_wilsons_interval_is_that_of_scipy(held: int, count: int):
+    there = stats.binomtest(held, count).proportion_ci(0.95, method="wilson")
+    np.testing.assert_allclose(wilson(held / count, count), (there.low, there.high), atol=1e-12)
+
+
+def test_the_interval_of_an_improvement_holds_the_truth_about_as_often_as_it_says():
+    """Seeds differ by N(0, 1), flights by N(0, 1): P(X > Y) = Φ(½ / 2) where the means are ½ apart."""
+    random, truth, held, trials = np.random.default_rng(2), stats.norm.cdf(0.5 / 2.0), 0, 400
+    for _ in range(trials):
+        ours, theirs = (random.normal(mean, 1.0, (20, 5)) + random.normal(0, 1.0, (1, 5)) for mean in (0.5, 0.0))
+        found = improvement(ours, theirs)
+        held += found.low <= truth <= found.high
+    assert 0.90 <= held / trials <= 0.99
+
+
+def test_a_profile_is_the_share_of_flights_that_return_at_least_so_much():
+    table = np.array([[1.0, 2.0, 3.0], [3.0, 4.0, 5.0]])
+    share, low, high = profile(table, np.array([0.0, 2.0, 3.5]))
+    np.testing.assert_allclose(share, [1.0, 5 / 6, 2 / 6])
+    assert (low <= share).all() and (share <= high).all() and high.max() <= 1.0
+    assert np.isnan(profile(table[:, :2])[1]).all()
+
+
+def test_tables_of_two_have_the_same_starts_in_the_same_order():
+    ours = [episode("A", seed, number, 10.0 * seed + number) for seed in (3, 1) for number in (1, 0)]
+    theirs = [episode("B", 0, number, -float(number)) for number in (0, 1)]
+    first, second = shared_tables(ours, theirs, "return_")
+    np.testing.assert_array_equal(first, [[10.0, 30.0], [11.0, 31.0]])
+    np.testing.assert_array_equal(second, [[0.0], [-1.0]])
+    with pytest.raises(ValueError, match="1 starts were flown by one of them only"):
+        shared_tables(ours, theirs[:1], "return_")

@@ -80,7 +80,7 @@ def test_each_block_of_python_of_a_page_runs_by_itself(page: Path, tmp_path: Pat
     for shown, run in SMALLER.get(name, {}).items():
         assert shown in text
         text = text.replace(shown, run)
-    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    (tmp_path / "thalweg").symlink_to(ROOT / "thalweg")
     (tmp_path / "blocks").write_text("\f".join(blocks := python_of(text)))
     done = subprocess.run([sys.executable, "-c", ALONE], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -1,5 +1,6 @@
 import zlib
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import gymnasium as gym
@@ -87,6 +88,7 @@ def test_every_start_is_flown_to_its_end_exactly_once_however_early_others_end()
     rows = evaluate(BASELINES["forward"], Course(canal, starts, np.zeros(4), np.arange(4)), LABEL, CONFIG)
     assert [row.x for row in rows] == [50, 5, 55, 30]
     assert [row.length for row in rows] == [10, 55, 5, 30]
+    assert [(row.end_x, row.end_y, row.end_z) for row in rows] == [(60.0, 0.0, 5.0)] * 4
     assert {row.reason for row in rows} == {"Success"}
 
 
@@ -190,6 +192,16 @@ def test_rows_survive_their_file_to_the_last_bit(tmp_path):
     rows = evaluate(BASELINES["random"], course(), LABEL, CONFIG)
     write_episodes(tmp_path / "rows.csv", rows)
     assert read_episodes(tmp_path / "rows.csv") == rows
+
+
+def test_rows_from_before_ends_were_kept_are_read(tmp_path: Path):
+    rows = evaluate(BASELINES["hover"], course(), LABEL, CONFIG)
+    path = tmp_path / "rows.csv"
+    write_episodes(path, rows)
+    path.write_text("".join(",".join(line.split(",")[:-3]) + "\n" for line in path.read_text().splitlines()))
+    found = read_episodes(path)
+    assert all(np.isnan([row.end_x, row.end_y, row.end_z]).all() for row in found)
+    assert [row.return_ for row in found] == [row.return_ for row in rows]
 
 
 def test_reasons_are_named_as_in_the_paper():

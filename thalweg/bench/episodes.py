@@ -50,8 +50,14 @@ class Episode:
     success: bool
     progress: float
     """Share of the course's segments that were visited."""
+    end_x: float = float("nan")
+    """Where it ended, in metres; NaN in results from before this was kept."""
+    end_y: float = float("nan")
+    end_z: float = float("nan")
 
 
+ENDS = ("end_x", "end_y", "end_z")
+"""Columns that older results lack."""
 COLUMNS = tuple(field.name.rstrip("_") for field in fields(Episode))
 
 
@@ -65,10 +71,12 @@ def read_episodes(path: Path) -> list[Episode]:
     """The rows of a file; raises `ResultsError` for one that is half-written or not of this kind."""
     parse = {"int": int, "float": float, "str": str, "bool": lambda text: bool(int(text))}
     episodes = []
-    for number, row in enumerate(read_csv(path, COLUMNS), start=2):
+    unknown = dict.fromkeys(ENDS, "nan")
+    for number, row in enumerate(read_csv(path, [name for name in COLUMNS if name not in ENDS]), start=2):
+        said = unknown | row
         try:
             values = [
-                parse[getattr(field.type, "__name__", "str")](row[field.name.rstrip("_")]) for field in fields(Episode)
+                parse[getattr(field.type, "__name__", "str")](said[field.name.rstrip("_")]) for field in fields(Episode)
             ]
         except ValueError as error:
             raise ResultsError(f"{path.name} line {number}: {error}") from error

@@ -14,7 +14,7 @@ import torch
 
 from thalweg.algos.policy import Player
 from thalweg.bench.baselines import Policy, Remembering, Sight
-from thalweg.bench.episodes import REASONS, Episode
+from thalweg.bench.episodes import ENDS, REASONS, Episode
 from thalweg.bench.files import ResultsError
 from thalweg.encoder import Encoder
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
@@ -245,6 +245,7 @@ class _Tally:
         self.length = np.zeros(count, dtype=np.int64)
         self.progress = np.zeros(count)
         self.reason = np.full(count, -1)
+        self.ends = np.zeros((count, 3))
 
     def add(self, flying: np.ndarray, reward: np.ndarray, info: dict) -> None:
         self.return_[flying] += reward[flying]
@@ -253,6 +254,7 @@ class _Tally:
         self.length[flying] += 1
         self.progress[flying] = info["progress"][flying]
         self.reason[flying] = info["done_reason"][flying]
+        self.ends[flying] = info["pose"][flying, :3]
 
     def rows(self, course: Course, label: Label) -> list[Episode]:
         return [
@@ -271,6 +273,7 @@ class _Tally:
                 reason=REASONS[self.reason[index]],
                 success=REASONS[self.reason[index]] == "Success",
                 progress=float(self.progress[index]),
+                **dict(zip(ENDS, map(float, self.ends[index]), strict=True)),
             )
             for index in range(len(course.starts))
         ]

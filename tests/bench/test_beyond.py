@@ -1,0 +1,116 @@
+"""Tables and figures beyond the paper's: on results whose figures are known."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.env import handmade
+from thalweg.bench.beyond import conditions_table, kept, limits_table, pairs_table
+from thalweg.bench.conditions import Condition
+from thalweg.bench.episodes import Episode
+from thalweg.bench.figures_beyond import condition_grid, profiles
+from thalweg.bench.inference import Estimate
+from thalweg.bench.maps import failure_maps
+from thalweg.bench.results import Results, RunRow
+from thalweg.bench.statistics import TrainingLog
+from thalweg.bench.suites import Arm, Suite
+
+SUITE = Suite(
+    "it", (Arm("PPO"), Arm("FOCOPS"), Arm("P3O")), test_levels=("Medium",), baselines=("hover",), packaged=False,
+    conditions=(Condition("mode", deterministic=True), Condition("real", rivers=("Cam",))),
+)  # fmt: skip
+
+
+def flights(name: str, seeds: int, return_: float, cost: float, level: str = "Medium") -> list[Episode]:
+    """Two starts a seed; returns differ by 1 between seeds, and by 2 between starts; every second costs."""
+    return [
+        Episode(
+            name, seed, level, 1, start, float(start), 0.0, 5.0, 0.0, return_ + seed + 2 * start, cost * start,
+            cost * start, 0.0, 50, "Collision" if cost * start else "Success", not cost * start, 0.5,
+            10.0 * start, 3.0, 5.0,
+        )
+        for seed in range(seeds)
+        for start in range(2)
+    ]  # fmt: skip
+
+
+@pytest.fixture
+def results() -> Results:
+    episodes = [*flights("hover", 1, 0.0, 0.4), *flights("PPO", 3, 4.0, 1.0), *flights("FOCOPS", 3, 5.5, 0.0)]
+    runs = [RunRow(f"{name}-{seed}", "train", name, seed, 1000, "finished", "", 120.0 + 60 * seed, 9.0 - seed)
+            for name in ("PPO", "FOCOPS") for seed in range(3)]  # fmt: skip
+    runs.insert(0, RunRow("hover-0", "baseline", "hover", 0, 0, "finished"))
+    runs.append(RunRow("P3O-0", "train", "P3O", 0, 10, "failed", "no"))
+    logs = [TrainingLog("PPO", 0, np.arange(10), np.zeros(10), np.full(10, 0.5), np.zeros(10), 1000)]
+    beyond = {"mode": flights("PPO", 3, 4.5, 0.0), "real": flights("FOCOPS", 3, 1.0, 0.0, "Cam")}
+    return Results(Path(), SUITE.as_data(), runs, episodes, logs, [], "", beyond)
+
+
+def test_limits_are_judged_by_the_cost_of_flights_and_of_training(results: Results):
+    header, rows = limits_table(results)
+    by = {row[0]: dict(zip(header, row, strict=True)) for row in rows}
+    assert list(by) == ["PPO", "FOCOPS", "P3O"]
+    assert by["PPO"]["cost"] == "0.50 [0.50, 0.50]" and by["PPO"]["limit met"] == "no"
+    assert by["FOCOPS"]["cost"] == "0.00 [0.00, 0.00]" and by["FOCOPS"]["limit met"] == "yes"
+    assert by["PPO"]["violations"].startswith("50% [")
+    assert (by["PPO"]["regret in training"], by["FOCOPS"]["regret in training"]) == ("0.40", "unknown")
+    assert (by["PPO"]["minutes"], by["PPO"]["steps a second"]) == ("3.0", "8")
+    assert by["P3O"]["cost"] == "failed"
+
+
+def test_whether_a_limit_is_met_needs_an_interval():
+    assert [kept(Estimate(0.05, *ends)) for ends in ((0.0, 0.1), (0.0, 0.11))] == ["yes", "unsure"]
+    assert [kept(Estimate(0.2, *ends)) for ends in ((0.1, 0.3), (0.11, 0.3))] == ["unsure", "no"]
+    assert [kept(Estimate(value)) for value in (0.1, 0.2)] == ["below, unsure", "above, unsure"]
+
+
+def test_pairs_are_compared_from_the_same_starts(results: Results):
+    """Of the nine pairs of seeds FOCOPS, 1.5 ahead, is below PPO in one, and its returns differ by -1.5 in the mean."""
+    header, rows = pairs_table(results)
+    assert header[:2] == ["policy", "against"] and [row[:2] for row in rows] == [["PPO", "FOCOPS"]]
+    assert rows[0][2].startswith("11% [") and rows[0][3].startswith("-1.50 [-3.77, 0.77]")
+    assert rows[0][4].startswith("0.50 [0.50")
+    other = replace(results, episodes=[row for row in results.episodes if (row.algorithm, row.episode) != ("PPO", 1)])
+    assert pairs_table(other)[1] == [["PPO", "FOCOPS", *["not the same starts"] * 3]]
+
+
+def test_conditions_say_what_changes_from_the_same_starts(results: Results):
+    header, rows = conditions_table(results)
+    assert [row[:4] for row in rows] == [["PPO", "mode", "Medium", "3"], ["FOCOPS", "real", "Cam", "3"]]
+    assert [row[header.index("return, change")] for row in rows] == ["0.50 [0.50, 0.50]", "other starts"]
+    assert rows[0][header.index("return")] == "6.50 [4.02, 8.98]"  # t of 2 degrees of freedom: 4.303 / √3
+    assert rows[0][header.index("success")].startswith("100% [")
+
+
+def test_profiles_have_a_line_for_each_policy_that_was_trained(results: Results):
+    figure = profiles(results)
+    assert figure is not None
+    (axis,) = figure.axes
+    lines = {line.get_label(): line for line in axis.get_lines()}
+    assert list(lines) == ["PPO", "FOCOPS"]
+    x, y = (np.asarray(data, float) for data in lines["PPO"].get_data())
+    np.testing.assert_allclose(np.interp([0.0, 4.5, 8.1], x, y), [1.0, 5 / 6, 0.0], atol=1e-9)
+    assert profiles(replace(results, episodes=flights("hover", 1, 0.0, 0.4))) is None
+
+
+def test_the_grid_has_a_number_for_each_policy_and_condition(results: Results):
+    figure = condition_grid(results)
+    assert figure is not None
+    axis = figure.axes[0]
+    assert [label.get_text() for label in axis.get_xticklabels()] == ["main", "mode", "real"]
+    said = {(int(text.get_position()[0]), int(text.get_position()[1])): text.get_text() for text in axis.texts}
+    assert said == {(0, 0): "1.0", (0, 1): "6.0", (1, 1): "6.5", (0, 2): "7.5", (2, 2): "3.0"}
+    assert condition_grid(replace(results, beyond={})) is None
+
+
+def test_a_map_marks_where_flights_failed(results: Results):
+    figure = failure_maps(results, "Medium", handmade.ring())
+    assert figure is not None
+    shown = [axis for axis in figure.axes if axis.get_visible()]
+    assert [axis.get_title() for axis in shown] == ["PPO: 3 of 6 failed", "FOCOPS: 0 of 6 failed"]
+    marks = [np.asarray(found.get_offsets()) for found in shown[0].collections]
+    np.testing.assert_array_equal(np.concatenate(marks), [[10.0, 3.0]] * 3)
+    old = [replace(row, end_x=float("nan")) for row in results.episodes]
+    assert failure_maps(replace(results, episodes=old), "Medium", handmade.ring()) is None

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from thalweg.bench.episodes import REASONS, WORDS
-from thalweg.bench.figures import PANELS, failure_bars, training_curves
+from thalweg.bench.figures import PANELS, failure_bars, pdf, training_curves
 from thalweg.bench.results import read_results
 
 
@@ -65,3 +65,12 @@ def test_numbers_of_steps_do_not_run_into_one_another(tiny_results: Path):
     boxes = [label.get_window_extent() for label in figure.axes[2].get_xticklabels()]
     assert len(boxes) > 2
     assert all(left.x1 < right.x0 for left, right in pairwise(boxes))
+
+
+def test_a_figure_as_pdf_is_the_same_each_time_and_keeps_its_letters_as_fonts(tiny_results: Path):
+    results = read_results(tiny_results)
+    once, again = (pdf(failure_bars(results)) for _ in range(2))
+    assert once[:5] == b"%PDF-"
+    assert once == again and b"CreationDate" not in once
+    assert b"/TrueType" in once or b"/CIDFontType2" in once
+    assert b"/Type3" not in once

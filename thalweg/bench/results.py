@@ -120,9 +120,12 @@ def evaluation_path(folder: Path, run: str, trial: Trial) -> Path:
 
 def write_runs(folder: Path, rows: list[RunRow]) -> None:
     """Write `runs.csv`, whole or not at all."""
-    write_whole(
-        folder / "runs.csv", csv_text(RUN_COLUMNS, [[getattr(row, name) for name in RUN_COLUMNS] for row in rows])
-    )
+    write_whole(folder / "runs.csv", runs_text(rows))
+
+
+def runs_text(rows: list[RunRow]) -> str:
+    """The runs as CSV."""
+    return csv_text(RUN_COLUMNS, [[getattr(row, name) for name in RUN_COLUMNS] for row in rows])
 
 
 def read_runs(folder: Path) -> list[RunRow]:

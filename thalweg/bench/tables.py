@@ -1,20 +1,41 @@
-"""How do the figures stand beside one another? The paper's table with ours above each published row, as text."""
+"""How do the figures stand beside one another? The report's tables as text to be read, and as CSV at full precision.
 
+The paper's table has ours above each published row; what a page and a paper make of the text is not said here.
+"""
+
+import re
 from itertools import product
+
+import numpy as np
 
 from thalweg.bench.episodes import REASONS
 from thalweg.bench.files import csv_text
-from thalweg.bench.inference import middle_return, share
+from thalweg.bench.inference import Estimate, middle_return, share
 from thalweg.bench.published import PUBLISHED
-from thalweg.bench.results import Results
+from thalweg.bench.results import Results, runs_text
 from thalweg.bench.statistics import Summary, grouped, summaries
 
+Grid = tuple[list[str], list[list[str]]]
+"""Header and rows of a table."""
 ELSEWHERE = "paper, another simulator"
 """Marks a published figure wherever one stands beside ours."""
-
-
 UNPUBLISHED = "not published"
 """Stands where the paper gives no figure for a level on which it has others."""
+
+
+NUMBER = re.compile(r"[<>≤≥≈~\s]*[-−+]?\.?\d")
+"""What a cell with a number begins with."""
+
+
+def is_published(row: list[str]) -> bool:
+    """Whether a row of a table holds published figures."""
+    return ELSEWHERE in row[0]
+
+
+def number_columns(grid: Grid) -> list[bool]:
+    """Which columns hold numbers: all but the first of which some cell begins with one, gaps being words."""
+    header, rows = grid
+    return [place > 0 and any(NUMBER.match(row[place]) for row in rows) for place in range(len(header))]
 
 
 def plus_minus(mean: float, std: float) -> str:
@@ -22,7 +43,7 @@ def plus_minus(mean: float, std: float) -> str:
     return f"{mean:.2f} ± {std:.2f}"
 
 
-def paper_table(results: Results) -> tuple[list[str], list[list[str]]]:
+def paper_table(results: Results) -> Grid:
     """Header and rows of the paper's table: return and cost on each level, ours and then what the paper published.
 
     Every algorithm of the results has a row: where there are no episodes of it, its cells say why.
@@ -77,7 +98,7 @@ EVENTS = (lambda row: row.success, lambda row: row.tight > 0, lambda row: row.lo
 """Of an episode: success, tight and loose violation."""
 
 
-def detail_table(results: Results) -> tuple[list[str], list[list[str]]]:
+def detail_table(results: Results) -> Grid:
     """Header and rows of what the paper's table leaves out, one row per policy and level; intervals of 95 %."""
     cells, flown = summaries(results.episodes), grouped(results.episodes)
     rows = []
@@ -98,6 +119,48 @@ def detail_table(results: Results) -> tuple[list[str], list[list[str]]]:
             ]
         rows.append([algorithm, level, *rest])
     return list(DETAILS), rows
+
+
+DETAIL_NUMBERS = ("return_iqm", "success", "tight", "loose")
+"""Each with the ends of its interval."""
+
+
+def detail_csv(results: Results) -> str:
+    """The details at full precision; ends of intervals that cannot be given are empty."""
+    cells, flown = summaries(results.episodes), grouped(results.episodes)
+    rows: list[list[object]] = []
+    for algorithm, level in product(results.policies, results.levels):
+        cell, planned = cells.get((algorithm, level)), results.planned_seeds(algorithm)
+        if cell is None:
+            rows.append([algorithm, level, 0, 0, planned, *[""] * (3 * len(DETAIL_NUMBERS) + 2)])
+            continue
+        own = flown[algorithm, level]
+        estimates = (middle_return(own), *(share(own, holds) for holds in EVENTS))
+        ends = [number for estimate in estimates for number in _with_ends(estimate)]
+        rows.append([algorithm, level, cell.episodes, cell.seeds, planned, *ends, cell.progress_mean, cell.length_mean])
+    ends = [f"{name}{end}" for name in DETAIL_NUMBERS for end in ("", "_low", "_high")]
+    header = ["algorithm", "level", "episodes", "seeds", "planned_seeds", *ends, "progress_mean", "length_mean"]
+    return csv_text(header, rows)
+
+
+def _with_ends(estimate: Estimate) -> list[object]:
+    """A figure and the ends of its interval, empty where there is none."""
+    ends = [estimate.low, estimate.high]
+    return [estimate.value, *("" if np.isnan(end) else end for end in ends)]
+
+
+def runs_table(results: Results) -> Grid:
+    """Header and rows of what became of each run."""
+    rows = []
+    for row in results.runs:
+        trained = [f"{row.steps:,}", f"{row.wall_s:,.0f}", f"{row.steps_per_s:,.0f}"]
+        rows.append([row.run, row.kind, row.status, *(trained if row.kind == "train" else ["not trained"] * 3)])
+    return ["run", "kind", "status", "steps", "seconds", "steps a second"], rows
+
+
+def runs_csv(results: Results) -> str:
+    """The runs with their errors, as they lie in the results."""
+    return runs_text(results.runs)
 
 
 def markdown(header: list[str], rows: list[list[str]]) -> str:

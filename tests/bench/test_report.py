@@ -7,7 +7,7 @@ import pytest
 from thalweg.bench.files import ResultsError
 from thalweg.bench.report import write_report
 from thalweg.bench.results import read_results
-from thalweg.bench.tables import ELSEWHERE, detail_table, paper_table, table_csv
+from thalweg.bench.tables import ELSEWHERE, detail_csv, detail_table, number_columns, paper_table, table_csv
 
 
 def table_of(folder: Path) -> dict[str, list[str]]:
@@ -78,6 +78,48 @@ def test_gaps_stand_in_every_table(tiny_results: Path):
     ]
     assert ours[-2:] == [("FOCOPS", "Easy", "0", "1"), ("FOCOPS", "Medium", "0", "1")]
     assert ours[2] == ("PPO", "Easy", "1", "2")
+
+
+def test_the_details_as_csv_hold_values_computed_by_hand_at_full_precision(tiny_results: Path):
+    medium = tiny_results / "evaluation" / "PPO-0-Medium.csv"
+    medium.write_text(medium.read_text().replace("0.0,1.0,1.0,1.0", "0.0,1.123456789012345,1.0,1.0"))
+    rows = list(csv.DictReader(detail_csv(read_results(tiny_results)).splitlines()))
+    assert [(row["algorithm"], row["level"], row["seeds"], row["planned_seeds"]) for row in rows] == [
+        ("hover", "Easy", "1", "1"),
+        ("hover", "Medium", "0", "1"),
+        ("PPO", "Easy", "1", "2"),
+        ("PPO", "Medium", "1", "2"),
+    ]
+    _, gap, easy, flown = rows
+    assert set(list(gap.values())[5:]) == {""}
+    assert float(flown["return_iqm"]) == (1.123456789012345 + 2) / 2
+    assert (flown["return_iqm_low"], flown["return_iqm_high"]) == ("", "")
+    assert [float(easy[name]) for name in ("success", "tight", "loose", "progress_mean")] == [0.5, 0.5, 0.0, 0.7]
+    # Wilson's interval of one of two: (1 + z²/2 ± z·sqrt(1/2 + z²/4)) / (2 + z²) with z = 1.959964.
+    ends = [float(easy[f"success_{end}"]) for end in ("low", "high")]
+    assert ends == pytest.approx([0.0945312, 0.9054688], abs=1e-6)
+
+
+def test_the_runs_beside_the_page_are_those_of_the_results_with_their_errors(tiny_results: Path):
+    rows = list(csv.DictReader((write_report(tiny_results).folder / "runs.csv").open()))
+    assert [(row["run"], row["status"], row["wall_s"]) for row in rows] == [
+        ("hover-0", "finished", "0.0"),
+        ("PPO-0", "finished", "2.0"),
+        ("PPO-1", "failed", "1.0"),
+    ]
+    assert rows[2]["error"] == "NotFiniteError: the loss is NaN <at step 300>"
+
+
+def test_columns_of_numbers_are_those_in_which_a_cell_begins_with_one():
+    rows = [["1-PPO", "Easy", "missing", "0 of 1", "failed"], ["hover", "2 rivers", "< 0.01", "−3", "absent"]]
+    assert number_columns((["policy", "level", "p", "seeds", "return"], rows)) == [False, True, True, True, False]
+
+
+def test_a_table_without_rows_says_so_and_has_no_files(tiny_results: Path):
+    (tiny_results / "runs.csv").unlink()
+    report = write_report(tiny_results)
+    assert "<h2>Runs</h2>\n<p>There is nothing to show.</p>" in report.page.read_text()
+    assert list(report.folder.glob("runs.*")) == []
 
 
 def test_the_page_loads_nothing_from_elsewhere(tiny_results: Path):
@@ -217,7 +259,7 @@ def test_a_report_is_replaced_whole_or_left_alone(tiny_results: Path, monkeypatc
     def full_disk(*_):
         raise OSError("no space left on device")
 
-    monkeypatch.setattr("thalweg.bench.report._page", full_disk)
+    monkeypatch.setattr("thalweg.bench.report.page", full_disk)
     with pytest.raises(OSError, match="no space"):
         write_report(tiny_results)
     assert report.page.read_bytes() == before
@@ -258,7 +300,8 @@ def test_a_report_goes_to_the_folder_one_stands_in_and_again(
     monkeypatch.chdir(here)
     for _ in range(2):
         assert write_report(tiny_results, Path()).page.read_text().startswith("<!doctype html>")
-        names = {"report.html", "table.md", "table.csv", "failures.png", "curves.png"}
+        names = {f"{name}.{kind}" for name in ("table", "details", "runs") for kind in ("md", "tex", "csv")}
+        names |= {f"{name}.{kind}" for name in ("failures", "curves") for kind in ("png", "pdf")} | {"report.html"}
         assert {file.name for file in here.iterdir()} == names
         assert Path().stat().st_ino == here.stat().st_ino  # still the folder that one stands in
 

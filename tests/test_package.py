@@ -1,0 +1,16 @@
+"""What is installed: everything in the package that is no Python is named to be put into the wheel."""
+
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def test_every_file_of_the_package_goes_into_the_wheel():
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    patterns = settings["tool"]["setuptools"]["package-data"]["thalweg"]
+    package = ROOT / "thalweg"
+    taken = {path for pattern in patterns for path in package.glob(pattern)}
+    others = {path for path in package.rglob("*") if path.is_file() and path.suffix not in (".py", ".pyc")}
+    assert others - taken == set()
+    assert {"page.html", "page.css", "page.js"} <= {path.name for path in taken}

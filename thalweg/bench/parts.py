@@ -1,0 +1,110 @@
+"""What does a report consist of, and in which order? To add a table or a figure is to add one entry to `PARTS`.
+
+Each part is a section of the page and files of its name beside it. What a table and a figure hold is made in
+`tables.py` and `figures.py`, from the results alone.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from matplotlib.figure import Figure
+
+from thalweg.bench import figures, tables
+from thalweg.bench.published import SOURCE
+from thalweg.bench.results import FILM, Results
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: on the page, and beside it as Markdown, LaTeX and CSV."""
+
+    name: str
+    """Of its files."""
+    title: str
+    text: Callable[[Results], tables.Grid]
+    """Header and rows as they are read. By columns headed `policy`, `run` or `level` the page filters."""
+    csv: Callable[[Results], str]
+    """The same at full precision."""
+    note: str = ""
+    otherwise: str = "There is nothing to show."
+    """Stands in the place of a table without rows, which has no files."""
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of the files that it may have."""
+        return tuple(f"{self.name}.{kind}" for kind in ("md", "tex", "csv"))
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure: on the page, and beside it as PNG and PDF."""
+
+    name: str
+    title: str
+    draw: Callable[[Results], Figure | None]
+    words: Callable[[Results], str]
+    """What is said of it to those who don't see it."""
+    note: str = ""
+    otherwise: str = "There is nothing to draw."
+    """Stands in the place of a figure that `draw` gives None for."""
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """As for tables."""
+        return tuple(f"{self.name}.{kind}" for kind in ("png", "pdf"))
+
+
+@dataclass(frozen=True)
+class Film:
+    """The film of a flight, where there is one."""
+
+    title: str
+    otherwise: str = "These results hold no film."
+    files: tuple[str, ...] = (FILM,)
+
+
+def _trained(results: Results) -> str:
+    names = ", ".join(dict.fromkeys(log.algorithm for log in results.training))
+    return (
+        f"Four curves over the steps of training for {names}: return, and violations per step in all, tight and loose."
+    )
+
+
+PARTS: tuple[Table | Picture | Film, ...] = (
+    Table(
+        "table",
+        "Return and cost",
+        tables.paper_table,
+        tables.table_csv,
+        "Mean ± standard deviation over episodes. An episode pays at most 10 and costs at most 1. Every policy flew the"
+        f" same list of starts, each once. Rows in italics are published figures ({SOURCE}), measured in another"
+        " simulator on other rivers: they are here for orientation, not for comparison of values.",
+    ),
+    Film("A flight"),
+    Picture(
+        "curves",
+        "Training",
+        figures.training_curves,
+        _trained,
+        "Bands: one standard deviation over seeds, where there is more than one. Violations per step: episodes ended by"
+        " a violation so far, divided by steps so far.",
+        "Nothing was trained in these results.",
+    ),
+    Picture(
+        "failures",
+        "Why episodes ended",
+        figures.failure_bars,
+        lambda _: "Bars: the share of episodes that ended for each reason, by policy and level.",
+        "Shares of each policy's episodes. Red: tight violations, cost 1. Yellow to grey: loose ones, cost 0.2.",
+    ),
+    Table(
+        "details",
+        "In detail",
+        tables.detail_table,
+        tables.detail_csv,
+        "In brackets: intervals of 95 %, over training seeds where there are three or more; shares of one policy have"
+        " Wilson's. IQM: mean of the middle half of the episodes.",
+    ),
+    Table("runs", "Runs", tables.runs_table, tables.runs_csv),
+)
+"""In the order of the page."""

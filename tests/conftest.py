@@ -1,29 +1,38 @@
 """Worlds that many tests share, taken from the cache folder where they were built before; and what is said of tests for
-a GPU where there is none."""
+a GPU or a browser where there is none."""
+
+from collections.abc import Callable
 
 import pytest
 
+from tests.browser import missing_for_browser
 from thalweg.devices import missing_for_cuda
 from thalweg.world import World, load_or_build
 
-NO_GPU = "NO GPU"
-"""What reasons begin with that are counted at the end."""
+NEEDS: dict[str, tuple[str, Callable[[], str]]] = {
+    "gpu": ("GPU", missing_for_cuda),
+    "browser": ("BROWSER", missing_for_browser),
+}
+"""Of a mark: what its tests need, and what says what is missing for it."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip what needs a GPU where none can be used, with what is missing."""
-    marked = [item for item in items if item.get_closest_marker("gpu")]
-    missing = missing_for_cuda() if marked else ""
-    for item in marked if missing else ():
-        item.add_marker(pytest.mark.skip(reason=f"{NO_GPU}: {missing}"))
+    """Skip what needs a GPU or a browser where none can be used, with what is missing."""
+    for mark, (thing, missing_for) in NEEDS.items():
+        marked = [item for item in items if item.get_closest_marker(mark)]
+        missing = missing_for() if marked else ""
+        for item in marked if missing else ():
+            item.add_marker(pytest.mark.skip(reason=f"NO {thing}: {missing}"))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Say how many tests were not run for want of a GPU."""
-    skipped = terminalreporter.stats.get("skipped", [])
-    count = sum(NO_GPU in str(report.longrepr) for report in skipped)
-    if count:
-        terminalreporter.section(f"{count} TESTS NEED A GPU AND WERE NOT RUN", yellow=True)
+    """Say how many tests were not run for want of a GPU or a browser, and why."""
+    skipped = [str(report.longrepr) for report in terminalreporter.stats.get("skipped", [])]
+    for thing, _ in NEEDS.values():
+        reasons = [words.split(f"NO {thing}: ")[1].rstrip("')") for words in skipped if f"NO {thing}: " in words]
+        if reasons:
+            terminalreporter.section(f"{len(reasons)} TESTS NEED A {thing} AND WERE NOT RUN", yellow=True)
+            terminalreporter.line("; ".join(dict.fromkeys(reasons)))
 
 
 @pytest.fixture(scope="session")

@@ -47,7 +47,7 @@ WRONG = [
     (["evaluate", "nothing_here"], "packaged, random, hover, forward, pilot"),
     (["evaluate", "hover", "--levels", "medum"], "Easy, Medium, Hard"),
     (["evaluate", "hover", "--episodes", "0"], "episodes must be at least 1"),
-    (["bench", "papr", "--out", "x"], "quick, easy, paper"),
+    (["bench", "papr", "--out", "x"], "quick, easy, open, protocols, paper"),
     (["report", "nothing_here"], "no results folder nothing_here"),
     (["encoder", "show", "--path", "nothing_here"], "nothing_here"),
     (["encoder", "train", "--architecture", "huge", "--out", "x"], "lean"),

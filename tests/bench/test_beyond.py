@@ -1,5 +1,6 @@
 """Tables and figures beyond the paper's: on results whose figures are known."""
 
+import csv
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.env import handmade
-from thalweg.bench.beyond import conditions_table, kept, limits_table, pairs_table
+from thalweg.bench.beyond import conditions, kept, limits, pairs
 from thalweg.bench.conditions import Condition
 from thalweg.bench.episodes import Episode
 from thalweg.bench.figures_beyond import condition_grid, profiles
@@ -49,14 +50,14 @@ def results() -> Results:
 
 
 def test_limits_are_judged_by_the_cost_of_flights_and_of_training(results: Results):
-    header, rows = limits_table(results)
+    header, rows = limits(results).grid
     by = {row[0]: dict(zip(header, row, strict=True)) for row in rows}
     assert list(by) == ["PPO", "FOCOPS", "P3O"]
     assert by["PPO"]["cost"] == "0.50 [0.50, 0.50]" and by["PPO"]["limit met"] == "no"
     assert by["FOCOPS"]["cost"] == "0.00 [0.00, 0.00]" and by["FOCOPS"]["limit met"] == "yes"
     assert by["PPO"]["violations"].startswith("50% [")
     assert (by["PPO"]["regret in training"], by["FOCOPS"]["regret in training"]) == ("0.40", "unknown")
-    assert (by["PPO"]["minutes"], by["PPO"]["steps a second"]) == ("3.0", "8")
+    assert (by["PPO"]["minutes"], by["PPO"]["steps a second"]) == ("3.00", "8.00")
     assert by["P3O"]["cost"] == "failed"
 
 
@@ -68,16 +69,16 @@ def test_whether_a_limit_is_met_needs_an_interval():
 
 def test_pairs_are_compared_from_the_same_starts(results: Results):
     """Of the nine pairs of seeds FOCOPS, 1.5 ahead, is below PPO in one, and its returns differ by -1.5 in the mean."""
-    header, rows = pairs_table(results)
+    header, rows = pairs(results).grid
     assert header[:2] == ["policy", "against"] and [row[:2] for row in rows] == [["PPO", "FOCOPS"]]
     assert rows[0][2].startswith("11% [") and rows[0][3].startswith("-1.50 [-3.77, 0.77]")
     assert rows[0][4].startswith("0.50 [0.50")
     other = replace(results, episodes=[row for row in results.episodes if (row.algorithm, row.episode) != ("PPO", 1)])
-    assert pairs_table(other)[1] == [["PPO", "FOCOPS", *["not the same starts"] * 3]]
+    assert pairs(other).grid[1] == [["PPO", "FOCOPS", *["not the same starts"] * 3]]
 
 
 def test_conditions_say_what_changes_from_the_same_starts(results: Results):
-    header, rows = conditions_table(results)
+    header, rows = conditions(results).grid
     assert [row[:4] for row in rows] == [["PPO", "mode", "Medium", "3"], ["FOCOPS", "real", "Cam", "3"]]
     assert [row[header.index("return, change")] for row in rows] == ["0.50 [0.50, 0.50]", "other starts"]
     assert rows[0][header.index("return")] == "6.50 [4.02, 8.98]"  # t of 2 degrees of freedom: 4.303 / √3
@@ -114,3 +115,14 @@ def test_a_map_marks_where_flights_failed(results: Results):
     np.testing.assert_array_equal(np.concatenate(marks), [[10.0, 3.0]] * 3)
     old = [replace(row, end_x=float("nan")) for row in results.episodes]
     assert failure_maps(replace(results, episodes=old), "Medium", handmade.ring()) is None
+
+
+def test_at_full_precision_an_estimate_has_three_columns(results: Results):
+    header, first, second, third = csv.reader(limits(results).csv.splitlines())
+    assert header == [
+        "policy", "seeds", "cost", "cost, low", "cost, high", "limit met", "violations", "violations, low",
+        "violations, high", "regret in training", "minutes", "steps a second",
+    ]  # fmt: skip
+    assert first[:6] == ["PPO", "3", "0.5", "0.5", "0.5", "no"] and float(first[-1]) == 8.0
+    assert second[2:6] == ["0.0", "0.0", "0.0", "yes"]
+    assert third[2:6] == ["failed", "", "", "failed"]

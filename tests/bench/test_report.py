@@ -126,14 +126,14 @@ def test_the_page_loads_nothing_from_elsewhere(tiny_results: Path):
     (tiny_results / "film.mp4").write_bytes(b"a film")
     page = write_report(tiny_results).page.read_text()
     sources = re.findall(r"""(?:src|href|poster|action|data)\s*=\s*['"]([^'"]*)""", page)
-    assert len(sources) == 4  # icon, film, curves, failures
+    assert len(sources) == 6  # icon, film, levels, curves, failures, profiles
     assert all(source.startswith("data:") for source in sources)
     assert not re.search(r"https?://|@import|url\(", page)
 
 
 def test_every_picture_of_the_page_has_words_beside_it(tiny_results: Path):
     page = write_report(tiny_results).page.read_text()
-    assert len(re.findall(r"<img [^>]*alt='[^']{20,}'", page)) == page.count("<img ") == 2
+    assert len(re.findall(r"<img [^>]*alt='[^']{20,}'", page)) == page.count("<img ") == 4
 
 
 def test_a_failed_run_is_named_with_its_error(tiny_results: Path):
@@ -300,8 +300,9 @@ def test_a_report_goes_to_the_folder_one_stands_in_and_again(
     monkeypatch.chdir(here)
     for _ in range(2):
         assert write_report(tiny_results, Path()).page.read_text().startswith("<!doctype html>")
-        names = {f"{name}.{kind}" for name in ("table", "details", "runs") for kind in ("md", "tex", "csv")}
-        names |= {f"{name}.{kind}" for name in ("failures", "curves") for kind in ("png", "pdf")} | {"report.html"}
+        names = {f"{name}.{kind}" for name in ("table", "details", "limits", "runs") for kind in ("md", "tex", "csv")}
+        pictures = ("levels", "failures", "curves", "profiles")
+        names |= {f"{name}.{kind}" for name in pictures for kind in ("png", "pdf")} | {"report.html"}
         assert {file.name for file in here.iterdir()} == names
         assert Path().stat().st_ino == here.stat().st_ino  # still the folder that one stands in
 

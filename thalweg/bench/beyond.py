@@ -5,19 +5,71 @@ than three.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
 from thalweg.bench.comparison import change, difference, improvement, shared_tables
 from thalweg.bench.episodes import Episode
+from thalweg.bench.files import csv_text
 from thalweg.bench.inference import Estimate, over_seeds, share, table_of
 from thalweg.bench.results import Results
 from thalweg.bench.statistics import grouped, regret
 from thalweg.bench.suites import arms_of
+from thalweg.bench.tables import Grid, with_ends
 
-Table = tuple[list[str], list[list[str]]]
-"""Header and rows."""
+
+@dataclass(frozen=True)
+class Sheet:
+    """A table before it is text: cells are words, numbers or estimates."""
+
+    header: tuple[str, ...]
+    rows: list[list[str | float | Estimate]]
+
+    @property
+    def grid(self) -> Grid:
+        """As people read it."""
+        return list(self.header), [[_words(cell) for cell in row] for row in self.rows]
+
+    @property
+    def csv(self) -> str:
+        """At full precision; what is an estimate anywhere has three columns, its ends empty where there are none."""
+        columns = zip(*self.rows, strict=True) if self.rows else [()] * len(self.header)
+        estimated = [any(isinstance(cell, Estimate) for cell in column) for column in columns]
+        names = [
+            name if not three else f"{name}{end}"
+            for name, three in zip(self.header, estimated, strict=True)
+            for end in (("", ", low", ", high") if three else ("",))
+        ]
+        rows = [
+            [number for cell, three in zip(row, estimated, strict=True) for number in _numbers(cell, three)]
+            for row in self.rows
+        ]
+        return csv_text(names, rows)
+
+
+class Share(Estimate):
+    """An estimate that people read in percent."""
+
+    def __str__(self) -> str:
+        return self.as_percent()
+
+
+def _words(cell: str | float | Estimate) -> str:
+    return f"{cell:.2f}" if isinstance(cell, float) else str(cell)
+
+
+def _numbers(cell: str | float | Estimate, three: bool) -> list[object]:
+    if isinstance(cell, Estimate):
+        return with_ends(cell)
+    return [cell, "", ""] if three else [cell]
+
+
+def _share(found: Estimate) -> Share:
+    return Share(found.value, found.low, found.high)
+
+
 LIMIT = 0.1
 """Mean cost of an episode that everything is judged by, whatever limit it was given."""
 
@@ -33,12 +85,12 @@ def train_level(results: Results) -> str:
     return level if level in results.levels else results.levels[0]
 
 
-def limits_table(results: Results) -> Table:
+def limits(results: Results) -> Sheet:
     """Whether each trained policy keeps the limit on the level of training: its cost when it is evaluated, and what its
     training cost."""
     level, flown = train_level(results), grouped(results.episodes)
-    header = ["policy", "seeds", "cost", "limit met", "violations", "regret in training", "minutes", "steps a second"]
-    rows = []
+    header = ("policy", "seeds", "cost", "limit met", "violations", "regret in training", "minutes", "steps a second")
+    rows: list[list[str | float | Estimate]] = []
     for name in trained_policies(results):
         own = flown.get((name, level))
         if own is None:
@@ -52,15 +104,15 @@ def limits_table(results: Results) -> Table:
             [
                 name,
                 str(len({row.seed for row in own})),
-                str(cost),
+                cost,
                 kept(cost),
-                share(own, lambda row: row.cost > 0).as_percent(),
-                f"{np.mean(worse):.2f}" if worse else "unknown",
-                f"{np.mean([row.wall_s for row in runs]) / 60:.1f}" if runs else "unknown",
-                f"{np.mean([row.steps_per_s for row in runs]):.0f}" if runs else "unknown",
+                _share(share(own, lambda row: row.cost > 0)),
+                float(np.mean(worse)) if worse else "unknown",
+                float(np.mean([row.wall_s for row in runs]) / 60) if runs else "unknown",
+                float(np.mean([row.steps_per_s for row in runs])) if runs else "unknown",
             ]
         )
-    return header, rows
+    return Sheet(header, rows)
 
 
 def kept(cost: Estimate, limit: float = LIMIT) -> str:
@@ -72,11 +124,11 @@ def kept(cost: Estimate, limit: float = LIMIT) -> str:
     return "no" if cost.low > limit else "unsure"
 
 
-def pairs_table(results: Results) -> Table:
+def pairs(results: Results) -> Sheet:
     """Each trained policy against each other on the level of training, start by start."""
     level, flown = train_level(results), grouped(results.episodes)
-    header = ["policy", "against", "returns more", "return, difference", "cost, difference"]
-    rows = []
+    header = ("policy", "against", "returns more", "return, difference", "cost, difference")
+    rows: list[list[str | float | Estimate]] = []
     for one, other in combinations(trained_policies(results), 2):
         ours, theirs = flown.get((one, level)), flown.get((other, level))
         if ours is None or theirs is None:
@@ -89,15 +141,15 @@ def pairs_table(results: Results) -> Table:
         rows.append(
             [one, other, improvement(*returns).as_percent(), str(difference(*returns)), str(difference(*costs))]
         )
-    return header, rows
+    return Sheet(header, rows)
 
 
-def conditions_table(results: Results) -> Table:
+def conditions(results: Results) -> Sheet:
     """How each policy does under each condition on each river, and how much its return changes from the main one where
     starts are the same."""
     main = grouped(results.episodes)
-    header = ["policy", "condition", "river", "seeds", "return", "cost", "success", "return, change"]
-    rows = []
+    header = ("policy", "condition", "level", "seeds", "return", "cost", "success", "return, change")
+    rows: list[list[str | float | Estimate]] = []
     for name, episodes in results.beyond.items():
         for (algorithm, level), own in grouped(episodes).items():
             rows.append(
@@ -106,20 +158,20 @@ def conditions_table(results: Results) -> Table:
                     name,
                     level,
                     str(len({row.seed for row in own})),
-                    str(_mean(own, "return_")),
-                    str(_mean(own, "cost")),
-                    share(own, lambda row: row.success).as_percent(),
+                    _mean(own, "return_"),
+                    _mean(own, "cost"),
+                    _share(share(own, lambda row: row.success)),
                     changed(own, main.get((algorithm, level), [])),
                 ]
             )
     order = {name: place for place, name in enumerate(results.policies)}
-    return header, sorted(rows, key=lambda row: order[row[0]])
+    return Sheet(header, sorted(rows, key=lambda row: order[str(row[0])]))
 
 
-def changed(after: Sequence[Episode], before: Sequence[Episode]) -> str:
+def changed(after: Sequence[Episode], before: Sequence[Episode]) -> Estimate | str:
     """The mean change of the return from one condition to another; `other starts` where they are not the same."""
     try:
-        return str(change(*shared_tables(after, before, "return_")))
+        return change(*shared_tables(after, before, "return_"))
     except ValueError:
         return "other starts"
 

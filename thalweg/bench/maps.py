@@ -1,4 +1,9 @@
-"""Where on the river does each policy fail? A map for each policy and level, with a mark where a flight ended."""
+"""What do the rivers look like from above, and where on them does each policy fail?
+
+The rivers are built from the levels and seeds that the results name.
+"""
+
+from collections.abc import Callable
 
 import numpy as np
 from matplotlib import rc_context
@@ -9,7 +14,8 @@ from thalweg.bench.episodes import REASONS, WORDS, Episode
 from thalweg.bench.figures import REASON_COLOURS, STYLE
 from thalweg.bench.results import Results
 from thalweg.bench.statistics import grouped
-from thalweg.world import World
+from thalweg.world import LEVELS, World, level_named, load_or_build
+from thalweg.world.drawing import view
 
 WATER, LAND = "#bcd7e6", "#eef0e6"
 COLUMNS = 4
@@ -41,6 +47,45 @@ def failure_maps(results: Results, level: str, world: World) -> Figure | None:
         words = [WORDS[reason] for reason in FAILED]
         figure.legend(handles, words, loc="outside lower center", ncols=6, frameon=False, fontsize=8)
     return figure
+
+
+def failures_on(level: str) -> Callable[[Results], Figure | None]:
+    """What draws the maps of a level, if it was flown on."""
+
+    def drawn(results: Results) -> Figure | None:
+        world = _world(results, level)
+        return None if world is None else failure_maps(results, level, world)
+
+    return drawn
+
+
+def levels_from_above(results: Results) -> Figure | None:
+    """The orthographic view of each level's river, with a scale; None where only others were flown on."""
+    worlds = {level: world for level in results.levels if (world := _world(results, level)) is not None}
+    if not worlds:
+        return None
+    with rc_context(STYLE | {"axes.grid": False}):
+        figure = Figure(figsize=(3.0 * len(worlds), 3.8))
+        for axis, (level, world) in zip(np.atleast_1d(figure.subplots(1, len(worlds))), worlds.items(), strict=True):
+            grid, picture = world.grid, view(world)
+            rows, columns = picture.shape[:2]
+            left, bottom = grid.origin_x_m, grid.origin_y_m
+            extent = (left, left + columns * grid.cell_m, bottom, bottom + rows * grid.cell_m)
+            axis.imshow(picture, origin="lower", extent=extent)
+            axis.set_title(f"{level}: {world.river.length_m:.0f} m")
+            axis.set_xticks([])
+            axis.set_yticks([])
+            axis.plot([left + 20.0, left + 120.0], [bottom + 20.0] * 2, color="white", linewidth=2.5)
+            axis.text(left + 20.0, bottom + 28.0, "100 m", color="white", fontsize=7)
+    return figure
+
+
+def _world(results: Results, level: str) -> World | None:
+    """The river of a level as the results name it; None if they don't, or if there is no such level."""
+    seeds = {row.world_seed for row in results.episodes if row.level == level}
+    if len(seeds) != 1 or level not in LEVELS:
+        return None
+    return load_or_build(level_named(level), seeds.pop())
 
 
 def _panel(axis, world: World, rows: list[Episode]) -> None:

@@ -73,6 +73,8 @@ def _section(part: Table | Picture | Film, results: Results, grids: dict[str, Gr
         body = _picture(files.get(f"{part.name}.png"), part.words(results))
     else:
         body = _film(files.get(FILM), _caption(results))
+    if not body and not part.otherwise:
+        return ""
     body = body or f"<p>{html.escape(part.otherwise)}</p>"
     note = f"\n<p class='note'>{html.escape(note)}</p>" if note else ""
     return f"<section>\n<h2>{html.escape(part.title)}</h2>\n{body}{note}\n</section>"

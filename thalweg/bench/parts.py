@@ -1,7 +1,7 @@
 """What does a report consist of, and in which order? To add a table or a figure is to add one entry to `PARTS`.
 
 Each part is a section of the page and files of its name beside it. What a table and a figure hold is made in
-`tables.py` and `figures.py`, from the results alone.
+`tables.py`, `figures.py` and others, from the results alone.
 """
 
 from collections.abc import Callable
@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
-from thalweg.bench import figures, tables
+from thalweg.bench import beyond, figures, figures_beyond, maps, tables
 from thalweg.bench.published import SOURCE
 from thalweg.bench.results import FILM, Results
+from thalweg.world import LEVELS
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Table:
     """The same at full precision."""
     note: str = ""
     otherwise: str = "There is nothing to show."
-    """Stands in the place of a table without rows, which has no files."""
+    """Stands in the place of a table without rows, which has no files; if empty there is no section either."""
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -70,6 +71,10 @@ def _trained(results: Results) -> str:
     )
 
 
+def _sheet(name: str, title: str, made: Callable[[Results], beyond.Sheet], note: str, otherwise: str = "") -> Table:
+    return Table(name, title, lambda results: made(results).grid, lambda results: made(results).csv, note, otherwise)
+
+
 PARTS: tuple[Table | Picture | Film, ...] = (
     Table(
         "table",
@@ -79,6 +84,13 @@ PARTS: tuple[Table | Picture | Film, ...] = (
         "Mean ± standard deviation over episodes. An episode pays at most 10 and costs at most 1. Every policy flew the"
         f" same list of starts, each once. Rows in italics are published figures ({SOURCE}), measured in another"
         " simulator on other rivers: they are here for orientation, not for comparison of values.",
+    ),
+    Picture(
+        "levels",
+        "The rivers",
+        maps.levels_from_above,
+        lambda results: f"The rivers from straight above: {', '.join(results.levels)}.",
+        otherwise="",
     ),
     Film("A flight"),
     Picture(
@@ -104,6 +116,56 @@ PARTS: tuple[Table | Picture | Film, ...] = (
         tables.detail_csv,
         "In brackets: intervals of 95 %, over training seeds where there are three or more; shares of one policy have"
         " Wilson's. IQM: mean of the middle half of the episodes.",
+    ),
+    _sheet(
+        "limits",
+        "Is the limit met?",
+        beyond.limits,
+        f"On the level of training, of a mean cost of {beyond.LIMIT} an episode, whatever limit was given. Met if the"
+        " whole interval lies below, not met if it lies above, else unsure. Violations: share of flights with any cost."
+        " Regret: what blocks of 50 episodes cost beyond the limit, for each episode of training. Minutes of training"
+        " and steps a second are means over runs.",
+    ),
+    _sheet(
+        "pairs",
+        "In pairs",
+        beyond.pairs,
+        "On the level of training, flights from the same starts: how often the first returns more than the second (ties"
+        " count half), and by how much return and cost differ in the mean.",
+    ),
+    Picture(
+        "profiles",
+        "Profiles",
+        figures_beyond.profiles,
+        lambda _: "Curves: the share of flights with at least a return of 0 to 10, by policy and level.",
+        "Of up to four policies with intervals over seeds, each return by itself.",
+        otherwise="",
+    ),
+    *(
+        Picture(
+            f"map_{level.lower()}",
+            f"Where flights on {level} failed",
+            maps.failures_on(level),
+            lambda _: (
+                "Maps, one for each policy: the river from above, with a dot where a flight ended without success."
+            ),
+            otherwise="",
+        )
+        for level in LEVELS
+    ),
+    Picture(
+        "conditions_grid",
+        "Other conditions",
+        figures_beyond.condition_grid,
+        lambda _: "A grid: the mean return of each policy under each condition.",
+        "On the level of training; real: on a river drawn from real coordinates.",
+        otherwise="",
+    ),
+    _sheet(
+        "conditions",
+        "Conditions one by one",
+        beyond.conditions,
+        "Change: of the return against sampled actions on the usual day, from the same starts.",
     ),
     Table("runs", "Runs", tables.runs_table, tables.runs_csv),
 )

@@ -136,14 +136,14 @@ def detail_csv(results: Results) -> str:
             continue
         own = flown[algorithm, level]
         estimates = (middle_return(own), *(share(own, holds) for holds in EVENTS))
-        ends = [number for estimate in estimates for number in _with_ends(estimate)]
+        ends = [number for estimate in estimates for number in with_ends(estimate)]
         rows.append([algorithm, level, cell.episodes, cell.seeds, planned, *ends, cell.progress_mean, cell.length_mean])
     ends = [f"{name}{end}" for name in DETAIL_NUMBERS for end in ("", "_low", "_high")]
     header = ["algorithm", "level", "episodes", "seeds", "planned_seeds", *ends, "progress_mean", "length_mean"]
     return csv_text(header, rows)
 
 
-def _with_ends(estimate: Estimate) -> list[object]:
+def with_ends(estimate: Estimate) -> list[object]:
     """A figure and the ends of its interval, empty where there is none."""
     ends = [estimate.low, estimate.high]
     return [estimate.value, *("" if np.isnan(end) else end for end in ends)]

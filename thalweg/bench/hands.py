@@ -125,18 +125,22 @@ def _heard(ear: Connection, run: Run, process: Any, work: Work) -> RunRow:
 
 
 def _alone(mouth: Connection, run: Run, suite: Suite, folder: Path, place: Place) -> None:
-    """A run in a process of its own; what it prints goes into a file of its own too."""
+    """A run in a process of its own, which ends when its parent does."""
     parent = multiprocessing.parent_process()
     assert parent is not None
     threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-    log = folder / LOGS / f"{run.name}.txt"
     try:
-        log.parent.mkdir(parents=True, exist_ok=True)
-        with open(log, "a", encoding="utf-8") as file, redirect_stdout(file), redirect_stderr(file):
-            row = attempt(run, Work(suite, folder, place, Console(file=file, width=WIDTH)))
-        mouth.send(row)
+        mouth.send(logged(run, suite, folder, place))
     except OSError as error:  # a full disk
         mouth.send(error)
+
+
+def logged(run: Run, suite: Suite, folder: Path, place: Place) -> RunRow:
+    """`attempt`; what this process prints meanwhile goes into the run's log."""
+    log = folder / LOGS / f"{run.name}.txt"
+    log.parent.mkdir(parents=True, exist_ok=True)
+    with open(log, "a", buffering=1, encoding="utf-8") as file, redirect_stdout(file), redirect_stderr(file):
+        return attempt(run, Work(suite, folder, place, Console(file=file, width=WIDTH)))
 
 
 def _end_with(sentinel: int) -> None:

@@ -5,6 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 UNFINISHED := $(VENV)/.unfinished
 CUDA := $(VENV)/.cuda
+CLUSTER := $(VENV)/.cluster
 OUT ?= results
 export MPLBACKEND := Agg
 
@@ -38,11 +39,16 @@ $(CUDA): $(READY) requirements-cuda.lock
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet -r requirements-cuda.lock
 	@touch $@
 
+# Ray, which only tests of clusters and people with one need.
+$(CLUSTER): $(READY) requirements-cluster.lock
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet -r requirements-cluster.lock
+	@touch $@
+
 demo: $(READY)
 	$(BIN)/thalweg bench quick --jobs 1 --out $(OUT)/quick
 
 # Two at a time, a file with one of them; PyTorch's threads would get into one another's way.
-test: $(READY) $(CUDA)
+test: $(READY) $(CUDA) $(CLUSTER)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: $(READY)

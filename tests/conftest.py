@@ -1,7 +1,8 @@
 """Worlds that many tests share, taken from the cache folder where they were built before; and what is said of tests for
-a GPU or a browser where there is none."""
+a GPU, a browser or Ray where there is none."""
 
 from collections.abc import Callable
+from importlib.util import find_spec
 
 import pytest
 
@@ -9,15 +10,22 @@ from tests.browser import missing_for_browser
 from thalweg.devices import missing_for_cuda
 from thalweg.world import World, load_or_build
 
+
+def missing_for_ray() -> str:
+    """What has to be installed for a cluster; empty where it is."""
+    return "" if find_spec("ray") else "pip install -r requirements-cluster.lock"
+
+
 NEEDS: dict[str, tuple[str, Callable[[], str]]] = {
-    "gpu": ("GPU", missing_for_cuda),
-    "browser": ("BROWSER", missing_for_browser),
+    "gpu": ("A GPU", missing_for_cuda),
+    "browser": ("A BROWSER", missing_for_browser),
+    "ray": ("RAY", missing_for_ray),
 }
 """Of a mark: what its tests need, and what says what is missing for it."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip what needs a GPU or a browser where none can be used, with what is missing."""
+    """Skip what needs a thing that cannot be used here, with what is missing."""
     for mark, (thing, missing_for) in NEEDS.items():
         marked = [item for item in items if item.get_closest_marker(mark)]
         missing = missing_for() if marked else ""
@@ -26,12 +34,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Say how many tests were not run for want of a GPU or a browser, and why."""
+    """Say how many tests were not run for want of a thing, and why."""
     skipped = [str(report.longrepr) for report in terminalreporter.stats.get("skipped", [])]
     for thing, _ in NEEDS.values():
         reasons = [words.split(f"NO {thing}: ")[1].rstrip("')") for words in skipped if f"NO {thing}: " in words]
         if reasons:
-            terminalreporter.section(f"{len(reasons)} TESTS NEED A {thing} AND WERE NOT RUN", yellow=True)
+            terminalreporter.section(f"{len(reasons)} TESTS NEED {thing} AND WERE NOT RUN", yellow=True)
             terminalreporter.line("; ".join(dict.fromkeys(reasons)))
 
 

@@ -48,6 +48,8 @@ WRONG = [
     (["evaluate", "hover", "--levels", "medum"], "Easy, Medium, Hard"),
     (["evaluate", "hover", "--episodes", "0"], "episodes must be at least 1"),
     (["bench", "papr", "--out", "x"], "quick, easy, open, protocols, paper"),
+    (["bench", "quick", "--out", "x", "--cpus", "2"], "--cpus goes with --cluster"),
+    (["bench", "quick", "--out", "x", "--cluster", "ray://head:10001"], "Ray's client is not supported"),
     (["report", "nothing_here"], "no results folder nothing_here"),
     (["encoder", "show", "--path", "nothing_here"], "nothing_here"),
     (["encoder", "train", "--architecture", "huge", "--out", "x"], "lean"),

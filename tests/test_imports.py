@@ -63,6 +63,15 @@ def test_imports_go_one_way():
     assert not found, "\n".join(found)
 
 
+def test_nothing_imports_ray_before_a_cluster_is_asked_for():
+    import re
+
+    found = [
+        path.name for path in PACKAGE.rglob("*.py") if re.search(r"^\s*(import|from) ray\b", path.read_text(), re.M)
+    ]
+    assert found == []
+
+
 def test_no_algorithm_imports_another():
     from thalweg.algos.registry import ALGORITHMS
 

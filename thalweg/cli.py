@@ -384,15 +384,19 @@ class Bench:
     """Folder of the results."""
     jobs: int | None = None
     """Runs at a time, each in a process of its own that has its share of the cores; as many as cores if not given. 1:
-    one after the other, with progress bars."""
+    one after the other, with progress bars. On a cluster: at most so many."""
+    cluster: str | None = None
+    """A cluster of Ray's that does the runs: auto, the one that this machine is a node of, or HOST:PORT of its head."""
+    cpus: int | None = None
+    """Processors that each run takes on a cluster, and threads that it computes in; one if not given."""
     only: tuple[str, ...] = ()
     """Names of algorithms (FOCOPS), arms (FOCOPS-paper) or runs (FOCOPS-0) that are to be done now; all if none is
     given."""
 
     def run(self) -> int:
-        from thalweg.bench.command import bench_command
+        from thalweg.bench.command import bench_command, hands_for
 
-        return bench_command(self.suite, self.out, self.jobs, self.only)
+        return bench_command(self.suite, self.out, self.only, hands_for(self.jobs, self.cluster, self.cpus))
 
 
 @dataclass(frozen=True)

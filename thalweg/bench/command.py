@@ -8,10 +8,11 @@ from rich.table import Column, Table
 
 from thalweg.bench.bars import all_landed, bar, progress_of_flights
 from thalweg.bench.baselines import BASELINES, Policy
+from thalweg.bench.cluster import Cluster
 from thalweg.bench.episodes import Episode, write_episodes
 from thalweg.bench.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
 from thalweg.bench.files import ResultsError
-from thalweg.bench.hands import Here, Processes
+from thalweg.bench.hands import Hands, Here, Processes
 from thalweg.bench.published import SOURCE
 from thalweg.bench.results import Results, read_results
 from thalweg.bench.river import PACKAGED_POLICY
@@ -95,11 +96,9 @@ def _courses(place: str | Reach, request: Request) -> tuple[list[Course], str]:
     return [Course.on(place.build(request.world_seed), request.config)], place.name
 
 
-def bench_command(name: str, folder: Path, jobs: int | None = None, only: tuple[str, ...] = ()) -> int:
-    """Run a suite, or some of it, so many runs at a time; returns 1 if one of them failed."""
+def bench_command(name: str, folder: Path, only: tuple[str, ...], hands: Hands) -> int:
+    """Run a suite, or some of it; returns 1 if one of its runs failed."""
     console = _console()
-    jobs = cores() if jobs is None else jobs
-    hands = Here() if jobs == 1 else Processes(jobs)
     outcome = run_suite(suite_named(name), folder, console=console, hands=hands, only=only)
     print_tables(console, read_results(folder), detail=False)
     lines = [f"Report: {outcome.report.page}", f"Table:  {outcome.report.table}"]
@@ -108,6 +107,16 @@ def bench_command(name: str, folder: Path, jobs: int | None = None, only: tuple[
     lines.extend(f"Failed: {row.run}: {row.error}" for row in outcome.failed)
     console.print("\n".join(lines), highlight=False, soft_wrap=True, markup=False)
     return 1 if outcome.failed else 0
+
+
+def hands_for(jobs: int | None, cluster: str | None, cpus: int | None) -> Hands:
+    """Who does the runs, as the command's options say; raises `ResultsError` where they do not go together."""
+    if cluster is not None:
+        return Cluster(cluster, jobs, 1 if cpus is None else cpus)
+    if cpus is not None:
+        raise ResultsError("--cpus goes with --cluster; here, runs share the cores")
+    jobs = cores() if jobs is None else jobs
+    return Here() if jobs == 1 else Processes(jobs)
 
 
 def _console() -> Console:

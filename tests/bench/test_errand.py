@@ -31,9 +31,9 @@ def order(place: SmallPlace, **changes: Any) -> Order:
 class Slow(SmallPlace):
     """Takes its time on a level, so that what was done before is sent meanwhile."""
 
-    def evaluate(self, run, folder, level, on_step):
-        time.sleep(1.5 if level == "Hard" else 0.0)
-        return super().evaluate(run, folder, level, on_step)
+    def evaluate(self, run, folder, trial, on_step):
+        time.sleep(1.5 if trial.level == "Hard" else 0.0)
+        return super().evaluate(run, folder, trial, on_step)
 
 
 def kinds(news: list[News]) -> list[tuple[bool, bool]]:

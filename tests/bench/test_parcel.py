@@ -7,9 +7,11 @@ import pytest
 
 from tests.train.small_runs import Stop, StopsAt, numbers, train
 from thalweg.bench import parcel
+from thalweg.bench.conditions import Condition, Trial
 from thalweg.bench.parcel import Files, milestones, names_of, pack, unpack
 
-RUN, LEVELS = "FOCOPS-3", ("Easy", "Hard")
+UNSEEN = Condition("unseen", unseen=True)
+RUN, TRIALS = "FOCOPS-3", (Trial("Easy"), Trial("Hard"), Trial("Hard", UNSEEN))
 
 
 def home(folder: Path) -> Path:
@@ -21,26 +23,30 @@ def broken_off(folder: Path, *ats: int) -> Files:
     for at in ats:
         with pytest.raises(Stop):
             train(home(folder), env=StopsAt(at))
-    return pack(folder, RUN, LEVELS)
+    return pack(folder, RUN, TRIALS)
 
 
 def test_what_is_packed_is_the_newest_checkpoint_first_and_nothing_hidden(tmp_path: Path):
-    for name in ("evaluation/FOCOPS-3-Hard.csv", "evaluation/FOCOPS-30-Hard.csv", "logs/FOCOPS-3.txt"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
+    unseen, stage = "evaluation/unseen/FOCOPS-3-Hard.csv", f"runs/{RUN}/.before/0/policy.safetensors"
+    for name in ("evaluation/FOCOPS-3-Hard.csv", "evaluation/FOCOPS-30-Hard.csv", unseen, "logs/FOCOPS-3.txt"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(name)
     broken_off(tmp_path, 120)
+    (tmp_path / stage).parent.mkdir(parents=True)
+    (tmp_path / stage).write_text("the stage before")
     (home(tmp_path) / ".status.0123.part.json").write_text("half")
     (home(tmp_path) / "checkpoints" / ".000000000512.7.part").mkdir()
     kept = sorted(path.name for path in home(tmp_path).glob("checkpoints/[0-9]*"))
-    names = names_of(tmp_path, RUN, LEVELS)
+    names = names_of(tmp_path, RUN, TRIALS)
     assert kept == ["000000000256", "000000000384"]
     start = f"runs/{RUN}"
     newest = [f"{start}/checkpoints/000000000384/{name}" for name in ("arrays.safetensors", "state.json")]
     beside = [f"{start}/{name}" for name in ("config.yaml", "episodes.csv", "metrics.csv", "status.json")]
     assert names[:6] == newest + beside
-    assert names[6].startswith(f"{start}/tensorboard/events")
-    assert names[7:] == ["evaluation/FOCOPS-3-Hard.csv", "logs/FOCOPS-3.txt"]
-    assert milestones(names) == {*newest, "evaluation/FOCOPS-3-Hard.csv"}
+    assert names[6] == stage
+    assert names[7].startswith(f"{start}/tensorboard/events")
+    assert names[8:] == ["evaluation/FOCOPS-3-Hard.csv", unseen, "logs/FOCOPS-3.txt"]
+    assert milestones(names) == {*newest, stage, "evaluation/FOCOPS-3-Hard.csv", unseen}
 
 
 def test_what_comes_out_is_what_went_in_and_nothing_else(tmp_path: Path):
@@ -50,7 +56,7 @@ def test_what_comes_out_is_what_went_in_and_nothing_else(tmp_path: Path):
     unpack(files, tmp_path / "here", RUN)
     found = {path.relative_to(tmp_path / "here").as_posix() for path in home(tmp_path / "here").rglob("*.*")}
     assert found == set(files)
-    assert pack(tmp_path / "here", RUN, LEVELS) == files
+    assert pack(tmp_path / "here", RUN, TRIALS) == files
 
 
 @pytest.mark.slow
@@ -58,7 +64,7 @@ def test_killed_at_any_write_the_run_goes_on_from_what_is_there(tmp_path: Path, 
     train(tmp_path / "whole")
     earlier = broken_off(tmp_path / "there", 60)
     train(home(tmp_path / "there"))
-    later = pack(tmp_path / "there", RUN, LEVELS)
+    later = pack(tmp_path / "there", RUN, TRIALS)
     for die_at in range(len(later)):
         here = tmp_path / f"here{die_at}"
         unpack(earlier, here, RUN)

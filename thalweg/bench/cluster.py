@@ -97,7 +97,7 @@ class Cluster:
 
     def _order(self, ray: Any, one: _Going, work: Work) -> bytes:
         """What a node is to do, for `_for_nodes`."""
-        files = pack(work.folder, one.run.name, work.suite.test_levels)
+        files = pack(work.folder, one.run.name, work.suite.trials(one.run))
         one.reached |= milestones(files)
         return ray.cloudpickle.dumps(Order(one.run, work.suite, work.place, files, made_by(), self.gather_s))
 

@@ -59,7 +59,7 @@ def errand(order: Order) -> Iterator[News]:
     _require_same(order.made, node)
     yield News(node)
     with tempfile.TemporaryDirectory(prefix="thalweg-", ignore_cleanup_errors=True) as name:
-        what = Path(name), order.run.name, order.suite.test_levels
+        what = Path(name), order.run.name, order.suite.trials(order.run)
         unpack(order.files, Path(name), order.run.name)
         sent, sent_at = milestones(order.files), time.monotonic()
         doing = _Doing(order, Path(name))

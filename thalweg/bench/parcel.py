@@ -10,8 +10,10 @@ import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+from thalweg.bench.conditions import Trial
 from thalweg.bench.hands import LOGS
 from thalweg.bench.results import evaluation_path
+from thalweg.bench.river import STAGES
 from thalweg.train.checkpoint import FOLDER as CHECKPOINTS
 from thalweg.train.record import POLICY, STATUS
 from thalweg.whole import write_whole
@@ -20,14 +22,14 @@ Files = dict[str, bytes]
 """Contents by their names below a folder of results."""
 
 
-def names_of(folder: Path, run: str, levels: Sequence[str]) -> list[str]:
+def names_of(folder: Path, run: str, trials: Sequence[Trial]) -> list[str]:
     """What a folder of results holds of a run, in the order in which it is to be read: its newest checkpoint, the rest
     of its folder, its evaluations and its log."""
     home = folder / "runs" / run
     newest = max((path for path in (home / CHECKPOINTS).glob("[0-9]*") if path.is_dir()), default=None)
     paths = [] if newest is None else sorted(newest.iterdir())
     paths += _beside_checkpoints(home)
-    others = [evaluation_path(folder, run, level) for level in levels] + [folder / LOGS / f"{run}.txt"]
+    others = [evaluation_path(folder, run, trial) for trial in trials] + [folder / LOGS / f"{run}.txt"]
     paths += [path for path in others if path.exists()]
     return [path.relative_to(folder).as_posix() for path in paths]
 
@@ -37,9 +39,9 @@ def milestones(names: Iterable[str]) -> frozenset[str]:
     return frozenset(name for name in names if _is_checkpoint(name) or _is_policy(name) or _is_evaluation(name))
 
 
-def pack(folder: Path, run: str, levels: Sequence[str]) -> Files:
+def pack(folder: Path, run: str, trials: Sequence[Trial]) -> Files:
     """The files of `names_of`; raises `FileNotFoundError` where the run took one away meanwhile."""
-    return {name: (folder / name).read_bytes() for name in names_of(folder, run, levels)}
+    return {name: (folder / name).read_bytes() for name in names_of(folder, run, trials)}
 
 
 def unpack(files: Files, folder: Path, run: str) -> None:
@@ -88,7 +90,8 @@ def _is_policy(name: str) -> bool:
 
 
 def _beside_checkpoints(home: Path) -> Iterator[Path]:
-    """The files in a run's folder, but for checkpoints and what is hidden."""
+    """The files in a run's folder and in those of stages before it, but for checkpoints and what is hidden."""
     for parent, folders, names in os.walk(home):
-        folders[:] = sorted(name for name in folders if not name.startswith(".") and name != CHECKPOINTS)
+        kept = (name for name in folders if name == STAGES or not name.startswith("."))
+        folders[:] = sorted(name for name in kept if name != CHECKPOINTS)
         yield from (Path(parent, name) for name in sorted(names) if not name.startswith("."))

@@ -61,12 +61,14 @@ class Pretend(torch.Tensor):
 
 
 class Device(TorchDispatchMode):
-    """While it is entered, the device is there; it counts what is copied."""
+    """While it is entered, the device is there; it counts what is copied and what a GPU would launch."""
 
     def __init__(self) -> None:
         super().__init__()
         self.copied: Counter[str] = Counter()
         """Tensors copied "to the host" and "to the device", and numbers "read" by the host."""
+        self.launched = 0
+        """Operations that compute; some take a GPU more than one kernel."""
 
     def __torch_dispatch__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         kwargs = dict(kwargs or {})
@@ -83,6 +85,7 @@ class Device(TorchDispatchMode):
         self.copied["to the host"] += to_host or (function is COPIES[1] and not isinstance(args[0], Pretend))
         self.copied["to the device"] += bool(others) and not to_host and function in COPIES
         self.copied["read"] += function in (ATEN._local_scalar_dense.default, ATEN.nonzero.default)
+        self.launched += computes(function)
         if onto is not None:
             kwargs["device"] = torch.device("cpu")
         held_args, held_kwargs = tree_map(lambda x: x.held if isinstance(x, Pretend) else x, (args, kwargs))
@@ -98,6 +101,13 @@ class Device(TorchDispatchMode):
             return ours[id(each)] if id(each) in ours else Pretend(each)
 
         return tree_map(wrapped, found)
+
+
+def computes(function: Any) -> bool:
+    """Whether an operation does more than to see its tensors otherwise or to set memory aside."""
+    schema = function._schema
+    views = any(each.alias_info is not None and not each.alias_info.is_write for each in schema.returns)
+    return not views and not schema.name.startswith(("aten::empty", "aten::new_empty", "aten::_unsafe_view"))
 
 
 class Made(TorchFunctionMode):

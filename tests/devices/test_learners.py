@@ -174,3 +174,13 @@ class TestPretend:
         assert there.copied["to the device"] == 1
         float(held.sum())
         assert there.copied["read"] == 1
+
+
+def test_what_only_looks_at_memory_is_no_launch(there: Device):
+    tensor = torch.zeros(4, 6, device=PRETEND)
+    before = there.launched
+    seen = tensor.T[1:].reshape(-1, 2).unsqueeze(0).expand(3, -1, -1)
+    assert there.launched == before + 1  # the transposed rows are copied, nothing else
+    seen.sum().add_(1.0)
+    torch.empty(3, device=PRETEND)
+    assert there.launched == before + 3

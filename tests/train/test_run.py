@@ -19,6 +19,7 @@ import yaml
 from tests.train.small_runs import SMALL, STEPS, Stop, StopsAt, numbers, rows_of, small, train
 from tests.train.toys import Walk
 from thalweg.algos import ALGORITHMS, AlgorithmError, LimitWarning, NotFiniteError, Policy
+from thalweg.cores import torch_threads
 from thalweg.train import ResumeWarning, load_policy
 
 
@@ -90,6 +91,15 @@ def test_the_same_seed_gives_the_same_numbers(finished, tmp_path):
     np.random.seed(99)  # noqa: NPY002
     train(tmp_path, algorithm, checkpoint_seconds=1e9)
     assert numbers(tmp_path) == numbers(folder)
+
+
+def test_a_run_begins_alike_however_many_threads_torch_was_left_with(tmp_path):
+    """As kernels on OpenMP leave it with others; of 64 x 64 weights the last bits would differ."""
+    for threads in (1, 2):
+        with torch_threads(threads):
+            train(tmp_path / str(threads), steps=1, config={"steps_per_update": 128, "hidden": (64, 64)})
+    one, two = ((tmp_path / str(threads) / "policy.safetensors").read_bytes() for threads in (1, 2))
+    assert one == two
 
 
 def test_a_run_leaves_the_global_generators_alone(tmp_path):

@@ -18,6 +18,7 @@ from thalweg.algos.registry import algorithm_named
 from thalweg.algos.settings import as_data
 from thalweg.algos.state import CPU
 from thalweg.cache import file_mark
+from thalweg.cores import torch_threads
 from thalweg.devices import device_named
 from thalweg.train import record
 from thalweg.train.checkpoint import load_checkpoint, save_checkpoint
@@ -115,7 +116,8 @@ def run(
     place, context = torch.device(device_named(device)), dict(context or {})
     collector = collector_for(env, resolved.frame_stack, place, threads)
     task = Task(collector.obs_size, env.single_action_space, env.num_envs, seed, context, place)
-    learner = entry.make(resolved, task)
+    with torch_threads(1):  # the last bits of orthogonal weights would depend on their number
+        learner = entry.make(resolved, task)
     identity = {
         "algorithm": entry.name,
         "preset": preset,

@@ -25,6 +25,7 @@ import torch
 from torch import Tensor
 
 from thalweg.algos.interface import Task
+from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.registry import algorithm_named
 from thalweg.bench.files import csv_text
 from thalweg.devices import DeviceError, device_named
@@ -203,26 +204,37 @@ def time_training(
     learners: Sequence[str],
     settings: Mapping[str, Any],
 ) -> None:
-    """Whole training once its random steps are over: frames, codes, rules, actions and updates.
+    """Whole training once its random steps are over: frames, codes, rules, actions and updates; where gradient steps
+    can be recorded, once more with that.
 
     Of the settings each learner takes those that it has; its other defaults follow the number of environments.
     """
     for learner in learners:
-        for count in while_there_is_time(clock, counts):
-            training = begun(learner, worlds, count, encoder, settings)
-            steps = count * training.learner.rollout_steps
-            rate = clock.rate(partial(update, training), steps)
-            table.add(f"train {learner}", rate, "steps/s", cameras=count, worlds=len(worlds))
+        recorded = clock.device.type == "cuda" and issubclass(algorithm_named(learner).config, OffPolicyConfig)
+        for graphs in (False, True) if recorded else (False,):
+            for count in while_there_is_time(clock, counts):
+                training = begun(learner, worlds, count, encoder, settings, graphs)
+                steps = count * training.learner.rollout_steps
+                rate = clock.rate(partial(update, training), steps)
+                name = f"train {learner}, graphs" if graphs else f"train {learner}"
+                table.add(name, rate, "steps/s", cameras=count, worlds=len(worlds))
 
 
-def begun(learner: str, worlds: Sequence[World], count: int, encoder: Encoder, settings: Mapping[str, Any]) -> Training:
+def begun(
+    learner: str,
+    worlds: Sequence[World],
+    count: int,
+    encoder: Encoder,
+    settings: Mapping[str, Any],
+    graphs: bool = False,
+) -> Training:
     """A run of tensors that learns from now on."""
     env = LatentTensorEnv(TensorRiverEnv(worlds, count, device=str(encoder.device)), encoder)
     entry = algorithm_named(learner)
     known = {field.name for field in fields(entry.config)}
     config = entry.configure({key: value for key, value in settings.items() if key in known}, num_envs=count)
     collector = TensorCollector(env, config.frame_stack, 1)
-    task = Task(collector.obs_size, env.single_action_space, count, 0, {}, encoder.device)
+    task = Task(collector.obs_size, env.single_action_space, count, 0, {}, encoder.device, graphs)
     training = Training(collector, entry.make(config, task), 10**9, seed=0, threads=1)
     training.begin()
     while training.book.steps < getattr(config, "random_steps", 0):

@@ -278,6 +278,9 @@ class Train:
     """A run's folder or a policy file: begin as that policy, such as PPO's, or one of an easier river."""
     device: str = "cpu"
     """Where it trains: cpu, cuda, cuda:1, or auto, which takes a GPU where there is one that works."""
+    graphs: bool = False
+    """Record gradient steps of DDPGLag, TD3Lag and SACLag, and replay them: a GPU is asked for many operations at
+    once."""
 
     def run(self) -> int:
         import shlex
@@ -300,6 +303,7 @@ class Train:
             threads=self.threads,
             device=self.device,
             begin_with=self.begin_with,
+            graphs=self.graphs,
         )
         if result.already_finished:
             print(f"{self.out} was finished before; nothing was trained.")

@@ -7,9 +7,9 @@ CPU.
 
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 import torch
@@ -19,6 +19,7 @@ from torch.utils._pytree import tree_leaves, tree_map
 
 PRETEND = torch.device("meta")
 ATEN = torch.ops.aten
+READS = (ATEN._local_scalar_dense.default, ATEN.nonzero.default)
 COPIES = (ATEN._to_copy.default, ATEN.copy_.default)
 """Which may have tensors of both devices."""
 
@@ -67,6 +68,8 @@ class Device(TorchDispatchMode):
         super().__init__()
         self.copied: Counter[str] = Counter()
         """Tensors copied "to the host" and "to the device", and numbers "read" by the host."""
+        self.recording: list[Recorded] | None = None
+        """What is being recorded as a graph, if anything is."""
         self.launched = 0
         """Operations that compute; some take a GPU more than one kernel."""
 
@@ -79,17 +82,21 @@ class Device(TorchDispatchMode):
         if not ours and not makes:
             return function(*args, **kwargs)
         others = [each for each in tensors if not isinstance(each, Pretend) and each.dim() > 0]
+        if self.recording is not None and (others or function in READS or not (makes or ours)):
+            raise Mixed(f"{function} has to do with the host, and can't be recorded")
         if ours and others and function not in COPIES:
             raise Mixed(f"{function} was given tensors of the device and of the CPU, {[list(x.shape) for x in others]}")
         to_host = bool(ours) and onto is not None and not makes
         self.copied["to the host"] += to_host or (function is COPIES[1] and not isinstance(args[0], Pretend))
         self.copied["to the device"] += bool(others) and not to_host and function in COPIES
-        self.copied["read"] += function in (ATEN._local_scalar_dense.default, ATEN.nonzero.default)
+        self.copied["read"] += function in READS
         self.launched += computes(function)
         if onto is not None:
             kwargs["device"] = torch.device("cpu")
         held_args, held_kwargs = tree_map(lambda x: x.held if isinstance(x, Pretend) else x, (args, kwargs))
         found = function(*held_args, **held_kwargs)
+        if self.recording is not None and computes(function):
+            self.recording.append(Recorded(function, held_args, held_kwargs, found))
         if function is ATEN._to_copy.default and (makes or to_host):
             found = found.clone()
         if to_host or (function is COPIES[1] and not isinstance(args[0], Pretend)):
@@ -101,6 +108,37 @@ class Device(TorchDispatchMode):
             return ours[id(each)] if id(each) in ours else Pretend(each)
 
         return tree_map(wrapped, found)
+
+
+class Recorded(NamedTuple):
+    """An operation of a graph, with the memory that it reads and writes."""
+
+    function: Any
+    args: Any
+    kwargs: Any
+    found: Any
+
+    def again(self) -> None:
+        """Do it once more into the same memory."""
+        found = self.function(*self.args, **self.kwargs)
+        for old, new in zip(tree_leaves(self.found), tree_leaves(found), strict=True):
+            if isinstance(old, torch.Tensor) and old.data_ptr() != new.data_ptr():
+                old.copy_(new)
+
+
+def record(device: Device, step: Callable[[], None]) -> Callable[[], None]:
+    """As `thalweg.algos.graphs.recorded`, of a step on the device."""
+    device.recording = operations = []
+    try:
+        step()
+    finally:
+        device.recording = None
+
+    def replay() -> None:
+        for operation in operations:
+            operation.again()
+
+    return replay
 
 
 def computes(function: Any) -> bool:

@@ -1,5 +1,6 @@
 """The real thing, on a GPU: skipped, and said so at the end of the run, where there is none."""
 
+import csv
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -72,6 +73,19 @@ def test_nothing_waits_in_a_step(name: str, easy_world: World, card: torch.devic
         gpu.update(training)
     with no_waiting():
         training.step()
+
+
+def test_recorded_gradient_steps_learn_what_others_learn(easy_world: World, card: torch.device, tmp_path: Path):
+    """SACLag on choices draws nothing within a step."""
+    config = {"random_steps": 128, "steps_per_update": 256, "updates_per_step": 0.5}
+    for graphs in (False, True):
+        same = {"steps": 2048, "seed": 1, "config": config, "device": "cuda", "graphs": graphs}
+        run("SACLag", flown(easy_world, card), folder=tmp_path / str(graphs), **same)
+    plain, recorded = (
+        np.array([float(row["q_loss"]) for row in csv.DictReader((tmp_path / str(graphs) / "metrics.csv").open())])
+        for graphs in (False, True)
+    )
+    np.testing.assert_allclose(recorded, plain, rtol=1e-3)
 
 
 @pytest.mark.parametrize("name", SMALL)

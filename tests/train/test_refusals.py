@@ -1,5 +1,6 @@
 """What a run refuses before it has begun, by name, and what it leaves as it was."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -7,6 +8,7 @@ import pytest
 from tests.train.small_runs import SMALL, Stop, StopsAt, train
 from tests.train.toys import Walk
 from thalweg.algos import AlgorithmError
+from thalweg.devices import DeviceError
 from thalweg.train import TrainingError, load_policy
 
 
@@ -137,3 +139,11 @@ def test_another_preset_is_another_run(tmp_path):
         train(tmp_path, env=StopsAt(200))
     with pytest.raises(TrainingError, match="preset is 'default' there and 'paper' here"):
         train(tmp_path, preset="paper")
+
+
+def test_graphs_are_refused_where_none_could_be_recorded(tmp_path: Path):
+    with pytest.raises(AlgorithmError, match="graphs are for DDPGLag, TD3Lag and SACLag; steps of FOCOPS are not"):
+        train(tmp_path / "new", graphs=True)
+    with pytest.raises(DeviceError, match="graphs are recorded on a GPU only, not on cpu"):
+        train(tmp_path / "new", "SACLag", graphs=True)
+    assert not (tmp_path / "new").exists()

@@ -19,10 +19,25 @@ class Adam:
     """Adam (Kingma, Ba 2015, algorithm 1) on some parameters, with β₁ = 0.9, β₂ = 0.999, ε = 1e-8."""
 
     def __init__(self, parameters: Iterable[Tensor], rate: float) -> None:
-        self.parameters, self.rate = list(parameters), rate
+        self.parameters, self._rate = list(parameters), rate
         self._first = [torch.zeros_like(parameter) for parameter in self.parameters]
         self._second = [torch.zeros_like(parameter) for parameter in self.parameters]
         self._counts = [torch.zeros((), device=parameter.device) for parameter in self.parameters]
+        self._rate_there: Tensor | None = None
+        """The rate on a GPU, so that steps that were recorded follow it."""
+        if not self.parameters[0].is_cpu:
+            self._rate_there = torch.full((), rate, device=self.parameters[0].device)
+
+    @property
+    def rate(self) -> float:
+        """The learning rate."""
+        return self._rate
+
+    @rate.setter
+    def rate(self, rate: float) -> None:
+        if self._rate_there is not None and rate != self._rate:
+            self._rate_there.fill_(rate)
+        self._rate = rate
 
     @torch.no_grad()
     def step(self, most: float = math.inf) -> None:
@@ -39,7 +54,7 @@ class Adam:
             self._second,
             [],
             self._counts,
-            lr=self.rate,
+            lr=self._rate if self._rate_there is None else self._rate_there,  # pyright: ignore[reportArgumentType]
             beta1=0.9,
             beta2=0.999,
             weight_decay=0.0,

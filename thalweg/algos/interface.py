@@ -36,6 +36,8 @@ class Task:
     """Kept in the policy's file."""
     device: torch.device = CPU
     """Where it learns: where rollouts lie, and all that it makes of them."""
+    graphs: bool = False
+    """Whether gradient steps are recorded and replayed, see `thalweg.algos.graphs`."""
 
 
 @dataclass(frozen=True)

@@ -62,8 +62,7 @@ class TD3Lag:
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         """Remember the rollout and take the gradient steps that are due; returns the metrics, if they are due."""
         self.agent.remember(rollout, self.form.coded)
-        for batch in self.agent.lessons(feedback):
-            self._step(batch)
+        self.agent.learn(feedback, self._step)
         return self.agent.report(feedback)
 
     def _step(self, batch: Batch) -> None:

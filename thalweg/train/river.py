@@ -128,12 +128,13 @@ class TrainingGround:
         threads: int | None = None,
         device: str = "cpu",
         begin_with: Path | None = None,
+        graphs: bool = False,
     ) -> RunResult:
         """Train with a progress bar, going on from what lies in the folder.
 
         On the CPU the environments are Gymnasium's, on a GPU those of tensors; the encoder must be on the device.
-        `threads` are those of acting and learning; as many as pay and were asked for if not given. `begin_with`: see
-        `thalweg.train.run`.
+        `threads` are those of acting and learning; as many as pay and were asked for if not given. `begin_with` and
+        `graphs`: see `thalweg.train.run`.
 
         Raises the errors of `thalweg.train.run`, those of settings and of a folder that is no run on this river before
         a world is built.
@@ -165,6 +166,7 @@ class TrainingGround:
                 threads=min(entry.threads, asked_threads()) if threads is None else threads,
                 device=place,
                 begin_with=begin_with,
+                graphs=graphs,
             )
         finally:
             env.close()

@@ -14,12 +14,13 @@ from gymnasium.vector import VectorEnv
 from thalweg.algos import policy as policies
 from thalweg.algos.errors import AlgorithmError
 from thalweg.algos.interface import Learner, Task
-from thalweg.algos.registry import algorithm_named
+from thalweg.algos.offpolicy.config import OffPolicyConfig
+from thalweg.algos.registry import Entry, algorithm_named
 from thalweg.algos.settings import as_data
 from thalweg.algos.state import CPU
 from thalweg.cache import file_mark
 from thalweg.cores import torch_threads
-from thalweg.devices import device_named
+from thalweg.devices import DeviceError, device_named
 from thalweg.train import record
 from thalweg.train.checkpoint import load_checkpoint, save_checkpoint
 from thalweg.train.errors import ResumeWarning, TrainingError
@@ -78,6 +79,7 @@ def run(
     threads: int = 1,
     device: str = "cpu",
     begin_with: str | Path | None = None,
+    graphs: bool = False,
 ) -> RunResult:
     """Train, and leave config.yaml, metrics.csv, episodes.csv, TensorBoard, checkpoints and policy.safetensors in
     `folder`.
@@ -103,6 +105,8 @@ def run(
         device: Where it learns, see `thalweg.devices`; an environment of tensors must be there already.
         begin_with: A run's folder or a policy file: the policy begins as that one, such as PPO's for an algorithm with
             a limit, or one of an easier river; critics and all else begin anew.
+        graphs: Whether gradient steps of DDPGLag, TD3Lag and SACLag are recorded and replayed on a GPU, which is then
+            asked for many operations at once.
 
     Raises `AlgorithmError`, `TrainingError` or `DeviceError` before anything runs for a wrong name, key, number, space,
     folder or device, and `NotFiniteError` as soon as a number that learning depends on is NaN; the last good checkpoint
@@ -114,8 +118,10 @@ def run(
         if number < least:
             raise TrainingError(f"{name} must {f'be at least {least}' if least else 'not be negative'}, got {number}")
     place, context = torch.device(device_named(device)), dict(context or {})
+    if graphs:
+        _check_graphs(entry, place)
     collector = collector_for(env, resolved.frame_stack, place, threads)
-    task = Task(collector.obs_size, env.single_action_space, env.num_envs, seed, context, place)
+    task = Task(collector.obs_size, env.single_action_space, env.num_envs, seed, context, place, graphs)
     with torch_threads(1):  # the last bits of orthogonal weights would depend on their number
         learner = entry.make(resolved, task)
     identity = {
@@ -129,7 +135,7 @@ def run(
         "actions": learner.policy.actions.as_data(),
         "autoreset_mode": collector.mode.name,
         "context": context,
-    } | ({} if place.type == "cpu" else {"device": place.type})
+    } | ({} if place.type == "cpu" else {"device": place.type} | ({"graphs": True} if graphs else {}))
     if begin_with is not None:
         identity["begin_with"] = _begin_as(learner, policy_file(begin_with))
     folder = Path(folder)
@@ -158,6 +164,14 @@ def run(
     finally:
         log.close()
     return _result(folder, status, resumed_from=saved[0] if saved else None, already_finished=False)
+
+
+def _check_graphs(entry: Entry, place: torch.device) -> None:
+    """Raise `AlgorithmError` or `DeviceError` where no gradient step could be recorded."""
+    if not issubclass(entry.config, OffPolicyConfig):
+        raise AlgorithmError(f"graphs are for DDPGLag, TD3Lag and SACLag; steps of {entry.name} are not recorded")
+    if place.type != "cuda":
+        raise DeviceError(f"graphs are recorded on a GPU only, not on {place}")
 
 
 def load_policy(path: str | Path, device: str = "cpu") -> Any:

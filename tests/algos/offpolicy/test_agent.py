@@ -196,8 +196,10 @@ def test_a_tally_is_the_mean_of_each_group():
     tally = Tally(("a", "b"), ("c",))
     for number in (1.0, 3.0):
         tally.add(0, torch.tensor([number, 10.0 * number]))
+        tally.count(0)
     assert str(tally.report()) == str({"a": 2.0, "b": 20.0, "c": math.nan})
     tally.add(1, torch.tensor([5.0]))
+    tally.count(1)
     other = Tally(("a", "b"), ("c",))
     other.load_state(tally.state())
     assert str(tally.report()) == str({"a": math.nan, "b": math.nan, "c": 5.0}) == str(other.report())

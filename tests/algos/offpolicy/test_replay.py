@@ -25,7 +25,8 @@ def filled(size: int, numbers: range) -> Replay:
 
 
 def draw(replay: Replay, count: int = 1, size: int = 400, normaliser: Normaliser = PLAIN) -> list[Batch]:
-    return list(replay.batches(count, size, torch.Generator().manual_seed(0), normaliser))
+    drawn = replay.batches(count, size, torch.Generator().manual_seed(0), normaliser)
+    return [replay.batch(rows) for rows in drawn]
 
 
 def remembered(replay: Replay) -> set[float]:

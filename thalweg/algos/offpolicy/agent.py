@@ -6,7 +6,7 @@ algorithm, and stand in its file (what DDPG and TD3 have alike in `deterministic
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -16,6 +16,7 @@ from thalweg.algos.actions import Actions
 from thalweg.algos.adam import Adam
 from thalweg.algos.costs import cost_metrics, limit_warnings, suffixes
 from thalweg.algos.errors import AlgorithmError
+from thalweg.algos.graphs import Graphs
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import bootstrap, losses
 from thalweg.algos.multiplier import Multipliers
@@ -109,6 +110,7 @@ class Agent:
             ("policy_loss", *tallied),
             device=task.device,
         )
+        self._graphs = Graphs(task.graphs, [self.generator])
         self.steps, self.gradient_steps, self.progress = 0, 0, 0.0
         """`progress`: the share of the run that was over when it last learnt."""
         self._owed, self._reported_at = 0.0, 0
@@ -152,8 +154,8 @@ class Agent:
         self.steps += len(obs)
         self._owed += self.config.updates_per_step * max(0, min(len(obs), self.steps - self.config.random_steps))
 
-    def lessons(self, feedback: Feedback) -> Iterator[Batch]:
-        """A batch for each gradient step that is due; afterwards nothing tallied has been NaN, else
+    def learn(self, feedback: Feedback, step: Callable[[Batch], None]) -> None:
+        """Take each gradient step that is due, from a batch of its own; afterwards nothing tallied has been NaN, else
         `NotFiniteError`."""
         self.progress = feedback.progress
         rate = self.config.learning_rate * (1.0 - feedback.progress if self.config.linear_decay else 1.0)
@@ -162,8 +164,12 @@ class Agent:
             self.slow.catch_up()  # the policy may have begun as another since they were made
         count = int(self._owed + ALMOST)
         self._owed -= count
-        for batch in self.replay.batches(count, self.config.minibatch, self.generator, self.policy.normaliser):
-            yield batch
+        for rows in self.replay.batches(count, self.config.minibatch, self.generator, self.policy.normaliser):
+            turn = self.policy_turn
+            self._graphs.take(lambda rows: step(self.replay.batch(rows)), rows, turn, self.multipliers.values)
+            self._tally.count(CRITICS)
+            if turn:
+                self._tally.count(POLICY)
             self.gradient_steps += 1
             if self.config.multiplier_schedule == "gradient_step":
                 self.multipliers.update(feedback)

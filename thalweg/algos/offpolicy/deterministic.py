@@ -16,6 +16,7 @@ from thalweg.algos.actions import Actions, actions_of
 from thalweg.algos.distributions import Categoricals
 from thalweg.algos.interface import Task
 from thalweg.algos.maths import relaxed
+from thalweg.algos.maths.constants import numbers_like
 from thalweg.algos.maths.multiplier import combined
 from thalweg.algos.offpolicy.agent import Agent
 from thalweg.algos.offpolicy.config import OffPolicyConfig
@@ -76,7 +77,7 @@ def policy_slopes(
     config: DeterministicConfig, values: Tensor, outputs: Tensor, multipliers: tuple[float, ...]
 ) -> tuple[Tensor, Tensor]:
     """The gradient of `policy_loss` in the values [1 + M, B] and, while these stay as they are, in the outputs."""
-    weights = values.new_tensor([-1.0, *multipliers]) / ((1.0 + sum(multipliers)) * values.shape[1])
+    weights = numbers_like([-1.0, *multipliers], values) / ((1.0 + sum(multipliers)) * values.shape[1])
     return weights.unsqueeze(1).expand_as(values), (2.0 * config.output_decay / outputs.numel()) * outputs
 
 

@@ -65,8 +65,8 @@ class Replay:
 
     def batches(
         self, count: int, size: int, generator: torch.Generator, normalise: Callable[[Tensor], Tensor]
-    ) -> Iterator[Batch]:
-        """So many batches of `size` steps, each drawn uniformly with replacement."""
+    ) -> Iterator[Tensor]:
+        """The rows of so many batches of `size` steps, each drawn uniformly with replacement."""
         while count > 0:
             now = min(count, AT_ONCE)
             drawn = torch.randint(self.filled, (now * size,), generator=generator, device=self.rows.device)
@@ -74,12 +74,13 @@ class Replay:
             after = self._obs + self._action
             for seen in (rows[:, : self._obs], rows[:, after : after + self._obs]):
                 seen.copy_(normalise(seen))
-            for part in rows.split(size):
-                obs, actions, next_obs, paid, going_on = part.split(
-                    [self._obs, self._action, self._obs, self._paid, 1], 1
-                )
-                yield Batch(obs, actions, part[:, :after], next_obs, paid.T, going_on[:, 0])
+            yield from rows.split(size)
             count -= now
+
+    def batch(self, rows: Tensor) -> Batch:
+        """What rows hold, as views of them."""
+        obs, actions, next_obs, paid, going_on = rows.split([self._obs, self._action, self._obs, self._paid, 1], 1)
+        return Batch(obs, actions, rows[:, : self._obs + self._action], next_obs, paid.T, going_on[:, 0])
 
     def state(self) -> dict[str, Any]:
         """Arrays: the filled part only."""

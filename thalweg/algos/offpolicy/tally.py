@@ -19,8 +19,11 @@ class Tally:
         self._counts = [0] * len(groups)
 
     def add(self, group: int, numbers: Tensor) -> None:
-        """One gradient step's numbers of a group, without gradient."""
+        """One gradient step's numbers of a group, without gradient; `count` counts it."""
         self._sums[group] += numbers
+
+    def count(self, group: int) -> None:
+        """A gradient step has given numbers of a group."""
         self._counts[group] += 1
 
     def require_finite(self) -> None:

@@ -1,0 +1,90 @@
+"""Gradient steps that are recorded and replayed learn what those learn that are taken one by one."""
+
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from tests.devices.pretend import PRETEND, Device, Mixed, pretended, record
+from tests.devices.test_learners import SHORT, SPACES
+from tests.devices.toy import TensorWalk
+from thalweg.algos import ALGORITHMS, graphs
+from thalweg.algos.graphs import WARM, Graphs
+from thalweg.algos.interface import Task
+from thalweg.algos.state import array_of
+from thalweg.train.tensors import TensorCollector
+from thalweg.train.training import Training
+
+CASES = [
+    (name, space, settings)
+    for name in ("DDPGLag", "TD3Lag", "SACLag")
+    for space, settings in (
+        ("MultiDiscrete", {"cost_limits": (0.5, 1.0)}),
+        ("MultiDiscrete", {"adapter": "box_scaled", "cost_limit": 0.5}),
+        ("Box", {"cost_limit": 0.5, "cost_critics": 2}),
+    )
+]
+
+
+@pytest.fixture
+def there(monkeypatch: pytest.MonkeyPatch) -> Iterator[Device]:
+    with pretended(monkeypatch) as device:
+        monkeypatch.setattr(graphs, "recorded", lambda step, generators: record(device, step))
+        monkeypatch.setattr(graphs, "beside", lambda step, rows: step(rows))
+        yield device
+
+
+def trained(name: str, space: str, settings: dict[str, Any], asked: bool) -> tuple[Any, list[dict[str, float]]]:
+    """The learner at the end, and what it told."""
+    entry = ALGORITHMS[name]
+    config = entry.configure(SHORT[name] | {"updates_per_step": 0.5} | settings)
+    env = TensorWalk(8, SPACES[space], PRETEND)
+    collector = TensorCollector(env, config.frame_stack, 1)
+    task = Task(collector.obs_size, SPACES[space], 8, 0, {}, PRETEND, graphs=asked)
+    training, told = Training(collector, entry.make(config, task), 160, seed=0, threads=1), []
+    training.begin()
+    while not training.done:
+        training.step()
+        if training.ready and (metrics := training.update()):
+            told.append(metrics)
+    return training.learner, told
+
+
+@pytest.mark.parametrize(("name", "space", "settings"), CASES, ids=str)
+def test_recorded_steps_learn_what_others_learn(name: str, space: str, settings: dict[str, Any], there: Device):
+    one, other = (trained(name, space, settings, asked) for asked in (False, True))
+    plain, recorded = (np.array([list(metrics.values()) for metrics in told]) for told in (one[1], other[1]))
+    np.testing.assert_array_equal(plain, recorded)
+    for stack in ("actor", "critics"):
+        mine, theirs = (learner.agent.state()[stack] for learner in (one[0], other[0]))
+        for weight, values in mine.items():
+            np.testing.assert_array_equal(values, theirs[weight])
+    assert len(other[0].agent._graphs._replays) == (2 if name == "TD3Lag" else 1)
+    assert one[0].agent._graphs._replays == {}
+
+
+def test_a_step_is_recorded_once_for_each_kind_and_shape_and_anew_for_other_numbers(there: Device):
+    taken: list[tuple[int, float]] = []
+    total = torch.zeros((), device=PRETEND)
+
+    def step(rows: torch.Tensor, factor: float) -> None:
+        taken.append((len(rows), factor))
+        total.add_(rows.sum() * factor)
+
+    graph = Graphs(True, [])
+    for factor in (1.0, 10.0):
+        for rows in (2, 2, 3, 2, 2, 3, 3):
+            graph.take(partial(step, factor=factor), torch.ones(rows, device=PRETEND), "kind", factor)
+    assert len(taken) == 2 * WARM + 4 and float(array_of(total)) == 17.0 * 11.0
+    assert taken[-2:] == [(2, 10.0), (3, 10.0)]
+
+
+@pytest.mark.parametrize("wrong", ["reads", "brings"])
+def test_what_has_to_do_with_the_host_is_not_recorded(wrong: str, there: Device):
+    rows = torch.ones(3, device=PRETEND)
+    step = {"reads": lambda: float(rows.sum()), "brings": lambda: rows.add_(torch.ones(3).to(PRETEND))}[wrong]
+    with pytest.raises(Mixed, match="can't be recorded"):
+        record(there, step)  # pyright: ignore[reportArgumentType]

@@ -13,7 +13,7 @@ import pytest
 import thalweg
 from thalweg.whole import whole, write_whole
 
-FOLDERS = {"train/checkpoint.py", "bench/report.py"}
+FOLDERS = {"train/checkpoint.py", "bench/parcel.py", "bench/report.py"}
 """Those that put whole folders in place."""
 
 

@@ -65,6 +65,7 @@ class SmallPlace:
                 Episode(
                     run.algorithm, run.seed, level, 1, episode, *start, float(random.uniform(0, 10)), cost, tight,
                     loose, length, str(random.choice(REASONS)), False, float(random.uniform()),
+                    1.0, 2.0, 5.0,
                 )
             )  # fmt: skip
         return rows

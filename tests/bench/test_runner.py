@@ -269,7 +269,7 @@ def test_the_suite_of_the_learning_curves_makes_its_report_of_one_level(tmp_path
     assert [label.get_text() for label in bars.get_yticklabels()] == [*suite.baselines, "PPO", "FOCOPS"]
     assert report.table.read_text().startswith("| policy | Easy return | Easy cost |\n")
     assert "on Easy, start" in (tmp_path / "film.txt").read_text()
-    assert report.page.read_text().count("<img ") == 2
+    assert report.page.read_text().count("<img ") == 5
 
 
 def test_the_record_of_a_suite_names_versions_and_machine(tmp_path: Path):

@@ -1,7 +1,7 @@
 """How are M perceptrons evaluated fast enough to plan with? Without gradients, rows in the cache, several threads.
 
-Products are oneDNN's (`chain` says why); where torch lacks them, and for few rows, where calls cost more than sums,
-plain batched products do the same.
+Products are oneDNN's (`chain` says why); where torch lacks them, or the processor those in bfloat16, and for few rows,
+where calls cost more than sums, plain batched products do the same.
 """
 
 import torch
@@ -17,12 +17,18 @@ FEW_ROWS = 64
 """Up to so many rows of each perceptron, all of them go through a layer in one call."""
 
 
+def _has_half() -> bool:
+    """Whether oneDNN multiplies in bfloat16 here, for which it takes AVX-512."""
+    return bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())
+
+
 class Dense:
     """M perceptrons with swish between their layers, as constants: [M, B, before] -> [M, B, after] float32."""
 
     def __init__(self, layers: Layers, dtype: torch.dtype = torch.float32) -> None:
         """From weights [M, before, after] and biases [M, 1, after], which are copied."""
         self.dtype = dtype
+        self._fuses = chain.FUSED is not None and (dtype == torch.float32 or _has_half())
         self._batched = [
             (weight.detach().to(dtype).clone(), bias.detach().to(dtype).clone()) for weight, bias in layers
         ]
@@ -33,7 +39,7 @@ class Dense:
 
     def __call__(self, x: Tensor) -> Tensor:
         rows = x.shape[1]
-        if chain.FUSED is None or rows <= FEW_ROWS or not x.is_cpu:
+        if not self._fuses or rows <= FEW_ROWS or not x.is_cpu:
             return self._at_once(x)
         out = x.new_empty(len(x), rows, self._batched[-1][1].shape[-1])
         for m, layers in enumerate(self._single):

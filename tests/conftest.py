@@ -30,14 +30,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         marked = [item for item in items if item.get_closest_marker(mark)]
         missing = missing_for() if marked else ""
         for item in marked if missing else ():
-            item.add_marker(pytest.mark.skip(reason=f"NO {thing}: {missing}"))
+            item.add_marker(pytest.mark.skip(reason=f"NEEDS {thing}: {missing}"))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Say how many tests were not run for want of a thing, and why."""
     skipped = [str(report.longrepr) for report in terminalreporter.stats.get("skipped", [])]
     for thing, _ in NEEDS.values():
-        reasons = [words.split(f"NO {thing}: ")[1].rstrip("')") for words in skipped if f"NO {thing}: " in words]
+        reasons = [words.split(f"NEEDS {thing}: ")[1].rstrip("')") for words in skipped if f"NEEDS {thing}: " in words]
         if reasons:
             terminalreporter.section(f"{len(reasons)} TESTS NEED {thing} AND WERE NOT RUN", yellow=True)
             terminalreporter.line("; ".join(dict.fromkeys(reasons)))

@@ -37,11 +37,12 @@ class Graphs:
         if not self.asked:
             step(rows)
             return
-        if numbers != self._numbers:
-            self._numbers = numbers
-            self._replays.clear()
+        moved, self._numbers = numbers != self._numbers, numbers
         place = (kind, tuple(rows.shape))
-        if place in self._replays:
+        if moved:  # perhaps in every step: then nothing is worth recording
+            self._replays.clear()
+            beside(step, rows)
+        elif place in self._replays:
             kept, replay = self._replays[place]
             kept.copy_(rows)
             replay()

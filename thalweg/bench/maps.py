@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
 from thalweg.bench.episodes import REASONS, WORDS, Episode
@@ -43,7 +44,7 @@ def failure_maps(results: Results, level: str, world: World) -> Figure | None:
             _panel(axis, world, rows)
             failed = sum(not row.success for row in rows)
             axis.set_title(f"{name}: {failed} of {len(rows)} failed", fontsize=8)
-        handles = [Figure().add_subplot().scatter([], [], color=COLOURS[reason], s=14) for reason in FAILED]
+        handles = [Line2D([], [], marker="o", markersize=4, linestyle="", color=COLOURS[reason]) for reason in FAILED]
         words = [WORDS[reason] for reason in FAILED]
         figure.legend(handles, words, loc="outside lower center", ncols=6, frameon=False, fontsize=8)
     return figure

@@ -10,10 +10,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from thalweg.bench import page, report
 from thalweg.bench.conditions import Trial
 from thalweg.bench.episodes import REASONS, Episode
 from thalweg.bench.evaluation import Step
+from thalweg.bench.film_format import Format
+from thalweg.bench.parts import PARTS, Picture
 from thalweg.bench.runner import run_suite
 from thalweg.bench.suites import Arm, Run, Suite
 
@@ -73,12 +77,22 @@ class SmallPlace:
     def title(self, run: Run, folder: Path) -> str:
         return run.name
 
-    def film(self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None]) -> None:
+    def film(
+        self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None], *, shape: Format
+    ) -> None:
         self._call(f"film {run.name}")
         if "film" in self.broken:
             raise RuntimeError("ffmpeg is\nnot there")
         path.write_bytes(b"film")
 
 
+def draw_nothing(patch: pytest.MonkeyPatch) -> None:
+    """Let reports have no figures."""
+    parts = tuple(part for part in PARTS if not isinstance(part, Picture))
+    patch.setattr(report, "PARTS", parts)
+    patch.setattr(page, "PARTS", parts)
+
+
 if __name__ == "__main__":
+    draw_nothing(pytest.MonkeyPatch())
     run_suite(SUITE, Path(sys.argv[1]), SmallPlace(die_at=int(sys.argv[2])))

@@ -31,7 +31,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The page of the tiny results with a failed algorithm, one of long runs that flies every round, and a film."""
+    """The page of the tiny results with a failed algorithm, one of long runs that flies every round, and films."""
     folder = Path(shutil.copytree(HERE / "tiny_results", tmp_path_factory.mktemp("page") / "results"))
     runs, flown = folder / "runs.csv", (folder / "evaluation" / "PPO-0-Easy.csv").read_text()
     runs.write_text(runs.read_text() + RUNS)
@@ -40,7 +40,10 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
         rows = flown.replace("PPO,0", run.replace("-", ",")).replace(",4.0,1.0,1.0,0.0,120,Collision,0,0.4", ",10.0,")
         rows = rows.replace(",10.0,\n", ",10.0,0.0,0.0,0.0,300,Success,1,1.0\n")
         (folder / "evaluation" / f"{run}-Easy.csv").write_text(rows)
-    imageio.mimwrite(folder / "film.mp4", [np.full((256, 384, 3), 99, np.uint8)] * 4, fps=4)
+    (folder / "films").mkdir()
+    for name in ("film", "films/PPO-best", "films/P3O-best"):
+        imageio.mimwrite(folder / f"{name}.mp4", [np.full((256, 384, 3), 99, np.uint8)] * 4, fps=4)
+        (folder / f"{name}.txt").write_text("The best of all flights there.\n")
     return write_report(folder).page
 
 
@@ -190,13 +193,15 @@ def test_what_is_filtered_away_stays_away_when_sorted_and_a_filter_without_match
     assert browser.run(said) == '"No row matches."'
 
 
-def test_pictures_and_the_film_have_words_and_are_drawn(browser: Browser, page: Path):
+def test_pictures_and_films_have_words_and_are_drawn(browser: Browser, page: Path):
     browser.open(page)
     pictures = browser.driver.find_elements("css selector", "img")
     assert [picture.accessible_name.split()[0] for picture in pictures] == ["The", "Four", "Bars:", "Curves:"]
     assert all(browser.run("return arguments[0].naturalWidth", picture) > 500 for picture in pictures)
-    (film,) = browser.driver.find_elements("css selector", "video")
-    assert film.accessible_name == "Film of a flight"
+    films = browser.driver.find_elements("css selector", "video")
+    first = "Film of a flight"
+    assert [film.accessible_name for film in films] == [first, f"{first}: PPO best", f"{first}: P3O best"]
+    assert films[1].location["y"] == films[2].location["y"]
 
 
 WIDEST = "return Math.max(document.documentElement.scrollWidth, document.body.scrollWidth)"

@@ -27,6 +27,7 @@ from thalweg.bench.joining import joined
 from thalweg.bench.results import read_runs
 from thalweg.bench.runner import run_suite
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
 HOST = socket.gethostname()
 
 

@@ -23,6 +23,8 @@ from thalweg.bench.results import RunRow, read_runs
 from thalweg.bench.runner import run_suite
 from thalweg.bench.suites import Run
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
 
 class Lost(Exception):
     """A node was lost."""

@@ -12,8 +12,9 @@ from tests.bench.small_place import SUITE, SmallPlace
 from thalweg.bench.conditions import BEYOND, DAYS, MAIN, SUN, Condition, Trial
 from thalweg.bench.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
 from thalweg.bench.files import ResultsError
+from thalweg.bench.reading import read_results
 from thalweg.bench.report import problems
-from thalweg.bench.results import evaluation_path, read_results
+from thalweg.bench.results import evaluation_path
 from thalweg.bench.river import Rivers
 from thalweg.bench.runner import run_suite
 from thalweg.bench.suites import SUITES, Arm, Run
@@ -21,6 +22,8 @@ from thalweg.render import Renderer
 from thalweg.render.look import PARAMETERS, Look
 from thalweg.render.randomisation import Randomisation
 from thalweg.world import World
+
+pytestmark = pytest.mark.usefixtures("no_pictures")
 
 CONFIG = EvaluationConfig(episodes=3)
 USUAL = np.array([getattr(Look(), name) for name in PARAMETERS])

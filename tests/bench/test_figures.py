@@ -6,7 +6,7 @@ import pytest
 
 from thalweg.bench.episodes import REASONS, WORDS
 from thalweg.bench.figures import PANELS, failure_bars, pdf, training_curves
-from thalweg.bench.results import read_results
+from thalweg.bench.reading import read_results
 
 
 def test_every_panel_has_a_curve_for_each_algorithm_and_a_band_over_seeds(tiny_results: Path):

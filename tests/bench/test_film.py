@@ -7,7 +7,8 @@ import pytest
 from thalweg.bench.baselines import BASELINES
 from thalweg.bench.evaluation import Course, EvaluationConfig, Label, Step, evaluate
 from thalweg.bench.files import ResultsError
-from thalweg.bench.film import FRAMES_PER_S, HOLD_S, MAP_PX, SIZE_PX, Flight, Map, write_film
+from thalweg.bench.film import FRAMES_PER_S, HOLD_S, Flight, Map, write_film
+from thalweg.bench.film_format import LARGE, SMALL, Format
 from thalweg.env import sample_starts
 from thalweg.render import Camera
 from thalweg.world import World
@@ -29,7 +30,7 @@ def test_the_map_shows_the_whole_river_with_water_where_its_course_is(easy_world
     picture = np.asarray(chart.picture).astype(int)
     places = np.array([chart.pixel(x, y) for x, y in easy_world.river.position_m])
     assert places.min() > 0
-    assert places.max() < MAP_PX
+    assert places.max() < LARGE.map_px
     red, _, blue = np.median(picture[places[:, 1].astype(int), places[:, 0].astype(int)], axis=0)
     assert blue > red  # the course lies on water; the forest around it has more red and green than blue
     assert np.median(picture[..., 2]) < np.median(picture[..., 1])
@@ -44,20 +45,36 @@ def test_north_is_up_and_east_is_right_on_the_map(easy_world: World):
 
 
 @pytest.mark.slow
-def test_a_film_has_a_picture_for_each_step_and_holds_the_last(easy_world: World, tmp_path: Path):
+@pytest.mark.parametrize(("shape", "shown"), [(LARGE, 7), (SMALL, 3)])
+def test_a_film_shows_its_share_of_the_steps_and_holds_the_last(
+    easy_world: World, tmp_path: Path, shape: Format, shown: int
+):
     path = tmp_path / "film.mp4"
     drawn: list[None] = []
-    flight = flight_on(easy_world, steps=6)
-    write_film(path, easy_world, flight, "pilot", camera=Camera(32, 32), on_frame=lambda: drawn.append(None))
+    flight = flight_on(easy_world, steps=7)
+    write_film(
+        path, easy_world, flight, "pilot", shape=shape, camera=Camera(32, 32), on_frame=lambda: drawn.append(None)
+    )
     with imageio.get_reader(path) as reader:
         frames = list(reader.iter_data())  # pyright: ignore
         codec = reader.get_meta_data()["codec"]  # pyright: ignore
-    assert (len(drawn), len(frames)) == (6, 6 + round(HOLD_S * FRAMES_PER_S))
+    assert (len(drawn), len(frames)) == (shown, shown + round(HOLD_S * FRAMES_PER_S))
     assert codec == "h264"
-    assert frames[0].shape == (SIZE_PX[1], SIZE_PX[0], 3)
-    assert np.abs(frames[5].astype(int) - frames[-1]).mean() < 2
+    assert frames[0].shape == (shape.size_px[1], shape.size_px[0], 3)
+    assert np.abs(frames[shown - 1].astype(int) - frames[-1]).mean() < 2
     assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 2
     assert [file.name for file in tmp_path.iterdir()] == ["film.mp4"]
+
+
+@pytest.mark.parametrize(("steps", "shown"), [(1, [0]), (3, [0, 2]), (4, [0, 3]), (8, [0, 3, 6, 7])])
+def test_the_last_step_is_always_shown(steps: int, shown: list[int]):
+    assert SMALL.shown(steps) == shown
+    assert LARGE.shown(steps) == list(range(steps))
+
+
+@pytest.mark.parametrize("shape", [LARGE, SMALL])
+def test_width_and_height_are_such_as_the_codec_likes(shape: Format):
+    assert all(side % 16 == 0 for side in shape.size_px)
 
 
 def test_a_flight_of_no_steps_is_no_film(easy_world: World, tmp_path: Path):

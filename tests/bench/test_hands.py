@@ -16,6 +16,8 @@ from thalweg.bench.hands import LOGS, Processes
 from thalweg.bench.results import read_runs
 from thalweg.bench.runner import chosen, run_suite
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
 CUT_OFF = """
 import sys
 from pathlib import Path

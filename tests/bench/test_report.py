@@ -1,12 +1,17 @@
 import csv
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from tests.bench.small_place import SUITE, SmallPlace
+from thalweg.bench.figures import failure_bars, training_curves
 from thalweg.bench.files import ResultsError
+from thalweg.bench.reading import read_results
 from thalweg.bench.report import write_report
-from thalweg.bench.results import read_results
+from thalweg.bench.runner import run_suite
+from thalweg.bench.suites import suite_named
 from thalweg.bench.tables import ELSEWHERE, detail_csv, detail_table, number_columns, paper_table, table_csv
 
 
@@ -122,8 +127,29 @@ def test_a_table_without_rows_says_so_and_has_no_files(tiny_results: Path):
     assert list(report.folder.glob("runs.*")) == []
 
 
+def write_film_of(folder: Path, name: str = "film") -> None:
+    """What stands for a film, and its caption."""
+    (folder / f"{name}.mp4").parent.mkdir(exist_ok=True)
+    (folder / f"{name}.mp4").write_bytes(b"a film")
+    (folder / f"{name}.txt").write_text(f"What {name} shows.\n")
+
+
+def test_films_of_policies_stand_beside_one_another_with_what_they_show(tiny_results: Path):
+    assert "typical failure" not in write_report(tiny_results).page.read_text()
+    for name in ("film", "films/PPO-best", "films/PPO-failure"):
+        write_film_of(tiny_results, name)
+    (tiny_results / "films" / "PPO-failure.txt").unlink()  # killed before it was whole
+    (tiny_results / "films" / "pilot-best-error.txt").write_text("RuntimeError: no ffmpeg\n")
+    text = write_report(tiny_results).page.read_text()
+    _, section = text.split("best flight and typical failure</h2>")
+    assert section.split("</section>")[0].count("<video ") == 1
+    assert "<figcaption>What films/PPO-best shows.</figcaption>" in section
+    assert "aria-label='Film of a flight: PPO best'" in section
+    assert "<li>No film films/pilot-best: RuntimeError: no ffmpeg</li>" in text
+
+
 def test_the_page_loads_nothing_from_elsewhere(tiny_results: Path):
-    (tiny_results / "film.mp4").write_bytes(b"a film")
+    write_film_of(tiny_results)
     page = write_report(tiny_results).page.read_text()
     sources = re.findall(r"""(?:src|href|poster|action|data)\s*=\s*['"]([^'"]*)""", page)
     assert len(sources) == 6  # icon, film, levels, curves, failures, profiles
@@ -315,9 +341,23 @@ def test_what_a_killed_report_left_is_in_nobodys_way(tiny_results: Path, tmp_pat
 
 
 def test_what_an_earlier_report_had_and_this_one_has_not_goes(tiny_results: Path):
-    (tiny_results / "film.mp4").write_bytes(b"a film")
+    write_film_of(tiny_results)
     assert write_report(tiny_results).film is not None
     (tiny_results / "film.mp4").unlink()
     report = write_report(tiny_results)
     assert report.film is None
     assert not (report.folder / "film.mp4").exists()
+
+
+def test_the_suite_of_the_learning_curves_makes_its_report_of_one_level(tmp_path: Path):
+    suite = replace(suite_named("easy"), episodes=SUITE.episodes)
+    report = run_suite(suite, tmp_path, SmallPlace()).report
+    results = read_results(tmp_path)
+    figure = training_curves(results)
+    assert figure is not None
+    assert [line.get_label() for line in figure.axes[0].lines] == ["PPO (3 seeds)", "FOCOPS (3 seeds)"]
+    (bars,) = failure_bars(results).axes
+    assert [label.get_text() for label in bars.get_yticklabels()] == [*suite.baselines, "PPO", "FOCOPS"]
+    assert report.table.read_text().startswith("| policy | Easy return | Easy cost |\n")
+    assert "on Easy, start" in (tmp_path / "film.txt").read_text()
+    assert report.page.read_text().count("<img ") == 5

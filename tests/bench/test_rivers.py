@@ -12,6 +12,7 @@ from thalweg.bench import film, river
 from thalweg.bench.conditions import Trial
 from thalweg.bench.evaluation import Course
 from thalweg.bench.files import ResultsError
+from thalweg.bench.film_format import SMALL
 from thalweg.bench.river import Rivers
 from thalweg.bench.suites import Arm, Run, Stage, Suite
 from thalweg.env import sample_starts
@@ -35,7 +36,7 @@ def test_the_film_shows_the_very_flight_of_its_row(rivers: Rivers, tmp_path: Pat
     filmed: list[Any] = []
     monkeypatch.setattr(film, "write_film", lambda path, world, flight, title, **_: filmed.append(flight))
     row = rivers.evaluate(RUN, tmp_path, Trial("Easy"), lambda _: None)[2]
-    rivers.film(RUN, tmp_path, row, tmp_path / "film.mp4", lambda: None)
+    rivers.film(RUN, tmp_path, row, tmp_path / "film.mp4", lambda: None, shape=SMALL)
     (flight,) = filmed
     assert flight.episode == row
     assert len(flight.poses) == row.length
@@ -49,7 +50,7 @@ def test_a_flight_that_ends_otherwise_than_its_row_is_not_filmed(
     row = rivers.evaluate(RUN, tmp_path, Trial("Easy"), lambda _: None)[1]
     other = replace(row, **{field: value})
     with pytest.raises(ResultsError, match=f"{field.rstrip('_')} .*{value!r} in the results"):
-        rivers.film(RUN, tmp_path, other, tmp_path / "film.mp4", lambda: None)
+        rivers.film(RUN, tmp_path, other, tmp_path / "film.mp4", lambda: None, shape=SMALL)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -3,6 +3,7 @@ import hashlib
 import json
 import subprocess
 import sys
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,19 +14,23 @@ from tests.bench import small_place
 from tests.bench.small_place import SUITE, SmallPlace
 from thalweg.algos import AlgorithmError
 from thalweg.bench import river, runner
-from thalweg.bench.episodes import WORDS
-from thalweg.bench.figures import failure_bars, training_curves
+from thalweg.bench.episodes import WORDS, read_episodes, write_episodes
 from thalweg.bench.files import ResultsError
-from thalweg.bench.filming import best_flight
-from thalweg.bench.results import read_results, read_runs
+from thalweg.bench.filming import best_of_all, shots_of_each
+from thalweg.bench.reading import read_results
+from thalweg.bench.results import read_runs
 from thalweg.bench.river import made_by
 from thalweg.bench.runner import run_suite
 from thalweg.bench.suites import STUDIED, SUITES, Arm, Run, Stage, suite_named
 from thalweg.encoder import load_encoder
 from thalweg.train.river import mark
 
-WHOLE = 4 + 5 * 3 + 1
-"""Calls of the whole small suite: four trainings, three levels of five runs, and a film."""
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
+FILMS = 1 + 2 * 2
+"""The best flight of all, and two of each algorithm."""
+WHOLE = 4 + 5 * 3 + FILMS
+"""Calls of the whole small suite: four trainings, three levels of five runs, and the films."""
 
 
 def tables(folder: Path) -> dict[str, str]:
@@ -80,7 +85,7 @@ def test_a_failed_run_is_tried_again_and_nothing_else(tmp_path: Path, undisturbe
     again = SmallPlace()
     run_suite(SUITE, tmp_path, again)
     assert again.calls[:4] == ["train PPO-1"] + [f"evaluate PPO-1 {level}" for level in SUITE.test_levels]
-    assert [call.split()[0] for call in again.calls[4:]] == ["film"]  # its caption counts more flights now
+    assert [call.split()[0] for call in again.calls[4:]] == ["film"] * 3  # their captions count more flights now
     assert tables(tmp_path) == undisturbed
     assert not (tmp_path / "runs" / "PPO-1" / "error.txt").exists()
 
@@ -110,7 +115,7 @@ def test_a_half_written_evaluation_is_flown_again(tmp_path: Path, undisturbed: d
 
 
 def test_a_full_disk_stops_the_suite_and_keeps_what_was_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    def full(*_):
+    def full(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     place = SmallPlace()
@@ -209,7 +214,7 @@ def test_without_a_packaged_policy_the_rest_is_done_and_it_is_said(
 
 def test_the_film_shows_the_best_flight_of_a_trained_policy_and_says_so(tmp_path: Path):
     run_suite(SUITE, tmp_path, SmallPlace())
-    found = best_flight(SUITE, tmp_path)
+    found = best_of_all(SUITE, tmp_path)
     assert found is not None
     rows = [row for row in read_results(tmp_path).episodes if row.level == "Medium" and row.algorithm != "hover"]
     best = max(rows, key=lambda row: row.return_)
@@ -228,17 +233,18 @@ def test_another_best_flight_is_filmed_anew(tmp_path: Path):
     assert "The best of 3 flights" in (tmp_path / "film.txt").read_text()
     again = SmallPlace()
     run_suite(SUITE, tmp_path, again)
-    assert again.calls[-1].startswith("film ")
+    assert len([call for call in again.calls if call.startswith("film ")]) == FILMS
     assert "The best of 12 flights" in (tmp_path / "film.txt").read_text()
 
 
 def test_a_film_that_fails_does_not_lose_the_report_and_is_tried_again(tmp_path: Path):
     outcome = run_suite(SUITE, tmp_path, SmallPlace(broken=("film",)))
     assert outcome.failed == []
-    assert "<li>No film: RuntimeError: ffmpeg is not there</li>" in outcome.report.page.read_text()
+    for name in ("", " films/PPO-failure"):
+        assert f"<li>No film{name}: RuntimeError: ffmpeg is not there</li>" in outcome.report.page.read_text()
     again = SmallPlace()
     outcome = run_suite(SUITE, tmp_path, again)
-    assert [call.split()[0] for call in again.calls] == ["film"]
+    assert [call.split()[0] for call in again.calls] == ["film"] * FILMS
     assert "No film" not in outcome.report.page.read_text()
     assert outcome.report.film is not None
 
@@ -248,28 +254,44 @@ def test_a_film_that_fails_leaves_none_of_another_flight(tmp_path: Path):
     assert run_suite(SUITE, tmp_path, SmallPlace(broken=("film",))).report.film is None
 
 
+def test_each_policy_is_filmed_at_its_best_and_in_its_typical_failure(tmp_path: Path):
+    run_suite(SUITE, tmp_path, SmallPlace())
+    rows = [row for row in read_results(tmp_path).episodes if (row.algorithm, row.level) == ("PPO", "Medium")]
+    counts = Counter(row.reason for row in rows)
+    alike = [row for row in rows if counts[row.reason] == max(counts.values())]
+    best, failure, *_ = shots_of_each(SUITE, tmp_path)
+    assert (best.name, failure.name) == ("films/PPO-best", "films/PPO-failure")
+    assert best.episode == max(rows, key=lambda row: row.return_)
+    assert failure.episode.reason in {row.reason for row in alike}
+    same = sorted(row.return_ for row in rows if row.reason == failure.episode.reason)
+    assert failure.episode.return_ == same[len(same) // 2]
+    assert (tmp_path / "films" / "PPO-failure.txt").read_text().endswith(
+        f"6 of PPO's 6 flights there failed, {len(same)} of them like this one, whose return is in their middle.\n"
+    )  # fmt: skip
+
+
+def test_films_that_show_nothing_of_the_results_any_more_go(tmp_path: Path):
+    run_suite(SUITE, tmp_path, SmallPlace())
+    for run in ("PPO-0", "PPO-1"):
+        path = tmp_path / "evaluation" / f"{run}-Medium.csv"
+        write_episodes(path, [replace(row, reason="Success", success=True) for row in read_episodes(path)])
+    (tmp_path / "films" / "notes.txt").write_text("mine")
+    run_suite(SUITE, tmp_path, SmallPlace())
+    left = sorted(path.name for path in (tmp_path / "films").iterdir())
+    assert left == [
+        "FOCOPS-best.mp4", "FOCOPS-best.txt", "FOCOPS-failure.mp4", "FOCOPS-failure.txt",
+        "PPO-best.mp4", "PPO-best.txt", "notes.txt",
+    ]  # fmt: skip
+
+
 def test_a_full_disk_is_not_taken_for_a_film_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    def full(*_):
+    def full(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     place = SmallPlace()
     monkeypatch.setattr(place, "film", full)
     with pytest.raises(OSError, match="No space"):
         run_suite(SUITE, tmp_path, place)
-
-
-def test_the_suite_of_the_learning_curves_makes_its_report_of_one_level(tmp_path: Path):
-    suite = replace(suite_named("easy"), episodes=SUITE.episodes)
-    report = run_suite(suite, tmp_path, SmallPlace()).report
-    results = read_results(tmp_path)
-    figure = training_curves(results)
-    assert figure is not None
-    assert [line.get_label() for line in figure.axes[0].lines] == ["PPO (3 seeds)", "FOCOPS (3 seeds)"]
-    (bars,) = failure_bars(results).axes
-    assert [label.get_text() for label in bars.get_yticklabels()] == [*suite.baselines, "PPO", "FOCOPS"]
-    assert report.table.read_text().startswith("| policy | Easy return | Easy cost |\n")
-    assert "on Easy, start" in (tmp_path / "film.txt").read_text()
-    assert report.page.read_text().count("<img ") == 5
 
 
 def test_the_record_of_a_suite_names_versions_and_machine(tmp_path: Path):

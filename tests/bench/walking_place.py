@@ -5,7 +5,9 @@ import sys
 import time
 from pathlib import Path
 
-from tests.bench.small_place import SmallPlace
+import pytest
+
+from tests.bench.small_place import SmallPlace, draw_nothing
 from tests.train.small_runs import train
 from tests.train.toys import Walk
 from thalweg.bench.cluster import Cluster
@@ -49,5 +51,6 @@ class WalkingPlace(SmallPlace):
 
 
 if __name__ == "__main__":
+    draw_nothing(pytest.MonkeyPatch())
     address, results, note = sys.argv[1:]
     run_suite(SUITE, Path(results), WalkingPlace(Path(note)), hands=Cluster(address, gather_s=0.0))

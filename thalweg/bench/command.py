@@ -14,7 +14,8 @@ from thalweg.bench.evaluation import Course, EvaluationConfig, Label, evaluate, 
 from thalweg.bench.files import ResultsError
 from thalweg.bench.hands import Hands, Here, Processes
 from thalweg.bench.published import SOURCE
-from thalweg.bench.results import Results, read_results
+from thalweg.bench.reading import read_results
+from thalweg.bench.results import Results
 from thalweg.bench.river import PACKAGED_POLICY
 from thalweg.bench.runner import run_suite
 from thalweg.bench.suites import PACKAGED, suite_named

@@ -14,19 +14,16 @@ from PIL import Image, ImageDraw, ImageFont
 from thalweg.bench.episodes import WORDS, Episode
 from thalweg.bench.evaluation import Step
 from thalweg.bench.files import ResultsError
+from thalweg.bench.film_format import LARGE, MARGIN_PX, Format
 from thalweg.render import Camera, Renderer
 from thalweg.whole import whole
 from thalweg.world import World
 from thalweg.world.drawing import view
 
 FRAMES_PER_S = 15
-VIEW_PX, MAP_PX, MARGIN_PX = 384, 288, 16
-SIZE_PX = (VIEW_PX + MAP_PX + 3 * MARGIN_PX, VIEW_PX + 2 * MARGIN_PX)
-"""Width and height of the film, both multiples of 16 as H.264 likes them."""
-CAMERA = Camera(height_px=VIEW_PX, width_px=VIEW_PX)
-INSET_PX = 112
 HOLD_S = 1.5
 """How long the last picture stays."""
+LINES = 4
 INK, PAPER, ACCENT, START = (235, 235, 235), (24, 28, 32), (255, 196, 61), (90, 220, 140)
 
 
@@ -56,7 +53,7 @@ class Flight:
 class Map:
     """The river from above, with north at the top, in a square of pixels."""
 
-    def __init__(self, world: World, size_px: int = MAP_PX, margin_m: float = 12.0) -> None:
+    def __init__(self, world: World, size_px: int = LARGE.map_px, margin_m: float = 12.0) -> None:
         self.size_px = size_px
         low, high = world.river.position_m.min(axis=0) - margin_m, world.river.position_m.max(axis=0) + margin_m
         self.side_m = float((high - low).max())
@@ -79,45 +76,60 @@ class Map:
         return whole.crop(box).resize((self.size_px, self.size_px), Image.Resampling.BOX)
 
 
-def pictures(world: World, flight: Flight, camera: Camera, policy: str) -> Iterator[np.ndarray]:
-    """The film's frames uint8 [H, W, 3], one per step."""
-    renderer = Renderer([world], camera)
-    chart = Map(world)
-    small = ImageFont.load_default(size=14)
-    fonts = (_fitting(policy, 18), small, small)
-    river = world.river
-    for index, pose in enumerate(flight.poses):
-        frame = renderer.render(pose[None], np.zeros(1, dtype=np.int64), flight.time_s[index : index + 1])[0]
-        canvas = Image.new("RGB", SIZE_PX, PAPER)
-        canvas.paste(Image.fromarray(frame[..., :3]).resize((VIEW_PX, VIEW_PX)), (MARGIN_PX, MARGIN_PX))
-        _paste_mask(canvas, frame[..., 3])
-        canvas.paste(_with_track(chart, flight.poses[: index + 1]), (VIEW_PX + 2 * MARGIN_PX, MARGIN_PX))
-        nearest = np.argmin(((river.position_m - pose[:2]) ** 2).sum(axis=1))
-        last = index == len(flight.poses) - 1
-        lines = (
-            policy,
-            f"{flight.episode.level}   step {index + 1}   height {pose[2] - river.level_m[nearest]:.1f} m",
-            f"return {flight.episode.return_ if last else flight.returns[index]:.2f} of 10"
-            + (f"   cost {flight.episode.cost:.1f}   {WORDS[flight.episode.reason]}" if last else ""),
-        )
-        draw = ImageDraw.Draw(canvas)
-        for number, line in enumerate(lines):
-            place = (VIEW_PX + 2 * MARGIN_PX, MARGIN_PX + MAP_PX + 12 + number * 28)
-            draw.text(place, line, INK, fonts[number])
+def pictures(
+    world: World, flight: Flight, policy: str, shape: Format = LARGE, camera: Camera | None = None
+) -> Iterator[np.ndarray]:
+    """The film's frames uint8 [H, W, 3], of each step that is shown; the view is the camera's, one of the format's
+    size if not given."""
+    renderer = Renderer([world], camera or Camera(height_px=shape.view_px, width_px=shape.view_px))
+    chart = Map(world, shape.map_px)
+    for index in shape.shown(len(flight.poses)):
+        now = slice(index, index + 1)
+        frame = renderer.render(flight.poses[now], np.zeros(1, dtype=np.int64), flight.time_s[now])[0]
+        canvas = Image.new("RGB", shape.size_px, PAPER)
+        view = Image.fromarray(frame[..., :3]).resize((shape.view_px, shape.view_px))
+        canvas.paste(view, (MARGIN_PX, MARGIN_PX))
+        _paste_mask(canvas, frame[..., 3], shape)
+        canvas.paste(_with_track(chart, flight.poses[: index + 1]), (shape.beside_px, MARGIN_PX))
+        _write(canvas, (policy, *_said(world, flight, index)), shape)
         yield np.asarray(canvas)
 
 
-def _fitting(text: str, size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """The font in which the text is no wider than the map beside it: of this size, or as much smaller as it takes."""
-    while (font := ImageFont.load_default(size=size)).getlength(text) > MAP_PX and size > 8:
+def _said(world: World, flight: Flight, index: int) -> tuple[str, str, str]:
+    """What is said of a step; of the last also how it ended."""
+    river, pose, episode = world.river, flight.poses[index], flight.episode
+    nearest = np.argmin(((river.position_m - pose[:2]) ** 2).sum(axis=1))
+    last = index == len(flight.poses) - 1
+    return (
+        f"{episode.level}   step {index + 1}   height {pose[2] - river.level_m[nearest]:.1f} m",
+        f"return {episode.return_ if last else flight.returns[index]:.2f} of 10",
+        f"{WORDS[episode.reason]}   cost {episode.cost:.1f}" if last else "",
+    )
+
+
+def _write(canvas: Image.Image, lines: tuple[str, ...], shape: Format) -> None:
+    """Lines of text below the map."""
+    draw = ImageDraw.Draw(canvas)
+    below = MARGIN_PX + shape.map_px + 6
+    pitch = (shape.size_px[1] - below - 4) // LINES
+    for number, line in enumerate(lines):
+        draw.text((shape.beside_px, below + number * pitch), line, INK, _fitting(line, shape))
+
+
+def _fitting(text: str, shape: Format) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    """The font in which the text is no wider than the map above it: of the usual size, or as much smaller as it
+    takes."""
+    size = shape.font_px
+    while (font := ImageFont.load_default(size=size)).getlength(text) > shape.map_px and size > 8:
         size -= 1
     return font
 
 
-def _paste_mask(canvas: Image.Image, mask: np.ndarray) -> None:
-    inset = Image.fromarray(mask).resize((INSET_PX, INSET_PX)).convert("RGB")
-    corner = MARGIN_PX + VIEW_PX - INSET_PX - 8
-    ImageDraw.Draw(canvas).rectangle((corner - 2, corner - 2, corner + INSET_PX + 1, corner + INSET_PX + 1), INK)
+def _paste_mask(canvas: Image.Image, mask: np.ndarray, shape: Format) -> None:
+    side = shape.inset_px
+    inset = Image.fromarray(mask).resize((side, side)).convert("RGB")
+    corner = MARGIN_PX + shape.view_px - side - 8
+    ImageDraw.Draw(canvas).rectangle((corner - 2, corner - 2, corner + side + 1, corner + side + 1), INK)
     canvas.paste(inset, (corner, corner))
 
 
@@ -140,16 +152,17 @@ def write_film(
     flight: Flight,
     policy: str,
     *,
-    camera: Camera = CAMERA,
+    shape: Format = LARGE,
+    camera: Camera | None = None,
     on_frame: Callable[[], None] | None = None,
 ) -> None:
-    """Write the film of a flight as H.264 in MP4, whole or not at all."""
+    """Write the film of a flight as H.264 in MP4, whole or not at all; raises `ResultsError` for one of no step."""
     if not len(flight.poses):
         raise ResultsError("a flight without a step cannot be filmed")
-    options = ["-crf", "25", "-preset", "medium", "-movflags", "+faststart"]
+    options = ["-crf", str(shape.crf), "-preset", "medium", "-movflags", "+faststart"]
     settings = {"fps": FRAMES_PER_S, "codec": "libx264", "pixelformat": "yuv420p", "quality": None}
     with whole(path) as draft, imageio.get_writer(draft, output_params=options, **settings) as writer:
-        for picture in pictures(world, flight, camera, policy):
+        for picture in pictures(world, flight, policy, shape, camera):
             writer.append_data(picture)  # pyright: ignore[reportAttributeAccessIssue]
             if on_frame is not None:
                 on_frame()

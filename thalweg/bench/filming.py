@@ -1,9 +1,10 @@
-"""Which flight does the film show? The best one, and it says so.
+"""Which flights do the films show? The best of all; and of each trained policy its best and its typical failure.
 
 A film is made again only when it would show another flight, or another figure in its caption.
 """
 
 import errno
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,72 +12,135 @@ from rich.console import Console
 
 from thalweg.bench.bars import bar, progress_of_frames
 from thalweg.bench.conditions import Trial
-from thalweg.bench.episodes import WORDS, Episode, read_episodes
-from thalweg.bench.results import CAPTION, FILM, NO_FILM, evaluation_path
+from thalweg.bench.episodes import REASONS, WORDS, Episode, read_episodes
+from thalweg.bench.film_format import LARGE, SMALL
+from thalweg.bench.results import FILMS, KINDS, MAIN_FILM, FilmFiles, evaluation_path
 from thalweg.bench.river import Place
 from thalweg.bench.statistics import summarise
-from thalweg.bench.suites import Run, Suite
+from thalweg.bench.suites import Arm, Run, Suite
 from thalweg.bench.tables import plus_minus
 from thalweg.whole import write_whole
 
+BEST, FAILURE = KINDS
+WHOSE = {"packaged": "the packaged policy", "train": "trained policies", "baseline": "baselines"}
+
 
 @dataclass(frozen=True)
-class Best:
-    """The flight to be filmed."""
+class Shot:
+    """A flight to be filmed."""
 
+    name: str
+    """Of its files, within the results."""
     run: Run
     episode: Episode
-    among: list[Episode]
-    """All flights that it was chosen from: those of its kind of policy on its level."""
+    why: str
+    """What this flight is among those that it was chosen from."""
 
     def caption(self, title: str) -> str:
-        """What the film shows, and of how many flights this is the best."""
+        """What the film shows of the policy called so, and why."""
         row = self.episode
-        whose = {"packaged": "the packaged policy", "train": "trained policies", "baseline": "baselines"}[self.run.kind]
-        cell = summarise([other for other in self.among if other.algorithm == row.algorithm])
         return (
             f"{title} on {row.level}, start {row.episode} of the list: {row.length} steps, return {row.return_:.2f}, "
-            f"cost {row.cost:.1f}, {WORDS[row.reason]}. The best of {len(self.among)} flights of {whose} there; the "
-            f"return of {row.algorithm}'s {cell.episodes} is {plus_minus(cell.return_mean, cell.return_std)}."
+            f"cost {row.cost:.1f}, {WORDS[row.reason]}. {self.why}\n"
         )
 
 
-def film_best(suite: Suite, folder: Path, place: Place, console: Console) -> None:
-    """Film the best flight, unless its film is there. What goes wrong is said in the report; a full disk stops all."""
-    film, caption, failure = folder / FILM, folder / CAPTION, folder / NO_FILM
+def film_flights(suite: Suite, folder: Path, place: Place, console: Console) -> None:
+    """Make the films that are not there yet, and remove those of flights that are no longer to be shown.
+
+    What goes wrong is said in the report; a full disk stops all.
+    """
+    shots = [shot for shot in (best_of_all(suite, folder), *shots_of_each(suite, folder)) if shot is not None]
+    wanted = {path for shot in shots for path in FilmFiles.of(folder, shot.name).paths}
+    for path in (folder / FILMS).glob("*"):
+        if path not in wanted and path.name.startswith(tuple(f"{arm.label}-" for arm in suite.arms)):
+            path.unlink()
+    for shot in shots:
+        _film(shot, folder, place, console)
+
+
+def _film(shot: Shot, folder: Path, place: Place, console: Console) -> None:
+    """Film a flight, unless its film is there."""
+    shape = LARGE if shot.name == MAIN_FILM else SMALL
+    files, home = FilmFiles.of(folder, shot.name), folder / "runs" / shot.run.name
     try:
-        best = best_flight(suite, folder)
-        if best is None:
+        caption = shot.caption(place.title(shot.run, home))
+        if files.film.exists() and files.caption.exists() and files.caption.read_text(encoding="utf-8") == caption:
             return
-        home = folder / "runs" / best.run.name
-        words = best.caption(place.title(best.run, home)) + "\n"
-        if film.exists() and caption.exists() and caption.read_text(encoding="utf-8") == words:
-            return
-        caption.unlink(missing_ok=True)
+        files.film.parent.mkdir(exist_ok=True)
+        files.caption.unlink(missing_ok=True)
         with bar(console, "frames") as progress:
-            on_frame = progress_of_frames(progress, "film", best.episode.length)
-            place.film(best.run, home, best.episode, film, on_frame)
-        write_whole(caption, words)
-        failure.unlink(missing_ok=True)
+            on_frame = progress_of_frames(progress, files.film.stem, len(shape.shown(shot.episode.length)))
+            place.film(shot.run, home, shot.episode, files.film, on_frame, shape=shape)
+        write_whole(files.caption, caption)
+        files.failure.unlink(missing_ok=True)
     except Exception as error:
         if isinstance(error, OSError) and error.errno == errno.ENOSPC:
             raise
-        film.unlink(missing_ok=True)
-        write_whole(failure, " ".join(f"{type(error).__name__}: {error}".split()) + "\n")
+        files.film.unlink(missing_ok=True)
+        write_whole(files.failure, " ".join(f"{type(error).__name__}: {error}".split()) + "\n")
         console.print(f"No film: {error}", style="red", highlight=False, markup=False)
 
 
-def best_flight(suite: Suite, folder: Path) -> Best | None:
-    """The flight with the greatest return, then the least cost: of the packaged policy where there is one, else of a
-    trained one, on the level of training."""
-    level = suite.train_level if suite.train_level in suite.test_levels else suite.test_levels[0]
+def best_of_all(suite: Suite, folder: Path) -> Shot | None:
+    """The best flight of the packaged policy where there is one, else of a trained one, on the level of training."""
+    level = _level(suite)
     for kind in ("packaged", "train", "baseline"):
-        flights = []
-        for run in suite.runs():
-            path = evaluation_path(folder, run.name, Trial(level))
-            if run.kind == kind and path.exists():
-                flights.extend((run, episode) for episode in read_episodes(path))
+        flights = _flights([run for run in suite.runs() if run.kind == kind], level, folder)
         if flights:
-            run, episode = max(flights, key=lambda flight: (flight[1].return_, -flight[1].cost, -flight[1].episode))
-            return Best(run, episode, [other for _, other in flights])
+            run, episode = _best(flights)
+            own = summarise([other for _, other in flights if other.algorithm == episode.algorithm])
+            return Shot(
+                MAIN_FILM,
+                run,
+                episode,
+                f"The best of {len(flights)} flights of {WHOSE[kind]} there; the return of {episode.algorithm}'s "
+                f"{own.episodes} is {plus_minus(own.return_mean, own.return_std)}.",
+            )
     return None
+
+
+def shots_of_each(suite: Suite, folder: Path) -> list[Shot]:
+    """Of each trained policy that has flown on the level that it was trained on: its best flight and its typical
+    failure, the one of middle return among those that ended for its most frequent reason of failure."""
+    shots = []
+    for arm in suite.arms:
+        runs = [run for run in suite.runs() if run.algorithm == arm.label]
+        flights = _flights(runs, _level(suite, arm), folder)
+        if not flights:
+            continue
+        count, failed = len(flights), [flight for flight in flights if not flight[1].success]
+        said = f"{arm.label}'s {count} flights there"
+        best = f"The best of {said}, of which {count - len(failed)} succeeded."
+        shots.append(Shot(f"{FILMS}/{arm.label}-{BEST}", *_best(flights), best))
+        if failed:
+            reason, times = _most_frequent([episode for _, episode in failed])
+            alike = [flight for flight in failed if flight[1].reason == reason]
+            middle = sorted(alike, key=lambda flight: flight[1].return_)[len(alike) // 2]
+            why = f"{len(failed)} of {said} failed, {times} of them like this one, whose return is in their middle."
+            shots.append(Shot(f"{FILMS}/{arm.label}-{FAILURE}", *middle, why))
+    return shots
+
+
+def _level(suite: Suite, arm: Arm | None = None) -> str:
+    """Where flights are filmed: where an arm, or else the suite, was trained if that was flown on."""
+    trained = arm.level if arm is not None and arm.level else suite.train_level
+    return trained if trained in suite.test_levels else suite.test_levels[0]
+
+
+def _flights(runs: list[Run], level: str, folder: Path) -> list[tuple[Run, Episode]]:
+    """All flights of some runs on a level."""
+    paths = {run: evaluation_path(folder, run.name, Trial(level)) for run in runs}
+    return [(run, episode) for run, path in paths.items() if path.exists() for episode in read_episodes(path)]
+
+
+def _best(flights: list[tuple[Run, Episode]]) -> tuple[Run, Episode]:
+    """The one with the greatest return, then the least cost."""
+    return max(flights, key=lambda flight: (flight[1].return_, -flight[1].cost, -flight[1].episode))
+
+
+def _most_frequent(failed: list[Episode]) -> tuple[str, int]:
+    """For which reason most of them ended, and how many."""
+    counts = Counter(episode.reason for episode in failed)
+    reason = max(REASONS, key=lambda reason: counts[reason])
+    return reason, counts[reason]

@@ -161,12 +161,7 @@ def attempt(run: Run, work: Work) -> RunRow:
     try:
         (home / "error.txt").unlink(missing_ok=True)
         if run.kind == "train" and not (home / POLICY).exists():
-            arm = suite.arm(run.algorithm)
-            stages = [
-                *((stage.steps, stage.level) for stage in arm.before),
-                (arm.steps, arm.level or suite.train_level),
-            ]
-            plan = ", then ".join(f"{steps:,} steps on {level}" for steps, level in stages)
+            plan = ", then ".join(f"{steps:,} steps on {level}" for steps, level in _stages(run, suite))
             console.print(f"{run.name}: train {plan}", highlight=False)
             place.train(run, home)
         for trial in suite.trials(run):

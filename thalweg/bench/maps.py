@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 import numpy as np
 from matplotlib import rc_context
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Polygon
 
 from thalweg.bench.episodes import REASONS, WORDS, Episode
 from thalweg.bench.figures import REASON_COLOURS, STYLE
@@ -94,9 +94,9 @@ def _panel(axis, world: World, rows: list[Episode]) -> None:
     river = world.river
     side = 0.5 * river.width_m[:, None] * np.column_stack([-river.tangent[:, 1], river.tangent[:, 0]])
     left, right = river.position_m[:, :2] + side, river.position_m[:, :2] - side
-    for one, two in zip(range(len(left)), [*range(1, len(left)), 0], strict=True):
-        if two or river.closed:
-            axis.add_patch(Polygon([left[one], left[two], right[two], right[one]], color=WATER, linewidth=0.3))
+    quads = np.stack([left, np.roll(left, -1, axis=0), np.roll(right, -1, axis=0), right], axis=1)
+    pieces = quads if river.closed else quads[:-1]
+    axis.add_collection(PolyCollection(list(pieces), facecolors=WATER, edgecolors=WATER, linewidths=0.3))
     for reason in FAILED:
         ends = np.array([(row.end_x, row.end_y) for row in rows if row.reason == reason]).reshape(-1, 2)
         axis.scatter(*ends.T, s=9, color=COLOURS[reason], edgecolors="#333", linewidths=0.25, zorder=3)

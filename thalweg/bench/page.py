@@ -10,8 +10,8 @@ import json
 from pathlib import Path
 from string import Template
 
-from thalweg.bench.parts import PARTS, Film, Picture, Table
-from thalweg.bench.results import CAPTION, FILM, Results
+from thalweg.bench.parts import PARTS, Films, Picture, Table
+from thalweg.bench.results import MAIN_FILM, Film, Results
 from thalweg.bench.suites import arms_of
 from thalweg.bench.tables import Grid, is_published, number_columns
 
@@ -64,19 +64,19 @@ def _problems(lines: list[str]) -> str:
     return f"<section class='problems'><h2>Failed, missing or not used</h2><ul>{items}</ul></section>"
 
 
-def _section(part: Table | Picture | Film, results: Results, grids: dict[str, Grid], files: dict[str, bytes]) -> str:
+def _section(part: Table | Picture | Films, results: Results, grids: dict[str, Grid], files: dict[str, bytes]) -> str:
     """A part with its heading and its note, or the words that stand in its place."""
-    note = "" if isinstance(part, Film) else part.note
     if isinstance(part, Table):
         body = html_table(*grids[part.name], part.title) if grids[part.name][1] else ""
     elif isinstance(part, Picture):
         body = _picture(files.get(f"{part.name}.png"), part.words(results))
     else:
-        body = _film(files.get(FILM), _caption(results))
+        films = [(name, film) for name, film in results.films.items() if part.names(name) and not film.error]
+        body = _films([_film(name, film) for name, film in films])
     if not body and not part.otherwise:
         return ""
     body = body or f"<p>{html.escape(part.otherwise)}</p>"
-    note = f"\n<p class='note'>{html.escape(note)}</p>" if note else ""
+    note = f"\n<p class='note'>{html.escape(part.note)}</p>" if part.note else ""
     return f"<section>\n<h2>{html.escape(part.title)}</h2>\n{body}{note}\n</section>"
 
 
@@ -102,16 +102,16 @@ def _picture(content: bytes | None, words: str) -> str:
     return f"<figure><div class='wide picture'>{image}</div></figure>"
 
 
-def _film(content: bytes | None, caption: str) -> str:
-    if content is None:
-        return ""
-    data = base64.b64encode(content).decode()
+def _films(figures: list[str]) -> str:
+    """Films beside one another, as many as fit; one alone has all the width."""
+    return figures[0] if len(figures) == 1 else f"<div class='films'>{''.join(figures)}</div>" if figures else ""
+
+
+def _film(name: str, film: Film) -> str:
+    """A film that is played when it is asked for, and under it what it shows."""
+    data = base64.b64encode(film.path.read_bytes()).decode()
+    words = "Film of a flight" if name == MAIN_FILM else f"Film of a flight: {name.split('/')[-1].replace('-', ' ')}"
     return (
         f"<figure><video controls muted loop playsinline src='data:video/mp4;base64,{data}'"
-        f" aria-label='Film of a flight'></video><figcaption>{html.escape(caption)}</figcaption></figure>"
+        f" aria-label='{html.escape(words)}'></video><figcaption>{html.escape(film.caption)}</figcaption></figure>"
     )
-
-
-def _caption(results: Results) -> str:
-    path = results.folder / CAPTION
-    return path.read_text(encoding="utf-8").strip() if path.exists() else ""

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from thalweg.bench import beyond, figures, figures_beyond, maps, tables
 from thalweg.bench.published import SOURCE
-from thalweg.bench.results import FILM, Results
+from thalweg.bench.results import MAIN_FILM, Results
 from thalweg.world import LEVELS
 
 
@@ -56,12 +56,15 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Film:
-    """The film of a flight, where there is one."""
+class Films:
+    """Films of flights, beside one another; the files of `files` lie beside the page too."""
 
     title: str
+    names: Callable[[str], bool]
+    """Which of the results' films, by name."""
+    note: str = ""
     otherwise: str = "These results hold no film."
-    files: tuple[str, ...] = (FILM,)
+    files: tuple[str, ...] = ()
 
 
 def _trained(results: Results) -> str:
@@ -75,7 +78,7 @@ def _sheet(name: str, title: str, made: Callable[[Results], beyond.Sheet], note:
     return Table(name, title, lambda results: made(results).grid, lambda results: made(results).csv, note, otherwise)
 
 
-PARTS: tuple[Table | Picture | Film, ...] = (
+PARTS: tuple[Table | Picture | Films, ...] = (
     Table(
         "table",
         "Return and cost",
@@ -92,7 +95,7 @@ PARTS: tuple[Table | Picture | Film, ...] = (
         lambda results: f"The rivers from straight above: {', '.join(results.levels)}.",
         otherwise="",
     ),
-    Film("A flight"),
+    Films("A flight", lambda name: name == MAIN_FILM, files=(f"{MAIN_FILM}.mp4",)),
     Picture(
         "curves",
         "Training",
@@ -152,6 +155,12 @@ PARTS: tuple[Table | Picture | Film, ...] = (
             otherwise="",
         )
         for level in LEVELS
+    ),
+    Films(
+        "Each policy's best flight and typical failure",
+        lambda name: name != MAIN_FILM,
+        "On the level that it was trained on; every third step is shown.",
+        otherwise="",
     ),
     Picture(
         "conditions_grid",

@@ -7,12 +7,13 @@ file whole or not at all, the page last; what else lies in its folder is never t
 from dataclasses import dataclass
 from pathlib import Path
 
-from thalweg.bench.figures import pdf, png
+from thalweg.bench.figures import arrange, pdf, png
 from thalweg.bench.files import ResultsError
 from thalweg.bench.latex import latex
 from thalweg.bench.page import page
 from thalweg.bench.parts import PARTS, Picture, Table
-from thalweg.bench.results import FILM, Results, read_results
+from thalweg.bench.reading import read_results
+from thalweg.bench.results import MAIN_FILM, Results
 from thalweg.bench.tables import markdown
 from thalweg.whole import write_whole
 
@@ -49,7 +50,7 @@ def write_report(folder: Path, out: Path | None = None) -> Report:
     for name in NAMES:
         if name not in files:
             (out / name).unlink(missing_ok=True)
-    film = out / FILM if FILM in files else None
+    film = out / f"{MAIN_FILM}.mp4" if f"{MAIN_FILM}.mp4" in files else None
     return Report(out, out / PAGE, out / "table.md", film, tuple(problems(results)))
 
 
@@ -79,10 +80,10 @@ def _files(results: Results) -> dict[str, bytes]:
             texts = (markdown(*grid), latex(*grid), part.csv(results))
             files.update(zip(part.files, (text.encode() for text in texts), strict=True))
         elif isinstance(part, Picture) and (figure := part.draw(results)) is not None:
+            arrange(figure)
             files.update(zip(part.files, (png(figure), pdf(figure)), strict=True))
-    film = results.folder / FILM
-    if film.exists():
-        files[FILM] = film.read_bytes()
+    if MAIN_FILM in results.films and not results.films[MAIN_FILM].error:
+        files[f"{MAIN_FILM}.mp4"] = results.films[MAIN_FILM].path.read_bytes()
     files[PAGE] = page(results, grids, files, problems(results)).encode()
     return files
 
@@ -90,7 +91,8 @@ def _files(results: Results) -> dict[str, bytes]:
 def problems(results: Results) -> list[str]:
     """What failed, is missing or was not used, a line each."""
     lines = [f"Run {row.run} {row.status}: {row.error}" for row in results.runs if row.status != "finished"]
-    lines += [f"No film: {results.no_film}"] if results.no_film else []
+    for name, film in results.films.items():
+        lines += [f"No film{'' if name == MAIN_FILM else f' {name}'}: {film.error}"] if film.error else []
     lines += [f"Not used: {line}" for line in results.skipped]
     planned = results.planned_flights
     if missing := len(planned - results.flights):

@@ -1,4 +1,4 @@
-"""What lies in a results folder? Everything that can be read, and by name everything that could not.
+"""What lies in a results folder? Where each part of it does, and what they hold together; `reading` reads it.
 
 suite.json                    the suite as it was run, with versions and the machine
 runs.csv                      one row per run, failed ones with their error
@@ -7,6 +7,7 @@ evaluation/PPO-0-Easy.csv     one row per evaluated episode
 evaluation/unseen/...         the same under a condition other than the main one
 logs/PPO-0.txt                what a run printed that was done in a process of its own
 film.mp4, film.txt            a flight, and what it shows; film-error.txt instead where filming failed
+films/PPO-best.mp4, ...       the same of each trained policy's best flight and typical failure
 report/                       made from the files above, and from nothing else
 """
 
@@ -14,17 +15,48 @@ import json
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from thalweg.bench.conditions import Trial
-from thalweg.bench.episodes import Episode, read_episodes
+from thalweg.bench.episodes import Episode
 from thalweg.bench.files import ResultsError, csv_text, read_csv
 from thalweg.bench.statistics import TrainingLog
 from thalweg.bench.suites import PACKAGED, arms_of
 from thalweg.whole import write_whole
 
 RUN_COLUMNS = ("run", "kind", "algorithm", "seed", "steps", "status", "error", "wall_s", "steps_per_s")
-FILM, CAPTION, NO_FILM = "film.mp4", "film.txt", "film-error.txt"
+MAIN_FILM, FILMS = "film", "films"
+"""Name of the film of the best flight, and folder of each policy's."""
+KINDS = ("best", "failure")
+"""What the films of a policy show, as their names end."""
+
+
+@dataclass(frozen=True)
+class FilmFiles:
+    """Where the files of a film lie."""
+
+    film: Path
+    caption: Path
+    """What it shows."""
+    failure: Path
+    """Why there is none."""
+
+    @classmethod
+    def of(cls, folder: Path, name: str) -> "FilmFiles":
+        """Those of a name, in a results folder."""
+        return cls(folder / f"{name}.mp4", folder / f"{name}.txt", folder / f"{name}-error.txt")
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        return self.film, self.caption, self.failure
+
+
+@dataclass(frozen=True)
+class Film:
+    """A film of a results folder, or why there is none."""
+
+    path: Path
+    caption: str
+    error: str = ""
+    """Empty where there is a film."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +89,8 @@ class Results:
     training: list[TrainingLog]
     skipped: list[str]
     """One line for each file that was not used: its name and why."""
-    no_film: str = ""
-    """Why filming failed; empty if it did not."""
+    films: dict[str, Film] = field(default_factory=dict)
+    """By name: `MAIN_FILM`, then two for each policy, as far as they were made or failed."""
     beyond: dict[str, list[Episode]] = field(default_factory=dict)
     """Episodes under each condition other than the main one, in the order of the suite."""
 
@@ -162,88 +194,3 @@ def read_suite(folder: Path) -> dict:
     if not isinstance(suite, dict) or "name" not in suite:
         raise ResultsError("suite.json is not the record of a suite")
     return suite
-
-
-def read_training(path: Path, row: RunRow) -> TrainingLog:
-    """The finished episodes of a training run from its `episodes.csv`; raises `ResultsError`."""
-    columns = ("step", "return", "tight", "loose")
-    lines = read_csv(path, columns)
-    try:
-        values = {name: np.array([float(line[name]) for line in lines]) for name in columns}
-    except ValueError as error:
-        raise ResultsError(f"{path.name}: {error}") from error
-    order = np.argsort(values["step"], kind="stable")
-    step, return_, tight, loose = (values[name][order] for name in columns)
-    last = max(row.steps, int(step[-1]) if len(step) else 0)
-    return TrainingLog(row.algorithm, row.seed, step.astype(np.int64), return_, tight, loose, last)
-
-
-def read_results(folder: Path) -> Results:
-    """Everything readable in the folder; raises `ResultsError` where there is no such folder or no episode in it."""
-    if not folder.is_dir():
-        raise ResultsError(f"no results folder {folder}")
-    skipped: list[str] = []
-
-    def attempt(path: Path, read, otherwise):
-        try:
-            return read()
-        except (ResultsError, OSError) as error:
-            place, said = path.relative_to(folder).as_posix(), str(error)
-            skipped.append(place + said.removeprefix(path.name) if said.startswith(path.name) else f"{place}: {said}")
-            return otherwise
-
-    suite = attempt(folder / "suite.json", lambda: read_suite(folder), {})
-    runs = attempt(folder / "runs.csv", lambda: read_runs(folder), [])
-    names = [condition["name"] for condition in suite.get("conditions", [])]
-    places = [(folder / "evaluation").glob("*"), *((folder / "evaluation" / name).glob("*") for name in names)]
-    episodes, *others = (
-        [
-            row
-            for path in sorted(place)
-            if path.name not in names
-            for row in attempt(path, lambda p=path: _checked(p), [])
-        ]
-        for place in places
-    )
-    training = []
-    for row in runs:
-        path = folder / "runs" / row.run / "episodes.csv"
-        if row.kind == "train" and (path.exists() or row.status == "finished"):
-            log = attempt(path, lambda path=path, row=row: read_training(path, row), None)
-            training.extend([log] if log is not None else [])
-    if not episodes and not runs and len(skipped) == 1 and not (folder / "suite.json").exists():
-        raise ResultsError(
-            f"{folder} holds no results: no suite.json lies in it. Give a folder that `thalweg bench` wrote"
-        )
-    if not episodes:
-        reasons = "".join(f"\n  {line}" for line in skipped)
-        raise ResultsError(f"{folder} holds no evaluated episodes{reasons}")
-    reason = folder / NO_FILM
-    no_film = attempt(reason, lambda: reason.read_text(encoding="utf-8").strip(), "") if reason.exists() else ""
-    beyond = {name: rows for name, rows in zip(names, others, strict=True) if rows}
-    found = Results(folder, suite, runs, episodes, training, skipped, no_film, beyond)
-    by_run = {row.run: place for place, row in enumerate(runs)}
-    by_level = {level: place for place, level in enumerate(found.levels)}
-    for rows in (episodes, *beyond.values()):
-        rows.sort(
-            key=lambda row: (
-                by_run.get(f"{row.algorithm}-{row.seed}", len(by_run)),
-                by_level.get(row.level, len(by_level)),
-            )
-        )
-    return found
-
-
-def _checked(path: Path) -> list[Episode]:
-    """The episodes of a file whose name agrees with what is in it."""
-    if path.suffix != ".csv":
-        raise ResultsError("not a result of an evaluation (half-written, or foreign)")
-    rows = read_episodes(path)
-    if not rows:
-        raise ResultsError(f"{path.name} has no rows")
-    names = {f"{row.algorithm}-{row.seed}-{row.level}" for row in rows}
-    if names != {path.stem}:
-        raise ResultsError(f"{path.name} holds the episodes of {', '.join(sorted(names))}")
-    if [row.episode for row in rows] != list(range(len(rows))):
-        raise ResultsError(f"{path.name} lacks or repeats episodes")
-    return rows

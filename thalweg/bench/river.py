@@ -14,6 +14,7 @@ from thalweg.bench.conditions import MAIN, RIVERS, Trial
 from thalweg.bench.episodes import Episode
 from thalweg.bench.evaluation import Course, EvaluationConfig, Label, Look, Step, evaluate, through_encoder
 from thalweg.bench.files import ResultsError
+from thalweg.bench.film_format import Format
 from thalweg.bench.suites import Arm, Run, Stage, Suite
 from thalweg.cache import file_mark, source_hash
 from thalweg.encoder import DEFAULT_PATH, Encoder
@@ -55,8 +56,10 @@ class Place(Protocol):
         """What the run's policy is called in front of people."""
         ...
 
-    def film(self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None]) -> None:
-        """Film an evaluated episode into `path`."""
+    def film(
+        self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None], *, shape: Format
+    ) -> None:
+        """Film an evaluated episode into `path`, in a format."""
         ...
 
 
@@ -146,7 +149,9 @@ class Rivers:
         algorithm = getattr(getattr(self.policy(run, folder), "about", None), "algorithm", "")
         return f"packaged policy ({algorithm})" if algorithm else "packaged policy"
 
-    def film(self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None]) -> None:
+    def film(
+        self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None], *, shape: Format
+    ) -> None:
         """Fly an evaluated episode again and film it; raises `ResultsError` unless it is the same flight."""
         from thalweg.bench.film import Flight, write_film
 
@@ -158,7 +163,8 @@ class Rivers:
         (look,) = self.looks(trial, [course], policy)
         (again,) = evaluate(policy, course, label, self.config(trial), look=look, on_step=steps.append)
         _require_same(again, episode)
-        write_film(path, course.world, Flight.of(again, steps), self.title(run, folder), on_frame=on_frame)
+        title = self.title(run, folder)
+        write_film(path, course.world, Flight.of(again, steps), title, shape=shape, on_frame=on_frame)
 
 
 def _require_same(again: Episode, row: Episode) -> None:

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from thalweg.bench.episodes import read_episodes
 from thalweg.bench.files import ResultsError
-from thalweg.bench.filming import film_best
+from thalweg.bench.filming import film_flights
 from thalweg.bench.hands import Hands, Here, Work
 from thalweg.bench.report import Report, write_report
 from thalweg.bench.results import RunRow, evaluation_path, read_runs, read_suite, write_runs
@@ -70,7 +70,7 @@ def run_suite(
     for row in (hands or Here()).carry_out(Work(suite, folder, place, console), left):
         rows[row.run] = row
         write_runs(folder, [rows[other.name] for other in suite.runs() if other.name in rows])
-    film_best(suite, folder, place, console)
+    film_flights(suite, folder, place, console)
     report = write_report(folder)
     return Outcome(folder, report, [rows[run.name] for run in asked])
 

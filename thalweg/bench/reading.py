@@ -1,0 +1,126 @@
+"""What can be read of a results folder, and by name what could not?"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from thalweg.bench.episodes import Episode, read_episodes
+from thalweg.bench.files import ResultsError, read_csv
+from thalweg.bench.results import FILMS, KINDS, MAIN_FILM, Film, FilmFiles, Results, RunRow, read_runs, read_suite
+from thalweg.bench.statistics import TrainingLog
+
+Value = TypeVar("Value")
+
+
+def read_training(path: Path, row: RunRow) -> TrainingLog:
+    """The finished episodes of a training run from its `episodes.csv`; raises `ResultsError`."""
+    columns = ("step", "return", "tight", "loose")
+    lines = read_csv(path, columns)
+    try:
+        values = {name: np.array([float(line[name]) for line in lines]) for name in columns}
+    except ValueError as error:
+        raise ResultsError(f"{path.name}: {error}") from error
+    order = np.argsort(values["step"], kind="stable")
+    step, return_, tight, loose = (values[name][order] for name in columns)
+    last = max(row.steps, int(step[-1]) if len(step) else 0)
+    return TrainingLog(row.algorithm, row.seed, step.astype(np.int64), return_, tight, loose, last)
+
+
+def read_results(folder: Path) -> Results:
+    """Everything readable in the folder; raises `ResultsError` where there is no such folder or no episode in it."""
+    if not folder.is_dir():
+        raise ResultsError(f"no results folder {folder}")
+    reader = _Reader(folder)
+    suite = reader.attempt(folder / "suite.json", lambda: read_suite(folder), {})
+    runs = reader.attempt(folder / "runs.csv", lambda: read_runs(folder), [])
+    conditions = [condition["name"] for condition in suite.get("conditions", [])]
+    episodes = reader.episodes(folder / "evaluation", apart=conditions)
+    others = {name: reader.episodes(folder / "evaluation" / name) for name in conditions}
+    training = reader.training(runs)
+    if not episodes and not runs and len(reader.skipped) == 1 and not (folder / "suite.json").exists():
+        raise ResultsError(
+            f"{folder} holds no results: no suite.json lies in it. Give a folder that `thalweg bench` wrote"
+        )
+    if not episodes:
+        reasons = "".join(f"\n  {line}" for line in reader.skipped)
+        raise ResultsError(f"{folder} holds no evaluated episodes{reasons}")
+    beyond = {name: rows for name, rows in others.items() if rows}
+    found = Results(folder, suite, runs, episodes, training, reader.skipped, beyond=beyond)
+    found.films.update(reader.films(found.policies))
+    _put_in_order(found)
+    return found
+
+
+def _put_in_order(found: Results) -> None:
+    """Sort all episodes by run, then by level."""
+    by_run = {row.run: place for place, row in enumerate(found.runs)}
+    by_level = {level: place for place, level in enumerate(found.levels)}
+
+    def place(row: Episode) -> tuple[int, int]:
+        return by_run.get(f"{row.algorithm}-{row.seed}", len(by_run)), by_level.get(row.level, len(by_level))
+
+    for rows in (found.episodes, *found.beyond.values()):
+        rows.sort(key=place)
+
+
+@dataclass(frozen=True)
+class _Reader:
+    """Reads what it can of a folder, and remembers what it could not."""
+
+    folder: Path
+    skipped: list[str] = field(default_factory=list)
+    """As in `Results`."""
+
+    def attempt(self, path: Path, read: Callable[[], Value], otherwise: Value) -> Value:
+        """What `read` gives; `otherwise`, and a line of why, if the file at `path` can't be used."""
+        try:
+            return read()
+        except (ResultsError, OSError) as error:
+            said = str(error.strerror if isinstance(error, OSError) else error)
+            place = path.relative_to(self.folder).as_posix()
+            line = place + said.removeprefix(path.name) if said.startswith(path.name) else f"{place}: {said}"
+            self.skipped.append(line)
+            return otherwise
+
+    def episodes(self, place: Path, apart: Sequence[str] = ()) -> list[Episode]:
+        """The episodes of all files in a folder, but for folders in it named in `apart`."""
+        paths = [path for path in sorted(place.glob("*")) if path.name not in apart]
+        return [row for path in paths for row in self.attempt(path, lambda path=path: _checked(path), [])]
+
+    def training(self, runs: Sequence[RunRow]) -> list[TrainingLog]:
+        """How the training of each run went, as far as it got."""
+        logs = []
+        for row in runs:
+            path = self.folder / "runs" / row.run / "episodes.csv"
+            if row.kind == "train" and (path.exists() or row.status == "finished"):
+                logs.append(self.attempt(path, lambda path=path, row=row: read_training(path, row), None))
+        return [log for log in logs if log is not None]
+
+    def films(self, policies: Sequence[str]) -> dict[str, Film]:
+        """The films that there are or that could not be made, by name: the best flight's, then those of policies."""
+        found = {}
+        for name in (MAIN_FILM, *(f"{FILMS}/{policy}-{kind}" for policy in policies for kind in KINDS)):
+            files = FilmFiles.of(self.folder, name)
+            for path, is_film in ((files.failure, False), (files.caption, True)):
+                if path.exists() and (files.film.exists() or not is_film):
+                    said = self.attempt(path, lambda path=path: path.read_text(encoding="utf-8").strip(), "")
+                    found[name] = Film(files.film, said if is_film else "", "" if is_film else said)
+        return found
+
+
+def _checked(path: Path) -> list[Episode]:
+    """The episodes of a file whose name agrees with what is in it."""
+    if path.suffix != ".csv":
+        raise ResultsError("not a result of an evaluation (half-written, or foreign)")
+    rows = read_episodes(path)
+    if not rows:
+        raise ResultsError(f"{path.name} has no rows")
+    names = {f"{row.algorithm}-{row.seed}-{row.level}" for row in rows}
+    if names != {path.stem}:
+        raise ResultsError(f"{path.name} holds the episodes of {', '.join(sorted(names))}")
+    if [row.episode for row in rows] != list(range(len(rows))):
+        raise ResultsError(f"{path.name} lacks or repeats episodes")
+    return rows

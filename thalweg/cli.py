@@ -1,4 +1,4 @@
-"""What can be typed? `thalweg world | render | encoder | train | evaluate | bench | report | speed`.
+"""What can be typed? `thalweg world | render | encoder | train | evaluate | bench | report | leaderboard | speed`.
 
 Each command is a dataclass: its fields are the options, their docstrings the help, `run` does it. What a command needs
 is imported when it runs, so that `thalweg --help` answers at once.
@@ -18,7 +18,7 @@ import tyro
 from tyro.conf import OmitSubcommandPrefixes, Positional, arg, subcommand
 
 from thalweg.options import POSE, REGISTRY, RiverFile, UsageError, check_file, settings_from
-from thalweg.whole import whole
+from thalweg.whole import whole, write_whole
 
 River = Annotated[RiverFile, arg(name="")]
 """Its options stand among those of the command."""
@@ -383,7 +383,7 @@ class Bench:
     """Train, evaluate and report a whole suite; the same command resumes."""
 
     suite: Positional[str]
-    """`quick`, `easy` or `paper`."""
+    """`quick`, `easy`, `open`, `protocols` or `paper`."""
     out: Path
     """Folder of the results."""
     jobs: int | None = None
@@ -423,6 +423,29 @@ class Report:
 
 
 @dataclass(frozen=True)
+class Leaderboard:
+    """Rank the trained policies of results folders: who meets the limit, then who returns most."""
+
+    results: Positional[tuple[Path, ...]]
+    """Folders that `thalweg bench` wrote."""
+    out: Path | None = None
+    """The page, a .md file, instead of printing it; one that is there is replaced."""
+
+    def run(self) -> int:
+        from thalweg.bench.leaderboard import leaderboard
+
+        if self.out is not None:
+            check_file("--out", self.out, ".md")
+        page = leaderboard(self.results)
+        if self.out is None:
+            print(page)
+        else:
+            write_whole(self.out, page)
+            print(f"{self.out}: the leaderboard")
+        return 0
+
+
+@dataclass(frozen=True)
 class Speed:
     """Measure the speed of each part on this machine."""
 
@@ -454,6 +477,7 @@ COMMANDS = {
     "evaluate": Evaluate,
     "bench": Bench,
     "report": Report,
+    "leaderboard": Leaderboard,
     "speed": Speed,
 }
 

@@ -46,7 +46,7 @@ def results() -> Results:
     runs.append(RunRow("P3O-0", "train", "P3O", 0, 10, "failed", "no"))
     logs = [TrainingLog("PPO", 0, np.arange(10), np.zeros(10), np.full(10, 0.5), np.zeros(10), 1000)]
     beyond = {"mode": flights("PPO", 3, 4.5, 0.0), "real": flights("FOCOPS", 3, 1.0, 0.0, "Cam")}
-    return Results(Path(), SUITE.as_data(), runs, episodes, logs, [], "", beyond)
+    return Results(Path(), SUITE.as_data(), runs, episodes, logs, [], beyond=beyond)
 
 
 def test_limits_are_judged_by_the_cost_of_flights_and_of_training(results: Results):

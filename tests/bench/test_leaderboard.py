@@ -1,0 +1,124 @@
+"""The leaderboard, on results made by hand: who comes first, and what is not ranked."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from thalweg.bench.conditions import Condition, Trial
+from thalweg.bench.episodes import Episode, write_episodes
+from thalweg.bench.files import ResultsError
+from thalweg.bench.leaderboard import entries, leaderboard
+from thalweg.bench.results import RunRow, evaluation_path, write_runs
+from thalweg.bench.suites import Arm, Stage, Suite
+
+ARMS = tuple(Arm(name, steps=1000) for name in ("PPO", "FOCOPS", "P3O"))
+UNSEEN = Condition("unseen", unseen=True)
+SUITE = Suite("small", ARMS, conditions=(UNSEEN,), baselines=(), packaged=False)
+COSTS = {"PPO": (1.0, 0.9, 1.0), "FOCOPS": (0.0, 0.0, 0.0), "P3O": (0.0, 0.1, 0.2)}
+RETURNS = {"PPO": 10.0, "FOCOPS": 5.0, "P3O": 9.0}
+
+
+def flights(policy: str, seed: int, level: str, unseen: bool) -> list[Episode]:
+    start, return_, cost = (0.0, 0.0, 5.0, 0.0), RETURNS[policy] - 2.0 * unseen, COSTS[policy][seed % 3]
+    return [
+        Episode(
+            policy, seed, level, 1 + unseen * number, number, *start, return_, cost, cost, 0.0, 99, "Idle", False, 0.5
+        )
+        for number in range(20)
+    ]
+
+
+def write(folder: Path, suite: Suite = SUITE) -> Path:
+    """Results of a suite whose policies return and cost always the same."""
+    folder.mkdir()
+    (folder / "suite.json").write_text(json.dumps({**suite.as_data(), "made_by": {"source": "0123456789abcdef"}}))
+    rows = []
+    for run in suite.runs():
+        rows.append(RunRow(run.name, run.kind, run.algorithm, run.seed, 1000, "finished"))
+        (folder / "runs" / run.name).mkdir(parents=True)
+        log = "step,return,tight,loose\n10,1.5,0.6,0.0\n20,2.5,0.0,0.0\n"
+        (folder / "runs" / run.name / "episodes.csv").write_text(log)
+        for trial in suite.trials(run):
+            path = evaluation_path(folder, run.name, trial)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_episodes(path, flights(run.algorithm, run.seed, trial.level, trial.condition.unseen))
+    write_runs(folder, rows)
+    return folder
+
+
+def lacks(folder: Path, policy: str = "PPO") -> tuple[str, ...]:
+    (found,) = [entry for entry in entries(folder) if entry.policy == policy]
+    return found.lacks
+
+
+def test_those_that_surely_keep_the_limit_come_first_then_the_greater_return(tmp_path: Path):
+    lines = leaderboard([write(tmp_path / "mine")]).splitlines()
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| ")]
+    header, _, *ranked = rows
+    by = [dict(zip(header, row, strict=True)) for row in ranked]
+    assert [(row[""], row["policy"], row["limit met"]) for row in by] == [
+        ("1", "FOCOPS", "yes"), ("2", "P3O", "unsure"), ("3", "PPO", "no"),
+    ]  # fmt: skip
+    assert by[0] == {
+        "": "1", "policy": "FOCOPS", "results": "mine", "limit met": "yes", "cost": "0.00 [0.00, 0.00]",
+        "return": "5.00 [5.00, 5.00]", "Easy": "5.00 [5.00, 5.00]", "Hard": "5.00 [5.00, 5.00]",
+        "unseen": "3.00 [3.00, 3.00]", "regret": "0.20", "steps": "1,000", "seeds": "3", "code": "01234567",
+    }  # fmt: skip
+    assert by[1]["cost"] == "0.10 [-0.15, 0.35]"  # 0, 0.1, 0.2: 4.303 * 0.1 / sqrt(3) on both sides
+    assert "Not ranked" not in "".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("suite", "words"),
+    [
+        (replace(SUITE, arms=(replace(ARMS[0], seeds=(0, 1)),)), ("3 seeds",)),
+        (replace(SUITE, arms=(replace(ARMS[0], steps=200_001),)), ("no more than 200,000 steps",)),
+        (
+            replace(SUITE, arms=(replace(ARMS[0], before=(Stage("PPO", "Easy", 200_000),)),)),
+            ("no more than 200,000 steps",),
+        ),
+        (replace(SUITE, starts_seed=1), ("flights from the starts of `starts_seed` 0",)),
+        (replace(SUITE, test_levels=("Medium", "Easy"), conditions=()),
+         ("flights on Hard", "flights on Easy, Medium, Hard (unseen)")),
+    ],
+)  # fmt: skip
+def test_what_a_suite_does_not_ask_for_is_lacking(tmp_path: Path, suite: Suite, words: tuple[str, ...]):
+    folder = write(tmp_path / "mine", suite)
+    assert lacks(folder) == words
+    page = leaderboard([folder])
+    assert "No row is complete yet." in page
+    assert f"| {'; '.join(words)} |" in page
+
+
+def test_a_seed_that_did_badly_cannot_be_left_out(tmp_path: Path):
+    folder = write(tmp_path / "mine")
+    assert lacks(folder) == ()
+    evaluation_path(folder, "PPO-1", Trial("Medium")).unlink()
+    assert lacks(folder) == ("flights on Medium",)
+    lines = (folder / "runs.csv").read_text().splitlines(keepends=True)
+    (folder / "runs.csv").write_text("".join(line for line in lines if not line.startswith("PPO-1")))
+    assert lacks(folder) == ("training seed 1", "flights on Medium")
+
+
+def test_fewer_starts_are_lacking(tmp_path: Path):
+    folder = write(tmp_path / "mine")
+    for seed in range(3):
+        path = evaluation_path(folder, f"PPO-{seed}", Trial("Hard", UNSEEN))
+        write_episodes(path, flights("PPO", seed, "Hard", True)[:19])
+    assert lacks(folder) == ("flights on Hard (unseen)",)
+
+
+def test_folders_that_cannot_be_used_are_errors(tmp_path: Path):
+    with pytest.raises(ResultsError, match="at least one folder"):
+        leaderboard([])
+    with pytest.raises(ResultsError, match="no results folder"):
+        leaderboard([tmp_path / "nothing"])
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    with pytest.raises(ResultsError, match="two folders are called 'x'"):
+        leaderboard([write(tmp_path / "a" / "x"), write(tmp_path / "b" / "x")])
+    folder = write(tmp_path / "odd", replace(SUITE, train_level="Cam"))
+    with pytest.raises(ResultsError, match="does not say on which level"):
+        leaderboard([folder])

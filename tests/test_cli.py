@@ -10,7 +10,8 @@ import pytest
 from PIL import Image
 
 from thalweg.bench import evaluation
-from thalweg.cli import COMMANDS, EncoderTrain, _parse, main
+from thalweg.cli import COMMANDS, _parse, main
+from thalweg.commands.learning import EncoderTrain
 from thalweg.options import RiverFile, settings_from
 from thalweg.world import World
 

@@ -18,7 +18,8 @@ ALLOWED["algos"] = {"whole", "kernel"}
 ALLOWED["train"] = {*LAYERS, "cores", "encoder", "algos"}
 ALLOWED["bench"] = {*ALLOWED["train"], "train"}
 ALLOWED["options"] = {"world"}
-ALLOWED["cli"] = {*ALLOWED["bench"], "bench", "options"}
+ALLOWED["commands"] = {*ALLOWED["bench"], "bench", "options"}
+ALLOWED["cli"] = {"commands", "options"}
 ALLOWED["__init__"] = set(LAYERS)
 
 

@@ -1,6 +1,6 @@
 """How are options of the command line read? Numbers as people write them, and the file of a real river with its reach.
 
-What several commands share stands here; `thalweg.cli` has the commands.
+What several commands share stands here; `thalweg.commands` has the commands.
 """
 
 import re
@@ -8,8 +8,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from tyro.conf import arg
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec
 
 MOST_DIGITS = 18
@@ -67,6 +68,11 @@ class RiverFile:
         """The options beside the file itself that are given."""
         values = {field.name: getattr(self, field.name) for field in fields(self)[1:]}
         return {name: value for name, value in values.items() if value is not None}
+
+
+River = Annotated[RiverFile, arg(name="")]
+"""Its options stand among those of the command."""
+NO_FILE = RiverFile()
 
 
 def check_file(option: str, path: Path, *endings: str) -> None:

@@ -2,6 +2,7 @@
 
 import importlib.util
 import math
+import os
 import re
 import shlex
 import subprocess
@@ -80,9 +81,12 @@ def test_each_block_of_python_of_a_page_runs_by_itself(page: Path, tmp_path: Pat
     for shown, run in SMALLER.get(name, {}).items():
         assert shown in text
         text = text.replace(shown, run)
-    (tmp_path / "thalweg").symlink_to(ROOT / "thalweg")
+    (tmp_path / "thalweg").symlink_to(ROOT / "thalweg")  # for files that blocks name; imported it is from its own place
     (tmp_path / "blocks").write_text("\f".join(blocks := python_of(text)))
-    done = subprocess.run([sys.executable, "-c", ALONE], cwd=tmp_path, capture_output=True, text=True, check=False)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", ALONE], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     assert f"block {len(blocks)}\n" in done.stdout
 

@@ -86,6 +86,13 @@ class SmallPlace:
         path.write_bytes(b"film")
 
 
+def write_film_of(folder: Path, name: str = "film") -> None:
+    """What stands for a film, and its caption."""
+    (folder / f"{name}.mp4").parent.mkdir(exist_ok=True)
+    (folder / f"{name}.mp4").write_bytes(b"a film")
+    (folder / f"{name}.txt").write_text(f"What {name} shows.\n")
+
+
 def draw_nothing(patch: pytest.MonkeyPatch) -> None:
     """Let reports have no figures."""
     parts = tuple(part for part in PARTS if not isinstance(part, Picture))

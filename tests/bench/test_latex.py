@@ -40,6 +40,7 @@ def test_a_table_is_a_tabular_with_rules_and_published_rows_in_italics():
     ]
 
 
+@pytest.mark.usefixtures("no_pictures")
 @pytest.mark.parametrize("name", ["table", "details", "runs"])
 def test_every_row_of_a_report_has_as_many_cells_as_its_tabular_has_columns(tiny_results: Path, name: str):
     text = (write_report(tiny_results).folder / f"{name}.tex").read_text()

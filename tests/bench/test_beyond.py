@@ -112,9 +112,7 @@ def test_a_map_marks_where_flights_failed(results: Results):
     shown = [axis for axis in figure.axes if axis.get_visible()]
     assert [axis.get_title() for axis in shown] == ["PPO: 3 of 6 failed", "FOCOPS: 0 of 6 failed"]
     water, *dots = shown[0].collections
-    assert len(water.get_paths()) == len(
-        handmade.ring().river.position_m
-    )  # one piece after each point of a closed river
+    assert len(water.get_paths()) == len(handmade.ring().river.position_m)  # a closed river: a piece after each point
     marks = [np.asarray(found.get_offsets()) for found in dots]
     np.testing.assert_array_equal(np.concatenate(marks), [[10.0, 3.0]] * 3)
     old = [replace(row, end_x=float("nan")) for row in results.episodes]

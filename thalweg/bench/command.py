@@ -18,7 +18,8 @@ from thalweg.bench.reading import read_results
 from thalweg.bench.results import Results
 from thalweg.bench.river import PACKAGED_POLICY
 from thalweg.bench.runner import run_suite
-from thalweg.bench.suites import PACKAGED, suite_named
+from thalweg.bench.suite_files import suite_of
+from thalweg.bench.suites import PACKAGED
 from thalweg.bench.tables import ELSEWHERE, detail_table, paper_table
 from thalweg.train import load_policy
 from thalweg.train.announce import announce
@@ -100,7 +101,7 @@ def _courses(place: str | Reach, request: Request) -> tuple[list[Course], str]:
 def bench_command(name: str, folder: Path, only: tuple[str, ...], hands: Hands) -> int:
     """Run a suite, or some of it; returns 1 if one of its runs failed."""
     console = _console()
-    outcome = run_suite(suite_named(name), folder, console=console, hands=hands, only=only)
+    outcome = run_suite(suite_of(name), folder, console=console, hands=hands, only=only)
     print_tables(console, read_results(folder), detail=False)
     lines = [f"Report: {outcome.report.page}", f"Table:  {outcome.report.table}"]
     if outcome.report.film is not None:

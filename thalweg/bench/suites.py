@@ -170,7 +170,7 @@ SUITES: dict[str, Suite] = {
 def suite_named(name: str) -> Suite:
     """A suite by name; raises `ResultsError` that lists the known ones."""
     if name.lower() not in SUITES:
-        raise ResultsError(f"unknown suite {name!r}; known: {', '.join(SUITES)}")
+        raise ResultsError(f"unknown suite {name!r}; known: {', '.join(SUITES)}, or a file of your own: my.yaml")
     return SUITES[name.lower()]
 
 

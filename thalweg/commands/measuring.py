@@ -71,7 +71,7 @@ class Bench:
     """Train, evaluate and report a whole suite; the same command resumes."""
 
     suite: Positional[str]
-    """`quick`, `easy`, `open`, `protocols` or `paper`."""
+    """`quick`, `easy`, `open`, `protocols` or `paper`; or a YAML file of your own."""
     out: Path
     """Folder of the results."""
     jobs: int | None = None

@@ -3,7 +3,6 @@
 What several commands share stands here; `thalweg.commands` has the commands.
 """
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from decimal import Decimal, InvalidOperation
@@ -110,18 +109,15 @@ def settings_from(given: Sequence[str]) -> dict[str, Any]:
     """`key=value` pairs, the values read as YAML: numbers, words, true and false, lists."""
     import yaml
 
-    class Loader(yaml.SafeLoader):
-        """Takes 1e-4 for a number, as YAML 1.2 does; in YAML 1.1 a number has a point before its exponent."""
+    from thalweg.numbers_in_yaml import load
 
-    decimal = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
-    Loader.add_implicit_resolver("tag:yaml.org,2002:float", decimal, list("-+.0123456789"))
     settings: dict[str, Any] = {}
     for pair in given:
         key, equals, value = pair.partition("=")
         if not equals or not key:
             raise UsageError(f"--set takes key=value, not {pair!r}")
         try:
-            settings[key] = yaml.load(value, Loader)
+            settings[key] = load(value)
         except yaml.YAMLError as error:
             raise UsageError(f"--set {pair!r} cannot be understood: {' '.join(str(error).split())}") from error
     return settings

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import imageio.v2 as imageio
@@ -72,9 +73,9 @@ def test_the_last_step_is_always_shown(steps: int, shown: list[int]):
     assert LARGE.shown(steps) == list(range(steps))
 
 
-@pytest.mark.parametrize("shape", [LARGE, SMALL])
-def test_width_and_height_are_such_as_the_codec_likes(shape: Format):
-    assert all(side % 16 == 0 for side in shape.size_px)
+def test_sides_that_the_codec_does_not_like_are_refused():
+    with pytest.raises(ValueError, match=r"a film of \(440, 256\) pixels"):
+        replace(SMALL, map_px=168)
 
 
 def test_a_flight_of_no_steps_is_no_film(easy_world: World, tmp_path: Path):

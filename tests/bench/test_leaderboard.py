@@ -1,6 +1,7 @@
 """The leaderboard, on results made by hand: who comes first, and what is not ranked."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,12 +10,12 @@ import pytest
 from thalweg.bench.conditions import Condition, Trial
 from thalweg.bench.episodes import Episode, write_episodes
 from thalweg.bench.files import ResultsError
-from thalweg.bench.leaderboard import entries, leaderboard
-from thalweg.bench.results import RunRow, evaluation_path, write_runs
+from thalweg.bench.leaderboard import FILES, UNSEEN, entries, leaderboard
+from thalweg.bench.results import RunRow, evaluation_path, read_runs, write_runs
 from thalweg.bench.suites import Arm, Stage, Suite
+from thalweg.cli import main
 
 ARMS = tuple(Arm(name, steps=1000) for name in ("PPO", "FOCOPS", "P3O"))
-UNSEEN = Condition("unseen", unseen=True)
 SUITE = Suite("small", ARMS, conditions=(UNSEEN,), baselines=(), packaged=False)
 COSTS = {"PPO": (1.0, 0.9, 1.0), "FOCOPS": (0.0, 0.0, 0.0), "P3O": (0.0, 0.1, 0.2)}
 RETURNS = {"PPO": 10.0, "FOCOPS": 5.0, "P3O": 9.0}
@@ -38,6 +39,8 @@ def write(folder: Path, suite: Suite = SUITE) -> Path:
     for run in suite.runs():
         rows.append(RunRow(run.name, run.kind, run.algorithm, run.seed, 1000, "finished"))
         (folder / "runs" / run.name).mkdir(parents=True)
+        for name in FILES:
+            (folder / "runs" / run.name / name).write_text("")
         log = "step,return,tight,loose\n10,1.5,0.6,0.0\n20,2.5,0.0,0.0\n"
         (folder / "runs" / run.name / "episodes.csv").write_text(log)
         for trial in suite.trials(run):
@@ -63,8 +66,9 @@ def test_those_that_surely_keep_the_limit_come_first_then_the_greater_return(tmp
     ]  # fmt: skip
     assert by[0] == {
         "": "1", "policy": "FOCOPS", "results": "mine", "limit met": "yes", "cost": "0.00 [0.00, 0.00]",
-        "return": "5.00 [5.00, 5.00]", "Easy": "5.00 [5.00, 5.00]", "Hard": "5.00 [5.00, 5.00]",
-        "unseen": "3.00 [3.00, 3.00]", "regret": "0.20", "steps": "1,000", "seeds": "3", "code": "01234567",
+        "Medium": "5.00 [5.00, 5.00]", "Easy": "5.00 [5.00, 5.00]", "Hard": "5.00 [5.00, 5.00]",
+        "unseen": "3.00 [3.00, 3.00]", "regret": "0.20", "trained on": "Medium", "steps": "1,000",
+        "seeds": "3", "code": "01234567",
     }  # fmt: skip
     assert by[1]["cost"] == "0.10 [-0.15, 0.35]"  # 0, 0.1, 0.2: 4.303 * 0.1 / sqrt(3) on both sides
     assert "Not ranked" not in "".join(lines)
@@ -119,6 +123,64 @@ def test_folders_that_cannot_be_used_are_errors(tmp_path: Path):
     (tmp_path / "b").mkdir()
     with pytest.raises(ResultsError, match="two folders are called 'x'"):
         leaderboard([write(tmp_path / "a" / "x"), write(tmp_path / "b" / "x")])
-    folder = write(tmp_path / "odd", replace(SUITE, train_level="Cam"))
-    with pytest.raises(ResultsError, match="does not say on which level"):
-        leaderboard([folder])
+
+
+def test_a_condition_that_only_bears_the_name_does_not_count(tmp_path: Path):
+    for number, false in enumerate((Condition("unseen"), replace(UNSEEN, deterministic=True))):
+        folder = write(tmp_path / str(number), replace(SUITE, conditions=(false,)))
+        assert lacks(folder) == ("flights on Easy, Medium, Hard (unseen)",)
+
+
+def test_files_of_a_training_run_must_be_there(tmp_path: Path):
+    folder = write(tmp_path / "mine")
+    (folder / "runs" / "PPO-2" / "policy.safetensors").unlink()
+    assert lacks(folder) == ("policy.safetensors of seed 2",)
+
+
+def test_only_the_first_starts_count(tmp_path: Path):
+    folder = write(tmp_path / "mine")
+    for seed in range(3):
+        path = evaluation_path(folder, f"PPO-{seed}", Trial("Medium"))
+        more = [replace(row, episode=20 + row.episode, return_=0.0) for row in flights("PPO", seed, "Medium", False)]
+        write_episodes(path, [*flights("PPO", seed, "Medium", False), *more])
+    (entry,) = [entry for entry in entries(folder) if entry.policy == "PPO"]
+    assert (str(entry.returns["Medium"]), entry.lacks) == ("10.00 [10.00, 10.00]", ())
+
+
+def test_a_policy_whose_every_run_failed_is_named(tmp_path: Path):
+    folder = write(tmp_path / "mine")
+    for path in folder.glob("evaluation/**/P3O-*.csv"):
+        path.unlink()
+    write_runs(folder, [replace(row, status="failed", error="no") for row in read_runs(folder) if "P3O" in row.run])
+    page = leaderboard([folder])
+    assert "| P3O | mine | unknown | missing | missing |" in page
+    assert "training seed 0; training seed 1; training seed 2; flights on Easy, Medium, Hard" in page
+
+
+def test_policies_of_several_folders_and_levels_are_ranked_by_one_level(tmp_path: Path):
+    easy = replace(SUITE, arms=(replace(ARMS[1], level="Easy", name="FOCOPS-easy"),))
+    COSTS["FOCOPS-easy"], RETURNS["FOCOPS-easy"] = (0.0, 0.0, 0.0), 6.0
+    first, second = write(tmp_path / "first"), write(tmp_path / "second", easy)
+    lines = [line.strip("| ").split(" | ") for line in leaderboard([first, second]).splitlines() if line[:1] == "|"]
+    assert [(line[1], line[2], line[-4]) for line in lines[2:4]] == [
+        ("FOCOPS-easy", "second", "Easy"),
+        ("FOCOPS", "first", "Medium"),
+    ]
+
+
+def test_the_page_in_the_docs_is_what_its_command_writes(monkeypatch: pytest.MonkeyPatch):
+    root = Path(__file__).resolve().parents[2]
+    monkeypatch.chdir(root)
+    said = (root / "docs" / "leaderboard.md").read_text()
+    (command,) = re.findall(r"^thalweg leaderboard (.*)$", said, flags=re.MULTILINE)
+    assert said == leaderboard([Path(folder) for folder in command.split()])
+
+
+def test_the_command_prints_the_page_or_writes_it(tmp_path: Path, capsys: pytest.CaptureFixture):
+    folder, out = str(write(tmp_path / "mine")), tmp_path / "board.md"
+    assert main(["leaderboard", folder]) == 0
+    printed = capsys.readouterr().out
+    assert main(["leaderboard", folder, "--out", str(out)]) == 0
+    assert out.read_text() == printed.removesuffix("\n")
+    assert main(["leaderboard", folder, "--out", str(tmp_path / "board.html")]) == 2
+    assert ".md" in capsys.readouterr().err

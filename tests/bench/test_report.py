@@ -135,8 +135,11 @@ def test_films_of_policies_stand_beside_one_another_with_what_they_show(tiny_res
     _, section = text.split("best flight and typical failure</h2>")
     assert section.split("</section>")[0].count("<video ") == 1
     assert "<figcaption>What films/PPO-best shows.</figcaption>" in section
-    assert "aria-label='Film of a flight: PPO best'" in section
+    assert "aria-label='Film of a flight: PPO, best'" in section
     assert "<li>No film films/hover-best: RuntimeError: no ffmpeg</li>" in text
+    assert "<li>Not used: films/PPO-failure.mp4: there is no films/PPO-failure.txt" in text
+    (tiny_results / "films" / "hover-best-error.txt").write_bytes(b"\xff")
+    assert "Not used: films/hover-best-error.txt is not text" in write_report(tiny_results).page.read_text()
 
 
 def test_a_failed_run_is_named_with_its_error(tiny_results: Path):

@@ -5,9 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from tests.bench.small_place import SUITE, SmallPlace, write_film_of
-from thalweg.bench.figures import failure_bars, training_curves
+from thalweg.bench.conditions import Condition
+from thalweg.bench.figures import arrange, failure_bars, pdf, png, training_curves
 from thalweg.bench.reading import read_results
 from thalweg.bench.report import write_report
 from thalweg.bench.runner import run_suite
@@ -55,3 +57,32 @@ def test_the_suite_of_the_learning_curves_makes_its_report_of_one_level(tmp_path
     assert report.table.read_text().startswith("| policy | Easy return | Easy cost |\n")
     assert "on Easy, start" in (tmp_path / "film.txt").read_text()
     assert report.page.read_text().count("<img ") == 5
+
+
+def test_results_with_every_gap_are_drawn(tmp_path: Path):
+    """Runs that failed, an algorithm that did in all of them, none packaged, conditions, a level without a river."""
+    suite = replace(
+        SUITE,
+        arms=(*SUITE.arms, replace(SUITE.arms[0], algorithm="P3O")),
+        packaged=True,
+        conditions=(Condition("deterministic", deterministic=True), Condition("real", rivers=("Cam",))),
+    )
+    run_suite(suite, tmp_path, SmallPlace(broken=("FOCOPS-1", "P3O-0", "P3O-1", "packaged-0")))
+    path = tmp_path / "evaluation" / "PPO-0-Hard.csv"
+    (path.parent / "PPO-0-Delta.csv").write_text(path.read_text().replace(",Hard,", ",Delta,"))
+    report = write_report(tmp_path)
+    names = {"levels", "curves", "failures", "profiles", "conditions_grid", "map_easy", "map_medium", "map_hard"}
+    assert {path.stem for path in report.folder.glob("*.png")} == names
+    assert len([line for line in report.problems if line.startswith("Run ")]) == 3
+
+
+def test_what_is_arranged_keeps_its_place_in_each_file():
+    figure = Figure(layout="constrained")
+    axis = figure.subplots()
+    axis.set_ylabel("a label\nof three\nlines")
+    arrange(figure)
+    before = axis.get_position().bounds
+    assert before[0] > 0.1
+    png(figure)
+    pdf(figure)
+    assert axis.get_position().bounds == before

@@ -3,7 +3,6 @@ import hashlib
 import json
 import subprocess
 import sys
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,11 +13,12 @@ from tests.bench import small_place
 from tests.bench.small_place import SUITE, SmallPlace
 from thalweg.algos import AlgorithmError
 from thalweg.bench import river, runner
+from thalweg.bench.conditions import Trial
 from thalweg.bench.episodes import WORDS, read_episodes, write_episodes
 from thalweg.bench.files import ResultsError
 from thalweg.bench.filming import best_of_all, shots_of_each
 from thalweg.bench.reading import read_results
-from thalweg.bench.results import read_runs
+from thalweg.bench.results import evaluation_path, read_runs
 from thalweg.bench.river import made_by
 from thalweg.bench.runner import run_suite
 from thalweg.bench.suites import STUDIED, SUITES, Arm, Run, Stage, suite_named
@@ -134,6 +134,9 @@ def test_a_full_disk_stops_the_suite_and_keeps_what_was_finished(tmp_path: Path,
         ({"arms": (Arm("PPO", steps=0),)}, "steps of PPO must be at least 1, not 0"),
         ({"arms": (Arm("PPO", seeds=(1, 1)),)}, "named twice"),
         ({"arms": (Arm("PPO"), Arm("FOCOPS", name="PPO"))}, "named twice"),
+        ({"arms": (Arm("PPO", seeds=(0,)), Arm("PPO", seeds=(1,), settings={"passes": 3}))}, "PPO is named twice"),
+        ({"arms": (Arm("PPO", seeds=(1,), name="hover"),)}, "hover is named twice"),
+        ({"arms": (Arm("PPO", seeds=(1,), name="packaged"),)}, "packaged is named twice"),
         ({"arms": (Arm("PPO", name="my arm"),)}, "an arm is called 'my arm'; letters, digits, - and . will do"),
         ({"arms": (Arm("PPO", seeds=(0, -1)),)}, "seeds must be 0 or more, not -1"),
         ({"arms": (Arm("PPO", settings={"pases": 3}),)}, "PPOConfig has no 'pases' .did you mean 'passes'"),
@@ -254,20 +257,39 @@ def test_a_film_that_fails_leaves_none_of_another_flight(tmp_path: Path):
     assert run_suite(SUITE, tmp_path, SmallPlace(broken=("film",))).report.film is None
 
 
+def fly(folder: Path, run: str, ends: list[tuple[str, float]]) -> None:
+    """Let a run's flights on Medium end so, each with a return."""
+    path = evaluation_path(folder, run, Trial("Medium"))
+    rows = read_episodes(path)
+    flown = zip(rows, ends, strict=True)
+    write_episodes(path, [replace(row, reason=why, success=why == "Success", return_=got) for row, (why, got) in flown])
+
+
 def test_each_policy_is_filmed_at_its_best_and_in_its_typical_failure(tmp_path: Path):
     run_suite(SUITE, tmp_path, SmallPlace())
-    rows = [row for row in read_results(tmp_path).episodes if (row.algorithm, row.level) == ("PPO", "Medium")]
-    counts = Counter(row.reason for row in rows)
-    alike = [row for row in rows if counts[row.reason] == max(counts.values())]
+    fly(tmp_path, "PPO-0", [("Collision", 1.0), ("Idle", 5.0), ("Collision", 6.0)])
+    fly(tmp_path, "PPO-1", [("Collision", 2.0), ("Idle", 4.0), ("Success", 5.5)])
+    run_suite(SUITE, tmp_path, SmallPlace())
     best, failure, *_ = shots_of_each(SUITE, tmp_path)
-    assert (best.name, failure.name) == ("films/PPO-best", "films/PPO-failure")
-    assert best.episode == max(rows, key=lambda row: row.return_)
-    assert failure.episode.reason in {row.reason for row in alike}
-    same = sorted(row.return_ for row in rows if row.reason == failure.episode.reason)
-    assert failure.episode.return_ == same[len(same) // 2]
-    assert (tmp_path / "films" / "PPO-failure.txt").read_text().endswith(
-        f"6 of PPO's 6 flights there failed, {len(same)} of them like this one, whose return is in their middle.\n"
-    )  # fmt: skip
+    assert (best.name, best.run.name, best.episode.return_) == ("films/PPO-best", "PPO-0", 6.0)
+    assert (failure.name, failure.run.name, failure.episode.return_) == ("films/PPO-failure", "PPO-1", 2.0)
+    assert best.why == "The best of PPO's 6 flights there, of which 1 succeeded."
+    assert (tmp_path / "films" / "PPO-failure.txt").read_text() == failure.caption("PPO-1")
+    assert failure.why == "5 of PPO's 6 flights there failed, 3 of them like this one, whose return is in their middle."
+
+
+def test_of_a_policy_that_flew_elsewhere_than_it_was_trained_there_is_no_film(tmp_path: Path):
+    suite = replace(SUITE, arms=(replace(SUITE.arms[0], level="Easy"), SUITE.arms[1]), test_levels=("Medium",))
+    run_suite(suite, tmp_path, SmallPlace())
+    assert {path.stem for path in (tmp_path / "films").glob("*.mp4")} == {"FOCOPS-best", "FOCOPS-failure"}
+
+
+def test_an_evaluation_that_cannot_be_used_stops_neither_films_nor_the_report(tmp_path: Path):
+    run_suite(SUITE, tmp_path, SmallPlace())
+    (tmp_path / "evaluation" / "PPO-0-Medium.csv").write_text("algorithm,see")
+    outcome = run_suite(SUITE, tmp_path, SmallPlace(), only=("FOCOPS",))
+    assert any(line.startswith("Not used: evaluation/PPO-0-Medium.csv") for line in outcome.report.problems)
+    assert "of PPO's 3 flights" in (tmp_path / "films" / "PPO-best.txt").read_text()
 
 
 def test_films_that_show_nothing_of_the_results_any_more_go(tmp_path: Path):
@@ -275,12 +297,12 @@ def test_films_that_show_nothing_of_the_results_any_more_go(tmp_path: Path):
     for run in ("PPO-0", "PPO-1"):
         path = tmp_path / "evaluation" / f"{run}-Medium.csv"
         write_episodes(path, [replace(row, reason="Success", success=True) for row in read_episodes(path)])
-    (tmp_path / "films" / "notes.txt").write_text("mine")
+    (tmp_path / "films" / "PPO-notes.txt").write_text("mine")
     run_suite(SUITE, tmp_path, SmallPlace())
     left = sorted(path.name for path in (tmp_path / "films").iterdir())
     assert left == [
         "FOCOPS-best.mp4", "FOCOPS-best.txt", "FOCOPS-failure.mp4", "FOCOPS-failure.txt",
-        "PPO-best.mp4", "PPO-best.txt", "notes.txt",
+        "PPO-best.mp4", "PPO-best.txt", "PPO-notes.txt",
     ]  # fmt: skip
 
 

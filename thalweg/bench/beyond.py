@@ -13,7 +13,7 @@ import numpy as np
 from thalweg.bench.comparison import change, difference, improvement, shared_tables
 from thalweg.bench.episodes import Episode
 from thalweg.bench.files import csv_text
-from thalweg.bench.inference import Estimate, over_seeds, share, table_of
+from thalweg.bench.inference import Estimate, mean_of, share
 from thalweg.bench.results import Results
 from thalweg.bench.statistics import grouped, regret
 from thalweg.bench.suites import arms_of
@@ -96,10 +96,9 @@ def limits(results: Results) -> Sheet:
         if own is None:
             rows.append([name, "0", *[results.gap(name)] * (len(header) - 2)])
             continue
-        cost = _mean(own, "cost")
-        logs = [log for log in results.training if log.algorithm == name]
+        cost = mean_of(own, "cost")
         runs = [row for row in results.runs if row.algorithm == name and row.status == "finished"]
-        worse = [regret(log, LIMIT) for log in logs]
+        worse = training_regret(results, name)
         rows.append(
             [
                 name,
@@ -107,12 +106,18 @@ def limits(results: Results) -> Sheet:
                 cost,
                 kept(cost),
                 _share(share(own, lambda row: row.cost > 0)),
-                float(np.mean(worse)) if worse else "unknown",
+                "unknown" if worse is None else worse,
                 float(np.mean([row.wall_s for row in runs]) / 60) if runs else "unknown",
                 float(np.mean([row.steps_per_s for row in runs])) if runs else "unknown",
             ]
         )
     return Sheet(header, rows)
+
+
+def training_regret(results: Results, policy: str) -> float | None:
+    """The mean over seeds of what training cost beyond the limit, an episode; None where there is no log of it."""
+    found = [regret(log, LIMIT) for log in results.training if log.algorithm == policy]
+    return float(np.mean(found)) if found else None
 
 
 def kept(cost: Estimate, limit: float = LIMIT) -> str:
@@ -158,8 +163,8 @@ def conditions(results: Results) -> Sheet:
                     name,
                     level,
                     str(len({row.seed for row in own})),
-                    _mean(own, "return_"),
-                    _mean(own, "cost"),
+                    mean_of(own, "return_"),
+                    mean_of(own, "cost"),
                     _share(share(own, lambda row: row.success)),
                     changed(own, main.get((algorithm, level), [])),
                 ]
@@ -174,11 +179,3 @@ def changed(after: Sequence[Episode], before: Sequence[Episode]) -> Estimate | s
         return change(*shared_tables(after, before, "return_"))
     except ValueError:
         return "other starts"
-
-
-def _mean(rows: Sequence[Episode], field: str) -> Estimate:
-    """The mean over episodes; without an interval where a seed did not fly every start."""
-    try:
-        return over_seeds(table_of(rows, field), np.mean)
-    except ValueError:
-        return Estimate(float(np.mean([getattr(row, field) for row in rows])))

@@ -33,12 +33,11 @@ STYLE: Any = {
 }
 
 
-def arrange(figure: Figure) -> Figure:
-    """The figure with everything put in its place for good, which otherwise each file of it takes the time for."""
+def arrange(figure: Figure) -> None:
+    """Put everything of a figure in its place for good, which otherwise takes its time for each file."""
     with matplotlib.rc_context(STYLE):
         figure.draw_without_rendering()
     figure.set_layout_engine("none")
-    return figure
 
 
 def png(figure: Figure) -> bytes:

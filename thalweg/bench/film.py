@@ -3,9 +3,10 @@
 The flight is flown again from its start with the generator it had: the film shows the very episode of the table.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import imageio.v2 as imageio
 import numpy as np
@@ -23,7 +24,6 @@ from thalweg.world.drawing import view
 FRAMES_PER_S = 15
 HOLD_S = 1.5
 """How long the last picture stays."""
-LINES = 4
 INK, PAPER, ACCENT, START = (235, 235, 235), (24, 28, 32), (255, 196, 61), (90, 220, 140)
 
 
@@ -83,15 +83,18 @@ def pictures(
     size if not given."""
     renderer = Renderer([world], camera or Camera(height_px=shape.view_px, width_px=shape.view_px))
     chart = Map(world, shape.map_px)
-    for index in shape.shown(len(flight.poses)):
+    shown = shape.shown(len(flight.poses))
+    said = [(policy, *_said(world, flight, index)) for index in shown]
+    fonts = [_fitting(texts, shape) for texts in zip(*said, strict=True)]
+    for index, lines in zip(shown, said, strict=True):
         now = slice(index, index + 1)
         frame = renderer.render(flight.poses[now], np.zeros(1, dtype=np.int64), flight.time_s[now])[0]
         canvas = Image.new("RGB", shape.size_px, PAPER)
-        view = Image.fromarray(frame[..., :3]).resize((shape.view_px, shape.view_px))
-        canvas.paste(view, (MARGIN_PX, MARGIN_PX))
+        seen = Image.fromarray(frame[..., :3]).resize((shape.view_px, shape.view_px))
+        canvas.paste(seen, (MARGIN_PX, MARGIN_PX))
         _paste_mask(canvas, frame[..., 3], shape)
         canvas.paste(_with_track(chart, flight.poses[: index + 1]), (shape.beside_px, MARGIN_PX))
-        _write(canvas, (policy, *_said(world, flight, index)), shape)
+        _write(canvas, lines, fonts, shape)
         yield np.asarray(canvas)
 
 
@@ -107,20 +110,20 @@ def _said(world: World, flight: Flight, index: int) -> tuple[str, str, str]:
     )
 
 
-def _write(canvas: Image.Image, lines: tuple[str, ...], shape: Format) -> None:
-    """Lines of text below the map."""
+def _write(canvas: Image.Image, lines: Sequence[str], fonts: Sequence[Any], shape: Format) -> None:
+    """Lines of text below the map, each in its font."""
     draw = ImageDraw.Draw(canvas)
     below = MARGIN_PX + shape.map_px + 6
-    pitch = (shape.size_px[1] - below - 4) // LINES
-    for number, line in enumerate(lines):
-        draw.text((shape.beside_px, below + number * pitch), line, INK, _fitting(line, shape))
+    pitch = (shape.size_px[1] - below - 4) // len(lines)
+    for number, (line, font) in enumerate(zip(lines, fonts, strict=True)):
+        draw.text((shape.beside_px, below + number * pitch), line, INK, font)
 
 
-def _fitting(text: str, shape: Format) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """The font in which the text is no wider than the map above it: of the usual size, or as much smaller as it
+def _fitting(texts: Sequence[str], shape: Format) -> Any:
+    """The font in which none of the texts is wider than the map above them: of the usual size, or as much smaller as it
     takes."""
     size = shape.font_px
-    while (font := ImageFont.load_default(size=size)).getlength(text) > shape.map_px and size > 8:
+    while max(map((font := ImageFont.load_default(size=size)).getlength, texts)) > shape.map_px and size > 8:
         size -= 1
     return font
 

@@ -3,21 +3,30 @@
 from dataclasses import dataclass
 
 MARGIN_PX = 16
+BLOCK_PX = 16
+"""Of H.264, which likes sides that are multiples of it."""
 
 
 @dataclass(frozen=True)
 class Format:
-    """How large a film is. Width and height are multiples of 16, as H.264 likes them."""
+    """How large a film is; width and height must be multiples of `BLOCK_PX`."""
 
     view_px: int
+    """Side of the camera's view."""
     map_px: int
+    """Side of the map beside it."""
     inset_px: int
-    """Of the water mask within the view."""
+    """Side of the water mask within the view."""
     font_px: int
+    """Of the lines below the map, unless one is too long."""
     every: int = 1
     """Of so many steps one is shown; the last step always is."""
     crf: int = 25
     """Of H.264: the greater the smaller the file, and the worse the picture."""
+
+    def __post_init__(self) -> None:
+        if any(side % BLOCK_PX for side in self.size_px):
+            raise ValueError(f"a film of {self.size_px} pixels; both must be multiples of {BLOCK_PX}")
 
     @property
     def size_px(self) -> tuple[int, int]:

@@ -5,6 +5,7 @@ A film is made again only when it would show another flight, or another figure i
 
 import errno
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,11 +14,12 @@ from rich.console import Console
 from thalweg.bench.bars import bar, progress_of_frames
 from thalweg.bench.conditions import Trial
 from thalweg.bench.episodes import REASONS, WORDS, Episode, read_episodes
+from thalweg.bench.files import ResultsError
 from thalweg.bench.film_format import LARGE, SMALL
 from thalweg.bench.results import FILMS, KINDS, MAIN_FILM, FilmFiles, evaluation_path
 from thalweg.bench.river import Place
 from thalweg.bench.statistics import summarise
-from thalweg.bench.suites import Arm, Run, Suite
+from thalweg.bench.suites import Run, Suite
 from thalweg.bench.tables import plus_minus
 from thalweg.whole import write_whole
 
@@ -52,9 +54,9 @@ def film_flights(suite: Suite, folder: Path, place: Place, console: Console) -> 
     """
     shots = [shot for shot in (best_of_all(suite, folder), *shots_of_each(suite, folder)) if shot is not None]
     wanted = {path for shot in shots for path in FilmFiles.of(folder, shot.name).paths}
-    for path in (folder / FILMS).glob("*"):
-        if path not in wanted and path.name.startswith(tuple(f"{arm.label}-" for arm in suite.arms)):
-            path.unlink()
+    names = [f"{FILMS}/{arm.label}-{kind}" for arm in suite.arms for kind in KINDS]
+    for path in {path for name in names for path in FilmFiles.of(folder, name).paths} - wanted:
+        path.unlink(missing_ok=True)
     for shot in shots:
         _film(shot, folder, place, console)
 
@@ -79,12 +81,12 @@ def _film(shot: Shot, folder: Path, place: Place, console: Console) -> None:
             raise
         files.film.unlink(missing_ok=True)
         write_whole(files.failure, " ".join(f"{type(error).__name__}: {error}".split()) + "\n")
-        console.print(f"No film: {error}", style="red", highlight=False, markup=False)
+        console.print(f"No film {shot.name}: {error}", style="red", highlight=False, markup=False)
 
 
 def best_of_all(suite: Suite, folder: Path) -> Shot | None:
     """The best flight of the packaged policy where there is one, else of a trained one, on the level of training."""
-    level = _level(suite)
+    level = suite.train_level if suite.train_level in suite.test_levels else suite.test_levels[0]
     for kind in ("packaged", "train", "baseline"):
         flights = _flights([run for run in suite.runs() if run.kind == kind], level, folder)
         if flights:
@@ -101,12 +103,12 @@ def best_of_all(suite: Suite, folder: Path) -> Shot | None:
 
 
 def shots_of_each(suite: Suite, folder: Path) -> list[Shot]:
-    """Of each trained policy that has flown on the level that it was trained on: its best flight and its typical
-    failure, the one of middle return among those that ended for its most frequent reason of failure."""
+    """Of each trained policy that has flown where it was trained: its best flight and its typical failure, the one of
+    middle return among those that ended for its most frequent reason of failure."""
     shots = []
     for arm in suite.arms:
         runs = [run for run in suite.runs() if run.algorithm == arm.label]
-        flights = _flights(runs, _level(suite, arm), folder)
+        flights = _flights(runs, suite.level_of(arm), folder)
         if not flights:
             continue
         count, failed = len(flights), [flight for flight in flights if not flight[1].success]
@@ -116,22 +118,21 @@ def shots_of_each(suite: Suite, folder: Path) -> list[Shot]:
         if failed:
             reason, times = _most_frequent([episode for _, episode in failed])
             alike = [flight for flight in failed if flight[1].reason == reason]
-            middle = sorted(alike, key=lambda flight: flight[1].return_)[len(alike) // 2]
-            why = f"{len(failed)} of {said} failed, {times} of them like this one, whose return is in their middle."
+            middle = sorted(alike, key=lambda flight: flight[1].return_)[(len(alike) - 1) // 2]
+            place = ", whose return is in their middle" if times > 2 else ""
+            why = f"{len(failed)} of {said} failed, {times} of them like this one{place}."
             shots.append(Shot(f"{FILMS}/{arm.label}-{FAILURE}", *middle, why))
     return shots
 
 
-def _level(suite: Suite, arm: Arm | None = None) -> str:
-    """Where flights are filmed: where an arm, or else the suite, was trained if that was flown on."""
-    trained = arm.level if arm is not None and arm.level else suite.train_level
-    return trained if trained in suite.test_levels else suite.test_levels[0]
-
-
 def _flights(runs: list[Run], level: str, folder: Path) -> list[tuple[Run, Episode]]:
-    """All flights of some runs on a level."""
-    paths = {run: evaluation_path(folder, run.name, Trial(level)) for run in runs}
-    return [(run, episode) for run, path in paths.items() if path.exists() for episode in read_episodes(path)]
+    """All flights of some runs on a level; files that can't be used are left out, which the report says of them."""
+    found = []
+    for run in runs:
+        with suppress(ResultsError, OSError):
+            rows = read_episodes(evaluation_path(folder, run.name, Trial(level)))
+            found.extend((run, episode) for episode in rows)
+    return found
 
 
 def _best(flights: list[tuple[Run, Episode]]) -> tuple[Run, Episode]:

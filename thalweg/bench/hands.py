@@ -178,7 +178,7 @@ def attempt(run: Run, work: Work) -> RunRow:
 def _stages(run: Run, suite: Suite) -> list[tuple[int, str]]:
     """How many steps are taken on which level, one stage after the other."""
     arm = suite.arm(run.algorithm)
-    return [*((stage.steps, stage.level) for stage in arm.before), (arm.steps, arm.level or suite.train_level)]
+    return [*((stage.steps, stage.level) for stage in arm.before), (arm.steps, suite.level_of(arm))]
 
 
 def row_of(run: Run, work: Work, error: str) -> RunRow:

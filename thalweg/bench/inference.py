@@ -93,6 +93,14 @@ def middle_return(rows: Sequence[Episode]) -> Estimate:
     return over_seeds(table)
 
 
+def mean_of(rows: Sequence[Episode], field: str) -> Estimate:
+    """The mean over episodes; without an interval where a seed did not fly every start."""
+    try:
+        return over_seeds(table_of(rows, field), np.mean)
+    except ValueError:
+        return Estimate(float(np.mean([getattr(row, field) for row in rows])))
+
+
 def share(rows: Sequence[Episode], holds: Callable[[Episode], bool]) -> Estimate:
     """Of how many episodes something holds, such as a violation.
 

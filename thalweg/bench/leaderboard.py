@@ -3,31 +3,40 @@
 A row is ranked only if it shows what `REQUIRED` asks for; what a row lacks is said beside it.
 """
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-
-from thalweg.bench.beyond import LIMIT, kept
+from thalweg.bench.beyond import LIMIT, kept, training_regret
+from thalweg.bench.conditions import BEYOND
 from thalweg.bench.episodes import Episode
+from thalweg.bench.evaluation import EvaluationConfig
 from thalweg.bench.files import ResultsError
-from thalweg.bench.inference import LEAST_SEEDS, Estimate, middle_return, over_seeds, table_of
+from thalweg.bench.inference import CONFIDENCE, LEAST_SEEDS, Estimate, mean_of, middle_return, table_of
 from thalweg.bench.reading import read_results
 from thalweg.bench.results import Results
-from thalweg.bench.statistics import grouped, regret
+from thalweg.bench.statistics import grouped
 from thalweg.bench.suites import arms_of
 from thalweg.bench.tables import markdown
 from thalweg.world import LEVELS
 
-LEAST_STARTS, MOST_STEPS, STARTS_SEED, UNSEEN = 20, 200_000, 0, "unseen"
+LEVEL = "Medium"
+"""On which all are ranked, as the paper trained there."""
+MOST_STEPS = 200_000
+"""Of training each seed, as in the paper."""
+FLOWN = EvaluationConfig()
+"""How many starts on each level, and which."""
+UNSEEN = next(condition for condition in BEYOND if condition.name == "unseen")
+FILES = ("config.yaml", "episodes.csv", "policy.safetensors")
+"""Of each training run."""
 REQUIRED = (
     f"{LEAST_SEEDS} training seeds or more, all those that its suite names: none is left out because it did badly",
     f"at most {MOST_STEPS:,} steps of training a seed, stages before the last included",
-    f"every seed's flights from the first {LEAST_STARTS} starts of each level (`starts_seed` {STARTS_SEED})",
-    f"as many flights on unseen rivers (the condition `{UNSEEN}`)",
-    "the folder of its results: `suite.json`, `runs.csv`, `evaluation/` and the training runs' `config.yaml`, "
-    "`episodes.csv` and `policy.safetensors`, from which all figures are computed",
+    f"every seed's flights from the first {FLOWN.episodes} starts of {', '.join(LEVELS)} (`starts_seed`"
+    f" {FLOWN.starts_seed}), and as many on unseen rivers of each (the condition `{UNSEEN.name}`)",
+    f"the folder of its results, from which all figures are computed, with {', '.join(FILES)} of each training run",
 )
 """What a row must show to be ranked."""
 
@@ -41,155 +50,150 @@ class Entry:
     """Name of the folder of its results."""
     code: str
     """Mark of the sources that made them."""
+    level: str
+    """That it was trained on."""
     steps: int
     """Of training, each seed."""
     seeds: int
-    level: str
-    """That it is ranked by."""
-    cost: Estimate
-    """Mean, on that level."""
+    cost: Estimate | None
+    """Mean on `LEVEL`; None where it has not flown there."""
     returns: dict[str, Estimate]
-    """Interquartile mean on each level it flew on, and on unseen rivers of the one it is ranked by."""
-    regret: float
-    """Mean over seeds, in training."""
+    """Interquartile mean on each level it flew on, and on unseen rivers of `LEVEL`."""
+    regret: float | None
+    """Mean over seeds, in training; None where that is not known."""
     lacks: tuple[str, ...]
     """What it does not show of what is required."""
 
     @property
     def limit(self) -> str:
         """Whether the limit is met, in words of `kept`."""
-        return kept(self.cost)
+        return "unknown" if self.cost is None else kept(self.cost)
 
     @property
     def rank(self) -> tuple[int, float]:
         """By which rows are sorted: those first that surely met the limit, then by return."""
-        return {"yes": 0, "unsure": 1, "below, unsure": 1}.get(self.limit, 2), -self.returns[self.level].value
+        place = {"yes": 0, "no": 2, "unknown": 3}.get(self.limit, 1)
+        return place, -self.returns[LEVEL].value if LEVEL in self.returns else 0.0
 
 
 def entries(folder: Path) -> list[Entry]:
-    """The trained policies of a results folder that have flown on the level of training; raises `ResultsError`."""
+    """The trained policies of a results folder; raises `ResultsError` where it holds no results."""
     results = read_results(folder)
-    level = results.suite.get("train_level", "")
-    if level not in LEVELS:
-        raise ResultsError(f"{folder} does not say on which level its policies were trained")
-    flown, unseen = grouped(results.episodes), grouped(results.beyond.get(UNSEEN, []))
+    flown, unseen = (_first(rows) for rows in (results.episodes, results.beyond.get(UNSEEN.name, [])))
     found = []
     for arm in arms_of(results.suite):
         own = {place: flown[arm["name"], place] for place in LEVELS if (arm["name"], place) in flown}
-        if level not in own:
-            continue
         elsewhere = {place: unseen[arm["name"], place] for place in LEVELS if (arm["name"], place) in unseen}
-        steps = sum(stage["steps"] for stage in (*arm.get("before", ()), arm))
         returns = {place: middle_return(rows) for place, rows in own.items()}
-        if level in elsewhere:
-            returns[UNSEEN] = middle_return(elsewhere[level])
+        if LEVEL in elsewhere:
+            returns[UNSEEN.name] = middle_return(elsewhere[LEVEL])
         found.append(
             Entry(
                 arm["name"],
                 folder.resolve().name,
                 str((results.suite.get("made_by") or {}).get("source") or "unknown")[:8],
-                steps,
-                len({row.seed for row in own[level]}),
-                level,
-                _mean_cost(own[level]),
+                arm.get("level") or results.suite.get("train_level", "unknown"),
+                _steps(arm),
+                len({row.seed for row in own.get(LEVEL, [])}),
+                mean_of(own[LEVEL], "cost") if LEVEL in own else None,
                 returns,
-                _regret(results, arm["name"]),
-                tuple(_lacking(results, arm, steps, own, elsewhere)),
+                training_regret(results, arm["name"]),
+                tuple(_lacking(results, arm, own, elsewhere)),
             )
         )
     return found
 
 
-def _mean_cost(rows: Sequence[Episode]) -> Estimate:
-    """The mean cost; without an interval where a seed did not fly every start."""
-    try:
-        return over_seeds(table_of(rows, "cost"), np.mean)
-    except ValueError:
-        return Estimate(float(np.mean([row.cost for row in rows])))
+def _first(rows: Sequence[Episode]) -> dict[tuple[str, str], list[Episode]]:
+    """The flights of each policy and level from as many starts as count."""
+    return grouped([row for row in rows if row.episode < FLOWN.episodes])
 
 
-def _regret(results: Results, policy: str) -> float:
-    """The mean over seeds of what training cost beyond the limit; NaN where no log of it is there."""
-    found = [regret(log, LIMIT) for log in results.training if log.algorithm == policy]
-    return float(np.mean(found)) if found else float("nan")
+def _steps(arm: dict[str, Any]) -> int:
+    """Of training with each seed, all stages together."""
+    return sum(stage["steps"] for stage in (*arm.get("before", ()), arm))
 
 
 def _lacking(
-    results: Results,
-    arm: dict,
-    steps: int,
-    own: dict[str, list[Episode]],
-    elsewhere: dict[str, list[Episode]],
+    results: Results, arm: dict[str, Any], own: dict[str, list[Episode]], elsewhere: dict[str, list[Episode]]
 ) -> list[str]:
     """What an arm does not show of `REQUIRED`, a few words each."""
     lacks, planned = [], arm["seeds"]
     if len(planned) < LEAST_SEEDS:
         lacks.append(f"{LEAST_SEEDS} seeds")
-    if steps > MOST_STEPS:
+    if _steps(arm) > MOST_STEPS:
         lacks.append(f"no more than {MOST_STEPS:,} steps")
-    if results.suite.get("starts_seed") != STARTS_SEED:
-        lacks.append(f"flights from the starts of `starts_seed` {STARTS_SEED}")
-    lacks += [f"training seed {seed}" for seed in planned if not _trained(results, arm["name"], seed)]
+    if results.suite.get("starts_seed") != FLOWN.starts_seed:
+        lacks.append(f"flights from the starts of `starts_seed` {FLOWN.starts_seed}")
+    for seed in planned:
+        home = results.folder / "runs" / f"{arm['name']}-{seed}"
+        finished = any(row.run == home.name and row.status == "finished" for row in results.runs)
+        missing = [name for name in FILES if not (home / name).exists()]
+        lacks += [f"training seed {seed}"] if not finished else [f"{name} of seed {seed}" for name in missing]
+    if UNSEEN.as_data() not in results.suite.get("conditions", []):
+        elsewhere = {}
     for rows, where in ((own, ""), (elsewhere, " (unseen)")):
         short = [level for level in LEVELS if not _complete(rows.get(level, []), planned)]
-        if short:
-            lacks.append(f"flights on {', '.join(short)}{where}")
+        lacks += [f"flights on {', '.join(short)}{where}"] if short else []
     return lacks
 
 
-def _trained(results: Results, policy: str, seed: int) -> bool:
-    return any(
-        (row.algorithm, row.seed, row.status, row.kind) == (policy, seed, "finished", "train") for row in results.runs
-    )
-
-
 def _complete(rows: Sequence[Episode], seeds: Sequence[int]) -> bool:
-    """Whether each seed flew enough starts, the same as the others."""
+    """Whether each seed flew every start."""
     try:
-        table = table_of(rows) if rows else np.zeros((0, 0))
+        return {row.seed for row in rows} == set(seeds) and len(table_of(rows)) == FLOWN.episodes
     except ValueError:
         return False
-    return {row.seed for row in rows} == set(seeds) and len(table) >= LEAST_STARTS
 
 
 def leaderboard(folders: Sequence[Path]) -> str:
-    """The page of some results folders in Markdown; raises `ResultsError` where there is none, for one that can't
-    be used, and where two have the same name."""
+    """The page of some results folders in Markdown; raises `ResultsError` where there is none, for one that can't be
+    used, and where two have the same name."""
     if not folders:
         raise ResultsError("give at least one folder that `thalweg bench` wrote")
     names = [folder.resolve().name for folder in folders]
     for name in names:
         if names.count(name) > 1:
             raise ResultsError(f"two folders are called {name!r}; a row is told by its policy and its folder's name")
-    found = [entry for folder in folders for entry in entries(folder)]
-    ranked = sorted((entry for entry in found if not entry.lacks), key=lambda entry: entry.rank)
-    others = sorted((entry for entry in found if entry.lacks), key=lambda entry: entry.rank)
-    header = [
-        "", "policy", "results", "limit met", "cost", "return", "Easy", "Hard", "unseen", "regret", "steps", "seeds",
-        "code",
-    ]  # fmt: skip
-    board = markdown(header, [[str(place), *_cells(entry)] for place, entry in enumerate(ranked, start=1)])
-    rest = markdown([*header[1:], "lacks"], [[*_cells(entry), "; ".join(entry.lacks)] for entry in others])
+    found = sorted((entry for folder in folders for entry in entries(folder)), key=lambda entry: entry.rank)
+    ranked = [[str(place), *_cells(entry)] for place, entry in enumerate((e for e in found if not e.lacks), start=1)]
+    others = [[*_cells(entry), "; ".join(entry.lacks)] for entry in found if entry.lacks]
     required = "\n".join(f"- {line};" for line in REQUIRED).removesuffix(";") + "."
-    parts = [HEAD.format(limit=LIMIT), board if ranked else "No row is complete yet.\n", f"A row shows\n\n{required}\n"]
-    parts += [f"## Not ranked\n\nWhat these lack stands in the last column.\n\n{rest}"] if others else []
+    command = shlex.join(["thalweg", "leaderboard", *map(str, folders)])
+    parts = [
+        HEAD,
+        f"```sh\n{command}\n```\n",
+        markdown(["", *COLUMNS], ranked) if ranked else "No row is complete yet.\n",
+    ]
+    parts += [f"A row shows\n\n{required}\n"]
+    parts += [f"## Not ranked\n\nWhat these lack stands in the last column.\n\n{_rest(others)}"] if others else []
     return "\n".join(parts)
 
 
-HEAD = """# Leaderboard
+HEAD = f"""# Leaderboard
 
-Made from results folders by `thalweg leaderboard`, and from nothing else. First come policies whose mean cost an
-episode is within {limit} as far as the whole interval tells (*yes*), then those of which that is *unsure*, then the
-others; among each, the greater return on the level of training leads. Return: interquartile mean, of at most 10, on the
-level of training, on Easy, on Hard, and on unseen rivers of the level of training; in brackets intervals of 95 % over
-training seeds. Regret: what training cost beyond the limit, an episode. Code: a mark of the sources that made the row;
+Made by the command below from results folders, and from nothing else. First come policies whose mean cost an
+episode on {LEVEL} is within {LIMIT} as far as the whole interval tells (*yes*), then those of which that is *unsure*,
+then the others; among each, the greater return on {LEVEL} leads. Returns are interquartile means, of at most 10; in
+brackets stand intervals of {CONFIDENCE:.0%} over training seeds. *Unseen*: rivers of {LEVEL} on which nothing is
+trained. *Regret*: what training cost beyond the limit, an episode. *Code*: a mark of the sources that made the row;
 worlds and pictures of different code may differ.
 """
+COLUMNS = (
+    "policy", "results", "limit met", "cost", LEVEL, *(level for level in LEVELS if level != LEVEL), "unseen", "regret",
+    "trained on", "steps", "seeds", "code",
+)  # fmt: skip
+
+
+def _rest(others: list[list[str]]) -> str:
+    return markdown([*COLUMNS, "lacks"], others)
 
 
 def _cells(entry: Entry) -> list[str]:
     """A row, from the policy's name on."""
-    at = [str(entry.returns.get(place, "—")) for place in (entry.level, "Easy", "Hard", UNSEEN)]
-    worse = "unknown" if np.isnan(entry.regret) else f"{entry.regret:.2f}"
-    rest = [worse, f"{entry.steps:,}", str(entry.seeds), entry.code]
-    return [entry.policy, entry.source, entry.limit, str(entry.cost), *at, *rest]
+    places = (LEVEL, *(level for level in LEVELS if level != LEVEL), UNSEEN.name)
+    returns = [str(entry.returns.get(place, "missing")) for place in places]
+    cost = "missing" if entry.cost is None else str(entry.cost)
+    regret = "unknown" if entry.regret is None else f"{entry.regret:.2f}"
+    rest = [regret, entry.level, f"{entry.steps:,}", str(entry.seeds), entry.code]
+    return [entry.policy, entry.source, entry.limit, cost, *returns, *rest]

@@ -11,7 +11,7 @@ from pathlib import Path
 from string import Template
 
 from thalweg.bench.parts import PARTS, Films, Picture, Table
-from thalweg.bench.results import MAIN_FILM, Film, Results
+from thalweg.bench.results import Results
 from thalweg.bench.suites import arms_of
 from thalweg.bench.tables import Grid, is_published, number_columns
 
@@ -71,8 +71,8 @@ def _section(part: Table | Picture | Films, results: Results, grids: dict[str, G
     elif isinstance(part, Picture):
         body = _picture(files.get(f"{part.name}.png"), part.words(results))
     else:
-        films = [(name, film) for name, film in results.films.items() if part.names(name) and not film.error]
-        body = _films([_film(name, film) for name, film in films])
+        films = [(name, film) for name, film in results.films.items() if part.names(name)]
+        body = _films([_film(name, film.path, film.words) for name, film in films if film.path is not None])
     if not body and not part.otherwise:
         return ""
     body = body or f"<p>{html.escape(part.otherwise)}</p>"
@@ -107,11 +107,12 @@ def _films(figures: list[str]) -> str:
     return figures[0] if len(figures) == 1 else f"<div class='films'>{''.join(figures)}</div>" if figures else ""
 
 
-def _film(name: str, film: Film) -> str:
+def _film(name: str, path: Path, caption: str) -> str:
     """A film that is played when it is asked for, and under it what it shows."""
-    data = base64.b64encode(film.path.read_bytes()).decode()
-    words = "Film of a flight" if name == MAIN_FILM else f"Film of a flight: {name.split('/')[-1].replace('-', ' ')}"
+    data = base64.b64encode(path.read_bytes()).decode()
+    policy, _, kind = name.rpartition("/")[2].rpartition("-")
+    words = "Film of a flight" + (f": {policy}, {kind}" if policy else "")
     return (
         f"<figure><video controls muted loop playsinline src='data:video/mp4;base64,{data}'"
-        f" aria-label='{html.escape(words)}'></video><figcaption>{html.escape(film.caption)}</figcaption></figure>"
+        f" aria-label='{html.escape(words)}'></video><figcaption>{html.escape(caption)}</figcaption></figure>"
     )

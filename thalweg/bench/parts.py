@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 
 from thalweg.bench import beyond, figures, figures_beyond, maps, tables
+from thalweg.bench.film_format import SMALL
 from thalweg.bench.published import SOURCE
-from thalweg.bench.results import MAIN_FILM, Results
+from thalweg.bench.results import MAIN_FILE, MAIN_FILM, Results
 from thalweg.world import LEVELS
 
 
@@ -95,7 +96,7 @@ PARTS: tuple[Table | Picture | Films, ...] = (
         lambda results: f"The rivers from straight above: {', '.join(results.levels)}.",
         otherwise="",
     ),
-    Films("A flight", lambda name: name == MAIN_FILM, files=(f"{MAIN_FILM}.mp4",)),
+    Films("A flight", lambda name: name == MAIN_FILM, files=(MAIN_FILE,)),
     Picture(
         "curves",
         "Training",
@@ -159,7 +160,7 @@ PARTS: tuple[Table | Picture | Films, ...] = (
     Films(
         "Each policy's best flight and typical failure",
         lambda name: name != MAIN_FILM,
-        "On the level that it was trained on; every third step is shown.",
+        f"On the level that it was trained on, one step in {SMALL.every}.",
         otherwise="",
     ),
     Picture(

@@ -1,7 +1,7 @@
 """What can be read of a results folder, and by name what could not?"""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -49,9 +49,8 @@ def read_results(folder: Path) -> Results:
         raise ResultsError(f"{folder} holds no evaluated episodes{reasons}")
     beyond = {name: rows for name, rows in others.items() if rows}
     found = Results(folder, suite, runs, episodes, training, reader.skipped, beyond=beyond)
-    found.films.update(reader.films(found.policies))
     _put_in_order(found)
-    return found
+    return replace(found, films=reader.films(found.policies))
 
 
 def _put_in_order(found: Results) -> None:
@@ -99,15 +98,28 @@ class _Reader:
                 logs.append(self.attempt(path, lambda path=path, row=row: read_training(path, row), None))
         return [log for log in logs if log is not None]
 
+    def words(self, path: Path) -> str:
+        """A file of one line."""
+
+        def read() -> str:
+            try:
+                return path.read_text(encoding="utf-8").strip()
+            except UnicodeDecodeError as error:
+                raise ResultsError(f"{path.name} is not text: {error}") from error
+
+        return self.attempt(path, read, "")
+
     def films(self, policies: Sequence[str]) -> dict[str, Film]:
         """The films that there are or that could not be made, by name: the best flight's, then those of policies."""
         found = {}
         for name in (MAIN_FILM, *(f"{FILMS}/{policy}-{kind}" for policy in policies for kind in KINDS)):
             files = FilmFiles.of(self.folder, name)
-            for path, is_film in ((files.failure, False), (files.caption, True)):
-                if path.exists() and (files.film.exists() or not is_film):
-                    said = self.attempt(path, lambda path=path: path.read_text(encoding="utf-8").strip(), "")
-                    found[name] = Film(files.film, said if is_film else "", "" if is_film else said)
+            if files.film.exists() and files.caption.exists():
+                found[name] = Film(files.film, self.words(files.caption))
+            elif files.failure.exists():
+                found[name] = Film(None, self.words(files.failure))
+            elif files.film.exists():
+                self.skipped.append(f"{name}.mp4: there is no {name}.txt that says what it shows")
         return found
 
 

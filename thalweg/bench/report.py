@@ -13,7 +13,7 @@ from thalweg.bench.latex import latex
 from thalweg.bench.page import page
 from thalweg.bench.parts import PARTS, Picture, Table
 from thalweg.bench.reading import read_results
-from thalweg.bench.results import MAIN_FILM, Results
+from thalweg.bench.results import MAIN_FILE, MAIN_FILM, Results
 from thalweg.bench.tables import markdown
 from thalweg.whole import write_whole
 
@@ -50,7 +50,7 @@ def write_report(folder: Path, out: Path | None = None) -> Report:
     for name in NAMES:
         if name not in files:
             (out / name).unlink(missing_ok=True)
-    film = out / f"{MAIN_FILM}.mp4" if f"{MAIN_FILM}.mp4" in files else None
+    film = out / MAIN_FILE if MAIN_FILE in files else None
     return Report(out, out / PAGE, out / "table.md", film, tuple(problems(results)))
 
 
@@ -82,8 +82,8 @@ def _files(results: Results) -> dict[str, bytes]:
         elif isinstance(part, Picture) and (figure := part.draw(results)) is not None:
             arrange(figure)
             files.update(zip(part.files, (png(figure), pdf(figure)), strict=True))
-    if MAIN_FILM in results.films and not results.films[MAIN_FILM].error:
-        files[f"{MAIN_FILM}.mp4"] = results.films[MAIN_FILM].path.read_bytes()
+    if (film := results.films.get(MAIN_FILM)) is not None and film.path is not None:
+        files[MAIN_FILE] = film.path.read_bytes()
     files[PAGE] = page(results, grids, files, problems(results)).encode()
     return files
 
@@ -92,7 +92,7 @@ def problems(results: Results) -> list[str]:
     """What failed, is missing or was not used, a line each."""
     lines = [f"Run {row.run} {row.status}: {row.error}" for row in results.runs if row.status != "finished"]
     for name, film in results.films.items():
-        lines += [f"No film{'' if name == MAIN_FILM else f' {name}'}: {film.error}"] if film.error else []
+        lines += [f"No film{'' if name == MAIN_FILM else f' {name}'}: {film.words}"] if film.path is None else []
     lines += [f"Not used: {line}" for line in results.skipped]
     planned = results.planned_flights
     if missing := len(planned - results.flights):

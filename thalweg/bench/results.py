@@ -25,6 +25,7 @@ from thalweg.whole import write_whole
 RUN_COLUMNS = ("run", "kind", "algorithm", "seed", "steps", "status", "error", "wall_s", "steps_per_s")
 MAIN_FILM, FILMS = "film", "films"
 """Name of the film of the best flight, and folder of each policy's."""
+MAIN_FILE = f"{MAIN_FILM}.mp4"
 KINDS = ("best", "failure")
 """What the films of a policy show, as their names end."""
 
@@ -53,10 +54,10 @@ class FilmFiles:
 class Film:
     """A film of a results folder, or why there is none."""
 
-    path: Path
-    caption: str
-    error: str = ""
-    """Empty where there is a film."""
+    path: Path | None
+    """None where there is no film."""
+    words: str
+    """What it shows; why there is none."""
 
 
 @dataclass(frozen=True)

@@ -95,7 +95,7 @@ class Rivers:
             place = folder / STAGES / str(number)
             self._train(stage, stage.level, run.seed, place, before)
             before = place
-        self._train(arm, arm.level or self.suite.train_level, run.seed, folder, before)
+        self._train(arm, self.suite.level_of(arm), run.seed, folder, before)
 
     def _train(self, what: Stage | Arm, level: str, seed: int, folder: Path, begin_with: Path | None) -> None:
         TrainingGround(level, self.suite.num_envs).train(

@@ -89,12 +89,17 @@ def chosen(suite: Suite, only: tuple[str, ...]) -> list[Run]:
 
 
 def _check(suite: Suite) -> None:
+    from thalweg.algos.errors import AlgorithmError
     from thalweg.algos.registry import ALGORITHMS
     from thalweg.world import LEVELS
 
     check(suite, tuple(ALGORITHMS), tuple(LEVELS))
-    for each in [trained for arm in suite.arms for trained in (*arm.before, arm)]:
-        ALGORITHMS[each.algorithm].configure(dict(each.settings), each.preset, suite.num_envs)
+    for arm in suite.arms:
+        for each in (*arm.before, arm):
+            try:
+                ALGORITHMS[each.algorithm].configure(dict(each.settings), each.preset, suite.num_envs)
+            except AlgorithmError as error:
+                raise AlgorithmError(f"suite {suite.name}, {arm.label}: {error}") from error
 
 
 def claim(folder: Path, suite: Suite) -> None:

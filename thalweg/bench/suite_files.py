@@ -1,12 +1,6 @@
 """How does a suite of one's own come from a file? YAML with the fields of `Suite`, each checked before anything runs.
 
-```yaml
-arms:
-  - {algorithm: FOCOPS, seeds: [0, 1, 2], steps: 50000}
-  - {algorithm: FOCOPS, settings: {cost_limit: 0.05}, name: FOCOPS-strict}
-test_levels: [Easy, Medium]
-conditions: [unseen, real]
-```
+`docs/bench.md` shows one.
 """
 
 import dataclasses
@@ -21,6 +15,7 @@ import yaml
 from thalweg.bench.conditions import BEYOND, Condition
 from thalweg.bench.files import ResultsError
 from thalweg.bench.suites import Suite, suite_named
+from thalweg.numbers_in_yaml import load
 
 ENDINGS = (".yaml", ".yml")
 
@@ -31,7 +26,7 @@ def suite_of(name: str) -> Suite:
         return suite_named(name)
     path = Path(name)
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+        data = load(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ResultsError(f"{path} can't be read: {error.strerror}") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -68,7 +63,11 @@ def _value(kind: Any, value: Any, where: str) -> Any:
         return tuple(_value(typing.get_args(kind)[0], each, f"{where}[{place}]") for place, each in enumerate(value))
     if dataclasses.is_dataclass(kind):
         return _made(typing.cast(type, kind), value, where)
+    if kind is int and isinstance(value, float) and value.is_integer():
+        return int(value)
     plain = Mapping if typing.get_origin(kind) is not None else kind
+    if plain is Mapping and isinstance(value, Mapping) and (odd := [key for key in value if not isinstance(key, str)]):
+        raise ResultsError(f"{where}: a key must be a word, got {odd[0]!r}")
     if not isinstance(value, plain) or (isinstance(value, bool) and plain is int):
         raise ResultsError(f"{where} must be {_NAMES.get(plain, plain.__name__)}, got {value!r}")
     return value

@@ -107,6 +107,10 @@ class Suite:
         """The arm of a label."""
         return next(arm for arm in self.arms if arm.label == label)
 
+    def level_of(self, arm: Arm) -> str:
+        """Where an arm is trained, in its last stage."""
+        return arm.level or self.train_level
+
     def as_data(self) -> dict[str, Any]:
         """The suite as plain data for JSON (lists instead of tuples)."""
         data = {key: list(value) if isinstance(value, tuple) else value for key, value in vars(self).items()}
@@ -211,7 +215,12 @@ def check(suite: Suite, algorithms: tuple[str, ...], levels: tuple[str, ...]) ->
         if seed < 0:
             raise ResultsError(f"suite {suite.name}: {what} must be 0 or more, not {seed}")
     check_conditions(suite.conditions, levels)
-    if len({run.name for run in suite.runs()}) != len(suite.runs()):
-        raise ResultsError(f"suite {suite.name}: an arm, baseline or seed is named twice")
+    labels = [*(arm.label for arm in suite.arms), *suite.baselines, PACKAGED]
+    for label in labels:
+        if labels.count(label) > 1:
+            raise ResultsError(f"suite {suite.name}: {label} is named twice; give one of them a name of its own")
+    for arm in suite.arms:
+        if len(set(arm.seeds)) != len(arm.seeds):
+            raise ResultsError(f"suite {suite.name}: a seed of {arm.label} is named twice: {arm.seeds}")
     if not suite.runs() or not suite.test_levels:
         raise ResultsError(f"suite {suite.name} has nothing to do")

@@ -160,11 +160,6 @@ def cells(algorithms: Collection[str] = tuple(ROWS), problems: Collection[str] =
             yield from (Cell(algorithm, place, problem) for place in row.places)
 
 
-def ci_cells() -> list[Cell]:
-    """Each algorithm in its native space."""
-    return [Cell(name, row.places[0], problem) for name, row in ROWS.items() for problem in row.in_ci]
-
-
 def reference(cell: Cell) -> Outcome:
     """What the cell is held against."""
     return _reference(cell.problem, cell.row.against, cell.limit, cell.horizon)

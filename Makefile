@@ -47,9 +47,10 @@ $(CLUSTER): $(READY) requirements-cluster.lock
 demo: $(READY)
 	$(BIN)/thalweg bench quick --jobs 1 --out $(OUT)/quick
 
-# Two at a time, a file with one of them; PyTorch's threads would get into one another's way.
+# Two at a time, a file with one of them, in their order: xdist would leave files of few tests, the longest, for the end.
+# PyTorch's threads would get into one another's way.
 test: $(READY) $(CUDA) $(CLUSTER)
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 lint: $(READY)
 	$(BIN)/ruff format --check .

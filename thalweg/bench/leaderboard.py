@@ -77,13 +77,16 @@ class Entry:
 
 
 def entries(folder: Path) -> list[Entry]:
-    """The trained policies of a results folder; raises `ResultsError` where it holds no results."""
+    """The trained policies of a results folder that have begun; raises `ResultsError` where it holds no results."""
     results = read_results(folder)
     flown, unseen = (_first(rows) for rows in (results.episodes, results.beyond.get(UNSEEN.name, [])))
     found = []
     for arm in arms_of(results.suite):
         own = {place: flown[arm["name"], place] for place in LEVELS if (arm["name"], place) in flown}
         elsewhere = {place: unseen[arm["name"], place] for place in LEVELS if (arm["name"], place) in unseen}
+        begun = any(row.algorithm == arm["name"] for row in results.runs)
+        if not own and not begun:
+            continue
         returns = {place: middle_return(rows) for place, rows in own.items()}
         if LEVEL in elsewhere:
             returns[UNSEEN.name] = middle_return(elsewhere[LEVEL])
@@ -94,7 +97,7 @@ def entries(folder: Path) -> list[Entry]:
                 str((results.suite.get("made_by") or {}).get("source") or "unknown")[:8],
                 arm.get("level") or results.suite.get("train_level", "unknown"),
                 _steps(arm),
-                len({row.seed for row in own.get(LEVEL, [])}),
+                sum(row.algorithm == arm["name"] and row.status == "finished" for row in results.runs),
                 mean_of(own[LEVEL], "cost") if LEVEL in own else None,
                 returns,
                 training_regret(results, arm["name"]),
@@ -172,12 +175,14 @@ def leaderboard(folders: Sequence[Path]) -> str:
 
 HEAD = f"""# Leaderboard
 
-Made by the command below from results folders, and from nothing else. First come policies whose mean cost an
-episode on {LEVEL} is within {LIMIT} as far as the whole interval tells (*yes*), then those of which that is *unsure*,
-then the others; among each, the greater return on {LEVEL} leads. Returns are interquartile means, of at most 10; in
-brackets stand intervals of {CONFIDENCE:.0%} over training seeds. *Unseen*: rivers of {LEVEL} on which nothing is
-trained. *Regret*: what training cost beyond the limit, an episode. *Code*: a mark of the sources that made the row;
-worlds and pictures of different code may differ.
+Made by the command below from results folders, and from nothing else. First come policies whose mean cost an episode on
+{LEVEL} is within {LIMIT} as far as the whole interval tells (*yes*), then those of which that is *unsure*, then the
+others; among each, the greater return on {LEVEL} leads. Returns are interquartile means, of at most 10; in brackets
+stand intervals of {CONFIDENCE:.0%} over training seeds. Of fewer than {LEAST_SEEDS} there is none, and *below, unsure*
+or *above, unsure* says where the mean cost lies.
+
+*Unseen*: rivers of {LEVEL} on which nothing is trained. *Regret*: what training cost beyond the limit, an episode.
+*Code*: a mark of the sources that made the row; worlds and pictures of different code may differ.
 """
 COLUMNS = (
     "policy", "results", "limit met", "cost", LEVEL, *(level for level in LEVELS if level != LEVEL), "unseen", "regret",

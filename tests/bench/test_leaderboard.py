@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from thalweg.bench.conditions import Condition, Trial
-from thalweg.bench.episodes import Episode, write_episodes
+from thalweg.bench.episodes import Episode, read_episodes, write_episodes
 from thalweg.bench.files import ResultsError
 from thalweg.bench.leaderboard import FILES, UNSEEN, entries, leaderboard
 from thalweg.bench.results import RunRow, evaluation_path, read_runs, write_runs
@@ -94,6 +94,16 @@ def test_what_a_suite_does_not_ask_for_is_lacking(tmp_path: Path, suite: Suite, 
     page = leaderboard([folder])
     assert "No row is complete yet." in page
     assert f"| {'; '.join(words)} |" in page
+
+
+def test_a_rare_failure_counts(tmp_path: Path):
+    folder = write(tmp_path / "mine")
+    for seed in range(3):
+        path = evaluation_path(folder, f"PPO-{seed}", Trial("Medium"))
+        first, *others = read_episodes(path)
+        write_episodes(path, [replace(first, return_=0.0), *others])
+    (found,) = [entry for entry in entries(folder) if entry.policy == "PPO"]
+    assert str(found.returns["Medium"]) == "9.50 [9.50, 9.50]"
 
 
 def test_a_seed_that_did_badly_cannot_be_left_out(tmp_path: Path):

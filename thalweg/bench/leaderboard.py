@@ -14,7 +14,7 @@ from thalweg.bench.conditions import BEYOND
 from thalweg.bench.episodes import Episode
 from thalweg.bench.evaluation import EvaluationConfig
 from thalweg.bench.files import ResultsError
-from thalweg.bench.inference import CONFIDENCE, LEAST_SEEDS, Estimate, mean_of, middle_return, table_of
+from thalweg.bench.inference import CONFIDENCE, LEAST_SEEDS, Estimate, mean_of, table_of
 from thalweg.bench.reading import read_results
 from thalweg.bench.results import Results
 from thalweg.bench.statistics import grouped
@@ -58,7 +58,8 @@ class Entry:
     cost: Estimate | None
     """Mean on `LEVEL`; None where it has not flown there."""
     returns: dict[str, Estimate]
-    """Interquartile mean on each level it flew on, and on unseen rivers of `LEVEL`."""
+    """Mean on each level it flew on, and on unseen rivers of `LEVEL`. (Interquartile means are 10 where three flights
+    of four succeed.)"""
     regret: float | None
     """Mean over seeds, in training; None where that is not known."""
     lacks: tuple[str, ...]
@@ -87,9 +88,9 @@ def entries(folder: Path) -> list[Entry]:
         begun = any(row.algorithm == arm["name"] for row in results.runs)
         if not own and not begun:
             continue
-        returns = {place: middle_return(rows) for place, rows in own.items()}
+        returns = {place: mean_of(rows, "return_") for place, rows in own.items()}
         if LEVEL in elsewhere:
-            returns[UNSEEN.name] = middle_return(elsewhere[LEVEL])
+            returns[UNSEEN.name] = mean_of(elsewhere[LEVEL], "return_")
         found.append(
             Entry(
                 arm["name"],
@@ -177,7 +178,7 @@ HEAD = f"""# Leaderboard
 
 Made by the command below from results folders, and from nothing else. First come policies whose mean cost an episode on
 {LEVEL} is within {LIMIT} as far as the whole interval tells (*yes*), then those of which that is *unsure*, then the
-others; among each, the greater return on {LEVEL} leads. Returns are interquartile means, of at most 10; in brackets
+others; among each, the greater return on {LEVEL} leads. Returns are means, of at most 10; in brackets
 stand intervals of {CONFIDENCE:.0%} over training seeds. Of fewer than {LEAST_SEEDS} there is none, and *below, unsure*
 or *above, unsure* says where the mean cost lies.
 

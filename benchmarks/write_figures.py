@@ -1,7 +1,7 @@
 """Writes what was measured here into the pages, between their marks, so that no figure is typed.
 
-`speed.json` into the README, `stages.json`, `twin.csv` and `scaling.csv` into the page on the frame. What has not been
-measured is said to be so.
+`speed.json` into the README, `stages.json`, `twin.csv` and `scaling.csv` into the page on the frame, results of the
+study into the page on what it shows. What has not been measured is said to be so.
 """
 
 import json
@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import findings
 from marks import between_marks, prose
 
 from thalweg.bench.files import read_csv
@@ -19,6 +20,7 @@ from thalweg.bench.tables import markdown
 
 ROOT = Path(__file__).resolve().parent.parent
 HERE = ROOT / "benchmarks"
+FOUND = ROOT / "docs" / "findings.md"
 NOT_YET = "Not measured yet.\n"
 
 
@@ -76,6 +78,14 @@ SECTIONS: dict[tuple[Path, str], tuple[str, Callable[[], str]]] = {
     (ROOT / "docs" / "render.md", "stages"): ("stages.json", stages),
     (ROOT / "docs" / "render.md", "twin"): ("twin.csv", twin),
     (ROOT / "docs" / "render.md", "scaling"): ("scaling.csv", scaling),
+    (FOUND, "study"): ("paper/runs.csv", findings.study),
+    (FOUND, "keeping"): ("paper/runs.csv", findings.keeping),
+    (FOUND, "pairs"): ("paper/runs.csv", findings.beside_first),
+    (FOUND, "elsewhere"): ("paper/runs.csv", findings.elsewhere),
+    (FOUND, "sizes"): ("encoders/sizes.csv", findings.sizes),
+    (FOUND, "probes"): ("encoders/sizes.csv", findings.probes),
+    (FOUND, "entropies"): ("encoders/entropy.csv", findings.entropies),
+    (FOUND, "open"): ("open/runs.csv", findings.left_open),
 }
 
 

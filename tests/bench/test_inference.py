@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from thalweg.bench.episodes import Episode
-from thalweg.bench.inference import iqm, middle_return, over_seeds, share, table_of
+from thalweg.bench.inference import iqm, mean_of, middle_return, over_seeds, share, table_of
 
 ROW = Episode("PPO", 0, "Easy", 1, 0, 0.0, 0.0, 2.0, 0.0, 1.0, 0.0, 0.0, 0.0, 10, "Idle", False, 0.1)
 
@@ -45,6 +45,13 @@ def test_fewer_than_three_seeds_have_no_interval():
     assert str(over_seeds(np.array([[1.0, 2.0], [3.0, 4.0]]), np.mean)) == "2.50"
     assert str(middle_return(rows([[2.0, 2.0, 2.0], [4.0, 4.0, 4.0]]))) == "3.00 [3.00, 3.00]"
     assert str(middle_return(rows([[2.0, 2.0, 2.0], [4.0, 4.0, 4.0]])[:-1])) == "2.67"  # a flight is missing
+
+
+def test_an_interval_holds_nothing_that_no_mean_can_be():
+    flown = rows([[2.0, 10.0, 10.0], [2.0, 10.0, 10.0]])  # 22 / 3 and 4.3 * 4.6 / sqrt(3) on both sides
+    assert str(mean_of(flown, "return_")) == "7.33 [0.00, 10.00]"
+    assert str(middle_return(flown)) == "8.00 [0.00, 10.00]"
+    assert str(mean_of([replace(row, cost=row.return_ / 10) for row in flown], "cost")) == "0.73 [0.00, 1.00]"
 
 
 @pytest.mark.parametrize("seeds", [3, 5])

@@ -70,7 +70,7 @@ def test_those_that_surely_keep_the_limit_come_first_then_the_greater_return(tmp
         "unseen": "3.00 [3.00, 3.00]", "regret": "0.20", "trained on": "Medium", "steps": "1,000",
         "seeds": "3", "code": "01234567",
     }  # fmt: skip
-    assert by[1]["cost"] == "0.10 [-0.15, 0.35]"  # 0, 0.1, 0.2: 4.303 * 0.1 / sqrt(3) on both sides
+    assert by[1]["cost"] == "0.10 [0.00, 0.35]"  # 0, 0.1, 0.2: 4.303 * 0.1 / sqrt(3), but no less than 0
     assert "Not ranked" not in "".join(lines)
 
 

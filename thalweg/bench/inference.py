@@ -16,11 +16,14 @@ import numpy as np
 from scipy import stats
 
 from thalweg.bench.episodes import Episode
+from thalweg.env.payment import WHOLE_COURSE
 
 LEAST_SEEDS = 3
 """Of which an interval is given."""
 CONFIDENCE = 0.95
 """How often an interval holds the truth."""
+POSSIBLE = {"return_": (0.0, WHOLE_COURSE), "cost": (0.0, 1.0)}
+"""What an episode can return and cost; no interval of their means goes beyond."""
 Statistic = Callable[..., np.ndarray]
 """Of numbers along an `axis`."""
 
@@ -90,15 +93,21 @@ def middle_return(rows: Sequence[Episode]) -> Estimate:
         table = table_of(rows)
     except ValueError:
         table = np.array([[row.return_] for row in rows])
-    return over_seeds(table)
+    return _possible(over_seeds(table), "return_")
 
 
 def mean_of(rows: Sequence[Episode], field: str) -> Estimate:
     """The mean over episodes; without an interval where a seed did not fly every start."""
     try:
-        return over_seeds(table_of(rows, field), np.mean)
+        return _possible(over_seeds(table_of(rows, field), np.mean), field)
     except ValueError:
         return Estimate(float(np.mean([getattr(row, field) for row in rows])))
+
+
+def _possible(found: Estimate, field: str) -> Estimate:
+    """The estimate with the part of its interval that is possible for a mean of the field."""
+    least, most = POSSIBLE.get(field, (-np.inf, np.inf))
+    return Estimate(found.value, *(float(np.clip(end, least, most)) for end in (found.low, found.high)))
 
 
 def share(rows: Sequence[Episode], holds: Callable[[Episode], bool]) -> Estimate:

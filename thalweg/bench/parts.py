@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from thalweg.bench import beyond, figures, figures_beyond, maps, tables
 from thalweg.bench.film_format import SMALL
+from thalweg.bench.methods import methods
 from thalweg.bench.published import SOURCE
 from thalweg.bench.results import MAIN_FILE, MAIN_FILM, Results
 from thalweg.world import LEVELS
@@ -126,9 +127,9 @@ PARTS: tuple[Table | Picture | Films, ...] = (
         "Is the limit met?",
         beyond.limits,
         f"On the level of training, of a mean cost of {beyond.LIMIT} an episode, whatever limit was given. Met if the"
-        " whole interval lies below, not met if it lies above, else unsure. Violations: share of flights with any cost."
-        " Regret: what blocks of 50 episodes cost beyond the limit, for each episode of training. Minutes of training"
-        " and steps a second are means over runs.",
+        " whole interval lies below, not met if it lies above, else unsure; of fewer than three seeds it is only said"
+        " where the mean lies. Violations: share of flights with any cost. Regret: what blocks of 50 episodes cost"
+        " beyond the limit, for each episode of training. Minutes of training and steps a second are means over runs.",
     ),
     _sheet(
         "pairs",
@@ -177,6 +178,7 @@ PARTS: tuple[Table | Picture | Films, ...] = (
         beyond.conditions,
         "Change: of the return against sampled actions on the usual day, from the same starts.",
     ),
+    _sheet("methods", "Domains and methods", methods, "Of the algorithms that were trained here."),
     Table("runs", "Runs", tables.runs_table, tables.runs_csv),
 )
 """In the order of the page."""

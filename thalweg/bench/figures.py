@@ -75,13 +75,13 @@ def training_curves(results: Results) -> Figure | None:
     grid = np.linspace(last / GRID, last, GRID)
     names = list(dict.fromkeys(log.algorithm for log in logs))
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(9, 5.6))
+        figure = Figure(figsize=(9, 5.8 + 0.05 * len(names)))
         axes = list(figure.subplots(2, 2, sharex=True).flat)
         for index, name in enumerate(names):
             curves = [curve(log, grid) for log in logs if log.algorithm == name]
             label = f"{name} ({_seeds(results, name, len(curves))})"
             for axis, (field, _) in zip(axes, PANELS, strict=True):
-                _draw_band(axis, curves, field, COLOURS[index % len(COLOURS)], label)
+                _draw_band(axis, curves, field, line_style(index), label)
         for axis, (_, title) in zip(axes, PANELS, strict=True):
             axis.set_title(title)
             axis.set_ylim(bottom=0)
@@ -90,8 +90,13 @@ def training_curves(results: Results) -> Figure | None:
             axis.set_xlabel("steps of training")
             axis.xaxis.set_major_locator(MaxNLocator(4))
             axis.xaxis.set_major_formatter(lambda steps, _: f"{steps:,.0f}")
-        axes[0].legend(frameon=False)
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
     return figure
+
+
+def line_style(index: int) -> dict[str, Any]:
+    """Colour and dashes of the policy of that number; dashes where colours come again."""
+    return {"color": COLOURS[index % len(COLOURS)], "linestyle": "-" if index < len(COLOURS) else "--"}
 
 
 def _seeds(results: Results, name: str, count: int) -> str:
@@ -100,11 +105,11 @@ def _seeds(results: Results, name: str, count: int) -> str:
     return f"{count} seed{'s' * (count > 1)}" + (f", {failed} of them failed" if failed else "")
 
 
-def _draw_band(axis, curves: list[Curve], field: str, colour: str, label: str) -> None:
+def _draw_band(axis, curves: list[Curve], field: str, style: dict[str, Any], label: str) -> None:
     mean, std = band([getattr(one, field) for one in curves])
-    axis.plot(curves[0].steps, mean, color=colour, label=label, linewidth=1.4)
+    axis.plot(curves[0].steps, mean, label=label, linewidth=1.4, **style)
     if len(curves) > 1:
-        axis.fill_between(curves[0].steps, mean - std, mean + std, color=colour, alpha=0.2, linewidth=0)
+        axis.fill_between(curves[0].steps, mean - std, mean + std, color=style["color"], alpha=0.2, linewidth=0)
 
 
 def failure_bars(results: Results) -> Figure:

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from thalweg.bench.beyond import train_level, trained_policies
 from thalweg.bench.comparison import SHARES, profile
-from thalweg.bench.figures import COLOURS, STYLE
+from thalweg.bench.figures import STYLE, line_style
 from thalweg.bench.inference import table_of
 from thalweg.bench.results import Results
 from thalweg.bench.statistics import grouped, summaries
@@ -31,10 +31,10 @@ def profiles(results: Results) -> Figure | None:
                     share, low, high = profile(table_of(flown.get((name, level), [])))
                 except (ValueError, IndexError):
                     continue  # a seed did not fly every start: the tables say so
-                colour, dashes = COLOURS[place % len(COLOURS)], "-" if place < len(COLOURS) else "--"
-                axis.plot(SHARES, share, dashes, color=colour, label=name, linewidth=1.3)
+                style = line_style(place)
+                axis.plot(SHARES, share, label=name, linewidth=1.3, **style)
                 if len(names) <= FEW:
-                    axis.fill_between(SHARES, low, high, color=colour, alpha=0.12, linewidth=0)
+                    axis.fill_between(SHARES, low, high, color=style["color"], alpha=0.12, linewidth=0)
             axis.set_title(level)
             axis.set_xlabel("return")
             axis.set_ylim(0, 1.02)

@@ -92,6 +92,13 @@ def test_a_profile_is_the_share_of_flights_that_return_at_least_so_much():
     assert np.isnan(profile(table[:, :2])[1]).all()
 
 
+def test_the_last_digits_of_a_sum_decide_nothing():
+    whole, steps = np.full((2, 3), 10.0), np.full((2, 3), sum([10.0 / 288] * 288))
+    assert (whole != steps).all()
+    assert improvement(whole, steps).value == improvement(steps, whole).value == 0.5
+    assert profile(steps, np.array([10.0]))[0] == profile(whole, np.array([10.0]))[0] == 1.0
+
+
 def test_tables_of_two_have_the_same_starts_in_the_same_order():
     ours = [episode("A", seed, number, 10.0 * seed + number) for seed in (3, 1) for number in (1, 0)]
     theirs = [episode("B", 0, number, -float(number)) for number in (0, 1)]

@@ -18,11 +18,13 @@ from thalweg.bench.inference import CONFIDENCE, LEAST_SEEDS, Estimate, no_surer,
 
 SHARES = np.linspace(0.0, 10.0, 101)
 """Returns at which profiles are drawn: an episode pays 10 at most."""
+SAME = 1e-9
+"""Returns that differ by no more are the same: a return is a sum, and its last digits depend on the steps that paid."""
 
 
 def improvement(ours: np.ndarray, theirs: np.ndarray) -> Estimate:
     """P(X > Y) + ½ P(X = Y): how often a flight of ours [L, M] returns more than theirs [L, K] from the same start."""
-    pairs = _by_pair(ours, theirs, lambda x, y: (x > y) + 0.5 * (x == y))
+    pairs = _by_pair(ours, theirs, lambda x, y: (x - y > SAME) + 0.5 * (abs(x - y) <= SAME))
     found = _between_pairs(pairs)
     return found if np.isnan(found.low) else no_surer(found, len(ours) * min(pairs.shape))
 
@@ -55,7 +57,7 @@ def shared_tables(ours: Sequence[Episode], theirs: Sequence[Episode], field: str
 def profile(table: np.ndarray, thresholds: np.ndarray = SHARES) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The performance profile of flights [L, M]: the share whose return is at least each threshold [G], and the ends of
     its interval, pointwise; NaN where there are too few seeds."""
-    each = (table[:, :, None] >= thresholds).mean(0)
+    each = (table[:, :, None] >= thresholds - SAME).mean(0)
     found = [student(float(share.mean()), share) for share in each.T]
     low, high = (np.clip([getattr(one, end) for one in found], 0.0, 1.0) for end in ("low", "high"))
     return np.array([one.value for one in found]), low, high

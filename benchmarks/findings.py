@@ -1,15 +1,18 @@
 """What do the committed results say? The tables of `docs/findings.md`, which `write_figures.py` puts there."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from thalweg.bench.beyond import kept, limits, pairs, train_level, trained_policies, training_regret
+import numpy as np
+
+from thalweg.bench.beyond import LIMIT, kept, limits, pairs, train_level, trained_policies, training_regret
 from thalweg.bench.encoder_tables import CASE, SIZE_COLUMNS
 from thalweg.bench.episodes import Episode
 from thalweg.bench.files import read_csv
 from thalweg.bench.inference import mean_of, share
 from thalweg.bench.reading import read_results
-from thalweg.bench.statistics import grouped
+from thalweg.bench.statistics import TrainingLog, grouped, regret
 from thalweg.bench.tables import markdown, paper_table, seeds_text
 
 HERE = Path(__file__).resolve().parent
@@ -39,6 +42,33 @@ def beside_first() -> str:
     results = read_results(STUDY)
     header, rows = pairs(results).grid
     return markdown(header, [row for row in rows if row[0] == FIRST])
+
+
+def training() -> str:
+    """When the cost of training was paid."""
+    results = read_results(STUDY)
+    rows = []
+    for name in trained_policies(results):
+        logs = [log for log in results.training if log.algorithm == name]
+        if logs:
+            paid = [float(np.mean(costs)) for costs in zip(*map(_by_quarter, logs), strict=True)]
+            early = float(np.mean([_early(log) for log in logs]))
+            rows.append([name, *(f"{cost:.2f}" for cost in paid), f"{early:.0%}"])
+    quarters = (f"{ordinal} quarter" for ordinal in ("first", "second", "third", "last"))
+    return markdown(["cost of an episode", *quarters, "regret in the first quarter"], rows)
+
+
+def _by_quarter(log: TrainingLog) -> list[float]:
+    """Mean cost of the episodes that ended in each quarter of the steps."""
+    costs, quarter = log.tight + log.loose, 4 * (log.step - 1) // log.last_step
+    return [float(costs[quarter == number].mean()) for number in range(4)]
+
+
+def _early(log: TrainingLog) -> float:
+    """The share of the regret that episodes of the first quarter of the steps make up."""
+    first = log.step <= log.last_step / 4
+    part = replace(log, step=log.step[first], tight=log.tight[first], loose=log.loose[first])
+    return regret(part, LIMIT) * first.sum() / (regret(log, LIMIT) * len(first))
 
 
 def elsewhere() -> str:

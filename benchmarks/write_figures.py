@@ -81,6 +81,7 @@ SECTIONS: dict[tuple[Path, str], tuple[str, Callable[[], str]]] = {
     (FOUND, "study"): ("paper/runs.csv", findings.study),
     (FOUND, "keeping"): ("paper/runs.csv", findings.keeping),
     (FOUND, "pairs"): ("paper/runs.csv", findings.beside_first),
+    (FOUND, "training"): ("paper/runs.csv", findings.training),
     (FOUND, "elsewhere"): ("paper/runs.csv", findings.elsewhere),
     (FOUND, "sizes"): ("encoders/sizes.csv", findings.sizes),
     (FOUND, "probes"): ("encoders/sizes.csv", findings.probes),

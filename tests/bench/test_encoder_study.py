@@ -1,6 +1,7 @@
 """The encoder study, small: it measures what it says, goes on where it was killed, and refuses what is not its own."""
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from thalweg.bench.files import ResultsError
 from thalweg.encoder import load_encoder
 from thalweg.encoder.training import split
 
-SMALL = Plan("Easy", images=40, held_out=8, epochs=2, cases=(*COMPARED, Case("rgb+mask", 8)))
+SMALL = Plan("Easy", images=40, held_out=8, epochs=2, precision="float32", cases=(*COMPARED, Case("rgb+mask", 8)))
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +33,6 @@ def test_what_the_study_compares():
     sizes = [case.latent for case in CASES if (case.architecture, case.inputs) == ("lean", "rgb+mask")]
     assert sorted(sizes) == sorted(SIZES) and len(set(CASES)) == len(CASES) == 12
     assert {case.latent for case in CASES if case.architecture == "paper"} == {16, 64}
-    assert all(case.precision == ("bfloat16" if case.architecture == "paper" else "float32") for case in CASES)
 
 
 def test_every_case_has_a_row_and_no_number_that_its_input_can_not_have(study: Path):
@@ -93,10 +93,31 @@ def test_what_is_finished_is_not_done_again_and_what_was_killed_goes_on(
 
 def test_a_folder_of_another_study_is_refused_with_the_difference(study: Path, tmp_path: Path):
     with pytest.raises(ResultsError, match=r"epochs is 2 there and 3 here"):
-        run_study(study, Plan("Easy", images=40, held_out=8, epochs=3, cases=SMALL.cases), progress=False)
+        run_study(study, replace(SMALL, epochs=3), progress=False)
+    with pytest.raises(ResultsError, match="precision is 'float32' there and 'bfloat16' here"):
+        run_study(study, replace(SMALL, precision="bfloat16"), progress=False)
     (tmp_path / "letter.txt").write_text("mine")
     with pytest.raises(ResultsError, match="is not empty and holds no study"):
         run_study(tmp_path, SMALL, progress=False)
+
+
+def test_a_study_goes_on_in_the_precision_that_it_began_with(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(encoder_study, "resolve_precision", lambda asked: "bfloat16")
+    page = (study / "study.md").read_text()
+    run_study(study, replace(SMALL, precision="auto"), progress=False)
+    assert (study / "study.md").read_text() == page and "2 epochs in float32" in page
+    asked = []
+    monkeypatch.setattr(encoder_study, "train_encoder", lambda *_, precision, **__: asked.append(precision) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        run_study(tmp_path / "new", replace(SMALL, precision="auto"), progress=False)
+    assert asked == ["bfloat16"]
+
+
+def test_an_unknown_precision_is_refused_with_the_known_ones():
+    with pytest.raises(ResultsError, match="unknown precision 'half'; known: auto, float32, bfloat16"):
+        replace(SMALL, precision="half")
 
 
 def test_images_held_out_are_never_trained_on():

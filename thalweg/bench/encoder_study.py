@@ -5,7 +5,7 @@ written once it is trained; the tables are made of them, and of the codes of the
 """
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from thalweg.bench.files import ResultsError, csv_text
 from thalweg.encoder import Encoder, Source, draw_reconstructions, load_encoder, train_encoder
 from thalweg.encoder.measure import reconstruct
 from thalweg.encoder.probe import explained
-from thalweg.encoder.training import split
+from thalweg.encoder.training import resolve_precision, split
 from thalweg.encoder.water import Finder, mean_iou, train_finder, water_in
 from thalweg.env.bearings import BEARINGS, bearings
 from thalweg.render import RENDER_VERSION, Renderer
@@ -33,6 +33,7 @@ CODE = 16
 SHOWN = 8
 """Images of the figure."""
 RECORD, MEASURES = "study.json", "measures.json"
+PRECISIONS = ("auto", "float32", "bfloat16")
 
 
 SWEEP = tuple(Case("rgb+mask", size) for size in SIZES)
@@ -53,9 +54,13 @@ class Plan:
     epochs: int = 100
     seed: int = 0
     """Of poses and training."""
+    precision: str = "auto"
+    """In which all are trained, "float32" or "bfloat16"; "auto" is what is faster where the study begins."""
     cases: tuple[Case, ...] = CASES
 
     def __post_init__(self) -> None:
+        if self.precision not in PRECISIONS:
+            raise ResultsError(f"unknown precision {self.precision!r}; known: {', '.join(PRECISIONS)}")
         for name, least in (("images", 8), ("held_out", 2), ("epochs", 1), ("seed", 0)):
             if getattr(self, name) < least:
                 raise ResultsError(f"{name} must be at least {least}, not {getattr(self, name)}")
@@ -78,7 +83,7 @@ def run_study(folder: Path, plan: Plan = Plan(), *, command: str = "", progress:
 
     Raises `ResultsError` for a folder of another study, and the errors of `train_encoder`.
     """
-    _claim(folder, plan)
+    plan = _claim(folder, plan)
     scenes = collect(plan, progress)
     kept, aside = split(len(scenes.frames), plan.held_out, plan.seed)
     finder: Finder | None = None
@@ -94,7 +99,7 @@ def run_study(folder: Path, plan: Plan = Plan(), *, command: str = "", progress:
             epochs=plan.epochs,
             seed=plan.seed,
             held_out=plan.held_out,
-            precision=case.precision,
+            precision=plan.precision,
             source=source,
             progress=progress,
         )
@@ -150,20 +155,23 @@ def write_tables(folder: Path, plan: Plan, scenes: Scenes, kept: np.ndarray, asi
         draw_reconstructions(scenes.frames[aside[:SHOWN]], compared, folder / "inputs.png")
     write_whole(folder / "sizes.png", png(size_figure(known)))
     about = (
-        f"{plan.images:,} frames of {plan.level} to train on and {plan.held_out:,} held out, {plan.epochs} epochs, seed"
-        f" {plan.seed}."
+        f"{plan.images:,} frames of {plan.level} to train on and {plan.held_out:,} held out, {plan.epochs} epochs in"
+        f" {plan.precision}, seed {plan.seed}."
     )
     write_whole(folder / "study.md", page(about, rows, entropies))
     return folder / "study.md"
 
 
-def _claim(folder: Path, plan: Plan) -> None:
-    """Make the folder this study's, or raise `ResultsError` naming what differs."""
+def _claim(folder: Path, plan: Plan) -> Plan:
+    """Make the folder this study's, or raise `ResultsError` naming what differs; returns the plan with the precision
+    that the study began with."""
+    path = folder / RECORD
+    there = _read(path) if path.exists() else {}
+    if plan.precision == "auto":
+        plan = replace(plan, precision=there.get("precision") or resolve_precision("auto"))
     record = json.loads(json.dumps(asdict(plan) | {"render_version": RENDER_VERSION}))
     record["level"] = level_named(plan.level).name
-    path = folder / RECORD
-    if path.exists():
-        there = _read(path)
+    if there:
         differing = [
             f"{key} is {there.get(key)!r} there and {record[key]!r} here"
             for key in record
@@ -171,10 +179,11 @@ def _claim(folder: Path, plan: Plan) -> None:
         ]
         if differing:
             raise ResultsError(f"{folder} belongs to another study: {'; '.join(differing)}. Choose another folder.")
-        return
+        return plan
     if folder.exists() and any(folder.iterdir()):
         raise ResultsError(f"{folder} is not empty and holds no study; choose another folder")
     write_whole(path, json.dumps(record, indent=1) + "\n")
+    return plan
 
 
 def _read(path: Path) -> dict[str, Any]:

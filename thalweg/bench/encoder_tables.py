@@ -47,11 +47,6 @@ class Case:
         """What is trained."""
         return VAEConfig(inputs=self.inputs, latent=self.latent, architecture=self.architecture)
 
-    @property
-    def precision(self) -> str:
-        """bfloat16 for the paper's layers, which have nine times as many weights, else float32."""
-        return "bfloat16" if self.architecture == "paper" else "float32"
-
 
 def size_row(case: Case, found: Measures) -> dict[str, str]:
     """A row of sizes.csv; what an input does not have is empty."""

@@ -32,6 +32,8 @@ class EncoderTrain:
     """Passes over the images."""
     seed: int = 0
     """Of the poses and of the training."""
+    precision: str = "auto"
+    """float32, bfloat16, or auto: what is faster on this machine; all encoders of a study are trained alike."""
 
     def run(self) -> int:
         import shlex
@@ -98,13 +100,15 @@ class EncoderStudy:
     """Passes over the images."""
     seed: int = 0
     """Of the poses and of the training."""
+    precision: str = "auto"
+    """float32, bfloat16, or auto: what is faster on this machine; all encoders of a study are trained alike."""
 
     def run(self) -> int:
         import shlex
 
         from thalweg.bench.encoder_study import Plan, run_study
 
-        plan = Plan(self.level, self.images, self.held_out, self.epochs, self.seed)
+        plan = Plan(self.level, self.images, self.held_out, self.epochs, self.seed, self.precision)
         page = run_study(self.out, plan, command=shlex.join(["thalweg", *sys.argv[1:]]))
         print(f"{page.read_text(encoding='utf-8')}\n{page}: these tables, with their figures and CSV files beside it")
         return 0

@@ -38,7 +38,8 @@ def test_a_report_goes_to_the_folder_one_stands_in_and_again(
     monkeypatch.chdir(here)
     for _ in range(2):
         assert write_report(tiny_results, Path()).page.read_text().startswith("<!doctype html>")
-        names = {f"{name}.{kind}" for name in ("table", "details", "limits", "runs") for kind in ("md", "tex", "csv")}
+        tables = ("table", "details", "limits", "methods", "runs")
+        names = {f"{name}.{kind}" for name in tables for kind in ("md", "tex", "csv")}
         pictures = ("levels", "failures", "curves", "profiles")
         names |= {f"{name}.{kind}" for name in pictures for kind in ("png", "pdf")} | {"report.html"}
         assert {file.name for file in here.iterdir()} == names

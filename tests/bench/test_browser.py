@@ -162,23 +162,23 @@ def test_a_head_that_gets_the_focus_is_not_behind_the_form(browser: Browser, pag
 
 def test_policies_are_filtered_by_name_in_every_table(browser: Browser, page: Path):
     browser.open(page)
-    assert filter_by(browser, policies="p3o") == "6 of 22 rows are shown"
+    assert filter_by(browser, policies="p3o") == "6 of 23 rows are shown"
     assert column(browser, "Return and cost", "policy") == ["P3O", PUBLISHED["P3O"]]
     assert column(browser, "In detail", "policy") == ["P3O", "P3O"]
     assert column(browser, "Runs", "run") == ["P3O-2", "P3O-10"]
     filter_by(browser, policies="hover, focops")
     assert column(browser, "Runs", "run") == ["hover-0", "FOCOPS-0"]
-    assert filter_by(browser, policies="") == "all 22 rows are shown"
+    assert filter_by(browser, policies="") == "all 23 rows are shown"
 
 
 def test_levels_are_filtered_in_rows_and_in_columns(browser: Browser, page: Path):
     browser.open(page)
-    assert filter_by(browser, policies="ppo", levels="med") == "6 of 22 rows are shown"
+    assert filter_by(browser, policies="ppo", levels="med") == "7 of 23 rows are shown"
     assert column(browser, "Return and cost", "Medium cost") == ["0.60 ± 0.40", "0.74 ± 0.44"]
     assert rows(browser, "Return and cost")[0] == ["PPO", "1.50 ± 0.50 (1 of 2 seeds)", "0.60 ± 0.40"]
     assert [row[:2] for row in rows(browser, "In detail")] == [["PPO", "Medium"]]
     assert column(browser, "Runs", "run") == ["PPO-0", "PPO-1"]
-    assert filter_by(browser, policies="", levels="nowhere") == "7 of 22 rows are shown"  # those that name none
+    assert filter_by(browser, policies="", levels="nowhere") == "8 of 23 rows are shown"  # those that name none
 
 
 def test_what_is_filtered_away_stays_away_when_sorted_and_a_filter_without_matches_says_so(
@@ -188,7 +188,7 @@ def test_what_is_filtered_away_stays_away_when_sorted_and_a_filter_without_match
     filter_by(browser, policies="p3o")
     sort_by(browser, "Runs", "steps")
     assert column(browser, "Runs", "run") == ["P3O-10", "P3O-2"]
-    assert filter_by(browser, policies="nobody") == "0 of 22 rows are shown"
+    assert filter_by(browser, policies="nobody") == "0 of 23 rows are shown"
     said = "return getComputedStyle(document.querySelector('.wide:has(table)'), '::after').content"
     assert browser.run(said) == '"No row matches."'
 
@@ -267,7 +267,7 @@ def test_without_its_script_the_page_says_the_same(browser: Browser, page: Path)
     try:
         browser.open(page)
         assert not browser.driver.find_element("id", "filter").is_displayed()
-        assert len(browser.driver.find_elements("css selector", "tbody tr")) == 22
+        assert len(browser.driver.find_elements("css selector", "tbody tr")) == 23
         assert browser.driver.find_elements("css selector", "button") == []
     finally:
         browser.driver.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": False})

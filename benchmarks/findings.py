@@ -23,7 +23,7 @@ NOT_YET, BLIND = "not flown yet", "sees nothing"
 CONDITIONS = {"sampled": "", "deterministic": "deterministic", "unseen rivers": "unseen", "every look": "all_at_once"}
 """Columns of the table of conditions, and what the results call them."""
 REAL = "real"
-ENCODER_COLUMNS = (*CASE, "train_mse", "held_out_mse", "iou_mask", "iou_colours")
+ENCODER_COLUMNS = (*CASE, "train_mse", "held_out_mse", "iou_mask", "iou_colours", "iou_ceiling")
 ENTROPY_COLUMNS = ("first", "second", "paper")
 
 

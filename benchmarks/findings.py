@@ -108,8 +108,8 @@ def left_open() -> str:
         cost, worse = mean_of(own, "cost"), training_regret(results, name)
         success = share(own, lambda row: row.success)
         seeds = seeds_text(results, name, len({row.seed for row in own}))
-        regret = "unknown" if worse is None else f"{worse:.2f}"
-        rows.append([name, seeds, str(mean_of(own, "return_")), str(cost), kept(cost), success.as_percent(), regret])
+        paid = "unknown" if worse is None else f"{worse:.2f}"
+        rows.append([name, seeds, str(mean_of(own, "return_")), str(cost), kept(cost), success.as_percent(), paid])
     return markdown(["policy", "seeds", "return", "cost", "limit met", "success", "regret in training"], rows)
 
 

@@ -32,8 +32,6 @@ class EncoderTrain:
     """Passes over the images."""
     seed: int = 0
     """Of the poses and of the training."""
-    precision: str = "auto"
-    """float32, bfloat16, or auto: what is faster on this machine; all encoders of a study are trained alike."""
 
     def run(self) -> int:
         import shlex

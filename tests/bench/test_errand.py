@@ -5,6 +5,7 @@ import pickle
 import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -36,19 +37,38 @@ class Slow(SmallPlace):
         return super().evaluate(run, folder, trial, on_step)
 
 
+class Held(SmallPlace):
+    """Does not begin with the last level until it may."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.may = threading.Event()
+
+    def evaluate(self, run, folder, trial, on_step):
+        assert trial.level != "Hard" or self.may.wait(60)
+        return super().evaluate(run, folder, trial, on_step)
+
+
+def level_file(level: str) -> str:
+    return f"evaluation/{RUN.name}-{level}.csv"
+
+
 def kinds(news: list[News]) -> list[tuple[bool, bool]]:
     """Whether there were files in each, and a row."""
     return [(one.files is not None, one.row is not None) for one in news]
 
 
-def test_how_far_a_run_is_comes_back_once_before_the_end():
-    news = list(errand(order(Slow())))
-    assert kinds(news) == [(False, False), (True, False), (True, True)]
-    assert [f"evaluation/PPO-0-{level}.csv" in (news[1].files or {}) for level in SUITE.test_levels] == [
-        True,
-        True,
-        False,
-    ]
+def test_how_far_a_run_is_comes_back_before_the_end():
+    place, news = Held(), []
+    for one in errand(order(place)):
+        news.append(one)
+        if level_file("Medium") in (one.files or {}):
+            place.may.set()
+    first, *between, last = kinds(news)
+    assert (first, set(between), last) == ((False, False), {(True, False)}, (True, True))
+    levels = [[level for level in SUITE.test_levels if level_file(level) in (one.files or {})] for one in news]
+    assert ["Easy", "Medium"] in levels
+    assert levels[-1] == ["Easy", "Medium", "Hard"]
 
 
 def test_no_more_often_than_it_was_asked_for():
@@ -57,9 +77,10 @@ def test_no_more_often_than_it_was_asked_for():
 
 def test_what_was_there_already_is_not_done_again_nor_sent_back():
     done = list(errand(order(SmallPlace())))[-1].files or {}
-    del done["evaluation/PPO-0-Hard.csv"]
+    del done[level_file("Hard")]
     again = list(errand(order(Slow(), files=done)))
-    assert kinds(again) == [(False, False), (True, True)]
+    assert kinds(again)[0] == (False, False)
+    assert all(level_file("Hard") in (one.files or {}) for one in again[1:])
     assert (again[-1].files or {})["logs/PPO-0.txt"].count(b"PPO-0 on") == 4
 
 

@@ -14,11 +14,11 @@ import numpy as np
 from thalweg.bench.encoder_tables import ENTROPY_COLUMNS, SIZE_COLUMNS, Case, entropy_rows, page, size_figure, size_row
 from thalweg.bench.figures import png
 from thalweg.bench.files import ResultsError, csv_text
+from thalweg.bench.water import Finder, load_finder, mean_iou, save_finder, train_finder, water_in
 from thalweg.encoder import Encoder, Source, draw_reconstructions, load_encoder, train_encoder
 from thalweg.encoder.measure import reconstruct
 from thalweg.encoder.probe import explained
 from thalweg.encoder.training import resolve_precision, split
-from thalweg.encoder.water import Finder, mean_iou, train_finder, water_in
 from thalweg.env.bearings import BEARINGS, bearings
 from thalweg.render import RENDER_VERSION, Renderer
 from thalweg.train.collect import draw_frames, river_worlds, views
@@ -32,7 +32,7 @@ CODE = 16
 """Numbers in the codes of different inputs."""
 SHOWN = 8
 """Images of the figure."""
-RECORD, MEASURES = "study.json", "measures.json"
+RECORD, MEASURES, FINDER = "study.json", "measures.json", "finder.safetensors"
 PRECISIONS = ("auto", "float32", "bfloat16")
 
 
@@ -103,7 +103,7 @@ def run_study(folder: Path, plan: Plan = Plan(), *, command: str = "", progress:
             source=source,
             progress=progress,
         )
-        finder = finder or train_finder(scenes.frames[kept], plan.seed)
+        finder = finder or _finder(folder / FINDER, plan, scenes.frames[kept], progress)
         found = {
             "train_mse": result.train_mse,
             "held_out_mse": result.held_out_mse,
@@ -111,6 +111,13 @@ def run_study(folder: Path, plan: Plan = Plan(), *, command: str = "", progress:
         } | measures(load_encoder(result.path), finder, scenes, kept, aside)
         write_whole(home / MEASURES, json.dumps(found, indent=1) + "\n")
     return write_tables(folder, plan, scenes, kept, aside)
+
+
+def _finder(path: Path, plan: Plan, images: np.ndarray, progress: bool) -> Finder:
+    """The study's finder of water, trained on `images` unless it is there."""
+    if not path.exists():
+        save_finder(path, train_finder(images, plan.seed, precision=plan.precision, progress=progress))
+    return load_finder(path)
 
 
 def collect(plan: Plan, progress: bool = True) -> Scenes:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from thalweg.bench.episodes import Episode
-from thalweg.bench.inference import iqm, mean_of, middle_return, over_seeds, share, table_of
+from thalweg.bench.inference import bootstrapped_return, iqm, mean_of, middle_return, over_seeds, share, table_of
 
 ROW = Episode("PPO", 0, "Easy", 1, 0, 0.0, 0.0, 2.0, 0.0, 1.0, 0.0, 0.0, 0.0, 10, "Idle", False, 0.1)
 
@@ -45,6 +45,24 @@ def test_fewer_than_three_seeds_have_no_interval():
     assert str(over_seeds(np.array([[1.0, 2.0], [3.0, 4.0]]), np.mean)) == "2.50"
     assert str(middle_return(rows([[2.0, 2.0, 2.0], [4.0, 4.0, 4.0]]))) == "3.00 [3.00, 3.00]"
     assert str(middle_return(rows([[2.0, 2.0, 2.0], [4.0, 4.0, 4.0]])[:-1])) == "2.67"  # a flight is missing
+
+
+def test_the_bootstrap_draws_among_the_seeds_of_each_start():
+    """Twice independently: by listing every draw of one start's three seeds, and by drawing by hand for ten starts."""
+    one = bootstrapped_return(rows([[0.0, 3.0, 9.0]]))  # one of 27 draws is 0, 0, 0, one 9, 9, 9: 3.7 % each
+    assert (one.value, one.low, one.high) == (4.0, 0.0, 9.0)
+    table, generator = np.random.default_rng(1).uniform(0, 10, (10, 3)), np.random.default_rng(2)
+    means = [iqm(np.concatenate([generator.choice(seeds, 3) for seeds in table])) for _ in range(4000)]
+    found = bootstrapped_return(rows(table.tolist()))
+    assert found.value == pytest.approx(iqm(table.ravel()))
+    assert (found.low, found.high) == pytest.approx(tuple(np.percentile(means, [2.5, 97.5])), abs=0.15)
+    assert str(bootstrapped_return(rows([[2.0, 4.0]]))) == "3.00"
+
+
+def test_the_bootstrap_is_surer_than_seeds_that_differ_allow():
+    table = np.random.default_rng(0).normal(5, 0.1, (20, 1)) + np.array([[-1.0, 0.0, 1.0]])
+    ours, customary = middle_return(rows(table.tolist())), bootstrapped_return(rows(table.tolist()))
+    assert customary.high - customary.low < 0.3 * (ours.high - ours.low)
 
 
 def test_an_interval_holds_nothing_that_no_mean_can_be():

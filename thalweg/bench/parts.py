@@ -120,7 +120,8 @@ PARTS: tuple[Table | Picture | Films, ...] = (
         tables.detail_table,
         tables.detail_csv,
         "In brackets: intervals of 95 %, over training seeds where there are three or more; shares of one policy have"
-        " Wilson's. IQM: mean of the middle half of the episodes.",
+        " Wilson's. IQM: mean of the middle half of the episodes; its stratified bootstrap, which is customary, is too"
+        " sure where there are few seeds.",
     ),
     _sheet(
         "limits",

@@ -10,7 +10,7 @@ import numpy as np
 
 from thalweg.bench.episodes import REASONS
 from thalweg.bench.files import csv_text
-from thalweg.bench.inference import Estimate, middle_return, share
+from thalweg.bench.inference import Estimate, bootstrapped_return, middle_return, share
 from thalweg.bench.published import PUBLISHED
 from thalweg.bench.results import Results, runs_text
 from thalweg.bench.statistics import Summary, grouped, summaries
@@ -87,6 +87,7 @@ DETAILS = (
     "episodes",
     "seeds",
     "return, IQM",
+    "the same, bootstrap",
     "success",
     "tight violation",
     "loose violation",
@@ -113,6 +114,7 @@ def detail_table(results: Results) -> Grid:
                 str(cell.episodes),
                 seeds_text(results, algorithm, cell.seeds),
                 str(middle_return(own)),
+                str(bootstrapped_return(own)),
                 *(share(own, holds).as_percent() for holds in EVENTS),
                 f"{cell.progress_mean:.0%}",
                 f"{cell.length_mean:.0f}",
@@ -121,7 +123,7 @@ def detail_table(results: Results) -> Grid:
     return list(DETAILS), rows
 
 
-DETAIL_NUMBERS = ("return_iqm", "success", "tight", "loose")
+DETAIL_NUMBERS = ("return_iqm", "return_iqm_bootstrap", "success", "tight", "loose")
 """Each with the ends of its interval."""
 
 
@@ -135,7 +137,7 @@ def detail_csv(results: Results) -> str:
             rows.append([algorithm, level, 0, 0, planned, *[""] * (3 * len(DETAIL_NUMBERS) + 2)])
             continue
         own = flown[algorithm, level]
-        estimates = (middle_return(own), *(share(own, holds) for holds in EVENTS))
+        estimates = (middle_return(own), bootstrapped_return(own), *(share(own, holds) for holds in EVENTS))
         ends = [number for estimate in estimates for number in with_ends(estimate)]
         rows.append([algorithm, level, cell.episodes, cell.seeds, planned, *ends, cell.progress_mean, cell.length_mean])
     ends = [f"{name}{end}" for name in DETAIL_NUMBERS for end in ("", "_low", "_high")]

@@ -72,6 +72,7 @@ def test_what_is_finished_is_not_done_again_and_what_was_killed_goes_on(
 ):
     folder = tmp_path / "cut"
     train, trained = encoder_study.train_encoder, []
+    find, found = encoder_study.train_finder, []
 
     def killed(*args, **kwargs):
         trained.append(args[2].name)
@@ -80,37 +81,51 @@ def test_what_is_finished_is_not_done_again_and_what_was_killed_goes_on(
         return train(*args, **kwargs)
 
     monkeypatch.setattr(encoder_study, "train_encoder", killed)
+    monkeypatch.setattr(encoder_study, "train_finder", lambda *args, **how: found.append(how) or find(*args, **how))
     with pytest.raises(KeyboardInterrupt):
         run_study(folder, SMALL, progress=False)
     assert (folder / "lean-rgb-16" / MEASURES).exists() and not (folder / "study.md").exists()
     run_study(folder, SMALL, progress=False)
     assert trained == ["lean-rgb-16", "lean-mask-16", "lean-mask-16", "lean-rgb-mask-16", "lean-rgb-mask-8"]
+    assert len(found) == 1
     assert (folder / "entropy.csv").read_text() == (study / "entropy.csv").read_text()
     for cut, whole in zip(rows(folder / "sizes.csv"), rows(study / "sizes.csv"), strict=True):
         for name in SIZE_COLUMNS[2:]:  # regressions on so few images magnify the last bits
             assert cut[name] == whole[name] or float(cut[name]) == pytest.approx(float(whole[name]), abs=0.01), name
 
 
-def test_a_folder_of_another_study_is_refused_with_the_difference(study: Path, tmp_path: Path):
+def test_a_folder_of_another_study_is_refused_with_the_difference(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     with pytest.raises(ResultsError, match=r"epochs is 2 there and 3 here"):
         run_study(study, replace(SMALL, epochs=3), progress=False)
     with pytest.raises(ResultsError, match="precision is 'float32' there and 'bfloat16' here"):
         run_study(study, replace(SMALL, precision="bfloat16"), progress=False)
+    monkeypatch.setattr(encoder_study, "source_hash", lambda *_: "0123456789abcdef")
+    with pytest.raises(ResultsError, match=r"source is '[0-9a-f]{16}' there and '0123456789abcdef' here"):
+        run_study(study, SMALL, progress=False)
     (tmp_path / "letter.txt").write_text("mine")
     with pytest.raises(ResultsError, match="is not empty and holds no study"):
         run_study(tmp_path, SMALL, progress=False)
 
 
-def test_a_study_goes_on_in_the_precision_that_it_began_with(
-    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_study_goes_on_in_the_precision_that_it_began_with(study: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(encoder_study, "resolve_precision", lambda asked: "bfloat16")
     page = (study / "study.md").read_text()
     run_study(study, replace(SMALL, precision="auto"), progress=False)
     assert (study / "study.md").read_text() == page and "2 epochs in float32" in page
+
+
+def test_a_study_has_the_precision_that_is_faster_where_it_begins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     asked = []
-    monkeypatch.setattr(encoder_study, "train_encoder", lambda *_, precision, **__: asked.append(precision) or 1 / 0)
-    with pytest.raises(ZeroDivisionError):
+
+    def killed(*args, precision: str, **kwargs):
+        asked.append(precision)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(encoder_study, "resolve_precision", lambda asked: "bfloat16")
+    monkeypatch.setattr(encoder_study, "train_encoder", killed)
+    with pytest.raises(KeyboardInterrupt):
         run_study(tmp_path / "new", replace(SMALL, precision="auto"), progress=False)
     assert asked == ["bfloat16"]
 

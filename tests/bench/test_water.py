@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from thalweg.bench.water import Finder, load_finder, mean_iou, save_finder, train_finder, water_in
 from thalweg.encoder import DEFAULT_PATH, EncoderFileError, EncoderInputError
@@ -71,3 +72,19 @@ def test_a_finder_comes_back_from_its_file(frames: np.ndarray, finder: Finder, t
     assert np.array_equal(water_in(again, frames), water_in(finder, frames))
     with pytest.raises(EncoderFileError, match="no finder of water"):
         load_finder(DEFAULT_PATH)
+
+
+def test_a_finder_learns_in_bfloat16_too_and_is_in_float32(frames: np.ndarray):
+    found = train_finder(frames[:64], epochs=1, precision="bfloat16")
+    assert {tensor.dtype for tensor in found.parameters()} == {torch.float32}
+    other = train_finder(frames[:64], epochs=1, precision="float32")
+    assert not torch.equal(found.last.weight, other.last.weight)
+
+
+def test_what_a_finder_can_not_learn_from_is_named():
+    with pytest.raises(EncoderInputError, match=r"multiples of 16, not uint8 \[2, 24, 32, 4\]"):
+        train_finder(np.zeros((2, 24, 32, 4), np.uint8))
+    with pytest.raises(EncoderInputError, match=r"not float64 \[2, 32, 32, 4\]"):
+        train_finder(np.zeros((2, 32, 32, 4)))
+    with pytest.raises(EncoderInputError, match="unknown precision 'half'"):
+        train_finder(np.zeros((2, 32, 32, 4), np.uint8), precision="half")

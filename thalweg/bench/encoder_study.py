@@ -15,7 +15,8 @@ from thalweg.bench.encoder_tables import ENTROPY_COLUMNS, SIZE_COLUMNS, Case, en
 from thalweg.bench.figures import png
 from thalweg.bench.files import ResultsError, csv_text
 from thalweg.bench.water import Finder, load_finder, mean_iou, save_finder, train_finder, water_in
-from thalweg.encoder import Encoder, Source, draw_reconstructions, load_encoder, train_encoder
+from thalweg.cache import source_hash
+from thalweg.encoder import Encoder, EncoderInputError, Source, draw_reconstructions, load_encoder, train_encoder
 from thalweg.encoder.measure import reconstruct
 from thalweg.encoder.probe import explained
 from thalweg.encoder.training import resolve_precision, split
@@ -27,14 +28,14 @@ from thalweg.world import level_named
 
 SIZES = (1024, 512, 256, 128, 64, 32, 16, 8)
 """Numbers in a code that are compared."""
+SOURCES = ("encoder", "env/bearings.py", "bench/encoder_study.py", "bench/water.py")
+"""Parts of the package that a case's measures depend on, beside the renderer."""
 INPUTS = ("rgb", "mask", "rgb+mask")
 CODE = 16
 """Numbers in the codes of different inputs."""
 SHOWN = 8
 """Images of the figure."""
 RECORD, MEASURES, FINDER = "study.json", "measures.json", "finder.safetensors"
-PRECISIONS = ("auto", "float32", "bfloat16")
-
 
 SWEEP = tuple(Case("rgb+mask", size) for size in SIZES)
 PAPERS = (Case("rgb+mask", 16, "paper"), Case("rgb+mask", 64, "paper"))
@@ -59,8 +60,10 @@ class Plan:
     cases: tuple[Case, ...] = CASES
 
     def __post_init__(self) -> None:
-        if self.precision not in PRECISIONS:
-            raise ResultsError(f"unknown precision {self.precision!r}; known: {', '.join(PRECISIONS)}")
+        try:
+            resolve_precision(self.precision)
+        except EncoderInputError as error:
+            raise ResultsError(str(error)) from error
         for name, least in (("images", 8), ("held_out", 2), ("epochs", 1), ("seed", 0)):
             if getattr(self, name) < least:
                 raise ResultsError(f"{name} must be at least {least}, not {getattr(self, name)}")
@@ -170,13 +173,13 @@ def write_tables(folder: Path, plan: Plan, scenes: Scenes, kept: np.ndarray, asi
 
 
 def _claim(folder: Path, plan: Plan) -> Plan:
-    """Make the folder this study's, or raise `ResultsError` naming what differs; returns the plan with the precision
-    that the study began with."""
+    """The plan in the precision that its folder began with, once the folder is this study's; raises `ResultsError`
+    that names what differs."""
     path = folder / RECORD
     there = _read(path) if path.exists() else {}
     if plan.precision == "auto":
         plan = replace(plan, precision=there.get("precision") or resolve_precision("auto"))
-    record = json.loads(json.dumps(asdict(plan) | {"render_version": RENDER_VERSION}))
+    record = json.loads(json.dumps(asdict(plan) | {"render_version": RENDER_VERSION, "source": source_hash(*SOURCES)}))
     record["level"] = level_named(plan.level).name
     if there:
         differing = [

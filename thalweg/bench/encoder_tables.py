@@ -72,8 +72,8 @@ def page(about: str, rows: Sequence[Mapping[str, str]], entropies: Sequence[list
         f"# The encoder study\n\n{about}\n\n## Size, river and what a line reads\n",
         _table(rows, (*CASE, *ERRORS, *RIVER)),
         "Mean squared errors of values in 0..1. IoU of the water, on images held out: of the reconstructed mask, and of"
-        " the water that a small network finds in the reconstructed colours; `iou ceiling` is what it finds in the"
-        " frames themselves.\n",
+        " the water that a network trained on frames finds in the reconstructed colours; `iou ceiling` is what it finds"
+        " in the frames themselves.\n",
         _table(rows, (*CASE, *READ)),
         "R² on images held out of a linear regression on the code: distances to the banks, heading error, height above"
         " the water, way to the middle of the next bridge within 60 m.\n",

@@ -21,10 +21,16 @@ from torch import Tensor, nn
 from thalweg.encoder import EncoderFileError, EncoderInputError
 from thalweg.encoder.files import FORMAT, read_tensors, write_tensors
 from thalweg.encoder.measure import CHUNK
+from thalweg.encoder.training import resolve_precision
 
+BLOCK = 2
+"""Pixels along a side of the blocks that the network begins with."""
 WIDTHS = (24, 48, 64, 96)
 """Channels, from blocks of 2 x 2 pixels to those of 16 x 16."""
+SIDES = BLOCK * 2 ** (len(WIDTHS) - 1)
+"""Pixels of which the sides of an image must be multiples."""
 EPOCHS, BATCH, RATE = 16, 32, 3e-3
+"""Of training; the rate is the greatest of AdamW's, which rises and falls once."""
 KIND = "finder of water"
 
 
@@ -38,25 +44,25 @@ def mean_iou(found: np.ndarray, truth: np.ndarray) -> float:
 
 
 class Finder(nn.Module):
-    """Where is water? A logit for each pixel, from colours alone; sides must be multiples of 16 pixels."""
+    """Where is water? A logit for each pixel, from colours alone; an image's sides are multiples of `SIDES`."""
 
     def __init__(self) -> None:
         super().__init__()
-        pairs = list(zip((12, *WIDTHS), WIDTHS, strict=False))
+        pairs = list(zip((3 * BLOCK**2, *WIDTHS), WIDTHS, strict=False))
         self.down = nn.ModuleList([_block(before, after) for before, after in pairs])
         self.up = nn.ModuleList([_block(near + far, near) for near, far in pairs[:0:-1]])
-        self.last = nn.Conv2d(WIDTHS[0], 4, 1)
+        self.last = nn.Conv2d(WIDTHS[0], BLOCK**2, 1)
 
     def forward(self, colours: Tensor) -> Tensor:
         """Logits [N, H, W] of colours [N, 3, H, W] in 0..1."""
-        here = nn.functional.pixel_unshuffle(colours - 0.5, 2)
+        here = nn.functional.pixel_unshuffle(colours - 0.5, BLOCK)
         kept: list[Tensor] = []
         for block in self.down:
             here = block(nn.functional.max_pool2d(here, 2) if kept else here)
             kept.append(here)
         for block, near in zip(self.up, kept[-2::-1], strict=True):
             here = block(torch.cat([nn.functional.interpolate(here, scale_factor=2), near], 1))
-        return nn.functional.pixel_shuffle(self.last(here), 2).squeeze(1)
+        return nn.functional.pixel_shuffle(self.last(here), BLOCK).squeeze(1)
 
 
 def _block(before: int, after: int) -> nn.Sequential:
@@ -69,11 +75,19 @@ def _block(before: int, after: int) -> nn.Sequential:
 def train_finder(
     images: np.ndarray, seed: int = 0, epochs: int = EPOCHS, *, precision: str = "float32", progress: bool = False
 ) -> Finder:
-    """A finder for images uint8 [K, H, W, 4], whose fourth channel is the truth; half of the batches are mirrored.
+    """A finder for images uint8 [K, H, W, 4], whose fourth channel is the truth; each batch is mirrored by chance.
 
-    `precision` is "float32" or "bfloat16", that of the convolutions in training; the finder is in float32.
+    `precision` is "float32" or "bfloat16", that of the convolutions in training, or "auto"; the finder is in float32.
+
+    Raises `EncoderInputError` for another precision, and for images of another kind or with other sides.
     """
-    generator = np.random.default_rng([seed, 2])
+    height, width = images.shape[1:3] if images.ndim == 4 and images.shape[3] == 4 else (0, 0)
+    if images.dtype != np.uint8 or not height or height % SIDES or width % SIDES:
+        raise EncoderInputError(
+            f"images must be uint8 [K, H, W, 4], H and W multiples of {SIDES}, not {images.dtype} {list(images.shape)}"
+        )
+    half = resolve_precision(precision) == "bfloat16"
+    generator = np.random.default_rng([seed, 2])  # 0 and 1 are those of `thalweg.encoder.training`
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         finder = Finder()
@@ -84,8 +98,8 @@ def train_finder(
         for chosen in np.array_split(generator.permutation(len(images)), batches):
             part = images[chosen, :, :: generator.choice([1, -1])]
             truth = torch.from_numpy(part[..., 3] > 0).float()
-            with torch.autocast("cpu", torch.bfloat16, enabled=precision == "bfloat16"):
-                logits = finder(colours_of(part))
+            with torch.autocast("cpu", torch.bfloat16, enabled=half):
+                logits = finder(_colours_of(part))
             loss = nn.functional.binary_cross_entropy_with_logits(logits.float(), truth)
             optimiser.zero_grad(set_to_none=True)
             loss.backward()
@@ -113,12 +127,12 @@ def load_finder(path: Path) -> Finder:
 def water_in(finder: Finder, colours: np.ndarray) -> np.ndarray:
     """Water bool [K, H, W] in colours [K, H, W, 3], uint8 or 0..1."""
     parts = [
-        (finder(colours_of(colours[start : start + CHUNK])) > 0).numpy() for start in range(0, len(colours), CHUNK)
+        (finder(_colours_of(colours[start : start + CHUNK])) > 0).numpy() for start in range(0, len(colours), CHUNK)
     ]
     return np.concatenate(parts)
 
 
-def colours_of(images: np.ndarray) -> Tensor:
+def _colours_of(images: np.ndarray) -> Tensor:
     """[N, 3, H, W] in 0..1 of images [N, H, W, 3 or more], uint8 or 0..1."""
     colours = torch.from_numpy(np.ascontiguousarray(images[..., :3])).permute(0, 3, 1, 2)
     return colours.float() / 255 if colours.dtype == torch.uint8 else colours.float()

@@ -1,17 +1,20 @@
 """What do the committed results say? The tables of `docs/findings.md`, which `write_figures.py` puts there."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from thalweg.bench.beyond import LIMIT, kept, limits, pairs, train_level, trained_policies, training_regret
-from thalweg.bench.encoder_tables import CASE, SIZE_COLUMNS
+from thalweg.bench.encoder_tables import CASE, READ, SIZE_COLUMNS, table
 from thalweg.bench.episodes import Episode
 from thalweg.bench.files import read_csv
-from thalweg.bench.inference import mean_of, share
+from thalweg.bench.inference import mean_of, share, student
 from thalweg.bench.reading import read_results
+from thalweg.bench.results import Results
 from thalweg.bench.statistics import TrainingLog, grouped, regret
 from thalweg.bench.tables import markdown, paper_table, seeds_text
 
@@ -24,72 +27,95 @@ CONDITIONS = {"sampled": "", "deterministic": "deterministic", "unseen rivers": 
 """Columns of the table of conditions, and what the results call them."""
 REAL = "real"
 ENCODER_COLUMNS = (*CASE, "train_mse", "held_out_mse", "iou_mask", "iou_colours", "iou_ceiling")
-ENTROPY_COLUMNS = ("first", "second", "paper")
+PAIR = ("first", "second", "paper")
+"""Columns of entropy.csv that do not depend on the smoothing."""
 
 
 def study() -> str:
     """The paper's table: every policy on every level, published figures below ours."""
-    return markdown(*paper_table(read_results(STUDY)))
+    return markdown(*paper_table(_results(STUDY)))
 
 
 def keeping() -> str:
     """Whether each policy keeps the limit."""
-    return markdown(*limits(read_results(STUDY)).grid)
+    header, rows = limits(_results(STUDY)).grid
+    return markdown(header[:-2], [row[:-2] for row in rows])  # without times
 
 
 def beside_first() -> str:
     """Each other policy against `FIRST`, start by start."""
-    results = read_results(STUDY)
+    results = _results(STUDY)
     header, rows = pairs(results).grid
     return markdown(header, [row for row in rows if row[0] == FIRST])
 
 
 def training() -> str:
     """When the cost of training was paid."""
-    results = read_results(STUDY)
+    results = _results(STUDY)
     rows = []
     for name in trained_policies(results):
         logs = [log for log in results.training if log.algorithm == name]
         if logs:
-            paid = [float(np.mean(costs)) for costs in zip(*map(_by_quarter, logs), strict=True)]
-            early = float(np.mean([_early(log) for log in logs]))
-            rows.append([name, *(f"{cost:.2f}" for cost in paid), f"{early:.0%}"])
-    quarters = (f"{ordinal} quarter" for ordinal in ("first", "second", "third", "last"))
-    return markdown(["cost of an episode", *quarters, "regret in the first quarter"], rows)
+            paid = [student(float(np.mean(each)), np.array(each)) for each in zip(*map(by_quarter, logs), strict=True)]
+            bound = [at_bound(results.folder / "runs" / f"{name}-{log.seed}") for log in logs]
+            rows.append([name, *map(str, paid), _percent(map(early_regret, logs)), _percent(bound)])
+    quarters = (f"cost, {ordinal} quarter" for ordinal in ("first", "second", "third", "last"))
+    return markdown(["policy", *quarters, "regret paid in the first quarter", "multiplier at its bound"], rows)
 
 
-def _by_quarter(log: TrainingLog) -> list[float]:
-    """Mean cost of the episodes that ended in each quarter of the steps."""
-    costs, quarter = log.tight + log.loose, 4 * (log.step - 1) // log.last_step
-    return [float(costs[quarter == number].mean()) for number in range(4)]
+def _percent(shares: Iterable[float]) -> str:
+    """The mean of the seeds' shares that there are."""
+    known = [share for share in shares if not np.isnan(share)]
+    return f"{np.mean(known):.0%}" if known else "none"
 
 
-def _early(log: TrainingLog) -> float:
-    """The share of the regret that episodes of the first quarter of the steps make up."""
-    first = log.step <= log.last_step / 4
+def at_bound(run: Path) -> float:
+    """The share of the updates of a training run in which the multiplier stood at its greatest; NaN if it has none."""
+    config = yaml.safe_load((run / "config.yaml").read_text(encoding="utf-8"))["run"]["config"]
+    if "multiplier_max" not in config:
+        return np.nan
+    values = [float(row["multiplier"]) for row in read_csv(run / "metrics.csv", ("multiplier",))]
+    return float(np.mean(np.array(values) >= config["multiplier_max"]))
+
+
+def by_quarter(log: TrainingLog) -> list[float]:
+    """Mean cost of the episodes that ended in each quarter of the steps; NaN where none did."""
+    costs, quarter = log.tight + log.loose, _quarter(log)
+    return [float(costs[quarter == number].mean()) if (quarter == number).any() else np.nan for number in range(4)]
+
+
+def early_regret(log: TrainingLog) -> float:
+    """The share of the regret that episodes of the first quarter of the steps make up; NaN where there is none."""
+    first = _quarter(log) == 0
     part = replace(log, step=log.step[first], tight=log.tight[first], loose=log.loose[first])
-    return regret(part, LIMIT) * first.sum() / (regret(log, LIMIT) * len(first))
+    whole = regret(log, LIMIT) * len(first)
+    return regret(part, LIMIT) * float(first.sum()) / whole if whole else np.nan
+
+
+def _quarter(log: TrainingLog) -> np.ndarray:
+    """Of the steps, in which each episode ended: 0 to 3."""
+    return 4 * (log.step - 1) // log.last_step
 
 
 def elsewhere() -> str:
     """The mean return of each policy under some conditions, on the level of training and on real rivers."""
-    results = read_results(STUDY)
+    results = _results(STUDY)
     level = train_level(results)
     every = {"": results.episodes, **results.beyond}
     real = grouped(results.beyond.get(REAL, []))
     rivers = list(dict.fromkeys(river for _, river in real))
-    seen = {condition["name"] for condition in results.suite["conditions"] if not condition["blind"]}
+    seen = {condition["name"] for condition in results.suite.get("conditions", []) if not condition["blind"]}
     rows = []
     for policy in results.policies:
         if (policy, level) not in grouped(results.episodes):
             continue
-        blind = policy in results.suite["baselines"]
+        blind = policy in results.suite.get("baselines", [])
         days = [
             BLIND if blind and name in seen else _return(grouped(every.get(name, [])).get((policy, level)))
             for name in CONDITIONS.values()
         ]
         rows.append([policy, *days, *(_return(real.get((policy, river))) for river in rivers)])
-    return markdown(["return", *CONDITIONS, *(f"the {river}" for river in rivers)], rows)
+    return markdown(["policy, its return", *CONDITIONS, *(f"the {river}" for river in rivers)], rows)
 
 
 def _return(rows: Sequence[Episode] | None) -> str:
@@ -98,7 +124,7 @@ def _return(rows: Sequence[Episode] | None) -> str:
 
 def left_open() -> str:
     """What the paper left open: each way of doing it, on the level of training."""
-    results = read_results(OPEN)
+    results = _results(OPEN)
     level, flown = train_level(results), grouped(results.episodes)
     rows = []
     for name in trained_policies(results):
@@ -115,22 +141,21 @@ def left_open() -> str:
 
 def sizes() -> str:
     """Errors of encoders by size, and how well they keep the river."""
-    rows = read_csv(ENCODERS / "sizes.csv", SIZE_COLUMNS)
-    return markdown(_heads(ENCODER_COLUMNS), [[row[name] for name in ENCODER_COLUMNS] for row in rows])
+    return table(read_csv(ENCODERS / "sizes.csv", SIZE_COLUMNS), ENCODER_COLUMNS)
 
 
 def probes() -> str:
     """What a linear regression reads from the codes."""
-    columns = (*CASE, *(name for name in SIZE_COLUMNS if name.startswith("read_")))
-    rows = read_csv(ENCODERS / "sizes.csv", SIZE_COLUMNS)
-    return markdown(_heads(columns), [[row[name] for name in columns] for row in rows])
+    return table(read_csv(ENCODERS / "sizes.csv", SIZE_COLUMNS), (*CASE, *READ))
 
 
 def entropies() -> str:
     """Relative entropy of the codes of different inputs."""
-    rows = read_csv(ENCODERS / "entropy.csv", ENTROPY_COLUMNS)
-    return markdown(_heads(list(rows[0])), [list(row.values()) for row in rows])
+    rows = read_csv(ENCODERS / "entropy.csv", PAIR)
+    return table(rows, list(rows[0]))
 
 
-def _heads(columns: Sequence[str]) -> list[str]:
-    return [name.removeprefix("read_").replace("_", " ") for name in columns]
+@cache
+def _results(folder: Path) -> Results:
+    """Read once for all tables."""
+    return read_results(folder)

@@ -53,12 +53,18 @@ def test_limits_are_judged_by_the_cost_of_flights_and_of_training(results: Resul
     header, rows = limits(results).grid
     by = {row[0]: dict(zip(header, row, strict=True)) for row in rows}
     assert list(by) == ["PPO", "FOCOPS", "P3O"]
-    assert by["PPO"]["cost"] == "0.50 [0.50, 0.50]" and by["PPO"]["limit met"] == "no"
-    assert by["FOCOPS"]["cost"] == "0.00 [0.00, 0.00]" and by["FOCOPS"]["limit met"] == "yes"
+    assert by["PPO"]["cost"] == "0.50 [0.00, 1.00]" and by["PPO"]["limit met"] == "unsure"
+    assert by["FOCOPS"]["cost"] == "0.00 [0.00, 0.39]" and by["FOCOPS"]["limit met"] == "unsure"
     assert by["PPO"]["violations"].startswith("50% [")
     assert (by["PPO"]["regret in training"], by["FOCOPS"]["regret in training"]) == ("0.40", "unknown")
     assert (by["PPO"]["minutes"], by["PPO"]["steps a second"]) == ("3.00", "8.00")
     assert by["P3O"]["cost"] == "failed"
+
+
+def test_sixty_flights_without_a_cost_keep_the_limit(results: Results):
+    free = [replace(row, episode=20 * row.episode + more) for row in flights("PPO", 3, 4.0, 0.0) for more in range(10)]
+    header, rows = limits(replace(results, episodes=free)).grid
+    assert rows[0][header.index("limit met")] == "yes"
 
 
 def test_whether_a_limit_is_met_needs_an_interval():
@@ -125,6 +131,6 @@ def test_at_full_precision_an_estimate_has_three_columns(results: Results):
         "policy", "seeds", "cost", "cost, low", "cost, high", "limit met", "violations", "violations, low",
         "violations, high", "regret in training", "minutes", "steps a second",
     ]  # fmt: skip
-    assert first[:6] == ["PPO", "3", "0.5", "0.5", "0.5", "no"] and float(first[-1]) == 8.0
-    assert second[2:6] == ["0.0", "0.0", "0.0", "yes"]
+    assert first[:6] == ["PPO", "3", "0.5", "0.0", "1.0", "unsure"] and float(first[-1]) == 8.0
+    assert second[2:4] == ["0.0", "0.0"] and 0.39 < float(second[4]) < 0.4 and second[5] == "unsure"
     assert third[2:6] == ["failed", "", "", "failed"]

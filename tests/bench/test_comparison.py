@@ -49,6 +49,14 @@ def test_a_difference_is_that_of_means_and_its_interval_welchs():
     assert found.value == pytest.approx(ours.mean() - theirs.mean())
 
 
+def test_a_difference_is_within_what_is_possible():
+    ours, theirs = np.array([[10.0, 10.0, 4.0]]), np.zeros((1, 3))  # 8 ± 2 * 4.30
+    for compared in (difference, change):
+        assert (compared(ours, theirs, 10.0).value, compared(ours, theirs, 10.0).high) == (8.0, 10.0)
+        assert compared(theirs, ours, 10.0).low == -10.0
+        assert compared(ours, theirs).high > 16.0
+
+
 def test_what_a_start_is_worth_cancels_out():
     starts = np.random.default_rng(1).normal(0.0, 100.0, (20, 1))
     ours, theirs = OURS[:1].repeat(20, 0), THEIRS[:1].repeat(20, 0)

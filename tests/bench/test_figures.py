@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from thalweg.bench.episodes import REASONS, WORDS
-from thalweg.bench.figures import PANELS, failure_bars, pdf, training_curves
+from thalweg.bench.figures import PANELS, failure_bars, line_style, pdf, training_curves
 from thalweg.bench.reading import read_results
 
 
@@ -20,6 +20,12 @@ def test_every_panel_has_a_curve_for_each_algorithm_and_a_band_over_seeds(tiny_r
     for axis in figure.axes:
         assert [line.get_label() for line in axis.lines] == ["PPO (2 seeds, 1 of them failed)", "FOCOPS (1 seed)"]
         assert len(axis.collections) == 1  # the band of PPO
+        assert axis.get_legend() is None
+    assert len(figure.legends) == 1
+
+
+def test_the_first_twenty_policies_have_lines_of_their_own():
+    assert len({tuple(line_style(index).values()) for index in range(20)}) == 20
 
 
 def test_the_curves_end_at_values_computed_by_hand(tiny_results: Path):

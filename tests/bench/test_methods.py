@@ -1,4 +1,4 @@
-"""The table of domains and methods: every algorithm of the registry has its row."""
+"""The table of domains and methods, made of the registry."""
 
 from pathlib import Path
 
@@ -24,7 +24,7 @@ def test_how_a_limit_is_kept_is_told_by_the_settings():
     }  # fmt: skip
 
 
-def test_each_trained_policy_has_a_row_and_an_algorithm_that_is_gone_says_so():
+def test_each_arm_has_a_row_and_an_algorithm_that_is_gone_says_so():
     suite = Suite("it", (Arm("FOCOPS", "paper"), Arm("Gone")), packaged=False)
     _, rows = methods(Results(Path(), suite.as_data(), [], [], [], [])).grid
     assert rows == [

@@ -13,7 +13,7 @@ import numpy as np
 from thalweg.bench.comparison import change, difference, improvement, shared_tables
 from thalweg.bench.episodes import Episode
 from thalweg.bench.files import csv_text
-from thalweg.bench.inference import Estimate, mean_of, share
+from thalweg.bench.inference import Estimate, mean_of, share, span
 from thalweg.bench.results import Results
 from thalweg.bench.statistics import grouped, regret
 from thalweg.bench.suites import arms_of
@@ -139,13 +139,12 @@ def pairs(results: Results) -> Sheet:
         if ours is None or theirs is None:
             continue
         try:
-            returns, costs = (shared_tables(ours, theirs, field) for field in ("return_", "cost"))
+            both = {field: shared_tables(ours, theirs, field) for field in ("return_", "cost")}
         except ValueError:
             rows.append([one, other, *["not the same starts"] * 3])
             continue
-        rows.append(
-            [one, other, improvement(*returns).as_percent(), str(difference(*returns)), str(difference(*costs))]
-        )
+        apart = (difference(*tables, span(field)) for field, tables in both.items())
+        rows.append([one, other, _share(improvement(*both["return_"])), *apart])
     return Sheet(header, rows)
 
 
@@ -176,6 +175,6 @@ def conditions(results: Results) -> Sheet:
 def changed(after: Sequence[Episode], before: Sequence[Episode]) -> Estimate | str:
     """The mean change of the return from one condition to another; `other starts` where they are not the same."""
     try:
-        return change(*shared_tables(after, before, "return_"))
+        return change(*shared_tables(after, before, "return_"), span("return_"))
     except ValueError:
         return "other starts"

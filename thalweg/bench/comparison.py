@@ -14,10 +14,11 @@ import numpy as np
 from scipy import stats
 
 from thalweg.bench.episodes import Episode
-from thalweg.bench.inference import CONFIDENCE, LEAST_SEEDS, Estimate, no_surer, student, table_of
+from thalweg.bench.inference import CONFIDENCE, LEAST_SEEDS, Estimate, clipped, no_surer, student, table_of
+from thalweg.env.payment import WHOLE_COURSE
 
-SHARES = np.linspace(0.0, 10.0, 101)
-"""Returns at which profiles are drawn: an episode pays 10 at most."""
+SHARES = np.linspace(0.0, WHOLE_COURSE, 101)
+"""Returns at which profiles are drawn."""
 SAME = 1e-9
 """Returns that differ by no more are the same: a return is a sum, and its last digits depend on the steps that paid."""
 
@@ -29,16 +30,16 @@ def improvement(ours: np.ndarray, theirs: np.ndarray) -> Estimate:
     return found if np.isnan(found.low) else no_surer(found, len(ours) * min(pairs.shape))
 
 
-def difference(ours: np.ndarray, theirs: np.ndarray) -> Estimate:
-    """Mean of ours [L, M] less theirs [L, K] from the same starts."""
-    return _between_pairs(_by_pair(ours, theirs, np.subtract))
+def difference(ours: np.ndarray, theirs: np.ndarray, most: float = np.inf) -> Estimate:
+    """Mean of ours [L, M] less theirs [L, K] from the same starts, which can't differ by more than `most`."""
+    return clipped(_between_pairs(_by_pair(ours, theirs, np.subtract)), -most, most)
 
 
-def change(after: np.ndarray, before: np.ndarray) -> Estimate:
+def change(after: np.ndarray, before: np.ndarray, most: float = np.inf) -> Estimate:
     """Mean of the same M policies' flights [L, M] under one condition less those under another: pairs of starts and of
-    policies."""
+    policies, whose means can't differ by more than `most`."""
     each = (after - before).mean(0)
-    return student(float(each.mean()), each)
+    return clipped(student(float(each.mean()), each), -most, most)
 
 
 def shared_tables(ours: Sequence[Episode], theirs: Sequence[Episode], field: str) -> tuple[np.ndarray, np.ndarray]:

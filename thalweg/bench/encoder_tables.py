@@ -70,11 +70,11 @@ def page(about: str, rows: Sequence[Mapping[str, str]], entropies: Sequence[list
     """The tables, with what their columns mean; `about` says what was trained and measured."""
     parts = [
         f"# The encoder study\n\n{about}\n\n## Size, river and what a line reads\n",
-        _table(rows, (*CASE, *ERRORS, *RIVER)),
+        table(rows, (*CASE, *ERRORS, *RIVER)),
         "Mean squared errors of values in 0..1. IoU of the water, on images held out: of the reconstructed mask, and of"
         " the water that a network trained on frames finds in the reconstructed colours; `iou ceiling` is what it finds"
         " in the frames themselves.\n",
-        _table(rows, (*CASE, *READ)),
+        table(rows, (*CASE, *READ)),
         "R² on images held out of a linear regression on the code: distances to the banks, heading error, height above"
         " the water, way to the middle of the next bridge within 60 m.\n",
     ]
@@ -88,7 +88,8 @@ def page(about: str, rows: Sequence[Mapping[str, str]], entropies: Sequence[list
     return "\n".join(parts)
 
 
-def _table(rows: Sequence[Mapping[str, str]], columns: Sequence[str]) -> str:
+def table(rows: Sequence[Mapping[str, str]], columns: Sequence[str]) -> str:
+    """Some columns of rows in Markdown, named for people."""
     names = [name.removeprefix("read_").replace("_", " ") for name in columns]
     return markdown(names, [[row[name] for name in columns] for row in rows])
 

@@ -95,7 +95,8 @@ def training_curves(results: Results) -> Figure | None:
 
 
 def line_style(index: int) -> dict[str, Any]:
-    """Colour and dashes of the policy of that number; dashes where colours come again."""
+    """Colour and dashes of the policy of that number; dashes from the eleventh on, whose colours come
+    again; from the 21st on all is as with the eleventh."""
     return {"color": COLOURS[index % len(COLOURS)], "linestyle": "-" if index < len(COLOURS) else "--"}
 
 

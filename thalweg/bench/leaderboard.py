@@ -55,11 +55,12 @@ class Entry:
     steps: int
     """Of training, each seed."""
     seeds: int
+    """Whose training finished."""
     cost: Estimate | None
     """Mean on `LEVEL`; None where it has not flown there."""
     returns: dict[str, Estimate]
-    """Mean on each level it flew on, and on unseen rivers of `LEVEL`. (Interquartile means are 10 where three flights
-    of four succeed.)"""
+    """Mean on each level it flew on, and on unseen rivers of `LEVEL`; an interquartile mean would hide up to a quarter
+    of failures."""
     regret: float | None
     """Mean over seeds, in training; None where that is not known."""
     lacks: tuple[str, ...]

@@ -7,6 +7,7 @@ from thalweg.algos.onpolicy.config import OnPolicyConfig
 from thalweg.algos.planning.config import PlanningConfig
 from thalweg.algos.registry import ALGORITHMS, Entry
 from thalweg.bench.beyond import Sheet
+from thalweg.bench.inference import Estimate
 from thalweg.bench.results import Results
 from thalweg.bench.suites import arms_of
 
@@ -16,7 +17,7 @@ DOMAINS = {OnPolicyConfig: "on-policy", OffPolicyConfig: "off-policy", PlanningC
 
 def domain(entry: Entry) -> str:
     """Where an algorithm takes what it learns from."""
-    return next(name for kind, name in DOMAINS.items() if issubclass(entry.config, kind))
+    return next((name for kind, name in DOMAINS.items() if issubclass(entry.config, kind)), "unknown")
 
 
 def keeps_by(entry: Entry) -> str:
@@ -27,8 +28,8 @@ def keeps_by(entry: Entry) -> str:
 
 
 def methods(results: Results) -> Sheet:
-    """A row for each trained policy of the suite; one of an algorithm that there is no more says so."""
-    rows: list[list] = []
+    """A row for each arm of the suite; one whose algorithm is gone says so."""
+    rows: list[list[str | float | Estimate]] = []
     for arm in arms_of(results.suite):
         entry = ALGORITHMS.get(arm["algorithm"])
         rest = ["unknown"] * 3 if entry is None else [domain(entry), keeps_by(entry), entry.about]

@@ -120,7 +120,7 @@ PARTS: tuple[Table | Picture | Films, ...] = (
         tables.detail_table,
         tables.detail_csv,
         "In brackets: intervals of 95 %, over training seeds where there are three or more; shares of one policy have"
-        " Wilson's. IQM: mean of the middle half of the episodes; its stratified bootstrap, which is customary, is too"
+        " Wilson's. IQM: mean of the middle half of the episodes; the stratified bootstrap, which is customary, is too"
         " sure where there are few seeds.",
     ),
     _sheet(
@@ -179,7 +179,7 @@ PARTS: tuple[Table | Picture | Films, ...] = (
         beyond.conditions,
         "Change: of the return against sampled actions on the usual day, from the same starts.",
     ),
-    _sheet("methods", "Domains and methods", methods, "Of the algorithms that were trained here."),
+    _sheet("methods", "Domains and methods", methods, "Of the algorithms of the suite, trained or not."),
     Table("runs", "Runs", tables.runs_table, tables.runs_csv),
 )
 """In the order of the page."""

@@ -87,7 +87,7 @@ DETAILS = (
     "episodes",
     "seeds",
     "return, IQM",
-    "the same, bootstrap",
+    "return, IQM (bootstrap)",
     "success",
     "tight violation",
     "loose violation",

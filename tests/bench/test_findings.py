@@ -1,0 +1,78 @@
+"""The tables of what the benchmark shows: on logs and flights whose figures are known."""
+
+import importlib
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from thalweg.bench.statistics import TrainingLog
+
+
+@pytest.fixture
+def findings(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(Path(__file__).resolve().parents[2] / "benchmarks")
+    monkeypatch.delitem(sys.modules, "findings", raising=False)
+    return importlib.import_module("findings")
+
+
+def log(costs: list[float], steps: list[int], last_step: int = 400) -> TrainingLog:
+    tight = np.array(costs)
+    return TrainingLog("PPO", 0, np.array(steps), np.zeros(len(costs)), tight, np.zeros(len(costs)), last_step)
+
+
+def cells(text: str) -> list[list[str]]:
+    header, _, *rows = ([cell.strip() for cell in line.strip("| ").split(" | ")] for line in text.splitlines())
+    return [header, *rows]
+
+
+def test_a_step_on_the_border_belongs_to_the_quarter_that_it_ends(findings: ModuleType):
+    found = findings.by_quarter(log([1.0, 0.5, 0.0, 1.0, 0.2], [50, 100, 101, 300, 400]))
+    assert found == [0.75, 0.0, 1.0, 0.2]
+    assert np.isnan(findings.by_quarter(log([1.0], [400]))[0])
+
+
+def test_early_regret_is_the_share_that_the_first_quarter_paid(findings: ModuleType):
+    """Blocks of 50 episodes: 50 at a cost of 1 are 45 beyond the limit of 0.1, 50 at 0.4 are 15, 50 at 0 none."""
+    costs = [1.0] * 50 + [0.4] * 50 + [0.0] * 50
+    steps = [*range(1, 51), *range(101, 151), *range(201, 251)]
+    assert findings.early_regret(log(costs, steps)) == pytest.approx(45 / 60)
+    assert np.isnan(findings.early_regret(log([0.0], [10])))
+
+
+def test_how_often_a_multiplier_stands_at_its_bound(findings: ModuleType, tmp_path: Path):
+    (tmp_path / "metrics.csv").write_text("steps,multiplier\n1,2.0\n2,1.5\n3,2.0\n4,2.0\n")
+    (tmp_path / "config.yaml").write_text("run:\n  config: {multiplier_max: 2.0}\n")
+    assert findings.at_bound(tmp_path) == 0.75
+    (tmp_path / "config.yaml").write_text("run:\n  config: {}\n")
+    assert np.isnan(findings.at_bound(tmp_path))
+
+
+def test_what_was_left_open_has_a_row_for_each_way_that_was_flown(
+    findings: ModuleType, tiny_results: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(findings, "OPEN", tiny_results)
+    header, row = cells(findings.left_open())
+    assert header[:3] == ["policy", "seeds", "return"] and row[:2] == ["PPO", "1 of 2"]
+
+
+def test_a_condition_that_was_not_flown_is_named(
+    findings: ModuleType, tiny_results: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(findings, "STUDY", tiny_results)
+    header, *rows = cells(findings.elsewhere())
+    assert header[1:] == ["sampled", "deterministic", "unseen rivers", "every look"]
+    assert [row[2:] for row in rows if row[0] == "PPO"] == [["not flown yet"] * 3]
+
+
+def test_fewer_than_three_seeds_have_no_interval_and_none_has_a_bound_without_a_multiplier(
+    findings: ModuleType, tiny_results: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(findings, "STUDY", tiny_results)
+    for run in sorted((tiny_results / "runs").iterdir()):
+        (run / "config.yaml").write_text("run:\n  config: {}\n")
+    header, row = cells(findings.training())
+    assert header[-1] == "multiplier at its bound" and row[-1] == "none"
+    assert "[" not in row[1]

@@ -6,9 +6,12 @@ import pytest
 
 from tests.bench.small_place import write_film_of
 from thalweg.bench.files import ResultsError
+from thalweg.bench.parts import PARTS, Table
 from thalweg.bench.reading import read_results
 from thalweg.bench.report import write_report
-from thalweg.bench.tables import ELSEWHERE, detail_csv, detail_table, number_columns, paper_table, table_csv
+from thalweg.bench.tables import ELSEWHERE, detail_csv, detail_table, markdown, number_columns, paper_table, table_csv
+
+STUDY = Path(__file__).resolve().parents[2] / "benchmarks" / "paper"
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 
@@ -312,3 +315,10 @@ def test_what_an_earlier_report_had_and_this_one_has_not_goes(tiny_results: Path
     report = write_report(tiny_results)
     assert report.film is None
     assert not (report.folder / "film.mp4").exists()
+
+
+def test_the_committed_tables_of_the_study_are_those_of_its_results():
+    results = read_results(STUDY)
+    for part in PARTS:
+        if isinstance(part, Table):
+            assert (STUDY / "report" / f"{part.name}.md").read_text() == markdown(*part.text(results)), part.name

@@ -16,6 +16,7 @@ from thalweg.bench.inference import mean_of, share, student
 from thalweg.bench.reading import read_results
 from thalweg.bench.results import Results
 from thalweg.bench.statistics import TrainingLog, grouped, regret
+from thalweg.bench.suites import arms_of
 from thalweg.bench.tables import markdown, paper_table, seeds_text
 
 HERE = Path(__file__).resolve().parent
@@ -44,9 +45,16 @@ def keeping() -> str:
 
 def beside_first() -> str:
     """Each other policy against `FIRST`, start by start."""
-    results = _results(STUDY)
-    header, rows = pairs(results).grid
+    header, rows = pairs(_results(STUDY)).grid
     return markdown(header, [row for row in rows if row[0] == FIRST])
+
+
+def beside_usual() -> str:
+    """What the paper left open: the usual way of each algorithm against its others, start by start."""
+    results = _results(OPEN)
+    algorithms = {arm["name"]: arm["algorithm"] for arm in arms_of(results.suite)}
+    header, rows = pairs(results).grid
+    return markdown(header, [row for row in rows if row[0] == algorithms[row[1]]])
 
 
 def training() -> str:

@@ -87,6 +87,7 @@ SECTIONS: dict[tuple[Path, str], tuple[str, Callable[[], str]]] = {
     (FOUND, "probes"): ("encoders/sizes.csv", findings.probes),
     (FOUND, "entropies"): ("encoders/entropy.csv", findings.entropies),
     (FOUND, "open"): ("open/runs.csv", findings.left_open),
+    (FOUND, "ways"): ("open/runs.csv", findings.beside_usual),
 }
 
 

@@ -1,6 +1,7 @@
 """The tables of what the benchmark shows: on logs and flights whose figures are known."""
 
 import importlib
+import json
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -56,6 +57,27 @@ def test_what_was_left_open_has_a_row_for_each_way_that_was_flown(
     monkeypatch.setattr(findings, "OPEN", tiny_results)
     header, row = cells(findings.left_open())
     assert header[:3] == ["policy", "seeds", "return"] and row[:2] == ["PPO", "1 of 2"]
+
+
+def test_each_way_is_compared_with_the_usual_one_of_its_algorithm(
+    findings: ModuleType, tiny_results: Path, monkeypatch: pytest.MonkeyPatch
+):
+    suite = json.loads((tiny_results / "suite.json").read_text())
+    common = {"seeds": [0], "steps": 400}
+    names = {"PPO": "PPO", "PPO-other": "PPO", "FOCOPS": "FOCOPS"}
+    suite["arms"] = [{"name": name, "algorithm": algorithm, **common} for name, algorithm in names.items()]
+    (tiny_results / "suite.json").write_text(json.dumps(suite))
+    flights = (tiny_results / "evaluation" / "PPO-0-Medium.csv").read_text()
+    runs = (tiny_results / "runs.csv").read_text().splitlines()[:3]
+    for name in ("PPO-other", "FOCOPS"):
+        flown = flights.replace("PPO,", f"{name},").replace(",1.0,1.0,1.0,", ",4.0,0.0,0.0,")
+        (tiny_results / "evaluation" / f"{name}-0-Medium.csv").write_text(flown)
+        runs.append(runs[2].replace("PPO", name))
+    (tiny_results / "runs.csv").write_text("\n".join(runs) + "\n")
+    monkeypatch.setattr(findings, "OPEN", tiny_results)
+    _, *rows = cells(findings.beside_usual())
+    assert [row[:2] for row in rows] == [["PPO", "PPO-other"]]
+    assert rows[0][3:] == ["-1.50", "0.50"]  # returns 1 and 2 against 4 and 2, costs 1 and 0.2 against 0 and 0.2
 
 
 def test_a_condition_that_was_not_flown_is_named(

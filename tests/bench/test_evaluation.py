@@ -231,5 +231,8 @@ def test_unseen_rivers_are_others_of_the_level_with_a_start_each(monkeypatch: py
     assert [course.places.tolist() for course in courses] == [[0], [1], [2]]
     rows = [row for course in courses for row in evaluate(BASELINES["hover"], course, LABEL, config)]
     assert [(row.world_seed, row.episode) for row in rows] == [(evaluation.UNSEEN + place, place) for place in range(3)]
+    assert [course.clocks_s.shape for course in courses] == [(1,)] * 3
+    own = np.concatenate([course.starts for course in courses])
+    assert all(len(np.unique(column)) == 3 for column in own.T)  # the rivers are alike, their starts are not
     again = Course.unseen("Easy", config)
     assert all(np.array_equal(one.starts, other.starts) for one, other in zip(courses, again, strict=True))

@@ -28,8 +28,11 @@ from thalweg.world import level_named
 
 SIZES = (1024, 512, 256, 128, 64, 32, 16, 8)
 """Numbers in a code that are compared."""
-SOURCES = ("encoder", "env/bearings.py", "bench/encoder_study.py", "bench/water.py")
-"""Parts of the package that a case's measures depend on, beside the renderer."""
+SOURCES = (
+    *("kernel.py", "world", "render", "env", "encoder", "train/collect.py"),
+    *("bench/encoder_study.py", "bench/water.py"),
+)
+"""Parts of the package that a case's measures depend on."""
 INPUTS = ("rgb", "mask", "rgb+mask")
 CODE = 16
 """Numbers in the codes of different inputs."""

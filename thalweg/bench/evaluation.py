@@ -97,12 +97,12 @@ class Course:
 
     @classmethod
     def unseen(cls, level: str, config: EvaluationConfig) -> list["Course"]:
-        """A start in each of as many rivers of the level as there are episodes, on which nothing is trained."""
+        """As many rivers of the level as there are episodes, on which nothing is trained, and on each another place of
+        its own list of starts: the first on the first, the second on the second, and so on."""
         chosen, courses = level_named(level), []
         for place in range(config.episodes):
             announce(chosen, UNSEEN + place)
-            one = cls.on(load_or_build(chosen, UNSEEN + place), replace(config, episodes=1))
-            courses.append(replace(one, places=np.array([place])))
+            courses.append(cls.on(load_or_build(chosen, UNSEEN + place), config).only(place))
         return courses
 
     def varied(self, randomisation: Randomisation, config: EvaluationConfig) -> "Course":

@@ -27,7 +27,10 @@ PACKAGED_POLICY = Path(__file__).with_name("flight.safetensors")
 
 STAGES = ".before"
 """Folder, within a run's, of the runs that it begins with."""
-SOURCES = ("world", "render", "env", "algos", "train", "encoder", "kernel.py", "bench/evaluation.py")
+SOURCES = (
+    *("world", "render", "env", "algos", "train", "encoder", "kernel.py"),
+    *("bench/evaluation.py", "bench/conditions.py", "bench/baselines.py", "bench/river.py"),
+)
 """Parts of the package that the episodes of a suite depend on."""
 
 

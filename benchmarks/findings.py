@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from thalweg.bench.beyond import LIMIT, kept, limits, pairs, train_level, trained_policies, training_regret
+from thalweg.bench.beyond import LIMIT, flown_seeds, kept, limits, pairs, train_level, trained_policies, training_regret
 from thalweg.bench.encoder_tables import CASE, READ, SIZE_COLUMNS, table
 from thalweg.bench.episodes import Episode
-from thalweg.bench.files import read_csv
-from thalweg.bench.inference import mean_of, share, student
+from thalweg.bench.files import ResultsError, read_csv
+from thalweg.bench.inference import POSSIBLE, Estimate, clipped, mean_of, share, student
 from thalweg.bench.reading import read_results
 from thalweg.bench.results import Results
 from thalweg.bench.statistics import TrainingLog, grouped, regret
@@ -64,11 +64,18 @@ def training() -> str:
     for name in trained_policies(results):
         logs = [log for log in results.training if log.algorithm == name]
         if logs:
-            paid = [student(float(np.mean(each)), np.array(each)) for each in zip(*map(by_quarter, logs), strict=True)]
+            paid = [_over_seeds(each) for each in zip(*map(by_quarter, logs), strict=True)]
             bound = [at_bound(results.folder / "runs" / f"{name}-{log.seed}") for log in logs]
-            rows.append([name, *map(str, paid), _percent(map(early_regret, logs)), _percent(bound)])
+            seeds = seeds_text(results, name, len(logs))
+            rows.append([name, seeds, *map(str, paid), _percent(map(early_regret, logs)), _percent(bound)])
     quarters = (f"cost, {ordinal} quarter" for ordinal in ("first", "second", "third", "last"))
-    return markdown(["policy", *quarters, "regret paid in the first quarter", "multiplier at its bound"], rows)
+    return markdown(["policy", "seeds", *quarters, "regret paid in the first quarter", "multiplier at its bound"], rows)
+
+
+def _over_seeds(costs: Sequence[float]) -> Estimate:
+    """The mean cost of seeds with its interval; seeds that have none (NaN) are left out."""
+    known = np.array([cost for cost in costs if not np.isnan(cost)])
+    return clipped(student(float(known.mean()), known), *POSSIBLE["cost"]) if len(known) else Estimate(np.nan)
 
 
 def _percent(shares: Iterable[float]) -> str:
@@ -122,8 +129,9 @@ def elsewhere() -> str:
             BLIND if blind and name in seen else _return(grouped(every.get(name, [])).get((policy, level)))
             for name in CONDITIONS.values()
         ]
-        rows.append([policy, *days, *(_return(real.get((policy, river))) for river in rivers)])
-    return markdown(["policy, its return", *CONDITIONS, *(f"the {river}" for river in rivers)], rows)
+        seeds = flown_seeds(results, policy, grouped(results.episodes)[policy, level])
+        rows.append([policy, seeds, *days, *(_return(real.get((policy, river))) for river in rivers)])
+    return markdown(["policy, its return", "seeds", *CONDITIONS, *(f"the {river}" for river in rivers)], rows)
 
 
 def _return(rows: Sequence[Episode] | None) -> str:
@@ -141,7 +149,7 @@ def left_open() -> str:
             continue
         cost, worse = mean_of(own, "cost"), training_regret(results, name)
         success = share(own, lambda row: row.success)
-        seeds = seeds_text(results, name, len({row.seed for row in own}))
+        seeds = flown_seeds(results, name, own)
         paid = "unknown" if worse is None else f"{worse:.2f}"
         rows.append([name, seeds, str(mean_of(own, "return_")), str(cost), kept(cost), success.as_percent(), paid])
     return markdown(["policy", "seeds", "return", "cost", "limit met", "success", "regret in training"], rows)
@@ -165,5 +173,8 @@ def entropies() -> str:
 
 @cache
 def _results(folder: Path) -> Results:
-    """Read once for all tables."""
-    return read_results(folder)
+    """Read once for all tables; raises `ResultsError` where a file can't be used, which no table would say."""
+    results = read_results(folder)
+    if results.skipped:
+        raise ResultsError(f"{folder.name}: {'; '.join(results.skipped)}")
+    return results

@@ -4,6 +4,7 @@
 study into the page on what it shows. What has not been measured is said to be so.
 """
 
+import argparse
 import json
 import statistics
 import sys
@@ -17,6 +18,7 @@ from thalweg.bench.files import read_csv
 from thalweg.bench.speed import COLUMNS, describe, table_rows
 from thalweg.bench.stages import REFLECTION
 from thalweg.bench.tables import markdown
+from thalweg.whole import write_whole
 
 ROOT = Path(__file__).resolve().parent.parent
 HERE = ROOT / "benchmarks"
@@ -26,14 +28,14 @@ NOT_YET = "Not measured yet.\n"
 
 def speed() -> str:
     """The table of speeds, with the machine."""
-    found = json.loads((HERE / "speed.json").read_text())
+    found = json.loads((HERE / "speed.json").read_text(encoding="utf-8"))
     machine = prose(f"Median, slowest and fastest repetition on {describe(found)}.")
     return f"{markdown(list(COLUMNS), table_rows(found))}\n{machine}"
 
 
 def stages() -> str:
     """The table of a frame's stages: mean, least and greatest over the views."""
-    found = json.loads((HERE / "stages.json").read_text())
+    found = json.loads((HERE / "stages.json").read_text(encoding="utf-8"))
     lines = found["measurements"]
     rows = [[line["name"], *(f"{line[key]:.2f}" for key in ("median", "fastest", "slowest"))] for line in lines]
     whole = sum(line["median"] for line in lines if line["name"] != REFLECTION)
@@ -92,16 +94,19 @@ SECTIONS: dict[tuple[Path, str], tuple[str, Callable[[], str]]] = {
 
 
 def main() -> int:
-    """Write the sections; with `--check` only say by the exit status whether they are up to date."""
+    """Write the sections."""
+    parser = argparse.ArgumentParser(description="Write what was measured into the pages.")
+    parser.add_argument("--check", action="store_true", help="write nothing; fail where a page is not up to date")
+    check = parser.parse_args().check
     stale = []
     for (page, mark), (source, words) in SECTIONS.items():
-        old = page.read_text()
+        old = page.read_text(encoding="utf-8")
         new = between_marks(old, mark, words() if (HERE / source).exists() else NOT_YET)
         if new != old:
             stale.append(f"{mark} in {page.name}")
-            if "--check" not in sys.argv:
-                page.write_text(new)
-    if stale and "--check" in sys.argv:
+            if not check:
+                write_whole(page, new)
+    if stale and check:
         print(f"stale, `python benchmarks/write_figures.py` writes them: {', '.join(stale)}", file=sys.stderr)
         return 1
     return 0

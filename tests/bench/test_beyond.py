@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.env import handmade
-from thalweg.bench.beyond import conditions, kept, limits, pairs
+from thalweg.bench.beyond import changed, conditions, kept, limits, pairs
 from thalweg.bench.conditions import Condition
 from thalweg.bench.episodes import Episode
 from thalweg.bench.figures_beyond import condition_grid, profiles
@@ -76,19 +76,43 @@ def test_whether_a_limit_is_met_needs_an_interval():
 def test_pairs_are_compared_from_the_same_starts(results: Results):
     """Of the nine pairs of seeds FOCOPS, 1.5 ahead, is below PPO in one, and its returns differ by -1.5 in the mean."""
     header, rows = pairs(results).grid
-    assert header[:2] == ["policy", "against"] and [row[:2] for row in rows] == [["PPO", "FOCOPS"]]
-    assert rows[0][2].startswith("11% [") and rows[0][3].startswith("-1.50 [-3.77, 0.77]")
-    assert rows[0][4].startswith("0.50 [0.50")
+    assert header[:3] == ["policy", "against", "seeds"] and [row[:3] for row in rows] == [["PPO", "FOCOPS", "3 and 3"]]
+    assert rows[0][3].startswith("11% [") and rows[0][4].startswith("-1.50 [-3.77, 0.77]")
+    # Costs of 0 and 1 thrice each, 0.5 ± 2.571 √(0.3 / 6), against six of 0, Wilson's 0 to 0.39.
+    assert rows[0][5] == "0.50 [-0.19, 1.00]"
     other = replace(results, episodes=[row for row in results.episodes if (row.algorithm, row.episode) != ("PPO", 1)])
-    assert pairs(other).grid[1] == [["PPO", "FOCOPS", *["not the same starts"] * 3]]
+    assert pairs(other).grid[1] == [["PPO", "FOCOPS", *["not the same starts"] * 4]]
 
 
 def test_conditions_say_what_changes_from_the_same_starts(results: Results):
     header, rows = conditions(results).grid
     assert [row[:4] for row in rows] == [["PPO", "mode", "Medium", "3"], ["FOCOPS", "real", "Cam", "3"]]
-    assert [row[header.index("return, change")] for row in rows] == ["0.50 [0.50, 0.50]", "other starts"]
+    assert [row[header.index("return, change")] for row in rows] == ["0.50 [-1.60, 2.60]", "other starts"]
     assert rows[0][header.index("return")] == "6.50 [4.02, 8.98]"  # t of 2 degrees of freedom: 4.303 / √3
     assert rows[0][header.index("success")].startswith("100% [")
+
+
+def test_a_change_is_that_of_the_seeds_that_flew_under_both(results: Results):
+    before = [row for row in results.episodes if row.algorithm == "PPO"]
+    after = [replace(row, return_=row.return_ + 0.5 + (row.seed == 2)) for row in before]
+    for seeds, change in (({0, 1, 2}, 2.5 / 3), ({0, 1}, 0.5), ({2}, 1.5)):
+        for flown in ((after, [row for row in before if row.seed in seeds]), (
+            [row for row in after if row.seed in seeds], before
+        )):  # fmt: skip
+            found = changed(*flown)
+            assert isinstance(found, Estimate) and found.value == pytest.approx(change)
+            assert np.isnan(found.low) == (len(seeds) < 3)
+    assert changed([replace(row, seed=7) for row in after], before) == "other seeds"
+    assert changed(after, []) == changed([], []) == "other starts"
+
+
+def test_seeds_that_are_lacking_are_said(results: Results):
+    free = [row for row in results.episodes if (row.algorithm, row.seed) != ("PPO", 2)]
+    beyond = {"mode": [row for row in results.beyond["mode"] if row.seed != 1]}
+    fewer = replace(results, episodes=free, beyond=beyond)
+    assert limits(fewer).grid[1][0][:2] == ["PPO", "2 of 3"]
+    assert pairs(fewer).grid[1][0][2] == "2 of 3 and 3"
+    assert conditions(fewer).grid[1][0][3] == "2 of 3"
 
 
 def test_profiles_have_a_line_for_each_policy_that_was_trained(results: Results):

@@ -42,8 +42,9 @@ def test_the_probability_of_improvement_counts_pairs_of_the_same_start():
 
 def test_a_difference_is_that_of_means_and_its_interval_welchs():
     random = np.random.default_rng(0)
-    ours, theirs = random.normal(1.0, 1.0, (20, 5)), random.normal(0.5, 3.0, (20, 3))
-    found = difference(ours, theirs)
+    ours = random.normal([1.0, 3.0, 5.0, 2.0, 4.0], 1.0, (20, 5))
+    theirs = random.normal([0.5, 5.5, 9.5], 3.0, (20, 3))
+    found = difference(ours, theirs, "length")
     welch = stats.ttest_ind(ours.mean(0), theirs.mean(0), equal_var=False).confidence_interval(0.95)
     np.testing.assert_allclose([found.low, found.high], [welch.low, welch.high], rtol=1e-12)
     assert found.value == pytest.approx(ours.mean() - theirs.mean())
@@ -52,21 +53,47 @@ def test_a_difference_is_that_of_means_and_its_interval_welchs():
 def test_a_difference_is_within_what_is_possible():
     ours, theirs = np.array([[10.0, 10.0, 4.0]]), np.zeros((1, 3))  # 8 ± 2 * 4.30
     for compared in (difference, change):
-        assert (compared(ours, theirs, 10.0).value, compared(ours, theirs, 10.0).high) == (8.0, 10.0)
-        assert compared(theirs, ours, 10.0).low == -10.0
-        assert compared(ours, theirs).high > 16.0
+        assert (compared(ours, theirs, "return_").value, compared(ours, theirs, "return_").high) == (8.0, 10.0)
+        assert compared(theirs, ours, "return_").low == -10.0
+        assert compared(ours, theirs, "length").high > 16.0
+
+
+def test_seeds_that_agree_are_no_surer_than_their_starts():
+    theirs = np.zeros((4, 3))
+    ours = theirs + np.array([[1.0], [3.0], [1.0], [3.0]])
+    half = 3.1824463 * (4 / 3) ** 0.5 / 2  # t of 97.5 % and 3 degrees of freedom, deviation of four starts
+    for compared in (difference, change):
+        found = compared(ours, theirs, "return_")
+        assert (found.value, found.low, found.high) == pytest.approx((2.0, 2.0 - half, 2.0 + half))
+
+
+def test_starts_that_agree_too_are_no_surer_than_the_flights_of_either():
+    whole, steps, none = np.full((20, 3), 10.0), np.full((20, 3), sum([10.0 / 288] * 288)), np.zeros((20, 3))
+    z, n = 1.959964, 60
+    tenfold = 10 * z**2 / (n + z**2)  # Wilson's interval of none of sixty, and of sixty of sixty, is so wide
+    for ours in (whole, steps):
+        for compared in (difference, change):
+            found = compared(ours, none, "return_")
+            assert (found.low, found.high) == pytest.approx((10.0 - tenfold * 2**0.5, 10.0))
+            even = compared(ours, whole, "return_")
+            assert (even.value, even.low, even.high) == pytest.approx((0.0, -tenfold, tenfold))
+
+
+def test_a_change_is_that_of_the_same_policies():
+    with pytest.raises(ValueError, match=r"\(20, 3\) and \(20, 1\) are not those of the same starts and policies"):
+        change(np.ones((20, 3)), np.zeros((20, 1)), "return_")
 
 
 def test_what_a_start_is_worth_cancels_out():
     starts = np.random.default_rng(1).normal(0.0, 100.0, (20, 1))
     ours, theirs = OURS[:1].repeat(20, 0), THEIRS[:1].repeat(20, 0)
     assert improvement(ours + starts, theirs + starts).value == improvement(ours, theirs).value
-    found = change(ours + starts, ours + starts - [[1.0, 2.0]])
+    found = change(ours + starts, ours + starts - [[1.0, 2.0]], "return_")
     assert found.value == pytest.approx(1.5)
 
 
 def test_there_is_no_interval_of_two_seeds():
-    for found in (improvement(OURS, THEIRS), difference(OURS, THEIRS), change(OURS, THEIRS)):
+    for found in (improvement(OURS, THEIRS), *(each(OURS, THEIRS, "return_") for each in (difference, change))):
         assert np.isnan(found.low) and np.isnan(found.high)
 
 
@@ -98,6 +125,8 @@ def test_a_profile_is_the_share_of_flights_that_return_at_least_so_much():
     np.testing.assert_allclose(share, [1.0, 5 / 6, 2 / 6])
     assert (low <= share).all() and (share <= high).all() and high.max() <= 1.0
     assert np.isnan(profile(table[:, :2])[1]).all()
+    certain = profile(np.full((20, 3), 10.0), np.array([10.0]))[1]  # sixty of sixty
+    assert certain == pytest.approx(stats.binomtest(60, 60).proportion_ci(0.95, method="wilson").low)
 
 
 def test_the_last_digits_of_a_sum_decide_nothing():

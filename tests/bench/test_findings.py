@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import shutil
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -9,6 +10,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from thalweg.bench.files import ResultsError
 from thalweg.bench.statistics import TrainingLog
 
 
@@ -73,11 +75,17 @@ def test_each_way_is_compared_with_the_usual_one_of_its_algorithm(
         flown = flights.replace("PPO,", f"{name},").replace(",1.0,1.0,1.0,", ",4.0,0.0,0.0,")
         (tiny_results / "evaluation" / f"{name}-0-Medium.csv").write_text(flown)
         runs.append(runs[2].replace("PPO", name))
+        shutil.copytree(tiny_results / "runs" / "PPO-0", tiny_results / "runs" / f"{name}-0")
     (tiny_results / "runs.csv").write_text("\n".join(runs) + "\n")
     monkeypatch.setattr(findings, "OPEN", tiny_results)
     _, *rows = cells(findings.beside_usual())
     assert [row[:2] for row in rows] == [["PPO", "PPO-other"]]
-    assert rows[0][3:] == ["-1.50", "0.50"]  # returns 1 and 2 against 4 and 2, costs 1 and 0.2 against 0 and 0.2
+    assert rows[0][2:] == [
+        "1 and 1",
+        "25%",
+        "-1.50",
+        "0.50",
+    ]  # returns 1 and 2 against 4 and 2, costs 1 and 0.2 against 0 and 0.2
 
 
 def test_a_condition_that_was_not_flown_is_named(
@@ -85,8 +93,8 @@ def test_a_condition_that_was_not_flown_is_named(
 ):
     monkeypatch.setattr(findings, "STUDY", tiny_results)
     header, *rows = cells(findings.elsewhere())
-    assert header[1:] == ["sampled", "deterministic", "unseen rivers", "every look"]
-    assert [row[2:] for row in rows if row[0] == "PPO"] == [["not flown yet"] * 3]
+    assert header[1:] == ["seeds", "sampled", "deterministic", "unseen rivers", "every look"]
+    assert [row[1::2] for row in rows if row[0] == "PPO"] == [["1 of 2", "not flown yet", "not flown yet"]]
 
 
 def test_fewer_than_three_seeds_have_no_interval_and_none_has_a_bound_without_a_multiplier(
@@ -96,5 +104,21 @@ def test_fewer_than_three_seeds_have_no_interval_and_none_has_a_bound_without_a_
     for run in sorted((tiny_results / "runs").iterdir()):
         (run / "config.yaml").write_text("run:\n  config: {}\n")
     header, row = cells(findings.training())
+    assert header[:2] == ["policy", "seeds"] and row[:2] == ["PPO", "2"]
     assert header[-1] == "multiplier at its bound" and row[-1] == "none"
-    assert "[" not in row[1]
+    assert "[" not in row[2]
+
+
+def test_a_seed_without_episodes_in_a_quarter_hides_no_other(findings: ModuleType):
+    assert str(findings._over_seeds([0.5, np.nan, 0.7])) == "0.60"
+    assert np.isnan(findings._over_seeds([np.nan] * 3).value)
+    assert str(findings._over_seeds([0.9, 1.0, 0.8])) == "0.90 [0.65, 1.00]"  # 0.9 ± 4.303 * 0.1 / √3
+
+
+def test_a_file_that_cannot_be_used_is_not_left_out_silently(
+    findings: ModuleType, tiny_results: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(findings, "OPEN", tiny_results)
+    (tiny_results / "evaluation" / "PPO-0-Medium.csv").write_text("half a head")
+    with pytest.raises(ResultsError, match=r"PPO-0-Medium\.csv"):
+        findings.left_open()

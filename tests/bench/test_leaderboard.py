@@ -145,6 +145,8 @@ def test_files_of_a_training_run_must_be_there(tmp_path: Path):
     folder = write(tmp_path / "mine")
     (folder / "runs" / "PPO-2" / "policy.safetensors").unlink()
     assert lacks(folder) == ("policy.safetensors of seed 2",)
+    (folder / "runs" / "PPO-1" / "episodes.csv").write_text("half a head")  # no regret can be computed from it
+    assert lacks(folder) == ("episodes.csv of seed 1", "policy.safetensors of seed 2")
 
 
 def test_only_the_first_starts_count(tmp_path: Path):

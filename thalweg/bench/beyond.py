@@ -5,70 +5,18 @@ than three.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
+from thalweg.bench.cells import Cell, Sheet, as_share
 from thalweg.bench.comparison import change, difference, improvement, shared_tables
 from thalweg.bench.episodes import Episode
-from thalweg.bench.files import csv_text
-from thalweg.bench.inference import Estimate, mean_of, share, span
+from thalweg.bench.inference import Estimate, mean_of, share
 from thalweg.bench.results import Results
 from thalweg.bench.statistics import grouped, regret
 from thalweg.bench.suites import arms_of
-from thalweg.bench.tables import Grid, with_ends
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """A table before it is text: cells are words, numbers or estimates."""
-
-    header: tuple[str, ...]
-    rows: list[list[str | float | Estimate]]
-
-    @property
-    def grid(self) -> Grid:
-        """As people read it."""
-        return list(self.header), [[_words(cell) for cell in row] for row in self.rows]
-
-    @property
-    def csv(self) -> str:
-        """At full precision; what is an estimate anywhere has three columns, its ends empty where there are none."""
-        columns = zip(*self.rows, strict=True) if self.rows else [()] * len(self.header)
-        estimated = [any(isinstance(cell, Estimate) for cell in column) for column in columns]
-        names = [
-            name if not three else f"{name}{end}"
-            for name, three in zip(self.header, estimated, strict=True)
-            for end in (("", ", low", ", high") if three else ("",))
-        ]
-        rows = [
-            [number for cell, three in zip(row, estimated, strict=True) for number in _numbers(cell, three)]
-            for row in self.rows
-        ]
-        return csv_text(names, rows)
-
-
-class Share(Estimate):
-    """An estimate that people read in percent."""
-
-    def __str__(self) -> str:
-        return self.as_percent()
-
-
-def _words(cell: str | float | Estimate) -> str:
-    return f"{cell:.2f}" if isinstance(cell, float) else str(cell)
-
-
-def _numbers(cell: str | float | Estimate, three: bool) -> list[object]:
-    if isinstance(cell, Estimate):
-        return with_ends(cell)
-    return [cell, "", ""] if three else [cell]
-
-
-def _share(found: Estimate) -> Share:
-    return Share(found.value, found.low, found.high)
-
+from thalweg.bench.tables import seeds_text
 
 LIMIT = 0.1
 """Mean cost of an episode that everything is judged by, whatever limit it was given."""
@@ -80,21 +28,21 @@ def trained_policies(results: Results) -> list[str]:
 
 
 def train_level(results: Results) -> str:
-    """The level of training, or the first there is."""
+    """The level that the suite trains on, also for arms that have one of their own; or the first there is."""
     level = results.suite.get("train_level", "")
     return level if level in results.levels else results.levels[0]
 
 
 def limits(results: Results) -> Sheet:
-    """Whether each trained policy keeps the limit on the level of training: its cost when it is evaluated, and what its
+    """Whether each trained policy keeps the limit on the suite's level: its cost when it is evaluated, and what its
     training cost."""
     level, flown = train_level(results), grouped(results.episodes)
     header = ("policy", "seeds", "cost", "limit met", "violations", "regret in training", "minutes", "steps a second")
-    rows: list[list[str | float | Estimate]] = []
+    rows: list[list[Cell]] = []
     for name in trained_policies(results):
         own = flown.get((name, level))
         if own is None:
-            rows.append([name, "0", *[results.gap(name)] * (len(header) - 2)])
+            rows.append([name, seeds_text(results, name, 0), *[results.gap(name)] * (len(header) - 2)])
             continue
         cost = mean_of(own, "cost")
         runs = [row for row in results.runs if row.algorithm == name and row.status == "finished"]
@@ -102,10 +50,10 @@ def limits(results: Results) -> Sheet:
         rows.append(
             [
                 name,
-                str(len({row.seed for row in own})),
+                flown_seeds(results, name, own),
                 cost,
                 kept(cost),
-                _share(share(own, lambda row: row.cost > 0)),
+                as_share(share(own, lambda row: row.cost > 0)),
                 "unknown" if worse is None else worse,
                 float(np.mean([row.wall_s for row in runs]) / 60) if runs else "unknown",
                 float(np.mean([row.steps_per_s for row in runs])) if runs else "unknown",
@@ -114,8 +62,14 @@ def limits(results: Results) -> Sheet:
     return Sheet(header, rows)
 
 
+def flown_seeds(results: Results, policy: str, episodes: Sequence[Episode]) -> str:
+    """How many of a policy's seeds flew these episodes, of how many where some are lacking."""
+    return seeds_text(results, policy, len({row.seed for row in episodes}))
+
+
 def training_regret(results: Results, policy: str) -> float | None:
-    """The mean over seeds of what training cost beyond the limit, an episode; None where there is no log of it."""
+    """The mean over seeds of what training cost beyond the limit, an episode, in its last stage; None where there is no
+    log of it."""
     found = [regret(log, LIMIT) for log in results.training if log.algorithm == policy]
     return float(np.mean(found)) if found else None
 
@@ -130,10 +84,10 @@ def kept(cost: Estimate, limit: float = LIMIT) -> str:
 
 
 def pairs(results: Results) -> Sheet:
-    """Each trained policy against each other on the level of training, start by start."""
+    """Each trained policy against each other on the suite's level, start by start."""
     level, flown = train_level(results), grouped(results.episodes)
-    header = ("policy", "against", "returns more", "return, difference", "cost, difference")
-    rows: list[list[str | float | Estimate]] = []
+    header = ("policy", "against", "seeds", "returns more", "return, difference", "cost, difference")
+    rows: list[list[Cell]] = []
     for one, other in combinations(trained_policies(results), 2):
         ours, theirs = flown.get((one, level)), flown.get((other, level))
         if ours is None or theirs is None:
@@ -141,10 +95,11 @@ def pairs(results: Results) -> Sheet:
         try:
             both = {field: shared_tables(ours, theirs, field) for field in ("return_", "cost")}
         except ValueError:
-            rows.append([one, other, *["not the same starts"] * 3])
+            rows.append([one, other, *["not the same starts"] * (len(header) - 2)])
             continue
-        apart = (difference(*tables, span(field)) for field, tables in both.items())
-        rows.append([one, other, _share(improvement(*both["return_"])), *apart])
+        seeds = f"{flown_seeds(results, one, ours)} and {flown_seeds(results, other, theirs)}"
+        apart = (difference(*tables, field) for field, tables in both.items())
+        rows.append([one, other, seeds, as_share(improvement(*both["return_"])), *apart])
     return Sheet(header, rows)
 
 
@@ -153,7 +108,7 @@ def conditions(results: Results) -> Sheet:
     starts are the same."""
     main = grouped(results.episodes)
     header = ("policy", "condition", "level", "seeds", "return", "cost", "success", "return, change")
-    rows: list[list[str | float | Estimate]] = []
+    rows: list[list[Cell]] = []
     for name, episodes in results.beyond.items():
         for (algorithm, level), own in grouped(episodes).items():
             rows.append(
@@ -161,10 +116,10 @@ def conditions(results: Results) -> Sheet:
                     algorithm,
                     name,
                     level,
-                    str(len({row.seed for row in own})),
+                    flown_seeds(results, algorithm, own),
                     mean_of(own, "return_"),
                     mean_of(own, "cost"),
-                    _share(share(own, lambda row: row.success)),
+                    as_share(share(own, lambda row: row.success)),
                     changed(own, main.get((algorithm, level), [])),
                 ]
             )
@@ -173,8 +128,13 @@ def conditions(results: Results) -> Sheet:
 
 
 def changed(after: Sequence[Episode], before: Sequence[Episode]) -> Estimate | str:
-    """The mean change of the return from one condition to another; `other starts` where they are not the same."""
+    """The mean change of the return from one condition to another, of the seeds that flew under both; `other starts`
+    where they are not the same, `other seeds` where there are none."""
+    both = {row.seed for row in after} & {row.seed for row in before}
+    if not both:
+        return "other seeds" if before else "other starts"
+    ours, theirs = ([row for row in rows if row.seed in both] for rows in (after, before))
     try:
-        return change(*shared_tables(after, before, "return_"), span("return_"))
+        return change(*shared_tables(ours, theirs, "return_"), "return_")
     except ValueError:
         return "other starts"

@@ -14,13 +14,23 @@ import numpy as np
 from scipy import stats
 
 from thalweg.bench.episodes import Episode
-from thalweg.bench.inference import CONFIDENCE, LEAST_SEEDS, Estimate, clipped, no_surer, student, table_of
+from thalweg.bench.inference import (
+    CONFIDENCE,
+    LEAST_SEEDS,
+    SAME,
+    Estimate,
+    clipped,
+    no_narrower,
+    no_surer,
+    of_flights,
+    span,
+    student,
+    table_of,
+)
 from thalweg.env.payment import WHOLE_COURSE
 
 SHARES = np.linspace(0.0, WHOLE_COURSE, 101)
 """Returns at which profiles are drawn."""
-SAME = 1e-9
-"""Returns that differ by no more are the same: a return is a sum, and its last digits depend on the steps that paid."""
 
 
 def improvement(ours: np.ndarray, theirs: np.ndarray) -> Estimate:
@@ -30,16 +40,36 @@ def improvement(ours: np.ndarray, theirs: np.ndarray) -> Estimate:
     return found if np.isnan(found.low) else no_surer(found, len(ours) * min(pairs.shape))
 
 
-def difference(ours: np.ndarray, theirs: np.ndarray, most: float = np.inf) -> Estimate:
-    """Mean of ours [L, M] less theirs [L, K] from the same starts, which can't differ by more than `most`."""
-    return clipped(_between_pairs(_by_pair(ours, theirs, np.subtract)), -most, most)
+def difference(ours: np.ndarray, theirs: np.ndarray, field: str) -> Estimate:
+    """Mean of a field of ours [L, M] less theirs [L, K] from the same starts."""
+    found = _between_pairs(_by_pair(ours, theirs, np.subtract))
+    return _no_surer_than_starts(found, ours, theirs, field)
 
 
-def change(after: np.ndarray, before: np.ndarray, most: float = np.inf) -> Estimate:
-    """Mean of the same M policies' flights [L, M] under one condition less those under another: pairs of starts and of
-    policies, whose means can't differ by more than `most`."""
+def change(after: np.ndarray, before: np.ndarray, field: str) -> Estimate:
+    """Mean of a field of the same M policies' flights [L, M] under one condition less those under another: pairs of
+    starts and of policies.
+
+    Raises `ValueError` for tables of different shapes.
+    """
+    if after.shape != before.shape:
+        raise ValueError(f"flights {after.shape} and {before.shape} are not those of the same starts and policies")
     each = (after - before).mean(0)
-    return clipped(student(float(each.mean()), each), -most, most)
+    return _no_surer_than_starts(student(float(each.mean()), each), after, before, field)
+
+
+def _no_surer_than_starts(found: Estimate, ours: np.ndarray, theirs: np.ndarray, field: str) -> Estimate:
+    """The estimate of a difference with an interval no narrower than that over the starts, since seeds that agree are
+    no certainty; where starts agree too, or are too few, no narrower than what the flights of both by themselves tell
+    (MOVER: Zou and Donner 2008, "Construction of confidence limits about effect measures")."""
+    starts = ours.mean(1) - theirs.mean(1)
+    least = student(found.value, starts)
+    if np.isnan(least.low) or np.ptp(starts) <= SAME:
+        one, other = of_flights(ours, field), of_flights(theirs, field)
+        below = np.hypot(one.value - one.low, other.high - other.value)
+        above = np.hypot(one.high - one.value, other.value - other.low)
+        least = Estimate(found.value, found.value - float(below), found.value + float(above))
+    return clipped(no_narrower(found, least), -span(field), span(field))
 
 
 def shared_tables(ours: Sequence[Episode], theirs: Sequence[Episode], field: str) -> tuple[np.ndarray, np.ndarray]:
@@ -57,10 +87,11 @@ def shared_tables(ours: Sequence[Episode], theirs: Sequence[Episode], field: str
 
 def profile(table: np.ndarray, thresholds: np.ndarray = SHARES) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The performance profile of flights [L, M]: the share whose return is at least each threshold [G], and the ends of
-    its interval, pointwise; NaN where there are too few seeds."""
+    its interval, pointwise and no narrower than Wilson's; NaN where there are too few seeds."""
     each = (table[:, :, None] >= thresholds - SAME).mean(0)
     found = [student(float(share.mean()), share) for share in each.T]
-    low, high = (np.clip([getattr(one, end) for one in found], 0.0, 1.0) for end in ("low", "high"))
+    found = [one if np.isnan(one.low) else no_surer(one, table.size) for one in found]
+    low, high = (np.array([getattr(one, end) for one in found]) for end in ("low", "high"))
     return np.array([one.value for one in found]), low, high
 
 

@@ -28,6 +28,8 @@ RESAMPLES = 2000
 POSSIBLE = {"return_": (0.0, WHOLE_COURSE), "cost": (0.0, 1.0)}
 """What an episode can return and cost as the paper pays for them, which all suites do; no interval of their means goes
 beyond."""
+SAME = 1e-9
+"""Returns that differ by no more are the same: a return is a sum, and its last digits depend on the steps that paid."""
 Statistic = Callable[..., np.ndarray]
 """Of numbers along an `axis`."""
 
@@ -76,11 +78,13 @@ def over_seeds(table: np.ndarray, statistic: Statistic = iqm) -> Estimate:
 
 
 def student(value: float, each: np.ndarray) -> Estimate:
-    """A figure with Student's interval over those of the seeds [M]."""
+    """A figure with Student's interval over those of the seeds [M], around their mean; it is stretched to hold the
+    figure, which need not be that mean."""
     if len(each) < LEAST_SEEDS:
         return Estimate(value)
+    middle = float(np.mean(each))
     half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, len(each) - 1) * stats.sem(each))
-    return Estimate(value, value - half, value + half)
+    return Estimate(value, min(middle - half, value), max(middle + half, value))
 
 
 def wilson(value: float, count: int) -> tuple[float, float]:
@@ -92,12 +96,14 @@ def wilson(value: float, count: int) -> tuple[float, float]:
 
 
 def middle_return(rows: Sequence[Episode]) -> Estimate:
-    """The interquartile mean of some episodes' returns; without an interval where a seed did not fly every start."""
+    """The interquartile mean of some episodes' returns; without an interval where a seed did not fly every start, and
+    where those of all seeds are the same, which is no certainty."""
     try:
         table = table_of(rows)
     except ValueError:
         table = np.array([[row.return_] for row in rows])
-    return _possible(over_seeds(table), "return_")
+    found = _possible(over_seeds(table), "return_")
+    return Estimate(found.value) if np.ptp(iqm(table, axis=0)) <= SAME else found
 
 
 def bootstrapped_return(rows: Sequence[Episode]) -> Estimate:
@@ -125,22 +131,31 @@ def bootstrapped_return(rows: Sequence[Episode]) -> Estimate:
 def mean_of(rows: Sequence[Episode], field: str) -> Estimate:
     """The mean over episodes; without an interval where a seed did not fly every start.
 
-    The interval is no narrower than that of so many independent episodes, since seeds whose means are the same are no
-    certainty, nor are equal episodes: of these it is Wilson's.
+    The interval is no narrower than `of_flights`, since seeds whose means are the same are no certainty.
     """
     try:
         table = table_of(rows, field)
     except ValueError:
         return Estimate(float(np.mean([getattr(row, field) for row in rows])))
-    seeds = over_seeds(table, np.mean)
-    if np.isnan(seeds.low):
-        return seeds
-    flights = student(seeds.value, table.ravel())
-    if field in POSSIBLE and np.ptp(table) == 0.0:
-        least, most = POSSIBLE[field]
-        ends = wilson((seeds.value - least) / (most - least), table.size)
-        flights = Estimate(seeds.value, *(least + (most - least) * end for end in ends))
-    return _possible(Estimate(seeds.value, min(seeds.low, flights.low), max(seeds.high, flights.high)), field)
+    return _possible(no_narrower(over_seeds(table, np.mean), of_flights(table, field)), field)
+
+
+def of_flights(table: np.ndarray, field: str) -> Estimate:
+    """The mean of a field of flights [L, M] with the interval of so many independent ones: Student's, and Wilson's
+    where all are equal, which is no certainty either."""
+    found = student(float(table.mean()), table.ravel())
+    if field not in POSSIBLE or np.ptp(table) > SAME:
+        return found
+    least, most = POSSIBLE[field]
+    ends = wilson(float(np.clip((found.value - least) / (most - least), 0.0, 1.0)), table.size)
+    return Estimate(found.value, *(least + (most - least) * end for end in ends))
+
+
+def no_narrower(found: Estimate, other: Estimate) -> Estimate:
+    """An estimate whose interval, if it has one, also holds another's."""
+    if np.isnan(found.low) or np.isnan(other.low):
+        return found
+    return Estimate(found.value, min(found.low, other.low), max(found.high, other.high))
 
 
 def _possible(found: Estimate, field: str) -> Estimate:
@@ -175,7 +190,5 @@ def share(rows: Sequence[Episode], holds: Callable[[Episode], bool]) -> Estimate
 
 def no_surer(found: Estimate, count: int) -> Estimate:
     """The estimate of a share with an interval within 0..1 that is no narrower than Wilson's of so many cases."""
-    low, high = wilson(found.value, count)
-    if not np.isnan(found.low):
-        low, high = max(min(low, found.low), 0.0), min(max(high, found.high), 1.0)
-    return Estimate(found.value, low, high)
+    least = Estimate(found.value, *wilson(found.value, count))
+    return least if np.isnan(found.low) else clipped(no_narrower(found, least), 0.0, 1.0)

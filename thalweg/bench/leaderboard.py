@@ -29,7 +29,9 @@ MOST_STEPS = 200_000
 FLOWN = EvaluationConfig()
 """How many starts on each level, and which."""
 UNSEEN = next(condition for condition in BEYOND if condition.name == "unseen")
-FILES = ("config.yaml", "episodes.csv", "policy.safetensors")
+LOG = "episodes.csv"
+"""From which the regret is computed."""
+FILES = ("config.yaml", LOG, "policy.safetensors")
 """Of each training run."""
 REQUIRED = (
     f"{LEAST_SEEDS} training seeds or more, all those that its suite names: none is left out because it did badly",
@@ -62,7 +64,7 @@ class Entry:
     """Mean on each level it flew on, and on unseen rivers of `LEVEL`; an interquartile mean would hide up to a quarter
     of failures."""
     regret: float | None
-    """Mean over seeds, in training; None where that is not known."""
+    """Mean over seeds, in the last stage of training; None where that is not known."""
     lacks: tuple[str, ...]
     """What it does not show of what is required."""
 
@@ -124,6 +126,7 @@ def _lacking(
 ) -> list[str]:
     """What an arm does not show of `REQUIRED`, a few words each."""
     lacks, planned = [], arm["seeds"]
+    logs = {log.seed for log in results.training if log.algorithm == arm["name"]}
     if len(planned) < LEAST_SEEDS:
         lacks.append(f"{LEAST_SEEDS} seeds")
     if _steps(arm) > MOST_STEPS:
@@ -133,7 +136,7 @@ def _lacking(
     for seed in planned:
         home = results.folder / "runs" / f"{arm['name']}-{seed}"
         finished = any(row.run == home.name and row.status == "finished" for row in results.runs)
-        missing = [name for name in FILES if not (home / name).exists()]
+        missing = [name for name in FILES if not (home / name).exists() or (name == LOG and seed not in logs)]
         lacks += [f"training seed {seed}"] if not finished else [f"{name} of seed {seed}" for name in missing]
     if UNSEEN.as_data() not in results.suite.get("conditions", []):
         elsewhere = {}
@@ -183,8 +186,8 @@ others; among each, the greater return on {LEVEL} leads. Returns are means, of a
 stand intervals of {CONFIDENCE:.0%} over training seeds. Of fewer than {LEAST_SEEDS} there is none, and *below, unsure*
 or *above, unsure* says where the mean cost lies.
 
-*Unseen*: rivers of {LEVEL} on which nothing is trained. *Regret*: what training cost beyond the limit, an episode.
-*Code*: a mark of the sources that made the row; worlds and pictures of different code may differ.
+*Unseen*: rivers of {LEVEL} on which nothing is trained. *Regret*: what training cost beyond the limit, an episode of
+the last stage. *Code*: a mark of the sources that made the row; worlds and pictures of different code may differ.
 """
 COLUMNS = (
     "policy", "results", "limit met", "cost", LEVEL, *(level for level in LEVELS if level != LEVEL), "unseen", "regret",

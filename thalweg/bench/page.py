@@ -46,9 +46,10 @@ def _intro(results: Results) -> str:
     if trained and suite:
         steps = sorted({arm["steps"] for arm in arms_of(suite)})
         seeds = max(len(arm["seeds"]) for arm in arms_of(suite))
+        levels = dict.fromkeys(arm.get("level") or suite["train_level"] for arm in arms_of(suite))
         parts.append(
             f"{len(trained)} training runs of {' or '.join(f'{count:,}' for count in steps)} steps on"
-            f" {suite['train_level']} ({seeds} seed{'s' * (seeds > 1)})."
+            f" {' or '.join(levels)} ({seeds} seed{'s' * (seeds > 1)})."
         )
         if steps[-1] < 200_000:
             parts.append(

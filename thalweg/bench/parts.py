@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 
 from thalweg.bench import beyond, figures, figures_beyond, maps, tables
+from thalweg.bench.cells import Sheet
 from thalweg.bench.film_format import SMALL
 from thalweg.bench.methods import methods
 from thalweg.bench.published import SOURCE
@@ -76,7 +77,7 @@ def _trained(results: Results) -> str:
     )
 
 
-def _sheet(name: str, title: str, made: Callable[[Results], beyond.Sheet], note: str, otherwise: str = "") -> Table:
+def _sheet(name: str, title: str, made: Callable[[Results], Sheet], note: str, otherwise: str = "") -> Table:
     return Table(name, title, lambda results: made(results).grid, lambda results: made(results).csv, note, otherwise)
 
 
@@ -120,24 +121,26 @@ PARTS: tuple[Table | Picture | Films, ...] = (
         tables.detail_table,
         tables.detail_csv,
         "In brackets: intervals of 95 %, over training seeds where there are three or more; shares of one policy have"
-        " Wilson's. IQM: mean of the middle half of the episodes; the stratified bootstrap, which is customary, is too"
-        " sure where there are few seeds.",
+        " Wilson's. IQM: mean of the middle half of the episodes, without an interval where it is the same for all"
+        " seeds, which is no certainty; the stratified bootstrap, which is customary, is too sure where there are few.",
     ),
     _sheet(
         "limits",
         "Is the limit met?",
         beyond.limits,
-        f"On the level of training, of a mean cost of {beyond.LIMIT} an episode, whatever limit was given. Met if the"
-        " whole interval lies below, not met if it lies above, else unsure; of fewer than three seeds it is only said"
-        " where the mean lies. Violations: share of flights with any cost. Regret: what blocks of 50 episodes cost"
-        " beyond the limit, for each episode of training. Minutes of training and steps a second are means over runs.",
+        f"On the level that the suite trains on, of a mean cost of {beyond.LIMIT} an episode, whatever limit was given."
+        " Met if the whole interval lies below, not met if it lies above, else unsure; of fewer than three seeds it is"
+        " only said where the mean lies. Violations: share of flights with any cost. Regret: what blocks of 50 episodes"
+        " cost beyond the limit, for each episode of the last stage of training. Minutes of training and steps a second"
+        " are means over runs.",
     ),
     _sheet(
         "pairs",
         "In pairs",
         beyond.pairs,
-        "On the level of training, flights from the same starts: how often the first returns more than the second (ties"
-        " count half), and by how much return and cost differ in the mean.",
+        "On the level that the suite trains on, flights from the same starts: how often the first returns more than the"
+        " second (ties count half), and by how much return and cost differ in the mean. Each interval is by itself: of"
+        " twenty comparisons of equals one is expected to seem a difference.",
     ),
     Picture(
         "profiles",
@@ -170,7 +173,7 @@ PARTS: tuple[Table | Picture | Films, ...] = (
         "Other conditions",
         figures_beyond.condition_grid,
         lambda _: "A grid: the mean return of each policy under each condition.",
-        "On the level of training; real: on a river drawn from real coordinates.",
+        "On the level that the suite trains on; real, and what does not fly there, on a river of its own.",
         otherwise="",
     ),
     _sheet(

@@ -3,14 +3,16 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from thalweg.bench.episodes import Episode, read_episodes
 from thalweg.bench.files import ResultsError, read_csv
-from thalweg.bench.results import FILMS, KINDS, MAIN_FILM, Film, FilmFiles, Results, RunRow, read_runs, read_suite
+from thalweg.bench.results import FILMS, KINDS, MAIN_FILM, Film, FilmFiles, Results, RunRow, read_runs
 from thalweg.bench.statistics import TrainingLog
+from thalweg.bench.suite_record import read_suite
+from thalweg.bench.suites import arms_of
 
 Value = TypeVar("Value")
 
@@ -36,6 +38,7 @@ def read_results(folder: Path) -> Results:
     reader = _Reader(folder)
     suite = reader.attempt(folder / "suite.json", lambda: read_suite(folder), {})
     runs = reader.attempt(folder / "runs.csv", lambda: read_runs(folder), [])
+    suite = reader.attempt(folder / "suite.json", lambda: _of_runs(suite, runs), {})
     conditions = [condition["name"] for condition in suite.get("conditions", [])]
     episodes = reader.episodes(folder / "evaluation", apart=conditions)
     others = {name: reader.episodes(folder / "evaluation" / name) for name in conditions}
@@ -51,6 +54,16 @@ def read_results(folder: Path) -> Results:
     found = Results(folder, suite, runs, episodes, training, reader.skipped, beyond=beyond)
     _put_in_order(found)
     return replace(found, films=reader.films(found.policies))
+
+
+def _of_runs(suite: dict[str, Any], runs: Sequence[RunRow]) -> dict[str, Any]:
+    """The suite; raises `ResultsError` for one without a single algorithm where some were trained."""
+    trained = dict.fromkeys(row.algorithm for row in runs if row.kind == "train")
+    if suite and trained and not arms_of(suite):
+        raise ResultsError(
+            f"suite.json names no algorithm, but runs.csv has runs of {', '.join(trained)} that were trained"
+        )
+    return suite
 
 
 def _put_in_order(found: Results) -> None:

@@ -11,7 +11,6 @@ films/PPO-best.mp4, ...       the same of each trained policy's best flight and 
 report/                       made from the files above, and from nothing else
 """
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -183,15 +182,3 @@ def read_runs(folder: Path) -> list[RunRow]:
         ]
     except ValueError as error:
         raise ResultsError(f"runs.csv: {error}" if not isinstance(error, ResultsError) else str(error)) from error
-
-
-def read_suite(folder: Path) -> dict:
-    """The content of `suite.json`; raises `ResultsError` where it is not JSON of this kind."""
-    try:
-        suite = json.loads((folder / "suite.json").read_text(encoding="utf-8"))
-    except (ValueError, OSError) as error:
-        why = error.strerror if isinstance(error, OSError) else error
-        raise ResultsError(f"suite.json cannot be read: {why}") from error
-    if not isinstance(suite, dict) or "name" not in suite:
-        raise ResultsError("suite.json is not the record of a suite")
-    return suite

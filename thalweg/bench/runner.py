@@ -16,8 +16,9 @@ from thalweg.bench.files import ResultsError
 from thalweg.bench.filming import film_flights
 from thalweg.bench.hands import Hands, Here, Work
 from thalweg.bench.report import Report, write_report
-from thalweg.bench.results import RunRow, evaluation_path, read_runs, read_suite, write_runs
+from thalweg.bench.results import RunRow, evaluation_path, read_runs, write_runs
 from thalweg.bench.river import Place, Rivers, made_by
+from thalweg.bench.suite_record import read_suite
 from thalweg.bench.suites import Run, Suite, check
 from thalweg.env import EnvConfig
 from thalweg.train.machine import machine, versions
@@ -118,7 +119,10 @@ def claim(folder: Path, suite: Suite) -> None:
             raise ResultsError(f"{folder} is not empty and holds no suite; choose another folder")
         write_whole(path, json.dumps(record, indent=2) + "\n")
         return
-    old = read_suite(folder)
+    try:
+        old = read_suite(folder)
+    except ResultsError as error:
+        raise ResultsError(f"{folder} cannot be gone on with: {error}; choose another folder") from error
     changes = differences(old, json.loads(json.dumps(suite.as_data())))
     if changes:
         raise ResultsError(f"{folder} holds other results ({'; '.join(changes)}); choose another folder")

@@ -47,6 +47,7 @@ WRONG = [
     (["train", "--set", "learning_rate", "--out", "x"], "key=value"),
     (["evaluate", "nothing_here"], "packaged, random, hover, forward, pilot"),
     (["evaluate", "hover", "--levels", "medum"], "Easy, Medium, Hard"),
+    (["evaluate", "hover", "--levels", "easy", "hard", "Easy"], "--levels names Easy twice; each level is flown once"),
     (["evaluate", "hover", "--episodes", "0"], "episodes must be at least 1"),
     (["bench", "papr", "--out", "x"], "quick, easy, open, protocols, paper"),
     (["bench", "quick", "--out", "x", "--cpus", "2"], "--cpus goes with --cluster"),

@@ -13,7 +13,7 @@ from tests.bench import small_place
 from tests.bench.small_place import SUITE, SmallPlace
 from thalweg.algos import AlgorithmError
 from thalweg.bench import river, runner
-from thalweg.bench.conditions import Trial
+from thalweg.bench.conditions import Condition, Trial
 from thalweg.bench.episodes import WORDS, read_episodes, write_episodes
 from thalweg.bench.files import ResultsError
 from thalweg.bench.filming import best_of_all, shots_of_each
@@ -132,7 +132,17 @@ def test_a_full_disk_stops_the_suite_and_keeps_what_was_finished(tmp_path: Path,
         ({"test_levels": ("Easy", "Meduim")}, "unknown level 'Meduim'; known: Easy, Medium, Hard"),
         ({"baselines": ("hoover",)}, "unknown baseline 'hoover'; known: random, hover, forward, pilot"),
         ({"arms": (Arm("PPO", steps=0),)}, "steps of PPO must be at least 1, not 0"),
-        ({"arms": (Arm("PPO", seeds=(1, 1)),)}, "named twice"),
+        ({"test_levels": ("Easy", "Hard", "Easy")}, "level 'Easy' is named twice in test_levels"),
+        ({"arms": (Arm("PPO", seeds=()),)}, "PPO has no seeds; give at least one, such as 0"),
+        ({"arms": (Arm("PPO", seeds=(2, 1, 1)),)}, "seed 1 is named twice in seeds of PPO"),
+        (
+            {"conditions": (Condition("fog", levels=("Hard", "Hard")),)},
+            "level 'Hard' is named twice in levels of condition fog",
+        ),
+        (
+            {"conditions": (Condition("away", rivers=("Cam", "Cam")),)},
+            "river 'Cam' is named twice in rivers of condition away",
+        ),
         ({"arms": (Arm("PPO"), Arm("FOCOPS", name="PPO"))}, "named twice"),
         ({"arms": (Arm("PPO", seeds=(0,)), Arm("PPO", seeds=(1,), settings={"passes": 3}))}, "PPO is named twice"),
         ({"arms": (Arm("PPO", seeds=(1,), name="hover"),)}, "hover is named twice"),

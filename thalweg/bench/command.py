@@ -65,6 +65,9 @@ def evaluate_command(request: Request) -> None:
     """Fly, print the tables, and write the rows if asked to."""
     console = _console()
     places = [place if isinstance(place, Reach) else level_named(place).name for place in request.places]
+    for place in places:
+        if places.count(place) > 1:
+            raise ResultsError(f"--levels names {place} twice; each level is flown once")
     policy = policy_named(request.policy)
     encoder = None if hasattr(policy, "sees") else load_fitting_encoder(request.encoder, request.device)
     if encoder is not None:

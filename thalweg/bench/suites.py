@@ -220,7 +220,21 @@ def check(suite: Suite, algorithms: tuple[str, ...], levels: tuple[str, ...]) ->
         if labels.count(label) > 1:
             raise ResultsError(f"suite {suite.name}: {label} is named twice; give one of them a name of its own")
     for arm in suite.arms:
-        if len(set(arm.seeds)) != len(arm.seeds):
-            raise ResultsError(f"suite {suite.name}: a seed of {arm.label} is named twice: {arm.seeds}")
+        if not arm.seeds:
+            raise ResultsError(f"suite {suite.name}: {arm.label} has no seeds; give at least one, such as 0")
+    _check_once(suite)
     if not suite.runs() or not suite.test_levels:
         raise ResultsError(f"suite {suite.name} has nothing to do")
+
+
+def _check_once(suite: Suite) -> None:
+    """Raise `ResultsError` where what is done once is named twice: its results would count twice."""
+    for what, where, named in (
+        ("level", "test_levels", suite.test_levels),
+        *(("seed", f"seeds of {arm.label}", arm.seeds) for arm in suite.arms),
+        *(("level", f"levels of condition {each.name}", each.levels) for each in suite.conditions),
+        *(("river", f"rivers of condition {each.name}", each.rivers) for each in suite.conditions),
+    ):
+        for value in named:
+            if named.count(value) > 1:
+                raise ResultsError(f"suite {suite.name}: {what} {value!r} is named twice in {where}")

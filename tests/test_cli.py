@@ -151,7 +151,7 @@ def test_what_cannot_be_drawn_or_written_is_said_in_one_line(tmp_path: Path, eas
         ([*render, "--pose", "5000", "5000", "3", "0"], "x = 5000, y = 5000 is outside the map of Easy"),
         ([*render, "--pose", "nan", "0", "3", "0"], "is outside the map"),
         ([*render, "--size", "4"], "height_px = 4: an image has 16 to 2048"),
-        ([*render[:-1], str(file / "x.png"), "--size", "16"], "File exists"),
+        ([*render[:-1], str(file / "x.png"), "--size", "16"], f"{file} is not a folder"),
         (["world", "--level", "easy", "--out", str(tmp_path)], f"{tmp_path} is a folder; name a file in it, such as"),
     ):
         assert main(arguments) == 2
@@ -420,6 +420,57 @@ def test_no_picture_takes_the_place_of_another_kind_of_file(
     assert said in capsys.readouterr().err
     assert [file.name for file in brook.parent.iterdir()] == ["brook.geojson"]
     assert brook.read_bytes() == before
+
+
+WRITES_ONE_FILE = [
+    (["world"], "--out", ".png"),
+    (["world"], "--save", ".npz"),
+    (["render"], "--out", ".png"),
+    (["encoder", "show"], "--out", ".png"),
+    (["evaluate", "hover"], "--out", ".csv"),
+    (["leaderboard", "results"], "--out", ".md"),
+    (["speed"], "--out", ".json"),
+]
+
+
+@pytest.fixture
+def nothing_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """An empty folder to be in, and commands that must not begin with what takes time."""
+
+    def done(*_: object, **__: object):
+        raise AssertionError("the work began before the place of its file was looked at")
+
+    for name in (
+        "thalweg.world.load_or_build",
+        "thalweg.encoder.load_encoder",
+        "thalweg.bench.command.evaluate_command",
+        "thalweg.bench.leaderboard.leaderboard",
+        "thalweg.bench.speed.measure",
+    ):
+        monkeypatch.setattr(name, done)
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.usefixtures("nothing_done")
+@pytest.mark.parametrize(("given", "option", "ending"), WRITES_ONE_FILE, ids=str)
+def test_a_file_that_cannot_be_written_is_named_before_anything_is_done(
+    given: list[str], option: str, ending: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    here = Path.cwd()
+    (here / "folder").mkdir()
+    (here / "file").write_text("")
+    for target, said in (
+        ("folder", f"{option} folder is a folder; name a file in it, such as folder/new{ending}"),
+        (f"file/new{ending}", f"{option} file/new{ending} cannot be written: {here / 'file'} is not a folder"),
+        ("new.tex", f"{option} must end in {ending}"),
+    ):
+        assert main([*given, option, target]) == 2
+        assert capsys.readouterr().err.startswith(f"thalweg: {said}")
+    monkeypatch.setattr("os.access", lambda path, mode: Path(path) != here / "folder")
+    assert main([*given, option, f"folder/a/new{ending}"]) == 2
+    said = f"{option} folder/a/new{ending} cannot be written: nothing may be put into {here / 'folder'}"
+    assert capsys.readouterr().err == f"thalweg: {said}\n"
+    assert sorted(path.name for path in here.rglob("*")) == ["file", "folder"]
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 What several commands share stands here; `thalweg.commands` has the commands.
 """
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from decimal import Decimal, InvalidOperation
@@ -75,11 +76,17 @@ NO_FILE = RiverFile()
 
 
 def check_file(option: str, path: Path, *endings: str) -> None:
-    """Raise `UsageError` for a path to write to that is a folder, or does not end as its kind of file does."""
+    """Raise `UsageError` for a path to write to that is a folder, does not end as its kind of file does, or lies where
+    nothing may be written; folders on the way to it that are not there yet are made with it."""
     if path.is_dir():
         raise UsageError(f"{option} {path} is a folder; name a file in it, such as {path / ('new' + endings[0])}")
     if path.suffix.lower() not in endings:
         raise UsageError(f"{option} must end in {' or '.join(endings)}, not {path.name!r}")
+    home = next(folder for folder in path.absolute().parents if folder.exists())
+    if not home.is_dir():
+        raise UsageError(f"{option} {path} cannot be written: {home} is not a folder")
+    if not os.access(home, os.W_OK | os.X_OK):
+        raise UsageError(f"{option} {path} cannot be written: nothing may be put into {home}")
 
 
 def whole_number(text: str) -> int:

@@ -34,7 +34,7 @@ class Evaluate:
     encoder: Path | None = None
     """The encoder's file; the one that comes with the package if not given."""
     out: Path | None = None
-    """Also write one row per episode to this CSV file; one that is there is replaced."""
+    """Also write one row per episode to this .csv file; one that is there is replaced."""
     device: str = "cpu"
     """Where frames are drawn and encoded: cpu, cuda, cuda:1, or auto, which takes a GPU where there is one that
     works."""
@@ -43,6 +43,8 @@ class Evaluate:
         from thalweg.bench.command import Request, evaluate_command
         from thalweg.bench.evaluation import EvaluationConfig
 
+        if self.out is not None:
+            check_file("--out", self.out, ".csv")
         reach = self.river.reach("--levels", self.levels)
         if reach is not None and self.unseen:
             raise UsageError("--unseen goes with levels: there is but one river in a file")
@@ -144,9 +146,11 @@ class Speed:
     stages: bool = False
     """Where the time of a frame goes, instead: milliseconds of each stage on one thread."""
     out: Path | None = None
-    """Also write the JSON to this file; one that is there is replaced."""
+    """Also write the JSON to this .json file; one that is there is replaced."""
 
     def run(self) -> int:
         from thalweg.bench.speed import speed
 
+        if self.out is not None:
+            check_file("--out", self.out, ".json")
         return speed(as_json=self.json, quick=self.quick, out=self.out, stages=self.stages)

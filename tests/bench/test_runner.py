@@ -20,8 +20,9 @@ from thalweg.bench.filming import best_of_all, shots_of_each
 from thalweg.bench.reading import read_results
 from thalweg.bench.results import evaluation_path, read_runs
 from thalweg.bench.river import made_by
-from thalweg.bench.runner import run_suite
+from thalweg.bench.runner import chosen, run_suite
 from thalweg.bench.suites import STUDIED, SUITES, Arm, Run, Stage, suite_named
+from thalweg.cli import main
 from thalweg.encoder import load_encoder
 from thalweg.train.river import mark
 
@@ -347,10 +348,27 @@ def test_the_suites_are_found_by_name_and_an_unknown_one_lists_them():
 @pytest.mark.parametrize("name", SUITES)
 def test_a_suite_that_comes_with_the_package_names_only_what_there_is(name: str, tmp_path: Path):
     """Nothing of it is done: that there is no run called so is found after the suite itself has been checked."""
-    with pytest.raises(ResultsError, match=f"suite {name} has no 'nobody'; it has "):
+    with pytest.raises(ResultsError, match=f"suite {name} has no 'nobody'; name one of "):
         run_suite(SUITES[name], tmp_path / "new", SmallPlace(), only=("nobody",))
 
 
 def test_each_protocol_takes_as_many_steps():
     totals = [arm.steps + sum(stage.steps for stage in arm.before) for arm in SUITES["protocols"].arms]
     assert totals == [200_000] * 4
+
+
+def test_the_help_says_what_may_be_done_alone_and_its_examples_can_be(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    monkeypatch.setenv("COLUMNS", "160")
+    with pytest.raises(SystemExit):
+        main(["bench", "--help"])
+    said = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert (
+        "Policies (FOCOPS, FOCOPS-paper, hover, packaged), each with all its seeds, or single runs (FOCOPS-0)" in said
+    )
+    assert "such as --only FOCOPS PPO-0" in said
+    for name in ("FOCOPS", "FOCOPS-paper", "hover", "packaged"):
+        assert {run.algorithm for run in chosen(SUITES["paper"], (name,))} == {name}
+    runs = chosen(SUITES["paper"], ("FOCOPS", "PPO-0"))
+    assert [run.name for run in runs] == ["PPO-0", "FOCOPS-0", "FOCOPS-1", "FOCOPS-2"]

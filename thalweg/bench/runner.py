@@ -56,7 +56,7 @@ def run_suite(
         place: Where policies are trained and flown; our rivers if not given.
         console: Where it is said what is going on.
         hands: Who does the runs; this process, one after the other, if not given.
-        only: Names of arms, baselines or runs that are to be done now; all if empty.
+        only: Names of policies or runs that are to be done now, as `chosen` takes them; all if empty.
 
     Raises `ResultsError` or `AlgorithmError`, before anything runs, for a suite that names what does not exist, for a
     folder that holds another suite, and for a name in `only` that the suite does not have.
@@ -77,14 +77,15 @@ def run_suite(
 
 
 def chosen(suite: Suite, only: tuple[str, ...]) -> list[Run]:
-    """The runs of a suite that are named, by their own name or by that of their arm; all if none is."""
+    """The runs of a suite that are named, by their own name (`FOCOPS-0`) or by their policy's: an arm's, a baseline's
+    or `packaged`; all if none is."""
     runs = suite.runs()
     known = {name for run in runs for name in (run.name, run.algorithm)}
     for name in only:
         if name not in known:
-            labels = dict.fromkeys(run.algorithm for run in runs)
+            policies = ", ".join(dict.fromkeys(run.algorithm for run in runs))
             raise ResultsError(
-                f"suite {suite.name} has no {name!r}; it has {', '.join(labels)}, and their seeds: PPO-0"
+                f"suite {suite.name} has no {name!r}; name one of {policies}, or one run, such as {runs[-1].name}"
             )
     return [run for run in runs if not only or {run.name, run.algorithm} & set(only)]
 

@@ -84,8 +84,8 @@ class Bench:
     cpus: int | None = None
     """Processors that each run takes on a cluster, and threads that it computes in; one if not given."""
     only: tuple[str, ...] = ()
-    """Names of algorithms (FOCOPS), arms (FOCOPS-paper) or runs (FOCOPS-0) that are to be done now; all if none is
-    given."""
+    """Policies (FOCOPS, FOCOPS-paper, hover, packaged), each with all its seeds, or single runs (FOCOPS-0), to be done
+    now, such as --only FOCOPS PPO-0; all if none is given. FOCOPS-paper is not among FOCOPS."""
 
     def run(self) -> int:
         from thalweg.bench.command import bench_command, hands_for

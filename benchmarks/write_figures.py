@@ -15,7 +15,7 @@ import findings
 from marks import between_marks, prose
 
 from thalweg.bench.files import read_csv
-from thalweg.bench.speed import COLUMNS, describe, table_rows
+from thalweg.bench.speed_table import COLUMNS, describe, table_rows
 from thalweg.bench.stages import REFLECTION
 from thalweg.bench.tables import markdown
 from thalweg.whole import write_whole

@@ -8,7 +8,7 @@ from pathlib import Path
 from marks import between_marks, prose
 from peer import COMPARED, KINDS, OURS, PEER
 
-from thalweg.bench.speed import describe
+from thalweg.bench.speed_table import describe
 from thalweg.bench.tables import markdown
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -14,7 +14,7 @@ from benchmarks.marks import between_marks, prose
 from benchmarks.omnisafe.compare import CURVES, HALF, OURS, PEER, SIDES, SPEED
 from benchmarks.omnisafe.contests import CONTESTS, contest_named
 from benchmarks.omnisafe.plot import Curves, read
-from thalweg.bench.speed import describe
+from thalweg.bench.speed_table import describe
 from thalweg.bench.tables import markdown
 
 PAGE = Path(__file__).resolve().parents[1] / "README.md"

@@ -1,18 +1,14 @@
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from thalweg.bench import speed
-from thalweg.bench.speed import COLUMNS, Measurement, Plan, describe, rates, record, table_rows
+from thalweg.bench.speed import Plan, rates
 from thalweg.bench.stages import REFLECTION, STAGES, View
 from thalweg.env import sample_starts
 from thalweg.render import Camera, Renderer
 from thalweg.render.classes import BRIDGE
-
-LINE = Measurement("render", "frames/s", 1234.5, 987.65, 1400.0, 7, 16, 4, "128x128", "everything drawn")
 
 
 class Clock:
@@ -62,6 +58,7 @@ def test_training_is_measured_update_by_update_and_its_start_apart(monkeypatch: 
     train, start, memory = speed._training(Plan(train_steps=8192))
     assert (train.name, train.median, train.slowest, train.fastest, train.repeats) == ("train", 300, 200, 400, 3)
     assert (train.batch, train.worlds) == (16, 4)
+    assert train.features == "FOCOPS on Medium, frames included; 3 updates of 2,048 steps each, after the first"
     assert given[given.index("--world-seeds") + 1 :][:4] == ["0", "1", "2", "3"]
     assert (start.median, start.unit) == (8, "s")
     assert (memory.median, memory.unit) == (900, "MiB")
@@ -72,31 +69,6 @@ def test_the_slowest_is_the_least_rate_but_the_longest_time():
     duration = speed._line("build", "s", [3.0, 1.0, 2.0])
     assert (rate.median, rate.slowest, rate.fastest) == (2, 1, 3)
     assert (duration.median, duration.slowest, duration.fastest) == (2, 3, 1)
-
-
-def test_json_is_all_that_is_printed_and_names_machine_and_versions(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, tmp_path: Path
-):
-    monkeypatch.setattr(speed, "measure", lambda plan: iter([LINE]))
-    assert speed.speed(as_json=True, quick=True, out=tmp_path / "speed.json") == 0
-    text = capsys.readouterr().out
-    assert (tmp_path / "speed.json").read_text() == text
-    found = json.loads(text)
-    assert found["measurements"][0]["median"] == 1234.5
-    assert set(found["machine"]) == {"cpu", "cores", "memory_gib", "system"}
-    assert {"torch", "numba", "python", "thalweg"} <= set(found["versions"])
-
-
-def test_a_row_names_everything_that_a_figure_depends_on():
-    found = record([LINE])
-    (row,) = table_rows(found)
-    assert row == ["render", "1,234", "988", "1,400", "frames/s", "16", "4", "128x128", "everything drawn"]
-    assert len(row) == len(COLUMNS)
-    console = Console(record=True, width=200, file=open("/dev/null", "w"))  # noqa: SIM115
-    speed.print_table(found, console)
-    shown = console.export_text()
-    assert "everything drawn" in shown
-    assert f"{found['machine']['cores']} cores" in describe(found)
 
 
 @pytest.mark.slow

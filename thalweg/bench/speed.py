@@ -4,7 +4,6 @@ A figure is the median of several repetitions, with the slowest and the fastest 
 warm before the clock starts, except in the lines that say otherwise.
 """
 
-import json
 import os
 import statistics
 import subprocess
@@ -12,15 +11,12 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import torch
-from rich.console import Console
-from rich.table import Column, Table
-from rich.text import Text
 
 from thalweg.algos.actions import actions_of
 from thalweg.algos.policy import Policy
@@ -30,9 +26,7 @@ from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.render import Camera, Renderer
 from thalweg.render.quality import Quality
 from thalweg.train.latent import LatentVectorEnv
-from thalweg.train.machine import machine, versions
 from thalweg.train.river import load_fitting_encoder
-from thalweg.whole import write_whole
 from thalweg.world import World, build, level_named, load_or_build
 
 BATCH, WORLDS = 16, 4
@@ -54,7 +48,7 @@ class Plan:
     seconds: float = 1.0
     """At least so long is each repetition."""
     train_steps: int = 16_384
-    """Eight updates of FOCOPS; 0: training is not measured."""
+    """Eight updates of FOCOPS, of which all but the first count; 0: training is not measured."""
     cold: bool = True
     """Whether the first start, with nothing compiled or built, is measured."""
 
@@ -229,7 +223,8 @@ def _training(plan: Plan) -> Iterator[Measurement]:
             for row in read_csv(folder / "metrics.csv", ("steps_per_second", "seconds"))
         ]
     speeds = [speed for speed, _ in updates[1:]]
-    features = f"FOCOPS on Medium, frames included; each update of {plan.train_steps:,} steps but the first"
+    each = f"{len(speeds)} updates of {plan.train_steps // len(updates):,} steps each, after the first"
+    features = f"FOCOPS on Medium, frames included; {each}"
     yield _line("train", "steps/s", speeds, resolution="128x128", features=features)
     started = seconds - updates[-1][1]
     yield _line("start and end of training", "s", [started], resolution="128x128", features="new process, all cached")
@@ -248,68 +243,3 @@ def _child(arguments: list[str], **environment: str) -> tuple[float, float]:
         raise subprocess.CalledProcessError(process.returncode, process.args)
     unit = 2**20 if sys.platform == "darwin" else 2**10
     return time.perf_counter() - begun, usage.ru_maxrss / unit
-
-
-def record(lines: list[Measurement]) -> dict:
-    """The measurements as plain data, with the machine and the versions."""
-    return {"machine": machine(), "versions": versions(), "measurements": [asdict(line) for line in lines]}
-
-
-def speed(*, as_json: bool, quick: bool, out: Path | None, stages: bool = False) -> int:
-    """Measure and print, the whole or the stages of a frame; JSON goes to standard output by itself, the progress
-    elsewhere."""
-    console = Console(stderr=True)
-    lines = []
-    plan = QUICK if quick else Plan()
-    for line in measure_stages(plan) if stages else measure(plan):
-        console.print(f"{line.name}: {line.median:,.4g} {line.unit}", highlight=False)
-        lines.append(line)
-    found = record(lines)
-    text = json.dumps(found, indent=2) + "\n"
-    if out is not None:
-        write_whole(out, text)
-    if as_json:
-        print(text, end="")
-    else:
-        print_table(found, Console())
-    return 0
-
-
-COLUMNS = ("what", "median", "slowest", "fastest", "unit", "batch", "worlds", "frame", "features")
-"""Of the table; of a stage, `median` is the mean over views, which add up to the frame."""
-
-
-def table_rows(found: dict) -> list[list[str]]:
-    """The measurements of a record as text, in the order of `COLUMNS`."""
-    return [
-        [
-            line["name"],
-            *(
-                f"{line[key]:,.0f}" if line[key] >= 100 else f"{line[key]:.3g}"
-                for key in ("median", "slowest", "fastest")
-            ),
-            line["unit"],
-            str(line["batch"]),
-            str(line["worlds"]),
-            line["resolution"],
-            line["features"],
-        ]
-        for line in found["measurements"]
-    ]
-
-
-def describe(found: dict) -> str:
-    """The machine and the versions in one line."""
-    where = found["machine"]
-    parts = ", ".join(f"{name} {number}" for name, number in found["versions"].items())
-    return f"{where['cpu']}, {where['cores']} cores, {where['memory_gib']} GiB, {where['system']}; {parts}"
-
-
-def print_table(found: dict, console: Console) -> None:
-    """A row for each measurement, with what it depends on below its name, so that 80 columns are enough."""
-    figures = (Column(name, justify="right", no_wrap=True) for name in ("median", "slowest", "fastest"))
-    table = Table("what", *figures, Column("unit", no_wrap=True), title=describe(found), show_lines=True)
-    for name, median, slowest, fastest, unit, batch, worlds, frame, features in table_rows(found):
-        given = ", ".join(part for part in (f"batch {batch}", f"worlds {worlds}", frame, features) if part)
-        table.add_row(Text.assemble(name, "\n", (given, "dim")), median, slowest, fastest, unit)
-    console.print(table)

@@ -149,6 +149,16 @@ def test_files_of_a_training_run_must_be_there(tmp_path: Path):
     assert lacks(folder) == ("episodes.csv of seed 1", "policy.safetensors of seed 2")
 
 
+def test_results_that_do_not_say_of_what_are_refused(tmp_path: Path):
+    folder = write(tmp_path / "mine")
+    (folder / "suite.json").write_text('{"name": "mine", "train_level": "Easy", "arms": null}')
+    with pytest.raises(ResultsError, match=r"mine: .*suite\.json.*arms must be a list, got null"):
+        leaderboard([folder])
+    (folder / "suite.json").unlink()
+    with pytest.raises(ResultsError, match=r"mine: .*suite\.json"):
+        leaderboard([folder])
+
+
 def test_only_the_first_starts_count(tmp_path: Path):
     folder = write(tmp_path / "mine")
     for seed in range(3):

@@ -81,8 +81,13 @@ class Entry:
 
 
 def entries(folder: Path) -> list[Entry]:
-    """The trained policies of a results folder that have begun; raises `ResultsError` where it holds no results."""
+    """The trained policies of a results folder that have begun; raises `ResultsError` where it holds no results, or
+    does not say which."""
     results = read_results(folder)
+    if not results.suite:
+        raise ResultsError(
+            f"{folder}: {next((line for line in results.skipped if 'suite.json' in line), 'no suite.json')}"
+        )
     flown, unseen = (_first(rows) for rows in (results.episodes, results.beyond.get(UNSEEN.name, [])))
     found = []
     for arm in arms_of(results.suite):

@@ -43,7 +43,7 @@ def _intro(results: Results) -> str:
     suite = results.suite
     trained = [row for row in results.runs if row.kind == "train"]
     parts = [f"{len(results.episodes)} evaluated episodes on {', '.join(results.levels)}."]
-    if trained and suite:
+    if trained and arms_of(suite):
         steps = sorted({arm["steps"] for arm in arms_of(suite)})
         seeds = max(len(arm["seeds"]) for arm in arms_of(suite))
         levels = dict.fromkeys(arm.get("level") or suite["train_level"] for arm in arms_of(suite))

@@ -1,0 +1,89 @@
+"""Sentences of the page on what the benchmark shows that call something sure: its results must bear them out.
+
+Where new results make one of these red, the page's prose has to be read again.
+"""
+
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from thalweg.bench.beyond import changed, kept
+from thalweg.bench.comparison import difference, improvement, shared_tables
+from thalweg.bench.episodes import Episode
+from thalweg.bench.inference import Estimate, mean_of
+from thalweg.bench.reading import read_results
+from thalweg.bench.results import Results
+from thalweg.bench.statistics import grouped
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+FLYING = ("PPO", "PPOLag", "FOCOPS", "P3O")
+"""With every seed."""
+
+
+@pytest.fixture(scope="module")
+def study() -> Results:
+    return read_results(BENCHMARKS / "paper")
+
+
+@pytest.fixture(scope="module")
+def ways() -> Results:
+    return read_results(BENCHMARKS / "open")
+
+
+def flown(results: Results, policy: str, condition: str = "", level: str = "Medium") -> list[Episode]:
+    episodes = results.beyond[condition] if condition else results.episodes
+    return grouped(episodes)[policy, level]
+
+
+def apart(results: Results, ours: str, theirs: str, field: str, level: str = "Medium") -> Estimate:
+    one, other = (flown(results, name, level=level) for name in (ours, theirs))
+    return difference(*shared_tables(one, other, field), field)
+
+
+def sure(found: Estimate) -> bool:
+    return not np.isnan(found.low) and found.low * found.high > 0
+
+
+def test_who_keeps_the_limit(study: Results):
+    said = {name: kept(mean_of(flown(study, name), "cost")) for name in (*FLYING, "OnCRPO", "SACLag")}
+    assert said == {
+        "PPO": "unsure", "PPOLag": "no", "FOCOPS": "unsure", "P3O": "unsure", "OnCRPO": "no", "SACLag": "unsure",
+    }  # fmt: skip
+
+
+def test_who_is_surely_apart_from_ppo(study: Results):
+    others = ("PPOLag", "FOCOPS", "P3O", "OnCRPO", "SACLag")
+    assert not [name for name in others if sure(apart(study, "PPO", name, "cost"))]
+    assert [name for name in others if sure(apart(study, "PPO", name, "return_"))] == ["OnCRPO"]
+    assert not [pair for pair in combinations(("PPO", "FOCOPS", "P3O"), 2) if sure(apart(study, *pair, "return_"))]
+    assert improvement(*shared_tables(flown(study, "PPO"), flown(study, "PPOLag"), "return_")).low > 0.5
+    for level in ("Easy", "Medium", "Hard"):
+        assert apart(study, "FOCOPS-paper", "PPO-paper", "return_", level).low > 0
+
+
+def test_what_is_lost_elsewhere(study: Results):
+    at_home, away = (
+        {name: mean_of(flown(study, name, where), "return_") for name in FLYING} for where in ("", "unseen")
+    )
+    assert [name for name in FLYING if away[name].high < at_home[name].low] == ["PPO", "PPOLag", "P3O"]
+    for name in FLYING:
+        under_looks = changed(flown(study, name, "all_at_once"), flown(study, name))
+        assert isinstance(under_looks, Estimate) and under_looks.high < 0
+        most_probable = changed(flown(study, name, "deterministic"), flown(study, name))
+        assert isinstance(most_probable, Estimate) and not sure(most_probable)
+
+
+def test_what_a_mask_and_a_multiplier_do_to_focops(ways: Results):
+    surely = {
+        field: [
+            way
+            for way in ("broken_mask", "ascent", "adam", "pid")
+            if sure(apart(ways, f"FOCOPS-{way}", "FOCOPS", field))
+        ]
+        for field in ("return_", "cost")
+    }
+    assert surely == {"return_": ["adam"], "cost": ["broken_mask", "adam"]}
+    usual, pid = (flown(ways, name) for name in ("FOCOPS", "FOCOPS-pid"))
+    assert [row.return_ for row in usual] == [row.return_ for row in pid]

@@ -75,6 +75,15 @@ def test_what_is_lost_elsewhere(study: Results):
         assert isinstance(most_probable, Estimate) and not sure(most_probable)
 
 
+def test_what_adapters_do(ways: Results):
+    assert apart(ways, "SACLag-box_scaled", "SACLag", "return_").low > 0
+    assert apart(ways, "DDPGLag", "DDPGLag-box_scaled", "return_").low > 0
+    assert apart(ways, "DDPGLag-box_literal", "DDPGLag", "cost").low > 0
+    for name, share in (("DDPGLag", 0.4), ("SACLag", 0.7), ("CCEPETS", 0.7)):
+        backwards = [row.reason == "YawOverDeviation" for row in flown(ways, f"{name}-box_literal")]
+        assert share < np.mean(backwards) < share + 0.1
+
+
 def test_what_a_mask_and_a_multiplier_do_to_focops(ways: Results):
     surely = {
         field: [

@@ -7,6 +7,7 @@ import pytest
 from tests.bench.small_place import write_film_of
 from thalweg.bench.files import ResultsError
 from thalweg.bench.latex import latex
+from thalweg.bench.page import html_table
 from thalweg.bench.parts import PARTS, Table
 from thalweg.bench.reading import read_results
 from thalweg.bench.report import write_report
@@ -319,11 +320,12 @@ def test_what_an_earlier_report_had_and_this_one_has_not_goes(tiny_results: Path
 
 
 def test_the_committed_tables_of_the_study_are_those_of_its_results():
-    results = read_results(STUDY)
+    results, page = read_results(STUDY), (STUDY / "report" / "report.html").read_text()
     for part in (part for part in PARTS if isinstance(part, Table)):
         grid, (words, tex, numbers) = part.text(results), (STUDY / "report" / name for name in part.files)
         assert words.read_text() == markdown(*grid), part.name
         assert tex.read_text() == latex(*grid), part.name
+        assert html_table(*grid, part.title) in page, part.name
         there, here = (list(csv.reader(text.splitlines())) for text in (numbers.read_text(), part.csv(results)))
         assert there[0] == here[0] and len(there) == len(here), part.name
         for old, new in zip(there, here, strict=True):

@@ -65,10 +65,12 @@ def levels_from_above(results: Results) -> Figure | None:
     worlds = {level: world for level in results.levels if (world := _world(results, level)) is not None}
     if not worlds:
         return None
+    views = {level: view(world) for level, world in worlds.items()}
+    tallest = max(len(picture) / len(picture[0]) for picture in views.values())
     with rc_context(STYLE | {"axes.grid": False}):
-        figure = Figure(figsize=(3.0 * len(worlds), 3.8))
+        figure = Figure(figsize=(3.0 * len(worlds), 3.0 * tallest + 0.5))
         for axis, (level, world) in zip(np.atleast_1d(figure.subplots(1, len(worlds))), worlds.items(), strict=True):
-            grid, picture = world.grid, view(world)
+            grid, picture = world.grid, views[level]
             rows, columns = picture.shape[:2]
             left, bottom = grid.origin_x_m, grid.origin_y_m
             extent = (left, left + columns * grid.cell_m, bottom, bottom + rows * grid.cell_m)

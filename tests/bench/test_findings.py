@@ -1,9 +1,7 @@
 """The tables of what the benchmark shows: on logs and flights whose figures are known."""
 
-import importlib
 import json
 import shutil
-import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -12,13 +10,6 @@ import pytest
 
 from thalweg.bench.files import ResultsError
 from thalweg.bench.statistics import TrainingLog
-
-
-@pytest.fixture
-def findings(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(Path(__file__).resolve().parents[2] / "benchmarks")
-    monkeypatch.delitem(sys.modules, "findings", raising=False)
-    return importlib.import_module("findings")
 
 
 def log(costs: list[float], steps: list[int], last_step: int = 400) -> TrainingLog:

@@ -5,9 +5,11 @@ Where new results make one of these red, the page's prose has to be read again.
 
 from itertools import combinations
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
+from scipy.stats import ttest_ind
 
 from thalweg.bench.beyond import changed, kept
 from thalweg.bench.comparison import difference, improvement, shared_tables
@@ -96,3 +98,19 @@ def test_what_a_mask_and_a_multiplier_do_to_focops(ways: Results):
     assert surely == {"return_": ["adam"], "cost": ["broken_mask", "adam"]}
     usual, pid = (flown(ways, name) for name in ("FOCOPS", "FOCOPS-pid"))
     assert [row.return_ for row in usual] == [row.return_ for row in pid]
+
+
+def test_what_training_cost_in_each_quarter(study: Results, findings: ModuleType):
+    paid = {
+        name: np.array([findings.by_quarter(log) for log in study.training if log.algorithm == name])
+        for name in ("PPO", "PPOLag", "FOCOPS", "P3O", "OnCRPO", "SACLag")
+    }
+    said = (dict.fromkeys(("PPOLag", "FOCOPS", "P3O", "OnCRPO", "SACLag"), -1), {}, {"PPOLag": 1}, {"P3O": -1})
+    for quarter, signs in enumerate(said):
+        without = paid["PPO"][:, quarter]
+        welch = {
+            name: ttest_ind(costs[:, quarter], without, equal_var=False).confidence_interval(0.95)
+            for name, costs in paid.items()
+            if name != "PPO"
+        }
+        assert {name: np.sign(ends.low) for name, ends in welch.items() if ends.low * ends.high > 0} == signs

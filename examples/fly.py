@@ -10,11 +10,13 @@ import numpy as np
 import thalweg  # registers the environments  # noqa: F401
 from thalweg.bench.sheet import sheet
 from thalweg.env import DoneReason
+from thalweg.options import check_file
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--steps", type=int, default=500)
 parser.add_argument("--out", type=Path, default=Path("flight.png"))
 options = parser.parse_args()
+check_file("--out", options.out, ".png")
 
 env = gymnasium.make("thalweg/Medium-v0")
 river: Any = env.unwrapped

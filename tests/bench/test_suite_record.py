@@ -1,6 +1,7 @@
 """The record of a suite: what of `suite.json` cannot be used is named, and nothing is made of it."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -67,8 +68,31 @@ def test_a_damaged_record_is_not_used_and_the_report_says_why(
     found = read_results(tiny_results)
     assert (found.suite, found.skipped) == ({}, [NO_RECORD + said])
     assert f"Not used: {NO_RECORD}{said}" in write_report(tiny_results).problems
-    assert main(["leaderboard", str(tiny_results)]) == 0
-    assert "No row is complete yet." in capsys.readouterr().out
+    assert main(["leaderboard", str(tiny_results)]) == 2
+    assert f"{NO_RECORD}{said}" in capsys.readouterr().err
+
+
+def test_without_a_record_flights_under_conditions_are_named_together(tiny_results: Path):
+    for name in ("unseen", "haze"):
+        shutil.copytree(
+            tiny_results / "evaluation",
+            tiny_results / "evaluation" / name,
+            ignore=shutil.ignore_patterns(name, "unseen"),
+        )
+    (tiny_results / "suite.json").write_text("{")
+    found = read_results(tiny_results)
+    assert found.episodes and not found.beyond
+    unreadable, unknown = found.skipped
+    assert unreadable.startswith("suite.json cannot be read: ")
+    assert unknown == "evaluation: flights under haze, unseen, for without suite.json no condition is known"
+
+
+def test_results_go_into_a_folder(tmp_path: Path):
+    (tmp_path / "file").write_text("mine")
+    for place in (tmp_path / "file", tmp_path / "file" / "below" / "it"):
+        with pytest.raises(ResultsError, match="file is not a folder; choose another"):
+            run_suite(SUITE, place, SmallPlace())
+    assert (tmp_path / "file").read_text() == "mine"
 
 
 @pytest.mark.parametrize(("damaged", "said"), DAMAGED, ids=[said for _, said in DAMAGED])

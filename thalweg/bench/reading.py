@@ -40,7 +40,12 @@ def read_results(folder: Path) -> Results:
     runs = reader.attempt(folder / "runs.csv", lambda: read_runs(folder), [])
     suite = reader.attempt(folder / "suite.json", lambda: _of_runs(suite, runs), {})
     conditions = [condition["name"] for condition in suite.get("conditions", [])]
-    episodes = reader.episodes(folder / "evaluation", apart=conditions)
+    unknown = [] if suite else sorted(place.name for place in (folder / "evaluation").glob("*/"))
+    episodes = reader.episodes(folder / "evaluation", apart=[*conditions, *unknown])
+    if unknown:
+        reader.skipped.append(
+            f"evaluation: flights under {', '.join(unknown)}, for without suite.json no condition is known"
+        )
     others = {name: reader.episodes(folder / "evaluation" / name) for name in conditions}
     training = reader.training(runs)
     if not episodes and not runs and len(reader.skipped) == 1 and not (folder / "suite.json").exists():

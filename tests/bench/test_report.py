@@ -103,9 +103,7 @@ def test_the_details_as_csv_hold_values_computed_by_hand_at_full_precision(tiny_
     assert float(flown["return_iqm"]) == (1.123456789012345 + 2) / 2
     assert (flown["return_iqm_low"], flown["return_iqm_high"]) == ("", "")
     assert [float(easy[name]) for name in ("success", "tight", "loose", "progress_mean")] == [0.5, 0.5, 0.0, 0.7]
-    # Wilson's interval of one of two: (1 + z²/2 ± z·sqrt(1/2 + z²/4)) / (2 + z²) with z = 1.959964.
-    ends = [float(easy[f"success_{end}"]) for end in ("low", "high")]
-    assert ends == pytest.approx([0.0945312, 0.9054688], abs=1e-6)
+    assert (easy["success_low"], easy["success_high"]) == ("", "")  # of one seed
 
 
 def test_the_runs_beside_the_page_are_those_of_the_results_with_their_errors(tiny_results: Path):

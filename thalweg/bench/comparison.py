@@ -36,8 +36,7 @@ SHARES = np.linspace(0.0, WHOLE_COURSE, 101)
 def improvement(ours: np.ndarray, theirs: np.ndarray) -> Estimate:
     """P(X > Y) + ½ P(X = Y): how often a flight of ours [L, M] returns more than theirs [L, K] from the same start."""
     pairs = _by_pair(ours, theirs, lambda x, y: (x - y > SAME) + 0.5 * (abs(x - y) <= SAME))
-    found = _between_pairs(pairs)
-    return found if np.isnan(found.low) else no_surer(found, len(ours) * min(pairs.shape))
+    return no_surer(_between_pairs(pairs), len(ours) * min(pairs.shape))
 
 
 def difference(ours: np.ndarray, theirs: np.ndarray, field: str) -> Estimate:
@@ -89,8 +88,7 @@ def profile(table: np.ndarray, thresholds: np.ndarray = SHARES) -> tuple[np.ndar
     """The performance profile of flights [L, M]: the share whose return is at least each threshold [G], and the ends of
     its interval, pointwise and no narrower than Wilson's; NaN where there are too few seeds."""
     each = (table[:, :, None] >= thresholds - SAME).mean(0)
-    found = [student(float(share.mean()), share) for share in each.T]
-    found = [one if np.isnan(one.low) else no_surer(one, table.size) for one in found]
+    found = [no_surer(student(float(share.mean()), share), table.size) for share in each.T]
     low, high = (np.array([getattr(one, end) for one in found]) for end in ("low", "high"))
     return np.array([one.value for one in found]), low, high
 

@@ -177,18 +177,15 @@ def span(field: str) -> float:
 def share(rows: Sequence[Episode], holds: Callable[[Episode], bool]) -> Estimate:
     """Of how many episodes something holds, such as a violation.
 
-    Of one seed the interval is Wilson's, for this policy's flights; of several it is that over seeds, but no narrower
-    than Wilson's, since equal shares of three seeds are no certainty. None of two.
+    The interval is that over seeds, but no narrower than Wilson's, since equal shares of three seeds are no certainty.
     """
     held = np.array([holds(row) for row in rows])
     seeds = np.array([row.seed for row in rows])
-    value, each = float(held.mean()), np.array([held[seeds == seed].mean() for seed in np.unique(seeds)])
-    if 1 < len(each) < LEAST_SEEDS:
-        return Estimate(value)
-    return no_surer(student(value, each) if len(each) > 1 else Estimate(value), len(held))
+    each = np.array([held[seeds == seed].mean() for seed in np.unique(seeds)])
+    return no_surer(student(float(held.mean()), each), len(held))
 
 
 def no_surer(found: Estimate, count: int) -> Estimate:
-    """The estimate of a share with an interval within 0..1 that is no narrower than Wilson's of so many cases."""
-    least = Estimate(found.value, *wilson(found.value, count))
-    return least if np.isnan(found.low) else clipped(no_narrower(found, least), 0.0, 1.0)
+    """The estimate of a share whose interval, if it has one, lies within 0..1 and is no narrower than Wilson's of so
+    many cases."""
+    return clipped(no_narrower(found, Estimate(found.value, *wilson(found.value, count))), 0.0, 1.0)

@@ -120,9 +120,9 @@ PARTS: tuple[Table | Picture | Films, ...] = (
         "In detail",
         tables.detail_table,
         tables.detail_csv,
-        "In brackets: intervals of 95 %, over training seeds where there are three or more; shares of one policy have"
-        " Wilson's. IQM: mean of the middle half of the episodes, without an interval where it is the same for all"
-        " seeds, which is no certainty; the stratified bootstrap, which is customary, is too sure where there are few.",
+        "In brackets: intervals of 95 % over training seeds, where there are three or more. IQM: mean of the middle"
+        " half of the episodes, without an interval where it is the same for all seeds, which is no certainty; the"
+        " stratified bootstrap, which is customary, is too sure where there are few.",
     ),
     _sheet(
         "limits",

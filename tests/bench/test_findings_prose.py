@@ -3,7 +3,7 @@
 Where new results make one of these red, the page's prose has to be read again.
 """
 
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from types import ModuleType
 
@@ -61,6 +61,10 @@ def test_who_is_surely_apart_from_ppo(study: Results):
     assert [name for name in others if sure(apart(study, "PPO", name, "return_"))] == ["OnCRPO"]
     assert not [pair for pair in combinations(("PPO", "FOCOPS", "P3O"), 2) if sure(apart(study, *pair, "return_"))]
     assert improvement(*shared_tables(flown(study, "PPO"), flown(study, "PPOLag"), "return_")).low > 0.5
+    for name in ("FOCOPS", "P3O"):
+        assert apart(study, name, "PPOLag", "return_").low > 0 and apart(study, name, "PPOLag", "cost").high < 0
+    for field in ("return_", "cost"):
+        assert apart(study, "PPO", "OnCRPO", field, "Hard").low > 0
     for level in ("Easy", "Medium", "Hard"):
         assert apart(study, "FOCOPS-paper", "PPO-paper", "return_", level).low > 0
 
@@ -73,6 +77,7 @@ def test_what_is_lost_elsewhere(study: Results):
     for name in FLYING:
         under_looks = changed(flown(study, name, "all_at_once"), flown(study, name))
         assert isinstance(under_looks, Estimate) and under_looks.high < 0
+    for name in (*FLYING, "OnCRPO", "SACLag", "PPO-paper", "FOCOPS-paper"):
         most_probable = changed(flown(study, name, "deterministic"), flown(study, name))
         assert isinstance(most_probable, Estimate) and not sure(most_probable)
 
@@ -96,6 +101,8 @@ def test_what_a_mask_and_a_multiplier_do_to_focops(ways: Results):
         for field in ("return_", "cost")
     }
     assert surely == {"return_": ["adam"], "cost": ["broken_mask", "adam"]}
+    for field, level in product(("return_", "cost"), ("Easy", "Hard")):
+        assert not sure(apart(ways, "FOCOPS-adam", "FOCOPS", field, level))
     usual, pid = (flown(ways, name) for name in ("FOCOPS", "FOCOPS-pid"))
     assert [row.return_ for row in usual] == [row.return_ for row in pid]
 

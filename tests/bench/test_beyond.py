@@ -92,6 +92,12 @@ def test_conditions_say_what_changes_from_the_same_starts(results: Results):
     assert rows[0][header.index("success")].startswith("100% [")
 
 
+def test_who_flew_under_a_condition_only_has_rows_too(results: Results):
+    stray = replace(results, beyond={"mode": flights("Stray", 1, 4.5, 0.0)})
+    assert stray.policies[-1] == "Stray"
+    assert [row[:4] for row in conditions(stray).grid[1]] == [["Stray", "mode", "Medium", "1"]]
+
+
 def test_a_change_is_that_of_the_seeds_that_flew_under_both(results: Results):
     before = [row for row in results.episodes if row.algorithm == "PPO"]
     after = [replace(row, return_=row.return_ + 0.5 + (row.seed == 2)) for row in before]

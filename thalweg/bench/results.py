@@ -102,7 +102,8 @@ class Results:
     @property
     def policies(self) -> list[str]:
         """Every algorithm, flown or not: in the order of the runs, then those of the suite that have not begun."""
-        begun, flown = (row.algorithm for row in self.runs), (row.algorithm for row in self.episodes)
+        begun = (row.algorithm for row in self.runs)
+        flown = (row.algorithm for rows in (self.episodes, *self.beyond.values()) for row in rows)
         return list(dict.fromkeys([*begun, *(arm["name"] for arm in arms_of(self.suite)), *flown]))
 
     @property

@@ -115,7 +115,7 @@ def claim(folder: Path, suite: Suite) -> None:
         "machine": machine(),
     }
     path = folder / "suite.json"
-    if (there := next(place for place in (folder, *folder.absolute().parents) if place.exists())).is_file():
+    if not (there := next(place for place in (folder, *folder.absolute().parents) if place.exists())).is_dir():
         raise ResultsError(f"{there} is not a folder; choose another for the results")
     if not path.exists():
         if folder.exists() and any(folder.iterdir()):

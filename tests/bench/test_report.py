@@ -197,6 +197,12 @@ def spoil_repeated(folder: Path) -> str:
     return "evaluation/PPO-0-Easy.csv lacks or repeats episodes"
 
 
+def spoil_number(folder: Path) -> str:
+    file = folder / "evaluation" / "PPO-0-Easy.csv"
+    file.write_text(file.read_text().replace(",4.0,1.0,1.0,", ",nan,1.0,1.0,"))
+    return "evaluation/PPO-0-Easy.csv line 3: return must be finite, not nan"
+
+
 def spoil_training(folder: Path) -> str:
     (folder / "runs" / "PPO-0" / "episodes.csv").write_text("step,return\n1")
     return "runs/PPO-0/episodes.csv lacks the columns tight, loose"
@@ -209,6 +215,7 @@ SPOILS = (
     spoil_clash,
     spoil_bytes,
     spoil_repeated,
+    spoil_number,
     spoil_training,
 )
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
+from math import isfinite
 from pathlib import Path
 
 from thalweg.bench.files import ResultsError, csv_text, read_csv
@@ -83,5 +84,8 @@ def read_episodes(path: Path) -> list[Episode]:
         episode = Episode(*values)
         if episode.reason not in REASONS:
             raise ResultsError(f"{path.name} line {number}: unknown reason {episode.reason!r}")
+        for name, value in (("return", episode.return_), ("cost", episode.cost)):
+            if not isfinite(value):
+                raise ResultsError(f"{path.name} line {number}: {name} must be finite, not {value}")
         episodes.append(episode)
     return episodes

@@ -55,6 +55,7 @@ test: $(READY) $(CUDA) $(CLUSTER)
 lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	$(BIN)/lint-imports
 	$(BIN)/pyright
 
 format: $(READY)

@@ -8,16 +8,25 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from thalweg.bench.beyond import LIMIT, flown_seeds, kept, limits, pairs, train_level, trained_policies, training_regret
-from thalweg.bench.encoder_tables import CASE, READ, SIZE_COLUMNS, table
-from thalweg.bench.episodes import Episode
-from thalweg.bench.files import ResultsError, read_csv
-from thalweg.bench.inference import POSSIBLE, Estimate, clipped, mean_of, share, student
-from thalweg.bench.reading import read_results
-from thalweg.bench.results import Results
-from thalweg.bench.statistics import TrainingLog, grouped, regret
-from thalweg.bench.suites import arms_of
-from thalweg.bench.tables import markdown, paper_table, seeds_text
+from thalweg.bench.csv_files import ResultsError, read_csv
+from thalweg.bench.evaluate.episodes import Episode
+from thalweg.bench.report.extra_tables import (
+    LIMIT,
+    flown_seeds,
+    kept,
+    limits,
+    pairs,
+    train_level,
+    trained_policies,
+    training_regret,
+)
+from thalweg.bench.report.tables import markdown, paper_table, seeds_text
+from thalweg.bench.results.inference import POSSIBLE, Estimate, clipped, mean_of, share, student
+from thalweg.bench.results.reading import read_results
+from thalweg.bench.results.results import Results
+from thalweg.bench.results.statistics import TrainingLog, grouped, regret
+from thalweg.bench.studies.encoder_tables import CASE, READ, SIZE_COLUMNS, table
+from thalweg.bench.suite.suites import arms_of
 
 HERE = Path(__file__).resolve().parent
 STUDY, OPEN, ENCODERS = HERE / "paper", HERE / "open", HERE / "encoders"

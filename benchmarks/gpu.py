@@ -27,17 +27,17 @@ from torch import Tensor
 from thalweg.algos.interface import Task
 from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.registry import algorithm_named
-from thalweg.bench.files import csv_text
-from thalweg.devices import DeviceError, device_named
+from thalweg.bench.csv_files import csv_text
+from thalweg.cli.options import settings_from
+from thalweg.core.atomic_io import write_whole
+from thalweg.core.device import DeviceError, device_named
 from thalweg.encoder import Encoder, load_encoder
 from thalweg.env import EnvConfig, sample_starts
-from thalweg.env.tensors import TensorRiverEnv
-from thalweg.options import settings_from
+from thalweg.env.torch_env import TensorRiverEnv
 from thalweg.render import Renderer
-from thalweg.render.look import look_rows, look_values
-from thalweg.train.tensors import LatentTensorEnv, TensorCollector
-from thalweg.train.training import Training
-from thalweg.whole import write_whole
+from thalweg.render.records.appearance import look_rows, look_values
+from thalweg.train.rollouts.torch_collector import LatentTensorEnv, TensorCollector
+from thalweg.train.run_state import Training
 from thalweg.world import World, load_or_build
 
 HERE = Path(__file__).resolve().parent

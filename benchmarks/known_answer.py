@@ -40,10 +40,10 @@ from tests.known_answer.harness import (  # noqa: E402
 from tests.known_answer.problems import PROBLEMS  # noqa: E402
 from tests.known_answer.scores import Score  # noqa: E402
 from thalweg.algos import ALGORITHMS  # noqa: E402
-from thalweg.algos.settings import as_data  # noqa: E402
-from thalweg.bench.files import csv_text, read_csv  # noqa: E402
-from thalweg.cache import source_hash  # noqa: E402
-from thalweg.whole import write_whole  # noqa: E402
+from thalweg.algos.common.settings import as_data  # noqa: E402
+from thalweg.bench.csv_files import csv_text, read_csv  # noqa: E402
+from thalweg.core.atomic_io import write_whole  # noqa: E402
+from thalweg.core.cache import source_hash  # noqa: E402
 
 SEEDS = 5
 SOURCES = source_hash("algos", "train")

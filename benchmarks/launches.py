@@ -22,10 +22,10 @@ sys.path.insert(0, str(HERE.parent))  # the device stands among the tests
 from tests.devices.pretend import PRETEND, Device, pretended  # noqa: E402
 from tests.devices.toy import TensorWalk  # noqa: E402
 from thalweg.algos import ALGORITHMS  # noqa: E402
+from thalweg.algos.common.env_scaling import USUAL_ENVS  # noqa: E402
 from thalweg.algos.interface import Task  # noqa: E402
-from thalweg.algos.width import USUAL_ENVS  # noqa: E402
-from thalweg.train.tensors import TensorCollector  # noqa: E402
-from thalweg.train.training import Training  # noqa: E402
+from thalweg.train.rollouts.torch_collector import TensorCollector  # noqa: E402
+from thalweg.train.run_state import Training  # noqa: E402
 
 TABLE = HERE / "launches.csv"
 COLUMNS = ("algorithm", "environments", "acting", "learning")

@@ -19,11 +19,11 @@ from marks import between_marks
 from matplotlib import pyplot as plt
 
 from thalweg.algos.registry import ALGORITHMS, algorithm_named
-from thalweg.bench.figures import STYLE
-from thalweg.bench.files import csv_text, read_csv
-from thalweg.bench.tables import markdown
+from thalweg.bench.csv_files import csv_text, read_csv
+from thalweg.bench.report.figures import STYLE
+from thalweg.bench.report.tables import markdown
+from thalweg.core.atomic_io import whole, write_whole
 from thalweg.train.river import TrainingGround, load_fitting_encoder
-from thalweg.whole import whole, write_whole
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent

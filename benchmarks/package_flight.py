@@ -4,7 +4,7 @@
     thalweg evaluate runs/flight --levels easy medium hard --out runs/flight/evaluation.csv
     python benchmarks/package_flight.py runs/flight
 
-Writes thalweg/bench/flight.safetensors, and the rows of the evaluation beside this script as flight.csv.
+Writes thalweg/bench/execute/flight.safetensors, and the rows of the evaluation beside this script as flight.csv.
 """
 
 import shutil
@@ -15,8 +15,8 @@ from pathlib import Path
 
 import yaml
 
-from thalweg.bench.episodes import read_episodes
-from thalweg.bench.river import PACKAGED_POLICY
+from thalweg.bench.evaluate.episodes import read_episodes
+from thalweg.bench.execute.rivers import PACKAGED_POLICY
 from thalweg.train import load_policy
 
 ROWS = Path(__file__).with_name("flight.csv")

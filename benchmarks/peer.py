@@ -27,8 +27,8 @@ from peer_setup import PINS, SIDE, Setup, drawing_by, set_up
 from peer_venv import SetupError, last_lines
 from PIL import Image
 
-from thalweg.train.machine import machine, versions
-from thalweg.whole import whole, write_whole
+from thalweg.core.atomic_io import whole, write_whole
+from thalweg.core.machine import machine, versions
 
 HERE = Path(__file__).resolve().parent
 SIZE = 128

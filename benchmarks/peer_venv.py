@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from thalweg.cache import cache_dir
+from thalweg.core.cache import cache_dir
 
 
 class SetupError(Exception):

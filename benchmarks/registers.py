@@ -21,13 +21,15 @@ import nvidia
 from numba import cuda, types
 from numba.cuda import dispatcher
 
-from thalweg.env.beginning import begins_of
 from thalweg.env.config import EnvConfig
-from thalweg.env.courses import pack
-from thalweg.env.gpu import rules
-from thalweg.env.rules import empty_outcome, empty_state
-from thalweg.render.gpu import develop, pixel, visible
-from thalweg.render.scene import Scene
+from thalweg.env.device import gpu_step as rules
+from thalweg.env.device.episode import begins_of
+from thalweg.env.task.course_arrays import pack
+from thalweg.env.task.rules import empty_outcome, empty_state
+from thalweg.render.gpu import pixel
+from thalweg.render.gpu import postprocess as develop
+from thalweg.render.gpu import visible_plants as visible
+from thalweg.render.records.scene import Scene
 from thalweg.world import load_or_build
 
 TABLE = Path(__file__).resolve().parent / "registers.csv"

@@ -16,9 +16,9 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from thalweg.core.atomic_io import whole
 from thalweg.env import sample_starts
 from thalweg.render import Camera, Renderer
-from thalweg.whole import whole
 from thalweg.world import World, load_or_build
 
 HERE = Path(__file__).resolve().parent

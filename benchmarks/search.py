@@ -28,9 +28,9 @@ from typing import Any
 
 import numpy as np
 
+from thalweg.algos.common.settings import as_data
 from thalweg.algos.registry import algorithm_named
-from thalweg.algos.settings import as_data
-from thalweg.bench.files import read_csv
+from thalweg.bench.csv_files import read_csv
 from thalweg.train.river import TrainingGround, load_fitting_encoder
 
 HERE = Path(__file__).resolve().parent

@@ -3,9 +3,9 @@
     python benchmarks/twin.py
 
 writes twin.csv, a row per pose, and twin.png, three of them, beside itself, and fails where the figures miss what is
-asked for. The definition is `thalweg/render/twin.py`; each of its frames takes about half a minute, two are drawn at a
-time. A row is written when its pose is finished, so that a killed run goes on where it stopped. Rows of another picture
-(`RENDER_VERSION`, or a hash of the sources of rivers and frames) don't count and are dropped.
+asked for. The definition is `thalweg/render/reference/frame.py`; each of its frames takes about half a minute, two are
+drawn at a time. A row is written when its pose is finished, so that a killed run goes on where it stopped. Rows of
+another picture (`RENDER_VERSION`, or a hash of the sources of rivers and frames) don't count and are dropped.
 
 Colours are compared by the peak signal-to-noise ratio, 10 log10(255² / mean squared difference of the codes); masks and
 classes by the share of pixels where the ray through the centre meets the same thing.
@@ -25,11 +25,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from thalweg.bench.gallery import strip
-from thalweg.cache import cache_dir, source_hash
+from thalweg.bench.pictures.gallery import strip
+from thalweg.core.atomic_io import whole
+from thalweg.core.cache import cache_dir, source_hash
 from thalweg.env import sample_starts
-from thalweg.render import RENDER_VERSION, Camera, Frame, Renderer, twin
-from thalweg.whole import whole
+from thalweg.render import RENDER_VERSION, Camera, Frame, Renderer
+from thalweg.render.reference import frame as twin
 from thalweg.world import World, load_or_build
 
 HERE = Path(__file__).resolve().parent

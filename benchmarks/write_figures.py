@@ -14,11 +14,11 @@ from pathlib import Path
 import findings
 from marks import between_marks, prose
 
-from thalweg.bench.files import read_csv
-from thalweg.bench.speed_table import COLUMNS, describe, table_rows
-from thalweg.bench.stages import REFLECTION
-from thalweg.bench.tables import markdown
-from thalweg.whole import write_whole
+from thalweg.bench.csv_files import read_csv
+from thalweg.bench.report.tables import markdown
+from thalweg.bench.speed.frame_profile import REFLECTION
+from thalweg.bench.speed.table import COLUMNS, describe, table_rows
+from thalweg.core.atomic_io import write_whole
 
 ROOT = Path(__file__).resolve().parent.parent
 HERE = ROOT / "benchmarks"

@@ -8,8 +8,8 @@ from pathlib import Path
 from marks import between_marks, prose
 from peer import COMPARED, KINDS, OURS, PEER
 
-from thalweg.bench.speed_table import describe
-from thalweg.bench.tables import markdown
+from thalweg.bench.report.tables import markdown
+from thalweg.bench.speed.table import describe
 
 ROOT = Path(__file__).resolve().parent.parent
 FIGURES = ROOT / "benchmarks" / "peer.json"

@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from thalweg.bench.flights import FLIGHT_STEPS, pilot_poses
-from thalweg.bench.gallery import gallery
+from thalweg.bench.pictures.gallery import gallery
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
+from thalweg.env.pilot.flight_poses import FLIGHT_STEPS, pilot_poses
 from thalweg.render import Camera, Renderer
-from thalweg.render.quality import QUALITIES
+from thalweg.render.records.quality import QUALITIES
 from thalweg.world import LEVELS, World, load_or_build
-from thalweg.world.drawing import draw
+from thalweg.world.map_image import draw
 
 IMAGES = Path(__file__).resolve().parent / "images"
-CAM = Path(__file__).resolve().parents[1] / "thalweg" / "world" / "rivers" / "cam.geojson"
+CAM = Path(__file__).resolve().parents[1] / "thalweg" / "world" / "real" / "rivers" / "cam.geojson"
 GAP = 6
 SEEN = {"Easy": (3, 6), "Medium": (7, 10, 13), "Hard": (6, 9, 14)}
 """Which of each level's first starts are shown."""

@@ -8,9 +8,9 @@ import gymnasium
 import numpy as np
 
 import thalweg  # registers the environments  # noqa: F401
-from thalweg.bench.sheet import sheet
+from thalweg.bench.pictures.contact_sheet import sheet
+from thalweg.cli.options import check_file
 from thalweg.env import DoneReason
-from thalweg.options import check_file
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--steps", type=int, default=500)

@@ -7,7 +7,7 @@ import numpy as np
 
 from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv
 from thalweg.world import World
-from thalweg.world.drawing import draw
+from thalweg.world.map_image import draw
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--out", type=Path, default=Path("own_river.png"))

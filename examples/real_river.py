@@ -9,13 +9,15 @@ import gymnasium
 import numpy as np
 
 import thalweg  # registers the environments
-from thalweg.bench.sheet import sheet
+from thalweg.bench.pictures.contact_sheet import sheet
 from thalweg.env import DoneReason
 from thalweg.world import World
-from thalweg.world.drawing import draw
+from thalweg.world.map_image import draw
 
 parser = argparse.ArgumentParser(description=__doc__)
-parser.add_argument("--file", type=Path, default=Path(thalweg.__file__).parent / "world" / "rivers" / "cam.geojson")
+parser.add_argument(
+    "--file", type=Path, default=Path(thalweg.__file__).parent / "world" / "real" / "rivers" / "cam.geojson"
+)
 parser.add_argument("--start-m", type=float, default=0.0)
 parser.add_argument("--length-m", type=float, default=None)
 parser.add_argument("--out", type=Path, default=Path("real_river"))

@@ -3,8 +3,8 @@
 import argparse
 from pathlib import Path
 
-from thalweg.bench.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
-from thalweg.bench.statistics import summarise
+from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
+from thalweg.bench.results.statistics import summarise
 from thalweg.train import load_policy
 from thalweg.train.river import TrainingGround, check_sees_as_trained, load_fitting_encoder
 

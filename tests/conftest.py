@@ -7,7 +7,7 @@ from importlib.util import find_spec
 import pytest
 
 from tests.browser import missing_for_browser
-from thalweg.devices import missing_for_cuda
+from thalweg.core.device import missing_for_cuda
 from thalweg.world import World, load_or_build
 
 

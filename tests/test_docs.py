@@ -17,7 +17,7 @@ from PIL import Image
 from thalweg.algos.onpolicy.config import OnPolicyConfig
 from thalweg.algos.presets import PAPER
 from thalweg.algos.registry import ALGORITHMS
-from thalweg.cli import COMMANDS, _parse
+from thalweg.cli.main import COMMANDS, _parse
 
 ROOT = Path(__file__).resolve().parent.parent
 INDEX = ROOT / "docs" / "README.md"
@@ -128,7 +128,7 @@ def test_the_readme_shows_every_command_and_how_to_reach_it():
 
 
 def test_the_page_of_the_benchmark_names_every_suite():
-    from thalweg.bench.suites import SUITES
+    from thalweg.bench.suite.suites import SUITES
 
     text = (ROOT / "docs" / "bench.md").read_text()
     assert re.findall(r"^\| `(\w+)` \| ", text, flags=re.MULTILINE)[: len(SUITES)] == list(SUITES)

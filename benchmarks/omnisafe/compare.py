@@ -24,10 +24,10 @@ from benchmarks.omnisafe import plot
 from benchmarks.omnisafe.contests import ACTION_REPEAT, CONTESTS, Contest, Work, merged
 from benchmarks.omnisafe.environment import python_with_omnisafe
 from benchmarks.peer_venv import SetupError, last_lines
-from thalweg.bench.files import csv_text, read_csv
-from thalweg.cache import source_hash
-from thalweg.train.machine import machine, versions
-from thalweg.whole import write_whole
+from thalweg.bench.csv_files import csv_text, read_csv
+from thalweg.core.atomic_io import write_whole
+from thalweg.core.cache import source_hash
+from thalweg.core.machine import machine, versions
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]

@@ -22,9 +22,9 @@ import numpy as np
 from torch import Tensor
 
 from benchmarks.omnisafe.toy_vector import ToyVectorEnv
-from thalweg.algos.adam import Adam
-from thalweg.algos.networks import Critics
-from thalweg.train.machine import versions
+from thalweg.algos.common.adam import Adam
+from thalweg.algos.policy.networks import Critics
+from thalweg.core.machine import versions
 from thalweg.train.run import run
 
 

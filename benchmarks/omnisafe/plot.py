@@ -17,7 +17,7 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 from benchmarks.omnisafe.contests import CONTESTS, LIMIT
-from thalweg.whole import whole
+from thalweg.core.atomic_io import whole
 
 HERE = Path(__file__).resolve().parent
 COLOURS = {"OmniSafe": "#d95f02", "Thalweg": "#1b6ca8"}

@@ -14,8 +14,8 @@ from benchmarks.marks import between_marks, prose
 from benchmarks.omnisafe.compare import CURVES, HALF, OURS, PEER, SIDES, SPEED
 from benchmarks.omnisafe.contests import CONTESTS, contest_named
 from benchmarks.omnisafe.plot import Curves, read
-from thalweg.bench.speed_table import describe
-from thalweg.bench.tables import markdown
+from thalweg.bench.report.tables import markdown
+from thalweg.bench.speed.table import describe
 
 PAGE = Path(__file__).resolve().parents[1] / "README.md"
 MARK = "omnisafe"

@@ -5,8 +5,8 @@ import dataclasses
 import pytest
 
 from thalweg.algos import ALGORITHMS, AlgorithmError
+from thalweg.algos.common.settings import as_data
 from thalweg.algos.presets import PAPER, settings_of
-from thalweg.algos.settings import as_data
 
 
 @pytest.mark.parametrize("algorithm", PAPER)

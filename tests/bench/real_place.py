@@ -7,9 +7,9 @@ import signal
 import sys
 from pathlib import Path
 
-from thalweg.bench.runner import run_suite
-from thalweg.bench.suites import Arm, Suite
-from thalweg.train.training import Training
+from thalweg.bench.execute.runner import run_suite
+from thalweg.bench.suite.suites import Arm, Suite
+from thalweg.train.run_state import Training
 
 SUITE = Suite(
     "tiny",

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from thalweg.bench import page, report
-from thalweg.bench.conditions import Trial
-from thalweg.bench.episodes import REASONS, Episode
-from thalweg.bench.evaluation import Step
-from thalweg.bench.film_format import Format
-from thalweg.bench.parts import PARTS, Picture
-from thalweg.bench.runner import run_suite
-from thalweg.bench.suites import Arm, Run, Suite
+from thalweg.bench.evaluate.conditions import Trial
+from thalweg.bench.evaluate.episodes import REASONS, Episode
+from thalweg.bench.evaluate.evaluation import Step
+from thalweg.bench.execute.runner import run_suite
+from thalweg.bench.pictures.film_format import Format
+from thalweg.bench.report import page, report
+from thalweg.bench.report.sections import PARTS, Picture
+from thalweg.bench.suite.suites import Arm, Run, Suite
 
 ARMS = tuple(Arm(name, seeds=(0, 1), steps=100) for name in ("PPO", "FOCOPS"))
 SUITE = Suite("small", ARMS, episodes=3, baselines=("hover",), packaged=False)

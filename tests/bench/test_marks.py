@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from thalweg import cache
-from thalweg.bench import encoder_study, river
+from thalweg.bench.execute import rivers as river
+from thalweg.bench.studies import encoder_study
+from thalweg.core import cache
 
 OF_NO_NUMBER = {
     "announce": "says what is going on",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from thalweg.bench.river import PACKAGED_POLICY
+from thalweg.bench.execute.rivers import PACKAGED_POLICY
 from thalweg.encoder import DEFAULT_PATH
 from thalweg.render import RENDER_VERSION
 from thalweg.train import load_policy

@@ -10,9 +10,9 @@ import pytest
 from tests.bench.small_place import SmallPlace, draw_nothing
 from tests.train.small_runs import train
 from tests.train.toys import Walk
-from thalweg.bench.cluster import Cluster
-from thalweg.bench.runner import run_suite
-from thalweg.bench.suites import Arm, Run, Suite
+from thalweg.bench.execute.cluster.ray_executor import Cluster
+from thalweg.bench.execute.runner import run_suite
+from thalweg.bench.suite.suites import Arm, Run, Suite
 
 SUITE = Suite(
     "walks", (Arm("PPO", seeds=(0,)), Arm("FOCOPS", seeds=(0,))), baselines=("hover",), packaged=False, episodes=3

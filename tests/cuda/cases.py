@@ -5,7 +5,7 @@ import torch
 
 from tests.render.plain import plane, plants_at
 from thalweg.env import EnvConfig
-from thalweg.env.tensors import TensorRiverEnv
+from thalweg.env.torch_env import TensorRiverEnv
 from thalweg.render import Camera, Look
 from thalweg.world.record import World
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from tests.cuda import cases, simulated
 from thalweg.render import Renderer
-from thalweg.render.gpu.painter import Painter, Views
-from thalweg.render.look import look_rows, look_values
-from thalweg.render.scene import build_scene
+from thalweg.render.gpu.gpu_renderer import Painter, Views
+from thalweg.render.records.appearance import look_rows, look_values
+from thalweg.render.records.scene import build_scene
 
 
 def main(path: str, quality: str) -> None:

@@ -6,9 +6,9 @@ import sys
 import numpy as np
 
 from tests.cuda import cases, simulated
-from thalweg import gpu
-from thalweg.env import tensors
-from thalweg.env.gpu import rules
+from thalweg.core import gpu
+from thalweg.env import torch_env as tensors
+from thalweg.env.device import gpu_step as rules
 
 THREADS = 2
 

@@ -11,9 +11,9 @@ import pytest
 from tests.cuda import cases
 from thalweg.render import Renderer
 from thalweg.render.batch import bands_of, draw
-from thalweg.render.classes import BRIDGE, GROUND, PLANT, SKY, WATER
-from thalweg.render.look import look_rows, look_values
-from thalweg.render.scene import build_scene
+from thalweg.render.records.appearance import look_rows, look_values
+from thalweg.render.records.classes import BRIDGE, GROUND, PLANT, SKY, WATER
+from thalweg.render.records.scene import build_scene
 
 ROOT = Path(__file__).parents[2]
 

@@ -127,7 +127,7 @@ class Recorded(NamedTuple):
 
 
 def record(device: Device, step: Callable[[], None]) -> Callable[[], None]:
-    """As `thalweg.algos.graphs.recorded`, of a step on the device."""
+    """As `thalweg.algos.common.cuda_graphs.recorded`, of a step on the device."""
     device.recording = operations = []
     try:
         step()
@@ -169,8 +169,8 @@ class Draws(torch.Generator):
 
 @contextmanager
 def pretended(monkeypatch: pytest.MonkeyPatch) -> Iterator[Device]:
-    """The device, where `thalweg.algos.state.new_generator` knows it."""
-    from thalweg.algos import state
+    """The device, where `thalweg.algos.common.state.new_generator` knows it."""
+    from thalweg.algos.common import state
 
     before = state.new_generator
 

@@ -9,13 +9,13 @@ import torch
 
 from tests.devices.toy import SPACES, ArrayWalk, TensorWalk
 from thalweg.algos import ALGORITHMS, NotFiniteError
+from thalweg.algos.common.state import CPU
 from thalweg.algos.interface import Rollout, Task
-from thalweg.algos.state import CPU
-from thalweg.devices import DeviceError
+from thalweg.core.device import DeviceError
 from thalweg.train import ResumeWarning, TrainingError, run
-from thalweg.train.collector import Collector
-from thalweg.train.tensors import TensorCollector, collector_for
-from thalweg.train.training import Training
+from thalweg.train.rollouts.collector import Collector
+from thalweg.train.rollouts.torch_collector import TensorCollector, collector_for
+from thalweg.train.run_state import Training
 
 N = 6
 
@@ -105,7 +105,7 @@ def test_a_run_of_tensors_that_was_cut_goes_on_with_the_same_numbers(name: str, 
         return run(name, env, steps=360, seed=1, folder=tmp_path / folder, config=config, checkpoint_seconds=0)
 
     whole = begin("whole")
-    from thalweg.train import training as module
+    from thalweg.train import run_state as module
 
     count, update = 0, Training.update
 

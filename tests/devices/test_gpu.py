@@ -13,13 +13,13 @@ import torch
 from benchmarks import gpu
 from thalweg.algos.interface import Task
 from thalweg.algos.registry import algorithm_named
-from thalweg.bench.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
+from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
 from thalweg.encoder import load_encoder
 from thalweg.env.config import ConfigError, EnvConfig
-from thalweg.env.tensors import TensorRiverEnv
+from thalweg.env.torch_env import TensorRiverEnv
 from thalweg.train import LatentTensorEnv, load_policy, run
-from thalweg.train.tensors import TensorCollector
-from thalweg.train.training import Training
+from thalweg.train.rollouts.torch_collector import TensorCollector
+from thalweg.train.run_state import Training
 from thalweg.world import World
 
 pytestmark = pytest.mark.gpu

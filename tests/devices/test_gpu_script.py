@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import gpu
-from thalweg.bench.files import read_csv
+from thalweg.bench.csv_files import read_csv
 from thalweg.world import World
 
 

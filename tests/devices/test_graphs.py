@@ -11,12 +11,13 @@ import torch
 from tests.devices.pretend import PRETEND, Device, Mixed, pretended, record
 from tests.devices.test_learners import SHORT, SPACES
 from tests.devices.toy import TensorWalk
-from thalweg.algos import ALGORITHMS, graphs
-from thalweg.algos.graphs import WARM, Graphs
+from thalweg.algos import ALGORITHMS
+from thalweg.algos.common import cuda_graphs as graphs
+from thalweg.algos.common.cuda_graphs import WARM, Graphs
+from thalweg.algos.common.state import array_of
 from thalweg.algos.interface import Task
-from thalweg.algos.state import array_of
-from thalweg.train.tensors import TensorCollector
-from thalweg.train.training import Training
+from thalweg.train.rollouts.torch_collector import TensorCollector
+from thalweg.train.run_state import Training
 
 CASES = [
     (name, space, settings)

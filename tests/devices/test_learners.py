@@ -10,11 +10,11 @@ import torch
 from tests.devices.pretend import PRETEND, Device, Mixed, Pretend, pretended
 from tests.devices.toy import SPACES, TensorWalk
 from thalweg.algos import ALGORITHMS
+from thalweg.algos.common.state import CPU, array_of
 from thalweg.algos.interface import Task
-from thalweg.algos.policy import load_policy
-from thalweg.algos.state import CPU, array_of
-from thalweg.train.tensors import TensorCollector
-from thalweg.train.training import Training
+from thalweg.algos.policy.policy import load_policy
+from thalweg.train.rollouts.torch_collector import TensorCollector
+from thalweg.train.run_state import Training
 
 N, STEPS = 8, 240
 SHORT: dict[str, dict[str, Any]] = {

@@ -9,7 +9,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
-from thalweg.algos.state import array_of, tensor_of
+from thalweg.algos.common.state import array_of, tensor_of
 
 SPACES = {
     "MultiDiscrete": gym.spaces.MultiDiscrete([3, 3]),

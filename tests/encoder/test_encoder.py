@@ -15,7 +15,7 @@ from thalweg.encoder import (
     load_encoder,
 )
 from thalweg.encoder.encoder import CHUNKS
-from thalweg.encoder.measure import to_batch
+from thalweg.encoder.reconstruction import to_batch
 
 
 def trained_looking(config: VAEConfig) -> VAE:

@@ -5,8 +5,8 @@ import dataclasses
 from functools import cache
 
 from tests.env.handmade import world_of
+from thalweg.world.generate.plan import plan
 from thalweg.world.levels import level_named
-from thalweg.world.plan import plan
 from thalweg.world.record import World
 
 

@@ -6,7 +6,7 @@ from gymnasium.vector import AutoresetMode
 
 from thalweg.env import EnvConfig, RiverEnv, RiverVectorEnv
 from thalweg.env.config import ConfigError
-from thalweg.env.state_arrays import StateError
+from thalweg.env.snapshot import StateError
 from thalweg.render import Camera, Randomisation, Renderer
 from thalweg.world.record import World
 

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from thalweg.env import EnvConfig
-from thalweg.env.courses import grown_hull, step_limit
+from thalweg.env.task.course_arrays import grown_hull, step_limit
 from thalweg.world.record import World
 
 EDGE = 1e-9

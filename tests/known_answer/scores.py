@@ -15,9 +15,9 @@ from tests.known_answer.envs import BOX_EDGE, ProblemEnv, SpaceName, joint
 from tests.known_answer.problems import ACTIONS, Problem
 from tests.known_answer.solutions import Outcome, outcome
 from thalweg.algos import Policy
-from thalweg.algos.actions import Actions
-from thalweg.algos.distributions import Categoricals, Gaussians, Points, Squashed
-from thalweg.algos.policy import AnyPolicy, Player
+from thalweg.algos.policy.actions import Actions
+from thalweg.algos.policy.distributions import Categoricals, Gaussians, Points, Squashed
+from thalweg.algos.policy.policy import AnyPolicy, Player
 
 
 @dataclass(frozen=True)

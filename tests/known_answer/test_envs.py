@@ -6,7 +6,7 @@ import pytest
 from tests.known_answer.envs import SPACES, ProblemEnv, SpaceName, joint
 from tests.known_answer.problems import ACTIONS, PROBLEMS, WAYS
 from tests.known_answer.solutions import outcome
-from thalweg.train.stream import Stream
+from thalweg.train.rollouts.stream import Stream
 
 
 def as_taken(actions: np.ndarray, space: SpaceName) -> np.ndarray:

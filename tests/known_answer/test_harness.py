@@ -10,7 +10,7 @@ from tests.known_answer.problems import PROBLEMS
 from tests.known_answer.scores import Score
 from tests.known_answer.solutions import best_deterministic, optimum, planned
 from thalweg.algos import ALGORITHMS
-from thalweg.algos.ccepets import CCEPETSConfig
+from thalweg.algos.planning.ccepets import CCEPETSConfig
 
 SINGLE = ("dense", "end", "mixture")
 

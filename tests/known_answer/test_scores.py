@@ -11,8 +11,8 @@ from tests.known_answer.harness import PLACES
 from tests.known_answer.problems import ACTIONS, PROBLEMS
 from tests.known_answer.scores import drawn, gaussian_bins, played, probabilities, require_drawn, score
 from thalweg.algos import Policy
-from thalweg.algos.actions import Kind, actions_of
-from thalweg.algos.policy import About, Player
+from thalweg.algos.policy.actions import Kind, actions_of
+from thalweg.algos.policy.policy import About, Player
 
 PROBLEM = PROBLEMS["dense"]
 

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from thalweg.core.atomic_io import whole, write_whole
 from thalweg.env import sample_starts
 from thalweg.render import RENDER_VERSION, Look, Renderer
-from thalweg.whole import whole, write_whole
 from thalweg.world import World, load_or_build
 
 FOLDER = Path(__file__).resolve().parent / "golden_frames"

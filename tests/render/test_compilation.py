@@ -10,7 +10,7 @@ import pytest
 
 from tests.render.plain import plane, plants_at
 from thalweg.render import compilation
-from thalweg.render.scene import Scene, build_scene
+from thalweg.render.records.scene import Scene, build_scene
 
 FIRST_FRAMES = """
 import hashlib

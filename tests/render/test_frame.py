@@ -5,14 +5,18 @@ import numpy as np
 import pytest
 
 from tests.render.plain import plane, plants_at
-from thalweg.render import Camera, Frame, Renderer, impostors, march, twin, twin_bridge
+from thalweg.render import Camera, Frame, Renderer
+from thalweg.render.bake import impostors
 from thalweg.render.batch import bands_of
-from thalweg.render.classes import BRIDGE, GROUND, PLANT, SKY, WATER
-from thalweg.render.eye import aim_squares, open_eye
-from thalweg.render.frame import ROWS_TOGETHER, draw_rows, open_planes
-from thalweg.render.look import look_rows, look_values
-from thalweg.render.outlines import soften_edges
-from thalweg.render.picture import side_seen
+from thalweg.render.kernels import heightfield_march as march
+from thalweg.render.kernels.billboard import side_seen
+from thalweg.render.kernels.bridge_edges import soften_edges
+from thalweg.render.kernels.camera_rays import aim_squares, open_eye
+from thalweg.render.kernels.frame import ROWS_TOGETHER, draw_rows, open_planes
+from thalweg.render.records.appearance import look_rows, look_values
+from thalweg.render.records.classes import BRIDGE, GROUND, PLANT, SKY, WATER
+from thalweg.render.reference import bridge as twin_bridge
+from thalweg.render.reference import frame as twin
 from thalweg.world.record import World
 
 ARCH = np.array([[0.0, 0.0, 0.3, 14.0, 3.0, 9.0, -0.2, 1.9, 2.2, 0.3, 0.5]])

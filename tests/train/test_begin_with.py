@@ -14,8 +14,8 @@ from thalweg.algos import AlgorithmError
 from thalweg.algos.interface import Feedback
 from thalweg.algos.offpolicy.agent import Agent
 from thalweg.algos.offpolicy.replay import Batch
-from thalweg.algos.policy import load_policy
-from thalweg.train.training import Training
+from thalweg.algos.policy.policy import load_policy
+from thalweg.train.run_state import Training
 
 SEEN = torch.from_numpy(np.random.default_rng(0).standard_normal((4, 3)).astype(np.float32))
 

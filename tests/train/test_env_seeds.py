@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from tests.train.toys import Walk
-from thalweg.algos.state import CPU
-from thalweg.train.collector import HostCollector, env_seeds
-from thalweg.train.stream import Stream
+from thalweg.algos.common.state import CPU
+from thalweg.train.rollouts.collector import HostCollector, env_seeds
+from thalweg.train.rollouts.stream import Stream
 
 
 def test_two_runs_share_no_environment():

@@ -10,9 +10,9 @@ import torch
 import yaml
 
 from tests.env.handmade import BlankRenderer, ring
-from thalweg.algos.actions import actions_of
-from thalweg.algos.policy import Policy
-from thalweg.bench.baselines import BASELINES
+from thalweg.algos.policy.actions import actions_of
+from thalweg.algos.policy.policy import Policy
+from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.encoder import VAE, EncoderFileError, EncoderInputError, VAEConfig, load_encoder, save_vae
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import RENDER_VERSION, Camera
@@ -203,7 +203,7 @@ def test_wide_networks_learn_in_two_threads_unless_fewer_are_asked_for_or_others
     found: dict[str, Any] = {}
     monkeypatch.setattr(river, "run", lambda *_, **settings: found.update(settings))
     monkeypatch.setattr(TrainingGround, "_seen_through", lambda *_: SimpleNamespace(close=lambda: None))
-    monkeypatch.setattr("thalweg.cores.AT_FIRST", 4)
+    monkeypatch.setattr("thalweg.core.torch_threads.AT_FIRST", 4)
     monkeypatch.setenv("OMP_NUM_THREADS", asked)
     encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
     TrainingGround("Easy", 4).train(algorithm, encoder, steps=1, seed=0, folder=tmp_path / "run", threads=given)

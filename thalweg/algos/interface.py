@@ -12,8 +12,8 @@ import torch
 from gymnasium import Space
 from torch import Tensor
 
-from thalweg.algos.policy import AnyPolicy
-from thalweg.algos.state import CPU
+from thalweg.algos.common.state import CPU
+from thalweg.algos.policy.policy import AnyPolicy
 
 REMEMBERED = 100
 """Last episodes that a learner is told of."""
@@ -37,7 +37,7 @@ class Task:
     device: torch.device = CPU
     """Where it learns: where rollouts lie, and all that it makes of them."""
     graphs: bool = False
-    """Whether gradient steps are recorded and replayed, see `thalweg.algos.graphs`."""
+    """Whether gradient steps are recorded and replayed, see `thalweg.algos.common.cuda_graphs`."""
 
 
 @dataclass(frozen=True)

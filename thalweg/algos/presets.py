@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from thalweg.algos.errors import AlgorithmError
+from thalweg.algos.common.errors import AlgorithmError
 
 Settings = Mapping[str, Any]
 

@@ -4,23 +4,23 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from thalweg.algos.ccepets import CCEPETS, CCEPETSConfig
-from thalweg.algos.cpo import CPO, CPOConfig
-from thalweg.algos.cup import CUP, CUPConfig
-from thalweg.algos.ddpglag import DDPGLag, DDPGLagConfig
-from thalweg.algos.errors import AlgorithmError
-from thalweg.algos.focops import FOCOPS, FOCOPSConfig
+from thalweg.algos.common.env_scaling import following
+from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.common.settings import config_from
 from thalweg.algos.interface import Learner, Task
-from thalweg.algos.oncrpo import OnCRPO, OnCRPOConfig
-from thalweg.algos.p3o import P3O, P3OConfig
-from thalweg.algos.ppo import PPO, PPOConfig
-from thalweg.algos.ppolag import PPOLag, PPOLagConfig
+from thalweg.algos.offpolicy.ddpglag import DDPGLag, DDPGLagConfig
+from thalweg.algos.offpolicy.saclag import SACLag, SACLagConfig
+from thalweg.algos.offpolicy.td3lag import TD3Lag, TD3LagConfig
+from thalweg.algos.onpolicy.cpo import CPO, CPOConfig
+from thalweg.algos.onpolicy.cup import CUP, CUPConfig
+from thalweg.algos.onpolicy.focops import FOCOPS, FOCOPSConfig
+from thalweg.algos.onpolicy.oncrpo import OnCRPO, OnCRPOConfig
+from thalweg.algos.onpolicy.p3o import P3O, P3OConfig
+from thalweg.algos.onpolicy.ppo import PPO, PPOConfig
+from thalweg.algos.onpolicy.ppolag import PPOLag, PPOLagConfig
+from thalweg.algos.planning.ccepets import CCEPETS, CCEPETSConfig
+from thalweg.algos.planning.safeloop import SafeLOOP, SafeLOOPConfig
 from thalweg.algos.presets import settings_of
-from thalweg.algos.saclag import SACLag, SACLagConfig
-from thalweg.algos.safeloop import SafeLOOP, SafeLOOPConfig
-from thalweg.algos.settings import config_from
-from thalweg.algos.td3lag import TD3Lag, TD3LagConfig
-from thalweg.algos.width import following
 
 WIDE = 2
 """Threads for wide networks; more were not measured."""
@@ -42,7 +42,8 @@ class Entry:
     def configure(self, given: Any = None, preset: str = "default", num_envs: int = 1) -> Any:
         """The config of a preset, with the given values on top; a whole config stands for itself.
 
-        What is not given follows the number of environments (`thalweg.algos.width`), but never in the study's preset.
+        What is not given follows the number of environments (`thalweg.algos.common.env_scaling`), but never in the
+        study's preset.
 
         Raises `AlgorithmError` for an unknown preset or key, listing the known ones, for a value of the wrong type, and
         for a preset beside a whole config.

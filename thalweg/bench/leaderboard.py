@@ -9,17 +9,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from thalweg.bench.beyond import LIMIT, kept, training_regret
-from thalweg.bench.conditions import BEYOND
-from thalweg.bench.episodes import Episode
-from thalweg.bench.evaluation import EvaluationConfig
-from thalweg.bench.files import ResultsError
-from thalweg.bench.inference import CONFIDENCE, LEAST_SEEDS, Estimate, mean_of, table_of
-from thalweg.bench.reading import read_results
-from thalweg.bench.results import Results
-from thalweg.bench.statistics import grouped
-from thalweg.bench.suites import arms_of
-from thalweg.bench.tables import markdown
+from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.evaluate.conditions import BEYOND
+from thalweg.bench.evaluate.episodes import Episode
+from thalweg.bench.evaluate.evaluation import EvaluationConfig
+from thalweg.bench.report.extra_tables import LIMIT, kept, training_regret
+from thalweg.bench.report.tables import markdown
+from thalweg.bench.results.inference import CONFIDENCE, LEAST_SEEDS, Estimate, mean_of, table_of
+from thalweg.bench.results.reading import read_results
+from thalweg.bench.results.results import Results
+from thalweg.bench.results.statistics import grouped
+from thalweg.bench.suite.suites import arms_of
 from thalweg.world import LEVELS
 
 LEVEL = "Medium"

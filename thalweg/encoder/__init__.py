@@ -1,9 +1,9 @@
 """Frames to a few numbers: the variational autoencoder, its training, its files and its fast frozen form."""
 
 from thalweg.encoder.encoder import DEFAULT_PATH, Encoder, check_render_version, folded, load_encoder
-from thalweg.encoder.figure import draw_reconstructions
 from thalweg.encoder.files import EncoderFileError, load_vae, save_vae
-from thalweg.encoder.measure import mean_image_mse, reconstruct, reconstruction_mse
+from thalweg.encoder.reconstruction import mean_image_mse, reconstruct, reconstruction_mse
+from thalweg.encoder.reconstruction_figure import draw_reconstructions
 from thalweg.encoder.training import Source, TrainingResult, train_encoder
 from thalweg.encoder.vae import ARCHITECTURES, VAE, EncoderInputError, VAEConfig, kl_divergence, vae_loss
 

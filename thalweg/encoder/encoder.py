@@ -18,8 +18,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from thalweg.cores import asked_threads, torch_threads
-from thalweg.devices import device_named
+from thalweg.core.device import device_named
+from thalweg.core.torch_threads import asked_threads, torch_threads
 from thalweg.encoder.files import EncoderFileError, load_vae
 from thalweg.encoder.vae import LEAK, VAE, EncoderInputError
 

@@ -14,8 +14,8 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as serialize
 
+from thalweg.core.atomic_io import write_whole
 from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig
-from thalweg.whole import write_whole
 
 FORMAT = 1
 """Version of the file format: a file of another version is refused."""

@@ -20,10 +20,10 @@ import numpy as np
 import torch
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from thalweg.core.atomic_io import write_whole
 from thalweg.encoder.files import FORMAT, EncoderFileError, read_tensors, save_vae, write_tensors
-from thalweg.encoder.measure import check_images, mean_image_mse, reconstruction_mse, to_batch
+from thalweg.encoder.reconstruction import check_images, mean_image_mse, reconstruction_mse, to_batch
 from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig, vae_loss
-from thalweg.whole import write_whole
 
 COLUMNS = ("epoch", "loss", "mse", "kl", "held_out_mse", "images_per_s")
 """Columns of `metrics.csv`: means over the steps of the epoch, with noise in the code and the batch's own norms;
@@ -54,7 +54,7 @@ class TrainingResult:
     path: Path
     """The encoder's file."""
     train_mse: float
-    """Mean squared error on the images trained on (the paper's way), as in `thalweg.encoder.measure`."""
+    """Mean squared error on the images trained on (the paper's way), as in `thalweg.encoder.reconstruction`."""
     held_out_mse: float | None
     """The same on the images held out; None when there were none."""
     mean_image_mse: float

@@ -2,11 +2,11 @@
 
 from thalweg.env.actions import ActionError
 from thalweg.env.config import ConfigError, DoneReason, EnvConfig
-from thalweg.env.making import make_single, make_vector
-from thalweg.env.single import RiverEnv
-from thalweg.env.starts import UnsafePoseError, sample_starts
-from thalweg.env.state_arrays import StateError
-from thalweg.env.vector import RiverVectorEnv
+from thalweg.env.env import RiverEnv
+from thalweg.env.factory import make_single, make_vector
+from thalweg.env.initial_poses import UnsafePoseError, sample_starts
+from thalweg.env.snapshot import StateError
+from thalweg.env.vector_env import RiverVectorEnv
 
 __all__ = [
     "ActionError",

@@ -1,6 +1,6 @@
 """Which limits, steps and payments does a task have? Every number of the task that a user may change, with its default.
 
-What follows from a world, such as its length, is not here but in `thalweg.env.courses`.
+What follows from a world, such as its length, is not here but in `thalweg.env.task.course_arrays`.
 """
 
 import math
@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from thalweg.render.camera import Camera
-from thalweg.render.quality import QUALITIES, Quality
-from thalweg.render.randomisation import Randomisation
+from thalweg.render.records.camera import Camera
+from thalweg.render.records.quality import QUALITIES, Quality
+from thalweg.render.records.randomisation import Randomisation
 
 OBSERVATIONS = ("rgb+mask", "rgb", "mask", "dict", "none")
 ACTIONS = ("multidiscrete", "continuous")

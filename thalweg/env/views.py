@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from thalweg.render.randomisation import Randomisation
+from thalweg.render.records.randomisation import Randomisation
 from thalweg.world.record import World
 
 
@@ -19,7 +19,7 @@ class View(NamedTuple):
     time_s: np.ndarray
     """[M] float64."""
     look: np.ndarray
-    """[M, P] float64, see `thalweg.render.look`."""
+    """[M, P] float64, see `thalweg.render.records.appearance`."""
     sun: np.ndarray
     """[M] int64, which of the world's lights."""
 

@@ -7,10 +7,10 @@ from functools import partial
 
 import numpy as np
 
-from thalweg.kernel import kernel
-from thalweg.render.eye import eye_of
-from thalweg.render.frame import ROWS_TOGETHER, draw_rows, finish_frame, open_planes
-from thalweg.threads import share_out
+from thalweg.core.jit import kernel
+from thalweg.core.threads import share_out
+from thalweg.render.kernels.camera_rays import eye_of
+from thalweg.render.kernels.frame import ROWS_TOGETHER, draw_rows, finish_frame, open_planes
 
 f32 = np.float32
 

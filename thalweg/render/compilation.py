@@ -14,10 +14,10 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from thalweg.kernel import config, kernel_folder
+from thalweg.core.jit import config, kernel_folder
 from thalweg.render.batch import WHOLE, draw_jobs, shared_planes
-from thalweg.render.look import LOOK_COLUMNS
-from thalweg.render.scene import blank_scene
+from thalweg.render.records.appearance import LOOK_COLUMNS
+from thalweg.render.records.scene import blank_scene
 
 MARK = "frames.compiled"
 MOST_S = 900.0

@@ -8,14 +8,14 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
-from thalweg.devices import device_named
+from thalweg.core.device import device_named
 from thalweg.render import compilation
 from thalweg.render.batch import bands_of, draw
-from thalweg.render.camera import Camera
 from thalweg.render.errors import RenderError
-from thalweg.render.look import Look, look_rows, look_values
-from thalweg.render.quality import QUALITIES, Quality
-from thalweg.render.scene import build_scene
+from thalweg.render.records.appearance import Look, look_rows, look_values
+from thalweg.render.records.camera import Camera
+from thalweg.render.records.quality import QUALITIES, Quality
+from thalweg.render.records.scene import build_scene
 from thalweg.world.record import World
 
 RENDER_VERSION = 2
@@ -49,7 +49,7 @@ class Renderer:
         """Prepare the tables of the worlds.
 
         `quality`: "full", or "fast" for frames without reflections, filtered less, and marched once for four pixels.
-        `device`: where frames are drawn, see `thalweg.devices`; they are arrays of the host either way, and within
+        `device`: where frames are drawn, see `thalweg.core.device`; they are arrays of the host either way, and within
         2/255 alike.
 
         Raises `RenderError` if there is no world, no such quality, or too little memory on the GPU; `DeviceError` for a
@@ -71,7 +71,7 @@ class Renderer:
         self._camera = *size, np.float32(self.camera.near_m), quality == "fast"
         self._painter = None
         if self.device != "cpu":
-            from thalweg.render.gpu.painter import Painter
+            from thalweg.render.gpu.gpu_renderer import Painter
 
             self._painter = Painter(self.scene, self._camera, self.device)
 
@@ -87,7 +87,8 @@ class Renderer:
 
         poses [N, 4]: x, y, z in metres, yaw in radians. world_index [N]: which of the worlds each camera is in (the
         first if left out). time_s [N] or a number: moves the ripples. out: an array of the result's shape to draw into.
-        look: one for all frames, or one for each (also as an array [N, P], see `thalweg.render.look.PARAMETERS`).
+        look: one for all frames, or one for each (also as an array [N, P], see
+        `thalweg.render.records.appearance.PARAMETERS`).
         """
         poses, worlds, times = self._checked(poses, world_index, time_s)
         looks = look_rows(look_values(look, len(poses)), self.camera)
@@ -119,7 +120,7 @@ class Renderer:
         """`render` without checks, from torch's tensors on this renderer's device into one, of which nothing is copied.
 
         views: world_index [N] int64, poses [N, 4] and times [N] float64, and looks as rows [N, LOOK_COLUMNS] float32 of
-        `thalweg.render.look.look_rows`; out: [N, H, W, 4] uint8.
+        `thalweg.render.records.appearance.look_rows`; out: [N, H, W, 4] uint8.
         """
         if self._painter is not None:
             self._painter.draw_tensors(views, out)

@@ -2,7 +2,7 @@
 
 from thalweg.train.errors import ResumeWarning, TrainingError
 from thalweg.train.latent import LatentVectorEnv
+from thalweg.train.rollouts.torch_collector import LatentTensorEnv
 from thalweg.train.run import RunResult, load_policy, run
-from thalweg.train.tensors import LatentTensorEnv
 
 __all__ = ["LatentTensorEnv", "LatentVectorEnv", "ResumeWarning", "RunResult", "TrainingError", "load_policy", "run"]

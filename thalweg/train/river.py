@@ -8,20 +8,20 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from thalweg.algos.actions import Actions
+from thalweg.algos.policy.actions import Actions
 from thalweg.algos.registry import algorithm_named
-from thalweg.cache import file_mark
-from thalweg.cores import asked_threads
-from thalweg.devices import device_named
+from thalweg.core.cache import file_mark
+from thalweg.core.device import device_named
+from thalweg.core.torch_threads import asked_threads
 from thalweg.encoder import Encoder, check_render_version, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import RENDER_VERSION
-from thalweg.train.announce import announce
+from thalweg.train.build_notice import announce
 from thalweg.train.errors import TrainingError
+from thalweg.train.folder.run_record import read_config
 from thalweg.train.latent import LatentVectorEnv
-from thalweg.train.record import read_config
+from thalweg.train.rollouts.torch_collector import LatentTensorEnv
 from thalweg.train.run import RunResult, load_policy, run
-from thalweg.train.tensors import LatentTensorEnv
 from thalweg.world import Reach, World, level_named, load_or_build
 
 BRANCHES = (3, 3, 3, 3)
@@ -175,6 +175,6 @@ class TrainingGround:
         """The environments on a device, whose observations are codes."""
         if device == "cpu":
             return LatentVectorEnv(RiverVectorEnv(self.worlds(), self.num_envs, self.config), encoder)
-        from thalweg.env.tensors import TensorRiverEnv
+        from thalweg.env.torch_env import TensorRiverEnv
 
         return LatentTensorEnv(TensorRiverEnv(self.worlds(), self.num_envs, self.config, device=device), encoder)

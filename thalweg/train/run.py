@@ -11,23 +11,23 @@ from typing import Any
 import torch
 from gymnasium.vector import VectorEnv
 
-from thalweg.algos import policy as policies
-from thalweg.algos.errors import AlgorithmError
+from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.common.settings import as_data
+from thalweg.algos.common.state import CPU
 from thalweg.algos.interface import Learner, Task
 from thalweg.algos.offpolicy.config import OffPolicyConfig
+from thalweg.algos.policy import policy as policies
 from thalweg.algos.registry import Entry, algorithm_named
-from thalweg.algos.settings import as_data
-from thalweg.algos.state import CPU
-from thalweg.cache import file_mark
-from thalweg.cores import torch_threads
-from thalweg.devices import DeviceError, device_named
-from thalweg.train import record
-from thalweg.train.checkpoint import load_checkpoint, save_checkpoint
+from thalweg.core.cache import file_mark
+from thalweg.core.device import DeviceError, device_named
+from thalweg.core.torch_threads import torch_threads
 from thalweg.train.errors import ResumeWarning, TrainingError
-from thalweg.train.loggers import RunLog
-from thalweg.train.progress import Progress
-from thalweg.train.tensors import TensorEnv, collector_for
-from thalweg.train.training import Training
+from thalweg.train.folder import run_record as record
+from thalweg.train.folder.checkpoint import load_checkpoint, save_checkpoint
+from thalweg.train.folder.loggers import RunLog
+from thalweg.train.folder.progress import Progress
+from thalweg.train.rollouts.torch_collector import TensorEnv, collector_for
+from thalweg.train.run_state import Training
 
 CHECKPOINT_SHARE = 20
 """A checkpoint that takes long, as that of a large replay, is made at most once in so many times its duration."""
@@ -95,14 +95,14 @@ def run(
         seed: 0 or more; of the environment and of the algorithm; the global random generators are neither used nor set.
         folder: Made if it does not exist.
         config: The algorithm's config, or a mapping of some of its keys, which are set on top of the preset; of more
-            than 64 environments the others follow their number, see `thalweg.algos.width`.
+            than 64 environments the others follow their number, see `thalweg.algos.common.env_scaling`.
         preset: `default`, or `paper`: what the study ran, quirks included.
         context: Plain data kept in the policy's file and in config.yaml, such as the encoder's name.
         progress: Whether a progress bar is shown.
         checkpoint_seconds: Least time between two checkpoints, 0 for one after every update; it has no influence on
             the numbers.
         threads: Of acting and learning; small networks are slower with more than one.
-        device: Where it learns, see `thalweg.devices`; an environment of tensors must be there already.
+        device: Where it learns, see `thalweg.core.device`; an environment of tensors must be there already.
         begin_with: A run's folder or a policy file: the policy begins as that one, such as PPO's for an algorithm with
             a limit, or one of an easier river; critics and all else begin anew.
         graphs: Whether gradient steps of DDPGLag, TD3Lag and SACLag are recorded and replayed on a GPU, which is then

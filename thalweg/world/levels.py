@@ -10,8 +10,8 @@ import re
 from dataclasses import astuple, dataclass, fields
 from typing import Any, NamedTuple
 
-from thalweg.world.checks import CLEARANCE_M, LEAST_LENGTH_M, LEAST_SAMPLES, MOST_SAMPLES
 from thalweg.world.errors import WorldError
+from thalweg.world.validation import CLEARANCE_M, LEAST_LENGTH_M, LEAST_SAMPLES, MOST_SAMPLES
 
 
 class Limits(NamedTuple):

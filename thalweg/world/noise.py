@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import prange
 
-from thalweg.kernel import kernel
+from thalweg.core.jit import kernel
 
 f4 = np.float32
 OCTAVE_DEVIATION = 0.2157

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 FORMAT = 1
 """Version of the file format: a file of another version is refused. It says nothing of the generator that made the
-world; `thalweg.world.store.STAMP` keeps those apart in the cache."""
+world; `thalweg.world.store.world_cache.STAMP` keeps those apart in the cache."""
 
 
 @dataclass(frozen=True)
@@ -117,70 +117,31 @@ class World:
         across, up = (x - grid.origin_x_m) / grid.cell_m, (y - grid.origin_y_m) / grid.cell_m
         return bool(0 <= across <= columns - 1 and 0 <= up <= rows - 1)
 
-    @classmethod
-    def from_centerline(cls, points: np.ndarray, closed: bool = True, *, seed: int = 0, plants: bool = True) -> "World":
-        """The world around a line [K, 4] of x, y, water level and width in metres, without bridges and islands.
+    if TYPE_CHECKING:
+        # Bound by the facade `thalweg.world`: the record imports nothing that makes, lights or stores worlds.
+        @staticmethod
+        def from_centerline(
+            points: np.ndarray, closed: bool = True, *, seed: int = 0, plants: bool = True
+        ) -> "World": ...
 
-        An open line is a course with success at its far end. `plants=False` leaves out plants and light, for tests.
-        Raises `WorldError` for a line from which no safe river can be made, naming the place and the limit.
-        """
-        from thalweg.world.custom import from_centerline
+        @staticmethod
+        def from_geojson(
+            path: str | Path,
+            *,
+            width_m: float | None = None,
+            start_m: float = 0.0,
+            length_m: float | None = None,
+            smooth_m: float = 0.0,
+            seed: int = 0,
+            plants: bool = True,
+        ) -> "World": ...
 
-        return from_centerline(points, closed, seed=seed, plants=plants)
+        @staticmethod
+        def load(path: str | Path) -> "World": ...
 
-    @classmethod
-    def from_geojson(
-        cls,
-        path: "str | Path",
-        *,
-        width_m: float | None = None,
-        start_m: float = 0.0,
-        length_m: float | None = None,
-        smooth_m: float = 0.0,
-        seed: int = 0,
-        plants: bool = True,
-    ) -> "World":
-        """The world around a real river's centre line: the one LineString of a GeoJSON file, longitude and latitude.
+        def save(self, /, path: str | Path) -> None: ...
 
-        Its width in metres is the property `width_m` or `width`, a number or a list of one for each position; `width_m`
-        here serves where there is neither. `start_m` and `length_m` choose a reach; `smooth_m` rounds the line by a
-        Gaussian of that standard deviation, for lines with corners that are too tight to be flown. A third coordinate
-        is the water's elevation. The course runs in the order of the positions; x and y are metres from the reach's
-        middle, z from its lowest water.
-        Raises `WorldFileError` for a file without exactly one such line or with one from which no safe river can be
-        made, and `WorldError` for an argument out of its range.
-        """
-        from thalweg.world.real import from_geojson
-
-        return from_geojson(
-            path,
-            width_m=width_m,
-            start_m=start_m,
-            length_m=length_m,
-            smooth_m=smooth_m,
-            seed=seed,
-            plants=plants,
-        )
-
-    def relit(self, azimuth: float, elevation: float) -> "World":
-        """The same valley under another sun at these angles in radians, from 5 degrees high to the zenith; takes about
-        as long as the light of a new world."""
-        from thalweg.world.light import relit
-
-        return relit(self, azimuth, elevation)
-
-    def save(self, path: "str | Path") -> None:
-        """Write the world as one `.npz`, whole or not at all."""
-        from thalweg.world.files import save
-
-        save(self, path)
-
-    @classmethod
-    def load(cls, path: "str | Path") -> "World":
-        """A world from a file; raises `WorldFileError` for one that is truncated or of another version."""
-        from thalweg.world.files import load
-
-        return load(path)
+        def relit(self, /, azimuth: float, elevation: float) -> "World": ...
 
 
 BRIDGE = (

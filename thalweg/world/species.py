@@ -1,7 +1,7 @@
 """Which plants and rocks are there? One entry per drawable model: a species in one of its grown variants.
 
 The world places kinds and bakes their shadows from the outline given here; the renderer grows and paints them. Kinds
-are data: how a plant is grown into leaves and branches is in `thalweg.render.trees`.
+are data: how a plant is grown into leaves and branches is in `thalweg.render.bake.trees`.
 """
 
 from dataclasses import dataclass, replace

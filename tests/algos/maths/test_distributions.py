@@ -6,8 +6,8 @@ import math
 import pytest
 import torch
 
-from thalweg.algos.distributions import Categoricals, Gaussians
 from thalweg.algos.maths import categorical, gaussian
+from thalweg.algos.policy.distributions import Categoricals, Gaussians
 
 F64 = torch.float64
 

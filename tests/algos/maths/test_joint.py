@@ -5,8 +5,8 @@ import itertools
 import pytest
 import torch
 
-from thalweg.algos.distributions import Categoricals
 from thalweg.algos.maths import joint
+from thalweg.algos.policy.distributions import Categoricals
 
 F64 = torch.float64
 SIZES = [(3, 3, 3, 3), (2, 5, 3), (4,)]

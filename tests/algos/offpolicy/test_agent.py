@@ -10,8 +10,8 @@ import torch
 from tests.algos.offpolicy.learners import NAMES, SPACES, D, N, T, batch_of, learner_for, rollout_of
 from tests.algos.rollouts import feedback
 from thalweg.algos import AlgorithmError, NotFiniteError
-from thalweg.algos.ddpglag import DDPGLagConfig
-from thalweg.algos.offpolicy.tally import Tally
+from thalweg.algos.offpolicy.ddpglag import DDPGLagConfig
+from thalweg.algos.offpolicy.mean_metrics import Tally
 
 FEEDBACK = feedback(0.5)
 

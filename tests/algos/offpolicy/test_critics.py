@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from thalweg.algos.networks import Shape, Stack
 from thalweg.algos.offpolicy.critics import Critics, Slow
+from thalweg.algos.policy.networks import Shape, Stack
 
 
 def critics(rewards: int, costs: int, twins: int) -> Critics:

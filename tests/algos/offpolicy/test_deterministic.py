@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 import torch
 
-from thalweg.algos.actions import actions_of
-from thalweg.algos.ddpglag import DDPGLagConfig
 from thalweg.algos.maths import relaxed
+from thalweg.algos.offpolicy.ddpglag import DDPGLagConfig
 from thalweg.algos.offpolicy.deterministic import Choices, DeterministicConfig, Numbers, policy_loss, policy_slopes
+from thalweg.algos.policy.actions import actions_of
 
 MANY = 20_000
 UNEVEN = gym.spaces.MultiDiscrete([3, 2])

@@ -11,7 +11,7 @@ import torch
 from tests.algos.offpolicy.learners import NAMES, SPACES, N, T, learner_for, rollout_of, share_of_good
 from tests.algos.rollouts import feedback
 from thalweg.algos import AlgorithmError, NotFiniteError
-from thalweg.algos.actions import actions_of
+from thalweg.algos.policy.actions import actions_of
 
 FEEDBACK = feedback(0.5)
 VARIANTS: dict[str, dict[str, Any]] = {

@@ -8,8 +8,8 @@ import torch
 
 from tests.algos.rollouts import rollout_of
 from thalweg.algos import AlgorithmError, NotFiniteError
-from thalweg.algos.normaliser import Normaliser
 from thalweg.algos.offpolicy.replay import Batch, Replay, steps_of
+from thalweg.algos.policy.normaliser import Normaliser
 
 PLAIN = Normaliser(1, enabled=False)
 

@@ -12,8 +12,8 @@ from tests.algos import rollouts
 from thalweg.algos import AlgorithmError
 from thalweg.algos.interface import Rollout, Task
 from thalweg.algos.onpolicy.agent import Agent
-from thalweg.algos.onpolicy.samples import Samples, Signal
-from thalweg.algos.ppo import PPOConfig
+from thalweg.algos.onpolicy.ppo import PPOConfig
+from thalweg.algos.onpolicy.rollout_samples import Samples, Signal
 
 N, T, D = 2, 8, 3
 

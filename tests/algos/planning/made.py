@@ -6,9 +6,9 @@ import gymnasium as gym
 import numpy as np
 import torch
 
-from thalweg.algos.actions import Actions, actions_of
 from thalweg.algos.interface import Rollout
-from thalweg.algos.planning.ensemble import Ensemble
+from thalweg.algos.planning.model.ensemble import Ensemble
+from thalweg.algos.policy.actions import Actions, actions_of
 
 OPTIONS = gym.spaces.MultiDiscrete([3, 2])
 BOX = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)

@@ -16,7 +16,7 @@ from tests.train.toys import Walk
 from thalweg.algos import ALGORITHMS, NotFiniteError
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.planning.policy import METHODS
-from thalweg.algos.safeloop import SafeARC
+from thalweg.algos.planning.safeloop import SafeARC
 from thalweg.train import load_policy, run
 
 N, T, D = 4, 16, 5

@@ -6,11 +6,11 @@ import pytest
 import torch
 
 from tests.algos.planning.made import BOX, OPTIONS, ensemble_for, generator
-from thalweg.algos.actions import actions_of
-from thalweg.algos.planning.ensemble import Frozen
-from thalweg.algos.planning.imagine import Futures
+from thalweg.algos.planning.imagined_rollouts import Futures
+from thalweg.algos.planning.model.ensemble import Frozen
 from thalweg.algos.planning.planner import Budget, Planner
-from thalweg.algos.safeloop import SafeLOOPConfig
+from thalweg.algos.planning.safeloop import SafeLOOPConfig
+from thalweg.algos.policy.actions import actions_of
 
 ITERATIONS = 5
 

@@ -11,14 +11,14 @@ import torch
 
 from tests.algos.planning.made import BOX, OPTIONS, generator
 from thalweg.algos import AlgorithmError
-from thalweg.algos.actions import actions_of
-from thalweg.algos.ccepets import CCEPETSConfig
+from thalweg.algos.common.settings import as_data
+from thalweg.algos.common.state import CPU
+from thalweg.algos.planning.ccepets import CCEPETSConfig
 from thalweg.algos.planning.planner import Planner
 from thalweg.algos.planning.policy import METHODS, PlannerPlayer, PlannerPolicy
-from thalweg.algos.policy import About, load_policy, seen_of
+from thalweg.algos.policy.actions import actions_of
+from thalweg.algos.policy.policy import About, load_policy, seen_of
 from thalweg.algos.registry import ALGORITHMS
-from thalweg.algos.settings import as_data
-from thalweg.algos.state import CPU
 
 PLANNERS = list(METHODS)
 D, N = 3, 4

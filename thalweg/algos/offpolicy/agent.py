@@ -12,23 +12,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from thalweg.algos.actions import Actions
-from thalweg.algos.adam import Adam
-from thalweg.algos.costs import cost_metrics, limit_warnings, suffixes
-from thalweg.algos.errors import AlgorithmError
-from thalweg.algos.graphs import Graphs
-from thalweg.algos.interface import Feedback, Rollout, Task
-from thalweg.algos.maths import bootstrap, losses
-from thalweg.algos.multiplier import Multipliers
-from thalweg.algos.networks import Stack
-from thalweg.algos.normaliser import Normaliser
-from thalweg.algos.offpolicy.config import OffPolicyConfig
-from thalweg.algos.offpolicy.critics import Critics, Slow
-from thalweg.algos.offpolicy.replay import Batch, Replay, steps_of
-from thalweg.algos.offpolicy.tally import Tally
-from thalweg.algos.policy import About, Policy
-from thalweg.algos.settings import as_data
-from thalweg.algos.state import (
+from thalweg.algos.common.adam import Adam
+from thalweg.algos.common.cuda_graphs import Graphs
+from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.common.settings import as_data
+from thalweg.algos.common.state import (
     CPU,
     array_of,
     generator_state,
@@ -38,6 +26,18 @@ from thalweg.algos.state import (
     new_generator,
     tensor_of,
 )
+from thalweg.algos.constraint.cost_limits import cost_metrics, limit_warnings, suffixes
+from thalweg.algos.constraint.multiplier import Multipliers
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.maths import bootstrap, losses
+from thalweg.algos.offpolicy.config import OffPolicyConfig
+from thalweg.algos.offpolicy.critics import Critics, Slow
+from thalweg.algos.offpolicy.mean_metrics import Tally
+from thalweg.algos.offpolicy.replay import Batch, Replay, steps_of
+from thalweg.algos.policy.actions import Actions
+from thalweg.algos.policy.networks import Stack
+from thalweg.algos.policy.normaliser import Normaliser
+from thalweg.algos.policy.policy import About, Policy
 
 CRITICS, POLICY = 0, 1
 """Groups of what is tallied."""

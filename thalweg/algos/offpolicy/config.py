@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from thalweg.algos.actions import Adapter
-from thalweg.algos.chain import Activation
-from thalweg.algos.costs import CostConfig
-from thalweg.algos.multiplier import MultiplierConfig
-from thalweg.algos.networks import Initial, Shape
-from thalweg.algos.settings import require
+from thalweg.algos.common.settings import require
+from thalweg.algos.constraint.cost_limits import CostConfig
+from thalweg.algos.constraint.multiplier import MultiplierConfig
+from thalweg.algos.policy.actions import Adapter
+from thalweg.algos.policy.mlp_autograd import Activation
+from thalweg.algos.policy.networks import Initial, Shape
 
 Schedule = Literal["report", "gradient_step"]
 """When the multipliers move."""

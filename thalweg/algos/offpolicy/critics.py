@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from thalweg.algos.chain import ALL
-from thalweg.algos.networks import Shape, Stack
+from thalweg.algos.policy.mlp_autograd import ALL
+from thalweg.algos.policy.networks import Shape, Stack
 
 
 class Critics:

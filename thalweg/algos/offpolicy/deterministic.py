@@ -12,8 +12,6 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from thalweg.algos.actions import Actions, actions_of
-from thalweg.algos.distributions import Categoricals
 from thalweg.algos.interface import Task
 from thalweg.algos.maths import relaxed
 from thalweg.algos.maths.constants import numbers_like
@@ -21,6 +19,8 @@ from thalweg.algos.maths.multiplier import combined
 from thalweg.algos.offpolicy.agent import Agent
 from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.offpolicy.replay import Batch
+from thalweg.algos.policy.actions import Actions, actions_of
+from thalweg.algos.policy.distributions import Categoricals
 
 COLDEST = 1e-3
 """Temperature at which choices are as good as certain."""

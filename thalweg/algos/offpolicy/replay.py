@@ -12,9 +12,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from thalweg.algos.errors import AlgorithmError, require_finite
+from thalweg.algos.common.errors import AlgorithmError, require_finite
+from thalweg.algos.common.state import CPU, array_of, tensor_of
 from thalweg.algos.interface import Rollout
-from thalweg.algos.state import CPU, array_of, tensor_of
 
 AT_ONCE = 64
 """Batches that are gathered together at most."""

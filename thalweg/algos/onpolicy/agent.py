@@ -13,27 +13,27 @@ from typing import Any, cast
 import torch
 from torch import Tensor
 
-from thalweg.algos.actions import actions_of
-from thalweg.algos.adam import Adam
-from thalweg.algos.costs import suffixes
-from thalweg.algos.distributions import Sloped, Traced
-from thalweg.algos.errors import require_finite
-from thalweg.algos.interface import Feedback, Rollout, Task
-from thalweg.algos.maths import losses
-from thalweg.algos.maths.advantages import centred, standardised
-from thalweg.algos.memory import Sequences
-from thalweg.algos.networks import Critics
-from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig, OnPolicyConfig
-from thalweg.algos.onpolicy.samples import RolloutMemory, Samples, Signal, samples_of, valid_obs
-from thalweg.algos.policy import About, NetworkPlayer, Policy
-from thalweg.algos.settings import as_data
-from thalweg.algos.state import (
+from thalweg.algos.common.adam import Adam
+from thalweg.algos.common.errors import require_finite
+from thalweg.algos.common.settings import as_data
+from thalweg.algos.common.state import (
     generator_state,
     load_generator,
     load_module,
     module_state,
     new_generator,
 )
+from thalweg.algos.constraint.cost_limits import suffixes
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.maths import losses
+from thalweg.algos.maths.advantages import centred, standardised
+from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig, OnPolicyConfig
+from thalweg.algos.onpolicy.rollout_samples import RolloutMemory, Samples, Signal, samples_of, valid_obs
+from thalweg.algos.policy.actions import actions_of
+from thalweg.algos.policy.distributions import Sloped, Traced
+from thalweg.algos.policy.memory import Sequences
+from thalweg.algos.policy.networks import Critics
+from thalweg.algos.policy.policy import About, NetworkPlayer, Policy
 
 
 class Agent:

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 
-from thalweg.algos.actions import Adapter
-from thalweg.algos.chain import Activation
-from thalweg.algos.costs import CostConfig, MeanCostConfig
-from thalweg.algos.memory import Memory
-from thalweg.algos.networks import Initial, Shape
-from thalweg.algos.settings import require
+from thalweg.algos.common.settings import require
+from thalweg.algos.constraint.cost_limits import CostConfig, MeanCostConfig
+from thalweg.algos.policy.actions import Adapter
+from thalweg.algos.policy.memory import Memory
+from thalweg.algos.policy.mlp_autograd import Activation
+from thalweg.algos.policy.networks import Initial, Shape
 
 
 @dataclass(frozen=True)

@@ -9,20 +9,20 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from thalweg.algos.actions import actions_of
-from thalweg.algos.costs import cost_metrics, suffixes
-from thalweg.algos.errors import require_finite
+from thalweg.algos.common.errors import require_finite
+from thalweg.algos.common.settings import as_data
+from thalweg.algos.common.state import generator_state, load_generator, load_module, module_state, new_generator
+from thalweg.algos.constraint.cost_limits import cost_metrics, suffixes
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.planning.config import PlanningConfig
-from thalweg.algos.planning.ensemble import HEADS
-from thalweg.algos.planning.fitting import Fitter
-from thalweg.algos.planning.lengths import Lengths
+from thalweg.algos.planning.episode_length import Lengths
+from thalweg.algos.planning.model.ensemble import HEADS
+from thalweg.algos.planning.model.fitting import Fitter
+from thalweg.algos.planning.model.transitions import Assembly, Batch, Replay
 from thalweg.algos.planning.planner import Decision
 from thalweg.algos.planning.policy import PlannerPlayer, PlannerPolicy
-from thalweg.algos.planning.transitions import Assembly, Batch, Replay
-from thalweg.algos.policy import About
-from thalweg.algos.settings import as_data
-from thalweg.algos.state import generator_state, load_generator, load_module, module_state, new_generator
+from thalweg.algos.policy.actions import actions_of
+from thalweg.algos.policy.policy import About
 
 
 class Agent:

@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from thalweg.algos.actions import Adapter
-from thalweg.algos.costs import CostConfig
-from thalweg.algos.settings import require
+from thalweg.algos.common.settings import require
+from thalweg.algos.constraint.cost_limits import CostConfig
+from thalweg.algos.policy.actions import Adapter
 
 Size = Literal["lite", "full"]
 Precision = Literal["float32", "bfloat16"]

@@ -11,12 +11,12 @@ from typing import Protocol
 import torch
 from torch import Tensor, nn
 
-from thalweg.algos.actions import Actions
+from thalweg.algos.common.state import CPU
 from thalweg.algos.planning.config import PlanningConfig
-from thalweg.algos.planning.ensemble import Frozen, action_features
-from thalweg.algos.planning.imagine import Futures, Value, imagine, judged, noise_for
-from thalweg.algos.planning.search import search_of
-from thalweg.algos.state import CPU
+from thalweg.algos.planning.imagined_rollouts import Futures, Value, imagine, judged, noise_for
+from thalweg.algos.planning.model.ensemble import Frozen, action_features
+from thalweg.algos.planning.plan_distribution import search_of
+from thalweg.algos.policy.actions import Actions
 
 
 @dataclass(frozen=True)

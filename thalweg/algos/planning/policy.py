@@ -12,16 +12,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from thalweg.algos.actions import Actions
-from thalweg.algos.errors import AlgorithmError
+from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.common.settings import config_from
+from thalweg.algos.common.state import array_of, load_module, module_state, new_generator, tensor_of
 from thalweg.algos.maths import planning
-from thalweg.algos.memory import FrameStack
 from thalweg.algos.planning.config import PlanningConfig
-from thalweg.algos.planning.ensemble import Ensemble, Frozen
+from thalweg.algos.planning.model.ensemble import Ensemble, Frozen
 from thalweg.algos.planning.planner import Budget, Decision, Method, Planner
-from thalweg.algos.policy import KINDS, About, check_width, named, save_policy, seen_of
-from thalweg.algos.settings import config_from
-from thalweg.algos.state import array_of, load_module, module_state, new_generator, tensor_of
+from thalweg.algos.policy.actions import Actions
+from thalweg.algos.policy.memory import FrameStack
+from thalweg.algos.policy.policy import KINDS, About, check_width, named, save_policy, seen_of
 
 MakeMethod = Callable[[Any, Actions, int, Callable[[], Tensor], torch.Generator], Method]
 """From config, actions, numbers of an observation, the deviation of rewards, and a generator."""

@@ -12,12 +12,15 @@ from functools import cache
 import numpy as np
 from numba import cuda, float32, int32, uint8
 
-from thalweg.render import bridges, classes, frame, ground, march, water
-from thalweg.render import fast as modest
-from thalweg.render import scene as table
-from thalweg.render.eye import aim, aim_squares, reach
-from thalweg.render.picture import CLOSED, SHARPEN, nearest_ray, picture_of, picture_pixel
-from thalweg.render.survey import MISS
+from thalweg.render.kernels import bridges, frame
+from thalweg.render.kernels import heightfield_march as march
+from thalweg.render.kernels.billboard import CLOSED, SHARPEN, nearest_ray, picture_of, picture_pixel
+from thalweg.render.kernels.camera_rays import aim, aim_squares, reach
+from thalweg.render.kernels.primary_hits import MISS
+from thalweg.render.kernels.shading import ground, water
+from thalweg.render.kernels.shading import reduced_quality as modest
+from thalweg.render.records import classes
+from thalweg.render.records import scene as table
 
 f32 = np.float32
 

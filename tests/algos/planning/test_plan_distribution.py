@@ -1,0 +1,79 @@
+"""Plans: what they begin with, draw, keep for the next decision, and how weights change them."""
+
+import pytest
+import torch
+
+from tests.algos.planning.made import BOX, OPTIONS, generator
+from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.planning.ccepets import CCEPETSConfig
+from thalweg.algos.planning.plan_distribution import Numbers, Options, search_of
+from thalweg.algos.policy.actions import actions_of
+
+CONFIG = CCEPETSConfig(horizon=3, carry_over=0.5, initial_std=0.5, floor=0.02, momentum=0.1)
+
+
+def test_the_search_fits_the_space():
+    spaces = [actions_of(OPTIONS), actions_of(OPTIONS, "box_scaled", "squashed"), actions_of(BOX, "native", "squashed")]
+    assert [type(search_of(actions, CONFIG, 0.0)) for actions in spaces] == [Options, Numbers, Numbers]
+
+
+def test_a_first_plan_of_options_is_uniform_and_draws_none_that_is_absent():
+    search = Options((3, 2), CONFIG)
+    plan = search.first(2)
+    assert plan[1, 2].tolist() == [pytest.approx([1 / 3] * 3), [0.5, 0.5, 0.0]]
+    drawn = search.samples(plan, 4000, generator())
+    assert drawn.shape == (2, 4000, 3, 2)
+    shares = [[float((drawn[..., branch] == k).float().mean()) for k in range(3)] for branch in range(2)]
+    assert shares[0] == pytest.approx([1 / 3] * 3, abs=0.02) and shares[1] == pytest.approx([0.5, 0.5, 0], abs=0.02)
+
+
+def test_samples_follow_the_probabilities_of_each_environment_and_step():
+    search = Options((3,), CONFIG)
+    plan = torch.rand(2, 3, 1, 3, generator=generator())
+    plan = plan / plan.sum(-1, keepdim=True)
+    drawn = search.samples(plan, 20_000, generator(1))
+    for option in range(3):
+        assert torch.allclose((drawn == option).float().mean(1), plan[..., option], atol=0.02)
+    first = torch.stack([search.draw(plan, generator(seed)) for seed in range(3000)])
+    assert torch.allclose((first == 2).float().mean(0), plan[:, 0, :, 2], atol=0.03)
+    assert torch.equal(search.mode(plan), plan[:, 0].argmax(-1))
+
+
+def test_a_plan_of_options_moves_on_by_a_step_and_is_half_forgotten():
+    search = Options((2,), CONFIG)
+    plan = torch.tensor([[1.0, 0.0], [0.2, 0.8], [0.0, 1.0]]).view(1, 3, 1, 2)
+    assert search.shifted(plan).flatten().tolist() == pytest.approx([0.35, 0.65, 0.25, 0.75, 0.5, 0.5])
+
+
+def test_an_improved_plan_of_options_keeps_the_floor():
+    search = Options((3, 2), CONFIG)
+    samples = torch.zeros(1, 4, 3, 2, dtype=torch.int64)
+    plan = search.first(1)
+    for _ in range(20):
+        plan = search.improved(plan, samples, torch.full((1, 4), 0.25))
+    assert float(plan[0, 0, 0, 1]) == pytest.approx(0.02 / (1 - 0.1 * (1 - 0.06)), rel=1e-3)
+    assert float(plan[0, 0, 1, 2]) == 0
+    assert plan.sum(-1).flatten().tolist() == pytest.approx([1.0] * 6)
+
+
+def test_a_floor_that_would_leave_nothing_of_a_plan_is_refused():
+    with pytest.raises(AlgorithmError, match=r"floor must be less than 1/4 where a choice has 4 options, got 0\.25"):
+        Options((3, 4), CCEPETSConfig(floor=0.25))
+    assert Options((3, 3), CCEPETSConfig(floor=0.25)).config.floor == 0.25
+
+
+def test_numbers_begin_with_their_deviation_and_stay_within_bounds():
+    search = Numbers(2, CONFIG, 0.0)
+    plan = search.first(1)
+    plan[0, 0, 0, 0] = 0.9
+    drawn = search.samples(plan, 20_000, generator())
+    assert float(drawn.abs().max()) == 1.0
+    assert float(drawn[0, :, 1].std()) == pytest.approx(0.47, abs=0.01)  # 0.5, clipped at two deviations
+    assert search.mode(plan)[0].tolist() == pytest.approx([0.9, 0.0])
+
+
+def test_a_plan_of_numbers_moves_on_and_its_variance_begins_anew():
+    search = Numbers(1, CONFIG, 0.0)
+    plan = torch.tensor([[0.1, 0.01], [0.2, 0.01], [0.3, 0.01]]).view(1, 3, 1, 2)
+    assert search.shifted(plan)[..., 0].flatten().tolist() == pytest.approx([0.2, 0.3, 0.0])
+    assert search.shifted(plan)[..., 1].flatten().tolist() == pytest.approx([0.25] * 3)

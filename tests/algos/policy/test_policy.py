@@ -1,0 +1,208 @@
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from safetensors.numpy import save_file
+
+from thalweg.algos import About, AlgorithmError, Policy
+from thalweg.algos.policy.actions import actions_of
+from thalweg.algos.policy.networks import Shape
+
+SPACES = {
+    "MultiDiscrete": gym.spaces.MultiDiscrete([3, 3, 3, 3]),
+    "uneven": gym.spaces.MultiDiscrete([2, 5], start=[1, -2]),
+    "Discrete": gym.spaces.Discrete(4, start=7),
+    "Box": gym.spaces.Box(np.array([-2, 0], np.float32), np.array([2, 1], np.float32), dtype=np.float32),
+    "unbounded": gym.spaces.Box(-np.inf, np.inf, (2, 2), np.float64),
+}
+
+
+def policy_for(space: gym.Space, adapter: Any = "native", **settings: Any) -> Policy:
+    shape = Shape((16,), memory=settings.pop("memory", 0))
+    return Policy(5, actions_of(space, adapter), shape, generator=torch.Generator().manual_seed(1), **settings)
+
+
+def observations(count: int = 64) -> np.ndarray:
+    return np.random.default_rng(0).standard_normal((count, 5)).astype(np.float32)
+
+
+@pytest.mark.parametrize("space", SPACES.values(), ids=list(SPACES))
+def test_every_action_belongs_to_the_space(space: gym.Space):
+    for action in policy_for(space).act(observations(), generator=torch.Generator().manual_seed(0)):
+        assert space.contains(action if action.shape else np.int64(action))
+
+
+@pytest.mark.parametrize("adapter", ["box_literal", "box_scaled"])
+def test_an_adapter_gives_options_of_the_space(adapter: str):
+    space = SPACES["uneven"]
+    assert all(space.contains(action) for action in policy_for(space, adapter).act(observations()))
+
+
+def test_a_fresh_policy_draws_every_option_alike():
+    drawn = policy_for(SPACES["MultiDiscrete"]).act(observations(8000), generator=torch.Generator().manual_seed(0))
+    for option in range(3):
+        assert (drawn == option).mean(0) == pytest.approx([1 / 3] * 4, abs=0.02)
+
+
+def test_minus_one_to_one_spans_a_bounded_box():
+    actions = actions_of(SPACES["Box"])
+    found = actions.to_env(torch.tensor([[-1.0, -1.0], [0.0, 0.0], [1.0, 1.0], [9.0, 9.0]]))
+    assert found.tolist() == [[-2, 0], [0, 0.5], [2, 1], [2, 1]]
+
+
+def test_the_same_generator_state_draws_the_same_actions():
+    policy = policy_for(SPACES["MultiDiscrete"])
+    first, second = (policy.act(observations(), generator=torch.Generator().manual_seed(3)) for _ in range(2))
+    assert np.array_equal(first, second)
+
+
+def test_a_deterministic_action_is_the_most_probable_and_needs_no_draw():
+    policy = policy_for(SPACES["MultiDiscrete"])
+    log_p = policy.distribution(torch.from_numpy(observations())).log_p  # pyright: ignore[reportAttributeAccessIssue]
+    assert np.array_equal(policy.act(observations(), deterministic=True), log_p.argmax(-1).numpy())
+
+
+@pytest.mark.parametrize("space", SPACES.values(), ids=list(SPACES))
+def test_a_saved_policy_acts_as_before(space: gym.Space, tmp_path):
+    policy = policy_for(space)
+    policy.about = About("PPO", {"clip": 0.2}, {"encoder": "default", "render_version": 3})
+    policy.normaliser.update(torch.from_numpy(observations() * 3 + 1))
+    policy.save(tmp_path / "policy.safetensors")
+    loaded = Policy.load(tmp_path / "policy.safetensors")
+    assert loaded.about == policy.about and loaded.actions == policy.actions
+    acts = [p.act(observations(), generator=torch.Generator().manual_seed(0)) for p in (policy, loaded)]
+    assert np.array_equal(acts[0], acts[1])
+
+
+def test_acting_does_not_change_the_normaliser():
+    policy = policy_for(SPACES["Discrete"])
+    policy.normaliser.update(torch.from_numpy(observations()))
+    before = policy.normaliser.state()
+    policy.act(observations() * 100)
+    assert policy.normaliser.state()["count"] == before["count"]
+    assert np.array_equal(policy.normaliser.mean, before["mean"])
+
+
+def test_the_normaliser_has_the_moments_of_everything_it_saw():
+    policy = policy_for(SPACES["Discrete"])
+    parts = np.split(observations(300) * 4 + 2, [7, 100])
+    for part in parts:
+        policy.normaliser.update(torch.from_numpy(part))
+    everything = np.concatenate(parts).astype(np.float64)
+    assert policy.normaliser.mean == pytest.approx(everything.mean(0), rel=1e-9)
+    assert policy.normaliser.square / 300 == pytest.approx(everything.var(0), rel=1e-9)
+    out = policy.normaliser(torch.from_numpy(everything).float()).numpy()
+    assert out.std(0) == pytest.approx(np.ones(5), abs=0.02)
+
+
+def test_the_wrong_number_of_observations_names_both():
+    with pytest.raises(AlgorithmError, match=r"sees \[N, 5\] numbers, got an array of shape \(4, 16\)"):
+        policy_for(SPACES["Discrete"]).act(np.zeros((4, 16), np.float32))
+
+
+def test_files_that_are_no_policies_are_refused(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    with pytest.raises(AlgorithmError, match=r"there is no policy at .*: give a run's folder or a policy file"):
+        Policy.load(path)
+    policy_for(SPACES["Discrete"]).save(path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-10])
+    with pytest.raises(AlgorithmError, match="not a whole policy file"):
+        Policy.load(path)
+    save_file({"x": np.zeros(1)}, path)
+    with pytest.raises(AlgorithmError, match="of format none"):
+        Policy.load(path)
+    path.write_bytes(whole.replace(b": [16]", b": [99]"))
+    with pytest.raises(AlgorithmError, match="shapes"):
+        Policy.load(path)
+
+
+REMEMBERING: dict[str, dict[str, int]] = {
+    "frames": {"frames": 3},
+    "recurrent": {"memory": 4},
+    "both": {"frames": 2, "memory": 4},
+}
+
+
+def flight(policy: Policy, steps: int = 12) -> list[Any]:
+    """Actions of two environments, of which the second begins anew in the midst."""
+    player = policy.player(2, generator=torch.Generator().manual_seed(0))
+    obs = np.random.default_rng(2).standard_normal((steps, 2, 5)).astype(np.float32)
+    return [player(obs[step], np.array([step == 0, step in (0, 7)])).tolist() for step in range(steps)]
+
+
+@pytest.mark.parametrize("settings", REMEMBERING.values(), ids=list(REMEMBERING))
+def test_a_saved_policy_that_remembers_acts_as_before(settings: dict[str, int], tmp_path):
+    policy = policy_for(SPACES["Box"], **settings)
+    policy.normaliser.update(torch.randn(50, len(policy.normaliser.mean)) * 3 + 1)
+    policy.save(tmp_path / "policy.safetensors")
+    loaded = Policy.load(tmp_path / "policy.safetensors")
+    assert (loaded.frames, loaded.shape, loaded.obs_size) == (policy.frames, policy.shape, 5)
+    assert flight(loaded) == flight(policy)
+
+
+@pytest.mark.parametrize("settings", REMEMBERING.values(), ids=list(REMEMBERING))
+def test_a_policy_that_remembers_is_asked_through_its_player_only(settings: dict[str, int]):
+    with pytest.raises(AlgorithmError, match=r"remembers earlier observations: use policy\.player"):
+        policy_for(SPACES["Discrete"], **settings).act(observations())
+
+
+def test_of_a_recurrent_policy_nothing_is_known_without_its_memory():
+    with pytest.raises(AlgorithmError, match="has a memory: ask its player"):
+        policy_for(SPACES["Discrete"], memory=4).distribution(torch.zeros(1, 5))
+
+
+@pytest.mark.parametrize("settings", REMEMBERING.values(), ids=list(REMEMBERING))
+def test_a_player_forgets_where_an_episode_begins_and_only_there(settings: dict[str, int]):
+    policy, obs = policy_for(SPACES["Box"], **settings), observations(6).reshape(3, 2, 5)
+    players = [policy.player(2, deterministic=True) for _ in range(2)]
+    begun, on = np.ones(2, dtype=bool), np.zeros(2, dtype=bool)
+    players[0](obs[0], begun)
+    players[0](obs[1], on)
+    found, alone = players[0](obs[2], np.array([True, False])), players[1](obs[2], begun)
+    assert np.array_equal(found[0], alone[0]) and not np.array_equal(found[1], alone[1])
+
+
+@pytest.mark.parametrize("settings", REMEMBERING.values(), ids=list(REMEMBERING))
+def test_a_player_goes_on_from_its_state(settings: dict[str, int]):
+    policy, on = policy_for(SPACES["Box"], **settings), np.zeros(2, dtype=bool)
+    one, other = (policy.player(2, deterministic=True) for _ in range(2))
+    obs = observations(6).reshape(3, 2, 5)
+    one(obs[0], ~on)
+    one(obs[1], on)
+    other.load_state(one.state())
+    assert np.array_equal(one(obs[2], on), other(obs[2], on))
+
+
+def test_frames_are_seen_side_by_side_the_newest_last():
+    policy, on = policy_for(SPACES["Box"], frames=2), np.zeros(1, dtype=bool)
+    first, second = observations(2)
+    player = policy.player(1, deterministic=True)
+    player(first[None], ~on)
+    found = player(second[None], on)
+    seen = torch.from_numpy(np.concatenate([first, second])[None])
+    with torch.no_grad():
+        assert np.allclose(found, policy.actions.to_env(policy.distribution(seen).mode()))
+
+
+def test_a_greedy_policy_never_draws():
+    greedy, drawing = (policy_for(SPACES["MultiDiscrete"], greedy=greedy) for greedy in (True, False))
+    expected = drawing.act(observations(), deterministic=True)
+    assert np.array_equal(greedy.act(observations()), expected)
+    assert not np.array_equal(drawing.act(observations()), expected)
+
+
+def test_a_greedy_policy_is_saved_as_one(tmp_path):
+    policy_for(SPACES["MultiDiscrete"], greedy=True).save(tmp_path / "policy.safetensors")
+    loaded = Policy.load(tmp_path / "policy.safetensors")
+    assert loaded.greedy and np.array_equal(loaded.act(observations()), loaded.act(observations()))
+
+
+def test_the_format_of_a_file_is_checked_first(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    policy_for(SPACES["Discrete"]).save(path)
+    path.write_bytes(path.read_bytes().replace(b'\\"format\\": 2', b'\\"format\\": 1'))
+    with pytest.raises(AlgorithmError, match="holds a policy of format 1, this version reads 2"):
+        Policy.load(path)

@@ -1,0 +1,158 @@
+"""Conditions of evaluation: what is flown where, and what varies in it."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from tests.bench.small_place import SUITE, SmallPlace
+from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.evaluate.conditions import BEYOND, DAYS, MAIN, SUN, Condition, Trial
+from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
+from thalweg.bench.execute.rivers import Rivers
+from thalweg.bench.execute.runner import run_suite
+from thalweg.bench.report.report import problems
+from thalweg.bench.results.reading import read_results
+from thalweg.bench.results.results import evaluation_path
+from thalweg.bench.suite.suites import SUITES, Arm, Run
+from thalweg.render import Renderer
+from thalweg.render.records.appearance import PARAMETERS, Look
+from thalweg.render.records.randomisation import Randomisation
+from thalweg.world import World
+
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
+CONFIG = EvaluationConfig(episodes=3)
+USUAL = np.array([getattr(Look(), name) for name in PARAMETERS])
+
+
+class Seeing:
+    """An encoder that keeps what it is shown."""
+
+    device = torch.device("cpu")
+
+    def __init__(self) -> None:
+        self.frames: list[np.ndarray] = []
+
+    def of_tensor(self, frames: torch.Tensor) -> torch.Tensor:
+        self.frames.append(frames.numpy().copy())
+        return torch.zeros(len(frames), 16)
+
+
+class Ahead:
+    """Flies straight on."""
+
+    def act(self, obs: np.ndarray, *, deterministic: bool, generator: torch.Generator) -> np.ndarray:
+        return np.tile([1, 1, 0, 1], (len(obs), 1))
+
+
+def test_each_start_is_seen_in_its_own_way_and_by_its_own_sun(easy_world: World):
+    ranges = Randomisation.only(haze=(0.3, 6.0), warmth=(-0.6, 0.6), sun_azimuth_deg=(0.0, 360.0), suns=2)
+    course = Course.on(easy_world, CONFIG).varied(ranges, CONFIG)
+    assert course.looks is not None and course.suns is not None and len(course.lights) == 2
+    encoder = Seeing()
+    evaluate(Ahead(), course, Label("ahead", 0, "Easy"), CONFIG, look=through_encoder(course, encoder))  # pyright: ignore
+    looks = [Look(**dict(zip(PARAMETERS, row, strict=True))) for row in course.looks]
+    drawn = Renderer(list(course.lights)).render(
+        course.starts, world_index=course.suns, time_s=course.clocks_s, look=looks
+    )
+    np.testing.assert_array_equal(encoder.frames[0], drawn)
+    plain = Renderer([easy_world]).render(course.starts, time_s=course.clocks_s)
+    assert (np.abs(drawn.astype(int) - plain)[..., :3].mean((1, 2, 3)) > 1.0).all()
+
+
+def test_only_the_named_part_varies_and_every_policy_meets_the_same(easy_world: World):
+    course = Course.on(easy_world, CONFIG)
+    varied = [course.varied(Randomisation.only(haze=(0.3, 6.0)), CONFIG) for _ in range(2)]
+    first, second = (each.looks for each in varied)
+    assert first is not None and second is not None
+    np.testing.assert_array_equal(first, second)
+    haze = PARAMETERS.index("haze")
+    assert len(set(first[:, haze])) == 3 and (first[:, haze] >= 0.3).all() and (first[:, haze] <= 6.0).all()
+    np.testing.assert_array_equal(np.delete(first, haze, 1), np.tile(np.delete(USUAL, haze), (3, 1)))
+    np.testing.assert_array_equal(varied[0].starts, course.starts)
+    assert varied[0].lights == ()
+
+
+def test_one_start_of_a_varied_course_is_seen_as_among_the_others(easy_world: World):
+    course = Course.on(easy_world, CONFIG).varied(Randomisation.only(haze=(0.3, 6.0)), CONFIG)
+    alone = course.only(2)
+    assert course.looks is not None and alone.looks is not None
+    np.testing.assert_array_equal(alone.looks, course.looks[2:])
+
+
+def test_every_part_of_a_look_has_a_condition_and_all_of_them_one():
+    varied = [condition.varied for condition in BEYOND if condition.varied]
+    assert {part for parts in varied[:-1] for part in parts} == {*PARAMETERS, *SUN}
+    assert set(varied[-1]) == {*DAYS, *SUN}
+    assert SUITES["paper"].conditions == BEYOND
+
+
+def test_trials_of_a_policy_and_of_a_baseline():
+    suite = replace(
+        SUITE, conditions=(Condition("mode", deterministic=True, blind=False), Condition("real", rivers=("Cam",)))
+    )
+    trained, baseline = (suite.trials(Run(kind, "PPO", 0)) for kind in ("train", "baseline"))
+    main = ["Easy", "Medium", "Hard"]
+    assert [str(trial) for trial in trained] == [*main, "Easy, mode", "Medium, mode", "Hard, mode", "Cam, real"]
+    assert [str(trial) for trial in baseline] == [*main, "Cam, real"]
+
+
+def test_results_of_conditions_have_folders_of_their_own(tmp_path: Path):
+    suite = replace(SUITE, conditions=(Condition("mode", ("Easy",), blind=False), Condition("real", rivers=("Cam",))))
+    run_suite(suite, tmp_path, SmallPlace())
+    path = evaluation_path(tmp_path, "PPO-1", Trial("Easy", suite.conditions[0]))
+    assert path == tmp_path / "evaluation" / "mode" / "PPO-1-Easy.csv" and path.exists()
+    results = read_results(tmp_path)
+    assert {row.level for row in results.episodes} == {"Easy", "Medium", "Hard"}
+    assert {row.algorithm for row in results.beyond["mode"]} == {"PPO", "FOCOPS"}
+    assert {(row.algorithm, row.level) for row in results.beyond["real"]} == {
+        ("hover", "Cam"), ("PPO", "Cam"), ("FOCOPS", "Cam"),
+    }  # fmt: skip
+    assert problems(results) == []
+    path.unlink()
+    (tmp_path / "evaluation" / "mode" / "notes.txt").write_text("mine")
+    assert [line.split(":")[0] for line in problems(read_results(tmp_path))] == ["Not used", "Unfinished"]
+    again = SmallPlace()
+    run_suite(suite, tmp_path, again)
+    assert again.calls == ["evaluate PPO-1 Easy, mode"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"levels": ("Esay",)}, "condition it: unknown level 'Esay'; known: Easy, Medium, Hard"),
+        ({"rivers": ("Rhine",)}, "condition it: unknown river 'Rhine'; known: Cam"),
+        ({"varied": ("fog",)}, "condition it: nothing called fog can vary; known: .*haze"),
+        ({"name": "my/own"}, "a condition is called 'my/own'"),
+        ({"name": ""}, "a condition is called ''"),
+        ({"rivers": ("Cam",), "unseen": True}, "real rivers are neither levels nor unseen ones"),
+        ({"unseen": True, "varied": ("haze",)}, "looks vary on the levels' own rivers only"),
+    ],
+)
+def test_a_misspelt_condition_fails_before_anything_is_done(tmp_path: Path, changes: dict[str, Any], message: str):
+    place = SmallPlace()
+    with pytest.raises(ResultsError, match=message):
+        run_suite(replace(SUITE, conditions=(Condition(**{"name": "it", **changes}),)), tmp_path / "new", place)
+    assert place.calls == [] and not (tmp_path / "new").exists()
+
+
+def test_a_condition_is_named_once(tmp_path: Path):
+    with pytest.raises(ResultsError, match="condition it is named twice"):
+        run_suite(replace(SUITE, conditions=(Condition("it"), Condition("it"))), tmp_path / "new", SmallPlace())
+
+
+def test_courses_are_what_their_condition_says():
+    rivers = Rivers(replace(SUITE, arms=(Arm("PPO"),), episodes=2))
+    (main,) = rivers.courses(Trial("Easy", MAIN))
+    (varied,) = rivers.courses(Trial("Easy", Condition("ripple", varied=("ripple",))))
+    (real,) = rivers.courses(Trial("Cam", Condition("real", rivers=("Cam",))))
+    unseen = rivers.courses(Trial("Easy", Condition("unseen", unseen=True)))
+    np.testing.assert_array_equal(varied.starts, main.starts)
+    assert varied.looks is not None and main.looks is None
+    assert 290.0 < real.world.river.length_m < 310.0
+    assert [(course.world.seed, len(course.starts)) for course in unseen] == [(100_000, 1), (100_001, 1)]
+    assert rivers.config(Trial("Easy", Condition("mode", deterministic=True))).deterministic

@@ -1,0 +1,118 @@
+"""What a node does with a run, without a cluster."""
+
+import os
+import pickle
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import cloudpickle
+import pytest
+
+from tests.bench.small_place import SUITE, SmallPlace
+from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.execute.cluster.node_task import News, Order, errand
+from thalweg.bench.execute.cluster.ray_executor import _for_nodes
+from thalweg.bench.execute.rivers import made_by
+from thalweg.bench.suite.suites import Run
+
+RUN = Run("train", "PPO", 0)
+NODE = socket.gethostname()
+
+
+def order(place: SmallPlace, **changes: Any) -> Order:
+    given: dict[str, Any] = {"files": {}, "made": made_by(), "gather_s": 0.0} | changes
+    return Order(RUN, SUITE, place, **given)
+
+
+class Slow(SmallPlace):
+    """Takes its time on a level, so that what was done before is sent meanwhile."""
+
+    def evaluate(self, run, folder, trial, on_step):
+        time.sleep(1.5 if trial.level == "Hard" else 0.0)
+        return super().evaluate(run, folder, trial, on_step)
+
+
+class Held(SmallPlace):
+    """Does not begin with the last level until it may."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.may = threading.Event()
+
+    def evaluate(self, run, folder, trial, on_step):
+        assert trial.level != "Hard" or self.may.wait(60)
+        return super().evaluate(run, folder, trial, on_step)
+
+
+def level_file(level: str) -> str:
+    return f"evaluation/{RUN.name}-{level}.csv"
+
+
+def kinds(news: list[News]) -> list[tuple[bool, bool]]:
+    """Whether there were files in each, and a row."""
+    return [(one.files is not None, one.row is not None) for one in news]
+
+
+def test_how_far_a_run_is_comes_back_before_the_end():
+    place, news = Held(), []
+    for one in errand(order(place)):
+        news.append(one)
+        if level_file("Medium") in (one.files or {}):
+            place.may.set()
+    first, *between, last = kinds(news)
+    assert (first, set(between), last) == ((False, False), {(True, False)}, (True, True))
+    levels = [[level for level in SUITE.test_levels if level_file(level) in (one.files or {})] for one in news]
+    assert ["Easy", "Medium"] in levels
+    assert levels[-1] == ["Easy", "Medium", "Hard"]
+
+
+def test_no_more_often_than_it_was_asked_for():
+    assert kinds(list(errand(order(Slow(), gather_s=60.0)))) == [(False, False), (True, True)]
+
+
+def test_what_was_there_already_is_not_done_again_nor_sent_back():
+    done = list(errand(order(SmallPlace())))[-1].files or {}
+    del done[level_file("Hard")]
+    again = list(errand(order(Slow(), files=done)))
+    assert kinds(again)[0] == (False, False)
+    assert all(level_file("Hard") in (one.files or {}) for one in again[1:])
+    assert (again[-1].files or {})["logs/PPO-0.txt"].count(b"PPO-0 on") == 4
+
+
+def test_a_node_with_other_sources_says_which_are_there_and_which_here():
+    ours = made_by() | {"source": "0123456789abcdef"}
+    message = (
+        f"node {NODE} of the cluster has another Thalweg .source {made_by()['source']} there, 0123456789abcdef here.$"
+    )
+    with pytest.raises(ResultsError, match=message):
+        next(errand(order(SmallPlace(), made=ours)))
+
+
+def test_a_node_without_thalweg_says_so(tmp_path: Path):
+    """The function that is sent to nodes needs nothing of Thalweg's to be read there."""
+    (tmp_path / "thalweg").mkdir()
+    (tmp_path / "thalweg" / "__init__.py").write_text("raise ImportError('none here')")
+    sent = cloudpickle.dumps(_for_nodes())
+    read = "import pickle, sys; next(pickle.loads(sys.stdin.buffer.read())(b''))"
+    tried = subprocess.run(
+        [sys.executable, "-c", read],
+        input=sent,
+        capture_output=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+    )
+    assert (
+        tried.stderr.decode().splitlines()[-1]
+        == f"ImportError: node {NODE} of the cluster lacks this Thalweg (none here)"
+    )
+
+
+def test_what_is_sent_to_nodes_does_the_errand():
+    news = list(_for_nodes()(pickle.dumps(order(SmallPlace()))))
+    assert news[0] == News(NODE)
+    assert news[-1].row is not None and news[-1].row.status == "finished"

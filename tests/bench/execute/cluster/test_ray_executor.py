@@ -1,0 +1,147 @@
+"""Runs on a cluster: the same results as here, whoever is lost on the way. It is a real cluster, on this machine."""
+
+import io
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from tests.bench.execute.test_executors import Full, gone, wait_for
+from tests.bench.ray_nodes import ROOT, Nodes
+from tests.bench.small_place import SUITE as SMALL_SUITE
+from tests.bench.small_place import SmallPlace
+from tests.bench.walking_place import DOOMED, LAST, SUITE, WalkingPlace
+from tests.train.small_runs import numbers
+from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.execute.cluster import ray_executor as cluster
+from thalweg.bench.execute.cluster.connection import joined
+from thalweg.bench.execute.cluster.ray_executor import Cluster
+from thalweg.bench.execute.runner import run_suite
+from thalweg.bench.results.results import read_runs
+
+pytestmark = pytest.mark.usefixtures("no_pictures")
+HOST = socket.gethostname()
+
+
+@pytest.fixture(scope="module")
+def nodes() -> Iterator[Nodes]:
+    started = Nodes()
+    yield started
+    started.stop()
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of this process alone."""
+    folder = tmp_path_factory.mktemp("here")
+    run_suite(SUITE, folder, WalkingPlace())
+    return folder
+
+
+def results(folder: Path) -> dict[str, object]:
+    """Everything in a results folder that must not depend on who did the runs: all but the time it took."""
+    files = [*folder.glob("evaluation/*.csv"), folder / "report" / "table.csv"]
+    found: dict[str, object] = {file.name: file.read_text() for file in files}
+    found["runs.csv"] = [replace(row, wall_s=0.0, steps_per_s=0.0) for row in read_runs(folder)]
+    return found | {run: numbers(folder / "runs" / run) for run in ("PPO-0", "FOCOPS-0")}
+
+
+def held(note: Path, folder: Path) -> tuple[str, int]:
+    """Run and process that are held, once that run's last checkpoint has come back."""
+    wait_for(lambda: list(note.parent.glob(note.name)), 1)
+    run, process = note.read_text().split()
+    wait_for(lambda: list(folder.glob(f"runs/{run}/checkpoints/{LAST}/state.json")), 1)
+    return run, int(process)
+
+
+@pytest.mark.slow
+@pytest.mark.ray
+def test_a_lost_nodes_run_goes_on_elsewhere_and_all_ends_as_here(nodes: Nodes, tmp_path: Path, here: Path):
+    note, folder = tmp_path / "note.txt", tmp_path / "results"
+    doomed = nodes.add(**{DOOMED: str(note)})
+    runs: list[str] = []
+
+    def lose_it() -> None:
+        runs.append(held(note, folder)[0])
+        nodes.kill(doomed)
+
+    killer = threading.Thread(target=lose_it)
+    killer.start()
+    run_suite(SUITE, folder, WalkingPlace(), hands=Cluster(nodes.address, gather_s=0.0))
+    killer.join()
+    assert results(folder) == results(here)
+    log = (folder / "logs" / f"{runs[0]}.txt").read_text().splitlines()
+    assert [line for line in log if line.startswith("goes on")] == ["goes on from", f"goes on from {LAST}"]
+
+
+@pytest.mark.slow
+@pytest.mark.ray
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
+def test_after_the_driver_was_killed_its_runs_have_ended_and_the_same_command_goes_on(
+    nodes: Nodes, tmp_path: Path, here: Path, capsys: pytest.CaptureFixture
+):
+    note, folder = tmp_path / "note.txt", tmp_path / "results"
+    driver = subprocess.Popen(
+        [sys.executable, "-m", "tests.bench.walking_place", nodes.address, str(folder), str(note)],
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+    )
+    try:
+        _, process = held(note, folder)
+        assert not gone(process)
+    finally:
+        driver.send_signal(signal.SIGKILL)
+        driver.wait()
+    wait_for(lambda: [process] if gone(process) else [], 1)
+    run_suite(SUITE, folder, WalkingPlace())
+    assert results(folder) == results(here)
+    assert capsys.readouterr().out.count(f"goes on from {LAST}") == 1
+
+
+class Troubled(SmallPlace):
+    """The disk of its node is full in one run; see `SmallPlace` for what goes wrong in others."""
+
+    def train(self, run, folder):
+        if run.name == "FOCOPS-0":
+            Full().train(run, folder)
+        super().train(run, folder)
+
+
+@pytest.mark.slow
+@pytest.mark.ray
+def test_runs_that_fail_are_rows_with_their_errors_and_the_others_go_on(
+    nodes: Nodes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(cluster, "TRIES", 2)
+    said = io.StringIO()
+    place = Troubled(broken=("PPO-0",), dies=("PPO-1",))
+    outcome = run_suite(SMALL_SUITE, tmp_path, place, Console(file=said, width=200), hands=Cluster(nodes.address))
+    died = f"the process that did it on {HOST} ended (WorkerCrashedError)"
+    assert {row.run: row.error for row in outcome.runs} == {
+        "hover-0": "",
+        "PPO-0": "ArithmeticError: the loss is NaN in line two",
+        "PPO-1": f"{died}; 2 times without getting further",
+        "FOCOPS-0": f"OSError: [Errno 28] No space left on device (on {HOST})",
+        "FOCOPS-1": "",
+    }
+    assert f"PPO-1: {died}; it is begun again" in said.getvalue().splitlines()
+    assert "in train" in (tmp_path / "runs" / "PPO-0" / "error.txt").read_text()
+    assert "train 100 steps on Medium" in (tmp_path / "logs" / "FOCOPS-1.txt").read_text()
+
+
+@pytest.mark.ray
+def test_a_cluster_of_another_version_is_not_joined(nodes: Nodes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """This process's own Ray is made to look old where it first tries to join."""
+    (tmp_path / "sitecustomize.py").write_text("import ray\nray.__version__ = '1.0'")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    message = f"the cluster at {nodes.address} can't be joined: Version mismatch: .*Ray: 2.*Ray: 1.0 Python"
+    with pytest.raises(ResultsError, match=message), joined(nodes.address):
+        pass

@@ -1,0 +1,135 @@
+"""Runs beside each other: the same results as one after the other, whoever dies on the way."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.bench.small_place import SUITE, SmallPlace
+from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.execute.executors import LOGS, Processes
+from thalweg.bench.execute.runner import chosen, run_suite
+from thalweg.bench.results.results import read_runs
+
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
+CUT_OFF = """
+import sys
+from pathlib import Path
+from tests.bench.small_place import SUITE, SmallPlace
+from thalweg.bench.execute.executors import Processes
+from thalweg.bench.execute.runner import run_suite
+
+if __name__ == "__main__":
+    run_suite(SUITE, Path(sys.argv[1]), SmallPlace(sleeps_s=600.0), hands=Processes(2))
+"""
+
+
+def tables(folder: Path) -> dict[str, str]:
+    """Everything of a results folder that is a result, by name."""
+    files = [*folder.glob("evaluation/*.csv"), folder / "runs.csv", folder / "report" / "table.csv"]
+    return {file.name: file.read_text() for file in files}
+
+
+@pytest.fixture(scope="module")
+def one_by_one(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    folder = tmp_path_factory.mktemp("one_by_one")
+    run_suite(SUITE, folder, SmallPlace())
+    return tables(folder)
+
+
+def test_two_at_a_time_leave_what_one_leaves(tmp_path: Path, one_by_one: dict[str, str]):
+    outcome = run_suite(SUITE, tmp_path, SmallPlace(), hands=Processes(2))
+    assert [row.status for row in outcome.runs] == ["finished"] * 5
+    assert tables(tmp_path) == one_by_one
+    assert "train 100 steps on Medium" in (tmp_path / LOGS / "FOCOPS-1.txt").read_text()
+
+
+def test_a_process_that_dies_is_a_failed_run_and_is_tried_again(tmp_path: Path, one_by_one: dict[str, str]):
+    outcome = run_suite(SUITE, tmp_path, SmallPlace(dies=("PPO-1",)), hands=Processes(3))
+    assert [(row.run, row.error) for row in outcome.failed] == [("PPO-1", "the process that did it ended with 9")]
+    assert len([row for row in read_runs(tmp_path) if row.status == "finished"]) == 4
+    assert run_suite(SUITE, tmp_path, SmallPlace(), hands=Processes(2)).failed == []
+    assert tables(tmp_path) == one_by_one
+
+
+def test_an_error_in_a_process_is_its_row(tmp_path: Path):
+    outcome = run_suite(SUITE, tmp_path, SmallPlace(broken=("FOCOPS-0",)), hands=Processes(2))
+    assert [row.error for row in outcome.failed] == ["ArithmeticError: the loss is NaN in line two"]
+    assert "in train" in (tmp_path / "runs" / "FOCOPS-0" / "error.txt").read_text()
+
+
+class Full(SmallPlace):
+    """Its disk is full when a policy is to be trained."""
+
+    def train(self, run, folder):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_full_disk_in_a_process_stops_all(tmp_path: Path):
+    with pytest.raises(OSError, match="No space"):
+        run_suite(SUITE, tmp_path, Full(), hands=Processes(2))
+    assert {row.status for row in read_runs(tmp_path)} <= {"finished"}
+
+
+def gone(process: int) -> bool:
+    """Whether a process has ended; one that nobody has asked for counts as ended too."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except OSError:
+        return True
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
+def test_killed_at_once_it_leaves_no_process_behind(tmp_path: Path):
+    (tmp_path / "cut_off.py").write_text(CUT_OFF)
+    results = tmp_path / "results"
+    paths = os.pathsep.join([str(Path(__file__).parents[3]), os.environ.get("PYTHONPATH", "")])
+    runner = subprocess.Popen(
+        [sys.executable, str(tmp_path / "cut_off.py"), str(results)],
+        env={**os.environ, "PYTHONPATH": paths},
+        stdout=subprocess.DEVNULL,
+    )
+    try:
+        notes = wait_for(lambda: list(results.glob("runs/*/process.txt")), 2)
+        children = [int(note.read_text()) for note in notes]
+        assert not any(gone(child) for child in children)
+    finally:
+        runner.send_signal(signal.SIGKILL)
+        runner.wait()
+    assert wait_for(lambda: [child for child in children if gone(child)], 2)
+
+
+def wait_for(found, count: int, seconds: float = 120.0) -> list:
+    """What is found once there is so much of it."""
+    end = time.monotonic() + seconds
+    while len(have := found()) < count:
+        assert time.monotonic() < end, f"{have} after {seconds} s"
+        time.sleep(0.1)
+    return have
+
+
+def test_only_what_is_named_is_done_and_the_rest_later(tmp_path: Path, one_by_one: dict[str, str]):
+    outcome = run_suite(SUITE, tmp_path, SmallPlace(), only=("FOCOPS-1", "PPO"))
+    assert [row.run for row in outcome.runs] == ["PPO-0", "PPO-1", "FOCOPS-1"]
+    assert any(line.startswith("Unfinished: 6 of 15") for line in outcome.report.problems)
+    run_suite(SUITE, tmp_path, SmallPlace())
+    assert tables(tmp_path) == one_by_one
+
+
+def test_what_is_named_is_in_the_order_of_the_suite_and_known():
+    assert [run.name for run in chosen(SUITE, ())] == ["hover-0", "PPO-0", "PPO-1", "FOCOPS-0", "FOCOPS-1"]
+    said = "suite small has no 'FOCOPS-2'; name one of hover, PPO, FOCOPS, or one run, such as FOCOPS-1$"
+    with pytest.raises(ResultsError, match=said):
+        chosen(SUITE, ("PPO", "FOCOPS-2"))
+
+
+def test_no_jobs_do_nothing():
+    with pytest.raises(ResultsError, match="jobs must be at least 1, not 0"):
+        Processes(0)

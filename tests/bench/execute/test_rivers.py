@@ -1,0 +1,77 @@
+"""The real place of a suite, with its course exchanged for one made by hand."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.env import handmade
+from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.evaluate.conditions import Trial
+from thalweg.bench.evaluate.evaluation import Course
+from thalweg.bench.execute import rivers as river
+from thalweg.bench.execute.rivers import Rivers
+from thalweg.bench.pictures import film
+from thalweg.bench.pictures.film_format import SMALL
+from thalweg.bench.suite.suites import Arm, Run, Stage, Suite
+from thalweg.env import sample_starts
+from thalweg.train.river import TrainingGround
+
+SUITE = Suite(
+    "tiny", (Arm("PPO", seeds=(0,), steps=512),), train_level="Easy", test_levels=("Easy",), episodes=4, packaged=False
+)
+RUN = Run("baseline", "random", 0)
+
+
+@pytest.fixture
+def rivers(monkeypatch: pytest.MonkeyPatch) -> Rivers:
+    ring = handmade.ring()
+    course = Course(ring, sample_starts(ring, 4, 0), np.zeros(4), np.arange(4))
+    monkeypatch.setattr(Course, "of_level", classmethod(lambda *_: course))
+    return Rivers(SUITE)
+
+
+def test_the_film_shows_the_very_flight_of_its_row(rivers: Rivers, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    filmed: list[Any] = []
+    monkeypatch.setattr(film, "write_film", lambda path, world, flight, title, **_: filmed.append(flight))
+    row = rivers.evaluate(RUN, tmp_path, Trial("Easy"), lambda _: None)[2]
+    rivers.film(RUN, tmp_path, row, tmp_path / "film.mp4", lambda: None, shape=SMALL)
+    (flight,) = filmed
+    assert flight.episode == row
+    assert len(flight.poses) == row.length
+    np.testing.assert_array_equal(flight.poses[0], [row.x, row.y, row.z, row.yaw])
+
+
+@pytest.mark.parametrize(("field", "value"), [("return_", 9.75), ("length", 499), ("reason", "Success"), ("x", 1.0)])
+def test_a_flight_that_ends_otherwise_than_its_row_is_not_filmed(
+    rivers: Rivers, tmp_path: Path, field: str, value: Any
+):
+    row = rivers.evaluate(RUN, tmp_path, Trial("Easy"), lambda _: None)[1]
+    other = replace(row, **{field: value})
+    with pytest.raises(ResultsError, match=f"{field.rstrip('_')} .*{value!r} in the results"):
+        rivers.film(RUN, tmp_path, other, tmp_path / "film.mp4", lambda: None, shape=SMALL)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_stages_are_trained_in_order_each_beginning_as_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    told: list[tuple[Any, ...]] = []
+
+    def train(ground: TrainingGround, algorithm: str, encoder: Any, **options: Any) -> None:
+        told.append(
+            (ground.place, algorithm, options["steps"], options["seed"], options["folder"], options["begin_with"])
+        )
+
+    monkeypatch.setattr(TrainingGround, "train", train)
+    monkeypatch.setattr(river, "load_fitting_encoder", lambda: None)
+    before = (Stage("PPO", "Easy", 100), Stage("FOCOPS", "Medium", 200, settings={"cost_limit": 0.3}))
+    arm = Arm("FOCOPS", seeds=(4,), steps=300, level="Hard", before=before, name="curriculum")
+    home = tmp_path / "curriculum-4"
+    Rivers(replace(SUITE, arms=(arm,))).train(Run("train", "curriculum", 4), home)
+    first, second = home / ".before" / "0", home / ".before" / "1"
+    assert told == [
+        ("Easy", "PPO", 100, 4, first, None),
+        ("Medium", "FOCOPS", 200, 4, second, first),
+        ("Hard", "FOCOPS", 300, 4, home, second),
+    ]

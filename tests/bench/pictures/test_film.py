@@ -1,0 +1,85 @@
+from dataclasses import replace
+from pathlib import Path
+
+import imageio.v2 as imageio
+import numpy as np
+import pytest
+
+from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.evaluate.baselines import BASELINES
+from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Step, evaluate
+from thalweg.bench.pictures.film import FRAMES_PER_S, HOLD_S, Flight, Map, write_film
+from thalweg.bench.pictures.film_format import LARGE, SMALL, Format
+from thalweg.env import sample_starts
+from thalweg.render import Camera
+from thalweg.world import World
+
+
+def flight_on(world: World, steps: int) -> Flight:
+    starts = sample_starts(world, 1, 0)
+    told: list[Step] = []
+    course = Course(world, starts, np.zeros(1), np.zeros(1, dtype=np.int64))
+    (episode,) = evaluate(
+        BASELINES["pilot"], course, Label("pilot", 0, "Easy"), EvaluationConfig(), on_step=told.append
+    )
+    whole = Flight.of(episode, told)
+    return Flight(episode, whole.poses[:steps], whole.time_s[:steps], whole.returns[:steps])
+
+
+def test_the_map_shows_the_whole_river_with_water_where_its_course_is(easy_world: World):
+    chart = Map(easy_world)
+    picture = np.asarray(chart.picture).astype(int)
+    places = np.array([chart.pixel(x, y) for x, y in easy_world.river.position_m])
+    assert places.min() > 0
+    assert places.max() < LARGE.map_px
+    red, _, blue = np.median(picture[places[:, 1].astype(int), places[:, 0].astype(int)], axis=0)
+    assert blue > red  # the course lies on water; the forest around it has more red and green than blue
+    assert np.median(picture[..., 2]) < np.median(picture[..., 1])
+
+
+def test_north_is_up_and_east_is_right_on_the_map(easy_world: World):
+    chart = Map(easy_world)
+    x, y = easy_world.river.position_m[0]
+    column, row = chart.pixel(x, y)
+    assert chart.pixel(x + 10, y)[0] > column
+    assert chart.pixel(x, y + 10)[1] < row
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("shape", "shown"), [(LARGE, 7), (SMALL, 3)])
+def test_a_film_shows_its_share_of_the_steps_and_holds_the_last(
+    easy_world: World, tmp_path: Path, shape: Format, shown: int
+):
+    path = tmp_path / "film.mp4"
+    drawn: list[None] = []
+    flight = flight_on(easy_world, steps=7)
+    write_film(
+        path, easy_world, flight, "pilot", shape=shape, camera=Camera(32, 32), on_frame=lambda: drawn.append(None)
+    )
+    with imageio.get_reader(path) as reader:
+        frames = list(reader.iter_data())  # pyright: ignore
+        codec = reader.get_meta_data()["codec"]  # pyright: ignore
+    assert (len(drawn), len(frames)) == (shown, shown + round(HOLD_S * FRAMES_PER_S))
+    assert codec == "h264"
+    assert frames[0].shape == (shape.size_px[1], shape.size_px[0], 3)
+    assert np.abs(frames[shown - 1].astype(int) - frames[-1]).mean() < 2
+    assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 2
+    assert [file.name for file in tmp_path.iterdir()] == ["film.mp4"]
+
+
+@pytest.mark.parametrize(("steps", "shown"), [(1, [0]), (3, [0, 2]), (4, [0, 3]), (8, [0, 3, 6, 7])])
+def test_the_last_step_is_always_shown(steps: int, shown: list[int]):
+    assert SMALL.shown(steps) == shown
+    assert LARGE.shown(steps) == list(range(steps))
+
+
+def test_sides_that_the_codec_does_not_like_are_refused():
+    with pytest.raises(ValueError, match=r"a film of \(440, 256\) pixels"):
+        replace(SMALL, map_px=168)
+
+
+def test_a_flight_of_no_steps_is_no_film(easy_world: World, tmp_path: Path):
+    flight = flight_on(easy_world, steps=0)
+    with pytest.raises(ResultsError, match="without a step"):
+        write_film(tmp_path / "film.mp4", easy_world, flight, "pilot")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,353 @@
+import csv
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.bench.small_place import write_film_of
+from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.report.latex import latex
+from thalweg.bench.report.page import html_table
+from thalweg.bench.report.report import write_report
+from thalweg.bench.report.sections import PARTS, Table
+from thalweg.bench.report.tables import (
+    ELSEWHERE,
+    detail_csv,
+    detail_table,
+    markdown,
+    number_columns,
+    paper_table,
+    table_csv,
+)
+from thalweg.bench.results.reading import read_results
+
+STUDY = Path(__file__).resolve().parents[3] / "benchmarks" / "paper"
+
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
+
+def table_of(folder: Path) -> dict[str, list[str]]:
+    _, rows = paper_table(read_results(folder))
+    return {row[0]: row[1:] for row in rows}
+
+
+def test_the_table_holds_means_and_deviations_computed_by_hand(tiny_results: Path):
+    assert table_of(tiny_results)["PPO"] == [
+        "7.00 ± 3.00 (1 of 2 seeds)",
+        "0.50 ± 0.50",
+        "1.50 ± 0.50 (1 of 2 seeds)",
+        "0.60 ± 0.40",
+    ]
+
+
+def test_published_figures_stand_beside_ours_and_are_marked(tiny_results: Path):
+    rows = table_of(tiny_results)
+    assert rows["PPO (paper, another simulator)"] == ["9.19 ± 2.63", "0.09 ± 0.28", "5.22 ± 3.89", "0.74 ± 0.44"]
+    assert "hover (paper, another simulator)" not in rows
+
+
+def test_a_level_that_was_not_flown_is_called_missing(tiny_results: Path):
+    assert table_of(tiny_results)["hover"] == ["0.05 ± 0.00", "0.20 ± 0.00", "missing", "missing"]
+
+
+def add_runs(folder: Path, *lines: str) -> None:
+    runs = folder / "runs.csv"
+    runs.write_text(runs.read_text() + "".join(f"{line}\n" for line in lines))
+
+
+def test_an_algorithm_whose_every_run_failed_is_a_row_that_says_so(tiny_results: Path):
+    add_runs(tiny_results, "FOCOPS-0,train,FOCOPS,0,90,failed,NaN,1.0,90.0")
+    rows = table_of(tiny_results)
+    assert list(rows) == ["hover", "PPO", f"PPO ({ELSEWHERE})", "FOCOPS", f"FOCOPS ({ELSEWHERE})"]
+    assert rows["FOCOPS"] == ["failed"] * 4
+    assert rows[f"FOCOPS ({ELSEWHERE})"][0] == "7.83 ± 3.74"
+
+
+def test_a_packaged_policy_that_is_not_there_is_a_row_that_says_so(tiny_results: Path):
+    add_runs(tiny_results, "packaged-0,packaged,packaged,0,0,absent,none,0.0,0.0")
+    assert table_of(tiny_results)["packaged"] == ["absent"] * 4
+
+
+def test_an_algorithm_of_the_suite_that_has_not_run_yet_is_missing(tiny_results: Path):
+    suite = tiny_results / "suite.json"
+    suite.write_text(suite.read_text().replace('["PPO"]', '["PPO", "P3O"]'))
+    assert table_of(tiny_results)["P3O"] == ["missing"] * 4
+
+
+def test_gaps_stand_in_every_table(tiny_results: Path):
+    add_runs(tiny_results, "FOCOPS-0,train,FOCOPS,0,90,failed,NaN,1.0,90.0")
+    results = read_results(tiny_results)
+    _, rows = detail_table(results)
+    assert [row[:4] for row in rows] == [
+        ["hover", "Easy", "2", "1"],
+        ["hover", "Medium", "missing", "0 of 1"],
+        ["PPO", "Easy", "2", "1 of 2"],
+        ["PPO", "Medium", "2", "1 of 2"],
+        ["FOCOPS", "Easy", "failed", "0 of 1"],
+        ["FOCOPS", "Medium", "failed", "0 of 1"],
+    ]
+    table = list(csv.DictReader(table_csv(results).splitlines()))
+    ours = [
+        (row["algorithm"], row["level"], row["seeds"], row["planned_seeds"])
+        for row in table
+        if row["source"] == "thalweg"
+    ]
+    assert ours[-2:] == [("FOCOPS", "Easy", "0", "1"), ("FOCOPS", "Medium", "0", "1")]
+    assert ours[2] == ("PPO", "Easy", "1", "2")
+
+
+def test_the_details_as_csv_hold_values_computed_by_hand_at_full_precision(tiny_results: Path):
+    medium = tiny_results / "evaluation" / "PPO-0-Medium.csv"
+    medium.write_text(medium.read_text().replace("0.0,1.0,1.0,1.0", "0.0,1.123456789012345,1.0,1.0"))
+    rows = list(csv.DictReader(detail_csv(read_results(tiny_results)).splitlines()))
+    assert [(row["algorithm"], row["level"], row["seeds"], row["planned_seeds"]) for row in rows] == [
+        ("hover", "Easy", "1", "1"),
+        ("hover", "Medium", "0", "1"),
+        ("PPO", "Easy", "1", "2"),
+        ("PPO", "Medium", "1", "2"),
+    ]
+    _, gap, easy, flown = rows
+    assert set(list(gap.values())[5:]) == {""}
+    assert float(flown["return_iqm"]) == (1.123456789012345 + 2) / 2
+    assert (flown["return_iqm_low"], flown["return_iqm_high"]) == ("", "")
+    assert [float(easy[name]) for name in ("success", "tight", "loose", "progress_mean")] == [0.5, 0.5, 0.0, 0.7]
+    assert (easy["success_low"], easy["success_high"]) == ("", "")  # of one seed
+
+
+def test_the_runs_beside_the_page_are_those_of_the_results_with_their_errors(tiny_results: Path):
+    rows = list(csv.DictReader((write_report(tiny_results).folder / "runs.csv").open()))
+    assert [(row["run"], row["status"], row["wall_s"]) for row in rows] == [
+        ("hover-0", "finished", "0.0"),
+        ("PPO-0", "finished", "2.0"),
+        ("PPO-1", "failed", "1.0"),
+    ]
+    assert rows[2]["error"] == "NotFiniteError: the loss is NaN <at step 300>"
+
+
+def test_columns_of_numbers_are_those_in_which_a_cell_begins_with_one():
+    rows = [["1-PPO", "Easy", "missing", "0 of 1", "failed"], ["hover", "2 rivers", "< 0.01", "−3", "absent"]]
+    assert number_columns((["policy", "level", "p", "seeds", "return"], rows)) == [False, True, True, True, False]
+
+
+def test_a_table_without_rows_says_so_and_has_no_files(tiny_results: Path):
+    (tiny_results / "runs.csv").unlink()
+    report = write_report(tiny_results)
+    assert "<h2>Runs</h2>\n<p>There is nothing to show.</p>" in report.page.read_text()
+    assert list(report.folder.glob("runs.*")) == []
+
+
+def test_films_of_policies_stand_beside_one_another_with_what_they_show(tiny_results: Path):
+    assert "typical failure" not in write_report(tiny_results).page.read_text()
+    for name in ("film", "films/PPO-best", "films/PPO-failure"):
+        write_film_of(tiny_results, name)
+    (tiny_results / "films" / "PPO-failure.txt").unlink()  # killed before it was whole
+    (tiny_results / "films" / "hover-best-error.txt").write_text("RuntimeError: no ffmpeg\n")
+    text = write_report(tiny_results).page.read_text()
+    _, section = text.split("best flight and typical failure</h2>")
+    assert section.split("</section>")[0].count("<video ") == 1
+    assert "<figcaption>What films/PPO-best shows.</figcaption>" in section
+    assert "aria-label='Film of a flight: PPO, best'" in section
+    assert "<li>No film films/hover-best: RuntimeError: no ffmpeg</li>" in text
+    assert "<li>Not used: films/PPO-failure.mp4: there is no films/PPO-failure.txt" in text
+    (tiny_results / "films" / "hover-best-error.txt").write_bytes(b"\xff")
+    assert "Not used: films/hover-best-error.txt is not text" in write_report(tiny_results).page.read_text()
+
+
+def test_a_failed_run_is_named_with_its_error(tiny_results: Path):
+    page = write_report(tiny_results).page.read_text()
+    assert "Run PPO-1 failed: NotFiniteError: the loss is NaN &lt;at step 300&gt;" in page
+
+
+def test_a_report_says_what_is_still_missing(tiny_results: Path):
+    """PPO-0 and the failed PPO-1 aside, nothing is planned: hover is no baseline of this suite."""
+    assert not any(line.startswith("Unfinished") for line in write_report(tiny_results).problems)
+    (tiny_results / "evaluation" / "PPO-0-Medium.csv").unlink()
+    missing = "Unfinished: 1 of 2 evaluations are missing; the suite goes on with them"
+    assert missing in write_report(tiny_results).problems
+    assert missing in (tiny_results / "report" / "report.html").read_text()
+
+
+def test_numbers_come_from_the_files(tiny_results: Path):
+    file = tiny_results / "evaluation" / "PPO-0-Easy.csv"
+    file.write_text(file.read_text().replace(",4.0,1.0,1.0,", ",8.0,1.0,1.0,"))
+    assert "9.00 ± 1.00" in write_report(tiny_results).page.read_text()
+
+
+def spoil_half_written(folder: Path) -> str:
+    file = folder / "evaluation" / "PPO-0-Easy.csv"
+    file.write_text(file.read_text()[:-20])
+    return "evaluation/PPO-0-Easy.csv is half-written"
+
+
+def spoil_foreign(folder: Path) -> str:
+    (folder / "evaluation" / "notes.txt").write_text("hello")
+    return "evaluation/notes.txt: not a result of an evaluation"
+
+
+def spoil_columns(folder: Path) -> str:
+    (folder / "evaluation" / "PPO-0-Easy.csv").write_text("a,b\n1,2\n")
+    return "evaluation/PPO-0-Easy.csv lacks the columns algorithm"
+
+
+def spoil_clash(folder: Path) -> str:
+    (folder / "evaluation" / "PPO-0-Hard.csv").write_text((folder / "evaluation" / "PPO-0-Easy.csv").read_text())
+    return "evaluation/PPO-0-Hard.csv holds the episodes of PPO-0-Easy"
+
+
+def spoil_bytes(folder: Path) -> str:
+    (folder / "evaluation" / "PPO-0-Easy.csv").write_bytes(b"\xff\xfe\x00")
+    return "evaluation/PPO-0-Easy.csv is not text"
+
+
+def spoil_repeated(folder: Path) -> str:
+    file = folder / "evaluation" / "PPO-0-Easy.csv"
+    file.write_text(file.read_text() + file.read_text().splitlines()[-1] + "\n")
+    return "evaluation/PPO-0-Easy.csv lacks or repeats episodes"
+
+
+def spoil_number(folder: Path) -> str:
+    file = folder / "evaluation" / "PPO-0-Easy.csv"
+    file.write_text(file.read_text().replace(",4.0,1.0,1.0,", ",nan,1.0,1.0,"))
+    return "evaluation/PPO-0-Easy.csv line 3: return must be finite, not nan"
+
+
+def spoil_training(folder: Path) -> str:
+    (folder / "runs" / "PPO-0" / "episodes.csv").write_text("step,return\n1")
+    return "runs/PPO-0/episodes.csv lacks the columns tight, loose"
+
+
+SPOILS = (
+    spoil_half_written,
+    spoil_foreign,
+    spoil_columns,
+    spoil_clash,
+    spoil_bytes,
+    spoil_repeated,
+    spoil_number,
+    spoil_training,
+)
+
+
+@pytest.mark.parametrize("spoil", SPOILS)
+def test_a_file_that_cannot_be_used_is_skipped_by_name(tiny_results: Path, spoil):
+    said = spoil(tiny_results)
+    (line,) = read_results(tiny_results).skipped
+    assert line.startswith(said)
+    assert f"Not used: {said}" in write_report(tiny_results).page.read_text()
+
+
+def test_a_folder_without_results_is_named_once_with_what_would_be_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    for folder in (Path(), tmp_path):
+        with pytest.raises(ResultsError) as refused:
+            write_report(folder)
+        needed = "holds no results: no suite.json lies in it. Give a folder that `thalweg bench` wrote"
+        assert str(refused.value) == f"{folder} {needed}"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_results_without_an_episode_say_what_of_them_was_not_used(tmp_path: Path):
+    (tmp_path / "evaluation").mkdir()
+    (tmp_path / "evaluation" / "PPO-0-Easy.csv").write_text("")
+    with pytest.raises(ResultsError) as refused:
+        write_report(tmp_path)
+    assert str(refused.value).splitlines() == [
+        f"{tmp_path} holds no evaluated episodes",
+        "  suite.json cannot be read: No such file or directory",
+        "  evaluation/PPO-0-Easy.csv is empty",
+    ]
+
+
+def cells(page: str) -> list[list[str]]:
+    """The cells of every table of a page, a list for each row."""
+    rows = re.findall(r"<tr[^>]*>(.*?)</tr>", page)
+    return [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in rows]
+
+
+def test_no_cell_of_the_page_is_blank(tiny_results: Path):
+    suite = tiny_results / "suite.json"
+    suite.write_text(suite.read_text().replace('["Easy", "Medium"]', '["Easy", "Medium", "Delta"]'))
+    rows = cells(write_report(tiny_results).page.read_text())
+    assert len(rows) > 10
+    assert [row for row in rows if not all(cell.strip() for cell in row)] == []
+    assert ["hover-0", "baseline", "finished", "not trained", "not trained", "not trained"] in rows
+    assert ["hover", "Delta", "missing", "0 of 1", *["missing"] * 7] in rows
+    (published,) = (row for row in rows if row[0] == f"PPO ({ELSEWHERE})")
+    assert published[-2:] == ["not published", "not published"]
+
+
+def test_a_report_is_replaced_whole_or_left_alone(tiny_results: Path, monkeypatch: pytest.MonkeyPatch):
+    report = write_report(tiny_results)
+    before = report.page.read_bytes()
+
+    def full_disk(*_):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr("thalweg.bench.report.report.page", full_disk)
+    with pytest.raises(OSError, match="no space"):
+        write_report(tiny_results)
+    assert report.page.read_bytes() == before
+    assert not list(tiny_results.glob(".*"))
+
+
+def test_a_folder_with_anything_else_in_it_is_refused_and_left_as_it_was(tiny_results: Path, tmp_path: Path):
+    home = tmp_path / "home"
+    home.mkdir()
+    (home / "thesis.tex").write_text("years of work")
+    with pytest.raises(ResultsError, match=r"home holds thesis.tex, which is no part of a report"):
+        write_report(tiny_results, home)
+    assert [file.name for file in home.iterdir()] == ["thesis.tex"]
+
+
+def test_the_results_themselves_are_no_place_for_their_report(tiny_results: Path):
+    before = sorted(file.name for file in tiny_results.iterdir())
+    for out in (tiny_results, tiny_results / "report" / ".."):
+        with pytest.raises(ResultsError, match="the results themselves"):
+            write_report(tiny_results, out)
+    for out in (tiny_results / "evaluation", tiny_results.parent):
+        with pytest.raises(ResultsError, match="no part of a report"):
+            write_report(tiny_results, out)
+    assert sorted(file.name for file in tiny_results.iterdir()) == before
+
+
+def test_a_file_where_the_folder_should_be_is_refused(tiny_results: Path, tmp_path: Path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ResultsError, match="file is not a folder"):
+        write_report(tiny_results, tmp_path / "file")
+
+
+def test_what_a_killed_report_left_is_in_nobodys_way(tiny_results: Path, tmp_path: Path):
+    out = tmp_path / "out"
+    write_report(tiny_results, out)
+    (out / ".table.0123456789abcdef.part.md").write_text("| pol")
+    assert write_report(tiny_results, out).table.read_text().startswith("| policy |")
+
+
+def test_what_an_earlier_report_had_and_this_one_has_not_goes(tiny_results: Path):
+    write_film_of(tiny_results)
+    assert write_report(tiny_results).film is not None
+    (tiny_results / "film.mp4").unlink()
+    report = write_report(tiny_results)
+    assert report.film is None
+    assert not (report.folder / "film.mp4").exists()
+
+
+def test_the_committed_tables_of_the_study_are_those_of_its_results():
+    results, page = read_results(STUDY), (STUDY / "report" / "report.html").read_text()
+    for part in (part for part in PARTS if isinstance(part, Table)):
+        grid, (words, tex, numbers) = part.text(results), (STUDY / "report" / name for name in part.files)
+        assert words.read_text() == markdown(*grid), part.name
+        assert tex.read_text() == latex(*grid), part.name
+        assert html_table(*grid, part.title) in page, part.name
+        there, here = (list(csv.reader(text.splitlines())) for text in (numbers.read_text(), part.csv(results)))
+        assert there[0] == here[0] and len(there) == len(here), part.name
+        for old, new in zip(there, here, strict=True):
+            assert [as_number(cell) for cell in old] == [as_number(cell) for cell in new], part.name
+
+
+def as_number(cell: str) -> object:
+    """A number whose last digits, which depend on the machine, don't count; or the word itself."""
+    try:
+        return pytest.approx(float(cell), rel=1e-9, abs=1e-12, nan_ok=True)
+    except ValueError:
+        return cell

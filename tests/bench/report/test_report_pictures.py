@@ -1,0 +1,89 @@
+"""The report with all its pictures: what is there, and that it needs nothing from elsewhere."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from matplotlib.figure import Figure
+
+from tests.bench.small_place import SUITE, SmallPlace, write_film_of
+from thalweg.bench.evaluate.conditions import Condition
+from thalweg.bench.execute.runner import run_suite
+from thalweg.bench.report.figures import arrange, failure_bars, pdf, png, training_curves
+from thalweg.bench.report.report import write_report
+from thalweg.bench.results.reading import read_results
+from thalweg.bench.suite.suites import suite_named
+
+
+def test_the_page_loads_nothing_from_elsewhere(tiny_results: Path):
+    write_film_of(tiny_results)
+    page = write_report(tiny_results).page.read_text()
+    sources = re.findall(r"""(?:src|href|poster|action|data)\s*=\s*['"]([^'"]*)""", page)
+    assert len(sources) == 6  # icon, film, levels, curves, failures, profiles
+    assert all(source.startswith("data:") for source in sources)
+    assert not re.search(r"https?://|@import|url\(", page)
+
+
+def test_every_picture_of_the_page_has_words_beside_it(tiny_results: Path):
+    page = write_report(tiny_results).page.read_text()
+    assert len(re.findall(r"<img [^>]*alt='[^']{20,}'", page)) == page.count("<img ") == 4
+
+
+def test_a_report_goes_to_the_folder_one_stands_in_and_again(
+    tiny_results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    here = tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
+    for _ in range(2):
+        assert write_report(tiny_results, Path()).page.read_text().startswith("<!doctype html>")
+        tables = ("table", "details", "limits", "methods", "runs")
+        names = {f"{name}.{kind}" for name in tables for kind in ("md", "tex", "csv")}
+        pictures = ("levels", "failures", "curves", "profiles")
+        names |= {f"{name}.{kind}" for name in pictures for kind in ("png", "pdf")} | {"report.html"}
+        assert {file.name for file in here.iterdir()} == names
+        assert Path().stat().st_ino == here.stat().st_ino  # still the folder that one stands in
+
+
+def test_the_suite_of_the_learning_curves_makes_its_report_of_one_level(tmp_path: Path):
+    suite = replace(suite_named("easy"), episodes=SUITE.episodes)
+    report = run_suite(suite, tmp_path, SmallPlace()).report
+    results = read_results(tmp_path)
+    figure = training_curves(results)
+    assert figure is not None
+    assert [line.get_label() for line in figure.axes[0].lines] == ["PPO (3 seeds)", "FOCOPS (3 seeds)"]
+    (bars,) = failure_bars(results).axes
+    assert [label.get_text() for label in bars.get_yticklabels()] == [*suite.baselines, "PPO", "FOCOPS"]
+    assert report.table.read_text().startswith("| policy | Easy return | Easy cost |\n")
+    assert "on Easy, start" in (tmp_path / "film.txt").read_text()
+    assert report.page.read_text().count("<img ") == 5
+
+
+def test_results_with_every_gap_are_drawn(tmp_path: Path):
+    """Runs that failed, an algorithm that did in all of them, none packaged, conditions, a level without a river."""
+    suite = replace(
+        SUITE,
+        arms=(*SUITE.arms, replace(SUITE.arms[0], algorithm="P3O")),
+        packaged=True,
+        conditions=(Condition("deterministic", deterministic=True), Condition("real", rivers=("Cam",))),
+    )
+    run_suite(suite, tmp_path, SmallPlace(broken=("FOCOPS-1", "P3O-0", "P3O-1", "packaged-0")))
+    path = tmp_path / "evaluation" / "PPO-0-Hard.csv"
+    (path.parent / "PPO-0-Delta.csv").write_text(path.read_text().replace(",Hard,", ",Delta,"))
+    report = write_report(tmp_path)
+    names = {"levels", "curves", "failures", "profiles", "conditions_grid", "map_easy", "map_medium", "map_hard"}
+    assert {path.stem for path in report.folder.glob("*.png")} == names
+    assert len([line for line in report.problems if line.startswith("Run ")]) == 3
+
+
+def test_what_is_arranged_keeps_its_place_in_each_file():
+    figure = Figure(layout="constrained")
+    axis = figure.subplots()
+    axis.set_ylabel("a label\nof three\nlines")
+    arrange(figure)
+    before = axis.get_position().bounds
+    assert before[0] > 0.1
+    png(figure)
+    pdf(figure)
+    assert axis.get_position().bounds == before

@@ -1,0 +1,103 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from thalweg.bench.speed import measure as speed
+from thalweg.bench.speed.frame_profile import REFLECTION, STAGES, View
+from thalweg.bench.speed.measure import Plan, rates
+from thalweg.env import sample_starts
+from thalweg.render import Camera, Renderer
+from thalweg.render.records.classes import BRIDGE
+
+
+class Clock:
+    """A clock that work moves: what a test expects of it is exact."""
+
+    def __init__(self, *seconds: float) -> None:
+        self.now, self.seconds, self.calls = 100.0, seconds, 0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def work(self) -> int:
+        """Three units in as many seconds as the clock was given for this call, or for the last."""
+        self.now += self.seconds[min(self.calls, len(self.seconds) - 1)]
+        self.calls += 1
+        return 3
+
+
+def test_a_rate_is_work_done_over_time_passed():
+    clock = Clock(0.25)
+    assert rates(clock.work, Plan(repeats=3, seconds=1.0), clock) == [12, 12, 12]
+    assert clock.calls == 1 + 3 * 4
+
+
+def test_a_repetition_counts_the_time_that_it_really_took():
+    clock = Clock(0.25, 0.75, 0.75, 0.5)
+    assert rates(clock.work, Plan(repeats=1, seconds=1.0), clock) == [6 / 1.5]
+
+
+def test_the_first_call_which_may_compile_is_not_counted():
+    clock = Clock(60.0, 0.25)
+    assert rates(clock.work, Plan(repeats=1, seconds=1.0), clock) == [12]
+
+
+def test_training_is_measured_update_by_update_and_its_start_apart(monkeypatch: pytest.MonkeyPatch):
+    given: list[str] = []
+
+    def child(command: list[str], **_: str) -> tuple[float, float]:
+        given.extend(command)
+        folder = Path(command[command.index("--out") + 1])
+        folder.mkdir()
+        rows = "steps,steps_per_second,seconds\n2048,20,100\n4096,400,105\n6144,200,115\n8192,300,122\n"
+        (folder / "metrics.csv").write_text(rows)
+        return 130.0, 900.0
+
+    monkeypatch.setattr(speed, "_child", child)
+    train, start, memory = speed._training(Plan(train_steps=8192))
+    assert (train.name, train.median, train.slowest, train.fastest, train.repeats) == ("train", 300, 200, 400, 3)
+    assert (train.batch, train.worlds) == (16, 4)
+    assert train.features == "FOCOPS on Medium, frames included; 3 updates of 2,048 steps each, after the first"
+    assert given[given.index("--world-seeds") + 1 :][:4] == ["0", "1", "2", "3"]
+    assert (start.median, start.unit) == (8, "s")
+    assert (memory.median, memory.unit) == (900, "MiB")
+
+
+def test_the_slowest_is_the_least_rate_but_the_longest_time():
+    rate = speed._line("render", "frames/s", [3.0, 1.0, 2.0])
+    duration = speed._line("build", "s", [3.0, 1.0, 2.0])
+    assert (rate.median, rate.slowest, rate.fastest) == (2, 1, 3)
+    assert (duration.median, duration.slowest, duration.fastest) == (2, 3, 1)
+
+
+@pytest.mark.slow
+def test_the_stages_of_a_frame_make_the_frame(easy_world):
+    """What the stages leave in their buffers is what the renderer draws from the same pose."""
+    renderer = Renderer([easy_world], Camera(32, 48))
+    (pose,) = sample_starts(easy_world, 1, 3)
+    view = View(renderer, pose)
+    names = []
+    for name, ready, stage in view.calls():
+        ready()
+        stage()
+        names.append(name)
+    assert tuple(names) == STAGES
+    assert BRIDGE not in view.kind  # whose stone is not among the stages
+    (frame,) = renderer.render(pose[None])
+    apart = np.abs(view.image.view(np.uint8).reshape(32, 48, 4).astype(int) - frame)
+    assert apart.max() <= 1  # functions compiled alone may round a last bit otherwise
+    assert (apart == 0).mean() > 0.999
+
+
+def test_the_shares_of_the_stages_add_up(monkeypatch: pytest.MonkeyPatch):
+    times = {name: [float(place), float(place + 2)] for place, name in enumerate(STAGES)}
+    monkeypatch.setattr(speed, "stage_times", lambda *_, **__: times)
+    monkeypatch.setattr(speed, "load_or_build", lambda *_: None)
+    lines = list(speed.measure_stages(Plan()))
+    assert [(line.name, line.median, line.slowest, line.unit) for line in lines[:2]] == [
+        ("ground", 1.0, 2.0, "ms"),
+        ("bridges", 2.0, 3.0, "ms"),
+    ]
+    shares = {line.name: int(line.features.split("%")[0]) for line in lines}
+    assert sum(share for name, share in shares.items() if name != REFLECTION) == pytest.approx(100, abs=4)

@@ -1,0 +1,38 @@
+"""What `thalweg speed` prints and writes of what it measured."""
+
+import json
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from thalweg.bench.speed import table as speed_table
+from thalweg.bench.speed.measure import Measurement
+from thalweg.bench.speed.table import COLUMNS, describe, print_table, record, table_rows
+
+LINE = Measurement("render", "frames/s", 1234.5, 987.65, 1400.0, 7, 16, 4, "128x128", "everything drawn")
+
+
+def test_json_is_all_that_is_printed_and_names_machine_and_versions(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, tmp_path: Path
+):
+    monkeypatch.setattr(speed_table, "measure", lambda plan: iter([LINE]))
+    assert speed_table.speed(as_json=True, quick=True, out=tmp_path / "speed.json") == 0
+    text = capsys.readouterr().out
+    assert (tmp_path / "speed.json").read_text() == text
+    found = json.loads(text)
+    assert found["measurements"][0]["median"] == 1234.5
+    assert set(found["machine"]) == {"cpu", "cores", "memory_gib", "system"}
+    assert {"torch", "numba", "python", "thalweg"} <= set(found["versions"])
+
+
+def test_a_row_names_everything_that_a_figure_depends_on():
+    found = record([LINE])
+    (row,) = table_rows(found)
+    assert row == ["render", "1,234", "988", "1,400", "frames/s", "16", "4", "128x128", "everything drawn"]
+    assert len(row) == len(COLUMNS)
+    console = Console(record=True, width=200, file=open("/dev/null", "w"))  # noqa: SIM115
+    print_table(found, console)
+    shown = console.export_text()
+    assert "everything drawn" in shown
+    assert f"{found['machine']['cores']} cores" in describe(found)

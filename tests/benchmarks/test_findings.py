@@ -1,0 +1,115 @@
+"""The tables of what the benchmark shows: on logs and flights whose figures are known."""
+
+import json
+import shutil
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.results.statistics import TrainingLog
+
+
+def log(costs: list[float], steps: list[int], last_step: int = 400) -> TrainingLog:
+    tight = np.array(costs)
+    return TrainingLog("PPO", 0, np.array(steps), np.zeros(len(costs)), tight, np.zeros(len(costs)), last_step)
+
+
+def cells(text: str) -> list[list[str]]:
+    header, _, *rows = ([cell.strip() for cell in line.strip("| ").split(" | ")] for line in text.splitlines())
+    return [header, *rows]
+
+
+def test_a_step_on_the_border_belongs_to_the_quarter_that_it_ends(findings: ModuleType):
+    found = findings.by_quarter(log([1.0, 0.5, 0.0, 1.0, 0.2], [50, 100, 101, 300, 400]))
+    assert found == [0.75, 0.0, 1.0, 0.2]
+    assert np.isnan(findings.by_quarter(log([1.0], [400]))[0])
+
+
+def test_early_regret_is_the_share_that_the_first_quarter_paid(findings: ModuleType):
+    """Blocks of 50 episodes: 50 at a cost of 1 are 45 beyond the limit of 0.1, 50 at 0.4 are 15, 50 at 0 none."""
+    costs = [1.0] * 50 + [0.4] * 50 + [0.0] * 50
+    steps = [*range(1, 51), *range(101, 151), *range(201, 251)]
+    assert findings.early_regret(log(costs, steps)) == pytest.approx(45 / 60)
+    assert np.isnan(findings.early_regret(log([0.0], [10])))
+
+
+def test_how_often_a_multiplier_stands_at_its_bound(findings: ModuleType, tmp_path: Path):
+    (tmp_path / "metrics.csv").write_text("steps,multiplier\n1,2.0\n2,1.5\n3,2.0\n4,2.0\n")
+    (tmp_path / "config.yaml").write_text("run:\n  config: {multiplier_max: 2.0}\n")
+    assert findings.at_bound(tmp_path) == 0.75
+    (tmp_path / "config.yaml").write_text("run:\n  config: {}\n")
+    assert np.isnan(findings.at_bound(tmp_path))
+
+
+def test_what_was_left_open_has_a_row_for_each_way_that_was_flown(
+    findings: ModuleType, tiny_results: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(findings, "OPEN", tiny_results)
+    header, row = cells(findings.left_open())
+    assert header[:3] == ["policy", "seeds", "return"] and row[:2] == ["PPO", "1 of 2"]
+
+
+def test_each_way_is_compared_with_the_usual_one_of_its_algorithm(
+    findings: ModuleType, tiny_results: Path, monkeypatch: pytest.MonkeyPatch
+):
+    suite = json.loads((tiny_results / "suite.json").read_text())
+    common = {"seeds": [0], "steps": 400}
+    names = {"PPO": "PPO", "PPO-other": "PPO", "FOCOPS": "FOCOPS"}
+    suite["arms"] = [{"name": name, "algorithm": algorithm, **common} for name, algorithm in names.items()]
+    (tiny_results / "suite.json").write_text(json.dumps(suite))
+    flights = (tiny_results / "evaluation" / "PPO-0-Medium.csv").read_text()
+    runs = (tiny_results / "runs.csv").read_text().splitlines()[:3]
+    for name in ("PPO-other", "FOCOPS"):
+        flown = flights.replace("PPO,", f"{name},").replace(",1.0,1.0,1.0,", ",4.0,0.0,0.0,")
+        (tiny_results / "evaluation" / f"{name}-0-Medium.csv").write_text(flown)
+        runs.append(runs[2].replace("PPO", name))
+        shutil.copytree(tiny_results / "runs" / "PPO-0", tiny_results / "runs" / f"{name}-0")
+    (tiny_results / "runs.csv").write_text("\n".join(runs) + "\n")
+    monkeypatch.setattr(findings, "OPEN", tiny_results)
+    _, *rows = cells(findings.beside_usual())
+    assert [row[:2] for row in rows] == [["PPO", "PPO-other"]]
+    assert rows[0][2:] == [
+        "1 and 1",
+        "25%",
+        "-1.50",
+        "0.50",
+    ]  # returns 1 and 2 against 4 and 2, costs 1 and 0.2 against 0 and 0.2
+
+
+def test_a_condition_that_was_not_flown_is_named(
+    findings: ModuleType, tiny_results: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(findings, "STUDY", tiny_results)
+    header, *rows = cells(findings.elsewhere())
+    assert header[1:] == ["seeds", "sampled", "deterministic", "unseen rivers", "every look"]
+    assert [row[1::2] for row in rows if row[0] == "PPO"] == [["1 of 2", "not flown yet", "not flown yet"]]
+
+
+def test_fewer_than_three_seeds_have_no_interval_and_none_has_a_bound_without_a_multiplier(
+    findings: ModuleType, tiny_results: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(findings, "STUDY", tiny_results)
+    for run in sorted((tiny_results / "runs").iterdir()):
+        (run / "config.yaml").write_text("run:\n  config: {}\n")
+    header, row = cells(findings.training())
+    assert header[:2] == ["policy", "seeds"] and row[:2] == ["PPO", "2"]
+    assert header[-1] == "multiplier at its bound" and row[-1] == "none"
+    assert "[" not in row[2]
+
+
+def test_a_seed_without_episodes_in_a_quarter_hides_no_other(findings: ModuleType):
+    assert str(findings._over_seeds([0.5, np.nan, 0.7])) == "0.60"
+    assert np.isnan(findings._over_seeds([np.nan] * 3).value)
+    assert str(findings._over_seeds([0.9, 1.0, 0.8])) == "0.90 [0.65, 1.00]"  # 0.9 ± 4.303 * 0.1 / √3
+
+
+def test_a_file_that_cannot_be_used_is_not_left_out_silently(
+    findings: ModuleType, tiny_results: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(findings, "OPEN", tiny_results)
+    (tiny_results / "evaluation" / "PPO-0-Medium.csv").write_text("half a head")
+    with pytest.raises(ResultsError, match=r"PPO-0-Medium\.csv"):
+        findings.left_open()

@@ -1,0 +1,123 @@
+"""Sentences of the page on what the benchmark shows that call something sure: its results must bear them out.
+
+Where new results make one of these red, the page's prose has to be read again.
+"""
+
+from itertools import combinations, product
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from scipy.stats import ttest_ind
+
+from thalweg.bench.evaluate.episodes import Episode
+from thalweg.bench.report.extra_tables import changed, kept
+from thalweg.bench.results.comparison import difference, improvement, shared_tables
+from thalweg.bench.results.inference import Estimate, mean_of
+from thalweg.bench.results.reading import read_results
+from thalweg.bench.results.results import Results
+from thalweg.bench.results.statistics import grouped
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+FLYING = ("PPO", "PPOLag", "FOCOPS", "P3O")
+"""With every seed."""
+
+
+@pytest.fixture(scope="module")
+def study() -> Results:
+    return read_results(BENCHMARKS / "paper")
+
+
+@pytest.fixture(scope="module")
+def ways() -> Results:
+    return read_results(BENCHMARKS / "open")
+
+
+def flown(results: Results, policy: str, condition: str = "", level: str = "Medium") -> list[Episode]:
+    episodes = results.beyond[condition] if condition else results.episodes
+    return grouped(episodes)[policy, level]
+
+
+def apart(results: Results, ours: str, theirs: str, field: str, level: str = "Medium") -> Estimate:
+    one, other = (flown(results, name, level=level) for name in (ours, theirs))
+    return difference(*shared_tables(one, other, field), field)
+
+
+def sure(found: Estimate) -> bool:
+    return not np.isnan(found.low) and found.low * found.high > 0
+
+
+def test_who_keeps_the_limit(study: Results):
+    said = {name: kept(mean_of(flown(study, name), "cost")) for name in (*FLYING, "OnCRPO", "SACLag")}
+    assert said == {
+        "PPO": "unsure", "PPOLag": "no", "FOCOPS": "unsure", "P3O": "unsure", "OnCRPO": "no", "SACLag": "unsure",
+    }  # fmt: skip
+
+
+def test_who_is_surely_apart_from_ppo(study: Results):
+    others = ("PPOLag", "FOCOPS", "P3O", "OnCRPO", "SACLag")
+    assert not [name for name in others if sure(apart(study, "PPO", name, "cost"))]
+    assert [name for name in others if sure(apart(study, "PPO", name, "return_"))] == ["OnCRPO"]
+    assert not [pair for pair in combinations(("PPO", "FOCOPS", "P3O"), 2) if sure(apart(study, *pair, "return_"))]
+    assert improvement(*shared_tables(flown(study, "PPO"), flown(study, "PPOLag"), "return_")).low > 0.5
+    for name in ("FOCOPS", "P3O"):
+        assert apart(study, name, "PPOLag", "return_").low > 0 and apart(study, name, "PPOLag", "cost").high < 0
+    for field in ("return_", "cost"):
+        assert apart(study, "PPO", "OnCRPO", field, "Hard").low > 0
+    for level in ("Easy", "Medium", "Hard"):
+        assert apart(study, "FOCOPS-paper", "PPO-paper", "return_", level).low > 0
+
+
+def test_what_is_lost_elsewhere(study: Results):
+    at_home, away = (
+        {name: mean_of(flown(study, name, where), "return_") for name in FLYING} for where in ("", "unseen")
+    )
+    assert [name for name in FLYING if away[name].high < at_home[name].low] == ["PPO", "PPOLag", "P3O"]
+    for name in FLYING:
+        under_looks = changed(flown(study, name, "all_at_once"), flown(study, name))
+        assert isinstance(under_looks, Estimate) and under_looks.high < 0
+    for name in (*FLYING, "OnCRPO", "SACLag", "PPO-paper", "FOCOPS-paper"):
+        most_probable = changed(flown(study, name, "deterministic"), flown(study, name))
+        assert isinstance(most_probable, Estimate) and not sure(most_probable)
+
+
+def test_what_adapters_do(ways: Results):
+    assert apart(ways, "SACLag-box_scaled", "SACLag", "return_").low > 0
+    assert apart(ways, "DDPGLag", "DDPGLag-box_scaled", "return_").low > 0
+    assert apart(ways, "DDPGLag-box_literal", "DDPGLag", "cost").low > 0
+    for name, share in (("DDPGLag", 0.4), ("SACLag", 0.7), ("CCEPETS", 0.7)):
+        backwards = [row.reason == "YawOverDeviation" for row in flown(ways, f"{name}-box_literal")]
+        assert share < np.mean(backwards) < share + 0.1
+
+
+def test_what_a_mask_and_a_multiplier_do_to_focops(ways: Results):
+    surely = {
+        field: [
+            way
+            for way in ("broken_mask", "ascent", "adam", "pid")
+            if sure(apart(ways, f"FOCOPS-{way}", "FOCOPS", field))
+        ]
+        for field in ("return_", "cost")
+    }
+    assert surely == {"return_": ["adam"], "cost": ["broken_mask", "adam"]}
+    for field, level in product(("return_", "cost"), ("Easy", "Hard")):
+        assert not sure(apart(ways, "FOCOPS-adam", "FOCOPS", field, level))
+    usual, pid = (flown(ways, name) for name in ("FOCOPS", "FOCOPS-pid"))
+    assert [row.return_ for row in usual] == [row.return_ for row in pid]
+
+
+def test_what_training_cost_in_each_quarter(study: Results, findings: ModuleType):
+    paid = {
+        name: np.array([findings.by_quarter(log) for log in study.training if log.algorithm == name])
+        for name in ("PPO", "PPOLag", "FOCOPS", "P3O", "OnCRPO", "SACLag")
+    }
+    said = (dict.fromkeys(("PPOLag", "FOCOPS", "P3O", "OnCRPO", "SACLag"), -1), {}, {"PPOLag": 1}, {"P3O": -1})
+    for quarter, signs in enumerate(said):
+        without = paid["PPO"][:, quarter]
+        welch = {
+            name: ttest_ind(costs[:, quarter], without, equal_var=False).confidence_interval(0.95)
+            for name, costs in paid.items()
+            if name != "PPO"
+        }
+        assert {name: np.sign(ends.low) for name, ends in welch.items() if ends.low * ends.high > 0} == signs

@@ -1,0 +1,533 @@
+import csv
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from thalweg.bench.evaluate import evaluation
+from thalweg.cli.learning import EncoderTrain
+from thalweg.cli.main import COMMANDS, _parse, main
+from thalweg.cli.options import RiverFile, settings_from
+from thalweg.world import World
+
+
+def test_help_names_every_command_and_imports_nothing_heavy():
+    heavy = ("torch", "numba", "matplotlib", "scipy")
+    code = f"""
+import sys
+from thalweg.cli.main import main
+try:
+    main(["--help"])
+except SystemExit:
+    print("LOADED", [name for name in {heavy!r} if name in sys.modules])
+"""
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert "LOADED []" in said
+    assert all(name in said for name in COMMANDS)
+
+
+def test_the_version_is_that_of_the_package(capsys: pytest.CaptureFixture):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == "thalweg 0.1.0\n"
+
+
+WRONG = [
+    (["world", "--level", "medum"], "Easy, Medium, Hard"),
+    (["render", "--level", "medum"], "Easy, Medium, Hard"),
+    (["render", "--count", "0"], "--count"),
+    (["render", "--gallery", "--quality", "fast"], "leave out --frames and --quality"),
+    (["render", "--gallery", "--frames", "x"], "leave out --frames and --quality"),
+    (["render", "--pose", "0", "0", "3", "0", "--poses", "pilot"], "give --pose or --poses pilot, not both"),
+    (["train", "--algorithm", "FOCUPS", "--out", "x"], "PPO, PPOLag, FOCOPS"),
+    (["train", "--set", "learning_rate", "--out", "x"], "key=value"),
+    (["evaluate", "nothing_here"], "packaged, random, hover, forward, pilot"),
+    (["evaluate", "hover", "--levels", "medum"], "Easy, Medium, Hard"),
+    (["evaluate", "hover", "--levels", "easy", "hard", "Easy"], "--levels names Easy twice; each level is flown once"),
+    (["evaluate", "hover", "--episodes", "0"], "episodes must be at least 1"),
+    (["bench", "papr", "--out", "x"], "quick, easy, open, protocols, paper"),
+    (["bench", "quick", "--out", "x", "--cpus", "2"], "--cpus goes with --cluster"),
+    (["bench", "quick", "--out", "x", "--cluster", "ray://head:10001"], "Ray's client is not supported"),
+    (["report", "nothing_here"], "no results folder nothing_here"),
+    (["encoder", "show", "--path", "nothing_here"], "nothing_here"),
+    (["encoder", "train", "--architecture", "huge", "--out", "x"], "lean"),
+    (["encoder", "train", "--epochs", "0", "--out", "x"], "epochs must be at least 1"),
+    (["encoder", "train", "--images", "1", "--held-out", "0", "--out", "x"], "at least 2"),
+    (["encoder", "train", "--held-out", "-1", "--out", "x"], "-1 can't be held out"),
+    (["encoder", "train", "--level", "medum", "--out", "x"], "Easy, Medium, Hard"),
+    (["encoder", "train", "--out", "/dev/null"], "/dev/null is not a folder"),
+    (["train", "--set", "hidden=[64", "--out", "x"], "'hidden=[64' cannot be understood"),
+    (["train", "--set", "learning_rate=fast", "--out", "x"], "learning_rate must be float, got 'fast'"),
+    (["train", "--preset", "study", "--out", "x"], "no preset 'study'; there are default, paper"),
+    (["train", "--num-envs", "0", "--out", "x"], "num_envs must be at least 1"),
+    (["world", "--seed", "-1"], "--seed must be 0 or more, not -1"),
+    (["render", "--poses-seed", "-1"], "--poses-seed must be 0 or more, not -1"),
+    (["train", "--seed", "-1", "--out", "x"], "--seed must be 0 or more, not -1"),
+    (["train", "--world-seeds", "3", "-4", "--out", "x"], "--world-seeds must be 0 or more, not -4"),
+    (["evaluate", "hover", "--seed", "-2"], "--seed must be 0 or more, not -2"),
+    (["evaluate", "hover", "--starts-seed", "-2"], "--starts-seed must be 0 or more, not -2"),
+    (["encoder", "train", "--seed", "-1", "--out", "x"], "--seed must be 0 or more, not -1"),
+    (["encoder", "show", "--seed", "-1"], "--seed must be 0 or more, not -1"),
+]
+
+
+@pytest.fixture
+def no_frames(monkeypatch: pytest.MonkeyPatch):
+    """What is refused is refused before the first frame of thousands is drawn."""
+
+    def drawn(*_: object, **__: object):
+        raise AssertionError("frames were collected")
+
+    monkeypatch.setattr("thalweg.train.encoder.frames.collect_frames", drawn)
+
+
+@pytest.mark.usefixtures("no_frames")
+@pytest.mark.parametrize(("arguments", "said"), WRONG, ids=[" ".join(arguments) for arguments, _ in WRONG])
+def test_a_wrong_value_is_one_line_that_names_the_known_ones(
+    arguments: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.err.startswith("thalweg: ")
+    assert said in captured.err
+    assert captured.err.count("\n") == 1
+    assert "Traceback" not in captured.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_debug_shows_where_an_error_came_from(capsys: pytest.CaptureFixture):
+    assert main(["--debug", "report", "nothing_here"]) == 2
+    assert "Traceback" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments", [[], ["fly"], ["world", "--sede", "1"], ["encoder", "train", "--inputs", "depth"]]
+)
+def test_an_unknown_word_ends_with_status_2(arguments: list[str], capsys: pytest.CaptureFixture):
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+
+
+def test_an_interrupt_says_how_to_go_on(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("thalweg.bench.report.report.write_report", interrupted)
+    monkeypatch.setattr("thalweg.cli.printing.bench_command", interrupted)
+    assert main(["report", "x"]) == 130
+    assert capsys.readouterr().err == "\nInterrupted. Nothing is kept; the same command begins anew.\n"
+    assert main(["bench", "quick", "--out", "x"]) == 130
+    assert capsys.readouterr().err == "\nInterrupted. The same command goes on from the last checkpoint.\n"
+
+
+def test_a_run_told_to_end_warns_and_ends_as_an_interrupted_one():
+    code = """
+import os, signal, sys, warnings
+from thalweg import cli
+def run(command):
+    warnings.warn("the limit never binds", stacklevel=1)
+    os.kill(os.getpid(), signal.SIGTERM)
+    raise SystemExit("not ended")
+cli.Train.run = run
+sys.argv = ["thalweg", "train", "--out", "x"]
+sys.exit(cli.main())
+"""
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    said = "Warning: the limit never binds\n\nInterrupted. The same command goes on from the last checkpoint.\n"
+    assert (ended.returncode, ended.stderr) == (130, said)
+
+
+def test_what_cannot_be_drawn_or_written_is_said_in_one_line(tmp_path: Path, easy_world, capsys: pytest.CaptureFixture):
+    render = ["render", "--level", "easy", "--out", str(tmp_path / "x.png")]
+    file = tmp_path / "file"
+    file.write_text("")
+    for arguments, said in (
+        ([*render, "--pose", "5000", "5000", "3", "0"], "x = 5000, y = 5000 is outside the map of Easy"),
+        ([*render, "--pose", "nan", "0", "3", "0"], "is outside the map"),
+        ([*render, "--size", "4"], "height_px = 4: an image has 16 to 2048"),
+        ([*render[:-1], str(file / "x.png"), "--size", "16"], f"{file} is not a folder"),
+        (["world", "--level", "easy", "--out", str(tmp_path)], f"{tmp_path} is a folder; name a file in it, such as"),
+    ):
+        assert main(arguments) == 2
+        error = capsys.readouterr().err
+        assert said in error
+        assert "Traceback" not in error
+
+
+def test_frames_are_drawn_from_a_given_pose(tmp_path: Path, easy_world, capsys: pytest.CaptureFixture):
+    x, y = easy_world.river.position_m[0]
+    out = tmp_path / "deep" / "frames.png"
+    pose = [f"{value:.3f}" for value in (x, y, 6.0, 0.5)]
+    assert main(["render", "--level", "easy", "--size", "32", "--pose", *pose, "--out", str(out)]) == 0
+    picture = np.asarray(Image.open(out))
+    assert picture.shape == (2 * 32 + 4, 32, 3)
+    assert set(np.unique(picture[-32:])) <= {0, 255}
+    assert f"--pose {' '.join(pose[:3])}" in capsys.readouterr().out
+
+
+def test_a_world_is_drawn_and_saved(tmp_path: Path, easy_world):
+    from thalweg.world import World
+
+    out, saved = tmp_path / "map.png", tmp_path / "world.npz"
+    assert main(["world", "--level", "easy", "--out", str(out), "--save", str(saved)]) == 0
+    assert Image.open(out).size[1] == 1200
+    np.testing.assert_array_equal(World.load(saved).river.position_m, easy_world.river.position_m)
+
+
+def test_a_real_river_is_drawn_from_its_file(tmp_path: Path, capsys: pytest.CaptureFixture):
+    from thalweg.world import World
+
+    source, out, saved = tmp_path / "brook.geojson", tmp_path / "map.png", tmp_path / "brook.npz"
+    source.write_text('{"type": "LineString", "coordinates": [[9, 48], [9.0004, 48], [9.0008, 48], [9.0012, 48]]}')
+    options = ["--width-m", "6", "--start-m", "10", "--length-m", "60", "--smooth-m", "4", "--seed", "3"]
+    given = ["world", "--geojson", str(source), *options, "--out", str(out), "--save", str(saved)]
+    assert main(given) == 0
+    assert f"{out}: brook, seed 3, a course of 60 m" in capsys.readouterr().out
+    river = World.load(saved).river
+    assert (set(river.width_m), round(river.length_m)) == ({6.0}, 60)
+
+
+@pytest.fixture
+def brook(tmp_path: Path) -> Path:
+    """A real river of 89 m in a file, without a width."""
+    path = tmp_path / "brook.geojson"
+    path.write_text('{"type": "LineString", "coordinates": [[9, 48], [9.0004, 48], [9.0008, 48], [9.0012, 48]]}')
+    return path
+
+
+def test_frames_are_drawn_of_a_real_river(tmp_path: Path, brook: Path, capsys: pytest.CaptureFixture):
+    from thalweg.env import sample_starts
+    from thalweg.render import Camera, Renderer
+    from thalweg.world import World
+
+    out = tmp_path / "frames.png"
+    options = ["--geojson", str(brook), "--width-m", "6", "--seed", "3"]
+    assert main(["render", *options, "--count", "2", "--size", "32", "--out", str(out)]) == 0
+    assert f"{out}: 2 frames of brook, seed 3" in capsys.readouterr().out
+    world = World.from_geojson(brook, width_m=6.0, seed=3)
+    frames = Renderer([world], Camera(32, 32)).render(sample_starts(world, 2, 0))
+    np.testing.assert_array_equal(np.asarray(Image.open(out))[:32, :32], frames[0, ..., :3])
+
+
+def test_policies_are_evaluated_on_a_real_river(tmp_path: Path, brook: Path, capsys: pytest.CaptureFixture):
+    from thalweg.bench.evaluate.episodes import read_episodes
+
+    out = tmp_path / "rows.csv"
+    options = ["--geojson", str(brook), "--width-m", "6", "--world-seed", "3"]
+    assert main(["evaluate", "hover", *options, "--episodes", "3", "--out", str(out)]) == 0
+    rows = read_episodes(out)
+    assert [(row.level, row.world_seed, row.episode, row.reason) for row in rows] == [
+        ("brook.geojson", 3, place, "Idle") for place in range(3)
+    ]
+    assert len({row.x for row in rows}) == 3
+    assert "brook.geojson return" in capsys.readouterr().out
+
+
+def test_a_policy_is_trained_on_a_real_river(
+    tmp_path: Path, brook: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    from thalweg.train import river
+    from thalweg.train.run import RunResult
+    from thalweg.world import Reach
+
+    told = {}
+
+    def run(_: str, env: Any, **given: Any) -> RunResult:
+        told.update(given, worlds=env.env.worlds)
+        return RunResult(given["folder"], "PPO", 5, 1, 0.0, 0.0, 0.0, 1.0, None, False, ())
+
+    monkeypatch.setattr(river, "run", run)
+    options = ["--geojson", str(brook), "--width-m", "6", "--length-m", "60", "--smooth-m", "4"]
+    given = ["train", *options, "--world-seeds", "3", "4", "--num-envs", "2", "--out", str(tmp_path / "run")]
+    assert main(given) == 0
+    context, worlds = told["context"], told["worlds"]
+    assert [(world.name, world.seed, round(world.river.length_m)) for world in worlds] == [
+        ("brook", 3, 60),
+        ("brook", 4, 60),
+    ]
+    assert context["river"] == Reach(brook, width_m=6.0, length_m=60.0, smooth_m=4.0).as_data()
+    assert f"Evaluate it: thalweg evaluate {tmp_path / 'run'} {' '.join(options)}\n" in capsys.readouterr().out
+
+
+def test_options_of_a_river_are_typed_again_as_they_were_given():
+    options = RiverFile(Path("a river.geojson"), width_m=6.0, start_m=1234.5678, length_m=1e6, smooth_m=0.1)
+    typed = ["--width-m", "6", "--start-m", "1234.5678", "--length-m", "1000000", "--smooth-m", "0.1"]
+    assert options.words() == ["--geojson", "a river.geojson", *typed]
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (
+            ["render", "--geojson", "none.geojson", "--level", "easy"],
+            "give --level or --geojson, not both: easy and none.",
+        ),
+        (["render", "--geojson", "none.geojson"], "none.geojson: there is no such file"),
+        (["render", "--width-m", "9"], "--width-m goes with --geojson"),
+        (
+            ["train", "--geojson", "none.geojson", "--level", "easy", "--out", "x"],
+            "give --level or --geojson, not both",
+        ),
+        (["train", "--geojson", "none.geojson", "--out", "x"], "none.geojson: there is no such file"),
+        (["train", "--smooth-m", "9", "--out", "x"], "--smooth-m goes with --geojson"),
+        (
+            ["evaluate", "hover", "--geojson", "none.geojson", "--levels", "easy", "hard"],
+            "not both: easy hard and none.",
+        ),
+        (["evaluate", "hover", "--geojson", "none.geojson"], "none.geojson: there is no such file"),
+        (["evaluate", "hover", "--world-seed", "3"], "--world-seed goes with --geojson"),
+        (["evaluate", "hover", "--geojson", "none.geojson", "--unseen"], "--unseen goes with levels"),
+        (["evaluate", "hover", "--geojson", "none.geojson", "--world-seed", "-3"], "--world-seed must be 0 or more"),
+    ],
+    ids=" ".join,
+)
+def test_a_real_river_and_a_level_are_not_mixed(
+    given: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(given) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert "Traceback" not in error
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["--geojson", "none.geojson"], "thalweg: none.geojson: there is no such file"),
+        (["--geojson", "none.geojson", "--level", "easy"], "thalweg: give --level or --geojson, not both"),
+        (["--width-m", "9"], "thalweg: --width-m goes with --geojson"),
+        (["--level", "easy", "--start-m", "0"], "thalweg: --start-m goes with --geojson"),
+        (["--geojson", "none.geojson", "--length-m", "3"], "thalweg: length_m is 3 m; expected 15 to 10400 m"),
+    ],
+)
+def test_options_of_a_real_river_that_cannot_be_are_refused(given: list[str], said: str, capsys: pytest.CaptureFixture):
+    assert main(["world", *given]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_policies_are_evaluated_on_rivers_that_nothing_is_trained_on(
+    tmp_path: Path, easy_world: World, monkeypatch: pytest.MonkeyPatch
+):
+    out = tmp_path / "rows.csv"
+    monkeypatch.setattr(evaluation, "load_or_build", lambda level, seed: replace(easy_world, seed=seed))
+    options = ["--levels", "easy", "--unseen", "--episodes", "2", "--out", str(out)]
+    assert main(["evaluate", "hover", *options]) == 0
+    with open(out) as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["world_seed"], row["episode"], row["level"]) for row in rows] == [
+        (str(evaluation.UNSEEN), "0", "Easy"),
+        (str(evaluation.UNSEEN + 1), "1", "Easy"),
+    ]
+
+
+def test_baselines_are_evaluated_and_their_rows_written(tmp_path: Path, capsys: pytest.CaptureFixture):
+    from thalweg.bench.evaluate.episodes import read_episodes
+
+    out = tmp_path / "rows.csv"
+    assert main(["evaluate", "hover", "--levels", "easy", "--episodes", "3", "--out", str(out)]) == 0
+    rows = read_episodes(out)
+    assert [(row.algorithm, row.level, row.episode, row.reason) for row in rows] == [
+        ("hover", "Easy", place, "Idle") for place in range(3)
+    ]
+    assert "0.20 ± 0.00" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("given", "field", "value"),
+    [
+        (["train", "--out", "x", "--steps", "1e5"], "steps", 100_000),
+        (["train", "--out", "x", "--steps", "200_000"], "steps", 200_000),
+        (["train", "--out", "x", "--world-seeds", "3", "2.5e1"], "world_seeds", (3, 25)),
+        (["world", "--seed", "340282366920938463463374607431768211456"], "seed", 2**128),
+        (["world"], "seed", None),
+        (["render", "--pose", "1", "-2", "3e0", "-0.5"], "pose", (1.0, -2.0, 3.0, -0.5)),
+    ],
+    ids=str,
+)
+def test_a_number_is_read_as_people_write_it(given: list[str], field: str, value: object):
+    assert getattr(_parse(given), field) == value
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["train", "--out", "x", "--steps", "1e5.5"], "--steps: '1e5.5' is no whole number; write one such as"),
+        (["train", "--out", "x", "--steps", "2.5"], "--steps: '2.5' is no whole number"),
+        (["train", "--out", "x", "--steps", "nan"], "--steps: 'nan' is no whole number"),
+        (["train", "--out", "x", "--steps", "1e999999999"], "--steps: '1e999999999' is no whole number"),
+        (["train", "--out", "x", "--seed", "x"], "--seed: 'x' is no whole number; write one such as 0, 200000 or 2e5"),
+        (["world", "--seed", "x"], "--seed: 'x' is no whole number"),
+        (["train", "--out", "x", "--world-seeds", "1", "b"], "--world-seeds: 'b' is no whole number"),
+        (["world", "--width-m", "wide"], "--width-m: 'wide' is no number; write one such as 12, 0.5 or 1e-4"),
+        (["render", "--pose", "1", "2", "3", "north"], "--pose: 'north' is no number"),
+        (["render", "--pose", "1", "2", "3"], "'--pose'. Expected 4 values"),
+    ],
+    ids=str,
+)
+def test_what_is_no_number_is_named_with_what_would_be_one(
+    given: list[str], said: str, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("COLUMNS", "160")
+    with pytest.raises(SystemExit) as ended:
+        main(given)
+    assert ended.value.code == 2
+    assert said in capsys.readouterr().err
+
+
+def test_pictures_are_replaced_and_worlds_only_when_asked(tmp_path: Path, easy_world, capsys: pytest.CaptureFixture):
+    from thalweg.world import World
+
+    out, saved = tmp_path / "map.png", tmp_path / "world.npz"
+    for file in (out, saved):
+        file.write_text("old")
+    given = ["world", "--level", "easy", "--out", str(out), "--save", str(saved)]
+    assert main(given) == 2
+    assert f"--save {saved} is there already; name a new file, or replace it by --overwrite" in capsys.readouterr().err
+    assert (out.read_text(), saved.read_text()) == ("old", "old")
+    assert main([*given, "--overwrite"]) == 0
+    assert Image.open(out).size[1] == 1200
+    assert World.load(saved).seed == easy_world.seed
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (
+            ["world", "--geojson", "brook.geojson", "--out", "brook.geojson"],
+            "--out must end in .png, not 'brook.geojson'",
+        ),
+        (["world", "--save", "world.json"], "--save must end in .npz, not 'world.json'"),
+        (["render", "--out", "frames"], "--out must end in .png or .jpg or .jpeg or .webp, not 'frames'"),
+        (["render", "--gallery", "--out", "frames.tex"], "--out must end in .png or .jpg"),
+        (["encoder", "show", "--out", "brook.geojson"], "--out must end in .png, not 'brook.geojson'"),
+    ],
+    ids=" ".join,
+)
+def test_no_picture_takes_the_place_of_another_kind_of_file(
+    given: list[str], said: str, brook: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    monkeypatch.chdir(brook.parent)
+    before = brook.read_bytes()
+    assert main(given) == 2
+    assert said in capsys.readouterr().err
+    assert [file.name for file in brook.parent.iterdir()] == ["brook.geojson"]
+    assert brook.read_bytes() == before
+
+
+WRITES_ONE_FILE = [
+    (["world"], "--out", ".png"),
+    (["world"], "--save", ".npz"),
+    (["render"], "--out", ".png"),
+    (["encoder", "show"], "--out", ".png"),
+    (["evaluate", "hover"], "--out", ".csv"),
+    (["leaderboard", "results"], "--out", ".md"),
+    (["speed"], "--out", ".json"),
+]
+
+
+@pytest.fixture
+def nothing_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """An empty folder to be in, and commands that must not begin with what takes time."""
+
+    def done(*_: object, **__: object):
+        raise AssertionError("the work began before the place of its file was looked at")
+
+    for name in (
+        "thalweg.world.load_or_build",
+        "thalweg.encoder.load_encoder",
+        "thalweg.cli.printing.evaluate_command",
+        "thalweg.bench.leaderboard.leaderboard",
+        "thalweg.bench.speed.table.measure",
+    ):
+        monkeypatch.setattr(name, done)
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.usefixtures("nothing_done")
+@pytest.mark.parametrize(("given", "option", "ending"), WRITES_ONE_FILE, ids=str)
+def test_a_file_that_cannot_be_written_is_named_before_anything_is_done(
+    given: list[str], option: str, ending: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    here = Path.cwd()
+    (here / "folder").mkdir()
+    (here / "file").write_text("")
+    for target, said in (
+        ("folder", f"{option} folder is a folder; name a file in it, such as folder/new{ending}"),
+        (f"file/new{ending}", f"{option} file/new{ending} cannot be written: {here / 'file'} is not a folder"),
+        ("new.tex", f"{option} must end in {ending}"),
+    ):
+        assert main([*given, option, target]) == 2
+        assert capsys.readouterr().err.startswith(f"thalweg: {said}")
+    monkeypatch.setattr("os.access", lambda path, mode: Path(path) != here / "folder")
+    assert main([*given, option, f"folder/a/new{ending}"]) == 2
+    said = f"{option} folder/a/new{ending} cannot be written: nothing may be put into {here / 'folder'}"
+    assert capsys.readouterr().err == f"thalweg: {said}\n"
+    assert sorted(path.name for path in here.rglob("*")) == ["file", "folder"]
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1e-4", 1e-4),
+        ("-2E+3", -2000.0),
+        ("1.5", 1.5),
+        ("+.5e-1", 0.05),
+        ("64", 64),
+        ("[64, 1e2]", [64, 100.0]),
+        ("true", True),
+        ("native", "native"),
+        ("1e4x", "1e4x"),
+    ],
+)
+def test_a_setting_is_read_as_people_write_it(text: str, value: object):
+    (found,) = settings_from([f"rate={text}"]).values()
+    assert (found, type(found)) == (value, type(value))
+
+
+def test_a_small_learning_rate_reaches_the_algorithm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    from thalweg.algos import algorithm_named
+    from thalweg.train import river
+    from thalweg.train.errors import TrainingError
+
+    told = {}
+
+    def run(*_: object, **given: object):
+        told.update(given)
+        raise TrainingError("enough")
+
+    monkeypatch.setattr(river, "run", run)
+    given = ["train", "--level", "easy", "--num-envs", "1", "--out", str(tmp_path)]
+    assert main([*given, "--set", "learning_rate=1e-4", "hidden=[8, 4]"]) == 2
+    config = algorithm_named("FOCOPS").configure(told["config"], told["preset"])
+    assert (config.learning_rate, config.hidden, told["preset"]) == (1e-4, (8, 4), "default")
+    assert main([*given, "--preset", "paper", "--set", "cost_limit=0.3"]) == 2
+    assert told["config"] == {"cost_limit": 0.3} and told["preset"] == "paper"
+
+
+@pytest.mark.usefixtures("no_frames")
+def test_the_folder_of_another_encoder_is_refused_before_frames_are_drawn(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+):
+    from tests.encoder.synthetic_frames import synthetic_frames
+    from thalweg.encoder import VAEConfig, train_encoder
+
+    train_encoder(synthetic_frames(8, 128), VAEConfig(), tmp_path, epochs=1, seed=0, held_out=2, progress=False)
+    given = ["encoder", "train", "--out", str(tmp_path), "--images", "6", "--held-out", "2", "--epochs", "1"]
+    for change, said in (
+        (["--latent", "8"], "config"),
+        (["--epochs", "3"], "epochs 1, not 3"),
+        (["--seed", "4"], "seed 0, not 4"),
+        (["--images", "7"], "images 8, not 9"),
+    ):
+        assert main([*given, *change]) == 2
+        assert said in capsys.readouterr().err
+    with pytest.raises(AssertionError, match="frames were collected"):
+        EncoderTrain(tmp_path, images=6, held_out=2, epochs=1).run()

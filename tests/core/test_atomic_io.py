@@ -1,0 +1,157 @@
+"""A file is the old one or the new one, whatever happens while it is written."""
+
+import os
+import signal
+import stat
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+import thalweg
+from thalweg.core.atomic_io import whole, write_whole
+
+FOLDERS = {"train/checkpoint.py", "bench/parcel.py", "bench/report.py"}
+"""Those that put whole folders in place."""
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.fixture
+def umask():
+    """Sets the umask of this process; the old one comes back afterwards."""
+    before = os.umask(0)
+    os.umask(before)
+    yield os.umask
+    os.umask(before)
+
+
+@pytest.mark.parametrize(("content", "expected"), [(b"\x00\r\n", b"\x00\r\n"), ("ö\n", "ö\n".encode())])
+def test_the_content_stands_in_the_file_byte_by_byte(tmp_path, content, expected):
+    write_whole(tmp_path / "new" / "folder" / "file.txt", content)
+    assert (tmp_path / "new" / "folder" / "file.txt").read_bytes() == expected
+    assert names(tmp_path / "new" / "folder") == ["file.txt"]
+
+
+def test_until_the_block_ends_the_old_file_stands(tmp_path):
+    path = tmp_path / "file.npz"
+    path.write_text("old")
+    with whole(path) as draft:
+        draft.write_text("new")
+        assert path.read_text() == "old"
+        assert draft.parent == path.parent and draft.suffix == path.suffix
+    assert path.read_text() == "new"
+    assert names(tmp_path) == ["file.npz"]
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
+def test_an_error_while_writing_keeps_the_old_file_and_leaves_nothing_else(tmp_path, error):
+    path = tmp_path / "file.txt"
+    path.write_text("old")
+    with pytest.raises(error), whole(path) as draft:
+        draft.write_text("ha")
+        raise error
+    assert path.read_text() == "old" and names(tmp_path) == ["file.txt"]
+
+
+@pytest.mark.parametrize("step", ["fsync", "replace"])
+def test_an_error_of_the_disk_keeps_the_old_file_and_leaves_nothing_else(tmp_path, monkeypatch, step):
+    path = tmp_path / "file.txt"
+    path.write_text("old")
+
+    def full(*_):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(os, step, full)
+    with pytest.raises(OSError, match="disk full"):
+        write_whole(path, "new")
+    assert path.read_text() == "old" and names(tmp_path) == ["file.txt"]
+
+
+def test_the_bytes_are_on_the_disk_before_the_file_takes_its_place(tmp_path, monkeypatch):
+    path, events = tmp_path / "file.txt", []
+    fsync, replace = os.fsync, os.replace
+
+    def synced(descriptor: int) -> None:
+        events.append(("fsync", os.fstat(descriptor).st_size))
+        fsync(descriptor)
+
+    def replaced(one, other) -> None:
+        events.append(("replace", Path(other).name))
+        replace(one, other)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(os, "replace", replaced)
+    write_whole(path, b"12345")
+    assert events == [("fsync", 5), ("replace", "file.txt")]
+
+
+@pytest.mark.parametrize("mask", [0o022, 0o077, 0o002])
+def test_the_permissions_are_those_of_any_new_file(tmp_path, umask, mask):
+    umask(mask)
+    (tmp_path / "plain.txt").write_text("")
+    write_whole(tmp_path / "whole.txt", "")
+    modes = [stat.S_IMODE((tmp_path / name).stat().st_mode) for name in ("plain.txt", "whole.txt")]
+    assert modes == [0o666 & ~mask] * 2
+
+
+def test_a_block_that_writes_nothing_is_an_error(tmp_path):
+    with pytest.raises(FileNotFoundError), whole(tmp_path / "file.txt"):
+        pass
+    assert names(tmp_path) == []
+
+
+def test_writers_at_the_same_time_leave_the_file_of_one_of_them(tmp_path):
+    path, size = tmp_path / "file.bin", 200_000
+    contents = [bytes([letter]) * size for letter in b"abcdefgh"]
+    begin, seen = threading.Barrier(len(contents)), []
+
+    def write(content: bytes) -> None:
+        begin.wait()
+        for _ in range(5):
+            write_whole(path, content)
+            seen.append(path.read_bytes())
+
+    threads = [threading.Thread(target=write, args=(content,)) for content in contents]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(seen) == 5 * len(contents) and set(seen) <= set(contents)
+    assert names(tmp_path) == ["file.bin"]
+
+
+HALF = """
+import os, signal, sys
+from thalweg.core.atomic_io import whole
+with whole(sys.argv[1]) as draft:
+    draft.write_text("half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_what_a_killed_process_leaves_does_no_harm(tmp_path):
+    path = tmp_path / "file.txt"
+    path.write_text("old")
+    killed = subprocess.run([sys.executable, "-c", HALF, str(path)], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    assert path.read_text() == "old"
+    (left,) = set(names(tmp_path)) - {"file.txt"}
+    assert left.startswith(".file.") and ".part" in left, "hidden, and no name that anything is looked up by"
+    write_whole(path, "new")
+    assert path.read_text() == "new" and names(tmp_path) == sorted([left, "file.txt"])
+
+
+def test_there_is_no_other_way_to_put_a_file_in_its_place():
+    package = Path(thalweg.__file__).parent
+    words = ("os.replace", "mkstemp", "NamedTemporaryFile", '.part"', ".part{")
+    found = {
+        path.relative_to(package).as_posix()
+        for path in package.rglob("*.py")
+        if any(word in path.read_text(encoding="utf-8") for word in words)
+    }
+    assert found == {"whole.py", *FOLDERS}

@@ -1,0 +1,116 @@
+"""Names of devices, and what a GPU that can't be used lacks. Torch is made to say what it says on other machines."""
+
+import subprocess
+import sys
+
+import pytest
+import torch
+
+from tests.render.plain import plane
+from thalweg.core import device as devices
+from thalweg.core.device import DeviceError, device_named
+from thalweg.render import Renderer
+from thalweg.render.errors import RenderError
+from thalweg.render.gpu import gpu_renderer as painter
+from thalweg.render.records.scene import build_scene
+
+
+@pytest.fixture
+def card(monkeypatch: pytest.MonkeyPatch):
+    """A machine with two GPUs that lack nothing."""
+    monkeypatch.setattr(torch.version, "cuda", "13.0")
+    monkeypatch.setattr(torch.cuda, "init", lambda: None)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
+    monkeypatch.setattr(torch.cuda, "get_device_capability", lambda _: (9, 0))
+    monkeypatch.setattr(torch.cuda, "get_device_name", lambda _: "NVIDIA Made-up")
+    monkeypatch.setattr(devices.importlib.util, "find_spec", lambda _: "found")
+    return monkeypatch
+
+
+def test_names_are_those_of_torch(card: pytest.MonkeyPatch):
+    named = {name: device_named(name) for name in ("cpu", "auto", "cuda", "cuda:1")}
+    assert named == {"cpu": "cpu", "auto": "cuda:0", "cuda": "cuda:0", "cuda:1": "cuda:1"}
+
+
+@pytest.mark.parametrize("name", ["gpu", "cuda:x", "cuda:-1", "cpu:0", "CUDA", ""])
+def test_other_names_are_refused_with_those_that_there_are(name: str):
+    with pytest.raises(DeviceError, match=r"device = '.*': choose auto, cpu, cuda, or a GPU by its number, such as"):
+        device_named(name)
+
+
+def test_auto_is_the_cpu_where_no_gpu_can_be_used(card: pytest.MonkeyPatch):
+    card.setattr(torch.cuda, "device_count", lambda: 0)
+    assert device_named("auto") == "cpu"
+
+
+def test_a_torch_without_cuda_is_named(card: pytest.MonkeyPatch):
+    card.setattr(torch.version, "cuda", None)
+    with pytest.raises(DeviceError, match=r"'cuda': torch .* was built without CUDA: install one that was"):
+        device_named("cuda")
+
+
+def test_what_torch_says_of_the_driver_is_passed_on(card: pytest.MonkeyPatch):
+    def old():
+        raise RuntimeError("The NVIDIA driver on your system is too old (found version 11040).\nPlease update it.")
+
+    card.setattr(torch.cuda, "init", old)
+    with pytest.raises(DeviceError, match=r"'cuda:1': The NVIDIA driver .* too old \(found version 11040\)\.$"):
+        device_named("cuda:1")
+
+
+def test_a_gpu_that_is_not_there_is_named_with_how_many_are(card: pytest.MonkeyPatch):
+    with pytest.raises(DeviceError, match=r"'cuda:2': there is no GPU of number 2; there are 2, counted from 0"):
+        device_named("cuda:2")
+
+
+def test_a_card_that_is_too_old_is_named_with_what_is_needed(card: pytest.MonkeyPatch):
+    card.setattr(torch.cuda, "get_device_capability", lambda _: (6, 1))
+    with pytest.raises(DeviceError, match=r"Made-up has compute capability 6\.1; Thalweg needs 7\.5 or more"):
+        device_named("cuda")
+
+
+def test_a_missing_package_is_named_with_how_to_get_it(card: pytest.MonkeyPatch):
+    card.setattr(devices.importlib.util, "find_spec", lambda _: None)
+    with pytest.raises(DeviceError, match=r"numba-cuda is missing: pip install 'thalweg\[cuda\]'"):
+        device_named("cuda")
+
+
+def test_importing_thalweg_and_drawing_on_the_cpu_imports_nothing_of_cuda():
+    code = (
+        "import sys; import thalweg, thalweg.render, thalweg.core.device; thalweg.core.device.device_named('cpu');"
+        "print([name for name in ('torch', 'numba.cuda', 'numba_cuda') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_a_renderer_refuses_a_device_before_it_builds_anything():
+    with pytest.raises(DeviceError, match="device = 'gpu'"):
+        Renderer([plane()], device="gpu")
+
+
+def test_a_pass_has_as_many_cameras_as_fit_and_one_at_least():
+    assert painter.cameras_of_a_pass(6_000, 100) == 60
+    assert painter.cameras_of_a_pass(10**12, 100) == painter.MOST_CAMERAS
+    assert painter.cameras_of_a_pass(50, 100) == 1
+
+
+def test_too_many_worlds_are_told_how_many_fit():
+    scene = build_scene([plane()] * 8)
+    tables, each = painter.bytes_of(scene), 1_500_000
+    painter.check_memory(scene, each, tables + each)
+    with pytest.raises(
+        RenderError, match=r"tables of 8 worlds take .* and a camera 1\.5 MB .*: 7 worlds of this size fit"
+    ):
+        painter.check_memory(scene, each, tables + each - 1)
+    with pytest.raises(RenderError, match=r"0\.00 GB are free: 0 worlds of this size fit"):
+        painter.check_memory(scene, each, 100)
+
+
+def test_scratch_counts_pixels_plants_and_in_full_quality_the_softened_light():
+    scene = build_scene([plane()])
+    fast, full = (painter.bytes_each(scene, 10, 20, fast) for fast in (True, False))
+    assert full - fast == 10 * 20 * 12
+    assert painter.bytes_of(scene) > scene.top.nbytes + scene.atlas.nbytes
+    wide = painter.bytes_each(scene, 10, 40, True)
+    assert wide - fast == 10 * 20 * 25

@@ -1,0 +1,59 @@
+"""Compiled kernels: that loops vectorise, and where their cache lies."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from thalweg.core.jit import kernel
+
+
+def gather(table, at, out):
+    for i in range(len(out)):
+        out[i] = out[i] + table[np.uint32(np.int32(at[i] * np.float32(2)))]
+
+
+def ir_of(dispatcher) -> str:
+    floats = np.zeros(64, np.float32)
+    dispatcher(np.zeros(256, np.float32), floats, floats.copy())
+    (ir,) = dispatcher.inspect_llvm().values()
+    return ir
+
+
+@pytest.fixture(autouse=True)
+def compiled_anew(monkeypatch):
+    """Nothing comes from the cache: Numba can't show the code of what does, and both kernels would share a file."""
+    monkeypatch.setattr("thalweg.core.jit.kernel_folder", lambda: None)
+
+
+def test_a_disjoint_kernel_vectorises_a_gather_and_another_does_not():
+    plain, disjoint = ir_of(kernel(gather)), ir_of(kernel(gather, disjoint=True))
+    assert "noalias" in disjoint
+    assert "x float>" in disjoint
+    assert "x float>" not in plain
+
+
+def test_kernels_compute_what_the_function_computes():
+    rng = np.random.default_rng(0)
+    table, at = rng.random(256).astype(np.float32), rng.uniform(0, 127, 64).astype(np.float32)
+    out = rng.random(64).astype(np.float32)
+    expected = out + table[(at * 2).astype(int)]
+    kernel(gather, disjoint=True)(table, at, out)
+    np.testing.assert_allclose(out, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("place", ["mine", "file/below"])
+def test_the_cache_lies_in_the_chosen_folder_or_in_none(tmp_path, place):
+    (tmp_path / "file").write_text("a file, so that no folder can be made below it")
+    script = tmp_path / "job.py"
+    script.write_text(
+        "from thalweg.core.jit import kernel\n@kernel\ndef double(x):\n    return x + x\nprint(double(21.0))\n"
+    )
+    env = {**os.environ, "THALWEG_CACHE": str(tmp_path / place)}
+    done = subprocess.run([sys.executable, str(script)], env=env, capture_output=True, text=True, timeout=120)
+    assert done.stdout == "42.0\n", done.stderr
+    kept = list(tmp_path.glob("mine/**/*.nbi"))
+    assert bool(kept) == (place == "mine")
+    assert not list((tmp_path / "__pycache__").glob("*.nbi"))

@@ -1,0 +1,153 @@
+import math
+
+import gymnasium
+import numpy as np
+import pytest
+
+from tests.env.handmade import canal, ring
+from tests.env.rivers import river
+from thalweg.env import ConfigError, EnvConfig, RiverEnv, RiverVectorEnv, UnsafePoseError, sample_starts
+from thalweg.env.initial_poses import CLOCK_S, check_pose
+from thalweg.env.task.course_arrays import pack
+from thalweg.env.task.termination import on_island
+from thalweg.world.bridges import across
+
+BRIDGE = across(np.array([20.0, 0.0]), np.array([1.0, 0.0]), 6.0, 0.0, np.random.default_rng(1))[None]
+START_OF_SEED_3 = (18.5228022981009, 11.05646493813216, 12.118479745492754, 2.338381115528124)
+"""Of a ring of radius 20 m; known from the first version."""
+
+
+@pytest.mark.parametrize(
+    ("pose", "message"),
+    [
+        ((10.0, 0.0, 16.7, 0.0), r"height 16.2 m is above max_height_m = 15"),
+        ((10.0, 0.0, 0.9, 0.0), r"height 0.4 m is below min_height_m = 0.5"),
+        ((10.0, -4.25, 5.0, 0.0), r"4.25 m from the centre line, 1.25 m beyond the bank"),
+        ((40.0, 0.5, 5.0, 0.0), r"lies on island 0"),
+        ((20.0, 0.0, 1.0, 0.0), r"touches the collision hull of bridge 0"),
+        ((10.0, 0.0, math.nan, 0.0), r"four finite numbers"),
+    ],
+)
+def test_an_unsafe_pose_says_which_limit_it_breaks(pose, message):
+    env = RiverVectorEnv(
+        canal(bridges=BRIDGE, islands=[[40.0, 0.0, 2.0, 1.0, 0.0]], level_m=0.5), 2, EnvConfig(observation="none")
+    )
+    env.reset(seed=1)
+    before = env.get_state()
+    with pytest.raises(UnsafePoseError, match=message):
+        env.reset(seed=5, options={"pose": np.array(pose)})
+    assert all(np.array_equal(value, before[key]) for key, value in env.get_state().items())
+
+
+def test_one_environment_draws_nothing_for_an_unsafe_pose_either():
+    env = RiverEnv(canal(), EnvConfig(observation="none"))
+    env.reset(seed=1)
+    before = env.get_state()
+    with pytest.raises(UnsafePoseError, match="above max_height_m"):
+        env.reset(seed=5, options={"pose": np.array([10.0, 0.0, 16.7, 0.0])})
+    assert all(np.array_equal(value, before[key]) for key, value in env.get_state().items())
+    assert env.np_random is env.vector.generators[0]
+    assert env.np_random_seed == 1
+
+
+@pytest.mark.parametrize("seed", [-1, [3, -1], [3, 1.5], 1.5, "1"])
+def test_a_bad_seed_changes_nothing(seed):
+    env = RiverVectorEnv(canal(), 2, EnvConfig(observation="none"))
+    env.reset(seed=1)
+    before = env.get_state()
+    with pytest.raises((ConfigError, gymnasium.error.Error), match=r"seed"):
+        env.reset(seed=seed)
+    assert all(np.array_equal(value, before[key]) for key, value in env.get_state().items())
+    assert env.np_random_seed == 1
+
+
+def test_a_safe_pose_is_flown_from_where_no_random_start_is_found():
+    env = RiverVectorEnv(canal(width_m=0.8), 1, EnvConfig(observation="none"))
+    with pytest.raises(UnsafePoseError, match="no safe start found"):
+        env.reset(seed=0)
+    observations, _ = env.reset(seed=0, options={"pose": [10.0, 0.0, 5.0, 0.0]})
+    assert observations[0].tolist() == [10.0, 0.0, 5.0, 0.0]
+
+
+def test_a_pose_leaves_only_the_clock_to_chance():
+    env = RiverVectorEnv(canal(), 1, EnvConfig(observation="none"))
+    env.reset(seed=8, options={"pose": [10.0, 0.0, 5.0, 0.0]})
+    generator = np.random.default_rng(8)
+    assert env.state.time_s[0] == CLOCK_S * generator.random()
+    assert env.generators[0] is not None
+    assert env.generators[0].bit_generator.state == generator.bit_generator.state
+
+
+def test_random_starts_are_those_that_policies_were_trained_from():
+    observations, _ = RiverVectorEnv(ring(), 1, EnvConfig(observation="none")).reset(seed=3)
+    assert observations[0] == pytest.approx(START_OF_SEED_3, abs=1e-12)
+
+
+def test_a_heading_off_the_course_is_unsafe_where_the_limit_is_narrow():
+    env = RiverVectorEnv(canal(), 1, EnvConfig(observation="none", max_yaw_deviation_deg=60.0, start_heading_deg=60.0))
+    with pytest.raises(UnsafePoseError, match=r"heading 70 degrees off the course is above max_yaw_deviation_deg = 60"):
+        env.reset(options={"pose": [10.0, 0.0, 5.0, math.radians(110.0)]})
+
+
+@pytest.mark.parametrize("pose", [[1.0, 2.0, 3.0], np.zeros((3, 4))])
+def test_a_pose_of_the_wrong_shape_is_refused(pose):
+    with pytest.raises(ConfigError, match=r"needed: \(4,\) or \(2, 4\)"):
+        RiverVectorEnv(canal(), 2, EnvConfig(observation="none")).reset(options={"pose": pose})
+
+
+def test_each_environment_begins_at_its_own_pose():
+    poses = np.array([[10.0, 0.0, 5.0, 0.0], [12.0, 1.0, 6.0, 3.0]])
+    env = RiverVectorEnv(canal(), 2, EnvConfig(observation="none"))
+    observations, info = env.reset(options={"pose": poses})
+    assert np.array_equal(observations, poses)
+    assert np.array_equal(info["pose"], poses)
+    assert env.state.travel.tolist() == [1, -1]
+
+
+def test_random_starts_are_safe_with_clearance_and_spread_over_everything():
+    world = river("Hard", 1)
+    config = EnvConfig()
+    courses = pack([world], config)
+    starts = sample_starts(world, 1000, seed=0)
+    for pose in starts:
+        check_pose(courses, 0, config, pose)
+        for angle in np.arange(0.0, 2 * math.pi, math.pi / 4):
+            assert on_island(courses, 0, pose[0] + 0.5 * math.cos(angle), pose[1] + 0.5 * math.sin(angle)) < 0
+    nearest = np.linalg.norm(starts[:, None, :2] - world.river.position_m[None], axis=2).argmin(axis=1)
+    heights = starts[:, 2] - world.river.level_m[nearest]
+    tangent = world.river.tangent[nearest]
+    off = np.degrees(
+        np.arccos(
+            np.clip(
+                np.abs(np.sum(tangent * np.column_stack([np.cos(starts[:, 3]), np.sin(starts[:, 3])]), axis=1)), 0, 1
+            )
+        )
+    )
+    along = np.sum(tangent * np.column_stack([np.cos(starts[:, 3]), np.sin(starts[:, 3])]), axis=1) > 0
+    assert len(np.unique(nearest // 8)) == 41
+    assert heights.min() < 1.0
+    assert heights.max() > 14.5
+    assert 75.0 < off.max() < 90.0
+    assert 400 < along.sum() < 600
+
+
+def test_a_start_depends_on_the_seed_and_its_number_alone():
+    world = ring()
+    assert np.array_equal(sample_starts(world, 3, seed=7), sample_starts(world, 10, seed=7)[:3])
+    assert not np.array_equal(sample_starts(world, 3, seed=7), sample_starts(world, 3, seed=8))
+    assert sample_starts(world, 0, seed=7).shape == (0, 4)
+
+
+def test_a_course_without_a_safe_start_is_an_error():
+    with pytest.raises(UnsafePoseError, match="no safe start"):
+        sample_starts(ring(width_m=0.9), 1, seed=0)
+
+
+def test_an_open_course_never_starts_at_its_goal():
+    for x, _, _, yaw in sample_starts(canal(4.0), 200, seed=0):
+        assert (x < 3.0) if math.cos(yaw) > 0 else (x > 1.0)
+
+
+def test_an_unknown_reset_option_lists_the_known_ones():
+    with pytest.raises(ConfigError, match="'poes'; known: pose, reset_mask"):
+        RiverVectorEnv(canal(), 1, EnvConfig(observation="none")).reset(options={"poes": [0, 0, 0, 0]})

@@ -1,0 +1,223 @@
+"""Environments of tensors on the CPU: the rules and frames of the Gymnasium ones, begins that depend on nothing else,
+and what is refused. The same on a GPU: tests/cuda."""
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.vector import AutoresetMode
+
+import thalweg
+from tests.render.plain import plane
+from thalweg.env import RiverVectorEnv
+from thalweg.env.actions import ActionError
+from thalweg.env.config import ConfigError, EnvConfig
+from thalweg.env.device.episode import mixed, uniform
+from thalweg.env.device.memory import bytes_each, check_room
+from thalweg.env.initial_poses import CLOCK_S, check_pose
+from thalweg.env.snapshot import StateError
+from thalweg.env.task.course_arrays import pack
+from thalweg.env.torch_env import TURNS, TensorRiverEnv
+from thalweg.render.records.randomisation import Randomisation
+
+N = 6
+
+
+def worlds() -> list:
+    """Two rivers that need not be built: 40 m and open."""
+    return [plane(water_level=1.0), plane(slope_y=0.01, water_level=2.0)]
+
+
+def made(**options) -> TensorRiverEnv:
+    return TensorRiverEnv(worlds(), N, EnvConfig(**{"observation": "none", **options}), device="cpu")
+
+
+def actions(seed: int, steps: int) -> torch.Tensor:
+    return torch.randint(0, 3, (steps, N, 4), generator=torch.Generator().manual_seed(seed))
+
+
+def test_splitmix_gives_the_numbers_of_its_authors():
+    # The first outputs of the reference generator seeded with 0 and with 1234567 (Vigna, splitmix64.c).
+    assert int(mixed(np.uint64(0))) == 0xE220A8397B1DCDAF
+    assert int(mixed(np.uint64(1234567))) == 6457827717110365317
+
+
+def test_uniform_numbers_fill_0_to_1_and_differ_by_seed_episode_and_number():
+    drawn = np.array([[[uniform(s, e, k) for k in range(20)] for e in range(10)] for s in range(10)])
+    assert 0 <= drawn.min() < 0.01 and 0.99 < drawn.max() < 1
+    assert abs(drawn.mean() - 0.5) < 0.03 and abs(drawn.var() - 1 / 12) < 0.01
+    assert len(np.unique(drawn)) == drawn.size
+    for axis in range(3):
+        beside = np.corrcoef(drawn.take(range(9), axis).ravel(), drawn.take(range(1, 10), axis).ravel())[0, 1]
+        assert abs(beside) < 0.1
+
+
+def test_steps_are_those_of_the_gymnasium_environment_in_its_mode_next_step():
+    tensors, vector = made(), RiverVectorEnv(
+        worlds(), N, EnvConfig(observation="none"), autoreset_mode=AutoresetMode.NEXT_STEP
+    )  # fmt: skip
+    poses, _ = tensors.reset(seed=3)
+    vector.reset(seed=0, options={"pose": poses.numpy()})
+    ends = 0
+    for chosen in actions(0, 400):
+        before = tensors.get_state()["ended"].astype(bool)
+        obs, reward, terminated, truncated, info = tensors.step(chosen)
+        their_obs, their_reward, their_terminated, their_truncated, their_info = vector.step(chosen.numpy())
+        if before.any():  # both have begun anew, each where it likes
+            mask = {"reset_mask": before, "pose": obs.numpy()}
+            their_obs, _ = vector.reset(options=mask)
+        np.testing.assert_array_equal(obs.numpy(), their_obs)
+        np.testing.assert_array_equal(reward.numpy(), their_reward)
+        np.testing.assert_array_equal(terminated.numpy(), their_terminated)
+        np.testing.assert_array_equal(truncated.numpy(), their_truncated)
+        for name in ("cost", "costs", "done_reason"):
+            np.testing.assert_array_equal(info[name].numpy(), their_info[name])
+        np.testing.assert_array_equal(info["pose"].numpy(), vector.state.pose)
+        ends += int(terminated.sum() + truncated.sum())
+    assert ends > 20
+
+
+def test_begins_are_safe_and_depend_on_seed_and_episode_alone():
+    env, fewer = made(), TensorRiverEnv(worlds(), 2, EnvConfig(observation="none"), device="cpu")
+    poses, info = env.reset(seed=5)
+    for row, pose in enumerate(poses.numpy()):
+        check_pose(env._courses, row % 2, env.config, pose)
+    assert (info["done_reason"] == -1).all() and (info["progress"] == 0).all()
+    clocks = env.get_state()["time_s"]
+    assert (clocks >= 0).all() and clocks.max() < CLOCK_S and len(np.unique(clocks)) == N
+    np.testing.assert_array_equal(poses[:2], fewer.reset(seed=5)[0])
+    np.testing.assert_array_equal(env.reset(seed=5)[0], poses)
+    assert not np.array_equal(env.reset(seed=6)[0][0], poses[0])
+    np.testing.assert_array_equal(env.reset(seed=7)[0][:2] == poses[:2], False)
+
+
+def test_an_episode_that_has_ended_begins_anew_elsewhere_and_is_paid_nothing():
+    env = made()
+    first, _ = env.reset(seed=0)
+    down = torch.tensor([[2, 1, 1, 1]]).repeat(N, 1)
+    while True:
+        obs, _, terminated, _, info = env.step(down)
+        if terminated.any():
+            break
+    row = int(terminated.nonzero()[0])
+    assert info["cost"][row] == 1.0 and info["costs"][row].tolist() == [1.0, 0.0]
+    begun, reward, ended, cut, info = env.step(down)
+    assert not (ended[row] or cut[row]) and reward[row] == 0 and info["cost"][row] == 0
+    assert not np.array_equal(begun[row], first[row]) and not np.array_equal(begun[row], obs[row])
+    check_pose(env._courses, row % 2, env.config, begun[row].numpy())
+
+
+@pytest.mark.parametrize("kind", ["rgb+mask", "rgb", "mask", "dict"])
+def test_frames_are_those_of_the_gymnasium_environment(kind: str):
+    config = EnvConfig(observation=kind)
+    tensors = TensorRiverEnv(worlds(), 2, config, device="cpu")
+    frames, info = tensors.reset(seed=1)
+    state = tensors.get_state()
+    vector = RiverVectorEnv(worlds(), 2, config)
+    vector.reset(seed=0, options={"pose": info["pose"].numpy()})
+    vector.state.time_s[:] = state["time_s"]
+    theirs = vector.observe()
+    for ours, wanted in zip(*(v.values() if kind == "dict" else [v] for v in (frames, theirs)), strict=True):
+        np.testing.assert_array_equal(ours.numpy(), wanted)
+        assert wanted.std() > 5 or kind in ("mask", "dict")
+
+
+def test_what_is_returned_is_valid_until_the_second_step_after():
+    env = TensorRiverEnv(worlds(), 2, EnvConfig(), device="cpu")
+    first, _ = env.reset(seed=0)
+    kept, still = first.clone(), torch.ones(2, 4, dtype=torch.int64)
+    climbed = env.step(still * 0)[0]
+    assert torch.equal(first, kept) and not torch.equal(first, climbed)
+    assert env.step(still)[0].data_ptr() == first.data_ptr()
+
+
+def test_looks_are_drawn_for_each_episode_or_environment_and_shown():
+    shown = {}
+    for per in ("episode", "environment"):
+        looks = Randomisation(exposure_ev=(-2.0, 2.0), suns=0, per=per)
+        env = made(randomisation=looks)
+        env.reset(seed=0)
+        first = env.get_state()["look"]
+        assert len(np.unique(first)) == N
+        env._held["ended"].fill_(1)
+        env.step(torch.ones(N, 4, dtype=torch.int64))
+        shown[per] = (env.get_state()["look"] == first).all()
+    assert shown == {"episode": False, "environment": True}
+    looks = Randomisation(exposure_ev=(-2.0, 2.0), suns=2)
+    env = TensorRiverEnv(worlds(), 2, EnvConfig(randomisation=looks), device="cpu")
+    dark, _ = env.reset(seed=0)
+    assert abs(float(dark[0].float().mean()) - float(dark[1].float().mean())) > 1
+
+
+def test_a_state_goes_on_to_the_bit_in_another_environment():
+    env, other = made(), made()
+    env.reset(seed=0)
+    some = actions(1, 60)
+    for chosen in some[:30]:
+        env.step(chosen)
+    other.set_state(env.get_state())
+    np.testing.assert_array_equal(other.observe(), env.observe())
+    for chosen in some[30:]:
+        ours, theirs = env.step(chosen), other.step(chosen)
+        assert torch.equal(ours[0], theirs[0]) and torch.equal(ours[1], theirs[1])
+
+
+def test_a_state_that_does_not_fit_is_refused_by_name():
+    env = made()
+    env.reset()
+    state = env.get_state()
+    with pytest.raises(StateError, match=r"belongs to other worlds or another config \(config differs\)"):
+        made(max_steps=7).set_state(state)
+    with pytest.raises(StateError, match="pose is float32"):
+        env.set_state({**state, "pose": state["pose"].astype(np.float32)})
+    with pytest.raises(StateError, match="needed: "):
+        env.set_state({name: state[name] for name in ("pose",)})
+
+
+def test_actions_are_checked_before_anything_changes():
+    env = made()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(torch.ones(N, 4, dtype=torch.int64))
+    env.reset()
+    before = env.get_state()
+    for wrong, words in (
+        (np.ones((N, 4), int), "not ndarray"),
+        (torch.ones(N, 3, dtype=torch.int64), "have shape"),
+        (torch.ones(N, 4), "integers 0, 1 or 2"),
+        (torch.full((N, 4), 3), "out of range"),
+    ):
+        with pytest.raises(ActionError, match=words):
+            env.step(wrong)  # pyright: ignore[reportArgumentType]
+    assert all(np.array_equal(env.get_state()[name], value) for name, value in before.items())
+
+
+def test_make_torch_takes_the_options_of_the_gymnasium_ids():
+    env = thalweg.make_torch("Easy", 2, device="cpu", observation="none", action="continuous")
+    obs, _ = env.reset(seed=0)
+    assert obs.shape == (2, 4) and obs.dtype == torch.float64
+    assert env.single_action_space == gymnasium.spaces.Box(-1.0, 1.0, (4,), np.float32)
+    obs, *_ = env.step(torch.tensor([[0.0, 0.0, 0.5, 0.0]]).repeat(2, 1))
+    assert torch.isfinite(obs).all()
+    with pytest.raises(ConfigError, match="unknown option 'colour'"):
+        thalweg.make_torch("Easy", 2, device="cpu", colour=1)
+    with pytest.raises(ValueError, match="choose auto, cpu, cuda"):
+        thalweg.make_torch("Easy", 2, device="tpu")
+
+
+def test_more_environments_than_the_device_has_memory_for_are_refused_before_any_is_made(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    config = EnvConfig()
+    each = bytes_each(pack(worlds(), config), config, TURNS)
+    assert each > TURNS * 4 * 128 * 128  # its frames alone
+    monkeypatch.setattr("thalweg.env.torch_env.free_bytes", lambda device: 10 * each)
+    TensorRiverEnv(worlds(), 10, config, device="cpu")
+    with pytest.raises(ConfigError, match=r"num_envs = 1,000,000,000,000 takes .* are free: at most 10 fit"):
+        TensorRiverEnv(worlds(), 10**12, config, device="cpu")
+
+
+def test_what_all_share_is_counted_once():
+    check_room(5, 100, 50, 550)
+    with pytest.raises(ConfigError, match=r"num_envs = 5 takes .*: at most 4 fit"):
+        check_room(5, 100, 51, 550)
+    check_room(5, 100, 0, None)  # a system that does not tell

@@ -1,0 +1,59 @@
+"""Frames for the encoder: real views of the level's rivers, the same for the same seed, whatever the count."""
+
+import numpy as np
+import pytest
+
+from thalweg.encoder import EncoderInputError
+from thalweg.render import Camera, Renderer
+from thalweg.train.encoder.frames import collect_frames, draw_frames, river_worlds, views
+from thalweg.world import WorldError
+
+SMALL = Camera(height_px=64, width_px=64)
+
+
+@pytest.fixture(scope="module")
+def frames() -> np.ndarray:
+    return collect_frames(20, "Easy", seed=1, camera=SMALL, progress=False)
+
+
+def test_they_are_frames_of_water_and_land(frames):
+    assert frames.shape == (20, 64, 64, 4) and frames.dtype == np.uint8
+    assert set(np.unique(frames[..., 3])) == {0, 255}
+    assert 0.02 < (frames[..., 3] > 0).mean() < 0.98
+    assert frames[..., :3].std() > 10
+    assert len(np.unique(frames.reshape(20, -1), axis=0)) == 20
+
+
+def test_a_longer_collection_begins_with_the_shorter(frames):
+    assert np.array_equal(collect_frames(7, "Easy", seed=1, camera=SMALL, progress=False), frames[:7])
+
+
+def test_another_seed_gives_other_views(frames):
+    other = collect_frames(3, "Easy", seed=2, camera=SMALL, progress=False)
+    assert all(not np.array_equal(other[index], frames[index]) for index in range(3))
+
+
+def test_a_frame_is_what_the_renderer_draws_there(frames):
+    worlds = river_worlds("easy", 1)
+    poses, index, clock = views(worlds, 20, 1)
+    assert np.array_equal(Renderer(worlds, SMALL).render(poses[5:6], index[5:6], clock[5:6])[0], frames[5])
+
+
+@pytest.mark.slow
+def test_rivers_take_turns():
+    worlds = river_worlds("Easy", 2)
+    assert worlds[0].seed != worlds[1].seed
+    poses, index, clock = views(worlds, 6, 1)
+    assert index.tolist() == [0, 1, 0, 1, 0, 1]
+    renderer = Renderer(worlds[1:], SMALL)
+    alone = draw_frames(renderer, poses[1::2], np.zeros(3, int), clock[1::2], progress=False)
+    assert np.array_equal(collect_frames(6, "Easy", seed=1, rivers=2, camera=SMALL, progress=False)[1::2], alone)
+
+
+def test_bad_requests_are_named():
+    with pytest.raises(WorldError, match="unknown level 'Sea'; known: Easy, Medium, Hard"):
+        collect_frames(3, "Sea", progress=False)
+    with pytest.raises(EncoderInputError, match="2 images of 3 rivers"):
+        collect_frames(2, rivers=3, progress=False)
+    with pytest.raises(EncoderInputError, match="0 images of 1 rivers"):
+        collect_frames(0, progress=False)

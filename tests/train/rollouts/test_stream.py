@@ -1,0 +1,289 @@
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from tests.train.toys import Count, Walk
+from thalweg.algos import NotFiniteError
+from thalweg.algos.interface import Rollout
+from thalweg.train.errors import TrainingError
+from thalweg.train.rollouts.episodes import Episode, EpisodeBook
+from thalweg.train.rollouts.rollout import RolloutBuffer
+from thalweg.train.rollouts.stream import PATIENCE, Stream
+
+MODES = list(AutoresetMode)
+
+
+def counting(mode: AutoresetMode, **settings) -> SyncVectorEnv:
+    """Two counters, of three and of five steps."""
+    makers = [lambda: Count(3, **settings), lambda: Count(5, **settings)]
+    return SyncVectorEnv(makers, autoreset_mode=mode)
+
+
+def trajectory(env: SyncVectorEnv, steps: int, frames: int = 1) -> list[tuple]:
+    """(env, observation before, reward, cost, terminated, truncated, final observation) of each valid step."""
+    stream, seen = Stream(env, frames), []
+    obs = stream.reset(0)
+    for _ in range(steps):
+        step = stream.step(np.zeros(2, np.int64))
+        final = {int(env): tuple(obs) for env, obs in zip(step.finished, step.final_obs, strict=True)}
+        for i in np.flatnonzero(step.valid):
+            flags = (bool(step.terminated[i]), bool(step.truncated[i]))
+            seen.append((int(i), tuple(obs[i]), step.reward[i], step.cost[i], *flags, final.get(int(i))))
+        obs = step.next_obs
+    return sorted(seen, key=lambda row: (row[0], row[1][-2:]))
+
+
+@pytest.mark.parametrize("names_cost", ["always", "last"])
+@pytest.mark.parametrize("cut", [True, False])
+@pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
+def test_every_way_of_resetting_tells_the_same_story(mode: AutoresetMode, cut: bool, names_cost: str):
+    expected = [
+        (env, (episode, at), 1.0, float(at == length - 1), *ends, (episode, length) if at == length - 1 else None)
+        for env, length in ((0, 3), (1, 5))
+        for episode in range(3)
+        for at in range(length)
+        for ends in [(at == length - 1 and not cut, at == length - 1 and cut)]
+    ]
+    found = trajectory(counting(mode, cut=cut, names_cost=names_cost), steps=30)
+    for env, length in ((0, 3), (1, 5)):
+        ours = [row for row in found if row[0] == env][: 3 * length]
+        assert ours == [row for row in expected if row[0] == env]
+
+
+def stacked(episode: int, at: int) -> tuple[float, ...]:
+    """Three frames side by side; the first of the episode stands for those that are missing."""
+    return tuple(number for step in (at - 2, at - 1, at) for number in (episode, max(step, 0)))
+
+
+@pytest.mark.parametrize("cut", [True, False])
+@pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
+def test_frames_side_by_side_never_mix_episodes_whichever_way_of_resetting(mode: AutoresetMode, cut: bool):
+    found = trajectory(counting(mode, cut=cut), steps=30, frames=3)
+    for env, length in ((0, 3), (1, 5)):
+        ours = [(obs, final) for row, obs, *_, final in found if row == env][: 3 * length]
+        assert ours == [
+            (stacked(episode, at), stacked(episode, length) if at == length - 1 else None)
+            for episode in range(3)
+            for at in range(length)
+        ]
+
+
+@pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
+def test_an_observation_is_fresh_where_an_episode_begins_and_only_there(mode: AutoresetMode):
+    stream = Stream(counting(mode), 2)
+    stream.reset(0)
+    begun = 0
+    for _ in range(30):
+        step = stream.step(np.zeros(2, np.int64))
+        first = [obs[-1] == 0 for obs in step.next_obs]
+        assert step.fresh.tolist() == first
+        begun += sum(first)
+    assert begun > 10
+
+
+@pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
+def test_a_stream_goes_on_from_its_state_with_the_frames_before(mode: AutoresetMode):
+    stream, again = (Stream(counting(mode), 3) for _ in range(2))
+    for one in (stream, again):
+        one.reset(0)
+        for _ in range(7):
+            one.step(np.zeros(2, np.int64))
+    other = Stream(again.env, 3)
+    other.load_state(stream.state())
+    for _ in range(6):
+        here, there = (one.step(np.zeros(2, np.int64)) for one in (stream, other))
+        assert np.array_equal(here.next_obs, there.next_obs) and np.array_equal(here.final_obs, there.final_obs)
+
+
+@pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
+def test_reset_steps_are_not_counted(mode: AutoresetMode):
+    env = counting(mode)
+    stream, book = Stream(env), EpisodeBook(2, ["", ""])
+    stream.reset(0)
+    while book.steps < 60:
+        book.add(stream.step(np.zeros(2, np.int64)))
+    lengths = {(e.env, e.length, e.return_, e.cost) for e in book.recent}
+    assert lengths == {(0, 3, 3.0, 1.0), (1, 5, 5.0, 1.0)}
+
+
+@pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
+def test_a_rollout_keeps_the_final_observation_of_what_was_cut_off(mode: AutoresetMode):
+    rollout, lengths = collected(counting(mode)), (3.0, 5.0)
+    places = [divmod(int(i), 2) for i in rollout.final_index]
+    assert places and sorted(map(tuple, rollout.truncated.nonzero().tolist())) == sorted(places)
+    for (t, env), final in zip(places, rollout.final_obs.tolist(), strict=True):
+        assert final == [rollout.obs[t, env, 0].item(), lengths[env]]
+
+
+@pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
+def test_a_rollout_keeps_the_final_observation_of_what_ended_by_itself_too(mode: AutoresetMode):
+    rollout = collected(counting(mode, cut=False))
+    places = [divmod(int(i), 2) for i in rollout.final_index]
+    assert places and sorted(map(tuple, rollout.terminated.nonzero().tolist())) == sorted(places)
+    assert [final[1] for final in rollout.final_obs.tolist()] == [(3.0, 5.0)[env] for _, env in places]
+
+
+@pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
+def test_a_rollout_says_which_observations_begin_an_episode_and_what_each_step_cost(mode: AutoresetMode):
+    rollout = collected(counting(mode))
+    assert torch.equal(rollout.fresh, rollout.obs[..., 1] == 0)
+    assert rollout.costs.shape == (8, 2, 1)
+    assert torch.equal(rollout.costs[..., 0] > 0, rollout.truncated)
+
+
+def collected(env: SyncVectorEnv) -> Rollout:
+    """Eight steps of both environments."""
+    stream, actions = Stream(env), torch.zeros(2, 1, dtype=torch.int64)
+    obs, fresh = stream.reset(0), np.ones(2, dtype=bool)
+    buffer = RolloutBuffer(8, obs, actions, np.zeros((2, 1)))
+    while buffer.filled < buffer.steps:
+        step = stream.step(actions.squeeze(1).numpy())
+        buffer.add(obs, fresh, actions, step, step.cost[:, None])
+        obs, fresh = step.next_obs, step.fresh
+    return buffer.rollout()
+
+
+@pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
+def test_no_cost_anywhere_is_an_error_when_the_first_episode_ends(mode: AutoresetMode):
+    stream = Stream(counting(mode, names_cost="never"))
+    stream.reset(0)
+    with pytest.raises(TrainingError, match="names no cost: info\\['cost'\\]"):
+        for _ in range(3):
+            stream.step(np.zeros(2, np.int64))
+
+
+def test_no_cost_in_an_endless_episode_is_an_error_some_day():
+    env = SyncVectorEnv([lambda: Count(10**9, names_cost="never")], autoreset_mode=AutoresetMode.SAME_STEP)
+    stream = Stream(env)
+    stream.reset(0)
+    with pytest.raises(TrainingError, match="names no cost"):
+        for _ in range(PATIENCE + 1):
+            stream.step(np.zeros(1, np.int64))
+
+
+def test_an_environment_that_named_its_cost_once_may_be_silent_ever_after():
+    lengths = iter([1, 10**9])
+
+    class Rare(Count):
+        def reset(self, **given):
+            self.length = next(lengths)
+            return super().reset(**given)
+
+    env = SyncVectorEnv([lambda: Rare(names_cost="last")], autoreset_mode=AutoresetMode.SAME_STEP)
+    stream = Stream(env)
+    stream.reset(0)
+    costs = [float(stream.step(np.zeros(1, np.int64)).cost[0]) for _ in range(PATIENCE + 2)]
+    assert costs == [1.0] + [0.0] * (PATIENCE + 1)
+
+
+def test_what_a_reset_step_says_does_not_matter():
+    class Odd(Walk):
+        """Its costs are nonsense in the step that only resets."""
+
+        def __init__(self):
+            super().__init__()
+            self.metadata, self.ended = {"autoreset_mode": AutoresetMode.NEXT_STEP}, np.zeros(4, dtype=bool)
+
+        def step(self, actions):
+            obs, reward, terminated, truncated, info = super().step(actions)
+            for name in ("cost", "costs"):
+                info[name][self.ended] = np.nan
+            self.ended = (terminated | truncated) & ~self.ended
+            return obs, reward, terminated, truncated, info
+
+    stream = Stream(Odd())
+    stream.reset(0)
+    steps = [stream.step(np.tile([2, 0], (4, 1))) for _ in range(60)]
+    assert sum(int((~step.valid).sum()) for step in steps) > 10
+    assert all(step.costs is not None and not step.costs[~step.valid].any() for step in steps)
+
+
+def test_a_reason_has_the_environments_own_name_or_none():
+    class Coded(Walk):
+        def step(self, actions):
+            *rest, info = super().step(actions)
+            return *rest, info | {"done_reason": [3, None, "lost", 3]}
+
+    stream, book = Stream(Coded()), EpisodeBook(4, [""] * 4, {3: "Found"})
+    stream.reset(0)
+    episodes = [episode for _ in range(60) for episode in book.add(stream.step(np.tile([2, 0], (4, 1))))]
+    assert {(e.env, e.reason) for e in episodes} == {(0, "Found"), (1, "None"), (2, "lost"), (3, "Found")}
+
+
+def test_an_unknown_way_of_resetting_is_refused():
+    env = Walk()
+    env.metadata = {}
+    with pytest.raises(TrainingError, match="NEXT_STEP, SAME_STEP, DISABLED, got None"):
+        Stream(env)
+
+
+def test_images_are_sent_through_an_encoder():
+    env = Walk()
+    env.single_observation_space = gym.spaces.Box(0, 255, (8, 8, 3), np.uint8)
+    with pytest.raises(TrainingError, match="LatentVectorEnv"):
+        Stream(env)
+
+
+@pytest.mark.parametrize("what", ["observation", "reward", "cost", "costs"])
+def test_nan_is_an_error_that_says_where(what: str):
+    stream = Stream(Walk(poison=(what, 3)))
+    stream.reset(0)
+    with pytest.raises(NotFiniteError, match=f"{what} is not finite in rows \\[0\\] of vector step 3"):
+        for _ in range(3):
+            stream.step(np.ones((4, 2), np.int64))
+
+
+def test_a_cost_of_the_wrong_shape_is_refused():
+    class Column(Walk):
+        def step(self, actions):
+            *rest, info = super().step(actions)
+            return *rest, info | {"cost": np.zeros((4, 1))}
+
+    stream = Stream(Column())
+    stream.reset(0)
+    with pytest.raises(TrainingError, match=r"info\['cost'\] must have shape \(4,\), got \(4, 1\)"):
+        stream.step(np.ones((4, 2), np.int64))
+
+
+def walked(steps: int) -> tuple[EpisodeBook, list[Episode]]:
+    """The book of eight walkers who go right, and all episodes."""
+    stream, book = Stream(Walk(8)), EpisodeBook(8, [""] * 8)
+    stream.reset(0)
+    return book, [episode for _ in range(steps) for episode in book.add(stream.step(np.tile([2, 0], (8, 1))))]
+
+
+def test_rates_count_violated_episodes_per_step():
+    assert math.isnan(EpisodeBook(8, [""] * 8).metrics()["cost_rate_tight"])
+    book, episodes = walked(300)
+    metrics = book.metrics()
+    assert metrics["cost_rate"] == sum(e.cost > 0 for e in episodes) / 2400 > 0
+    assert metrics["cost_rate_tight"] == sum(e.tight > 0 for e in episodes) / 2400
+    assert metrics["return_mean_50"] == pytest.approx(np.mean([e.return_ for e in episodes[-50:]]))
+    assert metrics["cost_mean_50"] == pytest.approx(np.mean([e.cost for e in episodes[-50:]]))
+
+
+def test_costs_are_those_of_the_fresh_and_of_the_last_hundred_episodes():
+    book, episodes = walked(300)
+    book.fresh = episodes[-3:]
+    fresh, recent, largest = book.costs(separate=False)
+    assert len(episodes) > 100
+    assert fresh.tolist() == [[e.cost] for e in episodes[-3:]] and recent.tolist() == [
+        [e.cost] for e in episodes[-100:]
+    ]
+    assert largest == (1.0,)
+
+
+def test_costs_apart_are_tight_and_loose():
+    book, episodes = walked(300)
+    _, recent, largest = book.costs(separate=True)
+    assert recent.tolist() == [[e.tight, e.loose] for e in episodes[-100:]]
+    assert largest == (max(e.tight for e in episodes), max(e.loose for e in episodes))
+
+
+def test_before_any_episode_there_are_no_costs():
+    fresh, recent, largest = EpisodeBook(8, [""] * 8).costs(separate=True)
+    assert fresh.shape == recent.shape == (0, 2) and largest == (0.0, 0.0)

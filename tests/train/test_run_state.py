@@ -1,0 +1,191 @@
+"""What a run tells a learner between its updates, with a learner that only writes down what it is told."""
+
+import csv
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from tests.train.toys import Count, Walk
+from thalweg.algos import ALGORITHMS, Entry
+from thalweg.algos.common.state import CPU
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.onpolicy.config import OnPolicyConfig
+from thalweg.algos.policy.actions import actions_of
+from thalweg.algos.policy.policy import Policy
+from thalweg.train import TrainingError, run
+from thalweg.train.rollouts.collector import HostCollector
+from thalweg.train.rollouts.episodes import Episode
+from thalweg.train.rollouts.stream import Stream
+from thalweg.train.run_state import Training
+
+STEPS, EVERY = 200, 5
+"""Of the run, and steps of each environment between updates."""
+
+
+class Scribe:
+    """Walks to the right; reports metrics after every `period`th update only."""
+
+    def __init__(self, task: Task, *, period: int = 1, resets: bool = False, separate: bool = False) -> None:
+        self.policy = Policy(task.obs_size, actions_of(task.action_space))
+        self.rollout_steps, self.resets, self.separate_costs = EVERY, resets, separate
+        self.period, self.updates = period, 0
+        self.told: list[Feedback] = []
+        self.seen: list[dict[str, torch.Tensor]] = []
+
+    def act(self, obs: torch.Tensor, fresh: torch.Tensor) -> torch.Tensor:
+        return torch.tensor([[2, 0]]).expand(len(obs), -1)[:, : self.policy.actions.count]
+
+    def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
+        self.updates += 1
+        self.told.append(feedback)
+        self.seen.append({name: value.clone() for name, value in vars(rollout).items()})
+        return {"told": len(feedback.fresh_costs)} if self.updates % self.period == 0 else {}
+
+    def warnings(self, feedback: Feedback) -> dict[str, str]:
+        return {}
+
+    def state(self) -> dict[str, Any]:
+        return {"updates": self.updates}
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        self.updates = int(state["updates"])
+
+
+def trained(env: Any = None, steps: int = STEPS, **settings: Any) -> tuple[Scribe, list[list[Episode]], Training]:
+    """A learner after its run, and the episodes that ended before each of its updates."""
+    env = env or Walk()
+    collector = HostCollector(env, Stream(env), CPU, threads=1)
+    learner = Scribe(Task(collector.obs_size, env.single_action_space, env.num_envs, 0, {}), **settings)
+    training = Training(collector, learner, steps, seed=0, threads=1)
+    training.begin()
+    ended: list[list[Episode]] = [[]]
+    while not training.done:
+        ended[-1] += training.step()
+        if training.ready:
+            training.update()
+            ended.append([])
+    return learner, ended[:-1], training
+
+
+def test_fresh_costs_are_those_of_the_episodes_since_the_last_update():
+    learner, ended, _ = trained()
+    assert len(learner.told) == STEPS // (4 * EVERY) and sum(map(len, ended)) > 10
+    assert [told.fresh_costs[:, 0].tolist() for told in learner.told] == [[e.cost for e in each] for each in ended]
+
+
+def test_where_nothing_is_reported_the_feedback_goes_on_collecting():
+    learner, ended, training = trained(period=3)
+    collected = [
+        [e.cost for each in ended[update - update % 3 : update + 1] for e in each] for update in range(len(ended))
+    ]
+    assert [told.fresh_costs[:, 0].tolist() for told in learner.told] == collected
+    assert training.updates == len(ended) // 3
+
+
+def test_recent_costs_and_the_count_go_on_over_updates():
+    learner, ended, _ = trained()
+    costs = [e.cost for each in ended for e in each]
+    last = learner.told[-1]
+    assert last.recent_costs[:, 0].tolist() == costs[-100:] and last.episodes == len(costs)
+    assert last.largest_costs == (max(costs),)
+    lengths = [e.length for each in ended for e in each]
+    assert last.mean_length == pytest.approx(np.mean(lengths[-100:])) and len(set(lengths)) > 3
+    assert math.isnan(learner.told[0].mean_length) == (not ended[0])
+
+
+def test_progress_is_that_before_the_rollout_and_steps_left_those_after_it():
+    learner, _, _ = trained()
+    assert [told.progress for told in learner.told] == [update / 10 for update in range(10)]
+    assert [told.steps_left for told in learner.told] == [STEPS - 20 * (update + 1) for update in range(10)]
+
+
+def test_costs_apart_are_tight_and_loose_in_the_rollout_too():
+    learner, ended, _ = trained(separate=True)
+    assert [told.fresh_costs.tolist() for told in learner.told] == [
+        [[e.tight, e.loose] for e in each] for each in ended
+    ]
+    costs = torch.cat([seen["costs"] for seen in learner.seen])
+    assert costs.shape == (STEPS // 4, 4, 2)
+    total = [sum(each) for each in zip(*((e.tight, e.loose) for each in ended for e in each), strict=True)]
+    assert costs.sum((0, 1)).tolist() == total and total[0] > 0
+
+
+def test_an_environment_that_tells_no_costs_apart_is_refused_at_its_first_step():
+    env = SyncVectorEnv([lambda: Count(3)], autoreset_mode=AutoresetMode.SAME_STEP)
+    with pytest.raises(TrainingError, match=r"does not tell them apart: info\['costs'\] \[N, 2\] is needed"):
+        trained(env, steps=20, separate=True)
+
+
+def test_a_learner_that_asks_for_it_begins_every_rollout_with_new_episodes():
+    learner, _, _ = trained(resets=True)
+    for seen in learner.seen:
+        assert seen["fresh"][0].all() and not seen["obs"][0, :, 2].any()  # the walkers' clocks
+    plain, _, _ = trained()
+    assert plain.seen[0]["fresh"][0].all() and not all(seen["fresh"][0].any() for seen in plain.seen[1:])
+    starts = torch.stack([seen["obs"][0, :, 0] for seen in learner.seen])
+    assert len(starts.unique()) == starts.numel()  # from new seeds each time
+
+
+def test_episodes_cut_off_by_a_reset_count_for_nothing():
+    learner, ended, training = trained(resets=True)
+    episodes = [e for each in ended for e in each]
+    assert training.book.count == len(episodes) == learner.told[-1].episodes
+    finished = sum(int((seen["terminated"] | seen["truncated"]).sum()) for seen in learner.seen)
+    assert len(episodes) == finished > 0
+    assert max(e.length for e in episodes) <= EVERY
+    # What was paid in an episode cut off is in none of them.
+    paid = [float(seen["rewards"].sum()) for seen in learner.seen]
+    assert sum(e.return_ for e in episodes) < sum(paid) - 1.0
+
+
+def test_nothing_is_reset_where_nothing_was_reported():
+    learner, _, _ = trained(resets=True, period=2)
+    begun = [bool(seen["fresh"][0].all()) for seen in learner.seen]
+    assert begun == [update % 2 == 0 for update in range(10)]
+
+
+class Stop(Exception):
+    pass
+
+
+class StopsAt(Walk):
+    """Raises in the given vector step."""
+
+    stop = 37
+
+    def step(self, actions: Any):
+        if self.total + 1 == self.stop:
+            raise Stop
+        return super().step(actions)
+
+
+def rows(folder: Path, name: str) -> list[dict[str, str]]:
+    with open(folder / name) as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_learner_with_nothing_to_report_writes_no_row_and_resumes_with_what_was_collected(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    entry = Entry("SCRIBE", OnPolicyConfig, lambda config, task: Scribe(task, period=3), "writes down what it is told")
+    monkeypatch.setitem(ALGORITHMS, "SCRIBE", entry)
+    given: dict[str, Any] = {"steps": STEPS, "seed": 1, "checkpoint_seconds": 0.0}
+    run("scribe", Walk(), folder=tmp_path / "whole", **given)
+    metrics = rows(tmp_path / "whole", "metrics.csv")
+    assert [row["update"] for row in metrics] == ["1", "2", "3"]
+    assert [row["steps"] for row in metrics] == ["60", "120", "180"]
+    ended = [int(row["step"]) for row in rows(tmp_path / "whole", "episodes.csv")]
+    assert [int(row["told"]) for row in metrics] == [
+        sum(at - 60 < step <= at for step in ended) for at in (60, 120, 180)
+    ]
+    with pytest.raises(Stop):
+        run("scribe", StopsAt(), folder=tmp_path / "broken", **given)
+    assert run("scribe", Walk(), folder=tmp_path / "broken", **given).resumed_from == 140
+    again = rows(tmp_path / "broken", "metrics.csv")
+    assert [row["told"] for row in again] == [row["told"] for row in metrics]
+    assert (tmp_path / "broken" / "episodes.csv").read_text() == (tmp_path / "whole" / "episodes.csv").read_text()

@@ -1,0 +1,216 @@
+"""A world goes to a file and back unchanged; a file that is not whole says what is wrong."""
+
+import json
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from tests.world.lines import circle, course
+from thalweg.world import Plants, River, World, WorldFileError
+from thalweg.world.record import FORMAT
+from thalweg.world.species import KINDS
+from thalweg.world.store.npz import MAPS, RIVER
+
+PLANT = {
+    "position_m": np.array([[3.0, 1.0, 0.5]], np.float32),
+    "height_m": np.array([8.0], np.float32),
+    "width_m": np.array([3.0], np.float32),
+    "kind": np.array([0], np.int16),
+    "turn": np.array([0.2], np.float32),
+    "tint": np.ones((1, 3), np.float32),
+    "light": np.ones((1, 2), np.float32),
+}
+"""One plant of a world that has no other."""
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    bare = World.from_centerline(course(circle(10.0, 24), 4.0), plants=False, seed=4)
+    return replace(bare, plants=Plants(**PLANT))
+
+
+def assert_same(one: World, two: World) -> None:
+    for field in fields(World):
+        a, b = getattr(one, field.name), getattr(two, field.name)
+        if isinstance(a, River | Plants):
+            for inner in fields(a):
+                np.testing.assert_array_equal(getattr(a, inner.name), getattr(b, inner.name), strict=True)
+        elif isinstance(a, np.ndarray):
+            np.testing.assert_array_equal(a, b, strict=True)
+        else:
+            assert a == b
+
+
+def test_a_world_is_the_same_after_saving_and_loading(world, tmp_path):
+    world.save(tmp_path / "new" / "w.npz")
+    assert_same(World.load(tmp_path / "new" / "w.npz"), world)
+
+
+def test_the_same_world_gives_the_same_bytes(world, tmp_path):
+    world.save(tmp_path / "a.npz")
+    world.save(tmp_path / "b.npz")
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+
+
+def test_an_interrupted_write_leaves_what_was_there(world, tmp_path, monkeypatch):
+    path = tmp_path / "w.npz"
+    path.write_bytes(b"before")
+
+    def fail(file, **_):
+        file.write(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(np, "savez", fail)
+    with pytest.raises(KeyboardInterrupt):
+        world.save(path)
+    assert path.read_bytes() == b"before"
+    assert [each.name for each in tmp_path.iterdir()] == ["w.npz"]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])
+def test_a_truncated_file_is_refused_by_name(world, tmp_path, share):
+    path = tmp_path / "short.npz"
+    world.save(path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(WorldFileError, match=r"short\.npz: not a whole \.npz file"):
+        World.load(path)
+
+
+def test_a_flipped_byte_is_noticed(world, tmp_path):
+    path = tmp_path / "bad.npz"
+    world.save(path)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    path.write_bytes(data)
+    with pytest.raises(WorldFileError, match=r"bad\.npz: not a whole"):
+        World.load(path)
+
+
+def change(path, **changes) -> None:
+    """Write a file anew with some arrays replaced, or removed where None."""
+    with np.load(path) as stored:
+        arrays = {name: stored[name] for name in stored.files} | changes
+    np.savez(path, **{name: values for name, values in arrays.items() if values is not None})
+
+
+def test_another_version_is_refused(world, tmp_path):
+    path = tmp_path / "w.npz"
+    world.save(path)
+    with np.load(path) as stored:
+        about = json.loads(str(stored["about"])) | {"format": FORMAT + 1}
+    change(path, about=np.array(json.dumps(about)))
+    with pytest.raises(WorldFileError, match=rf"format {FORMAT + 1}; this version reads format {FORMAT}"):
+        World.load(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"about": None}, "an .npz file, but not of a world"),
+        ({"about": np.array('{"kind": "cake", "format": 1}')}, "of kind 'cake'"),
+        ({"about": np.array(json.dumps({"kind": "thalweg world", "format": FORMAT}))}, "description is incomplete"),
+        ({"albedo": None}, "the array 'albedo' is missing"),
+        ({"sun": np.zeros((3, 3), np.uint8)}, r"'sun' is uint8 \(3, 3\); expected uint8"),
+        ({"river.width_m": np.zeros(5)}, r"'river.width_m' is float64 \(5,\); expected"),
+        ({"plants.kind": np.zeros(1, np.int64)}, r"'plants.kind' is int64"),
+    ],
+)
+def test_a_foreign_or_incomplete_file_says_what_is_wrong(world, tmp_path, changes, message):
+    path = tmp_path / "w.npz"
+    world.save(path)
+    change(path, **changes)
+    with pytest.raises(WorldFileError, match=message):
+        World.load(path)
+
+
+def plants(**changes) -> dict[str, np.ndarray]:
+    """The arrays of one plant in a file, some of them changed."""
+    return {f"plants.{name}": np.asarray(changes.get(name, values), values.dtype) for name, values in PLANT.items()}
+
+
+FLAT = {name: np.zeros((1, 9), kind) for name, kind in (("ground_m", "f4"), ("water_m", "f4"), ("canopy_m", "f4"))}
+LINE = {"position_m": np.zeros((1, 2)), "tangent": np.ones((1, 2))}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (plants(kind=[3000]), rf"'plants.kind' holds 3000; the kinds are 0 to {len(KINDS) - 1}"),
+        (plants(kind=[-1]), r"'plants.kind' holds -1"),
+        (plants(height_m=[np.nan]), r"'plants.height_m' holds nan, which is no finite number"),
+        (plants(width_m=[0.0]), r"'plants.width_m' holds 0\.0; limit > 0"),
+        (plants(position_m=[[1e30, 0, 0]]), r"a plant stands at \(1e\+30, 0\) m, off the map"),
+        ({"islands": np.array([[0, 0, np.inf, 1, 0.0]])}, r"'islands' holds inf"),
+        ({"bridges": np.full((1, 11), np.nan)}, r"'bridges' holds nan"),
+        ({"grid": [0.0, 0.0, 0.0]}, r"cells of 0\.0 m; limit > 0"),
+        ({"grid": [np.nan, 0.0, 0.25]}, r"description holds nan"),
+        ({"sun": [0.0, np.inf]}, r"description holds inf"),
+        ({"length_m": np.inf}, r"description holds inf"),
+        ({"length_m": -4.0}, r"a course of -4\.0 m"),
+        ({"seed": -4}, r"the seed -4"),
+        ({"grid": [500.0, 0.0, 0.25]}, r"the course runs at \(.*off the map"),
+        (
+            FLAT
+            | {name: np.zeros((1, 9), np.uint8) for name in ("sun", "sky")}
+            | {"albedo": np.zeros((1, 9, 3), np.uint8)},
+            r"a map of 1 x 9 nodes; at least 2 x 2",
+        ),
+        (
+            {f"river.{name}": LINE.get(name, np.ones(1)) for name in RIVER},
+            r"a course of 1 samples; at least 2",
+        ),
+        ({"kinds": ["oak", "elm"]}, r"made for the kinds of plants oak, elm; this version draws pine-1, "),
+        ({"kinds": None}, r"description is incomplete \(KeyError\('kinds'\)\)"),
+    ],
+)
+def test_values_that_no_world_has_are_refused(world, tmp_path, changes, message):
+    path = tmp_path / "w.npz"
+    world.save(path)
+    arrays = {name: values for name, values in changes.items() if isinstance(values, np.ndarray)}
+    with np.load(path) as stored:
+        about = json.loads(str(stored["about"])) | {k: v for k, v in changes.items() if k not in arrays}
+    about = {name: value for name, value in about.items() if value is not None}
+    change(path, about=np.array(json.dumps(about)), **arrays)
+    with pytest.raises(WorldFileError, match=rf"w\.npz: .*{message}"):
+        World.load(path)
+
+
+def test_a_file_with_any_byte_flipped_is_read_unchanged_or_refused(world, tmp_path):
+    path = tmp_path / "w.npz"
+    small = replace(
+        world,
+        grid=replace(world.grid, cell_m=16.0),
+        **{name: getattr(world, name)[::64, ::64] for name in (*MAPS, "albedo")},
+    )
+    small.save(path)
+    whole = path.read_bytes()
+    rng = np.random.default_rng(0)
+    refused = 0
+    places = np.concatenate([np.arange(len(whole) - 1800, len(whole), 5), rng.integers(0, len(whole), 200)])
+    for place in places:
+        data = bytearray(whole)
+        data[place] ^= int(rng.integers(1, 256))
+        path.write_bytes(data)
+        try:
+            assert_same(World.load(path), small)
+        except WorldFileError:
+            refused += 1
+    assert refused > 0.5 * len(places)
+
+
+def test_pickled_objects_are_refused(world, tmp_path):
+    path = tmp_path / "w.npz"
+    world.save(path)
+    change(path, islands=np.array([{}], dtype=object))
+    with pytest.raises(WorldFileError, match=r"not a whole \.npz file"):
+        World.load(path)
+
+
+def test_a_missing_file_and_a_text_file_are_refused(tmp_path):
+    with pytest.raises(WorldFileError, match=r"none\.npz: there is no such file"):
+        World.load(tmp_path / "none.npz")
+    (tmp_path / "text.npz").write_text("hello")
+    with pytest.raises(WorldFileError, match=r"text\.npz: not a whole"):
+        World.load(tmp_path / "text.npz")

@@ -1,0 +1,1 @@
+"""Parts that all learners share: errors, settings, state and optimiser."""

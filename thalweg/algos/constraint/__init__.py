@@ -1,0 +1,1 @@
+"""Cost limits and the Lagrange multipliers that enforce them."""

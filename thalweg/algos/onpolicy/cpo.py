@@ -1,0 +1,109 @@
+"""Constrained policy optimisation (Achiam et al. 2017): the best natural step that keeps the cost limit to first order,
+in closed form; not among the study's ten, and the reference that they are compared with elsewhere."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from torch import Tensor
+
+from thalweg.algos.constraint.cost_limits import cost_metrics, limit_warnings
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.maths import losses
+from thalweg.algos.maths.advantages import centred, standardised
+from thalweg.algos.maths.trust_region import cpo_step
+from thalweg.algos.onpolicy.agent import Agent, Drift, cost_signals, metrics_of, reward_signal
+from thalweg.algos.onpolicy.config import ConstrainedConfig, NaturalConfig
+from thalweg.algos.onpolicy.natural_step import Landscape, most_violated
+
+FAR_BELOW = -1e6
+"""The violation of a limit of which nothing is known yet."""
+
+
+@dataclass(frozen=True)
+class CPOConfig(ConstrainedConfig, NaturalConfig):
+    """Settings of CPO."""
+
+    standardise_cost: bool = False
+    """Must be off: cost advantages and the violation are divided by the same deviation in any case."""
+
+    def conditions(self) -> dict[str, tuple[bool, str]]:
+        return (
+            super().conditions()
+            | self.cost_conditions()
+            | {
+                "standardise_cost": (
+                    not self.standardise_cost,
+                    "must be off for CPO, which itself scales advantages and violation alike",
+                ),
+            }
+        )
+
+
+class CPO:
+    """CPO at work. Of several limits a step keeps the one that is violated most, or least far from it."""
+
+    def __init__(self, config: CPOConfig, task: Task) -> None:
+        self.config, self.separate_costs, self.resets = config, config.separate_costs, config.reset_each_update
+        self.agent = Agent("CPO", 1 + len(config.limits), config, task)
+        self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
+
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
+        """Raw actions [N, A] drawn from the policy."""
+        return self.agent.act(obs, fresh)
+
+    def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
+        """One step of the policy that solves its programme, beside the critics; returns the metrics."""
+        config, agent = self.config, self.agent
+        samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
+        worst, violation = most_violated(feedback, config.limits, config.cost_window)
+        # An episode's cost is a sum over its steps, and the surrogate is a mean over steps. Before any episode has
+        # ended there is no length, but then nothing is known to be violated either.
+        per_step = violation / feedback.mean_length if feedback.episodes else FAR_BELOW
+        rewards, costs = standardised(samples.advantages[0]), centred(samples.advantages[1 + worst])
+        deviation = float(costs.std(correction=0)) + 1e-8  # so that the programme does not depend on a cost's unit
+        costs, per_step = costs / deviation, per_step / deviation
+        drift = Drift(agent, samples)
+        with agent.critics_learning(samples, config.passes):
+            found = self._step(
+                rewards, costs, per_step, drift, Landscape(agent, samples, drift, config, feedback.progress)
+            )
+        drift.measure()
+        policy_loss = -losses.surrogate(drift.log_prob, drift.old_log_prob, rewards)
+        return (
+            metrics_of(agent, samples, [policy_loss], drift)
+            | found
+            | cost_metrics(feedback, config.limits, config.cost_window)
+        )
+
+    def _step(
+        self, rewards: Tensor, costs: Tensor, violation: float, drift: Drift, landscape: Landscape
+    ) -> dict[str, float]:
+        """The longest step along the programme's solution that gains reward, or recovers, and lowers the cost where it
+        must; returns what became of it."""
+        g, b = landscape.gradient(rewards), landscape.gradient(costs)
+        along_g, along_b = landscape.solve(g), landscape.solve(b)
+        q, r, s = (float(x) for x in (g.dot(along_g), g.dot(along_b), b.dot(along_b)))
+        direction = cpo_step(q, r, s, violation, landscape.radius)
+        step = direction.along_reward * along_g + direction.along_cost * along_b
+
+        def accepts(log_prob: Tensor) -> bool:
+            gain = float(losses.surrogate(log_prob, drift.old_log_prob, rewards) - rewards.mean())
+            rise = float(losses.surrogate(log_prob, drift.old_log_prob, costs) - costs.mean())
+            return (gain >= 0 or violation > 0) and rise <= max(-violation, 0.0)
+
+        refused = landscape.search(step, accepts)
+        return {
+            "feasible": float(direction.feasible),
+            "binding": float(direction.along_cost < 0),
+            "steps_refused": refused,
+        }
+
+    def warnings(self, feedback: Feedback) -> dict[str, str]:
+        """Cost limits that nothing has broken."""
+        return limit_warnings(self.config.limits, feedback)
+
+    def state(self) -> dict[str, Any]:
+        return self.agent.state()
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        self.agent.load_state(state)

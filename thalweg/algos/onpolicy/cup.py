@@ -1,0 +1,140 @@
+"""Constrained update projection (Yang et al. 2022): a PPO step for the reward, then a projection that takes back what
+costs too much; not among the study's ten."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from torch import Tensor
+
+from thalweg.algos.constraint.cost_limits import cost_metrics, limit_warnings
+from thalweg.algos.constraint.multiplier import MultiplierConfig, Multipliers
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.maths import losses
+from thalweg.algos.maths.advantages import standardised
+from thalweg.algos.onpolicy.agent import (
+    Agent,
+    Drift,
+    cost_advantages,
+    cost_signals,
+    metrics_of,
+    reward_signal,
+)
+from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig
+from thalweg.algos.policy.memory import Sequences
+
+
+@dataclass(frozen=True)
+class CUPConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
+    """Settings of CUP; its multiplier is called ν in its paper."""
+
+    clip: float = 0.2
+    """ε: how far the probability ratio counts in the first step, to either side of 1."""
+    entropy: float = 0.01
+    """Weight of the policy's entropy (nats, summed over branches) in the loss."""
+    projection_passes: int = 10
+    """How often the projection goes through the update's steps, at most."""
+    multiplier_max: float = 2.0
+    """Upper bound of ν."""
+
+    def conditions(self) -> dict[str, tuple[bool, str]]:
+        return (
+            super().conditions()
+            | self.cost_conditions()
+            | self.multiplier_conditions()
+            | {
+                "clip": (self.clip > 0, "must be positive"),
+                "projection_passes": (self.projection_passes > 0, "must be positive"),
+                "cost_discount": (0 <= self.cost_discount < 1, "must be in 0..1, and less than 1 for CUP"),
+            }
+        )
+
+
+def improvement_loss(
+    config: CUPConfig, log_prob: Tensor, old_log_prob: Tensor, advantages: Tensor, entropy: Tensor
+) -> Tensor:
+    """L = L_clip - c H of the reward alone: what the first step minimises, from one number per state [B] each."""
+    return losses.ppo_clip(log_prob, old_log_prob, advantages, config.clip) - config.entropy * entropy.mean()
+
+
+def projection_loss(
+    config: CUPConfig, log_prob: Tensor, old_log_prob: Tensor, kl: Tensor, cost_advantages: Tensor
+) -> Tensor:
+    """L = E[KL(π_θ ‖ π_{k+½})] + (1-γλ)/(1-γ) E[ρ Σ ν_i A_ci]: what the second step minimises."""
+    return losses.cup_projection(
+        log_prob, old_log_prob, kl, cost_advantages, discount=config.cost_discount, trace=config.cost_trace
+    )
+
+
+class CUP:
+    """CUP at work."""
+
+    def __init__(self, config: CUPConfig, task: Task) -> None:
+        self.config, self.separate_costs, self.resets = config, config.separate_costs, config.reset_each_update
+        self.agent = Agent("CUP", 1 + len(config.limits), config, task)
+        self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
+        self.multipliers = Multipliers(config, config.limits)
+
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
+        """Raw actions [N, A] drawn from the policy."""
+        return self.agent.act(obs, fresh)
+
+    def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
+        """The multipliers, then the step for the reward, then the projection; returns the metrics."""
+        config, agent = self.config, self.agent
+        self.multipliers.update(feedback)
+        samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
+        rate, drift = agent.decay(feedback.progress), Drift(agent, samples)
+        rewards = standardised(samples.advantages[0])
+        data = (samples.actions, drift.old_log_prob, rewards)
+        log: list[Tensor] = []
+        while drift.goes_on:
+            with agent.critics_learning(samples):
+                for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
+                    log.append(self._improve(inputs, *rows))
+            drift.measure()
+        clipped = drift.clip_fraction(config.clip)
+
+        advantages = cost_advantages(config, samples)
+        costs = (advantages.new_tensor(self.multipliers.values).unsqueeze(-1) * advantages).sum(0)
+        back = Drift(agent, samples, new_first=True)
+        data = (samples.actions, back.old_parameters, drift.old_log_prob, costs)
+        while back.passes < config.projection_passes and back.kl <= config.target_kl and any(self.multipliers.values):
+            for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
+                self._project(inputs, *rows)
+            back.measure()
+        return (
+            metrics_of(agent, samples, log, drift)
+            | {"learning_rate": rate, "clip_fraction": clipped}
+            | {"projection_kl": back.kl, "projection_passes": back.passes}
+            | self.multipliers.metrics(feedback, agent.updates_left(feedback))
+            | cost_metrics(feedback, config.limits, config.cost_window)
+        )
+
+    def _improve(self, inputs: Tensor | Sequences, actions: Tensor, old_log_prob: Tensor, advantages: Tensor) -> Tensor:
+        """One gradient step of the policy; returns its loss."""
+        return self.agent.step(
+            inputs,
+            lambda new: improvement_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy()),
+        )
+
+    def _project(
+        self, inputs: Tensor | Sequences, actions: Tensor, improved: Tensor, old_log_prob: Tensor, costs: Tensor
+    ) -> None:
+        """One gradient step of the policy back towards the limit."""
+        half = self.policy.actions.distribution(improved)
+        self.agent.step(
+            inputs,
+            lambda new: projection_loss(self.config, new.log_prob(actions), old_log_prob, new.kl(half), costs),
+        )
+
+    def warnings(self, feedback: Feedback) -> dict[str, str]:
+        """What keeps the cost limits or their multipliers from doing their work."""
+        left = self.agent.updates_left(feedback)
+        return limit_warnings(self.config.limits, feedback) | self.multipliers.warnings(feedback, left)
+
+    def state(self) -> dict[str, Any]:
+        return self.agent.state() | {"multipliers": self.multipliers.state()}
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        self.agent.load_state(state)
+        self.multipliers.load_state(state["multipliers"])

@@ -1,0 +1,142 @@
+"""First-order constrained optimisation in policy space (Zhang, Vuong, Ross 2020): the best policy within a trust
+region and a cost limit, in closed form, then projected back onto what the network can express, state by state."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from torch import Tensor
+
+from thalweg.algos.constraint.cost_limits import cost_metrics, limit_warnings
+from thalweg.algos.constraint.multiplier import MultiplierConfig, Multipliers
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.maths import losses
+from thalweg.algos.maths.advantages import standardised
+from thalweg.algos.maths.multiplier import combined
+from thalweg.algos.onpolicy.agent import (
+    Agent,
+    Drift,
+    cost_advantages,
+    cost_signals,
+    metrics_of,
+    reward_signal,
+)
+from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig
+from thalweg.algos.policy.memory import Sequences
+
+
+@dataclass(frozen=True)
+class FOCOPSConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
+    """Settings of FOCOPS; its multiplier is called ν in its paper."""
+
+    temperature: float = 0.5
+    """λ: how little the policy follows the advantages for each nat that it moves."""
+    trust_radius: float = 0.02
+    """η: a state whose policy has moved further than this is drawn by neither advantages nor KL, only by the entropy:
+    KL of all branches together, in nats."""
+    mask: Literal["state", "batch"] = "state"
+    """"state": the trust region of the paper. "batch": the weaker one that OmniSafe 0.5 computes by a broadcast."""
+    normalise_by_multiplier: bool = False
+    """Whether A_r - Σ ν A_c is divided by 1 + Σ ν, as in OmniSafe; not in the paper."""
+    multiplier_max: float = 2.0
+    """Upper bound of ν."""
+    entropy: float = 0.005
+    """Weight of the policy's entropy (nats, summed over branches) in the loss; the paper has none."""
+
+    def conditions(self) -> dict[str, tuple[bool, str]]:
+        return (
+            super().conditions()
+            | self.cost_conditions()
+            | self.multiplier_conditions()
+            | {
+                "temperature": (self.temperature > 0, "must be positive"),
+                "trust_radius": (self.trust_radius > 0, "must be positive"),
+            }
+        )
+
+
+def policy_loss(
+    config: FOCOPSConfig, log_prob: Tensor, old_log_prob: Tensor, kl: Tensor, advantages: Tensor, entropy: Tensor
+) -> Tensor:
+    """L = E_s[1{KL_s ≤ η} (KL_s - ρ (A_r - ν A_c) / λ)] - c E_s[H_s]: what the policy minimises, from one number per
+    state [B] each. The entropy counts in every state, outside η too."""
+    projection = losses.focops(
+        log_prob,
+        old_log_prob,
+        kl,
+        advantages,
+        temperature=config.temperature,
+        radius=config.trust_radius,
+        mask=config.mask,
+    )
+    return projection - config.entropy * entropy.mean()
+
+
+class FOCOPS:
+    """FOCOPS at work."""
+
+    def __init__(self, config: FOCOPSConfig, task: Task) -> None:
+        self.config, self.separate_costs, self.resets = config, config.separate_costs, config.reset_each_update
+        self.agent = Agent("FOCOPS", 1 + len(config.limits), config, task)
+        self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
+        self.multipliers = Multipliers(config, config.limits)
+
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
+        """Raw actions [N, A] drawn from the policy."""
+        return self.agent.act(obs, fresh)
+
+    def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
+        """The multiplier first, then passes until the policy has moved by `target_kl`; returns the metrics."""
+        config, agent = self.config, self.agent
+        self.multipliers.update(feedback)
+        samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
+        advantages = combined(
+            standardised(samples.advantages[0]),
+            cost_advantages(config, samples),
+            self.multipliers.values,
+            normalised=config.normalise_by_multiplier,
+        )
+        rate, drift = agent.decay(feedback.progress), Drift(agent, samples, new_first=True)
+        data = (samples.actions, drift.old_parameters, drift.old_log_prob, advantages)
+        log: list[Tensor] = []
+        while drift.goes_on:
+            with agent.critics_learning(samples):
+                for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
+                    log.append(self._step(inputs, *rows))
+            drift.measure()
+        inside = float((drift.each <= config.trust_radius).float().mean())
+        left = agent.updates_left(feedback)
+        return (
+            metrics_of(agent, samples, log, drift)
+            | {"learning_rate": rate, "inside_fraction": inside}
+            | self.multipliers.metrics(feedback, left)
+            | cost_metrics(feedback, config.limits, config.cost_window)
+        )
+
+    def _step(
+        self,
+        inputs: Tensor | Sequences,
+        actions: Tensor,
+        old_parameters: Tensor,
+        old_log_prob: Tensor,
+        advantages: Tensor,
+    ) -> Tensor:
+        """One gradient step of the policy; returns its loss."""
+        old = self.policy.actions.distribution(old_parameters)
+        return self.agent.step(
+            inputs,
+            lambda new: policy_loss(
+                self.config, new.log_prob(actions), old_log_prob, new.kl(old), advantages, new.entropy()
+            ),
+        )
+
+    def warnings(self, feedback: Feedback) -> dict[str, str]:
+        """What keeps the cost limits or their multipliers from doing their work."""
+        left = self.agent.updates_left(feedback)
+        return limit_warnings(self.config.limits, feedback) | self.multipliers.warnings(feedback, left)
+
+    def state(self) -> dict[str, Any]:
+        return self.agent.state() | {"multipliers": self.multipliers.state()}
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        self.agent.load_state(state)
+        self.multipliers.load_state(state["multipliers"])

@@ -1,0 +1,87 @@
+"""How does a policy take one natural step? Gradients and curvature where it stands, and a search along the step.
+
+Letters: P parameters of the policy, B states.
+"""
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+from torch.nn.utils import parameters_to_vector
+
+from thalweg.algos.constraint.multiplier import SETTLING
+from thalweg.algos.interface import Feedback
+from thalweg.algos.maths import losses
+from thalweg.algos.maths.trust_region import conjugate_gradient
+from thalweg.algos.onpolicy.agent import Agent, Drift
+from thalweg.algos.onpolicy.config import NaturalConfig
+from thalweg.algos.onpolicy.rollout_samples import Samples
+
+
+class Landscape:
+    """The policy's surroundings at a rollout: how the surrogates E[ρ A] rise and how the KL bends.
+
+    `drift` stays the measure of how far the policy has moved.
+    """
+
+    def __init__(
+        self, agent: Agent, samples: Samples, drift: Drift, config: NaturalConfig, progress: float = 0.0
+    ) -> None:
+        """`progress`: share of the run's steps taken before this rollout."""
+        self._agent, self._samples, self._drift, self._config = agent, samples, drift, config
+        self._actor = agent.policy.actor
+        self._start = parameters_to_vector(self._actor.parameters()).detach().clone()
+        dimensions = agent.policy.actions.count if config.kl_per_dimension else 1
+        self._share = 1.0 / dimensions
+        settled = min(1.0, (1.0 - progress) / SETTLING) if config.radius_settles else 1.0
+        self.radius = config.trust_radius * settled * min(1.0, samples.rollout_steps / agent.rollout_steps)
+        """δ, less by the share of steps that a rollout at the end of a run is short of: few steps say little."""
+
+    def gradient(self, advantages: Tensor) -> Tensor:
+        """∇ E[ρ A] [P] at the policy that acted, for advantages [B]."""
+        log_prob = self._agent.policy.given(self._samples.inputs).log_prob(self._samples.actions)
+        return self._flat(losses.surrogate(log_prob, self._drift.old_log_prob, advantages))
+
+    def solve(self, gradient: Tensor) -> Tensor:
+        """H⁻¹ g [P], with H the curvature of the mean KL plus the damping."""
+        old = self._agent.policy.actions.distribution(self._drift.old_parameters)
+        new = self._agent.policy.actions.distribution(self._actor(self._samples.inputs, plain=True))
+        slope = self._flat(self._share * old.kl(new).mean(), create_graph=True)
+
+        def product(vector: Tensor) -> Tensor:
+            bent = torch.autograd.grad(slope.dot(vector), list(self._actor.parameters()), retain_graph=True)
+            return parameters_to_vector(bent) + self._config.damping * vector
+
+        return conjugate_gradient(product, gradient, self._config.conjugate_iterations)
+
+    @torch.no_grad()
+    def search(self, step: Tensor, accepts: Callable[[Tensor], bool]) -> int:
+        """Take the longest of ever shorter steps [P] that stays within the trust region and that `accepts` says yes to,
+        given log π(a|s) [B] there; returns how many were tried and refused. If all were, the policy stays."""
+        for tried in range(self._config.backtracks):
+            self._put(self._start + self._config.backtrack_factor**tried * step)
+            new = self._agent.policy.given(self._samples.inputs)
+            old = self._agent.policy.actions.distribution(self._drift.old_parameters)
+            kl = self._share * float(old.kl(new).mean())
+            if kl <= self.radius and accepts(new.log_prob(self._samples.actions)):
+                return tried
+        self._put(self._start)
+        return self._config.backtracks
+
+    def _put(self, vector: Tensor) -> None:
+        """Move the policy to [P], in the memory that it has: what is laid out over it stays so."""
+        parameters = list(self._actor.parameters())
+        for parameter, part in zip(parameters, vector.split([each.numel() for each in parameters]), strict=True):
+            parameter.copy_(part.view_as(parameter))
+
+    def _flat(self, scalar: Tensor, create_graph: bool = False) -> Tensor:
+        parameters = list(self._actor.parameters())
+        return parameters_to_vector(torch.autograd.grad(scalar, parameters, create_graph=create_graph))
+
+
+def most_violated(feedback: Feedback, limits: tuple[float, ...], window: int) -> tuple[int, float]:
+    """Which cost is furthest above its limit, and by how much; far below it before any episode has finished."""
+    gaps = [mean - limit for mean, limit in zip(feedback.cost_means(window), limits, strict=True)]
+    gaps = [-float("inf") if gap != gap else gap for gap in gaps]
+    worst = max(range(len(gaps)), key=gaps.__getitem__)
+    return worst, gaps[worst]

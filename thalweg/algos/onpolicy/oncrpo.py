@@ -1,0 +1,91 @@
+"""Constraint-rectified policy optimisation (Xu, Liang, Lan 2021), on-policy: a natural step for the reward while the
+cost is within its limit, and one against the cost as soon as it is not."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from torch import Tensor
+
+from thalweg.algos.constraint.cost_limits import cost_metrics, limit_warnings
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.maths import losses
+from thalweg.algos.maths.advantages import standardised
+from thalweg.algos.maths.trust_region import natural_step
+from thalweg.algos.onpolicy.agent import (
+    Agent,
+    Drift,
+    cost_advantages,
+    cost_signals,
+    metrics_of,
+    reward_signal,
+)
+from thalweg.algos.onpolicy.config import ConstrainedConfig, NaturalConfig
+from thalweg.algos.onpolicy.natural_step import Landscape, most_violated
+
+
+@dataclass(frozen=True)
+class OnCRPOConfig(ConstrainedConfig, NaturalConfig):
+    """Settings of OnCRPO."""
+
+    tolerance: float = 0.0
+    """How far above its limit a mean cost may be before it is what the next step is about."""
+
+    def conditions(self) -> dict[str, tuple[bool, str]]:
+        return (
+            super().conditions()
+            | self.cost_conditions()
+            | {
+                "tolerance": (self.tolerance >= 0, "must not be negative"),
+            }
+        )
+
+
+class OnCRPO:
+    """OnCRPO at work."""
+
+    def __init__(self, config: OnCRPOConfig, task: Task) -> None:
+        self.config, self.separate_costs, self.resets = config, config.separate_costs, config.reset_each_update
+        self.agent = Agent("OnCRPO", 1 + len(config.limits), config, task)
+        self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
+
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
+        """Raw actions [N, A] drawn from the policy."""
+        return self.agent.act(obs, fresh)
+
+    def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
+        """One natural step of the policy, for the reward or against a cost, beside the critics; returns the metrics."""
+        config, agent = self.config, self.agent
+        samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
+        worst, violation = most_violated(feedback, config.limits, config.cost_window)
+        rectifies = violation > config.tolerance
+        advantages = -cost_advantages(config, samples)[worst] if rectifies else standardised(samples.advantages[0])
+        drift = Drift(agent, samples)
+        with agent.critics_learning(samples, config.passes):
+            refused = self._step(advantages, drift, Landscape(agent, samples, drift, config, feedback.progress))
+        drift.measure()
+        policy_loss = -losses.surrogate(drift.log_prob, drift.old_log_prob, advantages)
+        return (
+            metrics_of(agent, samples, [policy_loss], drift)
+            | {"rectifies": float(rectifies), "steps_refused": refused}
+            | cost_metrics(feedback, config.limits, config.cost_window)
+        )
+
+    def _step(self, advantages: Tensor, drift: Drift, landscape: Landscape) -> int:
+        """The longest step along H⁻¹ g that gains; returns how many were refused."""
+        gradient = landscape.gradient(advantages)
+        along = landscape.solve(gradient)
+        step = natural_step(float(gradient.dot(along)), landscape.radius) * along
+        before = float(advantages.mean())
+        return landscape.search(
+            step, lambda log_prob: float(losses.surrogate(log_prob, drift.old_log_prob, advantages)) > before
+        )
+
+    def warnings(self, feedback: Feedback) -> dict[str, str]:
+        """Cost limits that nothing has broken."""
+        return limit_warnings(self.config.limits, feedback)
+
+    def state(self) -> dict[str, Any]:
+        return self.agent.state()
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        self.agent.load_state(state)

@@ -1,0 +1,181 @@
+"""Penalised proximal policy optimisation (Zhang L. et al. 2022): the clipped surrogate of the reward, and an exact
+penalty that is there only while the cost's own surrogate says that the limit would be broken."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import torch
+from torch import Tensor
+
+from thalweg.algos.constraint.cost_limits import cost_metrics, limit_warnings
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.maths import losses
+from thalweg.algos.maths.advantages import standardised
+from thalweg.algos.onpolicy.agent import (
+    Agent,
+    Drift,
+    cost_advantages,
+    cost_signals,
+    metrics_of,
+    reward_signal,
+)
+from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig
+from thalweg.algos.policy.distributions import Traced
+from thalweg.algos.policy.memory import Sequences
+
+
+@dataclass(frozen=True)
+class P3OConfig(ConstrainedConfig, FirstOrderConfig):
+    """Settings of P3O."""
+
+    penalty: float = 2.0
+    """κ: the weight of the penalty; exact as soon as it exceeds the optimal multiplier."""
+    clip: float = 0.2
+    """ε: how far the probability ratio counts, to either side of 1."""
+    clip_cost: bool = True
+    """Whether the cost's surrogate is clipped too, as in the paper; not in OmniSafe 0.5."""
+    limit_scale: Literal["length", "discount", "none"] = "length"
+    """What the violation of an episode is in steps: divided by an episode's mean length, since the costs are not
+    discounted; times 1-γ, as in the paper, whose costs are; or as it is, as in OmniSafe 0.5, where its sign decides
+    alone."""
+    centre_minibatches: bool = True
+    """Whether the cost's advantage is centred over each minibatch too, so that chance alone does not open the gate; in
+    OmniSafe over the rollout only."""
+    standardise_cost: bool = True
+    """Whether a cost's advantage is divided by its own deviation, and the violation with it, so that κ is of no unit;
+    else only centred."""
+
+    def conditions(self) -> dict[str, tuple[bool, str]]:
+        return (
+            super().conditions()
+            | self.cost_conditions()
+            | {
+                "penalty": (self.penalty >= 0, "must not be negative"),
+                "clip": (self.clip > 0, "must be positive"),
+                "cost_discount": (
+                    0 <= self.cost_discount < 1 or (self.cost_discount == 1 and self.limit_scale != "discount"),
+                    "must be in 0..1, and less than 1 with limit_scale=discount",
+                ),
+            }
+        )
+
+
+def policy_loss(
+    config: P3OConfig,
+    log_prob: Tensor,
+    old_log_prob: Tensor,
+    advantages: Tensor,
+    cost_advantages: Tensor,
+    violations: Tensor,
+    scale: float,
+    entropy: Tensor,
+) -> tuple[Tensor, Tensor]:
+    """L = L_clip + κ Σ_i max(0, E[max(ρ A_ci, clip(ρ) A_ci)] + k (J_ci - d_i)) - c H, and the penalties [M] in it.
+
+    Args:
+        config: The settings.
+        log_prob: [B], log π_θ(a|s).
+        old_log_prob: [B], log π_k(a|s).
+        advantages: [B], A_r.
+        cost_advantages: [B, M], A_c.
+        violations: [M], J_c - d, in the unit of A_c.
+        scale: k, as `limit_scale` says.
+        entropy: [B].
+    """
+    penalties = torch.stack(
+        [
+            losses.p3o_penalty(
+                log_prob,
+                old_log_prob,
+                cost,
+                float(violation),
+                clip=config.clip,
+                scale=scale,
+                clipped=config.clip_cost,
+            )
+            for cost, violation in zip(cost_advantages.unbind(1), violations, strict=True)
+        ]
+    )
+    reward = losses.ppo_clip(log_prob, old_log_prob, advantages, config.clip)
+    return reward + config.penalty * penalties.sum() - config.entropy * entropy.mean(), penalties
+
+
+class P3O:
+    """P3O at work."""
+
+    def __init__(self, config: P3OConfig, task: Task) -> None:
+        self.config, self.separate_costs, self.resets = config, config.separate_costs, config.reset_each_update
+        self.agent = Agent("P3O", 1 + len(config.limits), config, task)
+        self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
+
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
+        """Raw actions [N, A] drawn from the policy."""
+        return self.agent.act(obs, fresh)
+
+    def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
+        """Passes until the policy has moved by `target_kl`; returns the metrics."""
+        config, agent = self.config, self.agent
+        samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
+        costs = cost_advantages(config, samples)
+        means = torch.tensor(feedback.cost_means(config.cost_window))
+        violations = torch.nan_to_num(means - torch.tensor(config.limits), nan=-float("inf"))
+        if config.standardise_cost:
+            violations = violations / (samples.advantages[1:].std(1, correction=0).cpu() + 1e-8)
+        length = feedback.mean_length if feedback.episodes else 1.0  # before any there is no violation either
+        scale = {"length": 1.0 / length, "discount": 1.0 - config.cost_discount, "none": 1.0}
+        rate, drift = agent.decay(feedback.progress), Drift(agent, samples)
+        rewards = standardised(samples.advantages[0])
+        data = (samples.actions, drift.old_log_prob, rewards, costs.T)
+        log: list[Tensor] = []
+        penalties: list[Tensor] = []
+        while drift.goes_on:
+            with agent.critics_learning(samples):
+                for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
+                    found, penalty = self._step(violations, scale[config.limit_scale], inputs, *rows)
+                    log.append(found)
+                    penalties.append(penalty)
+            drift.measure()
+        weighed = torch.stack(penalties)
+        return (
+            metrics_of(agent, samples, log, drift)
+            | {"learning_rate": rate, "clip_fraction": drift.clip_fraction(config.clip)}
+            | {
+                "penalty": config.penalty * float(weighed.sum(1).mean()),
+                "gate": float((weighed > 0).any(1).float().mean()),
+            }
+            | cost_metrics(feedback, config.limits, config.cost_window)
+        )
+
+    def _step(
+        self,
+        violations: Tensor,
+        scale: float,
+        inputs: Tensor | Sequences,
+        actions: Tensor,
+        old_log_prob: Tensor,
+        advantages: Tensor,
+        costs: Tensor,
+    ) -> tuple[Tensor, Tensor]:
+        """One gradient step of the policy; returns its loss and the penalties [M]."""
+        if self.config.centre_minibatches:
+            costs = costs - costs.mean(0)
+        penalties = costs.new_zeros(len(violations))
+
+        def loss_of(new: Traced) -> Tensor:
+            nonlocal penalties
+            loss, penalties = policy_loss(
+                self.config, new.log_prob(actions), old_log_prob, advantages, costs, violations, scale, new.entropy()
+            )
+            return loss
+
+        return self.agent.step(inputs, loss_of), penalties.detach()
+
+    def warnings(self, feedback: Feedback) -> dict[str, str]:
+        """Cost limits that nothing has broken."""
+        return limit_warnings(self.config.limits, feedback)
+
+    def state(self) -> dict[str, Any]:
+        return self.agent.state()
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        self.agent.load_state(state)

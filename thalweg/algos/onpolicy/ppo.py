@@ -1,0 +1,86 @@
+"""Proximal policy optimisation (Schulman et al. 2017) for the reward alone: the baseline that knows no cost."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from torch import Tensor
+
+from thalweg.algos.constraint.cost_limits import cost_metrics
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.maths import losses
+from thalweg.algos.maths.advantages import standardised
+from thalweg.algos.onpolicy.agent import Agent, Drift, metrics_of, reward_signal
+from thalweg.algos.onpolicy.config import FirstOrderConfig
+from thalweg.algos.policy.memory import Sequences
+
+
+@dataclass(frozen=True)
+class PPOConfig(FirstOrderConfig):
+    """Settings of PPO."""
+
+    clip: float = 0.2
+    """ε: how far the probability ratio counts, to either side of 1."""
+
+    def conditions(self) -> dict[str, tuple[bool, str]]:
+        return super().conditions() | {"clip": (self.clip > 0, "must be positive")}
+
+
+def policy_loss(
+    config: PPOConfig, log_prob: Tensor, old_log_prob: Tensor, advantages: Tensor, entropy: Tensor
+) -> Tensor:
+    """L = L_clip - c H: what the policy minimises, from one number per state [B] each."""
+    return losses.ppo_clip(log_prob, old_log_prob, advantages, config.clip) - config.entropy * entropy.mean()
+
+
+class PPO:
+    """PPO at work."""
+
+    separate_costs = False
+
+    def __init__(self, config: PPOConfig, task: Task) -> None:
+        self.config = config
+        self.agent = Agent("PPO", 1, config, task)
+        self.policy, self.rollout_steps, self.resets = (
+            self.agent.policy,
+            self.agent.rollout_steps,
+            config.reset_each_update,
+        )
+
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
+        """Raw actions [N, A] drawn from the policy."""
+        return self.agent.act(obs, fresh)
+
+    def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
+        """Passes over the rollout's steps until the policy has moved by `target_kl`; returns the metrics."""
+        config, agent = self.config, self.agent
+        samples = agent.samples(rollout, [reward_signal(config, rollout)])
+        rate, drift = agent.decay(feedback.progress), Drift(agent, samples)
+        data = (samples.actions, drift.old_log_prob, standardised(samples.advantages[0]))
+        log: list[Tensor] = []
+        while drift.goes_on:
+            with agent.critics_learning(samples):
+                for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
+                    log.append(self._step(inputs, *rows))
+            drift.measure()
+        return (
+            metrics_of(agent, samples, log, drift)
+            | {"learning_rate": rate, "clip_fraction": drift.clip_fraction(config.clip)}
+            | cost_metrics(feedback)
+        )
+
+    def _step(self, inputs: Tensor | Sequences, actions: Tensor, old_log_prob: Tensor, advantages: Tensor) -> Tensor:
+        """One gradient step of the policy; returns its loss."""
+        return self.agent.step(
+            inputs,
+            lambda new: policy_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy()),
+        )
+
+    def warnings(self, feedback: Feedback) -> dict[str, str]:
+        """Nothing: PPO has no limit that could fail to bind."""
+        return {}
+
+    def state(self) -> dict[str, Any]:
+        return self.agent.state()
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        self.agent.load_state(state)

@@ -1,0 +1,109 @@
+"""PPO with a Lagrange multiplier (Ray, Achiam, Amodei 2019): the clipped surrogate of reward less λ times cost."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from torch import Tensor
+
+from thalweg.algos.constraint.cost_limits import cost_metrics, limit_warnings
+from thalweg.algos.constraint.multiplier import MultiplierConfig, Multipliers
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.maths import losses
+from thalweg.algos.maths.advantages import standardised
+from thalweg.algos.maths.multiplier import combined
+from thalweg.algos.onpolicy.agent import (
+    Agent,
+    Drift,
+    cost_advantages,
+    cost_signals,
+    metrics_of,
+    reward_signal,
+)
+from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig
+from thalweg.algos.policy.memory import Sequences
+
+
+@dataclass(frozen=True)
+class PPOLagConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
+    """Settings of PPOLag."""
+
+    clip: float = 0.2
+    """ε: how far the probability ratio counts, to either side of 1."""
+    multiplier_max: float = 2.0
+    """Upper bound of λ."""
+    entropy: float = 0.01
+    """Weight of the policy's entropy (nats, summed over branches) in the loss."""
+
+    def conditions(self) -> dict[str, tuple[bool, str]]:
+        return (
+            super().conditions()
+            | self.cost_conditions()
+            | self.multiplier_conditions()
+            | {"clip": (self.clip > 0, "must be positive")}
+        )
+
+
+def policy_loss(
+    config: PPOLagConfig, log_prob: Tensor, old_log_prob: Tensor, advantages: Tensor, entropy: Tensor
+) -> Tensor:
+    """L = L_clip - c H with the advantage (A_r - Σ λ_i A_ci) / (1 + Σ λ_i), from one number per state [B] each."""
+    return losses.ppo_clip(log_prob, old_log_prob, advantages, config.clip) - config.entropy * entropy.mean()
+
+
+class PPOLag:
+    """PPOLag at work."""
+
+    def __init__(self, config: PPOLagConfig, task: Task) -> None:
+        self.config, self.separate_costs, self.resets = config, config.separate_costs, config.reset_each_update
+        self.agent = Agent("PPOLag", 1 + len(config.limits), config, task)
+        self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
+        self.multipliers = Multipliers(config, config.limits)
+
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
+        """Raw actions [N, A] drawn from the policy."""
+        return self.agent.act(obs, fresh)
+
+    def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
+        """The multipliers first, then passes until the policy has moved by `target_kl`; returns the metrics."""
+        config, agent = self.config, self.agent
+        self.multipliers.update(feedback)
+        samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
+        advantages = combined(
+            standardised(samples.advantages[0]),
+            cost_advantages(config, samples),
+            self.multipliers.values,
+            normalised=True,
+        )
+        rate, drift = agent.decay(feedback.progress), Drift(agent, samples)
+        data = (samples.actions, drift.old_log_prob, advantages)
+        log: list[Tensor] = []
+        while drift.goes_on:
+            with agent.critics_learning(samples):
+                for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
+                    log.append(self._step(inputs, *rows))
+            drift.measure()
+        return (
+            metrics_of(agent, samples, log, drift)
+            | {"learning_rate": rate, "clip_fraction": drift.clip_fraction(config.clip)}
+            | self.multipliers.metrics(feedback, agent.updates_left(feedback))
+            | cost_metrics(feedback, config.limits, config.cost_window)
+        )
+
+    def _step(self, inputs: Tensor | Sequences, actions: Tensor, old_log_prob: Tensor, advantages: Tensor) -> Tensor:
+        """One gradient step of the policy; returns its loss."""
+        return self.agent.step(
+            inputs,
+            lambda new: policy_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy()),
+        )
+
+    def warnings(self, feedback: Feedback) -> dict[str, str]:
+        """What keeps the cost limits or their multipliers from doing their work."""
+        left = self.agent.updates_left(feedback)
+        return limit_warnings(self.config.limits, feedback) | self.multipliers.warnings(feedback, left)
+
+    def state(self) -> dict[str, Any]:
+        return self.agent.state() | {"multipliers": self.multipliers.state()}
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        self.agent.load_state(state)
+        self.multipliers.load_state(state["multipliers"])

@@ -1,0 +1,139 @@
+"""The constrained cross-entropy method on a probabilistic ensemble (Wen, Topcu 2018; Chua et al. 2018): each decision
+searches for the plan of most reward among those whose cost keeps within its budget."""
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from thalweg.algos.common.adam import Adam
+from thalweg.algos.common.state import load_module, module_state
+from thalweg.algos.constraint.cost_limits import limit_warnings
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.maths import bootstrap, losses, planning
+from thalweg.algos.planning.agent import Agent
+from thalweg.algos.planning.config import PlanningConfig, Size, Sizes
+from thalweg.algos.planning.imagined_rollouts import Futures, Value
+from thalweg.algos.planning.model.ensemble import Frozen
+from thalweg.algos.planning.model.transitions import Batch
+from thalweg.algos.planning.planner import Budget
+from thalweg.algos.planning.policy import METHODS
+from thalweg.algos.policy.actions import Actions
+from thalweg.algos.policy.networks import Critics, Shape
+
+SIZES: dict[Size, Sizes] = {
+    "lite": Sizes(samples=64, particles=1, iterations=4, elites=8, horizon=5, model_hidden=(128, 128)),
+    "full": Sizes(samples=512, particles=4, iterations=5, elites=64, horizon=7, model_hidden=(200, 200, 200, 200)),
+}
+
+
+@dataclass(frozen=True)
+class CCEPETSConfig(PlanningConfig):
+    """Settings of CCEPETS."""
+
+    terminal_value: bool = True
+    """Whether a critic says what is still to come after the horizon; else that counts for nothing."""
+
+    def sized(self) -> Sizes:
+        return SIZES[self.size]
+
+
+class Elites:
+    """The candidates that shape the next iteration, all alike: feasible ones of highest return."""
+
+    def __init__(
+        self,
+        config: CCEPETSConfig,
+        actions: Actions,
+        inputs: int,
+        reward_std: Callable[[], Tensor],
+        generator: torch.Generator,
+    ) -> None:
+        self.config, self.mean_momentum, self._reward_std = config, config.momentum, reward_std
+        self.critic = Critics(1, inputs, Shape(config.hidden), generator)
+        """V(s), in deviations of the reward."""
+        self.modules = nn.ModuleDict({"critic": self.critic} if config.terminal_value else {})
+
+    def weigh(self, futures: Futures, budget: Budget) -> Tensor:
+        """1/E for the E feasible candidates of highest return, or for those of lowest cost if too few are feasible."""
+        return planning.elites(futures.returns, futures.costs, budget.costs, self.config.sizes.elites)
+
+    def value(self) -> Value | None:
+        """V(s_H) in units of the reward."""
+        if not self.config.terminal_value:
+            return None
+        return lambda obs, _: self.critic(obs)[0] * self._reward_std()
+
+    def propose(self, frozen: Frozen, start: Tensor, generator: torch.Generator) -> Tensor | None:
+        """Nothing: all candidates are drawn from the plan."""
+        return None
+
+
+METHODS["CCEPETS"] = (CCEPETSConfig, Elites)
+
+
+def value_loss(values: Tensor, next_values: Tensor, rewards: Tensor, terminated: Tensor, discount: float) -> Tensor:
+    """½ E[(V(s) - r - γ (1 - terminated) V'(s'))²]: what the critic minimises, from one number per step [B] each. It
+    learns what the behaviour that the replay holds brings on average, early exploration included (Sutton 1988)."""
+    gamma = values.new_tensor([[discount]])
+    going_on = (~terminated).to(values.dtype)
+    target = bootstrap.target(rewards.unsqueeze(0), going_on, next_values.unsqueeze(0), gamma)
+    return losses.squared_error(values.unsqueeze(0), target)[0]
+
+
+class CCEPETS:
+    """CCEPETS at work."""
+
+    resets = False
+
+    def __init__(self, config: CCEPETSConfig, task: Task) -> None:
+        self.config, self.separate_costs = config, config.separate_costs
+        self.agent = Agent("CCEPETS", config, task, ("value_loss", "value") if config.terminal_value else ())
+        self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
+        method = self.policy.method
+        assert isinstance(method, Elites)
+        self.critic, self.slow = method.critic, copy.deepcopy(method.critic)
+        self.optimiser = Adam(self.critic.parameters(), config.critic_learning_rate)
+
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
+        """Raw actions [N, A]: planned, or at random at first."""
+        return self.agent.act(obs, fresh)
+
+    def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
+        """Keep the rollout's steps, fit the model, then the critic; returns the metrics, if they are due."""
+        self.agent.learn(rollout)
+        if self.config.terminal_value:
+            for batch in self.agent.lessons():
+                self._step(batch)
+        return self.agent.report(feedback)
+
+    def _step(self, batch: Batch) -> None:
+        """One gradient step of the critic."""
+        ensemble = self.policy.ensemble
+        with torch.no_grad():
+            after = self.slow(ensemble.seen(batch.next_obs))[0]
+        values = self.critic(ensemble.seen(batch.obs))[0]
+        loss = value_loss(values, after, batch.rewards / ensemble.reward.std, batch.terminated, self.config.discount)
+        self.optimiser.forget()
+        loss.backward()
+        self.optimiser.step()
+        self.slow.stack.flat.data.lerp_(self.critic.stack.flat.detach(), self.config.target_rate)
+        self.agent.log(value_loss=loss.detach(), value=values.detach().mean())
+
+    def warnings(self, feedback: Feedback) -> dict[str, str]:
+        """Cost limits that bind nothing."""
+        return limit_warnings(self.config.limits, feedback)
+
+    def state(self) -> dict[str, Any]:
+        return self.agent.state() | {
+            "slow": module_state(self.slow),
+            "optimiser": self.optimiser.state(),
+        }
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        self.agent.load_state(state)
+        load_module(self.slow, state["slow"])
+        self.optimiser.load_state(state["optimiser"])

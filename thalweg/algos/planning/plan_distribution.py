@@ -1,0 +1,136 @@
+"""How does a plan get better? Candidates are drawn from it, and the weights they are given shape the next one.
+
+Options of a discrete space have a probability each, and are never rounded from numbers; numbers have a mean and a
+variance. Letters: N environments, S candidates, H steps ahead, A branches or numbers of an action, K options.
+"""
+
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.common.state import CPU
+from thalweg.algos.maths import categorical, planning
+from thalweg.algos.planning.config import PlanningConfig
+from thalweg.algos.policy.actions import Actions
+
+
+class Search(Protocol):
+    """One way to write a plan as numbers [N, H, A, W], of which nothing else needs to know the meaning."""
+
+    def first(self, envs: int) -> Tensor:
+        """The plan of one that knows nothing."""
+        ...
+
+    def shifted(self, plan: Tensor) -> Tensor:
+        """A first guess for the next decision: what was planned for it and later."""
+        ...
+
+    def samples(self, plan: Tensor, count: int, generator: torch.Generator) -> Tensor:
+        """Raw actions [N, S, H, A] drawn from the plan."""
+        ...
+
+    def improved(self, plan: Tensor, samples: Tensor, weights: Tensor) -> Tensor:
+        """The plan after samples [N, S, H, A] were given weights [N, S]."""
+        ...
+
+    def variance(self, plan: Tensor) -> Tensor:
+        """[N] the largest variance of anything in the plan."""
+        ...
+
+    def draw(self, plan: Tensor, generator: torch.Generator) -> Tensor:
+        """Raw actions [N, A] of the first step, drawn."""
+        ...
+
+    def mode(self, plan: Tensor) -> Tensor:
+        """The most probable raw actions [N, A] of the first step."""
+        ...
+
+
+def search_of(actions: Actions, config: PlanningConfig, mean_momentum: float, device: torch.device = CPU) -> "Search":
+    """The one that fits the space."""
+    if actions.kind == "categorical":
+        return Options(actions.sizes, config, device)
+    return Numbers(actions.count, config, mean_momentum, device)
+
+
+class Options:
+    """Independent choices: probabilities [N, H, A, K]."""
+
+    def __init__(self, sizes: tuple[int, ...], config: PlanningConfig, device: torch.device = CPU) -> None:
+        """Raises `AlgorithmError` for a floor that would leave nothing of a plan."""
+        if config.floor * max(sizes) >= 1:
+            raise AlgorithmError(
+                f"floor must be less than 1/{max(sizes)} where a choice has {max(sizes)} options, got {config.floor}"
+            )
+        self.config = config
+        counts = torch.tensor(sizes, device=device)
+        self.exists = torch.arange(max(sizes), device=device) < counts.unsqueeze(-1)
+        """[A, K] bool."""
+        self.uniform = self.exists / counts.unsqueeze(-1)
+
+    def first(self, envs: int) -> Tensor:
+        return self.uniform.expand(envs, self.config.sizes.horizon, *self.uniform.shape).clone()
+
+    def shifted(self, plan: Tensor) -> Tensor:
+        keep = self.config.carry_over
+        guess = self.first(len(plan))
+        guess[:, :-1] = keep * plan[:, 1:] + (1.0 - keep) * guess[:, :-1]
+        return guess
+
+    def samples(self, plan: Tensor, count: int, generator: torch.Generator) -> Tensor:
+        shape = (len(plan), count, *plan.shape[1:3])
+        return categorical.drawn(plan.unsqueeze(1), torch.rand(shape, generator=generator, device=plan.device))
+
+    def improved(self, plan: Tensor, samples: Tensor, weights: Tensor) -> Tensor:
+        return planning.categorical_step(plan, samples, weights, self.exists, self.config.momentum, self.config.floor)
+
+    def variance(self, plan: Tensor) -> Tensor:
+        return (plan * (1.0 - plan)).flatten(1).amax(1)
+
+    def draw(self, plan: Tensor, generator: torch.Generator) -> Tensor:
+        uniform = torch.rand(plan[:, 0, :, 0].shape, generator=generator, device=plan.device)
+        return categorical.drawn(plan[:, 0], uniform)
+
+    def mode(self, plan: Tensor) -> Tensor:
+        return categorical.mode(plan[:, 0])
+
+
+class Numbers:
+    """Independent Gaussians clipped to -1..1: mean and variance [N, H, A, 2]."""
+
+    def __init__(self, count: int, config: PlanningConfig, mean_momentum: float, device: torch.device = CPU) -> None:
+        self.count, self.config, self.mean_momentum, self.device = count, config, mean_momentum, device
+
+    def first(self, envs: int) -> Tensor:
+        plan = torch.zeros(envs, self.config.sizes.horizon, self.count, 2, device=self.device)
+        plan[..., 1] = self.config.initial_std**2
+        return plan
+
+    def shifted(self, plan: Tensor) -> Tensor:
+        """The means move on; variances begin anew, else the search would soon be over."""
+        guess = self.first(len(plan))
+        guess[:, :-1, :, 0] = plan[:, 1:, :, 0]
+        return guess
+
+    def samples(self, plan: Tensor, count: int, generator: torch.Generator) -> Tensor:
+        mean, variance = plan.unsqueeze(1).unbind(-1)
+        noise = torch.randn(len(plan), count, *plan.shape[1:3], generator=generator, device=plan.device)
+        return torch.addcmul(mean, variance.sqrt(), noise).clamp_(-1.0, 1.0)
+
+    def improved(self, plan: Tensor, samples: Tensor, weights: Tensor) -> Tensor:
+        config, mean, variance = self.config, plan[..., 0], plan[..., 1]
+        improved = planning.gaussian_step(
+            mean, variance, samples, weights, config.momentum, self.mean_momentum, config.largest_variance
+        )
+        return torch.stack(improved, -1)
+
+    def variance(self, plan: Tensor) -> Tensor:
+        return plan[..., 1].flatten(1).amax(1)
+
+    def draw(self, plan: Tensor, generator: torch.Generator) -> Tensor:
+        return self.samples(plan[:, :1], 1, generator)[:, 0, 0]
+
+    def mode(self, plan: Tensor) -> Tensor:
+        return plan[:, 0, :, 0].clamp(-1.0, 1.0)

@@ -1,0 +1,251 @@
+"""SafeLOOP (Sikchi, Zhou, Held 2021): a soft actor-critic learns beside a planner, proposes plans to it, and says what
+is still to come when its horizon ends; the planner, SafeARC, keeps within the budget.
+
+Choices are learnt by exact sums over all joint actions (Christodoulou 2019), numbers by a draw that carries a gradient.
+"""
+
+import copy
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from thalweg.algos.common.adam import Adam
+from thalweg.algos.common.state import (
+    CPU,
+    array_of,
+    load_module,
+    module_state,
+    tensor_of,
+)
+from thalweg.algos.constraint.cost_limits import limit_warnings
+from thalweg.algos.interface import Feedback, Rollout, Task
+from thalweg.algos.maths import bootstrap, losses, planning
+from thalweg.algos.planning.agent import Agent
+from thalweg.algos.planning.config import PlanningConfig, Size, Sizes
+from thalweg.algos.planning.imagined_rollouts import Futures, Value, rolled_out
+from thalweg.algos.planning.model.ensemble import Frozen
+from thalweg.algos.planning.model.transitions import Batch
+from thalweg.algos.planning.planner import Budget
+from thalweg.algos.planning.policy import METHODS
+from thalweg.algos.planning.soft_actor_critic import soft_actor_critic
+from thalweg.algos.policy.actions import Actions
+
+SIZES: dict[Size, Sizes] = {
+    "lite": Sizes(samples=64, particles=1, iterations=4, elites=8, horizon=5, model_hidden=(128, 128)),
+    "full": Sizes(samples=100, particles=4, iterations=5, elites=20, horizon=7, model_hidden=(200, 200, 200, 200)),
+}
+
+
+@dataclass(frozen=True)
+class SafeLOOPConfig(PlanningConfig):
+    """Settings of SafeLOOP."""
+
+    proposals: int = 1
+    """Plans that the actor proposes in each model of the ensemble."""
+    sharpness: float = 2.0
+    """β: how strongly the best of the feasible candidates outweigh the others."""
+    cost_sharpness: float = 4.0
+    """β_c: the same where too few are feasible, and the cheapest count."""
+    standardise_returns: bool = True
+    """Whether β and β_c count deviations of the candidates' returns and costs; else those of an episode, each
+    horizon's times the horizons that an episode has, as in OmniSafe."""
+    stale_action_value: bool = False
+    """Whether what is still to come is the value of the last state with the action before it, as in OmniSafe; else with
+    the actor's."""
+    alpha: float = 0.2
+    """α: what a nat of the actor's entropy is worth; with `auto_alpha` at the start."""
+    auto_alpha: bool = True
+    """Whether α moves so that the actor keeps its entropy at a target."""
+    alpha_learning_rate: float = 1e-3
+    """Adam's, for log α."""
+    alpha_decay: float = 1.0
+    """What α is multiplied by after each gradient step, without `auto_alpha`."""
+    entropy_share: float = 0.1
+    """The entropy aimed at by an actor of choices, as a share of the largest, log(number of joint actions)."""
+    entropy_per_number: float = -1.0
+    """The entropy aimed at by an actor of numbers, of -1..1, in nats for each of them."""
+    learning_rate: float = 1e-3
+    """Adam's, for the actor."""
+    target_rate: float = 0.02
+    """How far the target critics follow the critics in each gradient step."""
+    standardise_rewards: bool = True
+    """Whether critics learn rewards in their deviations, so that α means the same whatever is paid."""
+
+    def sized(self) -> Sizes:
+        return SIZES[self.size]
+
+    def conditions(self) -> dict[str, tuple[bool, str]]:
+        return super().conditions() | {
+            "proposals": (self.proposals >= 0, "must not be negative"),
+            "sharpness": (self.sharpness > 0, "must be positive"),
+            "cost_sharpness": (self.cost_sharpness > 0, "must be positive"),
+            "alpha": (self.alpha > 0 or (self.alpha == 0 and not self.auto_alpha), "must be positive"),
+            "alpha_learning_rate": (self.alpha_learning_rate >= 0, "must not be negative"),
+            "alpha_decay": (0 < self.alpha_decay <= 1, "must be in 0..1, and more than 0"),
+            "entropy_per_number": (self.entropy_per_number < math.log(2.0), "must be less than log 2, that of -1..1"),
+            "entropy_share": (0 <= self.entropy_share <= 1, "must be in 0..1"),
+            "learning_rate": (self.learning_rate >= 0, "must not be negative"),
+        }
+
+
+class SafeARC:
+    """How the planner weighs candidates, ends its horizon, and is given proposals."""
+
+    mean_momentum = 0.0
+
+    def __init__(
+        self,
+        config: SafeLOOPConfig,
+        actions: Actions,
+        inputs: int,
+        reward_std: Callable[[], Tensor],
+        generator: torch.Generator,
+    ) -> None:
+        self.config, self.actions, self._reward_std = config, actions, reward_std
+        self.soft = soft_actor_critic(actions, config, inputs, generator)
+        self.modules = nn.ModuleDict({"actor": self.soft.actor, "critics": self.soft.critics})
+
+    @property
+    def unit(self) -> Tensor | float:
+        """What the critics' numbers are multiples of."""
+        return self._reward_std() if self.config.standardise_rewards else 1.0
+
+    def weigh(self, futures: Futures, budget: Budget) -> Tensor:
+        """w ∝ exp(β G) over the feasible candidates, or exp(-β_c C) over all if too few are.
+
+        Standardised, several costs are summed in budgets, so that none outweighs another by its size; else as they are.
+        """
+        config, returns, costs = self.config, futures.returns, futures.costs
+        feasible = (costs <= budget.costs).all(-1)
+        if config.standardise_returns:
+            total = planning.standardised_rows(planning.in_budgets(costs, budget.costs), torch.ones_like(feasible))
+            returns = planning.standardised_rows(returns, feasible)
+        else:
+            total, returns = costs.sum(-1) * budget.per_episode, returns * budget.per_episode
+        return planning.feasible_softmax(
+            returns, total, feasible, config.sizes.elites, config.sharpness, config.cost_sharpness
+        )
+
+    def value(self) -> Value | None:
+        """E_a[min Q(s_H, a)] under the actor, for numbers at its middle, or min Q at the action before with
+        `stale_action_value`, in units of the reward."""
+        if self.config.stale_action_value:
+            return lambda obs, before: self.soft.action_value(obs, before) * self.unit
+        return lambda obs, _: self.soft.value(obs) * self.unit
+
+    def propose(self, frozen: Frozen, start: Tensor, generator: torch.Generator) -> Tensor | None:
+        """What the actor would do [N, G, H, A], in each model."""
+        if not self.config.proposals:
+            return None
+        return rolled_out(
+            frozen,
+            start,
+            self.actions,
+            lambda obs: self.soft.drawn(obs, generator),
+            self.config.proposals,
+            self.config.sizes.horizon,
+            generator,
+        )
+
+
+METHODS["SafeLOOP"] = (SafeLOOPConfig, SafeARC)
+
+
+def actor_loss(values: Tensor, entropy: Tensor, alpha: Tensor) -> Tensor:
+    """L = -E_s[E_a[min Q(s, a)] + α H(s)]: what the actor minimises, from one number per state [B] each (Haarnoja et
+    al. 2018, equation 12). It knows no cost: what keeps the limit is the planner."""
+    return -(values + alpha * entropy).mean()
+
+
+class SafeLOOP:
+    """SafeLOOP at work."""
+
+    resets = False
+
+    def __init__(self, config: SafeLOOPConfig, task: Task) -> None:
+        self.config, self.separate_costs = config, config.separate_costs
+        self.agent = Agent("SafeLOOP", config, task, ("value_loss", "value", "actor_loss", "entropy", "alpha"))
+        self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
+        method = self.policy.method
+        assert isinstance(method, SafeARC)
+        self.method, self.soft, self.slow = method, method.soft, copy.deepcopy(method.soft.critics)
+        log_alpha = torch.tensor(max(config.alpha, 1e-30), device=task.device).log()
+        self.log_alpha = log_alpha.requires_grad_(config.auto_alpha)
+        self.actor_optimiser = Adam(self.soft.actor.parameters(), config.learning_rate)
+        self.optimiser = Adam(self.soft.critics.parameters(), config.critic_learning_rate)
+        self.alpha_optimiser = Adam([self.log_alpha], config.alpha_learning_rate)
+
+    def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
+        """Raw actions [N, A]: planned, or at random at first."""
+        return self.agent.act(obs, fresh)
+
+    def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
+        """Keep the rollout's steps, fit the model, then critics and actor; returns the metrics, if they are due."""
+        self.agent.learn(rollout)
+        for batch in self.agent.lessons():
+            self._step(batch)
+        return self.agent.report(feedback)
+
+    def _step(self, batch: Batch) -> None:
+        """One gradient step of the critics, the actor and α."""
+        ensemble, soft, alpha = self.policy.ensemble, self.soft, self.log_alpha.detach().exp()
+        obs, generator = ensemble.seen(batch.obs), self.agent.generator
+        with torch.no_grad():
+            after = soft.next_values(self.slow, ensemble.seen(batch.next_obs), alpha, generator)
+            target = bootstrap.target(
+                (batch.rewards / self.method.unit).unsqueeze(0),
+                (~batch.terminated).float(),
+                after.unsqueeze(0),
+                after.new_tensor([[self.config.discount]]),
+            )
+        said = soft.said(obs, batch.actions)
+        errors = losses.squared_error(said, target.expand_as(said))
+        _descend(self.optimiser, errors.sum())
+        values, entropy = soft.objective(obs, generator)
+        loss = actor_loss(values, entropy, alpha)
+        _descend(self.actor_optimiser, loss)
+        if self.config.auto_alpha:
+            _descend(self.alpha_optimiser, losses.temperature(self.log_alpha, entropy, soft.aim))
+        else:
+            self.log_alpha += math.log(self.config.alpha_decay)
+        self.slow.flat.data.lerp_(soft.critics.flat.detach(), self.config.target_rate)
+        self.agent.log(
+            value_loss=errors.detach().mean(),
+            value=said.detach().mean(),
+            actor_loss=loss.detach(),
+            entropy=entropy.detach().mean(),
+            alpha=alpha,
+        )
+
+    def warnings(self, feedback: Feedback) -> dict[str, str]:
+        """Cost limits that bind nothing."""
+        return limit_warnings(self.config.limits, feedback)
+
+    def state(self) -> dict[str, Any]:
+        return self.agent.state() | {
+            "slow": module_state(self.slow),
+            "log_alpha": array_of(self.log_alpha),
+            "optimiser": self.optimiser.state(),
+            "actor_optimiser": self.actor_optimiser.state(),
+            "alpha_optimiser": self.alpha_optimiser.state(),
+        }
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        self.agent.load_state(state)
+        load_module(self.slow, state["slow"])
+        with torch.no_grad():
+            self.log_alpha.copy_(tensor_of(state["log_alpha"], CPU))
+        self.optimiser.load_state(state["optimiser"])
+        self.actor_optimiser.load_state(state["actor_optimiser"])
+        self.alpha_optimiser.load_state(state["alpha_optimiser"])
+
+
+def _descend(optimiser: Adam, loss: Tensor) -> None:
+    """One step down the gradient of a scalar."""
+    optimiser.forget()
+    loss.backward()
+    optimiser.step()

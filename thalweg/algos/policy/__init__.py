@@ -1,0 +1,1 @@
+"""Policies: networks, action spaces, distributions, memory and files."""

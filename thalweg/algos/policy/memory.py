@@ -1,0 +1,104 @@
+"""How does a policy remember? The last frames side by side, or a recurrent network with a state of its own.
+
+One observation has no past, while a reward can depend on where one has been. Letters: N environments, D numbers of a
+frame, K frames, L steps of a sequence, C sequences, M numbers of a state.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from thalweg.algos.common.state import CPU, array_of, tensor_of
+
+Memory = Literal["none", "gru"]
+
+
+class FrameStack:
+    """The last K frames of N environments side by side, [N, D] -> [N, K * D], the newest last.
+
+    Before there are K, the first one of the episode stands for those that are missing.
+    """
+
+    def __init__(self, num_envs: int, size: int, frames: int, device: torch.device = CPU) -> None:
+        self.frames = frames
+        self._last = torch.zeros(num_envs, frames, size, device=device)
+
+    def push(self, obs: Tensor, fresh: Tensor) -> Tensor:
+        """Take in observations [N, D], of which `fresh` [N] bool begin an episode; returns all of them [N, K * D]."""
+        if self.frames == 1:
+            return obs
+        moved = torch.cat([self._last[:, 1:], obs.unsqueeze(1)], 1)
+        self._last = torch.where(fresh.view(-1, 1, 1), obs.unsqueeze(1), moved)
+        return self._last.flatten(1).clone()
+
+    def peek(self, obs: Tensor, envs: Tensor) -> Tensor:
+        """What `push` would return for observations [F, D] of environments [F] whose episodes go on; it changes
+        nothing."""
+        if self.frames == 1:
+            return obs
+        return torch.cat([self._last[envs, 1:], obs.unsqueeze(1)], 1).flatten(1)
+
+    def state(self) -> np.ndarray:
+        """[N, K, D]."""
+        return array_of(self._last)
+
+    def load_state(self, state: np.ndarray) -> None:
+        """The inverse of `state`."""
+        self._last = tensor_of(state, self._last.device)
+
+
+@dataclass(frozen=True)
+class Sequences:
+    """C sequences of L steps, some of which count: what a recurrent network is given instead of B observations."""
+
+    obs: Tensor
+    """[L, C, D], normalised."""
+    fresh: Tensor
+    """[L, C] bool, whether the step begins an episode: the state is cleared before it."""
+    starts: dict[str, Tensor]
+    """[C, M] state before the first step, for each network by its name."""
+    keep: Tensor
+    """[B] int64, l * C + c of each step that counts."""
+
+
+class Gru(nn.Module):
+    """A gated recurrent unit (Cho et al. 2014, the reset gate behind the product as in torch): state h [N, M], from
+    which and the observation features are made."""
+
+    def __init__(self, inputs: int, size: int, generator: torch.Generator) -> None:
+        super().__init__()
+        self.size = size
+        bound = 1.0 / math.sqrt(size)
+
+        def uniform(*shape: int) -> nn.Parameter:
+            empty = torch.empty(shape, device=generator.device)
+            return nn.Parameter(empty.uniform_(-bound, bound, generator=generator))
+
+        self.weight_in, self.weight = uniform(3 * size, inputs), uniform(3 * size, size)
+        self.bias_in, self.bias = uniform(3 * size), uniform(3 * size)
+
+    def step(self, obs: Tensor, state: Tensor, fresh: Tensor) -> Tensor:
+        """The state [N, M] after observations [N, D], cleared first where `fresh` [N]."""
+        state = state * (~fresh).unsqueeze(-1)
+        return torch.gru_cell(obs, state, self.weight_in, self.weight, self.bias_in, self.bias)
+
+    def states(self, obs: Tensor, fresh: Tensor, start: Tensor) -> Tensor:
+        """The state after each of L steps [L, C, M]."""
+        state, states = start, []
+        for step in range(len(obs)):
+            state = self.step(obs[step], state, fresh[step])
+            states.append(state)
+        return torch.stack(states)
+
+    def features(self, sequences: Sequences, name: str) -> Tensor:
+        """Observation and state side by side [B, D + M], of the steps that count."""
+        states = self.states(sequences.obs, sequences.fresh, sequences.starts[name])
+        return torch.cat([sequences.obs, states], -1).flatten(0, 1)[sequences.keep]
+
+    def start(self, count: int) -> Tensor:
+        """[N, M] zeros: before anything was seen."""
+        return self.bias.new_zeros(count, self.size)

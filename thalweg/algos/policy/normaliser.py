@@ -1,0 +1,71 @@
+"""How do observations come to have mean 0 and standard deviation 1? Running statistics that learning alone updates."""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.common.state import CPU, array_of, tensor_of
+
+CLIP = 5.0
+"""Normalised observations are clipped to this many standard deviations."""
+STD_FLOOR = 0.01
+"""A number that hardly varies is not blown up beyond 1 / this."""
+
+
+class Normaliser:
+    """Running mean and variance of D numbers; the identity while it has seen nothing or is switched off.
+
+    Acting never changes it, so an evaluation uses the statistics of training.
+    """
+
+    def __init__(self, size: int, enabled: bool = True, device: torch.device = CPU) -> None:
+        self.enabled = enabled
+        self.count = 0
+        self.mean = torch.zeros(size, dtype=torch.float64, device=device)
+        self.square = torch.zeros_like(self.mean)
+        """Sum of squared differences from the mean, float64 [D]."""
+        self._shift, self._scale = torch.zeros(size, device=device), torch.ones(size, device=device)
+
+    def __call__(self, obs: Tensor) -> Tensor:
+        """Normalised observations [B, D]."""
+        if not self.enabled or self.count == 0:
+            return obs
+        return ((obs - self._shift) * self._scale).clamp_(-CLIP, CLIP)
+
+    def update(self, obs: Tensor) -> None:
+        """Take in observations [B, D] (Chan, Golub, LeVeque 1983: statistics of two sets joined)."""
+        if not self.enabled or len(obs) == 0:
+            return
+        batch = obs.double()
+        mean, count = batch.mean(0), len(batch)
+        total = self.count + count
+        apart = mean - self.mean
+        self.square = self.square + ((batch - mean) ** 2).sum(0) + apart**2 * self.count * count / total
+        self.mean = self.mean + apart * count / total
+        self.count = total
+        self._refresh()
+
+    @property
+    def scale(self) -> Tensor:
+        """[D] by which differences of observations are multiplied."""
+        return self._scale if self.enabled and self.count else torch.ones_like(self._scale)
+
+    def state(self) -> dict:
+        """Everything, as arrays and plain data."""
+        moments = {"mean": array_of(self.mean), "square": array_of(self.square)}
+        return {"count": self.count, "enabled": self.enabled, **moments}
+
+    def load_state(self, state: dict) -> None:
+        """The inverse of `state`; raises `AlgorithmError` if the size differs."""
+        if np.shape(state["mean"]) != tuple(self.mean.shape):
+            raise AlgorithmError(
+                f"a normaliser of {len(self.mean)} numbers can't take one of {np.shape(state['mean'])}"
+            )
+        self.count, self.enabled = int(state["count"]), bool(state["enabled"])
+        self.mean, self.square = (tensor_of(state[name], self.mean.device).double() for name in ("mean", "square"))
+        self._refresh()
+
+    def _refresh(self) -> None:
+        std = (self.square / max(self.count, 1)).sqrt().clamp(min=STD_FLOOR)
+        self._shift, self._scale = self.mean.float(), (1.0 / std).float()

@@ -1,0 +1,1 @@
+"""Evaluation of policies: baselines, conditions, episodes."""

@@ -1,0 +1,1 @@
+"""Execution of suites: runner, executors and films of the flights."""

@@ -1,0 +1,147 @@
+"""What do the results look like? The paper's training curves and failure bars as figures."""
+
+import io
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from thalweg.algos.interface import SHOWN
+from thalweg.bench.evaluate.episodes import REASONS, WORDS
+from thalweg.bench.report.tables import seeds_text
+from thalweg.bench.results.results import Results
+from thalweg.bench.results.statistics import Curve, Summary, band, curve, summaries
+
+GRID = 200
+"""Points of a training curve."""
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f5539", "#444444", "#a2a500", "#8338ec")
+"""Of the algorithms, in their order; told apart by people who see colours differently (Okabe and Ito 2008)."""
+REASON_COLOURS = ("#8c1d18", "#d6453d", "#f2a099", "#e9c46a", "#c2b68c", "#8d99ae", "#2a9d6f")
+"""Of `REASONS`: tight violations red, loose ones yellow to grey, success green."""
+
+STYLE: Any = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+    "axes.titlesize": 10,
+    "figure.constrained_layout.use": True,
+    "pdf.fonttype": 42,
+}
+
+
+def arrange(figure: Figure) -> None:
+    """Put everything of a figure in its place for good, which otherwise takes its time for each file."""
+    with matplotlib.rc_context(STYLE):
+        figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+
+
+def png(figure: Figure) -> bytes:
+    """The figure as a PNG."""
+    return _saved(figure, format="png", dpi=150)
+
+
+def pdf(figure: Figure) -> bytes:
+    """The figure as a PDF, the same bytes each time; its letters are fonts, as journals ask for."""
+    return _saved(figure, format="pdf", metadata={"CreationDate": None})
+
+
+def _saved(figure: Figure, **how: Any) -> bytes:
+    buffer = io.BytesIO()
+    with matplotlib.rc_context(STYLE):
+        figure.savefig(buffer, **how)
+    return buffer.getvalue()
+
+
+PANELS = (
+    ("return_", f"return (mean of the last {SHOWN} episodes)"),
+    ("total_rate", "violations per step, all"),
+    ("tight_rate", "violations per step, tight"),
+    ("loose_rate", "violations per step, loose"),
+)
+"""Field of a curve and title, for each panel of the training curves."""
+
+
+def training_curves(results: Results) -> Figure | None:
+    """Return and rates of violations over the steps of training, a band over seeds; None where nothing was trained."""
+    logs = [log for log in results.training if len(log.step)]
+    if not logs:
+        return None
+    last = results.most_steps or int(max(log.step[-1] for log in logs))
+    grid = np.linspace(last / GRID, last, GRID)
+    names = list(dict.fromkeys(log.algorithm for log in logs))
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(9, 5.8 + 0.05 * len(names)))
+        axes = list(figure.subplots(2, 2, sharex=True).flat)
+        for index, name in enumerate(names):
+            curves = [curve(log, grid) for log in logs if log.algorithm == name]
+            label = f"{name} ({_seeds(results, name, len(curves))})"
+            for axis, (field, _) in zip(axes, PANELS, strict=True):
+                _draw_band(axis, curves, field, line_style(index), label)
+        for axis, (_, title) in zip(axes, PANELS, strict=True):
+            axis.set_title(title)
+            axis.set_ylim(bottom=0)
+            axis.set_xlim(0, last)
+        for axis in axes[2:]:
+            axis.set_xlabel("steps of training")
+            axis.xaxis.set_major_locator(MaxNLocator(4))
+            axis.xaxis.set_major_formatter(lambda steps, _: f"{steps:,.0f}")
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
+    return figure
+
+
+def line_style(index: int) -> dict[str, Any]:
+    """Colour and dashes of the policy of that number; dashes from the eleventh on, whose colours come
+    again; from the 21st on all is as with the eleventh."""
+    return {"color": COLOURS[index % len(COLOURS)], "linestyle": "-" if index < len(COLOURS) else "--"}
+
+
+def _seeds(results: Results, name: str, count: int) -> str:
+    """How many runs a curve is made of, and how many of them failed on the way."""
+    failed = sum((row.kind, row.algorithm, row.status) == ("train", name, "failed") for row in results.runs)
+    return f"{count} seed{'s' * (count > 1)}" + (f", {failed} of them failed" if failed else "")
+
+
+def _draw_band(axis, curves: list[Curve], field: str, style: dict[str, Any], label: str) -> None:
+    mean, std = band([getattr(one, field) for one in curves])
+    axis.plot(curves[0].steps, mean, label=label, linewidth=1.4, **style)
+    if len(curves) > 1:
+        axis.fill_between(curves[0].steps, mean - std, mean + std, color=style["color"], alpha=0.2, linewidth=0)
+
+
+def failure_bars(results: Results) -> Figure:
+    """Why episodes ended, as shares of each policy's episodes, one panel per level; a gap is named in its place."""
+    cells, names = summaries(results.episodes), results.policies
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(max(7.0, 3.0 * len(results.levels)), 1.6 + 0.3 * len(names)))
+        axes = np.atleast_1d(figure.subplots(1, len(results.levels), sharey=True))
+        for axis, level in zip(axes, results.levels, strict=True):
+            found = [cells.get((name, level)) for name in names]
+            left = np.zeros(len(names))
+            for reason, colour in zip(REASONS, REASON_COLOURS, strict=True):
+                shares = [cell.reasons[reason] / cell.episodes if cell else 0.0 for cell in found]
+                axis.barh(names, shares, left=left, color=colour, label=WORDS[reason], height=0.7)
+                left += shares
+            for row, (name, cell) in enumerate(zip(names, found, strict=True)):
+                _name_gap(axis, row, results, name, cell)
+            axis.set_title(level)
+            axis.set_xlim(0, 1)
+            axis.xaxis.set_major_formatter(lambda share, _: f"{share:.0%}")
+            axis.grid(axis="y", visible=False)
+        axes[0].invert_yaxis()
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
+    return figure
+
+
+def _name_gap(axis, row: int, results: Results, name: str, cell: Summary | None) -> None:
+    """Write into a policy's row why it is empty, or how many seeds it lacks."""
+    seeds = seeds_text(results, name, cell.seeds if cell else 0)
+    if cell is None:
+        axis.text(0.02, row, results.gap(name), va="center", style="italic")
+    elif "of" in seeds:
+        box = {"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1.5}
+        axis.text(0.98, row, f"{seeds} seeds", va="center", ha="right", fontsize=7, bbox=box)

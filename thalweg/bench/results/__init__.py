@@ -1,0 +1,1 @@
+"""Results folders: files, reading, statistics and inference."""

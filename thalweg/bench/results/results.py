@@ -1,0 +1,185 @@
+"""What lies in a results folder? Where each part of it does, and what they hold together; `reading` reads it.
+
+suite.json                    the suite as it was run, with versions and the machine
+runs.csv                      one row per run, failed ones with their error
+runs/PPO-0/                   the folder of a training run; `episodes.csv` in it gives the training curves
+evaluation/PPO-0-Easy.csv     one row per evaluated episode
+evaluation/unseen/...         the same under a condition other than the main one
+logs/PPO-0.txt                what a run printed that was done in a process of its own
+film.mp4, film.txt            a flight, and what it shows; film-error.txt instead where filming failed
+films/PPO-best.mp4, ...       the same of each trained policy's best flight and typical failure
+report/                       made from the files above, and from nothing else
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from thalweg.bench.csv_files import ResultsError, csv_text, read_csv
+from thalweg.bench.evaluate.conditions import Trial
+from thalweg.bench.evaluate.episodes import Episode
+from thalweg.bench.results.statistics import TrainingLog
+from thalweg.bench.suite.suites import PACKAGED, arms_of
+from thalweg.core.atomic_io import write_whole
+
+RUN_COLUMNS = ("run", "kind", "algorithm", "seed", "steps", "status", "error", "wall_s", "steps_per_s")
+MAIN_FILM, FILMS = "film", "films"
+"""Name of the film of the best flight, and folder of each policy's."""
+MAIN_FILE = f"{MAIN_FILM}.mp4"
+KINDS = ("best", "failure")
+"""What the films of a policy show, as their names end."""
+
+
+@dataclass(frozen=True)
+class FilmFiles:
+    """Where the files of a film lie."""
+
+    film: Path
+    caption: Path
+    """What it shows."""
+    failure: Path
+    """Why there is none."""
+
+    @classmethod
+    def of(cls, folder: Path, name: str) -> "FilmFiles":
+        """Those of a name, in a results folder."""
+        return cls(folder / f"{name}.mp4", folder / f"{name}.txt", folder / f"{name}-error.txt")
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        return self.film, self.caption, self.failure
+
+
+@dataclass(frozen=True)
+class Film:
+    """A film of a results folder, or why there is none."""
+
+    path: Path | None
+    """None where there is no film."""
+    words: str
+    """What it shows; why there is none."""
+
+
+@dataclass(frozen=True)
+class RunRow:
+    """What became of one run."""
+
+    run: str
+    kind: str
+    algorithm: str
+    seed: int
+    steps: int
+    status: str
+    """`finished`, `failed`, or `absent`: a packaged policy that this copy lacks."""
+    error: str = ""
+    """One line, empty for a finished run."""
+    wall_s: float = 0.0
+    """Seconds of training, over all sessions that it took."""
+    steps_per_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Results:
+    """A results folder, read."""
+
+    folder: Path
+    suite: dict
+    """As in `suite.json`; empty where that could not be read."""
+    runs: list[RunRow]
+    episodes: list[Episode]
+    training: list[TrainingLog]
+    skipped: list[str]
+    """One line for each file that was not used: its name and why."""
+    films: dict[str, Film] = field(default_factory=dict)
+    """By name: `MAIN_FILM`, then two for each policy, as far as they were made or failed."""
+    beyond: dict[str, list[Episode]] = field(default_factory=dict)
+    """Episodes under each condition other than the main one, in the order of the suite."""
+
+    @property
+    def levels(self) -> list[str]:
+        """Levels in the order of the suite, then of appearance."""
+        return list(dict.fromkeys([*self.suite.get("test_levels", []), *(row.level for row in self.episodes)]))
+
+    @property
+    def policies(self) -> list[str]:
+        """Every algorithm, flown or not: in the order of the runs, then those of the suite that have not begun."""
+        begun = (row.algorithm for row in self.runs)
+        flown = (row.algorithm for rows in (self.episodes, *self.beyond.values()) for row in rows)
+        return list(dict.fromkeys([*begun, *(arm["name"] for arm in arms_of(self.suite)), *flown]))
+
+    @property
+    def planned_flights(self) -> set[tuple[str, str, int, str]]:
+        """Condition, policy, seed and level of each evaluation that there should be: of the suite, but for runs that
+        failed."""
+        suite = self.suite
+        baselines = [(name, 0) for name in suite.get("baselines", [])]
+        flown = [(PACKAGED, 0)] if suite.get("packaged") else []
+        flown += [(arm["name"], seed) for arm in arms_of(suite) for seed in arm["seeds"]]
+        failed = {(row.algorithm, row.seed) for row in self.runs if row.status != "finished"}
+        main = {"name": "", "blind": True, "levels": [], "rivers": []}
+        return {
+            (condition["name"], name, seed, level)
+            for condition in (main, *suite.get("conditions", []))
+            for name, seed in [*flown, *(baselines if condition["blind"] else [])]
+            for level in [*condition["rivers"]] or condition["levels"] or suite.get("test_levels", [])
+            if (name, seed) not in failed
+        }
+
+    @property
+    def flights(self) -> set[tuple[str, str, int, str]]:
+        """Condition, policy, seed and level of each evaluation that there is."""
+        every = {"": self.episodes, **self.beyond}
+        return {(name, row.algorithm, row.seed, row.level) for name, rows in every.items() for row in rows}
+
+    def planned_seeds(self, algorithm: str) -> int:
+        """How many seeds there should be of an algorithm."""
+        planned = sum(len(arm["seeds"]) for arm in arms_of(self.suite) if arm["name"] == algorithm)
+        return max(planned, sum(row.algorithm == algorithm for row in self.runs), 1)
+
+    @property
+    def most_steps(self) -> int:
+        """Steps of the longest runs of the suite; 0 where it is not known."""
+        return max((arm["steps"] for arm in arms_of(self.suite)), default=0)
+
+    def gap(self, algorithm: str) -> str:
+        """Why there are no episodes of an algorithm: `failed`, `absent`, or just `missing`."""
+        statuses = {row.status for row in self.runs if row.algorithm == algorithm}
+        return next((status for status in ("failed", "absent") if status in statuses), "missing")
+
+
+def evaluation_path(folder: Path, run: str, trial: Trial) -> Path:
+    """Where the episodes of a run in a trial lie."""
+    return folder / "evaluation" / trial.condition.name / f"{run}-{trial.level}.csv"
+
+
+def write_runs(folder: Path, rows: list[RunRow]) -> None:
+    """Write `runs.csv`, whole or not at all."""
+    write_whole(folder / "runs.csv", runs_text(rows))
+
+
+def runs_text(rows: list[RunRow]) -> str:
+    """The runs as CSV."""
+    return csv_text(RUN_COLUMNS, [[getattr(row, name) for name in RUN_COLUMNS] for row in rows])
+
+
+def read_runs(folder: Path) -> list[RunRow]:
+    """The rows of `runs.csv`; none if there is no such file. Raises `ResultsError` where it is not of this kind."""
+    path = folder / "runs.csv"
+    if not path.exists():
+        return []
+    try:
+        return [
+            RunRow(
+                row["run"],
+                row["kind"],
+                row["algorithm"],
+                int(row["seed"]),
+                int(row["steps"]),
+                row["status"],
+                row["error"],
+                float(row["wall_s"]),
+                float(row["steps_per_s"]),
+            )
+            for row in read_csv(path, RUN_COLUMNS)
+        ]
+    except ValueError as error:
+        raise ResultsError(f"runs.csv: {error}" if not isinstance(error, ResultsError) else str(error)) from error

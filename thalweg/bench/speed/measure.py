@@ -1,0 +1,245 @@
+"""How fast is it here? Each part by itself, with everything that a figure depends on named beside it.
+
+A figure is the median of several repetitions, with the slowest and the fastest of them. What is compiled or built is
+warm before the clock starts, except in the lines that say otherwise.
+"""
+
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from thalweg.algos.policy.actions import actions_of
+from thalweg.algos.policy.policy import Policy
+from thalweg.bench.csv_files import read_csv
+from thalweg.bench.speed.frame_profile import REFLECTION, STAGES, stage_times
+from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
+from thalweg.render import Camera, Renderer
+from thalweg.render.records.quality import Quality
+from thalweg.train.latent import LatentVectorEnv
+from thalweg.train.river import load_fitting_encoder
+from thalweg.world import World, build, level_named, load_or_build
+
+BATCH, WORLDS = 16, 4
+"""Environments stepped together, and distinct rivers among them, as in the project's budget."""
+VIEWS = 64
+"""Views over which the stages of a frame are measured."""
+FRAME_FEATURES = "RGB, water mask, everything drawn"
+FEATURES: dict[Quality, str] = {
+    "full": FRAME_FEATURES,
+    "fast": "RGB, water mask; no reflection, nearest look-ups, a march for four pixels",
+}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How long to measure."""
+
+    repeats: int = 7
+    seconds: float = 1.0
+    """At least so long is each repetition."""
+    train_steps: int = 16_384
+    """Eight updates of FOCOPS, of which all but the first count; 0: training is not measured."""
+    cold: bool = True
+    """Whether the first start, with nothing compiled or built, is measured."""
+
+
+QUICK = Plan(repeats=3, seconds=0.3, train_steps=0, cold=False)
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One line of the table."""
+
+    name: str
+    unit: str
+    median: float
+    slowest: float
+    fastest: float
+    repeats: int
+    batch: int
+    worlds: int
+    resolution: str
+    """Of frames; empty where none is drawn."""
+    features: str
+
+
+def rates(work: Callable[[], int], plan: Plan, clock: Callable[[], float] = time.perf_counter) -> list[float]:
+    """Units of work a second in each repetition; `work` does some and returns how many.
+
+    A first call, which may compile, is not counted. `clock` gives seconds.
+    """
+    work()
+    found = []
+    for _ in range(plan.repeats):
+        done, begun = 0, clock()
+        while (passed := clock() - begun) < plan.seconds:
+            done += work()
+        found.append(done / passed)
+    return found
+
+
+def _line(name: str, unit: str, values: list[float], *, batch: int = BATCH, worlds: int = WORLDS, **words: str):
+    slowest, fastest = (min(values), max(values)) if unit.endswith("/s") else (max(values), min(values))
+    middle = statistics.median(values)
+    resolution, features = words.get("resolution", ""), words.get("features", "")
+    return Measurement(name, unit, middle, slowest, fastest, len(values), batch, worlds, resolution, features)
+
+
+def measure(plan: Plan) -> Iterator[Measurement]:
+    """Every line of the table, each as soon as it is known."""
+    level = level_named("Medium")
+    worlds = [load_or_build(level, seed) for seed in range(WORLDS)]
+    yield from _rendering(plan, worlds)
+    yield from _stepping(plan, worlds)
+    yield from _worlds_and_starts(plan)
+    if plan.train_steps:
+        yield from _training(plan)
+
+
+def measure_stages(plan: Plan) -> Iterator[Measurement]:
+    """A line for each stage of a frame: milliseconds on one thread, the spread that between views."""
+    world = load_or_build(level_named("Medium"), 0)
+    found = stage_times(world, Camera(), views=VIEWS, repeats=plan.repeats)
+    whole = sum(statistics.mean(found[name]) for name in STAGES if name != REFLECTION)
+    for name, times in found.items():
+        share = f"{statistics.mean(times) / whole:.0%} of the frame; one thread, {VIEWS} random views of Medium"
+        yield Measurement(
+            name, "ms", statistics.mean(times), max(times), min(times), plan.repeats, 1, 1, "128x128", share
+        )  # fmt: skip
+
+
+def _rendering(plan: Plan, worlds: list[World]) -> Iterator[Measurement]:
+    index = np.arange(BATCH) % len(worlds)
+    poses = np.array([sample_starts(worlds[place], BATCH, 0)[row] for row, place in enumerate(index)])
+    drawn: list[tuple[int, Quality]] = [(128, "full"), (128, "fast"), (384, "full")]
+    for size, quality in drawn:
+        renderer = Renderer(worlds, Camera(height_px=size, width_px=size), quality)
+        frames = np.empty((BATCH, size, size, 4), dtype=np.uint8)
+
+        def draw(renderer: Renderer = renderer, frames: np.ndarray = frames) -> int:
+            renderer.render(poses, index, np.zeros(BATCH), frames)
+            return BATCH
+
+        name = "render" if quality == "full" else f"render, {quality}"
+        yield _line(name, "frames/s", rates(draw, plan), resolution=f"{size}x{size}", features=FEATURES[quality])
+    one = Renderer(worlds[:1], Camera())
+    alone = poses[:1]
+
+    def draw_one() -> int:
+        one.render(alone)
+        return 1
+
+    words = {"resolution": "128x128", "features": f"{FEATURES['full']}; all cores on one frame"}
+    yield _line("render, one camera", "frames/s", rates(draw_one, plan), batch=1, worlds=1, **words)
+
+
+def _steps(env, actions: Callable[[np.ndarray], np.ndarray]) -> Callable[[], int]:
+    """Eight steps of an environment at a time."""
+    obs, _ = env.reset(seed=0)
+    held = [obs]
+
+    def work() -> int:
+        for _ in range(8):
+            held[0], *_ = env.step(actions(held[0]))
+        return 8 * env.num_envs
+
+    return work
+
+
+def _stepping(plan: Plan, worlds: list[World]) -> Iterator[Measurement]:
+    rules = RiverVectorEnv(worlds, BATCH, EnvConfig(observation="none"))
+    whole = RiverVectorEnv(worlds, BATCH)
+    rules.action_space.seed(0)
+    random_actions = np.stack([rules.action_space.sample() for _ in range(64)])
+    turn = iter(range(1 << 62))
+
+    def random(_: np.ndarray) -> np.ndarray:
+        return random_actions[next(turn) % len(random_actions)]
+
+    size = "128x128"
+    yield _line("step, rules only", "steps/s", rates(_steps(rules, random), plan), features="random actions")
+    features = f"{FRAME_FEATURES}; random actions"
+    yield _line("step", "steps/s", rates(_steps(whole, random), plan), resolution=size, features=features)
+    encoder = load_fitting_encoder()
+    latent = LatentVectorEnv(whole, encoder)
+    frames = whole.reset(seed=0)[0]
+    kind = f"{encoder.inputs} to {encoder.latent} numbers, {encoder.config.architecture} architecture"
+
+    def encode() -> int:
+        encoder(frames)
+        return BATCH
+
+    yield _line("encode", "frames/s", rates(encode, plan), resolution=size, features=kind)
+    yield _line("step + encode", "steps/s", rates(_steps(latent, random), plan), resolution=size, features=kind)
+    policy = Policy(encoder.latent, actions_of(whole.single_action_space))
+    act = partial(policy.act, deterministic=False, generator=torch.Generator().manual_seed(0))
+    features = f"{kind}; policy of 2 x 64 units, sampled"
+    yield _line(
+        "step + encode + policy", "steps/s", rates(_steps(latent, act), plan), resolution=size, features=features
+    )
+
+
+def _worlds_and_starts(plan: Plan) -> Iterator[Measurement]:
+    for name in ("Easy", "Medium", "Hard"):
+        seconds = []
+        for seed in range(100, 100 + min(plan.repeats, 3)):
+            begun = time.perf_counter()
+            build(level_named(name), seed)
+            seconds.append(time.perf_counter() - begun)
+        yield _line(f"build a world, {name}", "s", seconds, batch=1, worlds=1, features="with its light")
+    first_frame = "import gymnasium, thalweg; gymnasium.make('thalweg/Medium-v0').reset(seed=0)"
+    warm = [_child(["-c", first_frame])[0] for _ in range(1 + min(plan.repeats, 3))][1:]
+    yield _line(
+        "start to first frame, again", "s", warm, batch=1, worlds=1, resolution="128x128", features="new process"
+    )
+    if plan.cold:
+        with tempfile.TemporaryDirectory() as folder:
+            cold, _ = _child(["-c", first_frame], THALWEG_CACHE=folder)
+        features = "new process, nothing compiled, no world built"
+        yield _line(
+            "start to first frame, the first", "s", [cold], batch=1, worlds=1, resolution="128x128", features=features
+        )
+
+
+def _training(plan: Plan) -> Iterator[Measurement]:
+    """A run as people start it: its speed once it goes, its start, and its memory."""
+    with tempfile.TemporaryDirectory() as home:
+        folder = Path(home) / "run"
+        command = ["-m", "thalweg.cli.main", "train", "--algorithm", "FOCOPS", "--steps", str(plan.train_steps)]
+        command += ["--world-seeds", *map(str, range(WORLDS)), "--num-envs", str(BATCH), "--out", str(folder)]
+        seconds, memory = _child(command)
+        updates = [
+            (float(row["steps_per_second"]), float(row["seconds"]))
+            for row in read_csv(folder / "metrics.csv", ("steps_per_second", "seconds"))
+        ]
+    speeds = [speed for speed, _ in updates[1:]]
+    each = f"{len(speeds)} updates of {plan.train_steps // len(updates):,} steps each, after the first"
+    features = f"FOCOPS on Medium, frames included; {each}"
+    yield _line("train", "steps/s", speeds, resolution="128x128", features=features)
+    started = seconds - updates[-1][1]
+    yield _line("start and end of training", "s", [started], resolution="128x128", features="new process, all cached")
+    yield _line("memory of training", "MiB", [memory], resolution="128x128", features="largest resident set")
+
+
+def _child(arguments: list[str], **environment: str) -> tuple[float, float]:
+    """Seconds and largest memory in MiB of a Python process with these arguments; raises if it fails."""
+    begun = time.perf_counter()
+    process = subprocess.Popen(
+        [sys.executable, *arguments], env={**os.environ, **environment}, stdout=subprocess.DEVNULL
+    )
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, process.args)
+    unit = 2**20 if sys.platform == "darwin" else 2**10
+    return time.perf_counter() - begun, usage.ru_maxrss / unit

@@ -1,0 +1,214 @@
+"""How small may a code be, and what should an encoder look at? The paper's two questions, and what a pilot could read.
+
+Each case is trained in a folder of its own, by epochs: killed at any moment, the same call goes on. Its measures are
+written once it is trained; the tables are made of them, and of the codes of the encoders.
+"""
+
+import json
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from thalweg.bench.csv_files import ResultsError, csv_text
+from thalweg.bench.report.figures import png
+from thalweg.bench.studies.encoder_tables import (
+    ENTROPY_COLUMNS,
+    SIZE_COLUMNS,
+    Case,
+    entropy_rows,
+    page,
+    size_figure,
+    size_row,
+)
+from thalweg.bench.studies.water import Finder, load_finder, mean_iou, save_finder, train_finder, water_in
+from thalweg.core.atomic_io import write_whole
+from thalweg.core.cache import source_hash
+from thalweg.encoder import Encoder, EncoderInputError, Source, draw_reconstructions, load_encoder, train_encoder
+from thalweg.encoder.linear_probe import explained
+from thalweg.encoder.reconstruction import reconstruct
+from thalweg.encoder.training import resolve_precision, split
+from thalweg.env.privileged_state import BEARINGS, bearings
+from thalweg.render import RENDER_VERSION, Renderer
+from thalweg.train.encoder.frames import draw_frames, river_worlds, views
+from thalweg.world import level_named
+
+SIZES = (1024, 512, 256, 128, 64, 32, 16, 8)
+"""Numbers in a code that are compared."""
+SOURCES = (
+    *("core/jit.py", "world", "render", "env", "encoder", "train/encoder/frames.py"),
+    *("bench/studies/encoder_study.py", "bench/studies/water.py"),
+)
+"""Parts of the package that a case's measures depend on."""
+INPUTS = ("rgb", "mask", "rgb+mask")
+CODE = 16
+"""Numbers in the codes of different inputs."""
+SHOWN = 8
+"""Images of the figure."""
+RECORD, MEASURES, FINDER = "study.json", "measures.json", "finder.safetensors"
+
+SWEEP = tuple(Case("rgb+mask", size) for size in SIZES)
+PAPERS = (Case("rgb+mask", 16, "paper"), Case("rgb+mask", 64, "paper"))
+COMPARED = tuple(Case(inputs, CODE) for inputs in INPUTS)
+CASES = tuple(dict.fromkeys((*COMPARED, *SWEEP, *PAPERS)))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a study is made of; a folder holds one."""
+
+    level: str = "Medium"
+    images: int = 2000
+    """That are trained on."""
+    held_out: int = 500
+    """Further ones that are only measured."""
+    epochs: int = 100
+    seed: int = 0
+    """Of poses and training."""
+    precision: str = "auto"
+    """In which all are trained, "float32" or "bfloat16"; "auto" is what is faster where the study begins."""
+    cases: tuple[Case, ...] = CASES
+
+    def __post_init__(self) -> None:
+        try:
+            resolve_precision(self.precision)
+        except EncoderInputError as error:
+            raise ResultsError(str(error)) from error
+        for name, least in (("images", 8), ("held_out", 2), ("epochs", 1), ("seed", 0)):
+            if getattr(self, name) < least:
+                raise ResultsError(f"{name} must be at least {least}, not {getattr(self, name)}")
+
+
+@dataclass(frozen=True)
+class Scenes:
+    """Frames, and what is true where they were taken; K images."""
+
+    frames: np.ndarray
+    """[K, H, W, 4] uint8."""
+    truths: np.ndarray
+    """[K, T] float64, see `thalweg.env.privileged_state`."""
+
+
+def run_study(folder: Path, plan: Plan = Plan(), *, command: str = "", progress: bool = True) -> Path:
+    """Train what is not trained yet, measure it, and write the tables; returns the page.
+
+    `command` is written into the encoders' files.
+
+    Raises `ResultsError` for a folder of another study, and the errors of `train_encoder`.
+    """
+    plan = _claim(folder, plan)
+    scenes = collect(plan, progress)
+    kept, aside = split(len(scenes.frames), plan.held_out, plan.seed)
+    finder: Finder | None = None
+    for case in plan.cases:
+        home = folder / case.name
+        if (home / MEASURES).exists():
+            continue
+        source = Source(plan.level, plan.seed, RENDER_VERSION, command)
+        result = train_encoder(
+            scenes.frames,
+            case.config,
+            home,
+            epochs=plan.epochs,
+            seed=plan.seed,
+            held_out=plan.held_out,
+            precision=plan.precision,
+            source=source,
+            progress=progress,
+        )
+        finder = finder or _finder(folder / FINDER, plan, scenes.frames[kept], progress)
+        found = {
+            "train_mse": result.train_mse,
+            "held_out_mse": result.held_out_mse,
+            "mean_image_mse": result.mean_image_mse,
+        } | measures(load_encoder(result.path), finder, scenes, kept, aside)
+        write_whole(home / MEASURES, json.dumps(found, indent=1) + "\n")
+    return write_tables(folder, plan, scenes, kept, aside)
+
+
+def _finder(path: Path, plan: Plan, images: np.ndarray, progress: bool) -> Finder:
+    """The study's finder of water, trained on `images` unless it is there."""
+    if not path.exists():
+        save_finder(path, train_finder(images, plan.seed, precision=plan.precision, progress=progress))
+    return load_finder(path)
+
+
+def collect(plan: Plan, progress: bool = True) -> Scenes:
+    """The study's frames, of the level's fixed river, with what is true there."""
+    worlds = river_worlds(plan.level, 1)
+    poses, index, clocks = views(worlds, plan.images + plan.held_out, plan.seed)
+    frames = draw_frames(Renderer(worlds), poses, index, clocks, progress=progress)
+    return Scenes(frames, bearings(worlds[0], poses))
+
+
+def measures(encoder: Encoder, finder: Finder, scenes: Scenes, kept: np.ndarray, aside: np.ndarray) -> dict[str, Any]:
+    """How well an encoder keeps the river in images held out, and what a line reads from their codes.
+
+    `iou_ceiling` is what the finder of water makes of the frames themselves.
+    """
+    frames, truth = scenes.frames[aside], scenes.frames[aside, ..., 3] > 0
+    pictures = reconstruct(encoder.vae, frames)
+    found: dict[str, Any] = {"iou_mask": None, "iou_colours": None}
+    if encoder.inputs != "rgb":
+        found["iou_mask"] = mean_iou(pictures[..., -1] >= 0.5, truth)
+    if encoder.inputs != "mask":
+        found["iou_colours"] = mean_iou(water_in(finder, pictures[..., :3]), truth)
+    found["iou_ceiling"] = mean_iou(water_in(finder, frames), truth)
+    codes = [encoder(scenes.frames[part]) for part in (kept, aside)]
+    read = explained(codes[0], scenes.truths[kept], codes[1], scenes.truths[aside])
+    return found | {"read": dict(zip(BEARINGS, read.tolist(), strict=True))}
+
+
+def write_tables(folder: Path, plan: Plan, scenes: Scenes, kept: np.ndarray, aside: np.ndarray) -> Path:
+    """sizes.csv, entropy.csv, sizes.png, inputs.png and study.md, once every case has its measures."""
+    known = {case: _read(folder / case.name / MEASURES) for case in plan.cases}
+    rows = [size_row(case, found) for case, found in known.items()]
+    write_whole(folder / "sizes.csv", csv_text(SIZE_COLUMNS, ([row[name] for name in SIZE_COLUMNS] for row in rows)))
+    compared = {
+        case.inputs: load_encoder(folder / case.name / "encoder.safetensors") for case in COMPARED if case in known
+    }
+    entropies: list[list[str]] = []
+    if len(compared) > 1:
+        codes = {inputs: encoder(scenes.frames[kept]) for inputs, encoder in compared.items()}
+        entropies = [list(row) for row in entropy_rows(codes)]
+        write_whole(folder / "entropy.csv", csv_text(ENTROPY_COLUMNS, entropies))
+        draw_reconstructions(scenes.frames[aside[:SHOWN]], compared, folder / "inputs.png")
+    write_whole(folder / "sizes.png", png(size_figure(known)))
+    about = (
+        f"{plan.images:,} frames of {plan.level} to train on and {plan.held_out:,} held out, {plan.epochs} epochs in"
+        f" {plan.precision}, seed {plan.seed}."
+    )
+    write_whole(folder / "study.md", page(about, rows, entropies))
+    return folder / "study.md"
+
+
+def _claim(folder: Path, plan: Plan) -> Plan:
+    """The plan in the precision that its folder began with, once the folder is this study's; raises `ResultsError`
+    that names what differs."""
+    path = folder / RECORD
+    there = _read(path) if path.exists() else {}
+    if plan.precision == "auto":
+        plan = replace(plan, precision=there.get("precision") or resolve_precision("auto"))
+    record = json.loads(json.dumps(asdict(plan) | {"render_version": RENDER_VERSION, "source": source_hash(*SOURCES)}))
+    record["level"] = level_named(plan.level).name
+    if there:
+        differing = [
+            f"{key} is {there.get(key)!r} there and {record[key]!r} here"
+            for key in record
+            if there.get(key) != record[key]
+        ]
+        if differing:
+            raise ResultsError(f"{folder} belongs to another study: {'; '.join(differing)}. Choose another folder.")
+        return plan
+    if folder.exists() and any(folder.iterdir()):
+        raise ResultsError(f"{folder} is not empty and holds no study; choose another folder")
+    write_whole(path, json.dumps(record, indent=1) + "\n")
+    return plan
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ResultsError(f"{path} can't be read: {error}") from error

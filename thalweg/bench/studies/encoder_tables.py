@@ -1,0 +1,119 @@
+"""What does the encoder study say? Its rows, its page, and the figure of errors against sizes, made of measures."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from thalweg.bench.report.figures import STYLE
+from thalweg.bench.report.published import RELATIVE_ENTROPY
+from thalweg.bench.report.tables import markdown
+from thalweg.encoder import VAEConfig
+from thalweg.encoder.entropy import SMOOTHING, relative_entropy
+from thalweg.env.privileged_state import BEARINGS
+
+OTHER_SMOOTHINGS = (1e-9, 1e-4, 1e-3)
+"""What else could be added to each bin, to see how much the choice matters."""
+CASE = ("architecture", "inputs", "numbers")
+ERRORS = ("train_mse", "held_out_mse", "mean_image_mse")
+RIVER = ("iou_mask", "iou_colours", "iou_ceiling")
+READ = tuple(f"read_{name.replace(' ', '_')}" for name in BEARINGS)
+SIZE_COLUMNS = (*CASE, *ERRORS, *RIVER, *READ)
+ENTROPY_COLUMNS = ("first", "second", "paper", *(f"smoothing_{value:g}" for value in (SMOOTHING, *OTHER_SMOOTHINGS)))
+Measures = Mapping[str, Any]
+"""By the names of `ERRORS` and `RIVER`, None where an input has none; and `read`: R² by the names of `BEARINGS`."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """An encoder to be trained."""
+
+    inputs: str
+    latent: int
+    """Numbers in a code."""
+    architecture: str = "lean"
+
+    @property
+    def name(self) -> str:
+        """Of its folder."""
+        return f"{self.architecture}-{self.inputs.replace('+', '-')}-{self.latent}"
+
+    @property
+    def config(self) -> VAEConfig:
+        """What is trained."""
+        return VAEConfig(inputs=self.inputs, latent=self.latent, architecture=self.architecture)
+
+
+def size_row(case: Case, found: Measures) -> dict[str, str]:
+    """A row of sizes.csv; what an input does not have is empty."""
+    values = {name: found[name] for name in (*ERRORS, *RIVER)}
+    values |= {column: found["read"][name] for column, name in zip(READ, BEARINGS, strict=True)}
+    cells = {name: "" if value is None or math.isnan(value) else f"{value:.5f}" for name, value in values.items()}
+    return {"architecture": case.architecture, "inputs": case.inputs, "numbers": str(case.latent)} | cells
+
+
+def entropy_rows(codes: dict[str, np.ndarray]) -> Iterator[list[str]]:
+    """A row of entropy.csv for each pair of inputs, the paper's figure beside ours."""
+    for (first, second), published in RELATIVE_ENTROPY.items():
+        if first in codes and second in codes:
+            ours = [
+                relative_entropy(codes[first], codes[second], smoothing) for smoothing in (SMOOTHING, *OTHER_SMOOTHINGS)
+            ]
+            yield [first, second, f"{published:.3f}", *(f"{value:.3f}" for value in ours)]
+
+
+def page(about: str, rows: Sequence[Mapping[str, str]], entropies: Sequence[list[str]]) -> str:
+    """The tables, with what their columns mean; `about` says what was trained and measured."""
+    parts = [
+        f"# The encoder study\n\n{about}\n\n## Size, river and what a line reads\n",
+        table(rows, (*CASE, *ERRORS, *RIVER)),
+        "Mean squared errors of values in 0..1. IoU of the water, on images held out: of the reconstructed mask, and of"
+        " the water that a network trained on frames finds in the reconstructed colours; `iou ceiling` is what it finds"
+        " in the frames themselves.\n",
+        table(rows, (*CASE, *READ)),
+        "R² on images held out of a linear regression on the code: distances to the banks, heading error, height above"
+        " the water, way to the middle of the next bridge within 60 m.\n",
+    ]
+    if entropies:
+        parts += [
+            "## Inputs: relative entropy of the codes\n",
+            markdown(list(ENTROPY_COLUMNS), [list(row) for row in entropies]),
+            f"In nats, mean over the numbers of the codes, {SMOOTHING:g} or what a column says added to the share of"
+            " each bin; `paper` is the paper's figure, of another simulator, for which that is not known.\n",
+        ]
+    return "\n".join(parts)
+
+
+def table(rows: Sequence[Mapping[str, str]], columns: Sequence[str]) -> str:
+    """Some columns of rows in Markdown, named for people."""
+    names = [name.removeprefix("read_").replace("_", " ") for name in columns]
+    return markdown(names, [[row[name] for name in columns] for row in rows])
+
+
+def size_figure(known: Mapping[Case, Measures]) -> Figure:
+    """Error against the size of the code."""
+    with rc_context(STYLE):
+        figure = Figure(figsize=(6, 3.6))
+        axis = figure.subplots()
+        for architecture, marker in (("lean", "o-"), ("paper", "s")):
+            cases = sorted(
+                (case for case in known if (case.architecture, case.inputs) == (architecture, "rgb+mask")),
+                key=lambda case: case.latent,
+            )
+            for what, colour in (("train_mse", "C0"), ("held_out_mse", "C1")):
+                label = f"{architecture}, {'trained on' if what == 'train_mse' else 'held out'}"
+                errors = [known[case][what] for case in cases]
+                if cases:
+                    axis.plot([case.latent for case in cases], errors, marker, color=colour, label=label)
+        axis.set_xscale("log", base=2)
+        sizes = sorted({case.latent for case in known})
+        axis.set_xticks(sizes, [str(size) for size in sizes], minor=False)
+        axis.set_xlabel("numbers in a code")
+        axis.set_ylabel("mean squared error")
+        axis.set_ylim(bottom=0)
+        axis.legend(frameon=False)
+    return figure

@@ -1,0 +1,109 @@
+"""What can be typed? `thalweg world | render | encoder | train | evaluate | bench | report | leaderboard | speed`.
+
+Each command is a dataclass in `thalweg.cli`; here a command line becomes one of them, and an error a line.
+"""
+
+import signal
+import sys
+import traceback
+import warnings
+from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
+from importlib.metadata import version
+from typing import Annotated, Any
+
+import tyro
+from tyro.conf import OmitSubcommandPrefixes, subcommand
+
+from thalweg.cli.drawing import DrawWorld, RenderFrames
+from thalweg.cli.learning import Encoder, Train
+from thalweg.cli.measuring import Bench, Evaluate, Leaderboard, Report, Speed
+from thalweg.cli.options import REGISTRY, UsageError
+
+DESCRIPTION = (
+    "A photo-realistic river world and a benchmark of safe reinforcement learning on it."
+    " Further options: --version; --debug shows the traceback of an error."
+)
+
+COMMANDS = {
+    "world": DrawWorld,
+    "render": RenderFrames,
+    "encoder": Encoder,
+    "train": Train,
+    "evaluate": Evaluate,
+    "bench": Bench,
+    "report": Report,
+    "leaderboard": Leaderboard,
+    "speed": Speed,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command line; returns the exit status: 2 for an error that the user can mend."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    debug = "--debug" in given
+    given = [argument for argument in given if argument != "--debug"]
+    if given == ["--version"]:
+        print(f"thalweg {version('thalweg')}")
+        return 0
+    command = None
+    try:
+        command = _parse(given)
+        _check_seeds(command)
+        if arguments is None:
+            warnings.showwarning = _show_warning
+            signal.signal(signal.SIGTERM, signal.default_int_handler)  # to be told to end is to be interrupted
+        return command.run()
+    except KeyboardInterrupt:
+        print(f"\nInterrupted. {_after_interrupt(command)}", file=sys.stderr)
+        return 130
+    except Exception as error:
+        if debug or not _ours(error):
+            traceback.print_exc()
+            return 2 if _ours(error) else 1
+        print(f"thalweg: {error}", file=sys.stderr)
+        return 2
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    """A warning as a line, without the place in the code that it came from."""
+    print(f"Warning: {message}", file=sys.stderr)
+
+
+def _parse(arguments: list[str]) -> Any:
+    kinds: Any = None
+    for name, kind in COMMANDS.items():
+        one = Annotated[kind, subcommand(name, prefix_name=False)]
+        kinds = one if kinds is None else kinds | one
+    return tyro.cli(
+        OmitSubcommandPrefixes[kinds], prog="thalweg", description=DESCRIPTION, args=arguments, registry=REGISTRY
+    )
+
+
+def _after_interrupt(command: Any) -> str:
+    """What becomes of a command that was interrupted."""
+    if isinstance(command, Train | Bench | Encoder):
+        return "The same command goes on from the last checkpoint."
+    return "Nothing is kept; the same command begins anew."
+
+
+def _ours(error: Exception) -> bool:
+    """Whether an error says what is wrong with what it was given: our own, or the system's of a file."""
+    known = isinstance(error, UsageError) or (isinstance(error, OSError) and error.filename is not None)
+    return known or type(error).__module__.split(".")[0] == "thalweg"
+
+
+def _check_seeds(command: Any) -> None:
+    """Raise `UsageError` for a seed below zero, before anything is done."""
+    for field in fields(command):
+        value = getattr(command, field.name)
+        if is_dataclass(value):
+            _check_seeds(value)
+        elif field.name.endswith(("seed", "seeds")):
+            for seed in value if isinstance(value, tuple) else (value,):
+                if seed is not None and seed < 0:
+                    raise UsageError(f"--{field.name.replace('_', '-')} must be 0 or more, not {seed}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,161 @@
+"""How are options of the command line read? Numbers as people write them, and the file of a real river with its reach.
+
+What several commands share stands here; `thalweg.cli` has the commands.
+"""
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import Annotated, Any
+
+from tyro.conf import arg
+from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec
+
+MOST_DIGITS = 18
+"""A whole number that is written with a point or an exponent has at most so many."""
+
+
+class UsageError(ValueError):
+    """Options that do not go together, or a value that cannot be understood."""
+
+
+@dataclass(frozen=True)
+class RiverFile:
+    """A real river instead of a level's."""
+
+    geojson: Path | None = None
+    """A real river's centre line instead of a level: longitude and latitude, width as a property."""
+    width_m: float | None = None
+    """Width where the file gives none."""
+    start_m: float | None = None
+    """Where along the file's line the reach begins; at its start if not given."""
+    length_m: float | None = None
+    """How long the reach is; to the line's end if not given."""
+    smooth_m: float | None = None
+    """Round the file's line by a Gaussian of this standard deviation."""
+
+    def reach(self, level_option: str, level: str | Sequence[str] | None) -> Any:
+        """The reach that is meant, a `thalweg.world.Reach`; None where no file is given.
+
+        Raises `UsageError` for a file beside a level, which the option of that name gave, and for options of a file
+        where there is none.
+        """
+        options = self._given()
+        if self.geojson is None:
+            if options:
+                raise UsageError(f"--{min(options).replace('_', '-')} goes with --geojson")
+            return None
+        if level:
+            named = level if isinstance(level, str) else " ".join(level)
+            raise UsageError(f"give {level_option} or --geojson, not both: {named} and {self.geojson}")
+        from thalweg.world import Reach
+
+        return Reach(self.geojson, **options)
+
+    def words(self) -> list[str]:
+        """The same options as they are typed; none where no file is given."""
+        if self.geojson is None:
+            return []
+        given = [
+            (f"--{name.replace('_', '-')}", repr(float(value)) if value % 1 else f"{value:.0f}")
+            for name, value in self._given().items()
+        ]
+        return ["--geojson", str(self.geojson), *(word for pair in given for word in pair)]
+
+    def _given(self) -> dict[str, float]:
+        """The options beside the file itself that are given."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)[1:]}
+        return {name: value for name, value in values.items() if value is not None}
+
+
+River = Annotated[RiverFile, arg(name="")]
+"""Its options stand among those of the command."""
+NO_FILE = RiverFile()
+
+
+def check_file(option: str, path: Path, *endings: str) -> None:
+    """Raise `UsageError` for a path to write to that is a folder, does not end as its kind of file does, or lies where
+    nothing may be written; folders on the way to it that are not there yet are made with it."""
+    if path.is_dir():
+        raise UsageError(f"{option} {path} is a folder; name a file in it, such as {path / ('new' + endings[0])}")
+    if path.suffix.lower() not in endings:
+        raise UsageError(f"{option} must end in {' or '.join(endings)}, not {path.name!r}")
+    home = next(folder for folder in path.absolute().parents if folder.exists())
+    if not home.is_dir():
+        raise UsageError(f"{option} {path} cannot be written: {home} is not a folder")
+    if not os.access(home, os.W_OK | os.X_OK):
+        raise UsageError(f"{option} {path} cannot be written: nothing may be put into {home}")
+
+
+def whole_number(text: str) -> int:
+    """A whole number as people write it, such as 200000, 200_000 or 2e5; raises `UsageError` for anything else."""
+    try:
+        return int(text)
+    except ValueError:
+        pass
+    try:
+        value = Decimal(text)
+    except InvalidOperation:
+        value = Decimal("NaN")
+    if value.is_finite() and value.adjusted() < MOST_DIGITS and value == value.to_integral_value():
+        return int(value)
+    raise UsageError(f"{text!r} is no whole number; write one such as 0, 200000 or 2e5")
+
+
+def number(text: str) -> float:
+    """A number; raises `UsageError` for anything else."""
+    try:
+        return float(text)
+    except ValueError:
+        raise UsageError(f"{text!r} is no number; write one such as 12, 0.5 or 1e-4") from None
+
+
+def settings_from(given: Sequence[str]) -> dict[str, Any]:
+    """`key=value` pairs, the values read as YAML: numbers, words, true and false, lists."""
+    import yaml
+
+    from thalweg.core.yaml12 import load
+
+    settings: dict[str, Any] = {}
+    for pair in given:
+        key, equals, value = pair.partition("=")
+        if not equals or not key:
+            raise UsageError(f"--set takes key=value, not {pair!r}")
+        try:
+            settings[key] = load(value)
+        except yaml.YAMLError as error:
+            raise UsageError(f"--set {pair!r} cannot be understood: {' '.join(str(error).split())}") from error
+    return settings
+
+
+def _spec(read: Callable[[str], Any], metavar: str, count: Any) -> PrimitiveConstructorSpec:
+    """How one option that holds a number, or several, is read; where its default is None that stays."""
+
+    def instance(texts: list[str]) -> Any:
+        values = tuple(read(text) for text in texts)
+        return values[0] if count == 1 else values
+
+    def written(value: Any) -> list[str]:
+        return [str(one) for one in value] if isinstance(value, tuple) else [str(value)]
+
+    return PrimitiveConstructorSpec(count, metavar, instance, lambda _: True, written)
+
+
+POSE = tuple[float, float, float, float]
+NUMBERS = (
+    ((int, int | None), _spec(whole_number, "INT", 1)),
+    ((float, float | None), _spec(number, "FLOAT", 1)),
+    ((tuple[int, ...],), _spec(whole_number, "[INT [INT ...]]", "*")),
+    ((POSE, POSE | None), _spec(number, "X Y Z YAW", 4)),
+)
+"""Types of fields, and how each is read. Tyro's own readers say of a wrong number what Python says of it."""
+
+REGISTRY = ConstructorRegistry()
+
+
+@REGISTRY.primitive_rule
+def read_number(info: Any) -> PrimitiveConstructorSpec | None:
+    """How a field of some type is read, if it is a number or several."""
+    return next((spec for types, spec in NUMBERS if info.type in types), None)

@@ -1,1 +1,0 @@
-"""The rules on a GPU: a thread an environment."""

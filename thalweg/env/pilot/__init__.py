@@ -1,0 +1,1 @@
+"""The scripted pilot, which knows the map."""

@@ -1,0 +1,1 @@
+"""The rules of the task: motion, progress, reward, cost and termination."""

@@ -1,0 +1,1 @@
+"""Compiled kernels that render one frame on the CPU."""

@@ -1,0 +1,1 @@
+"""Shading kernels: ground, water, tone mapping and the reduced quality."""

@@ -1,0 +1,156 @@
+"""How is a table read at a point? Scalar look-ups, put into the loops that call them.
+
+All take node coordinates: a point's distance from the grid's origin in cells. Indices are clamped, so that beyond the
+edge of the map its border goes on.
+"""
+
+import math
+
+import numpy as np
+from numba import int32, uint32
+
+from thalweg.core.jit import kernel
+from thalweg.render.bake import ripples, sky
+from thalweg.render.kernels.fast_math import floor
+
+f32 = np.float32
+
+
+@kernel(inlined=True)
+def clamp(value, low, high):
+    return min(max(value, low), high)
+
+
+@kernel(inlined=True)
+def bilinear(table, at, columns, rows, x, y):
+    """A float table at node coordinates x, y."""
+    x = clamp(x, f32(0), f32(columns) - f32(1.001))
+    y = clamp(y, f32(0), f32(rows) - f32(1.001))
+    column = int32(x)
+    row = int32(y)
+    u = x - f32(column)
+    v = y - f32(row)
+    k = at + row * columns + column
+    a = table[uint32(k)]
+    b = table[uint32(k + 1)]
+    c = table[uint32(k + columns)]
+    d = table[uint32(k + columns + 1)]
+    low = a + (b - a) * u
+    high = c + (d - c) * u
+    return low + (high - low) * v
+
+
+@kernel(inlined=True)
+def sloped(table, at, columns, rows, x, y):
+    """As `bilinear`, and by how much the table rises per node in x and in y; it is level beyond its edges."""
+    within_x = f32(1) if (x >= f32(0)) & (x <= f32(columns) - f32(1.001)) else f32(0)
+    within_y = f32(1) if (y >= f32(0)) & (y <= f32(rows) - f32(1.001)) else f32(0)
+    x = clamp(x, f32(0), f32(columns) - f32(1.001))
+    y = clamp(y, f32(0), f32(rows) - f32(1.001))
+    column = int32(x)
+    row = int32(y)
+    u = x - f32(column)
+    v = y - f32(row)
+    k = at + row * columns + column
+    a = table[uint32(k)]
+    b = table[uint32(k + 1)]
+    c = table[uint32(k + columns)]
+    d = table[uint32(k + columns + 1)]
+    low = a + (b - a) * u
+    high = c + (d - c) * u
+    return low + (high - low) * v, ((b - a) + (d - c - b + a) * v) * within_x, (high - low) * within_y
+
+
+@kernel(inlined=True)
+def channel(packed, shift):
+    """One byte of a packed texel as a float in 0..255."""
+    return f32(int32((packed >> uint32(shift)) & uint32(255)))
+
+
+@kernel(inlined=True)
+def mix_texels(a, b, c, d, u, v):
+    """Four channels (0..255) between four packed texels."""
+    wa = (f32(1) - u) * (f32(1) - v)
+    wb = u * (f32(1) - v)
+    wc = (f32(1) - u) * v
+    wd = u * v
+    red = channel(a, 0) * wa + channel(b, 0) * wb + channel(c, 0) * wc + channel(d, 0) * wd
+    green = channel(a, 8) * wa + channel(b, 8) * wb + channel(c, 8) * wc + channel(d, 8) * wd
+    blue = channel(a, 16) * wa + channel(b, 16) * wb + channel(c, 16) * wc + channel(d, 16) * wd
+    fourth = channel(a, 24) * wa + channel(b, 24) * wb + channel(c, 24) * wc + channel(d, 24) * wd
+    return red, green, blue, fourth
+
+
+@kernel(inlined=True)
+def paint_level(paint, begin, columns, rows, x, y, level):
+    """The paint at one level: four channels 0..255; columns and rows are level 0's."""
+    shrink = f32(1) / f32(int32(1) << level)
+    wide = int32(columns) >> level
+    high = int32(rows) >> level
+    px = clamp((x + f32(0.5)) * shrink - f32(0.5), f32(0), f32(wide) - f32(1.001))
+    py = clamp((y + f32(0.5)) * shrink - f32(0.5), f32(0), f32(high) - f32(1.001))
+    column = int32(px)
+    row = int32(py)
+    k = begin + row * wide + column
+    return mix_texels(
+        paint[uint32(k)],
+        paint[uint32(k + 1)],
+        paint[uint32(k + wide)],
+        paint[uint32(k + wide + 1)],
+        px - f32(column),
+        py - f32(row),
+    )
+
+
+@kernel(inlined=True)
+def tile_level(tile, x, y, level):
+    """The ripple tile, which repeats, at texel coordinates of level 0 and one level: four channels 0..255."""
+    size = int32(ripples.SIZE) >> level
+    begin = (int32(ripples.SIZE * ripples.SIZE) - size * size) * int32(4) // int32(3)
+    shrink = f32(1) / f32(int32(1) << level)
+    px = (x + f32(0.5)) * shrink - f32(0.5)
+    py = (y + f32(0.5)) * shrink - f32(0.5)
+    floor_x = floor(px)
+    floor_y = floor(py)
+    mask = size - int32(1)
+    column = int32(floor_x) & mask
+    row = int32(floor_y) & mask
+    right = (column + int32(1)) & mask
+    above = (row + int32(1)) & mask
+    return mix_texels(
+        tile[uint32(begin + row * size + column)],
+        tile[uint32(begin + row * size + right)],
+        tile[uint32(begin + above * size + column)],
+        tile[uint32(begin + above * size + right)],
+        px - floor_x,
+        py - floor_y,
+    )
+
+
+@kernel(inlined=True)
+def sky_at(table, begin, dx, dy, dz):
+    """Radiance of the sky in a direction (any length): red, green, blue."""
+    flat = abs(dx) + abs(dy) + f32(1e-12)
+    sine = dz / math.sqrt(dx * dx + dy * dy + dz * dz)
+    root = math.sqrt(abs(sine))
+    v = (f32(0.5) + f32(0.5) * (root if sine > f32(0) else -root)) * f32(sky.ROWS) - f32(0.5)
+    east = dx / flat
+    turn = f32(1) - east if dy >= f32(0) else f32(3) + east
+    u = turn * f32(sky.COLUMNS / 4) - f32(0.5)
+    u = u + f32(sky.COLUMNS) if u < f32(0) else u
+    v = clamp(v, f32(0), f32(sky.ROWS - 1.001))
+    column = int32(u)
+    row = int32(v)
+    right = (column + int32(1)) & int32(sky.COLUMNS - 1)
+    column = column & int32(sky.COLUMNS - 1)
+    k = begin + row * int32(sky.COLUMNS)
+    red, green, blue, _ = mix_texels(
+        table[uint32(k + column)],
+        table[uint32(k + right)],
+        table[uint32(k + int32(sky.COLUMNS) + column)],
+        table[uint32(k + int32(sky.COLUMNS) + right)],
+        u - floor(u),
+        v - f32(row),
+    )
+    scale = f32(sky.CODE_RANGE / 255.0**2)
+    return red * red * scale, green * green * scale, blue * blue * scale

@@ -1,0 +1,1 @@
+"""Records that describe what to render: camera, appearance, randomisation and scene tables."""

@@ -1,0 +1,148 @@
+"""How is a frame seen? Haze, exposure, water, season, lens and sensor: all that may change without another world.
+
+A `Look` is one setting; its defaults are the day that the levels are tuned for. `look_rows` turns settings into the
+rows that the kernels read. Absent on purpose: the sun, which is baked into a world (`World.relit` makes another light).
+"""
+
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, fields
+
+import numpy as np
+
+from thalweg.render.errors import RenderError
+from thalweg.render.records.camera import Camera
+
+# Columns of a row that the kernels read.
+(
+    HAZE_PER_M, GAIN_R, GAIN_G, GAIN_B, ABSORB_R, ABSORB_G, ABSORB_B, SCATTER_R, SCATTER_G, SCATTER_B, RIPPLE, SEASON,
+    DENSITY, PITCH, HALF_W, HALF_H, NOISE,
+) = range(17)  # fmt: skip
+LOOK_COLUMNS = 17
+
+HAZE_1_PER_M = 1 / 1500.0
+"""Share of the light that a metre of air takes away on the default day."""
+ABSORB = (1.25, 1.35, 1.55)
+"""Share of red, green, blue lost per metre of water (as exponents) on the default day."""
+SCATTER = (0.0080, 0.0084, 0.0080)
+"""Radiance that deep water sends up in full sun."""
+RIPPLE_1 = 0.42
+"""Factor on the slopes of each ripple layer, whose mean square in the tile is fixed."""
+GREEN_ABSORB, BROWN_ABSORB = (1.35, 0.62, 0.72), (0.70, 1.15, 1.90)
+"""Factors on ABSORB of a river as clear as glacier melt, and of one as brown as a bog's; between is geometric."""
+GREEN_SCATTER, BROWN_SCATTER = (0.45, 1.55, 1.60), (2.60, 1.65, 0.55)
+WARM, COLD = (1.16, 1.0, 0.80), (0.86, 1.0, 1.22)
+"""Gains of red, green, blue at the ends of the white balance."""
+
+LIMITS = {
+    "haze": (0.0, 40.0),
+    "exposure_ev": (-4.0, 4.0),
+    "warmth": (-1.0, 1.0),
+    "water_tint": (-1.0, 1.0),
+    "turbidity": (0.0, 20.0),
+    "ripple": (0.0, 4.0),
+    "season": (0.0, 1.0),
+    "plant_density": (0.0, 1.0),
+    "pitch_deg": (-60.0, 60.0),
+    "fov_deg": (-50.0, 60.0),
+    "noise": (0.0, 64.0),
+}
+"""The least and the greatest value of each field of `Look`: beyond them nothing physical is meant."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """One way of seeing a world."""
+
+    haze: float = 1.0
+    """Factor on the density of the haze; at 1 a kilometre lets half of the light through."""
+    exposure_ev: float = 0.0
+    """Exposure compensation in stops, on top of the automatic exposure."""
+    warmth: float = 0.0
+    """White balance from -1 (cold, blue) to 1 (warm, orange)."""
+    water_tint: float = 0.0
+    """Colour of the water from -1 (green-blue, as of melting snow) to 1 (brown, as of a bog)."""
+    turbidity: float = 1.0
+    """Factor on how much light a metre of water absorbs and scatters; at 0 the water is as clear as air."""
+    ripple: float = 1.0
+    """Factor on the slopes of the ripples; at 0 the water is a mirror."""
+    season: float = 0.0
+    """From 0 (summer) to 1 (autumn): leaves turn yellow, needles and reeds a little."""
+    plant_density: float = 1.0
+    """Share of the plants that are drawn. Their shadows stay."""
+    pitch_deg: float = 0.0
+    """Added to the camera's pitch; positive looks further down."""
+    fov_deg: float = 0.0
+    """Added to the camera's vertical field of view."""
+    noise: float = 0.0
+    """Standard deviation of the sensor's noise in 255ths of white, in each channel and pixel anew."""
+
+    def __post_init__(self) -> None:
+        check_values(np.array([astuple(self)], np.float64))
+
+
+PARAMETERS = tuple(field.name for field in fields(Look))
+"""The columns of looks as arrays [N, P]."""
+
+
+def look_values(look: "Look | Sequence[Look] | np.ndarray | None", count: int) -> np.ndarray:
+    """Looks for `count` frames as [N, P] float64; one look stands for all of them, None for the default day.
+
+    Raises `RenderError` for another number of looks, or a value beyond `LIMITS`.
+    """
+    if look is None:
+        look = Look()
+    if isinstance(look, Look):
+        return np.tile(np.array(astuple(look), np.float64), (count, 1))
+    if not isinstance(look, np.ndarray):
+        look = np.array([astuple(each) for each in look], np.float64).reshape(-1, len(PARAMETERS))
+    values = np.asarray(look, np.float64)
+    if values.shape != (count, len(PARAMETERS)):
+        raise RenderError(f"looks have shape {list(values.shape)}; expected {[count, len(PARAMETERS)]}")
+    check_values(values)
+    return values
+
+
+def check_values(values: np.ndarray) -> None:
+    """Raise `RenderError` for looks [N, P] with a value beyond `LIMITS`, naming it."""
+    for column, (name, (low, high)) in enumerate(LIMITS.items()):
+        wrong = ~((values[:, column] >= low) & (values[:, column] <= high))
+        if wrong.any():
+            value = values[np.argmax(wrong), column]
+            raise RenderError(f"{name} = {value:g}: choose a value from {low:g} to {high:g}")
+
+
+def look_rows(values: np.ndarray, camera: Camera) -> np.ndarray:
+    """What the kernels read [N, LOOK_COLUMNS] float32, of looks [N, P] through a camera.
+
+    Raises `RenderError` where camera and look together leave the limits of a camera.
+    """
+    value = dict(zip(PARAMETERS, values.T, strict=True))
+    pitch, fov = camera.pitch_deg + value["pitch_deg"], camera.fov_deg + value["fov_deg"]
+    for name, angle, low, high in (("pitch_deg", pitch, -89.0, 89.0), ("fov_deg", fov, 5.0, 150.0)):
+        if len(angle) and not (low <= angle.min() and angle.max() <= high):
+            wrong = angle[np.argmax((angle < low) | (angle > high))]
+            raise RenderError(f"camera and look together make {name} = {wrong:g}; it must be from {low:g} to {high:g}")
+    rows = np.empty((len(values), LOOK_COLUMNS), np.float32)
+    rows[:, HAZE_PER_M] = value["haze"] * HAZE_1_PER_M
+    warm = between(value["warmth"], COLD, WARM)
+    rows[:, GAIN_R : GAIN_B + 1] = 2.0 ** value["exposure_ev"][:, None] * warm
+    turbid = value["turbidity"][:, None]
+    rows[:, ABSORB_R : ABSORB_B + 1] = ABSORB * turbid * between(value["water_tint"], GREEN_ABSORB, BROWN_ABSORB)
+    # Water that absorbs as much as it scatters keeps its radiance where it is deep; more sediment makes it paler.
+    rows[:, SCATTER_R : SCATTER_B + 1] = (
+        SCATTER * np.sqrt(turbid) * between(value["water_tint"], GREEN_SCATTER, BROWN_SCATTER)
+    )
+    rows[:, RIPPLE] = RIPPLE_1 * value["ripple"]
+    rows[:, SEASON] = value["season"]
+    rows[:, DENSITY] = value["plant_density"]
+    rows[:, PITCH] = np.radians(pitch)
+    rows[:, HALF_H] = np.tan(np.radians(fov) / 2)
+    rows[:, HALF_W] = np.tan(np.radians(fov) / 2) * camera.width_px / camera.height_px
+    rows[:, NOISE] = value["noise"]
+    return rows
+
+
+def between(share: np.ndarray, low: Sequence[float], high: Sequence[float]) -> np.ndarray:
+    """Factors [N, 3] for shares [N]: those of `low` at -1, one at 0, those of `high` at 1, geometric between."""
+    ends = np.where(share[:, None] < 0, np.log(low), np.log(high))
+    return np.exp(np.abs(share)[:, None] * ends)

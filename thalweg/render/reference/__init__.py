@@ -1,0 +1,1 @@
+"""The slow definition of a frame, against which the kernels are tested."""

@@ -1,0 +1,1 @@
+"""Training of encoders on frames of our rivers."""

@@ -1,0 +1,1 @@
+"""Collection of rollouts from any Gymnasium vector environment."""

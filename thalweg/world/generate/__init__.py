@@ -1,0 +1,1 @@
+"""Generation of a river valley from a level and a seed."""

@@ -1,0 +1,1 @@
+"""Baked sun and sky light of a valley."""

@@ -1,0 +1,1 @@
+"""Worlds from lines that others drew: centre lines and GeoJSON files of real rivers."""

@@ -1,0 +1,231 @@
+"""How does a real river's published line become a course? Cut to a reach, laid flat in metres, made fit to be flown.
+
+The course runs in the order of the file's positions, which flow downstream in most data. Where it gives elevations, the
+water falls all the way from the higher end to the lower one, whichever that is: a line drawn upstream is flown
+upstream. Small rises, which elevation models have along every river, are evened out (isotonic regression: the nearest
+profile in least squares that never turns). Without elevations the water is level.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+from scipy.optimize import isotonic_regression
+
+from thalweg.world import geometry
+from thalweg.world import validation as checks
+from thalweg.world.errors import ShapeError, WorldError, WorldFileError
+from thalweg.world.generate.terrain import check_area
+from thalweg.world.real import geodesy
+from thalweg.world.real.centerline import SPACING_M, from_centerline
+from thalweg.world.real.geojson import Track, read_track
+from thalweg.world.record import World
+
+MOST_LENGTH_M = checks.MOST_SAMPLES * SPACING_M
+"""Longest reach that can be built."""
+MOST_RISE_M = 5.0
+"""An elevation that lies further from a falling profile is no surface of this water."""
+MOST_SMOOTH_M = 200.0
+"""Largest standard deviation of the smoothing."""
+
+
+@dataclass(frozen=True)
+class Centerline:
+    """A real river's line as `World.from_centerline` takes it, and where on the Earth that lies."""
+
+    name: str
+    points: np.ndarray
+    """[K, 4] float64: x east and y north of the origin, water level above the datum, width; all in metres."""
+    closed: bool
+    """Whether the line ends where it begins."""
+    origin_deg: tuple[float, float]
+    """Longitude and latitude of x = y = 0, the middle of the reach's extent."""
+    datum_m: float
+    """Elevation of z = 0: the lowest water of the reach, 0 where the file gives none."""
+
+
+def from_geojson(
+    path: str | Path,
+    *,
+    width_m: float | None = None,
+    start_m: float = 0.0,
+    length_m: float | None = None,
+    smooth_m: float = 0.0,
+    seed: int = 0,
+    plants: bool = True,
+) -> World:
+    """The world around a real river's centre line: the one LineString of a GeoJSON file, longitude and latitude.
+
+    Its width in metres is the property `width_m` or `width`, a number or a list of one for each position; `width_m`
+    here serves where there is neither. `start_m` and `length_m` choose a reach; `smooth_m` rounds the line by a
+    Gaussian of that standard deviation, for lines with corners that are too tight to be flown. A third coordinate
+    is the water's elevation. The course runs in the order of the positions; x and y are metres from the reach's
+    middle, z from its lowest water.
+    Raises `WorldFileError` for a file without exactly one such line or with one from which no safe river can be
+    made, and `WorldError` for an argument out of its range.
+    """
+    line = read_centerline(path, width_m=width_m, start_m=start_m, length_m=length_m, smooth_m=smooth_m)
+    try:
+        world = from_centerline(line.points, line.closed, seed=seed, plants=plants)
+    except ShapeError as reason:
+        hint = f"rounding the line by a smooth_m above {smooth_m:g} m may mend it"
+        raise WorldFileError(f"{path}: {reason}; {hint}") from None
+    except WorldError as reason:
+        raise WorldFileError(f"{path}: {reason}") from None
+    return replace(world, name=line.name)
+
+
+def read_centerline(
+    path: str | Path,
+    *,
+    width_m: float | None = None,
+    start_m: float = 0.0,
+    length_m: float | None = None,
+    smooth_m: float = 0.0,
+) -> Centerline:
+    """The line in a GeoJSON file in local metres; arguments and errors as of `World.from_geojson`."""
+    _check_options(width_m, start_m, length_m, smooth_m)
+    try:
+        track = read_track(Path(path), width_m)
+        whole = start_m == 0.0 and length_m is None
+        closed = whole and bool(np.array_equal(track.degrees[0], track.degrees[-1]))
+        reach = cut(track, start_m, length_m)
+        return _laid_flat(reach, closed, smooth_m)
+    except WorldError as reason:
+        raise WorldFileError(f"{path}: {reason}") from None
+    except RecursionError:
+        raise WorldFileError(f"{path}: not GeoJSON: nested too deep") from None
+
+
+def _check_options(width_m: float | None, start_m: float, length_m: float | None, smooth_m: float) -> None:
+    """Raise `WorldError` for an argument out of its range, before the file is opened."""
+    for name, value, low, high in (
+        ("width_m", width_m, 2 * checks.CLEARANCE_M, np.inf),
+        ("start_m", start_m, 0.0, np.inf),
+        ("length_m", length_m, checks.LEAST_LENGTH_M[False], MOST_LENGTH_M),
+        ("smooth_m", smooth_m, 0.0, MOST_SMOOTH_M),
+    ):
+        if value is None:
+            continue
+        if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
+            raise WorldError(f"{name} is {value!r}; expected a number of metres")
+        if not low <= value <= high:
+            limit = f"at least {low:g}" if high == np.inf else f"{low:g} to {high:g}"
+            raise WorldError(f"{name} is {value:g} m; expected {limit} m")
+
+
+def cut(track: Track, start_m: float, length_m: float | None) -> Track:
+    """The reach of a line that begins `start_m` metres from its first position and is `length_m` long.
+
+    Measured along the straight pieces between the positions; to the end of the line for None. Longitudes of the reach
+    are continuous, also where it crosses 180 degrees.
+    """
+    arc = np.concatenate([[0.0], np.cumsum(geodesy.chords(track.degrees))])
+    end_m = arc[-1] if length_m is None else start_m + length_m
+    if start_m >= arc[-1] or end_m > arc[-1]:
+        raise WorldError(
+            f"the reach from {start_m:.0f} to {end_m:.0f} m is not on the line, which is {arc[-1]:.0f} m long"
+        )
+    if end_m - start_m > MOST_LENGTH_M:
+        raise WorldError(
+            f"the line is {end_m - start_m:.0f} m long; limit {MOST_LENGTH_M:.0f} m: choose a reach by start_m and "
+            "length_m"
+        )
+    inner = arc[(arc > start_m) & (arc < end_m)]
+    at = np.concatenate([[start_m], inner, [end_m]])
+    longitude = np.unwrap(track.degrees[:, 0], period=360.0)
+    degrees = np.stack([np.interp(at, arc, longitude), np.interp(at, arc, track.degrees[:, 1])], axis=1)
+    elevation = None if track.elevation_m is None else np.interp(at, arc, track.elevation_m)
+    return Track(track.name, degrees, np.interp(at, arc, track.width_m), elevation)
+
+
+def _laid_flat(reach: Track, closed: bool, smooth_m: float) -> Centerline:
+    """A reach in metres about its middle."""
+    origin = (reach.degrees.min(axis=0) + reach.degrees.max(axis=0)) / 2
+    position = geodesy.local_metres(reach.degrees, origin)
+    try:
+        check_area(position)
+    except WorldError as reason:
+        raise WorldError(f"{reason}: choose a shorter reach by start_m and length_m") from None
+    level = np.zeros(len(position)) if reach.elevation_m is None else falling(reach.elevation_m, closed)
+    datum = float(level.min())
+    points = np.column_stack([position, level - datum, reach.width_m])
+    kept = thinned(position, closed)
+    _check_crossing(position[kept], reach.degrees[kept], closed)
+    points = points[kept] if smooth_m == 0 else smoothed(points[kept], closed, smooth_m)
+    longitude = (origin[0] + 180.0) % 360.0 - 180.0
+    return Centerline(reach.name, points, closed, (float(longitude), float(origin[1])), datum)
+
+
+def falling(elevation_m: np.ndarray, closed: bool) -> np.ndarray:
+    """[K] the nearest levels to elevations [K] that never turn between rising and falling.
+
+    A closed line keeps its own, for water all round has no lower end. Raises `WorldError` for elevations further than
+    `MOST_RISE_M` from such levels.
+    """
+    if closed:
+        return elevation_m
+    level = isotonic_regression(elevation_m, increasing=bool(elevation_m[-1] > elevation_m[0])).x
+    off = np.abs(level - elevation_m)
+    worst = int(np.argmax(off))
+    if off[worst] > MOST_RISE_M:
+        raise WorldError(
+            f"an elevation of {elevation_m[worst]:g} m lies {off[worst]:.1f} m from a profile that falls all the way; "
+            f"limit {MOST_RISE_M:g} m: is it that of the water?"
+        )
+    return level
+
+
+def thinned(position_m: np.ndarray, closed: bool) -> np.ndarray:
+    """Which of some positions [K, 2] to keep, so that none lies nearer to the last than the samples of a course.
+
+    The ends stay; of a closed line the repeated first position goes.
+    """
+    kept = [0]
+    for index in range(1, len(position_m)):
+        if np.hypot(*(position_m[index] - position_m[kept[-1]])) >= SPACING_M:
+            kept.append(index)
+    last = len(position_m) - 1
+    if closed:
+        while len(kept) > 1 and np.hypot(*(position_m[kept[-1]] - position_m[0])) < SPACING_M:
+            kept.pop()
+    elif kept[-1] != last:
+        kept = [*(kept[:-1] or kept), last]
+    return np.array(kept)
+
+
+def smoothed(points: np.ndarray, closed: bool, smooth_m: float) -> np.ndarray:
+    """Points [K, 4] after a Gaussian of standard deviation `smooth_m` along the straight pieces between them.
+
+    The ends of an open line stay where they are: beyond them it is continued by its mirror image. A corner of angle θ
+    becomes a bend of radius smooth_m √(2π) cos²(θ/2) / (2 sin(θ/2)).
+    """
+    arc, length = geometry.arc_length(points[:, :2], closed)
+    if closed:
+        arc, points = np.append(arc, length), np.concatenate([points, points[:1]])
+    count = max(round(length / SPACING_M), 8)
+    even = np.linspace(0.0, length, count + 1)[: count if closed else None]
+    fine = np.stack([np.interp(even, arc, column) for column in points.T], axis=1)
+    sigma = smooth_m * count / length
+    beyond = int(4 * sigma) + 1
+    if closed:
+        round_ = gaussian_filter1d(fine, sigma, axis=0, mode="wrap")
+    else:
+        padded = np.pad(fine, ((beyond, beyond), (0, 0)), mode="reflect", reflect_type="odd")
+        round_ = gaussian_filter1d(padded, sigma, axis=0)[beyond:-beyond]
+    keep = np.arange(0, len(round_), max(int(min(sigma / 2, count / 8)), 1))
+    if not closed:
+        keep = np.unique(np.append(keep, len(round_) - 1))
+    return round_[keep]
+
+
+def _check_crossing(position_m: np.ndarray, degrees: np.ndarray, closed: bool) -> None:
+    """Raise `WorldError` where a line [K, 2] crosses itself, with the place in degrees."""
+    crossings = geometry.self_crossings(position_m, closed)
+    if len(crossings):
+        one, other = degrees[crossings[0]]
+        raise WorldError(
+            f"the line crosses itself between its piece at longitude {one[0]:.5f}, latitude {one[1]:.5f} and that at "
+            f"{other[0]:.5f}, {other[1]:.5f}"
+        )

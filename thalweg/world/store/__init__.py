@@ -1,0 +1,1 @@
+"""Worlds on disk: the `.npz` format and the cache of built worlds."""

@@ -43,10 +43,10 @@ from thalweg.algos import ALGORITHMS  # noqa: E402
 from thalweg.algos.common.settings import as_data  # noqa: E402
 from thalweg.bench.csv_files import csv_text, read_csv  # noqa: E402
 from thalweg.core.atomic_io import write_whole  # noqa: E402
-from thalweg.core.cache import source_hash  # noqa: E402
+from thalweg.core.cache import PACKAGE, code_hash  # noqa: E402
 
 SEEDS = 5
-SOURCES = source_hash("algos", "train")
+SOURCES = code_hash(path for part in ("algos", "train") for path in (PACKAGE / part).rglob("*.py"))
 KEY = ("algorithm", "place", "problem", "tables", "seed", "steps", "settings", "config")
 """What a row must say to count."""
 COLUMNS = (

@@ -27,7 +27,7 @@ from PIL import Image
 
 from thalweg.bench.pictures.gallery import strip
 from thalweg.core.atomic_io import whole
-from thalweg.core.cache import cache_dir, source_hash
+from thalweg.core.cache import PACKAGE, cache_dir, code_hash
 from thalweg.env import sample_starts
 from thalweg.render import RENDER_VERSION, Camera, Frame, Renderer
 from thalweg.render.reference import frame as twin
@@ -46,7 +46,7 @@ LEAST_MASK = 0.995
 """Mean share of a frame's pixels that agree."""
 AMPLIFIED = 4
 """Differences are shown so many times as large."""
-SOURCES = source_hash("kernel.py", "world", "render")
+SOURCES = code_hash(path for part in ("world", "render") for path in (PACKAGE / part).rglob("*.py"))
 
 
 @dataclass(frozen=True)

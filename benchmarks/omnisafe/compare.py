@@ -26,7 +26,7 @@ from benchmarks.omnisafe.environment import python_with_omnisafe
 from benchmarks.peer_venv import SetupError, last_lines
 from thalweg.bench.csv_files import csv_text, read_csv
 from thalweg.core.atomic_io import write_whole
-from thalweg.core.cache import source_hash
+from thalweg.core.cache import PACKAGE, code_hash
 from thalweg.core.machine import machine, versions
 
 HERE = Path(__file__).resolve().parent
@@ -143,7 +143,11 @@ def measure_speed(python: Path, contests: Sequence[Contest], repeats: int, out: 
 def sources_of(side: str) -> str:
     """What a run's numbers come from beside its order: the toy and the runner, and of ours the algorithms."""
     files = ("toy.py", "side.py") if side == PEER else ("toy.py", "toy_vector.py", "ours.py")
-    ours = "" if side == PEER else source_hash("algos", "train")
+    ours = (
+        ""
+        if side == PEER
+        else code_hash(path for part in ("algos", "train") for path in (PACKAGE / part).rglob("*.py"))
+    )
     return ours + "".join((HERE / name).read_text() for name in files)
 
 

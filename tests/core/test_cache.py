@@ -1,38 +1,59 @@
-"""The cache folder, and the hash that keeps stale things from being used."""
+"""The cache folder, and the hashes that keep stale things from being used."""
+
+from pathlib import Path
+
+import pytest
 
 from thalweg.core import cache
 
-
-def tree(root, **files: str):
-    for name, text in files.items():
-        path = root / name.replace("__", "/")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.with_suffix(".py").write_text(text)
-    return root
+CODE = """def area(radius):
+    return 3.14 * radius**2
+"""
 
 
-def hash_of(monkeypatch, root, *parts: str) -> str:
-    monkeypatch.setattr(cache, "PACKAGE", root)
-    cache.source_hash.cache_clear()
-    try:
-        return cache.source_hash(*parts)
-    finally:
-        cache.source_hash.cache_clear()
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("THALWEG_CACHE", str(tmp_path / "cache"))
 
 
-def test_the_hash_changes_with_any_source_of_its_parts_and_with_no_other(tmp_path, monkeypatch):
-    first = hash_of(monkeypatch, tree(tmp_path / "a", world__x="1", world__deep__y="2", env__z="3"), "world")
-    inner = hash_of(monkeypatch, tree(tmp_path / "b", world__x="1", world__deep__y="20", env__z="3"), "world")
-    moved = hash_of(monkeypatch, tree(tmp_path / "c", world__x="1", world__deeper__y="2", env__z="3"), "world")
-    other = hash_of(monkeypatch, tree(tmp_path / "d", world__x="1", world__deep__y="2", env__z="30"), "world")
-    assert len({first, inner, moved}) == 3
-    assert other == first
+def hash_of(folder: Path, *texts: str) -> str:
+    folder.mkdir()
+    for number, text in enumerate(texts):
+        (folder / f"{number}.py").write_text(text)
+    return cache.code_hash(folder.glob("*.py"))
 
 
-def test_the_order_of_the_parts_does_not_matter(tmp_path, monkeypatch):
-    root = tree(tmp_path, world__x="1", env__z="3", kernel="4")
-    one = hash_of(monkeypatch, root, "world", "env", "kernel.py")
-    assert one == hash_of(monkeypatch, root, "kernel.py", "env", "world")
+def test_comments_docstrings_layout_and_names_of_files_change_no_hash(tmp_path: Path):
+    described = '''"""Areas."""
+def area( radius ):  # of a disk
+    """In square metres."""
+    return 3.14*radius ** 2
+'''
+    (tmp_path / "disk.py").write_text(described)
+    assert cache.code_hash([tmp_path / "disk.py"]) == hash_of(tmp_path / "plain", CODE)
+
+
+@pytest.mark.parametrize("changed", [CODE.replace("3.14", "3.15"), CODE.replace("radius", "r"), CODE + "PI = 3.14\n"])
+def test_any_change_of_code_changes_the_hash(tmp_path: Path, changed: str):
+    assert hash_of(tmp_path / "a", CODE) != hash_of(tmp_path / "b", changed)
+
+
+def test_the_hash_covers_every_file(tmp_path: Path):
+    assert len({hash_of(tmp_path / str(n), CODE, *more) for n, more in enumerate([(), ("x = 1",), ("x = 2",)])}) == 3
+
+
+def test_a_remembered_hash_is_that_of_the_same_bytes(tmp_path: Path):
+    first = hash_of(tmp_path / "a", CODE)
+    assert len(list((tmp_path / "cache" / "code").iterdir())) == 1
+    assert hash_of(tmp_path / "b", CODE) == first
+    assert len(list((tmp_path / "cache" / "code").iterdir())) == 1
+
+
+def test_a_cache_folder_that_cannot_be_written_changes_no_hash(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    first = hash_of(tmp_path / "a", CODE)
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("THALWEG_CACHE", str(tmp_path / "file" / "below"))
+    assert hash_of(tmp_path / "b", CODE) == first
 
 
 def test_the_folder_is_chosen_by_the_environment(tmp_path, monkeypatch):

@@ -7,7 +7,9 @@ import sys
 import numpy as np
 import pytest
 
-from thalweg.core.jit import kernel
+from thalweg.core import jit
+from thalweg.core.cache import PACKAGE
+from thalweg.core.jit import kernel, kernel_sources
 
 
 def gather(table, at, out):
@@ -57,3 +59,24 @@ def test_the_cache_lies_in_the_chosen_folder_or_in_none(tmp_path, place):
     kept = list(tmp_path.glob("mine/**/*.nbi"))
     assert bool(kept) == (place == "mine")
     assert not list((tmp_path / "__pycache__").glob("*.nbi"))
+
+
+def test_every_kernel_depends_on_what_its_module_imports():
+    sources = {path.relative_to(PACKAGE).as_posix() for path in kernel_sources()}
+    assert {"core/jit.py", "render/kernels/frame.py", "env/task/rules.py", "world/light/sun_shadow.py"} <= sources
+    assert {"render/records/scene.py", "world/record.py", "env/config.py", "core/cache.py"} <= sources  # indirectly
+    assert not {"env/vector_env.py", "render/renderer.py", "world/map_image.py", "train/run.py"} & sources
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "import thalweg.world.noise",
+        "from thalweg.world.noise import lattice",
+        "from thalweg.world import geometry, noise",
+        "from thalweg.world import (\n    geometry,\n    noise as n,\n)",
+        "def later():\n    from thalweg.world import noise",
+    ],
+)
+def test_every_way_to_write_an_import_is_seen(line: str):
+    assert PACKAGE / "world" / "noise.py" in set(jit._imported(f"import os\n{line}\n"))

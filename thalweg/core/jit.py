@@ -1,30 +1,35 @@
-"""How a loop becomes a compiled kernel: Numba with the flags this project measured to be fastest, safely cached.
+"""Compilation of kernels: Numba with the flags this project measured to be fastest, safely cached.
 
 Numba's own cache watches only the file a function stands in, so that a change in an imported kernel would leave a
-stale one behind. Here the cache folder is named by a hash of every source that holds kernels.
+stale one behind. Here the cache folder is named by a hash of the code of every module that kernels depend on. Comments,
+docstrings, and where the package lies do not matter, so that a clone beside another uses the same compiled kernels.
 
 In kernels everything is float32 (write `float32(0.5)`: a Python literal is float64 and halves the speed), conditions
 in inner loops are selects, and NaN or infinity never stand for a mark, because `fastmath` forbids them.
 """
 
 import hashlib
+import re
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numba
 from llvmlite import binding
+from numba.core import caching
 from numba.core import config as numba_config
 
-from thalweg.core.cache import PACKAGE, cache_dir, source_hash
+from thalweg.core.cache import PACKAGE, cache_dir, code_hash
 
 config: Any = numba_config
 """Its settings are made when Numba is imported, so that no type checker knows them."""
-KERNEL_SOURCES = ("core/jit.py", "world", "render", "env", "algos/policy/mlp_numba.py")
+IMPORT = re.compile(r"^ *(?:from|import) (thalweg[.\w]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
+USES_KERNELS = re.compile(r"^from thalweg\.core\.jit import", re.MULTILINE)
+"""What a module that defines kernels has among its imports."""
 
 
 def kernel(
@@ -44,20 +49,16 @@ def kernel(
 
     def compile_lazily(python_function: Callable[..., Any]) -> Any:
         folder = kernel_folder()
-        before = config.CACHE_DIR
-        config.CACHE_DIR = str(folder)
-        try:
-            dispatcher = numba.njit(
-                cache=folder is not None,
-                parallel=parallel,
-                fastmath=fastmath,
-                forceinline=inlined,
-                error_model="numpy",
-                boundscheck=False,
-                nogil=True,
-            )(python_function)
-        finally:
-            config.CACHE_DIR = before
+        dispatcher: Any = numba.njit(
+            parallel=parallel,
+            fastmath=fastmath,
+            forceinline=inlined,
+            error_model="numpy",
+            boundscheck=False,
+            nogil=True,
+        )(python_function)
+        if folder is not None and not config.DISABLE_JIT:
+            dispatcher._cache = _Cache(dispatcher.py_func)
         if disjoint and not config.DISABLE_JIT:
             _promise_disjoint(dispatcher)
         return dispatcher
@@ -71,7 +72,7 @@ def kernel_folder() -> Path | None:
 
     Numba by itself would fall back to folders beside the sources, which is what must not be.
     """
-    folder = cache_dir() / "kernels" / f"{source_hash(*KERNEL_SOURCES)}-{place_hash(PACKAGE)}"
+    folder = cache_dir() / "kernels" / f"{code_hash(kernel_sources())}-{machine_hash()}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -82,11 +83,68 @@ def kernel_folder() -> Path | None:
     return folder
 
 
-def place_hash(package: Path) -> str:
-    """What else Numba keeps kernels apart by: where the package lies, the processor, and the versions."""
+def machine_hash() -> str:
+    """A hash of what else compiled code depends on: the processor and the versions of Numba and Python."""
     cpu = binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
-    named = (str(package.resolve()), *cpu, numba.__version__, sys.version)
-    return hashlib.sha256("\n".join(named).encode()).hexdigest()[:8]
+    return hashlib.sha256("\n".join((*cpu, numba.__version__, sys.version)).encode()).hexdigest()[:8]
+
+
+def kernel_sources() -> list[Path]:
+    """The modules that define kernels, and every module of the package that those import, however indirectly.
+
+    What a package's `__init__.py` gathers is found in the modules themselves, so that facades don't count.
+    """
+    texts = {path: path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py") if path.name != "__init__.py"}
+    waiting = [path for path, text in texts.items() if USES_KERNELS.search(text)]
+    found = {PACKAGE / "core" / "jit.py"}
+    while waiting:
+        path = waiting.pop()
+        if path not in found:
+            found.add(path)
+            waiting += [other for other in _imported(texts[path]) if other in texts]
+    return sorted(found)
+
+
+def _imported(text: str) -> Iterator[Path]:
+    """Where the modules of Thalweg lie that a module imports, in either way to write it."""
+    for module, names in IMPORT.findall(text):
+        place = PACKAGE.joinpath(*module.split(".")[1:])
+        yield place.with_suffix(".py")
+        yield from (place / f"{name}.py" for name in re.findall(r"\w+", names))
+
+
+class _Locator(caching._CacheLocator):
+    """Where the compiled form of a function lies: in the folder for kernels, whatever the time stamps of its file."""
+
+    def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
+        self._py_file = py_file
+        folder = kernel_folder()
+        assert folder is not None
+        self._folder = folder / py_func.__module__.removeprefix("thalweg.")
+
+    def get_cache_path(self) -> str:
+        return str(self._folder)
+
+    def get_source_stamp(self) -> str:
+        """For functions outside the package, whose code is not part of the folder's name."""
+        return code_hash([Path(self._py_file)]) if PACKAGE not in Path(self._py_file).parents else ""
+
+    def get_disambiguator(self) -> str:
+        return "kernel"  # functions of one name in one module are told apart by their bytecode
+
+    @classmethod
+    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> "_Locator":
+        locator = cls(py_func, py_file)
+        locator.ensure_cache_path()
+        return locator
+
+
+class _CacheImpl(caching.CompileResultCacheImpl):
+    _locator_classes = (_Locator,)
+
+
+class _Cache(caching.FunctionCache):
+    _impl_class = _CacheImpl
 
 
 def _promise_disjoint(dispatcher: Any) -> None:

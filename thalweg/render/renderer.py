@@ -8,6 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
+from thalweg.core import versions
 from thalweg.core.device import device_named
 from thalweg.render import compilation
 from thalweg.render.batch import bands_of, draw
@@ -18,7 +19,7 @@ from thalweg.render.records.quality import QUALITIES, Quality
 from thalweg.render.records.scene import build_scene
 from thalweg.world.record import World
 
-RENDER_VERSION = 2
+RENDER_VERSION = versions.RENDER
 """Changes whenever the same world looks different, so that what was trained on older frames can tell."""
 
 

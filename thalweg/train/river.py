@@ -10,7 +10,7 @@ from typing import Any
 
 from thalweg.algos.policy.actions import Actions
 from thalweg.algos.registry import algorithm_named
-from thalweg.core.cache import file_mark
+from thalweg.core.cache import file_hash
 from thalweg.core.device import device_named
 from thalweg.core.torch_threads import asked_threads
 from thalweg.encoder import Encoder, check_render_version, load_encoder
@@ -38,7 +38,7 @@ def load_fitting_encoder(path: Path | None = None, device: str = "cpu") -> Encod
 
 def mark(encoder: Encoder) -> str:
     """What tells an encoder from every other: the mark of its file."""
-    return file_mark(Path(encoder.about["path"]))
+    return file_hash(Path(encoder.about["path"]))
 
 
 def check_sees_as_trained(policy: Any, encoder: Encoder) -> None:

@@ -18,7 +18,7 @@ from thalweg.algos.interface import Learner, Task
 from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.policy import policy as policies
 from thalweg.algos.registry import Entry, algorithm_named
-from thalweg.core.cache import file_mark
+from thalweg.core.cache import file_hash
 from thalweg.core.device import DeviceError, device_named
 from thalweg.core.torch_threads import torch_threads
 from thalweg.train.errors import ResumeWarning, TrainingError
@@ -195,7 +195,7 @@ def _begin_as(learner: Learner, file: Path) -> dict[str, str]:
     if not isinstance(own, policies.Policy):
         raise AlgorithmError(f"{own.about.algorithm} plans, and can't begin with another policy")
     own.begin_as(other)
-    return {"algorithm": other.about.algorithm, "content": file_mark(file)}
+    return {"algorithm": other.about.algorithm, "content": file_hash(file)}
 
 
 def _learn(

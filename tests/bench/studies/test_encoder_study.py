@@ -101,8 +101,8 @@ def test_a_folder_of_another_study_is_refused_with_the_difference(
         run_study(study, replace(SMALL, epochs=3), progress=False)
     with pytest.raises(ResultsError, match="precision is 'float32' there and 'bfloat16' here"):
         run_study(study, replace(SMALL, precision="bfloat16"), progress=False)
-    monkeypatch.setattr(encoder_study, "source_hash", lambda *_: "0123456789abcdef")
-    with pytest.raises(ResultsError, match=r"source is '[0-9a-f]{16}' there and '0123456789abcdef' here"):
+    monkeypatch.setattr(encoder_study.versions, "WORLD", 99)
+    with pytest.raises(ResultsError, match=r"versions is .* there and {'world': 99, .*} here"):
         run_study(study, SMALL, progress=False)
     (tmp_path / "letter.txt").write_text("mine")
     with pytest.raises(ResultsError, match="is not empty and holds no study"):

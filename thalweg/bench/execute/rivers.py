@@ -16,8 +16,8 @@ from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Look, Step, evaluate, through_encoder
 from thalweg.bench.pictures.film_format import Format
 from thalweg.bench.suite.suites import Arm, Run, Stage, Suite
-from thalweg.core.cache import file_mark, source_hash
-from thalweg.encoder import DEFAULT_PATH, Encoder
+from thalweg.core import versions
+from thalweg.encoder import Encoder
 from thalweg.train import load_policy
 from thalweg.train.river import TrainingGround, check_sees_as_trained, load_fitting_encoder
 
@@ -27,20 +27,18 @@ PACKAGED_POLICY = Path(__file__).with_name("flight.safetensors")
 
 STAGES = ".before"
 """Folder, within a run's, of the runs that it begins with."""
-SOURCES = (
-    *("world", "render", "env", "algos", "train", "encoder", "core/jit.py"),
-    *("bench/evaluate", "bench/execute/rivers.py"),
-)
-"""Parts of the package that the episodes of a suite depend on."""
 
 
-def made_by() -> dict[str, str | None]:
-    """What the results of a suite depend on beside the suite: marks of the code, of the encoder and of the packaged
-    policy, None where there is no such policy."""
+def made_by() -> dict[str, int | None]:
+    """Versions that the results of any suite depend on; None for a packaged policy that this copy lacks."""
     return {
-        "source": source_hash(*SOURCES),
-        "encoder": file_mark(DEFAULT_PATH),
-        "packaged": file_mark(PACKAGED_POLICY) if PACKAGED_POLICY.exists() else None,
+        "world": versions.WORLD,
+        "render": versions.RENDER,
+        "rules": versions.RULES,
+        "training": versions.TRAINING,
+        "evaluation": versions.EVALUATION,
+        "encoder": versions.PACKAGED_ENCODER,
+        "packaged": versions.PACKAGED_POLICY if PACKAGED_POLICY.exists() else None,
     }
 
 

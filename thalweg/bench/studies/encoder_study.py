@@ -23,8 +23,8 @@ from thalweg.bench.studies.encoder_tables import (
     size_row,
 )
 from thalweg.bench.studies.water import Finder, load_finder, mean_iou, save_finder, train_finder, water_in
+from thalweg.core import versions
 from thalweg.core.atomic_io import write_whole
-from thalweg.core.cache import source_hash
 from thalweg.encoder import Encoder, EncoderInputError, Source, draw_reconstructions, load_encoder, train_encoder
 from thalweg.encoder.linear_probe import explained
 from thalweg.encoder.reconstruction import reconstruct
@@ -36,11 +36,6 @@ from thalweg.world import level_named
 
 SIZES = (1024, 512, 256, 128, 64, 32, 16, 8)
 """Numbers in a code that are compared."""
-SOURCES = (
-    *("core/jit.py", "world", "render", "env", "encoder", "train/encoder/frames.py"),
-    *("bench/studies/encoder_study.py", "bench/studies/water.py"),
-)
-"""Parts of the package that a case's measures depend on."""
 INPUTS = ("rgb", "mask", "rgb+mask")
 CODE = 16
 """Numbers in the codes of different inputs."""
@@ -52,6 +47,11 @@ SWEEP = tuple(Case("rgb+mask", size) for size in SIZES)
 PAPERS = (Case("rgb+mask", 16, "paper"), Case("rgb+mask", 64, "paper"))
 COMPARED = tuple(Case(inputs, CODE) for inputs in INPUTS)
 CASES = tuple(dict.fromkeys((*COMPARED, *SWEEP, *PAPERS)))
+
+
+def made_by() -> dict[str, int]:
+    """Versions that the measures of a case depend on."""
+    return {"world": versions.WORLD, "render": versions.RENDER, "rules": versions.RULES, "encoder": versions.ENCODER}
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ def _claim(folder: Path, plan: Plan) -> Plan:
     there = _read(path) if path.exists() else {}
     if plan.precision == "auto":
         plan = replace(plan, precision=there.get("precision") or resolve_precision("auto"))
-    record = json.loads(json.dumps(asdict(plan) | {"render_version": RENDER_VERSION, "source": source_hash(*SOURCES)}))
+    record = json.loads(json.dumps(asdict(plan) | {"render_version": RENDER_VERSION, "versions": made_by()}))
     record["level"] = level_named(plan.level).name
     if there:
         differing = [

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from thalweg.core.atomic_io import whole
-from thalweg.core.cache import cache_dir, source_hash
+from thalweg.core.cache import PACKAGE, cache_dir, code_hash
 from thalweg.render.bake import sprites
 from thalweg.render.bake.trees import Model, grow
 from thalweg.world.species import KINDS, Kind
@@ -36,8 +36,8 @@ MOST_GAIN = 1.8
 """Averaging takes the sparkle of leaves out of far levels; at most this factor on their detail puts it back."""
 FINE = 4
 """Samples along each side of a texel of level 0."""
-SOURCES = ("core/jit.py", "world/species.py", "render/bake")
-STAMP = source_hash(*SOURCES)
+SOURCES = (PACKAGE / "core" / "jit.py", PACKAGE / "world" / "species.py", *Path(__file__).parent.glob("*.py"))
+STAMP = code_hash(SOURCES)
 """Taken on import: a process older than the sources on the disk must not store its atlas under their name."""
 
 

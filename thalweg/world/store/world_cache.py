@@ -12,28 +12,24 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
-from thalweg.core.cache import PACKAGE, cache_dir, source_hash
+from thalweg.core.cache import PACKAGE, cache_dir, code_hash
 from thalweg.world.errors import WorldFileError
 from thalweg.world.generate.build import build, resolve
 from thalweg.world.levels import Level
 from thalweg.world.record import World
 
 SOURCES = (
-    "core/jit.py",
-    *(
-        path.relative_to(PACKAGE).as_posix()
-        for path in sorted((PACKAGE / "world").rglob("*.py"))
-        if path.stem != "map_image"
-    ),
+    PACKAGE / "core" / "jit.py",
+    *(path for path in (PACKAGE / "world").rglob("*.py") if path.stem not in ("map_image", "__init__")),
 )
-"""Everything that can change a world or its file; the drawing of maps can't."""
+"""All code that can change a world or its file; the drawing of maps can't."""
 LIBRARIES = ("numpy", "scipy", "numba")
 """Another version of these may round otherwise."""
 
 
 def stamp() -> str:
-    """What names the version: a hash of the sources and of the versions of the libraries."""
-    parts = [source_hash(*SOURCES), *(version(library) for library in LIBRARIES)]
+    """A hash of the code that makes worlds, and of the versions of the libraries."""
+    parts = [code_hash(SOURCES), *(version(library) for library in LIBRARIES)]
     return hashlib.sha256(" ".join(parts).encode()).hexdigest()[:16]
 
 

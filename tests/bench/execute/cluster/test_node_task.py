@@ -85,10 +85,8 @@ def test_what_was_there_already_is_not_done_again_nor_sent_back():
 
 
 def test_a_node_with_other_sources_says_which_are_there_and_which_here():
-    ours = made_by() | {"source": "0123456789abcdef"}
-    message = (
-        f"node {NODE} of the cluster has another Thalweg .source {made_by()['source']} there, 0123456789abcdef here.$"
-    )
+    ours = made_by() | {"world": 99}
+    message = f"node {NODE} of the cluster has another Thalweg .world {made_by()['world']} there, 99 here.$"
     with pytest.raises(ResultsError, match=message):
         next(errand(order(SmallPlace(), made=ours)))
 

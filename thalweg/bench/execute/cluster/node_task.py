@@ -32,7 +32,7 @@ class Order:
     place: Place
     files: Files
     """The run as it stands, see `thalweg.bench.execute.cluster.run_archive`."""
-    made: dict[str, str | None]
+    made: dict[str, int | None]
     """What makes the results, as `made_by` says where they are gathered."""
     gather_s: float
     """Least time between two parcels that are sent back."""
@@ -102,7 +102,7 @@ class _Doing:
             self._said = error
 
 
-def _require_same(made: dict[str, str | None], node: str) -> None:
+def _require_same(made: dict[str, int | None], node: str) -> None:
     """Raise `ResultsError` that names each part in which this machine's Thalweg differs."""
     here = made_by()
     changes = [f"{key} {here.get(key)} there, {mark} here" for key, mark in made.items() if here.get(key) != mark]

@@ -1,0 +1,46 @@
+"""Versions of everything that results depend on, raised by hand when behaviour changes.
+
+A golden test for each (`tests/golden`) fails when behaviour changes and its version here does not. Comments, names and
+moves of code change no behaviour and raise no version. Compiled kernels and cached worlds are not results: they are
+keyed by the code that made them.
+"""
+
+from collections.abc import Iterable
+
+WORLD = 1
+"""Worlds that `thalweg.world.build` makes of a level and a seed, or of a line."""
+RENDER = 2
+"""Frames of a world at a pose, time and look."""
+RULES = 1
+"""Motion, progress, reward, cost and termination."""
+ENCODER = 1
+"""Training of an encoder, and its codes of frames."""
+TRAINING = 1
+"""Collection of rollouts, and the training loop that all algorithms share."""
+EVALUATION = 1
+"""Starts, conditions and flights of evaluated episodes, baselines and the scripted pilot included."""
+ALGORITHMS = {
+    "PPO": 1,
+    "PPOLag": 1,
+    "FOCOPS": 1,
+    "P3O": 1,
+    "OnCRPO": 1,
+    "CPO": 1,
+    "CUP": 1,
+    "DDPGLag": 1,
+    "TD3Lag": 1,
+    "SACLag": 1,
+    "SafeLOOP": 1,
+    "CCEPETS": 1,
+}
+"""Updates of each algorithm, by its name in the registry."""
+PACKAGED_ENCODER = 1
+"""The encoder file that comes with the package."""
+PACKAGED_POLICY = 1
+"""The policy file that comes with the package."""
+
+
+def training_versions(algorithms: Iterable[str]) -> dict[str, int]:
+    """Versions that a policy depends on, trained by these algorithms on our rivers through the packaged encoder."""
+    shared = {"world": WORLD, "render": RENDER, "rules": RULES, "encoder": PACKAGED_ENCODER, "training": TRAINING}
+    return shared | {name: ALGORITHMS[name] for name in algorithms}

@@ -1,11 +1,8 @@
 """A copy of the tiny results that tests may spoil, and reports that draw nothing."""
 
-import importlib
 import shutil
-import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -26,11 +23,3 @@ def no_pictures() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         draw_nothing(patch)
         yield
-
-
-@pytest.fixture
-def findings(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """`benchmarks/findings.py`, with nothing read yet."""
-    monkeypatch.syspath_prepend(Path(__file__).resolve().parents[2] / "benchmarks")
-    monkeypatch.delitem(sys.modules, "findings", raising=False)
-    return importlib.import_module("findings")

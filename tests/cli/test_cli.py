@@ -129,7 +129,7 @@ def test_an_interrupt_says_how_to_go_on(monkeypatch: pytest.MonkeyPatch, capsys:
 def test_a_run_told_to_end_warns_and_ends_as_an_interrupted_one():
     code = """
 import os, signal, sys, warnings
-from thalweg import cli
+from thalweg.cli import main as cli
 def run(command):
     warnings.warn("the limit never binds", stacklevel=1)
     os.kill(os.getpid(), signal.SIGTERM)

@@ -1,4 +1,4 @@
-"""Which settings do all off-policy algorithms have?"""
+"""Settings that all off-policy algorithms share."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -11,79 +11,80 @@ from thalweg.algos.policy.mlp_autograd import Activation
 from thalweg.algos.policy.networks import Initial, Shape
 
 Schedule = Literal["report", "gradient_step"]
-"""When the multipliers move."""
+"""When the multipliers are updated."""
 
 
 @dataclass(frozen=True)
 class OffPolicyConfig(MultiplierConfig, CostConfig):
-    """Settings of every off-policy algorithm; each has a limit on its costs."""
+    """Settings that all off-policy algorithms share; each algorithm has a limit on its costs."""
 
     steps_per_collection: int = 64
-    """Steps between two rounds of learning, all environments together; at least one of each environment."""
+    """Steps between two rounds of learning, all environments together; at least one step of each environment."""
     updates_per_step: float = 0.25
-    """Gradient steps for each step; what a round does not come to is carried over."""
+    """Gradient steps per environment step; a fraction that is left after a round is carried over to the next."""
     steps_per_update: int = 2048
-    """Steps between two reports, all environments together: then the multipliers move, and metrics are logged."""
+    """Steps between two reports, all environments together. At a report the multipliers are updated and metrics are
+    logged."""
     multiplier_rate: float = 0.5
-    """Step size of the part of λ that integrates; K_I of a PID multiplier. λ is the reward that a unit of cost is
-    worth."""
+    """Step size of the integral part of λ; K_I of a PID multiplier. λ is the reward that one unit of cost is worth."""
     multiplier_gain: float = 1.0
-    """K_P: what is added to λ for each unit by which the mean cost exceeds the limit, at once; 0 for none."""
+    """K_P: added to λ at once for each unit by which the mean cost exceeds the limit; 0 for none."""
     multiplier_max: float = 50.0
     """Upper bound of λ."""
     multiplier_schedule: Schedule = "report"
-    """When the multipliers move: once a report, from the episodes finished since the last one; or at each gradient
-    step, as in OmniSafe, where an old mean is answered to again and again."""
+    """When the multipliers are updated: at each report, from the episodes finished since the last one ("report"), or at
+    each gradient step, as in OmniSafe, which uses the same mean cost many times ("gradient_step")."""
     random_steps: int = 1000
-    """Steps of uniformly drawn actions before the policy acts and anything is learnt."""
+    """Steps with uniformly random actions before the policy acts and learning starts."""
     replay_size: int = 1_000_000
-    """Steps that are remembered."""
+    """Steps that the replay buffer holds."""
     minibatch: int = 256
-    """Remembered steps of one gradient step."""
+    """Steps in the batch of one gradient step."""
     discount: float = 0.99
     """γ of the reward."""
     cost_discount: float = 0.99
     """γ of the costs."""
     target_rate: float = 0.01
-    """τ: how far the slow copies move towards the networks each time that the policy is improved."""
+    """τ: how far the target networks move towards the networks after each update of the policy."""
     policy_delay: int = 1
-    """Gradient steps of the critics for one of the policy."""
+    """Gradient steps of the critics per gradient step of the policy."""
     learning_rate: float = 1e-3
-    """Adam's, for the policy."""
+    """Learning rate of Adam for the policy."""
     critic_learning_rate: float = 1e-3
-    """Adam's, for the critics."""
+    """Learning rate of Adam for the critics."""
     linear_decay: bool = True
-    """Whether the policy's learning rate falls linearly to 0 over the run, so that what remains at its end does not
-    depend on where a swing is cut off."""
+    """Whether the policy's learning rate falls linearly to 0 over the run, so that the final policy does not depend on
+    the point of an oscillation at which training ends."""
     max_grad_norm: float = 40.0
-    """Longer gradients are shortened to this, the policy's and that of all critics each by itself."""
+    """Longer gradients are scaled down to this norm, the policy's and that of all critics separately."""
     cost_critics: int = 1
-    """Critics of each cost: of two, targets take the larger estimate, as they take the smaller of two of the reward."""
+    """Critics of each cost. With two, targets take the larger estimate; of the reward's two, the smaller."""
     cost_floor: bool = True
-    """Whether targets take a cost's critic at no less than 0, as no cost is negative. A policy seeks out where its cost
-    is underestimated; without a floor what it finds goes into the targets, and so on without end."""
+    """Whether targets clip a cost critic's estimate at 0, as no cost is negative. A policy finds actions whose cost is
+    underestimated; without the floor these estimates enter the targets and the error grows without bound."""
     normalise_cost: bool = False
-    """Whether critics learn each cost's deviation from its running mean, in deviations and within ±5, as in OmniSafe:
-    then a step without cost earns something, and a multiplier weighs another unit. The limit holds for raw costs."""
+    """Whether critics learn each cost standardised by its running mean and standard deviation and clipped to ±5, as in
+    OmniSafe. A step without cost then has a negative cost, and a multiplier weighs another unit. The limit applies to
+    raw costs."""
     hidden: tuple[int, ...] = (256, 256)
     """Sizes of the hidden layers, of the policy and of each critic."""
     activation: Activation = "relu"
-    """Of the hidden layers."""
+    """Activation of the hidden layers."""
     initial: Initial = "orthogonal"
-    """How weights start: orthogonal with a last layer of the policy near zero ("orthogonal"); uniform as
-    torch's own layers ("kaiming"); or normal, cut off at two deviations ("truncated")."""
+    """Initial weights: orthogonal, with a last layer of the policy near zero ("orthogonal"); uniform, as in torch's own
+    layers ("kaiming"); or normal, truncated at two standard deviations ("truncated")."""
     normalise_observations: bool = True
-    """Whether observations are standardised by running statistics: remembered ones by those of today."""
+    """Whether observations are standardised by running statistics; stored observations by the current ones."""
     adapter: Adapter = "native"
     """Discrete actions as choices ("native"), or as numbers that are rounded ("box_literal", "box_scaled")."""
     frame_stack: int = 1
-    """How many of the last observations are seen side by side."""
+    """Number of the last observations that are stacked."""
 
     def __post_init__(self) -> None:
         require(self, self.conditions())
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
-        """What must hold of each field, in words."""
+        """Condition and message for each field."""
         return (
             self.multiplier_conditions()
             | self.cost_conditions()
@@ -110,5 +111,5 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
 
     @property
     def shape(self) -> Shape:
-        """Of the networks."""
+        """Shape of the networks."""
         return Shape(self.hidden, self.activation, self.initial)

@@ -18,7 +18,7 @@ class DDPGLagConfig(DeterministicConfig):
     """Settings of DDPGLag."""
 
     target_actor: bool = True
-    """Whether targets take the action of the policy's slow copy, as in the paper; else that of the policy itself, as in
+    """Whether targets use the action of the target policy, as in the paper; else that of the policy itself, as in
     OmniSafe."""
 
 

@@ -28,23 +28,23 @@ COLDEST = 1e-3
 
 @dataclass(frozen=True)
 class DeterministicConfig(OffPolicyConfig):
-    """Settings of every algorithm whose policy is one action per state."""
+    """Settings that all algorithms with a deterministic policy share."""
 
     exploration: float = 0.1
-    """ε: share of steps with a uniformly drawn action."""
+    """ε: share of steps with a uniformly random action."""
     exploration_noise: float = 0.1
-    """Standard deviation of what is added to a number, of -1..1, while collecting."""
+    """Standard deviation of the noise added to a continuous action in -1..1 while collecting."""
     exploration_temperature: float = 0.2
-    """Of choices while collecting: drawn from the softmax of the policy's outputs divided by this. Where it is high,
-    the multipliers answer to the costs of another policy than the one that is used in the end."""
+    """Temperature of discrete actions while collecting: they are sampled from the softmax of the policy's outputs
+    divided by this. If it is high, the multipliers respond to the costs of a policy that differs from the final one."""
     exploration_fades: bool = True
-    """Whether ε, the deviation and the temperature fall linearly to 0 over the run, so that towards its end the
-    multipliers answer to the costs of the policy that remains."""
+    """Whether ε, the standard deviation and the temperature fall linearly to 0 over the run, so that the multipliers
+    respond to the costs of the final policy towards its end."""
     relaxation: float = 1.0
-    """τ of the Gumbel-softmax whose gradient stands for that of a choice."""
+    """τ of the Gumbel-softmax whose gradient replaces that of a discrete choice."""
     output_decay: float = 0.03
-    """Weight of the policy's mean squared outputs (logits, or what tanh is taken of) in its loss: a policy that has
-    become certain would have no gradient left."""
+    """Weight of the policy's mean squared outputs (logits, or the inputs of tanh) in its loss; without it a saturated
+    policy has no gradient."""
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return super().conditions() | {

@@ -29,20 +29,20 @@ class SACLagConfig(OffPolicyConfig):
     """Settings of SACLag."""
 
     multiplier_settles: bool = False
-    """Off: a policy that draws lots can stay at its limit, and need not end on the safe side of a swing."""
+    """Off by default: a stochastic policy can stay at its limit and need not end on the safe side of an oscillation."""
     alpha: float = 0.1
-    """α: what a nat of entropy is worth; with `auto_alpha` at the start."""
+    """α: weight of the policy's entropy in nats; with `auto_alpha` its initial value."""
     auto_alpha: bool = True
-    """Whether α moves so that the policy keeps its entropy at a target."""
+    """Whether α is adapted to keep the policy's entropy at a target."""
     alpha_learning_rate: float = 1e-3
-    """Adam's, for log α."""
+    """Learning rate of Adam for log α."""
     entropy_share: float = 0.1
-    """The entropy aimed at by a policy of choices, as a share of the largest, log(number of joint actions)."""
+    """Target entropy of a discrete policy, as a share of the maximum, log(number of joint actions)."""
     entropy_per_number: float = -1.0
-    """The entropy aimed at by a policy of numbers, of -1..1, in nats for each of them."""
+    """Target entropy of a continuous policy in -1..1, in nats per dimension of the action."""
     cost_target: Literal["policy", "mode"] = "policy"
-    """The action that a cost's target is taken at: the policy's, as the reward's is; or the policy's most probable one
-    (of numbers, the mean's), as in OmniSafe, which is another policy's cost."""
+    """Action of a cost's target: sampled from the policy, as for the reward ("policy"), or the policy's most probable
+    action (for continuous actions the mean), as in OmniSafe, which estimates the cost of another policy ("mode")."""
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return super().conditions() | {

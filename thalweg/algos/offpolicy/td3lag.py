@@ -18,17 +18,18 @@ class TD3LagConfig(DeterministicConfig):
     """Settings of TD3Lag."""
 
     policy_delay: int = 2
-    """Gradient steps of the critics for one of the policy."""
+    """Gradient steps of the critics per gradient step of the policy."""
     target_noise: float = 0.2
-    """σ̃ of what is added to a number, of -1..1, for targets."""
+    """σ̃: standard deviation of the noise added to a continuous action in -1..1 for targets."""
     target_noise_clip: float = 0.5
-    """c: what is added to a number is within ±c."""
+    """c: the noise of targets is clipped to ±c."""
     target_temperature: float = 0.05
-    """Of choices for targets: drawn from the softmax of the policy's outputs divided by this; 0: the policy's own. Much
-    higher, targets are those of another policy than the one that is used in the end."""
+    """Temperature of discrete actions for targets: they are sampled from the softmax of the policy's outputs divided by
+    this; 0 for the most probable action. If it is much higher, targets belong to a policy that differs from the final
+    one."""
     cost_target: Literal["smoothed", "online"] = "smoothed"
-    """The action that a cost's target is taken at: the reward's, near that of the policy's slow copy; or that of the
-    policy itself, as in OmniSafe."""
+    """Action of a cost's target: the smoothed action of the target policy, as for the reward ("smoothed"), or the
+    action of the policy itself, as in OmniSafe ("online")."""
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return super().conditions() | {

@@ -35,7 +35,7 @@ class CCEPETSConfig(PlanningConfig):
     """Settings of CCEPETS."""
 
     terminal_value: bool = True
-    """Whether a critic says what is still to come after the horizon; else that counts for nothing."""
+    """Whether a critic estimates the return after the horizon; else it counts as 0."""
 
     def sized(self) -> Sizes:
         return SIZES[self.size]

@@ -1,4 +1,4 @@
-"""Which settings do all planners have?"""
+"""Settings that all planners share."""
 
 import math
 from dataclasses import dataclass
@@ -16,132 +16,134 @@ Fitting = Literal["steady", "refit"]
 
 @dataclass(frozen=True)
 class Sizes:
-    """How much is computed for a decision."""
+    """Amount of computation for one decision."""
 
     samples: int
-    """S, candidates of an iteration."""
+    """S, candidates per iteration."""
     particles: int
-    """P, futures of each candidate in each model."""
+    """P, imagined rollouts of each candidate in each model."""
     iterations: int
+    """Updates of the plan."""
     elites: int
-    """E, candidates that shape the next iteration, or the least that must be feasible."""
+    """E, candidates that determine the next iteration, and the least number that must be feasible."""
     horizon: int
     """H, decisions that are imagined ahead."""
     model_hidden: tuple[int, ...]
+    """Sizes of the hidden layers of each model."""
 
 
 @dataclass(frozen=True)
 class PlanningConfig(CostConfig):
-    """Settings of every planner."""
+    """Settings that all planners share."""
 
     size: Size = "lite"
-    """How much is computed where a setting below is 0: "full" is as published."""
+    """Preset for the settings below that are 0: "lite", or "full" as published."""
     samples: int = 0
-    """Candidates of an iteration; 0: as `size` says."""
+    """Candidates per iteration; 0: as in `size`."""
     particles: int = 0
-    """Imagined futures of each candidate in each model of the ensemble; 0: as `size` says."""
+    """Imagined rollouts of each candidate in each model of the ensemble; 0: as in `size`."""
     iterations: int = 0
-    """How often the plan is improved for a decision; 0: as `size` says."""
+    """Updates of the plan per decision; 0: as in `size`."""
     elites: int = 0
-    """Candidates that shape the next iteration, and the least that must be feasible; 0: as `size` says."""
+    """Candidates that determine the next iteration, and the least number that must be feasible; 0: as in `size`."""
     model_hidden: tuple[int, ...] = ()
-    """Sizes of the hidden layers of each model; empty: as `size` says."""
+    """Sizes of the hidden layers of each model; empty: as in `size`."""
     horizon: int = 0
-    """H: decisions that are imagined ahead; 0: as `size` says."""
+    """H: decisions that are imagined ahead; 0: as in `size`."""
     planning_discount: float = 0.99
     """γ of the reward within the horizon."""
     discount: float = 0.99
-    """γ of the reward beyond it: the critics'."""
+    """γ of the critics, for the reward after the horizon."""
     momentum: float = 0.1
-    """Share of the plan before that an iteration keeps."""
+    """Weight of the previous plan in each update."""
     floor: float = 0.02
     """Least probability of each option in a plan."""
     carry_over: float = 0.5
-    """Share of the last decision's plan, shifted by a step, in the first guess of the next; of options only."""
+    """Weight of the previous decision's plan, shifted by a step, in the initial plan of the next decision; discrete
+    actions only."""
     settled_variance: float = 0.0
-    """The search for a decision ends early, after at least one iteration, once no variance of its plan is above this:
-    that of a number, or p (1 - p) of an option. 0: it takes all iterations."""
+    """The search ends early, after at least one iteration, once no variance of the plan is above this: that of a
+    number, or p (1 - p) of an option. 0: it runs all iterations."""
     initial_std: float = 0.5
-    """Deviation of numbers, which lie in -1..1, in the first guess."""
+    """Standard deviation of continuous actions, which lie in -1..1, in the initial plan."""
     largest_variance: float = 4.0
-    """Upper bound of the variance of numbers in a plan."""
+    """Upper bound of the variance of continuous actions in a plan."""
     exploration: float = 0.2
-    """Share of training's decisions that are drawn from the plan, instead of being its most probable action."""
+    """Share of decisions in training that are sampled from the plan; the others take its most probable action."""
     action_repeat: int = 1
-    """Steps of the environment that each decision is carried out for."""
+    """Environment steps that each decision is repeated for."""
     episode_length: int = 0
-    """Steps of an episode that the cost limit is shared out over; 0: as measured."""
+    """Steps of an episode over which the cost limit is spread; 0: measured."""
     cost_over: CostOver = "mean"
-    """Whether the cost of a step is the mean or the largest of its imagined futures."""
+    """Whether the cost of a step is the mean or the maximum over its imagined rollouts."""
     shared_noise: bool = True
-    """Whether all candidates meet the same disturbances in imagination, so that they are compared like with like."""
+    """Whether all candidates share the same noise in imagined rollouts, which makes their comparison less noisy."""
     predict_end: bool = True
-    """Whether imagined episodes can end, when the model says so; else they always go on for H steps."""
+    """Whether imagined episodes can terminate as the model predicts; else all of them last H steps."""
     members: int = 5
-    """Models of the ensemble."""
+    """Models in the ensemble."""
     model_learning_rate: float = 1e-3
-    """Adam's, for the ensemble."""
+    """Learning rate of Adam for the ensemble."""
     model_decay: float = 1e-4
-    """Weight decay of each model's last layer; towards the first it falls to a quarter."""
+    """Weight decay of each model's last layer; it falls to a quarter towards the first layer."""
     fixed_variance_bounds: bool = False
-    """Whether the bounds of the predicted log-variance stay where they begin, as in OmniSafe."""
+    """Whether the bounds of the predicted log-variance stay at their initial values, as in OmniSafe."""
     rarity: float = 10.0
-    """The most by which a rare end or cost counts more than its absence in fitting; it does not shift what is
-    predicted."""
+    """Largest weight of a rare termination or cost relative to its absence in fitting; predictions stay unbiased."""
     fitting: Fitting = "steady"
-    """"steady": so many gradient steps per collection. "refit": whenever `refit_steps` have passed, over the whole
-    replay until it no longer gets better."""
+    """"steady": `model_steps` gradient steps per collection. "refit": every `refit_steps` steps, over the whole replay
+    buffer until the held-out loss stops improving."""
     model_steps: int = 64
-    """Gradient steps of the ensemble per collection, with "steady"."""
+    """Gradient steps of the ensemble per collection with "steady"."""
     refit_steps: int = 1200
     """Steps between refits."""
     refit_patience: int = 5
-    """Epochs of a refit without a gain of 1 % on the steps held out after which it stops."""
+    """A refit stops after this number of epochs without an improvement of 1 % of the held-out loss."""
     hold_out: float = 0.05
-    """Share of the steps that are not fitted to, but show how good the model is; at most a half."""
+    """Share of the steps that are held out of fitting to measure the model; at most a half."""
     minibatch: int = 256
-    """Steps of one gradient step, for each model and for the critics."""
+    """Steps in the batch of one gradient step, for each model and for the critics."""
     hidden: tuple[int, ...] = (64, 64)
     """Sizes of the hidden layers of critics and actor."""
     critic_learning_rate: float = 1e-3
-    """Adam's, for the critics."""
+    """Learning rate of Adam for the critics."""
     critic_steps: int = 64
     """Gradient steps of the critics per collection."""
     critics_wait: bool = False
-    """Whether critics (and an actor) begin to learn only when planning does, as in OmniSafe."""
+    """Whether critics (and an actor) start to learn only when planning starts, as in OmniSafe."""
     target_rate: float = 0.005
-    """How far the target critics follow the critics in each gradient step."""
+    """How far the target critics move towards the critics at each gradient step."""
     steps_per_collection: int = 256
-    """Steps between fittings, all environments together."""
+    """Steps between two fits of the model, all environments together."""
     steps_per_update: int = 2048
-    """Steps between reports, all environments together."""
+    """Steps between two reports, all environments together."""
     random_steps: int = 2048
-    """Steps before planning begins, with actions at random."""
+    """Steps with uniformly random actions before planning starts."""
     replay_size: int = 1_000_000
-    """Steps that are kept to learn from; the oldest make room."""
+    """Steps that the replay buffer holds; the oldest are overwritten."""
     drop_terminal: bool = False
-    """Whether steps that end an episode are thrown away, as in OmniSafe: a cost that is paid at the end is then never
-    seen."""
+    """Whether the last step of each episode is discarded, as in OmniSafe; a cost at the end of an episode is then never
+    learnt."""
     precision: Precision = "float32"
-    """Of the products of matrices in imagination; sums and states always have float32."""
+    """Precision of matrix products in imagined rollouts; sums and states are always float32."""
     normalise_observations: bool = True
     """Whether observations are standardised by running statistics."""
     adapter: Adapter = "native"
-    """Discrete actions as options ("native"), or as numbers that are rounded ("box_literal", "box_scaled")."""
+    """Discrete actions as choices ("native"), or as numbers that are rounded ("box_literal", "box_scaled")."""
     frame_stack: int = 1
-    """How many of the last observations are seen side by side; the model predicts the newest. Not with an
-    `action_repeat`: the model sees no frames between two decisions."""
+    """Number of the last observations that are stacked; the model predicts the newest. Not with an `action_repeat`: the
+    model sees no frames between two decisions."""
 
     def __post_init__(self) -> None:
         require(self, self.conditions())
 
     def sized(self) -> Sizes:
-        """What `size` says; each planner has its own."""
+        """The sizes that `size` stands for; each planner defines its own."""
         raise NotImplementedError
 
     @property
     def sizes(self) -> Sizes:
-        """What is really computed."""
+        """The sizes in use: the given ones, else those of `size`."""
         given = self.sized()
         return Sizes(
             self.samples or given.samples,
@@ -153,7 +155,7 @@ class PlanningConfig(CostConfig):
         )
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
-        """What must hold of each field, in words."""
+        """Condition and message for each field."""
         positive = ("action_repeat", "members", "refit_steps", "refit_patience", "minibatch")
         positive += ("steps_per_collection", "steps_per_update", "replay_size", "initial_std", "largest_variance")
         positive += ("target_rate",)

@@ -47,33 +47,34 @@ class SafeLOOPConfig(PlanningConfig):
     proposals: int = 1
     """Plans that the actor proposes in each model of the ensemble."""
     sharpness: float = 2.0
-    """β: how strongly the best of the feasible candidates outweigh the others."""
+    """β: inverse temperature of the weights of feasible candidates."""
     cost_sharpness: float = 4.0
-    """β_c: the same where too few are feasible, and the cheapest count."""
+    """β_c: inverse temperature of the weights by cost, used where too few candidates are feasible."""
     standardise_returns: bool = True
-    """Whether β and β_c count deviations of the candidates' returns and costs; else those of an episode, each
-    horizon's times the horizons that an episode has, as in OmniSafe."""
+    """Whether β and β_c apply to standardised returns and costs of the candidates; else to those of an episode, each
+    horizon's times the horizons per episode, as in OmniSafe."""
     stale_action_value: bool = False
-    """Whether what is still to come is the value of the last state with the action before it, as in OmniSafe; else with
-    the actor's."""
+    """Whether the value after the horizon is that of the last state with the action before it, as in OmniSafe; else
+    with the actor's action."""
     alpha: float = 0.2
-    """α: what a nat of the actor's entropy is worth; with `auto_alpha` at the start."""
+    """α: weight of the actor's entropy in nats; with `auto_alpha` its initial value."""
     auto_alpha: bool = True
-    """Whether α moves so that the actor keeps its entropy at a target."""
+    """Whether α is adapted to keep the actor's entropy at a target."""
     alpha_learning_rate: float = 1e-3
-    """Adam's, for log α."""
+    """Learning rate of Adam for log α."""
     alpha_decay: float = 1.0
-    """What α is multiplied by after each gradient step, without `auto_alpha`."""
+    """Factor of α after each gradient step without `auto_alpha`."""
     entropy_share: float = 0.1
-    """The entropy aimed at by an actor of choices, as a share of the largest, log(number of joint actions)."""
+    """Target entropy of a discrete actor, as a share of the maximum, log(number of joint actions)."""
     entropy_per_number: float = -1.0
-    """The entropy aimed at by an actor of numbers, of -1..1, in nats for each of them."""
+    """Target entropy of a continuous actor in -1..1, in nats per dimension of the action."""
     learning_rate: float = 1e-3
-    """Adam's, for the actor."""
+    """Learning rate of Adam for the actor."""
     target_rate: float = 0.02
-    """How far the target critics follow the critics in each gradient step."""
+    """How far the target critics move towards the critics at each gradient step."""
     standardise_rewards: bool = True
-    """Whether critics learn rewards in their deviations, so that α means the same whatever is paid."""
+    """Whether critics learn rewards divided by their standard deviation, so that α is independent of the reward's
+    scale."""
 
     def sized(self) -> Sizes:
         return SIZES[self.size]

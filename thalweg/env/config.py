@@ -1,6 +1,6 @@
-"""Which limits, steps and payments does a task have? Every number of the task that a user may change, with its default.
+"""Configuration of the environment: every number of the task that a user may change, with its default.
 
-What follows from a world, such as its length, is not here but in `thalweg.env.task.course_arrays`.
+Quantities that follow from a world, such as its length, are in `thalweg.env.task.course_arrays`.
 """
 
 import math
@@ -23,11 +23,11 @@ REWARD_SCHEMES = ("paper", "package")
 
 
 class ConfigError(ValueError):
-    """A key or value of a config that is not among the known ones, or is out of range."""
+    """An unknown key of a config, or a value that is unknown or out of range."""
 
 
 def whole(name: str, value: object, least: int) -> int:
-    """A whole number that is not below the least; raises `ConfigError` by name for anything else."""
+    """Return a value as an integer of at least `least`; raises `ConfigError` with its name for anything else."""
     try:
         number = operator.index(value)  # pyright: ignore[reportArgumentType]
     except TypeError:
@@ -38,7 +38,7 @@ def whole(name: str, value: object, least: int) -> int:
 
 
 def refuse_unknown(kind: str, given: Iterable[str], known: Iterable[str]) -> None:
-    """Raises `ConfigError` for names that are not among the known ones, which it lists."""
+    """Raise `ConfigError` for names that are not known; the message lists the known ones."""
     known = list(known)
     unknown = sorted(set(given) - set(known))
     if unknown:
@@ -46,8 +46,10 @@ def refuse_unknown(kind: str, given: Iterable[str], known: Iterable[str]) -> Non
 
 
 class DoneReason(IntEnum):
-    """Why an episode ended; of several reasons in one step the lowest code is reported (codes of the original
-    package)."""
+    """Why an episode ended. If several reasons hold in one step, the lowest code is reported.
+
+    The codes are those of the original package.
+    """
 
     RUNNING = -1
     COLLISION = 0
@@ -60,16 +62,16 @@ class DoneReason(IntEnum):
 
     @property
     def label(self) -> str:
-        """The name as the paper writes it, such as `OutOfVolumeHorizontal`."""
+        """Name of the reason as the paper writes it, such as `OutOfVolumeHorizontal`."""
         return self.name.title().replace("_", "")
 
 
 REASON_NAMES = {int(reason): reason.label for reason in DoneReason}
-"""Labels by code."""
+"""Label of each reason by its code."""
 
 
 class Limits(NamedTuple):
-    """The numbers of an `EnvConfig` as the kernels take them: metres and radians, flags as 0 or 1."""
+    """Numbers of an `EnvConfig` as the kernels take them: metres and radians, flags as 0 or 1."""
 
     vertical_step: float
     forward_step: float
@@ -81,60 +83,60 @@ class Limits(NamedTuple):
     max_yaw_deviation: float
     max_idle_steps: int
     pays_share: int
-    """1 when a step is paid by the share of segments it visits, 0 when it is paid 1 for any new segment."""
+    """1: the reward is proportional to the share of segments a step visits; 0: it is 1 for any new segment."""
     tight_cost: float
     loose_cost: float
 
 
 @dataclass(frozen=True)
 class EnvConfig:
-    """The task: how the camera moves, where it may be, what is seen, paid and charged, and when an episode ends."""
+    """The task: motion, limits, observation, reward, cost and termination."""
 
     observation: str = "rgb+mask"
-    """What is seen: `rgb+mask` (4 channels), `rgb`, `mask`, `dict` (keys rgb and mask), or `none`: nothing is drawn
-    and the observation is the pose x, y, z, yaw."""
+    """Observation: `rgb+mask` (4 channels), `rgb`, `mask`, `dict` (keys rgb and mask), or `none`, which renders nothing
+    and returns the pose x, y, z, yaw."""
     action: str = "multidiscrete"
-    """`multidiscrete`: four branches of 0, 1, 2; `continuous`: four numbers in -1..1, +1 = up, turn left, forward,
-    left."""
+    """Action: `multidiscrete` is four branches of 0, 1, 2; `continuous` is four numbers in -1..1, +1 = up, turn left,
+    forward, left."""
     reward_scheme: str = "paper"
-    """`paper`: 10 times the share of segments newly visited, loose cost 0.2; `package`: 1 for a step that visits any
-    new segment, loose cost 0.5."""
+    """`paper`: the reward is 10 times the share of newly visited segments and the loose cost is 0.2; `package`: the
+    reward is 1 for a step that visits any new segment and the loose cost is 0.5."""
     vertical_step_m: float = 1.0
-    """Climb or descent of one step."""
+    """Climb or descent in one step."""
     forward_step_m: float = 1.0
-    """Way forward of one step."""
+    """Distance forward in one step."""
     lateral_step_m: float = 0.5
-    """Way to the side of one step."""
+    """Distance sideways in one step."""
     yaw_step_deg: float = 10.0
-    """Turn of one step."""
+    """Turn in one step."""
     allow_backward: bool = False
-    """Whether the backward action moves; otherwise it has no effect."""
+    """Whether the backward action moves the camera; otherwise it has no effect."""
     min_height_m: float = 0.5
-    """Lowest height above the local water level."""
+    """Minimum height above the local water level."""
     max_height_m: float = 15.0
-    """Greatest height above the local water level."""
+    """Maximum height above the local water level."""
     max_yaw_deviation_deg: float = 90.0
-    """Largest angle between heading and direction of travel."""
+    """Maximum angle between the heading and the direction of travel."""
     max_idle_steps: int = 50
-    """An episode ends after this many steps in a row without a new segment."""
+    """An episode ends after this many consecutive steps without a new segment."""
     max_steps: int | None = None
-    """Longest episode; None: the step limit of the levels, or in proportion to the course's length for any other
-    world."""
+    """Maximum length of an episode. None: the step limit of the levels, or one proportional to the length of the course
+    for any other world."""
     body_m: float = 0.5
-    """Edge of the cube, parallel to the axes, that collides with bridges."""
+    """Edge of the axis-aligned cube that collides with bridges."""
     start_heading_deg: float = 80.0
-    """Largest angle between the heading of a random start and the direction of travel."""
+    """Maximum angle between the heading of a random initial pose and the direction of travel."""
     start_clearance_m: float = 0.5
-    """Distance of random starts from banks, islands and bridges."""
+    """Minimum distance of random initial poses from banks, islands and bridges."""
     step_s: float = 0.25
-    """Time that passes in one step; only the water's ripples depend on it."""
+    """Time that passes in one step; only the ripples of the water depend on it."""
     camera: Camera = field(default_factory=Camera)
     """Resolution and optics of the frames."""
     quality: Quality = "full"
-    """`full`, or `fast`: frames without reflections, filtered less, marched once for four pixels; `thalweg speed` says
-    how much faster."""
+    """`full`, or `fast`: frames without reflections, with less filtering, and with one ray for four pixels. `thalweg
+    speed` measures the difference."""
     randomisation: Randomisation | None = None
-    """From where to where the look varies; None: not at all. True stands for the default ranges."""
+    """Ranges in which the appearance varies. None: it does not vary. True: the default ranges."""
 
     def __post_init__(self) -> None:
         known = {"observation": OBSERVATIONS, "action": ACTIONS, "reward_scheme": REWARD_SCHEMES, "quality": QUALITIES}
@@ -156,7 +158,7 @@ class EnvConfig:
         self._check_numbers()
 
     def _check_numbers(self) -> None:
-        """Raises `ConfigError` for a quantity that is no finite number, or out of range."""
+        """Raise `ConfigError` for a quantity that is not a finite number, or is out of range."""
         for entry in fields(self):
             value = getattr(self, entry.name)
             if entry.name.endswith(("_m", "_deg", "_s")) and not (
@@ -180,7 +182,7 @@ class EnvConfig:
             )
 
     def with_options(self, **options: Any) -> "EnvConfig":
-        """A copy with some fields changed; raises `ConfigError` for an unknown key, naming the known ones."""
+        """Return a copy with some fields changed; raises `ConfigError` for an unknown key and lists the known ones."""
         refuse_unknown("option", options, (entry.name for entry in fields(self)))
         return replace(self, **options)
 
@@ -191,12 +193,12 @@ class EnvConfig:
 
     @property
     def tight_cost(self) -> float:
-        """Cost of Collision and of leaving the volume."""
+        """Cost of Collision, OutOfVolumeHorizontal and OutOfVolumeVertical."""
         return 1.0
 
     @property
     def limits(self) -> Limits:
-        """The same numbers as the kernels take them."""
+        """Numbers of this config as the kernels take them."""
         return Limits(
             float(self.vertical_step_m),
             float(self.forward_step_m),
@@ -214,4 +216,4 @@ class EnvConfig:
 
 
 DEFAULT_CONFIG = EnvConfig()
-"""The task as the levels have it."""
+"""Configuration of the levels."""

@@ -1,4 +1,4 @@
-"""What a run's folder says about it: what it is (config.yaml) and how it stands (status.json)."""
+"""Record of a run in its folder: its settings (config.yaml) and its status (status.json)."""
 
 import json
 from collections.abc import Iterator
@@ -13,11 +13,11 @@ from thalweg.train.errors import TrainingError
 
 CONFIG, STATUS, POLICY = "config.yaml", "status.json", "policy.safetensors"
 MOST_NAMED = 4
-"""Differences between two runs that a refusal names."""
+"""Maximum number of differences or files that an error message lists."""
 
 
 def describe(identity: dict[str, Any], threads: int) -> dict[str, Any]:
-    """Everything that lies beside a result: what was asked for, and with what it was made."""
+    """Content of config.yaml: the settings of a run, and the versions, device and machine that it runs on."""
     device = identity.get("device", "cpu")
     return {
         "run": identity,
@@ -28,14 +28,15 @@ def describe(identity: dict[str, Any], threads: int) -> dict[str, Any]:
 
 
 def write_config(folder: Path, description: dict[str, Any]) -> None:
-    """Write config.yaml; raises `TrainingError` for anything but plain data, before the folder is made."""
+    """Write config.yaml; raises `TrainingError` for anything but plain data, before the folder is created."""
     write_whole(folder / CONFIG, _yaml(description))
 
 
 def read_config(folder: Path) -> dict[str, Any] | None:
-    """What config.yaml says, or None if a run can begin in the folder: it is not there yet, or empty.
+    """Content of config.yaml, or None if a run can start in the folder because it is missing or empty.
 
-    Raises `TrainingError` for a folder that holds something else, hidden files aside, or a config.yaml that does.
+    Raises `TrainingError` for a folder that holds other files (hidden ones do not count), and for a config.yaml that is
+    not of a run.
     """
     path = folder / CONFIG
     if not path.exists():
@@ -63,7 +64,7 @@ def _require_empty(folder: Path) -> None:
 
 
 def require_same(place: Path, theirs: dict[str, Any], ours: dict[str, Any]) -> None:
-    """Raises `TrainingError` naming each difference between the run that `place` belongs to and the one asked for."""
+    """Raise `TrainingError` with the differences between the run that `place` belongs to and the requested one."""
     there, here = dict(_flat(theirs)), dict(_flat(_plain(ours)))
     different = [
         f"{key} is {there.get(key, 'absent')!r} there and {here.get(key, 'absent')!r} here"
@@ -71,20 +72,20 @@ def require_same(place: Path, theirs: dict[str, Any], ours: dict[str, Any]) -> N
         if there.get(key, "absent") != here.get(key, "absent")
     ]
     if different:
-        # Another algorithm differs in every setting: what comes first says enough.
+        # Another algorithm differs in every setting, so only the first differences are listed.
         more = f"; and {len(different) - MOST_NAMED} more" if len(different) > MOST_NAMED else ""
         named = "; ".join(different[:MOST_NAMED])
         raise TrainingError(f"{place} belongs to another run: {named}{more}. Choose another folder.")
 
 
 def write_status(folder: Path, status: dict[str, Any]) -> None:
-    """Write status.json: `state` is running, finished, interrupted or failed; what is not known yet (NaN) is null."""
+    """Write status.json; `state` is running, finished, interrupted or failed. An unknown value (NaN) becomes null."""
     known = {name: None if value != value else value for name, value in status.items()}
     write_whole(folder / STATUS, json.dumps(known, indent=1, allow_nan=False) + "\n")
 
 
 def read_status(folder: Path) -> dict[str, Any]:
-    """What status.json says; empty if there is none."""
+    """Content of status.json; empty if there is none."""
     path = folder / STATUS
     if not path.exists():
         return {}
@@ -95,7 +96,7 @@ def read_status(folder: Path) -> dict[str, Any]:
 
 
 def _plain(data: Any) -> Any:
-    """As it reads back from YAML: tuples are lists."""
+    """Data as it reads back from YAML: tuples become lists."""
     return yaml.safe_load(_yaml(data))
 
 

@@ -1,0 +1,213 @@
+"""Traces of behaviour: a few numbers for everything that has a version in `thalweg.core.versions`.
+
+Each trace is a function without arguments that returns named arrays, the same in every process of a machine.
+"""
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+
+from tests.algos import rollouts
+from tests.encoder.synthetic_frames import synthetic_frames
+from tests.env.handmade import ring
+from tests.render import golden as golden_frames
+from tests.train.small_runs import rows_of, small, train
+from thalweg.algos import ALGORITHMS
+from thalweg.algos.interface import Task
+from thalweg.bench.evaluate.baselines import BASELINES
+from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate
+from thalweg.bench.execute.rivers import PACKAGED_POLICY
+from thalweg.core import versions
+from thalweg.core.cache import file_hash
+from thalweg.encoder import DEFAULT_PATH, load_encoder, train_encoder
+from thalweg.encoder.vae import VAEConfig
+from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.render import Renderer
+from thalweg.render.records.quality import QUALITIES
+from thalweg.world import World, load_or_build
+
+Trace = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Golden:
+    """A version and the trace that guards it."""
+
+    version_name: str
+    """As it is written in `thalweg/core/versions.py`."""
+    version: int
+    trace: Callable[[], Trace]
+    tolerance: float = 1e-3
+    """Relative difference that another processor or library may cause."""
+
+
+def world() -> Trace:
+    """Sizes and means of the maps of each level's fixed river, of another seed, and of a line."""
+    angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    line = np.stack([104 * np.cos(angle), 80 * np.sin(angle), np.zeros(60), np.full(60, 7.0)], axis=1)
+    worlds = {level: load_or_build(level) for level in ("Easy", "Medium", "Hard")}
+    worlds |= {"Medium 7": load_or_build("Medium", 7), "line": World.from_centerline(line, plants=False)}
+    return {name: _summary(each) for name, each in worlds.items()}
+
+
+def _summary(world: World) -> np.ndarray:
+    maps = (world.ground_m, world.water_m, world.albedo, world.sun, world.sky, world.canopy_m)
+    points = (world.river.position_m, world.river.width_m, world.islands, world.bridges, world.plants.position_m)
+    means = [float(np.mean(each, dtype=np.float64)) if each.size else 0.0 for each in (*maps, *points)]
+    spreads = [float(np.std(each, dtype=np.float64)) if each.size else 0.0 for each in (*maps, *points)]
+    return np.array([world.ground_m.size, len(world.plants.kind), *means, *spreads])
+
+
+def render() -> Trace:
+    """Mean colour and share of water of the kept frames' views, in both qualities, and of their depths and classes."""
+    worlds = [load_or_build(level) for level in golden_frames.LEVELS]
+    poses = golden_frames.poses_of(golden_frames.load()[0])
+    index, times = np.repeat(np.arange(len(worlds)), golden_frames.EACH), 1.5 * np.arange(len(poses))
+    found = {}
+    for quality in QUALITIES:
+        frames = Renderer(worlds, quality=quality).render(poses, index, times)
+        found[quality] = frames.mean(axis=(1, 2), dtype=np.float64)
+    layers = Renderer(worlds).render_layers(poses, index, times)
+    found["depth"] = np.where(layers.depth_m < 0, 0.0, layers.depth_m).mean(axis=(1, 2), dtype=np.float64)
+    found["class"] = np.array([np.bincount(each.ravel(), minlength=5) for each in layers.class_id], np.float64)
+    return found
+
+
+def rules() -> Trace:
+    """What random actions and the scripted pilot earn, cost and end with on a hand-made ring and on Hard."""
+    found = {}
+    for name, worlds, drawn in (("ring", [ring()], 1.0), ("Hard", [load_or_build("Hard")], 0.2)):
+        env = RiverVectorEnv(worlds, 8, EnvConfig(observation="none"))
+        rng = np.random.default_rng(7)
+        env.reset(seed=3)
+        rewards, costs, reasons = np.zeros(8), np.zeros((8, 2)), []
+        for _ in range(200):
+            guided = env.pilot_actions()
+            actions = np.where(rng.random((8, 1)) < drawn, rng.integers(0, 3, (8, 4)), guided)
+            _, reward, _, _, info = env.step(actions)
+            rewards += reward
+            costs += info["costs"]
+            reasons.append(info["done_reason"])
+        found[name] = np.concatenate([rewards, costs.ravel(), np.bincount(np.ravel(reasons) + 1, minlength=12)])
+        found[f"{name} poses"] = env.get_state()["pose"]
+    return found
+
+
+def evaluation() -> Trace:
+    """Starts on Easy, an evaluated episode of each baseline, and the first steps of the packaged policy's flight."""
+    config = EvaluationConfig(episodes=2)
+    course = Course.of_level("Easy", config)
+    found = {"starts": np.asarray(course.starts)}
+    for name in ("random", "hover", "forward", "pilot"):
+        rows = evaluate(BASELINES[name], course, Label(name, 0, "Easy"), config)
+        found[name] = np.array([[row.return_, row.cost, row.length] for row in rows])
+    return found
+
+
+def algorithm(name: str) -> Trace:
+    """Parameters and metrics of a small learner after each of three updates on fixed observations and rewards."""
+    settings = small(name) | {"steps_per_update": 128}
+    envs, steps, size = 4, 32, 5
+    space = gymnasium.spaces.MultiDiscrete([3, 3])
+    learner: Any = ALGORITHMS[name].make(ALGORITHMS[name].config(**settings), Task(size, space, envs, 0, {}))
+    steps = learner.rollout_steps
+    found = {}
+    for update in range(3):
+        generator = torch.Generator().manual_seed(update)
+        obs = torch.randn(steps + 1, envs, size, generator=generator)
+        ends = torch.rand(steps, envs, generator=generator) < 0.2
+        fresh = torch.cat([torch.ones(1, envs, dtype=torch.bool), ends])
+        actions = torch.stack([learner.act(obs[t], fresh[t]) for t in range(steps)])
+        good = (actions[..., 0] == 0).float()
+        costs = (1.0 - good).unsqueeze(-1).expand(-1, -1, len(getattr(learner.config, "limits", ())) or 1)
+        rollout = rollouts.rollout_of(obs, actions=actions, rewards=good, costs=costs, terminated=ends, fresh=fresh)
+        metrics = learner.update(rollout, rollouts.feedback(0.5, length=5.0))
+        found[f"metrics {update}"] = np.array([value for key, value in sorted(metrics.items()) if "time" not in key])
+        found[f"actions {update}"] = actions.double().mean((0, 1)).numpy()
+    found["state"] = _parameters(learner.state())
+    return found
+
+
+def _parameters(state: dict) -> np.ndarray:
+    """Mean and spread of every array of a state, in the order of their names."""
+    rows = []
+    for _, value in sorted(_arrays(state)):
+        values = np.asarray(value, np.float64)
+        rows.append([values.mean(), values.std()])
+    return np.array(rows)
+
+
+def _arrays(state: dict, prefix: str = ""):
+    for key, value in state.items():
+        if isinstance(value, dict):
+            yield from _arrays(value, f"{prefix}{key}.")
+        elif isinstance(value, np.ndarray | torch.Tensor) and len(np.shape(value)):
+            yield f"{prefix}{key}", value.numpy() if isinstance(value, torch.Tensor) else value
+
+
+def training() -> Trace:
+    """Episodes of a run of PPO on a walk of chance, and its metrics but for times."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / "run"
+        train(folder, "PPO", steps=600)
+        episodes = rows_of(folder, "episodes.csv")
+        metrics = rows_of(folder, "metrics.csv")
+    columns = ("step", "return", "cost", "length")
+    timing = ("time_", "seconds", "steps_per_second")
+    return {
+        "episodes": np.array([[float(row[name]) for name in columns] for row in episodes]),
+        "metrics": np.array(
+            [[float(value or "nan") for key, value in row.items() if not key.startswith(timing)] for row in metrics]
+        ),
+    }
+
+
+def encoder() -> Trace:
+    """Codes and errors of an encoder after two epochs on synthetic frames."""
+    images = synthetic_frames(48, 64)
+    with tempfile.TemporaryDirectory() as name:
+        config = VAEConfig(size_px=64, latent=4)
+        result = train_encoder(
+            images, config, name, epochs=2, batch=16, held_out=8, precision="float32", progress=False
+        )
+        codes = load_encoder(result.path)(images[:8])
+    return {"errors": np.array([result.train_mse, result.held_out_mse]), "codes": np.asarray(codes, np.float64)}
+
+
+def packaged_encoder() -> Trace:
+    """The hash of the packaged encoder's file, and its codes of synthetic frames."""
+    codes = load_encoder()(synthetic_frames(4, 128))
+    return {"file": _digits(DEFAULT_PATH), "codes": np.asarray(codes, np.float64)}
+
+
+def packaged_policy() -> Trace:
+    """The hash of the packaged policy's file."""
+    return {"file": _digits(PACKAGED_POLICY)}
+
+
+def _digits(path: Path) -> np.ndarray:
+    return np.array([int(digit, 16) for digit in file_hash(path)], np.float64)
+
+
+GOLDENS: dict[str, Golden] = {
+    "world": Golden("WORLD", versions.WORLD, world, tolerance=1e-4),
+    "render": Golden("RENDER", versions.RENDER, render, tolerance=0.02),
+    "rules": Golden("RULES", versions.RULES, rules, tolerance=1e-9),
+    "evaluation": Golden("EVALUATION", versions.EVALUATION, evaluation, tolerance=1e-9),
+    "training": Golden("TRAINING", versions.TRAINING, training),
+    "encoder": Golden("ENCODER", versions.ENCODER, encoder, tolerance=0.02),
+    "packaged encoder": Golden("PACKAGED_ENCODER", versions.PACKAGED_ENCODER, packaged_encoder, tolerance=0.02),
+    "packaged policy": Golden("PACKAGED_POLICY", versions.PACKAGED_POLICY, packaged_policy, tolerance=0.0),
+    **{
+        name: Golden(f'ALGORITHMS["{name}"]', versions.ALGORITHMS[name], partial(algorithm, name))
+        for name in versions.ALGORITHMS
+    },
+}
+"""By name. The frames themselves, to be looked at, are kept in `tests/render/golden_frames`."""

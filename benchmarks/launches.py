@@ -22,8 +22,8 @@ sys.path.insert(0, str(HERE.parent))  # the device stands among the tests
 from tests.devices.pretend import PRETEND, Device, pretended  # noqa: E402
 from tests.devices.toy import TensorWalk  # noqa: E402
 from thalweg.algos import ALGORITHMS  # noqa: E402
-from thalweg.algos.common.env_scaling import USUAL_ENVS  # noqa: E402
 from thalweg.algos.interface import Task  # noqa: E402
+from thalweg.algos.presets import REFERENCE_ENVS  # noqa: E402
 from thalweg.train.rollouts.torch_collector import TensorCollector  # noqa: E402
 from thalweg.train.run_state import Training  # noqa: E402
 
@@ -61,7 +61,7 @@ def counted(name: str, num_envs: int, device: Device) -> tuple[float, float]:
     env = Sightless(num_envs, device)
     collector = TensorCollector(env, config.frame_stack, 1)
     learner = entry.make(config, Task(collector.obs_size, ACTIONS, num_envs, 0, {}, PRETEND))
-    scale = max(num_envs // USUAL_ENVS, 1)
+    scale = max(num_envs // REFERENCE_ENVS, 1)
     begin = getattr(config, "random_steps", 0)
     training = Training(collector, learner, begin + STEPS * scale, seed=0, threads=1)
     training.begin()
@@ -80,7 +80,7 @@ def counted(name: str, num_envs: int, device: Device) -> tuple[float, float]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=ALGORITHMS, default=list(ALGORITHMS), help="algorithms")
-    parser.add_argument("--num-envs", nargs="+", type=int, default=[USUAL_ENVS], help="environments")
+    parser.add_argument("--num-envs", nargs="+", type=int, default=[REFERENCE_ENVS], help="environments")
     parser.add_argument("--out", type=Path, default=TABLE, help="where the table is written")
     chosen = parser.parse_args()
     rows = []

@@ -48,18 +48,18 @@ class Stamped(ToyVectorEnv):
 def carry_out(order: dict, folder: Path) -> dict:
     """Train as ordered."""
     counted = {"networks": 0, "critics in loops": 0}
-    step, pass_over = Adam.step, Critics.pass_over
+    step, fit_epoch = Adam.step, Critics.fit_epoch
 
     def counting(self: Adam, most: float = math.inf) -> None:
         counted["networks"] += 1
         step(self, most)
 
     def passing(self: Critics, *given: Any, **named: Any) -> Tensor:
-        errors = pass_over(self, *given, **named)
+        errors = fit_epoch(self, *given, **named)
         counted["critics in loops"] += len(errors)
         return errors
 
-    Adam.step, Critics.pass_over = counting, passing  # pyright: ignore[reportAttributeAccessIssue]
+    Adam.step, Critics.fit_epoch = counting, passing  # pyright: ignore[reportAttributeAccessIssue]
     given = {name: order[name] for name in ("steps", "seed", "config", "threads", "preset")}
     env = Stamped(order["envs"], order["stamp_every"])
     run(order["algorithm"], env, folder=folder, **given)

@@ -13,7 +13,7 @@ from tests.devices.test_learners import SHORT, SPACES
 from tests.devices.toy import TensorWalk
 from thalweg.algos import ALGORITHMS
 from thalweg.algos.common import cuda_graphs as graphs
-from thalweg.algos.common.cuda_graphs import WARM, Graphs
+from thalweg.algos.common.cuda_graphs import WARM, CudaGraphs
 from thalweg.algos.common.state import array_of
 from thalweg.algos.interface import Task
 from thalweg.train.rollouts.torch_collector import TensorCollector
@@ -75,10 +75,10 @@ def test_a_step_is_recorded_once_for_each_kind_and_shape_and_anew_for_other_numb
         taken.append((len(rows), factor))
         total.add_(rows.sum() * factor)
 
-    graph = Graphs(True, [])
+    graph = CudaGraphs(True, [])
     for factor in (1.0, 10.0):
         for rows in (2, 2, 3, 2, 2, 3, 3):
-            graph.take(partial(step, factor=factor), torch.ones(rows, device=PRETEND), "kind", factor)
+            graph.run(partial(step, factor=factor), torch.ones(rows, device=PRETEND), "kind", factor)
     assert len(taken) == 2 * WARM + 6 and float(array_of(total)) == 17.0 * 11.0
     assert taken[-3:] == [(2, 10.0), (2, 10.0), (3, 10.0)]  # the first with another number is taken as it is
 

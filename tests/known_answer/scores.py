@@ -16,7 +16,7 @@ from tests.known_answer.problems import ACTIONS, Problem
 from tests.known_answer.solutions import Outcome, outcome
 from thalweg.algos import Policy
 from thalweg.algos.policy.actions import Actions
-from thalweg.algos.policy.distributions import Categoricals, Gaussians, Points, Squashed
+from thalweg.algos.policy.distributions import Categoricals, Deterministic, Gaussians, SquashedGaussian
 from thalweg.algos.policy.policy import AnyPolicy, Player
 
 
@@ -59,13 +59,13 @@ def probabilities(policy: AnyPolicy, problem: Problem, space: SpaceName) -> np.n
         return None
     with torch.no_grad():
         distribution = policy.distribution(torch.eye(problem.places))
-    if policy.greedy or isinstance(distribution, Points):
+    if policy.greedy or isinstance(distribution, Deterministic):
         return modes(policy, problem, space)
     if isinstance(distribution, Categoricals):
         branches = distribution.log_p.exp().double().numpy()
-    elif isinstance(distribution, Gaussians | Squashed):
+    elif isinstance(distribution, Gaussians | SquashedGaussian):
         mean, std = distribution.mean.double().numpy(), distribution.log_std.double().exp().numpy()
-        branches = gaussian_bins(mean, std, _edges(policy.actions), isinstance(distribution, Squashed))
+        branches = gaussian_bins(mean, std, _edges(policy.actions), isinstance(distribution, SquashedGaussian))
     else:
         return None
     if branches.shape[1] == 1:

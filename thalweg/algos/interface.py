@@ -15,9 +15,9 @@ from torch import Tensor
 from thalweg.algos.common.state import CPU
 from thalweg.algos.policy.policy import AnyPolicy
 
-REMEMBERED = 100
+RECENT_EPISODES = 100
 """Last episodes that a learner is told of."""
-SHOWN = 50
+MEAN_EPISODES = 50
 """Last episodes of which means are shown, as in the study's curves."""
 
 
@@ -79,7 +79,7 @@ class Feedback:
     fresh_costs: np.ndarray
     """[E, M] undiscounted costs of the episodes finished since the last update that returned metrics."""
     recent_costs: np.ndarray
-    """[E, M] of the last `REMEMBERED` episodes at most, the newest last."""
+    """[E, M] of the last `RECENT_EPISODES` episodes at most, the newest last."""
     episodes: int
     """Episodes finished since the run began."""
     largest_costs: tuple[float, ...]
@@ -88,12 +88,14 @@ class Feedback:
     """Steps of an episode: the mean of the same last episodes as `recent_costs`; NaN before any."""
 
     def cost_means(self, window: int = 0) -> tuple[float, ...]:
-        """J_c [M]: mean cost of the fresh episodes, else of the last `SHOWN`; with a window, of the last so many. NaN
-        before any."""
+        """Return J_c [M]: the mean cost of the fresh episodes, or of the last `MEAN_EPISODES` if there are none.
+
+        With a window it is the mean of that many last episodes. NaN before any episode has finished.
+        """
         if window:
             chosen = self.recent_costs[-window:]
         else:
-            chosen = self.fresh_costs if len(self.fresh_costs) else self.recent_costs[-SHOWN:]
+            chosen = self.fresh_costs if len(self.fresh_costs) else self.recent_costs[-MEAN_EPISODES:]
         if not len(chosen):
             return (float("nan"),) * len(self.largest_costs)
         return tuple(float(mean) for mean in chosen.mean(0))

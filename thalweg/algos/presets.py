@@ -1,9 +1,11 @@
-"""Which settings make up a preset? Data: what differs from an algorithm's own defaults, or may do so one day.
+"""The presets of settings, as data, and the settings that scale with the number of environments.
 
-`default` is ours: the fields' defaults. `paper` is what the study ran as far as that is known: the defaults of OmniSafe
-0.5, which it adapted, with its quirks, each of them a setting that can be tried alone.
+`default` is ours: the fields' defaults, some of which scale with the number of environments. `paper` holds the settings
+of the study as far as they are known: the defaults of OmniSafe 0.5, which the study adapted, with its quirks. Each
+quirk is a setting that can be tried alone. A preset may repeat a default, so that it survives a change of the default.
 """
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -13,6 +15,13 @@ from thalweg.algos.common.errors import AlgorithmError
 Settings = Mapping[str, Any]
 
 PRESETS = ("default", "paper")
+
+REFERENCE_ENVS = 64
+"""The defaults hold for at most this many environments."""
+PROPORTIONAL = ("steps_per_update", "steps_per_collection", "random_steps", "refit_steps", "minibatch")
+"""Settings that are multiplied by num_envs / REFERENCE_ENVS."""
+INVERSELY_PROPORTIONAL = ("updates_per_step",)
+"""Settings that are divided by num_envs / REFERENCE_ENVS."""
 
 _ON_POLICY_ROLLOUT: Settings = {
     "steps_per_update": 20_000,
@@ -195,8 +204,21 @@ PAPER: dict[str, Settings] = {
 """Settings of the preset `paper`, by algorithm."""
 
 
+def settings_for_envs(config: type, num_envs: int) -> dict[str, Any]:
+    """Return the settings of a config that scale with the number of environments; none up to `REFERENCE_ENVS`.
+
+    With f times as many environments, each of them still takes as many steps between two updates, and a gradient step
+    learns from f times as many steps. The number of gradient steps stays the same; each keeps a GPU busier.
+    """
+    factor = num_envs / REFERENCE_ENVS
+    fields = dataclasses.fields(config) if factor > 1 else ()
+    defaults: dict[str, Any] = {field.name: field.default for field in fields}
+    grown = {name: math.ceil(defaults[name] * factor) for name in PROPORTIONAL if name in defaults}
+    return grown | {name: defaults[name] / factor for name in INVERSELY_PROPORTIONAL if name in defaults}
+
+
 def settings_of(algorithm: str, preset: str) -> Settings:
-    """The settings of a preset; raises `AlgorithmError` for an unknown one, listing the known."""
+    """Return the settings of a preset; raise `AlgorithmError` for an unknown preset, listing the known ones."""
     if preset not in PRESETS:
         raise AlgorithmError(f"there is no preset {preset!r}; there are {', '.join(PRESETS)}")
     if preset == "default":

@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from thalweg.algos.common.env_scaling import following
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.common.settings import config_from
 from thalweg.algos.interface import Learner, Task
@@ -20,7 +19,7 @@ from thalweg.algos.onpolicy.ppo import PPO, PPOConfig
 from thalweg.algos.onpolicy.ppolag import PPOLag, PPOLagConfig
 from thalweg.algos.planning.ccepets import CCEPETS, CCEPETSConfig
 from thalweg.algos.planning.safeloop import SafeLOOP, SafeLOOPConfig
-from thalweg.algos.presets import settings_of
+from thalweg.algos.presets import settings_for_envs, settings_of
 
 WIDE = 2
 """Threads for wide networks; more were not measured."""
@@ -42,7 +41,7 @@ class Entry:
     def configure(self, given: Any = None, preset: str = "default", num_envs: int = 1) -> Any:
         """The config of a preset, with the given values on top; a whole config stands for itself.
 
-        What is not given follows the number of environments (`thalweg.algos.common.env_scaling`), but never in the
+        What is not given follows the number of environments (`settings_for_envs`), but never in the
         study's preset.
 
         Raises `AlgorithmError` for an unknown preset or key, listing the known ones, for a value of the wrong type, and
@@ -50,7 +49,7 @@ class Entry:
         """
         base = settings_of(self.name, preset)
         if given is None or isinstance(given, Mapping):
-            followed = following(self.config, num_envs) if preset == "default" else {}
+            followed = settings_for_envs(self.config, num_envs) if preset == "default" else {}
             return config_from(self.config, {**followed, **base, **(given or {})})
         if preset != "default":
             raise AlgorithmError(

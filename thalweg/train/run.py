@@ -95,7 +95,7 @@ def run(
         seed: 0 or more; of the environment and of the algorithm; the global random generators are neither used nor set.
         folder: Made if it does not exist.
         config: The algorithm's config, or a mapping of some of its keys, which are set on top of the preset; of more
-            than 64 environments the others follow their number, see `thalweg.algos.common.env_scaling`.
+            than 64 environments the others follow their number, see `thalweg.algos.presets`.
         preset: `default`, or `paper`: what the study ran, quirks included.
         context: Plain data kept in the policy's file and in config.yaml, such as the encoder's name.
         progress: Whether a progress bar is shown.
@@ -194,7 +194,7 @@ def _begin_as(learner: Learner, file: Path) -> dict[str, str]:
     other, own = policies.load_policy(file, CPU), learner.policy
     if not isinstance(own, policies.Policy):
         raise AlgorithmError(f"{own.about.algorithm} plans, and can't begin with another policy")
-    own.begin_as(other)
+    own.initialise_from(other)
     return {"algorithm": other.about.algorithm, "content": file_hash(file)}
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from thalweg.algos.common.adam import Adam, shorten
+from thalweg.algos.common.adam import Adam, clip_grad_norm_
 
 
 def pair(seed: int = 0) -> list[torch.nn.Parameter]:
@@ -34,7 +34,7 @@ def test_a_long_gradient_is_shortened_as_torch_shortens_it():
     descend(ours, 1)
     descend(theirs, 1)
     assert torch.nn.utils.clip_grad_norm_(theirs, 0.5) > 1.0
-    shorten([p.grad for p in ours if p.grad is not None], 0.5)
+    clip_grad_norm_([p.grad for p in ours if p.grad is not None], 0.5)
     for a, b in zip(ours, theirs, strict=True):
         assert a.grad is not None and b.grad is not None
         assert a.grad.numpy() == pytest.approx(b.grad.numpy(), rel=1e-5)
@@ -42,8 +42,8 @@ def test_a_long_gradient_is_shortened_as_torch_shortens_it():
 
 def test_a_short_gradient_stays():
     gradients = [torch.tensor([3.0]), torch.tensor([4.0])]
-    shorten(gradients, 5.0)
-    shorten(gradients, math.inf)
+    clip_grad_norm_(gradients, 5.0)
+    clip_grad_norm_(gradients, math.inf)
     assert [g.item() for g in gradients] == [3.0, 4.0]
 
 
@@ -52,7 +52,7 @@ def test_without_a_gradient_nothing_moves():
     optimiser = Adam(parameters, 0.1)
     descend(parameters, 0)
     optimiser.step()
-    optimiser.forget()
+    optimiser.zero_grad()
     before = [p.detach().clone() for p in parameters]
     optimiser.step()
     assert all(torch.equal(a, b) for a, b in zip(before, parameters, strict=True))

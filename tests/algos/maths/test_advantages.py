@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from thalweg.algos.maths.advantages import centred, gae, standardised
+from thalweg.algos.maths.advantages import centred, gae, standardised, td_target
 
 F64 = torch.float64
 
@@ -82,3 +82,21 @@ def test_standardised_and_centred_by_hand():
     assert standardised(numbers).tolist() == pytest.approx([-1.0, 1.0])
     assert centred(numbers).tolist() == [-1.0, 1.0]
     assert standardised(torch.tensor([2.0, 2.0], dtype=F64)).tolist() == [0.0, 0.0]
+
+
+def test_td_targets_of_two_signals_with_different_discounts():
+    found = td_target(
+        torch.tensor([[1.0, 2.0], [0.0, 1.0]], dtype=F64),
+        torch.tensor([1.0, 0.0], dtype=F64),
+        torch.tensor([[4.0, 100.0], [0.5, 100.0]], dtype=F64),
+        torch.tensor([[0.5], [0.8]], dtype=F64),
+    )
+    # 1 + 0.5·4 = 3, and 2 at the end; 0 + 0.8·0.5 = 0.4, and 1 at the end
+    assert found.tolist() == [[3.0, 2.0], [0.4, 1.0]]
+
+
+def test_td_targets_refuse_shapes_that_would_broadcast():
+    with pytest.raises(ValueError, match="same shape"):
+        td_target(torch.zeros(2, 3), torch.zeros(3, 1), torch.zeros(2, 3), torch.zeros(2, 1))
+    with pytest.raises(ValueError, match="dimensions"):
+        td_target(torch.zeros(2, 3), torch.zeros(3), torch.zeros(2, 3), torch.zeros(2))

@@ -76,7 +76,7 @@ def test_the_slope_of_critic_errors_is_that_which_torch_finds():
     predictions.requires_grad_()
     losses.squared_error(predictions, targets).sum().backward()
     assert predictions.grad is not None
-    assert torch.allclose(losses.squared_error_slope(predictions.detach(), targets), predictions.grad)
+    assert torch.allclose(losses.squared_error_grad(predictions.detach(), targets), predictions.grad)
 
 
 def test_explained_variance():

@@ -4,12 +4,12 @@ import pytest
 import torch
 
 from thalweg.algos.offpolicy.critics import Critics, Slow
-from thalweg.algos.policy.networks import Shape, Stack
+from thalweg.algos.policy.networks import NetworkShape, StackedMLP
 
 
 def critics(rewards: int, costs: int, twins: int) -> Critics:
     generator = torch.Generator().manual_seed(0)
-    return Critics(rewards, costs, twins, inputs=3, outputs=1, shape=Shape((4,), "relu"), generator=generator)
+    return Critics(rewards, costs, twins, inputs=3, outputs=1, shape=NetworkShape((4,), "relu"), generator=generator)
 
 
 @pytest.mark.parametrize(
@@ -32,13 +32,13 @@ def test_of_several_the_rewards_smallest_counts_and_each_costs_largest(made, val
 def test_the_leading_critics_are_one_of_each_signal(made):
     one, x = critics(*made), torch.randn(5, 3)
     assert one.signal[one.leading].tolist() == list(range(1 + made[1]))
-    assert torch.equal(one.stack.through(x, one.leading)[0], one.stack(x)[one.leading])
+    assert torch.equal(one.stack.forward_and_input_backward(x, one.leading)[0], one.stack(x)[one.leading])
     assert one.signal.tolist() == [0] * made[0] + [k for _ in range(made[2]) for k in range(1, 1 + made[1])]
 
 
-def stacks() -> list[Stack]:
+def stacks() -> list[StackedMLP]:
     generator = torch.Generator().manual_seed(0)
-    return [Stack(count, 3, (4,), 2, generator=generator) for count in (1, 3)]
+    return [StackedMLP(count, 3, (4,), 2, generator=generator) for count in (1, 3)]
 
 
 def test_copies_follow_by_their_share_of_the_way():
@@ -52,7 +52,7 @@ def test_copies_follow_by_their_share_of_the_way():
     slow.follow(0.25)
     for stack, twin, old in zip(both, slow.copies, before, strict=True):
         assert torch.allclose(twin.flat, 0.75 * old + 0.25 * stack.flat.detach())  # (1 - τ) θ' + τ θ
-        assert torch.allclose(twin(x), twin.plain(x)) and not torch.allclose(twin(x), stack(x))
+        assert torch.allclose(twin(x), twin.reference(x)) and not torch.allclose(twin(x), stack(x))
 
 
 def test_an_optimiser_moves_what_the_copies_follow():

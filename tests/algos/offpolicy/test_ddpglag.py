@@ -53,8 +53,8 @@ def test_the_policy_climbs_the_leading_critics_against_their_costs():
     learner._step(batch)
     actor, critics = learner.policy.actor.stack, learner.agent.critics.stack
     found, actor.flat.grad = actor.flat.grad, None
-    outputs = actor.plain(batch.obs)[0]
-    q = critics.plain(torch.cat([batch.obs, outputs.tanh()], 1))[..., 0]
+    outputs = actor.reference(batch.obs)[0]
+    q = critics.reference(torch.cat([batch.obs, outputs.tanh()], 1))[..., 0]
     loss = -((q[0] - 1.5 * q[1]) / 2.5).mean() + learner.config.output_decay * outputs.square().mean()
     loss.backward()
     assert found is not None and actor.flat.grad is not None
@@ -76,6 +76,6 @@ def test_critics_learn_towards_their_targets():
             worth = max(float(after[signal, state]), 0.0) if signal else float(after[signal, state])
             rest = 0.0 if state < 2 else discount * worth
             targets[signal, state] = float(batch.paid[signal, state]) + rest
-    (0.5 * (critics.plain(batch.pairs)[..., 0] - targets).square().mean(1)).sum().backward()
+    (0.5 * (critics.reference(batch.pairs)[..., 0] - targets).square().mean(1)).sum().backward()
     assert found is not None and critics.flat.grad is not None
     assert torch.allclose(found, critics.flat.grad, atol=1e-5) and found.abs().max() > 1e-3

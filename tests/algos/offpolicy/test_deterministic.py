@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from thalweg.algos.maths import relaxed
+from thalweg.algos.maths import gumbel_softmax
 from thalweg.algos.offpolicy.ddpglag import DDPGLagConfig
 from thalweg.algos.offpolicy.deterministic import Choices, DeterministicConfig, Numbers, policy_loss, policy_slopes
 from thalweg.algos.policy.actions import actions_of
@@ -51,7 +51,7 @@ def test_choices_are_remembered_as_one_hot_vectors():
 
 
 def test_a_number_carries_the_gradient_of_tanh():
-    point, back = numbers("box_scaled").ahead(torch.tensor([[0.5, -1.0]]), generator())
+    point, back = numbers("box_scaled").rsample_and_backward(torch.tensor([[0.5, -1.0]]), generator())
     assert point.flatten().tolist() == pytest.approx(np.tanh([0.5, -1.0]))
     found = back(torch.tensor([[1.0, 3.0]])).flatten().tolist()
     assert found == pytest.approx([1 - np.tanh(0.5) ** 2, 3 - 3 * np.tanh(1.0) ** 2])
@@ -61,13 +61,13 @@ def test_a_choice_carries_the_gradient_of_the_softmax_at_its_temperature():
     logits, weight = torch.randn(7, 5, generator=generator(1)), torch.randn(7, 6, generator=generator(2))
     gradients = []
     for relaxation in (0.5, 2.0):
-        drawn, back = choices(relaxation=relaxation).ahead(logits, generator())
+        drawn, back = choices(relaxation=relaxation).rsample_and_backward(logits, generator())
         assert torch.equal(drawn.view(7, 2, 3).sum(-1), torch.ones(7, 2))
         found = back(weight)
         again = logits.clone().requires_grad_()
         log_p = torch.stack([again[:, :3].log_softmax(-1), torch.cat([again[:, 3:].log_softmax(-1)] * 2, 1)[:, :3]], 1)
         absent = torch.tensor([[False] * 3, [False, False, True]])
-        noise = relaxed.gumbel(torch.rand(7, 2, 3, generator=generator()))
+        noise = gumbel_softmax.gumbel(torch.rand(7, 2, 3, generator=generator()))
         soft = ((log_p.masked_fill(absent, -1e9) + noise) / relaxation).softmax(-1)
         (soft.flatten(1) * weight).sum().backward()
         assert again.grad is not None and torch.allclose(found, again.grad, atol=1e-6)

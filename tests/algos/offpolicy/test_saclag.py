@@ -99,8 +99,8 @@ def test_the_policys_gradient_is_that_of_the_sum_and_no_critics():
     back()
     found, actor.flat.grad = actor.flat.grad, None
     assert critics.flat.grad is None and found is not None
-    branches = actor.plain(batch.obs)[0].view(-1, 4, 3).log_softmax(-1)
-    q, total = critics.plain(batch.obs).detach(), torch.zeros(())
+    branches = actor.reference(batch.obs)[0].view(-1, 4, 3).log_softmax(-1)
+    q, total = critics.reference(batch.obs).detach(), torch.zeros(())
     for number, action in enumerate(itertools.product(range(3), repeat=4)):
         log_p = sum(branches[:, branch, option] for branch, option in enumerate(action))
         reward = torch.minimum(q[0, :, number], q[1, :, number])
@@ -172,12 +172,12 @@ def test_a_draw_carries_the_gradient_of_the_policy():
     policy_loss(values, entropy, ALPHA, (2.0,)).backward()
     back()
     found, actor.flat.grad = actor.flat.grad, None
-    mean, log_std = actor.plain(batch.obs)[0].chunk(2, -1)
+    mean, log_std = actor.reference(batch.obs)[0].chunk(2, -1)
     noise = torch.randn(7, 2, generator=torch.Generator().manual_seed(5))
     before = mean + log_std.clamp(-20.0, 2.0).exp() * noise
     normal = torch.distributions.Normal(mean, log_std.clamp(-20.0, 2.0).exp())
     log_prob = (normal.log_prob(before) - (1 - before.tanh().square()).log()).sum(-1)
-    q = critics.plain(torch.cat([batch.obs, before.tanh()], 1))[..., 0]
+    q = critics.reference(torch.cat([batch.obs, before.tanh()], 1))[..., 0]
     critics.flat.grad = None
     (-(torch.minimum(q[0], q[1]) - 0.3 * log_prob - 2.0 * q[2]) / 3.0).mean().backward()
     assert found is not None and actor.flat.grad is not None

@@ -69,8 +69,8 @@ def test_the_policy_climbs_one_critic_of_the_reward_not_the_smaller_of_two():
     learner._step(batch)
     actor, critics = learner.policy.actor.stack, learner.agent.critics.stack
     found, actor.flat.grad = actor.flat.grad, None
-    outputs = actor.plain(batch.obs)[0]
-    q = critics.plain(torch.cat([batch.obs, outputs.tanh()], 1))[..., 0]
+    outputs = actor.reference(batch.obs)[0]
+    q = critics.reference(torch.cat([batch.obs, outputs.tanh()], 1))[..., 0]
     (-((q[1] - 1.5 * q[2]) / 2.5).mean() + learner.config.output_decay * outputs.square().mean()).backward()
     assert found is not None and actor.flat.grad is not None
     assert torch.allclose(found, actor.flat.grad, atol=1e-5) and found.abs().max() > 1e-3

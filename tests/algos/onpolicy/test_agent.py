@@ -79,7 +79,7 @@ def test_the_first_rollout_is_learnt_from_the_policy_that_acted(settings: dict[s
     one, obs, never = agent(**settings), scale * observations(1), torch.zeros(N, dtype=torch.bool)
     acted = one.policy.distribution(obs[:-1].flatten(0, 1))
     assert torch.equal(one.act(obs[0], never) >= 0, torch.ones(N, 1, dtype=torch.bool))
-    learnt = one.policy.given(samples(one, rollouts.rollout_of(obs)).inputs)
+    learnt = one.policy.distribution_of(samples(one, rollouts.rollout_of(obs)).inputs)
     assert float(acted.kl(learnt).detach().max()) < 1e-3
     assert one.policy.normaliser.count == N * T
 
@@ -117,7 +117,7 @@ def test_the_gradient_of_a_step_is_the_one_that_torch_records(space: str, settin
     def loss(new: Any) -> torch.Tensor:
         return loss_of(found)(new) + (new.kl(old) * torch.arange(T * N)).sum()
 
-    loss(one.policy.given(found.inputs)).backward()
+    loss(one.policy.distribution_of(found.inputs)).backward()
     expected = gradients(one)
     told = one.step(found.inputs, loss)
     assert torch.allclose(gradients(one), expected, rtol=1e-3, atol=1e-4) and expected.abs().max() > 1.0
@@ -187,9 +187,9 @@ def test_critics_go_through_the_samples_as_torch_and_adam_would(settings: dict[s
     told = []
     for _ in range(4):
         for inputs, (targets,) in found.minibatches((found.targets.T,), 5, other._critic_generator):
-            values = other.critics.stack.plain(inputs).squeeze(-1)  # pyright: ignore[reportArgumentType]
+            values = other.critics.stack.reference(inputs).squeeze(-1)  # pyright: ignore[reportArgumentType]
             errors = 0.5 * (values - targets.T).square().mean(-1)
-            other.critic_optimiser.forget()
+            other.critic_optimiser.zero_grad()
             (errors.sum() + 0.01 * other.critics.stack.flat.square().sum()).backward()
             other.critic_optimiser.step(0.05)
             told.append(errors.detach())

@@ -8,9 +8,9 @@ from torch.nn.utils import parameters_to_vector
 from tests.algos.rollouts import rollout_of
 from thalweg.algos.interface import Rollout, Task
 from thalweg.algos.maths import losses
-from thalweg.algos.onpolicy.agent import Agent, Drift, reward_signal
+from thalweg.algos.onpolicy.agent import Agent, KLMonitor, reward_signal
 from thalweg.algos.onpolicy.config import NaturalConfig
-from thalweg.algos.onpolicy.natural_step import Landscape
+from thalweg.algos.onpolicy.natural_step import NaturalStep
 
 N, T, D = 4, 32, 5
 SPACES = {"MultiDiscrete": gym.spaces.MultiDiscrete([3, 2]), "Box": gym.spaces.Box(-1.0, 1.0, (2,))}
@@ -24,7 +24,7 @@ def flown(agent: Agent, **changes: torch.Tensor) -> Rollout:
     return rollout_of(obs, actions=actions, **({"rewards": torch.rand(T, N, generator=generator)} | changes))
 
 
-def place(space: gym.Space, **settings) -> tuple[Agent, Drift, Landscape, torch.Tensor]:
+def place(space: gym.Space, **settings) -> tuple[Agent, KLMonitor, NaturalStep, torch.Tensor]:
     """An agent that has seen a rollout, in double precision, and the advantages of it."""
     usual = {"steps_per_update": 128, "hidden": (3,), "damping": 0.0, "conjugate_iterations": 200}
     config = NaturalConfig(**(usual | settings))
@@ -36,18 +36,18 @@ def place(space: gym.Space, **settings) -> tuple[Agent, Drift, Landscape, torch.
         for parameter in agent.policy.actor.parameters():
             parameter += 0.3 * torch.randn(parameter.shape, dtype=torch.float64, generator=agent.generator)
     samples = type(samples)(**{**vars(samples), "inputs": samples.inputs.double()})  # pyright: ignore
-    drift = Drift(agent, samples)
-    return agent, drift, Landscape(agent, samples, drift, config), samples.advantages[0].double()
+    monitor = KLMonitor(agent, samples)
+    return agent, monitor, NaturalStep(agent, samples, monitor, config), samples.advantages[0].double()
 
 
-def fisher(agent: Agent, drift: Drift, landscape: Landscape) -> torch.Tensor:
+def fisher(agent: Agent, monitor: KLMonitor, natural: NaturalStep) -> torch.Tensor:
     """The mean over states and actions of ∇log π ∇log π' [P, P]; for the Gaussian, over many draws of the action."""
-    actor, inputs = agent.policy.actor, landscape._samples.inputs
+    actor, inputs = agent.policy.actor, natural._samples.inputs
     parameters = list(actor.parameters())
     total = torch.zeros(sum(p.numel() for p in parameters), dtype=torch.float64)
     matrix = torch.outer(total, total)
     jacobians = []
-    outputs = actor(inputs, plain=True)
+    outputs = actor(inputs, twice_differentiable=True)
     for output in outputs.flatten():
         rows = torch.autograd.grad(output, parameters, retain_graph=True, allow_unused=True)
         rows = [torch.zeros_like(p) if row is None else row for p, row in zip(parameters, rows, strict=True)]
@@ -70,10 +70,10 @@ def curvature(agent: Agent, output: torch.Tensor) -> torch.Tensor:
 
 @pytest.mark.parametrize("space", SPACES.values(), ids=list(SPACES))
 def test_the_step_solves_the_fisher_matrix(space: gym.Space):
-    agent, drift, landscape, advantages = place(space)
-    gradient = landscape.gradient(advantages)
-    along = landscape.solve(gradient)
-    assert fisher(agent, drift, landscape) @ along == pytest.approx(gradient, abs=2e-5 * float(gradient.norm()))
+    agent, monitor, natural, advantages = place(space)
+    gradient = natural.gradient(advantages)
+    along = natural.solve(gradient)
+    assert fisher(agent, monitor, natural) @ along == pytest.approx(gradient, abs=2e-5 * float(gradient.norm()))
 
 
 def test_a_kl_per_dimension_is_that_many_times_flatter():
@@ -83,43 +83,43 @@ def test_a_kl_per_dimension_is_that_many_times_flatter():
 
 
 def test_the_gradient_is_that_of_the_surrogate():
-    agent, drift, landscape, advantages = place(SPACES["MultiDiscrete"])
-    gradient, flat = landscape.gradient(advantages), agent.policy.actor.stack.flat
-    samples = landscape._samples
+    agent, monitor, natural, advantages = place(SPACES["MultiDiscrete"])
+    gradient, flat = natural.gradient(advantages), agent.policy.actor.stack.flat
+    samples = natural._samples
     for index in (0, 7):
         values = []
         for change in (1e-5, -1e-5):
             with torch.no_grad():
                 flat[index] += change
-                log_prob = agent.policy.given(samples.inputs).log_prob(samples.actions)
-                values.append(losses.surrogate(log_prob, drift.old_log_prob, advantages).item())
+                log_prob = agent.policy.distribution_of(samples.inputs).log_prob(samples.actions)
+                values.append(losses.surrogate(log_prob, monitor.old_log_prob, advantages).item())
                 flat[index] -= change
         assert gradient[index].item() == pytest.approx((values[0] - values[1]) / 2e-5, abs=1e-8)
 
 
 def test_the_search_takes_the_first_step_that_is_close_enough_and_accepted():
-    agent, drift, landscape, advantages = place(SPACES["MultiDiscrete"])
-    step = landscape.solve(landscape.gradient(advantages))
+    agent, monitor, natural, advantages = place(SPACES["MultiDiscrete"])
+    step = natural.solve(natural.gradient(advantages))
     step = step * (0.15 / float(step.norm()))
     asked: list[float] = []
 
     def third(log_prob: torch.Tensor) -> bool:
-        asked.append(float((log_prob - drift.old_log_prob).abs().max()))
+        asked.append(float((log_prob - monitor.old_log_prob).abs().max()))
         return len(asked) == 3
 
     before = parameters_to_vector(agent.policy.actor.parameters()).clone()
-    refused = landscape.search(step, third)
+    refused = natural.search(step, third)
     assert len(asked) == 3 and asked[0] > asked[1] > asked[2]
     moved = parameters_to_vector(agent.policy.actor.parameters()) - before
     assert moved.detach() == pytest.approx(0.8**refused * step, abs=1e-12)
-    drift.measure()
-    assert drift.kl <= 0.02
+    monitor.measure()
+    assert monitor.kl <= 0.02
 
 
 def test_a_step_that_nothing_accepts_leaves_the_policy():
-    agent, _, landscape, advantages = place(SPACES["MultiDiscrete"])
+    agent, _, natural, advantages = place(SPACES["MultiDiscrete"])
     before = parameters_to_vector(agent.policy.actor.parameters()).clone()
-    assert landscape.search(landscape.gradient(advantages), lambda log_prob: False) == 15
+    assert natural.search(natural.gradient(advantages), lambda log_prob: False) == 15
     assert torch.equal(parameters_to_vector(agent.policy.actor.parameters()), before)
 
 
@@ -144,20 +144,20 @@ def test_steps_that_only_reset_do_not_shorten_the_step():
     rollout = flown(agent, valid=valid)
     samples = agent.samples(rollout, [reward_signal(config, rollout)])
     assert len(samples.actions) == T * N // 2
-    assert Landscape(agent, samples, Drift(agent, samples), config).radius == config.trust_radius
+    assert NaturalStep(agent, samples, KLMonitor(agent, samples), config).radius == config.trust_radius
 
 
 @pytest.mark.parametrize(
     ("progress", "settles", "share"), [(0.0, True, 1.0), (0.75, True, 1.0), (0.9, True, 0.4), (0.9, False, 1.0)]
 )
 def test_over_the_last_quarter_of_a_run_the_step_shrinks_to_nothing(progress: float, settles: bool, share: float):
-    agent, drift, landscape, _ = place(SPACES["MultiDiscrete"])
+    agent, monitor, natural, _ = place(SPACES["MultiDiscrete"])
     config = NaturalConfig(radius_settles=settles)
-    later = Landscape(agent, landscape._samples, drift, config, progress)
+    later = NaturalStep(agent, natural._samples, monitor, config, progress)
     assert later.radius == pytest.approx(config.trust_radius * share)
 
 
 @pytest.mark.parametrize(("steps", "share"), [(128, 1.0), (100, 1.0), (512, 0.25)])
 def test_from_a_rollout_cut_short_the_step_is_shorter(steps: int, share: float):
-    _, _, landscape, _ = place(SPACES["MultiDiscrete"], steps_per_update=steps)
-    assert landscape.radius == pytest.approx(0.02 * share)
+    _, _, natural, _ = place(SPACES["MultiDiscrete"], steps_per_update=steps)
+    assert natural.radius == pytest.approx(0.02 * share)

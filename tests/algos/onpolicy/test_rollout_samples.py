@@ -12,7 +12,7 @@ from thalweg.algos.interface import Rollout
 from thalweg.algos.onpolicy.rollout_samples import RolloutMemory, Samples, Signal, samples_of
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.memory import Sequences
-from thalweg.algos.policy.networks import Critics, Shape
+from thalweg.algos.policy.networks import Critics, NetworkShape
 from thalweg.algos.policy.normaliser import Normaliser
 from thalweg.algos.policy.policy import Policy
 
@@ -26,12 +26,12 @@ def numbers(*shape: int, seed: int) -> torch.Tensor:
 
 
 def flat_samples(rollout: Rollout, trace: float = 0.0) -> Samples:
-    critics = Critics(1, D, Shape((8,)), torch.Generator().manual_seed(0))
+    critics = Critics(1, D, NetworkShape((8,)), torch.Generator().manual_seed(0))
     return samples_of(rollout, critics, Normaliser(D, enabled=False), [Signal(rollout.rewards, 0.9, trace)])
 
 
 def test_a_truncated_step_is_worth_its_final_observation():
-    critics = Critics(1, D, Shape((8,)), torch.Generator().manual_seed(0))
+    critics = Critics(1, D, NetworkShape((8,)), torch.Generator().manual_seed(0))
     cut, final = torch.zeros(T, N, dtype=torch.bool), torch.full((1, D), 0.7)
     cut[6, 2] = True
     rollout = rollout_of(
@@ -54,7 +54,7 @@ def test_a_terminated_step_is_worth_its_reward_whatever_its_final_observation():
 
 
 def test_every_signal_is_predicted_by_its_own_critic():
-    critics = Critics(3, D, Shape((8,)), torch.Generator().manual_seed(0))
+    critics = Critics(3, D, NetworkShape((8,)), torch.Generator().manual_seed(0))
     streams = [numbers(T, N, seed=seed) for seed in (1, 2, 3)]
     rollout, normaliser = rollout_of(numbers(T + 1, N, D, seed=4)), Normaliser(D, enabled=False)
     found = samples_of(rollout, critics, normaliser, [Signal(stream, 0.9, 0.0) for stream in streams])
@@ -95,7 +95,7 @@ class Recurrent:
 
 
 def recurrent() -> Recurrent:
-    shape, generator = Shape((8,), memory=M), torch.Generator().manual_seed(0)
+    shape, generator = NetworkShape((8,), memory=M), torch.Generator().manual_seed(0)
     actions = actions_of(gym.spaces.MultiDiscrete([3, 2]))
     policy = Policy(D, actions, shape, generator=generator)
     policy.normaliser.update(numbers(50, D, seed=9) * 2 + 1)

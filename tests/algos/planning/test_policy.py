@@ -17,7 +17,7 @@ from thalweg.algos.planning.ccepets import CCEPETSConfig
 from thalweg.algos.planning.planner import Planner
 from thalweg.algos.planning.policy import METHODS, PlannerPlayer, PlannerPolicy
 from thalweg.algos.policy.actions import actions_of
-from thalweg.algos.policy.policy import About, load_policy, seen_of
+from thalweg.algos.policy.policy import About, load_policy, to_tensors
 from thalweg.algos.registry import ALGORITHMS
 
 PLANNERS = list(METHODS)
@@ -117,7 +117,7 @@ class TestEveryPlanner:
         for envs in (1, 5):
             player = PlannerPlayer(policy, envs, generator(2))
             for step in range(2):
-                player.raw(*seen_of(obs.repeat(envs, 0), np.full(envs, step == 0), CPU))
+                player.raw(*to_tensors(obs.repeat(envs, 0), np.full(envs, step == 0), CPU))
             plans.append(player._plans)
         assert torch.allclose(plans[1], plans[0].expand_as(plans[1]), atol=1e-5)
 
@@ -130,7 +130,7 @@ class TestEveryPlanner:
         for t in range(4):
             fresh = np.full(N, t == 0)
             assert np.array_equal(
-                policy.actions.to_env(beside.raw(*seen_of(shown[t], fresh, CPU))[0]), alone(obs[t], fresh)
+                policy.actions.to_numpy(beside.raw(*to_tensors(shown[t], fresh, CPU))[0]), alone(obs[t], fresh)
             )
 
 
@@ -158,7 +158,7 @@ def test_a_repeated_action_lasts_until_its_episode_ends():
     player, obs = policy.player(2, generator=generator()), np.zeros((2, D), np.float32)
     decided = []
     for t in range(6):
-        decision = player.raw(*seen_of(obs, np.array([t == 0, t in (0, 2)]), CPU))[1]
+        decision = player.raw(*to_tensors(obs, np.array([t == 0, t in (0, 2)]), CPU))[1]
         decided.append(0 if decision is None else len(decision.reward))
     assert decided == [2, 0, 1, 1, 0, 1]
 

@@ -46,7 +46,7 @@ def test_alpha_grows_while_the_entropy_is_below_its_aim():
 def test_what_is_still_to_come_is_the_sum_over_all_actions():
     method, obs = method_for(), torch.randn(4, 3, generator=generator(2))
     log_p = method.soft._policy(obs).log_p  # pyright: ignore
-    critics = method.soft.critics.plain(obs)
+    critics = method.soft.critics.reference(obs)
     value = method.value()
     assert value is not None
     found = value(obs, torch.zeros(4, 2, dtype=torch.int64))
@@ -64,7 +64,7 @@ def test_with_the_quirk_it_is_the_value_of_the_action_before():
     value = method.value()
     assert value is not None
     found = value(obs, torch.tensor([[2, 1]]))
-    assert float(found) == pytest.approx(2.0 * float(method.soft.critics.plain(obs)[:, 0, 5].min()), rel=1e-5)
+    assert float(found) == pytest.approx(2.0 * float(method.soft.critics.reference(obs)[:, 0, 5].min()), rel=1e-5)
 
 
 @torch.no_grad()
@@ -74,7 +74,7 @@ def test_the_soft_value_of_the_next_state_by_hand():
     found = soft.next_values(soft.critics, obs, alpha, generator())
     log_p = soft._policy(obs).log_p  # pyright: ignore
     joint = (log_p[:, 0, :, None] + log_p[:, 1, None, :2]).flatten(1)
-    wanted = (joint.exp() * (soft.critics.plain(obs).amin(0) - alpha * joint)).sum(-1)
+    wanted = (joint.exp() * (soft.critics.reference(obs).amin(0) - alpha * joint)).sum(-1)
     assert torch.allclose(found, wanted, atol=1e-5)
 
 
@@ -82,7 +82,7 @@ def test_the_soft_value_of_the_next_state_by_hand():
 def test_the_value_of_numbers_is_taken_at_the_actors_middle():
     method, obs = method_for(BOX), torch.randn(3, 3, generator=generator(2))
     middle = method.soft.actor(obs).chunk(2, -1)[0].tanh()
-    wanted = method.soft.critics.plain(torch.cat([obs, middle], -1)).squeeze(-1).amin(0)
+    wanted = method.soft.critics.reference(torch.cat([obs, middle], -1)).squeeze(-1).amin(0)
     assert torch.allclose(method.soft.value(obs), wanted, atol=1e-6)
 
 

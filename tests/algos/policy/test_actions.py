@@ -10,7 +10,7 @@ import torch
 
 from thalweg.algos import AlgorithmError
 from thalweg.algos.policy.actions import Actions, Adapter, actions_of
-from thalweg.algos.policy.distributions import Categoricals, Gaussians, Points, Squashed
+from thalweg.algos.policy.distributions import Categoricals, Deterministic, Gaussians, SquashedGaussian
 
 THREE = gym.spaces.MultiDiscrete([3])
 BOX = gym.spaces.Box(np.array([-2, 0], np.float32), np.array([2, 1], np.float32), dtype=np.float32)
@@ -60,8 +60,8 @@ def test_a_scaled_number_is_executed_as_the_middle_of_its_bin():
     actions = actions_of(gym.spaces.MultiDiscrete([3, 5, 1]), "box_scaled")
     raw = torch.tensor([[-1.7, -0.7, 0.3], [0.4, 0.2, -0.9], [0.6, 0.9, 5.0]])
     expected = [[-1.0, -0.5, -1.0], [0.0, 0.0, -1.0], [1.0, 1.0, -1.0]]
-    assert actions.executed(raw).tolist() == expected
-    assert torch.equal(actions.options(actions.executed(raw)), actions.options(raw))
+    assert actions.quantised(raw).tolist() == expected
+    assert torch.equal(actions.options(actions.quantised(raw)), actions.options(raw))
 
 
 @pytest.mark.parametrize(
@@ -74,18 +74,18 @@ def test_a_scaled_number_is_executed_as_the_middle_of_its_bin():
     ids=["literal", "native", "box"],
 )
 def test_other_actions_are_learnt_for_as_they_were_drawn(space: gym.Space, adapter: Any, raw: torch.Tensor):
-    assert torch.equal(actions_of(space, adapter).executed(raw), raw)
+    assert torch.equal(actions_of(space, adapter).quantised(raw), raw)
 
 
 def test_options_are_counted_from_where_the_environment_counts():
     space = gym.spaces.MultiDiscrete([2, 5], start=[1, -2])
-    drawn = actions_of(space, "box_scaled").to_env(torch.tensor([[-1.0, -1.0], [1.0, 1.0]]))
+    drawn = actions_of(space, "box_scaled").to_numpy(torch.tensor([[-1.0, -1.0], [1.0, 1.0]]))
     assert drawn.tolist() == [[1, -2], [2, 2]] and drawn.dtype == space.dtype
 
 
 @pytest.mark.parametrize(
     ("kind", "numbers", "distribution"),
-    [("gaussian", 2, Gaussians), ("squashed", 4, Squashed), ("point", 2, Points)],
+    [("gaussian", 2, Gaussians), ("squashed", 4, SquashedGaussian), ("point", 2, Deterministic)],
 )
 def test_each_kind_of_policy_reads_its_numbers(kind: Any, numbers: int, distribution: type):
     actions = actions_of(BOX, continuous=kind)
@@ -136,5 +136,5 @@ def test_a_record_survives_its_plain_data(actions: Actions):
 def test_a_box_with_bounds_of_0_changes_no_type_of_options():
     box = actions_of(gym.spaces.Box(0.0, 1.0, (2,), np.float64))
     options = actions_of(gym.spaces.MultiDiscrete([3, 3]))
-    assert box.executable(torch.tensor([[0.5, -2.0]])).dtype == torch.float64
-    assert options.executable(torch.tensor([[2, 0]])).dtype == torch.int64
+    assert box.env_actions(torch.tensor([[0.5, -2.0]])).dtype == torch.float64
+    assert options.env_actions(torch.tensor([[2, 0]])).dtype == torch.int64

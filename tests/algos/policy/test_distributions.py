@@ -7,15 +7,22 @@ import pytest
 import torch
 
 from thalweg.algos.maths import gaussian
-from thalweg.algos.policy.distributions import LOG_STD_RANGE, Categoricals, Gaussians, Points, Squashed, Traced
+from thalweg.algos.policy.distributions import (
+    LOG_STD_RANGE,
+    Categoricals,
+    Deterministic,
+    Gaussians,
+    SquashedGaussian,
+    TapedDistribution,
+)
 
 F64 = torch.float64
 CASES = [(0.0, 0.0), (0.4, -1.0), (-0.8, -0.3)]
 """Mean and log standard deviation before tanh."""
 
 
-def squashed(mean: float, log_std: float, count: int = 1) -> Squashed:
-    return Squashed(torch.full((count, 1), mean, dtype=F64), torch.full((count, 1), log_std, dtype=F64))
+def squashed(mean: float, log_std: float, count: int = 1) -> SquashedGaussian:
+    return SquashedGaussian(torch.full((count, 1), mean, dtype=F64), torch.full((count, 1), log_std, dtype=F64))
 
 
 def density(actions: torch.Tensor, mean: float, log_std: float) -> torch.Tensor:
@@ -38,7 +45,7 @@ def test_the_log_probability_is_that_of_the_change_of_variables(mean: float, log
 
 
 def test_the_log_probability_adds_up_over_the_numbers_of_an_action():
-    both = Squashed(torch.tensor([[0.0, 0.4]], dtype=F64), torch.tensor([[0.0, -1.0]], dtype=F64))
+    both = SquashedGaussian(torch.tensor([[0.0, 0.4]], dtype=F64), torch.tensor([[0.0, -1.0]], dtype=F64))
     action = torch.tensor([[0.3, -0.6]], dtype=F64)
     each = [squashed(*case).log_prob(action[:, k : k + 1]) for k, case in enumerate(CASES[:2])]
     assert both.log_prob(action).item() == pytest.approx(sum(one.item() for one in each))
@@ -66,7 +73,7 @@ def test_drawing_carries_the_gradient_of_mean_and_deviation():
     log_std = torch.tensor([[-0.5]], dtype=F64, requires_grad=True)
 
     def drawn(mean: torch.Tensor, log_std: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        return Squashed(mean, log_std).rsample(torch.Generator().manual_seed(0))
+        return SquashedGaussian(mean, log_std).rsample(torch.Generator().manual_seed(0))
 
     assert torch.autograd.gradcheck(drawn, (mean, log_std))
 
@@ -74,9 +81,11 @@ def test_drawing_carries_the_gradient_of_mean_and_deviation():
 def test_slopes_of_a_draw_are_those_which_torch_finds():
     mean, log_std, of_actions = torch.randn(3, 6, 2, dtype=F64, generator=torch.Generator().manual_seed(1))
     log_std[0, 0], of_log_prob = 2.5, torch.linspace(-1.0, 2.0, 6, dtype=F64)  # the first is held at its bound
-    actions, log_prob, back = Squashed(mean, log_std).ahead(torch.Generator().manual_seed(0))
+    actions, log_prob, back = SquashedGaussian(mean, log_std).rsample_and_backward(torch.Generator().manual_seed(0))
     found = back(of_actions, of_log_prob)
-    drawn, said = Squashed(mean.requires_grad_(), log_std.requires_grad_()).rsample(torch.Generator().manual_seed(0))
+    drawn, said = SquashedGaussian(mean.requires_grad_(), log_std.requires_grad_()).rsample(
+        torch.Generator().manual_seed(0)
+    )
     ((drawn * of_actions).sum() + (said * of_log_prob).sum()).backward()
     assert mean.grad is not None and log_std.grad is not None and float(log_std.grad[0, 0]) == 0.0
     assert torch.equal(actions, drawn.detach()) and torch.equal(log_prob, said.detach())
@@ -88,7 +97,7 @@ def test_far_out_where_tanh_rounds_to_one_the_log_probability_stays_exact():
     before = torch.tensor([[30.0]])
     found = gaussian.squashed_log_prob(torch.zeros(1, 1), torch.zeros(1, 1), before).item()
     assert found == pytest.approx(-0.5 * 900 - 0.5 * math.log(2 * math.pi) - math.log(4.0) + 60.0)
-    assert torch.isfinite(Squashed(torch.zeros(1, 1), torch.zeros(1, 1)).log_prob(torch.ones(1, 1))).all()
+    assert torch.isfinite(SquashedGaussian(torch.zeros(1, 1), torch.zeros(1, 1)).log_prob(torch.ones(1, 1))).all()
 
 
 def test_the_divergence_is_that_of_the_bounded_numbers():
@@ -105,7 +114,7 @@ def test_the_entropy_is_that_of_the_normal_before():
 
 
 def test_deviations_stay_within_their_range():
-    wild = Squashed(torch.zeros(1, 2), torch.tensor([[-50.0, 50.0]]))
+    wild = SquashedGaussian(torch.zeros(1, 2), torch.tensor([[-50.0, 50.0]]))
     assert wild.log_std.tolist() == [list(LOG_STD_RANGE)]
 
 
@@ -114,7 +123,7 @@ def test_the_most_probable_action_lies_within_the_bounds():
 
 
 def test_a_point_is_what_it_draws_and_has_no_density():
-    point = Points(torch.tensor([[0.25, -0.5]]))
+    point = Deterministic(torch.tensor([[0.25, -0.5]]))
     assert point.sample(None).tolist() == point.mode().tolist() == [[0.25, -0.5]]
     for ask in (lambda: point.log_prob(point.mode()), point.entropy, lambda: point.kl(point)):
         with pytest.raises(TypeError, match=r"a point has no|two points"):
@@ -139,7 +148,7 @@ def test_the_written_slopes_are_those_that_torch_records(part: str):
     for name, given in (("log_prob", (actions,)), ("entropy", ()), ("kl", (old,))):
         number = (getattr(new, name)(*given) * weights).sum()
         (expected,) = torch.autograd.grad(number, parameters, retain_graph=True)
-        found = weights.unsqueeze(-1) * getattr(new, f"{name}_slope")(*given)
+        found = weights.unsqueeze(-1) * getattr(new, f"{name}_grad")(*given)
         assert torch.allclose(found, expected, atol=1e-12) and expected.any()
 
 
@@ -151,6 +160,6 @@ def test_a_traced_distribution_passes_the_gradient_of_all_that_was_asked_on():
         return new.log_prob(actions).exp().sum() + new.kl(old).square().sum() - new.entropy().mean()
 
     (expected,) = torch.autograd.grad(loss(Categoricals.from_logits(parameters, (3,))), parameters)
-    traced = Traced(Categoricals.from_logits(parameters.detach(), (3,)))
+    traced = TapedDistribution(Categoricals.from_logits(parameters.detach(), (3,)))
     loss(traced).backward()
     assert torch.allclose(traced.slope(), expected, atol=1e-7)

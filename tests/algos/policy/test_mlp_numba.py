@@ -5,16 +5,16 @@ import pytest
 import torch
 
 from thalweg.algos.policy import mlp_numba as loops
-from thalweg.algos.policy.networks import SMALL, Stack, part_bounds
+from thalweg.algos.policy.networks import SMALL, StackedMLP, minibatch_bounds
 
 K, B, D = 3, 7, 5
 ACTIVATIONS = ("tanh", "relu")
 
 
-def made(activation: str, hidden: tuple[int, ...] = (6, 9)) -> tuple[Stack, torch.Tensor]:
+def made(activation: str, hidden: tuple[int, ...] = (6, 9)) -> tuple[StackedMLP, torch.Tensor]:
     """A stack whose biases are not zero, and rows."""
     generator = torch.Generator().manual_seed(0)
-    one = Stack(K, D, hidden, 2, activation=activation, generator=generator)  # pyright: ignore[reportArgumentType]
+    one = StackedMLP(K, D, hidden, 2, activation=activation, generator=generator)  # pyright: ignore[reportArgumentType]
     with torch.no_grad():
         one.flat.add_(0.1 * torch.randn(one.flat.shape, generator=generator))
     return one, torch.randn(B, D, generator=generator)
@@ -26,8 +26,8 @@ def test_outputs_and_gradients_are_those_of_torch(activation: str, hidden: tuple
     one, x = made(activation, hidden)
     above = torch.randn(K, B, 2, generator=torch.Generator().manual_seed(1))
     assert one.small
-    found, back = one.ahead(x)
-    expected = one.plain(x)
+    found, back = one.forward_and_backward(x)
+    expected = one.reference(x)
     assert torch.allclose(found, expected, atol=2e-6) and not found.requires_grad
     back(above)
     assert one.flat.grad is not None
@@ -38,10 +38,10 @@ def test_outputs_and_gradients_are_those_of_torch(activation: str, hidden: tuple
 @pytest.mark.parametrize("activation", ACTIVATIONS)
 def test_where_the_loops_are_not_for_it_the_same_comes_out(activation: str):
     one, x = made(activation)
-    found, back = one.ahead(x)
+    found, back = one.forward_and_backward(x)
     back(torch.ones_like(found))
     slope, one.flat.grad, one.small = one.flat.grad, None, False
-    other, back = one.ahead(x)
+    other, back = one.forward_and_backward(x)
     back(torch.ones_like(other))
     assert slope is not None and one.flat.grad is not None
     assert torch.allclose(found, other, atol=2e-6) and torch.allclose(slope, one.flat.grad, atol=1e-5)
@@ -49,9 +49,9 @@ def test_where_the_loops_are_not_for_it_the_same_comes_out(activation: str):
 
 def test_wide_networks_and_those_that_swish_are_left_to_torch():
     generator = torch.Generator()
-    assert Stack(1, SMALL, (SMALL,), 1, generator=generator).small
-    assert not Stack(1, 2, (SMALL + 1,), 1, generator=generator).small
-    assert not Stack(1, 2, (8,), 1, activation="swish", generator=generator).small
+    assert StackedMLP(1, SMALL, (SMALL,), 1, generator=generator).small
+    assert not StackedMLP(1, 2, (SMALL + 1,), 1, generator=generator).small
+    assert not StackedMLP(1, 2, (8,), 1, activation="swish", generator=generator).small
 
 
 @pytest.mark.parametrize("activation", [loops.TANH, loops.RELU])
@@ -88,4 +88,4 @@ def test_the_tangent_is_near_the_librarys_and_never_beyond_one():
 def test_parts_are_those_that_torch_splits_into():
     for rows, minibatch in ((20_000, 64), (7, 3), (5, 64), (130, 64)):
         parts = torch.arange(rows).tensor_split(max(1, round(rows / minibatch)))
-        assert np.diff(part_bounds(rows, minibatch)).tolist() == [len(part) for part in parts]
+        assert np.diff(minibatch_bounds(rows, minibatch)).tolist() == [len(part) for part in parts]

@@ -8,7 +8,7 @@ from safetensors.numpy import save_file
 
 from thalweg.algos import About, AlgorithmError, Policy
 from thalweg.algos.policy.actions import actions_of
-from thalweg.algos.policy.networks import Shape
+from thalweg.algos.policy.networks import NetworkShape
 
 SPACES = {
     "MultiDiscrete": gym.spaces.MultiDiscrete([3, 3, 3, 3]),
@@ -20,7 +20,7 @@ SPACES = {
 
 
 def policy_for(space: gym.Space, adapter: Any = "native", **settings: Any) -> Policy:
-    shape = Shape((16,), memory=settings.pop("memory", 0))
+    shape = NetworkShape((16,), memory=settings.pop("memory", 0))
     return Policy(5, actions_of(space, adapter), shape, generator=torch.Generator().manual_seed(1), **settings)
 
 
@@ -48,7 +48,7 @@ def test_a_fresh_policy_draws_every_option_alike():
 
 def test_minus_one_to_one_spans_a_bounded_box():
     actions = actions_of(SPACES["Box"])
-    found = actions.to_env(torch.tensor([[-1.0, -1.0], [0.0, 0.0], [1.0, 1.0], [9.0, 9.0]]))
+    found = actions.to_numpy(torch.tensor([[-1.0, -1.0], [0.0, 0.0], [1.0, 1.0], [9.0, 9.0]]))
     assert found.tolist() == [[-2, 0], [0, 0.5], [2, 1], [2, 1]]
 
 
@@ -184,7 +184,7 @@ def test_frames_are_seen_side_by_side_the_newest_last():
     found = player(second[None], on)
     seen = torch.from_numpy(np.concatenate([first, second])[None])
     with torch.no_grad():
-        assert np.allclose(found, policy.actions.to_env(policy.distribution(seen).mode()))
+        assert np.allclose(found, policy.actions.to_numpy(policy.distribution(seen).mode()))
 
 
 def test_a_greedy_policy_never_draws():

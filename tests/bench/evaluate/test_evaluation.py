@@ -11,7 +11,7 @@ import torch
 from tests.env import handmade
 from thalweg.algos import Policy
 from thalweg.algos.policy.actions import actions_of
-from thalweg.algos.policy.networks import Shape
+from thalweg.algos.policy.networks import NetworkShape
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate import evaluation
 from thalweg.bench.evaluate.baselines import BASELINES
@@ -62,7 +62,7 @@ def flicker(step: Step) -> np.ndarray:
 @pytest.mark.parametrize(("frames", "memory"), [(3, 0), (1, 4)], ids=["frames", "recurrent"])
 def test_each_episode_is_flown_with_a_memory_of_its_own(frames: int, memory: int):
     actions = actions_of(gym.spaces.MultiDiscrete([3, 3, 3, 3]))
-    policy = Policy(5, actions, Shape((8,), initial="kaiming", memory=memory), frames=frames, normalise=False)
+    policy = Policy(5, actions, NetworkShape((8,), initial="kaiming", memory=memory), frames=frames, normalise=False)
     with torch.no_grad():
         policy.actor.stack.flat.mul_(10.0)  # so that what is remembered decides
     whole, told = course(), []

@@ -45,7 +45,7 @@ class Adam:
         gradients = [parameter.grad for parameter in self.parameters if parameter.grad is not None]
         if len(gradients) < len(self.parameters):
             return
-        shorten(gradients, most)
+        clip_grad_norm_(gradients, most)
         torch._foreach_add_(self._counts, 1.0)  # pyright: ignore[reportPrivateImportUsage]
         torch._fused_adam_(  # pyright: ignore[reportPrivateImportUsage]
             self.parameters,
@@ -69,7 +69,7 @@ class Adam:
         values, first, second, counts = ([tensor.detach().numpy() for tensor in kind] for kind in kinds)
         return values, first, second, counts
 
-    def forget(self) -> None:
+    def zero_grad(self) -> None:
         """Begin a new gradient."""
         for parameter in self.parameters:
             parameter.grad = None
@@ -90,7 +90,7 @@ class Adam:
             self._counts[place].fill_(remembered["count"])
 
 
-def shorten(gradients: list[Tensor], most: float) -> None:
+def clip_grad_norm_(gradients: list[Tensor], most: float) -> None:
     """Scale gradients, in place, so that together they are no longer than `most`."""
     if most == math.inf:
         return

@@ -15,7 +15,7 @@ WARM = 2
 """Steps of a kind that are taken as they are before one is recorded: libraries set themselves up in them."""
 
 
-class Graphs:
+class CudaGraphs:
     """Steps of a few kinds, recorded once each."""
 
     def __init__(self, asked: bool, generators: Sequence[torch.Generator]) -> None:
@@ -25,7 +25,7 @@ class Graphs:
         self._taken: dict[Hashable, int] = {}
         self._replays: dict[Hashable, tuple[Tensor, Callable[[], None]]] = {}
 
-    def take(self, step: Step, rows: Tensor, kind: Hashable, numbers: Hashable) -> None:
+    def run(self, step: Step, rows: Tensor, kind: Hashable, numbers: Hashable) -> None:
         """Take a step that learns from these rows.
 
         Args:

@@ -5,7 +5,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from thalweg.algos.interface import REMEMBERED, Feedback
+from thalweg.algos.interface import RECENT_EPISODES, Feedback
 
 ENOUGH_EPISODES = 20
 """Before this many episodes nothing is said about what costs are possible."""
@@ -52,12 +52,12 @@ class MeanCostConfig:
 
     def window_conditions(self) -> dict[str, tuple[bool, str]]:
         """What must hold, for `require`."""
-        return {"cost_window": (0 <= self.cost_window <= REMEMBERED, f"must be in 0..{REMEMBERED}")}
+        return {"cost_window": (0 <= self.cost_window <= RECENT_EPISODES, f"must be in 0..{RECENT_EPISODES}")}
 
 
 def cost_metrics(feedback: Feedback, limits: Sequence[float] = (), window: int = 0) -> dict[str, float]:
     """J_c of each cost, the number of fresh episodes, and whether each limit has been broken by any episode."""
-    names = suffixes(len(feedback.largest_costs))
+    names = cost_suffixes(len(feedback.largest_costs))
     means = {f"cost_mean{name}": mean for name, mean in zip(names, feedback.cost_means(window), strict=True)}
     bind = {
         f"limit_can_bind{name}": float(largest > limit)
@@ -71,20 +71,20 @@ def limit_warnings(limits: Sequence[float], feedback: Feedback) -> dict[str, str
     if feedback.episodes < ENOUGH_EPISODES:
         return {}
     return {
-        f"limit_never_binds{name}": f"the {told(name)}cost limit {limit:g} has not bound anything: none of "
+        f"limit_never_binds{name}": f"the {as_word(name)}cost limit {limit:g} has not bound anything: none of "
         f"{feedback.episodes} episodes cost more than {largest:g}, so their mean can't exceed it"
-        for name, limit, largest in zip(suffixes(len(limits)), limits, feedback.largest_costs, strict=True)
+        for name, limit, largest in zip(cost_suffixes(len(limits)), limits, feedback.largest_costs, strict=True)
         if largest <= limit
     }
 
 
-def suffixes(costs: int) -> tuple[str, ...]:
+def cost_suffixes(costs: int) -> tuple[str, ...]:
     """What tells the costs apart in names: nothing if there is but one, else tight and loose, or numbers."""
     if costs == 1:
         return ("",)
     return ("_tight", "_loose") if costs == 2 else tuple(f"_{place}" for place in range(costs))
 
 
-def told(suffix: str) -> str:
+def as_word(suffix: str) -> str:
     """A suffix as a word in a sentence, or nothing."""
     return f"{suffix.removeprefix('_')} " if suffix else ""

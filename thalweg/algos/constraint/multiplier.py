@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from thalweg.algos.constraint.cost_limits import ENOUGH_EPISODES, MeanCostConfig, suffixes, told
+from thalweg.algos.constraint.cost_limits import ENOUGH_EPISODES, MeanCostConfig, as_word, cost_suffixes
 from thalweg.algos.interface import Feedback
 from thalweg.algos.maths import multiplier as maths
 
@@ -167,7 +167,7 @@ class Multipliers:
 
     def metrics(self, feedback: Feedback, updates_left: int) -> dict[str, float]:
         """Each λ used in this update, and how far it can still get."""
-        names = suffixes(len(self.each))
+        names = cost_suffixes(len(self.each))
         reaches = [
             one.reach(updates_left, largest) for one, largest in zip(self.each, feedback.largest_costs, strict=True)
         ]
@@ -180,12 +180,12 @@ class Multipliers:
         found: dict[str, str] = {}
         if feedback.episodes < ENOUGH_EPISODES:
             return found
-        names = suffixes(len(self.each))
+        names = cost_suffixes(len(self.each))
         for one, name, largest in zip(self.each, names, feedback.largest_costs, strict=True):
             possible = one.possible(updates_left, largest)
             if largest > one.limit and possible < NEGLIGIBLE:
                 found[f"multiplier_too_slow{name}"] = (
-                    f"the {told(name)}multiplier can't exceed {possible:.3g} in this run, {updates_left} updates "
+                    f"the {as_word(name)}multiplier can't exceed {possible:.3g} in this run, {updates_left} updates "
                     f"before its end: raise multiplier_rate (now {self.config.multiplier_rate:g}), multiplier_gain, "
                     f"multiplier_max (now {self.config.multiplier_max:g}) or the steps, or update more often"
                 )

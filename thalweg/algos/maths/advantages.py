@@ -1,14 +1,14 @@
-"""How much better was an action than the policy's habit, when episodes end and when they are only cut off?
+"""Advantages by generalised advantage estimation, and one-step temporal-difference targets.
 
-The difference between the two ends is the whole point: a termination is worth 0 afterwards, a truncation is worth what
-the critic says about the state in which the clock ran out. Letters: T steps, then any further dimensions (N
-environments).
+Both tell the two ends of an episode apart: nothing follows a termination, so its value is 0; after a truncation the
+critic's value of the last observation stands for the return that the time limit cut off. Letters: T steps, then any
+further dimensions (N environments); B rows; S signals, the reward and the costs.
 """
 
 import torch
 from torch import Tensor
 
-from thalweg.algos.maths.shapes import same_shape
+from thalweg.algos.maths.shapes import rank, same_shape
 
 
 def gae(
@@ -57,3 +57,18 @@ def standardised(advantages: Tensor) -> Tensor:
 def centred(advantages: Tensor) -> Tensor:
     """Advantages [B] with mean 0."""
     return advantages - advantages.mean()
+
+
+def td_target(signals: Tensor, going_on: Tensor, next_values: Tensor, discounts: Tensor) -> Tensor:
+    """One-step targets y = x + γ (1 - terminated) V(s') [S, B] of action values (Watkins, Dayan 1992).
+
+    Args:
+        signals: x [S, B], reward and costs of the step.
+        going_on: 1 - terminated [B], as numbers; a truncated step keeps its bootstrap value.
+        next_values: V(s') [S, B], at the observation that the step led to.
+        discounts: γ [S, 1].
+    """
+    rank(2, signals=signals, discounts=discounts)
+    same_shape(signals=signals, next_values=next_values)
+    same_shape(going_on=going_on, one_signal=signals[0])
+    return signals + discounts * (going_on * next_values)

@@ -34,20 +34,20 @@ def kl(log_p: Tensor, log_q: Tensor) -> Tensor:
     return (log_p.exp() * (log_p - log_q)).sum((-1, -2))
 
 
-def log_prob_slope(log_p: Tensor, actions: Tensor) -> Tensor:
+def log_prob_grad(log_p: Tensor, actions: Tensor) -> Tensor:
     """The gradient of `log_prob` in the logits [B, A, K]: 1{k = a_b} - π_b(k)."""
     rank(3, log_p=log_p)
     same_shape(actions=actions, branches=log_p[..., 0])
     return log_p.exp().neg_().scatter_add_(-1, actions.unsqueeze(-1), log_p.new_ones(*actions.shape, 1))
 
 
-def entropy_slope(log_p: Tensor) -> Tensor:
+def entropy_grad(log_p: Tensor) -> Tensor:
     """The gradient of `entropy` in the logits [B, A, K]: -π_b(k) (log π_b(k) + H_b)."""
     p = log_p.exp()
     return -p * (log_p - (p * log_p).sum(-1, keepdim=True))
 
 
-def kl_slope(log_p: Tensor, log_q: Tensor) -> Tensor:
+def kl_grad(log_p: Tensor, log_q: Tensor) -> Tensor:
     """The gradient of `kl` in the logits of p [B, A, K]: p_b(k) (log p_b(k) - log q_b(k) - KL_b)."""
     same_shape(log_p=log_p, log_q=log_q)
     p, apart = log_p.exp(), log_p - log_q

@@ -35,7 +35,7 @@ def kl(mean_p: Tensor, log_std_p: Tensor, mean_q: Tensor, log_std_q: Tensor) -> 
     return (log_std_q - log_std_p + 0.5 * (variance_ratio + shift) - 0.5).sum(-1)
 
 
-def log_prob_slope(mean: Tensor, log_std: Tensor, actions: Tensor) -> Tensor:
+def log_prob_grad(mean: Tensor, log_std: Tensor, actions: Tensor) -> Tensor:
     """The gradient of `log_prob` in mean and log standard deviation, side by side [B, 2 A]: (a - μ) / σ² and
     ((a - μ) / σ)² - 1."""
     same_shape(mean=mean, log_std=log_std, actions=actions)
@@ -44,12 +44,12 @@ def log_prob_slope(mean: Tensor, log_std: Tensor, actions: Tensor) -> Tensor:
     return torch.cat([deviation * precision, deviation.square() - 1.0], -1)
 
 
-def entropy_slope(log_std: Tensor) -> Tensor:
+def entropy_grad(log_std: Tensor) -> Tensor:
     """The gradient of `entropy` in the same [B, 2 A]: 0 and 1."""
     return torch.cat([torch.zeros_like(log_std), torch.ones_like(log_std)], -1)
 
 
-def kl_slope(mean_p: Tensor, log_std_p: Tensor, mean_q: Tensor, log_std_q: Tensor) -> Tensor:
+def kl_grad(mean_p: Tensor, log_std_p: Tensor, mean_q: Tensor, log_std_q: Tensor) -> Tensor:
     """The gradient of `kl` in mean and log standard deviation of p [B, 2 A]: (μp - μq) / σq² and σp² / σq² - 1."""
     same_shape(mean_p=mean_p, log_std_p=log_std_p, mean_q=mean_q, log_std_q=log_std_q)
     shift = (mean_p - mean_q) * (-2.0 * log_std_q).exp()
@@ -66,7 +66,7 @@ def squashed_log_prob(mean: Tensor, log_std: Tensor, before: Tensor) -> Tensor:
     return log_prob(mean, log_std, before) - stretch.sum(-1)
 
 
-def squashed_slopes(actions: Tensor, spread: Tensor, of_actions: Tensor, of_log_prob: Tensor) -> tuple[Tensor, Tensor]:
+def squashed_grads(actions: Tensor, spread: Tensor, of_actions: Tensor, of_log_prob: Tensor) -> tuple[Tensor, Tensor]:
     """From the gradients of a = tanh(u), u = μ + σ ε [B, A], and of log π(a|s) [B], those of μ and log σ [B, A].
 
     With ε held, log π = Σ_i -½ ε_i² - log σ_i - ½ log 2π - log(1 - a_i²), so that u gets (1 - a²) g_a + 2 a g_π, μ the

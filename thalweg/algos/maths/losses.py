@@ -137,7 +137,7 @@ def squared_error(predictions: Tensor, targets: Tensor) -> Tensor:
     return 0.5 * (predictions - targets).square().mean(-1)
 
 
-def squared_error_slope(predictions: Tensor, targets: Tensor) -> Tensor:
+def squared_error_grad(predictions: Tensor, targets: Tensor) -> Tensor:
     """The gradient (V - target) / B [K, B] of the sum of `squared_error` in the predictions."""
     rank(2, predictions=predictions)
     same_shape(predictions=predictions, targets=targets)

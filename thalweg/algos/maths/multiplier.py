@@ -9,8 +9,7 @@ from collections.abc import Sequence
 
 from torch import Tensor
 
-from thalweg.algos.maths.constants import numbers_like
-from thalweg.algos.maths.shapes import same_shape
+from thalweg.algos.maths.shapes import same_shape, tensor_like
 
 
 def projected_gradient(value: float, cost: float, limit: float, rate: float, upper: float) -> float:
@@ -69,5 +68,5 @@ def combined(rewards: Tensor, costs: Tensor, multipliers: Sequence[float], *, no
     same_shape(rewards=rewards, one_cost=costs[0])
     if len(costs) != len(multipliers):
         raise ValueError(f"{len(costs)} costs and {len(multipliers)} multipliers")
-    total = rewards - (costs * numbers_like(multipliers, costs).unsqueeze(-1)).sum(0)
+    total = rewards - (costs * tensor_like(multipliers, costs).unsqueeze(-1)).sum(0)
     return total / (1.0 + sum(multipliers)) if normalised else total

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from thalweg.algos.common.adam import Adam
-from thalweg.algos.common.cuda_graphs import Graphs
+from thalweg.algos.common.cuda_graphs import CudaGraphs
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.common.settings import as_data
 from thalweg.algos.common.state import (
@@ -26,16 +26,16 @@ from thalweg.algos.common.state import (
     new_generator,
     tensor_of,
 )
-from thalweg.algos.constraint.cost_limits import cost_metrics, limit_warnings, suffixes
+from thalweg.algos.constraint.cost_limits import cost_metrics, cost_suffixes, limit_warnings
 from thalweg.algos.constraint.multiplier import Multipliers
 from thalweg.algos.interface import Feedback, Rollout, Task
-from thalweg.algos.maths import bootstrap, losses
+from thalweg.algos.maths import advantages, losses
 from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.offpolicy.critics import Critics, Slow
 from thalweg.algos.offpolicy.mean_metrics import Tally
 from thalweg.algos.offpolicy.replay import Batch, Replay, steps_of
 from thalweg.algos.policy.actions import Actions
-from thalweg.algos.policy.networks import Stack
+from thalweg.algos.policy.networks import StackedMLP
 from thalweg.algos.policy.normaliser import Normaliser
 from thalweg.algos.policy.policy import About, Policy
 
@@ -104,13 +104,13 @@ class Agent:
         self._costs_seen = Normaliser(costs, config.normalise_cost, task.device)
         discounts = [[config.discount], *[[config.cost_discount]] * costs]
         self._discounts = torch.tensor(discounts, device=task.device)
-        names = ["", *(f"cost{name}_" for name in suffixes(costs))]
+        names = ["", *(f"cost{name}_" for name in cost_suffixes(costs))]
         self._tally = Tally(
             (*(f"{name}q_loss" for name in names), *(f"{name}q_mean" for name in names)),
             ("policy_loss", *tallied),
             device=task.device,
         )
-        self._graphs = Graphs(task.graphs, [self.generator])
+        self._graphs = CudaGraphs(task.graphs, [self.generator])
         self.steps, self.gradient_steps, self.progress = 0, 0, 0.0
         """`progress`: the share of the run that was over when it last learnt."""
         self._owed, self._reported_at = 0.0, 0
@@ -121,12 +121,12 @@ class Agent:
         return max(1, self.config.steps_per_collection // self.num_envs)
 
     @property
-    def slow_actor(self) -> Stack:
+    def slow_actor(self) -> StackedMLP:
         """The policy's slow copy."""
         return self.slow.copies[0]
 
     @property
-    def slow_critics(self) -> Stack:
+    def slow_critics(self) -> StackedMLP:
         return self.slow.copies[1]
 
     @property
@@ -166,7 +166,7 @@ class Agent:
         self._owed -= count
         for rows in self.replay.batches(count, self.config.minibatch, self.generator, self.policy.normaliser):
             turn = self.policy_turn
-            self._graphs.take(lambda rows: step(self.replay.batch(rows)), rows, turn, self.multipliers.values)
+            self._graphs.run(lambda rows: step(self.replay.batch(rows)), rows, turn, self.multipliers.values)
             self._tally.count(CRITICS)
             if turn:
                 self._tally.count(POLICY)
@@ -202,8 +202,8 @@ class Agent:
             next_values = torch.cat([next_values[:1], next_values[1:].clamp(min=0.0)])
         place = None if chosen is None else chosen.expand(len(said), -1).unsqueeze(-1)
         values = (said if place is None else said.gather(-1, place)).squeeze(-1)
-        targets = bootstrap.target(batch.paid, batch.going_on, next_values, self._discounts)[self.critics.signal]
-        slopes = losses.squared_error_slope(values, targets).unsqueeze(-1)
+        targets = advantages.td_target(batch.paid, batch.going_on, next_values, self._discounts)[self.critics.signal]
+        slopes = losses.squared_error_grad(values, targets).unsqueeze(-1)
         back(slopes if place is None else torch.zeros_like(said).scatter_(-1, place, slopes))
         self.critic_optimiser.step(self.config.max_grad_norm)
         errors, leading = losses.squared_error(values, targets), self.critics.leading

@@ -8,7 +8,7 @@ from thalweg.algos.constraint.cost_limits import CostConfig
 from thalweg.algos.constraint.multiplier import MultiplierConfig
 from thalweg.algos.policy.actions import Adapter
 from thalweg.algos.policy.mlp_autograd import Activation
-from thalweg.algos.policy.networks import Initial, Shape
+from thalweg.algos.policy.networks import Initial, NetworkShape
 
 Schedule = Literal["report", "gradient_step"]
 """When the multipliers are updated."""
@@ -110,6 +110,6 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
         )
 
     @property
-    def shape(self) -> Shape:
+    def shape(self) -> NetworkShape:
         """Shape of the networks."""
-        return Shape(self.hidden, self.activation, self.initial)
+        return NetworkShape(self.hidden, self.activation, self.initial)

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from thalweg.algos.policy.mlp_autograd import ALL
-from thalweg.algos.policy.networks import Shape, Stack
+from thalweg.algos.policy.networks import NetworkShape, StackedMLP
 
 
 class Critics:
@@ -28,12 +28,12 @@ class Critics:
         *,
         inputs: int,
         outputs: int,
-        shape: Shape,
+        shape: NetworkShape,
         generator: torch.Generator,
     ) -> None:
         """`rewards` critics of the reward and `twins` of each of so many costs."""
         self.rewards, self.costs, self.twins = rewards, costs, twins
-        self.stack = Stack(
+        self.stack = StackedMLP(
             rewards + twins * costs,
             inputs,
             shape.hidden,
@@ -68,7 +68,7 @@ class Slow:
     All parameters are laid into one vector and all copies into another, so that following is one call.
     """
 
-    def __init__(self, stacks: Sequence[Stack]) -> None:
+    def __init__(self, stacks: Sequence[StackedMLP]) -> None:
         self.fast = torch.cat([stack.flat.detach() for stack in stacks])
         self.slow = self.fast.clone()
         lengths = [stack.flat.numel() for stack in stacks]

@@ -13,9 +13,9 @@ import torch
 from torch import Tensor
 
 from thalweg.algos.interface import Task
-from thalweg.algos.maths import relaxed
-from thalweg.algos.maths.constants import numbers_like
+from thalweg.algos.maths import gumbel_softmax
 from thalweg.algos.maths.multiplier import combined
+from thalweg.algos.maths.shapes import tensor_like
 from thalweg.algos.offpolicy.agent import Agent
 from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.offpolicy.replay import Batch
@@ -77,7 +77,7 @@ def policy_slopes(
     config: DeterministicConfig, values: Tensor, outputs: Tensor, multipliers: tuple[float, ...]
 ) -> tuple[Tensor, Tensor]:
     """The gradient of `policy_loss` in the values [1 + M, B] and, while these stay as they are, in the outputs."""
-    weights = numbers_like([-1.0, *multipliers], values) / ((1.0 + sum(multipliers)) * values.shape[1])
+    weights = tensor_like([-1.0, *multipliers], values) / ((1.0 + sum(multipliers)) * values.shape[1])
     return weights.unsqueeze(1).expand_as(values), (2.0 * config.output_decay / outputs.numel()) * outputs
 
 
@@ -96,7 +96,9 @@ class Deterministic(Protocol):
         """[B, W] the policy's own action, coded, as it would be executed."""
         ...
 
-    def ahead(self, parameters: Tensor, generator: torch.Generator) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
+    def rsample_and_backward(
+        self, parameters: Tensor, generator: torch.Generator
+    ) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
         """[B, W] the policy's own action before any rounding, for choices a draw; and what gives from its gradient that
         of the parameters [B, P]."""
         ...
@@ -119,12 +121,14 @@ class Numbers:
         self.actions, self._config, self.width = actions, config, actions.count
 
     def coded(self, raw: Tensor) -> Tensor:
-        return self.actions.executed(raw)
+        return self.actions.quantised(raw)
 
     def chosen(self, parameters: Tensor) -> Tensor:
         return self.coded(parameters.tanh())
 
-    def ahead(self, parameters: Tensor, generator: torch.Generator) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
+    def rsample_and_backward(
+        self, parameters: Tensor, generator: torch.Generator
+    ) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
         point = parameters.tanh()
         return point, lambda above: above * (1.0 - point.square())
 
@@ -148,18 +152,20 @@ class Choices:
         self.width = actions.count * max(actions.sizes)
 
     def coded(self, raw: Tensor) -> Tensor:
-        return relaxed.one_hot(raw, max(self.actions.sizes)).flatten(1)
+        return gumbel_softmax.one_hot(raw, max(self.actions.sizes)).flatten(1)
 
     def chosen(self, parameters: Tensor) -> Tensor:
         return self.coded(self._choices(parameters).mode())
 
-    def ahead(self, parameters: Tensor, generator: torch.Generator) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
+    def rsample_and_backward(
+        self, parameters: Tensor, generator: torch.Generator
+    ) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
         choices, temperature = self._choices(parameters), self._config.relaxation
-        noise = relaxed.gumbel(torch.rand(choices.log_p.shape, generator=generator, device=parameters.device))
-        hard, soft = relaxed.straight_through(choices.log_p, noise, temperature)
+        noise = gumbel_softmax.gumbel(torch.rand(choices.log_p.shape, generator=generator, device=parameters.device))
+        hard, soft = gumbel_softmax.straight_through(choices.log_p, noise, temperature)
 
         def back(above: Tensor) -> Tensor:
-            return choices.of_logits(relaxed.straight_through_slope(above.view_as(soft), soft, temperature))
+            return choices.logit_grad(gumbel_softmax.straight_through_grad(above.view_as(soft), soft, temperature))
 
         return hard.flatten(1), back
 
@@ -190,9 +196,11 @@ def deterministic(config: DeterministicConfig, task: Task) -> Numbers | Choices:
 def climb(agent: Agent, form: Deterministic, config: DeterministicConfig, batch: Batch) -> None:
     """One step of Adam of the policy, whose gradient passes through the critics and its action, by the chain rule."""
     critics, multipliers = agent.critics, agent.multipliers.values
-    outputs, through_policy = agent.policy.actor.ahead(batch.obs)
-    action, through_action = form.ahead(outputs, agent.generator)
-    values, through_critics = critics.stack.through(torch.cat([batch.obs, action], 1), critics.leading)
+    outputs, through_policy = agent.policy.actor.forward_and_backward(batch.obs)
+    action, through_action = form.rsample_and_backward(outputs, agent.generator)
+    values, through_critics = critics.stack.forward_and_input_backward(
+        torch.cat([batch.obs, action], 1), critics.leading
+    )
     of_values, of_outputs = policy_slopes(config, values[..., 0], outputs, multipliers)
     of_action = through_critics(of_values.unsqueeze(-1))[:, batch.obs.shape[1] :]
     through_policy(through_action(of_action) + of_outputs)

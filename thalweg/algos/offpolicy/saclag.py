@@ -15,13 +15,13 @@ from torch import Tensor
 from thalweg.algos.common.adam import Adam
 from thalweg.algos.common.state import CPU, array_of, tensor_of
 from thalweg.algos.interface import Feedback, Rollout, Task
-from thalweg.algos.maths import joint, losses
+from thalweg.algos.maths import joint_actions, losses
 from thalweg.algos.maths.multiplier import combined
 from thalweg.algos.offpolicy.agent import Agent
 from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.offpolicy.replay import Batch
 from thalweg.algos.policy.actions import Actions, actions_of
-from thalweg.algos.policy.distributions import Categoricals, Squashed
+from thalweg.algos.policy.distributions import Categoricals, SquashedGaussian
 
 
 @dataclass(frozen=True)
@@ -74,15 +74,15 @@ class Exact:
         count = actions.joint_count("SACLag")
         self.coded_width, self.critic_outputs = 1, count
         self.aim = config.entropy_share * math.log(count)
-        self._selected = joint.selection(actions.sizes).to(device)
+        self._selected = joint_actions.selection(actions.sizes).to(device)
 
     def coded(self, raw: Tensor) -> Tensor:
         """[B, 1] the number of each joint action [B, A]."""
-        return joint.numbers(raw, self.actions.sizes).unsqueeze(1).float()
+        return joint_actions.numbers(raw, self.actions.sizes).unsqueeze(1).float()
 
     def said(self, agent: Agent, batch: Batch) -> tuple[Tensor, Callable[[Tensor], None]]:
         """Q(s, a) of every joint action [K, B, J], and what passes their gradient on to the critics."""
-        return agent.critics.stack.ahead(batch.obs)
+        return agent.critics.stack.forward_and_backward(batch.obs)
 
     def chosen(self, batch: Batch) -> Tensor:
         """Which joint action each state of the batch saw, [B]."""
@@ -93,8 +93,8 @@ class Exact:
         """V(s') [1 + M, B]: Σ_a π(a|s') (min Q'_r - α log π), and Σ_a π(a|s') Q'_ci."""
         log_p, values = self._log_p(agent.policy.actor(batch.next_obs)), agent.slow_critics(batch.next_obs)
         values = agent.critics.cautious(values)
-        expected = torch.stack([joint.expectation(log_p, each) for each in values])
-        expected[0] -= alpha * joint.expectation(log_p, log_p)
+        expected = torch.stack([joint_actions.expectation(log_p, each) for each in values])
+        expected[0] -= alpha * joint_actions.expectation(log_p, log_p)
         if self.config.cost_target == "mode":
             expected[1:] = values[1:, torch.arange(len(log_p), device=log_p.device), log_p.argmax(-1)]
         return expected
@@ -104,16 +104,16 @@ class Exact:
 
         The critics are not asked again: the policy learns from what they said before their own gradient step.
         """
-        outputs, back = agent.policy.actor.ahead(batch.obs)
+        outputs, back = agent.policy.actor.forward_and_backward(batch.obs)
         log_p = self._log_p(outputs.requires_grad_())
         values = agent.critics.cautious(said.detach())
-        expected = torch.stack([joint.expectation(log_p, each) for each in values])
-        return expected, -joint.expectation(log_p, log_p), lambda: back(_slope(outputs))
+        expected = torch.stack([joint_actions.expectation(log_p, each) for each in values])
+        return expected, -joint_actions.expectation(log_p, log_p), lambda: back(_slope(outputs))
 
     def _log_p(self, outputs: Tensor) -> Tensor:
         """log π(a|s) [B, J]."""
         policy = Categoricals.from_logits(outputs, self.actions.sizes)
-        return joint.log_prob(policy.log_p, self._selected)
+        return joint_actions.log_prob(policy.log_p, self._selected)
 
 
 class Sampled:
@@ -126,11 +126,11 @@ class Sampled:
 
     def coded(self, raw: Tensor) -> Tensor:
         """[B, A] what was executed."""
-        return self.actions.executed(raw)
+        return self.actions.quantised(raw)
 
     def said(self, agent: Agent, batch: Batch) -> tuple[Tensor, Callable[[Tensor], None]]:
         """Q(s, a) [K, B, 1] of the batch's actions, and what passes their gradient on to the critics."""
-        return agent.critics.stack.ahead(batch.pairs)
+        return agent.critics.stack.forward_and_backward(batch.pairs)
 
     def chosen(self, batch: Batch) -> None:
         """There is but one number."""
@@ -151,9 +151,9 @@ class Sampled:
         """V(s) [1 + M, B] and H(s) [B], both of one draw, and what passes their gradient on to the policy, once it is
         there."""
         with torch.no_grad():
-            outputs, through_policy = agent.policy.actor.ahead(batch.obs)
-            drawn, log_prob, through_draw = _squashed(outputs).ahead(agent.generator)
-            values, through_critics = agent.critics.stack.through(torch.cat([batch.obs, drawn], 1))
+            outputs, through_policy = agent.policy.actor.forward_and_backward(batch.obs)
+            drawn, log_prob, through_draw = _squashed(outputs).rsample_and_backward(agent.generator)
+            values, through_critics = agent.critics.stack.forward_and_input_backward(torch.cat([batch.obs, drawn], 1))
         for leaf in (values, log_prob):
             leaf.requires_grad_()
 
@@ -171,8 +171,8 @@ def _slope(leaf: Tensor) -> Tensor:
     return leaf.grad
 
 
-def _squashed(outputs: Tensor) -> Squashed:
-    return Squashed(*outputs.chunk(2, dim=-1))
+def _squashed(outputs: Tensor) -> SquashedGaussian:
+    return SquashedGaussian(*outputs.chunk(2, dim=-1))
 
 
 class SACLag:
@@ -220,7 +220,7 @@ class SACLag:
         if agent.policy_turn:
             values, entropy, to_policy = form.objective(agent, batch, said)
             loss = policy_loss(values, entropy, alpha, agent.multipliers.values)
-            self.alpha_optimiser.forget()
+            self.alpha_optimiser.zero_grad()
             if self.config.auto_alpha:
                 loss = loss + losses.temperature(self.log_alpha, entropy, form.aim)
             loss.backward()

@@ -70,7 +70,7 @@ class TD3Lag:
         """One gradient step of the critics and, if it is its turn, of the policy."""
         agent = self.agent
         next_values = self._next_values(batch)
-        said, back = agent.critics.stack.ahead(batch.pairs)
+        said, back = agent.critics.stack.forward_and_backward(batch.pairs)
         agent.learn_values(said, back, batch, next_values)
         if agent.policy_turn:
             climb(agent, self.form, self.config, batch)

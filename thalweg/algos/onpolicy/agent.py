@@ -23,14 +23,14 @@ from thalweg.algos.common.state import (
     module_state,
     new_generator,
 )
-from thalweg.algos.constraint.cost_limits import suffixes
+from thalweg.algos.constraint.cost_limits import cost_suffixes
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import centred, standardised
 from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig, OnPolicyConfig
 from thalweg.algos.onpolicy.rollout_samples import RolloutMemory, Samples, Signal, samples_of, valid_obs
 from thalweg.algos.policy.actions import actions_of
-from thalweg.algos.policy.distributions import Sloped, Traced
+from thalweg.algos.policy.distributions import AnalyticDistribution, TapedDistribution
 from thalweg.algos.policy.memory import Sequences
 from thalweg.algos.policy.networks import Critics
 from thalweg.algos.policy.policy import About, NetworkPlayer, Policy
@@ -100,7 +100,7 @@ class Agent:
             return [
                 error
                 for _ in range(passes)
-                for error in self.critics.pass_over(
+                for error in self.critics.fit_epoch(
                     *samples.shuffled((targets,), generator),
                     minibatch=config.minibatch,
                     optimiser=self.critic_optimiser,
@@ -151,11 +151,11 @@ class Agent:
         self.policy_optimiser.rate = rate
         return rate
 
-    def step(self, inputs: Tensor | Sequences, loss_of: Callable[[Traced], Tensor]) -> Tensor:
+    def step(self, inputs: Tensor | Sequences, loss_of: Callable[[TapedDistribution], Tensor]) -> Tensor:
         """One step of Adam of the policy down the gradient of a scalar, which is returned without it: the loss of what
         the policy is at B states, given what it sees there."""
-        parameters, back = self.policy.actor.ahead(inputs)
-        new = Traced(cast(Sloped, self.policy.actions.distribution(parameters)))
+        parameters, back = self.policy.actor.forward_and_backward(inputs)
+        new = TapedDistribution(cast(AnalyticDistribution, self.policy.actions.distribution(parameters)))
         loss = loss_of(new)
         loss.backward()
         back(new.slope())
@@ -190,7 +190,7 @@ class Agent:
             self._memory.load_state(state["memory"])
 
 
-class Drift:
+class KLMonitor:
     """How far the policy has moved from the one that acted, measured after each pass."""
 
     def __init__(self, agent: Agent, samples: Samples, *, new_first: bool = False) -> None:
@@ -203,7 +203,7 @@ class Drift:
             self.old_log_prob = self._old.log_prob(samples.actions)
             """[B]."""
         self.passes, self.kl, self.entropy = 0, 0.0, 0.0
-        self.each = torch.zeros_like(self.old_log_prob)
+        self.kl_per_state = torch.zeros_like(self.old_log_prob)
         """[B] KL of each state, in nats."""
         self.log_prob = self.old_log_prob
         """[B] log π_θ(a|s)."""
@@ -213,9 +213,9 @@ class Drift:
         """After a pass; raises `NotFiniteError` if the policy has become NaN."""
         policy = self._agent.policy
         new = policy.actions.distribution(policy.actor.everywhere(self._samples.inputs))
-        self.each = new.kl(self._old) if self._new_first else self._old.kl(new)
+        self.kl_per_state = new.kl(self._old) if self._new_first else self._old.kl(new)
         self.log_prob = new.log_prob(self._samples.actions)
-        self.kl, self.entropy = float(self.each.mean()), float(new.entropy().mean())
+        self.kl, self.entropy = float(self.kl_per_state.mean()), float(new.entropy().mean())
         self.passes += 1
         require_finite(kl=self.kl, entropy=self.entropy)
 
@@ -229,7 +229,7 @@ class Drift:
         return float(((self.ratio - 1.0).abs() > clip).float().mean())
 
     @property
-    def goes_on(self) -> bool:
+    def may_continue(self) -> bool:
         """Whether there may be another pass."""
         config = self._agent.config
         assert isinstance(config, FirstOrderConfig)
@@ -252,7 +252,7 @@ def cost_advantages(config: ConstrainedConfig, samples: Samples) -> Tensor:
     return torch.stack([scaled(advantages) for advantages in samples.advantages[1:]])
 
 
-def metrics_of(agent: Agent, samples: Samples, log: Sequence[Tensor], drift: Drift) -> dict[str, float]:
+def metrics_of(agent: Agent, samples: Samples, log: Sequence[Tensor], monitor: KLMonitor) -> dict[str, float]:
     """What every update reports: mean losses of its gradient steps (the policy's are in the log), how well the critics
     predicted, and how far the policy moved. Raises `NotFiniteError` if a loss is NaN."""
     errors = agent.critic_losses().tolist()
@@ -265,8 +265,8 @@ def metrics_of(agent: Agent, samples: Samples, log: Sequence[Tensor], drift: Dri
             _critic_names(len(samples.values)), samples.values, samples.targets, strict=True
         )
     }
-    return found | {"kl": drift.kl, "entropy": drift.entropy, "passes": drift.passes} | explained
+    return found | {"kl": monitor.kl, "entropy": monitor.entropy, "passes": monitor.passes} | explained
 
 
 def _critic_names(count: int) -> list[str]:
-    return ["", *(f"cost{name}_" for name in suffixes(count - 1))] if count > 1 else [""] * count
+    return ["", *(f"cost{name}_" for name in cost_suffixes(count - 1))] if count > 1 else [""] * count

@@ -7,7 +7,7 @@ from thalweg.algos.constraint.cost_limits import CostConfig, MeanCostConfig
 from thalweg.algos.policy.actions import Adapter
 from thalweg.algos.policy.memory import Memory
 from thalweg.algos.policy.mlp_autograd import Activation
-from thalweg.algos.policy.networks import Initial, Shape
+from thalweg.algos.policy.networks import Initial, NetworkShape
 
 
 @dataclass(frozen=True)
@@ -73,10 +73,10 @@ class OnPolicyConfig:
         }
 
     @property
-    def shape(self) -> Shape:
+    def shape(self) -> NetworkShape:
         """Of the networks."""
         memory = self.memory_size if self.memory == "gru" else 0
-        return Shape(self.hidden, self.activation, self.initial, memory)
+        return NetworkShape(self.hidden, self.activation, self.initial, memory)
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import centred, standardised
 from thalweg.algos.maths.trust_region import cpo_step
-from thalweg.algos.onpolicy.agent import Agent, Drift, cost_signals, metrics_of, reward_signal
+from thalweg.algos.onpolicy.agent import Agent, KLMonitor, cost_signals, metrics_of, reward_signal
 from thalweg.algos.onpolicy.config import ConstrainedConfig, NaturalConfig
-from thalweg.algos.onpolicy.natural_step import Landscape, most_violated
+from thalweg.algos.onpolicy.natural_step import NaturalStep, most_violated
 
 FAR_BELOW = -1e6
 """The violation of a limit of which nothing is known yet."""
@@ -62,36 +62,36 @@ class CPO:
         rewards, costs = standardised(samples.advantages[0]), centred(samples.advantages[1 + worst])
         deviation = float(costs.std(correction=0)) + 1e-8  # so that the programme does not depend on a cost's unit
         costs, per_step = costs / deviation, per_step / deviation
-        drift = Drift(agent, samples)
+        monitor = KLMonitor(agent, samples)
         with agent.critics_learning(samples, config.passes):
             found = self._step(
-                rewards, costs, per_step, drift, Landscape(agent, samples, drift, config, feedback.progress)
+                rewards, costs, per_step, monitor, NaturalStep(agent, samples, monitor, config, feedback.progress)
             )
-        drift.measure()
-        policy_loss = -losses.surrogate(drift.log_prob, drift.old_log_prob, rewards)
+        monitor.measure()
+        policy_loss = -losses.surrogate(monitor.log_prob, monitor.old_log_prob, rewards)
         return (
-            metrics_of(agent, samples, [policy_loss], drift)
+            metrics_of(agent, samples, [policy_loss], monitor)
             | found
             | cost_metrics(feedback, config.limits, config.cost_window)
         )
 
     def _step(
-        self, rewards: Tensor, costs: Tensor, violation: float, drift: Drift, landscape: Landscape
+        self, rewards: Tensor, costs: Tensor, violation: float, monitor: KLMonitor, natural: NaturalStep
     ) -> dict[str, float]:
         """The longest step along the programme's solution that gains reward, or recovers, and lowers the cost where it
         must; returns what became of it."""
-        g, b = landscape.gradient(rewards), landscape.gradient(costs)
-        along_g, along_b = landscape.solve(g), landscape.solve(b)
+        g, b = natural.gradient(rewards), natural.gradient(costs)
+        along_g, along_b = natural.solve(g), natural.solve(b)
         q, r, s = (float(x) for x in (g.dot(along_g), g.dot(along_b), b.dot(along_b)))
-        direction = cpo_step(q, r, s, violation, landscape.radius)
+        direction = cpo_step(q, r, s, violation, natural.radius)
         step = direction.along_reward * along_g + direction.along_cost * along_b
 
         def accepts(log_prob: Tensor) -> bool:
-            gain = float(losses.surrogate(log_prob, drift.old_log_prob, rewards) - rewards.mean())
-            rise = float(losses.surrogate(log_prob, drift.old_log_prob, costs) - costs.mean())
+            gain = float(losses.surrogate(log_prob, monitor.old_log_prob, rewards) - rewards.mean())
+            rise = float(losses.surrogate(log_prob, monitor.old_log_prob, costs) - costs.mean())
             return (gain >= 0 or violation > 0) and rise <= max(-violation, 0.0)
 
-        refused = landscape.search(step, accepts)
+        refused = natural.search(step, accepts)
         return {
             "feasible": float(direction.feasible),
             "binding": float(direction.along_cost < 0),

@@ -13,7 +13,7 @@ from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import standardised
 from thalweg.algos.onpolicy.agent import (
     Agent,
-    Drift,
+    KLMonitor,
     cost_advantages,
     cost_signals,
     metrics_of,
@@ -83,27 +83,27 @@ class CUP:
         config, agent = self.config, self.agent
         self.multipliers.update(feedback)
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
-        rate, drift = agent.decay(feedback.progress), Drift(agent, samples)
+        rate, monitor = agent.decay(feedback.progress), KLMonitor(agent, samples)
         rewards = standardised(samples.advantages[0])
-        data = (samples.actions, drift.old_log_prob, rewards)
+        data = (samples.actions, monitor.old_log_prob, rewards)
         log: list[Tensor] = []
-        while drift.goes_on:
+        while monitor.may_continue:
             with agent.critics_learning(samples):
                 for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
                     log.append(self._improve(inputs, *rows))
-            drift.measure()
-        clipped = drift.clip_fraction(config.clip)
+            monitor.measure()
+        clipped = monitor.clip_fraction(config.clip)
 
         advantages = cost_advantages(config, samples)
         costs = (advantages.new_tensor(self.multipliers.values).unsqueeze(-1) * advantages).sum(0)
-        back = Drift(agent, samples, new_first=True)
-        data = (samples.actions, back.old_parameters, drift.old_log_prob, costs)
+        back = KLMonitor(agent, samples, new_first=True)
+        data = (samples.actions, back.old_parameters, monitor.old_log_prob, costs)
         while back.passes < config.projection_passes and back.kl <= config.target_kl and any(self.multipliers.values):
             for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
                 self._project(inputs, *rows)
             back.measure()
         return (
-            metrics_of(agent, samples, log, drift)
+            metrics_of(agent, samples, log, monitor)
             | {"learning_rate": rate, "clip_fraction": clipped}
             | {"projection_kl": back.kl, "projection_passes": back.passes}
             | self.multipliers.metrics(feedback, agent.updates_left(feedback))

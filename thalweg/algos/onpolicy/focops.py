@@ -14,7 +14,7 @@ from thalweg.algos.maths.advantages import standardised
 from thalweg.algos.maths.multiplier import combined
 from thalweg.algos.onpolicy.agent import (
     Agent,
-    Drift,
+    KLMonitor,
     cost_advantages,
     cost_signals,
     metrics_of,
@@ -95,18 +95,18 @@ class FOCOPS:
             self.multipliers.values,
             normalised=config.normalise_by_multiplier,
         )
-        rate, drift = agent.decay(feedback.progress), Drift(agent, samples, new_first=True)
-        data = (samples.actions, drift.old_parameters, drift.old_log_prob, advantages)
+        rate, monitor = agent.decay(feedback.progress), KLMonitor(agent, samples, new_first=True)
+        data = (samples.actions, monitor.old_parameters, monitor.old_log_prob, advantages)
         log: list[Tensor] = []
-        while drift.goes_on:
+        while monitor.may_continue:
             with agent.critics_learning(samples):
                 for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
                     log.append(self._step(inputs, *rows))
-            drift.measure()
-        inside = float((drift.each <= config.trust_radius).float().mean())
+            monitor.measure()
+        inside = float((monitor.kl_per_state <= config.trust_radius).float().mean())
         left = agent.updates_left(feedback)
         return (
-            metrics_of(agent, samples, log, drift)
+            metrics_of(agent, samples, log, monitor)
             | {"learning_rate": rate, "inside_fraction": inside}
             | self.multipliers.metrics(feedback, left)
             | cost_metrics(feedback, config.limits, config.cost_window)

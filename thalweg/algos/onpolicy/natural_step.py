@@ -13,22 +13,22 @@ from thalweg.algos.constraint.multiplier import SETTLING
 from thalweg.algos.interface import Feedback
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.trust_region import conjugate_gradient
-from thalweg.algos.onpolicy.agent import Agent, Drift
+from thalweg.algos.onpolicy.agent import Agent, KLMonitor
 from thalweg.algos.onpolicy.config import NaturalConfig
 from thalweg.algos.onpolicy.rollout_samples import Samples
 
 
-class Landscape:
+class NaturalStep:
     """The policy's surroundings at a rollout: how the surrogates E[ρ A] rise and how the KL bends.
 
-    `drift` stays the measure of how far the policy has moved.
+    `monitor` stays the measure of how far the policy has moved.
     """
 
     def __init__(
-        self, agent: Agent, samples: Samples, drift: Drift, config: NaturalConfig, progress: float = 0.0
+        self, agent: Agent, samples: Samples, monitor: KLMonitor, config: NaturalConfig, progress: float = 0.0
     ) -> None:
         """`progress`: share of the run's steps taken before this rollout."""
-        self._agent, self._samples, self._drift, self._config = agent, samples, drift, config
+        self._agent, self._samples, self._drift, self._config = agent, samples, monitor, config
         self._actor = agent.policy.actor
         self._start = parameters_to_vector(self._actor.parameters()).detach().clone()
         dimensions = agent.policy.actions.count if config.kl_per_dimension else 1
@@ -39,13 +39,13 @@ class Landscape:
 
     def gradient(self, advantages: Tensor) -> Tensor:
         """∇ E[ρ A] [P] at the policy that acted, for advantages [B]."""
-        log_prob = self._agent.policy.given(self._samples.inputs).log_prob(self._samples.actions)
+        log_prob = self._agent.policy.distribution_of(self._samples.inputs).log_prob(self._samples.actions)
         return self._flat(losses.surrogate(log_prob, self._drift.old_log_prob, advantages))
 
     def solve(self, gradient: Tensor) -> Tensor:
         """H⁻¹ g [P], with H the curvature of the mean KL plus the damping."""
         old = self._agent.policy.actions.distribution(self._drift.old_parameters)
-        new = self._agent.policy.actions.distribution(self._actor(self._samples.inputs, plain=True))
+        new = self._agent.policy.actions.distribution(self._actor(self._samples.inputs, twice_differentiable=True))
         slope = self._flat(self._share * old.kl(new).mean(), create_graph=True)
 
         def product(vector: Tensor) -> Tensor:
@@ -60,7 +60,7 @@ class Landscape:
         given log π(a|s) [B] there; returns how many were tried and refused. If all were, the policy stays."""
         for tried in range(self._config.backtracks):
             self._put(self._start + self._config.backtrack_factor**tried * step)
-            new = self._agent.policy.given(self._samples.inputs)
+            new = self._agent.policy.distribution_of(self._samples.inputs)
             old = self._agent.policy.actions.distribution(self._drift.old_parameters)
             kl = self._share * float(old.kl(new).mean())
             if kl <= self.radius and accepts(new.log_prob(self._samples.actions)):

@@ -13,14 +13,14 @@ from thalweg.algos.maths.advantages import standardised
 from thalweg.algos.maths.trust_region import natural_step
 from thalweg.algos.onpolicy.agent import (
     Agent,
-    Drift,
+    KLMonitor,
     cost_advantages,
     cost_signals,
     metrics_of,
     reward_signal,
 )
 from thalweg.algos.onpolicy.config import ConstrainedConfig, NaturalConfig
-from thalweg.algos.onpolicy.natural_step import Landscape, most_violated
+from thalweg.algos.onpolicy.natural_step import NaturalStep, most_violated
 
 
 @dataclass(frozen=True)
@@ -59,25 +59,25 @@ class OnCRPO:
         worst, violation = most_violated(feedback, config.limits, config.cost_window)
         rectifies = violation > config.tolerance
         advantages = -cost_advantages(config, samples)[worst] if rectifies else standardised(samples.advantages[0])
-        drift = Drift(agent, samples)
+        monitor = KLMonitor(agent, samples)
         with agent.critics_learning(samples, config.passes):
-            refused = self._step(advantages, drift, Landscape(agent, samples, drift, config, feedback.progress))
-        drift.measure()
-        policy_loss = -losses.surrogate(drift.log_prob, drift.old_log_prob, advantages)
+            refused = self._step(advantages, monitor, NaturalStep(agent, samples, monitor, config, feedback.progress))
+        monitor.measure()
+        policy_loss = -losses.surrogate(monitor.log_prob, monitor.old_log_prob, advantages)
         return (
-            metrics_of(agent, samples, [policy_loss], drift)
+            metrics_of(agent, samples, [policy_loss], monitor)
             | {"rectifies": float(rectifies), "steps_refused": refused}
             | cost_metrics(feedback, config.limits, config.cost_window)
         )
 
-    def _step(self, advantages: Tensor, drift: Drift, landscape: Landscape) -> int:
+    def _step(self, advantages: Tensor, monitor: KLMonitor, natural: NaturalStep) -> int:
         """The longest step along H⁻¹ g that gains; returns how many were refused."""
-        gradient = landscape.gradient(advantages)
-        along = landscape.solve(gradient)
-        step = natural_step(float(gradient.dot(along)), landscape.radius) * along
+        gradient = natural.gradient(advantages)
+        along = natural.solve(gradient)
+        step = natural_step(float(gradient.dot(along)), natural.radius) * along
         before = float(advantages.mean())
-        return landscape.search(
-            step, lambda log_prob: float(losses.surrogate(log_prob, drift.old_log_prob, advantages)) > before
+        return natural.search(
+            step, lambda log_prob: float(losses.surrogate(log_prob, monitor.old_log_prob, advantages)) > before
         )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:

@@ -13,14 +13,14 @@ from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import standardised
 from thalweg.algos.onpolicy.agent import (
     Agent,
-    Drift,
+    KLMonitor,
     cost_advantages,
     cost_signals,
     metrics_of,
     reward_signal,
 )
 from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig
-from thalweg.algos.policy.distributions import Traced
+from thalweg.algos.policy.distributions import TapedDistribution
 from thalweg.algos.policy.memory import Sequences
 
 
@@ -123,22 +123,22 @@ class P3O:
             violations = violations / (samples.advantages[1:].std(1, correction=0).cpu() + 1e-8)
         length = feedback.mean_length if feedback.episodes else 1.0  # before any there is no violation either
         scale = {"length": 1.0 / length, "discount": 1.0 - config.cost_discount, "none": 1.0}
-        rate, drift = agent.decay(feedback.progress), Drift(agent, samples)
+        rate, monitor = agent.decay(feedback.progress), KLMonitor(agent, samples)
         rewards = standardised(samples.advantages[0])
-        data = (samples.actions, drift.old_log_prob, rewards, costs.T)
+        data = (samples.actions, monitor.old_log_prob, rewards, costs.T)
         log: list[Tensor] = []
         penalties: list[Tensor] = []
-        while drift.goes_on:
+        while monitor.may_continue:
             with agent.critics_learning(samples):
                 for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
                     found, penalty = self._step(violations, scale[config.limit_scale], inputs, *rows)
                     log.append(found)
                     penalties.append(penalty)
-            drift.measure()
+            monitor.measure()
         weighed = torch.stack(penalties)
         return (
-            metrics_of(agent, samples, log, drift)
-            | {"learning_rate": rate, "clip_fraction": drift.clip_fraction(config.clip)}
+            metrics_of(agent, samples, log, monitor)
+            | {"learning_rate": rate, "clip_fraction": monitor.clip_fraction(config.clip)}
             | {
                 "penalty": config.penalty * float(weighed.sum(1).mean()),
                 "gate": float((weighed > 0).any(1).float().mean()),
@@ -161,7 +161,7 @@ class P3O:
             costs = costs - costs.mean(0)
         penalties = costs.new_zeros(len(violations))
 
-        def loss_of(new: Traced) -> Tensor:
+        def loss_of(new: TapedDistribution) -> Tensor:
             nonlocal penalties
             loss, penalties = policy_loss(
                 self.config, new.log_prob(actions), old_log_prob, advantages, costs, violations, scale, new.entropy()

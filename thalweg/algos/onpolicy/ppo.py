@@ -9,7 +9,7 @@ from thalweg.algos.constraint.cost_limits import cost_metrics
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import standardised
-from thalweg.algos.onpolicy.agent import Agent, Drift, metrics_of, reward_signal
+from thalweg.algos.onpolicy.agent import Agent, KLMonitor, metrics_of, reward_signal
 from thalweg.algos.onpolicy.config import FirstOrderConfig
 from thalweg.algos.policy.memory import Sequences
 
@@ -54,17 +54,17 @@ class PPO:
         """Passes over the rollout's steps until the policy has moved by `target_kl`; returns the metrics."""
         config, agent = self.config, self.agent
         samples = agent.samples(rollout, [reward_signal(config, rollout)])
-        rate, drift = agent.decay(feedback.progress), Drift(agent, samples)
-        data = (samples.actions, drift.old_log_prob, standardised(samples.advantages[0]))
+        rate, monitor = agent.decay(feedback.progress), KLMonitor(agent, samples)
+        data = (samples.actions, monitor.old_log_prob, standardised(samples.advantages[0]))
         log: list[Tensor] = []
-        while drift.goes_on:
+        while monitor.may_continue:
             with agent.critics_learning(samples):
                 for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
                     log.append(self._step(inputs, *rows))
-            drift.measure()
+            monitor.measure()
         return (
-            metrics_of(agent, samples, log, drift)
-            | {"learning_rate": rate, "clip_fraction": drift.clip_fraction(config.clip)}
+            metrics_of(agent, samples, log, monitor)
+            | {"learning_rate": rate, "clip_fraction": monitor.clip_fraction(config.clip)}
             | cost_metrics(feedback)
         )
 

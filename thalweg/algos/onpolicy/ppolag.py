@@ -13,7 +13,7 @@ from thalweg.algos.maths.advantages import standardised
 from thalweg.algos.maths.multiplier import combined
 from thalweg.algos.onpolicy.agent import (
     Agent,
-    Drift,
+    KLMonitor,
     cost_advantages,
     cost_signals,
     metrics_of,
@@ -74,17 +74,17 @@ class PPOLag:
             self.multipliers.values,
             normalised=True,
         )
-        rate, drift = agent.decay(feedback.progress), Drift(agent, samples)
-        data = (samples.actions, drift.old_log_prob, advantages)
+        rate, monitor = agent.decay(feedback.progress), KLMonitor(agent, samples)
+        data = (samples.actions, monitor.old_log_prob, advantages)
         log: list[Tensor] = []
-        while drift.goes_on:
+        while monitor.may_continue:
             with agent.critics_learning(samples):
                 for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
                     log.append(self._step(inputs, *rows))
-            drift.measure()
+            monitor.measure()
         return (
-            metrics_of(agent, samples, log, drift)
-            | {"learning_rate": rate, "clip_fraction": drift.clip_fraction(config.clip)}
+            metrics_of(agent, samples, log, monitor)
+            | {"learning_rate": rate, "clip_fraction": monitor.clip_fraction(config.clip)}
             | self.multipliers.metrics(feedback, agent.updates_left(feedback))
             | cost_metrics(feedback, config.limits, config.cost_window)
         )

@@ -14,7 +14,7 @@ from thalweg.algos.common.state import array_of, tensor_of
 from thalweg.algos.interface import Rollout
 from thalweg.algos.maths.advantages import gae
 from thalweg.algos.policy.memory import Gru, Sequences
-from thalweg.algos.policy.networks import Critics, part_count
+from thalweg.algos.policy.networks import Critics, minibatch_count
 from thalweg.algos.policy.normaliser import Normaliser
 
 
@@ -59,7 +59,7 @@ class Samples:
         Observations are shuffled once and cut into views, which is cheaper than gathering for every part; sequences
         stay whole. No part is a small rest.
         """
-        parts = part_count(len(self.actions), size)
+        parts = minibatch_count(len(self.actions), size)
         if isinstance(self.inputs, Tensor):
             cut = [tensor.tensor_split(parts) for tensor in self.shuffled(tensors, generator)]
             yield from ((inputs, rows) for inputs, *rows in zip(*cut, strict=True))  # pyright: ignore

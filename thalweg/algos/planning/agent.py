@@ -12,7 +12,7 @@ from torch import Tensor
 from thalweg.algos.common.errors import require_finite
 from thalweg.algos.common.settings import as_data
 from thalweg.algos.common.state import generator_state, load_generator, load_module, module_state, new_generator
-from thalweg.algos.constraint.cost_limits import cost_metrics, suffixes
+from thalweg.algos.constraint.cost_limits import cost_metrics, cost_suffixes
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.planning.config import PlanningConfig
 from thalweg.algos.planning.episode_length import Lengths
@@ -101,7 +101,7 @@ class Agent:
             return {}
         self._reported_at = self._steps
         budget = self.policy.budget.costs
-        budgets = {f"budget{name}": float(b) for name, b in zip(suffixes(len(budget)), budget, strict=True)}
+        budgets = {f"budget{name}": float(b) for name, b in zip(cost_suffixes(len(budget)), budget, strict=True)}
         held_out = {}
         if self.replay.size:
             errors = self.fitter.held_out(self.replay).mean(-1)
@@ -113,7 +113,7 @@ class Agent:
 
     def _unknown(self) -> dict[str, float]:
         """NaN for each metric that there may be nothing to say about yet."""
-        costs = [f"cost{name}" for name in suffixes(len(self.config.limits))]
+        costs = [f"cost{name}" for name in cost_suffixes(len(self.config.limits))]
         names = [f"model_{name}_loss" for name in HEADS] + ["plan_reward", *(f"plan_{cost}" for cost in costs)]
         names += [f"{prefix}_{head}" for head in ("reward", *costs, "end") for prefix in ("predicted", "realised")]
         names += ["feasible_share", "state_error", *(f"held_out_{name}_loss" for name in HEADS), *self._logged]
@@ -171,14 +171,14 @@ class Tally:
 
     def decided(self, decision: Decision) -> None:
         """What was expected of decisions."""
-        names = suffixes(decision.cost.shape[1])
+        names = cost_suffixes(decision.cost.shape[1])
         costs = {f"plan_cost{name}": cost for name, cost in zip(names, decision.cost.mean(0), strict=True)}
         numbers = {"plan_reward": decision.reward.mean(), "feasible_share": decision.feasible.mean()}
         self.add(costs | numbers, len(decision.reward))
 
     def lived(self, policy: PlannerPolicy, batch: Batch) -> None:
         """What the model expected of steps that it has not been fitted to, and what they were."""
-        names = suffixes(batch.costs.shape[1])
+        names = cost_suffixes(batch.costs.shape[1])
         expected, error = policy.ensemble.expected(batch)
         lived = torch.cat([batch.rewards.unsqueeze(-1), batch.costs, batch.terminated.unsqueeze(-1)], -1).mean(0)
         heads = ["reward", *(f"cost{name}" for name in names), "end"]

@@ -13,7 +13,7 @@ from thalweg.algos.common.adam import Adam
 from thalweg.algos.common.state import load_module, module_state
 from thalweg.algos.constraint.cost_limits import limit_warnings
 from thalweg.algos.interface import Feedback, Rollout, Task
-from thalweg.algos.maths import bootstrap, losses, planning
+from thalweg.algos.maths import advantages, losses, planning
 from thalweg.algos.planning.agent import Agent
 from thalweg.algos.planning.config import PlanningConfig, Size, Sizes
 from thalweg.algos.planning.imagined_rollouts import Futures, Value
@@ -22,7 +22,7 @@ from thalweg.algos.planning.model.transitions import Batch
 from thalweg.algos.planning.planner import Budget
 from thalweg.algos.planning.policy import METHODS
 from thalweg.algos.policy.actions import Actions
-from thalweg.algos.policy.networks import Critics, Shape
+from thalweg.algos.policy.networks import Critics, NetworkShape
 
 SIZES: dict[Size, Sizes] = {
     "lite": Sizes(samples=64, particles=1, iterations=4, elites=8, horizon=5, model_hidden=(128, 128)),
@@ -53,7 +53,7 @@ class Elites:
         generator: torch.Generator,
     ) -> None:
         self.config, self.mean_momentum, self._reward_std = config, config.momentum, reward_std
-        self.critic = Critics(1, inputs, Shape(config.hidden), generator)
+        self.critic = Critics(1, inputs, NetworkShape(config.hidden), generator)
         """V(s), in deviations of the reward."""
         self.modules = nn.ModuleDict({"critic": self.critic} if config.terminal_value else {})
 
@@ -80,7 +80,7 @@ def value_loss(values: Tensor, next_values: Tensor, rewards: Tensor, terminated:
     learns what the behaviour that the replay holds brings on average, early exploration included (Sutton 1988)."""
     gamma = values.new_tensor([[discount]])
     going_on = (~terminated).to(values.dtype)
-    target = bootstrap.target(rewards.unsqueeze(0), going_on, next_values.unsqueeze(0), gamma)
+    target = advantages.td_target(rewards.unsqueeze(0), going_on, next_values.unsqueeze(0), gamma)
     return losses.squared_error(values.unsqueeze(0), target)[0]
 
 
@@ -117,7 +117,7 @@ class CCEPETS:
             after = self.slow(ensemble.seen(batch.next_obs))[0]
         values = self.critic(ensemble.seen(batch.obs))[0]
         loss = value_loss(values, after, batch.rewards / ensemble.reward.std, batch.terminated, self.config.discount)
-        self.optimiser.forget()
+        self.optimiser.zero_grad()
         loss.backward()
         self.optimiser.step()
         self.slow.stack.flat.data.lerp_(self.critic.stack.flat.detach(), self.config.target_rate)

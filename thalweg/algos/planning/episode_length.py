@@ -8,7 +8,7 @@ import numpy as np
 from thalweg.algos.common.state import array_of
 from thalweg.algos.interface import Rollout
 
-REMEMBERED = 100
+RECENT_EPISODES = 100
 """Finished episodes that the mean is taken over."""
 
 
@@ -19,7 +19,7 @@ class Lengths:
         """`fixed`: what is taken instead of a measurement; 0: none."""
         self.fixed = fixed
         self._running = np.zeros(num_envs, dtype=np.int64)
-        self._finished: deque[int] = deque(maxlen=REMEMBERED)
+        self._finished: deque[int] = deque(maxlen=RECENT_EPISODES)
         self._longest = 1
 
     @property

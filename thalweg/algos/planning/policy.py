@@ -21,7 +21,7 @@ from thalweg.algos.planning.model.ensemble import Ensemble, Frozen
 from thalweg.algos.planning.planner import Budget, Decision, Method, Planner
 from thalweg.algos.policy.actions import Actions
 from thalweg.algos.policy.memory import FrameStack
-from thalweg.algos.policy.policy import KINDS, About, check_width, named, save_policy, seen_of
+from thalweg.algos.policy.policy import KINDS, About, check_obs_size, save_policy, tensors_of, to_tensors
 
 MakeMethod = Callable[[Any, Actions, int, Callable[[], Tensor], torch.Generator], Method]
 """From config, actions, numbers of an observation, the deviation of rewards, and a generator."""
@@ -116,9 +116,9 @@ class PlannerPolicy:
             raise AlgorithmError(f"this version knows no planner {about.algorithm!r}")
         config = config_from(METHODS[about.algorithm][0], about.config)
         policy = cls(header["obs_size"], Actions.from_data(header["actions"]), config, about, generator)
-        scales = {name: header["scales"][name] | named(tensors, name) for name in ("observed", "change", "reward")}
-        policy.ensemble.load_state(named(tensors, "model") | scales | {"stack": named(tensors, "stack")})
-        load_module(policy.method.modules, named(tensors, "method"))
+        scales = {name: header["scales"][name] | tensors_of(tensors, name) for name in ("observed", "change", "reward")}
+        policy.ensemble.load_state(tensors_of(tensors, "model") | scales | {"stack": tensors_of(tensors, "stack")})
+        load_module(policy.method.modules, tensors_of(tensors, "method"))
         policy.episode_length = float(header["episode_length"])
         policy.refresh()
         return policy
@@ -155,7 +155,7 @@ class PlannerPlayer:
         """[N] steps for which it still is."""
 
     def __call__(self, obs: np.ndarray, fresh: np.ndarray) -> np.ndarray:
-        return self.policy.actions.to_env(self.raw(*seen_of(obs, fresh, self.policy.device))[0])
+        return self.policy.actions.to_numpy(self.raw(*to_tensors(obs, fresh, self.policy.device))[0])
 
     @torch.inference_mode()
     def raw(self, obs: Tensor, fresh: Tensor, *, at_random: bool = False) -> tuple[Tensor, Decision | None]:
@@ -163,7 +163,7 @@ class PlannerPlayer:
 
         `at_random`: any action, without a plan.
         """
-        check_width(obs, self._size)
+        check_obs_size(obs, self._size)
         seen = self._stack.push(obs, fresh)
         self._planned &= ~fresh
         if self.policy.config.action_repeat > 1:

@@ -23,7 +23,7 @@ from thalweg.algos.common.state import (
 )
 from thalweg.algos.constraint.cost_limits import limit_warnings
 from thalweg.algos.interface import Feedback, Rollout, Task
-from thalweg.algos.maths import bootstrap, losses, planning
+from thalweg.algos.maths import advantages, losses, planning
 from thalweg.algos.planning.agent import Agent
 from thalweg.algos.planning.config import PlanningConfig, Size, Sizes
 from thalweg.algos.planning.imagined_rollouts import Futures, Value, rolled_out
@@ -197,7 +197,7 @@ class SafeLOOP:
         obs, generator = ensemble.seen(batch.obs), self.agent.generator
         with torch.no_grad():
             after = soft.next_values(self.slow, ensemble.seen(batch.next_obs), alpha, generator)
-            target = bootstrap.target(
+            target = advantages.td_target(
                 (batch.rewards / self.method.unit).unsqueeze(0),
                 (~batch.terminated).float(),
                 after.unsqueeze(0),
@@ -247,6 +247,6 @@ class SafeLOOP:
 
 def _descend(optimiser: Adam, loss: Tensor) -> None:
     """One step down the gradient of a scalar."""
-    optimiser.forget()
+    optimiser.zero_grad()
     loss.backward()
     optimiser.step()

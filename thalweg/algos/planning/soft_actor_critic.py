@@ -10,10 +10,10 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from thalweg.algos.maths import joint
+from thalweg.algos.maths import joint_actions
 from thalweg.algos.policy.actions import Actions
-from thalweg.algos.policy.distributions import Categoricals, Squashed
-from thalweg.algos.policy.networks import Actor, Shape, Stack
+from thalweg.algos.policy.distributions import Categoricals, SquashedGaussian
+from thalweg.algos.policy.networks import Actor, NetworkShape, StackedMLP
 
 
 class SoftConfig(Protocol):
@@ -33,53 +33,55 @@ class Exact:
     def __init__(self, actions: Actions, config: SoftConfig, inputs: int, generator: torch.Generator) -> None:
         """Raises `AlgorithmError` for more joint actions than can be summed over."""
         count = actions.joint_count("SafeLOOP")
-        self.actions, shape = actions, Shape(config.hidden, "relu")
+        self.actions, shape = actions, NetworkShape(config.hidden, "relu")
         self.actor = Actor(inputs, actions, shape, generator)
-        self.critics = Stack(2, inputs, shape.hidden, count, activation="relu", generator=generator)
+        self.critics = StackedMLP(2, inputs, shape.hidden, count, activation="relu", generator=generator)
         self.aim = config.entropy_share * math.log(count)
-        self._selected = joint.selection(actions.sizes).to(generator.device)
+        self._selected = joint_actions.selection(actions.sizes).to(generator.device)
 
     def value(self, obs: Tensor) -> Tensor:
         """Σ_a π(a|s) min Q(s, a) [R] of normalised observations [R, K * D]."""
-        return joint.expectation(self._log_p(obs), self.critics(obs).amin(0))
+        return joint_actions.expectation(self._log_p(obs), self.critics(obs).amin(0))
 
     def action_value(self, obs: Tensor, raw: Tensor) -> Tensor:
         """min Q(s, a) [R] of raw actions [R, A]."""
-        return _chosen(self.critics(obs).amin(0), joint.numbers(raw, self.actions.sizes))
+        return _chosen(self.critics(obs).amin(0), joint_actions.numbers(raw, self.actions.sizes))
 
     def drawn(self, obs: Tensor, generator: torch.Generator) -> Tensor:
         """Raw actions [R, A] of the actor."""
         return self._policy(obs).sample(generator)
 
-    def next_values(self, slow: Stack, obs: Tensor, alpha: Tensor, generator: torch.Generator) -> Tensor:
+    def next_values(self, slow: StackedMLP, obs: Tensor, alpha: Tensor, generator: torch.Generator) -> Tensor:
         """V(s') [B] = Σ_a π(a|s') (min Q'(s', a) - α log π(a|s'))."""
         log_p = self._log_p(obs)
-        return joint.expectation(log_p, slow(obs).amin(0) - alpha * log_p)
+        return joint_actions.expectation(log_p, slow(obs).amin(0) - alpha * log_p)
 
     def said(self, obs: Tensor, raw: Tensor) -> Tensor:
         """Q(s, a) [2, B] of raw actions [B, A]."""
-        return _chosen(self.critics(obs), joint.numbers(raw, self.actions.sizes))
+        return _chosen(self.critics(obs), joint_actions.numbers(raw, self.actions.sizes))
 
     def objective(self, obs: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
         """E_a[min Q(s, a)] [B] and H(s) [B] with the actor's gradient."""
         log_p = self._log_p(obs)
-        return joint.expectation(log_p, self.critics(obs, frozen=True).amin(0)), -joint.expectation(log_p, log_p)
+        return joint_actions.expectation(log_p, self.critics(obs, frozen=True).amin(0)), -joint_actions.expectation(
+            log_p, log_p
+        )
 
     def _policy(self, obs: Tensor) -> Categoricals:
         return Categoricals.from_logits(self.actor(obs), self.actions.sizes)
 
     def _log_p(self, obs: Tensor) -> Tensor:
         """log π(a|s) [B, J]."""
-        return joint.log_prob(self._policy(obs).log_p, self._selected)
+        return joint_actions.log_prob(self._policy(obs).log_p, self._selected)
 
 
 class Sampled:
     """Numbers: critics see the action, and an expectation is one draw."""
 
     def __init__(self, actions: Actions, config: SoftConfig, inputs: int, generator: torch.Generator) -> None:
-        self.actions, shape = actions, Shape(config.hidden, "relu")
+        self.actions, shape = actions, NetworkShape(config.hidden, "relu")
         self.actor = Actor(inputs, actions, shape, generator)
-        self.critics = Stack(2, inputs + actions.count, shape.hidden, 1, activation="relu", generator=generator)
+        self.critics = StackedMLP(2, inputs + actions.count, shape.hidden, 1, activation="relu", generator=generator)
         self.aim = config.entropy_per_number * actions.count
 
     def value(self, obs: Tensor) -> Tensor:
@@ -94,23 +96,23 @@ class Sampled:
         """Raw actions [R, A] of the actor."""
         return self._policy(obs).sample(generator)
 
-    def next_values(self, slow: Stack, obs: Tensor, alpha: Tensor, generator: torch.Generator) -> Tensor:
+    def next_values(self, slow: StackedMLP, obs: Tensor, alpha: Tensor, generator: torch.Generator) -> Tensor:
         """V(s') [B] = min Q'(s', a') - α log π(a'|s'), a' drawn from the actor."""
         raw, log_prob = self._policy(obs).rsample(generator)
-        pairs = torch.cat([obs, self.actions.executed(raw)], -1)
+        pairs = torch.cat([obs, self.actions.quantised(raw)], -1)
         return slow(pairs).squeeze(-1).amin(0) - alpha * log_prob
 
     def said(self, obs: Tensor, raw: Tensor) -> Tensor:
         """Q(s, a) [2, B] of raw actions [B, A]: of what was executed."""
-        return self.critics(torch.cat([obs, self.actions.executed(raw)], -1)).squeeze(-1)
+        return self.critics(torch.cat([obs, self.actions.quantised(raw)], -1)).squeeze(-1)
 
     def objective(self, obs: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
         """min Q(s, a) and -log π(a|s) [B] of one draw that carries the actor's gradient."""
         raw, log_prob = self._policy(obs).rsample(generator)
         return self.critics(torch.cat([obs, raw], -1), frozen=True).squeeze(-1).amin(0), -log_prob
 
-    def _policy(self, obs: Tensor) -> Squashed:
-        return Squashed(*self.actor(obs).chunk(2, dim=-1))
+    def _policy(self, obs: Tensor) -> SquashedGaussian:
+        return SquashedGaussian(*self.actor(obs).chunk(2, dim=-1))
 
 
 def soft_actor_critic(actions: Actions, config: SoftConfig, inputs: int, generator: torch.Generator) -> Exact | Sampled:

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.maths import gaussian
-from thalweg.algos.policy.distributions import Categoricals, Distribution, Gaussians, Points, Squashed
+from thalweg.algos.policy.distributions import Categoricals, Deterministic, Distribution, Gaussians, SquashedGaussian
 
 Adapter = Literal["native", "box_literal", "box_scaled"]
 """How discrete actions are learnt: as they are, or as numbers that are rounded to options.
@@ -36,7 +36,7 @@ class Actions:
 
     kind: Kind
     shape: tuple[int, ...]
-    """Shape of one action of the environment: () for Discrete."""
+    """NetworkShape of one action of the environment: () for Discrete."""
     dtype: str
     adapter: Adapter = "native"
     sizes: tuple[int, ...] = ()
@@ -71,23 +71,23 @@ class Actions:
     def uniform(self, count: int, generator: torch.Generator) -> Tensor:
         """Raw actions [count, A], each as probable as any other: options, or numbers in -1..1."""
         drawn = torch.rand(count, self.count, generator=generator, device=generator.device)
-        return (drawn * row_of(self.sizes, drawn.device)).long() if self.kind == "categorical" else 2.0 * drawn - 1.0
+        return (drawn * constant(self.sizes, drawn.device)).long() if self.kind == "categorical" else 2.0 * drawn - 1.0
 
     def distribution(self, parameters: Tensor) -> Distribution:
         """The policy at each state, from parameters [B, P]."""
         if self.kind == "categorical":
             return Categoricals.from_logits(parameters, self.sizes)
         if self.kind == "point":
-            return Points(parameters.tanh())
-        return (Squashed if self.kind == "squashed" else Gaussians)(*parameters.chunk(2, dim=-1))
+            return Deterministic(parameters.tanh())
+        return (SquashedGaussian if self.kind == "squashed" else Gaussians)(*parameters.chunk(2, dim=-1))
 
     def options(self, raw: Tensor) -> Tensor:
         """The options [N, A] int64 of a discrete space that raw actions [N, A] stand for."""
         if self.kind == "categorical":
             return raw
-        return gaussian.discretised(raw, row_of(self.sizes, raw.device), scaled=self.adapter == "box_scaled")
+        return gaussian.discretised(raw, constant(self.sizes, raw.device), scaled=self.adapter == "box_scaled")
 
-    def executed(self, raw: Tensor) -> Tensor:
+    def quantised(self, raw: Tensor) -> Tensor:
         """The raw actions [N, A] that would have been executed alike: what an action value is learnt for.
 
         With `box_scaled` the middle of the bin that a number falls into. `box_literal` keeps the number, as the
@@ -95,20 +95,20 @@ class Actions:
         """
         if self.adapter != "box_scaled":
             return raw
-        return 2.0 * self.options(raw).to(raw.dtype) / (row_of(self.sizes, raw.device) - 1).clamp(min=1) - 1.0
+        return 2.0 * self.options(raw).to(raw.dtype) / (constant(self.sizes, raw.device) - 1).clamp(min=1) - 1.0
 
-    def executable(self, raw: Tensor) -> Tensor:
+    def env_actions(self, raw: Tensor) -> Tensor:
         """Actions [N, *shape] as the environment means them, from raw ones [N, A]: int64, or float64 for a Box."""
-        found = self.options(raw) + row_of(self.start, raw.device) if self.sizes else self._within_bounds(raw)
+        found = self.options(raw) + constant(self.start, raw.device) if self.sizes else self._within_bounds(raw)
         return found.view(-1, *self.shape)
 
-    def to_env(self, raw: Tensor) -> np.ndarray:
+    def to_numpy(self, raw: Tensor) -> np.ndarray:
         """The same as an array of the environment's own type."""
-        return self.executable(raw).cpu().numpy().astype(self.dtype)
+        return self.env_actions(raw).cpu().numpy().astype(self.dtype)
 
     def _within_bounds(self, raw: Tensor) -> Tensor:
         """Clipped to the box; where it has both bounds, -1..1 spans it, so that a fresh policy reaches all of it."""
-        low, high = (row_of(bounds, raw.device, torch.float64) for bounds in (self.low, self.high))
+        low, high = (constant(bounds, raw.device, torch.float64) for bounds in (self.low, self.high))
         bounded = low.isfinite() & high.isfinite()
         below, above = torch.where(bounded, low, -1.0), torch.where(bounded, high, 1.0)
         return ((above + below) / 2 + (above - below) / 2 * raw).clamp(low, high)
@@ -128,7 +128,7 @@ class Actions:
 
 
 @cache
-def row_of(numbers: tuple[Any, ...], device: torch.device, dtype: torch.dtype = torch.int64) -> Tensor:
+def constant(numbers: tuple[Any, ...], device: torch.device, dtype: torch.dtype = torch.int64) -> Tensor:
     """Numbers [A] of a type, laid down on a device once."""
     # The first caller may be acting, but they are kept for learning too.
     with torch.inference_mode(False):

@@ -41,18 +41,18 @@ class Distribution(Protocol):
         ...
 
 
-class Sloped(Distribution, Protocol):
+class AnalyticDistribution(Distribution, Protocol):
     """One whose numbers' gradients in its parameters [B, P] are written out."""
 
-    def log_prob_slope(self, actions: Tensor) -> Tensor:
+    def log_prob_grad(self, actions: Tensor) -> Tensor:
         """[B, P]."""
         ...
 
-    def entropy_slope(self) -> Tensor:
+    def entropy_grad(self) -> Tensor:
         """[B, P]."""
         ...
 
-    def kl_slope(self, other: Self) -> Tensor:
+    def kl_grad(self, other: Self) -> Tensor:
         """[B, P], of KL(self ‖ other)."""
         ...
 
@@ -88,16 +88,16 @@ class Categoricals:
     def kl(self, other: "Categoricals") -> Tensor:
         return categorical.kl(self.log_p, other.log_p)
 
-    def log_prob_slope(self, actions: Tensor) -> Tensor:
-        return self.of_logits(categorical.log_prob_slope(self.log_p, actions))
+    def log_prob_grad(self, actions: Tensor) -> Tensor:
+        return self.logit_grad(categorical.log_prob_grad(self.log_p, actions))
 
-    def entropy_slope(self) -> Tensor:
-        return self.of_logits(categorical.entropy_slope(self.log_p))
+    def entropy_grad(self) -> Tensor:
+        return self.logit_grad(categorical.entropy_grad(self.log_p))
 
-    def kl_slope(self, other: "Categoricals") -> Tensor:
-        return self.of_logits(categorical.kl_slope(self.log_p, other.log_p))
+    def kl_grad(self, other: "Categoricals") -> Tensor:
+        return self.logit_grad(categorical.kl_grad(self.log_p, other.log_p))
 
-    def of_logits(self, slope: Tensor) -> Tensor:
+    def logit_grad(self, slope: Tensor) -> Tensor:
         """[B, Σ sizes] of a gradient [B, A, K]: without the options that do not exist."""
         return slope.flatten(1) if self.present is None else slope[:, self.present]
 
@@ -124,17 +124,17 @@ class Gaussians:
     def kl(self, other: "Gaussians") -> Tensor:
         return gaussian.kl(self.mean, self.log_std, other.mean, other.log_std)
 
-    def log_prob_slope(self, actions: Tensor) -> Tensor:
-        return gaussian.log_prob_slope(self.mean, self.log_std, actions)
+    def log_prob_grad(self, actions: Tensor) -> Tensor:
+        return gaussian.log_prob_grad(self.mean, self.log_std, actions)
 
-    def entropy_slope(self) -> Tensor:
-        return gaussian.entropy_slope(self.log_std)
+    def entropy_grad(self) -> Tensor:
+        return gaussian.entropy_grad(self.log_std)
 
-    def kl_slope(self, other: "Gaussians") -> Tensor:
-        return gaussian.kl_slope(self.mean, self.log_std, other.mean, other.log_std)
+    def kl_grad(self, other: "Gaussians") -> Tensor:
+        return gaussian.kl_grad(self.mean, self.log_std, other.mean, other.log_std)
 
 
-class Squashed:
+class SquashedGaussian:
     """A diagonal Gaussian through tanh: mean and log standard deviation [B, A] before it; actions lie in -1..1."""
 
     def __init__(self, mean: Tensor, log_std: Tensor) -> None:
@@ -143,10 +143,12 @@ class Squashed:
 
     def rsample(self, generator: torch.Generator | None) -> tuple[Tensor, Tensor]:
         """Actions [B, A] that carry the gradient of the parameters, and their log-probabilities [B]."""
-        actions, log_prob, _ = self.ahead(generator)
+        actions, log_prob, _ = self.rsample_and_backward(generator)
         return actions, log_prob
 
-    def ahead(self, generator: torch.Generator | None) -> tuple[Tensor, Tensor, Callable[[Tensor, Tensor], Tensor]]:
+    def rsample_and_backward(
+        self, generator: torch.Generator | None
+    ) -> tuple[Tensor, Tensor, Callable[[Tensor, Tensor], Tensor]]:
         """The same, and what gives from both their gradients that of the parameters [B, 2 A], for a draw that torch
         need not record."""
         noise = torch.randn(self.mean.shape, generator=generator, **_kind(self.mean))
@@ -155,7 +157,7 @@ class Squashed:
         actions = before.tanh()
 
         def back(of_actions: Tensor, of_log_prob: Tensor) -> Tensor:
-            mean, log_std = gaussian.squashed_slopes(actions, spread, of_actions, of_log_prob)
+            mean, log_std = gaussian.squashed_grads(actions, spread, of_actions, of_log_prob)
             return torch.cat([mean, log_std * (self._given == self.log_std)], -1)
 
         return actions, gaussian.squashed_log_prob(self.mean, self.log_std, before), back
@@ -174,12 +176,12 @@ class Squashed:
         """Of the Gaussian before tanh; after it there is no closed form."""
         return gaussian.entropy(self.log_std)
 
-    def kl(self, other: "Squashed") -> Tensor:
+    def kl(self, other: "SquashedGaussian") -> Tensor:
         """Exact: tanh, being invertible, changes no divergence."""
         return gaussian.kl(self.mean, self.log_std, other.mean, other.log_std)
 
 
-class Points:
+class Deterministic:
     """One action per state, in -1..1: what explores stands outside the policy."""
 
     def __init__(self, point: Tensor) -> None:
@@ -197,27 +199,27 @@ class Points:
     def entropy(self) -> Tensor:
         raise TypeError("a point has no entropy in nats")
 
-    def kl(self, other: "Points") -> Tensor:
+    def kl(self, other: "Deterministic") -> Tensor:
         raise TypeError("two points have no finite divergence")
 
 
-class Traced:
+class TapedDistribution:
     """A distribution that a loss is taken of: its numbers [B] are where torch begins to record, and what they mean for
     the parameters is written out, so that fewer calls are recorded."""
 
-    def __init__(self, distribution: Sloped) -> None:
+    def __init__(self, distribution: AnalyticDistribution) -> None:
         self._distribution = distribution
         self._asked: list[tuple[Tensor, Callable[[], Tensor]]] = []
 
     def log_prob(self, actions: Tensor) -> Tensor:
         found = self._distribution.log_prob(actions)
-        return self._traced(found, lambda: self._distribution.log_prob_slope(actions))
+        return self._traced(found, lambda: self._distribution.log_prob_grad(actions))
 
     def entropy(self) -> Tensor:
-        return self._traced(self._distribution.entropy(), self._distribution.entropy_slope)
+        return self._traced(self._distribution.entropy(), self._distribution.entropy_grad)
 
     def kl(self, other: Any) -> Tensor:
-        return self._traced(self._distribution.kl(other), lambda: self._distribution.kl_slope(other))
+        return self._traced(self._distribution.kl(other), lambda: self._distribution.kl_grad(other))
 
     @torch.no_grad()
     def slope(self) -> Tensor:

@@ -25,7 +25,7 @@ Layers = list[tuple[Tensor, Tensor]]
 ALL = slice(None)
 WIDE = 128
 """Numbers of a layer beyond which a product is a matter of arithmetic."""
-MANY_ROWS = 64
+MIN_ROWS = 64
 """Rows from which on it is."""
 
 
@@ -40,17 +40,17 @@ def _fused_linear() -> Any:
         return None
 
 
-def weight_slopes_by_mkl(processor: str) -> bool:
+def mkl_is_faster_for_weight_grads(processor: str) -> bool:
     """Whether MKL takes less time than oneDNN for the gradients of weights, by LLVM's name of the processor."""
     return processor != "znver5"
 
 
-SLOPES_BY_MKL = weight_slopes_by_mkl(binding.get_host_cpu_name())
-FUSED: Callable[..., Tensor] | None = _fused_linear()
-"""FUSED(x [B, before], weight [after, before], bias [after] or None, activation, [], "") -> [B, after]."""
+WEIGHT_GRADS_BY_MKL = mkl_is_faster_for_weight_grads(binding.get_host_cpu_name())
+FUSED_LINEAR: Callable[..., Tensor] | None = _fused_linear()
+"""FUSED_LINEAR(x [B, before], weight [after, before], bias [after] or None, activation, [], "") -> [B, after]."""
 
 
-class Trace(NamedTuple):
+class ForwardCache(NamedTuple):
     """What the gradient of a pass needs of it: for each layer either [K, B, ...] or K times [B, ...]."""
 
     seen: list[Tensor] | list[list[Tensor]]
@@ -59,7 +59,7 @@ class Trace(NamedTuple):
     """What each activation was given, where its derivative does not follow from what it gave; else nothing."""
 
 
-class Parts:
+class LayerViews:
     """The layers of K perceptrons of one shape: views of the vector that all their parameters lie in."""
 
     def __init__(self, layers: Layers) -> None:
@@ -67,7 +67,7 @@ class Parts:
         self.widest = max(max(weight.shape[1:]) for weight, _ in layers)
 
     @classmethod
-    def of(cls, flat: Tensor, count: int, sizes: tuple[int, ...]) -> "Parts":
+    def of(cls, flat: Tensor, count: int, sizes: tuple[int, ...]) -> "LayerViews":
         """Cut out of the vector."""
         return cls(layers_of(flat, count, sizes))
 
@@ -76,9 +76,9 @@ class Parts:
         """[before, after] and [after] of each layer of each perceptron."""
         return [[(weight[k], bias[k, 0]) for weight, bias in self.layers] for k in range(len(self.layers[0][0]))]
 
-    def some(self, chosen: slice) -> "Parts":
+    def some(self, chosen: slice) -> "LayerViews":
         """Of these perceptrons only."""
-        return self if chosen is ALL else Parts([(weight[chosen], bias[chosen]) for weight, bias in self.layers])
+        return self if chosen is ALL else LayerViews([(weight[chosen], bias[chosen]) for weight, bias in self.layers])
 
 
 def layers_of(flat: Tensor, count: int, sizes: tuple[int, ...]) -> Layers:
@@ -93,9 +93,15 @@ def layers_of(flat: Tensor, count: int, sizes: tuple[int, ...]) -> Layers:
     ]
 
 
-def outputs(x: Tensor, parts: Parts, activation: Activation) -> tuple[Tensor, Trace]:
+def outputs(x: Tensor, parts: LayerViews, activation: Activation) -> tuple[Tensor, ForwardCache]:
     """[K, B, outputs] of rows [B, D], or [K, B, D], without a record."""
-    if FUSED is not None and parts.widest > WIDE and x.shape[-2] >= MANY_ROWS and x.dtype == torch.float32 and x.is_cpu:
+    if (
+        FUSED_LINEAR is not None
+        and parts.widest > WIDE
+        and x.shape[-2] >= MIN_ROWS
+        and x.dtype == torch.float32
+        and x.is_cpu
+    ):
         return _outputs_one_by_one(x, parts.apart, activation)
     *inner, (last_weight, last_bias) = parts.layers
     hidden = x.expand(len(last_weight), *x.shape) if x.dim() == 2 else x
@@ -108,11 +114,16 @@ def outputs(x: Tensor, parts: Parts, activation: Activation) -> tuple[Tensor, Tr
         else:
             hidden = hidden.tanh_() if activation == "tanh" else hidden.relu_()
         seen.append(hidden)
-    return torch.baddbmm(last_bias, hidden, last_weight), Trace(seen, before)
+    return torch.baddbmm(last_bias, hidden, last_weight), ForwardCache(seen, before)
 
 
 def gradients(
-    above: Tensor, trace: Trace, parts: Parts, places: Parts | None, activation: Activation, wants_x: bool
+    above: Tensor,
+    trace: ForwardCache,
+    parts: LayerViews,
+    places: LayerViews | None,
+    activation: Activation,
+    wants_x: bool,
 ) -> Tensor | None:
     """From the gradient of the outputs [K, B, outputs]: that of each layer into its place, if there are places, and
     that of what the first was given [K, B, D], if it is wanted."""
@@ -131,12 +142,12 @@ def gradients(
     return above
 
 
-class Perceptrons(torch.autograd.Function):
+class MLPFunction(torch.autograd.Function):
     """The same as one recorded function of rows and of the vector of all parameters."""
 
     @staticmethod
     def forward(
-        ctx: Any, x: Tensor, flat: Tensor, parts: Parts, sizes: tuple[int, ...], activation: Activation
+        ctx: Any, x: Tensor, flat: Tensor, parts: LayerViews, sizes: tuple[int, ...], activation: Activation
     ) -> Tensor:
         ctx.parts, ctx.sizes, ctx.activation, ctx.shared = parts, sizes, activation, x.dim() == 2
         found, trace = outputs(x, parts, activation)
@@ -152,17 +163,17 @@ class Perceptrons(torch.autograd.Function):
         if ctx.one_by_one:
             kept = [kept[first : first + len(above)] for first in range(0, len(kept), len(above))]
         layers = len(ctx.parts.layers)
-        trace = Trace(kept[:layers], kept[layers:])
+        trace = ForwardCache(kept[:layers], kept[layers:])
         wants_x, wants_flat = ctx.needs_input_grad[:2]
         into, places = None, None
         if wants_flat:
             into = torch.empty_like(flat)
-            places = Parts.of(into, len(above), ctx.sizes)
+            places = LayerViews.of(into, len(above), ctx.sizes)
         below = gradients(above, trace, ctx.parts, places, ctx.activation, wants_x)
         return below.sum(0) if below is not None and ctx.shared else below, into, None, None, None
 
 
-def _outputs_one_by_one(x: Tensor, apart: list[Layers], activation: Activation) -> tuple[Tensor, Trace]:
+def _outputs_one_by_one(x: Tensor, apart: list[Layers], activation: Activation) -> tuple[Tensor, ForwardCache]:
     """`outputs` by oneDNN, perceptron after perceptron."""
     found = []
     seen, before = [[] for _ in apart[0]], [[] for _ in apart[0][1:]] if activation == "swish" else []
@@ -178,12 +189,12 @@ def _outputs_one_by_one(x: Tensor, apart: list[Layers], activation: Activation) 
                 hidden = _product(hidden, weight, bias, activation)
         seen[-1].append(hidden)
         found.append(_product(hidden, last_weight, last_bias))
-    return torch.stack(found), Trace(seen, before)
+    return torch.stack(found), ForwardCache(seen, before)
 
 
 def _gradients_one_by_one(
     above: Tensor,
-    trace: Trace,
+    trace: ForwardCache,
     apart: list[Layers],
     places: list[Layers] | None,
     activation: Activation,
@@ -208,16 +219,16 @@ def _gradients_one_by_one(
 
 def _product(x: Tensor, weight: Tensor, bias: Tensor | None = None, activation: str = "none") -> Tensor:
     """activation(x [B, before] weight [before, after] + bias [after]), for "none", "tanh" or "relu"."""
-    assert FUSED is not None
+    assert FUSED_LINEAR is not None
     if 1 not in weight.shape:  # a vector takes less time than asking oneDNN does
-        return FUSED(x, weight.t(), bias, activation, [], "")
+        return FUSED_LINEAR(x, weight.t(), bias, activation, [], "")
     found = torch.mm(x, weight) if bias is None else torch.addmm(bias, x, weight)
     return found if activation == "none" else found.tanh_() if activation == "tanh" else found.relu_()
 
 
 def _weight_slope(seen: Tensor, slope: Tensor, into: Tensor) -> None:
     """seen [B, before] transposed times slope [B, after]."""
-    if SLOPES_BY_MKL:
+    if WEIGHT_GRADS_BY_MKL:
         torch.mm(seen.t(), slope, out=into)
     else:
         into.copy_(_product(seen.t(), slope))

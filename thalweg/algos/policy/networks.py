@@ -2,7 +2,7 @@
 
 Small networks are bound by the number of calls, not by arithmetic. So all parameters of a stack lie in one vector,
 which an optimiser, a target network and a checkpoint handle at once; its layers are batched products; and its gradient
-is written out instead of being recorded call by call. `plain` is the same function as torch would differentiate it.
+is written out instead of being recorded call by call. `reference` is the same function as torch would differentiate it.
 """
 
 import itertools
@@ -21,7 +21,7 @@ from thalweg.algos.policy import mlp_autograd as chain
 from thalweg.algos.policy import mlp_numba as loops
 from thalweg.algos.policy.actions import Actions
 from thalweg.algos.policy.memory import Gru, Sequences
-from thalweg.algos.policy.mlp_autograd import ALL, FUNCTIONS, Activation, Layers, Parts, Perceptrons, layers_of
+from thalweg.algos.policy.mlp_autograd import ALL, FUNCTIONS, Activation, Layers, LayerViews, MLPFunction, layers_of
 
 Initial = Literal["orthogonal", "kaiming", "truncated"]
 SMALL = 128
@@ -30,7 +30,7 @@ ROWS = 1024
 
 
 @dataclass(frozen=True)
-class Shape:
+class NetworkShape:
     """What a policy's network and its critics are built like."""
 
     hidden: tuple[int, ...] = (64, 64)
@@ -47,7 +47,7 @@ def orthogonal(shape: tuple[int, int], gain: float, generator: torch.Generator) 
     return weight
 
 
-class Stack(nn.Module):
+class StackedMLP(nn.Module):
     """K separate perceptrons of the same shape, [B, D] or [K, B, D] -> [K, B, outputs], computed together.
 
     Each layer is x W + b, with W [K, before, after] and b [K, 1, after], all in the vector `flat`.
@@ -74,7 +74,7 @@ class Stack(nn.Module):
         self.sizes = (inputs, *hidden, outputs)
         length = sum(count * (before + 1) * after for before, after in itertools.pairwise(self.sizes))
         self.flat = nn.Parameter(torch.empty(length, device=generator.device))
-        self._views: dict[str, Parts] = {}
+        self._views: dict[str, LayerViews] = {}
         self.sizes_array, self.code = np.array(self.sizes), loops.TANH if activation == "tanh" else loops.RELU
         self.small = activation != "swish" and max(self.sizes) <= SMALL
         """Whether compiled loops compute it, if it is asked for on a CPU."""
@@ -99,10 +99,10 @@ class Stack(nn.Module):
         flat = self.flat.detach() if frozen else self.flat
         if not (torch.is_grad_enabled() and (x.requires_grad or flat.requires_grad)):
             return chain.outputs(x, self.parts, self.activation)[0]
-        return Perceptrons.apply(x, flat, self.parts, self.sizes, self.activation)  # pyright: ignore
+        return MLPFunction.apply(x, flat, self.parts, self.sizes, self.activation)  # pyright: ignore
 
     @torch.no_grad()
-    def ahead(self, x: Tensor) -> tuple[Tensor, Callable[[Tensor], None]]:
+    def forward_and_backward(self, x: Tensor) -> tuple[Tensor, Callable[[Tensor], None]]:
         """[K, B, outputs] without a record, and what is to be called with their gradient: it leaves that of the
         parameters in `flat.grad`, in place of what was there. For a step that torch need not keep books of."""
         if self.small and x.dim() == 2 and x.dtype == torch.float32 and x.is_cpu:
@@ -118,7 +118,7 @@ class Stack(nn.Module):
         return outputs, back
 
     @torch.no_grad()
-    def through(self, x: Tensor, chosen: slice = ALL) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
+    def forward_and_input_backward(self, x: Tensor, chosen: slice = ALL) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
         """[K, B, outputs] of rows [B, D] without a record, of these perceptrons, as if they were constants; and what
         gives from their gradient that of the rows [B, D]."""
         parts = self.parts.some(chosen)
@@ -145,7 +145,7 @@ class Stack(nn.Module):
 
         return torch.from_numpy(found), back
 
-    def plain(self, x: Tensor, flat: Tensor | None = None) -> Tensor:
+    def reference(self, x: Tensor, flat: Tensor | None = None) -> Tensor:
         """The same by recorded calls, which can be differentiated twice; `flat` stands for the own parameters."""
         x = x.expand(self.count, *x.shape) if x.dim() == 2 else x
         *inner, (last_weight, last_bias) = layers_of(self.flat if flat is None else flat, self.count, self.sizes)
@@ -154,7 +154,7 @@ class Stack(nn.Module):
         return torch.baddbmm(last_bias, x, last_weight)
 
     @property
-    def parts(self) -> Parts:
+    def parts(self) -> LayerViews:
         """Views of the vector without its gradient."""
         return self._cut("parameters", self.flat.detach())
 
@@ -163,11 +163,11 @@ class Stack(nn.Module):
         """Weight and bias of each layer, as views of the vector without its gradient."""
         return self.parts.layers
 
-    def _cut(self, name: str, flat: Tensor) -> Parts:
+    def _cut(self, name: str, flat: Tensor) -> LayerViews:
         """Views of a vector that is cut like the parameters, made once for each place that it lies in."""
         parts = self._views.get(name)
         if parts is None or parts.layers[0][0].data_ptr() != flat.data_ptr():
-            parts = self._views[name] = Parts.of(flat, self.count, self.sizes)
+            parts = self._views[name] = LayerViews.of(flat, self.count, self.sizes)
         return parts
 
     def _slopes(self) -> Tensor:
@@ -184,11 +184,11 @@ class Actor(nn.Module):
     stand beside the means and are the same in every state.
     """
 
-    def __init__(self, inputs: int, actions: Actions, shape: Shape, generator: torch.Generator) -> None:
+    def __init__(self, inputs: int, actions: Actions, shape: NetworkShape, generator: torch.Generator) -> None:
         super().__init__()
         self.gru = Gru(inputs, shape.memory, generator) if shape.memory else None
         # A last layer near zero: the first policy draws every option alike whatever it sees.
-        self.stack = Stack(
+        self.stack = StackedMLP(
             1,
             inputs + shape.memory,
             shape.hidden,
@@ -201,17 +201,17 @@ class Actor(nn.Module):
         spread = torch.zeros(actions.count, device=generator.device)
         self.log_std = nn.Parameter(spread) if actions.kind == "gaussian" else None
 
-    def forward(self, inputs: Tensor | Sequences, plain: bool = False) -> Tensor:
-        """`plain`: so that it can be differentiated twice."""
+    def forward(self, inputs: Tensor | Sequences, twice_differentiable: bool = False) -> Tensor:
+        """`twice_differentiable`: by recorded calls, for second derivatives."""
         features = _features(self.gru, inputs, "actor")
-        outputs = (self.stack.plain if plain else self.stack)(features)[0]
+        outputs = (self.stack.reference if twice_differentiable else self.stack)(features)[0]
         return outputs if self.log_std is None else torch.cat([outputs, self.log_std.expand_as(outputs)], -1)
 
     def everywhere(self, inputs: Tensor | Sequences) -> Tensor:
         """Parameters at all states of a rollout, in blocks of rows that stay in the processor's cache."""
         return torch.cat([self(rows) for rows in inputs.split(ROWS)]) if isinstance(inputs, Tensor) else self(inputs)
 
-    def ahead(self, inputs: Tensor | Sequences) -> tuple[Tensor, Callable[[Tensor], None]]:
+    def forward_and_backward(self, inputs: Tensor | Sequences) -> tuple[Tensor, Callable[[Tensor], None]]:
         """Parameters [B, P] without a record, and what is to be called with their gradient: it leaves that of the
         network in `grad`, in place of what was there."""
         if not isinstance(inputs, Tensor):
@@ -219,7 +219,7 @@ class Actor(nn.Module):
                 parameter.grad = None
             recorded = self(inputs)
             return recorded.detach(), recorded.backward
-        outputs, through = self.stack.ahead(inputs)
+        outputs, through = self.stack.forward_and_backward(inputs)
         spread, count = self.log_std, outputs.shape[-1]
         found = outputs[0] if spread is None else torch.cat([outputs[0], spread.detach().expand_as(outputs[0])], -1)
 
@@ -237,14 +237,14 @@ class Actor(nn.Module):
         return self(torch.cat([obs, state], -1)), state
 
 
-def part_count(rows: int, minibatch: int) -> int:
+def minibatch_count(rows: int, minibatch: int) -> int:
     """Into how many parts of about `minibatch` rows are they cut, so that none is a small rest?"""
     return max(1, round(rows / minibatch))
 
 
-def part_bounds(rows: int, minibatch: int) -> np.ndarray:
+def minibatch_bounds(rows: int, minibatch: int) -> np.ndarray:
     """Where each of these parts begins, and where the last ends."""
-    parts = np.array_split(np.arange(rows), part_count(rows, minibatch))
+    parts = np.array_split(np.arange(rows), minibatch_count(rows, minibatch))
     return np.concatenate([[0], np.cumsum([len(part) for part in parts])])
 
 
@@ -254,11 +254,11 @@ class Critics(nn.Module):
     With a memory they share one recurrent network.
     """
 
-    def __init__(self, count: int, inputs: int, shape: Shape, generator: torch.Generator) -> None:
+    def __init__(self, count: int, inputs: int, shape: NetworkShape, generator: torch.Generator) -> None:
         super().__init__()
         self.count = count
         self.gru = Gru(inputs, shape.memory, generator) if shape.memory else None
-        self.stack = Stack(
+        self.stack = StackedMLP(
             count,
             inputs + shape.memory,
             shape.hidden,
@@ -273,15 +273,15 @@ class Critics(nn.Module):
 
     @property
     def in_loops(self) -> bool:
-        """Whether `pass_over` can do it."""
+        """Whether `fit_epoch` can do it."""
         return self.gru is None and self.stack.small and self.stack.flat.is_cpu
 
-    def pass_over(
+    def fit_epoch(
         self, inputs: Tensor, targets: Tensor, *, minibatch: int, optimiser: Adam, decay: float, most: float
     ) -> Tensor:
         """One gradient step for each part of about `minibatch` rows [B, D] and targets [B, count], as with `regress`
         and `optimiser.step(most)`, but without Python in between; returns the losses [steps, count]."""
-        bounds = part_bounds(len(inputs), minibatch)
+        bounds = minibatch_bounds(len(inputs), minibatch)
         errors = np.empty((len(bounds) - 1, self.count), np.float32)
         (flat,), (first,), (second,), (count,) = optimiser.arrays()
         count[...] = loops.regress(
@@ -305,9 +305,9 @@ class Critics(nn.Module):
         """[count] ½ E[(V - target)²] of each, for targets [count, B]; the gradient of their sum, and of `decay` times
         the sum of squares of all parameters, is left in `grad`, in place of what was there."""
         if isinstance(inputs, Tensor):
-            values, back = self.stack.ahead(inputs)
+            values, back = self.stack.forward_and_backward(inputs)
             values = values.squeeze(-1)
-            back(losses.squared_error_slope(values, targets).unsqueeze(-1))
+            back(losses.squared_error_grad(values, targets).unsqueeze(-1))
             found = losses.squared_error(values, targets)
         else:
             for parameter in self.parameters():

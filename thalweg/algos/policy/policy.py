@@ -23,14 +23,14 @@ from thalweg.algos.common.state import CPU, array_of, load_module, module_state,
 from thalweg.algos.policy.actions import Actions
 from thalweg.algos.policy.distributions import Distribution
 from thalweg.algos.policy.memory import FrameStack, Sequences
-from thalweg.algos.policy.networks import Actor, Shape
+from thalweg.algos.policy.networks import Actor, NetworkShape
 from thalweg.algos.policy.normaliser import Normaliser
 from thalweg.core.atomic_io import write_whole
 
 FORMAT = 2
 """Version of the policy file."""
 HEADER = "thalweg_policy"
-SMALL = Shape()
+SMALL = NetworkShape()
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Policy:
         self,
         obs_size: int,
         actions: Actions,
-        shape: Shape = SMALL,
+        shape: NetworkShape = SMALL,
         *,
         frames: int = 1,
         normalise: bool = True,
@@ -104,11 +104,11 @@ class Policy:
             raise AlgorithmError("this policy has a memory: ask its player")
         return self.actions.distribution(self.actor(self.normaliser(obs)))
 
-    def given(self, inputs: Tensor | Sequences) -> Distribution:
+    def distribution_of(self, inputs: Tensor | Sequences) -> Distribution:
         """π(·|s) for what the network sees: normalised observations [B, K * D], or sequences of them."""
         return self.actions.distribution(self.actor(inputs))
 
-    def begin_as(self, other: Any) -> None:
+    def initialise_from(self, other: Any) -> None:
         """Take over the network of another policy, and what it knows of observations.
 
         Raises `AlgorithmError` for a planner, which has none, and for one that sees, remembers or does other things,
@@ -183,7 +183,7 @@ class Policy:
         cls, header: dict[str, Any], tensors: dict[str, np.ndarray], about: About, generator: torch.Generator
     ) -> "Policy":
         """A policy from what `save` wrote, on the generator's device."""
-        shape = Shape(**(header["shape"] | {"hidden": tuple(header["shape"]["hidden"])}))
+        shape = NetworkShape(**(header["shape"] | {"hidden": tuple(header["shape"]["hidden"])}))
         policy = cls(
             header["obs_size"],
             Actions.from_data(header["actions"]),
@@ -193,8 +193,8 @@ class Policy:
             generator=generator,
             about=about,
         )
-        load_module(policy.actor, named(tensors, "actor"))
-        policy.normaliser.load_state(header["normaliser"] | named(tensors, "normaliser"))
+        load_module(policy.actor, tensors_of(tensors, "actor"))
+        policy.normaliser.load_state(header["normaliser"] | tensors_of(tensors, "normaliser"))
         return policy
 
     @staticmethod
@@ -224,12 +224,12 @@ class NetworkPlayer:
         """[N, M] recurrent state after the last observation."""
 
     def __call__(self, obs: np.ndarray, fresh: np.ndarray) -> np.ndarray:
-        return self.policy.actions.to_env(self.raw(*seen_of(obs, fresh, self.policy.device)))
+        return self.policy.actions.to_numpy(self.raw(*to_tensors(obs, fresh, self.policy.device)))
 
     @torch.inference_mode()
     def raw(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Raw actions [N, A]; see `Actions` for what raw means."""
-        check_width(obs, self._size)
+        check_obs_size(obs, self._size)
         policy = self.policy
         seen = policy.normaliser(self._stack.push(obs, fresh))
         if self.hidden is None:
@@ -251,13 +251,13 @@ class NetworkPlayer:
             self.hidden = tensor_of(state["hidden"], self.policy.device)
 
 
-def seen_of(obs: np.ndarray, fresh: np.ndarray, device: torch.device) -> tuple[Tensor, Tensor]:
+def to_tensors(obs: np.ndarray, fresh: np.ndarray, device: torch.device) -> tuple[Tensor, Tensor]:
     """What a policy on a device sees of arrays of the host: [N, D] float32 and [N] bool."""
     seen = torch.from_numpy(np.ascontiguousarray(obs, dtype=np.float32))
     return seen.to(device), torch.from_numpy(np.array(fresh, dtype=bool)).to(device)
 
 
-def check_width(obs: Tensor, size: int) -> None:
+def check_obs_size(obs: Tensor, size: int) -> None:
     """Raise `AlgorithmError` unless observations are [N, size]."""
     if obs.dim() != 2 or obs.shape[1] != size:
         raise AlgorithmError(f"this policy sees [N, {size}] numbers, got an array of shape {tuple(obs.shape)}")
@@ -296,6 +296,6 @@ def load_policy(path: str | Path, device: torch.device = CPU) -> Any:
         raise AlgorithmError(f"{path} does not hold what its header says: {error}") from error
 
 
-def named(tensors: dict[str, np.ndarray], part: str) -> dict[str, np.ndarray]:
+def tensors_of(tensors: dict[str, np.ndarray], part: str) -> dict[str, np.ndarray]:
     """The tensors of a part of the policy, by their names within it."""
     return {name.removeprefix(f"{part}."): value for name, value in tensors.items() if name.startswith(f"{part}.")}

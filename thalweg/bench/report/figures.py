@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from thalweg.algos.interface import SHOWN
+from thalweg.algos.interface import MEAN_EPISODES
 from thalweg.bench.evaluate.episodes import REASONS, WORDS
 from thalweg.bench.report.tables import seeds_text
 from thalweg.bench.results.results import Results
@@ -58,7 +58,7 @@ def _saved(figure: Figure, **how: Any) -> bytes:
 
 
 PANELS = (
-    ("return_", f"return (mean of the last {SHOWN} episodes)"),
+    ("return_", f"return (mean of the last {MEAN_EPISODES} episodes)"),
     ("total_rate", "violations per step, all"),
     ("tight_rate", "violations per step, tight"),
     ("loose_rate", "violations per step, loose"),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thalweg.algos.interface import SHOWN
+from thalweg.algos.interface import MEAN_EPISODES
 from thalweg.bench.evaluate.episodes import REASONS, Episode
 
 
@@ -93,7 +93,7 @@ class Curve:
     steps: np.ndarray
     """[G]."""
     return_: np.ndarray
-    """[G] mean return of the last `SHOWN` episodes; NaN before the first episode has ended."""
+    """[G] mean return of the last `MEAN_EPISODES` episodes; NaN before the first episode has ended."""
     total_rate: np.ndarray
     """[G] violations so far / steps so far, as the two kinds below."""
     tight_rate: np.ndarray
@@ -104,7 +104,7 @@ def curve(log: TrainingLog, grid: np.ndarray) -> Curve:
     """The paper's training curves at the grid's steps [G] (positive): running return, and the rate of violations."""
     ended = np.searchsorted(log.step, grid, side="right")
     sums = np.concatenate([[0.0], np.cumsum(log.return_)])
-    first = np.maximum(ended - SHOWN, 0)
+    first = np.maximum(ended - MEAN_EPISODES, 0)
     flown = grid <= log.last_step * (1 + 1e-9)  # the grid's last point may lie a rounding error beyond
     with np.errstate(invalid="ignore"):
         mean = np.where(flown, (sums[ended] - sums[first]) / (ended - first), np.nan)
@@ -128,11 +128,11 @@ def band(values: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def regret(log: TrainingLog, limit: float) -> float:
-    """The cost of training beyond a limit for each episode: what blocks of `SHOWN` episodes cost more than the limit
-    allows, over all episodes. A block that stays within it does not make up for another: whoever was hit is not helped
-    by later care (Efroni, Mannor, Pirotta 2020, "strong" regret)."""
+    """The cost of training beyond a limit for each episode: what blocks of `MEAN_EPISODES` episodes cost more than the
+    limit allows, over all episodes. A block that stays within it does not make up for another: whoever was hit is not
+    helped by later care (Efroni, Mannor, Pirotta 2020, "strong" regret)."""
     costs = log.tight + log.loose
     if not len(costs):
         return float("nan")
-    blocks = np.split(costs, np.arange(SHOWN, len(costs), SHOWN))
+    blocks = np.split(costs, np.arange(MEAN_EPISODES, len(costs), MEAN_EPISODES))
     return float(sum(max(block.sum() - limit * len(block), 0.0) for block in blocks) / len(costs))

@@ -10,7 +10,7 @@ import torch
 from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 
 from thalweg.algos.interface import Learner, Rollout
-from thalweg.algos.policy.policy import seen_of
+from thalweg.algos.policy.policy import to_tensors
 from thalweg.core.torch_threads import torch_threads
 from thalweg.train.errors import ResumeWarning, TrainingError
 from thalweg.train.rollouts.episodes import Episode, EpisodeBook
@@ -87,8 +87,8 @@ class HostCollector:
     def step(self, learner: Learner) -> list[Episode]:
         before = time.perf_counter()
         with torch_threads(self.threads):
-            raw = learner.act(*seen_of(self.obs, self.fresh, self.device))
-            actions = learner.policy.actions.to_env(raw)
+            raw = learner.act(*to_tensors(self.obs, self.fresh, self.device))
+            actions = learner.policy.actions.to_numpy(raw)
         acted = time.perf_counter()
         step = self.stream.step(actions)
         after = time.perf_counter()

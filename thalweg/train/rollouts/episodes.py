@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from thalweg.algos.interface import REMEMBERED, SHOWN
+from thalweg.algos.interface import MEAN_EPISODES, RECENT_EPISODES
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class EpisodeBook:
         self._sums = np.zeros((num_envs, 4))
         """[N, 4] reward, cost, tight, loose of the running episodes."""
         self._lengths = np.zeros(num_envs, dtype=np.int64)
-        self.recent: deque[Episode] = deque(maxlen=REMEMBERED)
+        self.recent: deque[Episode] = deque(maxlen=RECENT_EPISODES)
         self.fresh: list[Episode] = []
         """Finished since the last update."""
         self.steps = 0
@@ -119,7 +119,7 @@ class EpisodeBook:
 
     def metrics(self) -> dict[str, float]:
         """Means of the last episodes, and violated episodes per step so far (total, and by kind where told apart)."""
-        recent = list(self.recent)[-SHOWN:]
+        recent = list(self.recent)[-MEAN_EPISODES:]
         rates = {name: number / max(self.steps, 1) for name, number in self.violations.items()}
         nan = math.nan
         return {
@@ -153,7 +153,7 @@ class EpisodeBook:
         self.split = bool(state["split"])
         self.largest = {name: float(cost) for name, cost in state["largest"].items()}
         self.violations = {name: int(number) for name, number in state["violations"].items()}
-        self.recent = deque((Episode(**row) for row in state["recent"]), maxlen=REMEMBERED)
+        self.recent = deque((Episode(**row) for row in state["recent"]), maxlen=RECENT_EPISODES)
         self.fresh = [Episode(**row) for row in state["fresh"]]
 
     def abandon(self) -> None:

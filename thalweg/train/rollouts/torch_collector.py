@@ -216,7 +216,7 @@ class TensorCollector:
     def step(self, learner: Learner) -> list[Episode]:
         with self._watch.on("act"), torch_threads(self.threads):
             raw = learner.act(self._obs, self._fresh)
-            actions = learner.policy.actions.executable(raw)
+            actions = learner.policy.actions.env_actions(raw)
         with self._watch.on("env"):
             obs, reward, terminated, truncated, info = self.env.step(actions)
         if "cost" not in info:

@@ -46,7 +46,7 @@ def test_the_losses_by_hand():
     with torch.no_grad():
         found = ensemble.losses(batch, 10.0).double()
         x = torch.cat([ensemble.seen(batch.obs), action_features(ensemble.actions, batch.actions)], -1)
-        out = ensemble.stack.plain(x).double()
+        out = ensemble.stack.reference(x).double()
         low, high = ensemble.bounds.double()
     sums = torch.zeros(4, 4, dtype=torch.float64)
     for member in range(4):
@@ -92,7 +92,7 @@ def test_the_copy_for_imagination_gives_what_the_model_means():
     frozen, batch = Frozen(ensemble), batch_for(ensemble, 6, costs=2)
     seen, features = ensemble.seen(batch.obs), action_features(ensemble.actions, batch.actions)
     with torch.no_grad():
-        plain = ensemble.stack.plain(torch.cat([seen, features], -1))
+        plain = ensemble.stack.reference(torch.cat([seen, features], -1))
     fast = frozen.dense(torch.cat([seen, features], -1).expand(4, -1, -1).contiguous())
     mean, reward, raw, cost, end = ensemble.layout.parts
     deviation = (ensemble.observed.square / ensemble.observed.count).sqrt().float()

@@ -6,33 +6,33 @@ import torch
 from tests.algos.planning.made import ensemble_for, generator
 from thalweg.algos.planning.model.mlp_inference import FEW_ROWS, ROWS_AT_ONCE, Dense
 from thalweg.algos.policy import mlp_autograd as chain
-from thalweg.algos.policy.networks import Stack
+from thalweg.algos.policy.networks import StackedMLP
 
 
-def stack_of() -> Stack:
-    return Stack(3, 5, (24, 16), 7, generator=generator(), activation="swish", initial="truncated")
+def stack_of() -> StackedMLP:
+    return StackedMLP(3, 5, (24, 16), 7, generator=generator(), activation="swish", initial="truncated")
 
 
 @pytest.mark.parametrize("rows", [1, FEW_ROWS, FEW_ROWS + 1, ROWS_AT_ONCE + 5])
 def test_fast_products_are_the_plain_ones(rows: int):
     stack, x = stack_of(), torch.randn(3, rows, 5, generator=generator(1))
     with torch.no_grad():
-        wanted = stack.plain(x)
+        wanted = stack.reference(x)
     assert torch.allclose(Dense(stack.layers)(x), wanted, atol=1e-5)
 
 
 def test_without_onednn_they_are_too(monkeypatch):
-    monkeypatch.setattr(chain, "FUSED", None)
+    monkeypatch.setattr(chain, "FUSED_LINEAR", None)
     stack, x = stack_of(), torch.randn(3, 300, 5, generator=generator(1))
     with torch.no_grad():
-        wanted = stack.plain(x)
+        wanted = stack.reference(x)
     assert torch.allclose(Dense(stack.layers)(x), wanted, atol=1e-5)
 
 
 def test_bfloat16_is_near_and_gives_float32():
     stack, x = stack_of(), torch.randn(3, 300, 5, generator=generator(1))
     with torch.no_grad():
-        wanted = stack.plain(x)
+        wanted = stack.reference(x)
     found = Dense(stack.layers, torch.bfloat16)(x)
     assert found.dtype == torch.float32 and 0 < float((found - wanted).abs().max()) < 0.05
 
@@ -47,10 +47,10 @@ def test_it_is_a_copy():
 
 @pytest.mark.parametrize("activation", ["tanh", "relu", "swish"])
 def test_the_written_gradient_is_the_recorded_one(activation):
-    stack = Stack(3, 5, (7, 6), 4, generator=generator(), activation=activation, initial="truncated").double()
+    stack = StackedMLP(3, 5, (7, 6), 4, generator=generator(), activation=activation, initial="truncated").double()
     x = torch.randn(3, 9, 5, dtype=torch.float64, generator=generator(1)).requires_grad_()
     found = []
-    for forward in (stack.forward, stack.plain):
+    for forward in (stack.forward, stack.reference):
         stack.flat.grad = x.grad = None
         forward(x).square().sum().backward()
         assert stack.flat.grad is not None and x.grad is not None
@@ -60,7 +60,7 @@ def test_the_written_gradient_is_the_recorded_one(activation):
 
 
 def test_truncated_weights_lie_within_two_deviations_and_biases_are_zero():
-    stack = Stack(2, 100, (50,), 3, generator=generator(), initial="truncated")
+    stack = StackedMLP(2, 100, (50,), 3, generator=generator(), initial="truncated")
     (weight, bias), _ = stack.layers
     assert float(weight.abs().max()) <= 0.1 and float(weight.std()) == pytest.approx(0.05 * 0.88, rel=0.03)
     assert bias.abs().sum() == 0

@@ -15,8 +15,8 @@ from thalweg.algos.common.state import CPU, array_of, load_module, module_state,
 from thalweg.algos.maths import dynamics
 from thalweg.algos.planning.model.mlp_inference import Dense
 from thalweg.algos.planning.model.transitions import Batch
-from thalweg.algos.policy.actions import Actions, row_of
-from thalweg.algos.policy.networks import Stack
+from thalweg.algos.policy.actions import Actions, constant
+from thalweg.algos.policy.networks import StackedMLP
 from thalweg.algos.policy.normaliser import CLIP, Normaliser
 
 LOG_VARIANCE = (-10.0, 0.5)
@@ -62,8 +62,8 @@ def action_features(actions: Actions, raw: Tensor) -> Tensor:
     """What was executed for raw actions [..., A], as numbers [..., F]: a one for each option chosen, the number itself,
     or the middle of the bin it falls into."""
     if actions.kind != "categorical":
-        return actions.executed(raw)
-    first = row_of((0, *itertools.accumulate(actions.sizes[:-1])), raw.device)
+        return actions.quantised(raw)
+    first = constant((0, *itertools.accumulate(actions.sizes[:-1])), raw.device)
     return torch.zeros(*raw.shape[:-1], sum(actions.sizes), device=raw.device).scatter_(-1, raw + first, 1.0)
 
 
@@ -112,7 +112,7 @@ class Ensemble:
     ) -> None:
         self.frames, self.actions, self.layout = frames, actions, Layout(frame, costs)
         self.inputs = frames * frame + features_of(actions)
-        self.stack = Stack(
+        self.stack = StackedMLP(
             members,
             self.inputs,
             hidden,

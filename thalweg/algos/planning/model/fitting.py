@@ -73,7 +73,7 @@ class Fitter:
     def _step(self, replay: Replay, places: Tensor) -> Tensor:
         """One gradient step on the transitions at places [M, B]; returns the losses [4]."""
         losses = self.ensemble.losses(replay.rows(places), self.config.rarity)
-        self.optimiser.forget()
+        self.optimiser.zero_grad()
         (losses.sum() + self.ensemble.bounds_loss()).backward()
         flat = self.ensemble.stack.flat
         assert flat.grad is not None

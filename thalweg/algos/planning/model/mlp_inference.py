@@ -28,7 +28,7 @@ class Dense:
     def __init__(self, layers: Layers, dtype: torch.dtype = torch.float32) -> None:
         """From weights [M, before, after] and biases [M, 1, after], which are copied."""
         self.dtype = dtype
-        self._fuses = chain.FUSED is not None and (dtype == torch.float32 or _has_half())
+        self._fuses = chain.FUSED_LINEAR is not None and (dtype == torch.float32 or _has_half())
         self._batched = [
             (weight.detach().to(dtype).clone(), bias.detach().to(dtype).clone()) for weight, bias in layers
         ]
@@ -55,8 +55,8 @@ class Dense:
         return torch.baddbmm(last_bias, x, last_weight).float()
 
     def _fused(self, layers: list[tuple[Tensor, Tensor]], x: Tensor) -> Tensor:
-        assert chain.FUSED is not None
+        assert chain.FUSED_LINEAR is not None
         x = x.to(self.dtype)
         for weight, bias in layers[:-1]:
-            x = chain.FUSED(x, weight, bias, "swish", [], "")
-        return chain.FUSED(x, *layers[-1], "none", [], "")
+            x = chain.FUSED_LINEAR(x, weight, bias, "swish", [], "")
+        return chain.FUSED_LINEAR(x, *layers[-1], "none", [], "")

@@ -7,7 +7,7 @@ sum. They are numbered like digits, the last branch running fastest.
 import torch
 from torch import Tensor
 
-from thalweg.algos.maths.relaxed import one_hot
+from thalweg.algos.maths.gumbel_softmax import one_hot
 from thalweg.algos.maths.shapes import rank, same_shape
 
 

@@ -32,7 +32,7 @@ def straight_through(log_p: Tensor, noise: Tensor, temperature: float) -> tuple[
     return one_hot(soft.argmax(-1), soft.shape[-1], soft.dtype), soft
 
 
-def straight_through_slope(above: Tensor, soft: Tensor, temperature: float) -> Tensor:
+def straight_through_grad(above: Tensor, soft: Tensor, temperature: float) -> Tensor:
     """From the gradient of the choices [B, A, K] that of the logits: y (g - Σ_k y_k g_k) / τ, as of the soft ones."""
     same_shape(above=above, soft=soft)
     return soft * (above - (above * soft).sum(-1, keepdim=True)) / temperature

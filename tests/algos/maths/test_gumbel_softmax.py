@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from thalweg.algos.maths.relaxed import gumbel, one_hot, straight_through, straight_through_slope
+from thalweg.algos.maths.gumbel_softmax import gumbel, one_hot, straight_through, straight_through_grad
 
 F64 = torch.float64
 
@@ -27,7 +27,7 @@ def test_backward_is_the_softmax_at_that_temperature(temperature: float):
     log_p, noise = drawn()
     weight = torch.randn(5, 4, 3, dtype=F64, generator=torch.Generator().manual_seed(3))
     _, soft = straight_through(log_p, noise, temperature)
-    found = straight_through_slope(weight, soft, temperature)
+    found = straight_through_grad(weight, soft, temperature)
     (((log_p.requires_grad_() + noise) / temperature).softmax(-1) * weight).sum().backward()
     assert log_p.grad is not None
     assert torch.allclose(found, log_p.grad, atol=1e-14) and found.abs().sum() > 0
@@ -39,7 +39,7 @@ def test_the_gradient_by_hand():
     hard, soft = straight_through(log_p, torch.zeros(1, 1, 2, dtype=F64), 0.5)
     assert hard.tolist() == [[[1.0, 0.0]]]
     of_first = torch.tensor([[[1.0, 0.0]]], dtype=F64)
-    assert straight_through_slope(of_first, soft, 0.5).flatten().tolist() == pytest.approx([0.5, -0.5])
+    assert straight_through_grad(of_first, soft, 0.5).flatten().tolist() == pytest.approx([0.5, -0.5])
 
 
 def test_noise_chooses_each_option_as_often_as_it_is_probable():

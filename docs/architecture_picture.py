@@ -1,0 +1,125 @@
+"""Draw the picture of the architecture page from the code: `python docs/architecture_picture.py`.
+
+Boxes are the parts of the package with their folders and modules; arrows are imports between parts, as `grimp` reads
+them. An import that follows from two others is left out.
+"""
+
+from collections import Counter
+from pathlib import Path
+
+import grimp
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+PATH = Path(__file__).resolve().parent / "images" / "architecture.png"
+BOXES = {
+    "cli": (0.0, 0.0, 12.0, 0.9),
+    "bench": (0.0, 1.4, 12.0, 0.9),
+    "train": (0.0, 2.8, 12.0, 0.9),
+    "env": (0.0, 4.2, 5.6, 1.25),
+    "render": (0.0, 5.95, 5.6, 1.25),
+    "world": (0.0, 7.7, 5.6, 1.25),
+    "encoder": (6.0, 4.2, 2.6, 4.75),
+    "algos": (9.0, 4.2, 3.0, 4.75),
+    "core": (0.0, 9.45, 12.0, 0.9),
+}
+"""Left, top, width and height of each part; what is above imports what is below, as the contracts in `pyproject.toml`
+hold it."""
+WHAT = {
+    "cli": "the thalweg command",
+    "bench": "evaluate, compare, report",
+    "train": "where environment, encoder and algorithm meet",
+    "env": "the rules, as environments",
+    "encoder": "frames to codes",
+    "algos": "twelve algorithms",
+    "render": "a world and poses to frames",
+    "world": "a river valley from a seed, a line or a file",
+    "core": "files, compilation, devices, versions",
+}
+COLOURS = {
+    "cli": "#e8e3da", "bench": "#e9d8c9", "train": "#ead9b6", "env": "#d3e2d0", "encoder": "#d9dff0",
+    "algos": "#e6d4e6", "render": "#cfe3e8", "world": "#d6e6c8", "core": "#e2e2e2",
+}  # fmt: skip
+
+
+def main() -> None:
+    graph = grimp.build_graph("thalweg", exclude_type_checking_imports=True)
+    figure, axes = plt.subplots(figsize=(12, 10.4))
+    for part in BOXES:
+        draw_box(axes, part, inside(graph, part))
+    for importer, imported in arrows(graph):
+        draw_arrow(axes, BOXES[importer], BOXES[imported])
+    axes.set_xlim(-0.05, 12.05)
+    axes.set_ylim(-10.4, 0.05)
+    axes.axis("off")
+    figure.tight_layout(pad=0.2)
+    figure.savefig(PATH, dpi=110)
+    print(f"docs/images/{PATH.name}")
+
+
+def inside(graph: grimp.ImportGraph, part: str) -> str:
+    """The folders and modules of a part; a folder with its number of modules."""
+    prefix = f"thalweg.{part}."
+    modules = [name.removeprefix(prefix) for name in graph.modules if name.startswith(prefix)]
+    folders = Counter(name.split(".")[0] for name in modules if "." in name)
+    alone = sorted({name for name in modules if "." not in name} - set(folders))
+    return ", ".join([*(f"{name}/ {count}" for name, count in sorted(folders.items())), *alone])
+
+
+def arrows(graph: grimp.ImportGraph) -> list[tuple[str, str]]:
+    """Direct imports between parts, without those that follow from two others."""
+    parts = list(BOXES)
+    direct = {
+        (a, b)
+        for a in parts
+        for b in parts
+        if a != b and graph.find_shortest_chains(f"thalweg.{a}", f"thalweg.{b}", as_packages=True)
+    }
+    return sorted(pair for pair in direct if not any((pair[0], c) in direct and (c, pair[1]) in direct for c in parts))
+
+
+def draw_box(axes: plt.Axes, part: str, content: str) -> None:
+    left, top, width, height = BOXES[part]
+    shape = plt.Rectangle(
+        (left, -top - height), width, height, facecolor=COLOURS[part], edgecolor="#555555", linewidth=0.8
+    )
+    axes.add_patch(shape)
+    axes.text(left + 0.1, -top - 0.1, f"{part}/", fontsize=13, fontweight="bold", va="top")
+    beside = width > 5
+    axes.text(
+        left + (width - 0.1 if beside else 0.1),
+        -top - (0.14 if beside else 0.42),
+        WHAT[part],
+        fontsize=9.5,
+        style="italic",
+        va="top",
+        ha="right" if beside else "left",
+    )
+    lines = wrapped(content, int(width * 13.2)) if beside else content.split(", ")
+    axes.text(left + 0.1, -top - (0.42 if beside else 0.8), "\n".join(lines), fontsize=9.2, va="top", linespacing=1.3)
+
+
+def draw_arrow(
+    axes: plt.Axes, importer: tuple[float, float, float, float], imported: tuple[float, float, float, float]
+) -> None:
+    """From the bottom of one box to the top of another, in the middle of the narrower."""
+    narrow = min(importer, imported, key=lambda box: box[2])
+    middle = narrow[0] + narrow[2] / 2
+    start, end = (middle, -importer[1] - importer[3]), (middle, -imported[1])
+    axes.annotate("", end, start, arrowprops={"arrowstyle": "-|>", "color": "#333333", "lw": 1.1})
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """Lines of at most `width` characters, broken at commas."""
+    lines = [""]
+    for word in text.split(", "):
+        if lines[-1] and len(lines[-1]) + len(word) + 2 > width:
+            lines.append("")
+        lines[-1] += ("" if not lines[-1] else ", ") + word
+    return lines
+
+
+if __name__ == "__main__":
+    main()

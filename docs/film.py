@@ -1,0 +1,77 @@
+"""Make the film of the README: `python docs/film.py`, about a minute.
+
+The packaged policy flies the fixed river of Medium; the film shows the camera's view, the water mask and the map.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Step, evaluate, through_encoder
+from thalweg.bench.execute.rivers import PACKAGED_POLICY
+from thalweg.bench.pictures.film import Map
+from thalweg.core.atomic_io import whole
+from thalweg.encoder import load_encoder
+from thalweg.render import Camera, Renderer
+from thalweg.train import load_policy
+from thalweg.world import World
+
+PATH = Path(__file__).resolve().parent / "images" / "flight.webp"
+VIEW_PX, SIDE_PX, GAP_PX = 384, 188, 8
+START, FIRST_STEP, EVERY, FRAMES, FRAME_MS = 3, 44, 2, 120, 80
+QUALITY = 55
+"""Of WebP; the file stays below 3 MB."""
+TRACK, VEHICLE, PAPER = (255, 196, 61), (220, 50, 47), (24, 28, 32)
+
+
+def main() -> None:
+    frames = list(draw(*fly()))
+    with whole(PATH) as draft:
+        frames[0].save(
+            draft, save_all=True, append_images=frames[1:], duration=FRAME_MS, loop=0, quality=QUALITY, method=6
+        )
+    print(f"docs/images/{PATH.name}: {len(frames)} frames, {PATH.stat().st_size / 1e6:.2f} MB")
+
+
+def fly() -> tuple[World, np.ndarray, np.ndarray]:
+    """The world, and the poses [T, 4] and times [T] of the packaged policy's flight from one start on Medium."""
+    course = Course.of_level("Medium", EvaluationConfig()).only(START)
+    steps: list[Step] = []
+    view = through_encoder(course, load_encoder())
+    (episode,) = evaluate(
+        load_policy(PACKAGED_POLICY), course, Label("packaged", 0, "Medium"), look=view, on_step=steps.append
+    )
+    print(f"return {episode.return_:.2f}, cost {episode.cost:.1f}, {episode.length} steps")
+    return course.world, np.concatenate([step.poses for step in steps]), np.concatenate([step.time_s for step in steps])
+
+
+def draw(world: World, poses: np.ndarray, times: np.ndarray) -> Iterator[Image.Image]:
+    """The pictures of the film, one for every second step."""
+    renderer = Renderer([world], Camera(height_px=VIEW_PX, width_px=VIEW_PX))
+    chart = Map(world, SIDE_PX)
+    for step in range(FIRST_STEP, min(len(poses), FIRST_STEP + FRAMES * EVERY), EVERY):
+        frame = renderer.render(poses[step : step + 1], time_s=times[step : step + 1])[0]
+        canvas = Image.new("RGB", (VIEW_PX + GAP_PX + SIDE_PX, VIEW_PX), PAPER)
+        canvas.paste(Image.fromarray(frame[..., :3]), (0, 0))
+        mask = Image.fromarray(frame[..., 3]).resize((SIDE_PX, SIDE_PX))
+        canvas.paste(mask.convert("RGB"), (VIEW_PX + GAP_PX, 0))
+        canvas.paste(track(chart, poses[: step + 1]), (VIEW_PX + GAP_PX, VIEW_PX - SIDE_PX))
+        yield canvas
+
+
+def track(chart: Map, poses: np.ndarray) -> Image.Image:
+    """The map with the way flown so far, and the vehicle as an arrow."""
+    picture = chart.picture.copy()
+    pen = ImageDraw.Draw(picture)
+    points = [chart.pixel(x, y) for x, y in poses[:, :2]]
+    if len(points) > 1:
+        pen.line(points, TRACK, width=2)
+    (column, row), yaw = points[-1], poses[-1, 3]
+    pen.polygon([(column + 8 * np.cos(yaw + turn), row - 8 * np.sin(yaw + turn)) for turn in (0.0, 2.5, -2.5)], VEHICLE)
+    return picture
+
+
+if __name__ == "__main__":
+    main()

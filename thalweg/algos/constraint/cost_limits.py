@@ -1,5 +1,4 @@
-"""Which limits are there on the costs of an episode, and what do the episodes say of them? Of every algorithm that has
-such limits."""
+"""Settings of cost limits, their metrics, and warnings about limits that no episode exceeds."""
 
 import math
 from collections.abc import Sequence
@@ -8,7 +7,7 @@ from dataclasses import dataclass
 from thalweg.algos.interface import RECENT_EPISODES, Feedback
 
 ENOUGH_EPISODES = 20
-"""Before this many episodes nothing is said about what costs are possible."""
+"""Number of finished episodes from which warnings are given."""
 
 
 @dataclass(frozen=True)
@@ -16,23 +15,22 @@ class CostConfig:
     """Settings of a limit on the mean cost of an episode."""
 
     cost_limit: float = 0.1
-    """d: the mean cost that an episode may have."""
+    """Limit d on the mean cost of an episode."""
     cost_limits: tuple[float, ...] = ()
-    """Limits of the two costs that the environment tells apart, tight and loose, each for itself, in place of
-    `cost_limit`."""
+    """Separate limits of the tight and the loose cost, in place of `cost_limit`."""
 
     @property
     def limits(self) -> tuple[float, ...]:
-        """d of each cost [M]."""
+        """Limit d of each cost [M]."""
         return self.cost_limits or (self.cost_limit,)
 
     @property
     def separate_costs(self) -> bool:
-        """Whether costs are limited one by one."""
+        """Whether each cost has its own limit."""
         return bool(self.cost_limits)
 
     def cost_conditions(self) -> dict[str, tuple[bool, str]]:
-        """What must hold, for `require`."""
+        """Return, for each field, whether its condition holds and the condition in words."""
         return {
             "cost_limit": (0 <= self.cost_limit < math.inf, "must not be negative, nor infinite"),
             "cost_limits": (
@@ -44,19 +42,19 @@ class CostConfig:
 
 @dataclass(frozen=True)
 class MeanCostConfig:
-    """Settings of the mean cost that is held against the limit."""
+    """Settings of the mean cost that is compared with the limit."""
 
     cost_window: int = 0
-    """Last episodes that the mean cost is taken over, so that it lags; 0: those that have finished since the last
-    update, and if there are none, the last fifty (multipliers then stay as they are)."""
+    """Number of last episodes in the mean cost, which then lags. With 0, the mean is over the episodes that finished
+    since the last update; if there are none, over the last fifty, and multipliers do not change."""
 
     def window_conditions(self) -> dict[str, tuple[bool, str]]:
-        """What must hold, for `require`."""
+        """Return, for each field, whether its condition holds and the condition in words."""
         return {"cost_window": (0 <= self.cost_window <= RECENT_EPISODES, f"must be in 0..{RECENT_EPISODES}")}
 
 
 def cost_metrics(feedback: Feedback, limits: Sequence[float] = (), window: int = 0) -> dict[str, float]:
-    """J_c of each cost, the number of fresh episodes, and whether each limit has been broken by any episode."""
+    """Return J_c of each cost, the number of fresh episodes, and whether any episode has exceeded each limit."""
     names = cost_suffixes(len(feedback.largest_costs))
     means = {f"cost_mean{name}": mean for name, mean in zip(names, feedback.cost_means(window), strict=True)}
     bind = {
@@ -67,7 +65,7 @@ def cost_metrics(feedback: Feedback, limits: Sequence[float] = (), window: int =
 
 
 def limit_warnings(limits: Sequence[float], feedback: Feedback) -> dict[str, str]:
-    """Cost limits that no episode has been able to break, by a short code."""
+    """Return warnings, by a short code, about cost limits that no episode has exceeded."""
     if feedback.episodes < ENOUGH_EPISODES:
         return {}
     return {
@@ -79,12 +77,12 @@ def limit_warnings(limits: Sequence[float], feedback: Feedback) -> dict[str, str
 
 
 def cost_suffixes(costs: int) -> tuple[str, ...]:
-    """What tells the costs apart in names: nothing if there is but one, else tight and loose, or numbers."""
+    """Return the suffixes of the costs in names: none for a single cost, tight and loose for two, else numbers."""
     if costs == 1:
         return ("",)
-    return ("_tight", "_loose") if costs == 2 else tuple(f"_{place}" for place in range(costs))
+    return ("_tight", "_loose") if costs == 2 else tuple(f"_{index}" for index in range(costs))
 
 
 def as_word(suffix: str) -> str:
-    """A suffix as a word in a sentence, or nothing."""
+    """Return a suffix as a word followed by a space, or an empty string for a single cost."""
     return f"{suffix.removeprefix('_')} " if suffix else ""

@@ -1,4 +1,4 @@
-"""Lagrange multipliers at work: one for each cost, how they move, and how far they could still get."""
+"""Lagrange multipliers: settings, one multiplier per cost, its update, and the largest value it can still reach."""
 
 import math
 from collections import deque
@@ -13,39 +13,40 @@ from thalweg.algos.maths import multiplier as maths
 Rule = Literal["gradient", "adam"]
 
 NEGLIGIBLE = 0.1
-"""A multiplier that can't exceed this hardly changes what is learnt, be it one of standardised advantages or, off
-policy, of rewards of some size."""
+"""A multiplier that can't exceed this hardly changes the policy, whether it weighs standardised advantages or, off
+policy, rewards of some size."""
 ADAM_LONGEST = math.sqrt(10.0)
-"""The most steps' rates that a step of Adam can have: (1 - β₁) / √(1 - β₂)."""
+"""Largest step of Adam in units of its learning rate: (1 - β₁) / √(1 - β₂)."""
 SETTLING = 0.25
-"""Share of a run, its last, in which multipliers and natural steps may settle."""
+"""Final share of a run in which multipliers and natural steps settle, if their config says so."""
 
 
 @dataclass(frozen=True)
 class MultiplierConfig(MeanCostConfig):
-    """Settings of a Lagrange multiplier λ; each cost has one of its own."""
+    """Settings of the Lagrange multipliers λ; each cost has its own multiplier."""
 
     multiplier_rule: Rule = "gradient"
-    """How the part of λ that integrates moves: by projected gradient, or by Adam."""
+    """Optimiser of the integral part of λ: projected gradient, or Adam."""
     multiplier_rate: float = 1.0
-    """Step size of that part; K_I of a PID multiplier."""
+    """Step size of the integral part; K_I of a PID multiplier."""
     multiplier_gain: float = 10.0
-    """K_P: what is added to λ for each unit by which the mean cost exceeds the limit, at once; 0 for none."""
+    """K_P: added to λ for each unit by which the mean cost exceeds the limit; 0 switches this part off."""
     multiplier_derivative: float = 0.0
-    """K_D: what is added for each unit by which the mean cost has grown within `multiplier_delay` updates."""
+    """K_D: added to λ for each unit by which the mean cost has grown within `multiplier_delay` updates."""
     multiplier_smoothing: float = 0.0
-    """How much of the old mean cost the terms of K_P and K_D keep at each update, 0..1; 0: the last one alone."""
+    """Weight of the previous mean cost in the exponential mean that K_P and K_D use, 0..1; 0 uses the last mean cost
+    alone."""
     multiplier_delay: int = 1
-    """Updates over which the growth of the mean cost is taken."""
+    """Number of updates over which the growth of the mean cost is measured."""
     multiplier_initial: float = 0.0
     """λ before the first update."""
     multiplier_max: float = 10.0
     """Upper bound of λ."""
     multiplier_settles: bool = True
-    """Whether a mean cost below the limit counts ever less over the last quarter of the run, down to nothing at its
-    end: what swings about its limit, as a policy without chance always does, then ends on the safe side of it."""
+    """Whether a mean cost below the limit lowers λ less and less over the last quarter of the run, and not at all at
+    its end. A policy that oscillates about its limit, as a deterministic one does, then ends below it."""
     multiplier_warmup: int = 0
-    """Updates before λ first moves."""
+    """Number of updates before λ first changes."""
 
     def multiplier_conditions(self) -> dict[str, tuple[bool, str]]:
         """What must hold, for `require`."""
@@ -65,39 +66,43 @@ class MultiplierConfig(MeanCostConfig):
 
 
 class Multiplier:
-    """λ in 0..upper for one limit on the mean cost of an episode.
+    """A multiplier λ in 0..upper for one limit on the mean cost of an episode.
 
-    λ = clip(I + K_P δ + K_D ∂, 0, upper): a part I that moves by its rule, the smoothed violation δ, and the growth of
-    the smoothed cost ∂ (Stooke, Achiam, Abbeel 2020, algorithm 2). With K_P = K_D = 0 it is the usual dual ascent.
+    λ = clip(I + K_P δ + K_D ∂, 0, upper), with an integral part I, the smoothed violation δ, and the growth ∂ of the
+    smoothed cost (Stooke, Achiam, Abbeel 2020, algorithm 2). With K_P = K_D = 0 it is the usual dual ascent.
     """
 
     def __init__(self, config: MultiplierConfig, limit: float) -> None:
         self.config, self.limit = config, limit
-        self.value = self._moving = config.multiplier_initial
+        self.value = self._integral = config.multiplier_initial
         self._moments, self._count, self._updates = (0.0, 0.0), 0, 0
         self._smooth: deque[float] = deque(maxlen=config.multiplier_delay + 1)
-        """Smoothed mean costs, the newest last."""
+        """Exponential means of the mean cost, the newest last."""
 
     def update(self, cost: float, progress: float) -> None:
-        """Answer to the mean cost of the last episodes at this share of the run; NaN, where no episode has finished
-        yet, changes nothing."""
+        """Update λ by the mean cost of the last episodes.
+
+        Args:
+            cost: J_c; NaN, if no episode has finished yet, changes nothing.
+            progress: Share of the run so far, 0..1.
+        """
         config = self.config
         self._updates += 1
         if math.isnan(cost) or self._updates <= config.multiplier_warmup:
             return
-        upper, rate, felt = config.multiplier_max, config.multiplier_rate, self._felt(cost, progress)
+        upper, rate, effective = config.multiplier_max, config.multiplier_rate, self._effective_cost(cost, progress)
         if config.multiplier_rule == "gradient":
-            self._moving = maths.projected_gradient(self._moving, felt, self.limit, rate, upper)
+            self._integral = maths.projected_gradient(self._integral, effective, self.limit, rate, upper)
         else:
             self._count += 1
-            self._moving, self._moments = maths.adam(
-                self._moving, self._moments, self._count, felt, self.limit, rate, upper
+            self._integral, self._moments = maths.adam(
+                self._integral, self._moments, self._count, effective, self.limit, rate, upper
             )
         before = self._smooth[-1] if self._smooth else cost
         self._smooth.append(maths.smoothed(before, cost, config.multiplier_smoothing))
         self.value = maths.pid(
-            self._moving,
-            self._felt(self._smooth[-1], progress) - self.limit,
+            self._integral,
+            self._effective_cost(self._smooth[-1], progress) - self.limit,
             self._smooth[-1] - self._smooth[0],
             gain=config.multiplier_gain,
             derivative=config.multiplier_derivative,
@@ -105,32 +110,37 @@ class Multiplier:
         )
 
     def reach(self, updates: int, largest_cost: float) -> float:
-        """The largest λ possible after so many more updates if every episode had the largest cost seen."""
+        """Return the largest λ possible after this many more updates, if every episode had the largest cost seen."""
         moves = max(updates - max(self.config.multiplier_warmup - self._updates, 0), 0)
-        return self._after(self._moving, moves, largest_cost) if moves else self.value
+        return self._largest_after(self._integral, moves, largest_cost) if moves else self.value
 
     def possible(self, updates: int, largest_cost: float) -> float:
-        """The largest λ possible in the whole run, of which so many updates are left, if every episode had."""
-        moves = max(self._updates + updates - self.config.multiplier_warmup, 0)
-        return self._after(self.config.multiplier_initial, moves, largest_cost)
+        """Return the largest λ possible in the run if every episode had the largest cost seen.
 
-    def _after(self, begin: float, moves: int, largest_cost: float) -> float:
+        `updates` is the number of updates that are left.
+        """
+        moves = max(self._updates + updates - self.config.multiplier_warmup, 0)
+        return self._largest_after(self.config.multiplier_initial, moves, largest_cost)
+
+    def _largest_after(self, initial: float, moves: int, largest_cost: float) -> float:
         config, gap = self.config, max(largest_cost - self.limit, 0.0)
         step = config.multiplier_rate * (gap if config.multiplier_rule == "gradient" else ADAM_LONGEST * (gap > 0))
         growth = config.multiplier_derivative * max(largest_cost, 0.0)
-        return min(begin + moves * step + (config.multiplier_gain * gap + growth) * (moves > 0), config.multiplier_max)
+        return min(
+            initial + moves * step + (config.multiplier_gain * gap + growth) * (moves > 0), config.multiplier_max
+        )
 
-    def _felt(self, cost: float, progress: float) -> float:
-        """The cost as it counts: one below the limit ever less, where the multiplier settles."""
+    def _effective_cost(self, cost: float, progress: float) -> float:
+        """Return the cost that λ responds to: while the multiplier settles, a cost below the limit moves towards it."""
         if not self.config.multiplier_settles or cost >= self.limit:
             return cost
         return cost + max(1.0 - (1.0 - progress) / SETTLING, 0.0) * (self.limit - cost)
 
     def state(self) -> dict[str, Any]:
-        """Plain data."""
+        """Return the state as plain data."""
         return {
             "value": self.value,
-            "moving": self._moving,
+            "moving": self._integral,
             "moments": list(self._moments),
             "count": self._count,
             "updates": self._updates,
@@ -138,9 +148,9 @@ class Multiplier:
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """The inverse of `state`."""
+        """Restore what `state` returned."""
         first, second = state["moments"]
-        self.value, self._moving = float(state["value"]), float(state["moving"])
+        self.value, self._integral = float(state["value"]), float(state["moving"])
         self._moments, self._count = (float(first), float(second)), int(state["count"])
         self._updates = int(state["updates"])
         self._smooth.clear()
@@ -148,7 +158,7 @@ class Multiplier:
 
 
 class Multipliers:
-    """One multiplier for each of M costs."""
+    """The multipliers of M costs."""
 
     def __init__(self, config: MultiplierConfig, limits: Sequence[float]) -> None:
         self.config = config
@@ -157,33 +167,34 @@ class Multipliers:
     @property
     def values(self) -> tuple[float, ...]:
         """λ of each cost [M]."""
-        return tuple(one.value for one in self.each)
+        return tuple(multiplier.value for multiplier in self.each)
 
     def update(self, feedback: Feedback) -> None:
-        """Answer to the mean costs of the episodes that count; without a window, each episode counts once."""
-        known = self.config.cost_window or len(feedback.fresh_costs)
-        for one, cost in zip(self.each, feedback.cost_means(self.config.cost_window), strict=True):
-            one.update(cost if known else math.nan, feedback.progress)
+        """Update every λ by the mean cost of its episodes; without a window, each episode counts once."""
+        has_news = self.config.cost_window or len(feedback.fresh_costs)
+        for multiplier, cost in zip(self.each, feedback.cost_means(self.config.cost_window), strict=True):
+            multiplier.update(cost if has_news else math.nan, feedback.progress)
 
     def metrics(self, feedback: Feedback, updates_left: int) -> dict[str, float]:
-        """Each λ used in this update, and how far it can still get."""
+        """Return each λ used in this update, and the largest value it can still reach."""
         names = cost_suffixes(len(self.each))
         reaches = [
-            one.reach(updates_left, largest) for one, largest in zip(self.each, feedback.largest_costs, strict=True)
+            multiplier.reach(updates_left, largest)
+            for multiplier, largest in zip(self.each, feedback.largest_costs, strict=True)
         ]
         return {f"multiplier{name}": value for name, value in zip(names, self.values, strict=True)} | {
             f"multiplier_reach{name}": reach for name, reach in zip(names, reaches, strict=True)
         }
 
     def warnings(self, feedback: Feedback, updates_left: int) -> dict[str, str]:
-        """Multipliers that can't do their work, by a short code; nothing is said before enough episodes."""
+        """Return warnings, by a short code, about multipliers that stay negligible; none before enough episodes."""
         found: dict[str, str] = {}
         if feedback.episodes < ENOUGH_EPISODES:
             return found
         names = cost_suffixes(len(self.each))
-        for one, name, largest in zip(self.each, names, feedback.largest_costs, strict=True):
-            possible = one.possible(updates_left, largest)
-            if largest > one.limit and possible < NEGLIGIBLE:
+        for multiplier, name, largest in zip(self.each, names, feedback.largest_costs, strict=True):
+            possible = multiplier.possible(updates_left, largest)
+            if largest > multiplier.limit and possible < NEGLIGIBLE:
                 found[f"multiplier_too_slow{name}"] = (
                     f"the {as_word(name)}multiplier can't exceed {possible:.3g} in this run, {updates_left} updates "
                     f"before its end: raise multiplier_rate (now {self.config.multiplier_rate:g}), multiplier_gain, "
@@ -192,10 +203,10 @@ class Multipliers:
         return found
 
     def state(self) -> dict[str, Any]:
-        """Plain data."""
-        return {str(place): one.state() for place, one in enumerate(self.each)}
+        """Return the state as plain data."""
+        return {str(index): multiplier.state() for index, multiplier in enumerate(self.each)}
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """The inverse of `state`."""
-        for place, one in enumerate(self.each):
-            one.load_state(state[str(place)])
+        """Restore what `state` returned."""
+        for index, multiplier in enumerate(self.each):
+            multiplier.load_state(state[str(index)])

@@ -1,4 +1,4 @@
-"""Which settings do all on-policy algorithms have, and which those with a cost limit?"""
+"""Settings that on-policy algorithms share: all of them, first-order, natural-step and constrained ones."""
 
 from dataclasses import dataclass
 
@@ -15,48 +15,49 @@ class OnPolicyConfig:
     """Settings of every on-policy algorithm."""
 
     steps_per_update: int = 2048
-    """Steps between updates, all environments together; two of each environment at least."""
+    """Environment steps between two updates, summed over all environments; at least two per environment."""
     passes: int = 10
-    """How often an update goes through its steps, at most; where the policy takes a single step, the critics alone."""
+    """Largest number of passes over the rollout per update; OnCRPO and CPO use it for the critics only."""
     minibatch: int = 256
-    """Steps of one gradient step, about."""
+    """Approximate number of environment steps per gradient step."""
     critic_learning_rate: float = 1e-3
-    """Adam's, for the critics."""
+    """Learning rate of Adam for the critics."""
     discount: float = 0.99
-    """γ of the reward."""
+    """Discount factor γ of the reward."""
     trace: float = 0.95
-    """λ of generalised advantage estimation, of the reward."""
+    """λ of generalised advantage estimation for the reward."""
     max_grad_norm: float = 1.0
-    """Longer gradients are shortened to this, the policy's and the critics' each by itself."""
+    """Largest norm of a gradient; the gradients of the policy and of the critics are clipped separately."""
     critic_decay: float = 0.0
-    """Weight of the critics' squared parameters beside half their mean squared error."""
+    """L2 regularisation of the critics: weight of their squared parameters, added to half their mean squared error."""
     hidden: tuple[int, ...] = (64, 64)
-    """Sizes of the hidden layers, of the policy and of each critic."""
+    """Sizes of the hidden layers of the policy and of each critic."""
     activation: Activation = "tanh"
-    """Of the hidden layers."""
+    """Activation function of the hidden layers."""
     initial: Initial = "orthogonal"
-    """How weights start: orthogonal with a last layer of the policy near zero ("orthogonal"); uniform as
-    torch's own layers ("kaiming"); or normal, cut off at two deviations ("truncated")."""
+    """Initial weights: "orthogonal", with a last layer of the policy near zero; "kaiming", uniform as in torch's own
+    layers; or "truncated", normal and cut off at two standard deviations."""
     normalise_observations: bool = True
     """Whether observations are standardised by running statistics."""
     adapter: Adapter = "native"
-    """Discrete actions as choices ("native"), or as a Gaussian that is rounded ("box_literal", "box_scaled")."""
+    """How discrete actions are learnt: as categorical choices ("native"), or as Gaussian numbers that are rounded to
+    options ("box_literal", "box_scaled")."""
     frame_stack: int = 1
-    """How many of the last observations are seen side by side."""
+    """Number of last observations that are concatenated."""
     memory: Memory = "none"
-    """"gru": policy and critics have a recurrent network each in front."""
+    """Recurrent memory: with "gru", a recurrent network precedes the policy and another one the critics."""
     memory_size: int = 64
-    """Numbers of the recurrent state."""
+    """Size of the recurrent state."""
     sequence: int = 16
-    """Steps that a gradient goes back through the recurrent network."""
+    """Steps of backpropagation through time."""
     reset_each_update: bool = False
-    """Whether all episodes are cut off after each update, and count for nothing, as in OmniSafe."""
+    """Whether all environments are reset after each update, as in OmniSafe; the unfinished episodes are not counted."""
 
     def __post_init__(self) -> None:
         require(self, self.conditions())
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
-        """What must hold of each field, in words."""
+        """Return, for each field, whether its condition holds and the condition in words."""
         return {
             "steps_per_update": (self.steps_per_update > 0, "must be positive"),
             "passes": (self.passes > 0, "must be positive"),
@@ -74,24 +75,24 @@ class OnPolicyConfig:
 
     @property
     def shape(self) -> NetworkShape:
-        """Of the networks."""
+        """Shape of the networks."""
         memory = self.memory_size if self.memory == "gru" else 0
         return NetworkShape(self.hidden, self.activation, self.initial, memory)
 
 
 @dataclass(frozen=True)
 class FirstOrderConfig(OnPolicyConfig):
-    """Settings of every on-policy algorithm whose policy learns by Adam."""
+    """Settings of every on-policy algorithm whose policy is trained by Adam."""
 
     target_kl: float = 0.02
-    """No further pass once the policy is this far from the one that acted: mean KL of all branches together, in
-    nats."""
+    """Passes stop once the mean KL from the policy that collected the rollout exceeds this, in nats, summed over action
+    branches."""
     learning_rate: float = 1e-3
-    """Adam's, for the policy."""
+    """Learning rate of Adam for the policy."""
     linear_decay: bool = True
-    """Whether the policy's learning rate falls linearly to 0 over the run."""
+    """Whether the policy's learning rate decays linearly to 0 over the run."""
     entropy: float = 0.003
-    """Weight of the policy's entropy (nats, summed over branches) in the loss."""
+    """Coefficient of the policy's entropy (nats, summed over action branches) in the loss."""
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return super().conditions() | {
@@ -103,23 +104,24 @@ class FirstOrderConfig(OnPolicyConfig):
 
 @dataclass(frozen=True)
 class NaturalConfig(OnPolicyConfig):
-    """Settings of every on-policy algorithm whose policy takes one natural step an update."""
+    """Settings of every on-policy algorithm whose policy takes one natural-gradient step per update."""
 
     trust_radius: float = 0.02
-    """δ: how far one step may move the policy: mean KL of all branches together, in nats."""
+    """Trust region δ: the largest mean KL of one step, in nats, summed over action branches."""
     radius_settles: bool = True
-    """Whether δ falls to nothing over the last quarter of the run, so that what remains of a policy that swings about a
-    limit does not depend on where the swing is cut off."""
+    """Whether δ decays to 0 over the last quarter of the run, so that a policy that oscillates about its limit does not
+    end at an arbitrary point of the oscillation."""
     kl_per_dimension: bool = False
-    """Whether that KL is a mean over the action's numbers too, as in OmniSafe, so that it allows as many times more."""
+    """Whether that KL is averaged over the action dimensions A too, as in OmniSafe, which allows A times as large a
+    step."""
     conjugate_iterations: int = 15
-    """Of the conjugate gradient that solves for the step."""
+    """Iterations of the conjugate gradient method that solves for the step."""
     damping: float = 0.1
-    """Added to the Fisher matrix, as this multiple of the identity."""
+    """Damping: multiple of the identity that is added to the Fisher matrix."""
     backtracks: int = 15
-    """Steps tried at most, each shorter than the one before; if none will do, the policy stays."""
+    """Largest number of steps that the line search tries; if none is accepted, the policy stays."""
     backtrack_factor: float = 0.8
-    """How much shorter."""
+    """Factor by which each step of the line search is shorter than the one before."""
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return super().conditions() | {
@@ -133,15 +135,15 @@ class NaturalConfig(OnPolicyConfig):
 
 @dataclass(frozen=True)
 class ConstrainedConfig(CostConfig, MeanCostConfig):
-    """Settings of every on-policy algorithm with a cost limit, beside the others."""
+    """Settings of the costs of every on-policy algorithm with a cost limit."""
 
     cost_discount: float = 0.99
-    """γ of the cost."""
+    """Discount factor γ of the cost."""
     cost_trace: float = 0.95
-    """λ of generalised advantage estimation, of the cost."""
+    """λ of generalised advantage estimation for the cost."""
     standardise_cost: bool = True
-    """Whether a cost's advantage is divided by its own deviation, so that a multiplier compares like with like; else
-    only centred."""
+    """Whether a cost's advantages are divided by their standard deviation, so that the multiplier weighs quantities of
+    the same scale; otherwise they are only centred."""
 
     def cost_conditions(self) -> dict[str, tuple[bool, str]]:
         return (

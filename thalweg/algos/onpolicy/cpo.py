@@ -24,7 +24,7 @@ class CPOConfig(ConstrainedConfig, NaturalConfig):
     """Settings of CPO."""
 
     standardise_cost: bool = False
-    """Must be off: cost advantages and the violation are divided by the same deviation in any case."""
+    """Must be off: CPO always divides the cost advantages and the violation by the same standard deviation."""
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return (
@@ -48,7 +48,7 @@ class CPO:
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
 
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Raw actions [N, A] drawn from the policy."""
+        """Return raw actions [N, A] sampled from the policy."""
         return self.agent.act(obs, fresh)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:

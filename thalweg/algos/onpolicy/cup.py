@@ -28,13 +28,13 @@ class CUPConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
     """Settings of CUP; its multiplier is called ν in its paper."""
 
     clip: float = 0.2
-    """ε: how far the probability ratio counts in the first step, to either side of 1."""
+    """Clip range ε of the first step: the probability ratio is clipped to 1 ± ε."""
     entropy: float = 0.01
-    """Weight of the policy's entropy (nats, summed over branches) in the loss."""
+    """Coefficient of the policy's entropy (nats, summed over action branches) in the loss."""
     projection_passes: int = 10
-    """How often the projection goes through the update's steps, at most."""
+    """Largest number of passes of the projection over the rollout."""
     multiplier_max: float = 2.0
-    """Upper bound of ν."""
+    """Upper bound of the multiplier ν."""
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return (
@@ -75,7 +75,7 @@ class CUP:
         self.multipliers = Multipliers(config, config.limits)
 
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Raw actions [N, A] drawn from the policy."""
+        """Return raw actions [N, A] sampled from the policy."""
         return self.agent.act(obs, fresh)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:

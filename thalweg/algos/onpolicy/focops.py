@@ -29,18 +29,19 @@ class FOCOPSConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
     """Settings of FOCOPS; its multiplier is called ν in its paper."""
 
     temperature: float = 0.5
-    """λ: how little the policy follows the advantages for each nat that it moves."""
+    """Temperature λ: a larger one makes the policy follow the advantages less."""
     trust_radius: float = 0.02
-    """η: a state whose policy has moved further than this is drawn by neither advantages nor KL, only by the entropy:
-    KL of all branches together, in nats."""
+    """Trust region η of each state, a KL in nats, summed over action branches. Beyond it, only the entropy term of the
+    loss has a gradient in that state."""
     mask: Literal["state", "batch"] = "state"
-    """"state": the trust region of the paper. "batch": the weaker one that OmniSafe 0.5 computes by a broadcast."""
+    """Kind of trust region: "state" is that of the paper, "batch" the weaker one that OmniSafe 0.5 computes by a
+    broadcast."""
     normalise_by_multiplier: bool = False
-    """Whether A_r - Σ ν A_c is divided by 1 + Σ ν, as in OmniSafe; not in the paper."""
+    """Whether A_r - Σ ν A_c is divided by 1 + Σ ν, as in OmniSafe; the paper does not divide it."""
     multiplier_max: float = 2.0
-    """Upper bound of ν."""
+    """Upper bound of the multiplier ν."""
     entropy: float = 0.005
-    """Weight of the policy's entropy (nats, summed over branches) in the loss; the paper has none."""
+    """Coefficient of the policy's entropy (nats, summed over action branches) in the loss; the paper has none."""
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return (
@@ -81,7 +82,7 @@ class FOCOPS:
         self.multipliers = Multipliers(config, config.limits)
 
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Raw actions [N, A] drawn from the policy."""
+        """Return raw actions [N, A] sampled from the policy."""
         return self.agent.act(obs, fresh)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:

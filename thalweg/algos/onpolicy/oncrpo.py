@@ -28,7 +28,7 @@ class OnCRPOConfig(ConstrainedConfig, NaturalConfig):
     """Settings of OnCRPO."""
 
     tolerance: float = 0.0
-    """How far above its limit a mean cost may be before it is what the next step is about."""
+    """How far above its limit a mean cost may be before the next step reduces it."""
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return (
@@ -49,7 +49,7 @@ class OnCRPO:
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
 
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Raw actions [N, A] drawn from the policy."""
+        """Return raw actions [N, A] sampled from the policy."""
         return self.agent.act(obs, fresh)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:

@@ -29,21 +29,21 @@ class P3OConfig(ConstrainedConfig, FirstOrderConfig):
     """Settings of P3O."""
 
     penalty: float = 2.0
-    """κ: the weight of the penalty; exact as soon as it exceeds the optimal multiplier."""
+    """Weight κ of the penalty; the penalty is exact once κ exceeds the optimal multiplier."""
     clip: float = 0.2
-    """ε: how far the probability ratio counts, to either side of 1."""
+    """Clip range ε: the probability ratio is clipped to 1 ± ε."""
     clip_cost: bool = True
-    """Whether the cost's surrogate is clipped too, as in the paper; not in OmniSafe 0.5."""
+    """Whether the cost's surrogate is clipped too, as in the paper; OmniSafe 0.5 does not clip it."""
     limit_scale: Literal["length", "discount", "none"] = "length"
-    """What the violation of an episode is in steps: divided by an episode's mean length, since the costs are not
-    discounted; times 1-γ, as in the paper, whose costs are; or as it is, as in OmniSafe 0.5, where its sign decides
-    alone."""
+    """How the violation of an episode is scaled to a mean over steps: "length" divides it by the mean episode length,
+    which suits undiscounted costs; "discount" multiplies it by 1-γ, as in the paper, whose costs are discounted; "none"
+    leaves it, as in OmniSafe 0.5, where its sign alone decides."""
     centre_minibatches: bool = True
-    """Whether the cost's advantage is centred over each minibatch too, so that chance alone does not open the gate; in
-    OmniSafe over the rollout only."""
+    """Whether the cost's advantages are centred over each minibatch too, so that noise alone does not switch the
+    penalty on; OmniSafe centres them over the rollout only."""
     standardise_cost: bool = True
-    """Whether a cost's advantage is divided by its own deviation, and the violation with it, so that κ is of no unit;
-    else only centred."""
+    """Whether a cost's advantages, and the violation with them, are divided by their deviation, so that κ has no
+    unit; otherwise the advantages are only centred."""
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return (
@@ -109,7 +109,7 @@ class P3O:
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
 
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Raw actions [N, A] drawn from the policy."""
+        """Return raw actions [N, A] sampled from the policy."""
         return self.agent.act(obs, fresh)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:

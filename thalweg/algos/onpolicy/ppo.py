@@ -19,7 +19,7 @@ class PPOConfig(FirstOrderConfig):
     """Settings of PPO."""
 
     clip: float = 0.2
-    """ε: how far the probability ratio counts, to either side of 1."""
+    """Clip range ε: the probability ratio is clipped to 1 ± ε."""
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return super().conditions() | {"clip": (self.clip > 0, "must be positive")}
@@ -47,7 +47,7 @@ class PPO:
         )
 
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Raw actions [N, A] drawn from the policy."""
+        """Return raw actions [N, A] sampled from the policy."""
         return self.agent.act(obs, fresh)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:

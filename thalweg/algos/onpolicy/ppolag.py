@@ -28,11 +28,11 @@ class PPOLagConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
     """Settings of PPOLag."""
 
     clip: float = 0.2
-    """ε: how far the probability ratio counts, to either side of 1."""
+    """Clip range ε: the probability ratio is clipped to 1 ± ε."""
     multiplier_max: float = 2.0
-    """Upper bound of λ."""
+    """Upper bound of the multiplier λ."""
     entropy: float = 0.01
-    """Weight of the policy's entropy (nats, summed over branches) in the loss."""
+    """Coefficient of the policy's entropy (nats, summed over action branches) in the loss."""
 
     def conditions(self) -> dict[str, tuple[bool, str]]:
         return (
@@ -60,7 +60,7 @@ class PPOLag:
         self.multipliers = Multipliers(config, config.limits)
 
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Raw actions [N, A] drawn from the policy."""
+        """Return raw actions [N, A] sampled from the policy."""
         return self.agent.act(obs, fresh)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:

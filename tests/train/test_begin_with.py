@@ -13,7 +13,7 @@ from tests.train.small_runs import SMALL, Stop, StopsAt, numbers, train
 from thalweg.algos import AlgorithmError
 from thalweg.algos.interface import Feedback
 from thalweg.algos.offpolicy.agent import Agent
-from thalweg.algos.offpolicy.replay import Batch
+from thalweg.algos.offpolicy.replay_buffer import Batch
 from thalweg.algos.policy.policy import load_policy
 from thalweg.train.run_state import Training
 
@@ -61,7 +61,7 @@ def test_slow_copies_follow_the_policy_that_was_taken_over(algorithm: str, tmp_p
     def look(agent: Agent, feedback: Feedback, step: Callable[[Batch], None]) -> None:
         def looked(batch: Batch) -> None:
             if not agent.gradient_steps:
-                found.append(bool((agent.slow.slow == agent.slow.fast).all()))
+                found.append(bool((agent.targets.target == agent.targets.online).all()))
             step(batch)
 
         learn(agent, feedback, looked)

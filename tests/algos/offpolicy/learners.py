@@ -1,4 +1,4 @@
-"""Off-policy learners for tests: small ones, and rollouts that say which action pays."""
+"""Small off-policy learners for tests, and rollouts whose rewards depend on the action."""
 
 import itertools
 from typing import Any
@@ -10,7 +10,7 @@ import torch
 from tests.algos import rollouts
 from thalweg.algos import ALGORITHMS
 from thalweg.algos.interface import Rollout, Task
-from thalweg.algos.offpolicy.replay import Batch
+from thalweg.algos.offpolicy.replay_buffer import Batch
 
 N, T, D = 4, 32, 5
 NAMES = ("DDPGLag", "TD3Lag", "SACLag")
@@ -28,21 +28,21 @@ def learner_for(name: str, space: Any = SPACES["MultiDiscrete"], seed: Any = 0, 
 
 
 def rollout_of(learner: Any, seed: int = 0, steps: int = T, **changes: Any) -> Rollout:
-    """Steps whose reward is 1 for the first option or a positive number, and whose cost is 1 for the others."""
+    """A rollout whose reward is 1 for the first option or a positive number, and whose cost is 1 for the others."""
     generator = torch.Generator().manual_seed(seed)
     obs = torch.randn(steps + 1, N, D * learner.config.frame_stack, generator=generator)
     ends = torch.rand(steps, N, generator=generator) < 0.2
     fresh = torch.cat([torch.ones(1, N, dtype=torch.bool), ends])
     actions = torch.stack([learner.act(obs[t], fresh[t]) for t in range(steps)])
     kind = learner.policy.actions
-    good = kind.options(actions)[..., 0] == 0 if kind.sizes else actions[..., 0] > 0
-    costs = (~good).float().unsqueeze(-1).expand(-1, -1, len(learner.config.limits))
-    fields = {"actions": actions, "rewards": good.float(), "costs": costs, "terminated": ends, "fresh": fresh}
+    rewarded = kind.options(actions)[..., 0] == 0 if kind.sizes else actions[..., 0] > 0
+    costs = (~rewarded).float().unsqueeze(-1).expand(-1, -1, len(learner.config.limits))
+    fields = {"actions": actions, "rewards": rewarded.float(), "costs": costs, "terminated": ends, "fresh": fresh}
     return rollouts.rollout_of(obs, **(fields | changes))
 
 
-def share_of_good(learner: Any) -> float:
-    """Of what its policy does first in an episode."""
+def share_of_rewarded(learner: Any) -> float:
+    """Share of the policy's first actions in an episode that are rewarded."""
     obs = np.random.default_rng(9).standard_normal((512, D)).astype(np.float32)
     player = learner.policy.player(len(obs), generator=torch.Generator().manual_seed(0))
     actions = player(obs, np.ones(len(obs), dtype=bool)).reshape(len(obs), -1)
@@ -50,18 +50,18 @@ def share_of_good(learner: Any) -> float:
 
 
 def batch_of(learner: Any, raw: torch.Tensor, seed: int = 0, ends: int = 2) -> Batch:
-    """A batch with raw actions [B, A], of which the first `ends` steps ended an episode."""
+    """A batch with raw actions [B, A] whose first `ends` steps terminated an episode."""
     generator = torch.Generator().manual_seed(seed)
     size, seen = len(raw), D * learner.config.frame_stack
-    actions = learner.form.coded(raw)
+    actions = learner.action_form.encode(raw)
     obs, next_obs = torch.randn(size, seen, generator=generator), torch.randn(size, seen, generator=generator)
-    paid = torch.rand(1 + len(learner.config.limits), size, generator=generator)
-    going_on = (torch.arange(size) >= ends).float()
-    return Batch(obs, actions, torch.cat([obs, actions], 1), next_obs, paid, going_on)
+    signals = torch.rand(1 + len(learner.config.limits), size, generator=generator)
+    continues = (torch.arange(size) >= ends).float()
+    return Batch(obs, actions, torch.cat([obs, actions], 1), next_obs, signals, continues)
 
 
-def one_by_one(stack: Any, x: torch.Tensor) -> torch.Tensor:
-    """[K, B, outputs] of a stack, layer by layer and perceptron by perceptron, in float64."""
+def layer_by_layer(stack: Any, x: torch.Tensor) -> torch.Tensor:
+    """Outputs [K, B, outputs] of a stack in float64, computed layer by layer and perceptron by perceptron."""
     sizes, flat, at = stack.sizes, stack.flat.detach().double(), 0
     hidden = [x.double()] * stack.count
     for layer, (before, after) in enumerate(itertools.pairwise(sizes)):
@@ -75,9 +75,9 @@ def one_by_one(stack: Any, x: torch.Tensor) -> torch.Tensor:
     return torch.stack(hidden)
 
 
-def shake(learner: Any, seed: int = 0) -> None:
-    """Let networks and their slow copies differ, and no output be near 0."""
+def perturb(learner: Any, seed: int = 0) -> None:
+    """Add noise to all parameters, so that target networks differ and no output is near 0."""
     generator = torch.Generator().manual_seed(seed)
-    slow = learner.agent.slow
-    for vector in (slow.fast, slow.slow):
+    targets = learner.agent.targets
+    for vector in (targets.online, targets.target):
         vector += 0.3 * torch.randn(vector.shape, generator=generator)

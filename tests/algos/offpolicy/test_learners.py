@@ -1,4 +1,4 @@
-"""What every off-policy algorithm must do."""
+"""Tests that every off-policy algorithm must pass."""
 
 import dataclasses
 import math
@@ -8,7 +8,7 @@ import gymnasium as gym
 import pytest
 import torch
 
-from tests.algos.offpolicy.learners import NAMES, SPACES, N, T, learner_for, rollout_of, share_of_good
+from tests.algos.offpolicy.learners import NAMES, SPACES, N, T, learner_for, rollout_of, share_of_rewarded
 from tests.algos.rollouts import feedback
 from thalweg.algos import AlgorithmError, NotFiniteError
 from thalweg.algos.policy.actions import actions_of
@@ -19,8 +19,8 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "scaled": {"adapter": "box_scaled"},
     "literal": {"adapter": "box_literal"},
     "frames": {"frame_stack": 3},
-    "twins": {"cost_critics": 2},
-    "apart": {"cost_limits": (0.1, 0.2), "cost_critics": 2},
+    "two cost critics": {"cost_critics": 2},
+    "separate costs": {"cost_limits": (0.1, 0.2), "cost_critics": 2},
     "kaiming": {"initial": "kaiming", "activation": "tanh", "normalise_observations": False},
     "omnisafe": {
         "multiplier_schedule": "gradient_step",
@@ -31,33 +31,33 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "small replay": {"replay_size": 100},
     "delayed": {"policy_delay": 3, "updates_per_step": 0.3},
 }
-"""Settings that change what is learnt or remembered."""
+"""Settings that change what is learnt or stored."""
 
 
-def told(learner: Any, cost: float = 0.5, **others: Any):
+def given(learner: Any, cost: float = 0.5, **others: Any):
     """Feedback with as many costs as the learner limits."""
     return feedback(*[cost] * len(learner.config.limits), **others)
 
 
-def learns(name: str, space: gym.Space, *, first_pays: bool, **settings: Any) -> bool:
-    """Whether eight rounds are enough to prefer what pays, be it the first option or the others."""
-    given = {"learning_rate": 1e-2, "critic_learning_rate": 3e-3, "updates_per_step": 0.25, "multiplier_max": 0.0}
-    learner = learner_for(name, space, **(given | settings))
+def learns(name: str, space: gym.Space, *, first_rewarded: bool, **settings: Any) -> bool:
+    """Whether eight rounds are enough to prefer the rewarded actions, be it the first option or the others."""
+    usual = {"learning_rate": 1e-2, "critic_learning_rate": 3e-3, "updates_per_step": 0.25, "multiplier_max": 0.0}
+    learner = learner_for(name, space, **(usual | settings))
     for seed in range(8):
         rollout = rollout_of(learner, seed)
-        paid = rollout.rewards if first_pays else 1.0 - rollout.rewards
-        learner.update(dataclasses.replace(rollout, rewards=paid), told(learner))
-    return share_of_good(learner) > 0.8 if first_pays else share_of_good(learner) < 0.2
+        rewards = rollout.rewards if first_rewarded else 1.0 - rollout.rewards
+        learner.update(dataclasses.replace(rollout, rewards=rewards), given(learner))
+    return share_of_rewarded(learner) > 0.8 if first_rewarded else share_of_rewarded(learner) < 0.2
 
 
 @pytest.mark.parametrize("space", SPACES.values(), ids=list(SPACES))
 @pytest.mark.parametrize("name", NAMES)
 class TestEveryAlgorithm:
-    def test_it_learns_which_action_pays(self, name: str, space: gym.Space):
-        assert learns(name, space, first_pays=True) and learns(name, space, first_pays=False)
+    def test_it_learns_the_rewarded_action(self, name: str, space: gym.Space):
+        assert learns(name, space, first_rewarded=True) and learns(name, space, first_rewarded=False)
 
-    def test_from_its_state_it_goes_on_to_the_last_bit(self, name: str, space: gym.Space):
-        goes_on_to_the_last_bit(name, space)
+    def test_a_restored_state_continues_bit_identically(self, name: str, space: gym.Space):
+        assert_resumes_bit_identically(name, space)
 
     def test_nan_in_the_rewards_stops_it(self, name: str, space: gym.Space):
         learner = learner_for(name, space)
@@ -78,19 +78,19 @@ class TestEveryAlgorithm:
             valid = torch.ones(T, N, dtype=torch.bool)
             valid[5::7] = False
             rollout = rollout_of(learner, valid=valid)
-            paid = torch.where(valid, rollout.rewards, junk)
-            results.append(learner.update(dataclasses.replace(rollout, rewards=paid), FEEDBACK))
+            rewards = torch.where(valid, rollout.rewards, junk)
+            results.append(learner.update(dataclasses.replace(rollout, rewards=rewards), FEEDBACK))
         assert results[0]["replay"] == N * T - 4 * N == results[1]["replay"]
         assert results[0] == results[1]
 
 
-def goes_on_to_the_last_bit(name: str, space: gym.Space, **settings: Any) -> None:
-    """After a round that reported nothing, so that everything is under way."""
+def assert_resumes_bit_identically(name: str, space: gym.Space, **settings: Any) -> None:
+    """Assert that a restored state continues bit-identically, after a round without a report."""
     learner, other = (learner_for(name, space, steps_per_update=N * T + 1, **settings) for _ in range(2))
-    assert not learner.update(rollout_of(learner), told(learner))
+    assert not learner.update(rollout_of(learner), given(learner))
     other.load_state(learner.state())
     for seed in (1, 2):
-        ours, theirs = (one.update(rollout_of(one, seed), told(one, 0.3)) for one in (learner, other))
+        ours, theirs = (one.update(rollout_of(one, seed), given(one, 0.3)) for one in (learner, other))
         assert str(ours) == str(theirs) and bool(ours) == (seed == 1)
     assert_same(learner.state(), other.state())
 
@@ -107,15 +107,17 @@ def assert_same(one: Any, two: Any) -> None:
 @pytest.mark.parametrize("settings", VARIANTS.values(), ids=list(VARIANTS))
 @pytest.mark.parametrize("name", NAMES)
 class TestEveryVariant:
-    def test_from_its_state_it_goes_on_to_the_last_bit(self, name: str, settings: dict[str, Any]):
-        goes_on_to_the_last_bit(name, SPACES["MultiDiscrete"], **settings)
+    def test_a_restored_state_continues_bit_identically(self, name: str, settings: dict[str, Any]):
+        assert_resumes_bit_identically(name, SPACES["MultiDiscrete"], **settings)
 
-    def test_it_learns_which_action_pays(self, name: str, settings: dict[str, Any]):
-        assert learns(name, SPACES["MultiDiscrete"], first_pays=settings.get("adapter") == "box_literal", **settings)
+    def test_it_learns_the_rewarded_action(self, name: str, settings: dict[str, Any]):
+        assert learns(
+            name, SPACES["MultiDiscrete"], first_rewarded=settings.get("adapter") == "box_literal", **settings
+        )
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_two_costs_pull_by_their_own_multipliers(name: str):
+def test_each_cost_acts_through_its_own_multiplier(name: str):
     ends = []
     for dear in (0, 1):
         still: dict[str, Any] = {"multiplier_rate": 0.0, "multiplier_gain": 0.0, "multiplier_initial": 0.0}
@@ -124,15 +126,15 @@ def test_two_costs_pull_by_their_own_multipliers(name: str):
         for seed in range(10):
             rollout = rollout_of(learner, seed)
             good = rollout.actions[..., 0] == 0
-            apart = torch.stack([good, ~good], -1).float()  # the first option's cost is tight, the others' loose
-            learner.update(dataclasses.replace(rollout, costs=apart, rewards=torch.zeros(T, N)), told(learner, 0.1))
+            separate = torch.stack([good, ~good], -1).float()  # the first option's cost is tight, the others' loose
+            learner.update(dataclasses.replace(rollout, costs=separate, rewards=torch.zeros(T, N)), given(learner, 0.1))
             learner.agent.multipliers.each[dear].value = 20.0
-        ends.append(share_of_good(learner))
+        ends.append(share_of_rewarded(learner))
     assert ends[0] < 0.2 and ends[1] > 0.8
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_metrics_of_costs_apart_name_them(name: str):
+def test_metrics_of_separate_costs_name_them(name: str):
     learner = learner_for(name, cost_limits=(0.1, 0.2))
     metrics = learner.update(rollout_of(learner), feedback(0.5, 0.25))
     numbers = ("cost_mean", "multiplier", "multiplier_reach", "limit_can_bind")
@@ -142,7 +144,7 @@ def test_metrics_of_costs_apart_name_them(name: str):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_policy_in_use_is_the_one_that_was_learnt(name: str, tmp_path):
+def test_a_saved_policy_keeps_its_algorithm_and_whether_it_is_greedy(name: str, tmp_path):
     learner = learner_for(name, SPACES["MultiDiscrete"])
     learner.policy.save(tmp_path / "policy.safetensors")
     again = type(learner.policy).load(tmp_path / "policy.safetensors")
@@ -150,12 +152,12 @@ def test_the_policy_in_use_is_the_one_that_was_learnt(name: str, tmp_path):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_space_that_is_not_supported_is_refused_in_words(name: str):
+def test_an_unsupported_space_is_an_error(name: str):
     with pytest.raises(AlgorithmError, match="must be Discrete, MultiDiscrete"):
         learner_for(name, gym.spaces.MultiBinary(3))
 
 
-def test_too_many_joint_actions_are_refused_by_sacs_exact_sums_alone():
+def test_too_many_joint_actions_are_an_error_of_discrete_sac_alone():
     space = gym.spaces.MultiDiscrete([8] * 5)
     with pytest.raises(AlgorithmError, match="32,768, more than 4,096: use adapter='box_scaled'"):
         learner_for("SACLag", space)

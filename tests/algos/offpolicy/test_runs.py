@@ -1,4 +1,4 @@
-"""Whole runs: broken off and gone on with, and what they log."""
+"""Tests of complete runs: resuming after an interruption, and their logs."""
 
 from pathlib import Path
 from typing import Any
@@ -19,10 +19,10 @@ SMALL = {
     "random_steps": 100,
     "replay_size": 400,
 }
-"""The replay is full before the run is over."""
+"""The replay buffer is full before the run ends."""
 VARIANTS: dict[str, dict[str, Any]] = {
     "frames": {"frame_stack": 3, "adapter": "box_scaled"},
-    "apart": {"cost_limits": [0.05, 0.1], "cost_critics": 2},
+    "separate costs": {"cost_limits": [0.05, 0.1], "cost_critics": 2},
 }
 
 
@@ -32,21 +32,19 @@ def train(folder: Path, name: str, env: Walk | None = None, **config: Any):
 
 @pytest.mark.parametrize("config", VARIANTS.values(), ids=list(VARIANTS))
 @pytest.mark.parametrize("name", NAMES)
-def test_a_run_broken_off_and_gone_on_with_ends_with_the_same_numbers(
-    name: str, config: dict[str, Any], tmp_path: Path
-):
-    train(tmp_path / "whole", name, **config)
+def test_a_resumed_run_ends_with_the_same_numbers(name: str, config: dict[str, Any], tmp_path: Path):
+    train(tmp_path / "uninterrupted", name, **config)
     for at in (37, 101):  # a checkpoint after every 8 vector steps; reports after every 64
         folder = tmp_path / str(at)
         with pytest.raises(Stop):
             train(folder, name, StopsAt(at), **config)
         result = train(folder, name, **config)
         assert result.resumed_from == (at - 1) // 8 * 32
-        assert numbers(folder) == numbers(tmp_path / "whole")
+        assert numbers(folder) == numbers(tmp_path / "uninterrupted")
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_run_leaves_a_policy_and_a_row_for_each_report(name: str, tmp_path: Path):
+def test_a_run_writes_a_policy_and_a_row_for_each_report(name: str, tmp_path: Path):
     train(tmp_path, name)
     rows = rows_of(tmp_path, "metrics.csv")
     assert [int(row["steps"]) for row in rows] == [256, 512, 600]
@@ -57,7 +55,7 @@ def test_a_run_leaves_a_policy_and_a_row_for_each_report(name: str, tmp_path: Pa
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_preset_of_the_study_runs_and_its_multiplier_stands_still(name: str, tmp_path: Path):
+def test_the_paper_preset_runs_and_its_multiplier_stays_constant(name: str, tmp_path: Path):
     config = {"hidden": (8,), "minibatch": 16, "random_steps": 50, "steps_per_update": 100}
     with pytest.warns(LimitWarning, match="the cost limit 25 has not bound anything"):
         run(name, Walk(), steps=300, seed=0, folder=tmp_path, preset="paper", config=config)

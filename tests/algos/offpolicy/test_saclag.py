@@ -1,4 +1,4 @@
-"""SACLag: its losses by hand, its sums over joint actions by loops, its draws by a change of variables."""
+"""Tests of SACLag: losses by hand, sums over joint actions by loops, samples by a numeric change of variables."""
 
 import itertools
 import math
@@ -8,7 +8,7 @@ import gymnasium as gym
 import pytest
 import torch
 
-from tests.algos.offpolicy.learners import SPACES, batch_of, learner_for, one_by_one, shake
+from tests.algos.offpolicy.learners import SPACES, batch_of, layer_by_layer, learner_for, perturb
 from thalweg.algos import AlgorithmError
 from thalweg.algos.maths import losses
 from thalweg.algos.offpolicy.saclag import SACLagConfig, policy_loss
@@ -18,7 +18,7 @@ RIVER = gym.spaces.MultiDiscrete([3, 3, 3, 3])
 ALPHA = torch.tensor(0.3)
 
 
-def test_the_policys_loss_by_hand():
+def test_the_policy_loss_equals_a_hand_computation():
     values = torch.tensor([[4.0, 2.0], [1.0, 0.0], [0.0, 3.0]], dtype=F64)
     entropy = torch.tensor([1.0, 2.0], dtype=F64)
     # α = ½, λ = (2, 1): (4 + ½ - 2) / 4 = 0.625 and (2 + 1 - 3) / 4 = 0
@@ -27,7 +27,7 @@ def test_the_policys_loss_by_hand():
 
 
 @pytest.mark.parametrize(("entropy", "grows"), [(0.2, True), (0.8, False)])
-def test_alpha_grows_while_the_entropy_is_below_its_aim(entropy: float, grows: bool):
+def test_alpha_grows_while_the_entropy_is_below_its_target(entropy: float, grows: bool):
     log_alpha = torch.tensor(0.0, requires_grad=True)
     losses.temperature(log_alpha, torch.full((4,), entropy), 0.5).backward()
     assert log_alpha.grad is not None
@@ -37,14 +37,16 @@ def test_alpha_grows_while_the_entropy_is_below_its_aim(entropy: float, grows: b
 def river(**settings: Any) -> tuple[Any, Any]:
     """A learner with two costs and two critics of each, and a batch of seven states."""
     learner = learner_for("SACLag", RIVER, cost_limits=(0.1, 0.2), cost_critics=2, **settings)
-    shake(learner)
+    perturb(learner)
     return learner, batch_of(learner, learner.policy.actions.uniform(7, learner.agent.generator))
 
 
-def by_loops(learner: Any, obs: torch.Tensor, stack: Any) -> tuple[list[list[float]], list[float], list[list[float]]]:
+def expectations_by_loops(
+    learner: Any, obs: torch.Tensor, stack: Any
+) -> tuple[list[list[float]], list[float], list[list[float]]]:
     """Expectations of min Q_r, max Q_c1, max Q_c2, the entropy, and those at the most probable action, by 81 terms."""
-    logits = one_by_one(learner.policy.actor.stack, obs)[0].view(-1, 4, 3)
-    q = one_by_one(stack, obs)
+    logits = layer_by_layer(learner.policy.actor.stack, obs)[0].view(-1, 4, 3)
+    q = layer_by_layer(stack, obs)
     expected, entropies, modes = [], [], []
     for state in range(len(obs)):
         p = logits[state].softmax(-1)
@@ -62,41 +64,43 @@ def by_loops(learner: Any, obs: torch.Tensor, stack: Any) -> tuple[list[list[flo
     return expected, entropies, modes
 
 
-def test_the_value_of_the_next_state_is_the_sum_over_all_81_joint_actions():
+def test_the_next_value_is_the_sum_over_all_81_joint_actions():
     learner, batch = river()
-    expected, entropies, _ = by_loops(learner, batch.next_obs, learner.agent.slow_critics)
-    found = learner.form.next_values(learner.agent, batch, ALPHA)
+    expected, entropies, _ = expectations_by_loops(learner, batch.next_obs, learner.agent.target_critics)
+    found = learner.action_form.next_values(learner.agent, batch, ALPHA)
     for state in range(7):
         soft = [expected[state][0] + 0.3 * entropies[state], *expected[state][1:]]
         assert found[:, state].tolist() == pytest.approx(soft, abs=1e-4)
 
 
-def test_omnisafes_target_of_the_cost_is_that_of_the_most_probable_action():
+def test_omnisafes_cost_target_uses_the_most_probable_action():
     learner, batch = river(cost_target="mode")
-    expected, entropies, modes = by_loops(learner, batch.next_obs, learner.agent.slow_critics)
-    found = learner.form.next_values(learner.agent, batch, ALPHA)
+    expected, entropies, modes = expectations_by_loops(learner, batch.next_obs, learner.agent.target_critics)
+    found = learner.action_form.next_values(learner.agent, batch, ALPHA)
     for state in range(7):
         soft = [expected[state][0] + 0.3 * entropies[state], *modes[state][1:]]
         assert found[:, state].tolist() == pytest.approx(soft, abs=1e-4)
         assert abs(expected[state][1] - modes[state][1]) > 1e-3
 
 
-def test_what_the_policy_maximises_is_the_sum_over_all_81_joint_actions():
+def test_the_policys_objective_is_the_sum_over_all_81_joint_actions():
     learner, batch = river()
-    expected, entropies, _ = by_loops(learner, batch.obs, learner.agent.critics.stack)
-    said, _ = learner.form.said(learner.agent, batch)
-    values, entropy, _ = learner.form.objective(learner.agent, batch, said)
+    expected, entropies, _ = expectations_by_loops(learner, batch.obs, learner.agent.critics.stack)
+    q_values, _ = learner.action_form.q_values(learner.agent, batch)
+    values, entropy, _ = learner.action_form.objective(learner.agent, batch, q_values)
     for state in range(7):
         assert values[:, state].tolist() == pytest.approx(expected[state], abs=1e-4)
     assert entropy.tolist() == pytest.approx(entropies, abs=1e-5)
 
 
-def test_the_policys_gradient_is_that_of_the_sum_and_no_critics():
+def test_the_policys_gradient_equals_autograd_and_leaves_the_critics_without_one():
     learner, batch = river()
     actor, critics = learner.policy.actor.stack, learner.agent.critics.stack
-    values, entropy, back = learner.form.objective(learner.agent, batch, learner.form.said(learner.agent, batch)[0])
+    values, entropy, backward = learner.action_form.objective(
+        learner.agent, batch, learner.action_form.q_values(learner.agent, batch)[0]
+    )
     policy_loss(values, entropy, ALPHA, (2.0, 1.0)).backward()
-    back()
+    backward()
     found, actor.flat.grad = actor.flat.grad, None
     assert critics.flat.grad is None and found is not None
     branches = actor.reference(batch.obs)[0].view(-1, 4, 3).log_softmax(-1)
@@ -111,26 +115,26 @@ def test_the_policys_gradient_is_that_of_the_sum_and_no_critics():
     assert torch.allclose(found, actor.flat.grad, atol=1e-5) and found.abs().max() > 1e-3
 
 
-def test_critics_learn_at_the_numbers_of_the_batchs_actions_and_nowhere_else():
+def test_only_the_outputs_of_the_batchs_actions_have_a_gradient():
     learner, batch = river(discount=0.0, cost_discount=0.0)
-    said, _ = learner.form.said(learner.agent, batch)
-    slopes: list[torch.Tensor] = []
-    learner.agent.learn_values(said, slopes.append, batch, torch.zeros(3, 7), learner.form.chosen(batch))
+    q_values, _ = learner.action_form.q_values(learner.agent, batch)
+    grads: list[torch.Tensor] = []
+    learner.agent.update_critics(q_values, grads.append, batch, torch.zeros(3, 7), learner.action_form.chosen(batch))
     for state, number in enumerate(batch.actions[:, 0].int().tolist()):
         expected = torch.zeros(6, 81)
-        expected[:, number] = (said[:, state, number] - batch.paid[[0, 0, 1, 2, 1, 2], state]) / 7
-        assert torch.allclose(slopes[0][:, state], expected, atol=1e-6)
+        expected[:, number] = (q_values[:, state, number] - batch.signals[[0, 0, 1, 2, 1, 2], state]) / 7
+        assert torch.allclose(grads[0][:, state], expected, atol=1e-6)
 
 
 def box(**settings: Any) -> tuple[Any, Any]:
     learner = learner_for("SACLag", SPACES["Box"], **settings)
-    shake(learner)
+    perturb(learner)
     return learner, batch_of(learner, learner.policy.actions.uniform(7, learner.agent.generator))
 
 
-def drawn(learner: Any, obs: torch.Tensor, seed: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Actions [B, 2] of the seed's noise, and their log-densities [B] by differences of the distribution function."""
-    outputs = one_by_one(learner.policy.actor.stack, obs)[0]
+def sampled(learner: Any, obs: torch.Tensor, seed: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Actions [B, 2] from the seed's noise, and their log-densities [B] by differences of the distribution function."""
+    outputs = layer_by_layer(learner.policy.actor.stack, obs)[0]
     mean, std = outputs[:, :2], outputs[:, 2:].clamp(-20.0, 2.0).exp()
     noise = torch.randn(len(obs), 2, generator=torch.Generator().manual_seed(seed)).double()
     action, step = (mean + std * noise).tanh(), 1e-6
@@ -140,37 +144,37 @@ def drawn(learner: Any, obs: torch.Tensor, seed: int) -> tuple[torch.Tensor, tor
     return action, ((normal.cdf(between[0]) - normal.cdf(between[1])) / width).log().sum(-1)
 
 
-def test_a_drawn_value_of_the_next_state_agrees_with_a_numeric_change_of_variables():
+def test_a_sampled_next_value_equals_a_numeric_change_of_variables():
     learner, batch = box()
-    action, log_prob = drawn(learner, batch.next_obs, 5)
+    action, log_prob = sampled(learner, batch.next_obs, 5)
     learner.agent.generator.manual_seed(5)
-    found = learner.form.next_values(learner.agent, batch, ALPHA)
-    q = one_by_one(learner.agent.slow_critics, torch.cat([batch.next_obs, action], 1))[..., 0]
+    found = learner.action_form.next_values(learner.agent, batch, ALPHA)
+    q = layer_by_layer(learner.agent.target_critics, torch.cat([batch.next_obs, action], 1))[..., 0]
     expected = torch.stack([torch.minimum(q[0], q[1]) - 0.3 * log_prob, q[2]])
     near = (action.abs() < 0.999).all(-1)  # further out the distribution function has no digits left
     assert near.sum() >= 3 and torch.allclose(found.double()[:, near], expected[:, near], atol=1e-3)
 
 
-def test_omnisafes_target_of_the_cost_is_that_of_the_mean():
+def test_omnisafes_cost_target_uses_the_mean_of_continuous_actions():
     learner, batch = box(cost_target="mode")
-    mean = one_by_one(learner.policy.actor.stack, batch.next_obs)[0][:, :2].tanh()
-    q = one_by_one(learner.agent.slow_critics, torch.cat([batch.next_obs, mean], 1))[..., 0]
+    mean = layer_by_layer(learner.policy.actor.stack, batch.next_obs)[0][:, :2].tanh()
+    q = layer_by_layer(learner.agent.target_critics, torch.cat([batch.next_obs, mean], 1))[..., 0]
     learner.agent.generator.manual_seed(5)
-    found = learner.form.next_values(learner.agent, batch, ALPHA)
+    found = learner.action_form.next_values(learner.agent, batch, ALPHA)
     usual, _ = box()
     usual.agent.generator.manual_seed(5)
-    other = usual.form.next_values(usual.agent, batch, ALPHA)
+    other = usual.action_form.next_values(usual.agent, batch, ALPHA)
     assert torch.allclose(found[1].double(), q[2], atol=1e-4) and torch.equal(found[0], other[0])
     assert not torch.allclose(other[1].double(), q[2], atol=1e-2)
 
 
-def test_a_draw_carries_the_gradient_of_the_policy():
+def test_a_sample_carries_the_gradient_of_the_policy():
     learner, batch = box()
     actor, critics = learner.policy.actor.stack, learner.agent.critics.stack
     learner.agent.generator.manual_seed(5)
-    values, entropy, back = learner.form.objective(learner.agent, batch, torch.zeros(3, 7))
+    values, entropy, backward = learner.action_form.objective(learner.agent, batch, torch.zeros(3, 7))
     policy_loss(values, entropy, ALPHA, (2.0,)).backward()
-    back()
+    backward()
     found, actor.flat.grad = actor.flat.grad, None
     mean, log_std = actor.reference(batch.obs)[0].chunk(2, -1)
     noise = torch.randn(7, 2, generator=torch.Generator().manual_seed(5))
@@ -184,14 +188,18 @@ def test_a_draw_carries_the_gradient_of_the_policy():
     assert torch.allclose(found, actor.flat.grad, atol=2e-4) and found.abs().max() > 1e-3
 
 
-def test_entropies_aimed_at():
-    assert learner_for("SACLag", RIVER, entropy_share=0.3).form.aim == pytest.approx(0.3 * math.log(81))
-    assert learner_for("SACLag", SPACES["Box"]).form.aim == -2.0
-    assert learner_for("SACLag", RIVER, adapter="box_scaled", entropy_per_number=-0.5).form.aim == -2.0
+def test_target_entropies():
+    assert learner_for("SACLag", RIVER, entropy_share=0.3).action_form.target_entropy == pytest.approx(
+        0.3 * math.log(81)
+    )
+    assert learner_for("SACLag", SPACES["Box"]).action_form.target_entropy == -2.0
+    assert (
+        learner_for("SACLag", RIVER, adapter="box_scaled", entropy_per_number=-0.5).action_form.target_entropy == -2.0
+    )
 
 
 @pytest.mark.parametrize("auto", [True, False])
-def test_alpha_moves_or_stays(auto: bool):
+def test_alpha_changes_with_auto_alpha_only(auto: bool):
     learner = learner_for("SACLag", auto_alpha=auto, alpha=0.2, entropy_share=0.0, policy_delay=1)
     batch = batch_of(learner, learner.policy.actions.uniform(7, learner.agent.generator))
     for _ in range(3):
@@ -200,7 +208,7 @@ def test_alpha_moves_or_stays(auto: bool):
     assert alpha < 0.1999 if auto else alpha == pytest.approx(0.2)
 
 
-def test_an_alpha_of_nothing_is_for_a_fixed_one_only():
+def test_an_alpha_of_zero_is_allowed_without_auto_alpha_only():
     assert SACLagConfig(alpha=0.0, auto_alpha=False).alpha == 0.0
     with pytest.raises(AlgorithmError, match="alpha must be positive"):
         SACLagConfig(alpha=0.0)

@@ -1,69 +1,69 @@
-"""TD3Lag: its loss by hand, and its targets by loops."""
+"""Tests of TD3Lag: its loss computed by hand, its targets by loops."""
 
 import pytest
 import torch
 
-from tests.algos.offpolicy.learners import SPACES, batch_of, learner_for, one_by_one, shake
+from tests.algos.offpolicy.learners import SPACES, batch_of, layer_by_layer, learner_for, perturb
 from thalweg.algos.offpolicy.deterministic import policy_loss
 from thalweg.algos.offpolicy.td3lag import TD3LagConfig
 
 F64 = torch.float64
 
 
-def test_the_policys_loss_by_hand():
+def test_the_policy_loss_equals_a_hand_computation():
     values = torch.tensor([[4.0, 2.0], [1.0, 0.0]], dtype=F64)
     outputs = torch.tensor([[2.0], [0.0]], dtype=F64)
     # λ = 3: (4 - 3) / 4 and 2 / 4; E[z²] = 2
     assert float(policy_loss(TD3LagConfig(output_decay=0.5), values, outputs, (3.0,))) == pytest.approx(-0.375 + 1.0)
 
 
-def chosen(learner, outputs: torch.Tensor) -> torch.Tensor:
+def greedy(learner, outputs: torch.Tensor) -> torch.Tensor:
     if not learner.policy.actions.sizes:
         return outputs.tanh()
     return torch.nn.functional.one_hot(outputs.view(len(outputs), 2, 3).argmax(-1), 3).flatten(1).double()
 
 
 @pytest.mark.parametrize("space", ["MultiDiscrete", "Box"])
-def test_targets_are_the_smaller_of_two_critics_of_the_reward_and_the_larger_of_two_of_a_cost(space):
+def test_targets_take_the_smaller_reward_and_the_larger_cost_of_two_critics(space):
     learner = learner_for("TD3Lag", SPACES[space], target_noise=0.0, target_temperature=0.0, cost_critics=2)
-    shake(learner)
+    perturb(learner)
     batch = batch_of(learner, learner.policy.actions.uniform(9, learner.agent.generator))
-    action = chosen(learner, one_by_one(learner.agent.slow_actor, batch.next_obs)[0])
-    q = one_by_one(learner.agent.slow_critics, torch.cat([batch.next_obs, action], 1))[..., 0]
+    action = greedy(learner, layer_by_layer(learner.agent.target_actor, batch.next_obs)[0])
+    q = layer_by_layer(learner.agent.target_critics, torch.cat([batch.next_obs, action], 1))[..., 0]
     expected = torch.stack([torch.minimum(q[0], q[1]), torch.maximum(q[2], q[3])])
     assert torch.allclose(learner._next_values(batch).double(), expected, atol=1e-4)
 
 
 @pytest.mark.parametrize("space", ["MultiDiscrete", "Box"])
-def test_omnisafes_target_of_the_cost_is_taken_at_the_action_of_the_policy_itself_without_noise(space):
+def test_omnisafes_cost_target_uses_the_policys_own_action_without_noise(space):
     found = {}
     for cost_target in ("smoothed", "online"):
         learner = learner_for(
             "TD3Lag", SPACES[space], cost_target=cost_target, target_noise=0.4, target_temperature=0.4
         )
-        shake(learner)
+        perturb(learner)
         batch = batch_of(learner, learner.policy.actions.uniform(9, torch.Generator().manual_seed(1)))
         learner.agent.generator.manual_seed(5)
         found[cost_target] = learner._next_values(batch).double()
-    online = chosen(learner, one_by_one(learner.policy.actor.stack, batch.next_obs)[0])  # pyright: ignore
-    q = one_by_one(learner.agent.slow_critics, torch.cat([batch.next_obs, online], 1))[..., 0]  # pyright: ignore
+    online = greedy(learner, layer_by_layer(learner.policy.actor.stack, batch.next_obs)[0])  # pyright: ignore
+    q = layer_by_layer(learner.agent.target_critics, torch.cat([batch.next_obs, online], 1))[..., 0]  # pyright: ignore
     assert torch.equal(found["smoothed"][0], found["online"][0])
     assert torch.allclose(found["online"][1], q[2], atol=1e-4)
     assert not torch.allclose(found["smoothed"][1], q[2], atol=1e-2)
 
 
 @pytest.mark.parametrize("space", ["MultiDiscrete", "Box"])
-def test_targets_are_smoothed_by_draws_around_the_slow_policy(space):
+def test_targets_are_random_around_the_target_policy(space):
     learner = learner_for("TD3Lag", SPACES[space], target_noise=0.4, target_temperature=0.4)
-    shake(learner)
+    perturb(learner)
     batch = batch_of(learner, learner.policy.actions.uniform(9, learner.agent.generator))
     draws = torch.stack([learner._next_values(batch) for _ in range(20)])
     assert (draws.std(0) > 1e-4).any() and draws.std(0).isfinite().all()
 
 
-def test_the_policy_climbs_one_critic_of_the_reward_not_the_smaller_of_two():
+def test_the_policys_gradient_uses_one_reward_critic_not_the_smaller_of_two():
     learner = learner_for("TD3Lag", SPACES["Box"], policy_delay=1, learning_rate=0.0, critic_learning_rate=0.0)
-    shake(learner)
+    perturb(learner)
     learner.agent.multipliers.each[0].value = 1.5
     batch = batch_of(learner, learner.policy.actions.uniform(9, learner.agent.generator))
     learner._step(batch)

@@ -1,2 +1,2 @@
-"""What algorithms that learn from everything they have seen have in common: a replay, critics of actions with slow
-copies, and the pace of collecting and learning. Losses and updates stand in the algorithms' own files."""
+"""Off-policy algorithms, and what they share: a replay buffer, critics of actions with target networks, and the update
+schedule. Losses and updates stand in each algorithm's own file."""

@@ -111,5 +111,5 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
 
     @property
     def shape(self) -> NetworkShape:
-        """Shape of the networks."""
+        """NetworkShape of the networks."""
         return NetworkShape(self.hidden, self.activation, self.initial)

@@ -1,5 +1,7 @@
-"""Deep deterministic policy gradient (Lillicrap et al. 2016) with a Lagrange multiplier for each cost: the policy
-climbs its critics' gradient, and pays for the cost that they expect."""
+"""DDPGLag: deep deterministic policy gradient (Lillicrap et al. 2016) with a Lagrange multiplier for each cost.
+
+The policy ascends the gradient of its critics: the reward's less the weighted costs'.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -8,9 +10,9 @@ import torch
 from torch import Tensor
 
 from thalweg.algos.interface import Feedback, Rollout, Task
-from thalweg.algos.offpolicy.agent import Agent
-from thalweg.algos.offpolicy.deterministic import DeterministicConfig, climb, deterministic
-from thalweg.algos.offpolicy.replay import Batch
+from thalweg.algos.offpolicy.agent import Agent, AgentSpec
+from thalweg.algos.offpolicy.deterministic import DeterministicConfig, action_form_of, policy_gradient_step
+from thalweg.algos.offpolicy.replay_buffer import Batch
 
 
 @dataclass(frozen=True)
@@ -23,56 +25,57 @@ class DDPGLagConfig(DeterministicConfig):
 
 
 class DDPGLag:
-    """DDPGLag at work."""
+    """Learner of DDPGLag."""
 
     resets = False
 
     def __init__(self, config: DDPGLagConfig, task: Task) -> None:
         self.config, self.separate_costs = config, config.separate_costs
-        self.form = deterministic(config, task)
-        self.agent = Agent(
-            "DDPGLag", config, task, self.form.actions, coded=self.form.width, reward_critics=1, greedy=True
-        )
+        self.action_form = action_form_of(config, task)
+        actions, width = self.action_form.actions, self.action_form.width
+        self.agent = Agent(AgentSpec("DDPGLag", actions, width, reward_critics=1, greedy=True), config, task)
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
 
     @torch.inference_mode()
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Raw actions [N, A]: the policy's with noise, at first uniform ones."""
-        if self.agent.begins:
+        """Raw actions [N, A]: uniformly random at first, then the policy's with exploration noise."""
+        if self.agent.acts_randomly:
             return self.policy.actions.uniform(len(obs), self.agent.generator)
         strength = self.config.exploration_at(self.agent.progress)
-        return self.form.explored(self.agent.parameters(obs), self.agent.generator, strength)
+        return self.action_form.explore(self.agent.action_parameters(obs), self.agent.generator, strength)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
-        """Remember the rollout and take the gradient steps that are due; returns the metrics, if they are due."""
-        self.agent.remember(rollout, self.form.coded)
+        """Store the rollout and take the gradient steps that are due; returns the metrics, if a report is due."""
+        self.agent.store(rollout, self.action_form.encode)
         self.agent.learn(feedback, self._step)
         return self.agent.report(feedback)
 
     def _step(self, batch: Batch) -> None:
-        """One gradient step of the critics and, if it is its turn, of the policy."""
+        """Take one gradient step of the critics and, if it is due, of the policy."""
         agent = self.agent
         next_values = self._next_values(batch)
-        said, back = agent.critics.stack.forward_and_backward(batch.pairs)
-        agent.learn_values(said, back, batch, next_values)
-        if agent.policy_turn:
-            climb(agent, self.form, self.config, batch)
+        q_values, backward = agent.critics.stack.forward_and_backward(batch.obs_actions)
+        agent.update_critics(q_values, backward, batch, next_values)
+        if agent.updates_policy:
+            policy_gradient_step(agent, self.action_form, self.config, batch)
 
     @torch.no_grad()
     def _next_values(self, batch: Batch) -> Tensor:
-        """V(s') [1 + M, B] = Q'(s', μ'(s')): slow critics at the action of the slow policy."""
+        """V(s') [1 + M, B] = Q'(s', μ'(s')): target critics at the action of the target policy."""
         agent = self.agent
-        actor = agent.slow_actor if self.config.target_actor else self.policy.actor.stack
-        action = self.form.chosen(actor(batch.next_obs)[0])
-        pairs = torch.cat([batch.next_obs, action], 1)
-        return agent.critics.cautious(agent.slow_critics(pairs).squeeze(-1))
+        actor = agent.target_actor if self.config.target_actor else self.policy.actor.stack
+        action = self.action_form.greedy(actor(batch.next_obs)[0])
+        obs_actions = torch.cat([batch.next_obs, action], 1)
+        return agent.critics.pessimistic(agent.target_critics(obs_actions).squeeze(-1))
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """What keeps the cost limits or their multipliers from doing their work."""
+        """Warnings about cost limits or multipliers that have no effect, by a short code."""
         return self.agent.warnings(feedback)
 
     def state(self) -> dict[str, Any]:
+        """Everything that resuming needs."""
         return self.agent.state()
 
     def load_state(self, state: dict[str, Any]) -> None:
+        """Restore what `state` returned."""
         self.agent.load_state(state)

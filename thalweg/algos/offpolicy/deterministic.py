@@ -1,8 +1,8 @@
-"""How can a policy that knows one action per state learn by a gradient through its critics, and how does it explore?
+"""Deterministic policies that learn by the gradient of their critics, and their exploration.
 
-Numbers are points in -1..1. Choices are one-hot vectors: the gradient passes through the draw (straight through), and
-the policy in use is its most probable choice. Letters: B states, A numbers or branches, P parameters, W numbers of a
-coded action.
+Continuous actions are points in -1..1. Discrete actions are one-hot vectors: while learning they are sampled, and the
+gradient passes straight through the sample; otherwise the most probable option is taken. Letters: B states, A
+dimensions or branches of an action, P parameters, W numbers of an encoded action, M costs.
 """
 
 from collections.abc import Callable
@@ -18,12 +18,12 @@ from thalweg.algos.maths.multiplier import combined
 from thalweg.algos.maths.shapes import tensor_like
 from thalweg.algos.offpolicy.agent import Agent
 from thalweg.algos.offpolicy.config import OffPolicyConfig
-from thalweg.algos.offpolicy.replay import Batch
+from thalweg.algos.offpolicy.replay_buffer import Batch
 from thalweg.algos.policy.actions import Actions, actions_of
 from thalweg.algos.policy.distributions import Categoricals
 
-COLDEST = 1e-3
-"""Temperature at which choices are as good as certain."""
+LEAST_TEMPERATURE = 1e-3
+"""Temperature at which sampled choices are practically deterministic."""
 
 
 @dataclass(frozen=True)
@@ -56,15 +56,15 @@ class DeterministicConfig(OffPolicyConfig):
         }
 
     def exploration_at(self, progress: float) -> float:
-        """Share 0..1 of the usual exploration at this share of the run."""
+        """Factor 0..1 of the exploration at a progress 0..1 of the run."""
         return 1.0 - progress if self.exploration_fades else 1.0
 
 
 def policy_loss(config: DeterministicConfig, values: Tensor, outputs: Tensor, multipliers: tuple[float, ...]) -> Tensor:
-    """L = -E[(Q_r(s, μ(s)) - Σ_i λ_i Q_ci(s, μ(s))) / (1 + Σ_i λ_i)] + c E[z²]: what the policy minimises.
+    """L = -E[(Q_r(s, μ(s)) - Σ_i λ_i Q_ci(s, μ(s))) / (1 + Σ_i λ_i)] + c E[z²], the loss of the policy.
 
     Args:
-        config: With c, `output_decay`.
+        config: Holds c, `output_decay`.
         values: [1 + M, B], the reward's and then each cost's.
         outputs: z [B, P], of the policy's network.
         multipliers: λ [M].
@@ -73,144 +73,153 @@ def policy_loss(config: DeterministicConfig, values: Tensor, outputs: Tensor, mu
     return -lagrangian.mean() + config.output_decay * outputs.square().mean()
 
 
-def policy_slopes(
+def policy_grads(
     config: DeterministicConfig, values: Tensor, outputs: Tensor, multipliers: tuple[float, ...]
 ) -> tuple[Tensor, Tensor]:
-    """The gradient of `policy_loss` in the values [1 + M, B] and, while these stay as they are, in the outputs."""
+    """The gradients of `policy_loss` by the values [1 + M, B] and, at constant values, by the outputs [B, P]."""
     weights = tensor_like([-1.0, *multipliers], values) / ((1.0 + sum(multipliers)) * values.shape[1])
     return weights.unsqueeze(1).expand_as(values), (2.0 * config.output_decay / outputs.numel()) * outputs
 
 
-class Deterministic(Protocol):
-    """What an action is to a deterministic policy and its critics."""
+class ActionForm(Protocol):
+    """How a deterministic policy and its critics represent an action."""
 
     actions: Actions
     width: int
     """W."""
 
-    def coded(self, raw: Tensor) -> Tensor:
-        """[B, W] what critics see of raw actions [B, A] that were executed."""
+    def encode(self, raw: Tensor) -> Tensor:
+        """Critics' inputs [B, W] for the executed raw actions [B, A]."""
         ...
 
-    def chosen(self, parameters: Tensor) -> Tensor:
-        """[B, W] the policy's own action, coded, as it would be executed."""
+    def greedy(self, parameters: Tensor) -> Tensor:
+        """The policy's own action [B, W], encoded as it would be executed."""
         ...
 
     def rsample_and_backward(
         self, parameters: Tensor, generator: torch.Generator
     ) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
-        """[B, W] the policy's own action before any rounding, for choices a draw; and what gives from its gradient that
-        of the parameters [B, P]."""
+        """The policy's own action [B, W] before any rounding (a sample for discrete actions), and a function from its
+        gradient to that of the parameters [B, P]."""
         ...
 
     def smoothed(
         self, parameters: Tensor, generator: torch.Generator, *, noise: float, clip: float, temperature: float
     ) -> Tensor:
-        """[B, W] an action near the policy's own, coded, as it would be executed."""
+        """A random action [B, W] near the policy's own, encoded as it would be executed."""
         ...
 
-    def explored(self, parameters: Tensor, generator: torch.Generator, strength: float = 1.0) -> Tensor:
-        """Raw actions [B, A] for collecting, at this share 0..1 of the usual exploration."""
+    def explore(self, parameters: Tensor, generator: torch.Generator, strength: float = 1.0) -> Tensor:
+        """Raw actions [B, A] for collecting, with the exploration of the config times `strength` 0..1."""
         ...
 
 
-class Numbers:
-    """Numbers in -1..1: the tanh of the policy's outputs."""
+class ContinuousActions:
+    """Actions in -1..1: the tanh of the policy's outputs."""
 
     def __init__(self, actions: Actions, config: DeterministicConfig) -> None:
         self.actions, self._config, self.width = actions, config, actions.count
 
-    def coded(self, raw: Tensor) -> Tensor:
+    def encode(self, raw: Tensor) -> Tensor:
+        """The executed actions [B, W]."""
         return self.actions.quantised(raw)
 
-    def chosen(self, parameters: Tensor) -> Tensor:
-        return self.coded(parameters.tanh())
+    def greedy(self, parameters: Tensor) -> Tensor:
+        """tanh z [B, W], as executed."""
+        return self.encode(parameters.tanh())
 
     def rsample_and_backward(
         self, parameters: Tensor, generator: torch.Generator
     ) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
+        """tanh z [B, W], and the backward function of tanh."""
         point = parameters.tanh()
-        return point, lambda above: above * (1.0 - point.square())
+        return point, lambda grad: grad * (1.0 - point.square())
 
     def smoothed(
         self, parameters: Tensor, generator: torch.Generator, *, noise: float, clip: float, temperature: float
     ) -> Tensor:
         """clip(μ + clip(ε, -c, c), -1, 1), ε ~ N(0, σ̃) (Fujimoto, van Hoof, Meger 2018, equation 14)."""
-        drawn = (noise * _normal(parameters, generator)).clamp_(-clip, clip)
-        return self.coded((parameters.tanh() + drawn).clamp_(-1.0, 1.0))
+        clipped = (noise * _normal(parameters, generator)).clamp_(-clip, clip)
+        return self.encode((parameters.tanh() + clipped).clamp_(-1.0, 1.0))
 
-    def explored(self, parameters: Tensor, generator: torch.Generator, strength: float = 1.0) -> Tensor:
+    def explore(self, parameters: Tensor, generator: torch.Generator, strength: float = 1.0) -> Tensor:
+        """tanh z with Gaussian noise, or with probability ε a uniform action [B, A]."""
         noisy = parameters.tanh() + strength * self._config.exploration_noise * _normal(parameters, generator)
-        return _mixed(noisy.clamp_(-1.0, 1.0), self, strength * self._config.exploration, generator)
+        return _epsilon_uniform(noisy.clamp_(-1.0, 1.0), self, strength * self._config.exploration, generator)
 
 
-class Choices:
-    """One-hot choices: the draw of a Gumbel-softmax for the gradient, the most probable option otherwise."""
+class DiscreteActions:
+    """One-hot choices: a Gumbel-softmax sample where a gradient is needed, the most probable option otherwise."""
 
     def __init__(self, actions: Actions, config: DeterministicConfig) -> None:
         self.actions, self._config = actions, config
         self.width = actions.count * max(actions.sizes)
 
-    def coded(self, raw: Tensor) -> Tensor:
+    def encode(self, raw: Tensor) -> Tensor:
+        """One-hot vectors of all branches side by side [B, W]."""
         return gumbel_softmax.one_hot(raw, max(self.actions.sizes)).flatten(1)
 
-    def chosen(self, parameters: Tensor) -> Tensor:
-        return self.coded(self._choices(parameters).mode())
+    def greedy(self, parameters: Tensor) -> Tensor:
+        """The most probable options [B, W]."""
+        return self.encode(self._choices(parameters).mode())
 
     def rsample_and_backward(
         self, parameters: Tensor, generator: torch.Generator
     ) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
+        """A one-hot sample [B, W], and the backward function of its softmax relaxation."""
         choices, temperature = self._choices(parameters), self._config.relaxation
         noise = gumbel_softmax.gumbel(torch.rand(choices.log_p.shape, generator=generator, device=parameters.device))
         hard, soft = gumbel_softmax.straight_through(choices.log_p, noise, temperature)
 
-        def back(above: Tensor) -> Tensor:
-            return choices.logit_grad(gumbel_softmax.straight_through_grad(above.view_as(soft), soft, temperature))
+        def backward(grad: Tensor) -> Tensor:
+            return choices.logit_grad(gumbel_softmax.straight_through_grad(grad.view_as(soft), soft, temperature))
 
-        return hard.flatten(1), back
+        return hard.flatten(1), backward
 
     def smoothed(
         self, parameters: Tensor, generator: torch.Generator, *, noise: float, clip: float, temperature: float
     ) -> Tensor:
-        """A draw from the softmax of the outputs divided by the temperature."""
+        """A sample [B, W] from the softmax of the outputs divided by the temperature; at 0 the most probable option."""
         if temperature == 0:
-            return self.chosen(parameters)
-        return self.coded(self._choices(parameters / temperature).sample(generator))
+            return self.greedy(parameters)
+        return self.encode(self._choices(parameters / temperature).sample(generator))
 
-    def explored(self, parameters: Tensor, generator: torch.Generator, strength: float = 1.0) -> Tensor:
-        temperature = max(strength * self._config.exploration_temperature, COLDEST)
-        drawn = self._choices(parameters / temperature).sample(generator)
-        return _mixed(drawn, self, strength * self._config.exploration, generator)
+    def explore(self, parameters: Tensor, generator: torch.Generator, strength: float = 1.0) -> Tensor:
+        """A sample at the exploration temperature, or with probability ε a uniform action [B, A]."""
+        temperature = max(strength * self._config.exploration_temperature, LEAST_TEMPERATURE)
+        sample = self._choices(parameters / temperature).sample(generator)
+        return _epsilon_uniform(sample, self, strength * self._config.exploration, generator)
 
     def _choices(self, parameters: Tensor) -> Categoricals:
         return Categoricals.from_logits(parameters, self.actions.sizes)
 
 
-def deterministic(config: DeterministicConfig, task: Task) -> Numbers | Choices:
-    """How the task's action space is learnt."""
+def action_form_of(config: DeterministicConfig, task: Task) -> ContinuousActions | DiscreteActions:
+    """The representation of the task's actions."""
     actions = actions_of(task.action_space, config.adapter, "point")
-    return (Choices if actions.kind == "categorical" else Numbers)(actions, config)
+    return (DiscreteActions if actions.kind == "categorical" else ContinuousActions)(actions, config)
 
 
 @torch.no_grad()
-def climb(agent: Agent, form: Deterministic, config: DeterministicConfig, batch: Batch) -> None:
-    """One step of Adam of the policy, whose gradient passes through the critics and its action, by the chain rule."""
+def policy_gradient_step(agent: Agent, action_form: ActionForm, config: DeterministicConfig, batch: Batch) -> None:
+    """Take one step of Adam of the policy, whose gradient passes through the critics and the action (chain rule)."""
     critics, multipliers = agent.critics, agent.multipliers.values
-    outputs, through_policy = agent.policy.actor.forward_and_backward(batch.obs)
-    action, through_action = form.rsample_and_backward(outputs, agent.generator)
-    values, through_critics = critics.stack.forward_and_input_backward(
-        torch.cat([batch.obs, action], 1), critics.leading
+    outputs, actor_backward = agent.policy.actor.forward_and_backward(batch.obs)
+    action, action_backward = action_form.rsample_and_backward(outputs, agent.generator)
+    values, critics_backward = critics.stack.forward_and_input_backward(
+        torch.cat([batch.obs, action], 1), critics.one_per_signal
     )
-    of_values, of_outputs = policy_slopes(config, values[..., 0], outputs, multipliers)
-    of_action = through_critics(of_values.unsqueeze(-1))[:, batch.obs.shape[1] :]
-    through_policy(through_action(of_action) + of_outputs)
-    agent.improve(policy_loss(config, values[..., 0], outputs, multipliers))
+    value_grads, output_grads = policy_grads(config, values[..., 0], outputs, multipliers)
+    # The critics' inputs are observations and actions; only the actions' gradient concerns the policy.
+    action_grads = critics_backward(value_grads.unsqueeze(-1))[:, batch.obs.shape[1] :]
+    actor_backward(action_backward(action_grads) + output_grads)
+    agent.update_policy(policy_loss(config, values[..., 0], outputs, multipliers))
 
 
-def _mixed(raw: Tensor, form: Deterministic, share: float, generator: torch.Generator) -> Tensor:
-    """Raw actions [B, A], of which about so large a share is replaced by uniform ones."""
-    replaced = torch.rand(len(raw), 1, generator=generator, device=raw.device) < share
-    return torch.where(replaced, form.actions.uniform(len(raw), generator), raw)
+def _epsilon_uniform(raw: Tensor, action_form: ActionForm, epsilon: float, generator: torch.Generator) -> Tensor:
+    """Raw actions [B, A], each replaced by a uniform one with probability `epsilon`."""
+    replaced = torch.rand(len(raw), 1, generator=generator, device=raw.device) < epsilon
+    return torch.where(replaced, action_form.actions.uniform(len(raw), generator), raw)
 
 
 def _normal(like: Tensor, generator: torch.Generator) -> Tensor:

@@ -1,4 +1,4 @@
-"""What did the gradient steps since the last report say? Their means, which an interruption must not change."""
+"""Means of metrics over the gradient steps between two reports, part of the training state."""
 
 from typing import Any
 
@@ -9,21 +9,24 @@ from thalweg.algos.common.errors import require_finite
 from thalweg.algos.common.state import CPU, array_of, tensor_of
 
 
-class Tally:
-    """Sums of a few numbers of each gradient step, by the names that they are reported under."""
+class MeanMetrics:
+    """Sums of a few numbers per gradient step, by the names that they are reported under."""
 
     def __init__(self, *groups: tuple[str, ...], device: torch.device = CPU) -> None:
-        """The numbers of a group come together, but not every group with every gradient step."""
+        """The numbers of a group are added together; a gradient step need not add every group."""
         self.groups = groups
         self._sums = [torch.zeros(len(group), device=device) for group in groups]
         self._counts = [0] * len(groups)
 
     def add(self, group: int, numbers: Tensor) -> None:
-        """One gradient step's numbers of a group, without gradient; `count` counts it."""
+        """Add one gradient step's numbers of a group, without gradient; `count` counts the step.
+
+        The two are apart because a CUDA graph replays only the addition.
+        """
         self._sums[group] += numbers
 
     def count(self, group: int) -> None:
-        """A gradient step has given numbers of a group."""
+        """Count one gradient step of a group."""
         self._counts[group] += 1
 
     def require_finite(self) -> None:
@@ -32,7 +35,7 @@ class Tally:
             require_finite(**dict(zip(group, sums.tolist(), strict=True)))
 
     def report(self) -> dict[str, float]:
-        """The means since the last report, NaN where there was nothing."""
+        """Return the means since the last report, NaN without any gradient step, and start anew."""
         means: dict[str, float] = {}
         for group, sums, count in zip(self.groups, self._sums, self._counts, strict=True):
             values = (sums / count).tolist() if count else [float("nan")] * len(group)
@@ -42,10 +45,10 @@ class Tally:
         return means
 
     def state(self) -> dict[str, Any]:
-        """Arrays and plain data."""
+        """State as arrays and plain data."""
         return {"counts": list(self._counts)} | {str(k): array_of(sums) for k, sums in enumerate(self._sums)}
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """The inverse of `state`."""
+        """Restore what `state` returned."""
         self._counts = [int(count) for count in state["counts"]]
         self._sums = [tensor_of(state[str(k)], sums.device) for k, sums in enumerate(self._sums)]

@@ -1,5 +1,5 @@
-"""Twin delayed deterministic policy gradient (Fujimoto, van Hoof, Meger 2018) with a Lagrange multiplier for each cost:
-the smaller of two estimates, targets taken near the policy's action, and a policy that waits for its critics."""
+"""TD3Lag: twin delayed deterministic policy gradient (Fujimoto, van Hoof, Meger 2018) with a Lagrange multiplier for
+each cost: the smaller of two reward estimates, smoothed target actions, and a policy that is updated less often."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -8,9 +8,9 @@ import torch
 from torch import Tensor
 
 from thalweg.algos.interface import Feedback, Rollout, Task
-from thalweg.algos.offpolicy.agent import Agent
-from thalweg.algos.offpolicy.deterministic import DeterministicConfig, climb, deterministic
-from thalweg.algos.offpolicy.replay import Batch
+from thalweg.algos.offpolicy.agent import Agent, AgentSpec
+from thalweg.algos.offpolicy.deterministic import DeterministicConfig, action_form_of, policy_gradient_step
+from thalweg.algos.offpolicy.replay_buffer import Batch
 
 
 @dataclass(frozen=True)
@@ -40,65 +40,66 @@ class TD3LagConfig(DeterministicConfig):
 
 
 class TD3Lag:
-    """TD3Lag at work."""
+    """Learner of TD3Lag."""
 
     resets = False
 
     def __init__(self, config: TD3LagConfig, task: Task) -> None:
         self.config, self.separate_costs = config, config.separate_costs
-        self.form = deterministic(config, task)
-        self.agent = Agent(
-            "TD3Lag", config, task, self.form.actions, coded=self.form.width, reward_critics=2, greedy=True
-        )
+        self.action_form = action_form_of(config, task)
+        actions, width = self.action_form.actions, self.action_form.width
+        self.agent = Agent(AgentSpec("TD3Lag", actions, width, reward_critics=2, greedy=True), config, task)
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
 
     @torch.inference_mode()
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Raw actions [N, A]: the policy's with noise, at first uniform ones."""
-        if self.agent.begins:
+        """Raw actions [N, A]: uniformly random at first, then the policy's with exploration noise."""
+        if self.agent.acts_randomly:
             return self.policy.actions.uniform(len(obs), self.agent.generator)
         strength = self.config.exploration_at(self.agent.progress)
-        return self.form.explored(self.agent.parameters(obs), self.agent.generator, strength)
+        return self.action_form.explore(self.agent.action_parameters(obs), self.agent.generator, strength)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
-        """Remember the rollout and take the gradient steps that are due; returns the metrics, if they are due."""
-        self.agent.remember(rollout, self.form.coded)
+        """Store the rollout and take the gradient steps that are due; returns the metrics, if a report is due."""
+        self.agent.store(rollout, self.action_form.encode)
         self.agent.learn(feedback, self._step)
         return self.agent.report(feedback)
 
     def _step(self, batch: Batch) -> None:
-        """One gradient step of the critics and, if it is its turn, of the policy."""
+        """Take one gradient step of the critics and, if it is due, of the policy."""
         agent = self.agent
         next_values = self._next_values(batch)
-        said, back = agent.critics.stack.forward_and_backward(batch.pairs)
-        agent.learn_values(said, back, batch, next_values)
-        if agent.policy_turn:
-            climb(agent, self.form, self.config, batch)
+        q_values, backward = agent.critics.stack.forward_and_backward(batch.obs_actions)
+        agent.update_critics(q_values, backward, batch, next_values)
+        if agent.updates_policy:
+            policy_gradient_step(agent, self.action_form, self.config, batch)
 
     @torch.no_grad()
     def _next_values(self, batch: Batch) -> Tensor:
-        """V(s') [1 + M, B]: the smaller of two slow critics of the reward, and those of each cost (of two the larger),
-        at an action near that of the slow policy."""
+        """V(s') [1 + M, B]: the smaller of the reward's two target critics and each cost's target critic (the larger of
+        two), at a smoothed action of the target policy."""
         config, agent = self.config, self.agent
-        action = self.form.smoothed(
-            agent.slow_actor(batch.next_obs)[0],
+        action = self.action_form.smoothed(
+            agent.target_actor(batch.next_obs)[0],
             agent.generator,
             noise=config.target_noise,
             clip=config.target_noise_clip,
             temperature=config.target_temperature,
         )
-        pairs = torch.cat([batch.next_obs, action], 1)
+        obs_actions = torch.cat([batch.next_obs, action], 1)
         if config.cost_target == "online":
-            online = self.form.chosen(self.policy.actor(batch.next_obs))
-            pairs = agent.critics.each(pairs, torch.cat([batch.next_obs, online], 1))
-        return agent.critics.cautious(agent.slow_critics(pairs).squeeze(-1))
+            online = self.action_form.greedy(self.policy.actor(batch.next_obs))
+            obs_actions = agent.critics.inputs_by_signal(obs_actions, torch.cat([batch.next_obs, online], 1))
+        return agent.critics.pessimistic(agent.target_critics(obs_actions).squeeze(-1))
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """What keeps the cost limits or their multipliers from doing their work."""
+        """Warnings about cost limits or multipliers that have no effect, by a short code."""
         return self.agent.warnings(feedback)
 
     def state(self) -> dict[str, Any]:
+        """Everything that resuming needs."""
         return self.agent.state()
 
     def load_state(self, state: dict[str, Any]) -> None:
+        """Restore what `state` returned."""
         self.agent.load_state(state)

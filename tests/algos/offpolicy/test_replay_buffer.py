@@ -1,4 +1,4 @@
-"""The replay: what is remembered of which steps, and what is drawn."""
+"""Tests of the replay buffer: which steps it stores, and which it samples."""
 
 import math
 
@@ -8,54 +8,56 @@ import torch
 
 from tests.algos.rollouts import rollout_of
 from thalweg.algos import AlgorithmError, NotFiniteError
-from thalweg.algos.offpolicy.replay import Batch, Replay, steps_of
+from thalweg.algos.offpolicy.replay_buffer import Batch, ReplayBuffer, Transitions, valid_transitions
 from thalweg.algos.policy.normaliser import Normaliser
 
 PLAIN = Normaliser(1, enabled=False)
 
 
-def filled(size: int, numbers: range) -> Replay:
-    """A replay into which steps that consist of one number each were put, three at a time."""
-    replay = Replay(size, 1, 1, 1)
+def filled(size: int, numbers: range) -> ReplayBuffer:
+    """A replay buffer with steps of one number each, added three at a time."""
+    replay = ReplayBuffer(size, 1, 1, 1)
     for first in range(numbers.start, numbers.stop, 3):
         some = torch.arange(first, min(first + 3, numbers.stop), dtype=torch.float32)
         column = some.unsqueeze(1)
-        replay.add(column, column, column + 0.5, torch.stack([some, -some], 1), torch.ones(len(some)))
+        signals = torch.stack([some, -some], 1)
+        replay.add(Transitions(column, column, column + 0.5, signals, torch.ones(len(some))))
     return replay
 
 
-def draw(replay: Replay, count: int = 1, size: int = 400, normaliser: Normaliser = PLAIN) -> list[Batch]:
+def draw(replay: ReplayBuffer, count: int = 1, size: int = 400, normaliser: Normaliser = PLAIN) -> list[Batch]:
     drawn = replay.batches(count, size, torch.Generator().manual_seed(0), normaliser)
     return [replay.batch(rows) for rows in drawn]
 
 
-def remembered(replay: Replay) -> set[float]:
+def stored(replay: ReplayBuffer) -> set[float]:
     return set(draw(replay)[0].obs.flatten().tolist())
 
 
 @pytest.mark.parametrize("put", [0, 1, 2, 5, 6, 7, 8, 13, 20])
-def test_the_last_steps_are_remembered_and_no_others(put: int):
+def test_the_buffer_holds_the_last_steps_only(put: int):
     replay = filled(7, range(put))
     assert replay.filled == min(put, 7)
     if put:
-        assert remembered(replay) == set(map(float, range(max(0, put - 7), put)))
+        assert stored(replay) == set(map(float, range(max(0, put - 7), put)))
 
 
-def test_more_steps_than_there_is_room_for_leave_the_last():
-    replay = Replay(3, 1, 1, 1)
+def test_adding_more_steps_than_the_size_keeps_the_last():
+    replay = ReplayBuffer(3, 1, 1, 1)
     some = torch.arange(8.0)
-    replay.add(some[:, None], some[:, None], some[:, None], torch.stack([some, some], 1), torch.ones(8))
-    assert remembered(replay) == {5.0, 6.0, 7.0}
+    column = some[:, None]
+    replay.add(Transitions(column, column, column, torch.stack([some, some], 1), torch.ones(8)))
+    assert stored(replay) == {5.0, 6.0, 7.0}
 
 
-def test_what_belongs_together_stays_together():
+def test_the_fields_of_a_step_stay_together():
     batch = draw(filled(7, range(20)))[0]
-    assert torch.equal(batch.pairs, torch.cat([batch.obs, batch.actions], 1))
+    assert torch.equal(batch.obs_actions, torch.cat([batch.obs, batch.actions], 1))
     assert torch.equal(batch.actions, batch.obs) and torch.equal(batch.next_obs, batch.obs + 0.5)
-    assert torch.equal(batch.paid, torch.stack([batch.obs[:, 0], -batch.obs[:, 0]]))
+    assert torch.equal(batch.signals, torch.stack([batch.obs[:, 0], -batch.obs[:, 0]]))
 
 
-def test_a_termination_is_remembered_and_a_truncation_goes_on_from_where_it_was_cut():
+def test_a_terminated_step_does_not_continue_and_a_truncated_one_does_from_its_last_observation():
     obs = torch.arange(4.0).view(4, 1, 1).expand(4, 2, 1)
     ends, cut = torch.zeros(3, 2, dtype=torch.bool), torch.zeros(3, 2, dtype=torch.bool)
     ends[1, 0], cut[1, 1] = True, True
@@ -68,38 +70,38 @@ def test_a_termination_is_remembered_and_a_truncation_goes_on_from_where_it_was_
         final_index=torch.tensor([2, 3]),
         final_obs=torch.tensor([[70.0], [80.0]]),
     )
-    seen, _, next_obs, paid, going_on = steps_of(rollout)
-    assert seen.flatten().tolist() == [0, 0, 1, 1, 2, 2]
+    obs, _, next_obs, signals, continues = valid_transitions(rollout)
+    assert obs.flatten().tolist() == [0, 0, 1, 1, 2, 2]
     assert next_obs.flatten().tolist() == [1, 1, 70, 80, 3, 3]
-    assert paid.tolist() == [[1, 0], [1, 0], [1, 1], [1, 0], [1, 0], [1, 0]]
-    assert going_on.tolist() == [1, 1, 0, 1, 1, 1]
+    assert signals.tolist() == [[1, 0], [1, 0], [1, 1], [1, 0], [1, 0], [1, 0]]
+    assert continues.tolist() == [1, 1, 0, 1, 1, 1]
 
 
-def test_steps_that_only_reset_are_never_remembered():
+def test_steps_that_only_reset_are_not_stored():
     obs = torch.arange(4.0).view(4, 1, 1)
     valid = torch.tensor([[True], [False], [True]])
-    seen, actions, next_obs, paid, going_on = steps_of(rollout_of(obs, valid=valid))
-    assert seen.flatten().tolist() == [0, 2] and next_obs.flatten().tolist() == [1, 3]
-    assert len(actions) == len(paid) == len(going_on) == 2
+    obs, actions, next_obs, signals, continues = valid_transitions(rollout_of(obs, valid=valid))
+    assert obs.flatten().tolist() == [0, 2] and next_obs.flatten().tolist() == [1, 3]
+    assert len(actions) == len(signals) == len(continues) == 2
 
 
-def test_a_rollout_is_left_as_it_was():
+def test_valid_transitions_does_not_change_the_rollout():
     obs = torch.zeros(3, 1, 1)
-    steps_of(rollout_of(obs, final_index=torch.tensor([0]), final_obs=torch.tensor([[9.0]])))
+    valid_transitions(rollout_of(obs, final_index=torch.tensor([0]), final_obs=torch.tensor([[9.0]])))
     assert torch.equal(obs, torch.zeros(3, 1, 1))
 
 
-def test_remembered_observations_are_standardised_by_the_statistics_of_today():
+def test_stored_observations_are_normalised_by_the_current_statistics():
     replay, normaliser = filled(7, range(7)), Normaliser(1)
     normaliser.update(torch.tensor([[10.0], [14.0]]))  # mean 12, deviation 2
     batch = draw(replay, normaliser=normaliser)[0]
     assert set(batch.obs.flatten().tolist()) <= {-5.0, -4.5, -4.0, -3.5, -3.0}
-    assert torch.equal(batch.pairs[:, :1], batch.obs)
+    assert torch.equal(batch.obs_actions[:, :1], batch.obs)
     assert set(batch.actions.flatten().tolist()) == set(map(float, range(7)))
-    assert remembered(replay) == set(map(float, range(7)))  # the rows themselves stay raw
+    assert stored(replay) == set(map(float, range(7)))  # the rows themselves stay raw
 
 
-def test_many_batches_are_drawn_a_few_at_a_time_and_all_differ():
+def test_many_batches_are_gathered_in_parts_and_differ():
     batches = draw(filled(100, range(100)), count=130, size=4)
     assert len(batches) == 130 and len({tuple(batch.obs.flatten().tolist()) for batch in batches}) > 120
 
@@ -110,18 +112,18 @@ def test_a_number_that_is_not_finite_is_refused(bad: float, where: int):
     parts = [torch.zeros(2, 1), torch.zeros(2, 1), torch.zeros(2, 1), torch.zeros(2, 2), torch.zeros(2)]
     parts[where].view(-1)[1] = bad
     with pytest.raises(NotFiniteError, match="has become"):
-        Replay(7, 1, 1, 1).add(*parts)
+        ReplayBuffer(7, 1, 1, 1).add(Transitions(*parts))
 
 
-def test_a_state_holds_what_is_filled_and_goes_on_as_before():
+def test_a_restored_state_holds_the_filled_rows_and_continues_the_same():
     replay, other = filled(7, range(9)), filled(7, range(4))
     assert filled(7, range(4)).state()["rows"].shape == (4, 6)
     other.load_state(replay.state())
     for one in (replay, other):
         many = torch.full((2, 1), 50.0)
-        one.add(many, many, many, torch.full((2, 2), 50.0), torch.ones(2))
+        one.add(Transitions(many, many, many, torch.full((2, 2), 50.0), torch.ones(2)))
     assert np.array_equal(replay.state()["rows"], other.state()["rows"]) and replay.state()["next"] == 4
-    assert torch.equal(draw(replay)[0].pairs, draw(other)[0].pairs)
+    assert torch.equal(draw(replay)[0].obs_actions, draw(other)[0].obs_actions)
 
 
 def test_rows_of_another_width_are_refused():

@@ -29,8 +29,8 @@ from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.registry import algorithm_named
 from thalweg.bench.csv_files import csv_text
 from thalweg.cli.options import settings_from
-from thalweg.core.atomic_io import write_whole
-from thalweg.core.device import DeviceError, device_named
+from thalweg.core.atomic_io import write_atomic
+from thalweg.core.device import DeviceError, resolve_device
 from thalweg.encoder import Encoder, load_encoder
 from thalweg.env import EnvConfig, sample_starts
 from thalweg.env.torch_env import TensorRiverEnv
@@ -69,7 +69,7 @@ class Table:
         print("  ".join(f"{name} {row[name]}" for name in COLUMNS[1:] if row.get(name)), flush=True)
 
     def write(self, path: Path) -> None:
-        write_whole(path, csv_text(COLUMNS, ([row[name] for name in COLUMNS] for row in self.rows)))
+        write_atomic(path, csv_text(COLUMNS, ([row[name] for name in COLUMNS] for row in self.rows)))
 
 
 class Clock:
@@ -271,7 +271,7 @@ def main() -> int:
     if min([*given.cameras, *given.worlds, given.check, given.check_steps]) < 1:
         parser.error("cameras, worlds and checks are counted from 1")
     try:
-        device = torch.device(device_named(given.device))
+        device = torch.device(resolve_device(given.device))
     except DeviceError as error:
         print(error, file=sys.stderr)
         return 1

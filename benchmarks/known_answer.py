@@ -42,7 +42,7 @@ from tests.known_answer.scores import Score  # noqa: E402
 from thalweg.algos import ALGORITHMS  # noqa: E402
 from thalweg.algos.common.settings import as_data  # noqa: E402
 from thalweg.bench.csv_files import csv_text, read_csv  # noqa: E402
-from thalweg.core.atomic_io import write_whole  # noqa: E402
+from thalweg.core.atomic_io import write_atomic  # noqa: E402
 from thalweg.core.cache import PACKAGE, code_hash  # noqa: E402
 
 SEEDS = 5
@@ -116,7 +116,7 @@ def waiting(planned: Sequence[tuple[Cell, int]], rows: Table) -> list[tuple[Cell
 
 def write(path: Path, rows: Table) -> None:
     """The table, in the order of its keys."""
-    write_whole(path, csv_text(COLUMNS, ([rows[name][column] for column in COLUMNS] for name in sorted(rows))))
+    write_atomic(path, csv_text(COLUMNS, ([rows[name][column] for column in COLUMNS] for name in sorted(rows))))
 
 
 def page(rows: Table, seeds: int) -> str:
@@ -204,7 +204,7 @@ def main() -> str | None:
                 f"share {result.share:.3f}, costs {row['costs']}, reached {result.reached}" if result else row["error"]
             )
             print(f"{cell.algorithm}, {cell.place}, {cell.problem}, seed {seed}: {said}", flush=True)
-    write_whole(chosen.out / "known_answer.md", page(rows, chosen.seeds))
+    write_atomic(chosen.out / "known_answer.md", page(rows, chosen.seeds))
     return f"{failed} runs failed" if failed else None
 
 

@@ -22,7 +22,7 @@ from thalweg.algos.registry import ALGORITHMS, algorithm_named
 from thalweg.bench.csv_files import csv_text, read_csv
 from thalweg.bench.report.figures import STYLE
 from thalweg.bench.report.tables import markdown
-from thalweg.core.atomic_io import whole, write_whole
+from thalweg.core.atomic_io import atomic_path, write_atomic
 from thalweg.train.river import TrainingGround, load_fitting_encoder
 
 HERE = Path(__file__).resolve().parent
@@ -71,7 +71,7 @@ def put(path: Path, columns: tuple[str, ...], algorithm: str, new: Rows) -> None
     kept = [row for row in rows_of(path, columns) if row["algorithm"] != algorithm]
     order = list(ALGORITHMS)
     rows = sorted([*kept, *new], key=lambda row: order.index(row["algorithm"]))
-    write_whole(path, csv_text(columns, ([row[name] for name in columns] for row in rows)))
+    write_atomic(path, csv_text(columns, ([row[name] for name in columns] for row in rows)))
 
 
 def measure(algorithm: str, folder: Path) -> None:
@@ -111,7 +111,7 @@ def draw(algorithm: str, rows: Rows, path: Path) -> None:
             axes[1].axhline(0.1, color="#c0392b", linewidth=1, linestyle="--", label="limit")
             axes[1].legend(frameon=False)
         path.parent.mkdir(parents=True, exist_ok=True)
-        with whole(path) as draft:
+        with atomic_path(path) as draft:
             figure.savefig(draft, format="png", dpi=110)
         plt.close(figure)
 
@@ -128,7 +128,7 @@ def main(arguments: list[str] | None = None) -> int:
         fresh = between_marks(page, MARK, table())
         if given.check:
             return int(fresh != page)
-        write_whole(PAGE, fresh)
+        write_atomic(PAGE, fresh)
         curves = rows_of(CURVES, CURVE)
         for name in {row["algorithm"] for row in curves}:
             draw(name, [row for row in curves if row["algorithm"] == name], PICTURES / f"{name.lower()}.png")

@@ -27,8 +27,8 @@ from peer_setup import PINS, SIDE, Setup, drawing_by, set_up
 from peer_venv import SetupError, last_lines
 from PIL import Image
 
-from thalweg.core.atomic_io import whole, write_whole
-from thalweg.core.machine import machine, versions
+from thalweg.core.atomic_io import atomic_path, write_atomic
+from thalweg.core.machine import machine_info, package_versions
 
 HERE = Path(__file__).resolve().parent
 SIZE = 128
@@ -168,7 +168,7 @@ def comparisons(measurements: Sequence[dict]) -> list[dict]:
 
 def measure(setup: Setup, repeats: int, seconds: float, picture: Path) -> dict:
     """Every contender in turns; a picture with a row of frames for each side."""
-    lines = contenders(int(machine()["cores"]))
+    lines = contenders(int(machine_info()["cores"]))
     rates: dict[Contender, list[float]] = {line: [] for line in lines}
     with ExitStack() as stack:
         sides = {}
@@ -180,7 +180,7 @@ def measure(setup: Setup, repeats: int, seconds: float, picture: Path) -> dict:
                 rates[line].append(sides[line].rate(seconds))
             print(f"repetition {turn + 1} of {repeats}:", *(f"{rates[line][-1]:.0f}" for line in lines), flush=True)
         rows = [sides[line].frames() for line in lines if line.kind == "one"]
-    with whole(picture) as draft:
+    with atomic_path(picture) as draft:
         Image.fromarray(np.concatenate(rows)).save(draft)
     pins = {name: number for name, _, number in (pin.partition("==") for pin in PINS)}
     measured = [asdict(line) | {"reset_s": sides[line].about["reset_s"], "rates": rates[line]} for line in lines]
@@ -208,9 +208,9 @@ def main() -> int:
     except SetupError as error:
         print(error, file=sys.stderr)
         return 1
-    before = {"machine": machine(), "load_before": os.getloadavg()[0], "versions": versions()}
+    before = {"machine": machine_info(), "load_before": os.getloadavg()[0], "versions": package_versions()}
     found = measure(setup, given.repeats, given.seconds, given.out.with_suffix(".png"))
-    write_whole(given.out, json.dumps(before | found, indent=2) + "\n")
+    write_atomic(given.out, json.dumps(before | found, indent=2) + "\n")
     for line in found["comparisons"]:
         print(f"{line['what']}: {line['ratio']:.2f} times ({line['least']:.2f} to {line['greatest']:.2f})")
     return 0

@@ -16,7 +16,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from thalweg.core.atomic_io import whole
+from thalweg.core.atomic_io import atomic_path
 from thalweg.env import sample_starts
 from thalweg.render import Camera, Renderer
 from thalweg.world import World, load_or_build
@@ -68,7 +68,7 @@ def plot(rows: list[dict]) -> None:
     for axes in (left, right):
         axes.minorticks_off()
         axes.grid(alpha=0.3)
-    with whole(HERE / "scaling.png") as draft:
+    with atomic_path(HERE / "scaling.png") as draft:
         figure.savefig(draft, dpi=110)
 
 
@@ -88,7 +88,7 @@ def main(arguments: list[str] | None = None) -> None:
         row = {"cameras": cameras, "pixels": size, "worlds": count}
         rows.append(row | {"frames_per_s": round(median, 1), "least": round(least, 1), "most": round(most, 1)})
         print(*rows[-1].items(), flush=True)
-    with whole(HERE / "scaling.csv") as draft, draft.open("w", newline="") as file:
+    with atomic_path(HERE / "scaling.csv") as draft, draft.open("w", newline="") as file:
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()
         writer.writerows(rows)

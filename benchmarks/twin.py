@@ -26,7 +26,7 @@ import numpy as np
 from PIL import Image
 
 from thalweg.bench.pictures.gallery import strip
-from thalweg.core.atomic_io import whole
+from thalweg.core.atomic_io import atomic_path
 from thalweg.core.cache import PACKAGE, cache_dir, code_hash
 from thalweg.env import sample_starts
 from thalweg.render import RENDER_VERSION, Camera, Frame, Renderer
@@ -139,7 +139,7 @@ def finished(path: Path, planned: list[Case]) -> dict[int, dict[str, str]]:
 def write(path: Path, rows: dict[int, dict[str, str]]) -> None:
     """The table, in the order of the numbers."""
     ordered = [rows[number] for number in sorted(rows)]
-    with whole(path) as draft, draft.open("w", newline="") as file:
+    with atomic_path(path) as draft, draft.open("w", newline="") as file:
         writer = csv.DictWriter(file, ordered[0])
         writer.writeheader()
         writer.writerows(ordered)
@@ -160,7 +160,7 @@ def show(path: Path, planned: list[Case], ours: Frame, rows: dict[int, dict[str,
     picture = Image.new("RGB", (width, height * len(strips)), "white")
     for place, image in enumerate(strips):
         picture.paste(image, (0, place * height))
-    with whole(path) as draft:
+    with atomic_path(path) as draft:
         picture.save(draft, optimize=True)
 
 
@@ -193,7 +193,7 @@ def main() -> str | None:
         for done in as_completed(waiting):
             case, (truth, seconds) = waiting[done], done.result()
             if case.number < SHOWN:
-                with whole(case.kept) as draft:
+                with atomic_path(case.kept) as draft:
                     np.save(draft, truth.rgb)
             rows[case.number] = compare(case, ours, truth, seconds)
             write(chosen.out / "twin.csv", rows)

@@ -18,7 +18,7 @@ from thalweg.bench.csv_files import read_csv
 from thalweg.bench.report.tables import markdown
 from thalweg.bench.speed.frame_profile import REFLECTION
 from thalweg.bench.speed.table import COLUMNS, describe, table_rows
-from thalweg.core.atomic_io import write_whole
+from thalweg.core.atomic_io import write_atomic
 
 ROOT = Path(__file__).resolve().parent.parent
 HERE = ROOT / "benchmarks"
@@ -105,7 +105,7 @@ def main() -> int:
         if new != old:
             stale.append(f"{mark} in {page.name}")
             if not check:
-                write_whole(page, new)
+                write_atomic(page, new)
     if stale and check:
         print(f"stale, `python benchmarks/write_figures.py` writes them: {', '.join(stale)}", file=sys.stderr)
         return 1

@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw
 from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Step, evaluate, through_encoder
 from thalweg.bench.execute.rivers import PACKAGED_POLICY
 from thalweg.bench.pictures.film import Map
-from thalweg.core.atomic_io import whole
+from thalweg.core.atomic_io import atomic_path
 from thalweg.encoder import load_encoder
 from thalweg.render import Camera, Renderer
 from thalweg.train import load_policy
@@ -28,7 +28,7 @@ TRACK, VEHICLE, PAPER = (255, 196, 61), (220, 50, 47), (24, 28, 32)
 
 def main() -> None:
     frames = list(draw(*fly()))
-    with whole(PATH) as draft:
+    with atomic_path(PATH) as draft:
         frames[0].save(
             draft, save_all=True, append_images=frames[1:], duration=FRAME_MS, loop=0, quality=QUALITY, method=6
         )

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 import pytest
 
 from tests.browser import missing_for_browser
-from thalweg.core.device import missing_for_cuda
+from thalweg.core.device import cuda_unavailable_reason
 from thalweg.world import World, load_or_build
 
 
@@ -17,7 +17,7 @@ def missing_for_ray() -> str:
 
 
 NEEDS: dict[str, tuple[str, Callable[[], str]]] = {
-    "gpu": ("A GPU", missing_for_cuda),
+    "gpu": ("A GPU", cuda_unavailable_reason),
     "browser": ("A BROWSER", missing_for_browser),
     "ray": ("RAY", missing_for_ray),
 }

@@ -25,9 +25,9 @@ from benchmarks.omnisafe.contests import ACTION_REPEAT, CONTESTS, Contest, Work,
 from benchmarks.omnisafe.environment import python_with_omnisafe
 from benchmarks.peer_venv import SetupError, last_lines
 from thalweg.bench.csv_files import csv_text, read_csv
-from thalweg.core.atomic_io import write_whole
+from thalweg.core.atomic_io import write_atomic
 from thalweg.core.cache import PACKAGE, code_hash
-from thalweg.core.machine import machine, versions
+from thalweg.core.machine import machine_info, package_versions
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -114,7 +114,7 @@ def others(out: Path, contests: Sequence[Contest], here: dict[str, Any]) -> list
 def measure_speed(python: Path, contests: Sequence[Contest], repeats: int, out: Path) -> None:
     """Write the rates of all sides, and how much each did, after each turn; those of other algorithms stay."""
     lines: dict[tuple[str, str], dict[str, Any]] = {}
-    before = {"machine": machine(), "load_before": os.getloadavg()[0], "versions": versions()}
+    before = {"machine": machine_info(), "load_before": os.getloadavg()[0], "versions": package_versions()}
     kept = others(out, contests, before)
     for turn in range(repeats):
         for contest, side in in_turns(contests, turn, sides_of):
@@ -137,7 +137,7 @@ def measure_speed(python: Path, contests: Sequence[Contest], repeats: int, out: 
                 before["peer"] = answer["versions"]
             done = f"{side}'s {contest.algorithm}, {wall:.3g} {contest.unit} a second"
             print(f"{turn + 1} of {repeats}: {done}", flush=True)
-        write_whole(out, json.dumps(before | {"lines": [*kept, *lines.values()]}, indent=2) + "\n")
+        write_atomic(out, json.dumps(before | {"lines": [*kept, *lines.values()]}, indent=2) + "\n")
 
 
 def sources_of(side: str) -> str:
@@ -160,7 +160,7 @@ def kept_answer(python: Path, contest: Contest, side: str, seed: int) -> dict[st
     if not file.exists():
         print(f"{side}'s {contest.algorithm}, seed {seed}", flush=True)
         file.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(file, json.dumps(carry_out(python, side, order)))
+        write_atomic(file, json.dumps(carry_out(python, side, order)))
     return json.loads(file.read_text())
 
 
@@ -190,7 +190,7 @@ def draw_curves(python: Path, contests: Sequence[Contest], seeds: int) -> None:
     names = [contest.algorithm for contest in CONTESTS]
     place = {name: number for number, name in enumerate(names)}
     table.sort(key=lambda row: (place[row["algorithm"]], SIDES.index(row["side"]), int(row["seed"]), int(row["step"])))
-    write_whole(CURVES, csv_text(COLUMNS, ([row[name] for name in COLUMNS] for row in table)))
+    write_atomic(CURVES, csv_text(COLUMNS, ([row[name] for name in COLUMNS] for row in table)))
     plot.draw(CURVES, FIGURE)
 
 

@@ -24,7 +24,7 @@ from torch import Tensor
 from benchmarks.omnisafe.toy_vector import ToyVectorEnv
 from thalweg.algos.common.adam import Adam
 from thalweg.algos.policy.networks import Critics
-from thalweg.core.machine import versions
+from thalweg.core.machine import package_versions
 from thalweg.train.run import run
 
 
@@ -74,7 +74,7 @@ def carry_out(order: dict, folder: Path) -> dict:
         "environment_s": sum(float(row["time_env"]) for row in metrics),
         "gradient_steps": {name: count for name, count in counted.items() if count},
         "passes": [float(row["passes"]) for row in metrics if row.get("passes")],
-        "versions": versions(),
+        "versions": package_versions(),
     }
 
 

@@ -17,7 +17,7 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 from benchmarks.omnisafe.contests import CONTESTS, LIMIT
-from thalweg.core.atomic_io import whole
+from thalweg.core.atomic_io import atomic_path
 
 HERE = Path(__file__).resolve().parent
 COLOURS = {"OmniSafe": "#d95f02", "Thalweg": "#1b6ca8"}
@@ -72,7 +72,7 @@ def draw(table: Path, figure: Path) -> None:
         for axis, least in zip(pair, TOPS, strict=True):
             axis.set_ylim(0, max(least, axis.get_ylim()[1]))
     axes[0, 0].legend(frameon=False, loc="lower right")
-    with whole(figure) as draft:
+    with atomic_path(figure) as draft:
         plots.savefig(draft, dpi=110, format="png")
     plt.close(plots)
 

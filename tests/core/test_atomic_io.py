@@ -1,4 +1,4 @@
-"""A file is the old one or the new one, whatever happens while it is written."""
+"""Tests that a file is always the old one or the new one, whatever happens while it is written."""
 
 import os
 import signal
@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 import thalweg
-from thalweg.core.atomic_io import whole, write_whole
+from thalweg.core.atomic_io import atomic_path, write_atomic
 
 FOLDERS = {"train/folder/checkpoint.py", "bench/execute/cluster/run_archive.py", "bench/report/report.py"}
-"""Those that put whole folders in place."""
+"""Modules that move complete folders into place."""
 
 
 def names(folder: Path) -> list[str]:
@@ -23,7 +23,7 @@ def names(folder: Path) -> list[str]:
 
 @pytest.fixture
 def umask():
-    """Sets the umask of this process; the old one comes back afterwards."""
+    """Yield `os.umask` and restore the umask afterwards."""
     before = os.umask(0)
     os.umask(before)
     yield os.umask
@@ -31,16 +31,16 @@ def umask():
 
 
 @pytest.mark.parametrize(("content", "expected"), [(b"\x00\r\n", b"\x00\r\n"), ("ö\n", "ö\n".encode())])
-def test_the_content_stands_in_the_file_byte_by_byte(tmp_path, content, expected):
-    write_whole(tmp_path / "new" / "folder" / "file.txt", content)
+def test_the_content_is_written_unchanged(tmp_path, content, expected):
+    write_atomic(tmp_path / "new" / "folder" / "file.txt", content)
     assert (tmp_path / "new" / "folder" / "file.txt").read_bytes() == expected
     assert names(tmp_path / "new" / "folder") == ["file.txt"]
 
 
-def test_until_the_block_ends_the_old_file_stands(tmp_path):
+def test_the_old_file_stays_until_the_block_ends(tmp_path):
     path = tmp_path / "file.npz"
     path.write_text("old")
-    with whole(path) as draft:
+    with atomic_path(path) as draft:
         draft.write_text("new")
         assert path.read_text() == "old"
         assert draft.parent == path.parent and draft.suffix == path.suffix
@@ -49,17 +49,17 @@ def test_until_the_block_ends_the_old_file_stands(tmp_path):
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
-def test_an_error_while_writing_keeps_the_old_file_and_leaves_nothing_else(tmp_path, error):
+def test_an_error_while_writing_keeps_the_old_file_and_no_other(tmp_path, error):
     path = tmp_path / "file.txt"
     path.write_text("old")
-    with pytest.raises(error), whole(path) as draft:
+    with pytest.raises(error), atomic_path(path) as draft:
         draft.write_text("ha")
         raise error
     assert path.read_text() == "old" and names(tmp_path) == ["file.txt"]
 
 
 @pytest.mark.parametrize("step", ["fsync", "replace"])
-def test_an_error_of_the_disk_keeps_the_old_file_and_leaves_nothing_else(tmp_path, monkeypatch, step):
+def test_a_disk_error_keeps_the_old_file_and_no_other(tmp_path, monkeypatch, step):
     path = tmp_path / "file.txt"
     path.write_text("old")
 
@@ -68,11 +68,11 @@ def test_an_error_of_the_disk_keeps_the_old_file_and_leaves_nothing_else(tmp_pat
 
     monkeypatch.setattr(os, step, full)
     with pytest.raises(OSError, match="disk full"):
-        write_whole(path, "new")
+        write_atomic(path, "new")
     assert path.read_text() == "old" and names(tmp_path) == ["file.txt"]
 
 
-def test_the_bytes_are_on_the_disk_before_the_file_takes_its_place(tmp_path, monkeypatch):
+def test_the_content_is_synced_before_the_rename(tmp_path, monkeypatch):
     path, events = tmp_path / "file.txt", []
     fsync, replace = os.fsync, os.replace
 
@@ -86,26 +86,26 @@ def test_the_bytes_are_on_the_disk_before_the_file_takes_its_place(tmp_path, mon
 
     monkeypatch.setattr(os, "fsync", synced)
     monkeypatch.setattr(os, "replace", replaced)
-    write_whole(path, b"12345")
+    write_atomic(path, b"12345")
     assert events == [("fsync", 5), ("replace", "file.txt")]
 
 
 @pytest.mark.parametrize("mask", [0o022, 0o077, 0o002])
-def test_the_permissions_are_those_of_any_new_file(tmp_path, umask, mask):
+def test_permissions_follow_the_umask(tmp_path, umask, mask):
     umask(mask)
     (tmp_path / "plain.txt").write_text("")
-    write_whole(tmp_path / "whole.txt", "")
-    modes = [stat.S_IMODE((tmp_path / name).stat().st_mode) for name in ("plain.txt", "whole.txt")]
+    write_atomic(tmp_path / "atomic.txt", "")
+    modes = [stat.S_IMODE((tmp_path / name).stat().st_mode) for name in ("plain.txt", "atomic.txt")]
     assert modes == [0o666 & ~mask] * 2
 
 
 def test_a_block_that_writes_nothing_is_an_error(tmp_path):
-    with pytest.raises(FileNotFoundError), whole(tmp_path / "file.txt"):
+    with pytest.raises(FileNotFoundError), atomic_path(tmp_path / "file.txt"):
         pass
     assert names(tmp_path) == []
 
 
-def test_writers_at_the_same_time_leave_the_file_of_one_of_them(tmp_path):
+def test_concurrent_writers_leave_the_complete_file_of_one_of_them(tmp_path):
     path, size = tmp_path / "file.bin", 200_000
     contents = [bytes([letter]) * size for letter in b"abcdefgh"]
     begin, seen = threading.Barrier(len(contents)), []
@@ -113,7 +113,7 @@ def test_writers_at_the_same_time_leave_the_file_of_one_of_them(tmp_path):
     def write(content: bytes) -> None:
         begin.wait()
         for _ in range(5):
-            write_whole(path, content)
+            write_atomic(path, content)
             seen.append(path.read_bytes())
 
     threads = [threading.Thread(target=write, args=(content,)) for content in contents]
@@ -127,26 +127,26 @@ def test_writers_at_the_same_time_leave_the_file_of_one_of_them(tmp_path):
 
 HALF = """
 import os, signal, sys
-from thalweg.core.atomic_io import whole
-with whole(sys.argv[1]) as draft:
+from thalweg.core.atomic_io import atomic_path
+with atomic_path(sys.argv[1]) as draft:
     draft.write_text("half")
     os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
-def test_what_a_killed_process_leaves_does_no_harm(tmp_path):
+def test_a_file_left_by_a_killed_process_does_no_harm(tmp_path):
     path = tmp_path / "file.txt"
     path.write_text("old")
     killed = subprocess.run([sys.executable, "-c", HALF, str(path)], check=False)
     assert killed.returncode == -signal.SIGKILL
     assert path.read_text() == "old"
     (left,) = set(names(tmp_path)) - {"file.txt"}
-    assert left.startswith(".file.") and ".part" in left, "hidden, and no name that anything is looked up by"
-    write_whole(path, "new")
+    assert left.startswith(".file.") and ".part" in left, "hidden, and matched by no lookup"
+    write_atomic(path, "new")
     assert path.read_text() == "new" and names(tmp_path) == sorted([left, "file.txt"])
 
 
-def test_there_is_no_other_way_to_put_a_file_in_its_place():
+def test_only_the_known_modules_rename_files():
     package = Path(thalweg.__file__).parent
     words = ("os.replace", "mkstemp", "NamedTemporaryFile", '.part"', ".part{")
     found = {

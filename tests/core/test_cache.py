@@ -1,4 +1,4 @@
-"""The cache folder, and the hashes that keep stale things from being used."""
+"""Tests of the cache folder and of the code hashes that keep stale files from being used."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ CODE = """def area(radius):
 
 
 @pytest.fixture(autouse=True)
-def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def temporary_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("THALWEG_CACHE", str(tmp_path / "cache"))
 
 
@@ -23,7 +23,7 @@ def hash_of(folder: Path, *texts: str) -> str:
     return cache.code_hash(folder.glob("*.py"))
 
 
-def test_comments_docstrings_layout_and_names_of_files_change_no_hash(tmp_path: Path):
+def test_comments_docstrings_layout_and_file_names_do_not_change_the_hash(tmp_path: Path):
     described = '''"""Areas."""
 def area( radius ):  # of a disk
     """In square metres."""
@@ -34,7 +34,7 @@ def area( radius ):  # of a disk
 
 
 @pytest.mark.parametrize("changed", [CODE.replace("3.14", "3.15"), CODE.replace("radius", "r"), CODE + "PI = 3.14\n"])
-def test_any_change_of_code_changes_the_hash(tmp_path: Path, changed: str):
+def test_any_code_change_changes_the_hash(tmp_path: Path, changed: str):
     assert hash_of(tmp_path / "a", CODE) != hash_of(tmp_path / "b", changed)
 
 
@@ -42,21 +42,21 @@ def test_the_hash_covers_every_file(tmp_path: Path):
     assert len({hash_of(tmp_path / str(n), CODE, *more) for n, more in enumerate([(), ("x = 1",), ("x = 2",)])}) == 3
 
 
-def test_a_remembered_hash_is_that_of_the_same_bytes(tmp_path: Path):
+def test_a_stored_hash_is_reused_for_the_same_bytes(tmp_path: Path):
     first = hash_of(tmp_path / "a", CODE)
     assert len(list((tmp_path / "cache" / "code").iterdir())) == 1
     assert hash_of(tmp_path / "b", CODE) == first
     assert len(list((tmp_path / "cache" / "code").iterdir())) == 1
 
 
-def test_a_cache_folder_that_cannot_be_written_changes_no_hash(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_an_unwritable_cache_folder_does_not_change_the_hash(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     first = hash_of(tmp_path / "a", CODE)
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("THALWEG_CACHE", str(tmp_path / "file" / "below"))
     assert hash_of(tmp_path / "b", CODE) == first
 
 
-def test_the_folder_is_chosen_by_the_environment(tmp_path, monkeypatch):
+def test_the_environment_variable_chooses_the_folder(tmp_path, monkeypatch):
     monkeypatch.setenv("THALWEG_CACHE", str(tmp_path / "mine"))
     assert cache.cache_dir() == tmp_path / "mine"
     monkeypatch.delenv("THALWEG_CACHE")

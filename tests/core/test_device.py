@@ -1,4 +1,4 @@
-"""Names of devices, and what a GPU that can't be used lacks. Torch is made to say what it says on other machines."""
+"""Tests of device names and of the messages for unusable GPUs, with PyTorch patched to answer as on other machines."""
 
 import subprocess
 import sys
@@ -8,7 +8,7 @@ import torch
 
 from tests.render.plain import plane
 from thalweg.core import device as devices
-from thalweg.core.device import DeviceError, device_named
+from thalweg.core.device import DeviceError, resolve_device
 from thalweg.render import Renderer
 from thalweg.render.errors import RenderError
 from thalweg.render.gpu import gpu_renderer as painter
@@ -16,8 +16,8 @@ from thalweg.render.records.scene import build_scene
 
 
 @pytest.fixture
-def card(monkeypatch: pytest.MonkeyPatch):
-    """A machine with two GPUs that lack nothing."""
+def two_gpus(monkeypatch: pytest.MonkeyPatch):
+    """Patch PyTorch to report two usable GPUs; returns the monkeypatch for further changes."""
     monkeypatch.setattr(torch.version, "cuda", "13.0")
     monkeypatch.setattr(torch.cuda, "init", lambda: None)
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
@@ -27,57 +27,57 @@ def card(monkeypatch: pytest.MonkeyPatch):
     return monkeypatch
 
 
-def test_names_are_those_of_torch(card: pytest.MonkeyPatch):
-    named = {name: device_named(name) for name in ("cpu", "auto", "cuda", "cuda:1")}
+def test_names_are_those_of_pytorch(two_gpus: pytest.MonkeyPatch):
+    named = {name: resolve_device(name) for name in ("cpu", "auto", "cuda", "cuda:1")}
     assert named == {"cpu": "cpu", "auto": "cuda:0", "cuda": "cuda:0", "cuda:1": "cuda:1"}
 
 
 @pytest.mark.parametrize("name", ["gpu", "cuda:x", "cuda:-1", "cpu:0", "CUDA", ""])
-def test_other_names_are_refused_with_those_that_there_are(name: str):
+def test_unknown_names_are_refused_with_the_valid_ones(name: str):
     with pytest.raises(DeviceError, match=r"device = '.*': choose auto, cpu, cuda, or a GPU by its number, such as"):
-        device_named(name)
+        resolve_device(name)
 
 
-def test_auto_is_the_cpu_where_no_gpu_can_be_used(card: pytest.MonkeyPatch):
-    card.setattr(torch.cuda, "device_count", lambda: 0)
-    assert device_named("auto") == "cpu"
+def test_auto_is_the_cpu_without_a_usable_gpu(two_gpus: pytest.MonkeyPatch):
+    two_gpus.setattr(torch.cuda, "device_count", lambda: 0)
+    assert resolve_device("auto") == "cpu"
 
 
-def test_a_torch_without_cuda_is_named(card: pytest.MonkeyPatch):
-    card.setattr(torch.version, "cuda", None)
-    with pytest.raises(DeviceError, match=r"'cuda': torch .* was built without CUDA: install one that was"):
-        device_named("cuda")
+def test_a_pytorch_build_without_cuda_is_reported(two_gpus: pytest.MonkeyPatch):
+    two_gpus.setattr(torch.version, "cuda", None)
+    with pytest.raises(DeviceError, match=r"'cuda': torch .* was built without CUDA: install a build with CUDA"):
+        resolve_device("cuda")
 
 
-def test_what_torch_says_of_the_driver_is_passed_on(card: pytest.MonkeyPatch):
+def test_the_driver_error_of_pytorch_is_passed_on(two_gpus: pytest.MonkeyPatch):
     def old():
         raise RuntimeError("The NVIDIA driver on your system is too old (found version 11040).\nPlease update it.")
 
-    card.setattr(torch.cuda, "init", old)
+    two_gpus.setattr(torch.cuda, "init", old)
     with pytest.raises(DeviceError, match=r"'cuda:1': The NVIDIA driver .* too old \(found version 11040\)\.$"):
-        device_named("cuda:1")
+        resolve_device("cuda:1")
 
 
-def test_a_gpu_that_is_not_there_is_named_with_how_many_are(card: pytest.MonkeyPatch):
-    with pytest.raises(DeviceError, match=r"'cuda:2': there is no GPU of number 2; there are 2, counted from 0"):
-        device_named("cuda:2")
+def test_a_missing_gpu_is_reported_with_the_number_of_gpus(two_gpus: pytest.MonkeyPatch):
+    with pytest.raises(DeviceError, match=r"'cuda:2': there is no GPU with index 2; found 2, counted from 0"):
+        resolve_device("cuda:2")
 
 
-def test_a_card_that_is_too_old_is_named_with_what_is_needed(card: pytest.MonkeyPatch):
-    card.setattr(torch.cuda, "get_device_capability", lambda _: (6, 1))
+def test_a_gpu_that_is_too_old_is_reported_with_the_required_capability(two_gpus: pytest.MonkeyPatch):
+    two_gpus.setattr(torch.cuda, "get_device_capability", lambda _: (6, 1))
     with pytest.raises(DeviceError, match=r"Made-up has compute capability 6\.1; Thalweg needs 7\.5 or more"):
-        device_named("cuda")
+        resolve_device("cuda")
 
 
-def test_a_missing_package_is_named_with_how_to_get_it(card: pytest.MonkeyPatch):
-    card.setattr(devices.importlib.util, "find_spec", lambda _: None)
+def test_a_missing_package_is_reported_with_how_to_install_it(two_gpus: pytest.MonkeyPatch):
+    two_gpus.setattr(devices.importlib.util, "find_spec", lambda _: None)
     with pytest.raises(DeviceError, match=r"numba-cuda is missing: pip install 'thalweg\[cuda\]'"):
-        device_named("cuda")
+        resolve_device("cuda")
 
 
-def test_importing_thalweg_and_drawing_on_the_cpu_imports_nothing_of_cuda():
+def test_importing_thalweg_imports_neither_pytorch_nor_cuda():
     code = (
-        "import sys; import thalweg, thalweg.render, thalweg.core.device; thalweg.core.device.device_named('cpu');"
+        "import sys; import thalweg, thalweg.render, thalweg.core.device; thalweg.core.device.resolve_device('cpu');"
         "print([name for name in ('torch', 'numba.cuda', 'numba_cuda') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -1,4 +1,4 @@
-"""What happens to a process that was forked after kernels had run on several threads."""
+"""Tests of processes that were forked after kernels had run on several threads."""
 
 import subprocess
 import sys
@@ -49,7 +49,7 @@ print(ours.recv() if ours.poll() else "died", process.exitcode)
 
 
 def forked(*, kernels: bool, observation: str = "rgb", early: bool = True) -> str:
-    """What became of a forked environment, `kernels` having run in its parent or not."""
+    """Return the outcome of a reset in a forked process; `kernels`: whether kernels had run in its parent."""
     if not sys.platform.startswith("linux"):
         pytest.skip("processes are forked on Linux only")
     code = CODE.format(kernels=kernels, observation=observation, early=early)
@@ -60,16 +60,16 @@ def forked(*, kernels: bool, observation: str = "rgb", early: bool = True) -> st
 
 
 @pytest.mark.parametrize("early", [True, False])
-def test_drawing_after_a_fork_says_what_to_use_instead(early: bool):
-    """Without the guard GNU OpenMP ends the process."""
+def test_rendering_after_a_fork_raises_with_the_alternatives(early: bool):
+    """Without the check, GNU OpenMP would kill the process."""
     found = forked(kernels=True, early=early)
     assert "make_vec" in found
     assert 'AsyncVectorEnv(..., context="spawn")' in found
 
 
-def test_a_fork_before_any_kernel_draws():
+def test_a_fork_before_any_kernel_can_render():
     assert forked(kernels=False) == "drawn 0"
 
 
-def test_a_fork_that_draws_nothing_runs():
+def test_a_fork_that_does_not_render_can_run():
     assert forked(kernels=True, observation="none") == "drawn 0"

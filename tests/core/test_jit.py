@@ -1,4 +1,4 @@
-"""Compiled kernels: that loops vectorise, and where their cache lies."""
+"""Tests of compiled kernels: vectorised loops, the cache folder, and the sources that key it."""
 
 import os
 import subprocess
@@ -17,7 +17,7 @@ def gather(table, at, out):
         out[i] = out[i] + table[np.uint32(np.int32(at[i] * np.float32(2)))]
 
 
-def ir_of(dispatcher) -> str:
+def llvm_ir(dispatcher) -> str:
     floats = np.zeros(64, np.float32)
     dispatcher(np.zeros(256, np.float32), floats, floats.copy())
     (ir,) = dispatcher.inspect_llvm().values()
@@ -25,13 +25,13 @@ def ir_of(dispatcher) -> str:
 
 
 @pytest.fixture(autouse=True)
-def compiled_anew(monkeypatch):
-    """Nothing comes from the cache: Numba can't show the code of what does, and both kernels would share a file."""
-    monkeypatch.setattr("thalweg.core.jit.kernel_folder", lambda: None)
+def no_cache(monkeypatch):
+    """Disable the kernel cache: Numba cannot show the code of cached kernels, and both would share a file."""
+    monkeypatch.setattr("thalweg.core.jit.kernel_cache_dir", lambda: None)
 
 
 def test_a_disjoint_kernel_vectorises_a_gather_and_another_does_not():
-    plain, disjoint = ir_of(kernel(gather)), ir_of(kernel(gather, disjoint=True))
+    plain, disjoint = llvm_ir(kernel(gather)), llvm_ir(kernel(gather, disjoint=True))
     assert "noalias" in disjoint
     assert "x float>" in disjoint
     assert "x float>" not in plain
@@ -46,22 +46,22 @@ def test_kernels_compute_what_the_function_computes():
     np.testing.assert_allclose(out, expected, rtol=1e-6)
 
 
-@pytest.mark.parametrize("place", ["mine", "file/below"])
-def test_the_cache_lies_in_the_chosen_folder_or_in_none(tmp_path, place):
+@pytest.mark.parametrize("folder", ["mine", "file/below"])
+def test_the_cache_is_in_the_chosen_folder_or_nowhere(tmp_path, folder):
     (tmp_path / "file").write_text("a file, so that no folder can be made below it")
     script = tmp_path / "job.py"
     script.write_text(
         "from thalweg.core.jit import kernel\n@kernel\ndef double(x):\n    return x + x\nprint(double(21.0))\n"
     )
-    env = {**os.environ, "THALWEG_CACHE": str(tmp_path / place)}
+    env = {**os.environ, "THALWEG_CACHE": str(tmp_path / folder)}
     done = subprocess.run([sys.executable, str(script)], env=env, capture_output=True, text=True, timeout=120)
     assert done.stdout == "42.0\n", done.stderr
-    kept = list(tmp_path.glob("mine/**/*.nbi"))
-    assert bool(kept) == (place == "mine")
+    cached = list(tmp_path.glob("mine/**/*.nbi"))
+    assert bool(cached) == (folder == "mine")
     assert not list((tmp_path / "__pycache__").glob("*.nbi"))
 
 
-def test_every_kernel_depends_on_what_its_module_imports():
+def test_kernel_sources_include_direct_and_indirect_imports():
     sources = {path.relative_to(PACKAGE).as_posix() for path in kernel_sources()}
     assert {"core/jit.py", "render/kernels/frame.py", "env/task/rules.py", "world/light/sun_shadow.py"} <= sources
     assert {"render/records/scene.py", "world/record.py", "env/config.py", "core/cache.py"} <= sources  # indirectly
@@ -78,5 +78,5 @@ def test_every_kernel_depends_on_what_its_module_imports():
         "def later():\n    from thalweg.world import noise",
     ],
 )
-def test_every_way_to_write_an_import_is_seen(line: str):
-    assert PACKAGE / "world" / "noise.py" in set(jit._imported(f"import os\n{line}\n"))
+def test_every_form_of_import_is_found(line: str):
+    assert PACKAGE / "world" / "noise.py" in set(jit._imported_paths(f"import os\n{line}\n"))

@@ -1,30 +1,32 @@
+"""Tests of the recorded machine and package versions."""
+
 from importlib.metadata import version
 
 import pytest
 import torch
 
-from thalweg.core import machine as made
-from thalweg.core.machine import machine, versions
+from thalweg.core import machine
+from thalweg.core.machine import machine_info, package_versions
 from thalweg.train.folder import run_record as record
 
 
-def test_the_versions_are_those_of_the_installed_packages():
-    found = versions()
+def test_versions_are_those_of_the_installed_packages():
+    found = package_versions()
     assert set(found) == {"python", "thalweg", "numpy", "scipy", "numba", "torch", "gymnasium"}
     assert (found["scipy"], found["numba"]) == (version("scipy"), version("numba"))
 
 
 def test_a_package_that_is_not_installed_is_unknown(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(made, "PARTS", ("no-such-package",))
-    assert versions()["no-such-package"] == "unknown"
+    monkeypatch.setattr(machine, "PACKAGES", ("no-such-package",))
+    assert package_versions()["no-such-package"] == "unknown"
 
 
-def test_the_machine_has_a_processor_and_memory():
-    assert set(machine()) == {"cpu", "cores", "memory_gib", "system"}
-    assert int(machine()["cores"]) >= 1
+def test_machine_info_has_processor_and_memory():
+    assert set(machine_info()) == {"cpu", "cores", "memory_gib", "system"}
+    assert int(machine_info()["cores"]) >= 1
 
 
-def test_a_run_on_a_gpu_names_the_card(monkeypatch: pytest.MonkeyPatch):
+def test_a_run_on_a_gpu_records_the_gpu(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(torch.cuda, "get_device_name", lambda: "NVIDIA Made-up")
-    there, here = (record.describe(identity, 1)["machine"] for identity in ({"device": "cuda"}, {}))
-    assert there["card"] == "NVIDIA Made-up" and set(there) - set(here) == {"card", "cuda", "numba-cuda"}
+    on_gpu, on_cpu = (record.describe(identity, 1)["machine"] for identity in ({"device": "cuda"}, {}))
+    assert on_gpu["card"] == "NVIDIA Made-up" and set(on_gpu) - set(on_cpu) == {"card", "cuda", "numba-cuda"}

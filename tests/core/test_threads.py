@@ -1,4 +1,4 @@
-"""Work shared out to threads: every job once, errors not lost, and a forked process with threads of its own."""
+"""Tests of the thread pool: every job runs once, errors are raised, and a forked process has its own threads."""
 
 import multiprocessing
 import threading
@@ -7,7 +7,7 @@ import numba
 import pytest
 
 from thalweg.core.jit import config
-from thalweg.core.threads import share_out
+from thalweg.core.threads import run_in_threads
 
 
 @pytest.fixture(params=[1, 2])
@@ -22,17 +22,17 @@ def _threads(request: pytest.FixtureRequest):
 
 def jobs_done(jobs: int) -> list[int]:
     done: list[int] = []
-    share_out(jobs, lambda first, last: done.extend(range(first, last)))
+    run_in_threads(jobs, lambda first, last: done.extend(range(first, last)))
     return sorted(done)
 
 
 @pytest.mark.usefixtures("_threads")
 @pytest.mark.parametrize("jobs", [0, 1, 2, 7, 64])
-def test_every_job_is_done_once(jobs):
+def test_every_job_runs_once(jobs):
     assert jobs_done(jobs) == list(range(jobs))
 
 
-def test_an_error_in_another_thread_is_raised_once_all_have_ended():
+def test_an_error_in_another_thread_is_raised_after_all_have_ended():
     ended = []
 
     def work(first: int, last: int) -> None:
@@ -43,7 +43,7 @@ def test_an_error_in_another_thread_is_raised_once_all_have_ended():
     if numba.get_num_threads() < 2:
         pytest.skip("one thread")
     with pytest.raises(ValueError, match="job "):
-        share_out(8, work)
+        run_in_threads(8, work)
     assert len(ended) == min(numba.get_num_threads(), 8)
 
 
@@ -53,7 +53,7 @@ def _count(jobs: int, answers) -> None:
 
 @pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_a_forked_process_has_threads_of_its_own():
+def test_a_forked_process_has_its_own_threads():
     assert jobs_done(8) == list(range(8))
     context = multiprocessing.get_context("fork")
     answers = context.Queue()

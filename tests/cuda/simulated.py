@@ -26,8 +26,8 @@ def begin() -> None:
     """Let the simulator stand for a device."""
     assert numba.config.ENABLE_CUDASIM and numba.config.DISABLE_JIT  # pyright: ignore
     gpu.launch = launch
-    gpu.on_device = lambda array, device: np.array(array)
+    gpu.to_device = lambda array, device: np.array(array)
     gpu.empty = lambda shape, kind, device: np.empty(shape, kind)
     gpu.to_host = lambda array, device: np.array(array)
-    renderer.device_named = str
+    renderer.resolve_device = str
     gpu.free_bytes = lambda device: FREE_BYTES

@@ -17,7 +17,7 @@ import numpy as np
 from llvmlite import binding
 
 from tests.golden.traces import GOLDENS, Golden, Trace
-from thalweg.core.atomic_io import write_whole
+from thalweg.core.atomic_io import write_atomic
 
 FOLDER = Path(__file__).resolve().parent / "kept"
 LIBRARIES = ("numpy", "scipy", "numba", "torch")
@@ -100,7 +100,7 @@ def write(name: str, golden: Golden, trace: Trace) -> None:
         "exact": (load(name)["exact"] if same else {}) | {machine_kind(): trace_hash(trace)},
         "values": load(name)["values"] if same else {part: _rounded(values) for part, values in sorted(trace.items())},
     }
-    write_whole(path_of(name), json.dumps(kept) + "\n")
+    write_atomic(path_of(name), json.dumps(kept) + "\n")
 
 
 def _rounded(values: np.ndarray) -> list:

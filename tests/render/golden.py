@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from thalweg.core.atomic_io import whole, write_whole
+from thalweg.core.atomic_io import atomic_path, write_atomic
 from thalweg.env import sample_starts
 from thalweg.render import RENDER_VERSION, Look, Renderer
 from thalweg.world import World, load_or_build
@@ -135,7 +135,7 @@ def write(worlds: list[World], poses: list[list[float]], frames: np.ndarray) -> 
     """Keep the frames [K, H, W, 4] as they are."""
     for name, frame in zip(names(), frames, strict=True):
         mask = np.repeat(frame[..., 3:], 3, axis=-1)
-        with whole(FOLDER / f"{name}.png") as draft:
+        with atomic_path(FOLDER / f"{name}.png") as draft:
             Image.fromarray(np.concatenate([frame[..., :3], mask], axis=1)).save(draft, optimize=True)
     about = {
         "render_version": RENDER_VERSION,
@@ -143,7 +143,7 @@ def write(worlds: list[World], poses: list[list[float]], frames: np.ndarray) -> 
         "poses": dict(zip(names(), poses, strict=True)),
         "rivers": {level: figures(world) for level, world in zip(LEVELS, worlds, strict=True)},
     }
-    write_whole(FOLDER / "about.json", json.dumps(about, indent=2) + "\n")
+    write_atomic(FOLDER / "about.json", json.dumps(about, indent=2) + "\n")
 
 
 def other_rivers(about: dict[str, Any], worlds: list[World]) -> list[str]:

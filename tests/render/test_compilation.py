@@ -54,7 +54,7 @@ def test_where_no_process_can_compile_a_warning_says_what_follows(
     broken.chmod(0o755)
     monkeypatch.setattr(compilation, "_ready", False)
     monkeypatch.setattr(compilation, "_child", None)
-    monkeypatch.setattr(compilation, "kernel_folder", lambda: tmp_path)
+    monkeypatch.setattr(compilation, "kernel_cache_dir", lambda: tmp_path)
     monkeypatch.setattr(sys, "executable", str(broken))
     with pytest.warns(UserWarning, match=r"no room left.*this one compiles it"):
         compilation.finish()

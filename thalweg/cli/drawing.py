@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from thalweg.cli.options import NO_FILE, POSE, River, RiverFile, UsageError, check_file
-from thalweg.core.atomic_io import whole
+from thalweg.core.atomic_io import atomic_path
 
 PICTURES = (".png", ".jpg", ".jpeg", ".webp")
 
@@ -101,14 +101,14 @@ class RenderFrames:
         if self.gallery:
             from thalweg.bench.pictures.gallery import gallery
 
-            with whole(self.out) as draft:
+            with atomic_path(self.out) as draft:
                 gallery(world, chosen[0], camera).save(draft)
             print(f"{self.out}: the ranges of domain randomisation in {world.name}, seed {world.seed}")
             return 0
         frames = Renderer([world], camera, self.quality).render(chosen)
         if self.frames is not None:
             write_frames(self.frames, frames)
-        with whole(self.out) as draft:
+        with atomic_path(self.out) as draft:
             sheet(frames).save(draft)
         for x, y, z, yaw in chosen:
             print(f"--pose {x:.3f} {y:.3f} {z:.3f} {yaw:.4f}")

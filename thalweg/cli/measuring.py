@@ -6,7 +6,7 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from thalweg.cli.options import NO_FILE, River, UsageError, check_file
-from thalweg.core.atomic_io import write_whole
+from thalweg.core.atomic_io import write_atomic
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ class Leaderboard:
         if self.out is None:
             print(page)
         else:
-            write_whole(self.out, page)
+            write_atomic(self.out, page)
             print(f"{self.out}: the leaderboard")
         return 0
 

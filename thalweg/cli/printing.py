@@ -21,7 +21,7 @@ from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
 from thalweg.bench.suite.suites import PACKAGED
 from thalweg.bench.suite.yaml_file import suite_of
-from thalweg.core.machine import cores
+from thalweg.core.machine import usable_cores
 from thalweg.train import load_policy
 from thalweg.train.build_notice import announce
 from thalweg.train.river import check_sees_as_trained, load_fitting_encoder
@@ -120,7 +120,7 @@ def hands_for(jobs: int | None, cluster: str | None, cpus: int | None) -> Hands:
         return Cluster(cluster, jobs, 1 if cpus is None else cpus)
     if cpus is not None:
         raise ResultsError("--cpus goes with --cluster; here, runs share the cores")
-    jobs = cores() if jobs is None else jobs
+    jobs = usable_cores() if jobs is None else jobs
     return Here() if jobs == 1 else Processes(jobs)
 
 

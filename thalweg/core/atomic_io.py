@@ -1,7 +1,7 @@
-"""How does a file reach the disk? Whole or not at all: written beside its place, then put there in one move.
+"""Atomic file writes: a file is written to a temporary path in its folder and renamed when it is complete.
 
-Every file that Thalweg writes in one go is written by this; tables that grow by rows, and checkpoints, which are
-folders, are not.
+Every file that Thalweg writes at once goes through this module. Tables that grow by rows do not, nor do checkpoints,
+which are folders.
 """
 
 import os
@@ -12,28 +12,29 @@ from pathlib import Path
 
 
 @contextmanager
-def whole(path: str | Path) -> Iterator[Path]:
-    """A new path beside `path` to write to; what stands there when the block ends takes the place of `path`.
+def atomic_path(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary path to write to; when the block ends without an error, it replaces `path`.
 
-    Whoever reads `path` meanwhile, and whoever comes after a kill at any moment, finds the old file or the new one.
-    An error in the block leaves the old one and nothing else. The folder of `path` is made if missing. The new path is
-    hidden and never used twice, so that what a killed process leaves is in nobody's way; it ends as `path` does, since
-    many writers choose a format by that.
+    Readers of `path` see the old file or the new one, never a part of it, also after the process was killed. An error
+    in the block leaves the old file and removes the temporary one. The folder of `path` is created if it is missing.
+    The temporary name is hidden and random, so that files left by killed processes disturb nobody; its suffix is that
+    of `path`, because many writers choose the file format by it.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    # Not `tempfile`: its files are the owner's alone, whatever the umask says.
-    draft = path.with_name(f".{path.stem}.{secrets.token_hex(8)}.part{path.suffix}")
+    # Not `tempfile`: its files are readable by their owner alone, whatever the umask.
+    temporary = path.with_name(f".{path.stem}.{secrets.token_hex(8)}.part{path.suffix}")
     try:
-        yield draft
-        with draft.open("r+b") as file:
+        yield temporary
+        # Without fsync, a power failure could leave the new name with no content behind it.
+        with temporary.open("r+b") as file:
             os.fsync(file.fileno())
-        os.replace(draft, path)
+        os.replace(temporary, path)
     finally:
-        draft.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
 
 
-def write_whole(path: str | Path, content: bytes | str) -> None:
-    """Write a file whole or not at all; text in UTF-8, its line ends as they are."""
-    with whole(path) as draft:
-        draft.write_bytes(content.encode() if isinstance(content, str) else content)
+def write_atomic(path: str | Path, content: bytes | str) -> None:
+    """Write `content` to a file atomically; text is encoded as UTF-8 and its line ends are kept."""
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)

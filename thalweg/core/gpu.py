@@ -1,7 +1,7 @@
-"""How does Thalweg reach a GPU? Through numba-cuda and torch, neither of which is imported before one is asked for.
+"""Kernels and arrays on a GPU, through numba-cuda and PyTorch; both are imported only when a GPU is used.
 
-A kernel is written as a plain function; `compiled` makes it run on a device. Arrays are made by torch, so that torch
-and the kernels share one pool of memory and one stream, and nothing is copied from one to the other.
+A kernel is written as a plain function, which `compile_kernel` compiles for a device. PyTorch allocates all arrays, so
+that it and the kernels share one memory pool and one stream and nothing is copied between them.
 """
 
 from collections.abc import Callable
@@ -12,12 +12,12 @@ import numpy as np
 
 
 @cache
-def compiled(function: Callable, fastmath: bool) -> Any:
-    """The function as a kernel, compiled at its first launch; `fastmath` as for the kernels of the CPU.
+def compile_kernel(function: Callable, fastmath: bool) -> Any:
+    """Return a CUDA kernel of a function, compiled at its first launch; `fastmath` as in `thalweg.core.jit.kernel`.
 
-    A function that was made by another is compiled once for each that the other made.
+    A closure is compiled once for each function object.
     """
-    from numba import cuda  # not before a GPU is asked for
+    from numba import cuda  # not before a GPU is used
 
     return cuda.jit(function, fastmath=fastmath)
 
@@ -30,41 +30,42 @@ def launch(
     *arguments: Any,
     fastmath: bool = True,
 ) -> None:
-    """Start a kernel on torch's stream of a device, and return at once."""
+    """Launch a kernel on PyTorch's current stream of a device, without waiting for it."""
     import torch
     from numba import cuda
 
     stream = cuda.external_stream(torch.cuda.current_stream(device).cuda_stream)
     with cuda.gpus[torch.device(device).index or 0]:
-        compiled(function, fastmath)[blocks, threads, stream](*arguments)
+        compile_kernel(function, fastmath)[blocks, threads, stream](*arguments)
 
 
-def as_array(tensor: Any, dtype: Any = None) -> Any:
-    """The kernels' view of a tensor's memory, as another type of the same size if `dtype` is given; no copy."""
+def as_kernel_array(tensor: Any, dtype: Any = None) -> Any:
+    """Return a tensor's memory as a kernel array without a copy, viewed as `dtype` (of the same size) if given."""
     from numba import cuda
 
     array = cuda.as_cuda_array(tensor, sync=False)
     return array if dtype is None else array.view(dtype)
 
 
-def on_device(array: np.ndarray, device: Any) -> Any:
-    """A copy of a host's array on a device, in torch's memory, as the kernels see it."""
+def to_device(array: np.ndarray, device: Any) -> Any:
+    """Return a copy of a host array as a kernel array on a device."""
     import torch
 
+    # Copied as bytes, because PyTorch lacks some of NumPy's types, such as uint32.
     copied = torch.from_numpy(np.ascontiguousarray(array).view(np.uint8).reshape(-1).copy()).to(device)
-    return as_array(copied, array.dtype).reshape(array.shape)
+    return as_kernel_array(copied, array.dtype).reshape(array.shape)
 
 
-def empty(shape: tuple[int, ...], kind: Any, device: Any) -> Any:
-    """Memory of torch's on a device, as the kernels see it."""
+def empty(shape: tuple[int, ...], dtype: Any, device: Any) -> Any:
+    """Return an uninitialised kernel array on a device."""
     import torch
 
-    length = int(np.prod(shape)) * np.dtype(kind).itemsize
-    return as_array(torch.empty(length, dtype=torch.uint8, device=device), kind).reshape(shape)
+    length = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    return as_kernel_array(torch.empty(length, dtype=torch.uint8, device=device), dtype).reshape(shape)
 
 
 def to_host(array: Any, device: Any) -> np.ndarray:
-    """A copy on the host of the kernels' array on a device, once all that was launched before is done."""
+    """Return a copy of a kernel array on the host, after all earlier launches have finished."""
     import torch
 
     array_bytes = array.view(np.uint8) if array.dtype.itemsize > 1 else array
@@ -72,7 +73,7 @@ def to_host(array: Any, device: Any) -> np.ndarray:
 
 
 def free_bytes(device: Any) -> int:
-    """Memory of the device that is not in use, torch's own reserve counted as free."""
+    """Return the device memory that is not in use; memory that PyTorch has reserved but not allocated is free."""
     import torch
 
     free, _ = torch.cuda.mem_get_info(device)

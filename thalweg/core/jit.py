@@ -1,11 +1,11 @@
-"""Compilation of kernels: Numba with the flags this project measured to be fastest, safely cached.
+"""The `kernel` decorator: Numba compilation with this project's flags, and the cache of compiled kernels.
 
-Numba's own cache watches only the file a function stands in, so that a change in an imported kernel would leave a
-stale one behind. Here the cache folder is named by a hash of the code of every module that kernels depend on. Comments,
-docstrings, and where the package lies do not matter, so that a clone beside another uses the same compiled kernels.
+Numba's own cache watches only the file that defines a function, so a change in an imported kernel would leave a stale
+one behind. Here the name of the cache folder contains a hash of the code of every module that kernels depend on.
+Comments, docstrings and the location of the package do not change it, so two clones share compiled kernels.
 
-In kernels everything is float32 (write `float32(0.5)`: a Python literal is float64 and halves the speed), conditions
-in inner loops are selects, and NaN or infinity never stand for a mark, because `fastmath` forbids them.
+Kernels compute in float32 (write `float32(0.5)`: a Python literal is float64 and halves the speed), use selects for
+conditions in inner loops, and never use NaN or infinity as special values, because `fastmath` forbids them.
 """
 
 import hashlib
@@ -26,10 +26,10 @@ from numba.core import config as numba_config
 from thalweg.core.cache import PACKAGE, cache_dir, code_hash
 
 config: Any = numba_config
-"""Its settings are made when Numba is imported, so that no type checker knows them."""
+"""Numba's settings, typed as `Any` because they are set on import and unknown to type checkers."""
 IMPORT = re.compile(r"^ *(?:from|import) (thalweg[.\w]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
 USES_KERNELS = re.compile(r"^from thalweg\.core\.jit import", re.MULTILINE)
-"""What a module that defines kernels has among its imports."""
+"""Matches the import that every module with kernels has."""
 
 
 def kernel(
@@ -40,15 +40,20 @@ def kernel(
     inlined: bool = False,
     disjoint: bool = False,
 ) -> Any:
-    """The compiled form of a function, as a decorator; its cache is keyed by all kernel sources.
+    """Decorate a function to be compiled at its first call and cached under the code of all kernel sources.
 
-    `fastmath=False` is for the rules, which must give the same bits as their plain Python twins. `inlined=True` puts
-    the function into its callers. `disjoint=True` promises that no array written to overlaps another argument: without
-    that promise LLVM does not vectorise a loop that writes to one array and gathers from another.
+    Args:
+        function: The Python function, when the decorator is used without arguments.
+        parallel: Run `prange` loops in Numba's threads.
+        fastmath: Allow reordering of float operations. False for the rules, which must give the same bits as their
+            plain Python reference, and for the world, which must give the same bits on every machine of a kind.
+        inlined: Inline the function into its callers.
+        disjoint: Promise that no array that is written overlaps another argument. Without this promise LLVM does not
+            vectorise a loop that writes to one array and gathers from another.
     """
 
     def compile_lazily(python_function: Callable[..., Any]) -> Any:
-        folder = kernel_folder()
+        folder = kernel_cache_dir()
         dispatcher: Any = numba.njit(
             parallel=parallel,
             fastmath=fastmath,
@@ -67,10 +72,10 @@ def kernel(
 
 
 @cache
-def kernel_folder() -> Path | None:
-    """Where compiled kernels are kept, or None if no folder can be made there: then every process compiles anew.
+def kernel_cache_dir() -> Path | None:
+    """Return the folder for compiled kernels, or None if it cannot be written; then every process compiles anew.
 
-    Numba by itself would fall back to folders beside the sources, which is what must not be.
+    Numba by itself would fall back to folders beside the sources, which would go stale.
     """
     folder = cache_dir() / "kernels" / f"{code_hash(kernel_sources())}-{machine_hash()}"
     try:
@@ -78,47 +83,49 @@ def kernel_folder() -> Path | None:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        warnings.warn(f"compiled kernels can't be kept in {folder} ({error}): every start will compile", stacklevel=2)
+        warnings.warn(
+            f"compiled kernels can't be stored in {folder} ({error}): every start will compile them", stacklevel=2
+        )
         return None
     return folder
 
 
 def machine_hash() -> str:
-    """A hash of what else compiled code depends on: the processor and the versions of Numba and Python."""
+    """Return a hash of what compiled code depends on besides its source: the processor, Numba and Python."""
     cpu = binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
     return hashlib.sha256("\n".join((*cpu, numba.__version__, sys.version)).encode()).hexdigest()[:8]
 
 
 def kernel_sources() -> list[Path]:
-    """The modules that define kernels, and every module of the package that those import, however indirectly.
+    """Return the modules that define kernels and all modules of the package that they import, also indirectly.
 
-    What a package's `__init__.py` gathers is found in the modules themselves, so that facades don't count.
+    The `__init__.py` files are left out: kernels import from the defining modules.
     """
-    texts = {path: path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py") if path.name != "__init__.py"}
-    waiting = [path for path, text in texts.items() if USES_KERNELS.search(text)]
+    sources = {path: path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py") if path.name != "__init__.py"}
+    waiting = [path for path, text in sources.items() if USES_KERNELS.search(text)]
     found = {PACKAGE / "core" / "jit.py"}
     while waiting:
         path = waiting.pop()
         if path not in found:
             found.add(path)
-            waiting += [other for other in _imported(texts[path]) if other in texts]
+            waiting += [other for other in _imported_paths(sources[path]) if other in sources]
     return sorted(found)
 
 
-def _imported(text: str) -> Iterator[Path]:
-    """Where the modules of Thalweg lie that a module imports, in either way to write it."""
-    for module, names in IMPORT.findall(text):
-        place = PACKAGE.joinpath(*module.split(".")[1:])
-        yield place.with_suffix(".py")
-        yield from (place / f"{name}.py" for name in re.findall(r"\w+", names))
+def _imported_paths(source: str) -> Iterator[Path]:
+    """Yield the paths of the package's modules that a source may import, by `import a.b` or `from a import b`."""
+    for module, names in IMPORT.findall(source):
+        path = PACKAGE.joinpath(*module.split(".")[1:])
+        yield path.with_suffix(".py")
+        yield from (path / f"{name}.py" for name in re.findall(r"\w+", names))
 
 
 class _Locator(caching._CacheLocator):
-    """Where the compiled form of a function lies: in the folder for kernels, whatever the time stamps of its file."""
+    """Locates the compiled form of a function in the kernel cache, regardless of the time stamp of its source file."""
 
     def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
         self._py_file = py_file
-        folder = kernel_folder()
+        folder = kernel_cache_dir()
         assert folder is not None
         self._folder = folder / py_func.__module__.removeprefix("thalweg.")
 
@@ -126,11 +133,11 @@ class _Locator(caching._CacheLocator):
         return str(self._folder)
 
     def get_source_stamp(self) -> str:
-        """For functions outside the package, whose code is not part of the folder's name."""
+        """Return a hash of the code for functions outside the package, which the folder's name does not cover."""
         return code_hash([Path(self._py_file)]) if PACKAGE not in Path(self._py_file).parents else ""
 
     def get_disambiguator(self) -> str:
-        return "kernel"  # functions of one name in one module are told apart by their bytecode
+        return "kernel"  # Numba distinguishes functions of one name in one module by their bytecode
 
     @classmethod
     def from_function(cls, py_func: Callable[..., Any], py_file: str) -> "_Locator":
@@ -148,7 +155,7 @@ class _Cache(caching.FunctionCache):
 
 
 def _promise_disjoint(dispatcher: Any) -> None:
-    """Mark the arguments of a function as `noalias`. Numba has the flag for its own use but no option that sets it."""
+    """Mark a function's arguments as `noalias`; Numba has this flag internally but no option to set it."""
     compiler = dispatcher._compiler
     customize = compiler._customize_flags
 

@@ -1,46 +1,46 @@
-"""With what were these figures made? The machine and the versions that lie beside every result."""
+"""The machine and the package versions that are recorded beside every result."""
 
 import os
 import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-PARTS = ("thalweg", "numpy", "scipy", "numba", "torch", "gymnasium")
-"""Packages that numbers depend on."""
+PACKAGES = ("thalweg", "numpy", "scipy", "numba", "torch", "gymnasium")
+"""Packages that results may depend on."""
 
 
-def versions() -> dict[str, str]:
-    """Versions of Python and of `PARTS`; one that is not installed as a package is unknown."""
-    return {"python": platform.python_version()} | {part: _version(part) for part in PARTS}
+def package_versions() -> dict[str, str]:
+    """Return the versions of Python and of `PACKAGES`; a package that is not installed is "unknown"."""
+    return {"python": platform.python_version()} | {name: _version(name) for name in PACKAGES}
 
 
-def card() -> dict[str, str]:
-    """The GPU that torch uses, and what its kernels are made with."""
-    import torch  # which says so only where there is one
+def gpu_info() -> dict[str, str]:
+    """Return the name of PyTorch's current GPU and the versions of CUDA and numba-cuda."""
+    import torch  # only called where a GPU is used
 
     return {"card": torch.cuda.get_device_name(), "cuda": str(torch.version.cuda), "numba-cuda": _version("numba-cuda")}
 
 
-def _version(part: str) -> str:
-    try:
-        return version(part)
-    except PackageNotFoundError:
-        return "unknown"
-
-
-def machine() -> dict[str, str | int]:
-    """Processor, cores this process may use, system; the memory in GiB."""
+def machine_info() -> dict[str, str | int]:
+    """Return the processor, the cores this process may use, the memory in GiB and the system."""
     return {
         "cpu": _cpu(),
-        "cores": cores(),
+        "cores": usable_cores(),
         "memory_gib": _memory_gib(),
         "system": f"{platform.system()} {platform.machine()}",
     }
 
 
-def cores() -> int:
-    """How many cores this process may use."""
+def usable_cores() -> int:
+    """Return the number of cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "unknown"
 
 
 def _cpu() -> str:

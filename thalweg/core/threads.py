@@ -1,7 +1,7 @@
-"""How do threads share compiled work? Each takes one run of the jobs, and the caller's own thread the first.
+"""A thread pool for compiled kernels: the jobs are split into one range per thread.
 
-Kernels let go of Python's lock. Numba could share a loop out by itself, but compiles what the loop calls three times
-for that, which is a quarter of a first start for the frame.
+Kernels release Python's lock. Numba's own `parallel=True` would compile everything that the loop calls three times,
+which takes a quarter of the first start for the frame kernel.
 """
 
 import os
@@ -16,10 +16,10 @@ from thalweg.core.jit import config
 _pool: ThreadPoolExecutor | None = None
 
 
-def share_out(jobs: int, work: Callable[[int, int], object]) -> None:
-    """Call work(first, last) for runs of the numbers 0 to `jobs`, in as many threads as Numba is set to use.
+def run_in_threads(jobs: int, work: Callable[[int, int], object]) -> None:
+    """Call `work(first, last)` for ranges that cover 0 to `jobs`, in as many threads as Numba is set to use.
 
-    An error in any of them is raised here, once all have ended.
+    The calling thread takes the first range. An error in any range is raised here after all ranges have ended.
     """
     global _pool
     threads = min(numba.get_num_threads(), jobs)
@@ -29,20 +29,20 @@ def share_out(jobs: int, work: Callable[[int, int], object]) -> None:
     if _pool is None:
         _pool = ThreadPoolExecutor(config.NUMBA_NUM_THREADS, "thalweg")
     edges = [jobs * thread // threads for thread in range(threads + 1)]
-    others = [_pool.submit(work, *run) for run in pairwise(edges[1:])]
+    futures = [_pool.submit(work, *ends) for ends in pairwise(edges[1:])]
     try:
         work(*edges[:2])
     finally:
-        failures = [error for other in others if (error := other.exception())]
-    if failures:
-        raise failures[0]
+        errors = [error for future in futures if (error := future.exception())]
+    if errors:
+        raise errors[0]
 
 
-def _forget() -> None:
-    """A forked process has none of its parent's threads."""
+def _drop_pool() -> None:
+    """Drop the pool in a forked process, which has none of its parent's threads."""
     global _pool
     _pool = None
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forget)
+    os.register_at_fork(after_in_child=_drop_pool)

@@ -1,5 +1,8 @@
-"""In how many threads does PyTorch compute? It must be told anew: where kernels run on OpenMP, Numba gives it its own
-number."""
+"""The number of threads that PyTorch computes with.
+
+It is set explicitly, because Numba changes it: where kernels run on OpenMP, Numba sets PyTorch's too.
+This is apart from `thalweg.core.threads` so that rendering on the CPU does not import PyTorch.
+"""
 
 import os
 from collections.abc import Iterator
@@ -7,13 +10,13 @@ from contextlib import contextmanager
 
 import torch
 
-AT_FIRST = torch.get_num_threads()
-"""What PyTorch took by itself."""
+INITIAL_THREADS = torch.get_num_threads()
+"""The number PyTorch chose on import."""
 
 
 @contextmanager
 def torch_threads(count: int) -> Iterator[None]:
-    """PyTorch uses that many threads inside."""
+    """Set PyTorch's number of threads to `count` inside the block."""
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:
@@ -22,7 +25,7 @@ def torch_threads(count: int) -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def asked_threads() -> int:
-    """How many threads it was to have: `OMP_NUM_THREADS`, else as many as it took by itself."""
-    asked = os.environ.get("OMP_NUM_THREADS", "")
-    return int(asked) if asked.isdigit() and int(asked) > 0 else AT_FIRST
+def default_torch_threads() -> int:
+    """Return `OMP_NUM_THREADS` if it is set to a positive number, else the number PyTorch chose on import."""
+    value = os.environ.get("OMP_NUM_THREADS", "")
+    return int(value) if value.isdigit() and int(value) > 0 else INITIAL_THREADS

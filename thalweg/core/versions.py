@@ -1,8 +1,8 @@
-"""Versions of everything that results depend on, raised by hand when behaviour changes.
+"""Version numbers of everything that results depend on, raised by hand when behaviour changes.
 
-A golden test for each (`tests/golden`) fails when behaviour changes and its version here does not. Comments, names and
-moves of code change no behaviour and raise no version. Compiled kernels and cached worlds are not results: they are
-keyed by the code that made them.
+Each has a golden test (`tests/golden`) that fails when behaviour changes and the version does not. Changes of comments,
+names or file locations raise no version. Compiled kernels and cached worlds are not results: they are keyed by the code
+that made them.
 """
 
 from collections.abc import Iterable
@@ -41,6 +41,6 @@ PACKAGED_POLICY = 1
 
 
 def training_versions(algorithms: Iterable[str]) -> dict[str, int]:
-    """Versions that a policy depends on, trained by these algorithms on our rivers through the packaged encoder."""
+    """Return the versions that a policy depends on: trained by `algorithms` on our rivers with the packaged encoder."""
     shared = {"world": WORLD, "render": RENDER, "rules": RULES, "encoder": PACKAGED_ENCODER, "training": TRAINING}
     return shared | {name: ALGORITHMS[name] for name in algorithms}

@@ -1,4 +1,4 @@
-"""How is YAML read that people write by hand? With 1e-4 for a number, and no key twice."""
+"""A YAML loader for files written by hand: it reads 1e-4 as a number, as YAML 1.2 does, and rejects duplicate keys."""
 
 import re
 from typing import Any
@@ -7,14 +7,14 @@ import yaml
 
 
 class Loader(yaml.SafeLoader):
-    """Takes 1e-4 for a number, as YAML 1.2 does; in YAML 1.1 a number has a point before its exponent."""
+    """PyYAML's safe loader, with numbers as in YAML 1.2: YAML 1.1 requires a point before the exponent."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """As the parent's; raises `yaml.YAMLError` for a key that stands there twice."""
+        """Return the mapping of a node; raises `yaml.YAMLError` for a duplicate key."""
         keys = [self.construct_object(key, deep=True) for key, _ in node.value]  # pyright: ignore
         for key in keys:
             if keys.count(key) > 1:
-                raise yaml.constructor.ConstructorError(None, None, f"{key!r} stands there twice", node.start_mark)
+                raise yaml.constructor.ConstructorError(None, None, f"duplicate key {key!r}", node.start_mark)
         return super().construct_mapping(node, deep)
 
 
@@ -24,5 +24,5 @@ Loader.add_implicit_resolver(
 
 
 def load(text: str) -> Any:
-    """What a text says; raises `yaml.YAMLError`."""
+    """Return the value of a YAML text; raises `yaml.YAMLError`."""
     return yaml.load(text, Loader)

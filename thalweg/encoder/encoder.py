@@ -18,8 +18,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from thalweg.core.device import device_named
-from thalweg.core.torch_threads import asked_threads, torch_threads
+from thalweg.core.device import resolve_device
+from thalweg.core.torch_threads import default_torch_threads, torch_threads
 from thalweg.encoder.files import EncoderFileError, load_vae
 from thalweg.encoder.vae import LEAK, VAE, EncoderInputError
 
@@ -86,7 +86,7 @@ class Encoder:
         if frames.shape[3] != len(channels):
             frames = frames[..., channels[0] : channels[-1] + 1]
         codes = torch.empty(len(frames), self.latent, device=self._device)
-        with torch_threads(asked_threads()), torch.inference_mode():
+        with torch_threads(default_torch_threads()), torch.inference_mode():
             for start in range(0, len(frames), chunk):
                 cut = frames[start : start + chunk]
                 company = cut.repeat(2, 1, 1, 1) if len(cut) == 1 else cut
@@ -149,7 +149,7 @@ def load_encoder(
     Raises `EncoderFileError` for a file that is missing, truncated, foreign, of another version or of another size, and
     `DeviceError` for a device that can't be used.
     """
-    path, device = DEFAULT_PATH if path is None else Path(path), device_named(device)
+    path, device = DEFAULT_PATH if path is None else Path(path), resolve_device(device)
     vae, about = load_vae(path)
     if latent is not None and vae.config.latent != latent:
         raise EncoderFileError(f"{path}: encodes to {vae.config.latent} numbers, but {latent} are needed")

@@ -14,7 +14,7 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as serialize
 
-from thalweg.core.atomic_io import write_whole
+from thalweg.core.atomic_io import write_atomic
 from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig
 
 FORMAT = 1
@@ -30,7 +30,7 @@ class EncoderFileError(ValueError):
 def write_tensors(path: str | Path, tensors: Mapping[str, torch.Tensor], about: Mapping[str, Any]) -> None:
     """Write tensors and what is said about them to `path`; until all of it is on disk, the old file stays."""
     plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    write_whole(path, serialize(plain, {KEY: json.dumps(about, sort_keys=True)}))
+    write_atomic(path, serialize(plain, {KEY: json.dumps(about, sort_keys=True)}))
 
 
 def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:

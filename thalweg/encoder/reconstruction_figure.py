@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from thalweg.core.atomic_io import whole
+from thalweg.core.atomic_io import atomic_path
 from thalweg.encoder.encoder import Encoder
 from thalweg.encoder.vae import EncoderInputError
 
@@ -41,7 +41,7 @@ def draw_reconstructions(images: np.ndarray, encoders: Encoder | Mapping[str, En
             sheet.paste(
                 Image.fromarray(np.ascontiguousarray(picture)), (GAP_PX + column * (width + GAP_PX), top + LABEL_PX)
             )
-    with whole(path) as draft:
+    with atomic_path(path) as draft:
         sheet.save(draft, format="PNG")
 
 

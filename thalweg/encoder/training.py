@@ -20,7 +20,7 @@ import numpy as np
 import torch
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from thalweg.core.atomic_io import write_whole
+from thalweg.core.atomic_io import write_atomic
 from thalweg.encoder.files import FORMAT, EncoderFileError, read_tensors, save_vae, write_tensors
 from thalweg.encoder.reconstruction import check_images, mean_image_mse, reconstruction_mse, to_batch
 from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig, vae_loss
@@ -207,7 +207,7 @@ def _write_rows(path: Path, rows: list[Row]) -> None:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
     writer.writerows([row[name] for name in COLUMNS] for row in rows)
-    write_whole(path, text.getvalue())
+    write_atomic(path, text.getvalue())
 
 
 def _bar(shown: bool) -> Progress:

@@ -77,11 +77,11 @@ def make_tensors(
     **options: Any,
 ) -> "TensorRiverEnv":
     """As `make_vector`, of tensors on one device; `thalweg.make_torch` calls it."""
-    from thalweg.core.device import device_named
+    from thalweg.core.device import resolve_device
     from thalweg.env.torch_env import TensorRiverEnv
 
     own = ("num_envs", "worlds", "world_seeds", "device", "config")
-    config, device = _with_options(config, options, own), device_named(device)
+    config, device = _with_options(config, options, own), resolve_device(device)
     if device == "cpu":
         _begin_compiling(config)
     given = [worlds] if isinstance(worlds, World) else worlds

@@ -18,7 +18,7 @@ from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 from thalweg.core import gpu
-from thalweg.core.device import device_named
+from thalweg.core.device import resolve_device
 from thalweg.env.actions import ActionError, action_space, units
 from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, DoneReason, EnvConfig, whole
 from thalweg.env.device.episode import advance_rows, begins_of
@@ -64,7 +64,7 @@ class TensorRiverEnv:
         worlds than that, `DeviceError`, and `UnsafePoseError` for a world without a safe start."""
         self.worlds = (worlds,) if isinstance(worlds, World) else tuple(worlds)
         self.num_envs, self.config = whole("num_envs", num_envs, 1), config
-        self.device = torch.device(device_named(device))
+        self.device = torch.device(resolve_device(device))
         courses = pack(self.worlds, config)
         beside = 0
         if self.device.type != "cpu" and config.observation != "none":
@@ -247,4 +247,4 @@ class TensorRiverEnv:
 
     def _array(self, tensor: Tensor) -> Any:
         """What kernels see of a tensor."""
-        return tensor.numpy() if self.device.type == "cpu" else gpu.as_array(tensor)
+        return tensor.numpy() if self.device.type == "cpu" else gpu.as_kernel_array(tensor)

@@ -315,7 +315,7 @@ class RiverVectorEnv(VectorEnv):
 
     def _frames(self, view: View) -> np.ndarray:
         """Frames [M, H, W, 4] uint8 in memory of their own."""
-        fork.refuse_forked()
+        fork.raise_if_forked()
         if self._renderer is None:
             from thalweg.render import Renderer
 

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from thalweg.core.jit import kernel
-from thalweg.core.threads import share_out
+from thalweg.core.threads import run_in_threads
 from thalweg.render.kernels.camera_rays import eye_of
 from thalweg.render.kernels.frame import ROWS_TOGETHER, draw_rows, finish_frame, open_planes
 
@@ -32,7 +32,7 @@ def draw(scene, world_index, poses, times, looks, camera, images, want_layers, d
     planes = shared_planes(0 if whole else len(poses), *camera[:2])
     for stage in (WHOLE,) if whole else (BANDS, FINISH):
         jobs = len(poses) * (len(bands) if stage == BANDS else 1)
-        share_out(jobs, partial(draw_jobs, scene, views, camera, out, bands, planes, stage))
+        run_in_threads(jobs, partial(draw_jobs, scene, views, camera, out, bands, planes, stage))
 
 
 def shared_planes(count: int, height: int, width: int) -> tuple[np.ndarray, ...]:

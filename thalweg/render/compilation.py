@@ -14,7 +14,7 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from thalweg.core.jit import config, kernel_folder
+from thalweg.core.jit import config, kernel_cache_dir
 from thalweg.render.batch import WHOLE, draw_jobs, shared_planes
 from thalweg.render.records.appearance import LOOK_COLUMNS
 from thalweg.render.records.scene import blank_scene
@@ -29,7 +29,7 @@ _ready = False
 def begin() -> None:
     """Start compiling, if nobody has yet, and say so; returns at once."""
     global _child, _ready
-    folder = kernel_folder()
+    folder = kernel_cache_dir()
     # Without a folder every process compiles anew, and with the same result.
     _ready = _ready or folder is None or config.DISABLE_JIT or (folder / MARK).exists()
     if _ready or _child is not None:
@@ -81,7 +81,7 @@ def arguments() -> tuple:
 
 def main() -> None:
     """Compile and store; the mark comes last, so that a killed process leaves none."""
-    folder = kernel_folder()
+    folder = kernel_cache_dir()
     assert folder is not None
     draw_jobs.compile(tuple(numba.typeof(argument) for argument in arguments()))
     Path(folder, MARK).touch()

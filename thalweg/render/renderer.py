@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from thalweg.core import versions
-from thalweg.core.device import device_named
+from thalweg.core.device import resolve_device
 from thalweg.render import compilation
 from thalweg.render.batch import bands_of, draw
 from thalweg.render.errors import RenderError
@@ -60,7 +60,7 @@ class Renderer:
             raise RenderError("a renderer needs at least one world")
         if quality not in QUALITIES:
             raise RenderError(f"quality = {quality!r}: choose one of {', '.join(QUALITIES)}")
-        self.device = device_named(device)
+        self.device = resolve_device(device)
         if self.device == "cpu":
             compilation.begin()
         self.worlds = tuple(worlds)

@@ -11,8 +11,8 @@ from typing import Any
 from thalweg.algos.policy.actions import Actions
 from thalweg.algos.registry import algorithm_named
 from thalweg.core.cache import file_hash
-from thalweg.core.device import device_named
-from thalweg.core.torch_threads import asked_threads
+from thalweg.core.device import resolve_device
+from thalweg.core.torch_threads import default_torch_threads
 from thalweg.encoder import Encoder, check_render_version, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import RENDER_VERSION
@@ -31,7 +31,7 @@ BRANCHES = (3, 3, 3, 3)
 def load_fitting_encoder(path: Path | None = None, device: str = "cpu") -> Encoder:
     """An encoder on a device that was trained on frames as this renderer draws them; raises the encoder's own
     errors."""
-    encoder = load_encoder(path, device=device_named(device))
+    encoder = load_encoder(path, device=resolve_device(device))
     check_render_version(encoder, RENDER_VERSION)
     return encoder
 
@@ -150,7 +150,7 @@ class TrainingGround:
         check_same_file(folder, context)
         if begin_with is not None:
             check_sees_as_trained(load_policy(begin_with), encoder)
-        place = device_named(device)
+        place = resolve_device(device)
         env = self._seen_through(encoder, place)
         try:
             return run(
@@ -163,7 +163,7 @@ class TrainingGround:
                 preset=preset,
                 context=context,
                 progress=True,
-                threads=min(entry.threads, asked_threads()) if threads is None else threads,
+                threads=min(entry.threads, default_torch_threads()) if threads is None else threads,
                 device=place,
                 begin_with=begin_with,
                 graphs=graphs,

@@ -19,7 +19,7 @@ from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.policy import policy as policies
 from thalweg.algos.registry import Entry, algorithm_named
 from thalweg.core.cache import file_hash
-from thalweg.core.device import DeviceError, device_named
+from thalweg.core.device import DeviceError, resolve_device
 from thalweg.core.torch_threads import torch_threads
 from thalweg.train.errors import ResumeWarning, TrainingError
 from thalweg.train.folder import run_record as record
@@ -117,7 +117,7 @@ def run(
     for name, number, least in (("steps", steps, 1), ("threads", threads, 1), ("seed", seed, 0)):
         if number < least:
             raise TrainingError(f"{name} must {f'be at least {least}' if least else 'not be negative'}, got {number}")
-    place, context = torch.device(device_named(device)), dict(context or {})
+    place, context = torch.device(resolve_device(device)), dict(context or {})
     if graphs:
         _check_graphs(entry, place)
     collector = collector_for(env, resolved.frame_stack, place, threads)
@@ -177,7 +177,7 @@ def _check_graphs(entry: Entry, place: torch.device) -> None:
 def load_policy(path: str | Path, device: str = "cpu") -> Any:
     """The policy in a run's folder or a policy file, on a device; raises `AlgorithmError` if there is none, naming how
     the run stands."""
-    return policies.load_policy(policy_file(path), torch.device(device_named(device)))
+    return policies.load_policy(policy_file(path), torch.device(resolve_device(device)))
 
 
 def policy_file(path: str | Path) -> Path:
@@ -285,7 +285,7 @@ def _claim(folder: Path, identity: dict[str, Any], threads: int) -> dict[str, An
     record.require_same(folder, begun["run"], identity)
     status = record.read_status(folder)
     there = begun["versions"] | {"threads": begun["machine"]["learning_threads"]}
-    here = record.versions() | {"threads": threads}
+    here = record.package_versions() | {"threads": threads}
     if status.get("state") != "finished" and there != here:
         warnings.warn(
             f"{folder} was begun with {there} and goes on with {here}: "

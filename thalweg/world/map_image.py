@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 from matplotlib.patheffects import withStroke
 
-from thalweg.core.atomic_io import whole
+from thalweg.core.atomic_io import atomic_path
 from thalweg.world.islands import outline
 from thalweg.world.noise import fractal, smooth_step
 from thalweg.world.record import World
@@ -51,7 +51,7 @@ def draw(world: World, path: str | Path, *, size_px: int = 1200) -> None:
     if size_px < 300:
         raise ValueError(f"a map needs at least 300 pixels, not {size_px}")
     figure = _figure(world, size_px)
-    with whole(path) as draft, draft.open("wb") as file:
+    with atomic_path(path) as draft, draft.open("wb") as file:
         FigureCanvasAgg(figure).print_png(file)
 
 

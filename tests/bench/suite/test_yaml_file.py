@@ -93,7 +93,7 @@ def test_numbers_are_read_as_people_write_them(tmp_path: Path):
 
 
 def test_a_key_that_stands_there_twice_is_an_error(tmp_path: Path):
-    with pytest.raises(ResultsError, match=r"is not YAML: 'episodes' stands there twice"):
+    with pytest.raises(ResultsError, match=r"is not YAML: duplicate key 'episodes'"):
         suite_of(written(tmp_path, "arms: []\nepisodes: 3\nepisodes: 4"))
 
 

@@ -25,7 +25,7 @@ from thalweg.algos.policy.distributions import Distribution
 from thalweg.algos.policy.memory import FrameStack, Sequences
 from thalweg.algos.policy.networks import Actor, NetworkShape
 from thalweg.algos.policy.normaliser import Normaliser
-from thalweg.core.atomic_io import write_whole
+from thalweg.core.atomic_io import write_atomic
 
 FORMAT = 2
 """Version of the policy file."""
@@ -271,7 +271,7 @@ KINDS: dict[str, Restore] = {"network": Policy.restored}
 def save_policy(path: str | Path, header: dict[str, Any], tensors: dict[str, np.ndarray], about: About) -> None:
     """Write a policy file whole or not at all: tensors, and plain data of which "kind" says who reads it."""
     whole = {"format": FORMAT, **header, **dataclasses.asdict(about)}
-    write_whole(path, save(tensors, {HEADER: json.dumps(whole)}))
+    write_atomic(path, save(tensors, {HEADER: json.dumps(whole)}))
 
 
 def load_policy(path: str | Path, device: torch.device = CPU) -> Any:

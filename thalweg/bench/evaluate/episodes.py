@@ -6,7 +6,7 @@ from math import isfinite
 from pathlib import Path
 
 from thalweg.bench.csv_files import ResultsError, csv_text, read_csv
-from thalweg.core.atomic_io import write_whole
+from thalweg.core.atomic_io import write_atomic
 from thalweg.env import DoneReason
 
 REASONS = tuple(reason.label for reason in DoneReason if reason >= 0)
@@ -65,7 +65,7 @@ COLUMNS = tuple(field.name.rstrip("_") for field in fields(Episode))
 def write_episodes(path: Path, episodes: Sequence[Episode]) -> None:
     """Write the rows as CSV, whole or not at all."""
     rows = [[int(value) if isinstance(value, bool) else value for value in astuple(row)] for row in episodes]
-    write_whole(path, csv_text(COLUMNS, rows))
+    write_atomic(path, csv_text(COLUMNS, rows))
 
 
 def read_episodes(path: Path) -> list[Episode]:

@@ -25,8 +25,8 @@ from thalweg.bench.evaluate.progress import all_landed, bar, progress_of_flights
 from thalweg.bench.execute.rivers import PACKAGED_POLICY, Place
 from thalweg.bench.results.results import RunRow, evaluation_path
 from thalweg.bench.suite.suites import Run, Suite
-from thalweg.core.atomic_io import write_whole
-from thalweg.core.machine import cores
+from thalweg.core.atomic_io import write_atomic
+from thalweg.core.machine import usable_cores
 from thalweg.train.folder.run_record import POLICY, read_status
 
 LOGS, WIDTH = "logs", 120
@@ -75,7 +75,7 @@ class Processes:
     def carry_out(self, work: Work, runs: Sequence[Run]) -> Iterator[RunRow]:
         """See `Hands`; raises `OSError` for a full disk, once the runs beside it have been stopped."""
         waiting, going = list(runs), dict[Connection, tuple[Run, Any]]()
-        threads = max(1, cores() // self.jobs)
+        threads = max(1, usable_cores() // self.jobs)
         try:
             while waiting or going:
                 while waiting and len(going) < self.jobs:
@@ -170,7 +170,7 @@ def attempt(run: Run, work: Work) -> RunRow:
         if isinstance(failure, OSError) and failure.errno == errno.ENOSPC:
             raise
         error = " ".join(f"{type(failure).__name__}: {failure}".split())
-        write_whole(home / "error.txt", traceback.format_exc())
+        write_atomic(home / "error.txt", traceback.format_exc())
         console.print(f"{run.name} failed: {error}", style="red", highlight=False, markup=False)
     return row_of(run, work, error)
 

@@ -21,7 +21,7 @@ from thalweg.bench.report.tables import plus_minus
 from thalweg.bench.results.results import FILMS, KINDS, MAIN_FILM, FilmFiles, evaluation_path
 from thalweg.bench.results.statistics import summarise
 from thalweg.bench.suite.suites import Run, Suite
-from thalweg.core.atomic_io import write_whole
+from thalweg.core.atomic_io import write_atomic
 
 BEST, FAILURE = KINDS
 WHOSE = {"packaged": "the packaged policy", "train": "trained policies", "baseline": "baselines"}
@@ -74,13 +74,13 @@ def _film(shot: Shot, folder: Path, place: Place, console: Console) -> None:
         with bar(console, "frames") as progress:
             on_frame = progress_of_frames(progress, files.film.stem, len(shape.shown(shot.episode.length)))
             place.film(shot.run, home, shot.episode, files.film, on_frame, shape=shape)
-        write_whole(files.caption, caption)
+        write_atomic(files.caption, caption)
         files.failure.unlink(missing_ok=True)
     except Exception as error:
         if isinstance(error, OSError) and error.errno == errno.ENOSPC:
             raise
         files.film.unlink(missing_ok=True)
-        write_whole(files.failure, " ".join(f"{type(error).__name__}: {error}".split()) + "\n")
+        write_atomic(files.failure, " ".join(f"{type(error).__name__}: {error}".split()) + "\n")
         console.print(f"No film {shot.name}: {error}", style="red", highlight=False, markup=False)
 
 

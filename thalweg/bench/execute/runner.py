@@ -20,8 +20,8 @@ from thalweg.bench.report.report import Report, write_report
 from thalweg.bench.results.results import RunRow, evaluation_path, read_runs, write_runs
 from thalweg.bench.suite.record import read_suite
 from thalweg.bench.suite.suites import Run, Suite, check
-from thalweg.core.atomic_io import write_whole
-from thalweg.core.machine import machine, versions
+from thalweg.core.atomic_io import write_atomic
+from thalweg.core.machine import machine_info, package_versions
 from thalweg.env import EnvConfig
 
 
@@ -111,8 +111,8 @@ def claim(folder: Path, suite: Suite) -> None:
         **suite.as_data(),
         "made_by": made,
         "env": asdict(EnvConfig()),
-        "versions": versions(),
-        "machine": machine(),
+        "versions": package_versions(),
+        "machine": machine_info(),
     }
     path = folder / "suite.json"
     if not (there := next(place for place in (folder, *folder.absolute().parents) if place.exists())).is_dir():
@@ -120,7 +120,7 @@ def claim(folder: Path, suite: Suite) -> None:
     if not path.exists():
         if folder.exists() and any(folder.iterdir()):
             raise ResultsError(f"{folder} is not empty and holds no suite; choose another folder")
-        write_whole(path, json.dumps(record, indent=2) + "\n")
+        write_atomic(path, json.dumps(record, indent=2) + "\n")
         return
     try:
         old = read_suite(folder)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from thalweg.core.atomic_io import whole
+from thalweg.core.atomic_io import atomic_path
 
 GAP_PX = 4
 
@@ -28,5 +28,5 @@ def sheet(frames: np.ndarray, columns: int = 8) -> Image.Image:
 def write_frames(folder: Path, frames: np.ndarray) -> None:
     """The colours of frames uint8 [N, H, W, 4] as PNG files in a folder, which is made if need be: 0000.png and on."""
     for index, frame in enumerate(frames):
-        with whole(folder / f"{index:04}.png") as draft:
+        with atomic_path(folder / f"{index:04}.png") as draft:
             Image.fromarray(np.ascontiguousarray(frame[..., :3])).save(draft)

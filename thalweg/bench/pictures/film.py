@@ -16,7 +16,7 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.episodes import WORDS, Episode
 from thalweg.bench.evaluate.evaluation import Step
 from thalweg.bench.pictures.film_format import LARGE, MARGIN_PX, Format
-from thalweg.core.atomic_io import whole
+from thalweg.core.atomic_io import atomic_path
 from thalweg.render import Camera, Renderer
 from thalweg.world import World
 from thalweg.world.map_image import view
@@ -164,7 +164,7 @@ def write_film(
         raise ResultsError("a flight without a step cannot be filmed")
     options = ["-crf", str(shape.crf), "-preset", "medium", "-movflags", "+faststart"]
     settings = {"fps": FRAMES_PER_S, "codec": "libx264", "pixelformat": "yuv420p", "quality": None}
-    with whole(path) as draft, imageio.get_writer(draft, output_params=options, **settings) as writer:
+    with atomic_path(path) as draft, imageio.get_writer(draft, output_params=options, **settings) as writer:
         for picture in pictures(world, flight, policy, shape, camera):
             writer.append_data(picture)  # pyright: ignore[reportAttributeAccessIssue]
             if on_frame is not None:

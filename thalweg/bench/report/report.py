@@ -15,7 +15,7 @@ from thalweg.bench.report.sections import PARTS, Picture, Table
 from thalweg.bench.report.tables import markdown
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import MAIN_FILE, MAIN_FILM, Results
-from thalweg.core.atomic_io import write_whole
+from thalweg.core.atomic_io import write_atomic
 
 PAGE = "report.html"
 NAMES = (*(name for part in PARTS for name in part.files), PAGE)
@@ -46,7 +46,7 @@ def write_report(folder: Path, out: Path | None = None) -> Report:
     out = out or folder / "report"
     files = _files(results)
     for name, content in files.items():
-        write_whole(out / name, content)
+        write_atomic(out / name, content)
     for name in NAMES:
         if name not in files:
             (out / name).unlink(missing_ok=True)

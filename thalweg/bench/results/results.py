@@ -19,7 +19,7 @@ from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.results.statistics import TrainingLog
 from thalweg.bench.suite.suites import PACKAGED, arms_of
-from thalweg.core.atomic_io import write_whole
+from thalweg.core.atomic_io import write_atomic
 
 RUN_COLUMNS = ("run", "kind", "algorithm", "seed", "steps", "status", "error", "wall_s", "steps_per_s")
 MAIN_FILM, FILMS = "film", "films"
@@ -153,7 +153,7 @@ def evaluation_path(folder: Path, run: str, trial: Trial) -> Path:
 
 def write_runs(folder: Path, rows: list[RunRow]) -> None:
     """Write `runs.csv`, whole or not at all."""
-    write_whole(folder / "runs.csv", runs_text(rows))
+    write_atomic(folder / "runs.csv", runs_text(rows))
 
 
 def runs_text(rows: list[RunRow]) -> str:

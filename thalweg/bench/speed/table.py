@@ -9,8 +9,8 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from thalweg.bench.speed.measure import QUICK, Measurement, Plan, measure, measure_stages
-from thalweg.core.atomic_io import write_whole
-from thalweg.core.machine import machine, versions
+from thalweg.core.atomic_io import write_atomic
+from thalweg.core.machine import machine_info, package_versions
 
 COLUMNS = ("what", "median", "slowest", "fastest", "unit", "batch", "worlds", "frame", "features")
 """Of the table; of a stage, `median` is the mean over views, which add up to the frame."""
@@ -18,7 +18,7 @@ COLUMNS = ("what", "median", "slowest", "fastest", "unit", "batch", "worlds", "f
 
 def record(lines: list[Measurement]) -> dict:
     """The measurements as plain data, with the machine and the versions."""
-    return {"machine": machine(), "versions": versions(), "measurements": [asdict(line) for line in lines]}
+    return {"machine": machine_info(), "versions": package_versions(), "measurements": [asdict(line) for line in lines]}
 
 
 def speed(*, as_json: bool, quick: bool, out: Path | None, stages: bool = False) -> int:
@@ -33,7 +33,7 @@ def speed(*, as_json: bool, quick: bool, out: Path | None, stages: bool = False)
     found = record(lines)
     text = json.dumps(found, indent=2) + "\n"
     if out is not None:
-        write_whole(out, text)
+        write_atomic(out, text)
     if as_json:
         print(text, end="")
     else:

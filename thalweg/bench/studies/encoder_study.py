@@ -24,7 +24,7 @@ from thalweg.bench.studies.encoder_tables import (
 )
 from thalweg.bench.studies.water import Finder, load_finder, mean_iou, save_finder, train_finder, water_in
 from thalweg.core import versions
-from thalweg.core.atomic_io import write_whole
+from thalweg.core.atomic_io import write_atomic
 from thalweg.encoder import Encoder, EncoderInputError, Source, draw_reconstructions, load_encoder, train_encoder
 from thalweg.encoder.linear_probe import explained
 from thalweg.encoder.reconstruction import reconstruct
@@ -123,7 +123,7 @@ def run_study(folder: Path, plan: Plan = Plan(), *, command: str = "", progress:
             "held_out_mse": result.held_out_mse,
             "mean_image_mse": result.mean_image_mse,
         } | measures(load_encoder(result.path), finder, scenes, kept, aside)
-        write_whole(home / MEASURES, json.dumps(found, indent=1) + "\n")
+        write_atomic(home / MEASURES, json.dumps(found, indent=1) + "\n")
     return write_tables(folder, plan, scenes, kept, aside)
 
 
@@ -164,7 +164,7 @@ def write_tables(folder: Path, plan: Plan, scenes: Scenes, kept: np.ndarray, asi
     """sizes.csv, entropy.csv, sizes.png, inputs.png and study.md, once every case has its measures."""
     known = {case: _read(folder / case.name / MEASURES) for case in plan.cases}
     rows = [size_row(case, found) for case, found in known.items()]
-    write_whole(folder / "sizes.csv", csv_text(SIZE_COLUMNS, ([row[name] for name in SIZE_COLUMNS] for row in rows)))
+    write_atomic(folder / "sizes.csv", csv_text(SIZE_COLUMNS, ([row[name] for name in SIZE_COLUMNS] for row in rows)))
     compared = {
         case.inputs: load_encoder(folder / case.name / "encoder.safetensors") for case in COMPARED if case in known
     }
@@ -172,14 +172,14 @@ def write_tables(folder: Path, plan: Plan, scenes: Scenes, kept: np.ndarray, asi
     if len(compared) > 1:
         codes = {inputs: encoder(scenes.frames[kept]) for inputs, encoder in compared.items()}
         entropies = [list(row) for row in entropy_rows(codes)]
-        write_whole(folder / "entropy.csv", csv_text(ENTROPY_COLUMNS, entropies))
+        write_atomic(folder / "entropy.csv", csv_text(ENTROPY_COLUMNS, entropies))
         draw_reconstructions(scenes.frames[aside[:SHOWN]], compared, folder / "inputs.png")
-    write_whole(folder / "sizes.png", png(size_figure(known)))
+    write_atomic(folder / "sizes.png", png(size_figure(known)))
     about = (
         f"{plan.images:,} frames of {plan.level} to train on and {plan.held_out:,} held out, {plan.epochs} epochs in"
         f" {plan.precision}, seed {plan.seed}."
     )
-    write_whole(folder / "study.md", page(about, rows, entropies))
+    write_atomic(folder / "study.md", page(about, rows, entropies))
     return folder / "study.md"
 
 
@@ -203,7 +203,7 @@ def _claim(folder: Path, plan: Plan) -> Plan:
         return plan
     if folder.exists() and any(folder.iterdir()):
         raise ResultsError(f"{folder} is not empty and holds no study; choose another folder")
-    write_whole(path, json.dumps(record, indent=1) + "\n")
+    write_atomic(path, json.dumps(record, indent=1) + "\n")
     return plan
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from thalweg.core.atomic_io import whole
+from thalweg.core.atomic_io import atomic_path
 from thalweg.core.cache import PACKAGE, cache_dir, code_hash
 from thalweg.render.bake import sprites
 from thalweg.render.bake.trees import Model, grow
@@ -234,7 +234,7 @@ def coded(level: np.ndarray) -> np.ndarray:
 
 def store(made: Atlas, path: Path) -> None:
     """Write an atlas whole or not at all; a folder that can't be written to only costs the time to make it again."""
-    with contextlib.suppress(OSError), whole(path) as draft, draft.open("wb") as file:
+    with contextlib.suppress(OSError), atomic_path(path) as draft, draft.open("wb") as file:
         np.savez_compressed(file, texels=made.texels, offset=made.offset, shade=made.shade)
 
 

@@ -81,8 +81,8 @@ class Painter:
         self.each = bytes_each(scene, height, width, self.fast)
         """Bytes of scratch for a camera of a pass."""
         check_memory(scene, self.each, gpu.free_bytes(device))
-        self._scene = Scene(*(gpu.on_device(table, device) for table in scene))
-        self._codes = gpu.on_device(CODE_TABLE, device)
+        self._scene = Scene(*(gpu.to_device(table, device) for table in scene))
+        self._codes = gpu.to_device(CODE_TABLE, device)
         self._plants = most_plants(scene)
         self.cameras = 0
         """Cameras that a pass may have, set at the first draw, when frames already have their memory; 0 before."""
@@ -115,8 +115,8 @@ class Painter:
 
     def draw_tensors(self, views: Sequence[Any], out: Any) -> None:
         """Draw frames from torch's tensors into one [N, H, W, 4] uint8, all on this device."""
-        images = gpu.as_array(out, np.uint32).reshape(out.shape[:3])
-        self.draw(Views(*(gpu.as_array(tensor) for tensor in views)), images)
+        images = gpu.as_kernel_array(out, np.uint32).reshape(out.shape[:3])
+        self.draw(Views(*(gpu.as_kernel_array(tensor) for tensor in views)), images)
 
     def draw_for_host(
         self,
@@ -128,7 +128,7 @@ class Painter:
         layers: tuple[np.ndarray, np.ndarray] | None,
     ) -> None:
         """Draw frames into arrays of the host: images [N, H, W] uint32, and depths and classes where wanted."""
-        views = Views(*(gpu.on_device(values, self.device) for values in (world_index, poses, times, looks)))
+        views = Views(*(gpu.to_device(values, self.device) for values in (world_index, poses, times, looks)))
         shape = images.shape
         drawn = gpu.empty(shape, np.uint32, self.device)
         found = tuple(gpu.empty(shape, kind, self.device) for kind in (np.float32, np.uint8, np.uint8))

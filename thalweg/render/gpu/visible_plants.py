@@ -1,7 +1,7 @@
 """Which plants does each camera see, from near to far? One block of threads a camera, as `plants.visible_plants`.
 
-These functions are kernels once `thalweg.core.gpu.compiled` has compiled them; as they stand, Numba's simulator runs
-them.
+These functions are kernels once `thalweg.core.gpu.compile_kernel` has compiled them; as they stand, Numba's simulator
+runs them.
 """
 
 import math

@@ -7,8 +7,8 @@ from typing import Any
 
 import yaml
 
-from thalweg.core.atomic_io import write_whole
-from thalweg.core.machine import card, machine, versions
+from thalweg.core.atomic_io import write_atomic
+from thalweg.core.machine import gpu_info, machine_info, package_versions
 from thalweg.train.errors import TrainingError
 
 CONFIG, STATUS, POLICY = "config.yaml", "status.json", "policy.safetensors"
@@ -21,15 +21,15 @@ def describe(identity: dict[str, Any], threads: int) -> dict[str, Any]:
     device = identity.get("device", "cpu")
     return {
         "run": identity,
-        "versions": versions(),
+        "versions": package_versions(),
         "device": device,
-        "machine": machine() | {"learning_threads": threads} | (card() if device == "cuda" else {}),
+        "machine": machine_info() | {"learning_threads": threads} | (gpu_info() if device == "cuda" else {}),
     }
 
 
 def write_config(folder: Path, description: dict[str, Any]) -> None:
     """Write config.yaml; raises `TrainingError` for anything but plain data, before the folder is created."""
-    write_whole(folder / CONFIG, _yaml(description))
+    write_atomic(folder / CONFIG, _yaml(description))
 
 
 def read_config(folder: Path) -> dict[str, Any] | None:
@@ -81,7 +81,7 @@ def require_same(place: Path, theirs: dict[str, Any], ours: dict[str, Any]) -> N
 def write_status(folder: Path, status: dict[str, Any]) -> None:
     """Write status.json; `state` is running, finished, interrupted or failed. An unknown value (NaN) becomes null."""
     known = {name: None if value != value else value for name, value in status.items()}
-    write_whole(folder / STATUS, json.dumps(known, indent=1, allow_nan=False) + "\n")
+    write_atomic(folder / STATUS, json.dumps(known, indent=1, allow_nan=False) + "\n")
 
 
 def read_status(folder: Path) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from thalweg.core.atomic_io import whole
+from thalweg.core.atomic_io import atomic_path
 from thalweg.world.errors import WorldFileError
 from thalweg.world.record import FORMAT, Grid, Plants, River, World
 from thalweg.world.species import KINDS
@@ -39,7 +39,7 @@ def save(world: World, path: str | Path) -> None:
     arrays |= {f"river.{name}": getattr(world.river, name) for name in RIVER}
     arrays |= {f"plants.{field.name}": getattr(world.plants, field.name) for field in fields(Plants)}
     arrays |= {name: getattr(world, name) for name in (*MAPS, "albedo", "islands", "bridges")}
-    with whole(path) as draft, draft.open("wb") as file:
+    with atomic_path(path) as draft, draft.open("wb") as file:
         np.savez(file, allow_pickle=False, **arrays)
 
 

@@ -69,7 +69,7 @@ def test_killed_at_any_write_the_run_goes_on_from_what_is_there(tmp_path: Path, 
         here = tmp_path / f"here{die_at}"
         unpack(earlier, here, RUN)
         with monkeypatch.context() as patch:
-            patch.setattr(parcel, "write_whole", dies_at(die_at))
+            patch.setattr(parcel, "write_atomic", dies_at(die_at))
             with pytest.raises(Stop):
                 unpack(later, here, RUN)
         train(home(here))
@@ -78,8 +78,8 @@ def test_killed_at_any_write_the_run_goes_on_from_what_is_there(tmp_path: Path, 
 
 
 def dies_at(count: int):
-    """`write_whole`, but for the call of that number."""
-    write, calls = parcel.write_whole, iter(range(count))
+    """`write_atomic`, but for the call of that number."""
+    write, calls = parcel.write_atomic, iter(range(count))
 
     def write_or_die(path: Path, content: bytes) -> None:
         if next(calls, None) is None:

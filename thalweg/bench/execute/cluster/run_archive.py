@@ -14,7 +14,7 @@ from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.execute.executors import LOGS
 from thalweg.bench.execute.rivers import STAGES
 from thalweg.bench.results.results import evaluation_path
-from thalweg.core.atomic_io import write_whole
+from thalweg.core.atomic_io import write_atomic
 from thalweg.train.folder.checkpoint import FOLDER as CHECKPOINTS
 from thalweg.train.folder.run_record import POLICY, STATUS
 
@@ -54,10 +54,10 @@ def unpack(files: Files, folder: Path, run: str) -> None:
     )
     for name in files:
         if name not in checkpoint and name not in last:
-            write_whole(folder / name, files[name])
+            write_atomic(folder / name, files[name])
     _put_checkpoint({folder / name: files[name] for name in checkpoint})
     for name in last:
-        write_whole(folder / name, files[name])
+        write_atomic(folder / name, files[name])
     for path in _beside_checkpoints(folder / "runs" / run):
         if path.relative_to(folder).as_posix() not in files:
             path.unlink()
@@ -70,7 +70,7 @@ def _put_checkpoint(contents: dict[Path, bytes]) -> None:
         if not final.exists():
             shutil.rmtree(draft, ignore_errors=True)
             for path, content in contents.items():
-                write_whole(draft / path.name, content)
+                write_atomic(draft / path.name, content)
             os.rename(draft, final)
         for other in final.parent.iterdir():
             if other.is_dir() and other != final:

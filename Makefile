@@ -9,11 +9,12 @@ CLUSTER := $(VENV)/.cluster
 OUT ?= results
 export MPLBACKEND := Agg
 
-.PHONY: help setup demo test lint format bench clean
+.PHONY: help setup demo test test-slow test-all lint format bench clean
 
 help:
 	@echo "make demo    train, evaluate and report at small scale (under ten minutes on two cores); OUT=folder, default results"
-	@echo "make test    run the tests"
+	@echo "make test    run the tests that take under five minutes on two cores"
+	@echo "make test-slow   run the others, with Ray and the compiler for GPUs; make test-all runs both"
 	@echo "make lint    format check, lint and types, as in CI"
 	@echo "make bench   the paper's comparison: hours of training; OUT=folder, default results"
 	@echo "make setup   only make .venv and install what requirements.lock pins"
@@ -34,12 +35,12 @@ $(READY): requirements.lock pyproject.toml
 	@rm -f $(UNFINISHED)
 	@touch $@
 
-# The compiler for GPUs, which only tests need: they compile the kernels for one, without having it.
+# The compiler for GPUs and Ray, which slow tests need: they compile kernels for a card without having one, and run a
+# cluster on this machine.
 $(CUDA): $(READY) requirements-cuda.lock
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet -r requirements-cuda.lock
 	@touch $@
 
-# Ray, which only tests of clusters and people with one need.
 $(CLUSTER): $(READY) requirements-cluster.lock
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet -r requirements-cluster.lock
 	@touch $@
@@ -47,10 +48,17 @@ $(CLUSTER): $(READY) requirements-cluster.lock
 demo: $(READY)
 	$(BIN)/thalweg bench quick --jobs 1 --out $(OUT)/quick
 
-# Two at a time, a file with one of them, in their order: xdist would leave files of few tests, the longest, for the end.
-# PyTorch's threads would get into one another's way.
-test: $(READY) $(CUDA) $(CLUSTER)
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+# Two processes, each of which takes one file at a time, in their order; PyTorch's threads would get in their way.
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+
+test: $(READY)
+	$(PYTEST) -m "not slow"
+
+test-slow: $(READY) $(CUDA) $(CLUSTER)
+	$(PYTEST) -m slow
+
+test-all: $(READY) $(CUDA) $(CLUSTER)
+	$(PYTEST)
 
 lint: $(READY)
 	$(BIN)/ruff format --check .

@@ -1,5 +1,4 @@
-"""Worlds that many tests share, taken from the cache folder where they were built before; and what is said of tests for
-a GPU, a browser or Ray where there is none."""
+"""Worlds that many tests share, and the marks of tests that need a GPU, a browser, Ray or the compiler for GPUs."""
 
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -21,11 +20,15 @@ NEEDS: dict[str, tuple[str, Callable[[], str]]] = {
     "browser": ("A BROWSER", missing_for_browser),
     "ray": ("RAY", missing_for_ray),
 }
-"""Of a mark: what its tests need, and what says what is missing for it."""
+"""For each mark: what its tests need, and a function that says what is missing."""
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip what needs a thing that cannot be used here, with what is missing."""
+    """Mark tests that need more than `requirements.lock` as slow; skip those whose need is not met, and say so."""
+    for item in items:
+        if item.nodeid.startswith("tests/cuda/") or any(item.get_closest_marker(mark) for mark in NEEDS):
+            item.add_marker(pytest.mark.slow)
     for mark, (thing, missing_for) in NEEDS.items():
         marked = [item for item in items if item.get_closest_marker(mark)]
         missing = missing_for() if marked else ""

@@ -1,13 +1,13 @@
-"""Does every algorithm reach the optimum in every action space? On problems whose answer is known, with five seeds.
+"""Benchmark of every algorithm in every action space on problems with a known optimum, with five seeds.
 
     python benchmarks/known_answer.py --jobs 2
 
-writes known_answer.csv, a row per run, and known_answer.md, a table per problem, beside itself. A row is written when
-its run is finished, so that a killed benchmark goes on where it stopped; a run that was killed goes on too, in the
-folder `--runs`. A run that failed is a row with its error, and is tried again by the next call. What is asked of each
-algorithm, and with which settings, is data in `tests/known_answer/harness.py`: rows of other steps, settings (or
-defaults) or problems than it says don't count and are made anew. Rows name the sources of algorithms and training; to
-make the rows of an algorithm that has changed again, say `--again`.
+writes known_answer.csv, a row per run, and known_answer.md, a table per problem, into the folder of this script. Each
+row is written when its run finishes, so that an interrupted benchmark resumes; an interrupted run resumes too, in the
+folder `--runs`. A run that fails is a row with its error, and the next call runs it again. The requirements and
+settings of each algorithm are data in `tests/known_answer/harness.py`: rows with other steps, settings (or defaults) or
+problems are dropped and run again. Each row names the versions of the algorithm and of training
+(`thalweg/core/versions.py`) that produced it; `--again` runs the rows of an algorithm again.
 """
 
 import argparse
@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent))  # the problems stand among the tests
+sys.path.insert(0, str(HERE.parent))  # the problems are part of the tests
 
 from tests.known_answer.harness import (  # noqa: E402
     EXCESS,
@@ -42,16 +42,16 @@ from tests.known_answer.scores import Score  # noqa: E402
 from thalweg.algos import ALGORITHMS  # noqa: E402
 from thalweg.algos.common.settings import as_data  # noqa: E402
 from thalweg.bench.csv_files import csv_text, read_csv  # noqa: E402
+from thalweg.core import versions  # noqa: E402
 from thalweg.core.atomic_io import write_atomic  # noqa: E402
-from thalweg.core.cache import PACKAGE, code_hash  # noqa: E402
 
 SEEDS = 5
-SOURCES = code_hash(path for part in ("algos", "train") for path in (PACKAGE / part).rglob("*.py"))
 KEY = ("algorithm", "place", "problem", "tables", "seed", "steps", "settings", "config")
-"""What a row must say to count."""
+"""Columns that identify a run; a row that no planned run matches is dropped."""
 COLUMNS = (
     *KEY,
-    "sources",
+    "algorithm_version",
+    "training_version",
     "reward",
     "reward_error",
     "costs",
@@ -63,7 +63,7 @@ Table = dict[tuple[str, ...], dict[str, str]]
 
 
 def key(cell: Cell, seed: int) -> tuple[str, ...]:
-    """What the row of a run says of it: the settings that differ from the defaults, and a hash of all of them."""
+    """The values of `KEY` for a run: settings that differ from the defaults, and a hash of all of them, included."""
     config = json.dumps(cell.config, sort_keys=True)
     tables = PROBLEMS[cell.problem].digest
     resolved = json.dumps(as_data(ALGORITHMS[cell.algorithm].configure(cell.config)), sort_keys=True)
@@ -71,22 +71,31 @@ def key(cell: Cell, seed: int) -> tuple[str, ...]:
     return (cell.algorithm, cell.place, cell.problem, tables, str(seed), str(cell.row.steps), settings, config)
 
 
+def row_versions(algorithm: str) -> dict[str, str]:
+    """Versions that a run of the algorithm depends on, by their columns."""
+    return {
+        "algorithm_version": str(versions.ALGORITHMS[algorithm]),
+        "training_version": str(versions.TRAINING),
+    }
+
+
 def finished(path: Path) -> Table:
-    """The rows of the table that count, by their key."""
+    """The rows of the table that match a planned run, by their key."""
     rows = read_csv(path, COLUMNS) if path.is_file() else []
     table = {tuple(row[name] for name in KEY): row for row in rows}
-    asked = {key(cell, seed) for cell in cells() for seed in {int(row["seed"]) for row in rows}}
-    return {name: row for name, row in table.items() if name in asked}
+    planned = {key(cell, seed) for cell in cells() for seed in {int(row["seed"]) for row in rows}}
+    return {name: row for name, row in table.items() if name in planned}
 
 
 def measure(cell: Cell, seed: int, runs: Path) -> dict[str, str]:
-    """The row of a run: trained, or gone on with, and scored."""
+    """Train, or resume, and score a run; returns its row."""
     name = key(cell, seed)
-    folder = hashlib.sha256(repr((SOURCES, name)).encode()).hexdigest()[:16]
+    folder = hashlib.sha256(repr((row_versions(cell.algorithm), name)).encode()).hexdigest()[:16]
     result = trained(cell, seed, runs / f"{cell.algorithm}-{cell.place}-{cell.problem}-{seed}-{folder}")
     score = result.score
-    return dict(zip(KEY, name, strict=True)) | {
-        "sources": SOURCES,
+    return {
+        **dict(zip(KEY, name, strict=True)),
+        **row_versions(cell.algorithm),
         "reward": f"{score.reward:.4f}",
         "reward_error": f"{score.reward_error:.4f}",
         "costs": " ".join(f"{cost:.4f}" for cost in score.costs),
@@ -96,39 +105,39 @@ def measure(cell: Cell, seed: int, runs: Path) -> dict[str, str]:
 
 
 def failure(cell: Cell, seed: int, error: BaseException) -> dict[str, str]:
-    """The row of a run that failed."""
-    said = dict.fromkeys(COLUMNS, "") | {"sources": SOURCES, "error": f"{type(error).__name__}: {error}"}
-    return said | dict(zip(KEY, key(cell, seed), strict=True))
+    """The row of a failed run."""
+    row = dict.fromkeys(COLUMNS, "") | row_versions(cell.algorithm) | {"error": f"{type(error).__name__}: {error}"}
+    return row | dict(zip(KEY, key(cell, seed), strict=True))
 
 
 def result_of(cell: Cell, row: dict[str, str]) -> Result:
-    """What a row of a run that did not fail says, held against today's optimum."""
+    """The result of a successful run's row, compared with the current optimum."""
     costs = np.array([float(cost) for cost in row["costs"].split()])
     score = Score(float(row["reward"]), costs, float(row["reward_error"]), float(row["cost_error"]))
     return Result(cell, score, reference(cell))
 
 
-def waiting(planned: Sequence[tuple[Cell, int]], rows: Table) -> list[tuple[Cell, int]]:
-    """The runs that have no row yet, or failed."""
+def remaining(planned: Sequence[tuple[Cell, int]], rows: Table) -> list[tuple[Cell, int]]:
+    """The runs that have no row yet, or that failed."""
     done = {name for name, row in rows.items() if not row["error"]}
     return [(cell, seed) for cell, seed in planned if key(cell, seed) not in done]
 
 
 def write(path: Path, rows: Table) -> None:
-    """The table, in the order of its keys."""
+    """Write the table, sorted by its keys."""
     write_atomic(path, csv_text(COLUMNS, ([rows[name][column] for column in COLUMNS] for name in sorted(rows))))
 
 
 def page(rows: Table, seeds: int) -> str:
-    """The tables, one for each problem."""
-    asked = (
-        f"Return of the last policy as a share of the optimum, and its cost, as means over up to {seeds} seeds; in"
-        f" brackets the seeds that reached {SHARE:.0%} with a cost at most {EXCESS:.0%} or {LEAST_EXCESS} above the"
-        " limit, of those that were run. **Bold**: some did not, or failed. `box_literal` is there to show what it"
-        " does; nothing is asked of it. PPO is held against the best without a limit, DDPG and TD3 against the best"
-        " that draws no lots, planners against a perfect planner with their horizon."
+    """The Markdown page: a table for each problem."""
+    introduction = (
+        f"Return of the final policy as a share of the optimum, and its cost, means over up to {seeds} seeds. In"
+        f" brackets: the number of seeds that reached {SHARE:.0%} with a cost at most {EXCESS:.0%} or {LEAST_EXCESS}"
+        " above the limit, out of those that were run. **Bold**: at least one missed this, or failed. `box_literal` is"
+        " shown for comparison only. The optimum of PPO has no limit, that of DDPG and TD3 is the best deterministic"
+        " policy, and that of planners a perfect planner with their horizon."
     )
-    parts = [asked]
+    parts = [introduction]
     for name, problem in PROBLEMS.items():
         limits = " and ".join(f"{limit:g}" for limit in problem.limits)
         parts.append(f"## {name}: limit {limits}\n\n" + _markdown(_problem_table(rows, name, seeds)))
@@ -148,7 +157,7 @@ def _problem_table(rows: Table, problem: str, seeds: int) -> list[list[str]]:
 
 
 def _entry(rows: Table, cell: Cell, seeds: int) -> str:
-    """Share and cost of a cell's runs, and how many of them reached what is asked."""
+    """Share and cost of a cell's runs, and the number of them that reached the optimum."""
     runs = [rows[name] for name in (key(cell, seed) for seed in range(seeds)) if name in rows]
     results = [result_of(cell, run) for run in runs if not run["error"]]
     if not results:
@@ -161,7 +170,7 @@ def _entry(rows: Table, cell: Cell, seeds: int) -> str:
 
 
 def _costs(costs: Sequence[Sequence[float]]) -> str:
-    """Mean of each kind."""
+    """Mean of each kind of cost."""
     return " + ".join(f"{statistics.mean(kind):.3f}" for kind in zip(*costs, strict=True))
 
 
@@ -175,9 +184,9 @@ def main() -> str | None:
     parser.add_argument("--only", nargs="+", choices=ROWS, default=list(ROWS), help="algorithms to run now")
     parser.add_argument("--problems", nargs="+", choices=PROBLEMS, default=list(PROBLEMS), help="problems to run now")
     parser.add_argument("--places", nargs="+", choices=PLACES, default=list(PLACES), help="action spaces to run now")
-    parser.add_argument("--seeds", type=int, default=SEEDS, help="so many of each, from 0")
-    parser.add_argument("--again", nargs="+", choices=ROWS, default=[], help="drop the rows of these algorithms first")
-    parser.add_argument("--jobs", type=int, default=1, help="runs at a time, each of one thread")
+    parser.add_argument("--seeds", type=int, default=SEEDS, help="number of seeds, counted from 0")
+    parser.add_argument("--again", nargs="+", choices=ROWS, default=[], help="run these algorithms again")
+    parser.add_argument("--jobs", type=int, default=1, help="parallel runs, one thread each")
     parser.add_argument("--runs", type=Path, default=HERE.parent / "runs" / "known_answer", help="folder of the runs")
     parser.add_argument("--out", type=Path, default=HERE, help="folder for known_answer.csv and known_answer.md")
     chosen = parser.parse_args()
@@ -186,9 +195,9 @@ def main() -> str | None:
 
     path = chosen.out / "known_answer.csv"
     rows = {name: row for name, row in finished(path).items() if row["algorithm"] not in chosen.again}
-    asked = [cell for cell in cells(chosen.only, chosen.problems) if cell.place in chosen.places]
-    planned = [(cell, seed) for seed in range(chosen.seeds) for cell in asked]
-    left = waiting(planned, rows)
+    chosen_cells = [cell for cell in cells(chosen.only, chosen.problems) if cell.place in chosen.places]
+    planned = [(cell, seed) for seed in range(chosen.seeds) for cell in chosen_cells]
+    left = remaining(planned, rows)
     print(f"{len(planned) - len(left)} of {len(planned)} runs are finished", flush=True)
     failed = 0
     with ProcessPoolExecutor(chosen.jobs, multiprocessing.get_context("spawn")) as pool:
@@ -200,10 +209,10 @@ def main() -> str | None:
             write(path, rows)
             result = None if error else result_of(cell, row)
             failed += result is None
-            said = (
+            outcome = (
                 f"share {result.share:.3f}, costs {row['costs']}, reached {result.reached}" if result else row["error"]
             )
-            print(f"{cell.algorithm}, {cell.place}, {cell.problem}, seed {seed}: {said}", flush=True)
+            print(f"{cell.algorithm}, {cell.place}, {cell.problem}, seed {seed}: {outcome}", flush=True)
     write_atomic(chosen.out / "known_answer.md", page(rows, chosen.seeds))
     return f"{failed} runs failed" if failed else None
 

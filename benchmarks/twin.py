@@ -5,7 +5,7 @@
 writes twin.csv, a row per pose, and twin.png, three of them, beside itself, and fails where the figures miss what is
 asked for. The definition is `thalweg/render/reference/frame.py`; each of its frames takes about half a minute, two are
 drawn at a time. A row is written when its pose is finished, so that a killed run goes on where it stopped. Rows of
-another picture (`RENDER_VERSION`, or a hash of the sources of rivers and frames) don't count and are dropped.
+another version of worlds or frames (`thalweg/core/versions.py`) are dropped and drawn again.
 
 Colours are compared by the peak signal-to-noise ratio, 10 log10(255² / mean squared difference of the codes); masks and
 classes by the share of pixels where the ray through the centre meets the same thing.
@@ -26,10 +26,11 @@ import numpy as np
 from PIL import Image
 
 from thalweg.bench.pictures.gallery import strip
+from thalweg.core import versions
 from thalweg.core.atomic_io import atomic_path
-from thalweg.core.cache import PACKAGE, cache_dir, code_hash
+from thalweg.core.cache import cache_dir
 from thalweg.env import sample_starts
-from thalweg.render import RENDER_VERSION, Camera, Frame, Renderer
+from thalweg.render import Camera, Frame, Renderer
 from thalweg.render.reference import frame as twin
 from thalweg.world import World, load_or_build
 
@@ -46,7 +47,6 @@ LEAST_MASK = 0.995
 """Mean share of a frame's pixels that agree."""
 AMPLIFIED = 4
 """Differences are shown so many times as large."""
-SOURCES = code_hash(path for part in ("world", "render") for path in (PACKAGE / part).rglob("*.py"))
 
 
 @dataclass(frozen=True)
@@ -61,19 +61,20 @@ class Case:
 
     @property
     def identity(self) -> dict[str, str]:
-        """What a row must say to be this case's, drawn by these sources."""
+        """Columns that identify the row of this case, with the versions of its world and frame."""
         given = {
             "number": self.number,
             "level": self.level,
             **dict(zip(("x", "y", "z", "yaw"), self.pose, strict=True)),
         }
         given |= {"time_s": self.time_s, "pixels": CAMERA.height_px, "samples": SAMPLES**2}
-        return {key: str(value) for key, value in (given | {"version": RENDER_VERSION, "sources": SOURCES}).items()}
+        drawn_by = {"version": versions.RENDER, "world_version": versions.WORLD}
+        return {key: str(value) for key, value in (given | drawn_by).items()}
 
     @property
     def kept(self) -> Path:
         """Where the definition's frame is kept for the picture."""
-        return cache_dir() / "twin" / f"{SOURCES}-{self.number}.npy"
+        return cache_dir() / "twin" / f"{versions.WORLD}-{versions.RENDER}-{self.number}.npy"
 
 
 @cache

@@ -26,8 +26,8 @@ from benchmarks.omnisafe.environment import python_with_omnisafe
 from benchmarks.peer_venv import SetupError, last_lines
 from thalweg.bench.csv_files import csv_text, read_csv
 from thalweg.core.atomic_io import write_atomic
-from thalweg.core.cache import PACKAGE, code_hash
 from thalweg.core.machine import machine_info, package_versions
+from thalweg.core.versions import ALGORITHMS, TRAINING
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -36,6 +36,8 @@ HALF = "Thalweg, bfloat16"
 """Our planners once more, with products of half the bits; of speed only."""
 SPEED, CURVES, FIGURE = HERE / "speed.json", HERE / "curves.csv", HERE / "curves.png"
 KEPT = ROOT / "results" / "omnisafe"
+TOY = 1
+"""Version of the toy and of both runners (`side.py`, `ours.py`), raised by hand when their behaviour changes."""
 BINS = 25
 """Points of a curve: means over the episodes that ended in so many equal stretches."""
 COLUMNS = ("algorithm", "side", "seed", "step", "return", "cost", "episodes")
@@ -140,22 +142,17 @@ def measure_speed(python: Path, contests: Sequence[Contest], repeats: int, out: 
         write_atomic(out, json.dumps(before | {"lines": [*kept, *lines.values()]}, indent=2) + "\n")
 
 
-def sources_of(side: str) -> str:
-    """What a run's numbers come from beside its order: the toy and the runner, and of ours the algorithms."""
-    files = ("toy.py", "side.py") if side == PEER else ("toy.py", "toy_vector.py", "ours.py")
-    ours = (
-        ""
-        if side == PEER
-        else code_hash(path for part in ("algos", "train") for path in (PACKAGE / part).rglob("*.py"))
-    )
-    return ours + "".join((HERE / name).read_text() for name in files)
+def run_versions(side: str, algorithm: str) -> dict[str, int]:
+    """Versions that a run's numbers depend on: the toy, and on our side the algorithm and training."""
+    ours = {} if side == PEER else {"algorithm": ALGORITHMS[algorithm], "training": TRAINING}
+    return {"toy": TOY} | ours
 
 
 def kept_answer(python: Path, contest: Contest, side: str, seed: int) -> dict[str, Any]:
-    """A run for the curves: carried out once, and kept as long as its order and sources are the same."""
+    """The result of a run for the curves: computed once, and reused while its order and versions are the same."""
     order = order_of(contest, contest.works.curves, side, seed, threads=1)  # other work may go on beside it
-    said = json.dumps([order, sources_of(side)], sort_keys=True)
-    key = hashlib.sha256(said.encode()).hexdigest()[:12]
+    identity = json.dumps([order, run_versions(side, contest.algorithm)], sort_keys=True)
+    key = hashlib.sha256(identity.encode()).hexdigest()[:12]
     file = KEPT / f"{contest.algorithm}-{side}-{seed}-{key}.json"
     if not file.exists():
         print(f"{side}'s {contest.algorithm}, seed {seed}", flush=True)

@@ -1,4 +1,4 @@
-"""The benchmark on problems with a known answer: which rows count, and what the page marks."""
+"""Tests of the benchmark on problems with a known answer: which rows are kept, and what its page highlights."""
 
 import importlib
 import sys
@@ -24,7 +24,7 @@ def script(monkeypatch: pytest.MonkeyPatch):
 
 
 def rows(script: ModuleType, monkeypatch: pytest.MonkeyPatch, *shares: float) -> dict:
-    """Rows of runs that ended with such shares of the optimum's return, seed after seed."""
+    """Rows of runs, one per seed, with these shares of the optimum's return."""
     best, found = reference(CELL), {}
     for seed, share in enumerate(shares):
         result = Result(CELL, Score.of(replace(best, reward=share * best.reward)), best)
@@ -38,6 +38,24 @@ def test_rows_come_back_under_their_keys(script: ModuleType, monkeypatch: pytest
     script.write(tmp_path / "table.csv", written)
     assert script.finished(tmp_path / "table.csv") == written
     assert script.finished(tmp_path / "none.csv") == {}
+
+
+def test_a_row_names_the_versions_of_its_algorithm_and_of_training(
+    script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    monkeypatch.setitem(script.versions.ALGORITHMS, "CPO", 7)
+    monkeypatch.setattr(script.versions, "TRAINING", 4)
+    written = rows(script, monkeypatch, 0.95) | {script.key(CELL, 1): script.failure(CELL, 1, ValueError("broken"))}
+    script.write(tmp_path / "table.csv", written)
+    found = script.finished(tmp_path / "table.csv").values()
+    assert [(row["algorithm_version"], row["training_version"]) for row in found] == [("7", "4")] * 2
+
+
+def test_rows_of_an_older_version_stay(script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    written = rows(script, monkeypatch, 0.95)
+    script.write(tmp_path / "table.csv", written)
+    monkeypatch.setitem(script.versions.ALGORITHMS, "CPO", 7)
+    assert script.finished(tmp_path / "table.csv") == written
 
 
 def test_a_row_counts_for_its_own_seed_settings_and_problem_only(script: ModuleType):
@@ -66,7 +84,7 @@ def test_a_run_that_failed_is_a_row_and_does_not_count_as_finished(
     script.write(tmp_path / "table.csv", written)
     found = script.finished(tmp_path / "table.csv")
     assert found[script.key(CELL, 1)]["error"] == "ValueError: seed 1 is broken"
-    assert list(script.waiting([(CELL, 0), (CELL, 1), (CELL, 2)], found)) == [(CELL, 1), (CELL, 2)]
+    assert list(script.remaining([(CELL, 0), (CELL, 1), (CELL, 2)], found)) == [(CELL, 1), (CELL, 2)]
     assert "**95%, 0.100 (1/2)**" in script.page(found, 2)
 
 

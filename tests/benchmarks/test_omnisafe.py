@@ -202,8 +202,23 @@ def test_a_run_is_carried_out_once(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     contest = contest_named("PPO")
     found = [compare.kept_answer(Path("python"), contest, PEER, seed) for seed in (0, 1, 0)]
     assert [answer["episodes"] for answer in found] == [[1], [2], [1]]
-    monkeypatch.setattr(compare, "sources_of", lambda side: "changed")
+    monkeypatch.setattr(compare, "TOY", compare.TOY + 1)
     assert compare.kept_answer(Path("python"), contest, PEER, 0)["episodes"] == [3]
+
+
+def test_our_run_is_repeated_for_another_version_of_its_algorithm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(compare, "KEPT", tmp_path)
+    orders = []
+    monkeypatch.setattr(compare, "carry_out", lambda *given: orders.append(given) or {"episodes": [len(orders)]})
+
+    def runs() -> list[int]:
+        sides = ((OURS, "PPO"), (OURS, "FOCOPS"), (PEER, "PPO"))
+        found = [compare.kept_answer(Path("python"), contest_named(name), side, 0) for side, name in sides]
+        return [answer["episodes"][0] for answer in found]
+
+    assert runs() == runs() == [1, 2, 3]
+    monkeypatch.setitem(compare.ALGORITHMS, "PPO", compare.ALGORITHMS["PPO"] + 1)
+    assert runs() == [4, 2, 3]
 
 
 def test_a_side_that_fails_says_why(tmp_path: Path):

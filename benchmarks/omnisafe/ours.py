@@ -50,9 +50,9 @@ def carry_out(order: dict, folder: Path) -> dict:
     counted = {"networks": 0, "critics in loops": 0}
     step, fit_epoch = Adam.step, Critics.fit_epoch
 
-    def counting(self: Adam, most: float = math.inf) -> None:
+    def counting(self: Adam, max_norm: float = math.inf) -> None:
         counted["networks"] += 1
-        step(self, most)
+        step(self, max_norm)
 
     def passing(self: Critics, *given: Any, **named: Any) -> Tensor:
         errors = fit_epoch(self, *given, **named)

@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from thalweg.algos.offpolicy.critics import Critics, TargetNetworks
-from thalweg.algos.policy.networks import NetworkShape, StackedMLP
+from thalweg.algos.policy.mlp import StackedMLP
+from thalweg.algos.policy.networks import NetworkShape
 
 
 def critics(reward_critics: int, costs: int, cost_critics: int) -> Critics:

@@ -38,7 +38,8 @@ FIRST_ORDER = [name for name in ON_POLICY if issubclass(ALGORITHMS[name].config,
 
 def learner_for(name: str, space: gym.Space, **settings: Any) -> Any:
     entry = ALGORITHMS[name]
-    config = entry.config(steps_per_update=N * T, minibatch=32, passes=4, hidden=(16, 16), **settings)
+    usual = {"steps_per_update": N * T, "minibatch": 32, "passes": 4, "hidden": (16, 16)}
+    config = entry.config(**(usual | settings))
     return entry.make(config, Task(D, space, N, 0, {}))
 
 

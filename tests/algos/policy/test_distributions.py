@@ -162,4 +162,4 @@ def test_a_traced_distribution_passes_the_gradient_of_all_that_was_asked_on():
     (expected,) = torch.autograd.grad(loss(Categoricals.from_logits(parameters, (3,))), parameters)
     traced = TapedDistribution(Categoricals.from_logits(parameters.detach(), (3,)))
     loss(traced).backward()
-    assert torch.allclose(traced.slope(), expected, atol=1e-7)
+    assert torch.allclose(traced.parameter_grad(), expected, atol=1e-7)

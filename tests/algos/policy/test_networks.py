@@ -10,8 +10,9 @@ import torch
 
 from thalweg.algos.policy import mlp_autograd as chain
 from thalweg.algos.policy.actions import actions_of
+from thalweg.algos.policy.mlp import StackedMLP
 from thalweg.algos.policy.mlp_autograd import FUSED_LINEAR, MIN_ROWS, Activation, layers_of
-from thalweg.algos.policy.networks import Actor, Critics, NetworkShape, StackedMLP
+from thalweg.algos.policy.networks import Actor, Critics, NetworkShape
 
 F64 = torch.float64
 K, B, D = 3, 7, 4

@@ -35,7 +35,7 @@ from thalweg.algos.offpolicy.critics import Critics, TargetNetworks
 from thalweg.algos.offpolicy.mean_metrics import MeanMetrics
 from thalweg.algos.offpolicy.replay_buffer import Batch, ReplayBuffer, valid_transitions
 from thalweg.algos.policy.actions import Actions
-from thalweg.algos.policy.networks import StackedMLP
+from thalweg.algos.policy.mlp import StackedMLP
 from thalweg.algos.policy.normaliser import Normaliser
 from thalweg.algos.policy.policy import About, Policy
 

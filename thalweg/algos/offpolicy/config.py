@@ -7,8 +7,9 @@ from thalweg.algos.common.settings import require
 from thalweg.algos.constraint.cost_limits import CostConfig
 from thalweg.algos.constraint.multiplier import MultiplierConfig
 from thalweg.algos.policy.actions import Adapter
+from thalweg.algos.policy.mlp import Initial
 from thalweg.algos.policy.mlp_autograd import Activation
-from thalweg.algos.policy.networks import Initial, NetworkShape
+from thalweg.algos.policy.networks import NetworkShape
 
 Schedule = Literal["report", "gradient_step"]
 """When the multipliers are updated."""

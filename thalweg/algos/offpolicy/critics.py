@@ -9,8 +9,9 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
+from thalweg.algos.policy.mlp import StackedMLP
 from thalweg.algos.policy.mlp_autograd import ALL
-from thalweg.algos.policy.networks import NetworkShape, StackedMLP
+from thalweg.algos.policy.networks import NetworkShape
 
 
 class Critics:

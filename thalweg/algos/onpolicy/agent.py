@@ -1,7 +1,7 @@
-"""What do on-policy algorithms do alike? Act, turn a rollout into samples, take one step along a gradient, see how far
-the policy has moved, and be put away and brought back.
+"""What on-policy algorithms share: the agent with its networks and optimisers, the KL monitor, signals and metrics.
 
-Losses, updates and the minibatch loop are absent on purpose: they are the algorithm, and stand in its file.
+Losses, updates and the minibatch loop are absent on purpose: they are the algorithm and stand in its file. Letters:
+B valid steps, N environments, K frames, D numbers of an observation, M costs.
 """
 
 import math
@@ -29,15 +29,16 @@ from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import centred, standardised
 from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig, OnPolicyConfig
 from thalweg.algos.onpolicy.rollout_samples import RolloutMemory, Samples, Signal, samples_of, valid_obs
+from thalweg.algos.policy import fast_path
 from thalweg.algos.policy.actions import actions_of
-from thalweg.algos.policy.distributions import AnalyticDistribution, TapedDistribution
+from thalweg.algos.policy.distributions import AnalyticDistribution, Distribution, TapedDistribution
 from thalweg.algos.policy.memory import Sequences
 from thalweg.algos.policy.networks import Critics
 from thalweg.algos.policy.policy import About, NetworkPlayer, Policy
 
 
 class Agent:
-    """A policy, K critics that share no weights with it, Adam, and where all that is random comes from."""
+    """A policy, critics that share no weights with it, their optimisers and their random generators."""
 
     def __init__(self, algorithm: str, critics: int, config: OnPolicyConfig, task: Task) -> None:
         self.config = config
@@ -55,10 +56,10 @@ class Agent:
         rate = config.learning_rate if isinstance(config, FirstOrderConfig) else 0.0
         self.policy_optimiser = Adam(self.policy.actor.parameters(), rate)
         self.critic_optimiser = Adam(self.critics.parameters(), config.critic_learning_rate)
-        drawn = torch.randint(2**62, (), generator=self.generator, device=task.device)
-        self._critic_generator = new_generator(task.device, int(drawn))
+        critic_seed = torch.randint(2**62, (), generator=self.generator, device=task.device)
+        self._critic_generator = new_generator(task.device, int(critic_seed))
         self._critic_log: list[Tensor] = []
-        self._beside = ThreadPoolExecutor(1, "critics")
+        self._critic_thread = ThreadPoolExecutor(1, "critics")
         self._player = NetworkPlayer(self.policy, task.num_envs, False, self.generator, stacked=True)
         self._memory: RolloutMemory | None = None
         if self.policy.actor.gru is not None and self.critics.gru is not None:
@@ -71,32 +72,32 @@ class Agent:
 
     @contextmanager
     def critics_learning(self, samples: Samples, passes: int = 1) -> Iterator[None]:
-        """While the body runs, the critics go through the samples so often.
+        """Train the critics by so many passes over the samples while the body of the `with` block runs.
 
-        They share no weights with the policy, and the advantages are known already, so that neither has to wait for the
-        other; the numbers are those of one after the other, which is how it is done where no compiled loop leaves
-        Python to the policy meanwhile.
+        Critics and policy share no weights and the advantages are known already, so a thread trains the critics by
+        compiled loops, which release the interpreter lock. Otherwise they are trained after the body. The numbers are
+        the same either way.
         """
-        if self.critics.in_loops:
-            going = self._beside.submit(self._learn_critics, samples, passes)
+        if self.critics.compiled:
+            learning = self._critic_thread.submit(self._learn_critics, samples, passes)
             try:
                 yield
             finally:
-                self._critic_log += going.result()
+                self._critic_log += learning.result()
         else:
             yield
             self._critic_log += self._learn_critics(samples, passes)
 
     def critic_losses(self) -> Tensor:
-        """[K] ½ E[(V - target)²] of each critic, mean over the gradient steps since they were last asked for."""
+        """Return ½ E[(V - target)²] of each critic, the mean over gradient steps since the last call."""
         means = torch.stack(self._critic_log).mean(0)
         self._critic_log = []
         return means
 
     def _learn_critics(self, samples: Samples, passes: int) -> list[Tensor]:
-        """The losses [K] of each gradient step."""
+        """Train the critics and return their losses for each gradient step."""
         config, generator, targets = self.config, self._critic_generator, samples.targets.T
-        if isinstance(samples.inputs, Tensor) and self.critics.in_loops:
+        if isinstance(samples.inputs, Tensor) and self.critics.compiled:
             return [
                 error
                 for _ in range(passes)
@@ -104,8 +105,8 @@ class Agent:
                     *samples.shuffled((targets,), generator),
                     minibatch=config.minibatch,
                     optimiser=self.critic_optimiser,
-                    decay=config.critic_decay,
-                    most=config.max_grad_norm,
+                    l2=config.critic_decay,
+                    max_norm=config.max_grad_norm,
                 )
             ]
         found = []
@@ -116,20 +117,19 @@ class Agent:
         return found
 
     def updates_left(self, feedback: Feedback) -> int:
-        """Updates still to come after this one."""
+        """Return the number of updates still to come after this one."""
         return math.ceil(feedback.steps_left / (self.rollout_steps * self._player.num_envs))
 
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Raw actions [N, A] drawn from the policy, for observations float32 [N, K * D]."""
+        """Return raw actions [N, A] sampled from the policy, for observations float32 [N, K * D]."""
         return self._player.raw(obs, fresh)
 
     def samples(self, rollout: Rollout, signals: Sequence[Signal]) -> Samples:
-        """The rollout's valid steps with the advantages of each signal, critic k predicting signal k; afterwards the
-        rollout counts among the statistics of observations.
+        """Return the rollout's valid steps with the advantages of each signal; critic k predicts signal k.
 
-        Those statistics change here only, so that the policy that acted is the one learnt from. A fresh policy with
-        an orthogonal start and bounded activations draws alike whatever it sees, so the first rollout's are taken in
-        at once.
+        Afterwards the statistics of observations include the rollout. They change only here, so that the samples are
+        evaluated by the policy that collected them. A fresh policy with orthogonal weights and bounded activations is
+        nearly uniform whatever it observes, so the statistics of the first rollout are included at once.
         """
         normaliser, config = self.policy.normaliser, self.config
         fresh = normaliser.count == 0 and config.initial == "orthogonal" and config.activation == "tanh"
@@ -140,30 +140,38 @@ class Agent:
             normaliser.update(valid_obs(rollout))
         if self._memory is not None:
             self._memory.move_on()
-            # Not the same yet after the first rollout, which acting saw without statistics.
+            # They differ after the first rollout, which was collected without statistics.
             self._player.hidden = self._memory.starts["actor"]
         return samples
 
     def decay(self, progress: float) -> float:
-        """Set the policy's learning rate for this share of the run, 0..1, if it is to fall; returns it."""
+        """Set the policy's learning rate for this share of the run, 0..1, and return it."""
         assert isinstance(self.config, FirstOrderConfig)
         rate = self.config.learning_rate * (1.0 - progress if self.config.linear_decay else 1.0)
         self.policy_optimiser.rate = rate
         return rate
 
-    def step(self, inputs: Tensor | Sequences, loss_of: Callable[[TapedDistribution], Tensor]) -> Tensor:
-        """One step of Adam of the policy down the gradient of a scalar, which is returned without it: the loss of what
-        the policy is at B states, given what it sees there."""
-        parameters, back = self.policy.actor.forward_and_backward(inputs)
+    def step(self, inputs: Tensor | Sequences, loss_of: Callable[[Distribution | TapedDistribution], Tensor]) -> Tensor:
+        """Take one step of Adam of the policy, and return the loss, detached.
+
+        `loss_of` takes the policy's action distribution at the B states of `inputs` and returns a scalar.
+        """
+        if not fast_path.enabled():  # the definition
+            self.policy_optimiser.zero_grad()
+            loss = loss_of(self.policy.distribution_of(inputs))
+            loss.backward()
+            self.policy_optimiser.step(self.config.max_grad_norm)
+            return loss.detach()
+        parameters, backward = self.policy.actor.forward_and_backward(inputs)
         new = TapedDistribution(cast(AnalyticDistribution, self.policy.actions.distribution(parameters)))
         loss = loss_of(new)
         loss.backward()
-        back(new.slope())
+        backward(new.parameter_grad())
         self.policy_optimiser.step(self.config.max_grad_norm)
         return loss.detach()
 
     def state(self) -> dict[str, Any]:
-        """Everything, as nested dictionaries of arrays and plain data."""
+        """Return everything that learning needs to resume, as nested dictionaries of arrays and plain data."""
         state = {
             "actor": module_state(self.policy.actor),
             "critics": module_state(self.critics),
@@ -177,7 +185,7 @@ class Agent:
         return state if self._memory is None else state | {"memory": self._memory.state()}
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """The inverse of `state`; further keys are not looked at."""
+        """Restore what `state` returned; further keys are ignored."""
         load_module(self.policy.actor, state["actor"])
         load_module(self.critics, state["critics"])
         self.policy.normaliser.load_state(state["normaliser"])
@@ -191,28 +199,28 @@ class Agent:
 
 
 class KLMonitor:
-    """How far the policy has moved from the one that acted, measured after each pass."""
+    """The KL divergence of the policy from the one that collected the rollout, measured after each pass."""
 
     def __init__(self, agent: Agent, samples: Samples, *, new_first: bool = False) -> None:
-        """`new_first`: KL(π_θ ‖ π_k) instead of KL(π_k ‖ π_θ)."""
+        """Remember the policy π_k; `new_first` measures KL(π_θ ‖ π_k) instead of KL(π_k ‖ π_θ)."""
         self._agent, self._samples, self._new_first = agent, samples, new_first
         with torch.no_grad():
-            self.old_parameters = agent.policy.actor.everywhere(samples.inputs)
-            """[B, P] of π_k."""
+            self.old_parameters = agent.policy.actor.in_blocks(samples.inputs)
+            """Distribution parameters [B, P] of π_k."""
             self._old = agent.policy.actions.distribution(self.old_parameters)
             self.old_log_prob = self._old.log_prob(samples.actions)
-            """[B]."""
+            """log π_k(a|s) [B]."""
         self.passes, self.kl, self.entropy = 0, 0.0, 0.0
         self.kl_per_state = torch.zeros_like(self.old_log_prob)
-        """[B] KL of each state, in nats."""
+        """KL [B] of each state, in nats."""
         self.log_prob = self.old_log_prob
-        """[B] log π_θ(a|s)."""
+        """log π_θ(a|s) [B]."""
 
     @torch.no_grad()
     def measure(self) -> None:
-        """After a pass; raises `NotFiniteError` if the policy has become NaN."""
+        """Measure KL and entropy after a pass; raise `NotFiniteError` if the policy has become NaN."""
         policy = self._agent.policy
-        new = policy.actions.distribution(policy.actor.everywhere(self._samples.inputs))
+        new = policy.actions.distribution(policy.actor.in_blocks(self._samples.inputs))
         self.kl_per_state = new.kl(self._old) if self._new_first else self._old.kl(new)
         self.log_prob = new.log_prob(self._samples.actions)
         self.kl, self.entropy = float(self.kl_per_state.mean()), float(new.entropy().mean())
@@ -221,40 +229,42 @@ class KLMonitor:
 
     @property
     def ratio(self) -> Tensor:
-        """[B] π_θ(a|s) / π_k(a|s)."""
+        """Probability ratio π_θ(a|s) / π_k(a|s) [B]."""
         return (self.log_prob - self.old_log_prob).exp()
 
     def clip_fraction(self, clip: float) -> float:
-        """Share of states whose ratio is outside 1 ± ε."""
+        """Return the share of states whose ratio is outside 1 ± ε."""
         return float(((self.ratio - 1.0).abs() > clip).float().mean())
 
     @property
     def may_continue(self) -> bool:
-        """Whether there may be another pass."""
+        """Whether another pass is allowed: fewer than `passes` so far, and a KL of at most `target_kl`."""
         config = self._agent.config
         assert isinstance(config, FirstOrderConfig)
         return self.passes < config.passes and self.kl <= config.target_kl
 
 
 def reward_signal(config: OnPolicyConfig, rollout: Rollout) -> Signal:
-    """What the first critic predicts."""
+    """Return the reward as the signal that the first critic predicts."""
     return Signal(rollout.rewards, config.discount, config.trace)
 
 
 def cost_signals(config: ConstrainedConfig, rollout: Rollout) -> list[Signal]:
-    """What the other critics predict: each cost."""
+    """Return each cost as a signal that one of the other critics predicts."""
     return [Signal(cost, config.cost_discount, config.cost_trace) for cost in rollout.costs.unbind(-1)]
 
 
 def cost_advantages(config: ConstrainedConfig, samples: Samples) -> Tensor:
-    """A_c [M, B], centred, and divided by their deviations if the config says so."""
+    """Return A_c [M, B], centred, and divided by their standard deviations if the config says so."""
     scaled = standardised if config.standardise_cost else centred
     return torch.stack([scaled(advantages) for advantages in samples.advantages[1:]])
 
 
 def metrics_of(agent: Agent, samples: Samples, log: Sequence[Tensor], monitor: KLMonitor) -> dict[str, float]:
-    """What every update reports: mean losses of its gradient steps (the policy's are in the log), how well the critics
-    predicted, and how far the policy moved. Raises `NotFiniteError` if a loss is NaN."""
+    """Return the metrics of every update: mean losses, explained variances, KL, entropy and passes.
+
+    `log` holds the policy's loss of each gradient step. Raises `NotFiniteError` if a loss is NaN.
+    """
     errors = agent.critic_losses().tolist()
     found = {"policy_loss": float(torch.stack(list(log)).mean())}
     found |= {f"{name}value_loss": error for name, error in zip(_critic_names(len(errors)), errors, strict=True)}

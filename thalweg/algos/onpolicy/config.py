@@ -6,8 +6,9 @@ from thalweg.algos.common.settings import require
 from thalweg.algos.constraint.cost_limits import CostConfig, MeanCostConfig
 from thalweg.algos.policy.actions import Adapter
 from thalweg.algos.policy.memory import Memory
+from thalweg.algos.policy.mlp import Initial
 from thalweg.algos.policy.mlp_autograd import Activation
-from thalweg.algos.policy.networks import Initial, NetworkShape
+from thalweg.algos.policy.networks import NetworkShape
 
 
 @dataclass(frozen=True)

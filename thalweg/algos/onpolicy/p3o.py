@@ -20,7 +20,7 @@ from thalweg.algos.onpolicy.agent import (
     reward_signal,
 )
 from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig
-from thalweg.algos.policy.distributions import TapedDistribution
+from thalweg.algos.policy.distributions import Distribution, TapedDistribution
 from thalweg.algos.policy.memory import Sequences
 
 
@@ -161,7 +161,7 @@ class P3O:
             costs = costs - costs.mean(0)
         penalties = costs.new_zeros(len(violations))
 
-        def loss_of(new: TapedDistribution) -> Tensor:
+        def loss_of(new: Distribution | TapedDistribution) -> Tensor:
             nonlocal penalties
             loss, penalties = policy_loss(
                 self.config, new.log_prob(actions), old_log_prob, advantages, costs, violations, scale, new.entropy()

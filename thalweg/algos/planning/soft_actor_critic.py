@@ -13,7 +13,8 @@ from torch import Tensor
 from thalweg.algos.maths import joint_actions
 from thalweg.algos.policy.actions import Actions
 from thalweg.algos.policy.distributions import Categoricals, SquashedGaussian
-from thalweg.algos.policy.networks import Actor, NetworkShape, StackedMLP
+from thalweg.algos.policy.mlp import StackedMLP
+from thalweg.algos.policy.networks import Actor, NetworkShape
 
 
 class SoftConfig(Protocol):

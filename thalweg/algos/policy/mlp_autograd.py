@@ -1,10 +1,11 @@
-"""What do K perceptrons of one shape say, and how does a gradient pass through them? The chain rule, layer by layer.
+"""Perceptrons of one shape computed together, with their gradient written out layer by layer.
 
-Small networks are bound by the number of calls, so that their layers are batched products. Wide ones are bound by
-arithmetic: torch multiplies float32 matrices by MKL, which uses half of the vector width of AMD's Zen 5; oneDNN, which
-torch brings too, uses all of it, and adds bias and activation before a result leaves the registers. Where torch lacks
-that, the same is done by batched products. Gradients of weights need a transposed matrix, which oneDNN copies first:
-without Zen 5's advantage MKL takes less time for them (measured on Zen 4, 256 x 256 x 256).
+Part of the fast path (see `fast_path`); `MLPFunction` makes it one function of torch's autograd. Small networks are
+bound by the number of calls, so their layers are batched products. Wide ones are bound by arithmetic: torch multiplies
+float32 matrices by MKL, which uses half of the vector width of AMD's Zen 5. oneDNN, which comes with torch, uses all of
+it, and adds bias and activation before a result leaves the registers. Where torch lacks it, batched products are used.
+Gradients of weights need a transposed matrix, which oneDNN copies first; except on Zen 5, MKL takes less time for them
+(measured on Zen 4, 256 x 256 x 256).
 
 Letters: K perceptrons, B rows, D numbers of an observation.
 """
@@ -23,14 +24,14 @@ Activation = Literal["tanh", "relu", "swish"]
 Layers = list[tuple[Tensor, Tensor]]
 """Weight [K, before, after] and bias [K, 1, after] of each layer."""
 ALL = slice(None)
-WIDE = 128
-"""Numbers of a layer beyond which a product is a matter of arithmetic."""
+WIDE_LAYER = 128
+"""Layers wider than this are computed by oneDNN, one perceptron after another."""
 MIN_ROWS = 64
-"""Rows from which on it is."""
+"""Smallest number of rows for oneDNN."""
 
 
 def _fused_linear() -> Any:
-    """oneDNN's product with bias and activation, or None where this torch has none that works."""
+    """Return oneDNN's product with bias and activation, or None if this torch has none that works."""
     try:
         fused = torch.ops.mkldnn._linear_pointwise
         ones = torch.ones(2, 2)
@@ -41,7 +42,7 @@ def _fused_linear() -> Any:
 
 
 def mkl_is_faster_for_weight_grads(processor: str) -> bool:
-    """Whether MKL takes less time than oneDNN for the gradients of weights, by LLVM's name of the processor."""
+    """Return whether MKL is faster than oneDNN for the gradients of weights; `processor` is LLVM's name of it."""
     return processor != "znver5"
 
 
@@ -51,12 +52,12 @@ FUSED_LINEAR: Callable[..., Tensor] | None = _fused_linear()
 
 
 class ForwardCache(NamedTuple):
-    """What the gradient of a pass needs of it: for each layer either [K, B, ...] or K times [B, ...]."""
+    """What a forward pass keeps for the backward pass: for each layer [K, B, ...], or a list of K tensors [B, ...]."""
 
-    seen: list[Tensor] | list[list[Tensor]]
-    """What each layer was given."""
-    before: list[Tensor] | list[list[Tensor]]
-    """What each activation was given, where its derivative does not follow from what it gave; else nothing."""
+    inputs: list[Tensor] | list[list[Tensor]]
+    """Input of each layer."""
+    pre_activations: list[Tensor] | list[list[Tensor]]
+    """Input of each activation whose derivative does not follow from its output ("swish"); otherwise empty."""
 
 
 class LayerViews:
@@ -64,25 +65,25 @@ class LayerViews:
 
     def __init__(self, layers: Layers) -> None:
         self.layers = layers
-        self.widest = max(max(weight.shape[1:]) for weight, _ in layers)
+        self.max_width = max(max(weight.shape[1:]) for weight, _ in layers)
 
     @classmethod
-    def of(cls, flat: Tensor, count: int, sizes: tuple[int, ...]) -> "LayerViews":
-        """Cut out of the vector."""
+    def from_flat(cls, flat: Tensor, count: int, sizes: tuple[int, ...]) -> "LayerViews":
+        """Return views of the vector `flat`."""
         return cls(layers_of(flat, count, sizes))
 
     @cached_property
-    def apart(self) -> list[Layers]:
-        """[before, after] and [after] of each layer of each perceptron."""
+    def per_network(self) -> list[Layers]:
+        """Weight [before, after] and bias [after] of each layer, for each perceptron."""
         return [[(weight[k], bias[k, 0]) for weight, bias in self.layers] for k in range(len(self.layers[0][0]))]
 
-    def some(self, chosen: slice) -> "LayerViews":
-        """Of these perceptrons only."""
+    def select(self, chosen: slice) -> "LayerViews":
+        """Return the views of the chosen perceptrons only."""
         return self if chosen is ALL else LayerViews([(weight[chosen], bias[chosen]) for weight, bias in self.layers])
 
 
 def layers_of(flat: Tensor, count: int, sizes: tuple[int, ...]) -> Layers:
-    """Weight [K, before, after] and bias [K, 1, after] of each layer of K perceptrons: views of their vector."""
+    """Return weight [K, before, after] and bias [K, 1, after] of each layer of K perceptrons, as views of `flat`."""
     lengths = [
         length for before, after in itertools.pairwise(sizes) for length in (count * before * after, count * after)
     ]
@@ -93,17 +94,17 @@ def layers_of(flat: Tensor, count: int, sizes: tuple[int, ...]) -> Layers:
     ]
 
 
-def outputs(x: Tensor, parts: LayerViews, activation: Activation) -> tuple[Tensor, ForwardCache]:
-    """[K, B, outputs] of rows [B, D], or [K, B, D], without a record."""
+def outputs(x: Tensor, views: LayerViews, activation: Activation) -> tuple[Tensor, ForwardCache]:
+    """Return [K, B, outputs] for rows [B, D] or [K, B, D], and what `gradients` needs; autograd records nothing."""
     if (
         FUSED_LINEAR is not None
-        and parts.widest > WIDE
+        and views.max_width > WIDE_LAYER
         and x.shape[-2] >= MIN_ROWS
         and x.dtype == torch.float32
         and x.is_cpu
     ):
-        return _outputs_one_by_one(x, parts.apart, activation)
-    *inner, (last_weight, last_bias) = parts.layers
+        return _outputs_one_by_one(x, views.per_network, activation)
+    *inner, (last_weight, last_bias) = views.layers
     hidden = x.expand(len(last_weight), *x.shape) if x.dim() == 2 else x
     seen, before = [hidden], []
     for weight, bias in inner:
@@ -119,21 +120,24 @@ def outputs(x: Tensor, parts: LayerViews, activation: Activation) -> tuple[Tenso
 
 def gradients(
     above: Tensor,
-    trace: ForwardCache,
-    parts: LayerViews,
-    places: LayerViews | None,
+    cache: ForwardCache,
+    views: LayerViews,
+    grads: LayerViews | None,
     activation: Activation,
     wants_x: bool,
 ) -> Tensor | None:
-    """From the gradient of the outputs [K, B, outputs]: that of each layer into its place, if there are places, and
-    that of what the first was given [K, B, D], if it is wanted."""
-    if not isinstance(trace.seen[0], Tensor):
-        return _gradients_one_by_one(above, trace, parts.apart, places and places.apart, activation, wants_x)
-    known, layers = trace.before or trace.seen[1:], parts.layers
+    """Backpropagate the gradient `above` [K, B, outputs] of the outputs.
+
+    The gradients of the layers are written to `grads`, if it is given; that of the input [K, B, D] is returned, if
+    `wants_x`.
+    """
+    if not isinstance(cache.inputs[0], Tensor):
+        return _gradients_one_by_one(above, cache, views.per_network, grads and grads.per_network, activation, wants_x)
+    known, layers = cache.pre_activations or cache.inputs[1:], views.layers
     for layer in range(len(layers) - 1, -1, -1):
-        if places is not None:
-            torch.bmm(trace.seen[layer].transpose(1, 2), above, out=places.layers[layer][0])  # pyright: ignore
-            torch.sum(above, 1, keepdim=True, out=places.layers[layer][1])
+        if grads is not None:
+            torch.bmm(cache.inputs[layer].transpose(1, 2), above, out=grads.layers[layer][0])  # pyright: ignore
+            torch.sum(above, 1, keepdim=True, out=grads.layers[layer][1])
         if layer == 0 and not wants_x:
             return None
         above = torch.bmm(above, layers[layer][0].transpose(1, 2))
@@ -143,41 +147,41 @@ def gradients(
 
 
 class MLPFunction(torch.autograd.Function):
-    """The same as one recorded function of rows and of the vector of all parameters."""
+    """`outputs` and `gradients` as one function of autograd, of rows and of the vector of all parameters."""
 
     @staticmethod
     def forward(
-        ctx: Any, x: Tensor, flat: Tensor, parts: LayerViews, sizes: tuple[int, ...], activation: Activation
+        ctx: Any, x: Tensor, flat: Tensor, views: LayerViews, sizes: tuple[int, ...], activation: Activation
     ) -> Tensor:
-        ctx.parts, ctx.sizes, ctx.activation, ctx.shared = parts, sizes, activation, x.dim() == 2
-        found, trace = outputs(x, parts, activation)
-        ctx.one_by_one = not isinstance(trace.seen[0], Tensor)
-        kept = [*trace.seen, *trace.before]
-        ctx.save_for_backward(flat, *(itertools.chain.from_iterable(kept) if ctx.one_by_one else kept))  # pyright: ignore
+        ctx.views, ctx.sizes, ctx.activation, ctx.shared = views, sizes, activation, x.dim() == 2
+        found, cache = outputs(x, views, activation)
+        ctx.one_by_one = not isinstance(cache.inputs[0], Tensor)
+        saved = [*cache.inputs, *cache.pre_activations]
+        ctx.save_for_backward(flat, *(itertools.chain.from_iterable(saved) if ctx.one_by_one else saved))  # pyright: ignore
         return found
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, above: Tensor) -> Any:  # pyright: ignore
-        flat, *kept = ctx.saved_tensors  # which makes sure that nothing has changed since
+        flat, *saved = ctx.saved_tensors  # which makes sure that nothing has changed since
         if ctx.one_by_one:
-            kept = [kept[first : first + len(above)] for first in range(0, len(kept), len(above))]
-        layers = len(ctx.parts.layers)
-        trace = ForwardCache(kept[:layers], kept[layers:])
+            saved = [saved[first : first + len(above)] for first in range(0, len(saved), len(above))]
+        layers = len(ctx.views.layers)
+        cache = ForwardCache(saved[:layers], saved[layers:])
         wants_x, wants_flat = ctx.needs_input_grad[:2]
-        into, places = None, None
+        flat_grad, grads = None, None
         if wants_flat:
-            into = torch.empty_like(flat)
-            places = LayerViews.of(into, len(above), ctx.sizes)
-        below = gradients(above, trace, ctx.parts, places, ctx.activation, wants_x)
-        return below.sum(0) if below is not None and ctx.shared else below, into, None, None, None
+            flat_grad = torch.empty_like(flat)
+            grads = LayerViews.from_flat(flat_grad, len(above), ctx.sizes)
+        below = gradients(above, cache, ctx.views, grads, ctx.activation, wants_x)
+        return below.sum(0) if below is not None and ctx.shared else below, flat_grad, None, None, None
 
 
-def _outputs_one_by_one(x: Tensor, apart: list[Layers], activation: Activation) -> tuple[Tensor, ForwardCache]:
-    """`outputs` by oneDNN, perceptron after perceptron."""
+def _outputs_one_by_one(x: Tensor, networks: list[Layers], activation: Activation) -> tuple[Tensor, ForwardCache]:
+    """Compute `outputs` by oneDNN, one perceptron after another."""
     found = []
-    seen, before = [[] for _ in apart[0]], [[] for _ in apart[0][1:]] if activation == "swish" else []
-    for k, (*inner, (last_weight, last_bias)) in enumerate(apart):
+    seen, before = [[] for _ in networks[0]], [[] for _ in networks[0][1:]] if activation == "swish" else []
+    for k, (*inner, (last_weight, last_bias)) in enumerate(networks):
         hidden = x if x.dim() == 2 else x[k]
         for layer, (weight, bias) in enumerate(inner):
             seen[layer].append(hidden)
@@ -194,44 +198,44 @@ def _outputs_one_by_one(x: Tensor, apart: list[Layers], activation: Activation) 
 
 def _gradients_one_by_one(
     above: Tensor,
-    trace: ForwardCache,
-    apart: list[Layers],
-    places: list[Layers] | None,
+    cache: ForwardCache,
+    networks: list[Layers],
+    grads: list[Layers] | None,
     activation: Activation,
     wants_x: bool,
 ) -> Tensor | None:
-    """`gradients` by oneDNN, perceptron after perceptron."""
-    known, found, through = trace.before or trace.seen[1:], [], _DERIVATIVES[activation]
-    for k, slope in enumerate(above):
-        for layer in range(len(apart[k]) - 1, -1, -1):
-            if places is not None:
-                weight_place, bias_place = places[k][layer]
-                _weight_slope(trace.seen[layer][k], slope, weight_place)
-                torch.sum(slope, 0, out=bias_place)
+    """Compute `gradients` by oneDNN, one perceptron after another."""
+    known, found, through = cache.pre_activations or cache.inputs[1:], [], _DERIVATIVES[activation]
+    for k, grad in enumerate(above):
+        for layer in range(len(networks[k]) - 1, -1, -1):
+            if grads is not None:
+                weight_grad, bias_grad = grads[k][layer]
+                _weight_grad(cache.inputs[layer][k], grad, weight_grad)
+                torch.sum(grad, 0, out=bias_grad)
             if layer == 0 and not wants_x:
                 break
-            slope = _product(slope, apart[k][layer][0].t())
+            grad = _product(grad, networks[k][layer][0].t())
             if layer > 0:
-                through(slope, known[layer - 1][k], slope)
-        found.append(slope)
+                through(grad, known[layer - 1][k], grad)
+        found.append(grad)
     return torch.stack(found) if wants_x else None
 
 
 def _product(x: Tensor, weight: Tensor, bias: Tensor | None = None, activation: str = "none") -> Tensor:
-    """activation(x [B, before] weight [before, after] + bias [after]), for "none", "tanh" or "relu"."""
+    """Return activation(x [B, before] weight [before, after] + bias [after]), for "none", "tanh" or "relu"."""
     assert FUSED_LINEAR is not None
-    if 1 not in weight.shape:  # a vector takes less time than asking oneDNN does
+    if 1 not in weight.shape:  # for a vector, a call of oneDNN takes longer than the product
         return FUSED_LINEAR(x, weight.t(), bias, activation, [], "")
     found = torch.mm(x, weight) if bias is None else torch.addmm(bias, x, weight)
     return found if activation == "none" else found.tanh_() if activation == "tanh" else found.relu_()
 
 
-def _weight_slope(seen: Tensor, slope: Tensor, into: Tensor) -> None:
-    """seen [B, before] transposed times slope [B, after]."""
+def _weight_grad(x: Tensor, grad: Tensor, into: Tensor) -> None:
+    """Set `into` to x [B, before] transposed times grad [B, after]."""
     if WEIGHT_GRADS_BY_MKL:
-        torch.mm(seen.t(), slope, out=into)
+        torch.mm(x.t(), grad, out=into)
     else:
-        into.copy_(_product(seen.t(), slope))
+        into.copy_(_product(x.t(), grad))
 
 
 def _through_tanh(above: Tensor, after: Tensor, into: Tensor) -> None:
@@ -248,4 +252,4 @@ def _through_swish(above: Tensor, before: Tensor, into: Tensor) -> None:
 
 FUNCTIONS = {"tanh": torch.tanh, "relu": torch.relu, "swish": nn.functional.silu}
 _DERIVATIVES = {"tanh": _through_tanh, "relu": _through_relu, "swish": _through_swish}
-"""From the gradient after each, and what it gave (of "swish": what it was given), to the gradient before it."""
+"""Functions that multiply a gradient by an activation's derivative, given its output, or for "swish" its input."""

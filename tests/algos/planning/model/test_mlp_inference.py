@@ -6,7 +6,7 @@ import torch
 from tests.algos.planning.made import ensemble_for, generator
 from thalweg.algos.planning.model.mlp_inference import FEW_ROWS, ROWS_AT_ONCE, Dense
 from thalweg.algos.policy import mlp_autograd as chain
-from thalweg.algos.policy.networks import StackedMLP
+from thalweg.algos.policy.mlp import StackedMLP
 
 
 def stack_of() -> StackedMLP:

@@ -16,7 +16,7 @@ from thalweg.algos.maths import dynamics
 from thalweg.algos.planning.model.mlp_inference import Dense
 from thalweg.algos.planning.model.transitions import Batch
 from thalweg.algos.policy.actions import Actions, constant
-from thalweg.algos.policy.networks import StackedMLP
+from thalweg.algos.policy.mlp import StackedMLP
 from thalweg.algos.policy.normaliser import CLIP, Normaliser
 
 LOG_VARIANCE = (-10.0, 0.5)

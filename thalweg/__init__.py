@@ -1,13 +1,14 @@
 """Thalweg: a photo-realistic river world and a benchmark of safe reinforcement learning on it.
 
-Importing the package registers its Gymnasium ids and the detection of forks; its parts are imported when they are used.
+Importing the package registers its Gymnasium ids and the detection of forks; subpackages are imported when they are
+used.
 """
 
 from typing import TYPE_CHECKING, Any
 
 from gymnasium.envs.registration import register, registry
 
-import thalweg.core.fork  # noqa: F401 (notes forks from now on)
+import thalweg.core.fork  # noqa: F401 (records forks from now on)
 
 if TYPE_CHECKING:
     from thalweg.env.torch_env import TensorRiverEnv
@@ -17,14 +18,13 @@ LEVEL_IDS = {name: f"thalweg/{name}-v0" for name in ("Easy", "Medium", "Hard")}
 
 
 def make_torch(level: str, num_envs: int = 1, **options: Any) -> "TensorRiverEnv":
-    """N environments of a level whose observations, rewards and costs are tensors on one device.
+    """Return N environments of a level whose observations, rewards and costs are tensors on one device.
 
     Args:
         level: "Easy", "Medium" or "Hard".
-        num_envs: N.
-        options: `device` ("auto" by default, see `thalweg.core.device`), `world_seeds` or `worlds`, `config`, and
-        fields of
-            `thalweg.env.EnvConfig`.
+        num_envs: N, the number of environments.
+        options: `device` ("auto" by default, see `thalweg.core.device`), `world_seeds` or `worlds`, `config`, and the
+            fields of `thalweg.env.EnvConfig`.
     """
     from thalweg.env.factory import make_tensors
 

@@ -14,7 +14,7 @@ def test_a_river_that_has_to_be_built_is_announced_once_and_compiling_begins(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture
 ):
     world, begun = tmp_path / "world.npz", []
-    monkeypatch.setattr(announcing, "place_of", lambda level, seed: world)
+    monkeypatch.setattr(announcing, "cache_path", lambda level, seed: world)
     monkeypatch.setattr(compilation, "begin", lambda: begun.append(True))
     announcing._say.cache_clear()
     for _ in range(2):

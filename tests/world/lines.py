@@ -1,4 +1,4 @@
-"""Lines whose length, bends and crossings can be worked out by hand."""
+"""Lines whose length, bends and crossings are known by hand calculation."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Which place of a line is nearest? Every segment is looked at: slow, plain, and what maps and rivers are held to."""
+"""A slow nearest-point search over all segments: the reference for maps and rivers."""
 
 import numpy as np
 

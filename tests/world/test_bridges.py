@@ -96,7 +96,7 @@ def test_the_causeway_meets_the_ends_of_the_deck_and_falls_away():
 
 
 def test_a_bridge_across_a_river_stands_at_right_angles_with_its_deck_above_the_water():
-    row = Bridge(*bridges.across(np.array([1.0, 2.0]), np.array([0.0, 1.0]), 5.0, 7.0, np.random.default_rng(0)))
+    row = Bridge(*bridges.bridge_across(np.array([1.0, 2.0]), np.array([0.0, 1.0]), 5.0, 7.0, np.random.default_rng(0)))
     assert (np.cos(row.angle), np.sin(row.angle)) == (pytest.approx(-1.0), pytest.approx(0.0, abs=1e-12))
     assert row.deck_z == pytest.approx(9.2)
     assert row.length == pytest.approx(5.0 + 2 * 2.6)

@@ -1,4 +1,4 @@
-"""Lengths, bends and crossings of circles, ellipses, stadiums, hairpins and figures of eight, worked out by hand."""
+"""Tests of lengths, bends and crossings on circles, ellipses, stadiums, hairpins and figures of eight."""
 
 import numpy as np
 import pytest
@@ -133,4 +133,4 @@ def test_arc_between_takes_the_shorter_way_round():
     arc = np.array([0.0, 2.0, 4.0, 6.0])
     assert geometry.arc_between(arc, 8.0, True)[0, 3] == 2
     assert geometry.arc_between(arc, 6.0, False)[0, 3] == 6
-    np.testing.assert_array_equal(geometry.nearby(arc, 8.0, True, 7.0), [1, 3, 3, 1])
+    np.testing.assert_array_equal(geometry.arc_distance_from(arc, 8.0, True, 7.0), [1, 3, 3, 1])

@@ -1,4 +1,4 @@
-"""Distances from ellipses."""
+"""Tests of distances from ellipses and of random islands."""
 
 import numpy as np
 import pytest
@@ -33,12 +33,12 @@ def test_distance_is_close_near_the_edge_of_an_ellipse():
 
 def test_no_island_fits_in_a_narrow_river():
     rng = np.random.default_rng(0)
-    assert islands.draw(np.zeros(2), np.array([1.0, 0.0]), 4.0, 0.0, rng) is None
+    assert islands.random_island(np.zeros(2), np.array([1.0, 0.0]), 4.0, 0.0, rng) is None
 
 
 def test_an_island_leaves_its_arm():
     for seed in range(20):
-        row = islands.draw(np.zeros(2), np.array([1.0, 0.0]), 12.0, 0.05, np.random.default_rng(seed))
+        row = islands.random_island(np.zeros(2), np.array([1.0, 0.0]), 12.0, 0.05, np.random.default_rng(seed))
         assert row is not None
         free = 6.0 + abs(row[1]) - row[3]
-        assert free >= islands.LEAST_ARM_M
+        assert free >= islands.MIN_ARM_M

@@ -1,4 +1,4 @@
-"""The levels as data, and how they are found by name."""
+"""Tests of the levels as data and of finding them by name."""
 
 from dataclasses import replace
 
@@ -32,12 +32,12 @@ def test_the_key_depends_on_the_data_but_not_on_the_default_seed():
     assert replace(easy, length_m=281.0).key != easy.key
 
 
-def test_the_keys_of_the_built_in_levels_are_those_their_rivers_were_drawn_from():
+def test_the_keys_of_the_built_in_levels_are_unchanged():
     keys = {name: level.key for name, level in LEVELS.items()}
     assert keys == {"Easy": 10865751102021860621, "Medium": 11291398378637665864, "Hard": 8057083718481944270}
 
 
-def test_numbers_are_brought_to_one_form_so_that_equal_data_have_equal_keys():
+def test_equal_numbers_of_different_types_give_equal_keys():
     easy = LEVELS["Easy"]
     other = replace(easy, length_m=280, samples=np.int64(216), bends=[3, np.int8(3)], width_m=np.array([7, 12]))
     assert other == easy
@@ -80,7 +80,7 @@ def test_numbers_are_brought_to_one_form_so_that_equal_data_have_equal_keys():
         ("default_seed", 1.0, r"default_seed must be a whole number"),
     ],
 )
-def test_a_bad_field_is_named_with_its_limits_and_its_value(field, value, message):
+def test_an_invalid_field_is_refused_with_its_limits_and_value(field, value, message):
     with pytest.raises(WorldError, match=rf"^level .*: {message}"):
         replace(LEVELS["Easy"], **{field: value})
 

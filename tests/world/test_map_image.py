@@ -1,4 +1,4 @@
-"""Is the map a readable PNG, with things where they are, and never left half written?"""
+"""Tests of the map picture: a readable PNG with everything at its position, written atomically."""
 
 import math
 from dataclasses import replace
@@ -56,7 +56,7 @@ def world() -> World:
     )
 
 
-def test_longer_side_has_the_wanted_pixels(world, tmp_path):
+def test_longer_side_has_the_requested_pixels(world, tmp_path):
     drawing.draw(world, tmp_path / "maps" / "valley.png", size_px=600)
     with Image.open(tmp_path / "maps" / "valley.png") as picture:
         assert picture.format == "PNG"
@@ -74,7 +74,7 @@ def test_bridge_is_drawn_where_it_stands_and_north_is_up(world, tmp_path):
     assert 0.5 * (row.min() + row.max()) / height == pytest.approx(0.5 - 20.0 / 60.0, abs=0.06)
 
 
-def test_a_mark_is_not_hidden_by_the_bridge_that_stands_on_it(world):
+def test_a_marker_is_drawn_over_a_bridge(world):
     place = [np.interp(50.0, world.river.arc_m, column) for column in world.river.position_m.T]
     bridge = np.array([[*place, 0.5 * math.pi, 16.0, 8.0, 9.0, 0.2, 1.4, 2.2, 0.1, 0.5]])
     figure = drawing._figure(replace(world, bridges=bridge), 1200)
@@ -107,7 +107,7 @@ def test_sand_is_brighter_than_water_and_forest(world):
     assert brightness[bare].mean() > 1.8 * brightness[rise > 5.0].mean()
 
 
-def test_a_failure_leaves_the_old_picture_and_nothing_else(world, tmp_path, monkeypatch):
+def test_a_failed_write_keeps_the_old_picture_and_no_other_file(world, tmp_path, monkeypatch):
     path = tmp_path / "map.png"
     path.write_bytes(b"old")
 
@@ -128,7 +128,7 @@ def test_a_tiny_map_is_an_error(world, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_name_is_written_as_it_is_and_a_narrow_map_keeps_its_legend(world, tmp_path):
+def test_a_name_is_written_literally_and_a_narrow_map_keeps_its_legend(world, tmp_path):
     narrow = replace(world, name="Dora $x_", ground_m=world.ground_m[:, :80], water_m=world.water_m[:, :80])
     narrow = replace(narrow, albedo=world.albedo[:, :80], sun=world.sun[:, :80], sky=world.sky[:, :80])
     figure = drawing._figure(replace(narrow, canopy_m=world.canopy_m[:, :80]), 1200)

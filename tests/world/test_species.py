@@ -1,4 +1,4 @@
-"""The kinds of plants: what the world and the renderer both read from them."""
+"""Tests of the kinds of plants, as the world and the renderer read them."""
 
 import numpy as np
 import pytest

@@ -1,7 +1,7 @@
-"""What solid does a bridge row describe, and how is ground brought up to its ends?
+"""Geometry of arch bridges: the random row of a bridge, its convex collision hull, and the causeways to its ends.
 
-Rows [11] are laid out as `record.BRIDGE`. The hull is what the rules take for the collision: the arch counts as
-solid, so that one flies over.
+Rows [11] have the columns of `thalweg.world.record.BRIDGE`. The rules use the hull for collisions: the space under the
+arch counts as solid, so a camera has to fly over the bridge.
 """
 
 from itertools import pairwise
@@ -12,21 +12,21 @@ import numpy as np
 DECK_ABOVE_WATER_M = 2.2
 """Height of the deck's middle above the water."""
 LANDING_M = 2.6
-"""How far the deck reaches over each bank."""
+"""Length of the deck beyond each bank."""
 ARCH_THICKNESS_M = 0.45
 """Stone between the crown of the arch and the deck."""
 FOOT_M = 1.0
-"""The hull reaches so far below the spring of the arch, which lies at about the water's surface."""
+"""Depth of the hull below the spring of the arch, which is near the water's surface."""
 TANGENTS = 9
-"""Planes by which the curved top of the hull is covered; the hull encloses the bridge."""
+"""Number of planes that approximate the curved top of the hull from outside."""
 RAMP_SLOPE = 0.18
-"""Fall of the causeway that leads away from a bridge."""
+"""Slope of the causeway along its way from the bridge."""
 SHOULDER_SLOPE = 0.75
-"""Fall of its sides."""
+"""Slope of the causeway's sides."""
 
 
 class Bridge(NamedTuple):
-    """The columns of `record.BRIDGE` by name."""
+    """A bridge row with its columns by name, as in `thalweg.world.record.BRIDGE`."""
 
     x: float
     y: float
@@ -41,10 +41,10 @@ class Bridge(NamedTuple):
     parapet: float
 
 
-def across(
+def bridge_across(
     position: np.ndarray, tangent: np.ndarray, river_width_m: float, level_m: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """[11] float64: a bridge across the river at `position` [2] at right angles to `tangent` [2]."""
+    """Return a random bridge [11] float64 across the river at `position` [2], at right angles to `tangent` [2]."""
     hump = rng.uniform(0.2, 0.4)
     deck = level_m + DECK_ABOVE_WATER_M
     spring = level_m + 0.1
@@ -65,8 +65,8 @@ def across(
     )
 
 
-def local(row: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(u, v): points in the bridge's frame, u along it and v across its deck, in metres."""
+def local_coordinates(row: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (u, v), the coordinates of points in the bridge's frame: u along it and v across its deck, in metres."""
     bridge = Bridge(*row)
     cos, sin = np.cos(bridge.angle), np.sin(bridge.angle)
     dx, dy = x - bridge.x, y - bridge.y
@@ -74,10 +74,10 @@ def local(row: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np
 
 
 def top_profile(row: np.ndarray) -> np.ndarray:
-    """[TANGENTS + 1, 2] vertices (u, z) of the hull's top, from one end of the bridge to the other.
+    """Return [TANGENTS + 1, 2] the vertices (u, z) of the hull's top, from one end of the bridge to the other.
 
-    The parapets' top z = deck + parapet - hump (u / h)² is covered by its tangents at evenly spaced u; neighbours
-    meet half way between, hump (Δ / 2h)² above the curve.
+    The top of the parapets, z = deck + parapet - hump (u / h)², is enclosed by its tangents at evenly spaced u.
+    Neighbouring tangents meet half way between, hump (Δ / 2h)² above the curve.
     """
     bridge = Bridge(*row)
     half = bridge.length / 2
@@ -89,7 +89,7 @@ def top_profile(row: np.ndarray) -> np.ndarray:
 
 
 def hull_planes(row: np.ndarray) -> np.ndarray:
-    """[P, 4] float64: outward unit normal and offset d of each plane, n . p <= d inside, of the bridge's convex hull.
+    """Return [P, 4] float64 the planes of the convex hull: outward unit normal n and offset d; n·p <= d is inside.
 
     The hull encloses body and parapets and reaches `FOOT_M` below the spring of the arch.
     """
@@ -113,25 +113,25 @@ def hull_planes(row: np.ndarray) -> np.ndarray:
 
 
 def hull_top(row: np.ndarray, x: np.ndarray, y: np.ndarray, body_m: float = 0.0) -> np.ndarray:
-    """Height of the hull's top at points x, y [...], -inf beside it; grown sideways by `body_m`."""
+    """Return the height of the hull's top at points x, y [...], -inf outside the hull; `body_m` widens it sideways."""
     bridge = Bridge(*row)
-    u, v = local(row, x, y)
+    u, v = local_coordinates(row, x, y)
     inside = (np.abs(u) <= bridge.length / 2 + body_m) & (np.abs(v) <= bridge.width / 2 + body_m)
     top = top_profile(row)
     return np.where(inside, np.interp(u, top[:, 0], top[:, 1]), -np.inf)
 
 
 def causeway(row: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Height of the causeway that meets the deck's ends, at points x, y [...], far below ground elsewhere."""
+    """Return the height at points x, y [...] of the causeway to the deck's ends; far below the ground elsewhere."""
     bridge = Bridge(*row)
-    u, v = local(row, x, y)
-    beyond = np.maximum(np.abs(u) - bridge.length / 2, 0.0)
-    aside = np.maximum(np.abs(v) - bridge.width / 2 - 0.3, 0.0)
-    return bridge.deck_z - bridge.hump - 0.02 - RAMP_SLOPE * beyond - SHOULDER_SLOPE * aside
+    u, v = local_coordinates(row, x, y)
+    along = np.maximum(np.abs(u) - bridge.length / 2, 0.0)
+    sideways = np.maximum(np.abs(v) - bridge.width / 2 - 0.3, 0.0)
+    return bridge.deck_z - bridge.hump - 0.02 - RAMP_SLOPE * along - SHOULDER_SLOPE * sideways
 
 
-def approach(row: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Whether points x, y [...] lie on a bridge or on the way to it, where no plant may stand."""
+def on_approach(row: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return whether points x, y [...] lie on a bridge or on the way to it, where no plant may stand."""
     bridge = Bridge(*row)
-    u, v = local(row, x, y)
+    u, v = local_coordinates(row, x, y)
     return (np.abs(u) <= bridge.length / 2 + 10.0) & (np.abs(v) <= bridge.width / 2 + 0.8)

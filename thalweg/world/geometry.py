@@ -1,6 +1,6 @@
-"""What is the length, the direction, the bend of a line, and where does it cross itself?
+"""Geometry of polylines: arc length, tangents, curvature, bends and self-crossings.
 
-Pure functions on polylines [S, 2] in metres. `closed` says whether the last vertex joins the first. Nothing here
+Pure functions on polylines [S, 2] in metres. `closed` says whether the last vertex is joined to the first. Nothing here
 knows of water.
 """
 
@@ -10,35 +10,35 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 BEND_SMOOTHING_M = 4.0
-"""Standard deviation of the Gaussian along the line before bends are counted: shorter wiggles are no bends."""
+"""Standard deviation of the Gaussian that smooths a line before its bends are counted."""
 STRAIGHT_RADIUS_M = 40.0
-"""A stretch whose radius of curvature is larger than this counts as straight and separates bends."""
+"""A stretch with a larger radius of curvature counts as straight and separates bends."""
 
 BLOCK_PAIRS = 4_000_000
-"""About so many pairs of samples are looked at together: 32 MB an array."""
+"""Pairs of samples that are compared at a time: 32 MB per array."""
 
 
 def blocks(count: int) -> Iterator[slice]:
-    """Slices that cover `count` rows, each of about `BLOCK_PAIRS` pairs with all of them."""
+    """Yield slices that cover `count` rows, so that each row block has about `BLOCK_PAIRS` pairs with all rows."""
     size = max(BLOCK_PAIRS // max(count, 1), 1)
     for first in range(0, count, size):
         yield slice(first, min(first + size, count))
 
 
 def edges(line: np.ndarray, closed: bool) -> np.ndarray:
-    """[segments, 2] float64: the vectors from each vertex to the next."""
+    """Return [segments, 2] float64 the vectors from each vertex to the next."""
     return np.roll(line, -1, axis=0) - line if closed else np.diff(line, axis=0)
 
 
 def arc_length(line: np.ndarray, closed: bool) -> tuple[np.ndarray, float]:
-    """Arc length [S] at each vertex, and the whole length: the sum of |Pᵢ₊₁ - Pᵢ|, the closing segment included."""
+    """Return the arc length [S] at each vertex and the total length, with the closing segment of a closed line."""
     steps = np.hypot(*edges(line, closed).T)
     total = np.concatenate([[0.0], np.cumsum(steps)])
     return total[: len(line)], float(total[-1])
 
 
 def tangents(line: np.ndarray, closed: bool) -> np.ndarray:
-    """[S, 2] unit vectors along (Pᵢ₊₁ - Pᵢ₋₁), one-sided at the ends of an open line."""
+    """Return [S, 2] unit vectors along Pᵢ₊₁ - Pᵢ₋₁, one-sided at the ends of an open line."""
     if closed:
         direction = np.roll(line, -1, axis=0) - np.roll(line, 1, axis=0)
     else:
@@ -48,14 +48,15 @@ def tangents(line: np.ndarray, closed: bool) -> np.ndarray:
 
 
 def normals(tangent: np.ndarray) -> np.ndarray:
-    """[S, 2] unit vectors to the left of the tangents [S, 2]."""
+    """Return [S, 2] unit vectors to the left of the tangents [S, 2]."""
     return np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
 
 
 def curvature(line: np.ndarray, closed: bool) -> np.ndarray:
-    """[S] signed curvature in 1/m, positive where the line turns left; 0 at the ends of an open line.
+    """Return [S] the signed curvature in 1/m, positive in left turns; 0 at the ends of an open line.
 
-    The circle through three successive vertices (Menger): κ = 2 (a × b) / (|a| |b| |a + b|), exact on a circle.
+    The curvature of the circle through three successive vertices (Menger): κ = 2 (a × b) / (|a| |b| |a + b|). It is
+    exact on a circle.
     """
     if closed:
         before, after = line - np.roll(line, 1, axis=0), np.roll(line, -1, axis=0) - line
@@ -68,7 +69,7 @@ def curvature(line: np.ndarray, closed: bool) -> np.ndarray:
 
 
 def turning(line: np.ndarray, closed: bool) -> np.ndarray:
-    """[S] signed angle in radians by which the line turns left at each vertex; 0 at the ends of an open line."""
+    """Return [S] the signed left turn in radians at each vertex; 0 at the ends of an open line."""
     step = edges(line, closed)
     heading = np.arctan2(step[:, 1], step[:, 0])
     before = np.roll(heading, 1) if closed else heading[:-1]
@@ -78,7 +79,7 @@ def turning(line: np.ndarray, closed: bool) -> np.ndarray:
 
 
 def bends(line: np.ndarray, closed: bool) -> np.ndarray:
-    """Signed turning of each bend, in radians and in their order along the line.
+    """Return the signed turning of each bend in radians, in order along the line.
 
     A bend is a maximal run of vertices with the same sign of curvature and a radius under `STRAIGHT_RADIUS_M`, after
     smoothing the line by a Gaussian of `BEND_SMOOTHING_M`. The vertices must be about evenly spaced.
@@ -87,8 +88,9 @@ def bends(line: np.ndarray, closed: bool) -> np.ndarray:
     spacing = length / (len(line) if closed else len(line) - 1)
     smooth = gaussian_filter1d(line, BEND_SMOOTHING_M / spacing, axis=0, mode="wrap" if closed else "nearest")
     turn = turning(smooth, closed)
+    # Vertices of a straight stretch get sign 0, so that a run of equal signs is a bend or a straight.
     sign = np.where(np.abs(turn) > spacing / STRAIGHT_RADIUS_M, np.sign(turn), 0.0)
-    starts = np.flatnonzero(sign != np.roll(sign, 1))
+    starts = np.flatnonzero(sign != np.roll(sign, 1))  # the roll joins a bend across the end of a closed line
     if len(starts) == 0:
         return np.array([turn.sum()]) if sign[0] != 0 else np.zeros(0)
     run = np.zeros(len(line), dtype=np.int64)
@@ -99,14 +101,14 @@ def bends(line: np.ndarray, closed: bool) -> np.ndarray:
 
 
 def bend_count(line: np.ndarray, closed: bool, over_deg: float = 30.0) -> int:
-    """How many bends turn by more than `over_deg` in either direction."""
+    """Return the number of bends that turn by more than `over_deg` in either direction."""
     return int(np.sum(np.abs(bends(line, closed)) > np.radians(over_deg)))
 
 
 def self_crossings(line: np.ndarray, closed: bool) -> np.ndarray:
-    """[K, 2] int: pairs (i, j), i < j, of segments that properly cross; segments that share a vertex never count.
+    """Return [K, 2] int the pairs (i, j), i < j, of segments that cross; segments that share a vertex never do.
 
-    Two segments cross where the ends of each lie on different sides of the other (de Berg and others, 2008, 2.1).
+    Two segments cross where the ends of each lie on different sides of the other (de Berg et al., 2008, section 2.1).
     """
     start = line if closed else line[:-1]
     end = start + edges(line, closed)
@@ -129,21 +131,21 @@ def self_crossings(line: np.ndarray, closed: bool) -> np.ndarray:
 
 
 def arc_between(arc_m: np.ndarray, length_m: float, closed: bool, rows: slice = slice(None)) -> np.ndarray:
-    """[S, S] the arc length from each vertex to each other one, the shorter way round on a closed line.
+    """Return [S, S] the arc length between vertices, the shorter way round on a closed line.
 
-    `rows` chooses the vertices from which.
+    `rows` selects the first vertex of each pair.
     """
     apart = np.abs(arc_m[rows, None] - arc_m[None, :])
     return np.minimum(apart, length_m - apart) if closed else apart
 
 
 def distances(line: np.ndarray, rows: slice = slice(None)) -> np.ndarray:
-    """[S, S] straight distances between all vertices; `rows` chooses those from which."""
+    """Return [S, S] the straight distances between vertices; `rows` selects the first vertex of each pair."""
     delta = line[rows, None, :] - line[None, :, :]
     return np.hypot(delta[..., 0], delta[..., 1])
 
 
-def nearby(arc_m: np.ndarray, length_m: float, closed: bool, centre_m: float) -> np.ndarray:
-    """[S] arc distance from the place `centre_m` on the line, the shorter way round."""
+def arc_distance_from(arc_m: np.ndarray, length_m: float, closed: bool, centre_m: float) -> np.ndarray:
+    """Return [S] the arc distance from the position `centre_m` on the line, the shorter way round on a closed line."""
     apart = np.abs(arc_m - centre_m)
     return np.minimum(apart, length_m - apart) if closed else apart

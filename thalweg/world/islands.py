@@ -1,22 +1,22 @@
-"""What are the sand islands? Ellipses [5] (x, y, semi-axis along, semi-axis across, angle): land inside the channel."""
+"""Geometry of sand islands: ellipses [5] (x, y, semi-axis along, semi-axis across, angle) in the channel."""
 
 import numpy as np
 
-LEAST_ARM_M = 3.0
-"""A generated island leaves an arm of at least this width on one side."""
-LEAST_SIDE_M = 0.8
-"""Water between an island and its nearer bank."""
+MIN_ARM_M = 3.0
+"""Minimum width of the wider channel beside a generated island."""
+MIN_BANK_GAP_M = 0.8
+"""Minimum water between a generated island and its nearer bank."""
 
 
 def squared_radius(row: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """ρ² of points x, y [...]: 0 at the island's middle, 1 on its edge."""
+    """Return ρ² of points x, y [...]: 0 at the centre of the island, 1 on its edge."""
     cos, sin = np.cos(row[4]), np.sin(row[4])
     dx, dy = x - row[0], y - row[1]
     return ((cos * dx + sin * dy) / row[2]) ** 2 + ((-sin * dx + cos * dy) / row[3]) ** 2
 
 
 def distance(row: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """About the distance in metres of points x, y [...] from the edge, negative inside; exact on the edge.
+    """Return the approximate distance in metres of points x, y [...] from the edge, negative inside; exact on the edge.
 
     Taubin's estimate f / |∇f| (1991) with f = ρ - 1, whose gradient is |(u/a², v/b²)| / ρ.
     """
@@ -29,21 +29,21 @@ def distance(row: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def outline(row: np.ndarray, points: int = 48) -> np.ndarray:
-    """[points, 2] metres: places on the edge."""
+    """Return [points, 2] positions on the edge in metres."""
     t = np.linspace(0, 2 * np.pi, points, endpoint=False)
     u, v = row[2] * np.cos(t), row[3] * np.sin(t)
     cos, sin = np.cos(row[4]), np.sin(row[4])
     return np.stack([row[0] + cos * u - sin * v, row[1] + sin * u + cos * v], axis=1)
 
 
-def draw(
+def random_island(
     position: np.ndarray, tangent: np.ndarray, width_m: float, curvature: float, rng: np.random.Generator
 ) -> np.ndarray | None:
-    """[5] float64: an island at `position` [2] of a river of that width, off the middle; None where none fits."""
+    """Return a random island [5] float64 near `position` [2], off the middle of the channel; None where none fits."""
     across = float(np.clip(rng.uniform(0.09, 0.16) * width_m, 0.8, 2.6))
     water = width_m - 2 * across
-    arm = max(rng.uniform(0.55, 0.72) * water, LEAST_ARM_M)
-    if water - arm < LEAST_SIDE_M:
+    arm = max(rng.uniform(0.55, 0.72) * water, MIN_ARM_M)
+    if water - arm < MIN_BANK_GAP_M:
         return None
     along = across * rng.uniform(1.8, 3.4)
     if abs(curvature) > 1e-6:

@@ -1,6 +1,6 @@
-"""What is asked of a river? The three levels as data, and the record for levels of one's own.
+"""The difficulty levels as data, and the `Level` record for custom ones.
 
-The paper's scenes are not public; these follow its order of difficulty and its stated features.
+The scenes of the paper are not public; these levels follow its order of difficulty and its stated features.
 """
 
 import hashlib
@@ -11,26 +11,26 @@ from dataclasses import astuple, dataclass, fields
 from typing import Any, NamedTuple
 
 from thalweg.world.errors import WorldError
-from thalweg.world.validation import CLEARANCE_M, LEAST_LENGTH_M, LEAST_SAMPLES, MOST_SAMPLES
+from thalweg.world.validation import CLEARANCE_M, MAX_SAMPLES, MIN_LENGTH_M, MIN_SAMPLES
 
 
 class Limits(NamedTuple):
-    """What a number of a level may be."""
+    """The allowed values of a number or a pair of numbers of a `Level`."""
 
-    whole: bool
+    integer: bool
     low: float
     high: float
     pair: bool = False
 
     def __str__(self) -> str:
-        kind = ("two " if self.pair else "a ") + ("whole number" if self.whole else "number") + "s" * self.pair
+        kind = ("two " if self.pair else "a ") + ("whole number" if self.integer else "number") + "s" * self.pair
         span = f"of at least {self.low:g}" if self.high == math.inf else f"from {self.low:g} to {self.high:g}"
         return f"{kind} {span}" + ", the smaller first" * self.pair
 
 
 LIMITS = {
-    "samples": Limits(True, LEAST_SAMPLES[True], MOST_SAMPLES),
-    "length_m": Limits(False, LEAST_LENGTH_M[True], 10_000),
+    "samples": Limits(True, MIN_SAMPLES[True], MAX_SAMPLES),
+    "length_m": Limits(False, MIN_LENGTH_M[True], 10_000),
     "bends": Limits(True, 2, 100, pair=True),
     "width_m": Limits(False, 2 * CLEARANCE_M, 100, pair=True),
     "bridges": Limits(True, 0, 100),
@@ -45,30 +45,31 @@ LIMITS = {
     "plant_density": Limits(False, 0, 10),
     "default_seed": Limits(True, 0, math.inf),
 }
-"""For each number of a `Level`. Within them a level may still ask for more than any river has room for."""
+"""Limits of each number of a `Level`. Within them, a level may still ask for more than fits along a river."""
 NAME = re.compile(r"\w[\w .+-]{0,63}", re.ASCII)
-"""A level's name stands in tables, file names and on pictures."""
-WIDTHS_APART_M = 0.3
-"""The widest place is at least so much wider than the narrowest."""
+"""Characters of a level's name, which appears in tables, file names and pictures."""
+MIN_WIDTH_RANGE_M = 0.3
+"""Minimum difference between the widest and the narrowest width."""
 
 
 @dataclass(frozen=True)
 class Level:
     """Everything the generator may choose from; two levels with the same data give the same rivers.
 
-    Numbers are brought to one form, so that 280 and 280.0 are the same; raises `WorldError` that names a bad field.
+    Numbers are converted to one type, so that 280 and 280.0 are the same. Raises `WorldError` that names an invalid
+    field.
     """
 
     name: str
-    """What it is called in files and tables."""
+    """Name in files and tables."""
     samples: int
     """Exact number of river samples and, the course being closed, of segments."""
     length_m: float
     """Length of the loop; a river differs from it by at most one percent."""
     bends: tuple[int, int]
-    """Fewest and most bends over 30 degrees, as `geometry.bend_count` counts them."""
+    """Minimum and maximum number of bends over 30 degrees, as `geometry.bend_count` counts them."""
     width_m: tuple[float, float]
-    """Narrowest and widest place; each river comes near both."""
+    """Minimum and maximum width; each river comes near both."""
     bridges: int
     """Number of arch bridges."""
     islands: int
@@ -80,17 +81,17 @@ class Level:
     depth_variation: float
     """Half the range of the depth as a share of its mean."""
     fall_m: float
-    """How far the water level falls round the loop before it is regained in one rapid."""
+    """Fall of the water level along the loop, regained in one rapid."""
     cut_banks: float
-    """0..1, how steep the outer banks of bends are cut."""
+    """0 to 1, steepness of the outer banks of bends."""
     hills_m: float
     """Height of the hills above the flood plain, far from the river."""
     ponds: int
-    """Still water inside the loop, beside the course."""
+    """Number of ponds inside the loop."""
     plant_density: float
-    """Plants per area relative to a dense forest."""
+    """Number of plants per area, relative to a dense forest."""
     default_seed: int
-    """The seed of the fixed river that stands for this level."""
+    """Seed of the level's fixed river."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not NAME.fullmatch(self.name):
@@ -98,38 +99,38 @@ class Level:
                 f"level {self.name!r}: name must be letters, digits, spaces and . + - _, not {self.name!r}"
             )
         for field in fields(self)[1:]:
-            given, limits = getattr(self, field.name), LIMITS[field.name]
-            value = pair_within(given, limits) if limits.pair else number_within(given, limits)
-            if value is None:
-                raise WorldError(f"level {self.name!r}: {field.name} must be {limits}, not {given!r}")
-            object.__setattr__(self, field.name, value)
-        if self.width_m[1] - self.width_m[0] < WIDTHS_APART_M:
+            value, limits = getattr(self, field.name), LIMITS[field.name]
+            parsed = parse_pair(value, limits) if limits.pair else parse_number(value, limits)
+            if parsed is None:
+                raise WorldError(f"level {self.name!r}: {field.name} must be {limits}, not {value!r}")
+            object.__setattr__(self, field.name, parsed)
+        if self.width_m[1] - self.width_m[0] < MIN_WIDTH_RANGE_M:
             raise WorldError(
-                f"level {self.name!r}: width_m must differ by at least {WIDTHS_APART_M} m, not {self.width_m}"
+                f"level {self.name!r}: width_m must differ by at least {MIN_WIDTH_RANGE_M} m, not {self.width_m}"
             )
 
     @property
     def key(self) -> int:
-        """A 64-bit number that depends on all the data except the default seed."""
+        """A 64-bit hash of all the data except the default seed."""
         data = repr(astuple(self)[:-1]).encode()
         return int.from_bytes(hashlib.sha256(data).digest()[:8], "little")
 
 
-def number_within(given: Any, limits: Limits) -> int | float | None:
-    """The number as a plain `int` or `float`; None for what is no such number or out of its limits."""
-    if isinstance(given, bool | str | bytes):
+def parse_number(value: Any, limits: Limits) -> int | float | None:
+    """Return the number as a plain `int` or `float`, or None if it is not such a number or outside its limits."""
+    if isinstance(value, bool | str | bytes):
         return None
     try:
-        value = operator.index(given) if limits.whole else float(given)
+        number = operator.index(value) if limits.integer else float(value)
     except (TypeError, ValueError, OverflowError):
         return None
-    return value if limits.low <= value <= limits.high else None
+    return number if limits.low <= number <= limits.high else None
 
 
-def pair_within(given: Any, limits: Limits) -> tuple[int | float, int | float] | None:
-    """Two numbers within the limits, the smaller first; None for anything else."""
+def parse_pair(values: Any, limits: Limits) -> tuple[int | float, int | float] | None:
+    """Return two numbers within the limits, the smaller first, or None for anything else."""
     try:
-        low, high = (number_within(each, limits) for each in given)
+        low, high = (parse_number(each, limits) for each in values)
     except (TypeError, ValueError):
         return None
     return (low, high) if low is not None and high is not None and low <= high else None
@@ -197,7 +198,7 @@ LEVELS: dict[str, Level] = {
 
 
 def level_named(name: str) -> Level:
-    """The level of that name, whatever its case; raises `WorldError` that lists the known ones."""
+    """Return the level with that name, in any case; raises `WorldError` that lists the known levels."""
     if not isinstance(name, str):
         raise WorldError(f"a level is a name or a Level, not {name!r}; known: {', '.join(LEVELS)}")
     for known, level in LEVELS.items():

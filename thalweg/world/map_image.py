@@ -1,7 +1,6 @@
-"""What does a world look like from straight above? A map of it as a picture, with its course, banks, bridges and
-islands.
+"""A picture of a world from straight above, with its course, banks, bridges and islands.
 
-The picture is for people who choose or check a river; what a camera sees is the renderer's.
+It is for choosing and checking rivers; camera frames are the task of `thalweg.render`.
 """
 
 import math
@@ -29,35 +28,37 @@ STONE = np.array((0.40, 0.35, 0.28), np.float32)
 DEEP = np.array((0.030, 0.075, 0.105), np.float32)
 """Linear colours of the bridges and of deep water."""
 LEAF_GAIN = 1.2
-"""Leaves seen with the light that comes through them are so much brighter than by reflection alone."""
+"""Brightness of leaves with transmitted light, relative to reflection alone."""
 ABSORPTION_PER_M = np.array((1.1, 0.75, 0.62), np.float32)
 CANOPY_ALPHA = 0.8
-"""How much of the ground the forest's roof hides."""
+"""Opacity of the canopy over the ground."""
 EXPOSURE = 1.25
 DPI = 100
-SOLIDS, MARKS = 4, 5
-"""What is drawn over what: the marks on the centre line stand over the bridges, which would hide them."""
-MARK_EVERY_M = 50.0
-"""Distance of the marks on the centre line."""
+SOLIDS, MARKERS = 4, 5
+"""Drawing order: the markers on the centre line go over the bridges, which would hide them."""
+MARKER_SPACING_M = 50.0
+"""Distance between the markers on the centre line."""
 BANK, CENTRE, BRIDGE, ISLAND = "#7fe3ff", "#ffffff", "#e4572e", "#ffb000"
-"""Colours of what is drawn over the map."""
+"""Colours of the lines over the map."""
 
 
 def draw(world: World, path: str | Path, *, size_px: int = 1200) -> None:
-    """Write the orthographic view of a world to a PNG file, whole or not at all; its longer side has size_px pixels.
+    """Write the orthographic view of a world to a PNG file atomically; its longer side has `size_px` pixels.
 
-    Raises ValueError for a picture too small to read.
+    Raises `ValueError` for a picture too small to read.
     """
     if size_px < 300:
         raise ValueError(f"a map needs at least 300 pixels, not {size_px}")
     figure = _figure(world, size_px)
-    with atomic_path(path) as draft, draft.open("wb") as file:
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
         FigureCanvasAgg(figure).print_png(file)
 
 
 def view(world: World) -> np.ndarray:
-    """[GY, GX, 3] uint8 sRGB: ground, water and forest in the baked light, seen from above; the first row is the
-    southernmost."""
+    """Return [GY, GX, 3] uint8 sRGB: ground, water and forest in the baked light, seen from above.
+
+    The first row is the southernmost.
+    """
     ground = _lit((world.albedo / f4(255.0)) ** 2, world)
     depth = (world.water_m - world.ground_m)[..., None]
     cleared = ground * np.exp(-np.maximum(depth, 0.0) * ABSORPTION_PER_M)
@@ -73,13 +74,13 @@ def view(world: World) -> np.ndarray:
 
 
 def _lit(reflectance: np.ndarray, world: World) -> np.ndarray:
-    """Reflectance [GY, GX, 3] under the baked sun and sky."""
+    """Return the radiance [GY, GX, 3] of a reflectance [GY, GX, 3] under the baked sun and sky."""
     sun = world.sun[..., None] / f4(255.0) * f4(math.sin(world.sun_elevation)) * SUN
     return reflectance * (sun + world.sky[..., None] / f4(255.0) * SKY)
 
 
 def _roof(world: World) -> np.ndarray:
-    """[GY, GX, 3] float32: the forest's roof in the colours of its leaves, shaded by its slope towards the sun."""
+    """Return [GY, GX, 3] float32 the colour of the forest's canopy, shaded by its slope towards the sun."""
     leaves = fractal(world.ground_m.shape, world.grid.cell_m, 1.6, 3, np.random.default_rng(0), gain=0.8)
     north, east = np.gradient(world.canopy_m + f4(0.12) * leaves, f4(world.grid.cell_m))
     flat = math.cos(world.sun_elevation)
@@ -90,8 +91,7 @@ def _roof(world: World) -> np.ndarray:
 
 
 def _leaf_colours(world: World) -> np.ndarray:
-    """[GY, GX, 3] float32: reflectance of the plant that stands highest over each node, or of a bridge where
-    there is none."""
+    """Return [GY, GX, 3] float32 the reflectance of the highest plant over each node, else of a bridge."""
     rows, columns = world.ground_m.shape
     grid, plants = world.grid, world.plants
     leaves = f4(LEAF_GAIN) * np.array([kind.leaf_reflectance for kind in KINDS], np.float32)
@@ -113,7 +113,7 @@ def _leaf_colours(world: World) -> np.ndarray:
 
 
 def _figure(world: World, size_px: int) -> Figure:
-    """The whole page: map, marks, title and legend."""
+    """Return the complete page: map, markers, title and legend."""
     rows, columns = world.ground_m.shape
     top, bottom = 0.055 * size_px + 12, 0.045 * size_px + 10
     scale = min((size_px - top - bottom) / rows, size_px / columns)
@@ -136,7 +136,7 @@ def _figure(world: World, size_px: int) -> Figure:
 
 
 def _draw_course(axes, world: World, point: float) -> None:
-    """Centre line with a mark every 50 m and an arrow at its start, and both banks."""
+    """Draw the centre line with a marker every 50 m and an arrow at its start, and both banks."""
     river = world.river
     normal = np.stack([-river.tangent[:, 1], river.tangent[:, 0]], axis=1)
     half = 0.5 * river.width_m[:, None]
@@ -147,18 +147,18 @@ def _draw_course(axes, world: World, point: float) -> None:
     axes.plot(*line.T, color=CENTRE, lw=1.3 * point, ls=(0, (6, 3)), alpha=0.95)
     arc = np.concatenate([river.arc_m, [river.length_m] * len(ends)])
     edge = [withStroke(linewidth=2.5 * point, foreground="#10202a")]
-    for mark in np.arange(MARK_EVERY_M, river.length_m, MARK_EVERY_M):
-        place = np.array([np.interp(mark, arc, line[:, 0]), np.interp(mark, arc, line[:, 1])])
-        axes.plot(*place, "o", ms=4.0 * point, color=CENTRE, mec="#10202a", mew=0.8 * point, zorder=MARKS)
+    for distance in np.arange(MARKER_SPACING_M, river.length_m, MARKER_SPACING_M):
+        point_m = np.array([np.interp(distance, arc, line[:, 0]), np.interp(distance, arc, line[:, 1])])
+        axes.plot(*point_m, "o", ms=4.0 * point, color=CENTRE, mec="#10202a", mew=0.8 * point, zorder=MARKERS)
         axes.annotate(
-            f"{mark:.0f}",
-            place,
+            f"{distance:.0f}",
+            point_m,
             xytext=(5 * point, 4 * point),
             textcoords="offset points",
             color=CENTRE,
             fontsize=8.5 * point,
             path_effects=edge,
-            zorder=MARKS,
+            zorder=MARKERS,
         )
     start, ahead = river.position_m[0], river.position_m[0] + 7.0 * river.tangent[0]
     arrow = {
@@ -168,12 +168,12 @@ def _draw_course(axes, world: World, point: float) -> None:
         "mutation_scale": 16 * point,
         "path_effects": edge,
     }
-    axes.annotate("", ahead, xytext=start, arrowprops=arrow, zorder=MARKS)
-    axes.plot(*start, "s", ms=6.0 * point, color=CENTRE, mec="#10202a", mew=1.0 * point, zorder=MARKS)
+    axes.annotate("", ahead, xytext=start, arrowprops=arrow, zorder=MARKERS)
+    axes.plot(*start, "s", ms=6.0 * point, color=CENTRE, mec="#10202a", mew=1.0 * point, zorder=MARKERS)
 
 
 def _draw_solids(axes, world: World, point: float) -> None:
-    """The decks of the bridges and the edges of the islands."""
+    """Draw the decks of the bridges and the edges of the islands."""
     for bridge in world.bridges:
         along = np.array([math.cos(bridge[2]), math.sin(bridge[2])])
         across = np.array([-along[1], along[0]])
@@ -187,7 +187,7 @@ def _draw_solids(axes, world: World, point: float) -> None:
 
 
 def _draw_scale_and_north(axes, world: World, box: tuple[float, float, float, float], point: float) -> None:
-    """A bar of 50 m (or 10 m on a small map), an arrow to the north, and the sun's direction."""
+    """Draw a scale bar of 50 m (10 m on a small map), an arrow to the north, and the direction of the sun."""
     west, east, south, north = box
     length = 50.0 if east - west > 120.0 else 10.0
     x, y = west + 0.03 * (east - west), south + 0.03 * (north - south)
@@ -219,7 +219,7 @@ def _draw_scale_and_north(axes, world: World, box: tuple[float, float, float, fl
 
 
 def _write_title(figure: Figure, world: World, height: float, width: float, point: float) -> None:
-    """Name, seed and figures of the course; on a narrow map the figures stand under the name."""
+    """Write the name, seed and figures of the course; on a narrow map the figures go under the name."""
     river = world.river
     shape = "loop" if river.closed else "open course"
     narrow = width < 1000.0 * point
@@ -239,10 +239,10 @@ def _write_title(figure: Figure, world: World, height: float, width: float, poin
 
 
 def _write_legend(figure: Figure, world: World, height: float, width: float, point: float) -> None:
-    """What the lines and colours over the map mean, in one row; smaller on a narrow map."""
+    """Write the meaning of lines and colours in one row, smaller on a narrow map."""
     size = min(1.0, width / (850.0 * point)) * point
     entries = [
-        Line2D([], [], color=CENTRE, ls=(0, (4, 2)), lw=1.5, label="centre line, marks every 50 m"),
+        Line2D([], [], color=CENTRE, ls=(0, (4, 2)), lw=1.5, label="centre line, markers every 50 m"),
         Line2D([], [], color=BANK, lw=1.5, label="banks (width)"),
         Patch(facecolor="#cbbfa8", edgecolor=BRIDGE, label=f"bridges ({len(world.bridges)})"),
         Patch(facecolor="none", edgecolor=ISLAND, label=f"islands ({len(world.islands)})"),

@@ -1,7 +1,7 @@
-"""What is a world? One frozen record of plain arrays, the same whether it came from a seed, a line or a file.
+"""The `World` record: a river valley as plain arrays, the same whether it comes from a seed, a line or a file.
 
-Dimension letters: S river samples, M plants, B bridges, I islands, GY x GX grid nodes (row = y, column = x).
-Metres, radians; x east, y north, z up; angles counter-clockwise from +x.
+Dimension letters: S river samples, M plants, B bridges, I islands, GY x GX grid nodes (row = y, column = x). Metres,
+radians; x east, y north, z up; angles counter-clockwise from +x.
 """
 
 from dataclasses import dataclass
@@ -13,26 +13,26 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 FORMAT = 1
-"""Version of the file format: a file of another version is refused. It says nothing of the generator that made the
-world; `thalweg.world.store.world_cache.STAMP` keeps those apart in the cache."""
+"""Version of the file format; a file of another version is refused. It does not describe the generator:
+`thalweg.world.store.world_cache.GENERATOR_HASH` separates worlds of different generators in the cache."""
 
 
 @dataclass(frozen=True)
 class River:
-    """The course: a line of samples about 1.3 m apart with the width, depth and level at each."""
+    """The course: a line of samples about 1.3 m apart with the width, depth and water level at each."""
 
     closed: bool
-    """Whether the last sample joins the first. A closed course has S segments, an open one S - 1."""
+    """Whether the last sample is joined to the first. A closed course has S segments, an open one S - 1."""
     position_m: np.ndarray
     """[S, 2] float64, x and y of the centre line."""
     arc_m: np.ndarray
     """[S] float64, arc length at each sample; arc_m[0] = 0."""
     length_m: float
-    """Whole length: of the loop with its closing segment, or of the open line."""
+    """Total length: of the loop with its closing segment, or of the open line."""
     tangent: np.ndarray
     """[S, 2] float64, unit vectors in the direction of growing arc length."""
     width_m: np.ndarray
-    """[S] float64, from bank to bank across the centre line; the bank is where the water's edge is."""
+    """[S] float64, from bank to bank across the centre line; the bank is the water's edge."""
     depth_m: np.ndarray
     """[S] float64, depth of the bed below the local water level on the centre line."""
     level_m: np.ndarray
@@ -40,12 +40,13 @@ class River:
 
     @property
     def segments(self) -> int:
+        """Number of segments between the samples."""
         return len(self.arc_m) if self.closed else len(self.arc_m) - 1
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Where the maps lie: node (row, column) is at x = origin_x_m + column * cell_m, y = origin_y_m + row * cell_m."""
+    """Map layout: node (row, column) is at x = origin_x_m + column * cell_m, y = origin_y_m + row * cell_m."""
 
     origin_x_m: float
     origin_y_m: float
@@ -57,7 +58,7 @@ class Plants:
     """Everything drawn as an impostor: trees, shrubs, reeds and rocks, one row each, in no particular order."""
 
     position_m: np.ndarray
-    """[M, 3] float32, the foot, on the ground."""
+    """[M, 3] float32, the foot, which is on the ground."""
     height_m: np.ndarray
     """[M] float32."""
     width_m: np.ndarray
@@ -65,30 +66,32 @@ class Plants:
     kind: np.ndarray
     """[M] int16, index into `thalweg.world.species.KINDS`."""
     turn: np.ndarray
-    """[M] float32, rotation about its axis in radians. The renderer ignores it: it shows each kind from the side that
-    the look direction and the sun choose."""
+    """[M] float32, rotation about the vertical axis in radians. The renderer ignores it: it shows each kind from the
+    side that the view direction and the sun choose."""
     tint: np.ndarray
-    """[M, 3] float32, factor on the reflectance of red, green, blue; about 1."""
+    """[M, 3] float32, factors on the reflectance of red, green and blue; about 1."""
     light: np.ndarray
-    """[M, 2] float32 in 0..1, the share of direct sun that reaches the foot and the top of this plant."""
+    """[M, 2] float32 in 0..1, the share of direct sun that reaches the foot and the top of the plant."""
 
 
 @dataclass(frozen=True, repr=False)
 class World:
-    """A river valley: its course, what is solid in it, and maps of its surface with the light baked in."""
+    """A river valley: its course, its solid objects, and maps of its surface with baked light."""
 
     name: str
     seed: int
     river: River
     islands: np.ndarray
-    """[I, 5] float64: ellipses x, y, semi-axis along, semi-axis across, angle of the first one. Not in the volume."""
+    """[I, 5] float64: ellipses x, y, semi-axis along, semi-axis across, angle of the first one. They are
+    outside the flight volume."""
     bridges: np.ndarray
     """[B, 11] float64, columns as in `BRIDGE`."""
     grid: Grid
     ground_m: np.ndarray
-    """[GY, GX] float32, height of the ground, which is the bed where there is water."""
+    """[GY, GX] float32, height of the ground; under water it is that of the bed."""
     water_m: np.ndarray
-    """[GY, GX] float32, height of the water's surface, continued smoothly under dry land; water is above the ground."""
+    """[GY, GX] float32, height of the water's surface, continued smoothly under dry land; a node is wet where this
+    is above `ground_m`."""
     albedo: np.ndarray
     """[GY, GX, 3] uint8, reflectance of the ground, square-root coded: linear = (value / 255)**2."""
     sun: np.ndarray
@@ -112,13 +115,13 @@ class World:
         )
 
     def covers(self, x: float, y: float) -> bool:
-        """Whether a place in metres is on the map; NaN is not."""
+        """Return whether a position in metres is on the map; False for NaN."""
         grid, (rows, columns) = self.grid, self.ground_m.shape
         across, up = (x - grid.origin_x_m) / grid.cell_m, (y - grid.origin_y_m) / grid.cell_m
         return bool(0 <= across <= columns - 1 and 0 <= up <= rows - 1)
 
     if TYPE_CHECKING:
-        # Bound by the facade `thalweg.world`: the record imports nothing that makes, lights or stores worlds.
+        # Bound in `thalweg/world/__init__.py`, so that the record imports nothing that builds, lights or stores worlds.
         @staticmethod
         def from_centerline(
             points: np.ndarray, closed: bool = True, *, seed: int = 0, plants: bool = True

@@ -1,7 +1,7 @@
-"""Which plants and rocks are there? One entry per drawable model: a species in one of its grown variants.
+"""The kinds of plants and rocks as data: one entry per drawable model, a species in one of its variants.
 
-The world places kinds and bakes their shadows from the outline given here; the renderer grows and paints them. Kinds
-are data: how a plant is grown into leaves and branches is in `thalweg.render.bake.trees`.
+The world places kinds and bakes their shadows from the outline given here; the renderer grows and paints them. How a
+plant is grown into leaves and branches is in `thalweg.render.bake.trees`.
 """
 
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ GROUPS = ("tree", "shrub", "reed", "rock")
 
 @dataclass(frozen=True)
 class Kind:
-    """A model of a plant or a rock. Lengths that are shares refer to its height, so that one model serves all sizes."""
+    """A model of a plant or a rock. Shares are relative to its height, so that one model serves all sizes."""
 
     name: str
     """Species and variant, such as `pine-2`."""
@@ -26,9 +26,9 @@ class Kind:
     group: str
     """One of `GROUPS`."""
     form: str
-    """How it grows: `pine`, `cone`, `round`, `slender`, `bush`, `blades` or `stone`."""
+    """Growth form: `pine`, `cone`, `round`, `slender`, `bush`, `blades` or `stone`."""
     height_m: tuple[float, float]
-    """Lowest and greatest height."""
+    """Minimum and maximum height."""
     aspect: float
     """Full width of the crown over the height."""
     clear_trunk: float
@@ -36,11 +36,11 @@ class Kind:
     profile: Profile
     """Outline of the crown: pairs of (share of the crown's own height, share of the half width), from its foot up."""
     density_per_m: float
-    """Extinction of light in the crown: exp(-density * path in metres) of it is let through."""
+    """Extinction of light in the crown: the transmitted share is exp(-density * path in metres)."""
     leaf_reflectance: Colour
     """Linear reflectance of a leaf (or of the stone) in red, green, blue."""
     leaf_transmittance: Colour
-    """Linear share of light that a leaf lets through; greener and yellower than what it reflects."""
+    """Linear transmittance of a leaf; greener and yellower than its reflectance."""
     bark_reflectance: Colour
     """Linear reflectance of trunk and branches (of the lichen, for a stone)."""
     trunk_radius: float
@@ -55,7 +55,7 @@ class Kind:
     """Seed of the growth."""
 
     def crown_radius(self, share_of_height: ArrayLike) -> np.ndarray:
-        """Radius of the crown [...] at a share of the height [...] (0 foot, 1 top), as a share of the half width.
+        """Return the crown's radius [...] at a share of the height [...] (0 foot, 1 top), relative to the half width.
 
         It is 0 below the crown and above the top.
         """
@@ -250,7 +250,7 @@ KINDS: tuple[Kind, ...] = (
 
 
 def kinds_of(group: str) -> tuple[int, ...]:
-    """Indices into `KINDS` of all kinds of a group; raises `KeyError` for an unknown group."""
+    """Return the indices into `KINDS` of all kinds of a group; raises `KeyError` for an unknown group."""
     if group not in GROUPS:
         raise KeyError(f"unknown group of plants {group!r}; known: {', '.join(GROUPS)}")
     return tuple(index for index, kind in enumerate(KINDS) if kind.group == group)

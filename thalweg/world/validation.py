@@ -1,6 +1,6 @@
-"""Can one fly this river without breaking a rule? Checks by geometry, each with the place and the limit it breaks.
+"""Checks that a river can be flown without breaking a rule; each error names the position and the limit.
 
-Every world passes them all, whether it comes from a seed or from a line of somebody's own.
+Every world passes all of them, whether it comes from a seed or from a custom line.
 """
 
 import numpy as np
@@ -11,46 +11,46 @@ from thalweg.world import geometry, islands
 from thalweg.world.errors import ShapeError, WorldError
 from thalweg.world.record import River
 
-LEAST_RADIUS_M = 6.5
-"""A camera that goes 1 m and turns 10 degrees a step describes a circle of 5.73 m; a bend must leave it some room."""
-INNER_BANK_M = 0.5
-"""Least radius of the inner bank of a bend."""
-LAND_BETWEEN_M = 0.5
-"""Least land between the banks of two arms."""
+MIN_RADIUS_M = 6.5
+"""Minimum radius of a bend. A camera that flies 1 m and turns 10 degrees per step follows a circle of 5.73 m."""
+MIN_INNER_BANK_M = 0.5
+"""Minimum radius of the inner bank of a bend."""
+MIN_LAND_M = 0.5
+"""Minimum land between the banks of two arms."""
 CLEARANCE_M = 1.0
-"""A safe pose is so far from bank and island."""
+"""Distance of a safe pose from banks and islands."""
 BODY_M = 0.25
 """Half the edge of the camera's body."""
 BAND_M = (0.5, 15.0)
-"""Heights above the water in which one may fly."""
-LEAST_LENGTH_M = {True: 45.0, False: 15.0}
-"""Shortest course, closed and open: a circle of the least radius with some width, and a few steps."""
-LEAST_SAMPLES = {True: 24, False: 8}
-"""Fewest samples of a course."""
-MOST_SAMPLES = 8000
-"""Most samples of a course: 10 km. The checks compare each with each other one."""
-STEEPEST = 0.5
-"""Largest rise of the water level per metre: a camera climbs 1 m while it goes 1 m, with as much again in hand."""
+"""Range of allowed heights above the water."""
+MIN_LENGTH_M = {True: 45.0, False: 15.0}
+"""Minimum length of a closed and an open course: a circle of the minimum radius with some width, and a few steps."""
+MIN_SAMPLES = {True: 24, False: 8}
+"""Minimum number of samples of a closed and an open course."""
+MAX_SAMPLES = 8000
+"""Maximum number of samples of a course: 10 km. The checks compare all pairs."""
+MAX_LEVEL_SLOPE = 0.5
+"""Maximum change of the water level per metre: half of what a camera climbs while it flies 1 m."""
 
 
 def check_river(river: River) -> None:
-    """Raise `WorldError` unless a river [S] is a line with water of a usable width along it."""
+    """Raise `WorldError` unless the river [S] is a valid line with a usable width of water."""
     check_numbers(river)
     check_length(river)
     check_crossing(river)
     check_bends(river)
-    check_arms(river, LAND_BETWEEN_M)
+    check_arms(river, MIN_LAND_M)
     check_slope(river)
 
 
 def check_world(river: River, island_rows: np.ndarray, bridge_rows: np.ndarray) -> None:
-    """Raise `WorldError` unless the river is sound and there is a safe pose at every sample of it."""
+    """Raise `WorldError` unless the river is valid and has a safe pose at every sample."""
     check_river(river)
     check_safe_poses(river, island_rows, bridge_rows)
 
 
 def check_numbers(river: River) -> None:
-    """All values finite, every width at least twice the clearance, every depth above zero."""
+    """Check that all values are finite, every width is at least twice the clearance and every depth is positive."""
     for name in ("position_m", "width_m", "depth_m", "level_m"):
         values = np.asarray(getattr(river, name))
         bad = np.flatnonzero(~np.isfinite(values).reshape(len(values), -1).all(axis=1))
@@ -68,8 +68,8 @@ def check_numbers(river: River) -> None:
 
 
 def check_length(river: River) -> None:
-    """Long enough to be flown."""
-    least, fewest = LEAST_LENGTH_M[river.closed], LEAST_SAMPLES[river.closed]
+    """Check that the course is long enough to be flown."""
+    least, fewest = MIN_LENGTH_M[river.closed], MIN_SAMPLES[river.closed]
     kind = "closed" if river.closed else "open"
     if river.length_m < least or len(river.arc_m) < fewest:
         raise WorldError(
@@ -79,7 +79,7 @@ def check_length(river: River) -> None:
 
 
 def check_crossing(river: River) -> None:
-    """The centre line does not cross itself."""
+    """Check that the centre line does not cross itself."""
     crossings = geometry.self_crossings(river.position_m, river.closed)
     if len(crossings):
         i, j = crossings[0]
@@ -89,45 +89,45 @@ def check_crossing(river: River) -> None:
         )
 
 
-def felt_curvature(river: River) -> np.ndarray:
-    """[S] 1/m: curvature with the kinks of single samples smoothed over about one sample."""
+def smoothed_curvature(river: River) -> np.ndarray:
+    """Return [S] the curvature in 1/m, smoothed over about one sample against kinks of single samples."""
     kappa = geometry.curvature(river.position_m, river.closed)
     return gaussian_filter1d(kappa, 0.8, mode="wrap" if river.closed else "nearest")
 
 
 def check_bends(river: River) -> None:
-    """No bend too tight to be followed, nor so tight for its width that the inner bank folds."""
-    kappa = np.abs(felt_curvature(river))
+    """Check that no bend is too tight to be followed, nor so tight for its width that the inner bank folds."""
+    kappa = np.abs(smoothed_curvature(river))
     tight = int(np.argmax(kappa))
-    if kappa[tight] > 1 / LEAST_RADIUS_M:
+    if kappa[tight] > 1 / MIN_RADIUS_M:
         raise ShapeError(
             f"the bend at arc {river.arc_m[tight]:.1f} m has a radius of {1 / kappa[tight]:.2f} m; a camera that turns "
-            f"10 degrees a metre needs {LEAST_RADIUS_M:.2f} m"
+            f"10 degrees a metre needs {MIN_RADIUS_M:.2f} m"
         )
     inner = 1 / np.maximum(kappa, 1e-9) - river.width_m / 2
     fold = int(np.argmin(inner))
-    if inner[fold] < INNER_BANK_M:
+    if inner[fold] < MIN_INNER_BANK_M:
         raise ShapeError(
             f"the bank folds at arc {river.arc_m[fold]:.1f} m: {river.width_m[fold]:.2f} m is too wide for a bend of "
-            f"radius {1 / kappa[fold]:.2f} m; limit {2 * (1 / kappa[fold] - INNER_BANK_M):.2f} m"
+            f"radius {1 / kappa[fold]:.2f} m; limit {2 * (1 / kappa[fold] - MIN_INNER_BANK_M):.2f} m"
         )
 
 
 def check_arms(river: River, land_m: float) -> None:
-    """Banks of different arms stay `land_m` apart.
+    """Check that the banks of different arms are at least `land_m` apart.
 
-    Two samples belong to different arms where the way along the line is longer than a half circle over the distance
-    that they should keep.
+    Two samples belong to different arms if the way along the line is longer than a half circle over the required
+    distance.
     """
     worst = (0.0, 0, 0, 0.0, 0.0)
     for rows in geometry.blocks(len(river.arc_m)):
         needed = (river.width_m[rows, None] + river.width_m[None, :]) / 2 + land_m
         apart = geometry.distances(river.position_m, rows)
         arc = geometry.arc_between(river.arc_m, river.length_m, river.closed, rows)
-        spare = np.where(arc > 1.6 * needed, apart - needed, np.inf)
-        i, j = np.unravel_index(int(np.argmin(spare)), spare.shape)
-        if spare[i, j] < worst[0]:
-            worst = spare[i, j], rows.start + i, j, apart[i, j], needed[i, j]
+        margin = np.where(arc > 1.6 * needed, apart - needed, np.inf)
+        i, j = np.unravel_index(int(np.argmin(margin)), margin.shape)
+        if margin[i, j] < worst[0]:
+            worst = margin[i, j], rows.start + i, j, apart[i, j], needed[i, j]
     if worst[0] < 0:
         _, i, j, apart, needed = worst
         raise WorldError(
@@ -137,7 +137,7 @@ def check_arms(river: River, land_m: float) -> None:
 
 
 def check_slope(river: River) -> None:
-    """The water's surface rises nowhere faster than a camera climbs."""
+    """Check that the water's surface rises nowhere faster than a camera climbs."""
     rise = np.roll(river.level_m, -1) - river.level_m
     step = np.roll(river.arc_m, -1) - river.arc_m
     step[-1] += river.length_m
@@ -145,15 +145,15 @@ def check_slope(river: River) -> None:
         rise, step = rise[:-1], step[:-1]
     slope = np.abs(rise) / step
     steep = int(np.argmax(slope))
-    if slope[steep] > STEEPEST:
+    if slope[steep] > MAX_LEVEL_SLOPE:
         raise WorldError(
             f"the water level changes by {slope[steep]:.2f} m per metre at arc {river.arc_m[steep]:.1f} m; "
-            f"limit {STEEPEST:.2f}"
+            f"limit {MAX_LEVEL_SLOPE:.2f}"
         )
 
 
-def free_lateral(river: River, island_rows: np.ndarray, clearance_m: float) -> np.ndarray:
-    """[S, 2] lateral offsets (from, to) in metres of the widest gap at each sample that keeps the clearance.
+def widest_free_gaps(river: River, island_rows: np.ndarray, clearance_m: float) -> np.ndarray:
+    """Return [S, 2] the lateral offsets (from, to) in metres of the widest gap at each sample that keeps the clearance.
 
     NaN where there is none. Offsets are positive to the left of the course.
     """
@@ -168,6 +168,7 @@ def free_lateral(river: River, island_rows: np.ndarray, clearance_m: float) -> n
         free &= islands.distance(row, x, y) >= clearance_m
     gaps = np.full((len(offset), 2), np.nan)
     for sample in range(len(offset)):
+        # Padding with False makes every free run have a start and an end.
         inside = np.concatenate([[False], free[sample], [False]]).astype(np.int8)
         starts, ends = np.flatnonzero(np.diff(inside) == 1), np.flatnonzero(np.diff(inside) == -1) - 1
         if len(starts):
@@ -177,7 +178,7 @@ def free_lateral(river: River, island_rows: np.ndarray, clearance_m: float) -> n
 
 
 def safe_heights(river: River, bridge_rows: np.ndarray) -> np.ndarray:
-    """[S, 2] heights (from, to) in metres above the water that are free of bridges over the centre line."""
+    """Return [S, 2] the heights (from, to) in metres above the water that are free of bridges over the centre line."""
     low = np.full(len(river.arc_m), BAND_M[0])
     for row in bridge_rows:
         top = bridge_shapes.hull_top(row, river.position_m[:, 0], river.position_m[:, 1], BODY_M)
@@ -186,8 +187,8 @@ def safe_heights(river: River, bridge_rows: np.ndarray) -> np.ndarray:
 
 
 def check_safe_poses(river: River, island_rows: np.ndarray, bridge_rows: np.ndarray) -> None:
-    """At every sample there is a place and a height with clearance from banks, islands and bridges."""
-    gaps = free_lateral(river, island_rows, CLEARANCE_M)
+    """Check that every sample has a position and a height with clearance from banks, islands and bridges."""
+    gaps = widest_free_gaps(river, island_rows, CLEARANCE_M)
     blocked = np.flatnonzero(np.isnan(gaps[:, 0]))
     if len(blocked):
         raise WorldError(

@@ -7,11 +7,11 @@ from tests.env.handmade import canal, hairpin, ring
 from tests.env.rivers import river
 from tests.env.twin import Twin
 from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv
-from thalweg.world.bridges import across
+from thalweg.world.bridges import bridge_across
 
 
 def worlds():
-    bridge = across(np.array([20.0, 0.0]), np.array([1.0, 0.0]), 6.0, 0.0, np.random.default_rng(1))[None]
+    bridge = bridge_across(np.array([20.0, 0.0]), np.array([1.0, 0.0]), 6.0, 0.0, np.random.default_rng(1))[None]
     island = [[35.0, 0.5, 3.0, 1.0, 0.3]]
     return [
         canal(bridges=bridge, islands=island, level_m=np.linspace(0.0, 2.0, 61)),

@@ -1,4 +1,4 @@
-"""A level and a seed become a world: the same bytes each time, from the cache or not."""
+"""Tests that a level and a seed give the same world each time, from the cache or not."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def test_the_same_level_and_seed_give_the_same_bytes(name, tmp_path):
     assert saved(build(name, 11), tmp_path / "a.npz") == saved(build(name, 11), tmp_path / "b.npz")
 
 
-def test_a_world_is_told_in_a_line_and_knows_what_it_covers(easy_world):
+def test_repr_and_covers_of_a_world(easy_world):
     assert repr(easy_world).startswith("World('Easy', seed 1: a loop of 277 m, 1 bridges, 0 islands, ")
     assert len(repr(easy_world)) < 120
     grid, (rows, columns) = easy_world.grid, easy_world.ground_m.shape
@@ -29,7 +29,7 @@ def test_a_world_is_told_in_a_line_and_knows_what_it_covers(easy_world):
         assert not easy_world.covers(x, y)
 
 
-def test_everything_of_a_world_fits_together(hard_world):
+def test_shapes_of_a_world_fit_together(hard_world):
     world, level = hard_world, LEVELS["Hard"]
     assert (world.name, world.seed) == ("Hard", level.default_seed)
     for values in (world.water_m, world.sun, world.sky, world.canopy_m, world.albedo[..., 0]):
@@ -46,6 +46,6 @@ def test_everything_of_a_world_fits_together(hard_world):
 
 
 @pytest.mark.parametrize(("seed", "message"), [(-1, "0 or more, not -1"), (1.5, "whole number, not 1.5")])
-def test_a_bad_seed_is_refused(seed, message):
+def test_an_invalid_seed_is_refused(seed, message):
     with pytest.raises(WorldError, match=message):
         build("Easy", seed)

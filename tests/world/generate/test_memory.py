@@ -1,4 +1,4 @@
-"""A world too large for the memory that is free says how large it is before any is taken."""
+"""Tests that a world too large for the free memory is refused with its size before memory is allocated."""
 
 import importlib
 import json
@@ -21,14 +21,14 @@ def free(monkeypatch: pytest.MonkeyPatch, value: int | None) -> None:
     monkeypatch.setattr(memory, "free_bytes", lambda: value)
 
 
-def test_what_a_map_takes_by_hand():
+def test_the_needed_memory_by_hand():
     assert memory.needed_bytes((1000, 3000), 0.25, 1.0) == 165 * 3_000_000 + 4000**2
     dense = 80 * 3_000_000 + 390 * 10 * 3_000_000 // 16
     assert memory.needed_bytes((1000, 3000), 0.25, 10.0) == dense + 4000**2
     assert memory.needed_bytes((100, 30_000), 0.25, 1.0) == 165 * 3_000_000 + 30_100**2
 
 
-def test_a_line_too_large_for_memory_says_how_large_before_any_is_taken(monkeypatch):
+def test_a_line_too_large_for_memory_is_refused_with_its_size_before_allocation(monkeypatch):
     need = memory.needed_bytes((2002, 2002), 0.25, 0.0)
     free(monkeypatch, need - 1)
     importlib.import_module("thalweg.world.real.centerline")  # what the first call imports is no part of a world
@@ -46,7 +46,7 @@ def test_a_line_too_large_for_memory_says_how_large_before_any_is_taken(monkeypa
 
 
 @pytest.mark.parametrize("known", [10**9, None])
-def test_a_line_that_fits_passes_and_so_does_any_where_nothing_is_known(monkeypatch, known):
+def test_a_line_that_fits_passes_and_so_does_any_line_if_the_memory_is_unknown(monkeypatch, known):
     free(monkeypatch, known)
     memory.check_memory(LOOP[:, :2])
 
@@ -70,19 +70,19 @@ def test_a_river_from_a_file_is_refused_with_its_name(monkeypatch, tmp_path: Pat
         World.from_geojson(path, width_m=8.0, plants=False)
 
 
-def test_the_machine_tells_what_is_available(tmp_path: Path):
+def test_available_memory_is_read_from_meminfo(tmp_path: Path):
     (tmp_path / "meminfo").write_text("MemTotal: 8000 kB\nMemFree: 100 kB\nMemAvailable:    3000 kB\n")
     assert memory.machine_bytes(tmp_path) == 3_072_000
 
 
-def test_elsewhere_than_on_linux_all_memory_bounds_it_or_nothing_does(tmp_path: Path, monkeypatch):
+def test_other_systems_use_the_total_memory_or_no_limit(tmp_path: Path, monkeypatch):
     monkeypatch.setattr(memory.os, "sysconf", {"SC_PAGE_SIZE": 4096, "SC_PHYS_PAGES": 1000}.__getitem__, raising=False)
     assert memory.machine_bytes(tmp_path) == 4_096_000
     monkeypatch.delattr(memory.os, "sysconf")
     assert memory.machine_bytes(tmp_path) is None
 
 
-def test_the_tightest_container_counts_and_files_read_before_do_not(tmp_path: Path):
+def test_the_tightest_container_counts_without_its_file_cache(tmp_path: Path):
     groups, inner = tmp_path / "groups", tmp_path / "groups" / "a" / "b"
     inner.mkdir(parents=True)
     (tmp_path / "self").mkdir()
@@ -101,7 +101,7 @@ def test_the_tightest_container_counts_and_files_read_before_do_not(tmp_path: Pa
 @pytest.mark.slow
 def test_the_bound_is_near_what_a_build_takes():
     line = np.stack([np.linspace(0, 900, 40), np.zeros(40)], axis=1)
-    World.from_centerline(course(circle(20.0, 30)))  # what is made once for all worlds
+    World.from_centerline(course(circle(20.0, 30)))  # what is computed once for all worlds
     tracemalloc.start()
     try:
         world = World.from_centerline(course(line), closed=False)

@@ -1,4 +1,4 @@
-"""Every row of the table of levels holds for every seed; only the plan is drawn, no terrain."""
+"""Tests that every limit of a level holds for every seed; only plans are drawn, no terrain."""
 
 from dataclasses import replace
 from functools import cache
@@ -83,17 +83,17 @@ def test_the_level_falls_3_m_on_hard_and_is_regained_in_one_rapid():
         rising = rise > 0
         assert np.sum(rising & ~np.roll(rising, 1)) == 1
         assert 8.0 <= rising.sum() * river.length_m / river.segments <= RAPID_M + 2.0
-        assert rise.max() / (river.length_m / river.segments) < checks.STEEPEST
+        assert rise.max() / (river.length_m / river.segments) < checks.MAX_LEVEL_SLOPE
 
 
 @EVERY
 def test_no_crossing_and_no_bend_too_tight(name):
     for each in plans(name):
         assert len(geometry.self_crossings(each.river.position_m, True)) == 0
-        radius = 1 / np.abs(checks.felt_curvature(each.river)).max()
-        assert radius > checks.LEAST_RADIUS_M
-        inner = 1 / np.abs(checks.felt_curvature(each.river)) - each.river.width_m / 2
-        assert inner.min() > checks.INNER_BANK_M
+        radius = 1 / np.abs(checks.smoothed_curvature(each.river)).max()
+        assert radius > checks.MIN_RADIUS_M
+        inner = 1 / np.abs(checks.smoothed_curvature(each.river)) - each.river.width_m / 2
+        assert inner.min() > checks.MIN_INNER_BANK_M
 
 
 @EVERY
@@ -118,7 +118,7 @@ def test_islands_lie_in_the_channel_and_leave_an_arm(name):
             segment, share, lateral = nearest(river.position_m, True, edge)
             width = along(river.width_m, segment, share)
             assert (width / 2 - np.abs(lateral)).min() > 0.3
-            gaps = checks.free_lateral(river, row[None], 0.0)
+            gaps = checks.widest_free_gaps(river, row[None], 0.0)
             beside = np.hypot(*(river.position_m - row[:2]).T) < row[2]
             assert (gaps[beside, 1] - gaps[beside, 0]).min() >= 2.5
 
@@ -126,7 +126,7 @@ def test_islands_lie_in_the_channel_and_leave_an_arm(name):
 @EVERY
 def test_every_sample_has_a_safe_pose(name):
     for each in plans(name):
-        gaps = checks.free_lateral(each.river, each.islands, checks.CLEARANCE_M)
+        gaps = checks.widest_free_gaps(each.river, each.islands, checks.CLEARANCE_M)
         assert np.all(gaps[:, 1] >= gaps[:, 0])
         heights = checks.safe_heights(each.river, each.bridges)
         assert heights[:, 0].max() < 4.0
@@ -168,7 +168,7 @@ def test_the_same_seed_gives_the_same_plan_and_another_seed_another():
     assert np.abs(drawn("Hard", 4).river.position_m - again.river.position_m).max() > 5.0
 
 
-def test_a_level_that_cannot_be_met_says_so(monkeypatch):
+def test_a_level_that_cannot_be_met_is_refused(monkeypatch):
     monkeypatch.setattr("thalweg.world.generate.plan.ATTEMPTS", 20)
     impossible = replace(LEVELS["Easy"], name="Crowded", bridges=40)
     with pytest.raises(WorldError, match="no river of level 'Crowded' was found for seed 5 in 20 attempts"):

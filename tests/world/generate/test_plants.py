@@ -1,4 +1,4 @@
-"""Do plants stand where they may, as densely as they should, and never over the channel?"""
+"""Tests of the positions, densities and sizes of plants."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from scipy.spatial import KDTree
 
 from tests.world.valley import valley
 from thalweg.world.generate.plants import REED_REACH_M, SPACING_M, Site, scatter, throw_darts
-from thalweg.world.generate.zones import forest_edge_m
+from thalweg.world.generate.surface import forest_edge_m
 from thalweg.world.species import KINDS
 
 GROUP = np.array([kind.group for kind in KINDS])
@@ -27,11 +27,11 @@ def places(scene, group: str) -> np.ndarray:
     return scene[1].position_m[GROUP[scene[1].kind] == group, :2].astype(np.float64)
 
 
-def test_every_group_is_there(scene):
+def test_every_group_is_present(scene):
     assert set(GROUP[scene[1].kind]) == {"tree", "shrub", "reed", "rock"}
 
 
-def test_nothing_stands_where_it_must_be_clear(scene):
+def test_no_plant_stands_where_it_must_be_clear(scene):
     site, plants = scene
     assert site.at(site.open, plants.position_m[:, :2]).all()
 
@@ -141,7 +141,7 @@ def test_density_multiplies_the_number_of_trees():
     assert count[0.5] / count[1.0] == pytest.approx(0.5, abs=0.06)
 
 
-def test_no_density_no_plants_and_a_negative_one_is_an_error():
+def test_density_0_gives_no_plants_and_a_negative_density_is_an_error():
     grid, ground, water, shore, clear = valley(64)
     assert len(scatter(grid, ground, water, shore, clear, 0.0, np.random.default_rng(0)).kind) == 0
     with pytest.raises(ValueError, match="negative"):
@@ -154,12 +154,12 @@ def test_a_map_without_land_has_no_trees():
     assert len(plants.kind) == 0
 
 
-def test_darts_agree_with_testing_every_pair():
+def test_dart_throwing_agrees_with_testing_every_pair():
     rng = np.random.default_rng(2)
     place = rng.uniform(0.0, 20.0, (600, 2))
     spacing = rng.uniform(0.8, 2.5, 600)
-    kept: list[int] = []
+    accepted: list[int] = []
     for n in range(len(place)):
-        if all(np.hypot(*(place[n] - place[k])) >= spacing[n] for k in kept):
-            kept.append(n)
-    assert np.flatnonzero(throw_darts(place, spacing, float(spacing.min()), 20.0, 20.0)).tolist() == kept
+        if all(np.hypot(*(place[n] - place[k])) >= spacing[n] for k in accepted):
+            accepted.append(n)
+    assert np.flatnonzero(throw_darts(place, spacing, float(spacing.min()), 20.0, 20.0)).tolist() == accepted

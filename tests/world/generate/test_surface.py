@@ -1,4 +1,4 @@
-"""Is the ground painted as the bands say, with detail at every scale and no noise of single nodes?"""
+"""Tests of the painted ground: bands, detail at every scale and no noise of single nodes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Where the map is wet: the water's edge lies where the rules put the bank."""
+"""Tests of the terrain: the water's edge is at the bank of the rules."""
 
 import numpy as np
 import pytest
@@ -7,10 +7,10 @@ from scipy.ndimage import map_coordinates
 from tests.world.lines import circle, course, stadium
 from tests.world.nearest import along, nearest
 from thalweg.world import LEVELS, World, WorldError, geometry, islands
-from thalweg.world.generate.hydrology import river_of
-from thalweg.world.generate.plan import plan, stream
+from thalweg.world.generate.hydrology import make_river
+from thalweg.world.generate.plan import plan, random_stream
 from thalweg.world.generate.side_channels import bank_distance
-from thalweg.world.generate.terrain import Relief, Terrain, build_terrain, lay_grid
+from thalweg.world.generate.terrain import Relief, Terrain, build_terrain, make_grid
 
 
 @pytest.fixture(scope="module", params=[("Easy", 2), ("Medium", 1), ("Medium", 5), ("Hard", 1), ("Hard", 4)], ids=str)
@@ -20,7 +20,7 @@ def valley(request):
     drawn = plan(level, request.param[1])
     relief = Relief(level.hills_m, level.cut_banks)
     return drawn, build_terrain(
-        drawn.river, drawn.islands, drawn.bridges, drawn.branches, relief, stream(level, request.param[1], 0)
+        drawn.river, drawn.islands, drawn.bridges, drawn.branches, relief, random_stream(level, request.param[1], 0)
     )
 
 
@@ -54,7 +54,7 @@ def test_the_waters_edge_lies_half_a_width_from_the_centre_line(valley, side):
         assert np.all(found > 0) if wet else np.all(found < 0)
 
 
-def test_the_whole_channel_is_wet_but_for_its_islands(valley):
+def test_the_complete_channel_is_wet_except_its_islands(valley):
     drawn, terrain = valley
     river = drawn.river
     depth = terrain.water_m - terrain.ground_m
@@ -163,6 +163,6 @@ def test_levels_pass_smoothly_between_arms_of_different_height():
 
 def test_a_course_whose_map_would_be_too_large_is_refused():
     line = circle(1250.0, 900)
-    river = river_of(line, True, np.full(900, 6.0), np.ones(900), np.zeros(900))
+    river = make_river(line, True, np.full(900, 6.0), np.ones(900), np.zeros(900))
     with pytest.raises(WorldError, match=r"map covers 2610 x 2610 m, 6\.8 km²; limit 6\.0 km²"):
-        lay_grid(river.position_m)
+        make_grid(river.position_m)

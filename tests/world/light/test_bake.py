@@ -1,4 +1,4 @@
-"""Does light fall where geometry says? Walls, pits, bridges and single trees with known shadows, and slow twins."""
+"""Tests of the baked light: known shadows of walls, pits, bridges and trees, and slow reference versions."""
 
 import math
 
@@ -8,7 +8,7 @@ import pytest
 
 from tests.world.valley import valley
 from thalweg.world.generate.plants import scatter
-from thalweg.world.light.bake import Baked, bake, sun_ray
+from thalweg.world.light.bake import BakedLight, bake, sun_ray
 from thalweg.world.light.crowns import (
     EXTINCTION,
     LEVELS,
@@ -53,20 +53,20 @@ def centred(size: int) -> Grid:
 
 def lit(
     size: int = 161, *, ground=None, plants: Plants | None = None, bridges=NO_BRIDGES, azimuth=SOUTH, elevation=45.0
-) -> Baked:
+) -> BakedLight:
     """The light of a plain at z = 0 (or of `ground`), its water far below, under a sun `elevation` degrees high."""
     ground = np.zeros((size, size), np.float32) if ground is None else ground.astype(np.float32)
     water = np.full_like(ground, -50.0)
     return bake(centred(size), ground, water, plants or planted(), bridges, azimuth, math.radians(elevation))
 
 
-def across(baked: Baked, x_m: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def across(baked: BakedLight, x_m: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """(y in metres, share of sun) along the line of nodes at x."""
     size = len(baked.sun)
     return (np.arange(size) - size // 2) * CELL, baked.sun[:, size // 2 + round(x_m / CELL)] / 255.0
 
 
-def test_an_open_plain_has_all_sun_and_all_sky():
+def test_an_open_plain_has_full_sun_and_sky():
     baked = lit(64, elevation=30.0)
     assert baked.sun.min() == 255
     assert baked.sky.min() == 255
@@ -110,7 +110,7 @@ def test_water_above_the_ground_is_what_receives_the_light():
     assert y[70:][sun[70:] >= 0.5][0] - y[69] == pytest.approx(4.0, abs=CELL)
 
 
-def test_terrain_march_agrees_with_its_slow_twin():
+def test_terrain_march_agrees_with_a_slow_reference():
     rng = np.random.default_rng(4)
     surface = np.cumsum(np.cumsum(rng.standard_normal((48, 48)), 0), 1).astype(np.float32)
     surface = 5.0 * (surface - surface.min()) / np.ptp(surface) + rng.uniform(0.0, 0.6, (48, 48))
@@ -153,7 +153,7 @@ def test_sky_in_the_middle_of_a_round_pit_is_the_analytic_share(radius, deep):
     assert sky == pytest.approx(radius**2 / (radius**2 + deep**2), abs=0.03)
 
 
-def test_bridge_throws_the_shadow_of_its_deck_and_lets_light_through_its_arch():
+def test_a_bridge_casts_the_shadow_of_its_deck_and_passes_light_through_its_arch():
     y, sun = across(lit(bridges=BRIDGE))
     expected = ((y < 0.3) | (y > 3.9)).astype(float)
     sure = (np.abs(y - 0.3) > 0.2) & (np.abs(y - 3.9) > 0.2)
@@ -181,7 +181,7 @@ def test_points_in_and_out_of_a_bridge(point, solid):
     assert in_bridge(BRIDGE[0], *point) == solid
 
 
-def test_shadow_of_one_tree_lies_where_geometry_says():
+def test_the_shadow_of_one_tree_is_where_geometry_puts_it():
     y, _ = across(baked := lit(plants=planted(("fir-1", 0.0, 0.0, 12.0, 5.0))))
     x = y
     sun = baked.sun / 255.0
@@ -201,7 +201,7 @@ def test_light_passes_below_a_crown_between_the_trunks():
     assert sun[(y > 7.0) & (y < 9.0)].mean() < 0.6
 
 
-def test_trunk_throws_a_stripe():
+def test_a_trunk_casts_a_stripe():
     baked = lit(plants=planted(("oak-1", 0.0, 0.0, 12.0, 2.0)))
     y, sun = across(baked)
     assert sun[(y > 0.2) & (y < 1.0)].max() < 0.3
@@ -215,7 +215,7 @@ def test_shadow_has_ragged_edges_and_flecks():
     assert np.percentile(baked.sun[100:115, 74:87], 95) - np.percentile(baked.sun[100:115, 74:87], 5) > 20
 
 
-def test_plant_shade_agrees_with_its_slow_twin():
+def test_plant_shade_agrees_with_a_slow_reference():
     plants = planted(("oak-1", -4.0, 1.0, 10.0, 7.0), ("pine-1", 2.0, -2.0, 13.0, 5.5), ("rock-1", 5.0, 5.0, 1.0, 1.5))
     ray = sun_ray(1.1, math.radians(50.0))
     ground = np.zeros((161, 161), np.float32)
@@ -313,7 +313,7 @@ def test_a_sun_near_the_horizon_is_an_error():
         lit(16, elevation=1.0)
 
 
-def test_a_sun_overhead_throws_no_shadow_of_a_wall():
+def test_a_wall_casts_no_shadow_under_a_sun_overhead():
     ground = np.zeros((64, 64))
     ground[20:30] = 4.0
     assert lit(64, ground=ground, elevation=90.0).sun.min() == 255

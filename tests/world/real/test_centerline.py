@@ -1,4 +1,4 @@
-"""Lines of one's own: what is made of good ones, and what is said of bad ones."""
+"""Tests of worlds from custom lines, and of the errors for invalid lines."""
 
 import tracemalloc
 
@@ -85,7 +85,7 @@ BAD = {
 
 
 @pytest.mark.parametrize(("points", "closed", "message"), BAD.values(), ids=BAD)
-def test_a_bad_line_says_where_and_which_limit(points, closed, message):
+def test_an_invalid_line_is_refused_with_position_and_limit(points, closed, message):
     with pytest.raises(WorldError, match=message):
         World.from_centerline(points, closed, plants=False)
 
@@ -101,14 +101,14 @@ def test_a_bad_line_says_where_and_which_limit(points, closed, message):
         (2, 9.0, r"water level changes by \d\.\d+ m per metre at arc \d+\.\d m; limit 0\.50"),
     ],
 )
-def test_a_bad_value_says_where(column, value, message):
+def test_an_invalid_value_is_refused_with_its_position(column, value, message):
     points = course(circle(20.0, 30))
     points[15, column] = value
     with pytest.raises(WorldError, match=message):
         World.from_centerline(points, plants=False)
 
 
-def test_two_points_in_one_place_are_named():
+def test_two_equal_points_are_refused_by_index():
     points = course(circle(20.0, 30))
     points[7, :2] = points[6, :2] = (12.5, -7.25)
     with pytest.raises(
@@ -117,7 +117,7 @@ def test_two_points_in_one_place_are_named():
         World.from_centerline(points, plants=False)
 
 
-def test_of_many_points_in_one_place_the_first_pair_is_named_and_the_others_counted():
+def test_of_many_equal_points_the_first_pair_is_named_and_the_others_are_counted():
     points = course(circle(20.0, 30)).repeat(2, axis=0)
     with pytest.raises(WorldError, match=r"points 0 and 1 are the same place, .*; 30 such pairs in all$"):
         World.from_centerline(points, plants=False)
@@ -140,7 +140,7 @@ SIZES = {
 
 
 @pytest.mark.parametrize(("points", "closed", "message"), SIZES.values(), ids=SIZES)
-def test_a_line_too_large_says_so_before_memory_is_taken(points, closed, message):
+def test_a_line_that_is_too_large_is_refused_before_memory_is_allocated(points, closed, message):
     tracemalloc.start()
     try:
         with pytest.raises(WorldError, match=message):
@@ -150,7 +150,7 @@ def test_a_line_too_large_says_so_before_memory_is_taken(points, closed, message
         tracemalloc.stop()
 
 
-def test_a_river_as_wide_as_its_map_says_so():
+def test_a_river_that_is_too_wide_is_refused():
     line = np.stack([np.linspace(0, 300, 31), np.zeros(31)], axis=1)
     with pytest.raises(WorldError, match=r"the width is 100\.50 m at arc 0\.0 m \(point 0\); limit 100 m"):
         world_of(line, closed=False, width_m=100.5)
@@ -160,7 +160,7 @@ def test_a_river_as_wide_as_its_map_says_so():
     ("column", "offset", "named"),
     [(0, 5e5, r"x = 5\d\d\d\d\d\.0 m"), (1, -5.4e6, r"y = -5\d+\.\d m"), (2, 3e4, r"water level = 30000\.0 m")],
 )
-def test_a_line_far_from_the_origin_is_refused_by_its_value_and_says_what_to_do(column, offset, named):
+def test_a_line_far_from_the_origin_is_refused_with_the_value_and_a_remedy(column, offset, named):
     points = course(circle(20.0, 30))
     points[:, column] += offset
     with pytest.raises(WorldError, match=rf"point 0 lies at {named}; limit 20000 m.*subtract an offset"):

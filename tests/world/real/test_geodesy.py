@@ -1,4 +1,4 @@
-"""Are metres metres? Against published lengths of degrees, and geodesics that were worked out by another program."""
+"""Tests of local metres against published lengths of degrees and against geodesics of another program."""
 
 import numpy as np
 import pytest
@@ -32,15 +32,15 @@ def test_a_degree_is_as_long_as_tables_say(latitude, north_m, east_m):
     half = 0.025
     north = np.array([[20.0, latitude - half], [20.0, latitude + half]])
     east = np.array([[20.0 - half, latitude], [20.0 + half, latitude]])
-    assert geodesy.chords(north)[0] / (2 * half) == pytest.approx(north_m, abs=0.6)
-    assert geodesy.chords(east)[0] / (2 * half) == pytest.approx(east_m, abs=0.6)
+    assert geodesy.chord_lengths(north)[0] / (2 * half) == pytest.approx(north_m, abs=0.6)
+    assert geodesy.chord_lengths(east)[0] / (2 * half) == pytest.approx(east_m, abs=0.6)
 
 
 @pytest.mark.parametrize(("one", "other", "metres"), GEODESICS)
 def test_distances_are_those_of_geodesics_to_two_millimetres(one, other, metres):
     places = np.array([one, other])
     places[:, 0] = np.unwrap(places[:, 0], period=360.0)
-    assert geodesy.chords(places)[0] == pytest.approx(metres, abs=2e-3)
+    assert geodesy.chord_lengths(places)[0] == pytest.approx(metres, abs=2e-3)
     local = geodesy.local_metres(places, places.mean(axis=0))
     assert np.hypot(*(local[1] - local[0])) == pytest.approx(metres, abs=2e-3)
 
@@ -51,10 +51,10 @@ def test_x_is_east_and_y_is_north_of_the_origin():
     np.testing.assert_allclose(local, [[0, 0], [964.86, 0], [0, 1108.52]], atol=0.1)
 
 
-def test_far_from_the_origin_places_are_drawn_nearer_by_the_cube_of_their_distance():
+def test_the_projection_error_grows_with_the_cube_of_the_distance():
     quarter = np.array([[0.0, 0.0], [90.0, 0.0]])
     assert geodesy.local_metres(quarter, quarter[0])[1, 0] == pytest.approx(6378137.0)
-    assert geodesy.chords(quarter)[0] == pytest.approx(6378137.0 * np.sqrt(2))
+    assert geodesy.chord_lengths(quarter)[0] == pytest.approx(6378137.0 * np.sqrt(2))
     ten_km = np.degrees(10_000.0 / 6378137.0)
     drawn = geodesy.local_metres(np.array([[ten_km, 0.0]]), np.zeros(2))[0, 0]
     assert 10_000.0 - drawn == pytest.approx(10_000.0**3 / (6 * 6378137.0**2), rel=1e-3)

@@ -1,4 +1,4 @@
-"""Real rivers: what is made of a GeoJSON file, and what is said of one that is none or has no usable line."""
+"""Tests of real rivers: worlds from GeoJSON files, and the errors for invalid files and unusable lines."""
 
 import json
 import math
@@ -12,7 +12,7 @@ import pytest
 from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv, make_vector
 from thalweg.world import World, WorldError, WorldFileError
 from thalweg.world.real.geodesy import local_metres
-from thalweg.world.real.published_river import Centerline, falling, read_centerline, smoothed, thinned
+from thalweg.world.real.geojson_river import Centerline, monotone_levels, read_centerline, smooth_line, thin_indices
 
 CAM = Path(__file__).resolve().parents[3] / "thalweg" / "world" / "real" / "rivers" / "cam.geojson"
 EAST = [[7.0, 45.0], [7.005, 45.0], [7.01, 45.0], [7.015, 45.0], [7.02, 45.0]]
@@ -46,7 +46,7 @@ def read(folder: Path, content, **options) -> Centerline:
     return read_centerline(written(folder, content), **options)
 
 
-def test_a_line_lies_in_metres_about_its_middle(tmp_path):
+def test_a_line_is_in_metres_about_its_middle(tmp_path):
     line = read(tmp_path, feature(EAST, name=" Dora  Baltea "))
     np.testing.assert_allclose(line.points[:, 0], np.linspace(-788.468, 788.468, 5), atol=1e-3)
     np.testing.assert_allclose(line.points[:, 1], [0.0486, 0.0122, 0, 0.0122, 0.0486], atol=1e-3)
@@ -88,7 +88,7 @@ def test_a_line_lies_in_metres_about_its_middle(tmp_path):
         "measures",
     ],
 )
-def test_the_same_line_is_found_in_whatever_it_is_wrapped(tmp_path, wrap):
+def test_the_same_line_is_found_in_every_kind_of_object(tmp_path, wrap):
     plain = read(tmp_path, feature(EAST))
     np.testing.assert_array_equal(read(tmp_path, wrap(feature(EAST))).points, plain.points)
 
@@ -108,7 +108,7 @@ def test_a_bare_geometry_takes_its_width_from_the_argument_and_its_name_from_the
         ({"width_m": [8, 9, 10.5, 11, 12]}, [8.0, 9.0, 10.5, 11.0, 12.0]),
     ],
 )
-def test_the_file_s_width_counts_before_the_argument(tmp_path, properties, widths):
+def test_the_width_of_the_file_overrides_the_argument(tmp_path, properties, widths):
     assert read(tmp_path, feature(EAST, **properties), width_m=33.0).points[:, 3].tolist() == widths
 
 
@@ -137,16 +137,16 @@ def test_a_line_across_180_degrees_is_one_piece(tmp_path):
     ],
     ids=["falls", "drawn upstream", "level"],
 )
-def test_elevations_become_water_that_never_turns(tmp_path, given, above_datum, datum):
+def test_elevations_become_monotone_water_levels(tmp_path, given, above_datum, datum):
     line = read(tmp_path, feature([[*place, height] for place, height in zip(EAST, given, strict=True)]))
     np.testing.assert_allclose(line.points[:, 2], above_datum)
     assert line.datum_m == datum
 
 
-def test_the_water_of_a_loop_keeps_its_levels():
+def test_a_loop_keeps_its_elevations():
     levels = np.array([3.0, 1.0, 2.0, 3.0])
-    np.testing.assert_array_equal(falling(levels, closed=True), levels)
-    np.testing.assert_array_equal(falling(levels, closed=False), [3.0, 2.0, 2.0, 2.0])
+    np.testing.assert_array_equal(monotone_levels(levels, closed=True), levels)
+    np.testing.assert_array_equal(monotone_levels(levels, closed=False), [3.0, 2.0, 2.0, 2.0])
 
 
 def test_a_line_that_ends_where_it_begins_is_a_loop_unless_a_reach_is_cut_out(tmp_path):
@@ -161,9 +161,9 @@ def test_a_line_that_ends_where_it_begins_is_a_loop_unless_a_reach_is_cut_out(tm
 
 def test_positions_nearer_than_the_course_s_samples_are_left_out_but_not_the_ends():
     line = np.stack([np.array([0.0, 0.0, 0.5, 1.2, 2.0, 10.0, 20.0, 20.3]), np.zeros(8)], axis=1)
-    assert thinned(line, closed=False).tolist() == [0, 4, 5, 7]
+    assert thin_indices(line, closed=False).tolist() == [0, 4, 5, 7]
     ring = np.array([[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0], [0.0, 1.0], [0.0, 0.0]])
-    assert thinned(ring, closed=True).tolist() == [0, 1, 2, 3]
+    assert thin_indices(ring, closed=True).tolist() == [0, 1, 2, 3]
 
 
 def curvature(points: np.ndarray) -> float:
@@ -174,10 +174,10 @@ def curvature(points: np.ndarray) -> float:
     return float(np.abs(curvature(resample(points, False)[:, :2], False)).max())
 
 
-def test_smoothing_makes_of_a_corner_the_bend_that_the_formula_says():
+def test_a_smoothed_corner_has_the_radius_of_the_formula():
     corner = np.array([[-200.0, 0, 2, 9], [0, 0, 1, 9], [0, 200, 0, 9]])
     for smooth_m in (12.0, 30.0):
-        points = smoothed(corner, False, smooth_m)
+        points = smooth_line(corner, False, smooth_m)
         assert 1 / curvature(points) == pytest.approx(smooth_m * math.sqrt(2 * math.pi) / (2 * math.sqrt(2)), rel=0.05)
         np.testing.assert_allclose(points[[0, -1]], corner[[0, -1]], atol=1e-6)
         assert (np.diff(points[:, 2]) < 0).all()
@@ -185,11 +185,11 @@ def test_smoothing_makes_of_a_corner_the_bend_that_the_formula_says():
 
 def test_smoothing_leaves_a_straight_line_and_widens_no_ring():
     straight = np.array([[0.0, 0, 0, 9], [300.0, 0, 0, 9]])
-    points = smoothed(straight, False, 20.0)
+    points = smooth_line(straight, False, 20.0)
     np.testing.assert_allclose(points[:, 1], 0.0, atol=1e-9)
     turn = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     ring = np.stack([80 * np.cos(turn), 80 * np.sin(turn), 0 * turn, 9 + 0 * turn], axis=1)
-    radius = np.hypot(*smoothed(ring, True, 10.0)[:, :2].T)
+    radius = np.hypot(*smooth_line(ring, True, 10.0)[:, :2].T)
     np.testing.assert_allclose(radius, 80 * math.exp(-((10 / 80) ** 2) / 2), atol=0.3)
 
 
@@ -198,13 +198,13 @@ def test_a_line_with_corners_is_built_once_it_is_smoothed(tmp_path):
     path = written(
         tmp_path, feature(from_metres(np.repeat(corners, 2, axis=0)[:-1] + np.tile([[0, 0], [4, 0]], (6, 1))[:-1]))
     )
-    with pytest.raises(WorldFileError, match=r"radius of \d.*; rounding the line by a smooth_m above 0 m may mend it"):
+    with pytest.raises(WorldFileError, match=r"radius of \d.*; smoothing the line with smooth_m above 0 m may help"):
         World.from_geojson(path, plants=False)
     world = World.from_geojson(path, smooth_m=12.0, plants=False)
     assert 200 < world.river.length_m < 300
 
 
-def test_a_world_says_its_name_and_another_seed_gives_other_land(tmp_path):
+def test_a_world_has_the_name_of_the_file_and_another_seed_gives_other_land(tmp_path):
     path = written(tmp_path, feature(from_metres([[0, 0], [20, 0], [40, 3], [60, 10]]), name="Dora $x_"))
     first, other = (World.from_geojson(path, seed=seed, plants=False) for seed in (0, 1))
     assert first.name == "Dora $x_"
@@ -218,7 +218,7 @@ BULB = BULB + [[x, 10 - y] for x, y in BULB[-2::-1]]
 NESTED = '{"type": "GeometryCollection", "geometries": [' * 900 + "]}" * 900
 BAD_FILES = {
     "broken": ('{"type": "Feature",', "not JSON: .*line 1 column 20"),
-    "not a number": ('{"type": "LineString", "coordinates": [[NaN, 1], [2, 3]]}', "not JSON: NaN is no number"),
+    "not a number": ('{"type": "LineString", "coordinates": [[NaN, 1], [2, 3]]}', "not JSON: NaN is not a number"),
     "not text": (b'{"name": "\xff"}', r"not text in UTF-8 \(byte 10\)"),
     "empty": ("", "not JSON"),
     "deep": (NESTED, "not GeoJSON: nested too deep"),
@@ -267,14 +267,14 @@ BAD_FILES = {
         feature([EAST], "MultiLineString", width_m=[9] * 5),
         "width_m is a list, which needs a LineString",
     ),
-    "some elevations": (feature([[*EAST[0], 5.0], *EAST[1:]]), "position 1 has no elevation, others have"),
+    "some elevations": (feature([[*EAST[0], 5.0], *EAST[1:]]), "position 1 has no elevation, but others have"),
     "missing value": (
         feature([[*p, -9999] for p in EAST]),
         r"elevation of position 0 is -9999 m; limit -500 to 7000 m",
     ),
     "curls when drawn": (
         feature(from_metres([[0, 0], [60, 0], [90, -15], [120, 5], [90, 25], [60, 10], [0, 10]])),
-        r"crosses itself at \(-?\d+\.\d, -?\d+\.\d\) m: .*; rounding the line by a smooth_m above 0 m may mend it",
+        r"crosses itself at \(-?\d+\.\d, -?\d+\.\d\) m: .*; smoothing the line with smooth_m above 0 m may help",
     ),
     "a hill": (
         feature([[*p, z] for p, z in zip(EAST, [50, 49, 70, 47, 46], strict=True)]),
@@ -302,14 +302,14 @@ BAD_FILES = {
 
 
 @pytest.mark.parametrize(("content", "message"), BAD_FILES.values(), ids=BAD_FILES)
-def test_a_bad_file_is_named_with_what_is_wrong_and_what_is_right(tmp_path, content, message):
+def test_an_invalid_file_is_refused_with_its_path_and_the_reason(tmp_path, content, message):
     path = written(tmp_path, content)
     with pytest.raises(WorldFileError, match=message) as raised:
         World.from_geojson(path, plants=False)
     assert str(raised.value).startswith(f"{path}: ")
 
 
-def test_a_missing_file_and_a_folder_are_named(tmp_path):
+def test_a_missing_file_and_a_folder_are_refused_by_path(tmp_path):
     for path in (tmp_path / "none.geojson", tmp_path):
         with pytest.raises(WorldFileError, match=f"{path}: there is no such file"):
             World.from_geojson(path)
@@ -333,12 +333,12 @@ def test_a_missing_file_and_a_folder_are_named(tmp_path):
         ({"seed": -1}, "a seed is 0 or more, not -1"),
     ],
 )
-def test_a_bad_argument_says_what_is_right(tmp_path, options, message):
+def test_an_invalid_argument_is_refused_with_its_limits(tmp_path, options, message):
     with pytest.raises(WorldError, match=message):
         World.from_geojson(written(tmp_path, feature(EAST)), plants=False, **options)
 
 
-def test_a_file_of_many_lines_of_land_says_its_size_before_it_is_read(tmp_path):
+def test_a_file_that_is_too_large_is_refused_before_it_is_read(tmp_path):
     path = tmp_path / "land.geojson"
     with path.open("wb") as file:
         file.truncate(300_000_000)

@@ -1,4 +1,4 @@
-"""A reach of a file means the same river wherever the file lies, and another one as soon as anything differs."""
+"""Tests that a reach is identified by the content and the options of its file, not by its folder."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -26,7 +26,7 @@ def test_a_reach_is_built_as_its_file_is_read(brook: Reach):
         np.testing.assert_array_equal(getattr(built, name), getattr(given, name))
 
 
-def test_a_reach_is_told_by_the_files_name_and_content_and_not_by_its_folder(brook: Reach, tmp_path: Path):
+def test_a_reach_is_identified_by_file_name_and_content_not_by_folder(brook: Reach, tmp_path: Path):
     elsewhere = tmp_path / "elsewhere" / "brook.geojson"
     elsewhere.parent.mkdir()
     elsewhere.write_text(LINE)
@@ -45,6 +45,6 @@ def test_a_reach_is_told_by_the_files_name_and_content_and_not_by_its_folder(bro
     assert replace(brook, path=elsewhere).as_data()["content"] != data["content"]
 
 
-def test_a_reach_of_no_file_says_so(tmp_path: Path):
+def test_a_reach_of_a_missing_file_is_refused(tmp_path: Path):
     with pytest.raises(WorldFileError, match=r"none.geojson: there is no such file$"):
         Reach(tmp_path / "none.geojson").as_data()

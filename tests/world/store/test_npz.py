@@ -1,4 +1,4 @@
-"""A world goes to a file and back unchanged; a file that is not whole says what is wrong."""
+"""Tests that a world survives saving and loading, and that an invalid file is refused with the reason."""
 
 import json
 from dataclasses import fields, replace
@@ -53,7 +53,7 @@ def test_the_same_world_gives_the_same_bytes(world, tmp_path):
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
 
 
-def test_an_interrupted_write_leaves_what_was_there(world, tmp_path, monkeypatch):
+def test_an_interrupted_write_keeps_the_old_file(world, tmp_path, monkeypatch):
     path = tmp_path / "w.npz"
     path.write_bytes(b"before")
 
@@ -69,22 +69,22 @@ def test_an_interrupted_write_leaves_what_was_there(world, tmp_path, monkeypatch
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])
-def test_a_truncated_file_is_refused_by_name(world, tmp_path, share):
+def test_a_truncated_file_is_refused_by_path(world, tmp_path, share):
     path = tmp_path / "short.npz"
     world.save(path)
     whole = path.read_bytes()
     path.write_bytes(whole[: int(share * len(whole))])
-    with pytest.raises(WorldFileError, match=r"short\.npz: not a whole \.npz file"):
+    with pytest.raises(WorldFileError, match=r"short\.npz: not a complete \.npz file"):
         World.load(path)
 
 
-def test_a_flipped_byte_is_noticed(world, tmp_path):
+def test_a_flipped_byte_is_detected(world, tmp_path):
     path = tmp_path / "bad.npz"
     world.save(path)
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 0xFF
     path.write_bytes(data)
-    with pytest.raises(WorldFileError, match=r"bad\.npz: not a whole"):
+    with pytest.raises(WorldFileError, match=r"bad\.npz: not a complete"):
         World.load(path)
 
 
@@ -95,7 +95,7 @@ def change(path, **changes) -> None:
     np.savez(path, **{name: values for name, values in arrays.items() if values is not None})
 
 
-def test_another_version_is_refused(world, tmp_path):
+def test_another_format_version_is_refused(world, tmp_path):
     path = tmp_path / "w.npz"
     world.save(path)
     with np.load(path) as stored:
@@ -117,7 +117,7 @@ def test_another_version_is_refused(world, tmp_path):
         ({"plants.kind": np.zeros(1, np.int64)}, r"'plants.kind' is int64"),
     ],
 )
-def test_a_foreign_or_incomplete_file_says_what_is_wrong(world, tmp_path, changes, message):
+def test_a_foreign_or_incomplete_file_is_refused_with_the_reason(world, tmp_path, changes, message):
     path = tmp_path / "w.npz"
     world.save(path)
     change(path, **changes)
@@ -139,12 +139,12 @@ LINE = {"position_m": np.zeros((1, 2)), "tangent": np.ones((1, 2))}
     [
         (plants(kind=[3000]), rf"'plants.kind' holds 3000; the kinds are 0 to {len(KINDS) - 1}"),
         (plants(kind=[-1]), r"'plants.kind' holds -1"),
-        (plants(height_m=[np.nan]), r"'plants.height_m' holds nan, which is no finite number"),
+        (plants(height_m=[np.nan]), r"'plants.height_m' holds nan, which is not a finite number"),
         (plants(width_m=[0.0]), r"'plants.width_m' holds 0\.0; limit > 0"),
         (plants(position_m=[[1e30, 0, 0]]), r"a plant stands at \(1e\+30, 0\) m, off the map"),
         ({"islands": np.array([[0, 0, np.inf, 1, 0.0]])}, r"'islands' holds inf"),
         ({"bridges": np.full((1, 11), np.nan)}, r"'bridges' holds nan"),
-        ({"grid": [0.0, 0.0, 0.0]}, r"cells of 0\.0 m; limit > 0"),
+        ({"grid": [0.0, 0.0, 0.0]}, r"a cell size of 0\.0 m; limit > 0"),
         ({"grid": [np.nan, 0.0, 0.25]}, r"description holds nan"),
         ({"sun": [0.0, np.inf]}, r"description holds inf"),
         ({"length_m": np.inf}, r"description holds inf"),
@@ -165,7 +165,7 @@ LINE = {"position_m": np.zeros((1, 2)), "tangent": np.ones((1, 2))}
         ({"kinds": None}, r"description is incomplete \(KeyError\('kinds'\)\)"),
     ],
 )
-def test_values_that_no_world_has_are_refused(world, tmp_path, changes, message):
+def test_invalid_values_are_refused(world, tmp_path, changes, message):
     path = tmp_path / "w.npz"
     world.save(path)
     arrays = {name: values for name, values in changes.items() if isinstance(values, np.ndarray)}
@@ -204,7 +204,7 @@ def test_pickled_objects_are_refused(world, tmp_path):
     path = tmp_path / "w.npz"
     world.save(path)
     change(path, islands=np.array([{}], dtype=object))
-    with pytest.raises(WorldFileError, match=r"not a whole \.npz file"):
+    with pytest.raises(WorldFileError, match=r"not a complete \.npz file"):
         World.load(path)
 
 
@@ -212,5 +212,5 @@ def test_a_missing_file_and_a_text_file_are_refused(tmp_path):
     with pytest.raises(WorldFileError, match=r"none\.npz: there is no such file"):
         World.load(tmp_path / "none.npz")
     (tmp_path / "text.npz").write_text("hello")
-    with pytest.raises(WorldFileError, match=r"text\.npz: not a whole"):
+    with pytest.raises(WorldFileError, match=r"text\.npz: not a complete"):
         World.load(tmp_path / "text.npz")

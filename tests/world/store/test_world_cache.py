@@ -1,4 +1,4 @@
-"""Built worlds are kept by the version that made them, and go when nobody uses them."""
+"""Tests of the cache of built worlds: one folder per version, removed when it is unused."""
 
 import os
 import time
@@ -22,9 +22,9 @@ def worlds(tmp_path, monkeypatch):
     """The folder of worlds of an empty cache, whose worlds are quick to build."""
     monkeypatch.setenv("THALWEG_CACHE", str(tmp_path))
     monkeypatch.setattr(store, "build", lambda level, seed: small(seed))
-    store.tidy_once.cache_clear()
+    store.remove_stale_once.cache_clear()
     yield tmp_path / "worlds"
-    store.tidy_once.cache_clear()
+    store.remove_stale_once.cache_clear()
 
 
 def small(seed: int) -> World:
@@ -40,25 +40,25 @@ def aged(path, days: float, now_s: float):
     os.utime(path, (then_s, then_s))
 
 
-def test_a_built_world_is_taken_from_the_folder_of_this_version(worlds, monkeypatch):
+def test_a_built_world_is_loaded_from_the_folder_of_this_version(worlds, monkeypatch):
     first = load_or_build("easy", 3)
-    (path,) = (worlds / store.STAMP).iterdir()
+    (path,) = (worlds / store.GENERATOR_HASH).iterdir()
     assert path.name.startswith("easy-3-")
     monkeypatch.setattr(store, "build", never)
     assert_same(load_or_build("Easy", 3), first)
 
 
 @pytest.mark.slow
-def test_a_kept_world_is_the_built_one(tmp_path, monkeypatch):
+def test_a_cached_world_equals_the_built_one(tmp_path, monkeypatch):
     monkeypatch.setenv("THALWEG_CACHE", str(tmp_path))
     first = load_or_build("Easy", 3)
     monkeypatch.setattr(store, "build", never)
     assert_same(load_or_build("Easy", 3), first)
 
 
-def test_a_damaged_file_is_replaced_whatever_is_wrong_with_it(worlds):
+def test_any_damaged_file_is_replaced(worlds):
     first = load_or_build("easy", 3)
-    (path,) = (worlds / store.STAMP).iterdir()
+    (path,) = (worlds / store.GENERATOR_HASH).iterdir()
     whole = path.read_bytes()
     rng = np.random.default_rng(1)
     for place in [*rng.integers(len(whole) - 1700, len(whole), 12), 0, 8, len(whole) // 2]:
@@ -71,36 +71,36 @@ def test_a_damaged_file_is_replaced_whatever_is_wrong_with_it(worlds):
     assert path.read_bytes() == whole
 
 
-def test_a_cache_that_cannot_be_written_to_costs_no_world(worlds):
+def test_an_unwritable_cache_still_gives_the_world(worlds):
     worlds.parent.mkdir(exist_ok=True)
     worlds.write_text("a file where the folder should be")
     assert_same(load_or_build("Easy", 3), small(3))
 
 
-def test_levels_seeds_and_cases_lie_in_files_of_their_own(worlds):
+def test_levels_and_seeds_have_their_own_files(worlds):
     easy = LEVELS["Easy"]
     other = replace(easy, name="Easy +", length_m=281.0)
-    paths = {store.place_of(level, seed) for level in (easy, other) for seed in (1, 2)}
+    paths = {store.cache_path(level, seed) for level in (easy, other) for seed in (1, 2)}
     assert len(paths) == 4
-    assert {path.parent for path in paths} == {worlds / store.STAMP}
-    assert store.place_of(replace(easy, name="A .. b"), 10**40).name.startswith("a-b-100000000000-")
-    assert len(store.place_of(easy, 10**400).name) < 60
+    assert {path.parent for path in paths} == {worlds / store.GENERATOR_HASH}
+    assert store.cache_path(replace(easy, name="A .. b"), 10**40).name.startswith("a-b-100000000000-")
+    assert len(store.cache_path(easy, 10**400).name) < 60
 
 
-def test_the_stamp_covers_all_code_that_makes_a_world():
+def test_the_generator_hash_covers_all_code_that_builds_a_world():
     world = PACKAGE / "world"
     modules = {path for path in world.rglob("*.py") if path.name != "__init__.py"}
     assert set(store.SOURCES) == modules - {world / "map_image.py"} | {PACKAGE / "core" / "jit.py"}
 
 
-def test_another_numpy_is_another_version(monkeypatch):
+def test_another_library_version_changes_the_generator_hash(monkeypatch):
     monkeypatch.setattr(store, "version", lambda name: "0.0" if name == "numba" else version(name))
-    assert store.stamp() != store.STAMP
+    assert store.generator_hash() != store.GENERATOR_HASH
     monkeypatch.undo()
-    assert store.stamp() == store.STAMP
+    assert store.generator_hash() == store.GENERATOR_HASH
 
 
-def test_the_first_write_removes_versions_that_nobody_used_for_a_fortnight(worlds):
+def test_the_first_write_removes_versions_unused_for_two_weeks(worlds):
     now = time.time()
     for name, days in (("0" * 16, 15), ("1" * 16, 13), ("2" * 16, 15), ("mine", 99)):
         (worlds / name).mkdir(parents=True)
@@ -119,24 +119,24 @@ def test_the_first_write_removes_versions_that_nobody_used_for_a_fortnight(world
     assert (worlds / ("0" * 16)).exists()  # Only the first write of a process looks.
 
 
-def test_the_folder_of_this_version_stays_and_use_keeps_a_folder_young(worlds):
+def test_the_folder_of_this_version_stays_and_use_renews_its_age(worlds):
     load_or_build("Easy", 3)
-    mine = worlds / store.STAMP
+    mine = worlds / store.GENERATOR_HASH
     aged(mine, 30, time.time())
-    store.tidy(worlds, time.time())
+    store.remove_stale(worlds, time.time())
     assert len(list(mine.iterdir())) == 1
     load_or_build("Easy", 3)
     assert time.time() - mine.stat().st_mtime < 60
 
 
-def test_old_drafts_go_and_young_ones_stay(worlds):
-    mine = worlds / store.STAMP
+def test_only_old_temporary_files_are_removed(worlds):
+    mine = worlds / store.GENERATOR_HASH
     mine.mkdir(parents=True)
     now = time.time()
     for name, days in ((".a.00.part.npz", 2.0), (".b.00.part.npz", 0.5)):
         (mine / name).write_bytes(b"half")
         aged(mine / name, days, now)
-    store.tidy(worlds, now)
+    store.remove_stale(worlds, now)
     assert [path.name for path in mine.iterdir()] == [".b.00.part.npz"]
 
 

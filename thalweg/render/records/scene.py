@@ -12,7 +12,7 @@ from numba import prange
 
 from thalweg.core.jit import kernel
 from thalweg.render.bake import impostors, ripples, sky
-from thalweg.world.light.bake import deck_over
+from thalweg.world.light.bake import deck_heights
 from thalweg.world.record import World
 from thalweg.world.species import KINDS
 
@@ -231,7 +231,7 @@ def canopy_map(world: World, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     shade = 0.35 + 0.65 * blocks(world.sun / 255.0).mean(axis=(1, 3))
     colour = ground * (1 - wooded) + FOLIAGE_RADIANCE * shade * wooded
     for bridge in world.bridges:
-        on, _ = deck_over(world.grid, top.shape, bridge)
+        on, _ = deck_heights(world.grid, top.shape, bridge)
         colour[blocks(on).max(axis=(1, 3))[..., 0] > 0] = STONE_RADIANCE
     return canopy.astype(np.float32), pack_colour(colour, PAINT_RANGE)
 

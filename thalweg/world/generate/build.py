@@ -1,4 +1,4 @@
-"""How does a level and a seed become a world? The steps in order, each with its own stream of random numbers."""
+"""Generation of a world from a level and a seed: the steps in order, each with its own stream of random numbers."""
 
 import operator
 from collections.abc import Sequence
@@ -8,20 +8,23 @@ import numpy as np
 from thalweg.world.errors import WorldError
 from thalweg.world.generate import plants, surface
 from thalweg.world.generate.memory import check_memory
-from thalweg.world.generate.plan import plan, stream
+from thalweg.world.generate.plan import plan, random_stream
 from thalweg.world.generate.terrain import Relief, Terrain, build_terrain
 from thalweg.world.levels import Level, level_named
 from thalweg.world.light import bake as light
 from thalweg.world.record import Plants, River, World
 
 SUN_ELEVATION = np.radians(55.0)
-"""The sun of the originals stands so high; its azimuth is the seed's."""
+"""Elevation of the sun in the original environment; the azimuth depends on the seed."""
 TERRAIN, PAINT, PLANTS, SUN = 0, 1, 2, 3
-"""The streams of random numbers of the steps after the plan."""
+"""Numbers of the random streams of the steps after the plan."""
 
 
-def resolve(level: Level | str, seed: int | None) -> tuple[Level, int]:
-    """The level and seed meant, None being the level's default; raises `WorldError` for unknown or negative ones."""
+def resolve_level(level: Level | str, seed: int | None) -> tuple[Level, int]:
+    """Return the level and the seed, with the level's default for a seed of None.
+
+    Raises `WorldError` for an unknown level and for a seed that is not an integer of at least 0.
+    """
     known = level if isinstance(level, Level) else level_named(level)
     try:
         chosen = known.default_seed if seed is None else operator.index(seed)
@@ -33,30 +36,31 @@ def resolve(level: Level | str, seed: int | None) -> tuple[Level, int]:
 
 
 def build(level: Level | str, seed: int | None = None) -> World:
-    """The world of a level (or its name) and a seed; the same bytes for the same arguments.
+    """Return the world of a level (or its name) and a seed; the same arguments give the same bytes.
 
-    Raises `WorldError` for an unknown level, a bad seed, or a custom level that can't be met, also for want of memory.
+    Raises `WorldError` for an unknown level, an invalid seed, or a custom level that cannot be met or needs too much
+    memory.
     """
-    level, seed = resolve(level, seed)
-    drawn = plan(level, seed)
-    check_memory(drawn.river.position_m, level.plant_density)
+    level, seed = resolve_level(level, seed)
+    planned = plan(level, seed)
+    check_memory(planned.river.position_m, level.plant_density)
     relief = Relief(hills_m=level.hills_m, cut_banks=level.cut_banks)
     terrain = build_terrain(
-        drawn.river, drawn.islands, drawn.bridges, drawn.branches, relief, stream(level, seed, TERRAIN)
+        planned.river, planned.islands, planned.bridges, planned.branches, relief, random_stream(level, seed, TERRAIN)
     )
-    return dress(
+    return finish_world(
         name=level.name,
         seed=seed,
-        river=drawn.river,
-        islands=drawn.islands,
-        bridges=drawn.bridges,
+        river=planned.river,
+        islands=planned.islands,
+        bridges=planned.bridges,
         terrain=terrain,
         plant_density=level.plant_density,
-        streams=[stream(level, seed, purpose) for purpose in (PAINT, PLANTS, SUN)],
+        streams=[random_stream(level, seed, purpose) for purpose in (PAINT, PLANTS, SUN)],
     )
 
 
-def dress(
+def finish_world(
     *,
     name: str,
     seed: int,
@@ -67,7 +71,7 @@ def dress(
     plant_density: float,
     streams: Sequence[np.random.Generator],
 ) -> World:
-    """The world on a bare terrain: paint, plants and light, from three streams of random numbers."""
+    """Return the world on a bare terrain: adds paint, plants and light, from three streams of random numbers."""
     paint_rng, plants_rng, sun_rng = streams
     maps = terrain.grid, terrain.ground_m, terrain.water_m
     albedo = surface.paint(*maps, terrain.shore_m, paint_rng)

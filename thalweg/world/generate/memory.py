@@ -1,7 +1,7 @@
-"""Is there memory for a world? What building one takes, known from its size alone, against what is free.
+"""The memory that building a world needs, estimated from its size and compared with the free memory.
 
-The peak was measured: builds of maps of 0.7 to 16 million nodes, see the constants. What a process holds already, and
-what frames of the world need later, is not in it.
+The peak was measured for maps of 0.7 to 16 million nodes, see the constants. The estimate leaves out what the process
+holds already and what frames of the world need later.
 """
 
 import os
@@ -10,24 +10,24 @@ from pathlib import Path
 import numpy as np
 
 from thalweg.world.errors import WorldError
-from thalweg.world.generate.terrain import lay_grid
+from thalweg.world.generate.terrain import make_grid
 
 NODE_BYTES = 165
-"""A node of the map, while the light is baked: 144 to 162 were measured at the density of the levels."""
+"""Bytes per node of the map while the light is baked: 144 to 162 were measured at the density of the levels."""
 BARE_NODE_BYTES = 80
-"""A node of the map, while plants are scattered."""
+"""Bytes per node of the map while plants are scattered."""
 TRIES_BYTES = 390
-"""A square metre at a density of 1, while plants are scattered: the places that are tried, most of them for reeds."""
+"""Bytes per square metre at a density of 1 while plants are scattered: the tried positions, most of them reeds."""
 GROUPS = Path("/sys/fs/cgroup")
-"""Where Linux shows the control groups (version 2) that containers are made of."""
+"""Folder of the Linux control groups (version 2) that containers use."""
 PROC = Path("/proc")
 
 
 def needed_bytes(shape: tuple[int, int], cell_m: float, plant_density: float) -> int:
-    """An upper bound of what building a map of (GY, GX) nodes takes at its peak.
+    """Return an upper bound of the peak memory for building a map of (GY, GX) nodes.
 
-    The last term is the lattice of the finest noise: two float32 at every other node's distance, over the square that
-    the map may fill when it is turned. It counts for long narrow maps only.
+    The last term is the lattice of the finest noise: two float32 at every second node, over the square that the map may
+    fill when it is rotated. It matters for long narrow maps only.
     """
     rows, columns = shape
     nodes = rows * columns
@@ -36,12 +36,12 @@ def needed_bytes(shape: tuple[int, int], cell_m: float, plant_density: float) ->
 
 
 def check_memory(position_m: np.ndarray, plant_density: float = 1.0) -> None:
-    """Raise `WorldError` unless there is memory to build the world around a line [S, 2]; takes none itself.
+    """Raise `WorldError` unless there is enough free memory to build the world around a line [S, 2]; allocates nothing.
 
-    Also raised for a line whose map would be larger than any that is built. Where the free memory can't be told, as on
-    Windows, all others pass.
+    Also raised for a line whose map would be larger than the maximum. Where the free memory is unknown, as on Windows,
+    all other lines pass.
     """
-    grid, shape = lay_grid(position_m)
+    grid, shape = make_grid(position_m)
     need, free = needed_bytes(shape, grid.cell_m, plant_density), free_bytes()
     if free is not None and need > free:
         plants = f", and plants of density {plant_density:g}" if plant_density > 0 else ""
@@ -54,16 +54,16 @@ def check_memory(position_m: np.ndarray, plant_density: float = 1.0) -> None:
 
 
 def free_bytes() -> int | None:
-    """What can still be taken: of the machine's memory, and of what this process's containers may use.
+    """Return the free memory: the smaller of the machine's and of what the process's containers may still use.
 
-    None where the system tells neither.
+    None where neither is known.
     """
-    known = [value for value in (machine_bytes(), container_bytes()) if value is not None]
-    return min(known, default=None)
+    limits = [value for value in (machine_bytes(), container_bytes()) if value is not None]
+    return min(limits, default=None)
 
 
 def machine_bytes(proc: Path = PROC) -> int | None:
-    """Linux: what is available without swapping; elsewhere all memory there is, which bounds it; else None."""
+    """Return the available memory on Linux, the total memory on other systems as an upper bound, or None."""
     try:
         for line in (proc / "meminfo").read_text().splitlines():
             if line.startswith("MemAvailable:"):
@@ -77,27 +77,27 @@ def machine_bytes(proc: Path = PROC) -> int | None:
 
 
 def container_bytes(proc: Path = PROC, groups: Path = GROUPS) -> int | None:
-    """The least that any control group (version 2) round this process leaves it; None where none sets a limit.
+    """Return the smallest remaining memory of the control groups (version 2) of this process; None without a limit.
 
-    What files read earlier occupy counts as free, since it is given up when it is needed.
+    The file cache counts as free, because the kernel drops it when memory is needed.
     """
     try:
         lines = (proc / "self" / "cgroup").read_text().splitlines()
     except OSError:
         return None
-    own = next((line[3:] for line in lines if line.startswith("0::")), None)
-    if own is None:
+    group = next((line[3:] for line in lines if line.startswith("0::")), None)
+    if group is None:
         return None
-    folder, left = groups / own.strip("/"), []
-    for place in (folder, *folder.parents):
+    innermost, remaining = groups / group.strip("/"), []
+    for folder in (innermost, *innermost.parents):
         try:
-            limit = (place / "memory.max").read_text().strip()
-            used = int((place / "memory.current").read_text())
-            stat = dict(line.split() for line in (place / "memory.stat").read_text().splitlines())
+            limit = (folder / "memory.max").read_text().strip()
+            used = int((folder / "memory.current").read_text())
+            stat = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
             if limit != "max":
-                left.append(max(int(limit) - used + int(stat.get("inactive_file", 0)), 0))
+                remaining.append(max(int(limit) - used + int(stat.get("inactive_file", 0)), 0))
         except (OSError, ValueError):
             pass
-        if place == groups:
+        if folder == groups:
             break
-    return min(left, default=None)
+    return min(remaining, default=None)

@@ -1,7 +1,7 @@
-"""How far is each node of the map from the water's edge, and which place of the course does it belong to?
+"""The distance of each map node from the water's edge, and the point of the course that it belongs to.
 
-The water of the course is what lies within half the width of the centre line, measured as the rules measure it: at
-the nearest place on the line, of the nearest arm. Side water is a union of discs along a line.
+The water of the course is everything within half the width of the centre line, measured as the rules measure it: at the
+nearest point of the line, on the nearest arm. Side channels are unions of discs along a line.
 """
 
 from typing import NamedTuple
@@ -16,25 +16,26 @@ f4 = np.float32
 BLOCK = 16
 """Nodes along a side of the blocks that share a list of candidate segments."""
 WINDOW_M = 13.0
-"""How far up and down its arm a node looks for the nearest place."""
+"""Distance up and down an arm within which the nearest point is searched."""
 EXACT_M = (1.0, 2.5)
-"""The edge distance is exact up to the first distance on land; from the second it is smooth between arms."""
+"""On land, the edge distance is exact up to the first distance; from the second it is smooth between arms."""
 
 
 class Shore(NamedTuple):
-    """Maps [GY, GX] float32 of where each node lies relative to the course."""
+    """Maps [GY, GX] float32 of the position of each node relative to the course."""
 
     edge_m: np.ndarray
     """Distance from the bank of the course, negative in its water; exact near the bank."""
     across: np.ndarray
-    """Lateral offset over half the width, positive to the left; ±1 is the bank. Meaningful within `EXACT_M` of it."""
-    place: np.ndarray
-    """Sample index plus the share of the segment behind it, of the nearest place."""
+    """Lateral offset over half the width, positive to the left; ±1 is the bank. Valid within `EXACT_M` of it."""
+    course_index: np.ndarray
+    """Nearest point of the course: its sample index plus the share of the segment after that sample."""
 
 
 @kernel(fastmath=False)
 def _block_candidates(centre_x, centre_y, slack, start, step, half, found):
-    """Fill found with the segments that may be nearest to some node of a block; returns how many."""
+    """Fill `found` with the segments that may be nearest to some node of a block; returns their number."""
+    # The distance from the bank at the middle of a segment bounds that of all its points up to `slack`.
     count = len(start)
     best = 1e30
     for j in range(count):
@@ -55,7 +56,7 @@ def _block_candidates(centre_x, centre_y, slack, start, step, half, found):
 
 @kernel(fastmath=False)
 def _foot(x, y, start, step, j):
-    """Share along segment j of the foot of a point, clamped, and the distance from it."""
+    """Return the share along segment j of the nearest point to (x, y), and its distance."""
     dx = x - start[j, 0]
     dy = y - start[j, 1]
     t = (dx * step[j, 0] + dy * step[j, 1]) / (step[j, 0] * step[j, 0] + step[j, 1] * step[j, 1])
@@ -67,7 +68,7 @@ def _foot(x, y, start, step, j):
 
 @kernel(fastmath=False)
 def _nearest_on_arm(x, y, start, step, arm, window, closed):
-    """(segment, share, distance) of the nearest place within so many segments of segment `arm`."""
+    """Return (segment, share, distance) of the nearest point within `window` segments of segment `arm`."""
     count = len(start)
     nearest, share, distance = arm, 0.0, 1e30
     for k in range(arm - window, arm + window + 1):
@@ -81,7 +82,11 @@ def _nearest_on_arm(x, y, start, step, arm, window, closed):
 
 @kernel(fastmath=False)
 def _measure_node(x, y, start, step, half, closed, window, found, number):
-    """(edge, across, place) of one node, of which the first `number` entries of found are the candidate segments."""
+    """Return (edge, across, course_index) of a node.
+
+    The first `number` entries of `found` are the candidate segments.
+    """
+    # The smallest distance from a bank, interpolating the width at the foot point, selects the arm.
     envelope = 1e30
     arm = 0
     for k in range(number):
@@ -90,22 +95,30 @@ def _measure_node(x, y, start, step, half, closed, window, found, number):
         if reach < envelope:
             envelope = reach
             arm = found[k]
+    # The rules take the nearest point of the line and its width, which may differ from the point above.
+    # Far from the water the difference does not matter, so the search is short there.
     nearest, share, distance = _nearest_on_arm(x, y, start, step, arm, window if envelope < 4.0 else 1, closed)
     width = half[nearest, 0] + share * (half[nearest, 1] - half[nearest, 0])
     exact = distance - width
+    # Exact near the bank; further out the envelope, which has no jumps between arms.
     blend = min(max((exact - 1.0) / 1.5, 0.0), 1.0)
     blend = blend * blend * (3.0 - 2.0 * blend)
+    # The sign of the cross product says on which side of the segment the node lies.
     turn = step[nearest, 0] * (y - start[nearest, 1]) - step[nearest, 1] * (x - start[nearest, 0])
     across = distance / width if turn >= 0.0 else -distance / width
     return exact + blend * (envelope - exact), across, nearest + share
 
 
 @kernel(fastmath=False, parallel=True)
-def _measure(origin_x, origin_y, cell, start, step, half, closed, window, slack, edge, across, place):
-    """Fill the maps of `Shore`; start, step [segments, 2] and half [segments, 2] half widths at both ends, float64."""
+def _measure(origin_x, origin_y, cell, start, step, half, closed, window, slack, edge, across, course_index):
+    """Fill the maps of `Shore`.
+
+    start, step [segments, 2] and half [segments, 2], the half widths at both ends, are float64.
+    """
     rows, columns = edge.shape
     for band in prange((rows + BLOCK - 1) // BLOCK):
         top = band * BLOCK
+        # One list per band, because bands run in parallel.
         found = np.empty(len(start), np.int64)
         for left in range(0, columns, BLOCK):
             middle_x, middle_y = (
@@ -118,17 +131,18 @@ def _measure(origin_x, origin_y, cell, start, step, half, closed, window, slack,
                     node = _measure_node(
                         origin_x + j * cell, origin_y + i * cell, start, step, half, closed, window, found, number
                     )
-                    edge[i, j], across[i, j], place[i, j] = node
+                    edge[i, j], across[i, j], course_index[i, j] = node
 
 
 def measure(grid: Grid, shape: tuple[int, int], river: River) -> Shore:
-    """The maps of `Shore` for the nodes of a grid of that shape."""
+    """Return the maps of `Shore` for the nodes of a grid with this shape."""
     segments = river.segments
     start = np.ascontiguousarray(river.position_m[:segments])
     step = np.ascontiguousarray(np.roll(river.position_m, -1, axis=0)[:segments] - start)
     half = np.stack([river.width_m, np.roll(river.width_m, -1)], axis=1)[:segments] / 2
     longest = float(np.hypot(*step.T).max())
     uneven = float(np.abs(half[:, 1] - half[:, 0]).max())
+    # Half the diagonal of a block on either side, plus what lengths and widths of segments add.
     slack = BLOCK * grid.cell_m * np.sqrt(2.0) + longest + uneven
     window = int(np.ceil(WINDOW_M / (river.length_m / segments)))
     maps = Shore(*(np.zeros(shape, np.float32) for _ in range(3)))
@@ -144,14 +158,14 @@ def measure(grid: Grid, shape: tuple[int, int], river: River) -> Shore:
         slack,
         maps.edge_m,
         maps.across,
-        maps.place,
+        maps.course_index,
     )
     return maps
 
 
 @kernel(fastmath=False)
 def _measure_discs(origin_x, origin_y, cell, line, half, edge, width):
-    """Lower edge to the distance from a union of discs along a line [K, 2]; note the half width there."""
+    """Lower `edge` to the distance from a union of discs along a line [K, 2]; `width` becomes the half width there."""
     rows, columns = edge.shape
     for k in range(len(line) - 1):
         step_x = line[k + 1, 0] - line[k, 0]
@@ -172,7 +186,7 @@ def _measure_discs(origin_x, origin_y, cell, line, half, edge, width):
 def measure_discs(
     grid: Grid, shape: tuple[int, int], line: np.ndarray, width_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distance from the edge of side water along a line [K, 2] and half its width there, in metres, [GY, GX] both."""
+    """Return the distance from the edge of water along a line [K, 2] and its half width, in metres, both [GY, GX]."""
     edge, half = np.full(shape, 1e6, np.float32), np.ones(shape, np.float32)
     _measure_discs(grid.origin_x_m, grid.origin_y_m, grid.cell_m, line, width_m / 2, edge, half)
     return edge, half
@@ -180,7 +194,7 @@ def measure_discs(
 
 @kernel(fastmath=False)
 def _weighted_levels(x, y, position, half, level, out):
-    """Shepard's mean (1968) of the levels, weighted by the fourth power of the inverse distance from the bank."""
+    """Fill `out` with Shepard's mean (1968) of the levels, weighted by 1 / (distance from the bank)⁴."""
     for i in range(len(y)):
         for j in range(len(x)):
             total = 0.0
@@ -196,7 +210,7 @@ def _weighted_levels(x, y, position, half, level, out):
 
 
 def valley_levels(x: np.ndarray, y: np.ndarray, river: River) -> np.ndarray:
-    """[len(y), len(x)] metres: the level of the river continued under the land, smooth between arms."""
+    """Return [len(y), len(x)] metres: the water level of the river continued under the land, smooth between arms."""
     out = np.empty((len(y), len(x)))
     _weighted_levels(x, y, river.position_m, river.width_m / 2, river.level_m, out)
     return out

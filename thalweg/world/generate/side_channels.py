@@ -1,4 +1,4 @@
-"""Which water is no part of the course? Tributaries that leave it, and ponds: in the water mask, outside the volume."""
+"""Water that is not part of the course: tributaries that leave it, and ponds. It is outside the flight volume."""
 
 from dataclasses import dataclass
 
@@ -8,8 +8,8 @@ from thalweg.world.generate.hydrology import Line
 
 STEP_M = 1.5
 """Spacing of the vertices of a branch."""
-LAND_BETWEEN_M = 5.0
-"""Least land between a branch and any arm of the river that it does not belong to."""
+MIN_LAND_M = 5.0
+"""Minimum land between a branch and any arm of the river that it does not belong to."""
 
 
 @dataclass(frozen=True)
@@ -21,13 +21,13 @@ class Branch:
     width_m: np.ndarray
     """[K] float64."""
     level_m: float
-    """Height of its surface, that of the river at the mouth."""
+    """Height of its surface; for a tributary, that of the river at the mouth."""
     depth_m: float
     """Depth in the middle."""
 
 
 def bank_distance(points: np.ndarray, line: np.ndarray, width_m: np.ndarray) -> np.ndarray:
-    """[P] about the distance in metres of points [P, 2] from the nearest bank of a river, negative in its water."""
+    """Return [P] the approximate distance of points [P, 2] from the nearest bank in metres, negative in the water."""
     delta = points[:, None, :] - line[None, :, :]
     return (np.hypot(delta[..., 0], delta[..., 1]) - width_m / 2).min(axis=1)
 
@@ -35,7 +35,7 @@ def bank_distance(points: np.ndarray, line: np.ndarray, width_m: np.ndarray) -> 
 def tributary(
     line: Line, width_m: np.ndarray, mouth: int, level_m: float, side: float, rng: np.random.Generator
 ) -> Branch | None:
-    """A side channel 25 to 45 m long that leaves the course at sample `mouth`; None if it comes near another arm.
+    """Return a side channel 25 to 45 m long that leaves the course at sample `mouth`; None if it nears another arm.
 
     `side` is +1 to leave to the left, -1 to the right.
     """
@@ -54,44 +54,45 @@ def tributary(
     base = min(rng.uniform(3.2, 5.8), 0.8 * width_m[mouth] + 0.6)
     width = base * (1 - 0.45 * share**2) * (1 + 0.12 * np.sin(travelled * 0.35 + rng.uniform(0, 6)))
     width = np.clip(width, 2.4, 6.0)
-    away = bank_distance(position, line.position_m, width_m) - width / 2
-    beyond = travelled - width_m[mouth] / 2
-    needed = np.minimum(LAND_BETWEEN_M, 0.4 * beyond - width / 2)
-    if np.any((away < needed) & (beyond > 3.0)):
+    bank_gap = bank_distance(position, line.position_m, width_m) - width / 2
+    past_bank = travelled - width_m[mouth] / 2
+    # Near the mouth the gap may be smaller, because the branch still touches its own arm.
+    needed = np.minimum(MIN_LAND_M, 0.4 * past_bank - width / 2)
+    if np.any((bank_gap < needed) & (past_bank > 3.0)):
         return None
     return Branch(position, width, level_m, depth_m=float(rng.uniform(0.5, 0.9)))
 
 
 def pond(
-    line: Line, width_m: np.ndarray, branches: list[Branch], keep_m: np.ndarray, level_m: np.ndarray
+    line: Line, width_m: np.ndarray, branches: list[Branch], keep_clear_m: np.ndarray, level_m: np.ndarray
 ) -> Branch | None:
-    """A pond at the roomiest place inside the loop, [K, 2] `keep_m` metres clear of bridges; None if there is no room.
+    """Return a pond at the roomiest position inside the loop, clear of the points `keep_m` [K, 2]; None without room.
 
-    Its level is that of the nearest sample of the course, so that it lies in the valley as it is there.
+    Its level is that of the nearest sample of the course.
     """
     low, high = line.position_m.min(axis=0), line.position_m.max(axis=0)
     x, y = np.meshgrid(np.arange(low[0], high[0], 2.0), np.arange(low[1], high[1], 2.0))
-    places = np.stack([x.ravel(), y.ravel()], axis=1)
-    places = places[winding(line.position_m, places) != 0]
-    room = bank_distance(places, line.position_m, width_m)
+    points = np.stack([x.ravel(), y.ravel()], axis=1)
+    points = points[winding(line.position_m, points) != 0]
+    room = bank_distance(points, line.position_m, width_m)
     for branch in branches:
-        room = np.minimum(room, bank_distance(places, branch.position_m, branch.width_m))
-    if len(keep_m):
-        room = np.minimum(room, bank_distance(places, keep_m, np.full(len(keep_m), 12.0)))
-    if len(places) == 0 or room.max() < 9.5:
+        room = np.minimum(room, bank_distance(points, branch.position_m, branch.width_m))
+    if len(keep_clear_m):
+        room = np.minimum(room, bank_distance(points, keep_clear_m, np.full(len(keep_clear_m), 12.0)))
+    if len(points) == 0 or room.max() < 9.5:
         return None
     best = int(np.argmax(room))
     radius = min(room[best] - 6.5, 6.5)
-    near = int(np.argmin(np.hypot(*(line.position_m - places[best]).T)))
+    near = int(np.argmin(np.hypot(*(line.position_m - points[best]).T)))
     along = line.tangent[near]
     offsets = np.linspace(-1.0, 1.0, 7)
-    position = places[best] + offsets[:, None] * along * 0.55 * radius
+    position = points[best] + offsets[:, None] * along * 0.55 * radius
     width = 2 * radius * np.array([0.45, 0.55, 0.62, 0.6, 0.5, 0.45, 0.4])
     return Branch(position, width, float(level_m[near]), depth_m=0.8)
 
 
 def winding(line: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """[P] int: how often a closed line [S, 2] goes round each of `points` [P, 2], counter-clockwise (Sunday, 2001)."""
+    """Return [P] int the winding number of a closed line [S, 2] around each of `points` [P, 2] (Sunday, 2001)."""
     start, end = line, np.roll(line, -1, axis=0)
     up = (start[None, :, 1] <= points[:, None, 1]) & (end[None, :, 1] > points[:, None, 1])
     down = (start[None, :, 1] > points[:, None, 1]) & (end[None, :, 1] <= points[:, None, 1])

@@ -1,7 +1,7 @@
-"""How much sun and sky reaches each place? The light of the valley, baked once for a sun that stands still.
+"""The baked light of a valley: the share of sun and sky that reaches each node and plant, for a fixed sun.
 
-Sun: `thalweg.world.light.sun_shadow`. Sky: a scan of the horizon, with crowns half transparent. The light that plants
-and ground throw at each other is left to the renderer's ambient term.
+Sun: `thalweg.world.light.sun_shadow`. Sky: a scan of the horizon, in which crowns are half transparent. Light that
+plants and ground reflect at each other is left to the renderer's ambient term.
 """
 
 import math
@@ -40,22 +40,24 @@ from thalweg.world.record import PARAPET_THICKNESS_M, Grid, Plants, World
 f4 = np.float32
 
 AZIMUTHS = 12
-"""Directions in which the horizon is scanned."""
+"""Number of directions in which the horizon is scanned."""
 SKY_STRIDE = 2
-"""Nodes between two places at which the sky is computed."""
+"""Spacing, in nodes, at which the sky is computed."""
 SKY_REACH_M = 40.0
-"""How far the horizon is scanned."""
+"""Distance to which the horizon is scanned."""
 CROWN_GAPS = 0.32
-"""Share of the sky's light that comes through crowns and trunks that stand before it."""
+"""Share of the sky's light that passes through the crowns and trunks in front of it."""
 COVER_SHADE = 0.6
-"""Share of the sky's light that a closed roof of leaves overhead takes."""
+"""Share of the sky's light that a closed canopy overhead stops."""
 TALL_M = 4.0
-"""Height from which a plant hides the sky from its neighbours; a lower one shades the ground under it in
-proportion."""
+"""Height from which a plant hides the sky from its neighbours. A lower one shades only the ground under it, in
+proportion to its height."""
+PROBES = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)], np.float32)
+"""Offsets from a plant's axis at which its light is sampled, as shares of a radius."""
 
 
 @dataclass(frozen=True)
-class Baked:
+class BakedLight:
     """The light of a valley; see the fields of the same names of `World`, and `Plants.light`."""
 
     sun: np.ndarray
@@ -76,12 +78,11 @@ def bake(
     bridges: np.ndarray,
     sun_azimuth: float,
     sun_elevation: float,
-) -> Baked:
-    """The light on the upper surface (water where it is wet, else ground) and on the plants, and the height of the
-    canopy.
+) -> BakedLight:
+    """Return the light on the upper surface (water or ground) and on the plants, and the height of the canopy.
 
     Maps [GY, GX] float32 in metres; bridges [B, 11] as `thalweg.world.record.BRIDGE`; angles in radians. Raises
-    ValueError for a sun lower than 5 degrees, whose shadows would cross the whole map.
+    `ValueError` for a sun lower than 5 degrees, whose shadows would cross the whole map.
     """
     if not math.radians(5.0) <= sun_elevation <= 0.5 * math.pi + 1e-9:
         raise ValueError(f"the sun must stand 5 to 90 degrees high, not {math.degrees(sun_elevation):.1f}")
@@ -92,14 +93,16 @@ def bake(
     table, outline, tile = plant_table(plants), outlines(), clump_tile()
 
     boxes = _shadow_boxes(grid, surface, table, ray)
-    depth = plant_depth(surface, frame, table, boxes, *_bands(boxes, len(surface)), ray, outline, tile)
+    depth = plant_depth(surface, frame, table, boxes, *_row_bands(boxes, len(surface)), ray, outline, tile)
     sun = terrain_sun(surface, frame[2], ray) * np.exp(-depth)
     shade_bridges(sun, surface, frame, spans, ray)
 
     boxes = _shadow_boxes(grid, surface, table, None)
-    canopy, tall, cover = crown_roof(surface, frame, table, boxes, *_bands(boxes, len(surface)), outline, roofs(), tile)
+    canopy, tall, cover = crown_roof(
+        surface, frame, table, boxes, *_row_bands(boxes, len(surface)), outline, roofs(), tile
+    )
     _raise_bridges(canopy, tall, cover, grid, spans)
-    return Baked(
+    return BakedLight(
         sun=_as_byte(sun),
         sky=_as_byte(_sky(surface, tall, cover, grid.cell_m)),
         canopy_m=canopy,
@@ -108,9 +111,9 @@ def bake(
 
 
 def relit(world: World, azimuth: float, elevation: float) -> World:
-    """The same valley under another sun at these angles in radians, from 5 degrees high to the zenith.
+    """Return the same valley under a sun at these angles in radians, from 5 degrees above the horizon to the zenith.
 
-    Takes about as long as the light of a new world. Raises `ValueError` as `bake` does.
+    This takes about as long as the light of a new world. Raises `ValueError` for a sun outside that range.
     """
     baked = bake(world.grid, world.ground_m, world.water_m, world.plants, world.bridges, azimuth, elevation)
     return replace(
@@ -125,22 +128,25 @@ def relit(world: World, azimuth: float, elevation: float) -> World:
 
 
 def sun_ray(azimuth: float, elevation: float) -> np.ndarray:
-    """[3] float32, unit vector (east, north, up) towards a sun at these angles in radians."""
+    """Return [3] float32 the unit vector (east, north, up) towards a sun at these angles in radians."""
     flat = max(math.cos(elevation), 1e-4)
     return np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(elevation)], np.float32)
 
 
 def _as_byte(share: np.ndarray) -> np.ndarray:
-    """0..1 -> uint8 0..255."""
+    """Convert 0..1 to uint8 0..255."""
     return np.rint(np.clip(share, 0.0, 1.0) * f4(255.0)).astype(np.uint8)
 
 
 def _shadow_boxes(grid: Grid, surface: np.ndarray, table: np.ndarray, ray: np.ndarray | None) -> np.ndarray:
-    """[M, 4] int32: first and last row, first and last column that each plant's shadow may touch; its crown alone
-    for no ray."""
+    """Return [M, 4] int32 the first and last row and column that each plant's shadow may touch.
+
+    Without a ray the boxes hold the crowns alone.
+    """
     rows, columns = surface.shape
     shift = np.zeros((len(table), 2))
     if ray is not None and len(table):
+        # A shadow that falls on lower ground is longer by the height difference.
         drop = np.maximum(table[:, Z] - _low_ground(grid, surface, table, ray), 0.0)
         shift = -(table[:, HEIGHT] + drop)[:, None] * (ray[:2] / ray[2])[None, :]
     width = BULGE * table[:, RADIUS].astype(np.float64)
@@ -156,7 +162,7 @@ def _shadow_boxes(grid: Grid, surface: np.ndarray, table: np.ndarray, ray: np.nd
 
 
 def _low_ground(grid: Grid, surface: np.ndarray, table: np.ndarray, ray: np.ndarray) -> np.ndarray:
-    """[M] float32: a lower bound of the surface as far round each plant as its shadow can fall."""
+    """Return [M] float32 a lower bound of the surface around each plant, as far as its shadow can fall."""
     block = 16
     rows, columns = surface.shape
     padded = np.pad(surface, ((0, -rows % block), (0, -columns % block)), mode="edge")
@@ -170,8 +176,8 @@ def _low_ground(grid: Grid, surface: np.ndarray, table: np.ndarray, ray: np.ndar
     return low[row, column]
 
 
-def _bands(boxes: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:
-    """(starts, members): the plants whose box [M, 4] meets each band of rows, in their own order."""
+def _row_bands(boxes: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return (starts, members): the plants whose box [M, 4] meets each band of rows, in ascending order."""
     first, last = boxes[:, 0] // BAND_ROWS, boxes[:, 1] // BAND_ROWS
     times = last - first + 1
     members = np.repeat(np.arange(len(boxes)), times)
@@ -183,14 +189,18 @@ def _bands(boxes: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:
 
 @kernel(parallel=True, fastmath=False)
 def crown_roof(surface, frame, table, boxes, starts, members, outline, roof, tile):
-    """Three maps [GY, GX] float32: height of all crowns' tops, of the tall plants' tops, and the share of light
-    stopped from above."""
+    """Return three maps [GY, GX] float32: the height of all crowns' tops, that of tall plants' tops, and the cover.
+
+    The cover is the share of light from straight above that the crowns stop.
+    """
     rows, columns = surface.shape
     canopy = surface.copy()
     tall = surface.copy()
     cover = np.zeros((rows, columns), np.float32)
+    # Straight up, with the tilt that `sun_ray` gives a sun at the zenith.
     up = np.array([f4(1e-4), f4(0.0), f4(1.0)])
     for band in prange(len(starts) - 1):
+        # One thread writes each band, with its plants in a fixed order: the sums do not depend on the threads.
         for member in range(starts[band], starts[band + 1]):
             plant = table[members[member]]
             weight = min(plant[HEIGHT] / f4(TALL_M), f4(1.0))
@@ -205,16 +215,18 @@ def crown_roof(surface, frame, table, boxes, starts, members, outline, roof, til
                         top = plant[Z] + level * plant[HEIGHT]
                         canopy[i, j] = max(canopy[i, j], top)
                         tall[i, j] = max(tall[i, j], top if plant[HEIGHT] >= f4(TALL_M) else tall[i, j])
+                        # Low plants hide less: their weight is their height over TALL_M.
                         z = surface[i, j] - plant[Z]
                         cover[i, j] += weight * crown_depth(plant, dx, dy, z, up, outline, tile, members[member])
+        # From optical depth to the stopped share (Beer-Lambert).
         for i in range(band * BAND_ROWS, min(rows, (band + 1) * BAND_ROWS)):
             for j in range(columns):
                 cover[i, j] = f4(1.0) - math.exp(-cover[i, j])
     return canopy, tall, cover
 
 
-def deck_over(grid: Grid, shape: tuple[int, int], bridge: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Whether a node lies under a bridge [11], and the height of deck or parapet over it; both [GY, GX]."""
+def deck_heights(grid: Grid, shape: tuple[int, int], bridge: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return whether a node lies under a bridge [11], and the height of deck or parapet over it; both [GY, GX]."""
     x = grid.origin_x_m + grid.cell_m * np.arange(shape[1])[None, :]
     y = grid.origin_y_m + grid.cell_m * np.arange(shape[0])[:, None]
     cos, sin = math.cos(bridge[2]), math.sin(bridge[2])
@@ -226,35 +238,39 @@ def deck_over(grid: Grid, shape: tuple[int, int], bridge: np.ndarray) -> tuple[n
 
 
 def _raise_bridges(canopy: np.ndarray, tall: np.ndarray, cover: np.ndarray, grid: Grid, bridges: np.ndarray) -> None:
-    """Lift canopy and tall [GY, GX] to the tops of the bridges [B, 11], and close the cover [GY, GX] under them,
-    in place."""
+    """Raise canopy and tall [GY, GX] to the tops of the bridges [B, 11] and set cover [GY, GX] to 1 under them.
+
+    All three are changed in place.
+    """
     for bridge in bridges:
-        on, top = deck_over(grid, canopy.shape, bridge)
+        on, top = deck_heights(grid, canopy.shape, bridge)
         for tops in (canopy, tall):
             tops[on] = np.maximum(tops[on], top[on])
         cover[on] = 1.0
 
 
 def _sky(surface: np.ndarray, tall: np.ndarray, cover: np.ndarray, cell_m: float) -> np.ndarray:
-    """[GY, GX] float32: share of the sky's light at each node, in 0..1."""
+    """Return [GY, GX] float32 the share of the sky's light at each node, in 0..1."""
     stride = SKY_STRIDE
     cell = f4(cell_m * stride)
     solid = np.ascontiguousarray(surface[::stride, ::stride])
     leafy = np.ascontiguousarray(tall[::stride, ::stride])
-    scanned = horizon_sky(solid, leafy, cell, _scan_steps(cell_m * stride), _compass())
+    scanned = horizon_sky(solid, leafy, cell, _scan_steps(cell_m * stride), _scan_directions())
     roof = gaussian_filter(cover, 0.8 / cell_m)
-    return _refined(scanned, surface.shape, stride) * (f4(1.0) - f4(COVER_SHADE) * roof)
+    return _upsampled(scanned, surface.shape, stride) * (f4(1.0) - f4(COVER_SHADE) * roof)
 
 
-def _compass() -> np.ndarray:
-    """[AZIMUTHS, 2] float32: unit vectors (east, north), evenly spaced. A table, since a compiler that works out a
-    cosine beforehand may round it otherwise than the one that calls for it."""
+def _scan_directions() -> np.ndarray:
+    """Return [AZIMUTHS, 2] float32 unit vectors (east, north), evenly spaced.
+
+    They are a table, because a compiler that evaluates a cosine at compile time may round it differently from a call.
+    """
     angle = (np.arange(AZIMUTHS) + 0.5) * 2.0 * np.pi / AZIMUTHS
     return np.stack([np.cos(angle), np.sin(angle)], axis=1).astype(np.float32)
 
 
 def _scan_steps(cell_m: float) -> np.ndarray:
-    """[D] float32: distances in nodes at which the horizon is looked at, close together near by and wider far off."""
+    """Return [D] float32 the distances in nodes at which the horizon is sampled, growing with the distance."""
     steps = [1.0]
     while steps[-1] * cell_m < SKY_REACH_M:
         steps.append(max(steps[-1] + 1.0, steps[-1] * 1.15))
@@ -263,10 +279,10 @@ def _scan_steps(cell_m: float) -> np.ndarray:
 
 @kernel(parallel=True, fastmath=False)
 def horizon_sky(solid, leafy, cell, steps, compass):
-    """[R, C] float32: cosine-weighted share of the sky that is free over each node of solid [R, C], in metres.
+    """Return [R, C] float32 the cosine-weighted share of the sky that is free over each node of solid [R, C].
 
-    A sky of even radiance gives a level surface the mean over azimuth of cos² of the horizon's angle. What leafy
-    [R, C] hides above the solid horizon still lets `CROWN_GAPS` through.
+    Under a sky of uniform radiance, a level surface receives the mean over azimuth of cos² of the horizon's elevation.
+    What leafy [R, C] hides above the solid horizon still transmits `CROWN_GAPS`. Heights and `cell` are in metres.
     """
     rows, columns = solid.shape
     out = np.empty((rows, columns), np.float32)
@@ -275,6 +291,7 @@ def horizon_sky(solid, leafy, cell, steps, compass):
             total = f4(0.0)
             for a in range(len(compass)):
                 east, north = compass[a, 0], compass[a, 1]
+                # Tangents of the highest elevation angles seen so far; the horizon is never below level.
                 ground = f4(0.0)
                 crown = f4(0.0)
                 for k in range(len(steps)):
@@ -284,6 +301,7 @@ def horizon_sky(solid, leafy, cell, steps, compass):
                         break
                     ground = max(ground, (solid[y, x] - solid[i, j]) / (steps[k] * cell))
                     crown = max(crown, (leafy[y, x] - solid[i, j]) / (steps[k] * cell))
+                # cos² of the elevation angle with tangent t is 1 / (1 + t²).
                 open_sky = f4(1.0) / (f4(1.0) + ground * ground)
                 over_crowns = f4(1.0) / (f4(1.0) + max(ground, crown) ** 2)
                 total += over_crowns + f4(CROWN_GAPS) * (open_sky - over_crowns)
@@ -291,8 +309,8 @@ def horizon_sky(solid, leafy, cell, steps, compass):
     return out
 
 
-def _refined(coarse: np.ndarray, shape: tuple[int, int], stride: int) -> np.ndarray:
-    """[GY, GX] float32: a map known at every stride-th node, linear between them."""
+def _upsampled(coarse: np.ndarray, shape: tuple[int, int], stride: int) -> np.ndarray:
+    """Return [GY, GX] float32 a map given at every stride-th node, with linear interpolation between them."""
     for axis in (0, 1):
         at = np.minimum(np.arange(shape[axis], dtype=np.float32) / f4(stride), f4(coarse.shape[axis] - 1))
         low = np.minimum(at.astype(np.int64), coarse.shape[axis] - 1)
@@ -303,8 +321,10 @@ def _refined(coarse: np.ndarray, shape: tuple[int, int], stride: int) -> np.ndar
 
 
 def _plant_light(surface, frame, table, bridges, ray, outline, tile) -> np.ndarray:
-    """[M, 2] float32: mean share of sun about a metre above the foot of each plant and at its top; its own shade
-    left out."""
+    """Return [M, 2] float32 the mean share of sun about a metre above the foot of each plant and at its top.
+
+    A plant's own shade is left out.
+    """
     count = len(table)
     if count == 0:
         return np.zeros((0, 2), np.float32)
@@ -314,16 +334,14 @@ def _plant_light(surface, frame, table, bridges, ray, outline, tile) -> np.ndarr
     bucket += np.clip((table[:, X] - frame[0]) / BUCKET_M, 0, columns - 1).astype(np.int64)
     members = np.argsort(bucket, kind="stable").astype(np.int32)
     starts = np.searchsorted(bucket[members], np.arange(rows * columns + 1)).astype(np.int32)
-    own = np.repeat(np.arange(count, dtype=np.int32), len(PROBES))
+    own_plant = np.repeat(np.arange(count, dtype=np.int32), len(PROBES))
     shares = []
     for height, spread in ((np.minimum(1.0, 0.5 * table[:, HEIGHT]), 0.6), (0.93 * table[:, HEIGHT], 0.25)):
         points = np.repeat(table[:, X : Z + 1], len(PROBES), axis=0)
         points[:, :2] += np.tile(PROBES, (count, 1)) * np.repeat(spread * table[:, RADIUS], len(PROBES))[:, None]
         points[:, 2] += np.repeat(height, len(PROBES))
-        share = shade_points(points, own, surface, frame, table, starts, members, columns, bridges, ray, outline, tile)
+        share = shade_points(
+            points, own_plant, surface, frame, table, starts, members, columns, bridges, ray, outline, tile
+        )
         shares.append(share.reshape(count, len(PROBES)).mean(axis=1))
     return np.stack(shares, axis=1)
-
-
-PROBES = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)], np.float32)
-"""Where the light of a plant is probed, in shares of a distance from its axis."""

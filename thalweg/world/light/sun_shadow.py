@@ -1,8 +1,8 @@
-"""Which share of the sun's light passes the terrain, the plants and the bridges on its way to a point?
+"""Kernels for the share of direct sunlight that passes terrain, plants and bridges on its way to a point.
 
-Kernels only. `ray` is always the unit vector (east, north, up) towards the sun, `frame` the grid's (origin x,
-origin y, cell) in metres, all float32. Each node is written by one thread, with its plants in a fixed order, so
-that the result does not depend on the number of threads.
+`ray` is always the unit vector (east, north, up) towards the sun and `frame` the grid's (origin x, origin y, cell) in
+metres, all float32. Each node is written by one thread, with its plants in a fixed order, so the result does not depend
+on the number of threads.
 """
 
 import math
@@ -19,27 +19,28 @@ f4 = np.float32
 SUN_RADIUS = 0.00465
 """Angular radius of the sun's disc in radians: 0.533 degrees across."""
 BAND_ROWS = 16
-"""Rows of nodes that one thread shades at a time."""
+"""Number of rows of nodes that one thread shades at a time."""
 BULGE = 1.5
-"""How far clumps of leaves stick out of the crown's outline, as a factor on its radius."""
+"""Factor on the crown's radius that covers clumps of leaves outside its outline."""
 BUCKET_M = 6.0
-"""Side of the square buckets in which plants are looked up."""
+"""Side of the square buckets for looking up plants."""
 BRIDGE_STEP_M = 0.08
-"""Step of the march through a bridge."""
+"""Step of the ray march through a bridge."""
 
 
 @kernel(inlined=True, fastmath=False)
 def terrain_share(surface, cell, x, y, z, ray, top):
-    """Share of the sun's disc that the terrain leaves free, seen from height z at node coordinates (x, y).
+    """Return the share of the sun's disc that the terrain leaves free, from height z at node coordinates (x, y).
 
-    The march steps one node at a time until the ray is above `top`. The disc's edge gives the penumbra: at
-    distance d it is d SUN_RADIUS wide across the ray, and never sharper than a third of a node.
+    The march steps one node at a time until the ray is above `top`. The sun's disc gives a penumbra: at distance d it
+    is d SUN_RADIUS wide across the ray, and never sharper than a third of a node.
     """
     rows, columns = surface.shape
     flat = math.sqrt(ray[0] * ray[0] + ray[1] * ray[1])
     east = ray[0] / flat
     north = ray[1] / flat
     rise = cell * ray[2] / flat
+    # Half the vertical width of the penumbra grows by this per step.
     widening = min(cell * f4(SUN_RADIUS) / (flat * flat), f4(0.5) * rise)
     share = f4(1.0)
     for n in range(1, int((top - z) / rise) + 2):
@@ -49,11 +50,13 @@ def terrain_share(surface, cell, x, y, z, ray, top):
             break
         j = min(int(px), columns - 2)
         i = min(int(py), rows - 2)
+        # Bilinear height of the terrain under the ray.
         fx = px - f4(j)
         fy = py - f4(i)
         low = surface[i, j] + fx * (surface[i, j + 1] - surface[i, j])
         high = surface[i + 1, j] + fx * (surface[i + 1, j + 1] - surface[i + 1, j])
         clearance = z + f4(n) * rise - (low + fy * (high - low))
+        # The free share of the disc is linear in the clearance; the tightest point along the ray decides.
         half = max(f4(n) * widening, f4(0.33) * rise)
         share = min(share, f4(0.5) + f4(0.5) * clearance / half)
         if share <= f4(0.0):
@@ -63,7 +66,7 @@ def terrain_share(surface, cell, x, y, z, ray, top):
 
 @kernel(parallel=True, fastmath=False)
 def terrain_sun(surface, cell, ray):
-    """[GY, GX] float32: `terrain_share` at every node of surface [GY, GX]."""
+    """Return [GY, GX] float32 `terrain_share` at every node of surface [GY, GX]."""
     rows, columns = surface.shape
     top = surface.max()
     out = np.empty((rows, columns), np.float32)
@@ -75,10 +78,10 @@ def terrain_sun(surface, cell, ray):
 
 @kernel(parallel=True, fastmath=False)
 def plant_depth(surface, frame, table, boxes, starts, members, ray, outline, tile):
-    """[GY, GX] float32: optical depth of all plants between each node of surface [GY, GX] and the sun.
+    """Return [GY, GX] float32 the optical depth of all plants between each node of surface [GY, GX] and the sun.
 
-    boxes [M, 4] int32 are the first row, last row, first column, last column of each plant's shadow; the plants of
-    a band of `BAND_ROWS` rows are members[starts[band] : starts[band + 1]].
+    boxes [M, 4] int32 are the first row, last row, first column, last column of each plant's shadow. The plants of a
+    band of `BAND_ROWS` rows are members[starts[band] : starts[band + 1]].
     """
     rows, columns = surface.shape
     depth = np.zeros((rows, columns), np.float32)
@@ -93,6 +96,7 @@ def plant_depth(surface, frame, table, boxes, starts, members, ray, outline, til
                 dy = frame[1] + f4(i) * frame[2] - plant[Y]
                 for j in range(boxes[m, 2], boxes[m, 3] + 1):
                     dx = frame[0] + f4(j) * frame[2] - plant[X]
+                    # Skip nodes beside the shadow and those on the sunny side of the plant.
                     if abs(dx * ray[1] - dy * ray[0]) < width * flat and dx * ray[0] + dy * ray[1] < width * flat:
                         z = surface[i, j] - plant[Z]
                         if z < plant[HEIGHT]:
@@ -103,15 +107,18 @@ def plant_depth(surface, frame, table, boxes, starts, members, ray, outline, til
 
 @kernel(inlined=True, fastmath=False)
 def in_bridge(bridge, x, y, z):
-    """Whether a point lies in the stone of a bridge [11]: body between arch and deck, or a parapet."""
+    """Return whether a point lies in the stone of a bridge [11]: the body between arch and deck, or a parapet."""
     cos, sin = math.cos(bridge[2]), math.sin(bridge[2])
+    # The bridge's own frame; columns are those of `thalweg.world.record.BRIDGE`.
     u = (x - bridge[0]) * cos + (y - bridge[1]) * sin
     v = (y - bridge[1]) * cos - (x - bridge[0]) * sin
     if abs(u) > 0.5 * bridge[3] or abs(v) > 0.5 * bridge[4]:
         return False
+    # The deck is a parabola; parapets stand on its two edges.
     deck = bridge[8] - bridge[9] * (2.0 * u / bridge[3]) ** 2
     if abs(v) > 0.5 * bridge[4] - PARAPET_THICKNESS_M:
         deck += bridge[10]
+    # Below half an ellipse lies the open arch; beside it the stone reaches down without end.
     across = 2.0 * u / bridge[5]
     arch = bridge[6] + bridge[7] * math.sqrt(1.0 - across * across) if abs(across) < 1.0 else -1e9
     return arch < z < deck
@@ -119,7 +126,7 @@ def in_bridge(bridge, x, y, z):
 
 @kernel(inlined=True, fastmath=False)
 def bridge_clear(bridge, x, y, z, ray):
-    """1 where the ray from (x, y, z) misses the bridge [11], else 0."""
+    """Return 1 where the ray from (x, y, z) misses the bridge [11], else 0."""
     steps = int((bridge[8] + bridge[10] - z) / (BRIDGE_STEP_M * ray[2])) + 1
     for n in range(steps):
         t = n * BRIDGE_STEP_M
@@ -140,6 +147,7 @@ def shade_bridges(sun, surface, frame, bridges, ray):
             z = surface[i, j]
             for b in range(len(bridges)):
                 bridge = bridges[b]
+                # Nodes out of reach of the shadow are skipped.
                 reach = (bridge[8] + bridge[10] - z) / ray[2] + 0.5 * (bridge[3] + bridge[4])
                 if (x - bridge[0]) ** 2 + (y - bridge[1]) ** 2 < reach * reach and reach > 0.0:
                     share = f4(0.0)
@@ -151,12 +159,11 @@ def shade_bridges(sun, surface, frame, bridges, ray):
 
 
 @kernel(parallel=True, fastmath=False)
-def shade_points(points, own, surface, frame, table, starts, members, columns, bridges, ray, outline, tile):
-    """[P] float32: share of the sun that reaches each point [P, 3] past terrain, bridges and all plants but its
-    own [P].
+def shade_points(points, own_plant, surface, frame, table, starts, members, columns, bridges, ray, outline, tile):
+    """Return [P] float32 the share of sun at each point [P, 3] past terrain, bridges and plants.
 
-    The plants of bucket (row, column), counted from the grid's origin in squares of `BUCKET_M`, are
-    members[starts[k] : starts[k + 1]] with k = row * columns + column.
+    `own_plant` [P] is the plant that is left out for a point. The plants of bucket (row, column), counted from the
+    grid's origin in squares of `BUCKET_M`, are members[starts[k] : starts[k + 1]] with k = row * columns + column.
     """
     bucket_rows = (len(starts) - 1) // columns
     top = surface.max()
@@ -173,6 +180,7 @@ def shade_points(points, own, surface, frame, table, starts, members, columns, b
         share = terrain_share(surface, frame[2], (x - frame[0]) / frame[2], (y - frame[1]) / frame[2], z, ray, top)
         for b in range(len(bridges)):
             share *= bridge_clear(bridges[b], x, y, z, ray)
+        # The buckets under the part of the ray that is lower than the tallest plant.
         length = max(tall - z, f4(0.0)) / ray[2]
         x1 = x + length * ray[0]
         y1 = y + length * ray[1]
@@ -187,7 +195,7 @@ def shade_points(points, own, surface, frame, table, starts, members, columns, b
                     m = members[member]
                     dx = x - table[m, X]
                     dy = y - table[m, Y]
-                    if m != own[p] and abs(dx * ray[1] - dy * ray[0]) < table[m, RADIUS] * f4(BULGE):
+                    if m != own_plant[p] and abs(dx * ray[1] - dy * ray[0]) < table[m, RADIUS] * f4(BULGE):
                         depth += crown_depth(table[m], dx, dy, z - table[m, Z], ray, outline, tile, m)
         out[p] = share * math.exp(-depth)
     return out

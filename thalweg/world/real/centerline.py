@@ -1,4 +1,4 @@
-"""How does anybody's own line become a world? Resampled, checked, and built like a generated one, with less in it."""
+"""Worlds from a custom line: the points are checked, resampled, and built like a generated river, with less in it."""
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
@@ -6,30 +6,30 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 from thalweg.world import geometry
 from thalweg.world import validation as checks
 from thalweg.world.errors import WorldError
-from thalweg.world.generate.build import dress, resolve
-from thalweg.world.generate.hydrology import STEEPEST_BED, river_of
+from thalweg.world.generate.build import finish_world, resolve_level
+from thalweg.world.generate.hydrology import MAX_DEPTH_TO_WIDTH, make_river
 from thalweg.world.generate.memory import check_memory
 from thalweg.world.generate.terrain import Relief, Terrain, build_terrain
 from thalweg.world.record import Plants, River, World
 
 SPACING_M = 1.3
 """Distance between river samples."""
-FINE = 8
-"""Places of the spline per sample while its arc length is measured."""
+FINE_SAMPLES = 8
+"""Points of the spline per sample for measuring its arc length."""
 DEPTH_M = (0.5, 1.8)
-"""Shallowest and deepest bed of a line that says nothing of depth."""
+"""Minimum and maximum depth of the river, which the points do not give."""
 SAND, GRASS = (150, 138, 112), (88, 98, 62)
-"""Reflectance of a bare world, coded as `World.albedo`."""
-WIDEST_GAP = 3.0
-"""The ends of a closed line lie at most so many times as far apart as any other two neighbours."""
-WIDEST_M = 100.0
-"""The banks of a wider river would come near the edge of its map."""
-FARTHEST_M = 2e4
-"""Largest coordinate: plants, light and pictures are float32, which there still tells 2 mm apart."""
+"""Reflectances of a bare world, coded as in `World.albedo`."""
+MAX_GAP_RATIO = 3.0
+"""Maximum distance between the ends of a closed line, relative to the largest other step."""
+MAX_WIDTH_M = 100.0
+"""Maximum width; the banks of a wider river would come near the edge of its map."""
+MAX_COORDINATE_M = 2e4
+"""Largest coordinate: plants, light and pictures are float32, which resolves 2 mm there."""
 
 
 def read_points(points: np.ndarray, closed: bool) -> np.ndarray:
-    """[K, 4] float64 without a repeated end; raises `WorldError` for what is no line."""
+    """Return [K, 4] float64 without a repeated last point; raises `WorldError` for invalid points."""
     try:
         values = np.array(points, dtype=np.float64)
     except (TypeError, ValueError) as reason:
@@ -39,19 +39,19 @@ def read_points(points: np.ndarray, closed: bool) -> np.ndarray:
     bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if len(bad):
         raise WorldError(f"point {bad[0]} is not finite: {values[bad[0]].tolist()}")
-    far = np.argwhere(np.abs(values[:, :3]) > FARTHEST_M)
+    far = np.argwhere(np.abs(values[:, :3]) > MAX_COORDINATE_M)
     if len(far):
         point, column = far[0]
         raise WorldError(
             f"point {point} lies at {('x', 'y', 'water level')[column]} = {values[point, column]:.1f} m; limit "
-            f"{FARTHEST_M:.0f} m, since the maps lose precision far from the origin: subtract an offset first"
+            f"{MAX_COORDINATE_M:.0f} m, since the maps lose precision far from the origin: subtract an offset first"
         )
     if closed and len(values) > 1 and np.array_equal(values[0, :2], values[-1, :2]):
         values = values[:-1]
     if len(values) < 4:
         raise WorldError(f"{len(values)} points are too few; at least 4 are needed")
-    if len(values) > checks.MOST_SAMPLES:
-        raise WorldError(f"{len(values)} points are too many; limit {checks.MOST_SAMPLES}")
+    if len(values) > checks.MAX_SAMPLES:
+        raise WorldError(f"{len(values)} points are too many; limit {checks.MAX_SAMPLES}")
     steps = np.hypot(*geometry.edges(values[:, :2], closed).T)
     same = np.flatnonzero(steps < 1e-6)
     if len(same):
@@ -61,12 +61,12 @@ def read_points(points: np.ndarray, closed: bool) -> np.ndarray:
             f"points {same[0]} and {(same[0] + 1) % len(values)} are the same place, ({x:g}, {y:g}) m: leave out one of"
             f" the two{more}"
         )
-    for bad, limit in ((values[:, 3] <= 0, "> 0"), (values[:, 3] > WIDEST_M, f"{WIDEST_M:.0f} m")):
+    for bad, limit in ((values[:, 3] <= 0, "> 0"), (values[:, 3] > MAX_WIDTH_M, f"{MAX_WIDTH_M:.0f} m")):
         if bad.any():
             point = int(np.argmax(bad))
             arc = geometry.arc_length(values[:, :2], closed)[0][point]
             raise WorldError(f"the width is {values[point, 3]:.2f} m at arc {arc:.1f} m (point {point}); limit {limit}")
-    if closed and steps[-1] > WIDEST_GAP * steps[:-1].max():
+    if closed and steps[-1] > MAX_GAP_RATIO * steps[:-1].max():
         raise WorldError(
             f"the line is open: its ends lie {steps[-1]:.1f} m apart, and no other two points more than "
             f"{steps[:-1].max():.1f} m; close it or pass closed=False"
@@ -75,22 +75,24 @@ def read_points(points: np.ndarray, closed: bool) -> np.ndarray:
 
 
 def check_size(values: np.ndarray, closed: bool, plant_density: float) -> None:
-    """Raise `WorldError` for points [K, 4] of a river too large to be built, before any memory is taken for it."""
+    """Raise `WorldError` for points [K, 4] of a river that is too large to be built, before memory is allocated."""
     check_memory(values[:, :2], plant_density)
     length = geometry.arc_length(values[:, :2], closed)[1]
-    if length / SPACING_M > checks.MOST_SAMPLES:
+    if length / SPACING_M > checks.MAX_SAMPLES:
         raise WorldError(
-            f"the line is {length:.0f} m long, {length / SPACING_M:.0f} samples; limit {checks.MOST_SAMPLES} samples"
+            f"the line is {length:.0f} m long, {length / SPACING_M:.0f} samples; limit {checks.MAX_SAMPLES} samples"
         )
 
 
 def resample(values: np.ndarray, closed: bool) -> np.ndarray:
-    """[S, 4] evenly spaced by about `SPACING_M` along a smooth curve through the points [K, 4].
+    """Return [S, 4] points spaced by about `SPACING_M` along a smooth curve through the points [K, 4].
 
-    Position by a cubic spline over the chord length, level and width by monotone cubics, which never overshoot.
+    Positions follow a cubic spline over the chord length; level and width follow monotone cubics, which never
+    overshoot.
     """
     chord, length = geometry.arc_length(values[:, :2], closed)
     if closed:
+        # Some points are repeated on either side, so that the monotone cubics are periodic too.
         knots, table = np.append(chord, length), np.concatenate([values, values[:1]])
         position = CubicSpline(knots, table[:, :2], bc_type="periodic")
         pad = min(3, len(values) - 1)
@@ -100,7 +102,7 @@ def resample(values: np.ndarray, closed: bool) -> np.ndarray:
     else:
         position = CubicSpline(chord, values[:, :2])
         profile = PchipInterpolator(chord, values[:, 2:])
-    fine_at = np.linspace(0, length, max(int(length / SPACING_M), 8) * FINE + 1)
+    fine_at = np.linspace(0, length, max(int(length / SPACING_M), 8) * FINE_SAMPLES + 1)
     fine = position(fine_at)
     arc = geometry.arc_length(fine, closed=False)[0]
     count = max(round(arc[-1] / SPACING_M), 4)
@@ -110,7 +112,7 @@ def resample(values: np.ndarray, closed: bool) -> np.ndarray:
 
 
 def read_river(points: np.ndarray, closed: bool, plant_density: float) -> River:
-    """The checked river through points [K, 4] of x, y, water level and width; raises `WorldError`."""
+    """Return the validated river through points [K, 4] of x, y, water level and width; raises `WorldError`."""
     values = read_points(points, closed)
     check_size(values, closed, plant_density)
     polygon = geometry.self_crossings(values[:, :2], closed)
@@ -121,27 +123,32 @@ def read_river(points: np.ndarray, closed: bool, plant_density: float) -> River:
         raise WorldError(f"the line crosses itself near ({x:.1f}, {y:.1f}) m: arc {arc[i]:.1f} m and {arc[j]:.1f} m")
     even = resample(values, closed)
     width = even[:, 3]
-    depth = np.minimum(np.clip(0.3 + 0.09 * width, *DEPTH_M), STEEPEST_BED * width)
-    river = river_of(even[:, :2], closed, width, depth, even[:, 2])
+    depth = np.minimum(np.clip(0.3 + 0.09 * width, *DEPTH_M), MAX_DEPTH_TO_WIDTH * width)
+    river = make_river(even[:, :2], closed, width, depth, even[:, 2])
     checks.check_river(river)
     return river
 
 
 def from_centerline(points: np.ndarray, closed: bool = True, *, seed: int = 0, plants: bool = True) -> World:
-    """The world around a line [K, 4] of x, y, water level and width in metres, without bridges and islands.
+    """Return the world around a line of x, y, water level and width in metres, without bridges and islands.
 
-    An open line is a course with success at its far end. `plants=False` leaves out plants and light, for tests.
-    Raises `WorldError` for a line from which no safe river can be made, naming the place and the limit.
+    Args:
+        points: [K, 4] x, y, water level and width of the river, in metres.
+        closed: Whether the last point is joined to the first. On an open line, the far end is the goal.
+        seed: Seed of the land and the plants.
+        plants: False leaves out plants and baked light, which is faster; for tests.
+
+    Raises `WorldError` for a line from which no safe river can be made, with the position and the limit.
     """
-    seed = resolve("Easy", seed)[1]
+    seed = resolve_level("Easy", seed)[1]
     river = read_river(points, closed, float(plants))
     islands, bridges = np.zeros((0, 5)), np.zeros((0, 11))
     checks.check_safe_poses(river, islands, bridges)
     streams = [np.random.Generator(np.random.PCG64(s)) for s in np.random.SeedSequence(seed).spawn(4)]
     terrain = build_terrain(river, islands, bridges, (), Relief(), streams[0])
     if not plants:
-        return bare(river, terrain, seed)
-    return dress(
+        return bare_world(river, terrain, seed)
+    return finish_world(
         name="custom",
         seed=seed,
         river=river,
@@ -153,8 +160,8 @@ def from_centerline(points: np.ndarray, closed: bool = True, *, seed: int = 0, p
     )
 
 
-def bare(river: River, terrain: Terrain, seed: int) -> World:
-    """A world of sand and grass in even light, without plants."""
+def bare_world(river: River, terrain: Terrain, seed: int) -> World:
+    """Return a world of sand and grass in uniform light, without plants."""
     shape = terrain.ground_m.shape
     sandy = terrain.shore_m < 3.0
     albedo = np.where(sandy[..., None], np.array(SAND, np.uint8), np.array(GRASS, np.uint8))

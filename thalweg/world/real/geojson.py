@@ -1,7 +1,7 @@
-"""What is in a GeoJSON file? One line of longitude and latitude with its widths and elevations, or what is wrong.
+"""Reader of GeoJSON files with a river's centre line: longitude and latitude, widths and elevations.
 
-RFC 7946, as far as a river's centre line needs it, and the `crs` member of its forerunner, which older programs still
-write. Nothing here measures; `thalweg.world.real.published_river` makes a course of what is read.
+It follows RFC 7946 as far as a centre line needs it, and reads the older `crs` member, which some programs still write.
+Nothing is measured here; `thalweg.world.real.geojson_river` turns the line into a course.
 """
 
 import json
@@ -17,18 +17,18 @@ import numpy as np
 
 from thalweg.world.errors import WorldError
 
-MOST_BYTES = 64_000_000
-"""Largest file that is read."""
+MAX_FILE_BYTES = 64_000_000
+"""Maximum size of a file."""
 ELEVATION_M = (-500.0, 7000.0)
-"""Between these flow all rivers; the usual marks for a missing value lie outside."""
-MOST_NAME = 40
-"""Letters of a world's name."""
-SAME_PLACE = 6
-"""Decimals of a degree, 0.1 m, in which the ends of two parts agree where they join."""
+"""Range of elevations of rivers; the usual codes for a missing value lie outside."""
+MAX_NAME_LENGTH = 40
+"""Maximum number of characters of a world's name."""
+JOINT_DECIMALS = 6
+"""Decimals of a degree (0.1 m) to which the ends of two joined parts must agree."""
 LINES = ("LineString", "MultiLineString")
 OTHERS = ("Point", "MultiPoint", "Polygon", "MultiPolygon")
 WGS84 = re.compile(r"(urn:ogc:def:crs:)?(OGC:[\d.]*:?CRS84h?|EPSG:[\d.]*:?4326)", re.IGNORECASE)
-"""Names of longitude and latitude on WGS84, as the `crs` member gives them."""
+"""Names of longitude and latitude on WGS84 in the `crs` member."""
 
 Position = list[float]
 
@@ -47,23 +47,23 @@ class Track:
 
 
 def read_track(path: Path, width_m: float | None) -> Track:
-    """The one line in a GeoJSON file; `width_m` serves where the file gives no width.
+    """Return the only line in a GeoJSON file; `width_m` is used where the file gives no width.
 
     Raises `WorldError` that says what is wrong with the file, without its name.
     """
-    geometry, properties = only_line(parse(path))
-    positions = joined(geometry)
+    geometry, properties = find_line(read_json(path))
+    positions = join_parts(geometry)
     degrees = np.array([position[:2] for position in positions], dtype=np.float64)
     widths = read_widths(properties, geometry["type"], len(positions), width_m)
     return Track(read_name(properties, path.stem), degrees, widths, read_elevations(positions))
 
 
-def parse(path: Path) -> Any:
-    """The value of a JSON file."""
+def read_json(path: Path) -> Any:
+    """Return the value of a JSON file."""
     if not path.is_file():
         raise WorldError("there is no such file")
-    if (size := path.stat().st_size) > MOST_BYTES:
-        raise WorldError(f"{size / 1e6:.0f} MB; limit {MOST_BYTES / 1e6:.0f} MB: keep only the river's line")
+    if (size := path.stat().st_size) > MAX_FILE_BYTES:
+        raise WorldError(f"{size / 1e6:.0f} MB; limit {MAX_FILE_BYTES / 1e6:.0f} MB: keep only the river's line")
     try:
         return json.loads(path.read_bytes().decode("utf-8-sig"), parse_constant=_refuse_constant)
     except UnicodeDecodeError as reason:
@@ -73,11 +73,11 @@ def parse(path: Path) -> Any:
 
 
 def _refuse_constant(word: str) -> float:
-    raise ValueError(f"{word} is no number")
+    raise ValueError(f"{word} is not a number")
 
 
-def only_line(data: Any) -> tuple[dict, dict]:
-    """The geometry of the only line and the properties of its feature."""
+def find_line(data: Any) -> tuple[dict, dict]:
+    """Return the geometry of the only line and the properties of its feature."""
     others: Counter[str] = Counter()
     found = list(_lines(data, {}, others))
     if not found:
@@ -91,7 +91,7 @@ def only_line(data: Any) -> tuple[dict, dict]:
 
 
 def _lines(value: Any, properties: dict, others: Counter[str]) -> Iterator[tuple[dict, dict]]:
-    """Every line geometry in a GeoJSON object with the properties of its feature; other kinds are counted."""
+    """Yield every line geometry of an object with the properties of its feature; count other kinds in `others`."""
     kind = value.get("type") if isinstance(value, dict) else None
     if not isinstance(value, dict) or not isinstance(kind, str):
         raise WorldError(f"not GeoJSON: {_short(value)} stands where an object with a `type` is expected")
@@ -104,8 +104,8 @@ def _lines(value: Any, properties: dict, others: Counter[str]) -> Iterator[tuple
         if value.get("geometry") is None:
             others["Feature without geometry"] += 1
             return
-        own = value.get("properties")
-        yield from _lines(value["geometry"], own if isinstance(own, dict) else {}, others)
+        attributes = value.get("properties")
+        yield from _lines(value["geometry"], attributes if isinstance(attributes, dict) else {}, others)
     elif kind in ("FeatureCollection", "GeometryCollection"):
         key = "features" if kind == "FeatureCollection" else "geometries"
         if not isinstance(value.get(key), list):
@@ -120,7 +120,7 @@ def _lines(value: Any, properties: dict, others: Counter[str]) -> Iterator[tuple
 
 
 def _check_crs(crs: Any) -> None:
-    """Raise `WorldError` for coordinates in anything but longitude and latitude on WGS84."""
+    """Raise `WorldError` for coordinates that are not longitude and latitude on WGS84."""
     if crs is None:
         return
     properties = crs.get("properties") if isinstance(crs, dict) else None
@@ -132,8 +132,8 @@ def _check_crs(crs: Any) -> None:
         )
 
 
-def joined(geometry: dict) -> list[Position]:
-    """The positions of a line, or of the parts of a MultiLineString that join end to end, in whatever order."""
+def join_parts(geometry: dict) -> list[Position]:
+    """Return the positions of a line, or of the parts of a MultiLineString that join end to end, in any order."""
     coordinates = geometry.get("coordinates")
     if geometry["type"] == "LineString":
         return _positions(coordinates, "")
@@ -142,53 +142,57 @@ def joined(geometry: dict) -> list[Position]:
     parts = [_positions(part, f" of part {index}") for index, part in enumerate(coordinates)]
     starts: dict[tuple, int] = {}
     for index, part in enumerate(parts):
-        if (twin := starts.setdefault(_place(part[0]), index)) != index:
-            raise WorldError(f"parts {twin} and {index} of the MultiLineString both begin at {part[0][:2]}: a fork")
-    ends = {_place(part[-1]) for part in parts}
-    chain = [next((index for place, index in starts.items() if place not in ends), 0)]
-    while (following := starts.get(_place(parts[chain[-1]][-1]))) is not None and following not in chain:
+        if (other := starts.setdefault(_joint(part[0]), index)) != index:
+            raise WorldError(f"parts {other} and {index} of the MultiLineString both begin at {part[0][:2]}: a fork")
+    ends = {_joint(part[-1]) for part in parts}
+    # The chain begins with the part that follows no other; a ring may begin anywhere.
+    chain = [next((index for joint, index in starts.items() if joint not in ends), 0)]
+    while (following := starts.get(_joint(parts[chain[-1]][-1]))) is not None and following not in chain:
         chain.append(following)
-    if left := sorted(set(range(len(parts))) - set(chain)):
+    if unjoined := sorted(set(range(len(parts))) - set(chain)):
         raise WorldError(
-            f"part {left[0]} of the MultiLineString begins at {parts[left[0]][0][:2]} and does not join the others, "
-            f"which end at {parts[chain[-1]][-1][:2]}; each part must begin where another ends"
+            f"part {unjoined[0]} of the MultiLineString begins at {parts[unjoined[0]][0][:2]} and does not join the "
+            f"others, which end at {parts[chain[-1]][-1][:2]}; each part must begin where another ends"
         )
     return parts[chain[0]] + [position for index in chain[1:] for position in parts[index][1:]]
 
 
-def _place(position: Position) -> tuple[float, float]:
-    return round(position[0], SAME_PLACE), round(position[1], SAME_PLACE)
+def _joint(position: Position) -> tuple[float, float]:
+    """Return a position rounded so that the ends of joined parts are equal."""
+    return round(position[0], JOINT_DECIMALS), round(position[1], JOINT_DECIMALS)
 
 
-def _positions(coordinates: Any, where: str) -> list[Position]:
-    """Checked positions of a line: longitude, latitude and perhaps elevation; `where` is for the message."""
+def _positions(coordinates: Any, context: str) -> list[Position]:
+    """Return the checked positions of a line; `context` is used in messages."""
     if not isinstance(coordinates, list) or len(coordinates) < 2:
-        raise WorldError(f"the coordinates{where} are {_short(coordinates)}; expected at least two positions")
+        raise WorldError(f"the coordinates{context} are {_short(coordinates)}; expected at least two positions")
     for index, position in enumerate(coordinates):
         if not isinstance(position, list) or len(position) < 2 or not all(map(_is_number, position[:3])):
             raise WorldError(
-                f"position {index}{where} is {_short(position)}; expected longitude, latitude and perhaps elevation"
+                f"position {index}{context} is {_short(position)}; expected longitude, latitude and perhaps elevation"
             )
         if abs(position[0]) > 180 or abs(position[1]) > 90:
             raise WorldError(
-                f"position {index}{where} is {_short(position[:2])}, which is no longitude (-180 to 180) and latitude "
-                "(-90 to 90) in degrees: convert projected coordinates to WGS84, longitude first"
+                f"position {index}{context} is {_short(position[:2])}, which is no longitude (-180 to 180) and "
+                "latitude (-90 to 90) in degrees: convert projected coordinates to WGS84, longitude first"
             )
     return coordinates
 
 
 def _is_number(value: Any) -> bool:
-    """Whether a value of JSON is a finite number; true and false are none, and 1e999 is infinite."""
+    """Return whether a JSON value is a finite number; true and false are not, and 1e999 is infinite."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < math.inf
 
 
 def read_elevations(positions: list[Position]) -> np.ndarray | None:
-    """[K] the third coordinates, or None where there are none."""
-    given = [len(position) > 2 for position in positions]
-    if not any(given):
+    """Return [K] the third coordinates, or None if there are none."""
+    has_elevation = [len(position) > 2 for position in positions]
+    if not any(has_elevation):
         return None
-    if not all(given):
-        raise WorldError(f"position {given.index(False)} has no elevation, others have: give all of them or none")
+    if not all(has_elevation):
+        raise WorldError(
+            f"position {has_elevation.index(False)} has no elevation, but others have: give all of them or none"
+        )
     low, high = ELEVATION_M
     for index, position in enumerate(positions):
         if not low <= position[2] <= high:
@@ -197,7 +201,7 @@ def read_elevations(positions: list[Position]) -> np.ndarray | None:
 
 
 def read_widths(properties: dict, kind: str, count: int, default: float | None) -> np.ndarray:
-    """[count] widths in metres: of the property `width_m` or `width`, else the default."""
+    """Return [count] widths in metres: from the property `width_m` or `width`, else the default."""
     key = next((key for key in ("width_m", "width") if properties.get(key) is not None), None)
     if key is None and default is None:
         raise WorldError(
@@ -215,7 +219,7 @@ def read_widths(properties: dict, kind: str, count: int, default: float | None) 
 
 
 def _width(name: str, value: Any) -> float:
-    """A width in metres; a string of a plain number counts, as map data has it."""
+    """Return a width in metres; a string with a plain number is accepted, because map data has it."""
     try:
         number = float(value) if isinstance(value, str) else value
     except ValueError:
@@ -226,13 +230,13 @@ def _width(name: str, value: Any) -> float:
 
 
 def read_name(properties: dict, stem: str) -> str:
-    """What the river is called: its property `name`, else the file's name."""
+    """Return the river's name: its property `name`, else the file's name."""
     name = properties.get("name")
     words = name.split() if isinstance(name, str) else []
-    return " ".join(words)[:MOST_NAME] or stem[:MOST_NAME]
+    return " ".join(words)[:MAX_NAME_LENGTH] or stem[:MAX_NAME_LENGTH]
 
 
 def _short(value: Any) -> str:
-    """A value as JSON, cut to fit in a message."""
+    """Return a value as JSON, cut to fit in a message."""
     text = json.dumps(value, ensure_ascii=False)
     return text if len(text) <= 60 else f"{text[:57]}..."

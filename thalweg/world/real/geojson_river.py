@@ -1,9 +1,9 @@
-"""How does a real river's published line become a course? Cut to a reach, laid flat in metres, made fit to be flown.
+"""Worlds of real rivers: a line from a GeoJSON file is cut to a reach, projected to metres and made fit to be flown.
 
-The course runs in the order of the file's positions, which flow downstream in most data. Where it gives elevations, the
-water falls all the way from the higher end to the lower one, whichever that is: a line drawn upstream is flown
-upstream. Small rises, which elevation models have along every river, are evened out (isotonic regression: the nearest
-profile in least squares that never turns). Without elevations the water is level.
+The course runs in the order of the file's positions, which is downstream in most data. With elevations, the water falls
+monotonically from the higher end to the lower one; a line drawn upstream is flown upstream. Small rises, which
+elevation models have along every river, are removed by isotonic regression: the nearest monotone profile in least
+squares. Without elevations the water is level.
 """
 
 from dataclasses import dataclass, replace
@@ -22,17 +22,17 @@ from thalweg.world.real.centerline import SPACING_M, from_centerline
 from thalweg.world.real.geojson import Track, read_track
 from thalweg.world.record import World
 
-MOST_LENGTH_M = checks.MOST_SAMPLES * SPACING_M
-"""Longest reach that can be built."""
-MOST_RISE_M = 5.0
-"""An elevation that lies further from a falling profile is no surface of this water."""
-MOST_SMOOTH_M = 200.0
-"""Largest standard deviation of the smoothing."""
+MAX_LENGTH_M = checks.MAX_SAMPLES * SPACING_M
+"""Maximum length of a reach."""
+MAX_ELEVATION_ERROR_M = 5.0
+"""Maximum distance of an elevation from the monotone profile; beyond it, it cannot be that of the water."""
+MAX_SMOOTH_M = 200.0
+"""Maximum standard deviation of the smoothing."""
 
 
 @dataclass(frozen=True)
 class Centerline:
-    """A real river's line as `World.from_centerline` takes it, and where on the Earth that lies."""
+    """A real river's line as `World.from_centerline` takes it, and its position on the Earth."""
 
     name: str
     points: np.ndarray
@@ -40,7 +40,7 @@ class Centerline:
     closed: bool
     """Whether the line ends where it begins."""
     origin_deg: tuple[float, float]
-    """Longitude and latitude of x = y = 0, the middle of the reach's extent."""
+    """Longitude and latitude of x = y = 0, the middle of the reach's bounding box."""
     datum_m: float
     """Elevation of z = 0: the lowest water of the reach, 0 where the file gives none."""
 
@@ -55,21 +55,27 @@ def from_geojson(
     seed: int = 0,
     plants: bool = True,
 ) -> World:
-    """The world around a real river's centre line: the one LineString of a GeoJSON file, longitude and latitude.
+    """Return the world around a real river's centre line: the only line of a GeoJSON file, in longitude and latitude.
 
-    Its width in metres is the property `width_m` or `width`, a number or a list of one for each position; `width_m`
-    here serves where there is neither. `start_m` and `length_m` choose a reach; `smooth_m` rounds the line by a
-    Gaussian of that standard deviation, for lines with corners that are too tight to be flown. A third coordinate
-    is the water's elevation. The course runs in the order of the positions; x and y are metres from the reach's
-    middle, z from its lowest water.
-    Raises `WorldFileError` for a file without exactly one such line or with one from which no safe river can be
+    Args:
+        path: The file. The property `width_m` or `width` of its line is the width in metres: a number, or a list with
+            one for each position. A third coordinate is the elevation of the water.
+        width_m: Width where the file gives none.
+        start_m: Distance along the file's line at which the reach begins.
+        length_m: Length of the reach; None for the rest of the line.
+        smooth_m: Standard deviation of a Gaussian along the line that rounds corners too tight to be flown.
+        seed: Seed of the land and the plants.
+        plants: False leaves out plants and baked light, which is faster; for tests.
+
+    The course runs in the order of the positions; x and y are metres from the middle of the reach, z from its lowest
+    water. Raises `WorldFileError` for a file without exactly one such line or with one from which no safe river can be
     made, and `WorldError` for an argument out of its range.
     """
     line = read_centerline(path, width_m=width_m, start_m=start_m, length_m=length_m, smooth_m=smooth_m)
     try:
         world = from_centerline(line.points, line.closed, seed=seed, plants=plants)
     except ShapeError as reason:
-        hint = f"rounding the line by a smooth_m above {smooth_m:g} m may mend it"
+        hint = f"smoothing the line with smooth_m above {smooth_m:g} m may help"
         raise WorldFileError(f"{path}: {reason}; {hint}") from None
     except WorldError as reason:
         raise WorldFileError(f"{path}: {reason}") from None
@@ -84,14 +90,14 @@ def read_centerline(
     length_m: float | None = None,
     smooth_m: float = 0.0,
 ) -> Centerline:
-    """The line in a GeoJSON file in local metres; arguments and errors as of `World.from_geojson`."""
+    """Return the line in a GeoJSON file in local metres; arguments and errors are those of `World.from_geojson`."""
     _check_options(width_m, start_m, length_m, smooth_m)
     try:
         track = read_track(Path(path), width_m)
-        whole = start_m == 0.0 and length_m is None
-        closed = whole and bool(np.array_equal(track.degrees[0], track.degrees[-1]))
-        reach = cut(track, start_m, length_m)
-        return _laid_flat(reach, closed, smooth_m)
+        is_complete = start_m == 0.0 and length_m is None
+        closed = is_complete and bool(np.array_equal(track.degrees[0], track.degrees[-1]))
+        reach = cut_reach(track, start_m, length_m)
+        return _project(reach, closed, smooth_m)
     except WorldError as reason:
         raise WorldFileError(f"{path}: {reason}") from None
     except RecursionError:
@@ -103,8 +109,8 @@ def _check_options(width_m: float | None, start_m: float, length_m: float | None
     for name, value, low, high in (
         ("width_m", width_m, 2 * checks.CLEARANCE_M, np.inf),
         ("start_m", start_m, 0.0, np.inf),
-        ("length_m", length_m, checks.LEAST_LENGTH_M[False], MOST_LENGTH_M),
-        ("smooth_m", smooth_m, 0.0, MOST_SMOOTH_M),
+        ("length_m", length_m, checks.MIN_LENGTH_M[False], MAX_LENGTH_M),
+        ("smooth_m", smooth_m, 0.0, MAX_SMOOTH_M),
     ):
         if value is None:
             continue
@@ -115,21 +121,21 @@ def _check_options(width_m: float | None, start_m: float, length_m: float | None
             raise WorldError(f"{name} is {value:g} m; expected {limit} m")
 
 
-def cut(track: Track, start_m: float, length_m: float | None) -> Track:
-    """The reach of a line that begins `start_m` metres from its first position and is `length_m` long.
+def cut_reach(track: Track, start_m: float, length_m: float | None) -> Track:
+    """Return the reach that begins `start_m` along a line and is `length_m` long (None: to the end).
 
-    Measured along the straight pieces between the positions; to the end of the line for None. Longitudes of the reach
-    are continuous, also where it crosses 180 degrees.
+    Lengths are measured along the straight segments between the positions. Longitudes of the reach are continuous, also
+    where it crosses 180 degrees.
     """
-    arc = np.concatenate([[0.0], np.cumsum(geodesy.chords(track.degrees))])
+    arc = np.concatenate([[0.0], np.cumsum(geodesy.chord_lengths(track.degrees))])
     end_m = arc[-1] if length_m is None else start_m + length_m
     if start_m >= arc[-1] or end_m > arc[-1]:
         raise WorldError(
             f"the reach from {start_m:.0f} to {end_m:.0f} m is not on the line, which is {arc[-1]:.0f} m long"
         )
-    if end_m - start_m > MOST_LENGTH_M:
+    if end_m - start_m > MAX_LENGTH_M:
         raise WorldError(
-            f"the line is {end_m - start_m:.0f} m long; limit {MOST_LENGTH_M:.0f} m: choose a reach by start_m and "
+            f"the line is {end_m - start_m:.0f} m long; limit {MAX_LENGTH_M:.0f} m: choose a reach by start_m and "
             "length_m"
         )
     inner = arc[(arc > start_m) & (arc < end_m)]
@@ -140,47 +146,47 @@ def cut(track: Track, start_m: float, length_m: float | None) -> Track:
     return Track(track.name, degrees, np.interp(at, arc, track.width_m), elevation)
 
 
-def _laid_flat(reach: Track, closed: bool, smooth_m: float) -> Centerline:
-    """A reach in metres about its middle."""
+def _project(reach: Track, closed: bool, smooth_m: float) -> Centerline:
+    """Return a reach in metres about its middle."""
     origin = (reach.degrees.min(axis=0) + reach.degrees.max(axis=0)) / 2
     position = geodesy.local_metres(reach.degrees, origin)
     try:
         check_area(position)
     except WorldError as reason:
         raise WorldError(f"{reason}: choose a shorter reach by start_m and length_m") from None
-    level = np.zeros(len(position)) if reach.elevation_m is None else falling(reach.elevation_m, closed)
+    level = np.zeros(len(position)) if reach.elevation_m is None else monotone_levels(reach.elevation_m, closed)
     datum = float(level.min())
     points = np.column_stack([position, level - datum, reach.width_m])
-    kept = thinned(position, closed)
+    kept = thin_indices(position, closed)
     _check_crossing(position[kept], reach.degrees[kept], closed)
-    points = points[kept] if smooth_m == 0 else smoothed(points[kept], closed, smooth_m)
+    points = points[kept] if smooth_m == 0 else smooth_line(points[kept], closed, smooth_m)
     longitude = (origin[0] + 180.0) % 360.0 - 180.0
     return Centerline(reach.name, points, closed, (float(longitude), float(origin[1])), datum)
 
 
-def falling(elevation_m: np.ndarray, closed: bool) -> np.ndarray:
-    """[K] the nearest levels to elevations [K] that never turn between rising and falling.
+def monotone_levels(elevation_m: np.ndarray, closed: bool) -> np.ndarray:
+    """Return [K] the nearest levels to elevations [K] that only fall or only rise.
 
-    A closed line keeps its own, for water all round has no lower end. Raises `WorldError` for elevations further than
-    `MOST_RISE_M` from such levels.
+    A closed line keeps its elevations, because water that flows round has no lower end. Raises `WorldError` for
+    elevations further than `MAX_ELEVATION_ERROR_M` from such levels.
     """
     if closed:
         return elevation_m
     level = isotonic_regression(elevation_m, increasing=bool(elevation_m[-1] > elevation_m[0])).x
-    off = np.abs(level - elevation_m)
-    worst = int(np.argmax(off))
-    if off[worst] > MOST_RISE_M:
+    error = np.abs(level - elevation_m)
+    worst = int(np.argmax(error))
+    if error[worst] > MAX_ELEVATION_ERROR_M:
         raise WorldError(
-            f"an elevation of {elevation_m[worst]:g} m lies {off[worst]:.1f} m from a profile that falls all the way; "
-            f"limit {MOST_RISE_M:g} m: is it that of the water?"
+            f"an elevation of {elevation_m[worst]:g} m lies {error[worst]:.1f} m from a profile that falls all the "
+            f"way; limit {MAX_ELEVATION_ERROR_M:g} m: is it that of the water?"
         )
     return level
 
 
-def thinned(position_m: np.ndarray, closed: bool) -> np.ndarray:
-    """Which of some positions [K, 2] to keep, so that none lies nearer to the last than the samples of a course.
+def thin_indices(position_m: np.ndarray, closed: bool) -> np.ndarray:
+    """Return the indices of positions [K, 2] to keep, so that none is nearer to the one before than `SPACING_M`.
 
-    The ends stay; of a closed line the repeated first position goes.
+    The ends are kept; the repeated last position of a closed line is dropped.
     """
     kept = [0]
     for index in range(1, len(position_m)):
@@ -195,10 +201,10 @@ def thinned(position_m: np.ndarray, closed: bool) -> np.ndarray:
     return np.array(kept)
 
 
-def smoothed(points: np.ndarray, closed: bool, smooth_m: float) -> np.ndarray:
-    """Points [K, 4] after a Gaussian of standard deviation `smooth_m` along the straight pieces between them.
+def smooth_line(points: np.ndarray, closed: bool, smooth_m: float) -> np.ndarray:
+    """Return points [K, 4] after a Gaussian of standard deviation `smooth_m` along the straight segments between them.
 
-    The ends of an open line stay where they are: beyond them it is continued by its mirror image. A corner of angle θ
+    The ends of an open line stay in place, because it is continued beyond them by its mirror image. A corner of angle θ
     becomes a bend of radius smooth_m √(2π) cos²(θ/2) / (2 sin(θ/2)).
     """
     arc, length = geometry.arc_length(points[:, :2], closed)
@@ -208,20 +214,20 @@ def smoothed(points: np.ndarray, closed: bool, smooth_m: float) -> np.ndarray:
     even = np.linspace(0.0, length, count + 1)[: count if closed else None]
     fine = np.stack([np.interp(even, arc, column) for column in points.T], axis=1)
     sigma = smooth_m * count / length
-    beyond = int(4 * sigma) + 1
+    pad = int(4 * sigma) + 1
     if closed:
-        round_ = gaussian_filter1d(fine, sigma, axis=0, mode="wrap")
+        rounded = gaussian_filter1d(fine, sigma, axis=0, mode="wrap")
     else:
-        padded = np.pad(fine, ((beyond, beyond), (0, 0)), mode="reflect", reflect_type="odd")
-        round_ = gaussian_filter1d(padded, sigma, axis=0)[beyond:-beyond]
-    keep = np.arange(0, len(round_), max(int(min(sigma / 2, count / 8)), 1))
+        padded = np.pad(fine, ((pad, pad), (0, 0)), mode="reflect", reflect_type="odd")
+        rounded = gaussian_filter1d(padded, sigma, axis=0)[pad:-pad]
+    keep = np.arange(0, len(rounded), max(int(min(sigma / 2, count / 8)), 1))
     if not closed:
-        keep = np.unique(np.append(keep, len(round_) - 1))
-    return round_[keep]
+        keep = np.unique(np.append(keep, len(rounded) - 1))
+    return rounded[keep]
 
 
 def _check_crossing(position_m: np.ndarray, degrees: np.ndarray, closed: bool) -> None:
-    """Raise `WorldError` where a line [K, 2] crosses itself, with the place in degrees."""
+    """Raise `WorldError` where a line [K, 2] crosses itself, with the position in degrees."""
     crossings = geometry.self_crossings(position_m, closed)
     if len(crossings):
         one, other = degrees[crossings[0]]

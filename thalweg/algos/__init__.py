@@ -1,5 +1,4 @@
-"""The learning algorithms: one file each, from config to update, on the shared formulas of `maths`. They know no
-river."""
+"""The learning algorithms, one file each from config to update, on the shared formulas of `maths`."""
 
 from thalweg.algos.common.errors import AlgorithmError, LimitWarning, NotFiniteError
 from thalweg.algos.policy.policy import About, Policy

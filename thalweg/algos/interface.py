@@ -1,4 +1,4 @@
-"""What passes between learning and the rest: what an algorithm is given, and what it must be able to do.
+"""Records that pass between a run and an algorithm, and the protocol that every algorithm implements.
 
 Letters: N environments, T steps, D numbers of an observation, K frames seen side by side, A numbers of a raw action,
 M costs, F episodes cut off.
@@ -16,28 +16,28 @@ from thalweg.algos.common.state import CPU
 from thalweg.algos.policy.policy import AnyPolicy
 
 RECENT_EPISODES = 100
-"""Last episodes that a learner is told of."""
+"""Number of last episodes whose costs a learner receives."""
 MEAN_EPISODES = 50
-"""Last episodes of which means are shown, as in the study's curves."""
+"""Number of last episodes in the means that are logged, as in the study's curves."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """What an algorithm is made for."""
+    """What an algorithm is constructed for."""
 
     obs_size: int
-    """D, of one frame."""
+    """D, the size of one frame."""
     action_space: Space
-    """Of a single environment."""
+    """Action space of a single environment."""
     num_envs: int
     """N."""
     seed: int
     context: dict[str, Any]
-    """Kept in the policy's file."""
+    """Stored in the policy's file."""
     device: torch.device = CPU
-    """Where it learns: where rollouts lie, and all that it makes of them."""
+    """Device of the rollouts and of learning."""
     graphs: bool = False
-    """Whether gradient steps are recorded and replayed, see `thalweg.algos.common.cuda_graphs`."""
+    """Whether gradient steps are recorded as CUDA graphs and replayed, see `thalweg.algos.common.cuda_graphs`."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Rollout:
 
 @dataclass(frozen=True)
 class Feedback:
-    """What the episodes so far say, for limits, multipliers and schedules; measured by the run, never by a logger."""
+    """Statistics of the episodes so far, for limits, multipliers and schedules; the run measures them."""
 
     progress: float
     """Share of the run's steps taken before this rollout, 0..1."""
@@ -102,7 +102,7 @@ class Feedback:
 
 
 class Learner(Protocol):
-    """An algorithm at work. `run` owns the environment, the loop, files and clocks; a learner owns its numbers."""
+    """An algorithm in a run. `run` owns the environment, the loop, files and clocks; a learner owns what it learns."""
 
     @property
     def policy(self) -> AnyPolicy: ...
@@ -113,12 +113,12 @@ class Learner(Protocol):
 
     @property
     def separate_costs(self) -> bool:
-        """Whether it wants the costs of `info["costs"]` one by one instead of their sum."""
+        """Whether it takes the costs of `info["costs"]` separately instead of their sum."""
         ...
 
     @property
     def resets(self) -> bool:
-        """Whether all environments begin anew after each update that returned metrics."""
+        """Whether all environments are reset after each update that returned metrics."""
         ...
 
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
@@ -127,18 +127,21 @@ class Learner(Protocol):
         ...
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
-        """Learn; returns the metrics, or nothing if there is nothing yet to report (the feedback then goes on
-        collecting). Raises `NotFiniteError` if a loss is NaN."""
+        """Learn from a rollout and return the metrics.
+
+        An empty dictionary means that there is nothing to report yet; the feedback then keeps accumulating. Raises
+        `NotFiniteError` if a loss is NaN.
+        """
         ...
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """What can't work in this run, as sentences by a short code; empty if nothing is known to be wrong."""
+        """Return warnings about what can't work in this run, as sentences by a short code."""
         ...
 
     def state(self) -> dict[str, Any]:
-        """Everything that learning needs to go on: nested dictionaries of arrays and plain data."""
+        """Return everything that learning needs to resume, as nested dictionaries of arrays and plain data."""
         ...
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """The inverse of `state`; afterwards learning goes on to the last bit as if never interrupted."""
+        """Restore what `state` returned; learning then continues bit by bit as if never interrupted."""
         ...

@@ -1,4 +1,4 @@
-"""Which algorithms are there? One dictionary; what runs, lists or documents algorithms reads it."""
+"""The registry of algorithms: one dictionary that everything which runs, lists or documents algorithms reads."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from thalweg.algos.planning.safeloop import SafeLOOP, SafeLOOPConfig
 from thalweg.algos.presets import settings_for_envs, settings_of
 
 WIDE = 2
-"""Threads for wide networks; more were not measured."""
+"""PyTorch threads for wide networks; more were not measured."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +34,12 @@ class Entry:
     """A frozen dataclass; each field's docstring is its help text."""
     make: Callable[[Any, Task], Learner]
     about: str
-    """One line."""
+    """Description in one line."""
     threads: int = 1
-    """Of PyTorch that pay on the CPU: small networks lose by a second, wide ones gain by it."""
+    """PyTorch threads on the CPU: a second one slows small networks down and speeds wide ones up."""
 
     def configure(self, given: Any = None, preset: str = "default", num_envs: int = 1) -> Any:
-        """The config of a preset, with the given values on top; a whole config stands for itself.
+        """Return the config of a preset with the given values on top; a complete config is returned as it is.
 
         What is not given follows the number of environments (`settings_for_envs`), but never in the
         study's preset.
@@ -92,7 +92,7 @@ ALGORITHMS: dict[str, Entry] = {
 
 
 def algorithm_named(name: str) -> Entry:
-    """The algorithm of that name, whatever its case; raises `AlgorithmError` listing the known ones."""
+    """Return the algorithm of that name, ignoring case; raise `AlgorithmError` listing the known ones."""
     for known, entry in ALGORITHMS.items():
         if known.lower() == name.lower():
             return entry

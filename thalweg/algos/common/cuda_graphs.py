@@ -1,4 +1,4 @@
-"""How is a GPU asked for many small operations at once? A gradient step is recorded as a graph, then replayed.
+"""CUDA graphs of gradient steps: a step is recorded once, then replayed as one call.
 
 A recorded step reads and writes the memory it was recorded with, and every number that Python gave it stays as it was:
 what it learns from is copied to one place, and it is recorded anew when such a number changes. Nothing in it may be
@@ -16,7 +16,7 @@ WARM = 2
 
 
 class CudaGraphs:
-    """Steps of a few kinds, recorded once each."""
+    """Steps of a few kinds, each recorded once."""
 
     def __init__(self, asked: bool, generators: Sequence[torch.Generator]) -> None:
         """`generators`: all that random numbers within steps come from."""

@@ -1,4 +1,4 @@
-"""What can be wrong with a learner before or while it learns."""
+"""Errors and warnings of the algorithms."""
 
 import math
 

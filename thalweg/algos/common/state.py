@@ -1,4 +1,4 @@
-"""Everything that learning would need to go on, as arrays and plain data: no pickles, hence no code."""
+"""Conversion of tensors, modules and generators to arrays and plain data, which need no pickle, and back."""
 
 from typing import Any
 

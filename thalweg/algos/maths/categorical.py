@@ -1,4 +1,4 @@
-"""What are the probability, entropy and divergence of an action made of several independent choices?
+"""Probability, entropy, divergence and their gradients for actions of several independent categorical choices.
 
 π(a|s) = Π_b π_b(a_b|s): one categorical for each of A branches, of K options each. Every quantity is a sum over
 branches and exact. `log_p` [B, A, K] are normalised log-probabilities; an option that does not exist has -1e9,

@@ -1,4 +1,4 @@
-"""What does a probabilistic model of the environment minimise? One number per step of the batch, [..., B]."""
+"""Losses of a probabilistic dynamics model, one number per step of the batch [..., B]."""
 
 import torch
 from torch import Tensor

@@ -1,4 +1,4 @@
-"""What are the probability, entropy and divergence of a diagonal Gaussian, and how does it become a choice of three?
+"""Probability, entropy, divergence and their gradients for diagonal Gaussians, squashed and discretised ones too.
 
 `mean` and `log_std` are [B, A]; every quantity is a sum over the A dimensions.
 """

@@ -1,4 +1,4 @@
-"""How does a gradient pass through a choice? As if it had been the soft choice that it was drawn from.
+"""Straight-through Gumbel-softmax: one-hot choices with the gradient of their softmax relaxation.
 
 The Gumbel trick draws option k of softmax(l) as argmax_k (l_k + g_k); a softmax in place of the argmax has a gradient.
 """

@@ -1,4 +1,4 @@
-"""What is the probability of every joint action of several independent choices?
+"""Probabilities and expectations over all joint actions of several independent choices.
 
 With A branches of a few options each, the J = Π sizes joint actions can be counted, and an expectation over them is a
 sum. They are numbered like digits, the last branch running fastest.

@@ -1,4 +1,4 @@
-"""What does each algorithm minimise? One function a loss; every argument is one number per state of the batch [B]."""
+"""Losses of the algorithms, one function each, from one number per state of the batch [B]."""
 
 from typing import Literal
 

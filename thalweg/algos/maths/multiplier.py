@@ -1,4 +1,4 @@
-"""How does a Lagrange multiplier answer to the cost of the last episodes, and what does it do to the advantages?
+"""Update rules of a Lagrange multiplier, and the advantage that combines reward and cost.
 
 The dual of max J_r subject to J_c ≤ d is min over λ ≥ 0 of λ (d - J_c): its gradient step raises λ where the cost
 is over the limit.

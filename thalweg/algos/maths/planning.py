@@ -1,4 +1,4 @@
-"""What is an imagined future worth, and how do the best futures shape the next plan?
+"""Returns and costs of imagined trajectories, and the cross-entropy method's updates of a plan.
 
 Letters: H steps ahead, N environments, S candidates, A branches or numbers of an action, K options, M costs.
 """

@@ -1,4 +1,4 @@
-"""How far, and where to, may a policy step within a trust region, and within a cost limit beside it?"""
+"""Steps within a trust region, with and without a cost limit, and the conjugate gradient method."""
 
 import math
 from collections.abc import Callable

@@ -66,7 +66,7 @@ def projection_loss(
 
 
 class CUP:
-    """CUP at work."""
+    """The CUP algorithm; see `Learner` for its methods."""
 
     def __init__(self, config: CUPConfig, task: Task) -> None:
         self.config, self.separate_costs, self.resets = config, config.separate_costs, config.reset_each_update

@@ -73,7 +73,7 @@ def policy_loss(
 
 
 class FOCOPS:
-    """FOCOPS at work."""
+    """The FOCOPS algorithm; see `Learner` for its methods."""
 
     def __init__(self, config: FOCOPSConfig, task: Task) -> None:
         self.config, self.separate_costs, self.resets = config, config.separate_costs, config.reset_each_update

@@ -1,4 +1,4 @@
-"""How does a policy take one natural step? Gradients and curvature where it stands, and a search along the step.
+"""Natural-gradient steps of a policy: gradients, Fisher products and the line search.
 
 Letters: P parameters of the policy, B states.
 """
@@ -19,10 +19,7 @@ from thalweg.algos.onpolicy.rollout_samples import Samples
 
 
 class NaturalStep:
-    """The policy's surroundings at a rollout: how the surrogates E[ρ A] rise and how the KL bends.
-
-    `monitor` stays the measure of how far the policy has moved.
-    """
+    """One natural-gradient step of a policy from a rollout: gradients of E[ρ A], curvature of the KL, line search."""
 
     def __init__(
         self, agent: Agent, samples: Samples, monitor: KLMonitor, config: NaturalConfig, progress: float = 0.0
@@ -80,7 +77,7 @@ class NaturalStep:
 
 
 def most_violated(feedback: Feedback, limits: tuple[float, ...], window: int) -> tuple[int, float]:
-    """Which cost is furthest above its limit, and by how much; far below it before any episode has finished."""
+    """Return the cost furthest above its limit, and by how much; -inf before any episode has finished."""
     gaps = [mean - limit for mean, limit in zip(feedback.cost_means(window), limits, strict=True)]
     gaps = [-float("inf") if gap != gap else gap for gap in gaps]
     worst = max(range(len(gaps)), key=gaps.__getitem__)

@@ -41,7 +41,7 @@ class OnCRPOConfig(ConstrainedConfig, NaturalConfig):
 
 
 class OnCRPO:
-    """OnCRPO at work."""
+    """The OnCRPO algorithm; see `Learner` for its methods."""
 
     def __init__(self, config: OnCRPOConfig, task: Task) -> None:
         self.config, self.separate_costs, self.resets = config, config.separate_costs, config.reset_each_update

@@ -101,7 +101,7 @@ def policy_loss(
 
 
 class P3O:
-    """P3O at work."""
+    """The P3O algorithm; see `Learner` for its methods."""
 
     def __init__(self, config: P3OConfig, task: Task) -> None:
         self.config, self.separate_costs, self.resets = config, config.separate_costs, config.reset_each_update

@@ -33,7 +33,7 @@ def policy_loss(
 
 
 class PPO:
-    """PPO at work."""
+    """The PPO algorithm; see `Learner` for its methods."""
 
     separate_costs = False
 

@@ -51,7 +51,7 @@ def policy_loss(
 
 
 class PPOLag:
-    """PPOLag at work."""
+    """The PPOLag algorithm; see `Learner` for its methods."""
 
     def __init__(self, config: PPOLagConfig, task: Task) -> None:
         self.config, self.separate_costs, self.resets = config, config.separate_costs, config.reset_each_update

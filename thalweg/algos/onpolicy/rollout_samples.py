@@ -1,4 +1,4 @@
-"""What do a rollout's steps say about each action? From time-major rollouts to flat samples with advantages.
+"""Samples with advantages and value targets, from time-major rollouts.
 
 Letters: T steps, N environments, B valid steps among T * N, D numbers seen, K critics; L steps of a sequence, C
 sequences.

@@ -1,4 +1,4 @@
-"""What does a network's output mean for the environment? One record per action space, adapter and kind of policy.
+"""Action spaces as policies see them: network outputs to distributions, raw actions to environment actions.
 
 `raw` actions are what the algorithm learns from: the drawn options, or continuous numbers. `executable` makes of them
 what the environment executes. Letters: N environments, A branches of a discrete space or numbers of a Box.
@@ -25,9 +25,9 @@ Adapter = Literal["native", "box_literal", "box_scaled"]
 reaches the first options only. `box_scaled` stretches -1..1 over all options first.
 """
 Kind = Literal["categorical", "gaussian", "squashed", "point"]
-"""Of the policy: choices, a Gaussian, a Gaussian through tanh, or one point through tanh."""
+"""Kind of policy: categorical, Gaussian, Gaussian through tanh, or deterministic through tanh."""
 MOST_JOINT_ACTIONS = 4096
-"""That exact sums are taken over."""
+"""Largest number of joint actions for exact sums."""
 
 
 @dataclass(frozen=True)

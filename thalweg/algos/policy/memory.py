@@ -1,4 +1,4 @@
-"""How does a policy remember? The last frames side by side, or a recurrent network with a state of its own.
+"""Memory of a policy: a stack of the last frames, or a gated recurrent unit.
 
 One observation has no past, while a reward can depend on where one has been. Letters: N environments, D numbers of a
 frame, K frames, L steps of a sequence, C sequences, M numbers of a state.

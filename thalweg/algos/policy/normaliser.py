@@ -1,4 +1,4 @@
-"""How do observations come to have mean 0 and standard deviation 1? Running statistics that learning alone updates."""
+"""Normalisation of observations by running statistics, which change in learning only."""
 
 import numpy as np
 import torch

@@ -1,5 +1,4 @@
-"""What flies: observations in, actions out. A network, a normaliser and the meaning of its outputs, in one file on
-disk.
+"""Policies: from observations to actions, by a normaliser, a network and an action space, stored in one file.
 
 The file is safetensors with JSON in its header: loading it can't execute code. Letters: N environments, D numbers of an
 observation, K frames that a policy sees side by side.

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 
 import thalweg  # registers the environments  # noqa: F401
-from thalweg.bench.pictures.contact_sheet import sheet
+from thalweg.bench.pictures.contact_sheet import contact_sheet
 from thalweg.cli.options import check_file
 from thalweg.env import DoneReason
 
@@ -29,5 +29,5 @@ while not ended and len(frames) <= options.steps:
     total += float(reward)
     ended = terminated or truncated
 print(f"{len(frames) - 1} steps, return {total:.2f}, cost {info['cost']}, {DoneReason(int(info['done_reason'])).label}")
-sheet(np.stack(frames)[:: max(1, len(frames) // 16)][:16]).save(options.out)
+contact_sheet(np.stack(frames)[:: max(1, len(frames) // 16)][:16]).save(options.out)
 print(options.out)

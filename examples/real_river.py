@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 
 import thalweg  # registers the environments
-from thalweg.bench.pictures.contact_sheet import sheet
+from thalweg.bench.pictures.contact_sheet import contact_sheet
 from thalweg.env import DoneReason
 from thalweg.world import World
 from thalweg.world.map_image import draw
@@ -37,5 +37,5 @@ while reason is DoneReason.RUNNING:
     total, reason = total + reward[0], DoneReason(int(info["done_reason"][0]))
     seen.append(frames[0])
 print(f"{len(seen) - 1} steps, return {total:.2f}, {reason.label}")
-sheet(np.stack(seen[:-1])[:: max(1, len(seen) // 16)][:16]).save(options.out.with_suffix(".png"))
+contact_sheet(np.stack(seen[:-1])[:: max(1, len(seen) // 16)][:16]).save(options.out.with_suffix(".png"))
 print(options.out.with_suffix(".map.png"), options.out.with_suffix(".png"))

@@ -16,9 +16,9 @@ from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.evaluate.episodes import REASONS, Episode
 from thalweg.bench.evaluate.evaluation import Step
 from thalweg.bench.execute.runner import run_suite
-from thalweg.bench.pictures.film_format import Format
+from thalweg.bench.pictures.film_format import FilmFormat
 from thalweg.bench.report import page, report
-from thalweg.bench.report.sections import PARTS, Picture
+from thalweg.bench.report.sections import SECTIONS, FigureSection
 from thalweg.bench.suite.suites import Arm, Run, Suite
 
 ARMS = tuple(Arm(name, seeds=(0, 1), steps=100) for name in ("PPO", "FOCOPS"))
@@ -78,7 +78,7 @@ class SmallPlace:
         return run.name
 
     def film(
-        self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None], *, shape: Format
+        self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None], *, shape: FilmFormat
     ) -> None:
         self._call(f"film {run.name}")
         if "film" in self.broken:
@@ -95,9 +95,9 @@ def write_film_of(folder: Path, name: str = "film") -> None:
 
 def draw_nothing(patch: pytest.MonkeyPatch) -> None:
     """Let reports have no figures."""
-    parts = tuple(part for part in PARTS if not isinstance(part, Picture))
-    patch.setattr(report, "PARTS", parts)
-    patch.setattr(page, "PARTS", parts)
+    sections = tuple(section for section in SECTIONS if not isinstance(section, FigureSection))
+    patch.setattr(report, "SECTIONS", sections)
+    patch.setattr(page, "SECTIONS", sections)
 
 
 if __name__ == "__main__":

@@ -75,7 +75,7 @@ class RenderFrames:
     def run(self) -> int:
         import numpy as np
 
-        from thalweg.bench.pictures.contact_sheet import sheet, write_frames
+        from thalweg.bench.pictures.contact_sheet import contact_sheet, write_frames
         from thalweg.env import sample_starts
         from thalweg.render import Camera, Renderer
 
@@ -109,7 +109,7 @@ class RenderFrames:
         if self.frames is not None:
             write_frames(self.frames, frames)
         with atomic_path(self.out) as draft:
-            sheet(frames).save(draft)
+            contact_sheet(frames).save(draft)
         for x, y, z, yaw in chosen:
             print(f"--pose {x:.3f} {y:.3f} {z:.3f} {yaw:.4f}")
         print(f"{self.out}: {len(frames)} frames of {world.name}, seed {world.seed}")

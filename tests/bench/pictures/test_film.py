@@ -1,3 +1,5 @@
+"""Tests of films of flights and of their maps."""
+
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,8 +10,8 @@ import pytest
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Step, evaluate
-from thalweg.bench.pictures.film import FRAMES_PER_S, HOLD_S, Flight, Map, write_film
-from thalweg.bench.pictures.film_format import LARGE, SMALL, Format
+from thalweg.bench.pictures.film import FRAMES_PER_S, HOLD_S, Flight, RiverMap, write_film
+from thalweg.bench.pictures.film_format import LARGE, SMALL, FilmFormat
 from thalweg.env import sample_starts
 from thalweg.render import Camera
 from thalweg.world import World
@@ -17,38 +19,38 @@ from thalweg.world import World
 
 def flight_on(world: World, steps: int) -> Flight:
     starts = sample_starts(world, 1, 0)
-    told: list[Step] = []
+    recorded: list[Step] = []
     course = Course(world, starts, np.zeros(1), np.zeros(1, dtype=np.int64))
     (episode,) = evaluate(
-        BASELINES["pilot"], course, Label("pilot", 0, "Easy"), EvaluationConfig(), on_step=told.append
+        BASELINES["pilot"], course, Label("pilot", 0, "Easy"), EvaluationConfig(), on_step=recorded.append
     )
-    whole = Flight.of(episode, told)
-    return Flight(episode, whole.poses[:steps], whole.time_s[:steps], whole.returns[:steps])
+    flight = Flight.from_steps(episode, recorded)
+    return Flight(episode, flight.poses[:steps], flight.time_s[:steps], flight.returns[:steps])
 
 
-def test_the_map_shows_the_whole_river_with_water_where_its_course_is(easy_world: World):
-    chart = Map(easy_world)
-    picture = np.asarray(chart.picture).astype(int)
-    places = np.array([chart.pixel(x, y) for x, y in easy_world.river.position_m])
-    assert places.min() > 0
-    assert places.max() < LARGE.map_px
-    red, _, blue = np.median(picture[places[:, 1].astype(int), places[:, 0].astype(int)], axis=0)
+def test_the_map_contains_the_river_with_water_along_its_course(easy_world: World):
+    river_map = RiverMap(easy_world)
+    image = np.asarray(river_map.image).astype(int)
+    pixels = np.array([river_map.pixel(x, y) for x, y in easy_world.river.position_m])
+    assert pixels.min() > 0
+    assert pixels.max() < LARGE.map_px
+    red, _, blue = np.median(image[pixels[:, 1].astype(int), pixels[:, 0].astype(int)], axis=0)
     assert blue > red  # the course lies on water; the forest around it has more red and green than blue
-    assert np.median(picture[..., 2]) < np.median(picture[..., 1])
+    assert np.median(image[..., 2]) < np.median(image[..., 1])
 
 
 def test_north_is_up_and_east_is_right_on_the_map(easy_world: World):
-    chart = Map(easy_world)
+    river_map = RiverMap(easy_world)
     x, y = easy_world.river.position_m[0]
-    column, row = chart.pixel(x, y)
-    assert chart.pixel(x + 10, y)[0] > column
-    assert chart.pixel(x, y + 10)[1] < row
+    column, row = river_map.pixel(x, y)
+    assert river_map.pixel(x + 10, y)[0] > column
+    assert river_map.pixel(x, y + 10)[1] < row
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("shape", "shown"), [(LARGE, 7), (SMALL, 3)])
-def test_a_film_shows_its_share_of_the_steps_and_holds_the_last(
-    easy_world: World, tmp_path: Path, shape: Format, shown: int
+def test_a_film_has_a_frame_for_each_shown_step_and_holds_the_last(
+    easy_world: World, tmp_path: Path, shape: FilmFormat, shown: int
 ):
     path = tmp_path / "film.mp4"
     drawn: list[None] = []
@@ -69,16 +71,16 @@ def test_a_film_shows_its_share_of_the_steps_and_holds_the_last(
 
 @pytest.mark.parametrize(("steps", "shown"), [(1, [0]), (3, [0, 2]), (4, [0, 3]), (8, [0, 3, 6, 7])])
 def test_the_last_step_is_always_shown(steps: int, shown: list[int]):
-    assert SMALL.shown(steps) == shown
-    assert LARGE.shown(steps) == list(range(steps))
+    assert SMALL.shown_steps(steps) == shown
+    assert LARGE.shown_steps(steps) == list(range(steps))
 
 
-def test_sides_that_the_codec_does_not_like_are_refused():
+def test_sides_that_are_no_multiple_of_a_block_are_refused():
     with pytest.raises(ValueError, match=r"a film of \(440, 256\) pixels"):
         replace(SMALL, map_px=168)
 
 
-def test_a_flight_of_no_steps_is_no_film(easy_world: World, tmp_path: Path):
+def test_a_flight_without_steps_is_refused(easy_world: World, tmp_path: Path):
     flight = flight_on(easy_world, steps=0)
     with pytest.raises(ResultsError, match="without a step"):
         write_film(tmp_path / "film.mp4", easy_world, flight, "pilot")

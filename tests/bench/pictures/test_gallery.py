@@ -1,4 +1,4 @@
-"""The gallery: a strip for each range, with the frames of its ends."""
+"""Tests of the gallery: a strip for each range, with the frames at its ends."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from thalweg.render.records.appearance import PARAMETERS
 SIZE = 24
 
 
-def test_each_strip_shows_the_ends_of_its_range_round_the_default():
+def test_each_strip_shows_both_ends_of_its_range_and_the_default():
     camera = Camera(SIZE, SIZE)
     world = plane(slope_x=-0.05, water_level=0.0, plants=plants_at([(4.0, 1.0)], 9))
     pose = np.array([-12.0, 0.0, 4.0, 0.0])
@@ -19,8 +19,8 @@ def test_each_strip_shows_the_ends_of_its_range_round_the_default():
     wide, high = 3 * SIZE + 2 * GAP_PX, TITLE_PX + SIZE
     renderer = Renderer([world], camera)
     for name in ("haze", "season"):
-        place = PARAMETERS.index(name)
-        left, top = place % 2 * (wide + 4 * GAP_PX), place // 2 * (high + 2 * GAP_PX) + TITLE_PX
+        index = PARAMETERS.index(name)
+        left, top = index % 2 * (wide + 4 * GAP_PX), index // 2 * (high + 2 * GAP_PX) + TITLE_PX
         ends = getattr(ranges, name)
         looks = [Look(**{name: ends[0]}), Look(), Look(**{name: ends[1]})]
         for k, frame in enumerate(renderer.render(np.tile(pose, (3, 1)), look=looks)):

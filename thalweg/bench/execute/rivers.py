@@ -14,7 +14,7 @@ from thalweg.bench.evaluate.baselines import BASELINES, Policy
 from thalweg.bench.evaluate.conditions import MAIN, RIVERS, Trial
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Look, Step, evaluate, through_encoder
-from thalweg.bench.pictures.film_format import Format
+from thalweg.bench.pictures.film_format import FilmFormat
 from thalweg.bench.suite.suites import Arm, Run, Stage, Suite
 from thalweg.core import versions
 from thalweg.encoder import Encoder
@@ -58,7 +58,7 @@ class Place(Protocol):
         ...
 
     def film(
-        self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None], *, shape: Format
+        self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None], *, shape: FilmFormat
     ) -> None:
         """Film an evaluated episode into `path`, in a format."""
         ...
@@ -151,7 +151,7 @@ class Rivers:
         return f"packaged policy ({algorithm})" if algorithm else "packaged policy"
 
     def film(
-        self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None], *, shape: Format
+        self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None], *, shape: FilmFormat
     ) -> None:
         """Fly an evaluated episode again and film it; raises `ResultsError` unless it is the same flight."""
         from thalweg.bench.pictures.film import Flight, write_film
@@ -165,7 +165,7 @@ class Rivers:
         (again,) = evaluate(policy, course, label, self.config(trial), look=look, on_step=steps.append)
         _require_same(again, episode)
         title = self.title(run, folder)
-        write_film(path, course.world, Flight.of(again, steps), title, shape=shape, on_frame=on_frame)
+        write_film(path, course.world, Flight.from_steps(again, steps), title, shape=shape, on_frame=on_frame)
 
 
 def _require_same(again: Episode, row: Episode) -> None:

@@ -1,4 +1,4 @@
-"""How are many frames looked at together? On one sheet, each above its water mask."""
+"""Contact sheets: many frames in one picture, each above its water mask."""
 
 import math
 from pathlib import Path
@@ -11,8 +11,8 @@ from thalweg.core.atomic_io import atomic_path
 GAP_PX = 4
 
 
-def sheet(frames: np.ndarray, columns: int = 8) -> Image.Image:
-    """A picture of frames uint8 [N, H, W, 4] (red, green, blue, mask), in rows of at most `columns`."""
+def contact_sheet(frames: np.ndarray, columns: int = 8) -> Image.Image:
+    """Return a picture of frames uint8 [N, H, W, 4] (red, green, blue, mask), in rows of at most `columns`."""
     count, height, width, _ = frames.shape
     columns = min(columns, count)
     cell_h, cell_w = 2 * height + 2 * GAP_PX, width + GAP_PX
@@ -26,7 +26,8 @@ def sheet(frames: np.ndarray, columns: int = 8) -> Image.Image:
 
 
 def write_frames(folder: Path, frames: np.ndarray) -> None:
-    """The colours of frames uint8 [N, H, W, 4] as PNG files in a folder, which is made if need be: 0000.png and on."""
+    """Write the colours of frames uint8 [N, H, W, 4] as PNG files 0000.png, 0001.png, ... to a folder, created if
+    missing."""
     for index, frame in enumerate(frames):
         with atomic_path(folder / f"{index:04}.png") as draft:
             Image.fromarray(np.ascontiguousarray(frame[..., :3])).save(draft)

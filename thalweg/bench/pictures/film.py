@@ -1,6 +1,6 @@
-"""What does a flight look like? A film of one evaluated episode: the view, the water mask, and where it is on the map.
+"""Films of evaluated episodes: the camera's view, the water mask, and the position on the map.
 
-The flight is flown again from its start with the generator it had: the film shows the very episode of the table.
+The episode is repeated from its start with the same random generator, so that the film shows the episode of the table.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -15,7 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.episodes import WORDS, Episode
 from thalweg.bench.evaluate.evaluation import Step
-from thalweg.bench.pictures.film_format import LARGE, MARGIN_PX, Format
+from thalweg.bench.pictures.film_format import LARGE, MARGIN_PX, FilmFormat
 from thalweg.core.atomic_io import atomic_path
 from thalweg.render import Camera, Renderer
 from thalweg.world import World
@@ -23,25 +23,25 @@ from thalweg.world.map_image import view
 
 FRAMES_PER_S = 15
 HOLD_S = 1.5
-"""How long the last picture stays."""
-INK, PAPER, ACCENT, START = (235, 235, 235), (24, 28, 32), (255, 196, 61), (90, 220, 140)
+"""How long the last frame is shown."""
+TEXT, BACKGROUND, TRACK, START = (235, 235, 235), (24, 28, 32), (255, 196, 61), (90, 220, 140)
 
 
 @dataclass(frozen=True)
 class Flight:
-    """A flight to be filmed; T steps."""
+    """A recorded episode of T steps."""
 
     episode: Episode
     poses: np.ndarray
-    """[T, 4] float64."""
+    """[T, 4] float64: x, y, z in metres, yaw in radians."""
     time_s: np.ndarray
     """[T] float64."""
     returns: np.ndarray
     """[T] float64, the return before each step."""
 
     @classmethod
-    def of(cls, episode: Episode, steps: list[Step]) -> "Flight":
-        """A flight from what `evaluate` told while it flew a course of one start."""
+    def from_steps(cls, episode: Episode, steps: list[Step]) -> "Flight":
+        """Return the flight of an episode from the steps that `evaluate` reported for a course of one start."""
         return cls(
             episode,
             np.concatenate([step.poses for step in steps]),
@@ -50,7 +50,7 @@ class Flight:
         )
 
 
-class Map:
+class RiverMap:
     """The river from above, with north at the top, in a square of pixels."""
 
     def __init__(self, world: World, size_px: int = LARGE.map_px, margin_m: float = 12.0) -> None:
@@ -58,48 +58,50 @@ class Map:
         low, high = world.river.position_m.min(axis=0) - margin_m, world.river.position_m.max(axis=0) + margin_m
         self.side_m = float((high - low).max())
         self.corner_m = (low + high - self.side_m) / 2
-        self.picture = self._crop(world)
+        self.image = self._crop(world)
 
     def pixel(self, x: float, y: float) -> tuple[float, float]:
-        """Column and row of a place in metres."""
+        """Return column and row of a point given in metres."""
         scale = self.size_px / self.side_m
         return (x - self.corner_m[0]) * scale, self.size_px - (y - self.corner_m[1]) * scale
 
     def _crop(self, world: World) -> Image.Image:
-        """The square around the river out of the orthographic view; black where the map ends."""
+        """Cut the square around the river from the orthographic view; black beyond the edge of the world."""
         grid, (x, y) = world.grid, self.corner_m
         rows = len(world.ground_m)
-        whole = Image.fromarray(view(world)[::-1])
+        full = Image.fromarray(view(world)[::-1])
         left, right = ((edge - grid.origin_x_m) / grid.cell_m for edge in (x, x + self.side_m))
         top, bottom = (rows - (edge - grid.origin_y_m) / grid.cell_m for edge in (y + self.side_m, y))
         box = tuple(round(edge) for edge in (left, top, right, bottom))
-        return whole.crop(box).resize((self.size_px, self.size_px), Image.Resampling.BOX)
+        return full.crop(box).resize((self.size_px, self.size_px), Image.Resampling.BOX)
 
 
-def pictures(
-    world: World, flight: Flight, policy: str, shape: Format = LARGE, camera: Camera | None = None
+def film_frames(
+    world: World, flight: Flight, policy: str, shape: FilmFormat = LARGE, camera: Camera | None = None
 ) -> Iterator[np.ndarray]:
-    """The film's frames uint8 [H, W, 3], of each step that is shown; the view is the camera's, one of the format's
-    size if not given."""
+    """Yield the film's frames uint8 [H, W, 3], one for each step that is shown.
+
+    The camera defaults to one with the size of the format's view.
+    """
     renderer = Renderer([world], camera or Camera(height_px=shape.view_px, width_px=shape.view_px))
-    chart = Map(world, shape.map_px)
-    shown = shape.shown(len(flight.poses))
-    said = [(policy, *_said(world, flight, index)) for index in shown]
-    fonts = [_fitting(texts, shape) for texts in zip(*said, strict=True)]
-    for index, lines in zip(shown, said, strict=True):
+    river_map = RiverMap(world, shape.map_px)
+    shown = shape.shown_steps(len(flight.poses))
+    captions = [(policy, *_caption(world, flight, index)) for index in shown]
+    fonts = [_fitting_font(texts, shape) for texts in zip(*captions, strict=True)]
+    for index, lines in zip(shown, captions, strict=True):
         now = slice(index, index + 1)
         frame = renderer.render(flight.poses[now], np.zeros(1, dtype=np.int64), flight.time_s[now])[0]
-        canvas = Image.new("RGB", shape.size_px, PAPER)
-        seen = Image.fromarray(frame[..., :3]).resize((shape.view_px, shape.view_px))
-        canvas.paste(seen, (MARGIN_PX, MARGIN_PX))
+        canvas = Image.new("RGB", shape.size_px, BACKGROUND)
+        camera_view = Image.fromarray(frame[..., :3]).resize((shape.view_px, shape.view_px))
+        canvas.paste(camera_view, (MARGIN_PX, MARGIN_PX))
         _paste_mask(canvas, frame[..., 3], shape)
-        canvas.paste(_with_track(chart, flight.poses[: index + 1]), (shape.beside_px, MARGIN_PX))
-        _write(canvas, lines, fonts, shape)
+        canvas.paste(_with_track(river_map, flight.poses[: index + 1]), (shape.map_left_px, MARGIN_PX))
+        _draw_text(canvas, lines, fonts, shape)
         yield np.asarray(canvas)
 
 
-def _said(world: World, flight: Flight, index: int) -> tuple[str, str, str]:
-    """What is said of a step; of the last also how it ended."""
+def _caption(world: World, flight: Flight, index: int) -> tuple[str, str, str]:
+    """Lines of text about a step; those of the last step say how the episode ended."""
     river, pose, episode = world.river, flight.poses[index], flight.episode
     nearest = np.argmin(((river.position_m - pose[:2]) ** 2).sum(axis=1))
     last = index == len(flight.poses) - 1
@@ -110,42 +112,43 @@ def _said(world: World, flight: Flight, index: int) -> tuple[str, str, str]:
     )
 
 
-def _write(canvas: Image.Image, lines: Sequence[str], fonts: Sequence[Any], shape: Format) -> None:
-    """Lines of text below the map, each in its font."""
+def _draw_text(canvas: Image.Image, lines: Sequence[str], fonts: Sequence[Any], shape: FilmFormat) -> None:
+    """Draw lines of text below the map, each in its font."""
     draw = ImageDraw.Draw(canvas)
     below = MARGIN_PX + shape.map_px + 6
     pitch = (shape.size_px[1] - below - 4) // len(lines)
     for number, (line, font) in enumerate(zip(lines, fonts, strict=True)):
-        draw.text((shape.beside_px, below + number * pitch), line, INK, font)
+        draw.text((shape.map_left_px, below + number * pitch), line, TEXT, font)
 
 
-def _fitting(texts: Sequence[str], shape: Format) -> Any:
-    """The font in which none of the texts is wider than the map above them: of the usual size, or as much smaller as it
-    takes."""
+def _fitting_font(texts: Sequence[str], shape: FilmFormat) -> Any:
+    """Return the largest font, up to the usual size, in which none of the texts is wider than the map."""
     size = shape.font_px
     while max(map((font := ImageFont.load_default(size=size)).getlength, texts)) > shape.map_px and size > 8:
         size -= 1
     return font
 
 
-def _paste_mask(canvas: Image.Image, mask: np.ndarray, shape: Format) -> None:
+def _paste_mask(canvas: Image.Image, mask: np.ndarray, shape: FilmFormat) -> None:
+    """Paste the water mask into the lower right corner of the view."""
     side = shape.inset_px
     inset = Image.fromarray(mask).resize((side, side)).convert("RGB")
     corner = MARGIN_PX + shape.view_px - side - 8
-    ImageDraw.Draw(canvas).rectangle((corner - 2, corner - 2, corner + side + 1, corner + side + 1), INK)
+    ImageDraw.Draw(canvas).rectangle((corner - 2, corner - 2, corner + side + 1, corner + side + 1), TEXT)
     canvas.paste(inset, (corner, corner))
 
 
-def _with_track(chart: Map, poses: np.ndarray) -> Image.Image:
-    picture = chart.picture.copy()
+def _with_track(river_map: RiverMap, poses: np.ndarray) -> Image.Image:
+    """Return the map with the track so far, its start, and an arrow for the current pose."""
+    picture = river_map.image.copy()
     draw = ImageDraw.Draw(picture)
-    points = [chart.pixel(x, y) for x, y in poses[:, :2]]
+    points = [river_map.pixel(x, y) for x, y in poses[:, :2]]
     if len(points) > 1:
-        draw.line(points, ACCENT, width=2)
+        draw.line(points, TRACK, width=2)
     (x, y), (column, row), yaw = points[0], points[-1], poses[-1, 3]
     draw.ellipse((x - 4, y - 4, x + 4, y + 4), START)
     wings = [(column + 9 * np.cos(yaw + turn), row - 9 * np.sin(yaw + turn)) for turn in (0.0, 2.5, -2.5)]
-    draw.polygon(wings, (220, 50, 47), INK)
+    draw.polygon(wings, (220, 50, 47), TEXT)
     return picture
 
 
@@ -155,17 +158,17 @@ def write_film(
     flight: Flight,
     policy: str,
     *,
-    shape: Format = LARGE,
+    shape: FilmFormat = LARGE,
     camera: Camera | None = None,
     on_frame: Callable[[], None] | None = None,
 ) -> None:
-    """Write the film of a flight as H.264 in MP4, whole or not at all; raises `ResultsError` for one of no step."""
+    """Write the film of a flight as H.264 in MP4, atomically; raises `ResultsError` for a flight without steps."""
     if not len(flight.poses):
         raise ResultsError("a flight without a step cannot be filmed")
     options = ["-crf", str(shape.crf), "-preset", "medium", "-movflags", "+faststart"]
     settings = {"fps": FRAMES_PER_S, "codec": "libx264", "pixelformat": "yuv420p", "quality": None}
     with atomic_path(path) as draft, imageio.get_writer(draft, output_params=options, **settings) as writer:
-        for picture in pictures(world, flight, policy, shape, camera):
+        for picture in film_frames(world, flight, policy, shape, camera):
             writer.append_data(picture)  # pyright: ignore[reportAttributeAccessIssue]
             if on_frame is not None:
                 on_frame()

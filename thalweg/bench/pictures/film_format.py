@@ -1,15 +1,15 @@
-"""How large is a film? Width, height, how much of a flight it shows, and how well."""
+"""Formats of films: size, share of the steps shown, and compression."""
 
 from dataclasses import dataclass
 
 MARGIN_PX = 16
 BLOCK_PX = 16
-"""Of H.264, which likes sides that are multiples of it."""
+"""Block size of H.264; sides should be multiples of it."""
 
 
 @dataclass(frozen=True)
-class Format:
-    """How large a film is; width and height must be multiples of `BLOCK_PX`."""
+class FilmFormat:
+    """Size and quality of a film; width and height must be multiples of `BLOCK_PX`."""
 
     view_px: int
     """Side of the camera's view."""
@@ -18,30 +18,30 @@ class Format:
     inset_px: int
     """Side of the water mask within the view."""
     font_px: int
-    """Of the lines below the map, unless one is too long."""
+    """Size of the text below the map; a line that is too long makes it smaller."""
     every: int = 1
-    """Of so many steps one is shown; the last step always is."""
+    """One step in so many is shown; the last step always is."""
     crf: int = 25
-    """Of H.264: the greater the smaller the file, and the worse the picture."""
+    """Constant rate factor of H.264: a greater one gives a smaller file and a worse picture."""
 
     def __post_init__(self) -> None:
         if any(side % BLOCK_PX for side in self.size_px):
-            raise ValueError(f"a film of {self.size_px} pixels; both must be multiples of {BLOCK_PX}")
+            raise ValueError(f"a film of {self.size_px} pixels: width and height must be multiples of {BLOCK_PX}")
 
     @property
     def size_px(self) -> tuple[int, int]:
-        """Width and height."""
+        """Width and height of the film."""
         return self.view_px + self.map_px + 3 * MARGIN_PX, self.view_px + 2 * MARGIN_PX
 
-    def shown(self, steps: int) -> list[int]:
-        """Which of so many steps, of which there must be one, are shown."""
+    def shown_steps(self, steps: int) -> list[int]:
+        """Return the indices of the steps that are shown of a flight of `steps`, at least one."""
         return [*range(0, steps - 1, self.every), steps - 1]
 
     @property
-    def beside_px(self) -> int:
-        """Where what stands beside the view begins."""
+    def map_left_px(self) -> int:
+        """Left edge of the map, and of the text below it."""
         return self.view_px + 2 * MARGIN_PX
 
 
-LARGE = Format(view_px=384, map_px=288, inset_px=112, font_px=15)
-SMALL = Format(view_px=224, map_px=160, inset_px=56, font_px=11, every=3, crf=30)
+LARGE = FilmFormat(view_px=384, map_px=288, inset_px=112, font_px=15)
+SMALL = FilmFormat(view_px=224, map_px=160, inset_px=56, font_px=11, every=3, crf=30)

@@ -1,4 +1,4 @@
-"""What does each part of a look change? One view at both ends of every range of domain randomisation."""
+"""A gallery of looks: one view at both ends of every range of domain randomisation."""
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
@@ -9,31 +9,31 @@ from thalweg.world import World
 
 GAP_PX, TITLE_PX = 4, 18
 STRIPS = 2
-"""Strips of three frames side by side."""
-PAPER, INK = (255, 255, 255), (30, 30, 30)
+"""Strips of three frames in a row of the gallery."""
+BACKGROUND, TEXT = (255, 255, 255), (30, 30, 30)
 
 
 def gallery(world: World, pose: np.ndarray, camera: Camera, ranges: Randomisation | None = None) -> Image.Image:
-    """A strip for each range: the view from a pose [4] at its lower end, on the default day, and at its upper end.
+    """Return a strip for each range: the view from a pose [4] at its lower end, by default, and at its upper end.
 
-    The sun's ranges are shown at four places of the azimuth and at both ends of the elevation, each world relit.
+    The sun's ranges are shown at three azimuths, and at both ends of the elevation; each needs the world relit.
     """
     ranges = ranges or Randomisation()
     renderer = Renderer([world], camera)
-    usual = Look()
+    default = Look()
     strips = []
     for name in PARAMETERS:
         values = [float(end) for end in getattr(ranges, name)]
-        looks = [Look(**{name: values[0]}), usual, Look(**{name: values[1]})]
+        looks = [Look(**{name: values[0]}), default, Look(**{name: values[1]})]
         frames = renderer.render(np.tile(pose, (3, 1)), look=looks)
-        title = f"{name}: {values[0]:g} to {values[1]:g}; default {getattr(usual, name):g} in the middle"
+        title = f"{name}: {values[0]:g} to {values[1]:g}; default {getattr(default, name):g} in the middle"
         strips.append(strip(title, frames[..., :3]))
     strips += sun_strips(world, pose, camera, ranges)
-    return joined(strips)
+    return arrange_strips(strips)
 
 
 def sun_strips(world: World, pose: np.ndarray, camera: Camera, ranges: Randomisation) -> list[Image.Image]:
-    """The same view under suns in three directions, and under a low, the world's own and a high one."""
+    """Return the same view under suns in three directions, and under a low sun, the world's own and a high one."""
     first, last = np.radians(ranges.sun_azimuth_deg)
     azimuths = np.linspace(first, last, 3, endpoint=False) + (last - first) / 6
     low, high = np.radians(ranges.sun_elevation_deg)
@@ -50,21 +50,21 @@ def sun_strips(world: World, pose: np.ndarray, camera: Camera, ranges: Randomisa
 
 
 def strip(title: str, frames: np.ndarray) -> Image.Image:
-    """Frames [K, H, W, 3] uint8 in a row under a title."""
+    """Return frames [K, H, W, 3] uint8 in a row under a title."""
     count, height, width, _ = frames.shape
-    picture = Image.new("RGB", (count * width + (count - 1) * GAP_PX, TITLE_PX + height), PAPER)
-    ImageDraw.Draw(picture).text((0, 2), title, INK, ImageFont.load_default(size=12))
-    for place, frame in enumerate(frames):
-        picture.paste(Image.fromarray(frame), (place * (width + GAP_PX), TITLE_PX))
+    picture = Image.new("RGB", (count * width + (count - 1) * GAP_PX, TITLE_PX + height), BACKGROUND)
+    ImageDraw.Draw(picture).text((0, 2), title, TEXT, ImageFont.load_default(size=12))
+    for index, frame in enumerate(frames):
+        picture.paste(Image.fromarray(frame), (index * (width + GAP_PX), TITLE_PX))
     return picture
 
 
-def joined(strips: list[Image.Image]) -> Image.Image:
-    """Strips of one size in columns, read row by row."""
+def arrange_strips(strips: list[Image.Image]) -> Image.Image:
+    """Return strips of one size in a grid, row by row."""
     width, height = strips[0].size
     rows = -(-len(strips) // STRIPS)
     step_x, step_y = width + 4 * GAP_PX, height + 2 * GAP_PX
-    page = Image.new("RGB", (STRIPS * step_x - 4 * GAP_PX, rows * step_y - 2 * GAP_PX), PAPER)
-    for place, picture in enumerate(strips):
-        page.paste(picture, (place % STRIPS * step_x, place // STRIPS * step_y))
+    page = Image.new("RGB", (STRIPS * step_x - 4 * GAP_PX, rows * step_y - 2 * GAP_PX), BACKGROUND)
+    for index, picture in enumerate(strips):
+        page.paste(picture, (index % STRIPS * step_x, index // STRIPS * step_y))
     return page

@@ -21,6 +21,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))  # the problems are part of the tests
@@ -42,6 +43,7 @@ from tests.known_answer.scores import Score  # noqa: E402
 from thalweg.algos import ALGORITHMS  # noqa: E402
 from thalweg.algos.common.settings import as_data  # noqa: E402
 from thalweg.bench.csv_files import csv_text, read_csv  # noqa: E402
+from thalweg.bench.report.table import frame, markdown  # noqa: E402
 from thalweg.core import versions  # noqa: E402
 from thalweg.core.atomic_io import write_atomic  # noqa: E402
 
@@ -140,12 +142,14 @@ def page(rows: Table, seeds: int) -> str:
     parts = [introduction]
     for name, problem in PROBLEMS.items():
         limits = " and ".join(f"{limit:g}" for limit in problem.limits)
-        parts.append(f"## {name}: limit {limits}\n\n" + _markdown(_problem_table(rows, name, seeds)))
+        table = markdown(_problem_table(rows, name, seeds)).rstrip()
+        parts.append(f"## {name}: limit {limits}\n\n{table}")
     return "\n\n".join(parts) + "\n"
 
 
-def _problem_table(rows: Table, problem: str, seeds: int) -> list[list[str]]:
-    lines = [["algorithm", "optimum: return, cost", *PLACES]]
+def _problem_table(rows: Table, problem: str, seeds: int) -> pd.DataFrame:
+    """A row for each algorithm that the problem is given to."""
+    lines = []
     for algorithm, row in ROWS.items():
         if problem not in row.problems:
             continue
@@ -153,7 +157,7 @@ def _problem_table(rows: Table, problem: str, seeds: int) -> list[list[str]]:
         best = reference(next(iter(at.values())))
         found = [_entry(rows, at[place], seeds) if place in at else "" for place in PLACES]
         lines.append([algorithm, f"{best.reward:.2f}, {_costs([best.costs.tolist()])}", *found])
-    return lines
+    return frame(["algorithm", "optimum: return, cost", *PLACES], lines)
 
 
 def _entry(rows: Table, cell: Cell, seeds: int) -> str:
@@ -172,11 +176,6 @@ def _entry(rows: Table, cell: Cell, seeds: int) -> str:
 def _costs(costs: Sequence[Sequence[float]]) -> str:
     """Mean of each kind of cost."""
     return " + ".join(f"{statistics.mean(kind):.3f}" for kind in zip(*costs, strict=True))
-
-
-def _markdown(lines: list[list[str]]) -> str:
-    head, *body = (f"| {' | '.join(line)} |" for line in lines)
-    return "\n".join([head, "|" + " --- |" * len(lines[0]), *body])
 
 
 def main() -> str | None:

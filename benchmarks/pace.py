@@ -21,7 +21,7 @@ from matplotlib import pyplot as plt
 from thalweg.algos.registry import ALGORITHMS, algorithm_named
 from thalweg.bench.csv_files import csv_text, read_csv
 from thalweg.bench.report.figures import STYLE
-from thalweg.bench.report.tables import markdown
+from thalweg.bench.report.table import frame, markdown
 from thalweg.core.atomic_io import atomic_path, write_atomic
 from thalweg.train.river import TrainingGround, load_fitting_encoder
 
@@ -93,7 +93,7 @@ def table() -> str:
         shares = [f"{float(row[stage]) / seconds:.0%}" for stage in STAGES]
         ends = [f"{float(row[name]):.2f}" for name in ("return_mean_50", "cost_mean_50")]
         lines.append([row["algorithm"], f"{seconds / 60:.1f}", f"{float(row['steps']) / seconds:,.0f}", *shares, *ends])
-    return markdown(head, lines)
+    return markdown(frame(head, lines))
 
 
 def draw(algorithm: str, rows: Rows, path: Path) -> None:

@@ -15,9 +15,9 @@ import findings
 from marks import between_marks, prose
 
 from thalweg.bench.csv_files import read_csv
-from thalweg.bench.report.tables import markdown
+from thalweg.bench.report.table import frame, markdown
 from thalweg.bench.speed.frame_profile import REFLECTION
-from thalweg.bench.speed.table import COLUMNS, describe, table_rows
+from thalweg.bench.speed.speed_table import describe, speed_frame
 from thalweg.core.atomic_io import write_atomic
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -57,14 +57,14 @@ def comparison() -> str:
         "The two figures that are not reported were measured in one run on two processor cores without a GPU;"
         " [the benchmarks](benchmarks/README.md) have the details."
     )
-    return f"{markdown(header, rows)}\n{note}"
+    return f"{markdown(frame(header, rows))}\n{note}"
 
 
 def speed() -> str:
     """The table of speeds, with the machine."""
     found = json.loads((HERE / "speed.json").read_text(encoding="utf-8"))
     machine = prose(f"Median, slowest and fastest repetition on {describe(found)}.")
-    return f"{markdown(list(COLUMNS), table_rows(found))}\n{machine}"
+    return f"{markdown(speed_frame(found))}\n{machine}"
 
 
 def stages() -> str:
@@ -78,7 +78,7 @@ def stages() -> str:
         f"{whole:.2f} ms in all, the reflection being a part of the water's;"
         f" {lines[0]['features'].split('; ')[1]}, {lines[0]['resolution']}; {describe(found)}."
     )
-    return f"{markdown(header, rows)}\n{summary}"
+    return f"{markdown(frame(header, rows))}\n{summary}"
 
 
 def twin() -> str:
@@ -106,7 +106,7 @@ def scaling() -> str:
     worlds = [f"{w}: {alone[w]:,.0f}" for w in sorted(alone)]
     header = ["frames a second, four worlds", *(f"{c} cameras" if c > 1 else "one camera" for c in cameras)]
     by_worlds = prose(f"Frames a second at 128 x 128 by distinct worlds: {'; '.join(worlds)}.")
-    return f"{markdown(header, table)}\n{by_worlds}"
+    return f"{markdown(frame(header, table))}\n{by_worlds}"
 
 
 SECTIONS: dict[tuple[Path, str], tuple[str, Callable[[], str]]] = {
@@ -115,16 +115,16 @@ SECTIONS: dict[tuple[Path, str], tuple[str, Callable[[], str]]] = {
     (ROOT / "docs" / "render.md", "stages"): ("stages.json", stages),
     (ROOT / "docs" / "render.md", "twin"): ("twin.csv", twin),
     (ROOT / "docs" / "render.md", "scaling"): ("scaling.csv", scaling),
-    (FOUND, "study"): ("paper/runs.csv", findings.study),
-    (FOUND, "keeping"): ("paper/runs.csv", findings.keeping),
-    (FOUND, "pairs"): ("paper/runs.csv", findings.beside_first),
-    (FOUND, "training"): ("paper/runs.csv", findings.training),
-    (FOUND, "elsewhere"): ("paper/runs.csv", findings.elsewhere),
+    (FOUND, "study"): ("paper/runs.csv", findings.returns_and_costs),
+    (FOUND, "keeping"): ("paper/runs.csv", findings.limits),
+    (FOUND, "pairs"): ("paper/runs.csv", findings.pairs_with_ppo),
+    (FOUND, "training"): ("paper/runs.csv", findings.training_costs),
+    (FOUND, "elsewhere"): ("paper/runs.csv", findings.conditions),
     (FOUND, "sizes"): ("encoders/sizes.csv", findings.sizes),
     (FOUND, "probes"): ("encoders/sizes.csv", findings.probes),
     (FOUND, "entropies"): ("encoders/entropy.csv", findings.entropies),
-    (FOUND, "open"): ("open/runs.csv", findings.left_open),
-    (FOUND, "ways"): ("open/runs.csv", findings.beside_usual),
+    (FOUND, "open"): ("open/runs.csv", findings.open_choices),
+    (FOUND, "ways"): ("open/runs.csv", findings.pairs_of_open_choices),
 }
 
 

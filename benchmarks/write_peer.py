@@ -8,8 +8,8 @@ from pathlib import Path
 from marks import between_marks, prose
 from peer import COMPARED, KINDS, OURS, PEER
 
-from thalweg.bench.report.tables import markdown
-from thalweg.bench.speed.table import describe
+from thalweg.bench.report.table import frame, markdown
+from thalweg.bench.speed.speed_table import describe
 
 ROOT = Path(__file__).resolve().parent.parent
 FIGURES = ROOT / "benchmarks" / "peer.json"
@@ -57,7 +57,7 @@ def section(found: dict) -> str:
         f"before: {found['load_before']:.1f}."
     )
     return (
-        f"{markdown(list(RATIOS), ratio_rows(found))}\n{markdown(list(COLUMNS), table_rows(found))}\n{how}\n"
+        f"{markdown(frame(RATIOS, ratio_rows(found)))}\n{markdown(frame(COLUMNS, table_rows(found)))}\n{how}\n"
         "![Starts of episodes: Safety-Gymnasium above, Thalweg below](peer.png)\n"
     )
 

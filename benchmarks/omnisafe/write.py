@@ -14,8 +14,8 @@ from benchmarks.marks import between_marks, prose
 from benchmarks.omnisafe.compare import CURVES, HALF, OURS, PEER, SIDES, SPEED
 from benchmarks.omnisafe.contests import CONTESTS, contest_named
 from benchmarks.omnisafe.plot import Curves, read
-from thalweg.bench.report.tables import markdown
-from thalweg.bench.speed.table import describe
+from thalweg.bench.report.table import frame, markdown
+from thalweg.bench.speed.speed_table import describe
 
 PAGE = Path(__file__).resolve().parents[1] / "README.md"
 MARK = "omnisafe"
@@ -115,11 +115,12 @@ def section() -> str:
             f"programs take their share of a second, not of a second of the processor. {describe(found)}. The peer: "
             f"{peer}. Load of the machine before: {found['load_before']:.1f}. What a repetition was:"
         )
-        parts.append(f"{markdown(list(SPEEDS), speed_rows(found))}\n{said}\n{markdown(list(WORK), work_rows(found))}")
+        speeds, work = markdown(frame(SPEEDS, speed_rows(found))), markdown(frame(WORK, work_rows(found)))
+        parts.append(f"{speeds}\n{said}\n{work}")
     if CURVES.exists():
         curves = read(CURVES)
         parts.append(
-            f"{markdown(list(LEARNT), learnt_rows(curves))}\nMeans over the last {LAST:.0%} of the steps; of one seed "
+            f"{markdown(frame(LEARNT, learnt_rows(curves)))}\nMeans over the last {LAST:.0%} of the steps; of one seed "
             "chance is large.\n\n![Returns and falls of both, algorithm by algorithm](omnisafe/curves.png)\n"
         )
     return "\n".join(parts) or "Not measured yet.\n"

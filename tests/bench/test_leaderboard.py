@@ -10,7 +10,7 @@ import pytest
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import Condition, Trial
 from thalweg.bench.evaluate.episodes import Episode, read_episodes, write_episodes
-from thalweg.bench.leaderboard import FILES, UNSEEN, entries, leaderboard
+from thalweg.bench.leaderboard import RUN_FILES, UNSEEN, entries, leaderboard
 from thalweg.bench.results.results import RunRow, evaluation_path, read_runs, write_runs
 from thalweg.bench.suite.suites import Arm, Stage, Suite
 from thalweg.cli.main import main
@@ -39,7 +39,7 @@ def write(folder: Path, suite: Suite = SUITE) -> Path:
     for run in suite.runs():
         rows.append(RunRow(run.name, run.kind, run.algorithm, run.seed, 1000, "finished"))
         (folder / "runs" / run.name).mkdir(parents=True)
-        for name in FILES:
+        for name in RUN_FILES:
             (folder / "runs" / run.name / name).write_text("")
         log = "step,return,tight,loose\n10,1.5,0.6,0.0\n20,2.5,0.0,0.0\n"
         (folder / "runs" / run.name / "episodes.csv").write_text(log)
@@ -51,9 +51,9 @@ def write(folder: Path, suite: Suite = SUITE) -> Path:
     return folder
 
 
-def lacks(folder: Path, policy: str = "PPO") -> tuple[str, ...]:
+def missing(folder: Path, policy: str = "PPO") -> tuple[str, ...]:
     (found,) = [entry for entry in entries(folder) if entry.policy == policy]
-    return found.lacks
+    return found.missing
 
 
 def test_those_that_surely_keep_the_limit_come_first_then_the_greater_return(tmp_path: Path):
@@ -90,7 +90,7 @@ def test_those_that_surely_keep_the_limit_come_first_then_the_greater_return(tmp
 )  # fmt: skip
 def test_what_a_suite_does_not_ask_for_is_lacking(tmp_path: Path, suite: Suite, words: tuple[str, ...]):
     folder = write(tmp_path / "mine", suite)
-    assert lacks(folder) == words
+    assert missing(folder) == words
     page = leaderboard([folder])
     assert "No row is complete yet." in page
     assert f"| {'; '.join(words)} |" in page
@@ -108,12 +108,12 @@ def test_a_rare_failure_counts(tmp_path: Path):
 
 def test_a_seed_that_did_badly_cannot_be_left_out(tmp_path: Path):
     folder = write(tmp_path / "mine")
-    assert lacks(folder) == ()
+    assert missing(folder) == ()
     evaluation_path(folder, "PPO-1", Trial("Medium")).unlink()
-    assert lacks(folder) == ("flights on Medium",)
+    assert missing(folder) == ("flights on Medium",)
     lines = (folder / "runs.csv").read_text().splitlines(keepends=True)
     (folder / "runs.csv").write_text("".join(line for line in lines if not line.startswith("PPO-1")))
-    assert lacks(folder) == ("training seed 1", "flights on Medium")
+    assert missing(folder) == ("training seed 1", "flights on Medium")
 
 
 def test_fewer_starts_are_lacking(tmp_path: Path):
@@ -121,7 +121,7 @@ def test_fewer_starts_are_lacking(tmp_path: Path):
     for seed in range(3):
         path = evaluation_path(folder, f"PPO-{seed}", Trial("Hard", UNSEEN))
         write_episodes(path, flights("PPO", seed, "Hard", True)[:19])
-    assert lacks(folder) == ("flights on Hard (unseen)",)
+    assert missing(folder) == ("flights on Hard (unseen)",)
 
 
 def test_folders_that_cannot_be_used_are_errors(tmp_path: Path):
@@ -131,22 +131,22 @@ def test_folders_that_cannot_be_used_are_errors(tmp_path: Path):
         leaderboard([tmp_path / "nothing"])
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()
-    with pytest.raises(ResultsError, match="two folders are called 'x'"):
+    with pytest.raises(ResultsError, match="two folders are named 'x'"):
         leaderboard([write(tmp_path / "a" / "x"), write(tmp_path / "b" / "x")])
 
 
 def test_a_condition_that_only_bears_the_name_does_not_count(tmp_path: Path):
     for number, false in enumerate((Condition("unseen"), replace(UNSEEN, deterministic=True))):
         folder = write(tmp_path / str(number), replace(SUITE, conditions=(false,)))
-        assert lacks(folder) == ("flights on Easy, Medium, Hard (unseen)",)
+        assert missing(folder) == ("flights on Easy, Medium, Hard (unseen)",)
 
 
 def test_files_of_a_training_run_must_be_there(tmp_path: Path):
     folder = write(tmp_path / "mine")
     (folder / "runs" / "PPO-2" / "policy.safetensors").unlink()
-    assert lacks(folder) == ("policy.safetensors of seed 2",)
+    assert missing(folder) == ("policy.safetensors of seed 2",)
     (folder / "runs" / "PPO-1" / "episodes.csv").write_text("half a head")  # no regret can be computed from it
-    assert lacks(folder) == ("episodes.csv of seed 1", "policy.safetensors of seed 2")
+    assert missing(folder) == ("episodes.csv of seed 1", "policy.safetensors of seed 2")
 
 
 def test_results_that_do_not_say_of_what_are_refused(tmp_path: Path):
@@ -166,7 +166,7 @@ def test_only_the_first_starts_count(tmp_path: Path):
         more = [replace(row, episode=20 + row.episode, return_=0.0) for row in flights("PPO", seed, "Medium", False)]
         write_episodes(path, [*flights("PPO", seed, "Medium", False), *more])
     (entry,) = [entry for entry in entries(folder) if entry.policy == "PPO"]
-    assert (str(entry.returns["Medium"]), entry.lacks) == ("10.00 [9.40, 10.00]", ())
+    assert (str(entry.returns["Medium"]), entry.missing) == ("10.00 [9.40, 10.00]", ())
 
 
 def test_a_policy_whose_every_run_failed_is_named(tmp_path: Path):

@@ -23,9 +23,9 @@ def cells(text: str) -> list[list[str]]:
 
 
 def test_a_step_on_the_border_belongs_to_the_quarter_that_it_ends(findings: ModuleType):
-    found = findings.by_quarter(log([1.0, 0.5, 0.0, 1.0, 0.2], [50, 100, 101, 300, 400]))
+    found = findings.cost_by_quarter(log([1.0, 0.5, 0.0, 1.0, 0.2], [50, 100, 101, 300, 400]))
     assert found == [0.75, 0.0, 1.0, 0.2]
-    assert np.isnan(findings.by_quarter(log([1.0], [400]))[0])
+    assert np.isnan(findings.cost_by_quarter(log([1.0], [400]))[0])
 
 
 def test_early_regret_is_the_share_that_the_first_quarter_paid(findings: ModuleType):
@@ -39,16 +39,16 @@ def test_early_regret_is_the_share_that_the_first_quarter_paid(findings: ModuleT
 def test_how_often_a_multiplier_stands_at_its_bound(findings: ModuleType, tmp_path: Path):
     (tmp_path / "metrics.csv").write_text("steps,multiplier\n1,2.0\n2,1.5\n3,2.0\n4,2.0\n")
     (tmp_path / "config.yaml").write_text("run:\n  config: {multiplier_max: 2.0}\n")
-    assert findings.at_bound(tmp_path) == 0.75
+    assert findings.share_at_bound(tmp_path) == 0.75
     (tmp_path / "config.yaml").write_text("run:\n  config: {}\n")
-    assert np.isnan(findings.at_bound(tmp_path))
+    assert np.isnan(findings.share_at_bound(tmp_path))
 
 
-def test_what_was_left_open_has_a_row_for_each_way_that_was_flown(
+def test_what_was_open_choices_has_a_row_for_each_way_that_was_flown(
     findings: ModuleType, tiny_results: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(findings, "OPEN", tiny_results)
-    header, row = cells(findings.left_open())
+    header, row = cells(findings.open_choices())
     assert header[:3] == ["policy", "seeds", "return"] and row[:2] == ["PPO", "1 of 2"]
 
 
@@ -69,7 +69,7 @@ def test_each_way_is_compared_with_the_usual_one_of_its_algorithm(
         shutil.copytree(tiny_results / "runs" / "PPO-0", tiny_results / "runs" / f"{name}-0")
     (tiny_results / "runs.csv").write_text("\n".join(runs) + "\n")
     monkeypatch.setattr(findings, "OPEN", tiny_results)
-    _, *rows = cells(findings.beside_usual())
+    _, *rows = cells(findings.pairs_of_open_choices())
     assert [row[:2] for row in rows] == [["PPO", "PPO-other"]]
     assert rows[0][2:] == [
         "1 and 1",
@@ -83,7 +83,7 @@ def test_a_condition_that_was_not_flown_is_named(
     findings: ModuleType, tiny_results: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(findings, "STUDY", tiny_results)
-    header, *rows = cells(findings.elsewhere())
+    header, *rows = cells(findings.conditions())
     assert header[1:] == ["seeds", "sampled", "deterministic", "unseen rivers", "every look"]
     assert [row[1::2] for row in rows if row[0] == "PPO"] == [["1 of 2", "not flown yet", "not flown yet"]]
 
@@ -94,16 +94,16 @@ def test_fewer_than_three_seeds_have_no_interval_and_none_has_a_bound_without_a_
     monkeypatch.setattr(findings, "STUDY", tiny_results)
     for run in sorted((tiny_results / "runs").iterdir()):
         (run / "config.yaml").write_text("run:\n  config: {}\n")
-    header, row = cells(findings.training())
+    header, row = cells(findings.training_costs())
     assert header[:2] == ["policy", "seeds"] and row[:2] == ["PPO", "2"]
     assert header[-1] == "multiplier at its bound" and row[-1] == "none"
     assert "[" not in row[2]
 
 
 def test_a_seed_without_episodes_in_a_quarter_hides_no_other(findings: ModuleType):
-    assert str(findings._over_seeds([0.5, np.nan, 0.7])) == "0.60"
-    assert np.isnan(findings._over_seeds([np.nan] * 3).value)
-    assert str(findings._over_seeds([0.9, 1.0, 0.8])) == "0.90 [0.65, 1.00]"  # 0.9 ± 4.303 * 0.1 / √3
+    assert str(findings._seed_mean([0.5, np.nan, 0.7])) == "0.60"
+    assert np.isnan(findings._seed_mean([np.nan] * 3).value)
+    assert str(findings._seed_mean([0.9, 1.0, 0.8])) == "0.90 [0.65, 1.00]"  # 0.9 ± 4.303 * 0.1 / √3
 
 
 def test_a_file_that_cannot_be_used_is_not_left_out_silently(
@@ -112,4 +112,4 @@ def test_a_file_that_cannot_be_used_is_not_left_out_silently(
     monkeypatch.setattr(findings, "OPEN", tiny_results)
     (tiny_results / "evaluation" / "PPO-0-Medium.csv").write_text("half a head")
     with pytest.raises(ResultsError, match=r"PPO-0-Medium\.csv"):
-        findings.left_open()
+        findings.open_choices()

@@ -12,12 +12,13 @@ import pytest
 from scipy.stats import ttest_ind
 
 from thalweg.bench.evaluate.episodes import Episode
-from thalweg.bench.report.extra_tables import changed, kept
-from thalweg.bench.results.comparison import difference, improvement, shared_tables
-from thalweg.bench.results.inference import Estimate, mean_of
+from thalweg.bench.report.comparison_tables import return_change
+from thalweg.bench.report.policies import limit_met
+from thalweg.bench.results.comparison import matched_scores, mean_difference, probability_of_improvement
+from thalweg.bench.results.inference import Estimate, mean_estimate
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
-from thalweg.bench.results.statistics import grouped
+from thalweg.bench.results.statistics import group_episodes
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 FLYING = ("PPO", "PPOLag", "FOCOPS", "P3O")
@@ -36,12 +37,12 @@ def ways() -> Results:
 
 def flown(results: Results, policy: str, condition: str = "", level: str = "Medium") -> list[Episode]:
     episodes = results.beyond[condition] if condition else results.episodes
-    return grouped(episodes)[policy, level]
+    return group_episodes(episodes)[policy, level]
 
 
 def apart(results: Results, ours: str, theirs: str, field: str, level: str = "Medium") -> Estimate:
     one, other = (flown(results, name, level=level) for name in (ours, theirs))
-    return difference(*shared_tables(one, other, field), field)
+    return mean_difference(*matched_scores(one, other, field), field)
 
 
 def sure(found: Estimate) -> bool:
@@ -49,7 +50,7 @@ def sure(found: Estimate) -> bool:
 
 
 def test_who_keeps_the_limit(study: Results):
-    said = {name: kept(mean_of(flown(study, name), "cost")) for name in (*FLYING, "OnCRPO", "SACLag")}
+    said = {name: limit_met(mean_estimate(flown(study, name), "cost")) for name in (*FLYING, "OnCRPO", "SACLag")}
     assert said == {
         "PPO": "unsure", "PPOLag": "no", "FOCOPS": "unsure", "P3O": "unsure", "OnCRPO": "no", "SACLag": "unsure",
     }  # fmt: skip
@@ -60,7 +61,7 @@ def test_who_is_surely_apart_from_ppo(study: Results):
     assert not [name for name in others if sure(apart(study, "PPO", name, "cost"))]
     assert [name for name in others if sure(apart(study, "PPO", name, "return_"))] == ["OnCRPO"]
     assert not [pair for pair in combinations(("PPO", "FOCOPS", "P3O"), 2) if sure(apart(study, *pair, "return_"))]
-    assert improvement(*shared_tables(flown(study, "PPO"), flown(study, "PPOLag"), "return_")).low > 0.5
+    assert probability_of_improvement(*matched_scores(flown(study, "PPO"), flown(study, "PPOLag"), "return_")).low > 0.5
     for name in ("FOCOPS", "P3O"):
         assert apart(study, name, "PPOLag", "return_").low > 0 and apart(study, name, "PPOLag", "cost").high < 0
     for field in ("return_", "cost"):
@@ -71,14 +72,14 @@ def test_who_is_surely_apart_from_ppo(study: Results):
 
 def test_what_is_lost_elsewhere(study: Results):
     at_home, away = (
-        {name: mean_of(flown(study, name, where), "return_") for name in FLYING} for where in ("", "unseen")
+        {name: mean_estimate(flown(study, name, where), "return_") for name in FLYING} for where in ("", "unseen")
     )
     assert [name for name in FLYING if away[name].high < at_home[name].low] == ["PPO", "PPOLag", "P3O"]
     for name in FLYING:
-        under_looks = changed(flown(study, name, "all_at_once"), flown(study, name))
+        under_looks = return_change(flown(study, name, "all_at_once"), flown(study, name))
         assert isinstance(under_looks, Estimate) and under_looks.high < 0
     for name in (*FLYING, "OnCRPO", "SACLag", "PPO-paper", "FOCOPS-paper"):
-        most_probable = changed(flown(study, name, "deterministic"), flown(study, name))
+        most_probable = return_change(flown(study, name, "deterministic"), flown(study, name))
         assert isinstance(most_probable, Estimate) and not sure(most_probable)
 
 
@@ -109,7 +110,7 @@ def test_what_a_mask_and_a_multiplier_do_to_focops(ways: Results):
 
 def test_what_training_cost_in_each_quarter(study: Results, findings: ModuleType):
     paid = {
-        name: np.array([findings.by_quarter(log) for log in study.training if log.algorithm == name])
+        name: np.array([findings.cost_by_quarter(log) for log in study.training if log.algorithm == name])
         for name in ("PPO", "PPOLag", "FOCOPS", "P3O", "OnCRPO", "SACLag")
     }
     said = (dict.fromkeys(("PPOLag", "FOCOPS", "P3O", "OnCRPO", "SACLag"), -1), {}, {"PPOLag": 1}, {"P3O": -1})

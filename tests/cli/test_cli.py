@@ -445,7 +445,7 @@ def nothing_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         "thalweg.encoder.load_encoder",
         "thalweg.cli.printing.evaluate_command",
         "thalweg.bench.leaderboard.leaderboard",
-        "thalweg.bench.speed.table.measure",
+        "thalweg.bench.speed.speed_table.measure",
     ):
         monkeypatch.setattr(name, done)
     monkeypatch.chdir(tmp_path)

@@ -1,6 +1,7 @@
-"""Who is ahead, and how sure is that? Trained policies of some results folders in one ranked table.
+"""The leaderboard: trained policies of several results folders in one ranked table.
 
-A row is ranked only if it shows what `REQUIRED` asks for; what a row lacks is said beside it.
+A row is ranked only if it has everything that `REQUIREMENTS` lists; rows that lack something stand apart with what they
+lack.
 """
 
 import shlex
@@ -13,34 +14,34 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import BEYOND
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.evaluate.evaluation import EvaluationConfig
-from thalweg.bench.report.extra_tables import LIMIT, kept, training_regret
-from thalweg.bench.report.tables import markdown
-from thalweg.bench.results.inference import CONFIDENCE, LEAST_SEEDS, Estimate, mean_of, table_of
+from thalweg.bench.report.policies import COST_LIMIT, limit_met, training_regret
+from thalweg.bench.report.table import frame, markdown
+from thalweg.bench.results.inference import CONFIDENCE, MIN_SEEDS, Estimate, mean_estimate, score_matrix
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
-from thalweg.bench.results.statistics import grouped
+from thalweg.bench.results.statistics import group_episodes
 from thalweg.bench.suite.suites import arms_of
 from thalweg.world import LEVELS
 
 LEVEL = "Medium"
-"""On which all are ranked, as the paper trained there."""
-MOST_STEPS = 200_000
-"""Of training each seed, as in the paper."""
-FLOWN = EvaluationConfig()
-"""How many starts on each level, and which."""
+"""Level that the ranking is made on, as the paper trained there."""
+MAX_STEPS = 200_000
+"""Most training steps per seed, as in the paper."""
+EVALUATION = EvaluationConfig()
+"""Number and seed of the starts on each level."""
 UNSEEN = next(condition for condition in BEYOND if condition.name == "unseen")
-LOG = "episodes.csv"
-"""From which the regret is computed."""
-FILES = ("config.yaml", LOG, "policy.safetensors")
-"""Of each training run."""
-REQUIRED = (
-    f"{LEAST_SEEDS} training seeds or more, all those that its suite names: none is left out because it did badly",
-    f"at most {MOST_STEPS:,} steps of training a seed, stages before the last included",
-    f"every seed's flights from the first {FLOWN.episodes} starts of {', '.join(LEVELS)} (`starts_seed`"
-    f" {FLOWN.starts_seed}), and as many on unseen rivers of each (the condition `{UNSEEN.name}`)",
-    f"the folder of its results, from which all figures are computed, with {', '.join(FILES)} of each training run",
+EPISODE_LOG = "episodes.csv"
+"""File of a training run that its regret is computed from."""
+RUN_FILES = ("config.yaml", EPISODE_LOG, "policy.safetensors")
+"""Required files of each training run."""
+REQUIREMENTS = (
+    f"{MIN_SEEDS} training seeds or more, all those that its suite names: none is left out because it did badly",
+    f"at most {MAX_STEPS:,} training steps per seed, earlier stages included",
+    f"every seed's flights from the first {EVALUATION.episodes} starts of {', '.join(LEVELS)} (`starts_seed`"
+    f" {EVALUATION.starts_seed}), and as many on unseen rivers of each (the condition `{UNSEEN.name}`)",
+    f"the folder of its results, from which all figures are computed, with {', '.join(RUN_FILES)} of each training run",
 )
-"""What a row must show to be ranked."""
+"""What a row must have to be ranked."""
 
 
 @dataclass(frozen=True)
@@ -49,166 +50,186 @@ class Entry:
 
     policy: str
     source: str
-    """Name of the folder of its results."""
+    """Name of the results folder."""
     code: str
-    """Mark of the sources that made them."""
+    """Version of the code that made the results."""
     level: str
-    """That it was trained on."""
+    """Training level."""
     steps: int
-    """Of training, each seed."""
+    """Training steps of each seed."""
     seeds: int
-    """Whose training finished."""
+    """Number of seeds whose training finished."""
     cost: Estimate | None
-    """Mean on `LEVEL`; None where it has not flown there."""
+    """Mean on `LEVEL`; None where the policy was not evaluated there."""
     returns: dict[str, Estimate]
-    """Mean on each level it flew on, and on unseen rivers of `LEVEL`; an interquartile mean would hide up to a quarter
-    of failures."""
+    """Mean on each level, and on unseen rivers of `LEVEL`; an interquartile mean would hide up to a quarter of
+    failures."""
     regret: float | None
-    """Mean over seeds, in the last stage of training; None where that is not known."""
-    lacks: tuple[str, ...]
-    """What it does not show of what is required."""
+    """Mean over seeds, in the last stage of training; None where it is not known."""
+    missing: tuple[str, ...]
+    """What the results lack of `REQUIREMENTS`."""
 
     @property
-    def limit(self) -> str:
-        """Whether the limit is met, in words of `kept`."""
-        return "unknown" if self.cost is None else kept(self.cost)
+    def limit_met(self) -> str:
+        """Whether the cost limit is met, in words."""
+        return "unknown" if self.cost is None else limit_met(self.cost)
 
     @property
-    def rank(self) -> tuple[int, float]:
-        """By which rows are sorted: those first that surely met the limit, then by return."""
-        place = {"yes": 0, "no": 2, "unknown": 3}.get(self.limit, 1)
-        return place, -self.returns[LEVEL].value if LEVEL in self.returns else 0.0
+    def sort_key(self) -> tuple[int, float]:
+        """Policies that surely meet the limit come first; then the greater return does."""
+        group = {"yes": 0, "no": 2, "unknown": 3}.get(self.limit_met, 1)
+        return group, -self.returns[LEVEL].value if LEVEL in self.returns else 0.0
 
 
 def entries(folder: Path) -> list[Entry]:
-    """The trained policies of a results folder that have begun; raises `ResultsError` where it holds no results, or
-    does not say which."""
+    """Return the trained policies of a results folder, as far as any run of them has started.
+
+    Raises `ResultsError` for a folder that holds no results, or no readable suite.
+    """
     results = read_results(folder)
     if not results.suite:
         raise ResultsError(
             f"{folder}: {next((line for line in results.skipped if 'suite.json' in line), 'no suite.json')}"
         )
-    flown, unseen = (_first(rows) for rows in (results.episodes, results.beyond.get(UNSEEN.name, [])))
+    evaluated, unseen = (_counted(rows) for rows in (results.episodes, results.beyond.get(UNSEEN.name, [])))
     found = []
     for arm in arms_of(results.suite):
-        own = {place: flown[arm["name"], place] for place in LEVELS if (arm["name"], place) in flown}
-        elsewhere = {place: unseen[arm["name"], place] for place in LEVELS if (arm["name"], place) in unseen}
-        begun = any(row.algorithm == arm["name"] for row in results.runs)
-        if not own and not begun:
-            continue
-        returns = {place: mean_of(rows, "return_") for place, rows in own.items()}
-        if LEVEL in elsewhere:
-            returns[UNSEEN.name] = mean_of(elsewhere[LEVEL], "return_")
-        found.append(
-            Entry(
-                arm["name"],
-                folder.resolve().name,
-                str((results.suite.get("made_by") or {}).get("source") or "unknown")[:8],
-                arm.get("level") or results.suite.get("train_level", "unknown"),
-                _steps(arm),
-                sum(row.algorithm == arm["name"] and row.status == "finished" for row in results.runs),
-                mean_of(own[LEVEL], "cost") if LEVEL in own else None,
-                returns,
-                training_regret(results, arm["name"]),
-                tuple(_lacking(results, arm, own, elsewhere)),
-            )
+        name = arm["name"]
+        usual, other = (
+            {level: rows for level in LEVELS if (rows := each.get((name, level)))} for each in (evaluated, unseen)
         )
+        if usual or any(row.algorithm == name for row in results.runs):
+            found.append(_entry(results, folder, arm, usual, other))
     return found
 
 
-def _first(rows: Sequence[Episode]) -> dict[tuple[str, str], list[Episode]]:
-    """The flights of each policy and level from as many starts as count."""
-    return grouped([row for row in rows if row.episode < FLOWN.episodes])
+def _entry(
+    results: Results,
+    folder: Path,
+    arm: dict[str, Any],
+    usual: dict[str, list[Episode]],
+    unseen: dict[str, list[Episode]],
+) -> Entry:
+    """The entry of an arm with its episodes on each level, on the usual and on unseen rivers."""
+    name = arm["name"]
+    returns = {level: mean_estimate(rows, "return_") for level, rows in usual.items()}
+    if LEVEL in unseen:
+        returns[UNSEEN.name] = mean_estimate(unseen[LEVEL], "return_")
+    return Entry(
+        policy=name,
+        source=folder.resolve().name,
+        code=str((results.suite.get("made_by") or {}).get("source") or "unknown")[:8],
+        level=arm.get("level") or results.suite.get("train_level", "unknown"),
+        steps=_training_steps(arm),
+        seeds=sum(row.algorithm == name and row.status == "finished" for row in results.runs),
+        cost=mean_estimate(usual[LEVEL], "cost") if LEVEL in usual else None,
+        returns=returns,
+        regret=training_regret(results, name),
+        missing=tuple(_missing(results, arm, usual, unseen)),
+    )
 
 
-def _steps(arm: dict[str, Any]) -> int:
-    """Of training with each seed, all stages together."""
+def _counted(rows: Sequence[Episode]) -> dict[tuple[str, str], list[Episode]]:
+    """The episodes of each policy and level from the starts that count."""
+    return group_episodes([row for row in rows if row.episode < EVALUATION.episodes])
+
+
+def _training_steps(arm: dict[str, Any]) -> int:
+    """Training steps of each seed, all stages together."""
     return sum(stage["steps"] for stage in (*arm.get("before", ()), arm))
 
 
-def _lacking(
-    results: Results, arm: dict[str, Any], own: dict[str, list[Episode]], elsewhere: dict[str, list[Episode]]
+def _missing(
+    results: Results, arm: dict[str, Any], usual: dict[str, list[Episode]], unseen: dict[str, list[Episode]]
 ) -> list[str]:
-    """What an arm does not show of `REQUIRED`, a few words each."""
-    lacks, planned = [], arm["seeds"]
-    logs = {log.seed for log in results.training if log.algorithm == arm["name"]}
-    if len(planned) < LEAST_SEEDS:
-        lacks.append(f"{LEAST_SEEDS} seeds")
-    if _steps(arm) > MOST_STEPS:
-        lacks.append(f"no more than {MOST_STEPS:,} steps")
-    if results.suite.get("starts_seed") != FLOWN.starts_seed:
-        lacks.append(f"flights from the starts of `starts_seed` {FLOWN.starts_seed}")
-    for seed in planned:
-        home = results.folder / "runs" / f"{arm['name']}-{seed}"
-        finished = any(row.run == home.name and row.status == "finished" for row in results.runs)
-        missing = [name for name in FILES if not (home / name).exists() or (name == LOG and seed not in logs)]
-        lacks += [f"training seed {seed}"] if not finished else [f"{name} of seed {seed}" for name in missing]
+    """What an arm lacks of `REQUIREMENTS`, a few words each."""
+    missing, planned = [], arm["seeds"]
+    if len(planned) < MIN_SEEDS:
+        missing.append(f"{MIN_SEEDS} seeds")
+    if _training_steps(arm) > MAX_STEPS:
+        missing.append(f"no more than {MAX_STEPS:,} steps")
+    if results.suite.get("starts_seed") != EVALUATION.starts_seed:
+        missing.append(f"flights from the starts of `starts_seed` {EVALUATION.starts_seed}")
+    missing += [line for seed in planned for line in _missing_of_run(results, arm["name"], seed)]
     if UNSEEN.as_data() not in results.suite.get("conditions", []):
-        elsewhere = {}
-    for rows, where in ((own, ""), (elsewhere, " (unseen)")):
-        short = [level for level in LEVELS if not _complete(rows.get(level, []), planned)]
-        lacks += [f"flights on {', '.join(short)}{where}"] if short else []
-    return lacks
+        unseen = {}
+    for episodes, suffix in ((usual, ""), (unseen, " (unseen)")):
+        levels = [level for level in LEVELS if not _is_complete(episodes.get(level, []), planned)]
+        missing += [f"flights on {', '.join(levels)}{suffix}"] if levels else []
+    return missing
 
 
-def _complete(rows: Sequence[Episode], seeds: Sequence[int]) -> bool:
+def _missing_of_run(results: Results, name: str, seed: int) -> list[str]:
+    """What is missing of the training run of a seed: the run itself, or some of its files."""
+    run = results.folder / "runs" / f"{name}-{seed}"
+    if not any(row.run == run.name and row.status == "finished" for row in results.runs):
+        return [f"training seed {seed}"]
+    files = {file for file in RUN_FILES if (run / file).exists()}
+    if not any((log.algorithm, log.seed) == (name, seed) for log in results.training):
+        files.discard(EPISODE_LOG)  # a log that cannot be read counts as missing
+    return [f"{file} of seed {seed}" for file in RUN_FILES if file not in files]
+
+
+def _is_complete(rows: Sequence[Episode], seeds: Sequence[int]) -> bool:
     """Whether each seed flew every start."""
     try:
-        return {row.seed for row in rows} == set(seeds) and len(table_of(rows)) == FLOWN.episodes
+        return {row.seed for row in rows} == set(seeds) and len(score_matrix(rows)) == EVALUATION.episodes
     except ValueError:
         return False
 
 
 def leaderboard(folders: Sequence[Path]) -> str:
-    """The page of some results folders in Markdown; raises `ResultsError` where there is none, for one that can't be
-    used, and where two have the same name."""
+    """Return the leaderboard of some results folders as a page in Markdown.
+
+    Raises `ResultsError` for no folder, for one that cannot be used, and for two with the same name.
+    """
     if not folders:
         raise ResultsError("give at least one folder that `thalweg bench` wrote")
     names = [folder.resolve().name for folder in folders]
     for name in names:
         if names.count(name) > 1:
-            raise ResultsError(f"two folders are called {name!r}; a row is told by its policy and its folder's name")
-    found = sorted((entry for folder in folders for entry in entries(folder)), key=lambda entry: entry.rank)
-    ranked = [[str(place), *_cells(entry)] for place, entry in enumerate((e for e in found if not e.lacks), start=1)]
-    others = [[*_cells(entry), "; ".join(entry.lacks)] for entry in found if entry.lacks]
-    required = "\n".join(f"- {line};" for line in REQUIRED).removesuffix(";") + "."
-    command = shlex.join(["thalweg", "leaderboard", *map(str, folders)])
+            raise ResultsError(
+                f"two folders are named {name!r}; a row is identified by its policy and its folder's name"
+            )
+    found = sorted((entry for folder in folders for entry in entries(folder)), key=lambda entry: entry.sort_key)
+    complete = [entry for entry in found if not entry.missing]
+    ranked = [[str(rank), *_cells(entry)] for rank, entry in enumerate(complete, start=1)]
+    unranked = [[*_cells(entry), "; ".join(entry.missing)] for entry in found if entry.missing]
+    requirements = "\n".join(f"- {line};" for line in REQUIREMENTS).removesuffix(";") + "."
     parts = [
-        HEAD,
-        f"```sh\n{command}\n```\n",
-        markdown(["", *COLUMNS], ranked) if ranked else "No row is complete yet.\n",
+        INTRODUCTION,
+        f"```sh\n{shlex.join(['thalweg', 'leaderboard', *map(str, folders)])}\n```\n",
+        markdown(frame(["", *COLUMNS], ranked)) if ranked else "No row is complete yet.\n",
+        f"A row shows\n\n{requirements}\n",
     ]
-    parts += [f"A row shows\n\n{required}\n"]
-    parts += [f"## Not ranked\n\nWhat these lack stands in the last column.\n\n{_rest(others)}"] if others else []
+    if unranked:
+        table = markdown(frame([*COLUMNS, "lacks"], unranked))
+        parts.append(f"## Not ranked\n\nThe last column names what these rows lack.\n\n{table}")
     return "\n".join(parts)
 
 
-HEAD = f"""# Leaderboard
+INTRODUCTION = f"""# Leaderboard
 
-Made by the command below from results folders, and from nothing else. First come policies whose mean cost an episode on
-{LEVEL} is within {LIMIT} as far as the whole interval tells (*yes*), then those of which that is *unsure*, then the
-others; among each, the greater return on {LEVEL} leads. Returns are means, of at most 10; in brackets
-stand intervals of {CONFIDENCE:.0%} over training seeds. Of fewer than {LEAST_SEEDS} there is none, and *below, unsure*
-or *above, unsure* says where the mean cost lies.
+Computed by the command below from results folders, and from nothing else. First come policies whose mean cost per
+episode on {LEVEL} is within {COST_LIMIT} for the whole confidence interval (*yes*), then those of which that is
+*unsure*, then the others; within each group, the greater return on {LEVEL} comes first. Returns are means, of at most
+10; in brackets stand intervals of {CONFIDENCE:.0%} over training seeds. With fewer than {MIN_SEEDS} seeds there is no
+interval, and *below, unsure* or *above, unsure* says on which side the mean cost lies.
 
-*Unseen*: rivers of {LEVEL} on which nothing is trained. *Regret*: what training cost beyond the limit, an episode of
-the last stage. *Code*: a mark of the sources that made the row; worlds and pictures of different code may differ.
+*Unseen*: rivers of {LEVEL} that nothing is trained on. *Regret*: the cost of training above the limit, per episode of
+the last stage. *Code*: a hash of the sources that made the row; worlds and frames of different code may differ.
 """
+OTHER_LEVELS = tuple(level for level in LEVELS if level != LEVEL)
 COLUMNS = (
-    "policy", "results", "limit met", "cost", LEVEL, *(level for level in LEVELS if level != LEVEL), "unseen", "regret",
+    "policy", "results", "limit met", "cost", LEVEL, *OTHER_LEVELS, "unseen", "regret",
     "trained on", "steps", "seeds", "code",
 )  # fmt: skip
 
 
-def _rest(others: list[list[str]]) -> str:
-    return markdown([*COLUMNS, "lacks"], others)
-
-
 def _cells(entry: Entry) -> list[str]:
-    """A row, from the policy's name on."""
-    places = (LEVEL, *(level for level in LEVELS if level != LEVEL), UNSEEN.name)
-    returns = [str(entry.returns.get(place, "missing")) for place in places]
+    """A row of `COLUMNS` as text."""
+    returns = [str(entry.returns.get(river, "missing")) for river in (LEVEL, *OTHER_LEVELS, UNSEEN.name)]
     cost = "missing" if entry.cost is None else str(entry.cost)
     regret = "unknown" if entry.regret is None else f"{entry.regret:.2f}"
     rest = [regret, entry.level, f"{entry.steps:,}", str(entry.seeds), entry.code]
-    return [entry.policy, entry.source, entry.limit, cost, *returns, *rest]
+    return [entry.policy, entry.source, entry.limit_met, cost, *returns, *rest]

@@ -149,7 +149,7 @@ class Speed:
     """Also write the JSON to this .json file; one that is there is replaced."""
 
     def run(self) -> int:
-        from thalweg.bench.speed.table import speed
+        from thalweg.bench.speed.speed_table import speed
 
         if self.out is not None:
             check_file("--out", self.out, ".json")

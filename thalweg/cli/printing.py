@@ -16,7 +16,8 @@ from thalweg.bench.execute.executors import Hands, Here, Processes
 from thalweg.bench.execute.rivers import PACKAGED_POLICY
 from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.report.published import SOURCE
-from thalweg.bench.report.tables import ELSEWHERE, detail_table, paper_table
+from thalweg.bench.report.result_tables import detail_table, paper_table
+from thalweg.bench.report.table import is_published
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
 from thalweg.bench.suite.suites import PACKAGED
@@ -131,12 +132,12 @@ def _console() -> Console:
 
 def print_tables(console: Console, results: Results, *, detail: bool = True) -> None:
     """The paper's table, and with `detail` what it leaves out."""
-    tables = [paper_table(results)] + ([detail_table(results)] if detail else [])
-    for header, rows in tables:
-        table = Table(*(Column(name, justify="right" if place else "left") for place, name in enumerate(header)))
-        for row in rows:
-            published = ELSEWHERE in row[0]
+    texts = [paper_table(results).text] + ([detail_table(results).text] if detail else [])
+    for text in texts:
+        table = Table(*(Column(name, justify="right" if index else "left") for index, name in enumerate(text.columns)))
+        for row in text.itertuples(index=False, name=None):
+            published = is_published(row[0])
             table.add_row("published *" if published else row[0], *row[1:], style="dim" if published else None)
         console.print(table)
-    if any(ELSEWHERE in row[0] for row in tables[0][1]):
+    if any(map(is_published, texts[0].iloc[:, 0])):
         console.print(f"* {SOURCE}: measured in another simulator, on other rivers", highlight=False)

@@ -11,7 +11,7 @@ import pytest
 
 from tests.browser import Browser
 from thalweg.bench.report.report import write_report
-from thalweg.bench.report.tables import ELSEWHERE
+from thalweg.bench.report.table import PAPER
 
 pytestmark = pytest.mark.browser
 HERE = Path(__file__).parent
@@ -19,7 +19,7 @@ RUNS = """FOCOPS-0,train,FOCOPS,0,90,failed,NaN,1.0,90.0
 P3O-2,train,P3O,2,1234567,finished,,5000.0,1046.5
 P3O-10,train,P3O,10,20000,finished,,50.0,400.0
 """
-PUBLISHED = {name: f"{name} ({ELSEWHERE})" for name in ("PPO", "FOCOPS", "P3O")}
+PUBLISHED = {name: f"{name} ({PAPER})" for name in ("PPO", "FOCOPS", "P3O")}
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +114,7 @@ def test_numbers_with_intervals_and_deviations_sort_by_what_leads_them(browser: 
     shares = ["0%", "0%", "50%", "100% [61, 100]"]  # of six flights
     assert column(browser, "In detail", "success") == [*shares, "missing", "failed", "failed", "missing"]
     assert [sort_by(browser, "Return and cost", "Easy return") for _ in range(2)][-1] == "descending"
-    ours = [row[1] for row in rows(browser, "Return and cost") if ELSEWHERE not in row[0]]
+    ours = [row[1] for row in rows(browser, "Return and cost") if PAPER not in row[0]]
     assert ours == ["10.00 ± 0.00", "7.00 ± 3.00 (1 of 2 seeds)", "0.05 ± 0.00", "failed"]
 
 

@@ -1,3 +1,5 @@
+"""Tests of what a report contains, without its figures."""
+
 import csv
 import re
 from pathlib import Path
@@ -6,19 +8,11 @@ import pytest
 
 from tests.bench.small_place import write_film_of
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.report.latex import latex
-from thalweg.bench.report.page import html_table
+from thalweg.bench.report.page import page
 from thalweg.bench.report.report import write_report
-from thalweg.bench.report.sections import PARTS, Table
-from thalweg.bench.report.tables import (
-    ELSEWHERE,
-    detail_csv,
-    detail_table,
-    markdown,
-    number_columns,
-    paper_table,
-    table_csv,
-)
+from thalweg.bench.report.result_tables import detail_table, paper_table
+from thalweg.bench.report.sections import SECTIONS, TableSection
+from thalweg.bench.report.table import PAPER, latex, markdown
 from thalweg.bench.results.reading import read_results
 
 STUDY = Path(__file__).resolve().parents[3] / "benchmarks" / "paper"
@@ -27,8 +21,8 @@ pytestmark = pytest.mark.usefixtures("no_pictures")
 
 
 def table_of(folder: Path) -> dict[str, list[str]]:
-    _, rows = paper_table(read_results(folder))
-    return {row[0]: row[1:] for row in rows}
+    text = paper_table(read_results(folder)).text
+    return {policy: cells for policy, *cells in text.itertuples(index=False)}
 
 
 def test_the_table_holds_means_and_deviations_computed_by_hand(tiny_results: Path):
@@ -58,9 +52,9 @@ def add_runs(folder: Path, *lines: str) -> None:
 def test_an_algorithm_whose_every_run_failed_is_a_row_that_says_so(tiny_results: Path):
     add_runs(tiny_results, "FOCOPS-0,train,FOCOPS,0,90,failed,NaN,1.0,90.0")
     rows = table_of(tiny_results)
-    assert list(rows) == ["hover", "PPO", f"PPO ({ELSEWHERE})", "FOCOPS", f"FOCOPS ({ELSEWHERE})"]
+    assert list(rows) == ["hover", "PPO", f"PPO ({PAPER})", "FOCOPS", f"FOCOPS ({PAPER})"]
     assert rows["FOCOPS"] == ["failed"] * 4
-    assert rows[f"FOCOPS ({ELSEWHERE})"][0] == "7.83 ± 3.74"
+    assert rows[f"FOCOPS ({PAPER})"][0] == "7.83 ± 3.74"
 
 
 def test_a_packaged_policy_that_is_not_there_is_a_row_that_says_so(tiny_results: Path):
@@ -77,8 +71,7 @@ def test_an_algorithm_of_the_suite_that_has_not_run_yet_is_missing(tiny_results:
 def test_gaps_stand_in_every_table(tiny_results: Path):
     add_runs(tiny_results, "FOCOPS-0,train,FOCOPS,0,90,failed,NaN,1.0,90.0")
     results = read_results(tiny_results)
-    _, rows = detail_table(results)
-    assert [row[:4] for row in rows] == [
+    assert detail_table(results).text.iloc[:, :4].to_numpy().tolist() == [
         ["hover", "Easy", "2", "1"],
         ["hover", "Medium", "missing", "0 of 1"],
         ["PPO", "Easy", "2", "1 of 2"],
@@ -86,7 +79,7 @@ def test_gaps_stand_in_every_table(tiny_results: Path):
         ["FOCOPS", "Easy", "failed", "0 of 1"],
         ["FOCOPS", "Medium", "failed", "0 of 1"],
     ]
-    table = list(csv.DictReader(table_csv(results).splitlines()))
+    table = list(csv.DictReader(paper_table(results).csv.splitlines()))
     ours = [
         (row["algorithm"], row["level"], row["seeds"], row["planned_seeds"])
         for row in table
@@ -99,7 +92,7 @@ def test_gaps_stand_in_every_table(tiny_results: Path):
 def test_the_details_as_csv_hold_values_computed_by_hand_at_full_precision(tiny_results: Path):
     medium = tiny_results / "evaluation" / "PPO-0-Medium.csv"
     medium.write_text(medium.read_text().replace("0.0,1.0,1.0,1.0", "0.0,1.123456789012345,1.0,1.0"))
-    rows = list(csv.DictReader(detail_csv(read_results(tiny_results)).splitlines()))
+    rows = list(csv.DictReader(detail_table(read_results(tiny_results)).csv.splitlines()))
     assert [(row["algorithm"], row["level"], row["seeds"], row["planned_seeds"]) for row in rows] == [
         ("hover", "Easy", "1", "1"),
         ("hover", "Medium", "0", "1"),
@@ -122,11 +115,6 @@ def test_the_runs_beside_the_page_are_those_of_the_results_with_their_errors(tin
         ("PPO-1", "failed", "1.0"),
     ]
     assert rows[2]["error"] == "NotFiniteError: the loss is NaN <at step 300>"
-
-
-def test_columns_of_numbers_are_those_in_which_a_cell_begins_with_one():
-    rows = [["1-PPO", "Easy", "missing", "0 of 1", "failed"], ["hover", "2 rivers", "< 0.01", "−3", "absent"]]
-    assert number_columns((["policy", "level", "p", "seeds", "return"], rows)) == [False, True, True, True, False]
 
 
 def test_a_table_without_rows_says_so_and_has_no_files(tiny_results: Path):
@@ -162,7 +150,7 @@ def test_a_report_says_what_is_still_missing(tiny_results: Path):
     """PPO-0 and the failed PPO-1 aside, nothing is planned: hover is no baseline of this suite."""
     assert not any(line.startswith("Unfinished") for line in write_report(tiny_results).problems)
     (tiny_results / "evaluation" / "PPO-0-Medium.csv").unlink()
-    missing = "Unfinished: 1 of 2 evaluations are missing; the suite goes on with them"
+    missing = "Unfinished: 1 of 2 evaluations are missing; the same command resumes the suite"
     assert missing in write_report(tiny_results).problems
     assert missing in (tiny_results / "report" / "report.html").read_text()
 
@@ -272,7 +260,7 @@ def test_no_cell_of_the_page_is_blank(tiny_results: Path):
     assert [row for row in rows if not all(cell.strip() for cell in row)] == []
     assert ["hover-0", "baseline", "finished", "not trained", "not trained", "not trained"] in rows
     assert ["hover", "Delta", "missing", "0 of 1", *["missing"] * 7] in rows
-    (published,) = (row for row in rows if row[0] == f"PPO ({ELSEWHERE})")
+    (published,) = (row for row in rows if row[0] == f"PPO ({PAPER})")
     assert published[-2:] == ["not published", "not published"]
 
 
@@ -333,20 +321,28 @@ def test_what_an_earlier_report_had_and_this_one_has_not_goes(tiny_results: Path
 
 
 def test_the_committed_tables_of_the_study_are_those_of_its_results():
-    results, page = read_results(STUDY), (STUDY / "report" / "report.html").read_text()
-    for part in (part for part in PARTS if isinstance(part, Table)):
-        grid, (words, tex, numbers) = part.text(results), (STUDY / "report" / name for name in part.files)
-        assert words.read_text() == markdown(*grid), part.name
-        assert tex.read_text() == latex(*grid), part.name
-        assert html_table(*grid, part.title) in page, part.name
-        there, here = (list(csv.reader(text.splitlines())) for text in (numbers.read_text(), part.csv(results)))
-        assert there[0] == here[0] and len(there) == len(here), part.name
-        for old, new in zip(there, here, strict=True):
-            assert [as_number(cell) for cell in old] == [as_number(cell) for cell in new], part.name
+    results, folder = read_results(STUDY), STUDY / "report"
+    tables = {section.name: section.table(results) for section in SECTIONS if isinstance(section, TableSection)}
+    for name, table in tables.items():
+        assert (folder / f"{name}.md").read_text() == markdown(table.text), name
+        assert (folder / f"{name}.tex").read_text() == latex(table.text), name
+        texts = (folder / f"{name}.csv").read_text(), table.csv
+        committed, computed = (list(csv.reader(text.splitlines())) for text in texts)
+        assert committed[0] == computed[0] and len(committed) == len(computed), name
+        for old, new in zip(committed, computed, strict=True):
+            assert [as_number(cell) for cell in old] == [as_number(cell) for cell in new], name
+    committed_page = (folder / "report.html").read_text()
+    assert html_tables(committed_page) == html_tables(page(results, tables, {}, []))
+    assert len(html_tables(committed_page)) == len(tables)
+
+
+def html_tables(text: str) -> list[str]:
+    """The tables of a page, with the regions that they scroll in."""
+    return re.findall(r"<div class='wide' role='region'.*?</table></div>", text)
 
 
 def as_number(cell: str) -> object:
-    """A number whose last digits, which depend on the machine, don't count; or the word itself."""
+    """A number up to its last digits, which depend on the machine; or the word itself."""
     try:
         return pytest.approx(float(cell), rel=1e-9, abs=1e-12, nan_ok=True)
     except ValueError:

@@ -1,4 +1,4 @@
-"""The report with all its pictures: what is there, and that it needs nothing from elsewhere."""
+"""Tests of a report with all its figures: which files there are, and that the page loads nothing from elsewhere."""
 
 import re
 from dataclasses import replace
@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from tests.bench.small_place import SUITE, SmallPlace, write_film_of
 from thalweg.bench.evaluate.conditions import Condition
 from thalweg.bench.execute.runner import run_suite
-from thalweg.bench.report.figures import arrange, failure_bars, pdf, png, training_curves
+from thalweg.bench.report.figures import failure_bars, fix_layout, pdf, png, training_curves
 from thalweg.bench.report.report import write_report
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.suite.suites import suite_named
@@ -77,11 +77,11 @@ def test_results_with_every_gap_are_drawn(tmp_path: Path):
     assert len([line for line in report.problems if line.startswith("Run ")]) == 3
 
 
-def test_what_is_arranged_keeps_its_place_in_each_file():
+def test_a_fixed_layout_is_the_same_in_each_file():
     figure = Figure(layout="constrained")
     axis = figure.subplots()
     axis.set_ylabel("a label\nof three\nlines")
-    arrange(figure)
+    fix_layout(figure)
     before = axis.get_position().bounds
     assert before[0] > 0.1
     png(figure)

@@ -1,8 +1,10 @@
+"""Tests of summaries and training curves on numbers computed by hand."""
+
 import numpy as np
 import pytest
 
 from thalweg.bench.evaluate.episodes import Episode
-from thalweg.bench.results.statistics import TrainingLog, band, curve, regret, summarise
+from thalweg.bench.results.statistics import TrainingLog, mean_and_std, regret, summarise, training_curve
 
 
 def episode(return_: float, cost: float, reason: str, *, seed: int = 0, length: int = 10) -> Episode:
@@ -12,7 +14,7 @@ def episode(return_: float, cost: float, reason: str, *, seed: int = 0, length: 
     )
 
 
-def test_a_summary_has_the_mean_and_the_deviation_of_its_episodes():
+def test_a_summary_has_mean_and_standard_deviation_of_its_episodes():
     rows = [episode(1, 1.0, "Collision"), episode(3, 0.2, "Idle", seed=1), episode(5, 0.0, "Success", length=40)]
     cell = summarise(rows)
     assert cell.return_mean == 3
@@ -25,7 +27,7 @@ def test_a_summary_has_the_mean_and_the_deviation_of_its_episodes():
     assert seen == {"Collision": 1, "Idle": 1, "Success": 1}
 
 
-def test_nothing_cannot_be_summed_up():
+def test_no_episodes_have_no_summary():
     with pytest.raises(ValueError, match="no episodes"):
         summarise([])
 
@@ -35,7 +37,7 @@ def log(steps, returns, tight, loose, last_step: int = 1000) -> TrainingLog:
 
 
 def test_the_cost_rate_is_violations_so_far_over_steps_so_far():
-    found = curve(log([10, 20, 30], [1, 2, 3], [1, 0, 1], [0, 0.2, 0]), np.array([5, 10, 20, 40]))
+    found = training_curve(log([10, 20, 30], [1, 2, 3], [1, 0, 1], [0, 0.2, 0]), np.array([5, 10, 20, 40]))
     np.testing.assert_allclose(found.total_rate, [0, 1 / 10, 2 / 20, 3 / 40])
     np.testing.assert_allclose(found.tight_rate, [0, 1 / 10, 1 / 20, 2 / 40])
     np.testing.assert_allclose(found.loose_rate, [0, 0, 1 / 20, 1 / 40])
@@ -43,22 +45,22 @@ def test_the_cost_rate_is_violations_so_far_over_steps_so_far():
 
 def test_the_running_return_is_the_mean_of_the_last_fifty_episodes_only():
     returns = np.arange(60.0)
-    found = curve(log(np.arange(1, 61), returns, returns * 0, returns * 0), np.array([2, 50, 60]))
+    found = training_curve(log(np.arange(1, 61), returns, returns * 0, returns * 0), np.array([2, 50, 60]))
     np.testing.assert_allclose(found.return_, [0.5, 24.5, 34.5])
 
 
 def test_there_is_no_return_before_the_first_episode_has_ended():
-    assert np.isnan(curve(log([10], [1], [0], [0]), np.array([9])).return_[0])
+    assert np.isnan(training_curve(log([10], [1], [0], [0]), np.array([9])).return_[0])
 
 
-def test_a_band_leaves_out_runs_without_a_value_yet():
-    mean, std = band([np.array([np.nan, 1.0]), np.array([4.0, 3.0])])
+def test_mean_and_std_leave_out_runs_without_a_value():
+    mean, std = mean_and_std([np.array([np.nan, 1.0]), np.array([4.0, 3.0])])
     np.testing.assert_allclose(mean, [4, 2])
     np.testing.assert_allclose(std, [0, 1])
 
 
 def test_a_curve_ends_at_the_last_step_of_its_run():
-    found = curve(log([10, 20], [1, 3], [1, 0], [0, 0.2], last_step=25), np.array([20, 25, 26, 40]))
+    found = training_curve(log([10, 20], [1, 3], [1, 0], [0, 0.2], last_step=25), np.array([20, 25, 26, 40]))
     np.testing.assert_allclose(found.return_, [2, 2, np.nan, np.nan])
     np.testing.assert_allclose(found.total_rate, [2 / 20, 2 / 25, np.nan, np.nan])
     np.testing.assert_allclose(found.tight_rate, [1 / 20, 1 / 25, np.nan, np.nan])
@@ -67,7 +69,7 @@ def test_a_curve_ends_at_the_last_step_of_its_run():
 
 def test_a_band_goes_on_with_the_runs_that_do():
     short, long = np.array([1.0, 2.0, np.nan, np.nan]), np.array([3.0, 4.0, 5.0, np.nan])
-    mean, std = band([short, long])
+    mean, std = mean_and_std([short, long])
     np.testing.assert_allclose(mean, [2, 3, 5, np.nan])
     np.testing.assert_allclose(std, [1, 1, 0, np.nan])
 

@@ -17,9 +17,8 @@ from thalweg.bench.evaluate.episodes import REASONS, WORDS, Episode, read_episod
 from thalweg.bench.evaluate.progress import bar, progress_of_frames
 from thalweg.bench.execute.rivers import Place
 from thalweg.bench.pictures.film_format import LARGE, SMALL
-from thalweg.bench.report.tables import plus_minus
 from thalweg.bench.results.results import FILMS, KINDS, MAIN_FILM, FilmFiles, evaluation_path
-from thalweg.bench.results.statistics import summarise
+from thalweg.bench.results.statistics import mean_and_std_text, summarise
 from thalweg.bench.suite.suites import Run, Suite
 from thalweg.core.atomic_io import write_atomic
 
@@ -97,7 +96,7 @@ def best_of_all(suite: Suite, folder: Path) -> Shot | None:
                 run,
                 episode,
                 f"The best of {len(flights)} flights of {WHOSE[kind]} there; the return of {episode.algorithm}'s "
-                f"{own.episodes} is {plus_minus(own.return_mean, own.return_std)}.",
+                f"{own.episodes} is {mean_and_std_text(own.return_mean, own.return_std)}.",
             )
     return None
 

@@ -1,1 +1,1 @@
-"""The report: tables, figures, HTML page and LaTeX."""
+"""The report of a results folder: tables, figures, LaTeX and one HTML page."""

@@ -1,4 +1,4 @@
-"""What do the rivers look like from above, and where on them does each policy fail?
+"""Maps of the rivers from above, and of where on them each policy failed.
 
 The rivers are built from the levels and seeds that the results name.
 """
@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from thalweg.bench.evaluate.episodes import REASONS, WORDS, Episode
 from thalweg.bench.report.figures import REASON_COLOURS, STYLE
 from thalweg.bench.results.results import Results
-from thalweg.bench.results.statistics import grouped
+from thalweg.bench.results.statistics import group_episodes
 from thalweg.world import LEVELS, World, level_named, load_or_build
 from thalweg.world.map_image import view
 
@@ -25,43 +25,46 @@ COLOURS = dict(zip(REASONS, REASON_COLOURS, strict=True))
 
 
 def failure_maps(results: Results, level: str, world: World) -> Figure | None:
-    """One panel for each policy that learnt and flew on the level: its river, and a dot where a flight ended without
-    success; None where results do not say where flights ended."""
-    blind = results.suite.get("baselines", [])
-    every = grouped(results.episodes)
-    flown = {name: rows for (name, where), rows in every.items() if where == level and name not in blind}
-    kept = {name: rows for name, rows in flown.items() if not np.isnan([row.end_x for row in rows]).any()}
-    if not kept:
+    """Draw one panel for each policy, other than baselines, that flew on the level: its river, and a dot where an
+    episode ended without success.
+
+    Returns None where the results do not record where episodes ended.
+    """
+    baselines = results.suite.get("baselines", [])
+    groups = group_episodes(results.episodes)
+    on_level = {name: rows for (name, river), rows in groups.items() if river == level and name not in baselines}
+    panels = {name: rows for name, rows in on_level.items() if not np.isnan([row.end_x for row in rows]).any()}
+    if not panels:
         return None
-    lines = -(-len(kept) // COLUMNS)
+    lines = -(-len(panels) // COLUMNS)
     east, north = (np.ptp(world.river.position_m[:, axis]) + 60.0 for axis in (0, 1))
     with rc_context(STYLE | {"axes.grid": False}):
         figure = Figure(figsize=(9.0, 0.7 + lines * (0.3 + 2.2 * min(max(north / east, 0.35), 1.6))))
         axes = np.atleast_1d(figure.subplots(lines, COLUMNS, squeeze=False)).ravel()
-        for axis in axes[len(kept) :]:
+        for axis in axes[len(panels) :]:
             axis.set_visible(False)
-        for axis, (name, rows) in zip(axes, kept.items(), strict=False):
-            _panel(axis, world, rows)
+        for axis, (name, rows) in zip(axes, panels.items(), strict=False):
+            _draw_panel(axis, world, rows)
             failed = sum(not row.success for row in rows)
             axis.set_title(f"{name}: {failed} of {len(rows)} failed", fontsize=8)
         handles = [Line2D([], [], marker="o", markersize=4, linestyle="", color=COLOURS[reason]) for reason in FAILED]
-        words = [WORDS[reason] for reason in FAILED]
-        figure.legend(handles, words, loc="outside lower center", ncols=6, frameon=False, fontsize=8)
+        labels = [WORDS[reason] for reason in FAILED]
+        figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False, fontsize=8)
     return figure
 
 
 def failures_on(level: str) -> Callable[[Results], Figure | None]:
-    """What draws the maps of a level, if it was flown on."""
+    """Return a function that draws the maps of a level, or None where nothing was flown on it."""
 
-    def drawn(results: Results) -> Figure | None:
+    def draw(results: Results) -> Figure | None:
         world = _world(results, level)
         return None if world is None else failure_maps(results, level, world)
 
-    return drawn
+    return draw
 
 
 def levels_from_above(results: Results) -> Figure | None:
-    """The orthographic view of each level's river, with a scale; None where only others were flown on."""
+    """Draw the orthographic view of each level's river, with a scale; None where only other rivers were flown."""
     worlds = {level: world for level in results.levels if (world := _world(results, level)) is not None}
     if not worlds:
         return None
@@ -84,15 +87,15 @@ def levels_from_above(results: Results) -> Figure | None:
 
 
 def _world(results: Results, level: str) -> World | None:
-    """The river of a level as the results name it; None if they don't, or if there is no such level."""
+    """Return the river of a level with the seed that the results name; None for several seeds or an unknown level."""
     seeds = {row.world_seed for row in results.episodes if row.level == level}
     if len(seeds) != 1 or level not in LEVELS:
         return None
     return load_or_build(level_named(level), seeds.pop())
 
 
-def _panel(axis, world: World, rows: list[Episode]) -> None:
-    """The river from above, and the ends of flights on it."""
+def _draw_panel(axis, world: World, rows: list[Episode]) -> None:
+    """Draw the river from above, and the ends of failed episodes on it."""
     river = world.river
     side = 0.5 * river.width_m[:, None] * np.column_stack([-river.tangent[:, 1], river.tangent[:, 0]])
     left, right = river.position_m[:, :2] + side, river.position_m[:, :2] - side

@@ -1,4 +1,4 @@
-"""What do the results look like? The paper's training curves and failure bars as figures."""
+"""The paper's figures: training curves, and bars of why episodes ended; with the style of all figures."""
 
 import io
 from typing import Any
@@ -10,16 +10,16 @@ from matplotlib.ticker import MaxNLocator
 
 from thalweg.algos.interface import MEAN_EPISODES
 from thalweg.bench.evaluate.episodes import REASONS, WORDS
-from thalweg.bench.report.tables import seeds_text
+from thalweg.bench.report.policies import seeds_text
 from thalweg.bench.results.results import Results
-from thalweg.bench.results.statistics import Curve, Summary, band, curve, summaries
+from thalweg.bench.results.statistics import Summary, TrainingCurve, mean_and_std, summaries, training_curve
 
 GRID = 200
 """Points of a training curve."""
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f5539", "#444444", "#a2a500", "#8338ec")
-"""Of the algorithms, in their order; told apart by people who see colours differently (Okabe and Ito 2008)."""
+"""Colours of the algorithms, in order; the first ones can be told apart by colour-blind people (Okabe and Ito 2008)."""
 REASON_COLOURS = ("#8c1d18", "#d6453d", "#f2a099", "#e9c46a", "#c2b68c", "#8d99ae", "#2a9d6f")
-"""Of `REASONS`: tight violations red, loose ones yellow to grey, success green."""
+"""Colours of `REASONS`: tight violations red, loose ones yellow to grey, success green."""
 
 STYLE: Any = {
     "font.size": 9,
@@ -33,27 +33,27 @@ STYLE: Any = {
 }
 
 
-def arrange(figure: Figure) -> None:
-    """Put everything of a figure in its place for good, which otherwise takes its time for each file."""
+def fix_layout(figure: Figure) -> None:
+    """Compute the layout of a figure once, so that it is not computed again for each file."""
     with matplotlib.rc_context(STYLE):
         figure.draw_without_rendering()
     figure.set_layout_engine("none")
 
 
 def png(figure: Figure) -> bytes:
-    """The figure as a PNG."""
+    """Return the figure as a PNG."""
     return _saved(figure, format="png", dpi=150)
 
 
 def pdf(figure: Figure) -> bytes:
-    """The figure as a PDF, the same bytes each time; its letters are fonts, as journals ask for."""
+    """Return the figure as a PDF with embedded fonts, as journals require; the same bytes each time."""
     return _saved(figure, format="pdf", metadata={"CreationDate": None})
 
 
-def _saved(figure: Figure, **how: Any) -> bytes:
+def _saved(figure: Figure, **options: Any) -> bytes:
     buffer = io.BytesIO()
     with matplotlib.rc_context(STYLE):
-        figure.savefig(buffer, **how)
+        figure.savefig(buffer, **options)
     return buffer.getvalue()
 
 
@@ -67,7 +67,7 @@ PANELS = (
 
 
 def training_curves(results: Results) -> Figure | None:
-    """Return and rates of violations over the steps of training, a band over seeds; None where nothing was trained."""
+    """Draw return and violation rates over training steps, with a band over seeds; None where nothing was trained."""
     logs = [log for log in results.training if len(log.step)]
     if not logs:
         return None
@@ -78,8 +78,8 @@ def training_curves(results: Results) -> Figure | None:
         figure = Figure(figsize=(9, 5.8 + 0.05 * len(names)))
         axes = list(figure.subplots(2, 2, sharex=True).flat)
         for index, name in enumerate(names):
-            curves = [curve(log, grid) for log in logs if log.algorithm == name]
-            label = f"{name} ({_seeds(results, name, len(curves))})"
+            curves = [training_curve(log, grid) for log in logs if log.algorithm == name]
+            label = f"{name} ({_seed_count(results, name, len(curves))})"
             for axis, (field, _) in zip(axes, PANELS, strict=True):
                 _draw_band(axis, curves, field, line_style(index), label)
         for axis, (_, title) in zip(axes, PANELS, strict=True):
@@ -95,39 +95,38 @@ def training_curves(results: Results) -> Figure | None:
 
 
 def line_style(index: int) -> dict[str, Any]:
-    """Colour and dashes of the policy of that number; dashes from the eleventh on, whose colours come
-    again; from the 21st on all is as with the eleventh."""
+    """Return colour and line style of the policy with that index: ten solid lines, then the same colours dashed."""
     return {"color": COLOURS[index % len(COLOURS)], "linestyle": "-" if index < len(COLOURS) else "--"}
 
 
-def _seeds(results: Results, name: str, count: int) -> str:
-    """How many runs a curve is made of, and how many of them failed on the way."""
+def _seed_count(results: Results, name: str, count: int) -> str:
+    """Return how many runs a curve averages, and how many of them failed."""
     failed = sum((row.kind, row.algorithm, row.status) == ("train", name, "failed") for row in results.runs)
     return f"{count} seed{'s' * (count > 1)}" + (f", {failed} of them failed" if failed else "")
 
 
-def _draw_band(axis, curves: list[Curve], field: str, style: dict[str, Any], label: str) -> None:
-    mean, std = band([getattr(one, field) for one in curves])
+def _draw_band(axis, curves: list[TrainingCurve], field: str, style: dict[str, Any], label: str) -> None:
+    mean, std = mean_and_std([getattr(curve, field) for curve in curves])
     axis.plot(curves[0].steps, mean, label=label, linewidth=1.4, **style)
     if len(curves) > 1:
         axis.fill_between(curves[0].steps, mean - std, mean + std, color=style["color"], alpha=0.2, linewidth=0)
 
 
 def failure_bars(results: Results) -> Figure:
-    """Why episodes ended, as shares of each policy's episodes, one panel per level; a gap is named in its place."""
+    """Draw why episodes ended, as shares of each policy's episodes, one panel per level; gaps are labelled."""
     cells, names = summaries(results.episodes), results.policies
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(max(7.0, 3.0 * len(results.levels)), 1.6 + 0.3 * len(names)))
         axes = np.atleast_1d(figure.subplots(1, len(results.levels), sharey=True))
         for axis, level in zip(axes, results.levels, strict=True):
-            found = [cells.get((name, level)) for name in names]
+            level_cells = [cells.get((name, level)) for name in names]
             left = np.zeros(len(names))
             for reason, colour in zip(REASONS, REASON_COLOURS, strict=True):
-                shares = [cell.reasons[reason] / cell.episodes if cell else 0.0 for cell in found]
+                shares = [cell.reasons[reason] / cell.episodes if cell else 0.0 for cell in level_cells]
                 axis.barh(names, shares, left=left, color=colour, label=WORDS[reason], height=0.7)
                 left += shares
-            for row, (name, cell) in enumerate(zip(names, found, strict=True)):
-                _name_gap(axis, row, results, name, cell)
+            for row, (name, cell) in enumerate(zip(names, level_cells, strict=True)):
+                _label_gap(axis, row, results, name, cell)
             axis.set_title(level)
             axis.set_xlim(0, 1)
             axis.xaxis.set_major_formatter(lambda share, _: f"{share:.0%}")
@@ -137,8 +136,8 @@ def failure_bars(results: Results) -> Figure:
     return figure
 
 
-def _name_gap(axis, row: int, results: Results, name: str, cell: Summary | None) -> None:
-    """Write into a policy's row why it is empty, or how many seeds it lacks."""
+def _label_gap(axis, row: int, results: Results, name: str, cell: Summary | None) -> None:
+    """Write into a policy's row why it is empty, or how many seeds are missing."""
     seeds = seeds_text(results, name, cell.seeds if cell else 0)
     if cell is None:
         axis.text(0.02, row, results.gap(name), va="center", style="italic")

@@ -1,8 +1,8 @@
-"""What did the paper find? Its test table, to stand beside ours, marked as measured in another simulator.
+"""Published figures of the paper, which was measured in another simulator.
 
 Wang and Mahmoudian, "Vision-driven UAV River Following: Benchmarking with Safe Reinforcement Learning",
-IFAC-PapersOnLine 58-20 (2024), arXiv:2409.08511: mean and standard deviation over 60 episodes (20 for each of three
-seeds), trained for 200,000 steps on the paper's own Medium river, which is not ours.
+IFAC-PapersOnLine 58-20 (2024), arXiv:2409.08511. The test table has mean and standard deviation over 60 episodes (20
+for each of three seeds) after 200,000 training steps on the paper's own Medium river, which differs from ours.
 """
 
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ PUBLISHED: dict[tuple[str, str], Published] = {
     for algorithm, cells in _TABLE.items()
     for level, cell in zip(LEVELS, cells, strict=True)
 }
-"""By algorithm and level."""
+"""The test table by algorithm and level."""
 
 RELATIVE_ENTROPY = {
     ("rgb", "mask"): 0.103,
@@ -50,4 +50,4 @@ RELATIVE_ENTROPY = {
     ("rgb+mask", "rgb"): 0.075,
     ("rgb+mask", "mask"): 0.187,
 }
-"""D(P ‖ Q) between the codes of encoders of different inputs, P first."""
+"""Relative entropy D(P ‖ Q) between the codes of encoders with different inputs, by (P, Q)."""

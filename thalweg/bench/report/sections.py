@@ -1,7 +1,7 @@
-"""What does a report consist of, and in which order? To add a table or a figure is to add one entry to `PARTS`.
+"""The sections of a report, in the order of the page; a new table or figure is a new entry in `SECTIONS`.
 
-Each part is a section of the page and files of its name beside it. What a table and a figure hold is made in
-`tables.py`, `figures.py` and others, from the results alone.
+Each section stands on the page under its title, and as files of its name beside it. What a table or figure shows is
+computed in the modules beside this one, from the results alone.
 """
 
 from collections.abc import Callable
@@ -10,182 +10,189 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 
 from thalweg.bench.pictures.film_format import SMALL
-from thalweg.bench.report import extra_figures as figures_beyond
-from thalweg.bench.report import extra_tables as beyond
-from thalweg.bench.report import failure_maps as maps
-from thalweg.bench.report import figures, tables
-from thalweg.bench.report.algorithm_table import methods
+from thalweg.bench.report.comparison_figures import condition_grid, return_profiles
+from thalweg.bench.report.comparison_tables import condition_table, limit_table, pairwise_table
+from thalweg.bench.report.failure_maps import failures_on, levels_from_above
+from thalweg.bench.report.figures import failure_bars, training_curves
+from thalweg.bench.report.policies import COST_LIMIT
 from thalweg.bench.report.published import SOURCE
-from thalweg.bench.report.table import Sheet
+from thalweg.bench.report.result_tables import detail_table, paper_table
+from thalweg.bench.report.suite_tables import algorithm_table, runs_table
+from thalweg.bench.report.table import Table
 from thalweg.bench.results.results import MAIN_FILE, MAIN_FILM, Results
 from thalweg.world import LEVELS
 
 
 @dataclass(frozen=True)
-class Table:
+class TableSection:
     """A table: on the page, and beside it as Markdown, LaTeX and CSV."""
 
     name: str
-    """Of its files."""
+    """Stem of its files."""
     title: str
-    text: Callable[[Results], tables.Grid]
-    """Header and rows as they are read. By columns headed `policy`, `run` or `level` the page filters."""
-    csv: Callable[[Results], str]
-    """The same at full precision."""
+    table: Callable[[Results], Table]
+    """Computes the table. The page filters by columns headed `policy`, `run` or `level`."""
     note: str = ""
-    otherwise: str = "There is nothing to show."
-    """Stands in the place of a table without rows, which has no files; if empty there is no section either."""
+    fallback: str = "There is nothing to show."
+    """Text in place of a table without rows, which has no files; if empty, the section is omitted instead."""
 
     @property
     def files(self) -> tuple[str, ...]:
         """Names of the files that it may have."""
-        return tuple(f"{self.name}.{kind}" for kind in ("md", "tex", "csv"))
+        return tuple(f"{self.name}.{suffix}" for suffix in ("md", "tex", "csv"))
 
 
 @dataclass(frozen=True)
-class Picture:
+class FigureSection:
     """A figure: on the page, and beside it as PNG and PDF."""
 
     name: str
     title: str
     draw: Callable[[Results], Figure | None]
-    words: Callable[[Results], str]
-    """What is said of it to those who don't see it."""
+    description: Callable[[Results], str]
+    """Computes the text alternative, for readers who do not see the figure."""
     note: str = ""
-    otherwise: str = "There is nothing to draw."
-    """Stands in the place of a figure that `draw` gives None for."""
+    fallback: str = "There is nothing to draw."
+    """Text in place of a figure that `draw` returns None for; if empty, the section is omitted instead."""
 
     @property
     def files(self) -> tuple[str, ...]:
-        """As for tables."""
-        return tuple(f"{self.name}.{kind}" for kind in ("png", "pdf"))
+        """Names of the files that it may have."""
+        return tuple(f"{self.name}.{suffix}" for suffix in ("png", "pdf"))
 
 
 @dataclass(frozen=True)
-class Films:
-    """Films of flights, beside one another; the files of `files` lie beside the page too."""
+class FilmSection:
+    """Films of flights side by side; those named in `files` also lie beside the page."""
 
     title: str
-    names: Callable[[str], bool]
-    """Which of the results' films, by name."""
+    includes: Callable[[str], bool]
+    """Whether a film of the results, by name, belongs to the section."""
     note: str = ""
-    otherwise: str = "These results hold no film."
+    fallback: str = "These results hold no film."
     files: tuple[str, ...] = ()
 
 
-def _trained(results: Results) -> str:
+Section = TableSection | FigureSection | FilmSection
+
+
+def _describe_training(results: Results) -> str:
     names = ", ".join(dict.fromkeys(log.algorithm for log in results.training))
-    return (
-        f"Four curves over the steps of training for {names}: return, and violations per step in all, tight and loose."
-    )
+    return f"Four curves over training steps for {names}: return, and violations per step: all, tight and loose."
 
 
-def _sheet(name: str, title: str, made: Callable[[Results], Sheet], note: str, otherwise: str = "") -> Table:
-    return Table(name, title, lambda results: made(results).grid, lambda results: made(results).csv, note, otherwise)
-
-
-PARTS: tuple[Table | Picture | Films, ...] = (
-    Table(
+SECTIONS: tuple[Section, ...] = (
+    TableSection(
         "table",
         "Return and cost",
-        tables.paper_table,
-        tables.table_csv,
-        "Mean ± standard deviation over episodes. An episode pays at most 10 and costs at most 1. Every policy flew the"
-        f" same list of starts, each once. Rows in italics are published figures ({SOURCE}), measured in another"
+        paper_table,
+        "Mean ± standard deviation over episodes. An episode returns at most 10 and costs at most 1. Every policy flew"
+        f" the same list of starts, each once. Rows in italics are published figures ({SOURCE}), measured in another"
         " simulator on other rivers: they are here for orientation, not for comparison of values.",
     ),
-    Picture(
+    FigureSection(
         "levels",
         "The rivers",
-        maps.levels_from_above,
+        levels_from_above,
         lambda results: f"The rivers from straight above: {', '.join(results.levels)}.",
-        otherwise="",
+        fallback="",
     ),
-    Films("A flight", lambda name: name == MAIN_FILM, files=(MAIN_FILE,)),
-    Picture(
+    FilmSection("A flight", lambda name: name == MAIN_FILM, files=(MAIN_FILE,)),
+    FigureSection(
         "curves",
         "Training",
-        figures.training_curves,
-        _trained,
-        "Bands: one standard deviation over seeds, where there is more than one. Violations per step: episodes ended by"
-        " a violation so far, divided by steps so far.",
+        training_curves,
+        _describe_training,
+        "Bands: one standard deviation over seeds, where there is more than one. Violations per step: the number of"
+        " episodes that ended by a violation so far, divided by the number of steps so far.",
         "Nothing was trained in these results.",
     ),
-    Picture(
+    FigureSection(
         "failures",
         "Why episodes ended",
-        figures.failure_bars,
+        failure_bars,
         lambda _: "Bars: the share of episodes that ended for each reason, by policy and level.",
         "Shares of each policy's episodes. Red: tight violations, cost 1. Yellow to grey: loose ones, cost 0.2.",
     ),
-    Table(
+    TableSection(
         "details",
         "In detail",
-        tables.detail_table,
-        tables.detail_csv,
-        "In brackets: intervals of 95 % over training seeds, where there are three or more. IQM: mean of the middle"
-        " half of the episodes, without an interval where it is the same for all seeds, which is no certainty; the"
-        " stratified bootstrap, which is customary, is too sure where there are few.",
+        detail_table,
+        "In brackets: 95 % confidence intervals over training seeds, where there are three or more. IQM: interquartile"
+        " mean, the mean of the middle half of the episodes. It has no interval where it is the same for all seeds,"
+        " since equal values are no evidence of certainty. The stratified bootstrap is customary, but its intervals are"
+        " too narrow for few seeds.",
     ),
-    _sheet(
+    TableSection(
         "limits",
         "Is the limit met?",
-        beyond.limits,
-        f"On the level that the suite trains on, of a mean cost of {beyond.LIMIT} an episode, whatever limit was given."
-        " Met if the whole interval lies below, not met if it lies above, else unsure; of fewer than three seeds it is"
-        " only said where the mean lies. Violations: share of flights with any cost. Regret: what blocks of 50 episodes"
-        " cost beyond the limit, for each episode of the last stage of training. Minutes of training and steps a second"
-        " are means over runs.",
+        limit_table,
+        f"On the training level of the suite. The limit is a mean cost of {COST_LIMIT} per episode, whatever limit a"
+        " policy was trained with. It is met if the whole interval lies below it, not met if the whole interval lies"
+        " above it, and otherwise unsure; with fewer than three seeds, the table only says on which side the mean lies."
+        " Violations: share of episodes with any cost. Regret: the cost above the limit in blocks of 50 episodes, per"
+        " episode of the last training stage. Minutes of training and steps per second are means over runs.",
+        fallback="",
     ),
-    _sheet(
+    TableSection(
         "pairs",
         "In pairs",
-        beyond.pairs,
-        "On the level that the suite trains on, flights from the same starts: how often the first returns more than the"
-        " second (ties count half), and by how much return and cost differ in the mean. Each interval is by itself: of"
-        " twenty comparisons of equals one is expected to seem a difference.",
+        pairwise_table,
+        "On the training level of the suite, from the same starts: how often the first policy returns more than the"
+        " second (ties count half), and the mean differences of return and cost. The intervals are not corrected for"
+        " multiple comparisons: of twenty comparisons of equal policies, one is expected to show a difference.",
+        fallback="",
     ),
-    Picture(
+    FigureSection(
         "profiles",
         "Profiles",
-        figures_beyond.profiles,
+        return_profiles,
         lambda _: "Curves: the share of flights with at least a return of 0 to 10, by policy and level.",
-        "Of up to four policies with intervals over seeds, each return by itself.",
-        otherwise="",
+        "With up to four policies, the bands are pointwise intervals over seeds.",
+        fallback="",
     ),
     *(
-        Picture(
+        FigureSection(
             f"map_{level.lower()}",
             f"Where flights on {level} failed",
-            maps.failures_on(level),
+            failures_on(level),
             lambda _: (
                 "Maps, one for each policy: the river from above, with a dot where a flight ended without success."
             ),
-            otherwise="",
+            fallback="",
         )
         for level in LEVELS
     ),
-    Films(
+    FilmSection(
         "Each policy's best flight and typical failure",
         lambda name: name != MAIN_FILM,
         f"On the level that it was trained on, one step in {SMALL.every}.",
-        otherwise="",
+        fallback="",
     ),
-    Picture(
+    FigureSection(
         "conditions_grid",
         "Other conditions",
-        figures_beyond.condition_grid,
+        condition_grid,
         lambda _: "A grid: the mean return of each policy under each condition.",
-        "On the level that the suite trains on; real, and what does not fly there, on a river of its own.",
-        otherwise="",
+        "On the training level of the suite; conditions with rivers of their own, such as `real`, on the first of those"
+        " rivers.",
+        fallback="",
     ),
-    _sheet(
+    TableSection(
         "conditions",
         "Conditions one by one",
-        beyond.conditions,
-        "Change: of the return against sampled actions on the usual day, from the same starts.",
+        condition_table,
+        "Change: the difference in return from the main condition (sampled actions, default appearance), from the same"
+        " starts.",
+        fallback="",
     ),
-    _sheet("methods", "Domains and methods", methods, "Of the algorithms of the suite, trained or not."),
-    Table("runs", "Runs", tables.runs_table, tables.runs_csv),
+    TableSection(
+        "methods",
+        "Domains and methods",
+        algorithm_table,
+        "The algorithms of the suite, whether trained yet or not.",
+        fallback="",
+    ),
+    TableSection("runs", "Runs", runs_table),
 )
 """In the order of the page."""

@@ -1,4 +1,4 @@
-"""Which figures sum up episodes? Those of the paper: means, standard deviations, counts, and curves of training.
+"""Summary statistics of episodes as in the paper: means, standard deviations, counts, and training curves.
 
 Standard deviations are those of the sample itself (divided by n, as `numpy.std` does); the paper does not say which.
 """
@@ -15,7 +15,7 @@ from thalweg.bench.evaluate.episodes import REASONS, Episode
 
 @dataclass(frozen=True)
 class Summary:
-    """One cell of a table: the episodes of one algorithm on one level."""
+    """Statistics of the episodes of one algorithm on one level."""
 
     episodes: int
     seeds: int
@@ -30,13 +30,13 @@ class Summary:
     length_mean: float
     progress_mean: float
     reasons: dict[str, int]
-    """How many episodes ended for each of `REASONS`."""
+    """Number of episodes that ended for each of `REASONS`."""
 
 
 def summarise(rows: Sequence[Episode]) -> Summary:
-    """The summary of some episodes, of which there must be at least one."""
+    """Return the summary of some episodes; raises `ValueError` for none."""
     if not rows:
-        raise ValueError("no episodes to sum up")
+        raise ValueError("no episodes to summarise")
     returns = np.array([row.return_ for row in rows])
     costs = np.array([row.cost for row in rows])
     counts = Counter(row.reason for row in rows)
@@ -57,21 +57,26 @@ def summarise(rows: Sequence[Episode]) -> Summary:
 
 
 def summaries(rows: Sequence[Episode]) -> dict[tuple[str, str], Summary]:
-    """A summary for each algorithm and level, in the order in which they first appear."""
-    return {key: summarise(group) for key, group in grouped(rows).items()}
+    """Return a summary for each algorithm and level, in the order in which they first appear."""
+    return {key: summarise(group) for key, group in group_episodes(rows).items()}
 
 
-def grouped(rows: Sequence[Episode]) -> dict[tuple[str, str], list[Episode]]:
-    """The episodes of each algorithm and level, in the order in which they first appear."""
+def group_episodes(rows: Sequence[Episode]) -> dict[tuple[str, str], list[Episode]]:
+    """Group episodes by algorithm and level, in the order in which they first appear."""
     groups: dict[tuple[str, str], list[Episode]] = {}
     for row in rows:
         groups.setdefault((row.algorithm, row.level), []).append(row)
     return groups
 
 
+def mean_and_std_text(mean: float, std: float) -> str:
+    """Return `mean ± standard deviation` to two decimal places, as in the paper."""
+    return f"{mean:.2f} ± {std:.2f}"
+
+
 @dataclass(frozen=True)
 class TrainingLog:
-    """The finished episodes of one training run, in the order of their ends. K episodes."""
+    """The finished episodes of one training run, in the order in which they ended. K episodes."""
 
     algorithm: str
     seed: int
@@ -80,44 +85,45 @@ class TrainingLog:
     return_: np.ndarray
     """[K] float64."""
     tight: np.ndarray
-    """[K] float64, as `loose` the sum of costs of that kind."""
+    """[K] float64, sum of the episode's tight costs."""
     loose: np.ndarray
+    """[K] float64, sum of the episode's loose costs."""
     last_step: int
-    """Steps that the run took in all: of a failed run, those until it failed."""
+    """Total steps of the run; of a failed run, the steps until it failed."""
 
 
 @dataclass(frozen=True)
-class Curve:
-    """A training run at G grid points of steps; NaN beyond its last step."""
+class TrainingCurve:
+    """A training run at G grid points of steps; NaN after its last step."""
 
     steps: np.ndarray
     """[G]."""
     return_: np.ndarray
     """[G] mean return of the last `MEAN_EPISODES` episodes; NaN before the first episode has ended."""
     total_rate: np.ndarray
-    """[G] violations so far / steps so far, as the two kinds below."""
+    """[G] violations so far / steps so far, of both kinds."""
     tight_rate: np.ndarray
     loose_rate: np.ndarray
 
 
-def curve(log: TrainingLog, grid: np.ndarray) -> Curve:
-    """The paper's training curves at the grid's steps [G] (positive): running return, and the rate of violations."""
+def training_curve(log: TrainingLog, grid: np.ndarray) -> TrainingCurve:
+    """Return the paper's training curves at the grid's steps [G] (positive): running return and violation rates."""
     ended = np.searchsorted(log.step, grid, side="right")
     sums = np.concatenate([[0.0], np.cumsum(log.return_)])
     first = np.maximum(ended - MEAN_EPISODES, 0)
-    flown = grid <= log.last_step * (1 + 1e-9)  # the grid's last point may lie a rounding error beyond
+    reached = grid <= log.last_step * (1 + 1e-9)  # rounding may put the grid's last point just past the last step
     with np.errstate(invalid="ignore"):
-        mean = np.where(flown, (sums[ended] - sums[first]) / (ended - first), np.nan)
+        mean = np.where(reached, (sums[ended] - sums[first]) / (ended - first), np.nan)
 
     def rate(violated: np.ndarray) -> np.ndarray:
-        return np.where(flown, np.concatenate([[0], np.cumsum(violated)])[ended] / grid, np.nan)
+        return np.where(reached, np.concatenate([[0], np.cumsum(violated)])[ended] / grid, np.nan)
 
     tight, loose = log.tight > 0, log.loose > 0
-    return Curve(grid, mean, rate(tight | loose), rate(tight), rate(loose))
+    return TrainingCurve(grid, mean, rate(tight | loose), rate(tight), rate(loose))
 
 
-def band(values: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and standard deviation over runs, each [G]; where a run has no value (NaN) it is left out."""
+def mean_and_std(values: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and standard deviation over runs, each [G]; runs without a value at a point (NaN) are left out."""
     stack = np.stack(values)
     known = ~np.isnan(stack)
     count = known.sum(axis=0)
@@ -128,9 +134,12 @@ def band(values: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def regret(log: TrainingLog, limit: float) -> float:
-    """The cost of training beyond a limit for each episode: what blocks of `MEAN_EPISODES` episodes cost more than the
-    limit allows, over all episodes. A block that stays within it does not make up for another: whoever was hit is not
-    helped by later care (Efroni, Mannor, Pirotta 2020, "strong" regret)."""
+    """Return the cost of training above a limit, per episode.
+
+    Costs are compared with the limit in blocks of `MEAN_EPISODES` episodes. A block below the limit does not make up
+    for one above it: later care does not undo a collision ("strong" regret: Efroni, Mannor, Pirotta 2020). NaN without
+    episodes.
+    """
     costs = log.tight + log.loose
     if not len(costs):
         return float("nan")

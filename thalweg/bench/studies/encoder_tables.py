@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from thalweg.bench.report.figures import STYLE
 from thalweg.bench.report.published import RELATIVE_ENTROPY
-from thalweg.bench.report.tables import markdown
+from thalweg.bench.report.table import frame, markdown
 from thalweg.encoder import VAEConfig
 from thalweg.encoder.entropy import SMOOTHING, relative_entropy
 from thalweg.env.privileged_state import BEARINGS
@@ -81,7 +81,7 @@ def page(about: str, rows: Sequence[Mapping[str, str]], entropies: Sequence[list
     if entropies:
         parts += [
             "## Inputs: relative entropy of the codes\n",
-            markdown(list(ENTROPY_COLUMNS), [list(row) for row in entropies]),
+            markdown(frame(ENTROPY_COLUMNS, entropies)),
             f"In nats, mean over the numbers of the codes, {SMOOTHING:g} or what a column says added to the share of"
             " each bin; `paper` is the paper's figure, of another simulator, for which that is not known.\n",
         ]
@@ -91,7 +91,7 @@ def page(about: str, rows: Sequence[Mapping[str, str]], entropies: Sequence[list
 def table(rows: Sequence[Mapping[str, str]], columns: Sequence[str]) -> str:
     """Some columns of rows in Markdown, named for people."""
     names = [name.removeprefix("read_").replace("_", " ") for name in columns]
-    return markdown(names, [[row[name] for name in columns] for row in rows])
+    return markdown(frame(names, ([row[name] for name in columns] for row in rows)))
 
 
 def size_figure(known: Mapping[Case, Measures]) -> Figure:

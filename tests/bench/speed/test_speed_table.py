@@ -1,4 +1,4 @@
-"""What `thalweg speed` prints and writes of what it measured."""
+"""Tests of what `thalweg speed` prints and writes."""
 
 import json
 from pathlib import Path
@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from thalweg.bench.speed import table as speed_table
+from thalweg.bench.speed import speed_table
 from thalweg.bench.speed.measure import Measurement
-from thalweg.bench.speed.table import COLUMNS, describe, print_table, record, table_rows
+from thalweg.bench.speed.speed_table import COLUMNS, describe, print_table, record, speed_frame
 
 LINE = Measurement("render", "frames/s", 1234.5, 987.65, 1400.0, 7, 16, 4, "128x128", "everything drawn")
 
@@ -28,8 +28,8 @@ def test_json_is_all_that_is_printed_and_names_machine_and_versions(
 
 def test_a_row_names_everything_that_a_figure_depends_on():
     found = record([LINE])
-    (row,) = table_rows(found)
-    assert row == ["render", "1,234", "988", "1,400", "frames/s", "16", "4", "128x128", "everything drawn"]
+    (row,) = speed_frame(found).itertuples(index=False, name=None)
+    assert list(row) == ["render", "1,234", "988", "1,400", "frames/s", "16", "4", "128x128", "everything drawn"]
     assert len(row) == len(COLUMNS)
     console = Console(record=True, width=200, file=open("/dev/null", "w"))  # noqa: SIM115
     print_table(found, console)

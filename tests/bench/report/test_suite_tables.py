@@ -1,33 +1,33 @@
-"""The table of domains and methods, made of the registry."""
+"""Tests of the tables of algorithms and runs."""
 
 from pathlib import Path
 
 from thalweg.algos.registry import ALGORITHMS
-from thalweg.bench.report.algorithm_table import domain, keeps_by, methods
+from thalweg.bench.report.suite_tables import algorithm_table, constraint_method, domain
 from thalweg.bench.results.results import Results
 from thalweg.bench.suite.suites import Arm, Suite
 
 ON_POLICY = ("PPO", "PPOLag", "FOCOPS", "P3O", "OnCRPO", "CPO", "CUP")
 
 
-def test_every_algorithm_is_of_its_papers_domain():
+def test_every_algorithm_has_the_domain_of_its_paper():
     expected = dict.fromkeys(ON_POLICY, "on-policy") | dict.fromkeys(("DDPGLag", "TD3Lag", "SACLag"), "off-policy")
     expected |= dict.fromkeys(("CCEPETS", "SafeLOOP"), "model-based")
     assert {name: domain(entry) for name, entry in ALGORITHMS.items()} == expected
 
 
-def test_how_a_limit_is_kept_is_told_by_the_settings():
-    found = {name: keeps_by(entry) for name, entry in ALGORITHMS.items()}
+def test_the_config_shows_how_a_limit_is_enforced():
+    found = {name: constraint_method(entry) for name, entry in ALGORITHMS.items()}
     assert found["PPO"] == "not at all"
     assert {name for name, by in found.items() if by == "a multiplier"} == {
         "PPOLag", "FOCOPS", "CUP", "DDPGLag", "TD3Lag", "SACLag",
     }  # fmt: skip
 
 
-def test_each_arm_has_a_row_and_an_algorithm_that_is_gone_says_so():
+def test_each_arm_has_a_row_also_where_its_algorithm_no_longer_exists():
     suite = Suite("it", (Arm("FOCOPS", "paper"), Arm("Gone")), packaged=False)
-    _, rows = methods(Results(Path(), suite.as_data(), [], [], [], [])).grid
-    assert rows == [
+    text = algorithm_table(Results(Path(), suite.as_data(), [], [], [], [])).text
+    assert text.to_numpy().tolist() == [
         ["FOCOPS-paper", "on-policy", "a multiplier", ALGORITHMS["FOCOPS"].about],
         ["Gone", "unknown", "unknown", "unknown"],
     ]

@@ -1,0 +1,45 @@
+"""Tests of profiles, the grid of conditions and maps of failures, on results whose statistics are known."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from tests.bench.report.small_results import flights
+from tests.env import handmade
+from thalweg.bench.report.comparison_figures import condition_grid, return_profiles
+from thalweg.bench.report.failure_maps import failure_maps
+from thalweg.bench.results.results import Results
+
+
+def test_profiles_have_a_line_for_each_trained_policy(results: Results):
+    figure = return_profiles(results)
+    assert figure is not None
+    (axis,) = figure.axes
+    lines = {line.get_label(): line for line in axis.get_lines()}
+    assert list(lines) == ["PPO", "FOCOPS"]
+    x, y = (np.asarray(data, float) for data in lines["PPO"].get_data())
+    np.testing.assert_allclose(np.interp([0.0, 4.5, 8.1], x, y), [1.0, 5 / 6, 0.0], atol=1e-9)
+    assert return_profiles(replace(results, episodes=flights("hover", 1, 0.0, 0.4))) is None
+
+
+def test_the_grid_has_a_number_for_each_policy_and_condition(results: Results):
+    figure = condition_grid(results)
+    assert figure is not None
+    axis = figure.axes[0]
+    assert [label.get_text() for label in axis.get_xticklabels()] == ["main", "mode", "real"]
+    said = {(int(text.get_position()[0]), int(text.get_position()[1])): text.get_text() for text in axis.texts}
+    assert said == {(0, 0): "1.0", (0, 1): "6.0", (1, 1): "6.5", (0, 2): "7.5", (2, 2): "3.0"}
+    assert condition_grid(replace(results, beyond={})) is None
+
+
+def test_a_map_marks_where_flights_failed(results: Results):
+    figure = failure_maps(results, "Medium", handmade.ring())
+    assert figure is not None
+    shown = [axis for axis in figure.axes if axis.get_visible()]
+    assert [axis.get_title() for axis in shown] == ["PPO: 3 of 6 failed", "FOCOPS: 0 of 6 failed"]
+    water, *dots = shown[0].collections
+    assert len(water.get_paths()) == len(handmade.ring().river.position_m)  # a closed river: a piece after each point
+    marks = [np.asarray(found.get_offsets()) for found in dots]
+    np.testing.assert_array_equal(np.concatenate(marks), [[10.0, 3.0]] * 3)
+    old = [replace(row, end_x=float("nan")) for row in results.episodes]
+    assert failure_maps(replace(results, episodes=old), "Medium", handmade.ring()) is None

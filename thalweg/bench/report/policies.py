@@ -1,0 +1,52 @@
+"""The trained policies, the training level and the numbers of seeds that tables and figures show."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from thalweg.bench.evaluate.episodes import Episode
+from thalweg.bench.results.inference import Estimate
+from thalweg.bench.results.results import Results
+from thalweg.bench.results.statistics import regret
+from thalweg.bench.suite.suites import arms_of
+
+COST_LIMIT = 0.1
+"""Mean cost of an episode that every policy is judged by, whatever limit it was trained with."""
+
+
+def trained_policies(results: Results) -> list[str]:
+    """Return the names of the policies that were trained in these results, in the order of the suite."""
+    return [arm["name"] for arm in arms_of(results.suite) if arm["name"] in results.policies]
+
+
+def train_level(results: Results) -> str:
+    """Return the training level of the suite, also for arms with a level of their own; the first level if unknown."""
+    level = results.suite.get("train_level", "")
+    return level if level in results.levels else results.levels[0]
+
+
+def seeds_text(results: Results, algorithm: str, seeds: int) -> str:
+    """Return the number of seeds of an algorithm, or `2 of 3` where some are missing."""
+    planned = results.planned_seeds(algorithm)
+    return str(seeds) if seeds >= planned else f"{seeds} of {planned}"
+
+
+def evaluated_seeds(results: Results, policy: str, episodes: Sequence[Episode]) -> str:
+    """Return how many of a policy's seeds flew these episodes, as `seeds_text`."""
+    return seeds_text(results, policy, len({row.seed for row in episodes}))
+
+
+def training_regret(results: Results, policy: str) -> float | None:
+    """Return the mean over seeds of the training cost above `COST_LIMIT`, per episode of the last stage; None without
+    a training log."""
+    per_seed = [regret(log, COST_LIMIT) for log in results.training if log.algorithm == policy]
+    return float(np.mean(per_seed)) if per_seed else None
+
+
+def limit_met(cost: Estimate, limit: float = COST_LIMIT) -> str:
+    """Return in words whether a mean cost is within a limit, as far as its interval shows."""
+    if np.isnan(cost.low):
+        return "below, unsure" if cost.value <= limit else "above, unsure"
+    if cost.high <= limit:
+        return "yes"
+    return "no" if cost.low > limit else "unsure"

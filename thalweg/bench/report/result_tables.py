@@ -1,0 +1,119 @@
+"""The paper's table of returns and costs with published figures beside it, and the table of details."""
+
+from itertools import product
+
+from thalweg.bench.evaluate.episodes import REASONS
+from thalweg.bench.report.policies import seeds_text
+from thalweg.bench.report.published import PUBLISHED
+from thalweg.bench.report.table import PAPER, Table, estimate_figures, frame
+from thalweg.bench.results.inference import Estimate, bootstrap_iqm_return, iqm_return, proportion
+from thalweg.bench.results.results import Results
+from thalweg.bench.results.statistics import Summary, group_episodes, mean_and_std_text, summaries
+
+UNPUBLISHED = "not published"
+"""Text where the paper gives no figure for a level on which it has others."""
+STATISTICS = ("return_mean", "return_std", "cost_mean", "cost_std", "success", "tight", "loose", "length_mean")
+PAPER_FIGURES = ("source", "algorithm", "level", "episodes", "seeds", "planned_seeds", *STATISTICS, *REASONS)
+PAPER_EPISODES, PAPER_SEEDS = 60, 3
+"""Episodes and seeds of each published figure."""
+
+
+def paper_table(results: Results) -> Table:
+    """Return the paper's table: return and cost on each level, ours and below them the published ones.
+
+    Every algorithm of the results has a row; where it has no episodes, its cells say why. The figures have one row per
+    policy and level, with `source` to tell the published ones apart.
+    """
+    cells = summaries(results.episodes)
+    columns = ["policy", *(f"{level} {what}" for level in results.levels for what in ("return", "cost"))]
+    rows = []
+    for algorithm in results.policies:
+        ours = [_own_texts(results, algorithm, cells.get((algorithm, level))) for level in results.levels]
+        rows.append([algorithm, *(text for pair in ours for text in pair)])
+        if any((algorithm, level) in PUBLISHED for level in results.levels):
+            theirs = [_published_texts(algorithm, level) for level in results.levels]
+            rows.append([f"{algorithm} ({PAPER})", *(text for pair in theirs for text in pair)])
+    pairs = product(results.policies, results.levels)
+    figures = [row for pair in pairs for row in _paper_figures(results, cells.get(pair), *pair)]
+    return Table(frame(columns, rows), frame(PAPER_FIGURES, figures))
+
+
+def _own_texts(results: Results, algorithm: str, cell: Summary | None) -> tuple[str, str]:
+    """Return and cost as text; the return also names missing seeds."""
+    if cell is None:
+        return results.gap(algorithm), results.gap(algorithm)
+    seeds = seeds_text(results, algorithm, cell.seeds)
+    missing = f" ({seeds} seeds)" if "of" in seeds else ""
+    returns = mean_and_std_text(cell.return_mean, cell.return_std)
+    return returns + missing, mean_and_std_text(cell.cost_mean, cell.cost_std)
+
+
+def _published_texts(algorithm: str, level: str) -> tuple[str, str]:
+    """Published return and cost as text."""
+    cell = PUBLISHED.get((algorithm, level))
+    if cell is None:
+        return UNPUBLISHED, UNPUBLISHED
+    return mean_and_std_text(cell.return_mean, cell.return_std), mean_and_std_text(cell.cost_mean, cell.cost_std)
+
+
+def _paper_figures(results: Results, cell: Summary | None, algorithm: str, level: str) -> list[list[object]]:
+    """Rows of `PAPER_FIGURES` for a policy on a level: ours, and the published one if there is one."""
+    blanks = [None] * (len(STATISTICS) + len(REASONS))
+    numbers = [*(getattr(cell, name) for name in STATISTICS), *cell.reasons.values()] if cell else blanks
+    counts = [cell.episodes, cell.seeds] if cell else [0, 0]
+    rows: list[list[object]] = [["thalweg", algorithm, level, *counts, results.planned_seeds(algorithm), *numbers]]
+    if published := PUBLISHED.get((algorithm, level)):
+        theirs = [published.return_mean, published.return_std, published.cost_mean, published.cost_std]
+        counts = [PAPER_EPISODES, PAPER_SEEDS, PAPER_SEEDS]
+        rows.append([PAPER, algorithm, level, *counts, *theirs, *blanks[len(theirs) :]])
+    return rows
+
+
+DETAILS = (
+    "policy",
+    "level",
+    "episodes",
+    "seeds",
+    "return, IQM",
+    "return, IQM (bootstrap)",
+    "success",
+    "tight violation",
+    "loose violation",
+    "course flown",
+    "steps",
+)
+DETAIL_ESTIMATES = ("return_iqm", "return_iqm_bootstrap", "success", "tight", "loose")
+"""Names of the estimates among the figures, each with the ends of its interval."""
+DETAIL_FIGURES = (
+    *("algorithm", "level", "episodes", "seeds", "planned_seeds"),
+    *(f"{name}{end}" for name in DETAIL_ESTIMATES for end in ("", "_low", "_high")),
+    *("progress_mean", "length_mean"),
+)
+
+
+def detail_table(results: Results) -> Table:
+    """Return the details that the paper's table leaves out, one row per policy and level, with 95 % intervals."""
+    cells, groups = summaries(results.episodes), group_episodes(results.episodes)
+    texts, figures = [], []
+    for algorithm, level in product(results.policies, results.levels):
+        cell, planned = cells.get((algorithm, level)), results.planned_seeds(algorithm)
+        seeds = seeds_text(results, algorithm, cell.seeds if cell else 0)
+        if cell is None:
+            gap = results.gap(algorithm)
+            texts.append([algorithm, level, gap, seeds, *[gap] * (len(DETAILS) - 4)])
+            figures.append([algorithm, level, 0, 0, planned, *[None] * (len(DETAIL_FIGURES) - 5)])
+            continue
+        rows = groups[algorithm, level]
+        estimates: tuple[Estimate, ...] = (
+            iqm_return(rows),
+            bootstrap_iqm_return(rows),
+            proportion(rows, lambda row: row.success),
+            proportion(rows, lambda row: row.tight > 0),
+            proportion(rows, lambda row: row.loose > 0),
+        )
+        means = [f"{cell.progress_mean:.0%}", f"{cell.length_mean:.0f}"]
+        texts.append([algorithm, level, str(cell.episodes), seeds, *map(str, estimates), *means])
+        numbers = [number for estimate in estimates for number in estimate_figures(estimate)]
+        counts = [cell.episodes, cell.seeds, planned]
+        figures.append([algorithm, level, *counts, *numbers, cell.progress_mean, cell.length_mean])
+    return Table(frame(DETAILS, texts), frame(DETAIL_FIGURES, figures))

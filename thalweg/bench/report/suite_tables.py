@@ -1,0 +1,46 @@
+"""The table of the suite's algorithms, and that of its runs."""
+
+from thalweg.algos.constraint.multiplier import MultiplierConfig
+from thalweg.algos.offpolicy.config import OffPolicyConfig
+from thalweg.algos.onpolicy.config import OnPolicyConfig
+from thalweg.algos.planning.config import PlanningConfig
+from thalweg.algos.registry import ALGORITHMS, Entry
+from thalweg.bench.report.table import Cell, Table, frame, table_of_cells
+from thalweg.bench.results.results import RUN_COLUMNS, Results
+from thalweg.bench.suite.suites import arms_of
+
+DOMAINS = {OnPolicyConfig: "on-policy", OffPolicyConfig: "off-policy", PlanningConfig: "model-based"}
+"""The paper's domains, by the base class of their algorithms' configs."""
+
+
+def domain(entry: Entry) -> str:
+    """Return the paper's domain of an algorithm."""
+    return next((name for base, name in DOMAINS.items() if issubclass(entry.config, base)), "unknown")
+
+
+def constraint_method(entry: Entry) -> str:
+    """Return in words how an algorithm enforces the cost limit, as far as its config shows."""
+    if not hasattr(entry.config, "cost_limit"):
+        return "not at all"
+    return "a multiplier" if issubclass(entry.config, MultiplierConfig) else "a way of its own"
+
+
+def algorithm_table(results: Results) -> Table:
+    """Return the domain and the method of each arm of the suite; `unknown` where its algorithm no longer exists."""
+    rows: list[list[Cell]] = []
+    for arm in arms_of(results.suite):
+        entry = ALGORITHMS.get(arm["algorithm"])
+        rest = ["unknown"] * 3 if entry is None else [domain(entry), constraint_method(entry), entry.about]
+        rows.append([arm["name"], *rest])
+    return table_of_cells(("policy", "domain", "limit kept by", "method"), rows)
+
+
+def runs_table(results: Results) -> Table:
+    """Return the outcome of each run; the figures are the rows of `runs.csv`, errors included."""
+    texts = []
+    for row in results.runs:
+        trained = [f"{row.steps:,}", f"{row.wall_s:,.0f}", f"{row.steps_per_s:,.0f}"]
+        texts.append([row.run, row.kind, row.status, *(trained if row.kind == "train" else ["not trained"] * 3)])
+    figures = [[getattr(row, name) for name in RUN_COLUMNS] for row in results.runs]
+    columns = ("run", "kind", "status", "steps", "seconds", "steps a second")
+    return Table(frame(columns, texts), frame(RUN_COLUMNS, figures))

@@ -1,16 +1,25 @@
-"""Scripts of `benchmarks/` as modules."""
+"""Scripts of `benchmarks/` as modules, and results for them."""
 
 import importlib
+import shutil
 import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
+TESTS = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture
+def tiny_results(tmp_path: Path) -> Path:
+    """A copy of the results of two levels that the tests of the package use."""
+    return Path(shutil.copytree(TESTS / "bench" / "tiny_results", tmp_path / "results"))
+
 
 @pytest.fixture
 def findings(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """`benchmarks/findings.py`, with nothing read yet."""
-    monkeypatch.syspath_prepend(Path(__file__).resolve().parents[2] / "benchmarks")
+    """`benchmarks/findings.py`, with an empty cache of results."""
+    monkeypatch.syspath_prepend(TESTS.parent / "benchmarks")
     monkeypatch.delitem(sys.modules, "findings", raising=False)
     return importlib.import_module("findings")

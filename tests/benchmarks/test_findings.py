@@ -1,4 +1,4 @@
-"""The tables of what the benchmark shows: on logs and flights whose figures are known."""
+"""Tests of the tables of `docs/findings.md`, on logs and episodes whose statistics are known."""
 
 import json
 import shutil
@@ -22,13 +22,13 @@ def cells(text: str) -> list[list[str]]:
     return [header, *rows]
 
 
-def test_a_step_on_the_border_belongs_to_the_quarter_that_it_ends(findings: ModuleType):
+def test_the_last_step_of_a_quarter_belongs_to_it(findings: ModuleType):
     found = findings.cost_by_quarter(log([1.0, 0.5, 0.0, 1.0, 0.2], [50, 100, 101, 300, 400]))
     assert found == [0.75, 0.0, 1.0, 0.2]
     assert np.isnan(findings.cost_by_quarter(log([1.0], [400]))[0])
 
 
-def test_early_regret_is_the_share_that_the_first_quarter_paid(findings: ModuleType):
+def test_early_regret_is_the_share_of_the_first_quarter(findings: ModuleType):
     """Blocks of 50 episodes: 50 at a cost of 1 are 45 beyond the limit of 0.1, 50 at 0.4 are 15, 50 at 0 none."""
     costs = [1.0] * 50 + [0.4] * 50 + [0.0] * 50
     steps = [*range(1, 51), *range(101, 151), *range(201, 251)]
@@ -36,7 +36,7 @@ def test_early_regret_is_the_share_that_the_first_quarter_paid(findings: ModuleT
     assert np.isnan(findings.early_regret(log([0.0], [10])))
 
 
-def test_how_often_a_multiplier_stands_at_its_bound(findings: ModuleType, tmp_path: Path):
+def test_the_share_of_updates_with_the_multiplier_at_its_bound(findings: ModuleType, tmp_path: Path):
     (tmp_path / "metrics.csv").write_text("steps,multiplier\n1,2.0\n2,1.5\n3,2.0\n4,2.0\n")
     (tmp_path / "config.yaml").write_text("run:\n  config: {multiplier_max: 2.0}\n")
     assert findings.share_at_bound(tmp_path) == 0.75
@@ -44,7 +44,7 @@ def test_how_often_a_multiplier_stands_at_its_bound(findings: ModuleType, tmp_pa
     assert np.isnan(findings.share_at_bound(tmp_path))
 
 
-def test_what_was_open_choices_has_a_row_for_each_way_that_was_flown(
+def test_open_choices_have_a_row_for_each_evaluated_variant(
     findings: ModuleType, tiny_results: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(findings, "OPEN", tiny_results)
@@ -52,7 +52,7 @@ def test_what_was_open_choices_has_a_row_for_each_way_that_was_flown(
     assert header[:3] == ["policy", "seeds", "return"] and row[:2] == ["PPO", "1 of 2"]
 
 
-def test_each_way_is_compared_with_the_usual_one_of_its_algorithm(
+def test_each_variant_is_compared_with_the_default_of_its_algorithm(
     findings: ModuleType, tiny_results: Path, monkeypatch: pytest.MonkeyPatch
 ):
     suite = json.loads((tiny_results / "suite.json").read_text())
@@ -79,7 +79,7 @@ def test_each_way_is_compared_with_the_usual_one_of_its_algorithm(
     ]  # returns 1 and 2 against 4 and 2, costs 1 and 0.2 against 0 and 0.2
 
 
-def test_a_condition_that_was_not_flown_is_named(
+def test_a_condition_without_episodes_is_named(
     findings: ModuleType, tiny_results: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(findings, "STUDY", tiny_results)
@@ -88,7 +88,7 @@ def test_a_condition_that_was_not_flown_is_named(
     assert [row[1::2] for row in rows if row[0] == "PPO"] == [["1 of 2", "not flown yet", "not flown yet"]]
 
 
-def test_fewer_than_three_seeds_have_no_interval_and_none_has_a_bound_without_a_multiplier(
+def test_training_costs_of_two_seeds_without_a_multiplier_have_neither_interval_nor_bound(
     findings: ModuleType, tiny_results: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(findings, "STUDY", tiny_results)
@@ -100,13 +100,13 @@ def test_fewer_than_three_seeds_have_no_interval_and_none_has_a_bound_without_a_
     assert "[" not in row[2]
 
 
-def test_a_seed_without_episodes_in_a_quarter_hides_no_other(findings: ModuleType):
+def test_a_seed_without_episodes_in_a_quarter_is_left_out_of_the_mean(findings: ModuleType):
     assert str(findings._seed_mean([0.5, np.nan, 0.7])) == "0.60"
     assert np.isnan(findings._seed_mean([np.nan] * 3).value)
     assert str(findings._seed_mean([0.9, 1.0, 0.8])) == "0.90 [0.65, 1.00]"  # 0.9 ± 4.303 * 0.1 / √3
 
 
-def test_a_file_that_cannot_be_used_is_not_left_out_silently(
+def test_a_file_that_cannot_be_used_is_an_error(
     findings: ModuleType, tiny_results: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(findings, "OPEN", tiny_results)

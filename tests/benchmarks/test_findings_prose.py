@@ -1,6 +1,6 @@
-"""Sentences of the page on what the benchmark shows that call something sure: its results must bear them out.
+"""Tests that the committed results support what `docs/findings.md` calls certain.
 
-Where new results make one of these red, the page's prose has to be read again.
+Where new results make one of these fail, the prose of the page needs revision.
 """
 
 from itertools import combinations, product
@@ -40,12 +40,12 @@ def flown(results: Results, policy: str, condition: str = "", level: str = "Medi
     return group_episodes(episodes)[policy, level]
 
 
-def apart(results: Results, ours: str, theirs: str, field: str, level: str = "Medium") -> Estimate:
+def difference(results: Results, ours: str, theirs: str, field: str, level: str = "Medium") -> Estimate:
     one, other = (flown(results, name, level=level) for name in (ours, theirs))
     return mean_difference(*matched_scores(one, other, field), field)
 
 
-def sure(found: Estimate) -> bool:
+def is_certain(found: Estimate) -> bool:
     return not np.isnan(found.low) and found.low * found.high > 0
 
 
@@ -58,16 +58,20 @@ def test_who_keeps_the_limit(study: Results):
 
 def test_who_is_surely_apart_from_ppo(study: Results):
     others = ("PPOLag", "FOCOPS", "P3O", "OnCRPO", "SACLag")
-    assert not [name for name in others if sure(apart(study, "PPO", name, "cost"))]
-    assert [name for name in others if sure(apart(study, "PPO", name, "return_"))] == ["OnCRPO"]
-    assert not [pair for pair in combinations(("PPO", "FOCOPS", "P3O"), 2) if sure(apart(study, *pair, "return_"))]
+    assert not [name for name in others if is_certain(difference(study, "PPO", name, "cost"))]
+    assert [name for name in others if is_certain(difference(study, "PPO", name, "return_"))] == ["OnCRPO"]
+    assert not [
+        pair for pair in combinations(("PPO", "FOCOPS", "P3O"), 2) if is_certain(difference(study, *pair, "return_"))
+    ]
     assert probability_of_improvement(*matched_scores(flown(study, "PPO"), flown(study, "PPOLag"), "return_")).low > 0.5
     for name in ("FOCOPS", "P3O"):
-        assert apart(study, name, "PPOLag", "return_").low > 0 and apart(study, name, "PPOLag", "cost").high < 0
+        assert (
+            difference(study, name, "PPOLag", "return_").low > 0 and difference(study, name, "PPOLag", "cost").high < 0
+        )
     for field in ("return_", "cost"):
-        assert apart(study, "PPO", "OnCRPO", field, "Hard").low > 0
+        assert difference(study, "PPO", "OnCRPO", field, "Hard").low > 0
     for level in ("Easy", "Medium", "Hard"):
-        assert apart(study, "FOCOPS-paper", "PPO-paper", "return_", level).low > 0
+        assert difference(study, "FOCOPS-paper", "PPO-paper", "return_", level).low > 0
 
 
 def test_what_is_lost_elsewhere(study: Results):
@@ -80,13 +84,13 @@ def test_what_is_lost_elsewhere(study: Results):
         assert isinstance(under_looks, Estimate) and under_looks.high < 0
     for name in (*FLYING, "OnCRPO", "SACLag", "PPO-paper", "FOCOPS-paper"):
         most_probable = return_change(flown(study, name, "deterministic"), flown(study, name))
-        assert isinstance(most_probable, Estimate) and not sure(most_probable)
+        assert isinstance(most_probable, Estimate) and not is_certain(most_probable)
 
 
 def test_what_adapters_do(ways: Results):
-    assert apart(ways, "SACLag-box_scaled", "SACLag", "return_").low > 0
-    assert apart(ways, "DDPGLag", "DDPGLag-box_scaled", "return_").low > 0
-    assert apart(ways, "DDPGLag-box_literal", "DDPGLag", "cost").low > 0
+    assert difference(ways, "SACLag-box_scaled", "SACLag", "return_").low > 0
+    assert difference(ways, "DDPGLag", "DDPGLag-box_scaled", "return_").low > 0
+    assert difference(ways, "DDPGLag-box_literal", "DDPGLag", "cost").low > 0
     for name, share in (("DDPGLag", 0.4), ("SACLag", 0.7), ("CCEPETS", 0.7)):
         backwards = [row.reason == "YawOverDeviation" for row in flown(ways, f"{name}-box_literal")]
         assert share < np.mean(backwards) < share + 0.1
@@ -97,13 +101,13 @@ def test_what_a_mask_and_a_multiplier_do_to_focops(ways: Results):
         field: [
             way
             for way in ("broken_mask", "ascent", "adam", "pid")
-            if sure(apart(ways, f"FOCOPS-{way}", "FOCOPS", field))
+            if is_certain(difference(ways, f"FOCOPS-{way}", "FOCOPS", field))
         ]
         for field in ("return_", "cost")
     }
     assert surely == {"return_": ["adam"], "cost": ["broken_mask", "adam"]}
     for field, level in product(("return_", "cost"), ("Easy", "Hard")):
-        assert not sure(apart(ways, "FOCOPS-adam", "FOCOPS", field, level))
+        assert not is_certain(difference(ways, "FOCOPS-adam", "FOCOPS", field, level))
     usual, pid = (flown(ways, name) for name in ("FOCOPS", "FOCOPS-pid"))
     assert [row.return_ for row in usual] == [row.return_ for row in pid]
 

@@ -71,7 +71,7 @@ def _film(shot: Shot, folder: Path, place: Place, console: Console) -> None:
         files.film.parent.mkdir(exist_ok=True)
         files.caption.unlink(missing_ok=True)
         with bar(console, "frames") as progress:
-            on_frame = progress_of_frames(progress, files.film.stem, len(shape.shown(shot.episode.length)))
+            on_frame = progress_of_frames(progress, files.film.stem, len(shape.shown_steps(shot.episode.length)))
             place.film(shot.run, home, shot.episode, files.film, on_frame, shape=shape)
         write_atomic(files.caption, caption)
         files.failure.unlink(missing_ok=True)

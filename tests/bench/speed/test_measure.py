@@ -1,10 +1,12 @@
+"""Tests of speed measurements, with a clock that the test moves."""
+
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from thalweg.bench.speed import measure as speed
-from thalweg.bench.speed.frame_profile import REFLECTION, STAGES, View
+from thalweg.bench.speed.frame_profile import REFLECTION, STAGES, FrameStages
 from thalweg.bench.speed.measure import Plan, rates
 from thalweg.env import sample_starts
 from thalweg.render import Camera, Renderer
@@ -27,13 +29,13 @@ class Clock:
         return 3
 
 
-def test_a_rate_is_work_done_over_time_passed():
+def test_a_rate_is_work_over_elapsed_time():
     clock = Clock(0.25)
     assert rates(clock.work, Plan(repeats=3, seconds=1.0), clock) == [12, 12, 12]
     assert clock.calls == 1 + 3 * 4
 
 
-def test_a_repetition_counts_the_time_that_it_really_took():
+def test_a_repetition_counts_the_time_that_it_took():
     clock = Clock(0.25, 0.75, 0.75, 0.5)
     assert rates(clock.work, Plan(repeats=1, seconds=1.0), clock) == [6 / 1.5]
 
@@ -43,7 +45,7 @@ def test_the_first_call_which_may_compile_is_not_counted():
     assert rates(clock.work, Plan(repeats=1, seconds=1.0), clock) == [12]
 
 
-def test_training_is_measured_update_by_update_and_its_start_apart(monkeypatch: pytest.MonkeyPatch):
+def test_training_is_measured_by_update_without_its_start(monkeypatch: pytest.MonkeyPatch):
     given: list[str] = []
 
     def child(command: list[str], **_: str) -> tuple[float, float]:
@@ -54,7 +56,7 @@ def test_training_is_measured_update_by_update_and_its_start_apart(monkeypatch: 
         (folder / "metrics.csv").write_text(rows)
         return 130.0, 900.0
 
-    monkeypatch.setattr(speed, "_child", child)
+    monkeypatch.setattr(speed, "_run_python", child)
     train, start, memory = speed._training(Plan(train_steps=8192))
     assert (train.name, train.median, train.slowest, train.fastest, train.repeats) == ("train", 300, 200, 400, 3)
     assert (train.batch, train.worlds) == (16, 4)
@@ -64,35 +66,35 @@ def test_training_is_measured_update_by_update_and_its_start_apart(monkeypatch: 
     assert (memory.median, memory.unit) == (900, "MiB")
 
 
-def test_the_slowest_is_the_least_rate_but_the_longest_time():
-    rate = speed._line("render", "frames/s", [3.0, 1.0, 2.0])
-    duration = speed._line("build", "s", [3.0, 1.0, 2.0])
+def test_the_slowest_is_the_lowest_rate_or_the_longest_time():
+    rate = speed._measurement("render", "frames/s", [3.0, 1.0, 2.0])
+    duration = speed._measurement("build", "s", [3.0, 1.0, 2.0])
     assert (rate.median, rate.slowest, rate.fastest) == (2, 1, 3)
     assert (duration.median, duration.slowest, duration.fastest) == (2, 3, 1)
 
 
 @pytest.mark.slow
-def test_the_stages_of_a_frame_make_the_frame(easy_world):
-    """What the stages leave in their buffers is what the renderer draws from the same pose."""
+def test_the_stages_together_draw_the_frame(easy_world):
+    """The buffers after all stages hold what the renderer draws from the same pose."""
     renderer = Renderer([easy_world], Camera(32, 48))
     (pose,) = sample_starts(easy_world, 1, 3)
-    view = View(renderer, pose)
+    stages = FrameStages(renderer, pose)
     names = []
-    for name, ready, stage in view.calls():
-        ready()
+    for name, prepare, stage in stages.calls():
+        prepare()
         stage()
         names.append(name)
     assert tuple(names) == STAGES
-    assert BRIDGE not in view.kind  # whose stone is not among the stages
+    assert BRIDGE not in stages.kind  # their stone is not among the stages
     (frame,) = renderer.render(pose[None])
-    apart = np.abs(view.image.view(np.uint8).reshape(32, 48, 4).astype(int) - frame)
+    apart = np.abs(stages.image.view(np.uint8).reshape(32, 48, 4).astype(int) - frame)
     assert apart.max() <= 1  # functions compiled alone may round a last bit otherwise
     assert (apart == 0).mean() > 0.999
 
 
 def test_the_shares_of_the_stages_add_up(monkeypatch: pytest.MonkeyPatch):
     times = {name: [float(place), float(place + 2)] for place, name in enumerate(STAGES)}
-    monkeypatch.setattr(speed, "stage_times", lambda *_, **__: times)
+    monkeypatch.setattr(speed, "profile_frame", lambda *_, **__: times)
     monkeypatch.setattr(speed, "load_or_build", lambda *_: None)
     lines = list(speed.measure_stages(Plan()))
     assert [(line.name, line.median, line.slowest, line.unit) for line in lines[:2]] == [

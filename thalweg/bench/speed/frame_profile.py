@@ -1,7 +1,8 @@
-"""Where does a frame's time go? Each stage of the kernel by itself, on one thread, over many views.
+"""The time of each stage of a frame, on one thread, over many views.
 
-The stages are the very functions of `thalweg.render`, called one after another from here. What they share, such
-as the eye, is made before the clock starts; a call from Python costs some microseconds, which the smallest stages show.
+The stages are the functions of `thalweg.render` themselves, called one after another. What they share, such as the
+camera, is computed before the clock starts; a call from Python costs some microseconds, which shows in the smallest
+stages.
 """
 
 import statistics
@@ -34,18 +35,18 @@ STAGES = (
     REFLECTION,
     "tone",
 )
-"""In the order in which a frame is drawn; the reflection is a part of the shading of water."""
+"""Stages in the order in which a frame is drawn; the reflection is part of the shading of water."""
 
 
-class View:
-    """One frame of the full quality in the making: its buffers, and the stages as calls without arguments."""
+class FrameStages:
+    """The buffers of one frame of full quality, and the stages that draw it as calls without arguments."""
 
     def __init__(self, renderer: Renderer, pose: np.ndarray) -> None:
         camera = renderer.camera
         self.scene, self.width = renderer.scene, camera.width_px
         self.look = looks.look_rows(looks.look_values(None, 1), camera)[0]
         eye = open_eye(*pose, self.look, camera.width_px, f32(camera.near_m))
-        # On its way through Python it became double; a frame's is single.
+        # Python turns its numbers into doubles; the renderer uses single precision.
         self.eye = tuple(f32(number) for number in eye)
         wide = -(-camera.width_px // BLOCK) * BLOCK
         shape = camera.height_px, wide
@@ -55,14 +56,14 @@ class View:
         self.image = np.zeros((camera.height_px, camera.width_px), np.uint32)
 
     def calls(self) -> Iterator[tuple[str, Callable[[], object], Callable[[], object]]]:
-        """Name of each stage, what makes its buffers ready, and the stage; to be used in this order."""
+        """Yield name, preparation of the buffers, and call of each stage, to be run in this order."""
         scene, look, eye, height = self.scene, self.look, self.eye, len(self.depth)
-        nothing = lambda: None  # noqa: E731
-        yield "ground", nothing, lambda: survey(scene, 0, eye, height, 0, False, self.depth, self.kind)
-        kept = self.depth.copy(), self.kind.copy()
+        no_preparation = lambda: None  # noqa: E731
+        yield "ground", no_preparation, lambda: survey(scene, 0, eye, height, 0, False, self.depth, self.kind)
+        ground = self.depth.copy(), self.kind.copy()
         yield (
             "bridges",
-            lambda: (np.copyto(self.depth, kept[0]), np.copyto(self.kind, kept[1])),
+            lambda: (np.copyto(self.depth, ground[0]), np.copyto(self.kind, ground[1])),
             lambda: frame.draw_bridges(scene, 0, look, eye, height, self.width, 0, self.depth, self.kind),
         )
         colours = self.red, self.green, self.blue
@@ -75,14 +76,14 @@ class View:
         )
         for name, wanted in (("sky", classes.SKY), ("ground", classes.GROUND), ("water", classes.WATER)):
             only = np.where(self.kind == wanted, self.kind, np.uint8(classes.BRIDGE))
-            yield f"shading: {name}", nothing, lambda only=only: self._shade(only)
-        yield REFLECTION, nothing, self._reflection()
+            yield f"shading: {name}", no_preparation, lambda only=only: self._shade(only)
+        yield REFLECTION, no_preparation, self._reflection()
         mask = self.kind.copy()
         frame.mask_water(mask, self.light)
         key = frame.noise_key(eye, f32(0))
         yield (
             "tone",
-            nothing,
+            no_preparation,
             lambda: frame.develop(*colours, mask, look, key, self.image, self.width),
         )
 
@@ -92,7 +93,7 @@ class View:
         frame.shade(self.scene, 0, self.look, self.eye, f32(0), height, self.width, 0, False, self.depth, kind, *planes)
 
     def _reflection(self) -> Callable[[], None]:
-        """The march of the mirrored rays of all water pixels that light reaches."""
+        """Return the march of the reflected rays of all lit water pixels as a call, with its inputs computed."""
         scene, look, eye = self.scene, self.look, self.eye
         height, wide = self.depth.shape
         inv_cell = scene.number[0, table.INV_CELL]
@@ -130,17 +131,17 @@ class View:
         return lambda: water.mirror_canopy(scene, 0, look, x, y, z, rx, ry, rz, red, green, blue, passing, far, count)
 
 
-def stage_times(world: World, camera: Camera, views: int, repeats: int) -> dict[str, list[float]]:
-    """Milliseconds of each stage in each of `views` random views: the median of `repeats` runs on one thread."""
+def profile_frame(world: World, camera: Camera, views: int, repeats: int) -> dict[str, list[float]]:
+    """Return the milliseconds of each stage in each of `views` random views: medians of `repeats` runs, one thread."""
     renderer = Renderer([world], camera)
-    found: dict[str, list[float]] = {name: [] for name in STAGES}
+    times_ms: dict[str, list[float]] = {name: [] for name in STAGES}
     for pose in sample_starts(world, views, 0):
-        for name, ready, stage in View(renderer, pose).calls():
-            spent = []
+        for name, prepare, stage in FrameStages(renderer, pose).calls():
+            seconds = []
             for _ in range(repeats + 1):
-                ready()
-                begun = time.perf_counter()
+                prepare()
+                start = time.perf_counter()
                 stage()
-                spent.append(time.perf_counter() - begun)
-            found[name].append(1e3 * statistics.median(spent[1:]))
-    return found
+                seconds.append(time.perf_counter() - start)
+            times_ms[name].append(1e3 * statistics.median(seconds[1:]))  # the first run may compile
+    return times_ms

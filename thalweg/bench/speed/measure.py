@@ -1,9 +1,10 @@
-"""How fast is it here? Each part by itself, with everything that a figure depends on named beside it.
+"""Speed measurements of each part, with everything that a figure depends on.
 
-A figure is the median of several repetitions, with the slowest and the fastest of them. What is compiled or built is
-warm before the clock starts, except in the lines that say otherwise.
+A figure is the median of several repetitions, with the slowest and the fastest of them. Compilation and world building
+are done before the clock starts, except in the lines that say otherwise.
 """
 
+import itertools
 import os
 import statistics
 import subprocess
@@ -21,7 +22,7 @@ import torch
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.policy import Policy
 from thalweg.bench.csv_files import read_csv
-from thalweg.bench.speed.frame_profile import REFLECTION, STAGES, stage_times
+from thalweg.bench.speed.frame_profile import REFLECTION, STAGES, profile_frame
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.render import Camera, Renderer
 from thalweg.render.records.quality import Quality
@@ -30,9 +31,9 @@ from thalweg.train.river import load_fitting_encoder
 from thalweg.world import World, build, level_named, load_or_build
 
 BATCH, WORLDS = 16, 4
-"""Environments stepped together, and distinct rivers among them, as in the project's budget."""
+"""Environments that are stepped together, and distinct rivers among them."""
 VIEWS = 64
-"""Views over which the stages of a frame are measured."""
+"""Number of views over which the stages of a frame are measured."""
 FRAME_FEATURES = "RGB, water mask, everything drawn"
 FEATURES: dict[Quality, str] = {
     "full": FRAME_FEATURES,
@@ -42,15 +43,15 @@ FEATURES: dict[Quality, str] = {
 
 @dataclass(frozen=True)
 class Plan:
-    """How long to measure."""
+    """Length of the measurements."""
 
     repeats: int = 7
     seconds: float = 1.0
-    """At least so long is each repetition."""
+    """Least duration of each repetition."""
     train_steps: int = 16_384
-    """Eight updates of FOCOPS, of which all but the first count; 0: training is not measured."""
+    """Steps of the training run, eight updates of FOCOPS, of which the first does not count; 0 measures no training."""
     cold: bool = True
-    """Whether the first start, with nothing compiled or built, is measured."""
+    """Whether the first start is measured, with nothing compiled or built."""
 
 
 QUICK = Plan(repeats=3, seconds=0.3, train_steps=0, cold=False)
@@ -69,34 +70,37 @@ class Measurement:
     batch: int
     worlds: int
     resolution: str
-    """Of frames; empty where none is drawn."""
+    """Resolution of frames; empty where none is drawn."""
     features: str
 
 
 def rates(work: Callable[[], int], plan: Plan, clock: Callable[[], float] = time.perf_counter) -> list[float]:
-    """Units of work a second in each repetition; `work` does some and returns how many.
+    """Return the units of work per second in each repetition; `work` does some units and returns how many.
 
-    A first call, which may compile, is not counted. `clock` gives seconds.
+    The first call, which may compile, is not counted. `clock` returns seconds.
     """
     work()
-    found = []
+    repetitions = []
     for _ in range(plan.repeats):
-        done, begun = 0, clock()
-        while (passed := clock() - begun) < plan.seconds:
+        done, start = 0, clock()
+        while (elapsed := clock() - start) < plan.seconds:
             done += work()
-        found.append(done / passed)
-    return found
+        repetitions.append(done / elapsed)
+    return repetitions
 
 
-def _line(name: str, unit: str, values: list[float], *, batch: int = BATCH, worlds: int = WORLDS, **words: str):
+def _measurement(
+    name: str, unit: str, values: list[float], *, batch: int = BATCH, worlds: int = WORLDS, **words: str
+) -> Measurement:
+    """Return median, slowest and fastest of some values: rates per second, or durations."""
     slowest, fastest = (min(values), max(values)) if unit.endswith("/s") else (max(values), min(values))
-    middle = statistics.median(values)
+    median = statistics.median(values)
     resolution, features = words.get("resolution", ""), words.get("features", "")
-    return Measurement(name, unit, middle, slowest, fastest, len(values), batch, worlds, resolution, features)
+    return Measurement(name, unit, median, slowest, fastest, len(values), batch, worlds, resolution, features)
 
 
 def measure(plan: Plan) -> Iterator[Measurement]:
-    """Every line of the table, each as soon as it is known."""
+    """Yield every line of the table, each as soon as it is measured."""
     level = level_named("Medium")
     worlds = [load_or_build(level, seed) for seed in range(WORLDS)]
     yield from _rendering(plan, worlds)
@@ -107,12 +111,12 @@ def measure(plan: Plan) -> Iterator[Measurement]:
 
 
 def measure_stages(plan: Plan) -> Iterator[Measurement]:
-    """A line for each stage of a frame: milliseconds on one thread, the spread that between views."""
+    """Yield a line for each stage of a frame: milliseconds on one thread, with the slowest and fastest view."""
     world = load_or_build(level_named("Medium"), 0)
-    found = stage_times(world, Camera(), views=VIEWS, repeats=plan.repeats)
-    whole = sum(statistics.mean(found[name]) for name in STAGES if name != REFLECTION)
-    for name, times in found.items():
-        share = f"{statistics.mean(times) / whole:.0%} of the frame; one thread, {VIEWS} random views of Medium"
+    times_ms = profile_frame(world, Camera(), views=VIEWS, repeats=plan.repeats)
+    total = sum(statistics.mean(times_ms[name]) for name in STAGES if name != REFLECTION)
+    for name, times in times_ms.items():
+        share = f"{statistics.mean(times) / total:.0%} of the frame; one thread, {VIEWS} random views of Medium"
         yield Measurement(
             name, "ms", statistics.mean(times), max(times), min(times), plan.repeats, 1, 1, "128x128", share
         )  # fmt: skip
@@ -120,9 +124,9 @@ def measure_stages(plan: Plan) -> Iterator[Measurement]:
 
 def _rendering(plan: Plan, worlds: list[World]) -> Iterator[Measurement]:
     index = np.arange(BATCH) % len(worlds)
-    poses = np.array([sample_starts(worlds[place], BATCH, 0)[row] for row, place in enumerate(index)])
-    drawn: list[tuple[int, Quality]] = [(128, "full"), (128, "fast"), (384, "full")]
-    for size, quality in drawn:
+    poses = np.array([sample_starts(worlds[world], BATCH, 0)[row] for row, world in enumerate(index)])
+    cases: list[tuple[int, Quality]] = [(128, "full"), (128, "fast"), (384, "full")]
+    for size, quality in cases:
         renderer = Renderer(worlds, Camera(height_px=size, width_px=size), quality)
         frames = np.empty((BATCH, size, size, 4), dtype=np.uint8)
 
@@ -131,26 +135,25 @@ def _rendering(plan: Plan, worlds: list[World]) -> Iterator[Measurement]:
             return BATCH
 
         name = "render" if quality == "full" else f"render, {quality}"
-        yield _line(name, "frames/s", rates(draw, plan), resolution=f"{size}x{size}", features=FEATURES[quality])
-    one = Renderer(worlds[:1], Camera())
-    alone = poses[:1]
+        yield _measurement(name, "frames/s", rates(draw, plan), resolution=f"{size}x{size}", features=FEATURES[quality])
+    single = Renderer(worlds[:1], Camera())
 
     def draw_one() -> int:
-        one.render(alone)
+        single.render(poses[:1])
         return 1
 
     words = {"resolution": "128x128", "features": f"{FEATURES['full']}; all cores on one frame"}
-    yield _line("render, one camera", "frames/s", rates(draw_one, plan), batch=1, worlds=1, **words)
+    yield _measurement("render, one camera", "frames/s", rates(draw_one, plan), batch=1, worlds=1, **words)
 
 
 def _steps(env, actions: Callable[[np.ndarray], np.ndarray]) -> Callable[[], int]:
-    """Eight steps of an environment at a time."""
+    """Return work that takes eight steps of an environment with the actions for its observations."""
     obs, _ = env.reset(seed=0)
-    held = [obs]
 
     def work() -> int:
+        nonlocal obs
         for _ in range(8):
-            held[0], *_ = env.step(actions(held[0]))
+            obs, *_ = env.step(actions(obs))
         return 8 * env.num_envs
 
     return work
@@ -158,33 +161,33 @@ def _steps(env, actions: Callable[[np.ndarray], np.ndarray]) -> Callable[[], int
 
 def _stepping(plan: Plan, worlds: list[World]) -> Iterator[Measurement]:
     rules = RiverVectorEnv(worlds, BATCH, EnvConfig(observation="none"))
-    whole = RiverVectorEnv(worlds, BATCH)
+    full = RiverVectorEnv(worlds, BATCH)
     rules.action_space.seed(0)
     random_actions = np.stack([rules.action_space.sample() for _ in range(64)])
-    turn = iter(range(1 << 62))
+    counter = itertools.count()
 
     def random(_: np.ndarray) -> np.ndarray:
-        return random_actions[next(turn) % len(random_actions)]
+        return random_actions[next(counter) % len(random_actions)]
 
     size = "128x128"
-    yield _line("step, rules only", "steps/s", rates(_steps(rules, random), plan), features="random actions")
+    yield _measurement("step, rules only", "steps/s", rates(_steps(rules, random), plan), features="random actions")
     features = f"{FRAME_FEATURES}; random actions"
-    yield _line("step", "steps/s", rates(_steps(whole, random), plan), resolution=size, features=features)
+    yield _measurement("step", "steps/s", rates(_steps(full, random), plan), resolution=size, features=features)
     encoder = load_fitting_encoder()
-    latent = LatentVectorEnv(whole, encoder)
-    frames = whole.reset(seed=0)[0]
+    latent = LatentVectorEnv(full, encoder)
+    frames = full.reset(seed=0)[0]
     kind = f"{encoder.inputs} to {encoder.latent} numbers, {encoder.config.architecture} architecture"
 
     def encode() -> int:
         encoder(frames)
         return BATCH
 
-    yield _line("encode", "frames/s", rates(encode, plan), resolution=size, features=kind)
-    yield _line("step + encode", "steps/s", rates(_steps(latent, random), plan), resolution=size, features=kind)
-    policy = Policy(encoder.latent, actions_of(whole.single_action_space))
+    yield _measurement("encode", "frames/s", rates(encode, plan), resolution=size, features=kind)
+    yield _measurement("step + encode", "steps/s", rates(_steps(latent, random), plan), resolution=size, features=kind)
+    policy = Policy(encoder.latent, actions_of(full.single_action_space))
     act = partial(policy.act, deterministic=False, generator=torch.Generator().manual_seed(0))
     features = f"{kind}; policy of 2 x 64 units, sampled"
-    yield _line(
+    yield _measurement(
         "step + encode + policy", "steps/s", rates(_steps(latent, act), plan), resolution=size, features=features
     )
 
@@ -193,31 +196,31 @@ def _worlds_and_starts(plan: Plan) -> Iterator[Measurement]:
     for name in ("Easy", "Medium", "Hard"):
         seconds = []
         for seed in range(100, 100 + min(plan.repeats, 3)):
-            begun = time.perf_counter()
+            start = time.perf_counter()
             build(level_named(name), seed)
-            seconds.append(time.perf_counter() - begun)
-        yield _line(f"build a world, {name}", "s", seconds, batch=1, worlds=1, features="with its light")
+            seconds.append(time.perf_counter() - start)
+        yield _measurement(f"build a world, {name}", "s", seconds, batch=1, worlds=1, features="with its light")
     first_frame = "import gymnasium, thalweg; gymnasium.make('thalweg/Medium-v0').reset(seed=0)"
-    warm = [_child(["-c", first_frame])[0] for _ in range(1 + min(plan.repeats, 3))][1:]
-    yield _line(
+    warm = [_run_python(["-c", first_frame])[0] for _ in range(1 + min(plan.repeats, 3))][1:]
+    yield _measurement(
         "start to first frame, again", "s", warm, batch=1, worlds=1, resolution="128x128", features="new process"
     )
     if plan.cold:
         with tempfile.TemporaryDirectory() as folder:
-            cold, _ = _child(["-c", first_frame], THALWEG_CACHE=folder)
+            cold, _ = _run_python(["-c", first_frame], THALWEG_CACHE=folder)
         features = "new process, nothing compiled, no world built"
-        yield _line(
+        yield _measurement(
             "start to first frame, the first", "s", [cold], batch=1, worlds=1, resolution="128x128", features=features
         )
 
 
 def _training(plan: Plan) -> Iterator[Measurement]:
-    """A run as people start it: its speed once it goes, its start, and its memory."""
-    with tempfile.TemporaryDirectory() as home:
-        folder = Path(home) / "run"
+    """Yield the speed, the start-up time and the memory of a training run by the command line."""
+    with tempfile.TemporaryDirectory() as parent:
+        folder = Path(parent) / "run"
         command = ["-m", "thalweg.cli.main", "train", "--algorithm", "FOCOPS", "--steps", str(plan.train_steps)]
         command += ["--world-seeds", *map(str, range(WORLDS)), "--num-envs", str(BATCH), "--out", str(folder)]
-        seconds, memory = _child(command)
+        seconds, memory = _run_python(command)
         updates = [
             (float(row["steps_per_second"]), float(row["seconds"]))
             for row in read_csv(folder / "metrics.csv", ("steps_per_second", "seconds"))
@@ -225,15 +228,17 @@ def _training(plan: Plan) -> Iterator[Measurement]:
     speeds = [speed for speed, _ in updates[1:]]
     each = f"{len(speeds)} updates of {plan.train_steps // len(updates):,} steps each, after the first"
     features = f"FOCOPS on Medium, frames included; {each}"
-    yield _line("train", "steps/s", speeds, resolution="128x128", features=features)
-    started = seconds - updates[-1][1]
-    yield _line("start and end of training", "s", [started], resolution="128x128", features="new process, all cached")
-    yield _line("memory of training", "MiB", [memory], resolution="128x128", features="largest resident set")
+    yield _measurement("train", "steps/s", speeds, resolution="128x128", features=features)
+    overhead = seconds - updates[-1][1]
+    yield _measurement(
+        "start and end of training", "s", [overhead], resolution="128x128", features="new process, all cached"
+    )
+    yield _measurement("memory of training", "MiB", [memory], resolution="128x128", features="largest resident set")
 
 
-def _child(arguments: list[str], **environment: str) -> tuple[float, float]:
-    """Seconds and largest memory in MiB of a Python process with these arguments; raises if it fails."""
-    begun = time.perf_counter()
+def _run_python(arguments: list[str], **environment: str) -> tuple[float, float]:
+    """Run Python with these arguments; return its seconds and its peak memory in MiB. Raises if it fails."""
+    start = time.perf_counter()
     process = subprocess.Popen(
         [sys.executable, *arguments], env={**os.environ, **environment}, stdout=subprocess.DEVNULL
     )
@@ -242,4 +247,4 @@ def _child(arguments: list[str], **environment: str) -> tuple[float, float]:
     if process.returncode:
         raise subprocess.CalledProcessError(process.returncode, process.args)
     unit = 2**20 if sys.platform == "darwin" else 2**10
-    return time.perf_counter() - begun, usage.ru_maxrss / unit
+    return time.perf_counter() - start, usage.ru_maxrss / unit

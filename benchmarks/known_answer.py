@@ -41,11 +41,11 @@ from tests.known_answer.harness import (  # noqa: E402
 from tests.known_answer.problems import PROBLEMS  # noqa: E402
 from tests.known_answer.scores import Score  # noqa: E402
 from thalweg.algos import ALGORITHMS  # noqa: E402
-from thalweg.algos.common.settings import as_data  # noqa: E402
 from thalweg.bench.csv_files import csv_text, read_csv  # noqa: E402
 from thalweg.bench.report.table import frame, markdown  # noqa: E402
 from thalweg.core import versions  # noqa: E402
 from thalweg.core.atomic_io import write_atomic  # noqa: E402
+from thalweg.core.config import to_plain  # noqa: E402
 
 SEEDS = 5
 KEY = ("algorithm", "place", "problem", "tables", "seed", "steps", "settings", "config")
@@ -68,7 +68,7 @@ def key(cell: Cell, seed: int) -> tuple[str, ...]:
     """The values of `KEY` for a run: settings that differ from the defaults, and a hash of all of them, included."""
     config = json.dumps(cell.config, sort_keys=True)
     tables = PROBLEMS[cell.problem].digest
-    resolved = json.dumps(as_data(ALGORITHMS[cell.algorithm].configure(cell.config)), sort_keys=True)
+    resolved = json.dumps(to_plain(ALGORITHMS[cell.algorithm].configure(cell.config)), sort_keys=True)
     settings = hashlib.sha256(resolved.encode()).hexdigest()[:8]
     return (cell.algorithm, cell.place, cell.problem, tables, str(seed), str(cell.row.steps), settings, config)
 

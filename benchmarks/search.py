@@ -28,9 +28,9 @@ from typing import Any
 
 import numpy as np
 
-from thalweg.algos.common.settings import as_data
 from thalweg.algos.registry import algorithm_named
 from thalweg.bench.csv_files import read_csv
+from thalweg.core.config import to_plain
 from thalweg.train.river import TrainingGround, load_fitting_encoder
 
 HERE = Path(__file__).resolve().parent
@@ -79,7 +79,7 @@ def run_trial(algorithm: str, number: int, folder: Path) -> dict[str, Any]:
     )
     last = read_csv(folder / "episodes.csv", ("return", "cost"))[-EPISODES:]
     returns, costs = (np.array([float(row[name]) for row in last]) for name in ("return", "cost"))
-    limit = as_data(algorithm_named(algorithm).configure(changes)).get("cost_limit", float("nan"))
+    limit = to_plain(algorithm_named(algorithm).configure(changes)).get("cost_limit", float("nan"))
     return {
         "algorithm": algorithm,
         "trial": number,

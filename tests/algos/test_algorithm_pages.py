@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 import yaml
 
-from thalweg.algos.common.settings import as_data, config_from
 from thalweg.algos.onpolicy.focops import FOCOPSConfig
 from thalweg.algos.registry import ALGORITHMS
+from thalweg.core.config import parse_config, to_plain
 
 DOCS = Path(__file__).parents[2] / "docs" / "algorithms"
 ADAPTERS = {"box_literal", "box_scaled"}
@@ -63,13 +63,13 @@ def test_every_setting_that_a_page_names_exists(name: str):
 @pytest.mark.parametrize("name", ALGORITHMS)
 def test_every_value_that_a_page_gives_is_accepted(name: str):
     for key, value in (values_in_text(name) | values_in_commands(name)).items():
-        config = as_data(config_from(ALGORITHMS[name].config, {key: value}))
+        config = to_plain(parse_config(ALGORITHMS[name].config, {key: value}))
         assert config[key] == value
 
 
 @pytest.mark.parametrize("name", [name for name in ALGORITHMS if values_in_commands(name)])
 def test_every_value_in_a_command_differs_from_the_default(name: str):
-    default = as_data(ALGORITHMS[name].config())
+    default = to_plain(ALGORITHMS[name].config())
     assert {key: value for key, value in values_in_commands(name).items() if default[key] == value} == {}
 
 

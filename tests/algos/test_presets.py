@@ -5,16 +5,16 @@ import dataclasses
 import pytest
 
 from thalweg.algos import ALGORITHMS, AlgorithmError
-from thalweg.algos.common.settings import as_data
 from thalweg.algos.presets import INVERSELY_PROPORTIONAL, PAPER, PROPORTIONAL, settings_of
+from thalweg.core.config import to_plain
 
 
 @pytest.mark.parametrize("algorithm", PAPER)
 def test_the_preset_of_the_study_sets_what_it_says_and_differs_nowhere_else(algorithm: str):
     entry = ALGORITHMS[algorithm]
-    default, paper = (as_data(entry.configure(None, preset)) for preset in ("default", "paper"))
+    default, paper = (to_plain(entry.configure(None, preset)) for preset in ("default", "paper"))
     differing = {key for key in default if default[key] != paper[key]}
-    assert default == as_data(entry.config())
+    assert default == to_plain(entry.config())
     assert {key: paper[key] for key in PAPER[algorithm]} == dict(PAPER[algorithm])
     assert differing and differing <= set(PAPER[algorithm])
 
@@ -31,7 +31,7 @@ def test_a_whole_config_stands_for_itself():
     assert entry.configure(entry.config(passes=3)) == entry.config(passes=3)
     with pytest.raises(AlgorithmError, match="a whole FOCOPSConfig leaves nothing to the preset 'paper'"):
         entry.configure(entry.config(passes=3), "paper")
-    with pytest.raises(AlgorithmError, match="a config of PPOConfig or a mapping is needed, got FOCOPSConfig"):
+    with pytest.raises(AlgorithmError, match="a PPOConfig or a mapping is needed, got a FOCOPSConfig"):
         ALGORITHMS["PPO"].configure(entry.config())
 
 
@@ -57,7 +57,7 @@ def test_an_algorithm_outside_the_study_has_no_preset_of_it():
 def changes(algorithm: str, num_envs: int, **given: float) -> dict[str, tuple]:
     """Return the settings that differ from the defaults, as (default, scaled)."""
     entry = ALGORITHMS[algorithm]
-    usual, wide = as_data(entry.config()), as_data(entry.configure(given, num_envs=num_envs))
+    usual, wide = to_plain(entry.config()), to_plain(entry.configure(given, num_envs=num_envs))
     return {name: (usual[name], wide[name]) for name in usual if usual[name] != wide[name]}
 
 
@@ -103,5 +103,5 @@ def test_what_is_given_stays_and_the_study_ran_what_it_ran(algorithm: str):
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_all_that_can_follow_does(algorithm: str):
-    config = as_data(ALGORITHMS[algorithm].config())
+    config = to_plain(ALGORITHMS[algorithm].config())
     assert set(changes(algorithm, 128)) == {name for name in (*PROPORTIONAL, *INVERSELY_PROPORTIONAL) if name in config}

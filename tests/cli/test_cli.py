@@ -61,7 +61,10 @@ WRONG = [
     (["encoder", "train", "--level", "medum", "--out", "x"], "Easy, Medium, Hard"),
     (["encoder", "train", "--out", "/dev/null"], "/dev/null is not a folder"),
     (["train", "--set", "hidden=[64", "--out", "x"], "'hidden=[64' cannot be understood"),
-    (["train", "--set", "learning_rate=fast", "--out", "x"], "learning_rate must be float, got 'fast'"),
+    (
+        ["train", "--set", "learning_rate=fast", "--out", "x"],
+        "learning_rate must be a number of at least 0, got 'fast'",
+    ),
     (["train", "--preset", "study", "--out", "x"], "no preset 'study'; there are default, paper"),
     (["train", "--num-envs", "0", "--out", "x"], "num_envs must be at least 1"),
     (["world", "--seed", "-1"], "--seed must be 0 or more, not -1"),

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from thalweg.algos.common.errors import AlgorithmError
-from thalweg.algos.common.settings import config_from
 from thalweg.algos.interface import Learner, Task
 from thalweg.algos.offpolicy.ddpglag import DDPGLag, DDPGLagConfig
 from thalweg.algos.offpolicy.saclag import SACLag, SACLagConfig
@@ -20,6 +19,7 @@ from thalweg.algos.onpolicy.ppolag import PPOLag, PPOLagConfig
 from thalweg.algos.planning.ccepets import CCEPETS, CCEPETSConfig
 from thalweg.algos.planning.safeloop import SafeLOOP, SafeLOOPConfig
 from thalweg.algos.presets import settings_for_envs, settings_of
+from thalweg.core.config import parse_config
 
 WIDE = 2
 """PyTorch threads for wide networks; more were not measured."""
@@ -50,12 +50,12 @@ class Entry:
         base = settings_of(self.name, preset)
         if given is None or isinstance(given, Mapping):
             followed = settings_for_envs(self.config, num_envs) if preset == "default" else {}
-            return config_from(self.config, {**followed, **base, **(given or {})})
+            return parse_config(self.config, {**followed, **base, **(given or {})})
         if preset != "default":
             raise AlgorithmError(
                 f"a whole {self.config.__name__} leaves nothing to the preset {preset!r}: give one of them"
             )
-        return config_from(self.config, given)
+        return parse_config(self.config, given)
 
 
 ALGORITHMS: dict[str, Entry] = {

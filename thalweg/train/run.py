@@ -12,13 +12,13 @@ import torch
 from gymnasium.vector import VectorEnv
 
 from thalweg.algos.common.errors import AlgorithmError
-from thalweg.algos.common.settings import as_data
 from thalweg.algos.common.state import CPU
 from thalweg.algos.interface import Learner, Task
 from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.policy import policy as policies
 from thalweg.algos.registry import Entry, algorithm_named
 from thalweg.core.cache import file_hash
+from thalweg.core.config import to_plain
 from thalweg.core.device import DeviceError, resolve_device
 from thalweg.core.torch_threads import torch_threads
 from thalweg.train.errors import ResumeWarning, TrainingError
@@ -127,7 +127,7 @@ def run(
     identity = {
         "algorithm": entry.name,
         "preset": preset,
-        "config": as_data(resolved),
+        "config": to_plain(resolved),
         "steps": steps,
         "seed": seed,
         "num_envs": env.num_envs,

@@ -4,8 +4,8 @@ import inspect
 import pytest
 
 from thalweg.algos import ALGORITHMS, AlgorithmError, algorithm_named
-from thalweg.algos.common.settings import as_data, config_from
 from thalweg.algos.onpolicy.focops import FOCOPSConfig
+from thalweg.core.config import parse_config, to_plain
 
 
 def test_an_unknown_algorithm_lists_the_known_ones():
@@ -21,55 +21,55 @@ def test_an_unknown_key_lists_the_known_ones():
     with pytest.raises(
         AlgorithmError, match=r"no 'cost_limt'.*; it has steps_per_update, .*, cost_limit, .*, temperature"
     ):
-        config_from(FOCOPSConfig, {"cost_limt": 0.2})
+        parse_config(FOCOPSConfig, {"cost_limt": 0.2})
 
 
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
-        ("cost_limit", -0.1, "must not be negative"),
-        ("cost_limit", "low", "must be float"),
-        ("passes", 2.5, "must be int"),
-        ("passes", True, "must be int"),
-        ("mask", "all", "one of 'state', 'batch'"),
-        ("hidden", (64, "64"), "must be int"),
-        ("discount", 1.5, "in 0..1"),
-        ("linear_decay", 1, "must be bool"),
-        ("discount", float("nan"), "must be float"),
+        ("cost_limit", -0.1, "must be a finite number of at least 0"),
+        ("cost_limit", "low", "must be a finite number of at least 0"),
+        ("passes", 2.5, "must be a whole number above 0"),
+        ("passes", True, "must be a whole number above 0"),
+        ("mask", "all", "must be one of 'state', 'batch', got 'all'"),
+        ("hidden", (64, "64"), r"hidden\[1\] must be a whole number above 0"),
+        ("discount", 1.5, "must be a number from 0 to 1, got 1.5"),
+        ("linear_decay", 1, "must be true or false"),
+        ("discount", float("nan"), "must be a number from 0 to 1, got nan"),
     ],
 )
 def test_a_wrong_value_is_named(key: str, value: object, words: str):
     with pytest.raises(AlgorithmError, match=words) as caught:
-        config_from(FOCOPSConfig, {key: value})
+        parse_config(FOCOPSConfig, {key: value})
     assert key in str(caught.value)
 
 
 def test_a_misspelt_key_is_met_with_the_one_that_was_meant():
     with pytest.raises(AlgorithmError, match=r"has no 'cost_limt' \(did you mean 'cost_limit'\?\); it has "):
-        config_from(FOCOPSConfig, {"cost_limt": 0.1})
+        parse_config(FOCOPSConfig, {"cost_limt": 0.1})
     with pytest.raises(AlgorithmError, match="has no 'xyzzy'; it has "):
-        config_from(FOCOPSConfig, {"xyzzy": 0.1})
+        parse_config(FOCOPSConfig, {"xyzzy": 0.1})
 
 
 def test_a_number_out_of_range_is_repeated():
-    with pytest.raises(AlgorithmError, match=r"^cost_limit must not be negative, nor infinite; got -0\.5$"):
+    with pytest.raises(AlgorithmError, match=r"^cost_limit must be a finite number of at least 0, got -0\.5$"):
         FOCOPSConfig(cost_limit=-0.5)
 
 
 def test_whole_numbers_and_lists_become_what_the_field_wants():
-    config = config_from(FOCOPSConfig, {"cost_limit": 1, "hidden": [32, 16]})
+    config = parse_config(FOCOPSConfig, {"cost_limit": 1, "hidden": [32, 16]})
     assert (config.cost_limit, config.hidden) == (1.0, (32, 16))
-    assert as_data(config)["hidden"] == [32, 16]
+    assert to_plain(config)["hidden"] == [32, 16]
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"activation": "gelu"}, r"activation is one of 'tanh'.*, got 'gelu'"),
-        ({"memory": "lstm"}, "memory is one of"),
-        ({"mask": "all"}, "mask is one of"),
-        ({"multiplier_rule": "pid"}, "multiplier_rule is one of"),
-        ({"passes": 2.5}, "passes must be int, got 2.5"),
+        ({"activation": "gelu"}, r"activation must be one of 'tanh'.*, got 'gelu'"),
+        ({"memory": "lstm"}, "memory must be one of"),
+        ({"mask": "all"}, "mask must be one of"),
+        ({"multiplier_rule": "pid"}, "multiplier_rule must be one of"),
+        ({"passes": 2.5}, "passes must be a whole number above 0, got 2.5"),
     ],
 )
 def test_a_whole_config_is_checked_like_a_mapping(changes: dict, words: str):
@@ -79,7 +79,7 @@ def test_a_whole_config_is_checked_like_a_mapping(changes: dict, words: str):
 
 @pytest.mark.parametrize("entry", ALGORITHMS.values(), ids=lambda entry: entry.name)
 def test_a_config_survives_its_plain_data(entry):
-    assert config_from(entry.config, as_data(entry.config())) == entry.config()
+    assert parse_config(entry.config, to_plain(entry.config())) == entry.config()
 
 
 @pytest.mark.parametrize("entry", ALGORITHMS.values(), ids=lambda entry: entry.name)
@@ -97,9 +97,16 @@ def test_a_config_is_frozen_and_each_field_is_documented_where_it_stands(entry):
     assert documented == {field.name for field in dataclasses.fields(entry.config)}
 
 
-@pytest.mark.parametrize("limits", [(0.1,), (0.1, 0.2, 0.3), (0.1, -0.2)])
-def test_limits_of_costs_apart_are_two(limits: tuple[float, ...]):
-    with pytest.raises(AlgorithmError, match="cost_limits are two, tight and loose, and not negative"):
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        ((0.1,), r"cost_limits must be two, tight and loose, got \[0\.1\]"),
+        ((0.1, 0.2, 0.3), r"cost_limits must be two, tight and loose, got \[0\.1, 0\.2, 0\.3\]"),
+        ((0.1, -0.2), r"cost_limits\[1\] must be a finite number of at least 0, got -0\.2"),
+    ],
+)
+def test_limits_of_costs_apart_are_two(limits: tuple[float, ...], words: str):
+    with pytest.raises(AlgorithmError, match=words):
         FOCOPSConfig(cost_limits=limits)
 
 

@@ -210,5 +210,5 @@ def test_alpha_changes_with_auto_alpha_only(auto: bool):
 
 def test_an_alpha_of_zero_is_allowed_without_auto_alpha_only():
     assert SACLagConfig(alpha=0.0, auto_alpha=False).alpha == 0.0
-    with pytest.raises(AlgorithmError, match="alpha must be positive"):
+    with pytest.raises(AlgorithmError, match="alpha must be above 0 with auto_alpha, got 0"):
         SACLagConfig(alpha=0.0)

@@ -111,7 +111,7 @@ def test_a_limit_that_never_binds_is_named(name: str):
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("settings", [{"cost_limit": -0.1}, {"cost_limits": (0.1, -0.1)}, {"cost_discount": 1.5}])
 def test_settings_that_make_no_sense_are_refused(name: str, settings: dict[str, Any]):
-    with pytest.raises(AlgorithmError, match=f"{next(iter(settings))} (must|are)"):
+    with pytest.raises(AlgorithmError, match=rf"{next(iter(settings))}(\[1\])? must be "):
         ALGORITHMS[name].config(**settings)
 
 

@@ -11,7 +11,6 @@ import torch
 
 from tests.algos.planning.made import BOX, OPTIONS, generator
 from thalweg.algos import AlgorithmError
-from thalweg.algos.common.settings import as_data
 from thalweg.algos.common.state import CPU
 from thalweg.algos.planning.ccepets import CCEPETSConfig
 from thalweg.algos.planning.planner import Planner
@@ -19,6 +18,7 @@ from thalweg.algos.planning.policy import METHODS, PlannerPlayer, PlannerPolicy
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.policy import About, load_policy, to_tensors
 from thalweg.algos.registry import ALGORITHMS
+from thalweg.core.config import to_plain
 
 PLANNERS = list(METHODS)
 D, N = 3, 4
@@ -27,7 +27,7 @@ D, N = 3, 4
 def policy_for(name: str = "CCEPETS", space: gym.Space = OPTIONS, adapter: Any = "native", **settings) -> PlannerPolicy:
     config = ALGORITHMS[name].config(adapter=adapter, members=3, model_hidden=(8,), hidden=(8,), **settings)
     actions = actions_of(space, adapter, "squashed")
-    return PlannerPolicy(D, actions, config, About(name, as_data(config)), generator())
+    return PlannerPolicy(D, actions, config, About(name, to_plain(config)), generator())
 
 
 def told(policy: PlannerPolicy, *, reward: float, cost: float = -1e3) -> PlannerPolicy:
@@ -57,9 +57,14 @@ def acts(policy: PlannerPolicy, steps: int = 3) -> np.ndarray:
 @pytest.mark.parametrize("name", PLANNERS)
 @pytest.mark.parametrize(
     ("space", "adapter"),
-    [(OPTIONS, "native"), (OPTIONS, "box_scaled"), (OPTIONS, "box_literal"), (BOX, "native"),
-     (gym.spaces.Discrete(4), "native")],
-)  # fmt: skip
+    [
+        (OPTIONS, "native"),
+        (OPTIONS, "box_scaled"),
+        (OPTIONS, "box_literal"),
+        (BOX, "native"),
+        (gym.spaces.Discrete(4), "native"),
+    ],
+)
 class TestEverySpace:
     def test_actions_belong_to_it(self, name, space, adapter):
         for action in acts(policy_for(name, space, adapter)).reshape(-1, *space.shape):
@@ -205,16 +210,25 @@ def test_more_joint_actions_than_can_be_summed_are_refused_by_safeloop_alone():
 
 @pytest.mark.parametrize(
     ("changes", "words"),
-    [({"elites": 65}, "elites must be in 1..64"), ({"horizon": -1}, "horizon must not be negative"),
-     ({"hold_out": 0.0}, "hold_out must be in 0..0.5, and more"), ({"hold_out": 0.6}, "hold_out must be in 0..0.5"),
-     ({"rarity": 0.5}, "rarity must be at least 1"), ({"hidden": (64, 0)}, "hidden must be positive"),
-     ({"cost_limit": 0.0}, "cost_limit must be positive and finite: a predicted chance is never 0"),
-     ({"cost_limit": math.inf}, "cost_limit must be positive and finite"),
-     ({"cost_limits": (0.1, 0.0)}, "cost_limits are two, .* positive and finite: a predicted chance is never 0"),
-     ({"cost_limits": (0.1, math.inf)}, "cost_limits are two, .* positive and finite"),
-     ({"cost_limits": (0.1,)}, "cost_limits are two"), ({"frame_stack": 0}, "frame_stack must be 1"),
-     ({"frame_stack": 2, "action_repeat": 2}, "frame_stack must be 1, or more without an action_repeat")],
-)  # fmt: skip
+    [
+        ({"elites": 65}, "elites must be from 1 to 64, the samples, got 65"),
+        ({"horizon": -1}, "horizon must be a whole number of at least 0"),
+        ({"hold_out": 0.0}, "hold_out must be a number above 0 and at most 0.5, got 0.0"),
+        ({"hold_out": 0.6}, "hold_out must be a number above 0 and at most 0.5, got 0.6"),
+        ({"rarity": 0.5}, "rarity must be a number of at least 1"),
+        ({"hidden": (64, 0)}, "hidden.* must be a whole number above 0"),
+        ({"cost_limit": 0.0}, "cost_limit must be a finite number above 0 .a predicted chance is never 0., got 0.0"),
+        ({"cost_limit": math.inf}, "cost_limit must be a finite number above 0"),
+        ({"cost_limits": (0.1, 0.0)}, r"cost_limits\[1\] must be a finite number above 0 .a predicted chance"),
+        ({"cost_limits": (0.1, math.inf)}, r"cost_limits\[1\] must be a finite number above 0"),
+        ({"cost_limits": (0.1,)}, r"cost_limits must be two, tight and loose, got \[0.1\]"),
+        ({"frame_stack": 0}, "frame_stack must be a whole number above 0"),
+        (
+            {"frame_stack": 2, "action_repeat": 2},
+            "frame_stack must be 1 with an action_repeat, got 2: the model sees no frames",
+        ),
+    ],
+)
 def test_settings_out_of_range_are_named(changes, words):
     with pytest.raises(AlgorithmError, match=words):
         CCEPETSConfig(**changes)

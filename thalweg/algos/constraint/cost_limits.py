@@ -1,23 +1,32 @@
 """Settings of cost limits, their metrics, and warnings about limits that no episode exceeds."""
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated, Self
 
+from pydantic import Field, model_validator
+
+from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.interface import RECENT_EPISODES, Feedback
+from thalweg.core.config import FiniteNonNegative, TupleOf, frozen_config
 
 ENOUGH_EPISODES = 20
 """Number of finished episodes from which warnings are given."""
 
 
-@dataclass(frozen=True)
+@frozen_config(AlgorithmError)
 class CostConfig:
     """Settings of a limit on the mean cost of an episode."""
 
-    cost_limit: float = 0.1
+    cost_limit: FiniteNonNegative = 0.1
     """Limit d on the mean cost of an episode."""
-    cost_limits: tuple[float, ...] = ()
+    cost_limits: TupleOf[FiniteNonNegative] = ()
     """Separate limits of the tight and the loose cost, in place of `cost_limit`."""
+
+    @model_validator(mode="after")
+    def _limits_are_two(self) -> Self:
+        if len(self.cost_limits) not in (0, 2):
+            raise ValueError(f"cost_limits must be two, tight and loose, got {list(self.cost_limits)}")
+        return self
 
     @property
     def limits(self) -> tuple[float, ...]:
@@ -29,28 +38,14 @@ class CostConfig:
         """Whether each cost has its own limit."""
         return bool(self.cost_limits)
 
-    def cost_conditions(self) -> dict[str, tuple[bool, str]]:
-        """Return, for each field, whether its condition holds and the condition in words."""
-        return {
-            "cost_limit": (0 <= self.cost_limit < math.inf, "must not be negative, nor infinite"),
-            "cost_limits": (
-                len(self.cost_limits) in (0, 2) and all(0 <= limit < math.inf for limit in self.cost_limits),
-                "are two, tight and loose, and not negative, nor infinite",
-            ),
-        }
 
-
-@dataclass(frozen=True)
+@frozen_config(AlgorithmError)
 class MeanCostConfig:
     """Settings of the mean cost that is compared with the limit."""
 
-    cost_window: int = 0
+    cost_window: Annotated[int, Field(ge=0, le=RECENT_EPISODES)] = 0
     """Number of last episodes in the mean cost, which then lags. With 0, the mean is over the episodes that finished
     since the last update; if there are none, over the last fifty, and multipliers do not change."""
-
-    def window_conditions(self) -> dict[str, tuple[bool, str]]:
-        """Return, for each field, whether its condition holds and the condition in words."""
-        return {"cost_window": (0 <= self.cost_window <= RECENT_EPISODES, f"must be in 0..{RECENT_EPISODES}")}
 
 
 def cost_metrics(feedback: Feedback, limits: Sequence[float] = (), window: int = 0) -> dict[str, float]:

@@ -3,12 +3,15 @@
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, Self
 
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveInt, model_validator
+
+from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.constraint.cost_limits import ENOUGH_EPISODES, MeanCostConfig, as_word, cost_suffixes
 from thalweg.algos.interface import Feedback
 from thalweg.algos.maths import multiplier as maths
+from thalweg.core.config import frozen_config
 
 Rule = Literal["gradient", "adam"]
 
@@ -21,48 +24,41 @@ SETTLING = 0.25
 """Final share of a run in which multipliers and natural steps settle, if their config says so."""
 
 
-@dataclass(frozen=True)
+@frozen_config(AlgorithmError)
 class MultiplierConfig(MeanCostConfig):
     """Settings of the Lagrange multipliers λ; each cost has its own multiplier."""
 
     multiplier_rule: Rule = "gradient"
     """Optimiser of the integral part of λ: projected gradient, or Adam."""
-    multiplier_rate: float = 1.0
+    multiplier_rate: NonNegativeFloat = 1.0
     """Step size of the integral part; K_I of a PID multiplier."""
-    multiplier_gain: float = 10.0
+    multiplier_gain: NonNegativeFloat = 10.0
     """K_P: added to λ for each unit by which the mean cost exceeds the limit; 0 switches this part off."""
-    multiplier_derivative: float = 0.0
+    multiplier_derivative: NonNegativeFloat = 0.0
     """K_D: added to λ for each unit by which the mean cost has grown within `multiplier_delay` updates."""
-    multiplier_smoothing: float = 0.0
+    multiplier_smoothing: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Weight of the previous mean cost in the exponential mean that K_P and K_D use, 0..1; 0 uses the last mean cost
     alone."""
-    multiplier_delay: int = 1
+    multiplier_delay: PositiveInt = 1
     """Number of updates over which the growth of the mean cost is measured."""
-    multiplier_initial: float = 0.0
+    multiplier_initial: NonNegativeFloat = 0.0
     """λ before the first update."""
-    multiplier_max: float = 10.0
+    multiplier_max: NonNegativeFloat = 10.0
     """Upper bound of λ."""
     multiplier_settles: bool = True
     """Whether a mean cost below the limit lowers λ less and less over the last quarter of the run, and not at all at
     its end. A policy that oscillates about its limit, as a deterministic one does, then ends below it."""
-    multiplier_warmup: int = 0
+    multiplier_warmup: NonNegativeInt = 0
     """Number of updates before λ first changes."""
 
-    def multiplier_conditions(self) -> dict[str, tuple[bool, str]]:
-        """What must hold, for `require`."""
-        return self.window_conditions() | {
-            "multiplier_rate": (self.multiplier_rate >= 0, "must not be negative"),
-            "multiplier_gain": (self.multiplier_gain >= 0, "must not be negative"),
-            "multiplier_derivative": (self.multiplier_derivative >= 0, "must not be negative"),
-            "multiplier_smoothing": (0 <= self.multiplier_smoothing < 1, "must be in 0..1, and less than 1"),
-            "multiplier_delay": (self.multiplier_delay > 0, "must be positive"),
-            "multiplier_max": (self.multiplier_max >= 0, "must not be negative"),
-            "multiplier_initial": (
-                0 <= self.multiplier_initial <= self.multiplier_max,
-                "must be in 0..multiplier_max",
-            ),
-            "multiplier_warmup": (self.multiplier_warmup >= 0, "must not be negative"),
-        }
+    @model_validator(mode="after")
+    def _multiplier_begins_below_its_maximum(self) -> Self:
+        if self.multiplier_initial > self.multiplier_max:
+            raise ValueError(
+                f"multiplier_initial must be at most multiplier_max = {self.multiplier_max}, "
+                f"got {self.multiplier_initial}"
+            )
+        return self
 
 
 class Multiplier:

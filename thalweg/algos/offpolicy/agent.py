@@ -15,7 +15,6 @@ from torch import Tensor
 from thalweg.algos.common.adam import Adam
 from thalweg.algos.common.cuda_graphs import CudaGraphs
 from thalweg.algos.common.errors import AlgorithmError
-from thalweg.algos.common.settings import as_data
 from thalweg.algos.common.state import (
     CPU,
     array_of,
@@ -38,6 +37,7 @@ from thalweg.algos.policy.actions import Actions
 from thalweg.algos.policy.mlp import StackedMLP
 from thalweg.algos.policy.normaliser import Normaliser
 from thalweg.algos.policy.policy import About, Policy
+from thalweg.core.config import to_plain
 
 CRITICS, POLICY = 0, 1
 """Groups of metrics."""
@@ -79,7 +79,7 @@ class Agent:
             normalise=config.normalise_observations,
             greedy=spec.greedy,
             generator=self.generator,
-            about=About(spec.algorithm, as_data(config), task.context),
+            about=About(spec.algorithm, to_plain(config), task.context),
         )
         self.critics = Critics(
             spec.reward_critics,

@@ -1,64 +1,66 @@
 """Settings that all off-policy algorithms share."""
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal, Self
 
-from thalweg.algos.common.settings import require
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
+
+from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.constraint.cost_limits import CostConfig
 from thalweg.algos.constraint.multiplier import MultiplierConfig
 from thalweg.algos.policy.actions import Adapter
 from thalweg.algos.policy.mlp import Initial
 from thalweg.algos.policy.mlp_autograd import Activation
 from thalweg.algos.policy.networks import NetworkShape
+from thalweg.core.config import Fraction, TupleOf, frozen_config
 
 Schedule = Literal["report", "gradient_step"]
 """When the multipliers are updated."""
 
 
-@dataclass(frozen=True)
+@frozen_config(AlgorithmError)
 class OffPolicyConfig(MultiplierConfig, CostConfig):
     """Settings that all off-policy algorithms share; each algorithm has a limit on its costs."""
 
-    steps_per_collection: int = 64
+    steps_per_collection: PositiveInt = 64
     """Steps between two rounds of learning, all environments together; at least one step of each environment."""
-    updates_per_step: float = 0.25
+    updates_per_step: PositiveFloat = 0.25
     """Gradient steps per environment step; a fraction that is left after a round is carried over to the next."""
-    steps_per_update: int = 2048
+    steps_per_update: PositiveInt = 2048
     """Steps between two reports, all environments together. At a report the multipliers are updated and metrics are
     logged."""
-    multiplier_rate: float = 0.5
+    multiplier_rate: NonNegativeFloat = 0.5
     """Step size of the integral part of λ; K_I of a PID multiplier. λ is the reward that one unit of cost is worth."""
-    multiplier_gain: float = 1.0
+    multiplier_gain: NonNegativeFloat = 1.0
     """K_P: added to λ at once for each unit by which the mean cost exceeds the limit; 0 for none."""
-    multiplier_max: float = 50.0
+    multiplier_max: NonNegativeFloat = 50.0
     """Upper bound of λ."""
     multiplier_schedule: Schedule = "report"
     """When the multipliers are updated: at each report, from the episodes finished since the last one ("report"), or at
     each gradient step, as in OmniSafe, which uses the same mean cost many times ("gradient_step")."""
-    random_steps: int = 1000
+    random_steps: NonNegativeInt = 1000
     """Steps with uniformly random actions before the policy acts and learning starts."""
-    replay_size: int = 1_000_000
+    replay_size: PositiveInt = 1_000_000
     """Steps that the replay buffer holds."""
-    minibatch: int = 256
+    minibatch: PositiveInt = 256
     """Steps in the batch of one gradient step."""
-    discount: float = 0.99
+    discount: Fraction = 0.99
     """γ of the reward."""
-    cost_discount: float = 0.99
+    cost_discount: Fraction = 0.99
     """γ of the costs."""
-    target_rate: float = 0.01
+    target_rate: Annotated[float, Field(gt=0, le=1)] = 0.01
     """τ: how far the target networks move towards the networks after each update of the policy."""
-    policy_delay: int = 1
+    policy_delay: PositiveInt = 1
     """Gradient steps of the critics per gradient step of the policy."""
-    learning_rate: float = 1e-3
+    learning_rate: NonNegativeFloat = 1e-3
     """Learning rate of Adam for the policy."""
-    critic_learning_rate: float = 1e-3
+    critic_learning_rate: NonNegativeFloat = 1e-3
     """Learning rate of Adam for the critics."""
     linear_decay: bool = True
     """Whether the policy's learning rate falls linearly to 0 over the run, so that the final policy does not depend on
     the point of an oscillation at which training ends."""
-    max_grad_norm: float = 40.0
+    max_grad_norm: PositiveFloat = 40.0
     """Longer gradients are scaled down to this norm, the policy's and that of all critics separately."""
-    cost_critics: int = 1
+    cost_critics: Annotated[int, Field(ge=1, le=2)] = 1
     """Critics of each cost. With two, targets take the larger estimate; of the reward's two, the smaller."""
     cost_floor: bool = True
     """Whether targets clip a cost critic's estimate at 0, as no cost is negative. A policy finds actions whose cost is
@@ -67,7 +69,7 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     """Whether critics learn each cost standardised by its running mean and standard deviation and clipped to ±5, as in
     OmniSafe. A step without cost then has a negative cost, and a multiplier weighs another unit. The limit applies to
     raw costs."""
-    hidden: tuple[int, ...] = (256, 256)
+    hidden: TupleOf[PositiveInt] = (256, 256)
     """Sizes of the hidden layers, of the policy and of each critic."""
     activation: Activation = "relu"
     """Activation of the hidden layers."""
@@ -78,37 +80,14 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     """Whether observations are standardised by running statistics; stored observations by the current ones."""
     adapter: Adapter = "native"
     """Discrete actions as choices ("native"), or as numbers that are rounded ("box_literal", "box_scaled")."""
-    frame_stack: int = 1
+    frame_stack: PositiveInt = 1
     """Number of the last observations that are stacked."""
 
-    def __post_init__(self) -> None:
-        require(self, self.conditions())
-
-    def conditions(self) -> dict[str, tuple[bool, str]]:
-        """Condition and message for each field."""
-        return (
-            self.multiplier_conditions()
-            | self.cost_conditions()
-            | {
-                "steps_per_collection": (self.steps_per_collection > 0, "must be positive"),
-                "updates_per_step": (self.updates_per_step > 0, "must be positive"),
-                "steps_per_update": (self.steps_per_update > 0, "must be positive"),
-                "random_steps": (self.random_steps >= 0, "must not be negative"),
-                "replay_size": (self.replay_size > 0, "must be positive"),
-                "minibatch": (self.minibatch > 0, "must be positive"),
-                "discount": (0 <= self.discount <= 1, "must be in 0..1"),
-                "cost_discount": (0 <= self.cost_discount <= 1, "must be in 0..1"),
-                "target_rate": (0 < self.target_rate <= 1, "must be in 0..1, and more than 0"),
-                "policy_delay": (self.policy_delay > 0, "must be positive"),
-                "learning_rate": (self.learning_rate >= 0, "must not be negative"),
-                "critic_learning_rate": (self.critic_learning_rate >= 0, "must not be negative"),
-                "max_grad_norm": (self.max_grad_norm > 0, "must be positive"),
-                "hidden": (all(size > 0 for size in self.hidden), "must be positive"),
-                "cost_floor": (not (self.cost_floor and self.normalise_cost), "must be off with normalise_cost"),
-                "cost_critics": (self.cost_critics in (1, 2), "must be 1 or 2"),
-                "frame_stack": (self.frame_stack > 0, "must be positive"),
-            }
-        )
+    @model_validator(mode="after")
+    def _cost_floor_needs_raw_costs(self) -> Self:
+        if self.cost_floor and self.normalise_cost:
+            raise ValueError("cost_floor must be off with normalise_cost, got True")
+        return self
 
     @property
     def shape(self) -> NetworkShape:

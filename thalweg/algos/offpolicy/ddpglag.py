@@ -3,19 +3,20 @@
 The policy ascends the gradient of its critics: the reward's less the weighted costs'.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.offpolicy.agent import Agent, AgentSpec
 from thalweg.algos.offpolicy.deterministic import DeterministicConfig, action_form_of, policy_gradient_step
 from thalweg.algos.offpolicy.replay_buffer import Batch
+from thalweg.core.config import frozen_config
 
 
-@dataclass(frozen=True)
+@frozen_config(AlgorithmError)
 class DDPGLagConfig(DeterministicConfig):
     """Settings of DDPGLag."""
 

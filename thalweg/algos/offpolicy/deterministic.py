@@ -6,12 +6,13 @@ dimensions or branches of an action, P parameters, W numbers of an encoded actio
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol
 
 import torch
+from pydantic import NonNegativeFloat, PositiveFloat
 from torch import Tensor
 
+from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.interface import Task
 from thalweg.algos.maths import gumbel_softmax
 from thalweg.algos.maths.multiplier import combined
@@ -21,39 +22,31 @@ from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.offpolicy.replay_buffer import Batch
 from thalweg.algos.policy.actions import Actions, actions_of
 from thalweg.algos.policy.distributions import Categoricals
+from thalweg.core.config import Fraction, frozen_config
 
 LEAST_TEMPERATURE = 1e-3
 """Temperature at which sampled choices are practically deterministic."""
 
 
-@dataclass(frozen=True)
+@frozen_config(AlgorithmError)
 class DeterministicConfig(OffPolicyConfig):
     """Settings that all algorithms with a deterministic policy share."""
 
-    exploration: float = 0.1
+    exploration: Fraction = 0.1
     """ε: share of steps with a uniformly random action."""
-    exploration_noise: float = 0.1
+    exploration_noise: NonNegativeFloat = 0.1
     """Standard deviation of the noise added to a continuous action in -1..1 while collecting."""
-    exploration_temperature: float = 0.2
+    exploration_temperature: PositiveFloat = 0.2
     """Temperature of discrete actions while collecting: they are sampled from the softmax of the policy's outputs
     divided by this. If it is high, the multipliers respond to the costs of a policy that differs from the final one."""
     exploration_fades: bool = True
     """Whether ε, the standard deviation and the temperature fall linearly to 0 over the run, so that the multipliers
     respond to the costs of the final policy towards its end."""
-    relaxation: float = 1.0
+    relaxation: PositiveFloat = 1.0
     """τ of the Gumbel-softmax whose gradient replaces that of a discrete choice."""
-    output_decay: float = 0.03
+    output_decay: NonNegativeFloat = 0.03
     """Weight of the policy's mean squared outputs (logits, or the inputs of tanh) in its loss; without it a saturated
     policy has no gradient."""
-
-    def conditions(self) -> dict[str, tuple[bool, str]]:
-        return super().conditions() | {
-            "exploration": (0 <= self.exploration <= 1, "must be in 0..1"),
-            "exploration_noise": (self.exploration_noise >= 0, "must not be negative"),
-            "exploration_temperature": (self.exploration_temperature > 0, "must be positive"),
-            "relaxation": (self.relaxation > 0, "must be positive"),
-            "output_decay": (self.output_decay >= 0, "must not be negative"),
-        }
 
     def exploration_at(self, progress: float) -> float:
         """Factor 0..1 of the exploration at a progress 0..1 of the run."""

@@ -5,13 +5,14 @@ Discrete actions use exact sums over all joint actions (Christodoulou 2019), con
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import torch
+from pydantic import Field, NonNegativeFloat, model_validator
 from torch import Tensor
 
 from thalweg.algos.common.adam import Adam
+from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.common.state import CPU, array_of, tensor_of
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import joint_actions, losses
@@ -21,35 +22,34 @@ from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.offpolicy.replay_buffer import Batch
 from thalweg.algos.policy.actions import Actions, actions_of
 from thalweg.algos.policy.distributions import Categoricals, SquashedGaussian
+from thalweg.core.config import Fraction, Hint, frozen_config
 
 
-@dataclass(frozen=True)
+@frozen_config(AlgorithmError)
 class SACLagConfig(OffPolicyConfig):
     """Settings of SACLag."""
 
     multiplier_settles: bool = False
     """Off by default: a stochastic policy can stay at its limit and need not end on the safe side of an oscillation."""
-    alpha: float = 0.1
+    alpha: NonNegativeFloat = 0.1
     """α: weight of the policy's entropy in nats; with `auto_alpha` its initial value."""
     auto_alpha: bool = True
     """Whether α is adapted to keep the policy's entropy at a target."""
-    alpha_learning_rate: float = 1e-3
+    alpha_learning_rate: NonNegativeFloat = 1e-3
     """Learning rate of Adam for log α."""
-    entropy_share: float = 0.1
+    entropy_share: Fraction = 0.1
     """Target entropy of a discrete policy, as a share of the maximum, log(number of joint actions)."""
-    entropy_per_number: float = -1.0
+    entropy_per_number: Annotated[float, Field(lt=math.log(2.0)), Hint("the entropy of -1..1 is log 2")] = -1.0
     """Target entropy of a continuous policy in -1..1, in nats per dimension of the action."""
     cost_target: Literal["policy", "mode"] = "policy"
     """Action of a cost's target: sampled from the policy, as for the reward ("policy"), or the policy's most probable
     action (for continuous actions the mean), as in OmniSafe, which estimates the cost of another policy ("mode")."""
 
-    def conditions(self) -> dict[str, tuple[bool, str]]:
-        return super().conditions() | {
-            "alpha": (self.alpha > 0 or (self.alpha == 0 and not self.auto_alpha), "must be positive"),
-            "alpha_learning_rate": (self.alpha_learning_rate >= 0, "must not be negative"),
-            "entropy_per_number": (self.entropy_per_number < math.log(2.0), "must be less than log 2, that of -1..1"),
-            "entropy_share": (0 <= self.entropy_share <= 1, "must be in 0..1"),
-        }
+    @model_validator(mode="after")
+    def _learnt_alpha_is_positive(self) -> Self:
+        if self.auto_alpha and self.alpha == 0:
+            raise ValueError("alpha must be above 0 with auto_alpha, got 0.0")
+        return self
 
 
 def policy_loss(values: Tensor, entropy: Tensor, alpha: Tensor, multipliers: tuple[float, ...]) -> Tensor:

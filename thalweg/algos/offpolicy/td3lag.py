@@ -1,42 +1,37 @@
 """TD3Lag: twin delayed deterministic policy gradient (Fujimoto, van Hoof, Meger 2018) with a Lagrange multiplier for
 each cost: the smaller of two reward estimates, smoothed target actions, and a policy that is updated less often."""
 
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import torch
+from pydantic import NonNegativeFloat, PositiveInt
 from torch import Tensor
 
+from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.offpolicy.agent import Agent, AgentSpec
 from thalweg.algos.offpolicy.deterministic import DeterministicConfig, action_form_of, policy_gradient_step
 from thalweg.algos.offpolicy.replay_buffer import Batch
+from thalweg.core.config import frozen_config
 
 
-@dataclass(frozen=True)
+@frozen_config(AlgorithmError)
 class TD3LagConfig(DeterministicConfig):
     """Settings of TD3Lag."""
 
-    policy_delay: int = 2
+    policy_delay: PositiveInt = 2
     """Gradient steps of the critics per gradient step of the policy."""
-    target_noise: float = 0.2
+    target_noise: NonNegativeFloat = 0.2
     """σ̃: standard deviation of the noise added to a continuous action in -1..1 for targets."""
-    target_noise_clip: float = 0.5
+    target_noise_clip: NonNegativeFloat = 0.5
     """c: the noise of targets is clipped to ±c."""
-    target_temperature: float = 0.05
+    target_temperature: NonNegativeFloat = 0.05
     """Temperature of discrete actions for targets: they are sampled from the softmax of the policy's outputs divided by
     this; 0 for the most probable action. If it is much higher, targets belong to a policy that differs from the final
     one."""
     cost_target: Literal["smoothed", "online"] = "smoothed"
     """Action of a cost's target: the smoothed action of the target policy, as for the reward ("smoothed"), or the
     action of the policy itself, as in OmniSafe ("online")."""
-
-    def conditions(self) -> dict[str, tuple[bool, str]]:
-        return super().conditions() | {
-            "target_noise": (self.target_noise >= 0, "must not be negative"),
-            "target_temperature": (self.target_temperature >= 0, "must not be negative"),
-            "target_noise_clip": (self.target_noise_clip >= 0, "must not be negative"),
-        }
 
 
 class TD3Lag:

@@ -15,7 +15,6 @@ from torch import Tensor
 
 from thalweg.algos.common.adam import Adam
 from thalweg.algos.common.errors import require_finite
-from thalweg.algos.common.settings import as_data
 from thalweg.algos.common.state import (
     generator_state,
     load_generator,
@@ -35,6 +34,7 @@ from thalweg.algos.policy.distributions import AnalyticDistribution, Distributio
 from thalweg.algos.policy.memory import Sequences
 from thalweg.algos.policy.networks import Critics
 from thalweg.algos.policy.policy import About, NetworkPlayer, Policy
+from thalweg.core.config import to_plain
 
 
 class Agent:
@@ -50,7 +50,7 @@ class Agent:
             frames=config.frame_stack,
             normalise=config.normalise_observations,
             generator=self.generator,
-            about=About(algorithm, as_data(config), task.context),
+            about=About(algorithm, to_plain(config), task.context),
         )
         self.critics = Critics(critics, config.frame_stack * task.obs_size, config.shape, self.generator)
         rate = config.learning_rate if isinstance(config, FirstOrderConfig) else 0.0

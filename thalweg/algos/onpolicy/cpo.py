@@ -1,11 +1,12 @@
 """Constrained policy optimisation (Achiam et al. 2017): the best natural step that keeps the cost limit to first order,
 in closed form; not among the study's ten, and the reference that they are compared with elsewhere."""
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
+from pydantic import model_validator
 from torch import Tensor
 
+from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.constraint.cost_limits import cost_metrics, limit_warnings
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
@@ -14,29 +15,24 @@ from thalweg.algos.maths.trust_region import cpo_step
 from thalweg.algos.onpolicy.agent import Agent, KLMonitor, cost_signals, metrics_of, reward_signal
 from thalweg.algos.onpolicy.config import ConstrainedConfig, NaturalConfig
 from thalweg.algos.onpolicy.natural_step import NaturalStep, most_violated
+from thalweg.core.config import frozen_config
 
 FAR_BELOW = -1e6
 """The violation of a limit of which nothing is known yet."""
 
 
-@dataclass(frozen=True)
+@frozen_config(AlgorithmError)
 class CPOConfig(ConstrainedConfig, NaturalConfig):
     """Settings of CPO."""
 
     standardise_cost: bool = False
     """Must be off: CPO always divides the cost advantages and the violation by the same standard deviation."""
 
-    def conditions(self) -> dict[str, tuple[bool, str]]:
-        return (
-            super().conditions()
-            | self.cost_conditions()
-            | {
-                "standardise_cost": (
-                    not self.standardise_cost,
-                    "must be off for CPO, which itself scales advantages and violation alike",
-                ),
-            }
-        )
+    @model_validator(mode="after")
+    def _cost_is_not_standardised(self) -> Self:
+        if self.standardise_cost:
+            raise ValueError("standardise_cost must be off for CPO, which itself scales advantages and violation alike")
+        return self
 
 
 class CPO:

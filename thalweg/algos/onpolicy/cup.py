@@ -1,11 +1,12 @@
 """Constrained update projection (Yang et al. 2022): a PPO step for the reward, then a projection that takes back what
 costs too much; not among the study's ten."""
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 from torch import Tensor
 
+from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.constraint.cost_limits import cost_metrics, limit_warnings
 from thalweg.algos.constraint.multiplier import MultiplierConfig, Multipliers
 from thalweg.algos.interface import Feedback, Rollout, Task
@@ -21,32 +22,23 @@ from thalweg.algos.onpolicy.agent import (
 )
 from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig
 from thalweg.algos.policy.memory import Sequences
+from thalweg.core.config import frozen_config
 
 
-@dataclass(frozen=True)
+@frozen_config(AlgorithmError)
 class CUPConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
     """Settings of CUP; its multiplier is called ν in its paper."""
 
-    clip: float = 0.2
+    clip: PositiveFloat = 0.2
     """Clip range ε of the first step: the probability ratio is clipped to 1 ± ε."""
-    entropy: float = 0.01
+    entropy: NonNegativeFloat = 0.01
     """Coefficient of the policy's entropy (nats, summed over action branches) in the loss."""
-    projection_passes: int = 10
+    projection_passes: PositiveInt = 10
     """Largest number of passes of the projection over the rollout."""
-    multiplier_max: float = 2.0
+    multiplier_max: NonNegativeFloat = 2.0
     """Upper bound of the multiplier ν."""
-
-    def conditions(self) -> dict[str, tuple[bool, str]]:
-        return (
-            super().conditions()
-            | self.cost_conditions()
-            | self.multiplier_conditions()
-            | {
-                "clip": (self.clip > 0, "must be positive"),
-                "projection_passes": (self.projection_passes > 0, "must be positive"),
-                "cost_discount": (0 <= self.cost_discount < 1, "must be in 0..1, and less than 1 for CUP"),
-            }
-        )
+    cost_discount: Annotated[float, Field(ge=0, lt=1)] = 0.99
+    """γ of the cost; the cost of the projection is divided by 1-γ."""
 
 
 def improvement_loss(

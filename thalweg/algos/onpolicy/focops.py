@@ -1,11 +1,12 @@
 """First-order constrained optimisation in policy space (Zhang, Vuong, Ross 2020): the best policy within a trust
 region and a cost limit, in closed form, then projected back onto what the network can express, state by state."""
 
-from dataclasses import dataclass
 from typing import Any, Literal
 
+from pydantic import NonNegativeFloat, PositiveFloat
 from torch import Tensor
 
+from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.constraint.cost_limits import cost_metrics, limit_warnings
 from thalweg.algos.constraint.multiplier import MultiplierConfig, Multipliers
 from thalweg.algos.interface import Feedback, Rollout, Task
@@ -22,15 +23,16 @@ from thalweg.algos.onpolicy.agent import (
 )
 from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig
 from thalweg.algos.policy.memory import Sequences
+from thalweg.core.config import frozen_config
 
 
-@dataclass(frozen=True)
+@frozen_config(AlgorithmError)
 class FOCOPSConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
     """Settings of FOCOPS; its multiplier is called ν in its paper."""
 
-    temperature: float = 0.5
+    temperature: PositiveFloat = 0.5
     """Temperature λ: a larger one makes the policy follow the advantages less."""
-    trust_radius: float = 0.02
+    trust_radius: PositiveFloat = 0.02
     """Trust region η of each state, a KL in nats, summed over action branches. Beyond it, only the entropy term of the
     loss has a gradient in that state."""
     mask: Literal["state", "batch"] = "state"
@@ -38,21 +40,10 @@ class FOCOPSConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
     broadcast."""
     normalise_by_multiplier: bool = False
     """Whether A_r - Σ ν A_c is divided by 1 + Σ ν, as in OmniSafe; the paper does not divide it."""
-    multiplier_max: float = 2.0
+    multiplier_max: NonNegativeFloat = 2.0
     """Upper bound of the multiplier ν."""
-    entropy: float = 0.005
+    entropy: NonNegativeFloat = 0.005
     """Coefficient of the policy's entropy (nats, summed over action branches) in the loss; the paper has none."""
-
-    def conditions(self) -> dict[str, tuple[bool, str]]:
-        return (
-            super().conditions()
-            | self.cost_conditions()
-            | self.multiplier_conditions()
-            | {
-                "temperature": (self.temperature > 0, "must be positive"),
-                "trust_radius": (self.trust_radius > 0, "must be positive"),
-            }
-        )
 
 
 def policy_loss(

@@ -1,11 +1,12 @@
 """Constraint-rectified policy optimisation (Xu, Liang, Lan 2021), on-policy: a natural step for the reward while the
 cost is within its limit, and one against the cost as soon as it is not."""
 
-from dataclasses import dataclass
 from typing import Any
 
+from pydantic import NonNegativeFloat
 from torch import Tensor
 
+from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.constraint.cost_limits import cost_metrics, limit_warnings
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
@@ -21,23 +22,15 @@ from thalweg.algos.onpolicy.agent import (
 )
 from thalweg.algos.onpolicy.config import ConstrainedConfig, NaturalConfig
 from thalweg.algos.onpolicy.natural_step import NaturalStep, most_violated
+from thalweg.core.config import frozen_config
 
 
-@dataclass(frozen=True)
+@frozen_config(AlgorithmError)
 class OnCRPOConfig(ConstrainedConfig, NaturalConfig):
     """Settings of OnCRPO."""
 
-    tolerance: float = 0.0
+    tolerance: NonNegativeFloat = 0.0
     """How far above its limit a mean cost may be before the next step reduces it."""
-
-    def conditions(self) -> dict[str, tuple[bool, str]]:
-        return (
-            super().conditions()
-            | self.cost_conditions()
-            | {
-                "tolerance": (self.tolerance >= 0, "must not be negative"),
-            }
-        )
 
 
 class OnCRPO:

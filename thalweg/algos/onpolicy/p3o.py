@@ -1,12 +1,13 @@
 """Penalised proximal policy optimisation (Zhang L. et al. 2022): the clipped surrogate of the reward, and an exact
 penalty that is there only while the cost's own surrogate says that the limit would be broken."""
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import torch
+from pydantic import NonNegativeFloat, PositiveFloat, model_validator
 from torch import Tensor
 
+from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.constraint.cost_limits import cost_metrics, limit_warnings
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
@@ -22,15 +23,16 @@ from thalweg.algos.onpolicy.agent import (
 from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig
 from thalweg.algos.policy.distributions import Distribution, TapedDistribution
 from thalweg.algos.policy.memory import Sequences
+from thalweg.core.config import frozen_config
 
 
-@dataclass(frozen=True)
+@frozen_config(AlgorithmError)
 class P3OConfig(ConstrainedConfig, FirstOrderConfig):
     """Settings of P3O."""
 
-    penalty: float = 2.0
+    penalty: NonNegativeFloat = 2.0
     """Weight κ of the penalty; the penalty is exact once κ exceeds the optimal multiplier."""
-    clip: float = 0.2
+    clip: PositiveFloat = 0.2
     """Clip range ε: the probability ratio is clipped to 1 ± ε."""
     clip_cost: bool = True
     """Whether the cost's surrogate is clipped too, as in the paper; OmniSafe 0.5 does not clip it."""
@@ -45,19 +47,11 @@ class P3OConfig(ConstrainedConfig, FirstOrderConfig):
     """Whether a cost's advantages, and the violation with them, are divided by their deviation, so that κ has no
     unit; otherwise the advantages are only centred."""
 
-    def conditions(self) -> dict[str, tuple[bool, str]]:
-        return (
-            super().conditions()
-            | self.cost_conditions()
-            | {
-                "penalty": (self.penalty >= 0, "must not be negative"),
-                "clip": (self.clip > 0, "must be positive"),
-                "cost_discount": (
-                    0 <= self.cost_discount < 1 or (self.cost_discount == 1 and self.limit_scale != "discount"),
-                    "must be in 0..1, and less than 1 with limit_scale=discount",
-                ),
-            }
-        )
+    @model_validator(mode="after")
+    def _discounted_violation_is_not_nothing(self) -> Self:
+        if self.limit_scale == "discount" and self.cost_discount == 1:
+            raise ValueError("cost_discount must be below 1 with limit_scale=discount, got 1.0")
+        return self
 
 
 def policy_loss(

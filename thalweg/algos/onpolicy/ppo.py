@@ -1,10 +1,11 @@
 """Proximal policy optimisation (Schulman et al. 2017) for the reward alone: the baseline that knows no cost."""
 
-from dataclasses import dataclass
 from typing import Any
 
+from pydantic import PositiveFloat
 from torch import Tensor
 
+from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.constraint.cost_limits import cost_metrics
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
@@ -12,17 +13,15 @@ from thalweg.algos.maths.advantages import standardised
 from thalweg.algos.onpolicy.agent import Agent, KLMonitor, metrics_of, reward_signal
 from thalweg.algos.onpolicy.config import FirstOrderConfig
 from thalweg.algos.policy.memory import Sequences
+from thalweg.core.config import frozen_config
 
 
-@dataclass(frozen=True)
+@frozen_config(AlgorithmError)
 class PPOConfig(FirstOrderConfig):
     """Settings of PPO."""
 
-    clip: float = 0.2
+    clip: PositiveFloat = 0.2
     """Clip range ε: the probability ratio is clipped to 1 ± ε."""
-
-    def conditions(self) -> dict[str, tuple[bool, str]]:
-        return super().conditions() | {"clip": (self.clip > 0, "must be positive")}
 
 
 def policy_loss(

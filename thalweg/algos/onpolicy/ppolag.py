@@ -1,10 +1,11 @@
 """PPO with a Lagrange multiplier (Ray, Achiam, Amodei 2019): the clipped surrogate of reward less λ times cost."""
 
-from dataclasses import dataclass
 from typing import Any
 
+from pydantic import NonNegativeFloat, PositiveFloat
 from torch import Tensor
 
+from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.constraint.cost_limits import cost_metrics, limit_warnings
 from thalweg.algos.constraint.multiplier import MultiplierConfig, Multipliers
 from thalweg.algos.interface import Feedback, Rollout, Task
@@ -21,26 +22,19 @@ from thalweg.algos.onpolicy.agent import (
 )
 from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig
 from thalweg.algos.policy.memory import Sequences
+from thalweg.core.config import frozen_config
 
 
-@dataclass(frozen=True)
+@frozen_config(AlgorithmError)
 class PPOLagConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
     """Settings of PPOLag."""
 
-    clip: float = 0.2
+    clip: PositiveFloat = 0.2
     """Clip range ε: the probability ratio is clipped to 1 ± ε."""
-    multiplier_max: float = 2.0
+    multiplier_max: NonNegativeFloat = 2.0
     """Upper bound of the multiplier λ."""
-    entropy: float = 0.01
+    entropy: NonNegativeFloat = 0.01
     """Coefficient of the policy's entropy (nats, summed over action branches) in the loss."""
-
-    def conditions(self) -> dict[str, tuple[bool, str]]:
-        return (
-            super().conditions()
-            | self.cost_conditions()
-            | self.multiplier_conditions()
-            | {"clip": (self.clip > 0, "must be positive")}
-        )
 
 
 def policy_loss(

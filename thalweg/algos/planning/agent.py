@@ -10,7 +10,6 @@ import torch
 from torch import Tensor
 
 from thalweg.algos.common.errors import require_finite
-from thalweg.algos.common.settings import as_data
 from thalweg.algos.common.state import generator_state, load_generator, load_module, module_state, new_generator
 from thalweg.algos.constraint.cost_limits import cost_metrics, cost_suffixes
 from thalweg.algos.interface import Feedback, Rollout, Task
@@ -23,6 +22,7 @@ from thalweg.algos.planning.planner import Decision
 from thalweg.algos.planning.policy import PlannerPlayer, PlannerPolicy
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.policy import About
+from thalweg.core.config import to_plain
 
 
 class Agent:
@@ -36,7 +36,7 @@ class Agent:
             task.obs_size,
             actions_of(task.action_space, config.adapter, "squashed"),
             config,
-            About(algorithm, as_data(config), task.context),
+            About(algorithm, to_plain(config), task.context),
             self.generator,
         )
         self.replay = Replay(config.replay_size, config.hold_out, task.device)

@@ -3,13 +3,13 @@ searches for the plan of most reward among those whose cost keeps within its bud
 
 import copy
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
 from thalweg.algos.common.adam import Adam
+from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.common.state import load_module, module_state
 from thalweg.algos.constraint.cost_limits import limit_warnings
 from thalweg.algos.interface import Feedback, Rollout, Task
@@ -23,6 +23,7 @@ from thalweg.algos.planning.planner import Budget
 from thalweg.algos.planning.policy import METHODS
 from thalweg.algos.policy.actions import Actions
 from thalweg.algos.policy.networks import Critics, NetworkShape
+from thalweg.core.config import frozen_config
 
 SIZES: dict[Size, Sizes] = {
     "lite": Sizes(samples=64, particles=1, iterations=4, elites=8, horizon=5, model_hidden=(128, 128)),
@@ -30,7 +31,7 @@ SIZES: dict[Size, Sizes] = {
 }
 
 
-@dataclass(frozen=True)
+@frozen_config(AlgorithmError)
 class CCEPETSConfig(PlanningConfig):
     """Settings of CCEPETS."""
 

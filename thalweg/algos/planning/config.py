@@ -1,17 +1,20 @@
 """Settings that all planners share."""
 
-import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal, Self
 
-from thalweg.algos.common.settings import require
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
+
+from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.constraint.cost_limits import CostConfig
 from thalweg.algos.policy.actions import Adapter
+from thalweg.core.config import FinitePositive, Fraction, Hint, TupleOf, frozen_config
 
 Size = Literal["lite", "full"]
 Precision = Literal["float32", "bfloat16"]
 CostOver = Literal["mean", "max"]
 Fitting = Literal["steady", "refit"]
+CostLimit = Annotated[FinitePositive, Hint("a predicted chance is never 0")]
 
 
 @dataclass(frozen=True)
@@ -32,47 +35,51 @@ class Sizes:
     """Sizes of the hidden layers of each model."""
 
 
-@dataclass(frozen=True)
+@frozen_config(AlgorithmError)
 class PlanningConfig(CostConfig):
     """Settings that all planners share."""
 
+    cost_limit: CostLimit = 0.1
+    """Limit d on the mean cost of an episode."""
+    cost_limits: TupleOf[CostLimit] = ()
+    """Separate limits of the tight and the loose cost, in place of `cost_limit`."""
     size: Size = "lite"
     """Preset for the settings below that are 0: "lite", or "full" as published."""
-    samples: int = 0
+    samples: NonNegativeInt = 0
     """Candidates per iteration; 0: as in `size`."""
-    particles: int = 0
+    particles: NonNegativeInt = 0
     """Imagined rollouts of each candidate in each model of the ensemble; 0: as in `size`."""
-    iterations: int = 0
+    iterations: NonNegativeInt = 0
     """Updates of the plan per decision; 0: as in `size`."""
-    elites: int = 0
+    elites: NonNegativeInt = 0
     """Candidates that determine the next iteration, and the least number that must be feasible; 0: as in `size`."""
-    model_hidden: tuple[int, ...] = ()
+    model_hidden: TupleOf[PositiveInt] = ()
     """Sizes of the hidden layers of each model; empty: as in `size`."""
-    horizon: int = 0
+    horizon: NonNegativeInt = 0
     """H: decisions that are imagined ahead; 0: as in `size`."""
-    planning_discount: float = 0.99
+    planning_discount: Fraction = 0.99
     """γ of the reward within the horizon."""
-    discount: float = 0.99
+    discount: Fraction = 0.99
     """γ of the critics, for the reward after the horizon."""
-    momentum: float = 0.1
+    momentum: Fraction = 0.1
     """Weight of the previous plan in each update."""
-    floor: float = 0.02
+    floor: Fraction = 0.02
     """Least probability of each option in a plan."""
-    carry_over: float = 0.5
+    carry_over: Fraction = 0.5
     """Weight of the previous decision's plan, shifted by a step, in the initial plan of the next decision; discrete
     actions only."""
-    settled_variance: float = 0.0
+    settled_variance: NonNegativeFloat = 0.0
     """The search ends early, after at least one iteration, once no variance of the plan is above this: that of a
     number, or p (1 - p) of an option. 0: it runs all iterations."""
-    initial_std: float = 0.5
+    initial_std: PositiveFloat = 0.5
     """Standard deviation of continuous actions, which lie in -1..1, in the initial plan."""
-    largest_variance: float = 4.0
+    largest_variance: PositiveFloat = 4.0
     """Upper bound of the variance of continuous actions in a plan."""
-    exploration: float = 0.2
+    exploration: Fraction = 0.2
     """Share of decisions in training that are sampled from the plan; the others take its most probable action."""
-    action_repeat: int = 1
+    action_repeat: PositiveInt = 1
     """Environment steps that each decision is repeated for."""
-    episode_length: int = 0
+    episode_length: NonNegativeInt = 0
     """Steps of an episode over which the cost limit is spread; 0: measured."""
     cost_over: CostOver = "mean"
     """Whether the cost of a step is the mean or the maximum over its imagined rollouts."""
@@ -80,46 +87,46 @@ class PlanningConfig(CostConfig):
     """Whether all candidates share the same noise in imagined rollouts, which makes their comparison less noisy."""
     predict_end: bool = True
     """Whether imagined episodes can terminate as the model predicts; else all of them last H steps."""
-    members: int = 5
+    members: PositiveInt = 5
     """Models in the ensemble."""
-    model_learning_rate: float = 1e-3
+    model_learning_rate: NonNegativeFloat = 1e-3
     """Learning rate of Adam for the ensemble."""
-    model_decay: float = 1e-4
+    model_decay: NonNegativeFloat = 1e-4
     """Weight decay of each model's last layer; it falls to a quarter towards the first layer."""
     fixed_variance_bounds: bool = False
     """Whether the bounds of the predicted log-variance stay at their initial values, as in OmniSafe."""
-    rarity: float = 10.0
+    rarity: Annotated[float, Field(ge=1)] = 10.0
     """Largest weight of a rare termination or cost relative to its absence in fitting; predictions stay unbiased."""
     fitting: Fitting = "steady"
     """"steady": `model_steps` gradient steps per collection. "refit": every `refit_steps` steps, over the whole replay
     buffer until the held-out loss stops improving."""
-    model_steps: int = 64
+    model_steps: NonNegativeInt = 64
     """Gradient steps of the ensemble per collection with "steady"."""
-    refit_steps: int = 1200
+    refit_steps: PositiveInt = 1200
     """Steps between refits."""
-    refit_patience: int = 5
+    refit_patience: PositiveInt = 5
     """A refit stops after this number of epochs without an improvement of 1 % of the held-out loss."""
-    hold_out: float = 0.05
+    hold_out: Annotated[float, Field(gt=0, le=0.5)] = 0.05
     """Share of the steps that are held out of fitting to measure the model; at most a half."""
-    minibatch: int = 256
+    minibatch: PositiveInt = 256
     """Steps in the batch of one gradient step, for each model and for the critics."""
-    hidden: tuple[int, ...] = (64, 64)
+    hidden: TupleOf[PositiveInt] = (64, 64)
     """Sizes of the hidden layers of critics and actor."""
-    critic_learning_rate: float = 1e-3
+    critic_learning_rate: NonNegativeFloat = 1e-3
     """Learning rate of Adam for the critics."""
-    critic_steps: int = 64
+    critic_steps: NonNegativeInt = 64
     """Gradient steps of the critics per collection."""
     critics_wait: bool = False
     """Whether critics (and an actor) start to learn only when planning starts, as in OmniSafe."""
-    target_rate: float = 0.005
+    target_rate: Annotated[float, Field(gt=0, le=1)] = 0.005
     """How far the target critics move towards the critics at each gradient step."""
-    steps_per_collection: int = 256
+    steps_per_collection: PositiveInt = 256
     """Steps between two fits of the model, all environments together."""
-    steps_per_update: int = 2048
+    steps_per_update: PositiveInt = 2048
     """Steps between two reports, all environments together."""
-    random_steps: int = 2048
+    random_steps: NonNegativeInt = 2048
     """Steps with uniformly random actions before planning starts."""
-    replay_size: int = 1_000_000
+    replay_size: PositiveInt = 1_000_000
     """Steps that the replay buffer holds; the oldest are overwritten."""
     drop_terminal: bool = False
     """Whether the last step of each episode is discarded, as in OmniSafe; a cost at the end of an episode is then never
@@ -130,12 +137,24 @@ class PlanningConfig(CostConfig):
     """Whether observations are standardised by running statistics."""
     adapter: Adapter = "native"
     """Discrete actions as choices ("native"), or as numbers that are rounded ("box_literal", "box_scaled")."""
-    frame_stack: int = 1
+    frame_stack: PositiveInt = 1
     """Number of the last observations that are stacked; the model predicts the newest. Not with an `action_repeat`: the
     model sees no frames between two decisions."""
 
-    def __post_init__(self) -> None:
-        require(self, self.conditions())
+    @model_validator(mode="after")
+    def _elites_are_samples(self) -> Self:
+        if not 0 < self.sizes.elites <= self.sizes.samples:
+            raise ValueError(f"elites must be from 1 to {self.sizes.samples}, the samples, got {self.sizes.elites}")
+        return self
+
+    @model_validator(mode="after")
+    def _stacked_frames_are_all_seen(self) -> Self:
+        if self.frame_stack > 1 and self.action_repeat > 1:
+            raise ValueError(
+                f"frame_stack must be 1 with an action_repeat, got {self.frame_stack}: "
+                "the model sees no frames between two decisions"
+            )
+        return self
 
     def sized(self) -> Sizes:
         """The sizes that `size` stands for; each planner defines its own."""
@@ -152,48 +171,4 @@ class PlanningConfig(CostConfig):
             self.elites or given.elites,
             self.horizon or given.horizon,
             self.model_hidden or given.model_hidden,
-        )
-
-    def conditions(self) -> dict[str, tuple[bool, str]]:
-        """Condition and message for each field."""
-        positive = ("action_repeat", "members", "refit_steps", "refit_patience", "minibatch")
-        positive += ("steps_per_collection", "steps_per_update", "replay_size", "initial_std", "largest_variance")
-        positive += ("target_rate",)
-        natural = (
-            "horizon",
-            "samples",
-            "particles",
-            "iterations",
-            "elites",
-            "episode_length",
-            "model_steps",
-            "critic_steps",
-        )
-        natural += ("settled_variance", "random_steps", "model_learning_rate", "critic_learning_rate", "model_decay")
-        shares = ("discount", "planning_discount", "momentum", "floor", "carry_over", "exploration", "target_rate")
-        sizes = self.sizes
-        return (
-            self.cost_conditions()
-            | {name: (getattr(self, name) > 0, "must be positive") for name in positive}
-            | {name: (getattr(self, name) >= 0, "must not be negative") for name in natural}
-            | {name: (0 <= getattr(self, name) <= 1, "must be in 0..1") for name in shares}
-            | {
-                "cost_limit": (
-                    0 < self.cost_limit < math.inf,
-                    "must be positive and finite: a predicted chance is never 0",
-                ),
-                "cost_limits": (
-                    len(self.cost_limits) in (0, 2) and all(0 < limit < math.inf for limit in self.cost_limits),
-                    "are two, tight and loose, positive and finite: a predicted chance is never 0",
-                ),
-                "elites": (0 < sizes.elites <= sizes.samples, f"must be in 1..{sizes.samples}, the samples"),
-                "rarity": (self.rarity >= 1, "must be at least 1"),
-                "hold_out": (0 < self.hold_out <= 0.5, "must be in 0..0.5, and more than 0"),
-                "model_hidden": (all(size > 0 for size in self.model_hidden), "must be positive"),
-                "hidden": (all(size > 0 for size in self.hidden), "must be positive"),
-                "frame_stack": (
-                    self.frame_stack == 1 or (self.frame_stack > 1 and self.action_repeat == 1),
-                    "must be 1, or more without an action_repeat: the model sees no frames between two decisions",
-                ),
-            }
         )

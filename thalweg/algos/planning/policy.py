@@ -13,7 +13,6 @@ import torch
 from torch import Tensor
 
 from thalweg.algos.common.errors import AlgorithmError
-from thalweg.algos.common.settings import config_from
 from thalweg.algos.common.state import array_of, load_module, module_state, new_generator, tensor_of
 from thalweg.algos.maths import planning
 from thalweg.algos.planning.config import PlanningConfig
@@ -22,6 +21,7 @@ from thalweg.algos.planning.planner import Budget, Decision, Method, Planner
 from thalweg.algos.policy.actions import Actions
 from thalweg.algos.policy.memory import FrameStack
 from thalweg.algos.policy.policy import KINDS, About, check_obs_size, save_policy, tensors_of, to_tensors
+from thalweg.core.config import parse_config
 
 MakeMethod = Callable[[Any, Actions, int, Callable[[], Tensor], torch.Generator], Method]
 """From config, actions, numbers of an observation, the deviation of rewards, and a generator."""
@@ -114,7 +114,7 @@ class PlannerPolicy:
         """A policy from what `save` wrote, on the generator's device."""
         if about.algorithm not in METHODS:
             raise AlgorithmError(f"this version knows no planner {about.algorithm!r}")
-        config = config_from(METHODS[about.algorithm][0], about.config)
+        config = parse_config(METHODS[about.algorithm][0], about.config)
         policy = cls(header["obs_size"], Actions.from_data(header["actions"]), config, about, generator)
         scales = {name: header["scales"][name] | tensors_of(tensors, name) for name in ("observed", "change", "reward")}
         policy.ensemble.load_state(tensors_of(tensors, "model") | scales | {"stack": tensors_of(tensors, "stack")})

@@ -7,13 +7,14 @@ Choices are learnt by exact sums over all joint actions (Christodoulou 2019), nu
 import copy
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Self
 
 import torch
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, model_validator
 from torch import Tensor, nn
 
 from thalweg.algos.common.adam import Adam
+from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.common.state import (
     CPU,
     array_of,
@@ -33,6 +34,7 @@ from thalweg.algos.planning.planner import Budget
 from thalweg.algos.planning.policy import METHODS
 from thalweg.algos.planning.soft_actor_critic import soft_actor_critic
 from thalweg.algos.policy.actions import Actions
+from thalweg.core.config import Fraction, Hint, frozen_config
 
 SIZES: dict[Size, Sizes] = {
     "lite": Sizes(samples=64, particles=1, iterations=4, elites=8, horizon=5, model_hidden=(128, 128)),
@@ -40,15 +42,15 @@ SIZES: dict[Size, Sizes] = {
 }
 
 
-@dataclass(frozen=True)
+@frozen_config(AlgorithmError)
 class SafeLOOPConfig(PlanningConfig):
     """Settings of SafeLOOP."""
 
-    proposals: int = 1
+    proposals: NonNegativeInt = 1
     """Plans that the actor proposes in each model of the ensemble."""
-    sharpness: float = 2.0
+    sharpness: PositiveFloat = 2.0
     """β: inverse temperature of the weights of feasible candidates."""
-    cost_sharpness: float = 4.0
+    cost_sharpness: PositiveFloat = 4.0
     """β_c: inverse temperature of the weights by cost, used where too few candidates are feasible."""
     standardise_returns: bool = True
     """Whether β and β_c apply to standardised returns and costs of the candidates; else to those of an episode, each
@@ -56,41 +58,34 @@ class SafeLOOPConfig(PlanningConfig):
     stale_action_value: bool = False
     """Whether the value after the horizon is that of the last state with the action before it, as in OmniSafe; else
     with the actor's action."""
-    alpha: float = 0.2
+    alpha: NonNegativeFloat = 0.2
     """α: weight of the actor's entropy in nats; with `auto_alpha` its initial value."""
     auto_alpha: bool = True
     """Whether α is adapted to keep the actor's entropy at a target."""
-    alpha_learning_rate: float = 1e-3
+    alpha_learning_rate: NonNegativeFloat = 1e-3
     """Learning rate of Adam for log α."""
-    alpha_decay: float = 1.0
+    alpha_decay: Annotated[float, Field(gt=0, le=1)] = 1.0
     """Factor of α after each gradient step without `auto_alpha`."""
-    entropy_share: float = 0.1
+    entropy_share: Fraction = 0.1
     """Target entropy of a discrete actor, as a share of the maximum, log(number of joint actions)."""
-    entropy_per_number: float = -1.0
+    entropy_per_number: Annotated[float, Field(lt=math.log(2.0)), Hint("the entropy of -1..1 is log 2")] = -1.0
     """Target entropy of a continuous actor in -1..1, in nats per dimension of the action."""
-    learning_rate: float = 1e-3
+    learning_rate: NonNegativeFloat = 1e-3
     """Learning rate of Adam for the actor."""
-    target_rate: float = 0.02
+    target_rate: Annotated[float, Field(gt=0, le=1)] = 0.02
     """How far the target critics move towards the critics at each gradient step."""
     standardise_rewards: bool = True
     """Whether critics learn rewards divided by their standard deviation, so that α is independent of the reward's
     scale."""
 
+    @model_validator(mode="after")
+    def _learnt_alpha_is_positive(self) -> Self:
+        if self.auto_alpha and self.alpha == 0:
+            raise ValueError("alpha must be above 0 with auto_alpha, got 0.0")
+        return self
+
     def sized(self) -> Sizes:
         return SIZES[self.size]
-
-    def conditions(self) -> dict[str, tuple[bool, str]]:
-        return super().conditions() | {
-            "proposals": (self.proposals >= 0, "must not be negative"),
-            "sharpness": (self.sharpness > 0, "must be positive"),
-            "cost_sharpness": (self.cost_sharpness > 0, "must be positive"),
-            "alpha": (self.alpha > 0 or (self.alpha == 0 and not self.auto_alpha), "must be positive"),
-            "alpha_learning_rate": (self.alpha_learning_rate >= 0, "must not be negative"),
-            "alpha_decay": (0 < self.alpha_decay <= 1, "must be in 0..1, and more than 0"),
-            "entropy_per_number": (self.entropy_per_number < math.log(2.0), "must be less than log 2, that of -1..1"),
-            "entropy_share": (0 <= self.entropy_share <= 1, "must be in 0..1"),
-            "learning_rate": (self.learning_rate >= 0, "must not be negative"),
-        }
 
 
 class SafeARC:

@@ -1,0 +1,262 @@
+"""Frozen configs whose fields pydantic checks, and its errors as one line in plain words.
+
+`@frozen_config(SomeError)` makes a class a frozen dataclass. The annotation of a field says which values it takes; a
+rule about several fields is a method under `pydantic.model_validator(mode="after")` that raises `ValueError`. A wrong
+value raises the given error with the message `path must be what is right, got value`. Types are strict: "3" is not a
+number, and 1 is not a bool.
+"""
+
+import dataclasses
+import difflib
+import functools
+import typing
+from collections.abc import Callable, Iterable, Mapping
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, dataclass_transform, get_args, get_origin
+
+import numpy as np
+import pydantic.dataclasses
+from annotated_types import Ge, Le
+from pydantic import AllowInfNan, BeforeValidator, ConfigDict, Field, InstanceOf, ValidationError
+from pydantic.fields import FieldInfo
+
+C = TypeVar("C")
+T = TypeVar("T")
+
+MAX_MESSAGES = 3
+"""Wrong values that one error names; of further ones it gives the number."""
+MAX_VALUE_CHARS = 80
+"""Characters of a wrong value that an error repeats."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Hint:
+    """Annotation of a field: what an error about it says in brackets besides."""
+
+    text: str
+
+
+def _integer(value: Any) -> Any:
+    """The integer that a float such as 2e5 stands for; anything else as it is."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+def _tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+TupleOf = Annotated[tuple[T, ...], BeforeValidator(_tuple)]
+"""A tuple, which a list becomes too."""
+PairOf = Annotated[tuple[T, T], BeforeValidator(_tuple)]
+"""A tuple of two, which a list becomes too."""
+WholeNumber = Annotated[int, BeforeValidator(_integer)]
+"""An integer, also one that is written as 2e5."""
+Fraction = Annotated[float, Field(ge=0, le=1)]
+"""A number from 0 to 1."""
+FiniteNonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+FinitePositive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field, Field))
+def frozen_config(error: type[ValueError]) -> Callable[[type[C]], type[C]]:
+    """A decorator that makes a class a frozen dataclass, which raises `error` for an unknown key or a wrong value.
+
+    NumPy's scalars become Python's; an integer given for a float becomes one.
+    """
+
+    def decorate(cls: type[C]) -> type[C]:
+        cls.__get_pydantic_core_schema__ = classmethod(_from_mapping)  # pyright: ignore[reportAttributeAccessIssue]
+        settings = ConfigDict(strict=True, extra="forbid")
+        made: Any = pydantic.dataclasses.dataclass(frozen=True, config=settings)(cls)
+        checked = made.__init__
+
+        @functools.wraps(checked)
+        def init(self: Any, *args: Any, **kwargs: Any) -> None:
+            try:
+                checked(
+                    self, *map(_python_scalar, args), **{key: _python_scalar(value) for key, value in kwargs.items()}
+                )
+            except ValidationError as found:
+                raise error(describe(type(self), found)) from None
+
+        made.__init__, made.__config_error__ = init, error
+        return made
+
+    return decorate
+
+
+def parse_config(kind: type[C], data: Any, source: str = "", show: Callable[[Any], str] = repr) -> C:
+    """The config of plain data, such as what YAML or JSON hold; fields that are missing have their defaults.
+
+    A config of that kind is returned as it is. Raises the config's error, which begins with `source` and writes wrong
+    values as `show` does.
+    """
+    if isinstance(data, kind):
+        return data
+    cls: Any = kind
+    if not isinstance(data, Mapping):
+        needed = f"a {kind.__name__} or a mapping is needed, got a {type(data).__name__}"
+        raise cls.__config_error__(f"{source}: {needed}" if source else needed)
+    try:
+        return cls.__pydantic_validator__.validate_python(data)
+    except ValidationError as found:
+        raise cls.__config_error__(describe(kind, found, source, show)) from None
+
+
+def to_plain(value: Any) -> Any:
+    """A config as plain data for YAML and JSON: dataclasses become dictionaries, tuples lists."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: to_plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {key: to_plain(item) for key, item in value.items()}
+    return [to_plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def describe(kind: type, found: ValidationError, source: str = "", show: Callable[[Any], str] = repr) -> str:
+    """One line on what pydantic found wrong with the data of a config, unknown keys first."""
+    unknown: dict[tuple[Any, ...], list[str]] = {}
+    wrong: list[str] = []
+    for each in found.errors(include_url=False):
+        if each["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+            unknown.setdefault(each["loc"][:-1], []).append(str(each["loc"][-1]))
+        else:
+            wrong.append(_wrong_value(kind, each, show))
+    lines = [*(_unknown_keys(kind, loc, keys) for loc, keys in unknown.items()), *wrong]
+    more = f"; and {len(lines) - MAX_MESSAGES} more" if len(lines) > MAX_MESSAGES else ""
+    return (f"{source}: " if source else "") + "; ".join(lines[:MAX_MESSAGES]) + more
+
+
+def refuse_unknown(what: str, given: Iterable[str], known: Iterable[str], error: type[ValueError]) -> None:
+    """Raise `error` for names that are not among the known ones, which it lists."""
+    known = list(known)
+    unknown = sorted(set(given) - set(known))
+    if unknown:
+        raise error(f"unknown {what} {_with_suggestion(unknown, known)}; known: {', '.join(known)}")
+
+
+def bounds(kind: type, name: str) -> tuple[float, float]:
+    """The least and the greatest value that the annotation of a number, or of each of a pair, allows."""
+    field = _unpack(typing.get_type_hints(kind, include_extras=True)[name])
+    limits = _unpack(get_args(field.type)[0]) if get_origin(field.type) is tuple else field
+    low = next(mark.ge for mark in limits.marks if isinstance(mark, Ge))
+    high = next(mark.le for mark in limits.marks if isinstance(mark, Le))
+    return low, high  # pyright: ignore[reportReturnType]
+
+
+def _python_scalar(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _from_mapping(cls: type, source: Any, handler: pydantic.GetCoreSchemaHandler) -> Any:
+    """The schema of a config, which takes mappings as well as instances: what is read from a file holds no others."""
+    schema = handler(source)
+    inner: Any = handler.resolve_ref_schema(schema)
+    while inner["type"] != "dataclass":  # the class's own validators stand around it
+        inner = inner["schema"]
+    inner["strict"] = False
+    return schema
+
+
+class _Annotation(NamedTuple):
+    """An annotation taken apart."""
+
+    type: Any
+    marks: list[Any]
+    """What it says of a value besides its type."""
+    optional: bool
+    """Whether None will do."""
+
+
+def _unpack(kind: Any) -> _Annotation:
+    marks: list[Any] = []
+    optional = False
+    while True:
+        options = get_args(kind)
+        if get_origin(kind) is Annotated:
+            for mark in options[1:]:
+                marks.extend(mark.metadata if isinstance(mark, FieldInfo) else [mark])
+            kind = options[0]
+        elif get_origin(kind) in (Union, UnionType) and len(options) == 2 and options[1] is NoneType:
+            kind, optional = options[0], True
+        else:
+            return _Annotation(kind, marks, optional)
+
+
+def _locate(kind: Any, loc: tuple[Any, ...]) -> tuple[str, Any]:
+    """Where pydantic found something, written as in Python, and the annotation there."""
+    path = ""
+    for key in loc:
+        outer = _unpack(kind).type
+        if dataclasses.is_dataclass(outer):
+            name = dataclasses.fields(outer)[key].name if isinstance(key, int) else key
+            kind = typing.get_type_hints(outer, include_extras=True).get(name, Any)
+            path += f".{name}" if path else name
+        elif get_origin(outer) is tuple:
+            options = get_args(outer)
+            kind = options[0] if Ellipsis in options else options[key]
+            path += f"[{key}]"
+        elif key != "[key]":
+            kind = Any
+            path += f".{key}"
+    return path, kind
+
+
+def _unknown_keys(kind: type, loc: tuple[Any, ...], keys: list[str]) -> str:
+    path, inner = _locate(kind, loc)
+    cls = _unpack(inner).type
+    known = [field.name for field in dataclasses.fields(cls)]
+    return f"{path or cls.__name__} has no {_with_suggestion(keys, known)}; it has {', '.join(known)}"
+
+
+def _with_suggestion(unknown: list[str], known: list[str]) -> str:
+    near = difflib.get_close_matches(unknown[0], known, 1)
+    return ", ".join(map(repr, unknown)) + (f" (did you mean {near[0]!r}?)" if near else "")
+
+
+def _wrong_value(kind: type, error: Any, show: Callable[[Any], str]) -> str:
+    if error["type"] == "unexpected_positional_argument":
+        return f"{kind.__name__} has only {len(dataclasses.fields(kind))} fields"  # pyright: ignore[reportArgumentType]
+    path, inner = _locate(kind, error["loc"])
+    prefix = f"{path}: " if path else ""
+    if error["type"] == "missing":
+        return f"{path} is missing"
+    if error["type"] in ("value_error", "assertion_error"):
+        return f"{prefix}{error['ctx']['error']}"
+    value = show(error["input"])
+    value = value if len(value) <= MAX_VALUE_CHARS else value[:MAX_VALUE_CHARS] + "..."
+    if error["type"] == "invalid_key" or error["loc"][-1:] == ("[key]",):
+        return f"{prefix}a key must be a string, got {value}"
+    hint = "".join(f" ({mark.text})" for mark in _unpack(inner).marks if isinstance(mark, Hint))
+    return f"{path or kind.__name__} must be {_expected(inner)}{hint}, got {value}"
+
+
+def _expected(kind: Any) -> str:
+    """What a value must be, in words."""
+    outer, marks, optional = _unpack(kind)
+    options = get_args(outer)
+    if get_origin(outer) is Literal:
+        words = f"one of {', '.join(map(repr, options))}"
+    elif get_origin(outer) is tuple:
+        words = "a list" if Ellipsis in options else f"a pair, each {_expected(options[0])}"
+    elif outer in (int, float):
+        whole, finite = "whole " * (outer is int), "finite " * (AllowInfNan(False) in marks)
+        words = f"a {finite}{whole}number{_range(marks)}"
+    elif any(type(mark) is InstanceOf for mark in marks):
+        words = f"a {outer.__name__}"
+    else:
+        words = {bool: "true or false", str: "a string"}.get(outer, "a mapping")
+    return words + " or None" * optional
+
+
+def _range(marks: list[Any]) -> str:
+    """The limits of a number in words, after a space."""
+    limits = {
+        name: f"{value:g}" if isinstance(value, float) else str(value)
+        for mark in marks
+        for name in ("ge", "gt", "le", "lt")
+        if (value := getattr(mark, name, None)) is not None
+    }
+    if limits.keys() >= {"ge", "le"}:
+        return f" from {limits['ge']} to {limits['le']}"
+    words = {"ge": "of at least", "gt": "above", "le": "at most", "lt": "below"}
+    return "".join(f" {words[name]} {value} and" for name, value in limits.items()).removesuffix(" and")

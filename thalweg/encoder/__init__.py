@@ -1,4 +1,4 @@
-"""Frames to a few numbers: the variational autoencoder, its training, its files and its fast frozen form."""
+"""Encoder of frames: the variational autoencoder, its training, its files, and its fast frozen form."""
 
 from thalweg.encoder.encoder import DEFAULT_PATH, Encoder, check_render_version, folded, load_encoder
 from thalweg.encoder.files import EncoderFileError, load_vae, save_vae

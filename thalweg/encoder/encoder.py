@@ -1,4 +1,4 @@
-"""How do frames become codes, fast and always the same? The frozen half of the autoencoder that learning looks through.
+"""Frozen encoder from frames to codes: fast inference that is bit-identical for any batch.
 
 Batch norms are folded into the convolutions and the division by 255 into the first of them, so that what runs is six
 convolutions and one linear layer. float32 is the default although bfloat16 is half as fast again: codes then agree

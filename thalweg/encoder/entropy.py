@@ -1,4 +1,4 @@
-"""How alike are the codes of two encoders? Their relative entropy, number by number, as the paper compares its inputs.
+"""Relative entropy between the codes of two encoders, by which the paper compares its inputs.
 
 Each number of a code is stretched linearly so that what is seen of it fills (-2, 2), and counted in ⌈√K⌉ equal bins for
 K images. The paper does not say what it did with empty bins, without which the sum is infinite: here `smoothing` is

@@ -1,7 +1,7 @@
-"""How does an autoencoder lie on disk? One safetensors file: tensors, and one JSON text that says what they are.
+"""Encoder files: one safetensors file with the tensors and a JSON text that describes them.
 
-Loading one can't execute code. A file is written whole or not at all. What a file says of its making (images, level,
-seeds, errors, the command) travels in the JSON and is never read back into a computation.
+Loading one can't execute code. Files are written atomically. The provenance of a file (images, level,
+seeds, errors, the command) is stored in the JSON and never enters a computation.
 """
 
 import json

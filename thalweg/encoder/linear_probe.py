@@ -1,6 +1,6 @@
-"""What can be read from a code by a straight line? Linear regressions of what a pilot needs, judged on other images.
+"""Linear probe of codes: ridge regressions of what a pilot needs, evaluated on other images.
 
-A policy's first layer is linear too: what a line can read from a code, it can use at once.
+A policy's first layer is linear too: it can use directly what a linear regression predicts from a code.
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
-"""How well does an autoencoder give back what it saw? Reconstructions and their errors, in float32, as it is used.
+"""Reconstructions of an autoencoder and their errors, computed in float32 in evaluation mode.
 
-"As it is used": the mean code without noise, batch norms with their running statistics. Values are in 0..1.
+Evaluation mode: the mean code without noise, batch norms with their running statistics. Values are in 0..1.
 """
 
 import numpy as np

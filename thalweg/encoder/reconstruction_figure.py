@@ -1,4 +1,4 @@
-"""What does a code keep of a frame? Originals, masks and reconstructions side by side, as a PNG."""
+"""Figure of originals, masks and reconstructions side by side, as a PNG."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""How is an autoencoder trained on a set of frames? By epochs: interrupted at any, it ends with the same numbers.
+"""Training of an autoencoder on a set of frames; a run that is interrupted at any epoch resumes with the same numbers.
 
 All that is random in an epoch comes from a generator seeded by (seed, epoch), so that an epoch needs nothing from the
 one before but the weights and Adam's moments, and those lie in `checkpoint.safetensors`. `metrics.csv` is written from

@@ -1,4 +1,4 @@
-"""What turns a frame into a few numbers? A variational autoencoder, in the paper's shape or a lean one.
+"""Variational autoencoder of frames, in the paper's architecture or a lean one.
 
 The model knows nothing of rivers, files or training loops. Dimension letters: N frames, C channels (3 of colour, 1 of
 the water mask, or 4 of both), H x W pixels, Z latent. Images are in 0..1.

@@ -6,7 +6,7 @@ import torch
 from tests.algos.planning.made import BOX, OPTIONS, generator
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.planning.ccepets import CCEPETSConfig
-from thalweg.algos.planning.plan_distribution import Numbers, Options, search_of
+from thalweg.algos.planning.plan_distribution import Numbers, Options, plan_distribution_of
 from thalweg.algos.policy.actions import actions_of
 
 CONFIG = CCEPETSConfig(horizon=3, carry_over=0.5, initial_std=0.5, floor=0.02, momentum=0.1)
@@ -14,7 +14,7 @@ CONFIG = CCEPETSConfig(horizon=3, carry_over=0.5, initial_std=0.5, floor=0.02, m
 
 def test_the_search_fits_the_space():
     spaces = [actions_of(OPTIONS), actions_of(OPTIONS, "box_scaled", "squashed"), actions_of(BOX, "native", "squashed")]
-    assert [type(search_of(actions, CONFIG, 0.0)) for actions in spaces] == [Options, Numbers, Numbers]
+    assert [type(plan_distribution_of(actions, CONFIG, 0.0)) for actions in spaces] == [Options, Numbers, Numbers]
 
 
 def test_a_first_plan_of_options_is_uniform_and_draws_none_that_is_absent():
@@ -50,7 +50,7 @@ def test_an_improved_plan_of_options_keeps_the_floor():
     samples = torch.zeros(1, 4, 3, 2, dtype=torch.int64)
     plan = search.first(1)
     for _ in range(20):
-        plan = search.improved(plan, samples, torch.full((1, 4), 0.25))
+        plan = search.updated(plan, samples, torch.full((1, 4), 0.25))
     assert float(plan[0, 0, 0, 1]) == pytest.approx(0.02 / (1 - 0.1 * (1 - 0.06)), rel=1e-3)
     assert float(plan[0, 0, 1, 2]) == 0
     assert plan.sum(-1).flatten().tolist() == pytest.approx([1.0] * 6)

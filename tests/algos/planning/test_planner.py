@@ -7,7 +7,7 @@ import torch
 
 from tests.algos.planning.made import BOX, OPTIONS, ensemble_for, generator
 from thalweg.algos.planning.imagined_rollouts import Futures
-from thalweg.algos.planning.model.ensemble import Frozen
+from thalweg.algos.planning.model.ensemble import FrozenEnsemble
 from thalweg.algos.planning.planner import Budget, Planner
 from thalweg.algos.planning.safeloop import SafeLOOPConfig
 from thalweg.algos.policy.actions import actions_of
@@ -24,7 +24,7 @@ class Decided:
     def __init__(self, certain: int) -> None:
         self.certain, self.asked = certain, []
 
-    def weigh(self, futures: Futures, budget: Budget) -> torch.Tensor:
+    def weights(self, futures: Futures, budget: Budget) -> torch.Tensor:
         certain = self.certain if not self.asked or len(futures.returns) == self.asked[0] else 0
         self.asked.append(len(futures.returns))
         weights = torch.full_like(futures.returns, 1 / futures.returns.shape[1])
@@ -34,7 +34,7 @@ class Decided:
     def value(self) -> None:
         return None
 
-    def propose(self, frozen: Frozen, start: torch.Tensor, generator: torch.Generator) -> None:
+    def proposals(self, frozen: FrozenEnsemble, start: torch.Tensor, generator: torch.Generator) -> None:
         return None
 
 
@@ -46,8 +46,10 @@ def decided(certain: int, settled_variance: float, space: Any = BOX) -> tuple[li
     actions = actions_of(space, "native", "squashed")
     method = Decided(certain)
     planner = Planner(config, actions, method)
-    frozen = Frozen(ensemble_for(space), torch.float32)
-    found = planner.decide(frozen, torch.zeros(2, 3), planner.search.first(2), Budget(torch.ones(1), 1.0), generator())
+    frozen = FrozenEnsemble(ensemble_for(space), torch.float32)
+    found = planner.decide(
+        frozen, torch.zeros(2, 3), planner.distribution.first(2), Budget(torch.ones(1), 1.0), generator()
+    )
     assert found.reward.isfinite().all() and found.cost.isfinite().all()
     return method.asked, found.plan
 

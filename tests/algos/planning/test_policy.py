@@ -152,7 +152,7 @@ def test_a_plan_is_kept_until_its_episode_ends(monkeypatch):
     player(obs, np.ones(N, bool))
     plans = player._plans.clone()
     player(obs, np.array([False, True, False, False]))
-    first, shifted = policy.planner.search.first(N), policy.planner.search.shifted(plans)
+    first, shifted = policy.planner.distribution.first(N), policy.planner.distribution.shifted(plans)
     assert torch.equal(guesses[0], first)
     assert torch.equal(guesses[1][1], first[1])
     assert torch.equal(guesses[1][[0, 2, 3]], shifted[[0, 2, 3]])

@@ -93,9 +93,9 @@ def futures() -> Futures:
 
 def test_weights_do_not_depend_on_the_size_of_returns():
     method, budget = method_for(elites=2, samples=4), Budget(torch.tensor([0.5]), 10.0)
-    weights = method.weigh(futures(), budget)
+    weights = method.weights(futures(), budget)
     larger = dataclasses.replace(futures(), returns=100 * futures().returns)
-    assert torch.allclose(method.weigh(larger, budget), weights, atol=1e-5)
+    assert torch.allclose(method.weights(larger, budget), weights, atol=1e-5)
     deviation = (2 / 3) ** 0.5
     wanted = (2.0 * torch.tensor([1.0, -1.0, 0.0]) / deviation).softmax(-1)
     assert weights[0].tolist() == pytest.approx([*wanted.tolist(), 0], abs=1e-5)
@@ -106,7 +106,7 @@ def test_of_two_costs_a_broken_tight_one_outweighs_a_loose_one_within_its_budget
     costs = torch.tensor([[[0.02, 0.2], [0.005, 0.9], [0.002, 1.2]]])
     returns, budget = torch.zeros(1, 3), Budget(torch.tensor([0.01, 1.0]), 10.0)
     method = method_for(elites=2, samples=3, cost_limits=(0.1, 10.0))
-    weights = method.weigh(Futures(returns, returns, costs), budget)
+    weights = method.weights(Futures(returns, returns, costs), budget)
     total = torch.tensor([2.2, 1.4, 1.4])
     wanted = (-4.0 * (total - total.mean()) / total.std(correction=0)).softmax(-1)
     assert weights[0].tolist() == pytest.approx(wanted.tolist(), abs=1e-4)
@@ -115,7 +115,8 @@ def test_of_two_costs_a_broken_tight_one_outweighs_a_loose_one_within_its_budget
 def test_of_one_cost_the_budget_changes_nothing_but_what_is_feasible():
     method, costs = method_for(elites=2, samples=4), futures().costs + torch.tensor([0.0, 0.1, 0.2, 0.3]).view(1, 4, 1)
     found = [
-        method.weigh(dataclasses.replace(futures(), costs=costs), Budget(torch.tensor([b]), 10.0)) for b in (0.01, 0.07)
+        method.weights(dataclasses.replace(futures(), costs=costs), Budget(torch.tensor([b]), 10.0))
+        for b in (0.01, 0.07)
     ]
     wanted = -4.0 * planning.standardised_rows(costs.squeeze(-1), torch.ones(1, 4, dtype=torch.bool))
     assert torch.equal(found[0], found[1]) and torch.equal(found[0], wanted.softmax(-1))
@@ -123,7 +124,7 @@ def test_of_one_cost_the_budget_changes_nothing_but_what_is_feasible():
 
 def test_with_the_quirk_temperatures_multiply_sums_over_an_episode():
     method = method_for(elites=2, samples=4, standardise_returns=False, sharpness=0.1, cost_sharpness=0.5)
-    weights = method.weigh(futures(), Budget(torch.tensor([0.5]), 10.0))
+    weights = method.weights(futures(), Budget(torch.tensor([0.5]), 10.0))
     assert weights[0, :3].tolist() == pytest.approx(torch.tensor([3.0, 1.0, 2.0]).softmax(-1).tolist())
-    none = method.weigh(futures(), Budget(torch.tensor([0.01]), 10.0))
+    none = method.weights(futures(), Budget(torch.tensor([0.01]), 10.0))
     assert none[0].tolist() == pytest.approx(torch.tensor([-0.5, -0.5, -0.5, -4.5]).softmax(-1).tolist())

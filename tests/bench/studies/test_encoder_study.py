@@ -72,7 +72,7 @@ def test_what_is_finished_is_not_done_again_and_what_was_killed_goes_on(
 ):
     folder = tmp_path / "cut"
     train, trained = encoder_study.train_encoder, []
-    find, found = encoder_study.train_finder, []
+    find, found = encoder_study.train_segmenter, []
 
     def killed(*args, **kwargs):
         trained.append(args[2].name)
@@ -81,7 +81,7 @@ def test_what_is_finished_is_not_done_again_and_what_was_killed_goes_on(
         return train(*args, **kwargs)
 
     monkeypatch.setattr(encoder_study, "train_encoder", killed)
-    monkeypatch.setattr(encoder_study, "train_finder", lambda *args, **how: found.append(how) or find(*args, **how))
+    monkeypatch.setattr(encoder_study, "train_segmenter", lambda *args, **how: found.append(how) or find(*args, **how))
     with pytest.raises(KeyboardInterrupt):
         run_study(folder, SMALL, progress=False)
     assert (folder / "lean-rgb-16" / MEASURES).exists() and not (folder / "study.md").exists()

@@ -1,2 +1,2 @@
-"""What planners share: a model of the environment and its fitting, imagined futures, the search for a plan, and the
-policy that plans. How candidates are weighed is the algorithm, and stands in its file."""
+"""Planners: a model of the environment and its fitting, imagined rollouts, plan distributions, and the policy that
+plans. The weighting of candidates stands in each algorithm's own file."""

@@ -1,6 +1,6 @@
-"""What do planners do alike? Act, collect, fit the model, and be put away and brought back.
+"""Agent of planners: acts, stores transitions, fits the model, and saves its state.
 
-How candidates are weighed and what critics learn are absent on purpose: they are the algorithm, and stand in its file.
+The weighting of candidates and the losses of critics are not here: they are the algorithm, and stand in its file.
 """
 
 from collections.abc import Iterator
@@ -14,10 +14,10 @@ from thalweg.algos.common.state import generator_state, load_generator, load_mod
 from thalweg.algos.constraint.cost_limits import cost_metrics, cost_suffixes
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.planning.config import PlanningConfig
-from thalweg.algos.planning.episode_length import Lengths
+from thalweg.algos.planning.episode_length import EpisodeLength
 from thalweg.algos.planning.model.ensemble import HEADS
 from thalweg.algos.planning.model.fitting import Fitter
-from thalweg.algos.planning.model.transitions import Assembly, Batch, Replay
+from thalweg.algos.planning.model.transitions import Batch, ReplayBuffer, TransitionBuilder
 from thalweg.algos.planning.planner import Decision
 from thalweg.algos.planning.policy import PlannerPlayer, PlannerPolicy
 from thalweg.algos.policy.actions import actions_of
@@ -39,17 +39,17 @@ class Agent:
             About(algorithm, to_plain(config), task.context),
             self.generator,
         )
-        self.replay = Replay(config.replay_size, config.hold_out, task.device)
+        self.replay = ReplayBuffer(config.replay_size, config.hold_out, task.device)
         self.fitter = Fitter(self.policy.ensemble, config, self.generator)
-        self.lengths = Lengths(task.num_envs, config.episode_length)
+        self.lengths = EpisodeLength(task.num_envs, config.episode_length)
         self._player = PlannerPlayer(
             self.policy, task.num_envs, self.generator, stacked=True, exploration=config.exploration
         )
-        self._assembly = Assembly(
+        self._builder = TransitionBuilder(
             task.num_envs, config.action_repeat, drop_terminal=config.drop_terminal, device=task.device
         )
         self._steps, self._reported_at = 0, 0
-        self._tally = Tally()
+        self._metrics = MeanMetrics()
 
     @property
     def rollout_steps(self) -> int:
@@ -60,7 +60,7 @@ class Agent:
         """Raw actions [N, A] for observations float32 [N, K * D]: planned, or at random at first."""
         raw, decision = self._player.raw(obs, fresh, at_random=self._steps < self.config.random_steps)
         if decision is not None:
-            self._tally.decided(decision)
+            self._metrics.add_decision(decision)
         return raw
 
     def learn(self, rollout: Rollout) -> None:
@@ -68,32 +68,32 @@ class Agent:
         planned = self._steps >= self.config.random_steps
         self._steps += int(rollout.valid.sum())
         self.lengths.update(rollout)
-        batch = self._assembly.transitions(rollout, self.policy.obs_size)
+        batch = self._builder.transitions(rollout, self.policy.obs_size)
         if len(batch.rewards):
             require_finite(what_was_paid=float(batch.rewards.sum() + batch.costs.sum()))
             if planned and self.replay.size:
-                self._tally.lived(self.policy, batch)
-            self.policy.ensemble.take_in(batch)
+                self._metrics.add_model_error(self.policy, batch)
+            self.policy.ensemble.update_statistics(batch)
             self.replay.add(batch)
         losses = self.fitter.fit(self.replay, int(rollout.valid.sum()))
         if losses is not None:
-            self._tally.add({f"model_{name}_loss": loss for name, loss in zip(HEADS, losses, strict=True)})
-            self._tally.require_finite()
+            self._metrics.add({f"model_{name}_loss": loss for name, loss in zip(HEADS, losses, strict=True)})
+            self._metrics.require_finite()
         self.policy.episode_length = self.lengths.mean
         self.policy.refresh()
 
-    def lessons(self) -> Iterator[Batch]:
+    def critic_batches(self) -> Iterator[Batch]:
         """The batches that critics learn from after a rollout; afterwards nothing logged has been NaN, else
         `NotFiniteError`."""
         waits = self.config.critics_wait and self._steps < self.config.random_steps
         if self.replay.size and not waits:
             for _ in range(self.config.critic_steps):
                 yield self.replay.rows(self.replay.places((self.config.minibatch,), self.generator))
-            self._tally.require_finite()
+            self._metrics.require_finite()
 
     def log(self, **numbers: Tensor) -> None:
         """Take note of numbers whose means are to be reported."""
-        self._tally.add(numbers)
+        self._metrics.add(numbers)
 
     def report(self, feedback: Feedback) -> dict[str, float]:
         """Metrics, if it is time for them."""
@@ -107,11 +107,11 @@ class Agent:
             errors = self.fitter.held_out(self.replay).mean(-1)
             held_out = {f"held_out_{name}_loss": float(e) for name, e in zip(HEADS, errors, strict=True)}
         sizes = {"replay_size": float(self.replay.size), "episode_length": self.lengths.mean}
-        metrics = self._unknown() | self._tally.means() | held_out | budgets | sizes
-        self._tally.clear()
+        metrics = self._nan_metrics() | self._metrics.means() | held_out | budgets | sizes
+        self._metrics.clear()
         return metrics | cost_metrics(feedback, self.config.limits)
 
-    def _unknown(self) -> dict[str, float]:
+    def _nan_metrics(self) -> dict[str, float]:
         """NaN for each metric that there may be nothing to say about yet."""
         costs = [f"cost{name}" for name in cost_suffixes(len(self.config.limits))]
         names = [f"model_{name}_loss" for name in HEADS] + ["plan_reward", *(f"plan_{cost}" for cost in costs)]
@@ -126,11 +126,11 @@ class Agent:
             "method": module_state(self.policy.method.modules),
             "fitter": self.fitter.state(),
             "replay": self.replay.state(),
-            "assembly": self._assembly.state(),
+            "assembly": self._builder.state(),
             "lengths": self.lengths.state(),
             "player": self._player.state(),
             "generator": generator_state(self.generator),
-            "tally": self._tally.state(),
+            "tally": self._metrics.state(),
             "steps": self._steps,
             "reported_at": self._reported_at,
         }
@@ -141,17 +141,17 @@ class Agent:
         load_module(self.policy.method.modules, state["method"])
         self.fitter.load_state(state["fitter"])
         self.replay.load_state(state["replay"])
-        self._assembly.load_state(state["assembly"])
+        self._builder.load_state(state["assembly"])
         self.lengths.load_state(state["lengths"])
         self._player.load_state(state["player"])
         load_generator(self.generator, state["generator"])
-        self._tally.load_state(state["tally"], self.policy.device)
+        self._metrics.load_state(state["tally"], self.policy.device)
         self._steps, self._reported_at = int(state["steps"]), int(state["reported_at"])
         self.policy.episode_length = self.lengths.mean
         self.policy.refresh()
 
 
-class Tally:
+class MeanMetrics:
     """Sums of what is to be reported as means; where they lie nothing waits for them."""
 
     def __init__(self) -> None:
@@ -169,14 +169,14 @@ class Tally:
         """Raises `NotFiniteError` for a number that has been NaN or infinite since the last report."""
         require_finite(**self._totals())
 
-    def decided(self, decision: Decision) -> None:
+    def add_decision(self, decision: Decision) -> None:
         """What was expected of decisions."""
         names = cost_suffixes(decision.cost.shape[1])
         costs = {f"plan_cost{name}": cost for name, cost in zip(names, decision.cost.mean(0), strict=True)}
         numbers = {"plan_reward": decision.reward.mean(), "feasible_share": decision.feasible.mean()}
         self.add(costs | numbers, len(decision.reward))
 
-    def lived(self, policy: PlannerPolicy, batch: Batch) -> None:
+    def add_model_error(self, policy: PlannerPolicy, batch: Batch) -> None:
         """What the model expected of steps that it has not been fitted to, and what they were."""
         names = cost_suffixes(batch.costs.shape[1])
         expected, error = policy.ensemble.expected(batch)

@@ -1,5 +1,5 @@
-"""The constrained cross-entropy method on a probabilistic ensemble (Wen, Topcu 2018; Chua et al. 2018): each decision
-searches for the plan of most reward among those whose cost keeps within its budget."""
+"""CCEPETS: the constrained cross-entropy method on a probabilistic ensemble (Wen, Topcu 2018; Chua et al. 2018). Each
+decision searches for the plan with the highest return among those whose cost stays within the budget."""
 
 import copy
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from thalweg.algos.maths import advantages, losses, planning
 from thalweg.algos.planning.agent import Agent
 from thalweg.algos.planning.config import PlanningConfig, Size, Sizes
 from thalweg.algos.planning.imagined_rollouts import Futures, Value
-from thalweg.algos.planning.model.ensemble import Frozen
+from thalweg.algos.planning.model.ensemble import FrozenEnsemble
 from thalweg.algos.planning.model.transitions import Batch
 from thalweg.algos.planning.planner import Budget
 from thalweg.algos.planning.policy import METHODS
@@ -58,7 +58,7 @@ class Elites:
         """V(s), in deviations of the reward."""
         self.modules = nn.ModuleDict({"critic": self.critic} if config.terminal_value else {})
 
-    def weigh(self, futures: Futures, budget: Budget) -> Tensor:
+    def weights(self, futures: Futures, budget: Budget) -> Tensor:
         """1/E for the E feasible candidates of highest return, or for those of lowest cost if too few are feasible."""
         return planning.elites(futures.returns, futures.costs, budget.costs, self.config.sizes.elites)
 
@@ -68,7 +68,7 @@ class Elites:
             return None
         return lambda obs, _: self.critic(obs)[0] * self._reward_std()
 
-    def propose(self, frozen: Frozen, start: Tensor, generator: torch.Generator) -> Tensor | None:
+    def proposals(self, frozen: FrozenEnsemble, start: Tensor, generator: torch.Generator) -> Tensor | None:
         """Nothing: all candidates are drawn from the plan."""
         return None
 
@@ -107,7 +107,7 @@ class CCEPETS:
         """Keep the rollout's steps, fit the model, then the critic; returns the metrics, if they are due."""
         self.agent.learn(rollout)
         if self.config.terminal_value:
-            for batch in self.agent.lessons():
+            for batch in self.agent.critic_batches():
                 self._step(batch)
         return self.agent.report(feedback)
 

@@ -1,4 +1,4 @@
-"""How long is an episode? Measured from rollouts, since the cost limit of an episode is shared out over its steps."""
+"""Mean episode length, measured from rollouts: the cost limit of an episode is spread over its steps."""
 
 from collections import deque
 from typing import Any
@@ -12,7 +12,7 @@ RECENT_EPISODES = 100
 """Finished episodes that the mean is taken over."""
 
 
-class Lengths:
+class EpisodeLength:
     """Of the last finished episodes; N environments."""
 
     def __init__(self, num_envs: int, fixed: int = 0) -> None:

@@ -1,4 +1,4 @@
-"""What would happen if? Futures of candidate plans in every model at once, and what they are worth.
+"""Imagined rollouts of candidate plans in all models at once, and their returns and costs.
 
 Letters: M models, N environments, S candidates, P particles of each candidate in each model, H steps ahead, K frames of
 D numbers, F numbers of an action, C costs. Loops go over steps alone.
@@ -12,7 +12,7 @@ from torch import Tensor
 
 from thalweg.algos.maths import planning
 from thalweg.algos.planning.config import CostOver
-from thalweg.algos.planning.model.ensemble import Frozen, action_features
+from thalweg.algos.planning.model.ensemble import FrozenEnsemble, action_features
 from thalweg.algos.policy.actions import Actions
 
 Value = Callable[[Tensor, Tensor], Tensor]
@@ -42,15 +42,23 @@ class Steps:
     last: Tensor
 
 
-def noise_for(
-    frozen: Frozen, envs: int, samples: int, particles: int, horizon: int, shared: bool, generator: torch.Generator
+def sample_noise(
+    frozen: FrozenEnsemble,
+    envs: int,
+    samples: int,
+    particles: int,
+    horizon: int,
+    shared: bool,
+    generator: torch.Generator,
 ) -> Tensor:
     """Standard normal disturbances [H, M, N, S or 1, P, D]; `shared`: the same for all candidates of an environment."""
     shape = (horizon, frozen.members, envs, 1 if shared else samples, particles, frozen.layout.frame)
     return torch.randn(shape, generator=generator, device=generator.device)
 
 
-def imagine(frozen: Frozen, start: Tensor, features: Tensor, noise: Tensor, *, needs_last: bool = True) -> Steps:
+def imagine_rollouts(
+    frozen: FrozenEnsemble, start: Tensor, features: Tensor, noise: Tensor, *, needs_last: bool = True
+) -> Steps:
     """Carry out N * S plans in every model.
 
     Args:
@@ -83,7 +91,7 @@ def imagine(frozen: Frozen, start: Tensor, features: Tensor, noise: Tensor, *, n
     return Steps(outputs[..., 0], costs, outputs[..., -1], inputs[..., :seen])
 
 
-def judged(
+def evaluate_rollouts(
     steps: Steps,
     discount: float,
     cost_over: CostOver,
@@ -95,7 +103,7 @@ def judged(
     """What the futures are worth.
 
     Args:
-        steps: From `imagine`.
+        steps: From `imagine_rollouts`.
         discount: γ.
         cost_over: The cost of a step is the mean, or the largest, of all models and particles.
         ends: Whether episodes can end.
@@ -114,8 +122,8 @@ def judged(
     return Futures(returns.mean((0, 3)), rewards.mean((0, 3)), over.sum(0))
 
 
-def rolled_out(
-    frozen: Frozen,
+def rollout_policy(
+    frozen: FrozenEnsemble,
     start: Tensor,
     actions: Actions,
     drawn: Callable[[Tensor], Tensor],
@@ -136,7 +144,7 @@ def rolled_out(
     """
     inputs, seen = _inputs(frozen, start, count, 1), start.shape[-1]
     mean, _, raw, _, _ = frozen.layout.parts
-    noise = noise_for(frozen, len(start), count, 1, horizon, False, generator)
+    noise = sample_noise(frozen, len(start), count, 1, horizon, False, generator)
     taken = []
     for step in range(horizon):
         now = drawn(inputs[..., :seen].flatten(0, -2)).view(*inputs.shape[:-1], -1)
@@ -149,7 +157,7 @@ def rolled_out(
     return torch.stack(taken, -2).squeeze(3).movedim(0, 1).flatten(1, 2)
 
 
-def _inputs(frozen: Frozen, start: Tensor, samples: int, particles: int) -> Tensor:
+def _inputs(frozen: FrozenEnsemble, start: Tensor, samples: int, particles: int) -> Tensor:
     """[M, N, S, P, inputs] with the start in place; the actions are still to be written."""
     envs, seen = start.shape
     inputs = start.new_empty(frozen.members, envs, samples, particles, frozen.inputs)
@@ -157,7 +165,7 @@ def _inputs(frozen: Frozen, start: Tensor, samples: int, particles: int) -> Tens
     return inputs
 
 
-def _move(frozen: Frozen, obs: Tensor, mean: Tensor, spread: Tensor, noise: Tensor) -> None:
+def _move(frozen: FrozenEnsemble, obs: Tensor, mean: Tensor, spread: Tensor, noise: Tensor) -> None:
     """Write the next normalised observations [..., K * D] over the last ones: older frames move on, the newest changes
     by a draw from N(mean, least + most · spread)."""
     size, newest = frozen.layout.frame, obs[..., -frozen.layout.frame :]

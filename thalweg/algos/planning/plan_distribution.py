@@ -1,7 +1,7 @@
-"""How does a plan get better? Candidates are drawn from it, and the weights they are given shape the next one.
+"""Distributions over plans: candidates are sampled from one, and their weights update it.
 
-Options of a discrete space have a probability each, and are never rounded from numbers; numbers have a mean and a
-variance. Letters: N environments, S candidates, H steps ahead, A branches or numbers of an action, K options.
+Each option of a discrete action has a probability; a continuous action has a mean and a variance. Letters: N
+environments, S candidates, H steps ahead, A branches or dimensions of an action, K options.
 """
 
 from typing import Protocol
@@ -16,7 +16,7 @@ from thalweg.algos.planning.config import PlanningConfig
 from thalweg.algos.policy.actions import Actions
 
 
-class Search(Protocol):
+class PlanDistribution(Protocol):
     """One way to write a plan as numbers [N, H, A, W], of which nothing else needs to know the meaning."""
 
     def first(self, envs: int) -> Tensor:
@@ -31,7 +31,7 @@ class Search(Protocol):
         """Raw actions [N, S, H, A] drawn from the plan."""
         ...
 
-    def improved(self, plan: Tensor, samples: Tensor, weights: Tensor) -> Tensor:
+    def updated(self, plan: Tensor, samples: Tensor, weights: Tensor) -> Tensor:
         """The plan after samples [N, S, H, A] were given weights [N, S]."""
         ...
 
@@ -48,7 +48,9 @@ class Search(Protocol):
         ...
 
 
-def search_of(actions: Actions, config: PlanningConfig, mean_momentum: float, device: torch.device = CPU) -> "Search":
+def plan_distribution_of(
+    actions: Actions, config: PlanningConfig, mean_momentum: float, device: torch.device = CPU
+) -> "PlanDistribution":
     """The one that fits the space."""
     if actions.kind == "categorical":
         return Options(actions.sizes, config, device)
@@ -83,7 +85,7 @@ class Options:
         shape = (len(plan), count, *plan.shape[1:3])
         return categorical.drawn(plan.unsqueeze(1), torch.rand(shape, generator=generator, device=plan.device))
 
-    def improved(self, plan: Tensor, samples: Tensor, weights: Tensor) -> Tensor:
+    def updated(self, plan: Tensor, samples: Tensor, weights: Tensor) -> Tensor:
         return planning.categorical_step(plan, samples, weights, self.exists, self.config.momentum, self.config.floor)
 
     def variance(self, plan: Tensor) -> Tensor:
@@ -119,7 +121,7 @@ class Numbers:
         noise = torch.randn(len(plan), count, *plan.shape[1:3], generator=generator, device=plan.device)
         return torch.addcmul(mean, variance.sqrt(), noise).clamp_(-1.0, 1.0)
 
-    def improved(self, plan: Tensor, samples: Tensor, weights: Tensor) -> Tensor:
+    def updated(self, plan: Tensor, samples: Tensor, weights: Tensor) -> Tensor:
         config, mean, variance = self.config, plan[..., 0], plan[..., 1]
         improved = planning.gaussian_step(
             mean, variance, samples, weights, config.momentum, self.mean_momentum, config.largest_variance

@@ -1,5 +1,5 @@
-"""How is a decision made? Candidates are drawn from a plan, imagined, weighed, and the plan follows the best; again and
-again, for all environments at once.
+"""Planner that makes decisions: candidates are sampled from a plan distribution, imagined and weighted, and the
+distribution is updated, for several iterations and all environments at once.
 
 Letters: N environments, S candidates, G proposals among them, H steps ahead, A numbers of a raw action, K frames of D
 numbers, C costs.
@@ -13,9 +13,9 @@ from torch import Tensor, nn
 
 from thalweg.algos.common.state import CPU
 from thalweg.algos.planning.config import PlanningConfig
-from thalweg.algos.planning.imagined_rollouts import Futures, Value, imagine, judged, noise_for
-from thalweg.algos.planning.model.ensemble import Frozen, action_features
-from thalweg.algos.planning.plan_distribution import search_of
+from thalweg.algos.planning.imagined_rollouts import Futures, Value, evaluate_rollouts, imagine_rollouts, sample_noise
+from thalweg.algos.planning.model.ensemble import FrozenEnsemble, action_features
+from thalweg.algos.planning.plan_distribution import plan_distribution_of
 from thalweg.algos.policy.actions import Actions
 
 
@@ -37,7 +37,7 @@ class Method(Protocol):
     mean_momentum: float
     """Share of the mean of numbers that an iteration keeps."""
 
-    def weigh(self, futures: Futures, budget: Budget) -> Tensor:
+    def weights(self, futures: Futures, budget: Budget) -> Tensor:
         """Weights [N, S] of the candidates, of sum 1."""
         ...
 
@@ -45,7 +45,7 @@ class Method(Protocol):
         """What is still to come after the horizon; None if that counts for nothing."""
         ...
 
-    def propose(self, frozen: Frozen, start: Tensor, generator: torch.Generator) -> Tensor | None:
+    def proposals(self, frozen: FrozenEnsemble, start: Tensor, generator: torch.Generator) -> Tensor | None:
         """Candidates [N, G, H, A] that are not drawn from the plan, for normalised observations [N, K * D]."""
         ...
 
@@ -55,7 +55,7 @@ class Decision:
     """What was decided, and what is expected of it."""
 
     plan: Tensor
-    """[N, H, A, W], as `Search` writes it."""
+    """[N, H, A, W], as `PlanDistribution` writes it."""
     reward: Tensor
     """[N] expected within the horizon, the mean of the last candidates by their weights."""
     cost: Tensor
@@ -69,39 +69,39 @@ class Planner:
 
     def __init__(self, config: PlanningConfig, actions: Actions, method: Method, device: torch.device = CPU) -> None:
         self.config, self.actions, self.method = config, actions, method
-        self.search = search_of(actions, config, method.mean_momentum, device)
+        self.distribution = plan_distribution_of(actions, config, method.mean_momentum, device)
 
     def decide(
-        self, frozen: Frozen, start: Tensor, guess: Tensor, budget: Budget, generator: torch.Generator
+        self, frozen: FrozenEnsemble, start: Tensor, guess: Tensor, budget: Budget, generator: torch.Generator
     ) -> Decision:
         """The plan that a first guess [N, H, A, W] becomes, for normalised observations [N, K * D]."""
         envs, costs = len(guess), len(budget.costs)
         found = Decision(guess.clone(), start.new_empty(envs), start.new_empty(envs, costs), start.new_empty(envs))
         searching = torch.arange(envs, device=start.device)
-        proposals = self.method.propose(frozen, start, generator)
+        proposals = self.method.proposals(frozen, start, generator)
         for _ in range(self.config.sizes.iterations):
             plan = found.plan[searching]
-            samples = self.search.samples(plan, self.config.sizes.samples, generator)
+            samples = self.distribution.samples(plan, self.config.sizes.samples, generator)
             if proposals is not None:
                 samples = torch.cat([samples, proposals[searching]], 1)
             futures = self._imagined(frozen, start[searching], samples, generator)
-            weights = self.method.weigh(futures, budget)
-            plan = self.search.improved(plan, samples, weights)
+            weights = self.method.weights(futures, budget)
+            plan = self.distribution.updated(plan, samples, weights)
             found.plan[searching] = plan
             found.reward[searching] = (weights * futures.rewards).sum(-1)
             found.cost[searching] = (weights.unsqueeze(-1) * futures.costs).sum(1)
             found.feasible[searching] = (futures.costs <= budget.costs).all(-1).float().mean(-1)
             if self.config.settled_variance:
-                searching = searching[self.search.variance(plan) > self.config.settled_variance]
+                searching = searching[self.distribution.variance(plan) > self.config.settled_variance]
                 if not len(searching):
                     break
         return found
 
-    def _imagined(self, frozen: Frozen, start: Tensor, samples: Tensor, generator: torch.Generator) -> Futures:
+    def _imagined(self, frozen: FrozenEnsemble, start: Tensor, samples: Tensor, generator: torch.Generator) -> Futures:
         """What candidates [N, S, H, A] lead to."""
         config, value = self.config, self.method.value()
         features = action_features(self.actions, samples).movedim(2, 0)
-        noise = noise_for(
+        noise = sample_noise(
             frozen,
             len(start),
             samples.shape[1],
@@ -110,8 +110,8 @@ class Planner:
             config.shared_noise,
             generator,
         )
-        steps = imagine(frozen, start, features, noise, needs_last=value is not None)
-        return judged(
+        steps = imagine_rollouts(frozen, start, features, noise, needs_last=value is not None)
+        return evaluate_rollouts(
             steps,
             config.planning_discount,
             config.cost_over,

@@ -1,5 +1,4 @@
-"""The policy that plans: a model, what its method has learnt beside it, and how decisions are made with them; in one
-file, like any other policy.
+"""Policy that plans, with its model and what its method has learnt, saved as one file like any other policy.
 
 Letters: N environments, D numbers of a frame, K frames, H steps ahead, A numbers of a raw action, C costs.
 """
@@ -16,7 +15,7 @@ from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.common.state import array_of, load_module, module_state, new_generator, tensor_of
 from thalweg.algos.maths import planning
 from thalweg.algos.planning.config import PlanningConfig
-from thalweg.algos.planning.model.ensemble import Ensemble, Frozen
+from thalweg.algos.planning.model.ensemble import Ensemble, FrozenEnsemble
 from thalweg.algos.planning.planner import Budget, Decision, Method, Planner
 from thalweg.algos.policy.actions import Actions
 from thalweg.algos.policy.memory import FrameStack
@@ -74,8 +73,8 @@ class PlannerPolicy:
         """Plan with the model as it has become."""
         self.frozen = self._frozen()
 
-    def _frozen(self) -> Frozen:
-        return Frozen(self.ensemble, torch.bfloat16 if self.config.precision == "bfloat16" else torch.float32)
+    def _frozen(self) -> FrozenEnsemble:
+        return FrozenEnsemble(self.ensemble, torch.bfloat16 if self.config.precision == "bfloat16" else torch.float32)
 
     def player(
         self, num_envs: int, *, deterministic: bool = False, generator: torch.Generator | None = None
@@ -145,11 +144,11 @@ class PlannerPlayer:
         frames = policy.config.frame_stack
         self._size = policy.obs_size * (frames if stacked else 1)
         self._stack = FrameStack(num_envs, policy.obs_size, 1 if stacked else frames, policy.device)
-        self._plans = policy.planner.search.first(num_envs)
+        self._plans = policy.planner.distribution.first(num_envs)
         """[N, H, A, W], of the last decision of each environment."""
         self._planned = torch.zeros(num_envs, dtype=torch.bool, device=policy.device)
         """[N] whether there is one in this episode."""
-        self._held = policy.planner.search.mode(self._plans)
+        self._held = policy.planner.distribution.mode(self._plans)
         """[N, A] being carried out."""
         self._left = torch.zeros(num_envs, dtype=torch.int64, device=policy.device)
         """[N] steps for which it still is."""
@@ -183,7 +182,7 @@ class PlannerPlayer:
 
     def _decide(self, obs: Tensor, turn: Tensor) -> tuple[Decision, Tensor]:
         """Plan for the environments `turn`; returns the decision and raw actions."""
-        policy, search = self.policy, self.policy.planner.search
+        policy, search = self.policy, self.policy.planner.distribution
         shape = (-1, *[1] * (self._plans.dim() - 1))
         guess = torch.where(self._planned[turn].view(shape), search.shifted(self._plans[turn]), search.first(len(turn)))
         start = policy.ensemble.seen(obs)

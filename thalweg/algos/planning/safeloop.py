@@ -1,7 +1,7 @@
-"""SafeLOOP (Sikchi, Zhou, Held 2021): a soft actor-critic learns beside a planner, proposes plans to it, and says what
-is still to come when its horizon ends; the planner, SafeARC, keeps within the budget.
+"""SafeLOOP (Sikchi, Zhou, Held 2021): a soft actor-critic proposes plans to a planner (SafeARC) and estimates the
+return after its horizon; the planner keeps the cost within the budget.
 
-Choices are learnt by exact sums over all joint actions (Christodoulou 2019), numbers by a draw that carries a gradient.
+Discrete actions use exact sums over all joint actions (Christodoulou 2019), continuous ones a reparameterised sample.
 """
 
 import copy
@@ -27,8 +27,8 @@ from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import advantages, losses, planning
 from thalweg.algos.planning.agent import Agent
 from thalweg.algos.planning.config import PlanningConfig, Size, Sizes
-from thalweg.algos.planning.imagined_rollouts import Futures, Value, rolled_out
-from thalweg.algos.planning.model.ensemble import Frozen
+from thalweg.algos.planning.imagined_rollouts import Futures, Value, rollout_policy
+from thalweg.algos.planning.model.ensemble import FrozenEnsemble
 from thalweg.algos.planning.model.transitions import Batch
 from thalweg.algos.planning.planner import Budget
 from thalweg.algos.planning.policy import METHODS
@@ -110,7 +110,7 @@ class SafeARC:
         """What the critics' numbers are multiples of."""
         return self._reward_std() if self.config.standardise_rewards else 1.0
 
-    def weigh(self, futures: Futures, budget: Budget) -> Tensor:
+    def weights(self, futures: Futures, budget: Budget) -> Tensor:
         """w ∝ exp(β G) over the feasible candidates, or exp(-β_c C) over all if too few are.
 
         Standardised, several costs are summed in budgets, so that none outweighs another by its size; else as they are.
@@ -133,11 +133,11 @@ class SafeARC:
             return lambda obs, before: self.soft.action_value(obs, before) * self.unit
         return lambda obs, _: self.soft.value(obs) * self.unit
 
-    def propose(self, frozen: Frozen, start: Tensor, generator: torch.Generator) -> Tensor | None:
+    def proposals(self, frozen: FrozenEnsemble, start: Tensor, generator: torch.Generator) -> Tensor | None:
         """What the actor would do [N, G, H, A], in each model."""
         if not self.config.proposals:
             return None
-        return rolled_out(
+        return rollout_policy(
             frozen,
             start,
             self.actions,
@@ -182,7 +182,7 @@ class SafeLOOP:
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         """Keep the rollout's steps, fit the model, then critics and actor; returns the metrics, if they are due."""
         self.agent.learn(rollout)
-        for batch in self.agent.lessons():
+        for batch in self.agent.critic_batches():
             self._step(batch)
         return self.agent.report(feedback)
 
@@ -198,14 +198,14 @@ class SafeLOOP:
                 after.unsqueeze(0),
                 after.new_tensor([[self.config.discount]]),
             )
-        said = soft.said(obs, batch.actions)
+        said = soft.q_values(obs, batch.actions)
         errors = losses.squared_error(said, target.expand_as(said))
         _descend(self.optimiser, errors.sum())
         values, entropy = soft.objective(obs, generator)
         loss = actor_loss(values, entropy, alpha)
         _descend(self.actor_optimiser, loss)
         if self.config.auto_alpha:
-            _descend(self.alpha_optimiser, losses.temperature(self.log_alpha, entropy, soft.aim))
+            _descend(self.alpha_optimiser, losses.temperature(self.log_alpha, entropy, soft.target_entropy))
         else:
             self.log_alpha += math.log(self.config.alpha_decay)
         self.slow.flat.data.lerp_(soft.critics.flat.detach(), self.config.target_rate)

@@ -1,5 +1,5 @@
-"""What does a planner's soft actor-critic say? What is still to come after a state, what the actor would do there, and
-what both learn from. Of choices exactly, of numbers by draws.
+"""Soft actor-critic of a planner: terminal values, sampled actions, and the terms of its losses. Discrete actions use
+exact expectations, continuous ones samples.
 
 Letters: R rows, B states of a batch, J joint actions.
 """
@@ -37,7 +37,7 @@ class Exact:
         self.actions, shape = actions, NetworkShape(config.hidden, "relu")
         self.actor = Actor(inputs, actions, shape, generator)
         self.critics = StackedMLP(2, inputs, shape.hidden, count, activation="relu", generator=generator)
-        self.aim = config.entropy_share * math.log(count)
+        self.target_entropy = config.entropy_share * math.log(count)
         self._selected = joint_actions.selection(actions.sizes).to(generator.device)
 
     def value(self, obs: Tensor) -> Tensor:
@@ -57,7 +57,7 @@ class Exact:
         log_p = self._log_p(obs)
         return joint_actions.expectation(log_p, slow(obs).amin(0) - alpha * log_p)
 
-    def said(self, obs: Tensor, raw: Tensor) -> Tensor:
+    def q_values(self, obs: Tensor, raw: Tensor) -> Tensor:
         """Q(s, a) [2, B] of raw actions [B, A]."""
         return _chosen(self.critics(obs), joint_actions.numbers(raw, self.actions.sizes))
 
@@ -83,7 +83,7 @@ class Sampled:
         self.actions, shape = actions, NetworkShape(config.hidden, "relu")
         self.actor = Actor(inputs, actions, shape, generator)
         self.critics = StackedMLP(2, inputs + actions.count, shape.hidden, 1, activation="relu", generator=generator)
-        self.aim = config.entropy_per_number * actions.count
+        self.target_entropy = config.entropy_per_number * actions.count
 
     def value(self, obs: Tensor) -> Tensor:
         """min Q(s, tanh μ) [R]: at the actor's middle, for normalised observations [R, K * D]."""
@@ -91,7 +91,7 @@ class Sampled:
 
     def action_value(self, obs: Tensor, raw: Tensor) -> Tensor:
         """min Q(s, a) [R] of raw actions [R, A]."""
-        return self.said(obs, raw).amin(0)
+        return self.q_values(obs, raw).amin(0)
 
     def drawn(self, obs: Tensor, generator: torch.Generator) -> Tensor:
         """Raw actions [R, A] of the actor."""
@@ -103,7 +103,7 @@ class Sampled:
         pairs = torch.cat([obs, self.actions.quantised(raw)], -1)
         return slow(pairs).squeeze(-1).amin(0) - alpha * log_prob
 
-    def said(self, obs: Tensor, raw: Tensor) -> Tensor:
+    def q_values(self, obs: Tensor, raw: Tensor) -> Tensor:
         """Q(s, a) [2, B] of raw actions [B, A]: of what was executed."""
         return self.critics(torch.cat([obs, self.actions.quantised(raw)], -1)).squeeze(-1)
 

@@ -1,7 +1,7 @@
-"""How small may a code be, and what should an encoder look at? The paper's two questions, and what a pilot could read.
+"""Encoder study: code sizes and inputs compared, as in the paper, with what a linear probe reads from the codes.
 
-Each case is trained in a folder of its own, by epochs: killed at any moment, the same call goes on. Its measures are
-written once it is trained; the tables are made of them, and of the codes of the encoders.
+Each case is trained in a folder of its own; the same call resumes an interrupted study. Its measures are written once
+it is trained; the tables are computed from them and from the codes of the encoders.
 """
 
 import json
@@ -22,7 +22,14 @@ from thalweg.bench.studies.encoder_tables import (
     size_figure,
     size_row,
 )
-from thalweg.bench.studies.water import Finder, load_finder, mean_iou, save_finder, train_finder, water_in
+from thalweg.bench.studies.water_segmenter import (
+    WaterSegmenter,
+    load_segmenter,
+    mean_iou,
+    save_segmenter,
+    train_segmenter,
+    water_in,
+)
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.encoder import Encoder, EncoderInputError, Source, draw_reconstructions, load_encoder, train_encoder
@@ -41,7 +48,7 @@ CODE = 16
 """Numbers in the codes of different inputs."""
 SHOWN = 8
 """Images of the figure."""
-RECORD, MEASURES, FINDER = "study.json", "measures.json", "finder.safetensors"
+RECORD, MEASURES, SEGMENTER = "study.json", "measures.json", "finder.safetensors"
 
 SWEEP = tuple(Case("rgb+mask", size) for size in SIZES)
 PAPERS = (Case("rgb+mask", 16, "paper"), Case("rgb+mask", 64, "paper"))
@@ -100,16 +107,16 @@ def run_study(folder: Path, plan: Plan = Plan(), *, command: str = "", progress:
     plan = _claim(folder, plan)
     scenes = collect(plan, progress)
     kept, aside = split(len(scenes.frames), plan.held_out, plan.seed)
-    finder: Finder | None = None
+    segmenter: WaterSegmenter | None = None
     for case in plan.cases:
-        home = folder / case.name
-        if (home / MEASURES).exists():
+        case_folder = folder / case.name
+        if (case_folder / MEASURES).exists():
             continue
         source = Source(plan.level, plan.seed, RENDER_VERSION, command)
         result = train_encoder(
             scenes.frames,
             case.config,
-            home,
+            case_folder,
             epochs=plan.epochs,
             seed=plan.seed,
             held_out=plan.held_out,
@@ -117,21 +124,21 @@ def run_study(folder: Path, plan: Plan = Plan(), *, command: str = "", progress:
             source=source,
             progress=progress,
         )
-        finder = finder or _finder(folder / FINDER, plan, scenes.frames[kept], progress)
+        segmenter = segmenter or _segmenter(folder / SEGMENTER, plan, scenes.frames[kept], progress)
         found = {
             "train_mse": result.train_mse,
             "held_out_mse": result.held_out_mse,
             "mean_image_mse": result.mean_image_mse,
-        } | measures(load_encoder(result.path), finder, scenes, kept, aside)
-        write_atomic(home / MEASURES, json.dumps(found, indent=1) + "\n")
+        } | measures(load_encoder(result.path), segmenter, scenes, kept, aside)
+        write_atomic(case_folder / MEASURES, json.dumps(found, indent=1) + "\n")
     return write_tables(folder, plan, scenes, kept, aside)
 
 
-def _finder(path: Path, plan: Plan, images: np.ndarray, progress: bool) -> Finder:
-    """The study's finder of water, trained on `images` unless it is there."""
+def _segmenter(path: Path, plan: Plan, images: np.ndarray, progress: bool) -> WaterSegmenter:
+    """The study's segmenter of water, trained on `images` unless it is there."""
     if not path.exists():
-        save_finder(path, train_finder(images, plan.seed, precision=plan.precision, progress=progress))
-    return load_finder(path)
+        save_segmenter(path, train_segmenter(images, plan.seed, precision=plan.precision, progress=progress))
+    return load_segmenter(path)
 
 
 def collect(plan: Plan, progress: bool = True) -> Scenes:
@@ -142,10 +149,12 @@ def collect(plan: Plan, progress: bool = True) -> Scenes:
     return Scenes(frames, bearings(worlds[0], poses))
 
 
-def measures(encoder: Encoder, finder: Finder, scenes: Scenes, kept: np.ndarray, aside: np.ndarray) -> dict[str, Any]:
+def measures(
+    encoder: Encoder, segmenter: WaterSegmenter, scenes: Scenes, kept: np.ndarray, aside: np.ndarray
+) -> dict[str, Any]:
     """How well an encoder keeps the river in images held out, and what a line reads from their codes.
 
-    `iou_ceiling` is what the finder of water makes of the frames themselves.
+    `iou_ceiling` is what the segmenter of water makes of the frames themselves.
     """
     frames, truth = scenes.frames[aside], scenes.frames[aside, ..., 3] > 0
     pictures = reconstruct(encoder.vae, frames)
@@ -153,8 +162,8 @@ def measures(encoder: Encoder, finder: Finder, scenes: Scenes, kept: np.ndarray,
     if encoder.inputs != "rgb":
         found["iou_mask"] = mean_iou(pictures[..., -1] >= 0.5, truth)
     if encoder.inputs != "mask":
-        found["iou_colours"] = mean_iou(water_in(finder, pictures[..., :3]), truth)
-    found["iou_ceiling"] = mean_iou(water_in(finder, frames), truth)
+        found["iou_colours"] = mean_iou(water_in(segmenter, pictures[..., :3]), truth)
+    found["iou_ceiling"] = mean_iou(water_in(segmenter, frames), truth)
     codes = [encoder(scenes.frames[part]) for part in (kept, aside)]
     read = explained(codes[0], scenes.truths[kept], codes[1], scenes.truths[aside])
     return found | {"read": dict(zip(BEARINGS, read.tolist(), strict=True))}

@@ -1,4 +1,4 @@
-"""What does the encoder study say? Its rows, its page, and the figure of errors against sizes, made of measures."""
+"""Tables, page and figure of the encoder study, computed from its measures."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Which frames does an encoder learn from? Views from random safe poses in the rivers of a level, as after resets.
+"""Frames that an encoder is trained on: views from random safe poses in the rivers of a level, as after resets.
 
 Image i depends on the seed, i and the number of rivers alone, so that a longer collection begins with the shorter one.
 """

@@ -1,6 +1,6 @@
-"""How does an encoder for our rivers come about? Frames are collected and it is trained on them.
+"""Collection of frames and training of an encoder on them.
 
-Collecting takes minutes, so that everything that can be wrong with the request is found out before the first frame.
+Collecting takes minutes, so all settings are checked before the first frame.
 """
 
 from dataclasses import asdict

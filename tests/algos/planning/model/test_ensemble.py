@@ -9,9 +9,9 @@ from torch.nn.functional import softplus
 
 from tests.algos.planning.made import BOX, OPTIONS, ensemble_for, generator, raw_actions
 from thalweg.algos.planning.ccepets import CCEPETSConfig
-from thalweg.algos.planning.model.ensemble import Ensemble, Frozen, action_features, features_of
+from thalweg.algos.planning.model.ensemble import Ensemble, FrozenEnsemble, action_feature_count, action_features
 from thalweg.algos.planning.model.fitting import Fitter, _decays
-from thalweg.algos.planning.model.transitions import Batch, Replay
+from thalweg.algos.planning.model.transitions import Batch, ReplayBuffer
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.mlp_autograd import layers_of
 
@@ -35,7 +35,7 @@ def test_options_become_ones_and_numbers_what_was_executed():
     literal, scaled = (action_features(actions_of(OPTIONS, a, "squashed"), raw) for a in ("box_literal", "box_scaled"))
     assert literal.tolist() == raw.tolist()
     assert scaled.tolist() == [[0, -1]]  # the middles of the bins
-    assert [features_of(actions_of(OPTIONS)), features_of(actions_of(BOX))] == [5, 2]
+    assert [action_feature_count(actions_of(OPTIONS)), action_feature_count(actions_of(BOX))] == [5, 2]
 
 
 def test_the_losses_by_hand():
@@ -80,7 +80,7 @@ def test_a_cost_of_any_size_has_its_place_between_the_smallest_and_the_largest(c
     ensemble = ensemble_for()
     ensemble.ranges, ensemble._seen = torch.tensor([[0.0], [1.0]]), torch.zeros(2, 1)
     batch = batch_for(ensemble, len(costs))
-    ensemble.take_in(replace(batch, costs=torch.tensor(costs).unsqueeze(1)))
+    ensemble.update_statistics(replace(batch, costs=torch.tensor(costs).unsqueeze(1)))
     low, high = ensemble.ranges
     assert (float(low), float(high)) == pytest.approx((min(0.0, *costs), max(costs)))
     back = low + (high - low) * ensemble.cost_shares(torch.tensor(costs).unsqueeze(1))
@@ -89,7 +89,7 @@ def test_a_cost_of_any_size_has_its_place_between_the_smallest_and_the_largest(c
 
 def test_the_copy_for_imagination_gives_what_the_model_means():
     ensemble = ensemble_for(costs=2)
-    frozen, batch = Frozen(ensemble), batch_for(ensemble, 6, costs=2)
+    frozen, batch = FrozenEnsemble(ensemble), batch_for(ensemble, 6, costs=2)
     seen, features = ensemble.seen(batch.obs), action_features(ensemble.actions, batch.actions)
     with torch.no_grad():
         plain = ensemble.stack.reference(torch.cat([seen, features], -1))
@@ -124,7 +124,7 @@ def test_what_models_expect_is_the_mean_of_their_probabilities_not_of_their_logi
 
 def test_the_bounds_of_the_variance_are_drawn_together_unless_they_are_fixed():
     for fixed in (False, True):
-        ensemble, replay = ensemble_for(), Replay(100, 0.1)
+        ensemble, replay = ensemble_for(), ReplayBuffer(100, 0.1)
         replay.add(batch_for(ensemble, 50))
         before = ensemble.bounds.detach().clone()
         config = CCEPETSConfig(fixed_variance_bounds=fixed, model_steps=3, minibatch=8)
@@ -156,12 +156,12 @@ def risk(x: torch.Tensor) -> torch.Tensor:
 @pytest.mark.slow
 def test_it_fits_a_linear_gaussian_system_with_a_cost_at_its_end():
     ensemble = Ensemble(2, 1, actions_of(BOX, "native", "squashed"), 1, 3, (48, 48), generator())
-    replay, config = Replay(20_000, 0.05), CCEPETSConfig(model_steps=2500, minibatch=256)
+    replay, config = ReplayBuffer(20_000, 0.05), CCEPETSConfig(model_steps=2500, minibatch=256)
     train, test = system(8000, 1), system(4000, 2)
-    ensemble.take_in(train)
+    ensemble.update_statistics(train)
     replay.add(train)
     Fitter(ensemble, config, generator()).fit(replay, 1)
-    frozen = Frozen(ensemble)
+    frozen = FrozenEnsemble(ensemble)
     x = torch.cat([ensemble.seen(test.obs), test.actions], -1).expand(3, -1, -1).contiguous()
     out = frozen.dense(x)
     mean, reward, raw, cost, end = ensemble.layout.parts
@@ -179,7 +179,7 @@ def test_it_fits_a_linear_gaussian_system_with_a_cost_at_its_end():
 
 
 def test_a_refit_stops_when_nothing_is_gained_and_waits_for_its_steps():
-    ensemble, replay = ensemble_for(), Replay(100, 0.2)
+    ensemble, replay = ensemble_for(), ReplayBuffer(100, 0.2)
     replay.add(batch_for(ensemble, 60))
     config = CCEPETSConfig(fitting="refit", refit_steps=10, refit_patience=2, model_learning_rate=0.0, minibatch=16)
     fitter = Fitter(ensemble, config, generator())
@@ -194,7 +194,7 @@ def test_a_refit_stops_when_nothing_is_gained_and_waits_for_its_steps():
 
 
 def test_refits_come_every_so_many_steps_whatever_the_collections():
-    ensemble, replay = ensemble_for(), Replay(100, 0.2)
+    ensemble, replay = ensemble_for(), ReplayBuffer(100, 0.2)
     replay.add(batch_for(ensemble, 20))
     config = CCEPETSConfig(fitting="refit", refit_steps=10, refit_patience=1, model_learning_rate=0.0)
     fitter = Fitter(ensemble, config, generator())
@@ -204,11 +204,11 @@ def test_refits_come_every_so_many_steps_whatever_the_collections():
 
 
 def test_from_its_state_the_model_goes_on_alike():
-    one, two, replay = ensemble_for(), ensemble_for(), Replay(100, 0.1)
+    one, two, replay = ensemble_for(), ensemble_for(), ReplayBuffer(100, 0.1)
     replay.add(batch_for(one, 50))
     config = CCEPETSConfig(model_steps=3, minibatch=8)
     fitters = [Fitter(ensemble, config, generator(9)) for ensemble in (one, two)]
-    one.take_in(batch_for(one, 20, seed=8))
+    one.update_statistics(batch_for(one, 20, seed=8))
     fitters[0].fit(replay, 1)
     two.load_state(one.state())
     fitters[1].load_state(fitters[0].state())

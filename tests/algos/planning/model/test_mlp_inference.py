@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from tests.algos.planning.made import ensemble_for, generator
-from thalweg.algos.planning.model.mlp_inference import FEW_ROWS, ROWS_AT_ONCE, Dense
+from thalweg.algos.planning.model.mlp_inference import FEW_ROWS, ROWS_AT_ONCE, MLPInference
 from thalweg.algos.policy import mlp_autograd as chain
 from thalweg.algos.policy.mlp import StackedMLP
 
@@ -18,7 +18,7 @@ def test_fast_products_are_the_plain_ones(rows: int):
     stack, x = stack_of(), torch.randn(3, rows, 5, generator=generator(1))
     with torch.no_grad():
         wanted = stack.reference(x)
-    assert torch.allclose(Dense(stack.layers)(x), wanted, atol=1e-5)
+    assert torch.allclose(MLPInference(stack.layers)(x), wanted, atol=1e-5)
 
 
 def test_without_onednn_they_are_too(monkeypatch):
@@ -26,20 +26,20 @@ def test_without_onednn_they_are_too(monkeypatch):
     stack, x = stack_of(), torch.randn(3, 300, 5, generator=generator(1))
     with torch.no_grad():
         wanted = stack.reference(x)
-    assert torch.allclose(Dense(stack.layers)(x), wanted, atol=1e-5)
+    assert torch.allclose(MLPInference(stack.layers)(x), wanted, atol=1e-5)
 
 
 def test_bfloat16_is_near_and_gives_float32():
     stack, x = stack_of(), torch.randn(3, 300, 5, generator=generator(1))
     with torch.no_grad():
         wanted = stack.reference(x)
-    found = Dense(stack.layers, torch.bfloat16)(x)
+    found = MLPInference(stack.layers, torch.bfloat16)(x)
     assert found.dtype == torch.float32 and 0 < float((found - wanted).abs().max()) < 0.05
 
 
 def test_it_is_a_copy():
     stack, x = stack_of(), torch.randn(3, 4, 5, generator=generator(1))
-    copied = Dense(stack.layers)
+    copied = MLPInference(stack.layers)
     before = copied(x)
     stack.flat.data.zero_()
     assert torch.equal(copied(x), before)

@@ -7,8 +7,8 @@ import torch
 
 from tests.algos.planning.made import generator, rollout_of
 from thalweg.algos.interface import Rollout
-from thalweg.algos.planning.episode_length import Lengths
-from thalweg.algos.planning.model.transitions import Assembly, Batch, Replay
+from thalweg.algos.planning.episode_length import EpisodeLength
+from thalweg.algos.planning.model.transitions import Batch, ReplayBuffer, TransitionBuilder
 
 
 def ending(**changes) -> Rollout:
@@ -22,7 +22,7 @@ def ending(**changes) -> Rollout:
 
 
 def made_of(rollout: Rollout, repeat: int = 1, drop_terminal: bool = False) -> Batch:
-    return Assembly(2, repeat, drop_terminal=drop_terminal).transitions(rollout, 3)
+    return TransitionBuilder(2, repeat, drop_terminal=drop_terminal).transitions(rollout, 3)
 
 
 def test_a_terminal_step_is_kept_with_its_cost_and_its_last_observation():
@@ -63,21 +63,21 @@ def test_with_an_action_repeat_a_transition_is_of_several_steps_and_an_end_cuts_
 
 def test_an_action_repeat_goes_on_in_the_next_rollout():
     whole, repeat = rollout_of(6), 4
-    assembly = Assembly(2, repeat, drop_terminal=False)
+    assembly = TransitionBuilder(2, repeat, drop_terminal=False)
     halves = [
         replace(whole, **{name: getattr(whole, name)[a : b + (name in ("obs", "fresh"))] for name in
                 ("obs", "fresh", "actions", "rewards", "costs", "terminated", "truncated", "valid")})
         for a, b in ((0, 3), (3, 6))
     ]  # fmt: skip
     first = assembly.transitions(halves[0], 3)
-    other = Assembly(2, repeat, drop_terminal=False)
+    other = TransitionBuilder(2, repeat, drop_terminal=False)
     other.load_state(assembly.state())
     second = other.transitions(halves[1], 3)
     assert len(first.rewards) == 0 and second.rewards.tolist() == [6, 6] and second.obs[:, 0].tolist() == [0, 10]
 
 
 def test_a_decision_of_an_episode_abandoned_between_two_rollouts_is_not_joined_to_the_next():
-    assembly, later = Assembly(2, 4, drop_terminal=False), rollout_of(6)
+    assembly, later = TransitionBuilder(2, 4, drop_terminal=False), rollout_of(6)
     assert len(assembly.transitions(rollout_of(3), 3).rewards) == 0
     later.fresh[0, 1] = True
     batch = assembly.transitions(later, 3)
@@ -99,14 +99,14 @@ def batch_of(first: int, count: int) -> Batch:
 
 
 def test_a_full_replay_forgets_the_oldest():
-    replay = Replay(10, 0.2)
+    replay = ReplayBuffer(10, 0.2)
     for first in (0, 4, 8, 12):
         replay.add(batch_of(first, 4))
     assert sorted(replay.rows(torch.arange(replay.size)).rewards.tolist()) == list(range(6, 16))
 
 
 def test_what_is_held_out_is_never_fitted_to():
-    replay = Replay(1000, 0.2)
+    replay = ReplayBuffer(1000, 0.2)
     replay.add(batch_of(0, 503))
     held_out = set(replay.held_out().rewards.tolist())
     drawn = set(replay.rows(replay.places((4, 3000), generator())).rewards.flatten().tolist())
@@ -115,7 +115,7 @@ def test_what_is_held_out_is_never_fitted_to():
 
 
 def test_a_replay_from_its_state_goes_on_alike():
-    one, two = Replay(20, 0.2), Replay(20, 0.2)
+    one, two = ReplayBuffer(20, 0.2), ReplayBuffer(20, 0.2)
     one.add(batch_of(0, 7))
     two.load_state(one.state())
     for replay in (one, two):
@@ -133,7 +133,7 @@ def test_frames_side_by_side_move_on_by_one():
 
 
 def test_the_mean_length_of_episodes():
-    lengths = Lengths(2)
+    lengths = EpisodeLength(2)
     assert lengths.mean == 1
     rollout = ending()
     rollout.fresh[3, 1] = rollout.fresh[5, 0] = True
@@ -146,14 +146,14 @@ def test_the_mean_length_of_episodes():
 
 
 def test_before_any_end_the_longest_episode_so_far_counts_and_a_fixed_length_always_does():
-    lengths, fixed = Lengths(2), Lengths(2, 1000)
+    lengths, fixed = EpisodeLength(2), EpisodeLength(2, 1000)
     for one in (lengths, fixed):
         one.update(rollout_of(6))
     assert (lengths.mean, fixed.mean) == (6, 1000)
 
 
 def test_an_episode_abandoned_between_two_rollouts_counts_for_nothing():
-    lengths, later = Lengths(2), rollout_of(3)
+    lengths, later = EpisodeLength(2), rollout_of(3)
     lengths.update(rollout_of(6))
     later.fresh[0] = later.terminated[2] = True
     lengths.update(later)

@@ -1,5 +1,5 @@
-"""What will happen next? M probabilistic networks that predict the next frame, the reward, the costs, and the end of
-the episode (Chua et al. 2018, with heads for what ends and what costs).
+"""Ensemble of M probabilistic networks that predict the next frame, the reward, the costs and the end of the episode
+(Chua et al. 2018, with heads for termination and costs).
 
 Letters: M models, B rows, K frames seen side by side of D numbers each, F numbers of an action, C costs.
 """
@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from thalweg.algos.common.state import CPU, array_of, load_module, module_state, tensor_of
 from thalweg.algos.maths import dynamics
-from thalweg.algos.planning.model.mlp_inference import Dense
+from thalweg.algos.planning.model.mlp_inference import MLPInference
 from thalweg.algos.planning.model.transitions import Batch
 from thalweg.algos.policy.actions import Actions, constant
 from thalweg.algos.policy.mlp import StackedMLP
@@ -53,7 +53,7 @@ class Layout:
         )
 
 
-def features_of(actions: Actions) -> int:
+def action_feature_count(actions: Actions) -> int:
     """F: numbers that an action is to a model."""
     return sum(actions.sizes) if actions.kind == "categorical" else actions.count
 
@@ -111,7 +111,7 @@ class Ensemble:
         normalise: bool = True,
     ) -> None:
         self.frames, self.actions, self.layout = frames, actions, Layout(frame, costs)
-        self.inputs = frames * frame + features_of(actions)
+        self.inputs = frames * frame + action_feature_count(actions)
         self.stack = StackedMLP(
             members,
             self.inputs,
@@ -133,7 +133,7 @@ class Ensemble:
         self.counts = torch.zeros(1 + costs + 1, dtype=torch.float64, device=device)
         """Steps taken in, then the sum of each cost's place in its range, and of the ends."""
 
-    def take_in(self, batch: Batch) -> None:
+    def update_statistics(self, batch: Batch) -> None:
         """Adapt the scales to new steps."""
         self.observed.update(batch.obs[:, -self.layout.frame :])
         going_on = ~batch.terminated
@@ -232,7 +232,7 @@ class Ensemble:
         self.ranges, self._seen, self.counts = (tensor_of(state[name], device) for name in ("ranges", "seen", "counts"))
 
 
-class Frozen:
+class FrozenEnsemble:
     """The ensemble as it is now, for imagination: scales folded into the last layer, so that it sees and gives
     normalised frames, rewards and costs as they are."""
 
@@ -261,4 +261,4 @@ class Frozen:
         """[D] of the variance of a normalised frame's change: σ² = least + most sigmoid(out)."""
         self.cost_low = ensemble.ranges[0]
         self.cost_range = ensemble.ranges[1] - ensemble.ranges[0]
-        self.dense = Dense(layers, dtype)
+        self.dense = MLPInference(layers, dtype)

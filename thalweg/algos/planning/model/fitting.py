@@ -1,5 +1,5 @@
-"""How does the model become like the environment? Gradient steps on what was lived through, a fixed number for each
-collection, or until it no longer gets better."""
+"""Fitting of the ensemble to the replay buffer: a fixed number of gradient steps per collection, or epochs until the
+held-out loss stops improving."""
 
 import itertools
 from typing import Any
@@ -11,7 +11,7 @@ from torch import Tensor
 from thalweg.algos.common.adam import Adam
 from thalweg.algos.planning.config import PlanningConfig
 from thalweg.algos.planning.model.ensemble import Ensemble
-from thalweg.algos.planning.model.transitions import Replay
+from thalweg.algos.planning.model.transitions import ReplayBuffer
 from thalweg.algos.policy.mlp_autograd import layers_of
 
 GAIN = 0.01
@@ -30,7 +30,7 @@ class Fitter:
         self._decay = _decays(ensemble, config.model_decay)
         self._since_refit = 0
 
-    def fit(self, replay: Replay, new_steps: int) -> Tensor | None:
+    def fit(self, replay: ReplayBuffer, new_steps: int) -> Tensor | None:
         """Learn as the config says after so many new steps; returns the mean loss of each head [4] over the gradient
         steps, None if there were none."""
         self._since_refit += new_steps
@@ -44,15 +44,15 @@ class Fitter:
         return self._mean(self._refit(replay))
 
     @torch.no_grad()
-    def held_out(self, replay: Replay) -> Tensor:
+    def held_out(self, replay: ReplayBuffer) -> Tensor:
         """Loss of each head [4, M] on the steps held out."""
         return self.ensemble.losses(replay.held_out(), 1.0)
 
-    def _steady(self, replay: Replay) -> list[Tensor]:
+    def _steady(self, replay: ReplayBuffer) -> list[Tensor]:
         shape = (self.ensemble.stack.count, self.config.minibatch)
         return [self._step(replay, replay.places(shape, self.generator)) for _ in range(self.config.model_steps)]
 
-    def _refit(self, replay: Replay) -> list[Tensor]:
+    def _refit(self, replay: ReplayBuffer) -> list[Tensor]:
         """Epochs over the whole replay, each model in an order of its own, until none has gained for a while."""
         members, log = self.ensemble.stack.count, []
         fitted = replay.fitted()
@@ -70,7 +70,7 @@ class Fitter:
                 break
         return log
 
-    def _step(self, replay: Replay, places: Tensor) -> Tensor:
+    def _step(self, replay: ReplayBuffer, places: Tensor) -> Tensor:
         """One gradient step on the transitions at places [M, B]; returns the losses [4]."""
         losses = self.ensemble.losses(replay.rows(places), self.config.rarity)
         self.optimiser.zero_grad()

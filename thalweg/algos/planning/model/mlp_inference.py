@@ -1,4 +1,4 @@
-"""How are M perceptrons evaluated fast enough to plan with? Without gradients, rows in the cache, several threads.
+"""Fast inference of M perceptrons without gradients: blocks of rows that fit into the cache, and several threads.
 
 Products are oneDNN's (`chain` says why); where torch lacks them, or the processor those in bfloat16, and for few rows,
 where calls cost more than sums, plain batched products do the same.
@@ -22,7 +22,7 @@ def _has_half() -> bool:
     return bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())
 
 
-class Dense:
+class MLPInference:
     """M perceptrons with swish between their layers, as constants: [M, B, before] -> [M, B, after] float32."""
 
     def __init__(self, layers: Layers, dtype: torch.dtype = torch.float32) -> None:

@@ -1,4 +1,4 @@
-"""Which steps does a model learn from? Rollouts are cut into transitions, ends included, and kept in a replay.
+"""Transitions of rollouts and their replay buffer, which a model is fitted to.
 
 What is kept are observations of numbers (latents on the river), never images. Letters: T steps, N environments, B
 transitions, K frames seen side by side of D numbers each, A numbers of a raw action, C costs.
@@ -37,7 +37,7 @@ class Batch:
         return torch.cat([self.obs[..., self.next_frame.shape[-1] :], self.next_frame], -1)
 
 
-class Assembly:
+class TransitionBuilder:
     """Makes transitions of the steps of rollouts; with an action repeat, each of several steps."""
 
     def __init__(self, num_envs: int, repeat: int, *, drop_terminal: bool, device: torch.device = CPU) -> None:
@@ -100,7 +100,7 @@ class Assembly:
         self._begun = tensors
 
 
-class Replay:
+class ReplayBuffer:
     """The last transitions, in a ring that grows as it fills.
 
     One in so many stays out of fitting: the first of each block, wherever it lies, so that no draw decides.

@@ -1,4 +1,4 @@
-"""The overlap of water, on pictures small enough to count, and a finder that learns what water looks like."""
+"""The overlap of water, on pictures small enough to count, and a segmenter that learns what water looks like."""
 
 from pathlib import Path
 
@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from thalweg.bench.studies.water import Finder, load_finder, mean_iou, save_finder, train_finder, water_in
+from thalweg.bench.studies.water_segmenter import (
+    WaterSegmenter,
+    load_segmenter,
+    mean_iou,
+    save_segmenter,
+    train_segmenter,
+    water_in,
+)
 from thalweg.encoder import DEFAULT_PATH, EncoderFileError, EncoderInputError
 
 
@@ -43,48 +50,48 @@ def frames() -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def finder(frames: np.ndarray) -> Finder:
-    return train_finder(frames[:64], epochs=60)
+def segmenter(frames: np.ndarray) -> WaterSegmenter:
+    return train_segmenter(frames[:64], epochs=60)
 
 
-def test_a_finder_learns_what_water_looks_like(frames: np.ndarray, finder: Finder):
+def test_a_segmenter_learns_what_water_looks_like(frames: np.ndarray, segmenter: WaterSegmenter):
     truth = frames[64:, ..., 3] > 0
-    found = water_in(finder, frames[64:, ..., :3])
+    found = water_in(segmenter, frames[64:, ..., :3])
     assert mean_iou(found, truth) > 0.95
     as_shares = frames[64:, ..., :3].astype(np.float32) / 255
-    assert np.array_equal(water_in(finder, as_shares), found)
+    assert np.array_equal(water_in(segmenter, as_shares), found)
 
 
-def test_a_finder_tells_two_waters_apart_by_what_is_far_from_them():
+def test_a_segmenter_tells_two_waters_apart_by_what_is_far_from_them():
     """Grey is water where the left edge is bright, 24 pixels away, and not where it is dark."""
     frames = np.full((96, 32, 32, 4), 128, np.uint8)
     wet = np.random.default_rng(0).random(96) < 0.5
     frames[..., :4, :3] = np.where(wet, 255, 0)[:, None, None, None]
     frames[..., 24:, 3] = np.where(wet, 255, 0)[:, None, None]
     frames[..., :24, 3] = 0
-    found = water_in(train_finder(frames[:64], epochs=60), frames[64:, ..., :3])
+    found = water_in(train_segmenter(frames[:64], epochs=60), frames[64:, ..., :3])
     assert mean_iou(found, frames[64:, ..., 3] > 0) > 0.9
 
 
-def test_a_finder_comes_back_from_its_file(frames: np.ndarray, finder: Finder, tmp_path: Path):
-    save_finder(tmp_path / "finder.safetensors", finder)
-    again = load_finder(tmp_path / "finder.safetensors")
-    assert np.array_equal(water_in(again, frames), water_in(finder, frames))
+def test_a_saved_segmenter_is_restored(frames: np.ndarray, segmenter: WaterSegmenter, tmp_path: Path):
+    save_segmenter(tmp_path / "finder.safetensors", segmenter)
+    again = load_segmenter(tmp_path / "finder.safetensors")
+    assert np.array_equal(water_in(again, frames), water_in(segmenter, frames))
     with pytest.raises(EncoderFileError, match="no finder of water"):
-        load_finder(DEFAULT_PATH)
+        load_segmenter(DEFAULT_PATH)
 
 
-def test_a_finder_learns_in_bfloat16_too_and_is_in_float32(frames: np.ndarray):
-    found = train_finder(frames[:64], epochs=1, precision="bfloat16")
+def test_a_segmenter_learns_in_bfloat16_too_and_is_in_float32(frames: np.ndarray):
+    found = train_segmenter(frames[:64], epochs=1, precision="bfloat16")
     assert {tensor.dtype for tensor in found.parameters()} == {torch.float32}
-    other = train_finder(frames[:64], epochs=1, precision="float32")
+    other = train_segmenter(frames[:64], epochs=1, precision="float32")
     assert not torch.equal(found.last.weight, other.last.weight)
 
 
-def test_what_a_finder_can_not_learn_from_is_named():
+def test_bad_training_images_are_errors():
     with pytest.raises(EncoderInputError, match=r"multiples of 16, not uint8 \[2, 24, 32, 4\]"):
-        train_finder(np.zeros((2, 24, 32, 4), np.uint8))
+        train_segmenter(np.zeros((2, 24, 32, 4), np.uint8))
     with pytest.raises(EncoderInputError, match=r"not float64 \[2, 32, 32, 4\]"):
-        train_finder(np.zeros((2, 32, 32, 4)))
+        train_segmenter(np.zeros((2, 32, 32, 4)))
     with pytest.raises(EncoderInputError, match="unknown precision 'half'"):
-        train_finder(np.zeros((2, 32, 32, 4), np.uint8), precision="half")
+        train_segmenter(np.zeros((2, 32, 32, 4), np.uint8), precision="half")

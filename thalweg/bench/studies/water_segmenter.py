@@ -1,4 +1,4 @@
-"""Is the river still in the picture? The overlap of the water in a reconstruction with that in the frame.
+"""U-Net that segments water in frames, and the IoU of the water in a reconstruction with that in the frame.
 
 IoU is the number of pixels that are water in both by the number that are in either, of each image by itself, and then
 the mean over images; an image without water in either counts 1. Where a reconstruction has a mask, its water is where
@@ -43,8 +43,8 @@ def mean_iou(found: np.ndarray, truth: np.ndarray) -> float:
     return float(np.where(either > 0, both / np.maximum(either, 1), 1.0).mean())
 
 
-class Finder(nn.Module):
-    """Where is water? A logit for each pixel, from colours alone; an image's sides are multiples of `SIDES`."""
+class WaterSegmenter(nn.Module):
+    """U-Net from colours to a logit of water for each pixel; an image's sides are multiples of `SIDES`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -72,12 +72,12 @@ def _block(before: int, after: int) -> nn.Sequential:
     return nn.Sequential(*layers)
 
 
-def train_finder(
+def train_segmenter(
     images: np.ndarray, seed: int = 0, epochs: int = EPOCHS, *, precision: str = "float32", progress: bool = False
-) -> Finder:
-    """A finder for images uint8 [K, H, W, 4], whose fourth channel is the truth; each batch is mirrored by chance.
+) -> WaterSegmenter:
+    """A segmenter for images uint8 [K, H, W, 4], whose fourth channel is the truth; each batch is mirrored by chance.
 
-    `precision` is "float32" or "bfloat16", that of the convolutions in training, or "auto"; the finder is in float32.
+    `precision` is "float32" or "bfloat16", that of the convolutions in training, or "auto"; the result is in float32.
 
     Raises `EncoderInputError` for another precision, and for images of another kind or with other sides.
     """
@@ -90,44 +90,44 @@ def train_finder(
     generator = np.random.default_rng([seed, 2])  # 0 and 1 are those of `thalweg.encoder.training`
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        finder = Finder()
+        segmenter = WaterSegmenter()
     batches = math.ceil(len(images) / BATCH)
-    optimiser = torch.optim.AdamW(finder.parameters(), RATE)
+    optimiser = torch.optim.AdamW(segmenter.parameters(), RATE)
     rate = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, total_steps=epochs * batches)
-    for _ in track(range(epochs), "training the finder of water", disable=not progress, console=Console(stderr=True)):
+    for _ in track(range(epochs), "training the water segmenter", disable=not progress, console=Console(stderr=True)):
         for chosen in np.array_split(generator.permutation(len(images)), batches):
             part = images[chosen, :, :: generator.choice([1, -1])]
             truth = torch.from_numpy(part[..., 3] > 0).float()
             with torch.autocast("cpu", torch.bfloat16, enabled=half):
-                logits = finder(_colours_of(part))
+                logits = segmenter(_colours_of(part))
             loss = nn.functional.binary_cross_entropy_with_logits(logits.float(), truth)
             optimiser.zero_grad(set_to_none=True)
             loss.backward()
             optimiser.step()
             rate.step()
-    return finder.eval()
+    return segmenter.eval()
 
 
-def save_finder(path: Path, finder: Finder) -> None:
-    """Write a finder to a file, whole or not at all."""
-    write_tensors(path, finder.state_dict(), {"kind": KIND, "format": FORMAT})
+def save_segmenter(path: Path, segmenter: WaterSegmenter) -> None:
+    """Write a segmenter to a file, whole or not at all."""
+    write_tensors(path, segmenter.state_dict(), {"kind": KIND, "format": FORMAT})
 
 
-def load_finder(path: Path) -> Finder:
-    """The finder of a file; raises `EncoderFileError` for any other file."""
-    finder = Finder()
+def load_segmenter(path: Path) -> WaterSegmenter:
+    """The segmenter of a file; raises `EncoderFileError` for any other file."""
+    segmenter = WaterSegmenter()
     try:
-        finder.load_state_dict(read_tensors(path, KIND)[0])
+        segmenter.load_state_dict(read_tensors(path, KIND)[0])
     except RuntimeError as error:
         raise EncoderFileError(f"{path}: another network's tensors ({error})") from error
-    return finder.eval()
+    return segmenter.eval()
 
 
 @torch.inference_mode()
-def water_in(finder: Finder, colours: np.ndarray) -> np.ndarray:
+def water_in(segmenter: WaterSegmenter, colours: np.ndarray) -> np.ndarray:
     """Water bool [K, H, W] in colours [K, H, W, 3], uint8 or 0..1."""
     parts = [
-        (finder(_colours_of(colours[start : start + CHUNK])) > 0).numpy() for start in range(0, len(colours), CHUNK)
+        (segmenter(_colours_of(colours[start : start + CHUNK])) > 0).numpy() for start in range(0, len(colours), CHUNK)
     ]
     return np.concatenate(parts)
 

@@ -15,8 +15,8 @@ from pathlib import Path
 import matplotlib
 
 matplotlib.use("Agg")
-from marks import between_marks
 from matplotlib import pyplot as plt
+from page_sections import replace_section
 
 from thalweg.algos.registry import ALGORITHMS, algorithm_named
 from thalweg.bench.csv_files import csv_text, read_csv
@@ -125,7 +125,7 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     if given.write or given.check:
         page = PAGE.read_text()
-        fresh = between_marks(page, MARK, table())
+        fresh = replace_section(page, MARK, table())
         if given.check:
             return int(fresh != page)
         write_atomic(PAGE, fresh)

@@ -1,7 +1,7 @@
-"""Writes what was measured here into the pages, between their marks, so that no figure is typed.
+"""Write what was measured here into the pages, between comments that name the section, so that no figure is typed.
 
 `peer.json` into the README, `speed.json` into the page on speed, `stages.json`, `twin.csv` and `scaling.csv` into the
-page on the frame, results of the study into the page on what it shows. What has not been measured is said to be so.
+page on the frame, results of the study into the page on what it shows. What has not been measured is marked as such.
 """
 
 import argparse
@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import findings
-from marks import between_marks, prose
+from page_sections import replace_section, wrap
 
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.report.table import frame, markdown
@@ -27,7 +27,7 @@ NOT_YET = "Not measured yet.\n"
 
 
 def comparison() -> str:
-    """Thalweg beside the simulators that researchers of this field use; speeds of two of them are measured here."""
+    """Return Thalweg beside the simulators that researchers of this field use; speeds of two of them are measured."""
     found = json.loads((HERE / "peer.json").read_text(encoding="utf-8"))
     fastest = {
         side: max(
@@ -53,7 +53,7 @@ def comparison() -> str:
             "10 to 30, as reported",
         ],
     ]
-    note = prose(
+    note = wrap(
         "The two figures that are not reported were measured in one run on two processor cores without a GPU;"
         " [the benchmarks](benchmarks/README.md) have the details."
     )
@@ -61,31 +61,31 @@ def comparison() -> str:
 
 
 def speed() -> str:
-    """The table of speeds, with the machine."""
+    """Return the table of speeds, with the machine."""
     found = json.loads((HERE / "speed.json").read_text(encoding="utf-8"))
-    machine = prose(f"Median, slowest and fastest repetition on {describe(found)}.")
+    machine = wrap(f"Median, slowest and fastest repetition on {describe(found)}.")
     return f"{markdown(speed_frame(found))}\n{machine}"
 
 
-def stages() -> str:
-    """The table of a frame's stages: mean, least and greatest over the views."""
+def frame_stages() -> str:
+    """Return the table of a frame's stages: mean, least and greatest over the views."""
     found = json.loads((HERE / "stages.json").read_text(encoding="utf-8"))
     lines = found["measurements"]
     rows = [[line["name"], *(f"{line[key]:.2f}" for key in ("median", "fastest", "slowest"))] for line in lines]
-    whole = sum(line["median"] for line in lines if line["name"] != REFLECTION)
+    total = sum(line["median"] for line in lines if line["name"] != REFLECTION)
     header = ["stage", "ms a frame", "of the quickest view", "of the slowest"]
-    summary = prose(
-        f"{whole:.2f} ms in all, the reflection being a part of the water's;"
+    summary = wrap(
+        f"{total:.2f} ms in all, the reflection being a part of the water's;"
         f" {lines[0]['features'].split('; ')[1]}, {lines[0]['resolution']}; {describe(found)}."
     )
     return f"{markdown(frame(header, rows))}\n{summary}"
 
 
-def twin() -> str:
-    """How near the kernel is to its definition."""
+def reference_accuracy() -> str:
+    """Return how close the kernel's frames are to the reference renderer's."""
     rows = read_csv(HERE / "twin.csv", ("psnr_db", "mask", "class"))
     decibels, masks, kinds = ([float(row[name]) for row in rows] for name in ("psnr_db", "mask", "class"))
-    return prose(
+    return wrap(
         f"Over {len(rows)} poses at {rows[0]['pixels']} x {rows[0]['pixels']}, one sample a pixel against"
         f" {rows[0]['samples']}: {statistics.mean(decibels):.1f} dB (least {min(decibels):.1f}). The mask agrees at"
         f" {statistics.mean(masks):.2%} of the pixels (least {min(masks):.2%}), the class at"
@@ -94,26 +94,26 @@ def twin() -> str:
 
 
 def scaling() -> str:
-    """Frames a second by cameras and size, and by worlds."""
+    """Return frames per second by cameras and size, and by worlds."""
     rows = read_csv(HERE / "scaling.csv", ("cameras", "pixels", "worlds", "frames_per_s"))
     rate = {
         tuple(int(row[name]) for name in ("cameras", "pixels", "worlds")): float(row["frames_per_s"]) for row in rows
     }
     cameras = sorted({c for c, _, w in rate if w == 4})
     sizes = sorted({p for _, p, _ in rate})
-    table = [[f"{size} x {size}", *(f"{rate[c, size, 4]:,.0f}" for c in cameras)] for size in sizes]
+    rows_by_size = [[f"{size} x {size}", *(f"{rate[c, size, 4]:,.0f}" for c in cameras)] for size in sizes]
     alone = {w: each for (c, p, w), each in rate.items() if p == 128 and c == max(16, w)}
     worlds = [f"{w}: {alone[w]:,.0f}" for w in sorted(alone)]
     header = ["frames a second, four worlds", *(f"{c} cameras" if c > 1 else "one camera" for c in cameras)]
-    by_worlds = prose(f"Frames a second at 128 x 128 by distinct worlds: {'; '.join(worlds)}.")
-    return f"{markdown(frame(header, table))}\n{by_worlds}"
+    by_worlds = wrap(f"Frames a second at 128 x 128 by distinct worlds: {'; '.join(worlds)}.")
+    return f"{markdown(frame(header, rows_by_size))}\n{by_worlds}"
 
 
 SECTIONS: dict[tuple[Path, str], tuple[str, Callable[[], str]]] = {
     (ROOT / "README.md", "comparison"): ("peer.json", comparison),
     (ROOT / "docs" / "speed.md", "speed"): ("speed.json", speed),
-    (ROOT / "docs" / "render.md", "stages"): ("stages.json", stages),
-    (ROOT / "docs" / "render.md", "twin"): ("twin.csv", twin),
+    (ROOT / "docs" / "render.md", "stages"): ("stages.json", frame_stages),
+    (ROOT / "docs" / "render.md", "twin"): ("twin.csv", reference_accuracy),
     (ROOT / "docs" / "render.md", "scaling"): ("scaling.csv", scaling),
     (FOUND, "study"): ("paper/runs.csv", findings.returns_and_costs),
     (FOUND, "keeping"): ("paper/runs.csv", findings.limits),
@@ -134,11 +134,11 @@ def main() -> int:
     parser.add_argument("--check", action="store_true", help="write nothing; fail where a page is not up to date")
     check = parser.parse_args().check
     stale = []
-    for (page, mark), (source, words) in SECTIONS.items():
+    for (page, name), (source, compute) in SECTIONS.items():
         old = page.read_text(encoding="utf-8")
-        new = between_marks(old, mark, words() if (HERE / source).exists() else NOT_YET)
+        new = replace_section(old, name, compute() if (HERE / source).exists() else NOT_YET)
         if new != old:
-            stale.append(f"{mark} in {page.name}")
+            stale.append(f"{name} in {page.name}")
             if not check:
                 write_atomic(page, new)
     if stale and check:

@@ -1,11 +1,11 @@
-"""Writes the figures of `benchmarks/peer.json` into the pages, between their marks, so that no figure is typed."""
+"""Write the figures of `benchmarks/peer.json` into the pages, so that no figure is typed."""
 
 import json
 import statistics
 import sys
 from pathlib import Path
 
-from marks import between_marks, prose
+from page_sections import replace_section, wrap
 from peer import COMPARED, KINDS, OURS, PEER
 
 from thalweg.bench.report.table import frame, markdown
@@ -13,18 +13,18 @@ from thalweg.bench.speed.speed_table import describe
 
 ROOT = Path(__file__).resolve().parent.parent
 FIGURES = ROOT / "benchmarks" / "peer.json"
-MARK = "peer"
+SECTION = "peer"
 COLUMNS = ("a second", "by", "environments", "median", "slowest", "fastest")
 RATIOS = ("Thalweg beside Safety-Gymnasium", "times", "least", "greatest")
 
 
 def times(value: float) -> str:
-    """A ratio, or a rate: two places below 10, one below 100."""
+    """Return a ratio or a rate as text: two decimal places below 10, one below 100."""
     return f"{value:.2f}" if value < 10 else f"{value:.1f}" if value < 100 else f"{value:,.0f}"
 
 
 def table_rows(found: dict) -> list[list[str]]:
-    """A row for each measurement, in the order of `COLUMNS`: kind by kind, theirs above ours."""
+    """Return a row of `COLUMNS` for each measurement: kind by kind, theirs above ours."""
     order = [(kind, side) for kind in KINDS for side in (PEER, OURS)]
     lines = sorted(found["measurements"], key=lambda line: order.index((line["kind"], line["side"])))
     return [
@@ -39,18 +39,18 @@ def table_rows(found: dict) -> list[list[str]]:
 
 
 def ratio_rows(found: dict) -> list[list[str]]:
-    """A row for each comparison, in the order of `RATIOS`."""
+    """Return a row of `RATIOS` for each comparison."""
     return [
         [line["what"], *(times(line[key]) for key in ("ratio", "least", "greatest"))] for line in found["comparisons"]
     ]
 
 
 def section(found: dict) -> str:
-    """What `benchmarks/README.md` says."""
+    """Return the section of `benchmarks/README.md`."""
     resets = {line["side"]: line["reset_s"] for line in found["measurements"] if line["kind"] == "one"}
     peer = ", ".join(f"{name} {found['peer'][name]}" for name in ("safety-gymnasium", "mujoco", "python"))
     repeats = len(found["measurements"][0]["rates"])
-    how = prose(
+    how = wrap(
         f"{repeats} repetitions of {found['seconds']:g} s each, in turns; a ratio is the median over them, with the "
         f"least and the greatest. {describe(found)}. The peer: {peer}; `{found['opengl']}`. A reset, left out for the "
         f"peer alone, takes it {resets[PEER] * 1e3:,.0f} ms, Thalweg {resets[OURS] * 1e3:,.0f} ms. Load of the machine "
@@ -63,14 +63,14 @@ def section(found: dict) -> str:
 
 
 def sentence(found: dict) -> str:
-    """What `docs/render.md` says."""
+    """Return the section of `docs/render.md`."""
     by_name = {line["what"]: line for line in found["comparisons"]}
     one, best, frame = (
         f"{times(line['ratio'])} times ({times(line['least'])} to {times(line['greatest'])})"
         for line in (by_name[name] for name in COMPARED)
     )
     size, cores = found["size"], found["machine"]["cores"]
-    return prose(
+    return wrap(
         f"Beside Safety-Gymnasium's vision task, both {size} x {size} on the processor, {cores} cores, in one run: "
         f"{one} its steps a second with one environment each, {best} with each side at its fastest, {frame} its frames "
         "alone ([how, and the figures](../benchmarks/README.md#beside-safety-gymnasium))."
@@ -81,12 +81,12 @@ PAGES = {ROOT / "benchmarks" / "README.md": section, ROOT / "docs" / "render.md"
 
 
 def main(arguments: list[str]) -> int:
-    """Write the pages; with `--check` only say by the exit status whether they are up to date."""
+    """Write the pages; with `--check`, only return 1 if they are out of date."""
     found = json.loads(FIGURES.read_text()) if FIGURES.exists() else None
     stale = []
-    for page, words in PAGES.items():
+    for page, compute in PAGES.items():
         old = page.read_text()
-        new = between_marks(old, MARK, words(found) if found else "Not measured yet.\n")
+        new = replace_section(old, SECTION, compute(found) if found else "Not measured yet.\n")
         if new != old:
             stale.append(page.name)
             if "--check" not in arguments:

@@ -225,7 +225,7 @@ def test_without_figures_the_pages_say_so(pages, tmp_path: Path):
 def test_a_page_without_one_pair_of_marks_is_an_error(scripts, text: str):
     write_peer = scripts("write_peer")
     with pytest.raises(ValueError, match="one pair of marks"):
-        write_peer.between_marks(text.format(b="<!-- peer -->\n", e="<!-- /peer -->"), "peer", "new")
+        write_peer.replace_section(text.format(b="<!-- peer -->\n", e="<!-- /peer -->"), "peer", "new")
 
 
 def test_the_pages_say_what_was_measured(scripts):

@@ -1,0 +1,24 @@
+"""Generated sections of pages: scripts write measured figures between a pair of comments, so that nobody types them."""
+
+import textwrap
+
+WIDTH = 120
+"""Characters in a line of the pages."""
+
+
+def wrap(text: str) -> str:
+    """Return sentences wrapped as the pages are."""
+    return textwrap.fill(text, WIDTH, break_long_words=False, break_on_hyphens=False) + "\n"
+
+
+def replace_section(page: str, name: str, text: str) -> str:
+    """Return the page with `text` between `<!-- name -->` and `<!-- /name -->`.
+
+    Raises `ValueError` unless each of them is there once, in this order, the first at the end of a line.
+    """
+    begin, end = f"<!-- {name} -->\n", f"<!-- /{name} -->"
+    before, begin_found, rest = page.partition(begin)
+    _, end_found, after = rest.partition(end)
+    if not (begin_found and end_found) or begin in after or end in before + after:
+        raise ValueError(f"the page needs one pair of marks, {begin.strip()} and {end}, each at the start of a line")
+    return before + begin + text + end + after

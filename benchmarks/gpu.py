@@ -1,9 +1,9 @@
-"""How fast is the river on this GPU, and does it say the same as the CPU? First parity, then speed.
+"""Parity of this GPU with the CPU, and its speed.
 
     python benchmarks/gpu.py [--out gpu.csv] [--minutes 7]
 
 checks frames, codes and rules against the CPU, then times frames, rules, codes and training for 64 to 16,384 cameras in
-1 to 64 worlds, prints a table and writes a row for each figure, with the card's name; what there was no time left for
+1 to 64 worlds. It prints a table and writes a row for each figure, with the card's name; what the time limit leaves out
 is missing. A bare machine needs Python 3.11, a torch that was built for CUDA, numba-cuda, and what the package needs
 anyway (requirements.lock); worlds are built by all cores, in about a minute.
 """
@@ -43,25 +43,26 @@ from thalweg.world import World, load_or_build
 HERE = Path(__file__).resolve().parent
 COLUMNS = ("card", "what", "quality", "cameras", "worlds", "figure", "unit", "wanted", "holds")
 WITHIN, SHARE = 2, 0.999
-"""Steps of 255 within which a pixel is alike, and the share of pixels that must be."""
+"""Largest difference (of 255) of equal pixels, and the required share of equal pixels."""
 POSE_M = 1e-9
+"""Largest difference of equal poses."""
 SECONDS = 1.0
-"""Least time that a figure is measured for."""
+"""Least duration of a measurement."""
 REPEATS = 3
-"""Least number of calls, after one that is not measured."""
+"""Least number of measured calls, after one for warm-up."""
 LEARNERS = ("FOCOPS", "SACLag", "CCEPETS")
-"""Whose training is timed: the first in all numbers of worlds, the others in the first of them."""
+"""Algorithms whose training is timed: the first with every number of worlds, the others with the first number only."""
 
 
 @dataclass
 class Table:
-    """The rows so far, each printed as it comes."""
+    """The rows so far, each printed as it is added."""
 
     card: str
     rows: list[dict[str, str]] = field(default_factory=list)
 
     def add(self, what: str, figure: float, unit: str, wanted: float | None = None, holds: bool | None = None, **at):
-        """A figure; `wanted` and `holds` are of checks."""
+        """Add a figure; checks also have the `wanted` value and whether it `holds`."""
         row = {"card": self.card, "what": what, "figure": f"{figure:.6g}", "unit": unit}
         row |= {name: str(value) for name, value in at.items()}
         row |= {} if wanted is None else {"wanted": f"{wanted:g}", "holds": "yes" if holds else "NO"}
@@ -73,17 +74,17 @@ class Table:
 
 
 class Clock:
-    """Times calls on a device, and knows when the whole has to be over."""
+    """Times calls on a device, and tells when the time limit is reached."""
 
     def __init__(self, device: torch.device, minutes: float) -> None:
         self.device, self.end = device, time.monotonic() + 60 * minutes
 
     @property
-    def over(self) -> bool:
+    def is_over(self) -> bool:
         return time.monotonic() >= self.end
 
     def rate(self, call: Callable[[], object], each: int) -> float:
-        """Things a second, `each` of them done by a call."""
+        """Return units per second, of which each call does `each`."""
         call()
         self.wait()
         begin, calls = time.perf_counter(), 0
@@ -94,34 +95,35 @@ class Clock:
         return calls * each / (time.perf_counter() - begin)
 
     def wait(self) -> None:
+        """Wait until the device has finished."""
         if self.device.type == "cuda":
             torch.cuda.synchronize(self.device)
 
 
-def built(seed: int) -> int:
-    """Build a river into the cache folder; returns its seed."""
+def build_river(seed: int) -> int:
+    """Build a river into the cache folder; return its seed."""
     load_or_build("Medium", seed)
     return seed
 
 
 def rivers(count: int) -> list[World]:
-    """Medium's rivers of the first seeds, built by all cores."""
+    """Return Medium's rivers of the first seeds, built on all cores."""
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
-        return [load_or_build("Medium", seed) for seed in pool.map(built, range(count))]
+        return [load_or_build("Medium", seed) for seed in pool.map(build_river, range(count))]
 
 
 def views(worlds: Sequence[World], count: int, renderer: Renderer, device: torch.device) -> tuple[Tensor, ...]:
-    """What so many cameras see at random safe places, as `Renderer.render_tensors` takes it."""
+    """Return the inputs of `Renderer.render_tensors` for `count` cameras at random safe poses."""
     several = [sample_starts(world, -(-count // len(worlds)), seed) for seed, world in enumerate(worlds)]
-    poses = np.concatenate(several, 1).reshape(-1, 4)[:count]  # the worlds by turns
+    poses = np.concatenate(several, 1).reshape(-1, 4)[:count]  # the worlds in turn
     index = np.arange(count) % len(worlds)
     rows = np.repeat(look_rows(look_values(None, 1), renderer.camera), count, 0)
     arrays = index.astype(np.int64), np.ascontiguousarray(poses), np.zeros(count), rows
     return tuple(torch.from_numpy(array).to(device) for array in arrays)
 
 
-def drawn(worlds: Sequence[World], count: int, quality: str, device: torch.device) -> Tensor:
-    """Frames [count, H, W, 4] on the host."""
+def draw_frames(worlds: Sequence[World], count: int, quality: str, device: torch.device) -> Tensor:
+    """Return frames [count, H, W, 4] on the host."""
     renderer = Renderer(worlds, quality=quality, device=str(device))  # pyright: ignore[reportArgumentType]
     camera = renderer.camera
     frames = torch.empty(count, camera.height_px, camera.width_px, 4, dtype=torch.uint8, device=device)
@@ -130,9 +132,9 @@ def drawn(worlds: Sequence[World], count: int, quality: str, device: torch.devic
 
 
 def check_frames(table: Table, worlds: Sequence[World], count: int, device: torch.device) -> None:
-    """Frames and masks of both qualities, and codes of the full one."""
+    """Compare frames and masks of both qualities, and codes of the full one."""
     for quality in ("full", "fast"):
-        here, there = (drawn(worlds, count, quality, place).int() for place in (torch.device("cpu"), device))
+        here, there = (draw_frames(worlds, count, quality, side).int() for side in (torch.device("cpu"), device))
         apart = (here - there).abs()
         alike = float((apart[..., :3].amax(-1) <= WITHIN).float().mean())
         masks = float((apart[..., 3] == 0).float().mean())
@@ -141,22 +143,22 @@ def check_frames(table: Table, worlds: Sequence[World], count: int, device: torc
         table.add("masks alike", masks, "share", SHARE, masks >= SHARE, **at)
         if quality == "full":
             frames = here.to(torch.uint8)
-            codes = [load_encoder(device=str(place)).of_tensor(frames.to(place)).cpu() for place in ("cpu", device)]
+            codes = [load_encoder(device=str(side)).of_tensor(frames.to(side)).cpu() for side in ("cpu", device)]
             most = float((codes[0] - codes[1]).abs().max())
             table.add("codes apart", most, "deviations", 1e-2, most <= 1e-2, **at)
 
 
 def check_rules(table: Table, worlds: Sequence[World], envs: int, steps: int, device: torch.device) -> None:
-    """The same random actions on both sides: reasons, rewards, costs and poses."""
+    """Compare done reasons, rewards, costs and poses of both sides under the same random actions."""
     config = EnvConfig(observation="none")
-    sides = [TensorRiverEnv(worlds, envs, config, device=str(place)) for place in ("cpu", device)]
+    sides = [TensorRiverEnv(worlds, envs, config, device=str(side)) for side in ("cpu", device)]
     for side in sides:
         side.reset(seed=0)
     generator, alike, furthest = torch.Generator().manual_seed(0), 0, 0.0
     for _ in range(steps):
         actions = torch.randint(0, 3, (envs, 4), generator=generator)
-        (_, paid, *_, here), (_, also, *_, there) = (side.step(actions.to(side.device)) for side in sides)
-        same = paid == also.cpu()
+        (_, reward, *_, here), (_, reward_there, *_, there) = (side.step(actions.to(side.device)) for side in sides)
+        same = reward == reward_there.cpu()
         for name in ("costs", "done_reason"):
             equal = here[name] == there[name].cpu()
             same &= equal.all(-1) if equal.dim() > 1 else equal
@@ -168,17 +170,17 @@ def check_rules(table: Table, worlds: Sequence[World], envs: int, steps: int, de
 
 
 def time_frames(table: Table, clock: Clock, worlds: Sequence[World], counts: Sequence[int]) -> None:
-    """Frames of both qualities, and their codes."""
+    """Time frames of both qualities, and their codes."""
     encoder = load_encoder(device=str(clock.device))
     for quality in ("full", "fast"):
         renderer = Renderer(worlds, quality=quality, device=str(clock.device))
         camera = renderer.camera
         for count in while_there_is_time(clock, counts):
-            seen = views(worlds, count, renderer, clock.device)
+            inputs = views(worlds, count, renderer, clock.device)
             size = count, camera.height_px, camera.width_px, 4
             frames = torch.empty(size, dtype=torch.uint8, device=clock.device)
             at = {"cameras": count, "worlds": len(worlds)}
-            rate = clock.rate(partial(renderer.render_tensors, seen, frames), count)
+            rate = clock.rate(partial(renderer.render_tensors, inputs, frames), count)
             table.add("render", rate, "frames/s", quality=quality, **at)
             if quality == "full":
                 table.add(
@@ -187,7 +189,7 @@ def time_frames(table: Table, clock: Clock, worlds: Sequence[World], counts: Seq
 
 
 def time_rules(table: Table, clock: Clock, worlds: Sequence[World], counts: Sequence[int]) -> None:
-    """Steps of the rules alone."""
+    """Time steps of the rules alone."""
     for count in while_there_is_time(clock, counts):
         env = TensorRiverEnv(worlds, count, EnvConfig(observation="none"), device=str(clock.device))
         env.reset(seed=0)
@@ -204,23 +206,23 @@ def time_training(
     learners: Sequence[str],
     settings: Mapping[str, Any],
 ) -> None:
-    """Whole training once its random steps are over: frames, codes, rules, actions and updates; where gradient steps
-    can be recorded, once more with that.
+    """Time complete training after its random steps: frames, codes, rules, actions and updates.
 
-    Of the settings each learner takes those that it has; its other defaults follow the number of environments.
+    Off-policy algorithms on a GPU are timed with and without CUDA graphs. Each algorithm takes those of the settings
+    that it has; its other defaults depend on the number of environments.
     """
     for learner in learners:
         recorded = clock.device.type == "cuda" and issubclass(algorithm_named(learner).config, OffPolicyConfig)
         for graphs in (False, True) if recorded else (False,):
             for count in while_there_is_time(clock, counts):
-                training = begun(learner, worlds, count, encoder, settings, graphs)
+                training = start_training(learner, worlds, count, encoder, settings, graphs)
                 steps = count * training.learner.rollout_steps
                 rate = clock.rate(partial(update, training), steps)
                 name = f"train {learner}, graphs" if graphs else f"train {learner}"
                 table.add(name, rate, "steps/s", cameras=count, worlds=len(worlds))
 
 
-def begun(
+def start_training(
     learner: str,
     worlds: Sequence[World],
     count: int,
@@ -228,7 +230,7 @@ def begun(
     settings: Mapping[str, Any],
     graphs: bool = False,
 ) -> Training:
-    """A run of tensors that learns from now on."""
+    """Return a training run on tensors, past its random steps."""
     env = LatentTensorEnv(TensorRiverEnv(worlds, count, device=str(encoder.device)), encoder)
     entry = algorithm_named(learner)
     known = {field.name for field in fields(entry.config)}
@@ -243,16 +245,16 @@ def begun(
 
 
 def update(training: Training) -> None:
-    """A rollout, and what is learnt from it."""
+    """Collect a rollout and update."""
     while not training.ready:
         training.step()
     training.update()
 
 
 def while_there_is_time(clock: Clock, counts: Sequence[int]) -> Iterator[int]:
-    """Those for which there is time left."""
+    """Yield counts until the time limit is reached."""
     for count in counts:
-        if clock.over:
+        if clock.is_over:
             return
         yield count
 
@@ -262,14 +264,14 @@ def main() -> int:
     parser.add_argument("--device", default="cuda")
     parser.add_argument("--cameras", type=int, nargs="+", default=[64, 256, 1024, 4096, 16384])
     parser.add_argument("--worlds", type=int, nargs="+", default=[1, 16, 64])
-    parser.add_argument("--check", type=int, default=256, help="frames that are held against the CPU's")
-    parser.add_argument("--check-steps", type=int, default=1_000_000, help="steps that are")
-    parser.add_argument("--minutes", type=float, default=7.0, help="nothing new is measured after so many")
+    parser.add_argument("--check", type=int, default=256, help="number of frames compared with the CPU's")
+    parser.add_argument("--check-steps", type=int, default=1_000_000, help="number of steps compared with the CPU's")
+    parser.add_argument("--minutes", type=float, default=7.0, help="time limit; no measurement starts after it")
     parser.add_argument("--set", nargs="*", default=[], help="settings of the learners, such as steps_per_update=4096")
     parser.add_argument("--out", type=Path, default=HERE / "gpu.csv")
     given = parser.parse_args()
     if min([*given.cameras, *given.worlds, given.check, given.check_steps]) < 1:
-        parser.error("cameras, worlds and checks are counted from 1")
+        parser.error("cameras, worlds and checks must be at least 1")
     try:
         device = torch.device(resolve_device(given.device))
     except DeviceError as error:
@@ -285,10 +287,10 @@ def main() -> int:
         envs = min(4096, given.check_steps)
         check_rules(table, pool[: min(2, len(pool))], envs, max(1, given.check_steps // envs), device)
         encoder = load_encoder(device=str(device))
-        for place, count in enumerate(while_there_is_time(clock, given.worlds)):
+        for index, count in enumerate(while_there_is_time(clock, given.worlds)):
             time_frames(table, clock, pool[:count], given.cameras)
             time_rules(table, clock, pool[:count], given.cameras)
-            learners = LEARNERS if place == 0 else LEARNERS[:1]
+            learners = LEARNERS if index == 0 else LEARNERS[:1]
             time_training(
                 table, clock, pool[:count], [n for n in given.cameras if n <= 4096], encoder, learners, settings
             )

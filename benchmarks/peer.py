@@ -1,13 +1,13 @@
-"""How fast is Thalweg beside what a user would pick instead? Safety-Gymnasium's vision task, in one run.
+"""Speed of Thalweg beside Safety-Gymnasium's vision task, measured in one run.
 
-`python benchmarks/peer.py` makes a virtual environment for Safety-Gymnasium and measures both sides in turns, over and
-over, so that whatever else the machine does falls on both: about six minutes. Each environment of the peer holds about
-0.9 GB of memory. `peer.json` and `peer.png`, what either side drew, are written beside this file; `write_peer.py` puts
-the figures into the pages.
+`python benchmarks/peer.py` makes a virtual environment for Safety-Gymnasium and measures both sides in turns,
+repeatedly, so that other load on the machine affects both: about six minutes. Each environment of the peer holds about
+0.9 GB of memory. `peer.json` and `peer.png`, with frames of either side, are written beside this file;
+`write_peer.py` puts the figures into the pages.
 
-Both draw 128 x 128 pixels on the processor and take random actions. Where a choice had to be made it favours the peer:
-its vector environment is tried at several sizes and its resets are left out, while Thalweg is as it comes, resets in.
-What is absent on purpose: learning, and how much there is to see in a frame.
+Both draw 128 x 128 pixels on the processor and take random actions. Every choice favours the peer: its vector
+environment is tried at several sizes and its resets are not counted, while Thalweg has its defaults, resets included.
+Learning, and the content of the frames, are not compared.
 """
 
 import argparse
@@ -35,7 +35,7 @@ SIZE = 128
 """Pixels on a side of a frame."""
 PEER, OURS = "Safety-Gymnasium", "Thalweg"
 BATCH = 16
-"""Environments of Thalweg's vector environment, and the most of the peer's."""
+"""Environments of Thalweg's vector environment, and the maximum of the peer's."""
 PICTURES = 5
 """Frames of each side in the picture."""
 KINDS = {
@@ -48,22 +48,22 @@ COMPARED = {
     "steps, each at its fastest": ("one", "vector"),
     "frames alone, one camera each": ("frame",),
 }
-"""What is compared, and the kinds of which each side may bring its fastest line."""
+"""The comparisons, and the kinds of lines from which each side's fastest one is taken."""
 
 
 @dataclass(frozen=True)
 class Contender:
-    """One line of the table: a side as somebody would use it."""
+    """One line of the table: a side in one way of use."""
 
     side: str
     kind: str
     """A key of `KINDS`."""
     count: int = 1
-    """Environments stepped together."""
+    """Environments that are stepped together."""
 
 
 def contenders(cores: int) -> list[Contender]:
-    """Every line, those of a kind one after another. The peer has a process an environment: one a core, and two."""
+    """Return every line, kind by kind. The peer has a process per environment: one per core, and two."""
     counts = {min(max(cores, 2) * each, BATCH) for each in (1, 2)}
     return [
         Contender(PEER, "one"),
@@ -76,12 +76,12 @@ def contenders(cores: int) -> list[Contender]:
 
 
 def in_turns(lines: Sequence[Contender], turn: int) -> list[Contender]:
-    """Who is measured when: each second turn backwards, so that no place is better."""
+    """Return the lines in the order of a turn: every second turn is reversed, so that no position has an advantage."""
     return list(reversed(lines)) if turn % 2 else list(lines)
 
 
 class Side:
-    """A running process of `peer_side.py`, which rests until it is asked for something."""
+    """A running process of `peer_side.py`, which waits for orders."""
 
     def __init__(self, contender: Contender, setup: Setup):
         self.contender = contender
@@ -119,18 +119,19 @@ class Side:
         self.log.close()
 
     def ask(self, **order: object) -> dict:
+        """Send an order and return the answer."""
         assert self.process.stdin
         self.process.stdin.write(json.dumps(order) + "\n")
         self.process.stdin.flush()
         return self._answer()
 
     def rate(self, seconds: float) -> float:
-        """Units of work a second over so long."""
+        """Return the units of work per second, measured over `seconds`."""
         done = self.ask(seconds=seconds)
         return done["units"] / done["seconds"]
 
     def frames(self) -> np.ndarray:
-        """Starts of episodes side by side, uint8 [size, PICTURES * size, 3]."""
+        """Return first frames of episodes side by side, uint8 [size, PICTURES * size, 3]."""
         with tempfile.TemporaryDirectory() as folder:
             file = str(Path(folder) / "frames.npy")
             self.ask(pictures=file, count=PICTURES)
@@ -146,15 +147,17 @@ class Side:
 
 
 def ratio(ours: Sequence[float], theirs: Sequence[float]) -> tuple[float, float, float]:
-    """How many times theirs ours is: the median, least and greatest of the repetitions, each by itself."""
+    """Return the median, least and greatest ratio of ours to theirs over the repetitions."""
     if len(ours) != len(theirs) or not len(ours):
-        raise ValueError(f"as many repetitions of both, at least one; not {len(ours)} and {len(theirs)}")
-    found = [mine / other for mine, other in zip(ours, theirs, strict=True)]
-    return statistics.median(found), min(found), max(found)
+        raise ValueError(
+            f"both sides need the same number of repetitions, at least one; not {len(ours)} and {len(theirs)}"
+        )
+    ratios = [mine / other for mine, other in zip(ours, theirs, strict=True)]
+    return statistics.median(ratios), min(ratios), max(ratios)
 
 
 def comparisons(measurements: Sequence[dict]) -> list[dict]:
-    """For each of `COMPARED`, the line of Thalweg with the highest median against such a line of the peer."""
+    """Return for each of `COMPARED` the line of Thalweg with the highest median against that of the peer."""
     found = []
     for name, kinds in COMPARED.items():
         best = {}
@@ -167,7 +170,7 @@ def comparisons(measurements: Sequence[dict]) -> list[dict]:
 
 
 def measure(setup: Setup, repeats: int, seconds: float, picture: Path) -> dict:
-    """Every contender in turns; a picture with a row of frames for each side."""
+    """Measure every contender in turns, and write a picture with a row of frames for each side."""
     lines = contenders(int(machine_info()["cores"]))
     rates: dict[Contender, list[float]] = {line: [] for line in lines}
     with ExitStack() as stack:
@@ -196,10 +199,12 @@ def measure(setup: Setup, repeats: int, seconds: float, picture: Path) -> dict:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description="Thalweg beside Safety-Gymnasium, in one run on this machine")
-    parser.add_argument("--out", type=Path, default=HERE / "peer.json", help="a picture is written beside it")
-    parser.add_argument("--python", help="a Python 3.8 to 3.10 for Safety-Gymnasium; else the newest on the path")
+    parser.add_argument(
+        "--out", type=Path, default=HERE / "peer.json", help="output file; a picture is written beside it"
+    )
+    parser.add_argument("--python", help="a Python 3.8 to 3.10 for Safety-Gymnasium; by default the newest on the path")
     parser.add_argument("--repeats", type=int, default=9)
-    parser.add_argument("--seconds", type=float, default=4.0, help="of each repetition")
+    parser.add_argument("--seconds", type=float, default=4.0, help="duration of each repetition")
     given = parser.parse_args()
     if given.repeats < 1 or not 0 < given.seconds < 3600:
         parser.error(f"at least one repetition of some seconds, not {given.repeats} of {given.seconds:g} s")

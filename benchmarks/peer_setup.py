@@ -1,7 +1,6 @@
-"""What `peer.py` needs to run Safety-Gymnasium: the pins of its virtual environment, and a way to draw.
+"""Set-up of Safety-Gymnasium for `peer.py`: pinned packages of its virtual environment, and an OpenGL backend.
 
-What the registry of Python packages does not hold, an old Python and a library for OpenGL, is asked for and never
-installed.
+An old Python and a library for OpenGL, which are no Python packages, must be there; they are never installed.
 """
 
 import json
@@ -48,7 +47,7 @@ SOFTWARE = ("llvmpipe", "softpipe")
 
 
 def check(python: Path) -> None:
-    """That all that the packages ask for is there."""
+    """Check that all requirements of the packages are met."""
     call([str(python), "-I", "-m", "pip", "check"])
 
 
@@ -57,24 +56,24 @@ RECIPE = Recipe("Safety-Gymnasium", PYTHONS, (("--only-binary", ":all:", "--no-d
 
 @dataclass(frozen=True)
 class Setup:
-    """How Safety-Gymnasium is run here."""
+    """How Safety-Gymnasium runs on this machine."""
 
     python: Path
-    """Of its virtual environment."""
+    """Python of its virtual environment."""
     gl: str
     """A key of `BACKENDS`."""
     opengl: str
-    """Who draws, in OpenGL's words."""
+    """Name of the renderer, as OpenGL reports it."""
 
 
 def set_up(named: str | None) -> Setup:
-    """Safety-Gymnasium, ready to draw; `named` is the Python to use, else one is looked for. Raises `SetupError`."""
+    """Set up Safety-Gymnasium; `named` is the Python to use, by default one is searched for. Raises `SetupError`."""
     python = python_of(RECIPE, named)
     return Setup(python, *backend(python))
 
 
 def backend(python: Path) -> tuple[str, str]:
-    """The first of `BACKENDS` that draws on the processor here, and who then draws; `SetupError` if there is none."""
+    """Return the first of `BACKENDS` that draws on the processor, and its renderer; raises `SetupError` without one."""
     failures = []
     for name in BACKENDS:
         environment = os.environ | drawing_by(name)
@@ -91,5 +90,5 @@ def backend(python: Path) -> tuple[str, str]:
 
 
 def drawing_by(gl: str) -> dict[str, str]:
-    """Environment variables that have MuJoCo draw by one of `BACKENDS`."""
+    """Return the environment variables that make MuJoCo draw with one of `BACKENDS`."""
     return {"MUJOCO_GL": gl, "PYOPENGL_PLATFORM": gl, "LIBGL_ALWAYS_SOFTWARE": "1"}

@@ -1,7 +1,7 @@
-"""One side of the comparison in a process of its own: makes its environment, then steps it for as long as it is told.
+"""One side of the comparison in its own process: it creates its environment, then steps it as ordered.
 
 `peer.py` starts one for each line of its table. It also runs under the old Python that Safety-Gymnasium needs, so it
-imports nothing of Thalweg's before it is asked to. Orders are lines of JSON on standard input, answers lines of JSON
+imports Thalweg only where it is needed. Orders are lines of JSON on standard input, answers lines of JSON
 on standard output: `{"seconds": 4}` is answered by the units of work done and the seconds they took, `{"pictures":
 path, "count": 5}` by the path once frames of so many starts, uint8 [count, size, size, 3], lie there. It ends with its
 input.
@@ -27,7 +27,7 @@ NEVER = 10**9
 
 
 class Side:
-    """What both sides share; each makes its own `env` first."""
+    """Common part of both sides; each creates its own `env` first."""
 
     env: Any
 
@@ -42,16 +42,16 @@ class Side:
             self.env.reset()
 
     def draw(self) -> None:
-        """A frame alone."""
+        """Draw one frame without a step."""
         raise NotImplementedError
 
     def picture(self, seed: int) -> np.ndarray:
-        """The first frame of an episode, uint8 [..., size, size, 3]."""
+        """Return the first frame of an episode, uint8 [..., size, size, 3]."""
         raise NotImplementedError
 
 
 class Thalweg(Side):
-    """Thalweg's Medium as it comes: RGB and water mask."""
+    """Thalweg's Medium with its defaults: RGB and water mask."""
 
     def __init__(self, kind: str, count: int, size: int):
         import gymnasium
@@ -80,8 +80,8 @@ class Thalweg(Side):
 class SafetyGymnasium(Side):
     """Safety-Gymnasium's vision task: RGB and some sensors, drawn by MuJoCo through OpenGL.
 
-    Its episodes are made endless: a reset builds the whole scene again, which takes about a second, and whether that
-    falls into a measurement would be chance. So the time of its resets is not counted against it.
+    Its episodes are endless here: a reset rebuilds the whole scene, which takes about a second, and would fall into a
+    measurement by chance. So the time of its resets is not counted.
     """
 
     def __init__(self, kind: str, count: int, size: int):
@@ -104,7 +104,7 @@ class SafetyGymnasium(Side):
 
 
 def endless(env: Any) -> Any:
-    """The environment of Safety-Gymnasium without its own count of steps."""
+    """Return the environment of Safety-Gymnasium without its own step limit."""
     env.unwrapped.task.num_steps = NEVER
     return env
 
@@ -113,7 +113,7 @@ SIDES = {"Thalweg": Thalweg, "Safety-Gymnasium": SafetyGymnasium}
 
 
 def opengl() -> str:
-    """Who draws for MuJoCo here, in OpenGL's words, with `MUJOCO_GL` as it is set."""
+    """Return the renderer of MuJoCo with the current `MUJOCO_GL`, as OpenGL reports it."""
     import mujoco  # pyright: ignore[reportMissingImports]
 
     context = mujoco.GLContext(64, 64)
@@ -128,24 +128,24 @@ def answer(side: Side, order: dict) -> dict:
     if "pictures" in order:
         np.save(order["pictures"], np.stack([side.picture(seed) for seed in range(order["count"])]))
         return {"saved": order["pictures"]}
-    units, begun = 0, time.perf_counter()
-    while (passed := time.perf_counter() - begun) < order["seconds"]:
+    units, start = 0, time.perf_counter()
+    while (elapsed := time.perf_counter() - start) < order["seconds"]:
         side.work()
         units += side.count
-    return {"units": units, "seconds": passed}
+    return {"units": units, "seconds": elapsed}
 
 
 def main() -> None:
     answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # what libraries print must not stand among the answers
+    os.dup2(2, 1)  # output of libraries must not mix with the answers
     if sys.argv[1] == "opengl":
         print(json.dumps(opengl()), file=answers, flush=True)
         return
     name, kind, count, size = sys.argv[1:]
     side = SIDES[name](kind, int(count), int(size))
-    begun = time.perf_counter()
+    start = time.perf_counter()
     frame = side.picture(seed=1)
-    ready = {"reset_s": time.perf_counter() - begun, "frame": frame.shape[-3:], "python": platform.python_version()}
+    ready = {"reset_s": time.perf_counter() - start, "frame": frame.shape[-3:], "python": platform.python_version()}
     side.work()
     print(json.dumps(ready), file=answers, flush=True)
     for line in sys.stdin:

@@ -1,7 +1,7 @@
-"""Virtual environments for peers whose pins conflict with Thalweg's own: made whole or not at all, kept in its cache.
+"""Virtual environments for peers whose pins conflict with Thalweg's own: created atomically, kept in its cache.
 
-An environment is used again until a pin, or what else goes into its key, changes. A Python that this machine lacks is
-asked for and never installed.
+An environment is reused until a pin, or another part of its key, changes. A missing version of Python is an error; it
+is never installed.
 """
 
 import hashlib
@@ -17,57 +17,59 @@ from thalweg.core.cache import cache_dir
 
 
 class SetupError(Exception):
-    """What is missing on this machine, and what would mend it."""
+    """Raised with what is missing on this machine, and how to get it."""
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """How the virtual environment of a peer is made."""
+    """How the virtual environment of a peer is created."""
 
     peer: str
-    """Its name."""
+    """Name of the peer."""
     pythons: tuple[tuple[int, int], ...]
-    """Versions it runs under, the preferred one first."""
+    """Python versions that it supports, the preferred one first."""
     installs: tuple[tuple[str, ...], ...]
-    """Arguments of `pip install`, one call after another."""
+    """Arguments of successive calls of `pip install`."""
     finish: Callable[[Path], None]
-    """Ends the work, given the new environment's Python; raises `SetupError` if it is of no use."""
+    """Completes the new environment, given its Python; raises `SetupError` if it does not work."""
     folder: str = "peer"
-    """Inside Thalweg's cache folder."""
+    """Folder within Thalweg's cache."""
     finishing: str = ""
-    """Goes into the key beside `installs`: to be changed with `finish`."""
+    """Part of the key beside `installs`: must change when `finish` does."""
 
     @property
     def key(self) -> str:
-        """Changes with whatever would make another environment."""
+        """Hash of everything that the environment depends on."""
         pins = [word for install in self.installs for word in install if "==" in word]
         return hashlib.sha256("\n".join([*pins, *filter(None, [self.finishing])]).encode()).hexdigest()[:16]
 
     @property
     def wanted(self) -> str:
-        """The versions in words, the oldest first."""
+        """Supported versions in words, the oldest first."""
         names = [f"{major}.{minor}" for major, minor in sorted(self.pythons)]
         return " or ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
 def python_of(recipe: Recipe, named: str | None = None) -> Path:
-    """The Python of the virtual environment, which is made first where it is missing (about a minute); `named` is the
-    Python to make it from, else one is looked for. Raises `SetupError`."""
+    """Return the Python of the virtual environment, which is created if missing (about a minute).
+
+    `named` is the Python to create it from, by default one is searched for. Raises `SetupError`.
+    """
     parent = cache_dir() / recipe.folder
     ready = sorted(parent.glob(f"{recipe.key}-*/bin/python"))
     if ready and named is None:
         return ready[-1]
     base, version = find_python(recipe, named)
-    home = parent / f"{recipe.key}-{version}"
-    python = home / "bin" / "python"
+    folder = parent / f"{recipe.key}-{version}"
+    python = folder / "bin" / "python"
     if not python.exists():
         print(f"making a virtual environment for {recipe.peer} under Python {version}", flush=True)
-        make_whole(recipe, base, home)
+        create_venv(recipe, base, folder)
     return python
 
 
 def find_python(recipe: Recipe, named: str | None) -> tuple[str, str]:
-    """Path and version of a Python that the peer runs under: the one named, else the first of `pythons` on the path."""
+    """Return path and version of a supported Python: the one named, or the first of `pythons` on the path."""
     candidates = [named] if named else [f"python{major}.{minor}" for major, minor in recipe.pythons]
     for candidate in candidates:
         path = shutil.which(candidate)
@@ -86,10 +88,10 @@ def find_python(recipe: Recipe, named: str | None) -> tuple[str, str]:
     )
 
 
-def make_whole(recipe: Recipe, base: str, home: Path) -> None:
-    """The virtual environment of the Python `base` at `home`: made beside it, then put there in one move."""
-    home.parent.mkdir(parents=True, exist_ok=True)
-    draft = home.with_name(f".{home.name}.{secrets.token_hex(8)}.part")
+def create_venv(recipe: Recipe, base: str, folder: Path) -> None:
+    """Create the virtual environment of the Python `base` beside `folder`, then move it there in one step."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    draft = folder.with_name(f".{folder.name}.{secrets.token_hex(8)}.part")
     python = draft / "bin" / "python"
     pip = [str(python), "-I", "-m", "pip", "install", "--disable-pip-version-check", "--quiet"]
     try:
@@ -97,18 +99,18 @@ def make_whole(recipe: Recipe, base: str, home: Path) -> None:
         for install in recipe.installs:
             call([*pip, *install])
         recipe.finish(python)
-        os.replace(draft, home)
+        os.replace(draft, folder)
     finally:
         shutil.rmtree(draft, ignore_errors=True)
 
 
 def call(command: Sequence[str]) -> None:
-    """Run it; raises `SetupError` with the end of what it printed if it fails."""
+    """Run a command; raises `SetupError` with the end of its output if it fails."""
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise SetupError(f"{' '.join(command[1:4])} failed:\n{last_lines(done.stdout + done.stderr)}")
 
 
 def last_lines(text: str, count: int = 8) -> str:
-    """The end of what a process printed."""
+    """Return the last lines of a text."""
     return "\n".join(text.strip().splitlines()[-count:])

@@ -1,4 +1,4 @@
-"""How many registers does each kernel need on a Hopper GPU, and does any spill? Compiled without having one.
+"""Registers and spills of each kernel on a Hopper GPU, compiled without having one.
 
     python benchmarks/registers.py
 
@@ -54,7 +54,7 @@ SCENE = types.NamedTuple([TABLES.get(name, LINE) for name in Scene._fields], Sce
 
 
 class Variant(NamedTuple):
-    """A kernel with the types of its arguments, how many threads a block has, and its arithmetic."""
+    """A kernel with the types of its arguments, the threads of a block, and its arithmetic."""
 
     function: Callable
     arguments: tuple[Any, ...]
@@ -63,7 +63,7 @@ class Variant(NamedTuple):
 
 
 def rule_types() -> tuple[Any, ...]:
-    """Types of the arguments of the rules' kernel, as an environment of tensors gives them."""
+    """Return the argument types of the rules' kernel, as `TensorRiverEnv` passes them."""
     config = EnvConfig()
     courses = pack([load_or_build("Easy", 0)], config)
     ints, bytes_ = np.zeros(1, np.int64), np.zeros(1, np.uint8)
@@ -73,10 +73,10 @@ def rule_types() -> tuple[Any, ...]:
 
 
 def variants() -> dict[str, Variant]:
-    """Every kernel of a frame, in every form that `Painter` asks for, and that of the rules."""
+    """Return every kernel of a frame, in every form that the renderer uses, and that of the rules."""
     trace = (SCENE, WORLDS, LINE, PLANE, PLANE, ORDER, PLANE, BOXES, COUNTS, PLANES)
     add = (SCENE, WORLDS, PLANE, PLANE, PLANES, FOUR, LINE)
-    found = {
+    kernels = {
         "place_cameras": Variant(
             visible.place_cameras, (DOUBLE[:, ::1], DOUBLE[::1], PLANE, CAMERA, PLANE, LINE, UINT[::1]), visible.THREADS
         ),
@@ -88,26 +88,26 @@ def variants() -> dict[str, Variant]:
         quality = "fast" if fast else "full"
         for coloured in (True, False):
             name = f"trace, {quality}" + ("" if coloured else ", no colours")
-            found[name] = Variant(pixel.tracer(fast, coloured), trace, pixel.THREADS)
-        found[f"add_up, {quality}"] = Variant(develop.adder(fast), add, develop.THREADS)
-    found["develop"] = Variant(
+            kernels[name] = Variant(pixel.tracer(fast, coloured), trace, pixel.THREADS)
+        kernels[f"add_up, {quality}"] = Variant(develop.adder(fast), add, develop.THREADS)
+    kernels["develop"] = Variant(
         develop.develop,
         (SPACE, SPACE, SPACE, KINDS, SPACE, PLANE, UINT[::1], LINE, UINT[::1], UINT[:, :, ::1]),
         develop.THREADS,
     )
-    found["advance"] = Variant(rules.advance, rule_types(), rules.THREADS, fastmath=False)
-    found["layers"] = Variant(develop.layers, (SPACE, KINDS, SPACE, SPACE, SPACE, KINDS, KINDS), develop.THREADS)
-    return found
+    kernels["advance"] = Variant(rules.advance, rule_types(), rules.THREADS, fastmath=False)
+    kernels["layers"] = Variant(develop.layers, (SPACE, KINDS, SPACE, SPACE, SPACE, KINDS, KINDS), develop.THREADS)
+    return kernels
 
 
 class Hopper:
-    """What functions called from a kernel ask the device for, where there is none."""
+    """The properties of a device that the compiler queries, in place of a real one."""
 
     compute_capability = CAPABILITY
 
 
 def ptx_of(variant: Variant) -> str:
-    """A kernel in the language of GPUs."""
+    """Return the PTX code of a kernel."""
     with mock.patch.object(dispatcher, "get_current_device", Hopper):
         ptx, _ = cuda.compile_ptx(
             variant.function, types.void(*variant.arguments), cc=CAPABILITY, fastmath=variant.fastmath
@@ -115,20 +115,20 @@ def ptx_of(variant: Variant) -> str:
     return ptx
 
 
-def measured(ptx: str) -> dict[str, int]:
-    """Registers of a thread, bytes of its stack and of what it spilled, and shared bytes of a block, as NVIDIA's
-    assembler says."""
-    assembler = next(Path(place) for base in nvidia.__path__ for place in Path(base).glob("*/bin/ptxas"))
+def resource_usage(ptx: str) -> dict[str, int]:
+    """Return the registers of a thread, the bytes of its stack and spills, and the shared bytes of a block, as reported
+    by NVIDIA's assembler."""
+    assembler = next(Path(path) for base in nvidia.__path__ for path in Path(base).glob("*/bin/ptxas"))
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "kernel.ptx"
         source.write_text(ptx)
         command = [assembler, "-v", "-arch=sm_90", "-o", Path(folder) / "kernel.cubin", source]
-        said = subprocess.run(command, capture_output=True, text=True, check=True).stderr
+        report = subprocess.run(command, capture_output=True, text=True, check=True).stderr
     stack, stored, loaded = map(
-        int, re.findall(r"(\d+) bytes stack frame, (\d+) bytes spill stores, (\d+) bytes spill loads", said)[-1]
+        int, re.findall(r"(\d+) bytes stack frame, (\d+) bytes spill stores, (\d+) bytes spill loads", report)[-1]
     )
-    registers = int(re.findall(r"Used (\d+) registers", said)[-1])
-    shared = re.findall(r"(\d+) bytes smem", said)
+    registers = int(re.findall(r"Used (\d+) registers", report)[-1])
+    shared = re.findall(r"(\d+) bytes smem", report)
     return {
         "registers": registers,
         "stack_bytes": stack,
@@ -138,7 +138,7 @@ def measured(ptx: str) -> dict[str, int]:
 
 
 def occupancy(registers: int, threads: int) -> float:
-    """Share of a multiprocessor's threads that its registers let be at work at once, whole blocks only."""
+    """Return the share of a multiprocessor's threads that can run at once given its registers, in whole blocks."""
     each = -(-registers // STEP) * STEP * WARP
     blocks = REGISTERS // (each * (threads // WARP))
     return min(blocks * threads, THREADS) / THREADS
@@ -149,7 +149,7 @@ def main() -> int:
         rows = csv.writer(text, lineterminator="\n")
         rows.writerow(COLUMNS)
         for name, variant in variants().items():
-            found = measured(ptx_of(variant))
+            found = resource_usage(ptx_of(variant))
             share = occupancy(found["registers"], variant.threads)
             rows.writerow([name, *found.values(), variant.threads, f"{share:.2f}"])
             print(name, found, f"occupancy {share:.0%}", flush=True)

@@ -1,7 +1,8 @@
 """Write what was measured here into the pages, between comments that name the section, so that no figure is typed.
 
-`peer.json` into the README, `speed.json` into the page on speed, `stages.json`, `twin.csv` and `scaling.csv` into the
-page on the frame, results of the study into the page on what it shows. What has not been measured is marked as such.
+`peer.json` goes into the README, `speed.json` into the page on speed, `stages.json`, `reference_accuracy.csv` and
+`scaling.csv` into the page on rendering, and the results of the study into the page of findings. What has not been
+measured is marked as such.
 """
 
 import argparse
@@ -83,7 +84,7 @@ def frame_stages() -> str:
 
 def reference_accuracy() -> str:
     """Return how close the kernel's frames are to the reference renderer's."""
-    rows = read_csv(HERE / "twin.csv", ("psnr_db", "mask", "class"))
+    rows = read_csv(HERE / "reference_accuracy.csv", ("psnr_db", "mask", "class"))
     decibels, masks, kinds = ([float(row[name]) for row in rows] for name in ("psnr_db", "mask", "class"))
     return wrap(
         f"Over {len(rows)} poses at {rows[0]['pixels']} x {rows[0]['pixels']}, one sample a pixel against"
@@ -113,7 +114,7 @@ SECTIONS: dict[tuple[Path, str], tuple[str, Callable[[], str]]] = {
     (ROOT / "README.md", "comparison"): ("peer.json", comparison),
     (ROOT / "docs" / "speed.md", "speed"): ("speed.json", speed),
     (ROOT / "docs" / "render.md", "stages"): ("stages.json", frame_stages),
-    (ROOT / "docs" / "render.md", "twin"): ("twin.csv", reference_accuracy),
+    (ROOT / "docs" / "render.md", "reference"): ("reference_accuracy.csv", reference_accuracy),
     (ROOT / "docs" / "render.md", "scaling"): ("scaling.csv", scaling),
     (FOUND, "study"): ("paper/runs.csv", findings.returns_and_costs),
     (FOUND, "keeping"): ("paper/runs.csv", findings.limits),

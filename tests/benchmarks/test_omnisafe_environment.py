@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.omnisafe import environment
-from benchmarks.peer_venv import SetupError, make_whole
+from benchmarks.peer_venv import SetupError, create_venv
 
 SOURCE = '''from dataclasses import dataclass
 import numpy as np
@@ -79,7 +79,7 @@ def test_an_omnisafe_that_cannot_be_imported_leaves_nothing(tmp_path: Path, monk
     monkeypatch.setattr(environment, "DEFAULTS", 0)
     recipe = environment.Recipe("OmniSafe", ((3, 11),), (), environment.finish)
     with pytest.raises(SetupError, match="No module named 'omnisafe'"):
-        make_whole(recipe, sys.executable, tmp_path / "made")
+        create_venv(recipe, sys.executable, tmp_path / "made")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -151,7 +151,7 @@ def test_a_virtual_environment_that_fails_says_why_and_leaves_nothing(peer_venv:
     base = fake_python(tmp_path / "python", 'mkdir -p "$3"; echo "No module named venv" >&2; exit 1')
     home = tmp_path / "cache" / "made"
     with pytest.raises(peer_venv.SetupError, match=r"-m venv .* failed:\nNo module named venv"):
-        peer_venv.make_whole(recipe, str(base), home)
+        peer_venv.create_venv(recipe, str(base), home)
     assert list(home.parent.iterdir()) == []
 
 

@@ -1,14 +1,15 @@
-"""How near is the kernel, at one sample a pixel, to the definition at 64? Over 20 poses in three rivers, at full size.
+"""Accuracy of the renderer at one sample per pixel against the reference renderer at 64, over 20 poses in three rivers.
 
-    python benchmarks/twin.py
+    python benchmarks/reference_accuracy.py
 
-writes twin.csv, a row per pose, and twin.png, three of them, beside itself, and fails where the figures miss what is
-asked for. The definition is `thalweg/render/reference/frame.py`; each of its frames takes about half a minute, two are
-drawn at a time. A row is written when its pose is finished, so that a killed run goes on where it stopped. Rows of
-another version of worlds or frames (`thalweg/core/versions.py`) are dropped and drawn again.
+writes reference_accuracy.csv, a row per pose, and reference_accuracy.png, which shows three of them, beside itself. It
+fails if the accuracy is below the required one. The reference is `thalweg/render/reference/frame.py`; each of its
+frames takes about half a minute, and two are drawn in parallel. A row is written when its pose is finished, so that an
+interrupted run resumes where it stopped. Rows of another version of worlds or frames (`thalweg/core/versions.py`) are
+dropped and drawn again.
 
 Colours are compared by the peak signal-to-noise ratio, 10 log10(255² / mean squared difference of the codes); masks and
-classes by the share of pixels where the ray through the centre meets the same thing.
+classes by the share of pixels whose central ray hits the same thing.
 """
 
 import argparse
@@ -31,27 +32,28 @@ from thalweg.core.atomic_io import atomic_path
 from thalweg.core.cache import cache_dir
 from thalweg.env import sample_starts
 from thalweg.render import Camera, Frame, Renderer
-from thalweg.render.reference import frame as twin
+from thalweg.render.reference import frame as reference
 from thalweg.world import World, load_or_build
 
 HERE = Path(__file__).resolve().parent
 LEVELS = ("Easy", "Medium", "Hard")
 POSES, SEED = 20, 64
-"""Starts as episodes have them, one level after another, from this seed."""
+"""Number of poses, starts of episodes on the levels in turn, and the seed that they are drawn with."""
 CAMERA, SAMPLES = Camera(128, 128), 8
-"""Samples x samples rays a pixel."""
+"""The camera, and the reference's samples x samples rays per pixel."""
 SHOWN = len(LEVELS)
-"""So many poses, the first of each level, are in the picture."""
+"""Number of poses in the picture, the first of each level."""
 LEAST_DB, AIM_DB = 22.0, 26.0
+"""Required and desired mean of the signal-to-noise ratio."""
 LEAST_MASK = 0.995
-"""Mean share of a frame's pixels that agree."""
+"""Required mean share of a frame's mask pixels that agree."""
 AMPLIFIED = 4
-"""Differences are shown so many times as large."""
+"""Factor by which differences are amplified in the picture."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A pose to draw twice."""
+    """A pose that both renderers draw."""
 
     number: int
     level: str
@@ -72,73 +74,74 @@ class Case:
         return {key: str(value) for key, value in (given | drawn_by).items()}
 
     @property
-    def kept(self) -> Path:
-        """Where the definition's frame is kept for the picture."""
-        return cache_dir() / "twin" / f"{versions.WORLD}-{versions.RENDER}-{self.number}.npy"
+    def cached_frame(self) -> Path:
+        """Path of the reference frame that is kept for the picture."""
+        return cache_dir() / "reference" / f"{versions.WORLD}-{versions.RENDER}-{self.number}.npy"
 
 
 @cache
 def river(level: str) -> World:
+    """Return the river of a level."""
     return load_or_build(level)
 
 
 def cases() -> list[Case]:
-    """All poses, to the millimetre and the milliradian."""
+    """Return all poses, rounded to the millimetre and the milliradian."""
     starts = {level: sample_starts(river(level), -(-POSES // len(LEVELS)), SEED) for level in LEVELS}
-    found = []
+    planned = []
     for number in range(POSES):
         level = LEVELS[number % len(LEVELS)]
         x, y, z, yaw = starts[level][number // len(LEVELS)].round(3).tolist()
-        found.append(Case(number, level, (x, y, z, yaw), 1.5 * number))
-    return found
+        planned.append(Case(number, level, (x, y, z, yaw), 1.5 * number))
+    return planned
 
 
-def define(case: Case) -> tuple[twin.TwinFrame, float]:
-    """The frame by the definition, and the seconds it took."""
-    world, begun = river(case.level), time.perf_counter()
-    truth = twin.draw(world, np.array(case.pose), CAMERA, samples=SAMPLES, time_s=case.time_s)
-    return truth, time.perf_counter() - begun
+def draw_reference(case: Case) -> tuple[reference.TwinFrame, float]:
+    """Return the frame of the reference renderer, and the seconds it took."""
+    world, start = river(case.level), time.perf_counter()
+    truth = reference.draw(world, np.array(case.pose), CAMERA, samples=SAMPLES, time_s=case.time_s)
+    return truth, time.perf_counter() - start
 
 
 def draw(planned: list[Case]) -> Frame:
-    """Frames [20] by the kernel."""
+    """Return the frames [20] of the renderer."""
     renderer = Renderer([river(level) for level in LEVELS], CAMERA)
     levels = [LEVELS.index(case.level) for case in planned]
     return renderer.render_layers([case.pose for case in planned], levels, [case.time_s for case in planned])
 
 
-def compare(case: Case, ours: Frame, truth: twin.TwinFrame, seconds: float) -> dict[str, str]:
-    """The row of a case, from the kernel's frames [20] and the definition's one."""
-    place = case.number
-    squared = np.mean((ours.rgb[place].astype(float) - truth.rgb) ** 2)
+def compare(case: Case, ours: Frame, truth: reference.TwinFrame, seconds: float) -> dict[str, str]:
+    """Return the row of a case, from the renderer's frames [20] and the reference's one."""
+    index = case.number
+    squared = np.mean((ours.rgb[index].astype(float) - truth.rgb) ** 2)
     return case.identity | {
         "psnr_db": f"{10 * np.log10(255**2 / squared):.3f}",
-        "mask": f"{np.mean(ours.mask[place] == truth.mask):.6f}",
-        "class": f"{np.mean(ours.class_id[place] == truth.class_id):.6f}",
+        "mask": f"{np.mean(ours.mask[index] == truth.mask):.6f}",
+        "class": f"{np.mean(ours.class_id[index] == truth.class_id):.6f}",
         "seconds": f"{seconds:.1f}",
     }
 
 
 def finished(path: Path, planned: list[Case]) -> dict[int, dict[str, str]]:
-    """The rows that count, by their number."""
+    """Return the finished rows of the current versions, by number."""
     if not path.is_file():
         return {}
     with path.open(newline="") as file:
         rows = {row.get("number"): row for row in csv.DictReader(file)}
-    counted = {}
+    valid = {}
     for case in planned:
         row = rows.get(str(case.number), {})
-        if case.identity.items() <= row.items() and (case.number >= SHOWN or case.kept.is_file()):
-            counted[case.number] = row
+        if case.identity.items() <= row.items() and (case.number >= SHOWN or case.cached_frame.is_file()):
+            valid[case.number] = row
     print(
-        f"{len(counted)} of {POSES} poses are finished; {len(rows) - len(counted)} rows are of another picture",
+        f"{len(valid)} of {POSES} poses are finished; {len(rows) - len(valid)} rows are of other versions",
         flush=True,
     )
-    return counted
+    return valid
 
 
 def write(path: Path, rows: dict[int, dict[str, str]]) -> None:
-    """The table, in the order of the numbers."""
+    """Write the table in the order of the numbers."""
     ordered = [rows[number] for number in sorted(rows)]
     with atomic_path(path) as draft, draft.open("w", newline="") as file:
         writer = csv.DictWriter(file, ordered[0])
@@ -147,26 +150,26 @@ def write(path: Path, rows: dict[int, dict[str, str]]) -> None:
 
 
 def show(path: Path, planned: list[Case], ours: Frame, rows: dict[int, dict[str, str]]) -> None:
-    """The picture: a strip for each of the first poses, as far as they are finished."""
+    """Draw a strip for each of the first poses, as far as they are finished."""
     strips = []
     for case in planned[:SHOWN]:
         if case.number not in rows:
             continue
-        frame, truth = ours.rgb[case.number], np.load(case.kept)
-        apart = np.minimum(AMPLIFIED * np.abs(frame.astype(int) - truth), 255).astype(np.uint8)
+        frame, truth = ours.rgb[case.number], np.load(case.cached_frame)
+        difference = np.minimum(AMPLIFIED * np.abs(frame.astype(int) - truth), 255).astype(np.uint8)
         row = rows[case.number]
-        title = f"{case.level}: kernel, definition, {AMPLIFIED} x difference; {row['psnr_db']} dB"
-        strips.append(strip(title, np.stack([frame, truth, apart]).repeat(2, axis=1).repeat(2, axis=2)))
+        title = f"{case.level}: renderer, reference, {AMPLIFIED} x difference; {row['psnr_db']} dB"
+        strips.append(strip(title, np.stack([frame, truth, difference]).repeat(2, axis=1).repeat(2, axis=2)))
     width, height = strips[0].size
     picture = Image.new("RGB", (width, height * len(strips)), "white")
-    for place, image in enumerate(strips):
-        picture.paste(image, (0, place * height))
+    for index, image in enumerate(strips):
+        picture.paste(image, (0, index * height))
     with atomic_path(path) as draft:
         picture.save(draft, optimize=True)
 
 
 def verdict(rows: dict[int, dict[str, str]]) -> str | None:
-    """Prints the figures; returns what is wrong with them."""
+    """Print the figures; return an error message if they are below the required ones."""
     decibels = [float(row["psnr_db"]) for row in rows.values()]
     masks, kinds = ([float(row[name]) for row in rows.values()] for name in ("mask", "class"))
     mean, mask = statistics.mean(decibels), statistics.mean(masks)
@@ -174,34 +177,38 @@ def verdict(rows: dict[int, dict[str, str]]) -> str | None:
         f"{len(rows)} poses: {mean:.2f} dB (least {min(decibels):.2f}, aim {AIM_DB:.0f}, must {LEAST_DB:.0f}); masks"
         f" agree on {mask:.3%} (least {min(masks):.3%}, must {LEAST_MASK:.1%}), classes on {statistics.mean(kinds):.2%}"
     )
-    return None if mean >= LEAST_DB and mask >= LEAST_MASK else "kernel and definition are further apart than allowed"
+    return None if mean >= LEAST_DB and mask >= LEAST_MASK else "renderer and reference differ more than allowed"
 
 
 def main() -> str | None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--poses", type=int, default=POSES, help="draw only the first so many now")
-    parser.add_argument("--processes", type=int, default=2, help="frames drawn at a time")
-    parser.add_argument("--out", type=Path, default=HERE, help="folder for twin.csv and twin.png")
+    parser.add_argument("--poses", type=int, default=POSES, help="number of poses to draw now, from the first")
+    parser.add_argument("--processes", type=int, default=2, help="number of frames drawn in parallel")
+    parser.add_argument(
+        "--out", type=Path, default=HERE, help="folder for reference_accuracy.csv and reference_accuracy.png"
+    )
     chosen = parser.parse_args()
     if not 1 <= chosen.poses <= POSES or chosen.processes < 1:
         parser.error(f"--poses must be 1 to {POSES}, --processes at least 1")
     planned = cases()
     ours = draw(planned)
-    rows = finished(chosen.out / "twin.csv", planned)
-    # Spawned, since threads of the kernel's run here; the kernel's frames are drawn, for the workers need no kernel.
+    rows = finished(chosen.out / "reference_accuracy.csv", planned)
+    # Spawned, not forked, since threads of the renderer run here.
     with ProcessPoolExecutor(chosen.processes, multiprocessing.get_context("spawn")) as pool:
-        waiting = {pool.submit(define, case): case for case in planned[: chosen.poses] if case.number not in rows}
+        waiting = {
+            pool.submit(draw_reference, case): case for case in planned[: chosen.poses] if case.number not in rows
+        }
         for done in as_completed(waiting):
             case, (truth, seconds) = waiting[done], done.result()
             if case.number < SHOWN:
-                with atomic_path(case.kept) as draft:
+                with atomic_path(case.cached_frame) as draft:
                     np.save(draft, truth.rgb)
             rows[case.number] = compare(case, ours, truth, seconds)
-            write(chosen.out / "twin.csv", rows)
+            write(chosen.out / "reference_accuracy.csv", rows)
             print(
                 case.number, case.level, *(f"{key} {rows[case.number][key]}" for key in ("psnr_db", "mask", "seconds"))
             )
-    show(chosen.out / "twin.png", planned, ours, rows)
+    show(chosen.out / "reference_accuracy.png", planned, ours, rows)
     return verdict(rows)
 
 

@@ -128,8 +128,8 @@ def conditions() -> str:
     """Return the mean return of each policy under some conditions, on the training level and on real rivers."""
     results = _results(STUDY)
     level = train_level(results)
-    every = {"": results.episodes, **results.beyond}
-    real = group_episodes(results.beyond.get(REAL, []))
+    every = {"": results.episodes, **results.condition_episodes}
+    real = group_episodes(results.condition_episodes.get(REAL, []))
     rivers = list(dict.fromkeys(river for _, river in real))
     seen = {condition["name"] for condition in results.suite.get("conditions", []) if not condition["blind"]}
     rows = []

@@ -36,7 +36,7 @@ def ways() -> Results:
 
 
 def flown(results: Results, policy: str, condition: str = "", level: str = "Medium") -> list[Episode]:
-    episodes = results.beyond[condition] if condition else results.episodes
+    episodes = results.condition_episodes[condition] if condition else results.episodes
     return group_episodes(episodes)[policy, level]
 
 

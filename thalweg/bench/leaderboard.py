@@ -91,7 +91,7 @@ def entries(folder: Path) -> list[Entry]:
         raise ResultsError(
             f"{folder}: {next((line for line in results.skipped if 'suite.json' in line), 'no suite.json')}"
         )
-    evaluated, unseen = (_counted(rows) for rows in (results.episodes, results.beyond.get(UNSEEN.name, [])))
+    evaluated, unseen = (_counted(rows) for rows in (results.episodes, results.condition_episodes.get(UNSEEN.name, [])))
     found = []
     for arm in arms_of(results.suite):
         name = arm["name"]

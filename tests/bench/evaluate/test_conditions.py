@@ -108,8 +108,8 @@ def test_results_of_conditions_have_folders_of_their_own(tmp_path: Path):
     assert path == tmp_path / "evaluation" / "mode" / "PPO-1-Easy.csv" and path.exists()
     results = read_results(tmp_path)
     assert {row.level for row in results.episodes} == {"Easy", "Medium", "Hard"}
-    assert {row.algorithm for row in results.beyond["mode"]} == {"PPO", "FOCOPS"}
-    assert {(row.algorithm, row.level) for row in results.beyond["real"]} == {
+    assert {row.algorithm for row in results.condition_episodes["mode"]} == {"PPO", "FOCOPS"}
+    assert {(row.algorithm, row.level) for row in results.condition_episodes["real"]} == {
         ("hover", "Cam"), ("PPO", "Cam"), ("FOCOPS", "Cam"),
     }  # fmt: skip
     assert problems(results) == []

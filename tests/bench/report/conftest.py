@@ -19,5 +19,5 @@ def results() -> Results:
     runs.insert(0, RunRow("hover-0", "baseline", "hover", 0, 0, "finished"))
     runs.append(RunRow("P3O-0", "train", "P3O", 0, 10, "failed", "no"))
     logs = [TrainingLog("PPO", 0, np.arange(10), np.zeros(10), np.full(10, 0.5), np.zeros(10), 1000)]
-    beyond = {"mode": flights("PPO", 3, 4.5, 0.0), "real": flights("FOCOPS", 3, 1.0, 0.0, "Cam")}
-    return Results(Path(), SUITE.as_data(), runs, episodes, logs, [], beyond=beyond)
+    by_condition = {"mode": flights("PPO", 3, 4.5, 0.0), "real": flights("FOCOPS", 3, 1.0, 0.0, "Cam")}
+    return Results(Path(), SUITE.as_data(), runs, episodes, logs, [], condition_episodes=by_condition)

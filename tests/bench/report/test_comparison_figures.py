@@ -29,7 +29,7 @@ def test_the_grid_has_a_number_for_each_policy_and_condition(results: Results):
     assert [label.get_text() for label in axis.get_xticklabels()] == ["main", "mode", "real"]
     said = {(int(text.get_position()[0]), int(text.get_position()[1])): text.get_text() for text in axis.texts}
     assert said == {(0, 0): "1.0", (0, 1): "6.0", (1, 1): "6.5", (0, 2): "7.5", (2, 2): "3.0"}
-    assert condition_grid(replace(results, beyond={})) is None
+    assert condition_grid(replace(results, condition_episodes={})) is None
 
 
 def test_a_map_marks_where_flights_failed(results: Results):

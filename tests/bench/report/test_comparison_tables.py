@@ -64,7 +64,7 @@ def test_conditions_show_the_change_of_return_from_the_same_starts(results: Resu
 
 
 def test_a_policy_with_episodes_under_a_condition_only_has_a_row(results: Results):
-    stray = replace(results, beyond={"mode": flights("Stray", 1, 4.5, 0.0)})
+    stray = replace(results, condition_episodes={"mode": flights("Stray", 1, 4.5, 0.0)})
     assert stray.policies[-1] == "Stray"
     assert condition_table(stray).text.iloc[:, :4].to_numpy().tolist() == [["Stray", "mode", "Medium", "1"]]
 
@@ -85,8 +85,8 @@ def test_a_change_is_over_the_seeds_that_flew_under_both_conditions(results: Res
 
 def test_missing_seeds_are_shown(results: Results):
     free = [row for row in results.episodes if (row.algorithm, row.seed) != ("PPO", 2)]
-    beyond = {"mode": [row for row in results.beyond["mode"] if row.seed != 1]}
-    fewer = replace(results, episodes=free, beyond=beyond)
+    by_condition = {"mode": [row for row in results.condition_episodes["mode"] if row.seed != 1]}
+    fewer = replace(results, episodes=free, condition_episodes=by_condition)
     assert limit_table(fewer).text.iloc[0, :2].tolist() == ["PPO", "2 of 3"]
     assert rows_of(pairwise_table(fewer))[0]["seeds"] == "2 of 3 and 3"
     assert rows_of(condition_table(fewer))[0]["seeds"] == "2 of 3"

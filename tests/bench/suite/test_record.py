@@ -81,7 +81,7 @@ def test_without_a_record_flights_under_conditions_are_named_together(tiny_resul
         )
     (tiny_results / "suite.json").write_text("{")
     found = read_results(tiny_results)
-    assert found.episodes and not found.beyond
+    assert found.episodes and not found.condition_episodes
     unreadable, unknown = found.skipped
     assert unreadable.startswith("suite.json cannot be read: ")
     assert unknown == "evaluation: flights under haze, unseen, for without suite.json no condition is known"

@@ -54,7 +54,7 @@ def condition_grid(results: Results) -> Figure | None:
     """
     level = train_level(results)
     conditions = {"main": summaries(results.episodes)}
-    conditions |= {name: summaries(rows) for name, rows in results.beyond.items()}
+    conditions |= {name: summaries(rows) for name, rows in results.condition_episodes.items()}
     if len(conditions) == 1:
         return None
     flown = {policy for cells in conditions.values() for policy, _ in cells}

@@ -84,7 +84,7 @@ def condition_table(results: Results) -> Table:
     main = group_episodes(results.episodes)
     columns = ("policy", "condition", "level", "seeds", "return", "cost", "success", "return, change")
     rows: list[list[Cell]] = []
-    for name, condition_episodes in results.beyond.items():
+    for name, condition_episodes in results.condition_episodes.items():
         for (algorithm, level), episodes in group_episodes(condition_episodes).items():
             rows.append(
                 [

@@ -55,8 +55,8 @@ def read_results(folder: Path) -> Results:
     if not episodes:
         reasons = "".join(f"\n  {line}" for line in reader.skipped)
         raise ResultsError(f"{folder} holds no evaluated episodes{reasons}")
-    beyond = {name: rows for name, rows in others.items() if rows}
-    found = Results(folder, suite, runs, episodes, training, reader.skipped, beyond=beyond)
+    by_condition = {name: rows for name, rows in others.items() if rows}
+    found = Results(folder, suite, runs, episodes, training, reader.skipped, condition_episodes=by_condition)
     _put_in_order(found)
     return replace(found, films=reader.films(found.policies))
 
@@ -79,7 +79,7 @@ def _put_in_order(found: Results) -> None:
     def place(row: Episode) -> tuple[int, int]:
         return by_run.get(f"{row.algorithm}-{row.seed}", len(by_run)), by_level.get(row.level, len(by_level))
 
-    for rows in (found.episodes, *found.beyond.values()):
+    for rows in (found.episodes, *found.condition_episodes.values()):
         rows.sort(key=place)
 
 

@@ -91,7 +91,7 @@ class Results:
     """One line for each file that was not used: its name and why."""
     films: dict[str, Film] = field(default_factory=dict)
     """By name: `MAIN_FILM`, then two for each policy, as far as they were made or failed."""
-    beyond: dict[str, list[Episode]] = field(default_factory=dict)
+    condition_episodes: dict[str, list[Episode]] = field(default_factory=dict)
     """Episodes under each condition other than the main one, in the order of the suite."""
 
     @property
@@ -103,7 +103,7 @@ class Results:
     def policies(self) -> list[str]:
         """Every algorithm, flown or not: in the order of the runs, then those of the suite that have not begun."""
         begun = (row.algorithm for row in self.runs)
-        flown = (row.algorithm for rows in (self.episodes, *self.beyond.values()) for row in rows)
+        flown = (row.algorithm for rows in (self.episodes, *self.condition_episodes.values()) for row in rows)
         return list(dict.fromkeys([*begun, *(arm["name"] for arm in arms_of(self.suite)), *flown]))
 
     @property
@@ -127,7 +127,7 @@ class Results:
     @property
     def flights(self) -> set[tuple[str, str, int, str]]:
         """Condition, policy, seed and level of each evaluation that there is."""
-        every = {"": self.episodes, **self.beyond}
+        every = {"": self.episodes, **self.condition_episodes}
         return {(name, row.algorithm, row.seed, row.level) for name, rows in every.items() for row in rows}
 
     def planned_seeds(self, algorithm: str) -> int:

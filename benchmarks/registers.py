@@ -22,9 +22,9 @@ from numba import cuda, types
 from numba.cuda import dispatcher
 
 from thalweg.env.config import EnvConfig
-from thalweg.env.device import gpu_step as rules
-from thalweg.env.device.episode import begins_of
-from thalweg.env.task.course_arrays import pack
+from thalweg.env.device import cuda_step as rules
+from thalweg.env.device.step import reset_arguments
+from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.task.rules import empty_outcome, empty_state
 from thalweg.render.gpu import pixel
 from thalweg.render.gpu import postprocess as develop
@@ -65,11 +65,11 @@ class Variant(NamedTuple):
 def rule_types() -> tuple[Any, ...]:
     """Return the argument types of the rules' kernel, as `TensorRiverEnv` passes them."""
     config = EnvConfig()
-    courses = pack([load_or_build("Easy", 0)], config)
+    courses = pack_courses([load_or_build("Easy", 0)], config)
     ints, bytes_ = np.zeros(1, np.int64), np.zeros(1, np.uint8)
     state, outcome = empty_state(ints, courses), empty_outcome(1)
-    begins = begins_of(config, ints, ints, ints, 1)
-    return tuple(numba.typeof(each) for each in (state.pose, courses, config.limits, begins, state, outcome, bytes_))
+    reset = reset_arguments(config, ints, ints, ints, 1)
+    return tuple(numba.typeof(each) for each in (state.pose, courses, config.limits, reset, state, outcome, bytes_))
 
 
 def variants() -> dict[str, Variant]:

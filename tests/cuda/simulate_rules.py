@@ -8,7 +8,7 @@ import numpy as np
 from tests.cuda import cases, simulated
 from thalweg.core import gpu
 from thalweg.env import torch_env as tensors
-from thalweg.env.device import gpu_step as rules
+from thalweg.env.device import cuda_step as rules
 
 THREADS = 2
 
@@ -16,7 +16,7 @@ THREADS = 2
 def main(path: str) -> None:
     simulated.begin()
     blocks = -(-cases.FLIGHTS // THREADS) + 1  # the last one has nothing to do
-    tensors.advance_rows = lambda *given: gpu.launch(rules.advance, blocks, THREADS, simulated.DEVICE, *given)
+    tensors.advance_all = lambda *given: gpu.launch(rules.advance, blocks, THREADS, simulated.DEVICE, *given)
     np.savez(path, **cases.flown())
 
 

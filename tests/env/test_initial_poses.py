@@ -7,12 +7,12 @@ import pytest
 from tests.env.handmade import canal, ring
 from tests.env.rivers import river
 from thalweg.env import ConfigError, EnvConfig, RiverEnv, RiverVectorEnv, UnsafePoseError, sample_starts
-from thalweg.env.initial_poses import CLOCK_S, check_pose
-from thalweg.env.task.course_arrays import pack
-from thalweg.env.task.termination import on_island
-from thalweg.world.bridges import bridge_across
+from thalweg.env.initial_poses import CLOCK_RANGE_S, check_pose
+from thalweg.env.task.course_arrays import pack_courses
+from thalweg.env.task.termination import island_at
+from thalweg.world.bridges import across
 
-BRIDGE = bridge_across(np.array([20.0, 0.0]), np.array([1.0, 0.0]), 6.0, 0.0, np.random.default_rng(1))[None]
+BRIDGE = across(np.array([20.0, 0.0]), np.array([1.0, 0.0]), 6.0, 0.0, np.random.default_rng(1))[None]
 START_OF_SEED_3 = (18.5228022981009, 11.05646493813216, 12.118479745492754, 2.338381115528124)
 """Of a ring of radius 20 m; known from the first version."""
 
@@ -73,7 +73,7 @@ def test_a_pose_leaves_only_the_clock_to_chance():
     env = RiverVectorEnv(canal(), 1, EnvConfig(observation="none"))
     env.reset(seed=8, options={"pose": [10.0, 0.0, 5.0, 0.0]})
     generator = np.random.default_rng(8)
-    assert env.state.time_s[0] == CLOCK_S * generator.random()
+    assert env.state.time_s[0] == CLOCK_RANGE_S * generator.random()
     assert env.generators[0] is not None
     assert env.generators[0].bit_generator.state == generator.bit_generator.state
 
@@ -107,12 +107,12 @@ def test_each_environment_begins_at_its_own_pose():
 def test_random_starts_are_safe_with_clearance_and_spread_over_everything():
     world = river("Hard", 1)
     config = EnvConfig()
-    courses = pack([world], config)
+    courses = pack_courses([world], config)
     starts = sample_starts(world, 1000, seed=0)
     for pose in starts:
         check_pose(courses, 0, config, pose)
         for angle in np.arange(0.0, 2 * math.pi, math.pi / 4):
-            assert on_island(courses, 0, pose[0] + 0.5 * math.cos(angle), pose[1] + 0.5 * math.sin(angle)) < 0
+            assert island_at(courses, 0, pose[0] + 0.5 * math.cos(angle), pose[1] + 0.5 * math.sin(angle)) < 0
     nearest = np.linalg.norm(starts[:, None, :2] - world.river.position_m[None], axis=2).argmin(axis=1)
     heights = starts[:, 2] - world.river.level_m[nearest]
     tangent = world.river.tangent[nearest]

@@ -10,13 +10,13 @@ from tests.env.task.test_termination import bridge_at
 from tests.render.plain import plane
 from thalweg.env import sample_starts
 from thalweg.env.config import DEFAULT_CONFIG
-from thalweg.env.privileged_state import BEARINGS, bearings
-from thalweg.env.task.course_arrays import pack
+from thalweg.env.privileged_state import PRIVILEGED_NAMES, privileged_state
+from thalweg.env.task.course_arrays import pack_courses
 from thalweg.world import World
 
 
 def one(world: World, *pose: float) -> dict[str, float]:
-    return dict(zip(BEARINGS, bearings(world, np.array([pose]))[0].tolist(), strict=True))
+    return dict(zip(PRIVILEGED_NAMES, privileged_state(world, np.array([pose]))[0].tolist(), strict=True))
 
 
 def test_on_a_straight_river_8_m_wide_they_are_those_worked_by_hand():
@@ -48,16 +48,16 @@ def test_round_a_loop_with_one_bridge_there_and_back_are_the_whole_loop(
     length = medium_world.river.length_m
     starts = sample_starts(one_bridge, 100, 0)
     back = starts + np.array([0.0, 0.0, 0.0, math.pi])
-    assert np.isnan(bearings(one_bridge, starts)[:, 4]).mean() > 0.5  # most are out of sight
-    monkeypatch.setattr("thalweg.env.privileged_state.SIGHT_M", length)
-    ways = np.stack([bearings(one_bridge, poses)[:, 4] for poses in (starts, back)])
+    assert np.isnan(privileged_state(one_bridge, starts)[:, 4]).mean() > 0.5  # most are out of sight
+    monkeypatch.setattr("thalweg.env.privileged_state.BRIDGE_RANGE_M", length)
+    ways = np.stack([privileged_state(one_bridge, poses)[:, 4] for poses in (starts, back)])
     assert ways.sum(0) == pytest.approx(np.full(100, length), abs=0.5)
 
 
 def test_at_every_start_they_agree_with_the_rules(medium_world: World):
     starts = sample_starts(medium_world, 200, 1)
-    left, right, error, height, _ = bearings(medium_world, starts).T
-    widths = pack([medium_world], DEFAULT_CONFIG).width
+    left, right, error, height, _ = privileged_state(medium_world, starts).T
+    widths = pack_courses([medium_world], DEFAULT_CONFIG).width
     assert ((left + right >= widths.min() - 1e-9) & (left + right <= widths.max() + 1e-9)).all()
     assert (np.minimum(left, right) > DEFAULT_CONFIG.start_clearance_m - 0.3).all()
     assert (np.abs(error) <= math.radians(DEFAULT_CONFIG.start_heading_deg) + 1e-6).all()

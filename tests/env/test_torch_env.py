@@ -10,14 +10,14 @@ from gymnasium.vector import AutoresetMode
 import thalweg
 from tests.render.plain import plane
 from thalweg.env import RiverVectorEnv
-from thalweg.env.actions import ActionError
 from thalweg.env.config import ConfigError, EnvConfig
-from thalweg.env.device.episode import mixed, uniform
-from thalweg.env.device.memory import bytes_each, check_room
-from thalweg.env.initial_poses import CLOCK_S, check_pose
+from thalweg.env.device.memory import bytes_per_env, check_memory
+from thalweg.env.device.step import splitmix64, uniform
+from thalweg.env.initial_poses import CLOCK_RANGE_S, check_pose
 from thalweg.env.snapshot import StateError
-from thalweg.env.task.course_arrays import pack
-from thalweg.env.torch_env import TURNS, TensorRiverEnv
+from thalweg.env.spaces import ActionError
+from thalweg.env.task.course_arrays import pack_courses
+from thalweg.env.torch_env import BUFFERS, TensorRiverEnv
 from thalweg.render.records.randomisation import Randomisation
 
 N = 6
@@ -38,8 +38,8 @@ def actions(seed: int, steps: int) -> torch.Tensor:
 
 def test_splitmix_gives_the_numbers_of_its_authors():
     # The first outputs of the reference generator seeded with 0 and with 1234567 (Vigna, splitmix64.c).
-    assert int(mixed(np.uint64(0))) == 0xE220A8397B1DCDAF
-    assert int(mixed(np.uint64(1234567))) == 6457827717110365317
+    assert int(splitmix64(np.uint64(0))) == 0xE220A8397B1DCDAF
+    assert int(splitmix64(np.uint64(1234567))) == 6457827717110365317
 
 
 def test_uniform_numbers_fill_0_to_1_and_differ_by_seed_episode_and_number():
@@ -84,7 +84,7 @@ def test_begins_are_safe_and_depend_on_seed_and_episode_alone():
         check_pose(env._courses, row % 2, env.config, pose)
     assert (info["done_reason"] == -1).all() and (info["progress"] == 0).all()
     clocks = env.get_state()["time_s"]
-    assert (clocks >= 0).all() and clocks.max() < CLOCK_S and len(np.unique(clocks)) == N
+    assert (clocks >= 0).all() and clocks.max() < CLOCK_RANGE_S and len(np.unique(clocks)) == N
     np.testing.assert_array_equal(poses[:2], fewer.reset(seed=5)[0])
     np.testing.assert_array_equal(env.reset(seed=5)[0], poses)
     assert not np.array_equal(env.reset(seed=6)[0][0], poses[0])
@@ -139,7 +139,7 @@ def test_looks_are_drawn_for_each_episode_or_environment_and_shown():
         env.reset(seed=0)
         first = env.get_state()["look"]
         assert len(np.unique(first)) == N
-        env._held["ended"].fill_(1)
+        env._tensors["ended"].fill_(1)
         env.step(torch.ones(N, 4, dtype=torch.int64))
         shown[per] = (env.get_state()["look"] == first).all()
     assert shown == {"episode": False, "environment": True}
@@ -208,8 +208,8 @@ def test_more_environments_than_the_device_has_memory_for_are_refused_before_any
     monkeypatch: pytest.MonkeyPatch,
 ):
     config = EnvConfig()
-    each = bytes_each(pack(worlds(), config), config, TURNS)
-    assert each > TURNS * 4 * 128 * 128  # its frames alone
+    each = bytes_per_env(pack_courses(worlds(), config), config, BUFFERS)
+    assert each > BUFFERS * 4 * 128 * 128  # its frames alone
     monkeypatch.setattr("thalweg.env.torch_env.free_bytes", lambda device: 10 * each)
     TensorRiverEnv(worlds(), 10, config, device="cpu")
     with pytest.raises(ConfigError, match=r"num_envs = 1,000,000,000,000 takes .* are free: at most 10 fit"):
@@ -217,7 +217,7 @@ def test_more_environments_than_the_device_has_memory_for_are_refused_before_any
 
 
 def test_what_all_share_is_counted_once():
-    check_room(5, 100, 50, 550)
+    check_memory(5, 100, 50, 550)
     with pytest.raises(ConfigError, match=r"num_envs = 5 takes .*: at most 4 fit"):
-        check_room(5, 100, 51, 550)
-    check_room(5, 100, 0, None)  # a system that does not tell
+        check_memory(5, 100, 51, 550)
+    check_memory(5, 100, 0, None)  # a system that does not tell

@@ -1,11 +1,11 @@
-"""The rules of the task: motion, progress, reward, cost, endings; a Gymnasium `Env` and `VectorEnv`."""
+"""The river task as a constrained Markov decision process: a Gymnasium `Env` and `VectorEnv`."""
 
-from thalweg.env.actions import ActionError
 from thalweg.env.config import ConfigError, DoneReason, EnvConfig
 from thalweg.env.env import RiverEnv
 from thalweg.env.factory import make_single, make_vector
 from thalweg.env.initial_poses import UnsafePoseError, sample_starts
 from thalweg.env.snapshot import StateError
+from thalweg.env.spaces import ActionError
 from thalweg.env.vector_env import RiverVectorEnv
 
 __all__ = [

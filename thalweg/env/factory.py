@@ -1,4 +1,4 @@
-"""What do the Gymnasium ids make? The environments of a level from keyword arguments; unknown ones list the known."""
+"""Entry points of the Gymnasium ids: the environments of a level, from keyword arguments."""
 
 from collections.abc import Sequence
 from dataclasses import fields
@@ -25,12 +25,12 @@ def make_single(
     config: EnvConfig = DEFAULT_CONFIG,
     **options: Any,
 ) -> RiverEnv:
-    """One environment in a river of the level, its fixed one or that of `world_seed`, or in a `world` of one's own.
+    """Create one environment in a river of the level: its fixed one, that of `world_seed`, or a given `world`.
 
-    Further options are fields of `EnvConfig`.
+    Further options are fields of `EnvConfig`; raises `ConfigError` for an unknown one and lists the known.
     """
     config = _with_options(config, options, ("world", "world_seed", "renderer", "render_mode", "config"))
-    _begin_compiling(config)
+    _start_compilation(config)
     seeds = None if world_seed is None else [whole("world_seed", world_seed, 0)]
     worlds = _worlds(level, None if world is None else [world], seeds)
     return RiverEnv(worlds[0], config, renderer=renderer, render_mode=render_mode)
@@ -48,13 +48,13 @@ def make_vector(
     config: EnvConfig = DEFAULT_CONFIG,
     **options: Any,
 ) -> RiverVectorEnv:
-    """N environments in rivers of the level, its fixed one or those of `world_seeds`, or in `worlds` of one's own.
+    """Create N environments in rivers of the level: its fixed one, those of `world_seeds`, or given `worlds`.
 
-    Further options are fields of `EnvConfig`.
+    Further options are fields of `EnvConfig`; raises `ConfigError` for an unknown one and lists the known.
     """
-    own = ("num_envs", "worlds", "world_seeds", "renderer", "autoreset_mode", "render_mode", "config")
-    config = _with_options(config, options, own)
-    _begin_compiling(config)
+    arguments = ("num_envs", "worlds", "world_seeds", "renderer", "autoreset_mode", "render_mode", "config")
+    config = _with_options(config, options, arguments)
+    _start_compilation(config)
     given = [worlds] if isinstance(worlds, World) else worlds
     return RiverVectorEnv(
         _worlds(level, given, None if world_seeds is None else _seeds(world_seeds)),
@@ -76,14 +76,14 @@ def make_tensors(
     config: EnvConfig = DEFAULT_CONFIG,
     **options: Any,
 ) -> "TensorRiverEnv":
-    """As `make_vector`, of tensors on one device; `thalweg.make_torch` calls it."""
+    """Create N environments of tensors on one device, as `make_vector`; `thalweg.make_torch` calls it."""
     from thalweg.core.device import resolve_device
     from thalweg.env.torch_env import TensorRiverEnv
 
-    own = ("num_envs", "worlds", "world_seeds", "device", "config")
-    config, device = _with_options(config, options, own), resolve_device(device)
+    arguments = ("num_envs", "worlds", "world_seeds", "device", "config")
+    config, device = _with_options(config, options, arguments), resolve_device(device)
     if device == "cpu":
-        _begin_compiling(config)
+        _start_compilation(config)
     given = [worlds] if isinstance(worlds, World) else worlds
     rivers = _worlds(level, given, None if world_seeds is None else _seeds(world_seeds))
     return TensorRiverEnv(rivers, num_envs, config, device=device)
@@ -92,14 +92,14 @@ def make_tensors(
 make_single.metadata = RiverEnv.metadata  # pyright: ignore[reportFunctionMemberAccess]
 
 
-def _with_options(config: EnvConfig, options: dict[str, Any], own: Sequence[str]) -> EnvConfig:
-    """The config with some fields changed; raises `ConfigError` for an unknown option."""
-    refuse_unknown("option", options, [*own, *(field.name for field in fields(config))])
+def _with_options(config: EnvConfig, options: dict[str, Any], arguments: Sequence[str]) -> EnvConfig:
+    """Return the config with some fields changed; raises `ConfigError` for an unknown option."""
+    refuse_unknown("option", options, [*arguments, *(field.name for field in fields(config))])
     return config.with_options(**options)
 
 
-def _begin_compiling(config: EnvConfig) -> None:
-    """Let the frames' kernel be compiled while the worlds are built, on a first start."""
+def _start_compilation(config: EnvConfig) -> None:
+    """Start compiling the kernels of frames, if they are not cached, while the worlds are built."""
     if config.observation != "none":
         from thalweg.render import compilation
 
@@ -107,7 +107,7 @@ def _begin_compiling(config: EnvConfig) -> None:
 
 
 def _worlds(level: str, worlds: Sequence[World] | None, seeds: Sequence[int] | None) -> Sequence[World]:
-    """The given worlds, or those of the level from some checked seeds, or its fixed one."""
+    """Return the given worlds, those of the level with the checked seeds, or its fixed one."""
     if worlds is not None:
         if seeds is not None:
             raise ConfigError("give either worlds or seeds of worlds, not both")
@@ -123,7 +123,7 @@ def _worlds(level: str, worlds: Sequence[World] | None, seeds: Sequence[int] | N
 
 
 def _seeds(given: Sequence[int]) -> list[int]:
-    """Seeds of worlds as whole numbers; raises `ConfigError` for anything else."""
+    """Return seeds of worlds as integers; raises `ConfigError` for anything else."""
     if isinstance(given, str) or not hasattr(given, "__iter__"):
         raise ConfigError(f"world_seeds must be a list of whole numbers, not {given!r}")
     seeds = [whole("each of world_seeds", seed, 0) for seed in given]

@@ -1,74 +1,76 @@
-"""What would a pilot like to know where it is? Distances, heading error and height, from the map.
+"""Privileged state: distances, heading error and height of a pose, known from the map.
 
-No policy sees these: they are what is looked for in the codes of frames.
+Policies do not see these values. Studies probe the codes of frames for them.
 """
 
 import numpy as np
 
 from thalweg.core.jit import kernel
 from thalweg.env.config import DEFAULT_CONFIG, EnvConfig
-from thalweg.env.initial_poses import heading_way, located
-from thalweg.env.task.course_arrays import Courses, pack
-from thalweg.env.task.motion import wrapped
-from thalweg.env.task.progress import between, direction
+from thalweg.env.initial_poses import project_anywhere, travel_direction
+from thalweg.env.task.course_arrays import CourseArrays, pack_courses
+from thalweg.env.task.motion import wrap_angle
+from thalweg.env.task.progress import course_direction, interpolate
 from thalweg.world.record import World
 
-BEARINGS = ("left bank", "right bank", "heading error", "height", "bridge")
-"""Metres to either bank, straight across, in the direction of travel; radians by which the heading is to the left of
-the course in that direction; metres above the water; metres along the course to the middle of the next bridge ahead."""
-SIGHT_M = 60.0
-"""Bridges further ahead than this count as not there: NaN."""
+PRIVILEGED_NAMES = ("left bank", "right bank", "heading error", "height", "bridge")
+"""Metres to the left and right bank, perpendicular to the direction of travel; radians by which the heading points to
+the left of that direction; metres above the water; metres along the course to the middle of the next bridge ahead."""
+BRIDGE_RANGE_M = 60.0
+"""Bridges further ahead than this do not count: the distance is NaN."""
 
 
-def bearings(world: World, poses: np.ndarray, config: EnvConfig = DEFAULT_CONFIG) -> np.ndarray:
-    """What is true at poses [K, 4] in a world: [K, 5] float64, columns as in `BEARINGS`.
+def privileged_state(world: World, poses: np.ndarray, config: EnvConfig = DEFAULT_CONFIG) -> np.ndarray:
+    """Return the privileged state [K, 5] float64 of poses [K, 4] in a world, with the columns `PRIVILEGED_NAMES`.
 
-    The direction of travel is the one along the course that is nearer to the heading.
+    The direction of travel is the direction along the course that is closer to the heading.
     """
-    courses = pack([world], config)
-    found = np.full((len(poses), len(BEARINGS)), np.nan)
-    _fill(courses, np.ascontiguousarray(poses, np.float64), found)
-    found[:, 4] = _to_bridge(courses, poses)
-    return found
+    courses = pack_courses([world], config)
+    values = np.full((len(poses), len(PRIVILEGED_NAMES)), np.nan)
+    _fill_distances(courses, np.ascontiguousarray(poses, np.float64), values)
+    values[:, 4] = _bridge_distances(courses, poses)
+    return values
 
 
 @kernel(fastmath=False)
-def _fill(courses, poses, found):
-    """The first four columns."""
+def _fill_distances(courses, poses, values):
+    """Fill all columns of values [K, 5] but the last, from poses [K, 4]."""
     for row in range(len(poses)):
         x, y, z, yaw = poses[row, 0], poses[row, 1], poses[row, 2], poses[row, 3]
-        segment, fraction, _ = located(courses, 0, x, y)
-        travel = heading_way(courses, 0, segment, fraction, yaw)
-        course = direction(courses, 0, segment, fraction) + (0.0 if travel > 0 else np.pi)
-        dx = x - between(courses, 0, segment, fraction, courses.position[:, 0])
-        dy = y - between(courses, 0, segment, fraction, courses.position[:, 1])
+        projection = project_anywhere(courses, 0, x, y)
+        travel = travel_direction(courses, 0, projection, yaw)
+        course = course_direction(courses, 0, projection) + (0.0 if travel > 0 else np.pi)
+        dx = x - interpolate(courses, 0, projection, courses.position[:, 0])
+        dy = y - interpolate(courses, 0, projection, courses.position[:, 1])
         left = dy * np.cos(course) - dx * np.sin(course)
-        half = 0.5 * between(courses, 0, segment, fraction, courses.width)
-        found[row, 0] = half - left
-        found[row, 1] = half + left
-        found[row, 2] = wrapped(yaw - course)
-        found[row, 3] = z - between(courses, 0, segment, fraction, courses.level)
+        half_width = 0.5 * interpolate(courses, 0, projection, courses.width)
+        values[row, 0] = half_width - left
+        values[row, 1] = half_width + left
+        values[row, 2] = wrap_angle(yaw - course)
+        values[row, 3] = z - interpolate(courses, 0, projection, courses.level)
 
 
-def _to_bridge(courses: Courses, poses: np.ndarray) -> np.ndarray:
-    """[K] metres along the course to the middle of the next bridge ahead; NaN for none within `SIGHT_M`."""
+def _bridge_distances(courses: CourseArrays, poses: np.ndarray) -> np.ndarray:
+    """Return the distances [K] in metres along the course to the middle of the next bridge ahead; NaN if there is none
+    within `BRIDGE_RANGE_M`."""
     middles = 0.5 * (courses.bridge_box[:, :2] + courses.bridge_box[:, 3:5])
-    bridges = np.array([_arc(courses, x, y)[0] for x, y in middles])
-    found = np.full(len(poses), np.nan)
+    bridges = np.array([_arc_length(courses, x, y)[0] for x, y in middles])
+    distances = np.full(len(poses), np.nan)
     for row, (x, y, _, yaw) in enumerate(poses):
-        arc, travel = _arc(courses, x, y, yaw)
+        arc, travel = _arc_length(courses, x, y, yaw)
         ahead = travel * (bridges - arc)
         if courses.closed[0]:
             ahead = ahead % courses.length[0]
-        near = ahead[(ahead >= 0) & (ahead <= SIGHT_M)]
+        near = ahead[(ahead >= 0) & (ahead <= BRIDGE_RANGE_M)]
         if len(near):
-            found[row] = near.min()
-    return found
+            distances[row] = near.min()
+    return distances
 
 
-def _arc(courses: Courses, x: float, y: float, yaw: float = 0.0) -> tuple[float, int]:
-    """Metres of course to the place nearest to x, y, and the direction of travel there."""
-    segment, fraction, _ = located(courses, 0, x, y)
+def _arc_length(courses: CourseArrays, x: float, y: float, yaw: float = 0.0) -> tuple[float, int]:
+    """Return the arc length (metres) of the projection of x, y, and the direction of travel there."""
+    projection = project_anywhere(courses, 0, x, y)
     ends = np.append(courses.arc, courses.length[0])
-    arc = ends[segment] + fraction * (ends[segment + 1] - ends[segment])
-    return float(arc), int(heading_way(courses, 0, segment, fraction, yaw))
+    segment = projection.segment
+    arc = ends[segment] + projection.fraction * (ends[segment + 1] - ends[segment])
+    return float(arc), int(travel_direction(courses, 0, projection, yaw))

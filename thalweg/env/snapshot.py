@@ -1,59 +1,72 @@
-"""How is a run interrupted and resumed? The whole state of a vector environment as plain arrays, and back, to the
-bit."""
+"""Snapshots: the whole state of a vector environment as plain arrays, copied, checked and restored to the bit."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from thalweg.env.config import EnvConfig
+from thalweg.env.task.course_arrays import config_fingerprint, fingerprint
 from thalweg.env.task.rules import State
 from thalweg.render.records.appearance import check_values
+from thalweg.world.record import World
 
-FIXED = {"fingerprint": "other worlds", "world": "other worlds", "config": "another config"}
-"""Keys whose values must be those of the environment itself, and what it means when they differ."""
-WORD = (1 << 64) - 1
+FIXED_KEYS = {"fingerprint": "other worlds", "world": "other worlds", "config": "another config"}
+"""Keys whose values must equal those of the environment, and the meaning of a difference."""
+MASK_64 = (1 << 64) - 1
 
 
 class StateError(ValueError):
     """A state that does not fit the environment: other worlds, another config or number of environments, missing
-    arrays, or values that no episode has."""
+    arrays, or impossible values."""
 
 
-def gathered(
-    state: State,
-    generators: list[np.random.Generator | None],
-    begun: np.ndarray,
-    ended: np.ndarray,
-    fixed: Mapping[str, np.ndarray],
-) -> dict[str, np.ndarray]:
-    """Copies of everything: the fields of `State`, begun and ended [N] bool, generator [N, 6] uint64, and what is
-    `fixed`: fingerprint [W] uint64 and config [1] uint64."""
+def env_identity(worlds: Sequence[World], config: EnvConfig) -> dict[str, np.ndarray]:
+    """Return what a state must have in common with an environment: fingerprint [W] uint64 and config [1] uint64."""
     return {
-        **{name: value.copy() for name, value in state._asdict().items()},
-        "begun": begun.copy(),
-        "ended": ended.copy(),
-        "generator": np.stack([words(generator) for generator in generators]),
-        **{name: value.copy() for name, value in fixed.items()},
+        "fingerprint": np.array([fingerprint(world) for world in worlds], dtype=np.uint64),
+        "config": np.array([config_fingerprint(config)], dtype=np.uint64),
     }
 
 
-def check(given: Mapping[str, np.ndarray], own: Mapping[str, np.ndarray], segments: np.ndarray, suns: int) -> None:
-    """Raises `StateError` unless `given` has the keys, shapes and types of `own`, belongs to the same worlds and
-    config, and holds values that an episode can have; segments [N] of each environment's course; suns: how many
-    lights each world has."""
-    if set(given) != set(own):
-        missing, unknown = sorted(set(own) - set(given)), sorted(set(given) - set(own))
+def copy_state(
+    state: State,
+    generators: list[np.random.Generator | None],
+    started: np.ndarray,
+    ended: np.ndarray,
+    identity: Mapping[str, np.ndarray],
+) -> dict[str, np.ndarray]:
+    """Return copies of the fields of `State`, begun and ended [N] bool, generator [N, 6] uint64, and the identity."""
+    return {
+        **{name: value.copy() for name, value in state._asdict().items()},
+        "begun": started.copy(),
+        "ended": ended.copy(),
+        "generator": np.stack([pack_generator(generator) for generator in generators]),
+        **{name: value.copy() for name, value in identity.items()},
+    }
+
+
+def check_state(
+    given: Mapping[str, np.ndarray], current: Mapping[str, np.ndarray], segments: np.ndarray, lights: int
+) -> None:
+    """Raise `StateError` unless `given` fits an environment whose `current` state is known.
+
+    It must have the keys, shapes and types of `current`, belong to the same worlds and config, and hold values that an
+    episode can have. segments [N] are those of each environment's course; `lights` is the number of lights per world.
+    """
+    if set(given) != set(current):
+        missing, unknown = sorted(set(current) - set(given)), sorted(set(given) - set(current))
         raise StateError(f"the state lacks {missing} and has unknown {unknown}")
-    for name, value in own.items():
+    for name, value in current.items():
         array = np.asarray(given[name])
         if array.shape != value.shape or array.dtype != value.dtype:
             raise StateError(f"{name} is {array.dtype} {array.shape}; this environment has {value.dtype} {value.shape}")
-        if name in FIXED and not np.array_equal(array, value):
-            raise StateError(f"the state belongs to {FIXED[name]} ({name} differs)")
-    _check_values({name: np.asarray(array) for name, array in given.items()}, segments, suns)
+        if name in FIXED_KEYS and not np.array_equal(array, value):
+            raise StateError(f"the state belongs to {FIXED_KEYS[name]} ({name} differs)")
+    _check_values({name: np.asarray(array) for name, array in given.items()}, segments, lights)
 
 
-def _check_values(given: Mapping[str, np.ndarray], segments: np.ndarray, suns: int) -> None:
-    """Raises `StateError` by the name of the first array whose values would lead a step out of bounds."""
+def _check_values(given: Mapping[str, np.ndarray], segments: np.ndarray, lights: int) -> None:
+    """Raise `StateError` with the name of the first array whose values would lead a step out of bounds."""
     segment, visited = given["segment"], given["visited"]
     on_course = np.arange(visited.shape[1]) < segments[:, None]
     wrong = {
@@ -65,49 +78,56 @@ def _check_values(given: Mapping[str, np.ndarray], segments: np.ndarray, suns: i
         "visited_count": given["visited_count"] != visited.sum(axis=1),
         "steps": given["steps"] < 0,
         "idle": given["idle"] < 0,
-        "sun": (given["sun"] < 0) | (given["sun"] >= suns),
+        "sun": (given["sun"] < 0) | (given["sun"] >= lights),
         "generator": given["begun"] & ~given["generator"].any(axis=1),
     }
     for name, rows in wrong.items():
         if rows.any():
             row = int(np.argmax(rows))
             allowed = f"; allowed: 0..{segments[row] - 1}" if name == "segment" else ""
-            raise StateError(f"{name} has a value that no episode has{allowed} (environment {row})")
+            raise StateError(f"{name} has an impossible value{allowed} (environment {row})")
     try:
         check_values(given["look"])
     except ValueError as reason:
-        raise StateError(f"the look of an environment is none: {reason}") from None
+        raise StateError(f"the look of an environment is impossible: {reason}") from None
 
 
-def scatter(
+def restore_state(
     given: Mapping[str, np.ndarray],
     state: State,
     generators: list[np.random.Generator | None],
-    begun: np.ndarray,
+    started: np.ndarray,
     ended: np.ndarray,
 ) -> None:
     """Write a checked state into the arrays of an environment."""
     for name, value in state._asdict().items():
         value[...] = given[name]
-    begun[:] = given["begun"]
+    started[:] = given["begun"]
     ended[:] = given["ended"]
-    generators[:] = [generator_of(row) for row in np.asarray(given["generator"])]
+    generators[:] = [unpack_generator(row) for row in np.asarray(given["generator"])]
 
 
-def words(generator: np.random.Generator | None) -> np.ndarray:
-    """The state of a PCG64 generator as [6] uint64; all zero for none (a PCG64 increment is odd, so never zero)."""
+def pack_generator(generator: np.random.Generator | None) -> np.ndarray:
+    """Return the state of a PCG64 generator as [6] uint64, or zeros for None (a PCG64 increment is odd, never zero)."""
     if generator is None:
         return np.zeros(6, dtype=np.uint64)
-    whole = generator.bit_generator.state
-    if whole["bit_generator"] != "PCG64":
-        raise StateError(f"only PCG64 generators can be stored, not {whole['bit_generator']}")
-    state, increment = whole["state"]["state"], whole["state"]["inc"]
-    parts = [state >> 64, state & WORD, increment >> 64, increment & WORD, whole["has_uint32"], whole["uinteger"]]
-    return np.array(parts, dtype=np.uint64)
+    stored = generator.bit_generator.state
+    if stored["bit_generator"] != "PCG64":
+        raise StateError(f"only PCG64 generators can be stored, not {stored['bit_generator']}")
+    state, increment = stored["state"]["state"], stored["state"]["inc"]
+    words = [
+        state >> 64,
+        state & MASK_64,
+        increment >> 64,
+        increment & MASK_64,
+        stored["has_uint32"],
+        stored["uinteger"],
+    ]
+    return np.array(words, dtype=np.uint64)
 
 
-def generator_of(stored: np.ndarray) -> np.random.Generator | None:
-    """The generator whose state is stored [6] uint64, or None for zeros."""
+def unpack_generator(stored: np.ndarray) -> np.random.Generator | None:
+    """Return the generator with a state packed into [6] uint64, or None for zeros."""
     high, low, increment_high, increment_low, has_uint32, uinteger = (int(word) for word in stored)
     if increment_low == 0:
         return None

@@ -1,9 +1,9 @@
-"""How do thousands of episodes run on one device? An environment of tensors: nothing leaves the device in a step.
+"""Environment of tensors: N episodes on one device, from which nothing is copied in a step.
 
-It has the rules, rewards, costs and frames of `RiverVectorEnv` with `autoreset_mode="next_step"`: an environment whose
-episode has ended begins another in its next step, ignores that step's action and pays nothing for it. What differs is
-where random numbers come from (`thalweg.env.device.episode`), and that tensors are used again: what `reset` and `step`
-return is valid until the second step after. Whoever keeps it longer makes a copy.
+The rules, rewards, costs and frames are those of `RiverVectorEnv` with `autoreset_mode="next_step"`: an environment
+whose episode has ended resets in its next step, ignores the action of that step and returns no reward for it. Two
+things differ: random numbers are those of `thalweg.env.device.step`, and tensors are reused. What `reset` and `step`
+return is valid until the second step after; copy what is needed longer.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,23 +19,22 @@ from torch import Tensor
 
 from thalweg.core import gpu
 from thalweg.core.device import resolve_device
-from thalweg.env.actions import ActionError, action_space, units
 from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, DoneReason, EnvConfig, whole
-from thalweg.env.device.episode import advance_rows, begins_of
-from thalweg.env.device.memory import bytes_each, check_room, free_bytes
+from thalweg.env.device.memory import bytes_per_env, check_memory, free_bytes
+from thalweg.env.device.step import advance_all, reset_arguments
+from thalweg.env.frame_renderer import lights_per_world, relit_worlds
 from thalweg.env.initial_poses import random_start
-from thalweg.env.observation import observation_space
-from thalweg.env.snapshot import StateError
-from thalweg.env.task.course_arrays import Courses, config_fingerprint, fingerprint, pack
+from thalweg.env.snapshot import StateError, env_identity
+from thalweg.env.spaces import ActionError, action_space, observation_space, to_unit_actions
+from thalweg.env.task.course_arrays import CourseArrays, pack_courses
 from thalweg.env.task.rules import Outcome, State, empty_outcome, empty_state
-from thalweg.env.views import lit
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.world.record import World
 
 LOOKS = 4096
-"""Looks that are drawn beforehand, of which each episode has one: see `Randomisation`."""
-TURNS = 2
-"""Sets of tensors that are written by turns."""
+"""Number of looks drawn in advance, from which each episode takes one; see `Randomisation`."""
+BUFFERS = 2
+"""Number of frame buffers, which are written alternately."""
 
 Info = dict[str, Tensor]
 
@@ -44,13 +43,13 @@ class TensorRiverEnv:
     """N environments over one or several worlds on one device; environment i flies in world i % len(worlds).
 
     `info` belongs to the action just taken: `cost` [N], `costs` [N, 2] (tight, loose), `done_reason` [N], `progress`
-    [N] (share of segments visited), `pose` [N, 4]. Environment i is seeded with seed + i, so that its episodes do not
-    depend on how many others there are. Rewards, costs and poses are float64.
+    [N] (share of segments visited) and `pose` [N, 4]. Environment i is seeded with seed + i, so that its episodes do
+    not depend on the number of environments. Rewards, costs and poses are float64.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
     done_reasons = REASON_NAMES
-    """What the codes of `info["done_reason"]` are called."""
+    """Name of each code of `info["done_reason"]`."""
 
     def __init__(
         self,
@@ -60,50 +59,29 @@ class TensorRiverEnv:
         *,
         device: str = "auto",
     ) -> None:
-        """Raises `ConfigError`, also for more environments than the device has memory for, `RenderError` for more
-        worlds than that, `DeviceError`, and `UnsafePoseError` for a world without a safe start."""
+        """Create the environments.
+
+        Raises `ConfigError`, also for more environments than the device has memory for, `RenderError` for more worlds
+        than that, `DeviceError`, and `UnsafePoseError` for a world without a safe start.
+        """
         self.worlds = (worlds,) if isinstance(worlds, World) else tuple(worlds)
         self.num_envs, self.config = whole("num_envs", num_envs, 1), config
         self.device = torch.device(resolve_device(device))
-        courses = pack(self.worlds, config)
-        beside = 0
+        courses = pack_courses(self.worlds, config)
+        shared = 0
         if self.device.type != "cpu" and config.observation != "none":
-            beside = self._renderer.scratch_bytes
-        check_room(self.num_envs, bytes_each(courses, config, TURNS), beside, free_bytes(self.device))
-        for world in range(len(self.worlds)):
+            shared = self._renderer.scratch_bytes
+        check_memory(self.num_envs, bytes_per_env(courses, config, BUFFERS), shared, free_bytes(self.device))
+        for world in range(len(self.worlds)):  # a reset on the device cannot report that there is no safe start
             random_start(courses, world, config, config.limits, np.random.default_rng(world))
-        randomisation = config.randomisation
-        self._suns = max(randomisation.suns, 1) if randomisation else 1
-        values, suns = look_values(None, 1), np.zeros(1, np.int64)
-        if randomisation is not None:
-            generator = np.random.default_rng(LOOKS)
-            drawn = [randomisation.draw(generator) for _ in range(LOOKS)]
-            values, suns = np.array([look for look, _ in drawn]), np.array([sun for _, sun in drawn])
-        rows = look_rows(values, config.camera)
-
-        self.world_index = place = np.arange(self.num_envs, dtype=np.int64) % len(self.worlds)
-        """[N] the world of each environment."""
-        state, outcome = empty_state(place, courses)._asdict(), empty_outcome(self.num_envs)._asdict()
-        own: dict[str, np.ndarray] = {name: np.zeros(self.num_envs, np.int64) for name in ("seed", "episode", "look")}
-        own["ended"] = np.ones(self.num_envs, np.uint8)
-        self._held = {name: self._tensor(values) for name, values in {**state, **outcome, **own}.items()}
-        """All that a step reads and changes."""
-        self._kept = (*state, *own)
-        """Names of what the future depends on."""
-        self._rows, self._sun_of, self._segments = (self._tensor(v) for v in (rows, suns, courses.segments[place]))
-        seen = {name: self._array(tensor) for name, tensor in self._held.items()}
-        self._courses = Courses(*(self._array(self._tensor(values)) for values in courses))
-        begins = begins_of(config, seen["seed"], seen["episode"], seen["look"], len(rows))
-        self._arguments = (
-            self._courses,
-            config.limits,
-            begins,
-            State(**{name: seen[name] for name in state}),
-            Outcome(**{name: seen[name] for name in outcome}),
-            seen["ended"],
-        )
-        """Of the rules, after the actions."""
-        self._turn, self._begun = 0, False
+        self.world_index = np.arange(self.num_envs, dtype=np.int64) % len(self.worlds)
+        """[N] index of the world of each environment."""
+        self._lights = lights_per_world(config.randomisation)
+        self._look_rows, self._look_lights = (self._tensor(values) for values in self._draw_looks())
+        """[LOOKS, P] the looks as the renderer takes them, and [LOOKS] the light of each; one of each without
+        randomisation."""
+        self._allocate(courses)
+        self._buffer, self._started = 0, False
 
         size = config.camera.height_px, config.camera.width_px
         self.single_action_space = action_space(config.action)
@@ -111,140 +89,177 @@ class TensorRiverEnv:
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
+    def _draw_looks(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the looks [LOOKS, P] of the randomisation and the light [LOOKS] of each; one of each without it."""
+        randomisation = self.config.randomisation
+        values, lights = look_values(None, 1), np.zeros(1, np.int64)
+        if randomisation is not None:
+            generator = np.random.default_rng(LOOKS)
+            drawn = [randomisation.draw(generator) for _ in range(LOOKS)]
+            values, lights = np.array([look for look, _ in drawn]), np.array([light for _, light in drawn])
+        return look_rows(values, self.config.camera), lights
+
+    def _allocate(self, courses: CourseArrays) -> None:
+        """Create the tensors of all episodes, and the kernels' views of them."""
+        state = empty_state(self.world_index, courses)._asdict()
+        outcome = empty_outcome(self.num_envs)._asdict()
+        counters: dict[str, np.ndarray] = {
+            name: np.zeros(self.num_envs, np.int64) for name in ("seed", "episode", "look")
+        }
+        counters["ended"] = np.ones(self.num_envs, np.uint8)
+        self._tensors = {name: self._tensor(values) for name, values in {**state, **outcome, **counters}.items()}
+        """Everything that a step reads and changes."""
+        self._state_names = (*state, *counters)
+        """Names of the tensors that the future depends on."""
+        self._segments = self._tensor(courses.segments[self.world_index])
+        arrays = {name: self._array(tensor) for name, tensor in self._tensors.items()}
+        self._courses = CourseArrays(*(self._array(self._tensor(values)) for values in courses))
+        reset = reset_arguments(
+            self.config, arrays["seed"], arrays["episode"], arrays["look"], len(self._look_rows)
+        )  # fmt: skip
+        self._arguments = (
+            self._courses,
+            self.config.limits,
+            reset,
+            State(**{name: arrays[name] for name in state}),
+            Outcome(**{name: arrays[name] for name in outcome}),
+            arrays["ended"],
+        )
+        """Arguments of `advance_all` after the actions."""
+
     @property
     def unwrapped(self) -> "TensorRiverEnv":
         return self
 
     def reset(self, *, seed: int = 0) -> tuple[Any, Info]:
-        """Begin new episodes in all environments, the first of their seeds; returns observations and info."""
+        """Start the first episodes of new seeds in all environments; returns observations and info."""
         first = whole("seed", seed, 0)
-        self._held["seed"].copy_(torch.arange(first, first + self.num_envs))
-        self._held["episode"].zero_()
-        self._held["ended"].fill_(1)
-        self._begun = True
+        self._tensors["seed"].copy_(torch.arange(first, first + self.num_envs))
+        self._tensors["episode"].zero_()
+        self._tensors["ended"].fill_(1)
+        self._started = True
         self._advance(torch.zeros(self.num_envs, 4, dtype=torch.float64, device=self.device))
-        return self._observed(), self._info()
+        return self._observations(), self._info()
 
     def step(self, actions: Tensor) -> tuple[Any, Tensor, Tensor, Tensor, Info]:
-        """One action [N, 4] in each environment: observations, rewards [N], terminated [N], truncated [N], info.
+        """Take one action [N, 4] per environment; returns observations, rewards [N], terminated [N], truncated [N] and
+        info.
 
-        Raises `ActionError` for another shape, type or device, and on the CPU for values out of range, which a GPU
-        clips instead, for it would have to wait; `gymnasium.error.ResetNeeded` before the first reset.
+        Raises `ActionError` for another shape, type or device, and on the CPU for values out of range. A GPU clips
+        those, because checking them would make the host wait. Raises `gymnasium.error.ResetNeeded` before the first
+        reset.
         """
-        shares = self._shares(actions)
-        if not self._begun:
+        unit_actions = self._unit_actions(actions)
+        if not self._started:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
-        self._advance(shares)
-        reason = self._held["reason"]
+        self._advance(unit_actions)
+        reason, reward = self._tensors["reason"], self._tensors["reward"].clone()
         truncated = reason == int(DoneReason.MAX_STEP_REACHED)
-        return self._observed(), self._held["reward"].clone(), (reason >= 0) & ~truncated, truncated, self._info()
+        return self._observations(), reward, (reason >= 0) & ~truncated, truncated, self._info()
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Everything that the future depends on, as arrays of the host."""
-        return {name: self._held[name].cpu().numpy().copy() for name in self._kept} | self._fixed
+        """Return everything that the future depends on, as arrays on the host."""
+        return {name: self._tensors[name].cpu().numpy().copy() for name in self._state_names} | self._identity
 
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
-        """Go on from a state of `get_state`; raises `StateError` before anything changes when it does not fit."""
-        own = self.get_state()
-        if set(state) != set(own):
-            raise StateError(f"the state has the arrays {sorted(state)}; needed: {sorted(own)}")
-        for name, value in own.items():
+        """Restore a state of `get_state`; raises `StateError` before anything changes if it does not fit."""
+        current = self.get_state()
+        if set(state) != set(current):
+            raise StateError(f"the state has the arrays {sorted(state)}; needed: {sorted(current)}")
+        for name, value in current.items():
             given = np.asarray(state[name])
             if given.shape != value.shape or given.dtype != value.dtype:
                 raise StateError(
                     f"{name} is {given.dtype} {given.shape}; this environment has {value.dtype} {value.shape}"
                 )
-            if name in (*self._fixed, "world") and not np.array_equal(given, value):
+            if name in (*self._identity, "world") and not np.array_equal(given, value):
                 raise StateError(f"the state belongs to other worlds or another config ({name} differs)")
-        for name in self._kept:
-            self._held[name].copy_(torch.from_numpy(np.array(state[name])))
-        self._begun = True
+        for name in self._state_names:
+            self._tensors[name].copy_(torch.from_numpy(np.array(state[name])))
+        self._started = True
 
     def observe(self) -> Any:
-        """The observations of the present state, as `step` returns them; for use after `set_state`."""
-        return self._observed()
+        """Return the observations of the current state, as `step` does; for use after `set_state`."""
+        return self._observations()
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: the environment holds no resources that must be released."""
 
     @cached_property
-    def _fixed(self) -> dict[str, np.ndarray]:
-        """What a state must have in common with this environment to be its own."""
-        return {
-            "fingerprint": np.array([fingerprint(world) for world in self.worlds], dtype=np.uint64),
-            "config": np.array([config_fingerprint(self.config)], dtype=np.uint64),
-        }
+    def _identity(self) -> dict[str, np.ndarray]:
+        return env_identity(self.worlds, self.config)
 
     @cached_property
     def _frames(self) -> list[Tensor]:
-        """[N, H, W, 4] uint8 for each turn."""
+        """Frame buffers [N, H, W, 4] uint8."""
         camera = self.config.camera
         shape = self.num_envs, camera.height_px, camera.width_px, 4
-        return [torch.zeros(shape, dtype=torch.uint8, device=self.device) for _ in range(TURNS)]
+        return [torch.zeros(shape, dtype=torch.uint8, device=self.device) for _ in range(BUFFERS)]
 
     @cached_property
     def _renderer(self) -> Any:
-        """Draws on this device."""
+        """Renderer on this device."""
         from thalweg.render import Renderer
 
-        worlds = lit(self.worlds, self.config.randomisation)
+        worlds = relit_worlds(self.worlds, self.config.randomisation)
         return Renderer(worlds, self.config.camera, self.config.quality, device=str(self.device))
 
-    def _advance(self, shares: Tensor) -> None:
-        """A step of all, or a begin, from shares of a step [N, 4] float64."""
-        arguments = self._array(shares), *self._arguments
+    def _advance(self, unit_actions: Tensor) -> None:
+        """Step or reset every environment by unit actions [N, 4] float64."""
+        arguments = self._array(unit_actions), *self._arguments
         if self.device.type == "cpu":
-            advance_rows(*arguments)
+            advance_all(*arguments)
             return
-        from thalweg.env.device import gpu_step as rules
+        from thalweg.env.device import cuda_step
 
-        gpu.launch(rules.advance, -(-self.num_envs // rules.THREADS), rules.THREADS, self.device, *arguments,
-                   fastmath=False)  # fmt: skip
+        blocks = -(-self.num_envs // cuda_step.THREADS)
+        gpu.launch(cuda_step.advance, blocks, cuda_step.THREADS, self.device, *arguments, fastmath=False)
 
-    def _shares(self, actions: Tensor) -> Tensor:
-        """Actions as shares of a step [N, 4] float64 in -1..1."""
+    def _unit_actions(self, actions: Tensor) -> Tensor:
+        """Return actions as unit actions [N, 4] float64; raises `ActionError`."""
         if not isinstance(actions, Tensor):
             raise ActionError(f"actions are a tensor on {self.device}, not {type(actions).__name__}")
         if self.device.type == "cpu" and actions.device.type == "cpu":
-            return torch.from_numpy(units(self.config.action, actions.detach().numpy(), self.num_envs))
+            return torch.from_numpy(to_unit_actions(self.config.action, actions.detach().numpy(), self.num_envs))
         if actions.shape != (self.num_envs, 4) or actions.device != self.device:
             raise ActionError(
                 f"actions have shape {tuple(actions.shape)} on {actions.device};"
                 f" needed: ({self.num_envs}, 4) on {self.device}"
             )
-        whole_numbers = not (actions.is_floating_point() or actions.is_complex() or actions.dtype == torch.bool)
-        if self.config.action == "multidiscrete" and not whole_numbers:
+        integers = not (actions.is_floating_point() or actions.is_complex() or actions.dtype == torch.bool)
+        if self.config.action == "multidiscrete" and not integers:
             raise ActionError(f"actions have type {actions.dtype}; multidiscrete actions are integers 0, 1 or 2")
-        shares = actions.detach().double()
-        return (1.0 - shares if self.config.action == "multidiscrete" else shares).clamp(-1.0, 1.0).contiguous()
+        units = actions.detach().double()
+        return (1.0 - units if self.config.action == "multidiscrete" else units).clamp(-1.0, 1.0).contiguous()
 
-    def _observed(self) -> Any:
-        """What is seen now, in the tensors whose turn it is."""
+    def _observations(self) -> Any:
+        """Return the observations of the current state, in the buffer whose turn it is."""
         kind = self.config.observation
         if kind == "none":
-            return self._held["pose"].clone()
-        self._turn = (self._turn + 1) % TURNS
-        frames = self._frames[self._turn]
-        held, look = self._held, self._held["look"]
-        views = held["world"] * self._suns + self._sun_of[look], held["pose"], held["time_s"], self._rows[look]
+            return self._tensors["pose"].clone()
+        self._buffer = (self._buffer + 1) % BUFFERS
+        frames = self._frames[self._buffer]
+        tensors, look = self._tensors, self._tensors["look"]
+        lit_world = tensors["world"] * self._lights + self._look_lights[look]
+        views = lit_world, tensors["pose"], tensors["time_s"], self._look_rows[look]
         self._renderer.render_tensors(views, frames)
-        parts = {"rgb": frames[..., :3], "mask": frames[..., 3:]}
-        return frames if kind == "rgb+mask" else parts if kind == "dict" else parts[kind]
+        channels = {"rgb": frames[..., :3], "mask": frames[..., 3:]}
+        return frames if kind == "rgb+mask" else channels if kind == "dict" else channels[kind]
 
     def _info(self) -> Info:
-        held = self._held
+        tensors = self._tensors
         return {
-            "cost": held["costs"].sum(1),
-            "costs": held["costs"].clone(),
-            "done_reason": held["reason"].clone(),
-            "progress": held["visited_count"] / self._segments,
-            "pose": held["pose"].clone(),
+            "cost": tensors["costs"].sum(1),
+            "costs": tensors["costs"].clone(),
+            "done_reason": tensors["reason"].clone(),
+            "progress": tensors["visited_count"] / self._segments,
+            "pose": tensors["pose"].clone(),
         }
 
     def _tensor(self, values: np.ndarray) -> Tensor:
-        """A copy of an array on the device."""
+        """Return a copy of an array on the device."""
         return torch.from_numpy(np.array(values)).to(self.device)
 
     def _array(self, tensor: Tensor) -> Any:
-        """What kernels see of a tensor."""
+        """Return the kernels' view of a tensor."""
         return tensor.numpy() if self.device.type == "cpu" else gpu.as_kernel_array(tensor)

@@ -1,12 +1,9 @@
-"""How do many episodes run at once? The native Gymnasium vector environment: it only wires the answers of its
-neighbours.
+"""Vector environment: N episodes in one or several worlds, as a native Gymnasium `VectorEnv`.
 
-One call of the rules and one of the renderer serve all N environments, whatever worlds they fly in. Arrays that are
-returned are never written to again.
+One call of the rules and one of the renderer serve all N environments. Returned arrays are never written to again.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from functools import cached_property
 from typing import Any
 
@@ -16,28 +13,32 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from thalweg.core import fork
-from thalweg.env import snapshot as state_arrays
-from thalweg.env.actions import action_space, from_units, units
+from thalweg.env import snapshot
 from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, DoneReason, EnvConfig, refuse_unknown, whole
-from thalweg.env.initial_poses import check_pose, heading_way, located, random_clock, random_start
-from thalweg.env.observation import observation_space, observed, one_of
-from thalweg.env.task.course_arrays import config_fingerprint, fingerprint, pack
-from thalweg.env.task.rules import empty_outcome, empty_state, step_all
-from thalweg.env.views import View, lit
-from thalweg.render.records.appearance import look_rows, look_values
+from thalweg.env.frame_renderer import FrameRenderer, Views
+from thalweg.env.initial_poses import check_pose, project_anywhere, random_clock, random_start, travel_direction
+from thalweg.env.spaces import (
+    action_space,
+    frames_to_observations,
+    from_unit_actions,
+    observation_at,
+    observation_space,
+    to_unit_actions,
+)
+from thalweg.env.task.course_arrays import pack_courses
+from thalweg.env.task.rules import clear_outcome, empty_outcome, empty_state, step_all
 from thalweg.world.record import World
 
-OPTIONS = ("pose", "reset_mask")
+RESET_OPTIONS = ("pose", "reset_mask")
 
 
 class RiverVectorEnv(VectorEnv):
     """N environments over one or several worlds; environment i flies in world i % len(worlds).
 
-    `info` belongs to the action just taken in every autoreset mode: `cost` [N], `costs` [N, 2] (tight, loose),
-    `done_reason` [N], `progress` [N] (share of segments visited), `pose` [N, 4]; beside them `final_obs` and
-    `final_info` as Gymnasium defines them. Environment i draws from a generator of its own, seeded with seed + i, so
-    that its episodes do not depend on how many others there are.
+    In every autoreset mode, `info` belongs to the action just taken: `cost` [N], `costs` [N, 2] (tight, loose),
+    `done_reason` [N], `progress` [N] (share of segments visited) and `pose` [N, 4]. `final_obs` and `final_info` are as
+    Gymnasium defines them. Environment i has a random generator of its own, seeded with seed + i, so that its episodes
+    do not depend on the number of environments.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -46,7 +47,7 @@ class RiverVectorEnv(VectorEnv):
         "autoreset_mode": AutoresetMode.SAME_STEP,
     }
     done_reasons = REASON_NAMES
-    """What the codes of `info["done_reason"]` are called."""
+    """Name of each code of `info["done_reason"]`."""
 
     def __init__(
         self,
@@ -58,8 +59,12 @@ class RiverVectorEnv(VectorEnv):
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         render_mode: str | None = None,
     ) -> None:
-        """`renderer`: any object with `.camera` and `.render(poses, world_index, time_s, out)`; None: ours, made when
-        needed. One that has `.worlds` must have ours, and a `config.camera` of one's own must be the renderer's."""
+        """Create the environments; raises `ConfigError` for arguments out of range or that contradict one another.
+
+        `renderer` is any object with `.camera` and `.render(poses, world_index, time_s, out)`; None creates a
+        `thalweg.render.Renderer` when it is needed. If it has `.worlds`, they must be those of this environment. A
+        `config.camera` other than the default must be that of the renderer.
+        """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(f"unknown render_mode {render_mode!r}; known: {', '.join(self.metadata['render_modes'])}")
         self.worlds = (worlds,) if isinstance(worlds, World) else tuple(worlds)
@@ -69,26 +74,19 @@ class RiverVectorEnv(VectorEnv):
         frames_per_s = 1.0 / config.step_s if config.step_s > 0 else self.metadata["render_fps"]
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode, "render_fps": frames_per_s}
         self.render_mode = render_mode
-        if renderer is not None:
-            if config.randomisation is not None:
-                raise ConfigError("randomisation needs a renderer of its own: give either that or a renderer")
-            _check_renderer(renderer, self.worlds, config)
-        self.camera = config.camera if renderer is None else renderer.camera
-        if config.randomisation is not None:
-            look_rows(config.randomisation.ends, self.camera)  # refuses angles that no camera has
-        self._renderer = renderer
+        self.frames = FrameRenderer(self.worlds, self.num_envs, config, renderer)
+        self.camera = self.frames.camera
 
-        self.courses = pack(self.worlds, config)
+        self.courses = pack_courses(self.worlds, config)
         self.limits = config.limits
         self.world_index = np.arange(self.num_envs, dtype=np.int64) % len(self.worlds)
         self.state = empty_state(self.world_index, self.courses)
         self.generators: list[np.random.Generator | None] = [None] * self.num_envs
-        self._begun = np.zeros(self.num_envs, dtype=bool)
+        self._started = np.zeros(self.num_envs, dtype=bool)
         self._ended = np.zeros(self.num_envs, dtype=bool)
         self._outcome = empty_outcome(self.num_envs)
-        self._shown: np.ndarray | None = None
-        self._look = look_values(None, self.num_envs)
-        self._sun = np.zeros(self.num_envs, dtype=np.int64)
+        self._rendered: np.ndarray | None = None
+        """[N, H, W, 3] frames of the current state, if they are known."""
 
         self.single_action_space = action_space(config.action)
         self.single_observation_space = observation_space(
@@ -100,39 +98,41 @@ class RiverVectorEnv(VectorEnv):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin new episodes in all environments, or those of `options["reset_mask"]` [N] bool; returns observations
-        and info.
+        """Start new episodes in all environments, or in those of `options["reset_mask"]` [N] bool.
 
-        `options["pose"]`, [4] or [N, 4], begins them there; raises `UnsafePoseError` when a pose breaks a limit.
+        Returns observations and info. `options["pose"]`, [4] or [N, 4], sets the initial poses; raises
+        `UnsafePoseError` if one breaks a limit.
         """
-        rows, poses = self.checked_options(options)
+        rows, poses = self.validate_options(options)
         seeds = self._seeds(seed)
-        renewed = [row for row in rows if seeds[row] is not None or self.generators[row] is None]
-        for row, generator in [(row, seeding.np_random(seeds[row])[0]) for row in renewed]:
+        reseeded = [row for row in rows if seeds[row] is not None or self.generators[row] is None]
+        # All generators are created before the first is replaced, so that a bad seed changes nothing.
+        for row, generator in [(row, seeding.np_random(seeds[row])[0]) for row in reseeded]:
             self.generators[row] = generator
-            self.draw_look(row, "environment")
+            self.frames.draw_look(row, "environment", generator)
         if isinstance(seed, int | np.integer):
             self._np_random_seed = int(seed)
-        return self.begin(rows, poses)
+        return self.start_episodes(rows, poses)
 
-    def begin(self, rows: Sequence[int], poses: np.ndarray | None) -> tuple[Any, dict[str, Any]]:
-        """Begin new episodes in the environments `rows`, at checked poses [N, 4] or random ones; returns as
+    def start_episodes(self, rows: Sequence[int], poses: np.ndarray | None) -> tuple[Any, dict[str, Any]]:
+        """Start new episodes in the environments `rows`, at validated poses [N, 4] or random ones; returns as
         `reset`."""
         for row in rows:
-            self._begin(row, None if poses is None else poses[row])
-        _clear(self._outcome, rows)
-        chosen = np.zeros(self.num_envs, dtype=bool)
-        chosen[rows] = True
-        return self._observe(self._view()), self._info(chosen)
+            self._start_episode(row, None if poses is None else poses[row])
+            clear_outcome(self._outcome, row)
+        mask = np.zeros(self.num_envs, dtype=bool)
+        mask[rows] = True
+        return self._observe(self.frames.views(self.state)), self._info(mask)
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """One action [N, 4] in each environment: observations, rewards [N], terminated [N], truncated [N], info.
+        """Take one action [N, 4] per environment; returns observations, rewards [N], terminated [N], truncated [N] and
+        info.
 
-        Raises `ActionError` before anything changes, and `gymnasium.error.ResetNeeded` where an episode has to begin
+        Raises `ActionError` before anything changes, and `gymnasium.error.ResetNeeded` if an environment must be reset
         first.
         """
-        shares = units(self.config.action, actions, self.num_envs)
-        if not self._begun.all():
+        unit_actions = to_unit_actions(self.config.action, actions, self.num_envs)
+        if not self._started.all():
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         mode = self.autoreset_mode
         if mode is AutoresetMode.DISABLED and self._ended.any():
@@ -140,75 +140,76 @@ class RiverVectorEnv(VectorEnv):
             raise gymnasium.error.ResetNeeded(f"the episodes of environments {ended} have ended; reset them first")
 
         active = ~self._ended
-        step_all(active, shares, self.courses, self.limits, self.state, self._outcome)
+        step_all(active, unit_actions, self.courses, self.limits, self.state, self._outcome)
         self.state.time_s[active] += self.config.step_s
         for row in np.flatnonzero(~active):
-            self._begin(int(row))
+            self._start_episode(int(row))
         reason = self._outcome.reason
         truncated = reason == DoneReason.MAX_STEP_REACHED
         terminated = (reason >= 0) & ~truncated
         info = self._info(np.ones(self.num_envs, dtype=bool))
         self._ended[:] = reason >= 0
         if mode is AutoresetMode.SAME_STEP and self._ended.any():
-            observations = self._begin_ended(info)
+            observations = self._restart_ended(info)
         else:
-            observations = self._observe(self._view())
+            observations = self._observe(self.frames.views(self.state))
         return observations, self._outcome.reward.copy(), terminated, truncated, info
 
     def observe(self) -> Any:
-        """The observations of the present state, as `reset` and `step` return them; for use after `set_state`."""
-        return self._observe(self._view())
+        """Return the observations of the current state, as `reset` and `step` do; for use after `set_state`."""
+        return self._observe(self.frames.views(self.state))
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """The frames now seen, N of [H, W, 3] uint8; None without a render mode."""
+        """Return the frames of the current state, N of [H, W, 3] uint8, or None without a render mode."""
         if self.render_mode is None:
             return None
-        if self._shown is None:
-            self._shown = self._frames(self._view())[..., :3].copy()
-        return tuple(frame.copy() for frame in self._shown)
+        if self._rendered is None:
+            self._rendered = self.frames.render(self.frames.views(self.state))[..., :3].copy()
+        return tuple(frame.copy() for frame in self._rendered)
 
     def pilot_actions(self) -> np.ndarray:
-        """Actions [N, 4] of the scripted pilot, which knows the map, for the present state."""
-        from thalweg.env.pilot.scripted import Pilot
+        """Return the actions [N, 4] of the scripted pilot, which knows the map, in the current state."""
+        from thalweg.env.pilot.scripted import ScriptedPilot
 
-        if not self._begun.all():
+        if not self._started.all():
             raise gymnasium.error.ResetNeeded("call reset() before pilot_actions()")
         if not hasattr(self, "_pilot"):
-            self._pilot = Pilot(self.courses, self.config)
-        return from_units(self.config.action, self._pilot.shares(self.state))
+            self._pilot = ScriptedPilot(self.courses, self.config)
+        return from_unit_actions(self.config.action, self._pilot.unit_actions(self.state))
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Everything that the future depends on, generators included, as arrays of its own."""
-        state = state_arrays.gathered(self.state, self.generators, self._begun, self._ended, self._fixed)
-        return {**state, "look": self._look.copy(), "sun": self._sun.copy()}
-
-    @cached_property
-    def _fixed(self) -> dict[str, np.ndarray]:
-        """What a state must have in common with this environment to be its own."""
-        return {
-            "fingerprint": np.array([fingerprint(world) for world in self.worlds], dtype=np.uint64),
-            "config": np.array([config_fingerprint(self.config)], dtype=np.uint64),
-        }
+        """Return copies of everything that the future depends on, random generators included."""
+        arrays = snapshot.copy_state(self.state, self.generators, self._started, self._ended, self._identity)
+        return {**arrays, "look": self.frames.look.copy(), "sun": self.frames.sun.copy()}
 
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
-        """Go on from a state of `get_state`; raises `StateError` before anything changes when it does not fit."""
-        state_arrays.check(state, self.get_state(), self.courses.segments[self.world_index], self._suns)
-        state_arrays.scatter(state, self.state, self.generators, self._begun, self._ended)
-        self._look[:], self._sun[:] = state["look"], state["sun"]
-        self._shown = None
+        """Restore a state of `get_state`; raises `StateError` before anything changes if it does not fit."""
+        segments = self.courses.segments[self.world_index]
+        snapshot.check_state(state, self.get_state(), segments, self.frames.lights)
+        snapshot.restore_state(state, self.state, self.generators, self._started, self._ended)
+        self.frames.look[:], self.frames.sun[:] = state["look"], state["sun"]
+        self._rendered = None
 
-    def checked_options(self, options: Mapping[str, Any] | None) -> tuple[list[int], np.ndarray | None]:
-        """Rows to reset and their poses [N, 4] or None; everything is checked here, before anything changes."""
+    @cached_property
+    def _identity(self) -> dict[str, np.ndarray]:
+        return snapshot.env_identity(self.worlds, self.config)
+
+    def validate_options(self, options: Mapping[str, Any] | None) -> tuple[list[int], np.ndarray | None]:
+        """Return the rows to reset and their poses [N, 4] or None.
+
+        Everything is checked here, before anything changes: raises `ConfigError`, `UnsafePoseError` and
+        `gymnasium.error.ResetNeeded`.
+        """
         options = options or {}
-        refuse_unknown("reset option", options, OPTIONS)
+        refuse_unknown("reset option", options, RESET_OPTIONS)
         mask = options.get("reset_mask")
         if mask is None:
             mask = np.ones(self.num_envs, dtype=bool)
         mask = np.asarray(mask)
         if mask.dtype != bool or mask.shape != (self.num_envs,) or not mask.any():
             raise ConfigError(f"reset_mask must be [{self.num_envs}] bool with at least one True")
-        if not (self._begun | mask).all():
-            raise gymnasium.error.ResetNeeded("the first reset must begin every environment")
+        if not (self._started | mask).all():
+            raise gymnasium.error.ResetNeeded("the first reset must include every environment")
         rows = np.flatnonzero(mask).tolist()
         poses = options.get("pose")
         if poses is not None:
@@ -221,7 +222,7 @@ class RiverVectorEnv(VectorEnv):
         return rows, poses
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
-        """One seed or None per environment; raises `ConfigError` for anything else."""
+        """Return one seed or None per environment; raises `ConfigError` for anything else."""
         if seed is None:
             return [None] * self.num_envs
         if isinstance(seed, str) or not hasattr(seed, "__len__"):
@@ -232,8 +233,8 @@ class RiverVectorEnv(VectorEnv):
             raise ConfigError(f"{len(seed)} seeds for {self.num_envs} environments")
         return [None if one is None else whole("each seed", one, 0) for one in seed]
 
-    def _begin(self, row: int, pose: np.ndarray | None = None) -> None:
-        """Begin an episode in one environment, at a pose [4] or a random one."""
+    def _start_episode(self, row: int, pose: np.ndarray | None = None) -> None:
+        """Start an episode in one environment, at a pose [4] or a random one."""
         state, world = self.state, int(self.world_index[row])
         generator = self.generators[row]
         assert generator is not None
@@ -243,27 +244,29 @@ class RiverVectorEnv(VectorEnv):
             time_s = random_clock(generator)
         state.pose[row] = pose
         x, y, _, yaw = state.pose[row]
-        segment, fraction, _ = located(self.courses, world, x, y)
-        state.segment[row] = segment
-        state.travel[row] = heading_way(self.courses, world, segment, fraction, yaw)
+        projection = project_anywhere(self.courses, world, x, y)
+        state.segment[row] = projection.segment
+        state.travel[row] = travel_direction(self.courses, world, projection, yaw)
         state.visited[row] = 0
         state.visited_count[row] = state.steps[row] = state.idle[row] = 0
         state.time_s[row] = time_s
-        self.draw_look(row, "episode")
-        self._begun[row] = True
+        self.frames.draw_look(row, "episode", generator)
+        self._started[row] = True
         self._ended[row] = False
 
-    def _begin_ended(self, info: dict[str, Any]) -> Any:
-        """Begin anew where an episode ended, add `final_obs` and `final_info`; the observations of the new poses."""
+    def _restart_ended(self, info: dict[str, Any]) -> Any:
+        """Start new episodes where one ended, add `final_obs` and `final_info`; returns the new observations."""
         rows = np.flatnonzero(self._ended)
-        last = self._view(rows)
+        last_views = self.frames.views(self.state, rows)
         ended = self._ended.copy()
         for row in rows:
-            self._begin(int(row))
-        batch = self._observe(View(*(np.concatenate(pair) for pair in zip(self._view(), last, strict=True))))
+            self._start_episode(int(row))
+        # One call of the renderer draws the new frames [N] and the last ones of the ended episodes.
+        both = zip(self.frames.views(self.state), last_views, strict=True)
+        batch = self._observe(Views(*(np.concatenate(pair) for pair in both)))
         final_obs = np.full(self.num_envs, None, dtype=object)
-        for place, row in enumerate(rows):
-            final_obs[row] = one_of(batch, self.num_envs + place)
+        for index, row in enumerate(rows):
+            final_obs[row] = observation_at(batch, self.num_envs + index)
         final_info = {key: np.zeros_like(value) for key, value in info.items()}
         for key, value in info.items():
             final_info[key][rows] = value[rows]
@@ -272,8 +275,8 @@ class RiverVectorEnv(VectorEnv):
             return {key: value[: self.num_envs] for key, value in batch.items()}
         return batch[: self.num_envs]
 
-    def _info(self, chosen: np.ndarray) -> dict[str, Any]:
-        """The info of the last action; chosen [N] bool marks the environments that it is about."""
+    def _info(self, mask: np.ndarray) -> dict[str, Any]:
+        """Return the info of the last action; mask [N] bool selects the environments that it is about."""
         state, outcome = self.state, self._outcome
         info = {
             "cost": outcome.costs.sum(axis=1),
@@ -282,79 +285,22 @@ class RiverVectorEnv(VectorEnv):
             "progress": state.visited_count / self.courses.segments[self.world_index],
             "pose": state.pose.copy(),
         }
-        return info | {f"_{key}": chosen.copy() for key in info}
+        return info | {f"_{key}": mask.copy() for key in info}
 
-    @property
-    def _suns(self) -> int:
-        """Lights in which each world is drawn."""
-        return max(self.config.randomisation.suns, 1) if self.config.randomisation else 1
-
-    def draw_look(self, row: int, period: str) -> None:
-        """Draw the look of one environment, if it changes with this period."""
-        randomisation, generator = self.config.randomisation, self.generators[row]
-        if randomisation is not None and randomisation.per == period:
-            assert generator is not None
-            self._look[row], self._sun[row] = randomisation.draw(generator)
-
-    def _view(self, rows: np.ndarray | slice = slice(None)) -> View:
-        """What the environments `rows` see now, as arrays of its own."""
-        state = self.state
-        return View(
-            *(a[rows].copy() for a in (state.pose, self.world_index, state.time_s, self._look, self._sun))
-        )  # fmt: skip
-
-    def _observe(self, view: View) -> Any:
-        """Observations [M, ...] of M views; the first N are those now seen."""
-        self._shown = None
+    def _observe(self, views: Views) -> Any:
+        """Return the observations [M, ...] of M views, of which the first N are those of the current state."""
+        self._rendered = None
         if self.config.observation == "none":
-            return view.pose
-        frames = self._frames(view)
+            return views.pose
+        frames = self.frames.render(views)
         if self.render_mode is not None:
-            self._shown = frames[: self.num_envs, ..., :3].copy()
-        return observed(self.config.observation, frames)
-
-    def _frames(self, view: View) -> np.ndarray:
-        """Frames [M, H, W, 4] uint8 in memory of their own."""
-        fork.raise_if_forked()
-        if self._renderer is None:
-            from thalweg.render import Renderer
-
-            self._renderer = Renderer(lit(self.worlds, self.config.randomisation), self.camera, self.config.quality)
-        out = np.empty((len(view.pose), self.camera.height_px, self.camera.width_px, 4), dtype=np.uint8)
-        if self.config.randomisation is None:
-            return self._renderer.render(view.pose, view.world, view.time_s, out)
-        drawn = view.world * self._suns + view.sun
-        return self._renderer.render(view.pose, drawn, view.time_s, out, look=view.look)
-
-
-def _check_renderer(renderer: Any, worlds: Sequence[World], config: EnvConfig) -> None:
-    """Raises `ConfigError` for a renderer that says that it draws other worlds, or through another camera than the
-    config asks for."""
-    drawn = getattr(renderer, "worlds", None)
-    if drawn is not None and not (
-        len(drawn) == len(worlds)
-        and all(a is b or fingerprint(a) == fingerprint(b) for a, b in zip(drawn, worlds, strict=True))
-    ):
-        raise ConfigError("the renderer draws other worlds than those of this environment")
-    asked = asdict(config.camera)
-    other = [name for name, value in asked.items() if getattr(renderer.camera, name, value) != value]
-    if other and config.camera != DEFAULT_CONFIG.camera:
-        raise ConfigError(f"config.camera is not the renderer's: {', '.join(other)} of {config.camera}")
-    quality = getattr(renderer, "quality", config.quality)
-    if config.quality not in (quality, DEFAULT_CONFIG.quality):
-        raise ConfigError(f"config.quality = {config.quality!r} is not the renderer's, {quality!r}")
+            self._rendered = frames[: self.num_envs, ..., :3].copy()
+        return frames_to_observations(self.config.observation, frames)
 
 
 def _mode(given: AutoresetMode | str) -> AutoresetMode:
-    """An autoreset mode from itself or its name."""
+    """Return an autoreset mode from itself or its name; raises `ConfigError` for an unknown one."""
     for mode in AutoresetMode:
         if given is mode or (isinstance(given, str) and given.lower() in (mode.value.lower(), mode.name.lower())):
             return mode
     raise ConfigError(f"unknown autoreset_mode {given!r}; known: {', '.join(mode.name for mode in AutoresetMode)}")
-
-
-def _clear(outcome: Any, rows: Sequence[int]) -> None:
-    """Forget the last step of some environments."""
-    outcome.reward[rows] = 0.0
-    outcome.costs[rows] = 0.0
-    outcome.reason[rows] = DoneReason.RUNNING

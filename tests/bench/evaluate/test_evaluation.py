@@ -18,7 +18,7 @@ from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.episodes import REASONS, read_episodes, write_episodes
 from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Step, evaluate, through_encoder
 from thalweg.env import RiverVectorEnv, sample_starts
-from thalweg.env.initial_poses import CLOCK_S
+from thalweg.env.initial_poses import CLOCK_RANGE_S
 from thalweg.render import Camera
 from thalweg.train.encoder.frames import views
 
@@ -179,7 +179,7 @@ def test_starts_and_clocks_are_of_different_streams(monkeypatch: pytest.MonkeyPa
     drawn = {seed: Course.of_level("Medium", EvaluationConfig(starts_seed=seed)).clocks_s.tolist() for seed in range(3)}
     assert len({value for clocks in drawn.values() for value in clocks}) == 60
     seed = zlib.crc32(b"evaluation")
-    assert drawn[0] != (CLOCK_S * np.random.default_rng([seed, 1]).random(20)).tolist()
+    assert drawn[0] != (CLOCK_RANGE_S * np.random.default_rng([seed, 1]).random(20)).tolist()
 
 
 @pytest.mark.parametrize(("wrong", "said"), [({"starts_seed": -1}, "starts_seed"), ({"episodes": 0}, "episodes")])

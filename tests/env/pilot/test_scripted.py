@@ -9,11 +9,11 @@ from tests.env.flights import at
 from tests.env.handmade import canal, hairpin, ring
 from tests.env.rivers import river
 from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv, sample_starts
-from thalweg.env.pilot.route import drawn
-from thalweg.env.task.course_arrays import pack
-from thalweg.env.task.progress import followed
-from thalweg.env.task.termination import beyond_bank, on_island
-from thalweg.world.bridges import bridge_across
+from thalweg.env.pilot.route import plan_route
+from thalweg.env.task.course_arrays import pack_courses
+from thalweg.env.task.progress import track_projection
+from thalweg.env.task.termination import island_at, metres_past_bank
+from thalweg.world.bridges import across
 
 LEVELS = ("Easy", "Medium", "Hard")
 STEPS = 450
@@ -70,7 +70,7 @@ def test_the_pilot_recovers_from_a_start_at_the_bank_that_looks_ashore(pose):
 
 @pytest.mark.parametrize("x", [12.0, 17.5])
 def test_the_pilot_climbs_before_a_bridge(x: float):
-    bridge = bridge_across(np.array([20.0, 0.0]), np.array([1.0, 0.0]), 6.0, 0.0, np.random.default_rng(1))[None]
+    bridge = across(np.array([20.0, 0.0]), np.array([1.0, 0.0]), 6.0, 0.0, np.random.default_rng(1))[None]
     env = at(canal(bridges=bridge), (x, 0.0, 0.6, 0.0))
     reason = -1
     while reason < 0:
@@ -80,17 +80,17 @@ def test_the_pilot_climbs_before_a_bridge(x: float):
 
 def test_the_line_keeps_off_banks_and_islands():
     world = river("Hard", 1)
-    courses = pack([world], EnvConfig())
-    line = drawn(courses, EnvConfig()).line
+    courses = pack_courses([world], EnvConfig())
+    line = plan_route(courses, EnvConfig()).line
     for sample, (x, y) in enumerate(line):
-        _, segment, fraction, distance = followed(courses, 0, sample, x, y)
-        assert beyond_bank(courses, 0, segment, fraction, distance) < -0.3
-        assert on_island(courses, 0, x, y) < 0
+        _, projection = track_projection(courses, 0, sample, x, y)
+        assert metres_past_bank(courses, 0, projection) < -0.3
+        assert island_at(courses, 0, x, y) < 0
 
 
 def test_the_line_is_shorter_than_the_course():
     world = river("Hard", 1)
-    line = drawn(pack([world], EnvConfig()), EnvConfig()).line
+    line = plan_route(pack_courses([world], EnvConfig()), EnvConfig()).line
     length = np.linalg.norm(np.roll(line, -1, axis=0) - line, axis=1).sum()
     assert 0.8 * world.river.length_m < length < world.river.length_m
 

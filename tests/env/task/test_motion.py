@@ -6,7 +6,7 @@ import pytest
 from tests.env.flights import BACKWARD, FORWARD, HOVER, LEFT, TURN_LEFT, TURN_RIGHT, UP, at, step
 from tests.env.handmade import canal
 from thalweg.env import ActionError, DoneReason
-from thalweg.env.task.motion import wrapped
+from thalweg.env.task.motion import wrap_angle
 
 START = (10.0, 0.0, 5.0, 0.0)
 TEN = math.radians(10.0)
@@ -63,10 +63,10 @@ def test_a_full_turn_comes_back_to_the_same_yaw():
 
 
 @pytest.mark.parametrize("angle", [-7.0, -math.pi, 0.0, 3.0, 4.0, 100.0])
-def test_wrapped_is_the_same_direction_within_a_half_turn(angle: float):
-    assert -math.pi <= wrapped(angle) <= math.pi
-    assert math.cos(wrapped(angle)) == pytest.approx(math.cos(angle))
-    assert math.sin(wrapped(angle)) == pytest.approx(math.sin(angle), abs=1e-12)
+def test_a_wrapped_angle_is_the_same_direction_within_a_half_turn(angle: float):
+    assert -math.pi <= wrap_angle(angle) <= math.pi
+    assert math.cos(wrap_angle(angle)) == pytest.approx(math.cos(angle))
+    assert math.sin(wrap_angle(angle)) == pytest.approx(math.sin(angle), abs=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,9 @@ import pytest
 from tests.env.flights import BACKWARD, FORWARD, HOVER, LEFT, TURN_LEFT, at, fly, step
 from tests.env.handmade import canal, hairpin, ring, world_of
 from thalweg.env import DoneReason, EnvConfig
-from thalweg.env.initial_poses import located
-from thalweg.env.task.course_arrays import pack
-from thalweg.env.task.progress import followed
+from thalweg.env.initial_poses import project_anywhere
+from thalweg.env.task.course_arrays import pack_courses
+from thalweg.env.task.progress import track_projection
 
 Z = 5.0
 
@@ -82,10 +82,10 @@ def test_closure_credits_the_last_and_the_first_segment_alike():
 
 def test_the_projection_never_jumps_to_the_other_arm_of_a_hairpin():
     world = hairpin(arm_m=30.0, gap_m=10.0, width_m=9.0)
-    courses = pack([world], EnvConfig())
-    _, segment, _, distance = followed(courses, 0, 10, 10.5, 9.0)
-    assert segment == 10
-    assert distance == pytest.approx(9.0)
+    courses = pack_courses([world], EnvConfig())
+    _, projection = track_projection(courses, 0, 10, 10.5, 9.0)
+    assert projection.segment == 10
+    assert projection.distance == pytest.approx(9.0)
 
 
 def test_flying_over_to_the_other_arm_is_out_of_volume_and_credits_none_of_it():
@@ -109,9 +109,9 @@ def test_round_the_hairpin_the_arms_are_visited_one_after_the_other():
 
 def test_a_pose_between_two_arms_is_located_in_the_water_it_is_over():
     world = hairpin(arm_m=30.0, gap_m=10.0, width_m=np.r_[np.full(46, 12.0), np.full(46, 4.0)])
-    segment, _, distance = located(pack([world], EnvConfig()), 0, 15.5, 5.5)
-    assert segment == 15
-    assert distance == pytest.approx(5.5)
+    projection = project_anywhere(pack_courses([world], EnvConfig()), 0, 15.5, 5.5)
+    assert projection.segment == 15
+    assert projection.distance == pytest.approx(5.5)
 
 
 def test_an_open_course_succeeds_at_the_end_ahead_only():

@@ -1,11 +1,11 @@
-"""The kernels against the slow twin, over random flights in hand-made and generated rivers."""
+"""The kernels agree with the reference implementation over random flights in hand-made and generated rivers."""
 
 import numpy as np
 import pytest
 
 from tests.env.handmade import canal, hairpin, ring
+from tests.env.reference import ReferenceEpisode
 from tests.env.rivers import river
-from tests.env.twin import Twin
 from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv
 from thalweg.world.bridges import bridge_across
 
@@ -23,33 +23,35 @@ def worlds():
 
 
 def compare(config: EnvConfig, envs: int, steps: int, seed: int) -> np.ndarray:
-    """Fly kernels and twins side by side; the counts of each done reason [8], the first for steps without one."""
+    """Compare kernels and references step by step; return the count of each done reason [8], RUNNING first."""
     env = RiverVectorEnv(worlds(), envs, config, autoreset_mode="DISABLED")
     env.reset(seed=seed)
-    twins = [Twin(env.worlds[w], config, pose) for w, pose in zip(env.world_index, env.state.pose, strict=True)]
+    references = [
+        ReferenceEpisode(env.worlds[w], config, pose) for w, pose in zip(env.world_index, env.state.pose, strict=True)
+    ]
     rng = np.random.default_rng(seed)
     counts = np.zeros(8, dtype=int)
     for _ in range(steps):
         wild = rng.integers(0, 3, size=(envs, 4))
         actions = np.where(rng.random((envs, 1)) < 0.6, env.pilot_actions(), wild)
         _, rewards, _, _, info = env.step(actions)
-        for row, twin in enumerate(twins):
-            reward, tight, loose, reason = twin.step(actions[row])
+        for row, reference in enumerate(references):
+            reward, tight, loose, reason = reference.step(actions[row])
             assert reason == info["done_reason"][row]
             assert reward == pytest.approx(rewards[row], abs=1e-12)
             assert info["costs"][row] == pytest.approx([tight, loose])
-            assert info["pose"][row] == pytest.approx([twin.x, twin.y, twin.z, twin.yaw], abs=1e-9)
-            assert info["progress"][row] == len(twin.visited) / twin.river.segments
+            assert info["pose"][row] == pytest.approx([reference.x, reference.y, reference.z, reference.yaw], abs=1e-9)
+            assert info["progress"][row] == len(reference.visited) / reference.river.segments
             counts[reason + 1] += 1
         ended = info["done_reason"] >= 0
         if ended.any():
             env.reset(options={"reset_mask": ended})
             for row in np.flatnonzero(ended):
-                twins[row] = Twin(env.worlds[env.world_index[row]], config, env.state.pose[row])
+                references[row] = ReferenceEpisode(env.worlds[env.world_index[row]], config, env.state.pose[row])
     return counts
 
 
-def test_kernels_agree_with_the_twin():
+def test_kernels_agree_with_the_reference():
     compare(EnvConfig(observation="none", max_idle_steps=5), envs=10, steps=250, seed=0)
 
 
@@ -62,6 +64,6 @@ def test_kernels_agree_with_the_twin():
         EnvConfig(observation="none", forward_step_m=3.0, yaw_step_deg=25.0, body_m=2.0),
     ],
 )
-def test_kernels_agree_with_the_twin_over_many_flights(config: EnvConfig):
+def test_kernels_agree_with_the_reference_over_many_flights(config: EnvConfig):
     counts = compare(config, envs=30, steps=500, seed=3)
     assert counts[DoneReason.COLLISION + 1 : DoneReason.YAW_OVER_DEVIATION + 2].min() > 3

@@ -8,10 +8,10 @@ from scipy.optimize import linprog
 from tests.env.flights import FORWARD, HOVER, UP, at, fly, step
 from tests.env.handmade import canal, ring
 from thalweg.env import DoneReason, EnvConfig
-from thalweg.env.task.course_arrays import grown_hull, pack
-from thalweg.env.task.progress import between
-from thalweg.env.task.termination import beyond_bank, deviation, hits_bridge
-from thalweg.world.bridges import bridge_across, hull_planes
+from thalweg.env.task.course_arrays import grown_hull, pack_courses
+from thalweg.env.task.progress import Projection, interpolate
+from thalweg.env.task.termination import first_bridge_hit, metres_past_bank, yaw_deviation
+from thalweg.world.bridges import across, hull_planes
 
 RIGHT = (1, 1, 1, 2)
 LEFT = (1, 1, 1, 0)
@@ -21,7 +21,7 @@ SLIGHTLY = 1e-6
 
 def bridge_at(x: float, width: float = 6.0) -> np.ndarray:
     """A bridge across a canal."""
-    return bridge_across(np.array([x, 0.0]), np.array([1.0, 0.0]), width, 0.0, np.random.default_rng(1))[None]
+    return across(np.array([x, 0.0]), np.array([1.0, 0.0]), width, 0.0, np.random.default_rng(1))[None]
 
 
 @pytest.mark.parametrize(("y", "reason"), [(2.5 - SLIGHTLY, DoneReason.RUNNING), (2.5 + SLIGHTLY, 1)])
@@ -37,9 +37,9 @@ def test_the_width_between_samples_is_linear():
     assert step(env, LEFT)[2] is DoneReason.OUT_OF_VOLUME_HORIZONTAL
 
 
-def test_beyond_bank_tells_the_metres():
-    courses = pack([canal(20.0, spacing_m=10.0, width_m=[4.0, 8.0, 8.0])], EnvConfig())
-    assert beyond_bank(courses, 0, 0, 0.25, 3.0) == pytest.approx(0.5)
+def test_metres_past_the_bank_are_positive_on_land():
+    courses = pack_courses([canal(20.0, spacing_m=10.0, width_m=[4.0, 8.0, 8.0])], EnvConfig())
+    assert metres_past_bank(courses, 0, Projection(0, 0.25, 3.0)) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,9 @@ def test_rounding_does_not_decide_at_the_edge_of_the_band(level: float):
 
 def test_the_level_between_samples_is_linear():
     world = canal(20.0, spacing_m=10.0, level_m=[0.0, 2.0, 2.0])
-    assert between(pack([world], EnvConfig()), 0, 0, 0.3, world.river.level_m) == pytest.approx(0.6)
+    assert interpolate(
+        pack_courses([world], EnvConfig()), 0, Projection(0, 0.3, 0.0), world.river.level_m
+    ) == pytest.approx(0.6)
     env = at(world, (4.9, 0.0, 1.5, 0.0))
     assert step(env, FORWARD)[2] is DoneReason.OUT_OF_VOLUME_VERTICAL
 
@@ -86,10 +88,10 @@ def test_the_heading_counts_from_the_direction_of_travel_chosen_at_the_start():
 
 
 def test_the_course_turns_under_a_fixed_heading():
-    courses = pack([ring(radius_m=20.0, count=96)], EnvConfig())
-    assert deviation(courses, 0, 24, 0.0, math.pi / 2, 1) == pytest.approx(math.pi / 2)
-    assert deviation(courses, 0, 24, 0.0, math.pi / 2, -1) == pytest.approx(math.pi / 2)
-    assert deviation(courses, 0, 24, 0.5, math.pi, 1) == pytest.approx(math.pi / 96)
+    courses = pack_courses([ring(radius_m=20.0, count=96)], EnvConfig())
+    assert yaw_deviation(courses, 0, Projection(24, 0.0, 0.0), math.pi / 2, 1) == pytest.approx(math.pi / 2)
+    assert yaw_deviation(courses, 0, Projection(24, 0.0, 0.0), math.pi / 2, -1) == pytest.approx(math.pi / 2)
+    assert yaw_deviation(courses, 0, Projection(24, 0.5, 0.0), math.pi, 1) == pytest.approx(math.pi / 96)
 
 
 @pytest.mark.parametrize(("x", "reason"), [(7.0 - SLIGHTLY, DoneReason.RUNNING), (7.0 + SLIGHTLY, 1)])
@@ -154,8 +156,8 @@ def touches(planes: np.ndarray, a: np.ndarray, b: np.ndarray, half: float) -> bo
 def test_collisions_agree_with_linear_programming():
     rng = np.random.default_rng(0)
     tangent = np.array([math.cos(0.7), math.sin(0.7)])
-    row = bridge_across(np.array([20.0, 1.0]), tangent, 6.0, 0.0, rng)
-    courses = pack([canal(bridges=row[None])], EnvConfig())
+    row = across(np.array([20.0, 1.0]), tangent, 6.0, 0.0, rng)
+    courses = pack_courses([canal(bridges=row[None])], EnvConfig())
     planes, (_, vertices) = hull_planes(row), grown_hull(row, 0.5)
     low, high = vertices.min(axis=0) - 0.7, vertices.max(axis=0) + 0.7
     found = []
@@ -164,15 +166,13 @@ def test_collisions_agree_with_linear_programming():
         b = a + rng.normal(size=3) * rng.choice([0.0, 1.0])
         expected = touches(planes, a, b, 0.25)
         found.append(expected)
-        assert (hits_bridge(courses, 0, *a, *b) >= 0) == expected, (a, b)
+        assert (first_bridge_hit(courses, 0, *a, *b) >= 0) == expected, (a, b)
     assert 80 < sum(found) < 320
 
 
 def test_the_grown_hull_is_smaller_than_its_planes_pushed_out():
     """At the edges of an oblique hull the cube's support alone would add too much."""
-    row = bridge_across(
-        np.array([20.0, 1.0]), np.array([math.cos(0.7), math.sin(0.7)]), 6.0, 0.0, np.random.default_rng(0)
-    )
+    row = across(np.array([20.0, 1.0]), np.array([math.cos(0.7), math.sin(0.7)]), 6.0, 0.0, np.random.default_rng(0))
     planes = hull_planes(row)
     pushed = planes[:, 3] + 0.25 * np.abs(planes[:, :3]).sum(axis=1)
     grown, _ = grown_hull(row, 0.5)
@@ -185,7 +185,7 @@ def test_the_grown_hull_is_smaller_than_its_planes_pushed_out():
 
 
 def test_the_bridges_of_another_world_are_not_hit():
-    courses = pack([canal(bridges=bridge_at(20.0)), canal(), canal(bridges=bridge_at(30.0))], EnvConfig())
+    courses = pack_courses([canal(bridges=bridge_at(20.0)), canal(), canal(bridges=bridge_at(30.0))], EnvConfig())
     way = (19.0, 0.0, 1.0, 31.0, 0.0, 1.0)
-    assert [hits_bridge(courses, world, *way) for world in range(3)] == [0, -1, 0]
-    assert hits_bridge(courses, 2, 19.0, 0.0, 1.0, 21.0, 0.0, 1.0) == -1
+    assert [first_bridge_hit(courses, world, *way) for world in range(3)] == [0, -1, 0]
+    assert first_bridge_hit(courses, 2, 19.0, 0.0, 1.0, 21.0, 0.0, 1.0) == -1

@@ -6,12 +6,12 @@ import pytest
 from tests.env.flights import FORWARD, HOVER, LEFT, at, fly, step
 from tests.env.handmade import canal, ring, world_of
 from thalweg.env import DoneReason, EnvConfig
-from thalweg.env.task.course_arrays import pack
-from thalweg.env.task.reward_cost import costs
-from thalweg.env.task.rules import ending
-from thalweg.world.bridges import bridge_across
+from thalweg.env.task.course_arrays import pack_courses
+from thalweg.env.task.reward_cost import step_costs
+from thalweg.env.task.termination import done_reason
+from thalweg.world.bridges import across
 
-BRIDGE = bridge_across(np.array([20.0, 0.0]), np.array([1.0, 0.0]), 6.0, 0.0, np.random.default_rng(1))[None]
+BRIDGE = across(np.array([20.0, 0.0]), np.array([1.0, 0.0]), 6.0, 0.0, np.random.default_rng(1))[None]
 
 
 @pytest.mark.parametrize(
@@ -43,11 +43,10 @@ def test_the_levels_have_500_steps_and_other_worlds_as_many_as_their_length_asks
         return world_of([[0, 0], [side_m, 0], [side_m, side_m], [0, side_m]], name=name)
 
     worlds = [square(93.5, "medium"), square(95.0, "Medium"), canal(99.0)]
-    assert pack(worlds, EnvConfig()).max_steps.tolist() == [500, 500, 134]
-    assert pack([square(93.5), square(93.5, "Easy"), square(96.0, "Medium")], EnvConfig()).max_steps.tolist() == [
-        505, 505, 519,
-    ]  # fmt: skip
-    assert pack(worlds, EnvConfig(max_steps=77)).max_steps.tolist() == [77, 77, 77]
+    assert pack_courses(worlds, EnvConfig()).max_steps.tolist() == [500, 500, 134]
+    others = [square(93.5), square(93.5, "Easy"), square(96.0, "Medium")]
+    assert pack_courses(others, EnvConfig()).max_steps.tolist() == [505, 505, 519]
+    assert pack_courses(worlds, EnvConfig(max_steps=77)).max_steps.tolist() == [77, 77, 77]
 
 
 CASES = {
@@ -82,12 +81,12 @@ def test_each_reason_has_its_cost_once_at_the_end(reason: DoneReason, scheme: st
 def test_reasons_are_checked_in_the_order_of_their_codes():
     """One flight into a bridge over the bank below the water, turned too far, at the last idle step."""
     limits = EnvConfig().limits
-    assert ending(0, 50, 500, True, limits, 500) == 0
-    assert ending(3, 50, 500, True, limits, 500) == 3
-    assert ending(-1, 50, 500, True, limits, 500) == 4
-    assert ending(-1, 49, 500, True, limits, 500) == 5
-    assert ending(-1, 49, 499, True, limits, 500) == 6
-    assert ending(-1, 49, 499, False, limits, 500) == -1
+    assert done_reason(0, 50, 500, True, limits, 500) == 0
+    assert done_reason(3, 50, 500, True, limits, 500) == 3
+    assert done_reason(-1, 50, 500, True, limits, 500) == 4
+    assert done_reason(-1, 49, 500, True, limits, 500) == 5
+    assert done_reason(-1, 49, 499, True, limits, 500) == 6
+    assert done_reason(-1, 49, 499, False, limits, 500) == -1
 
 
 def test_of_several_dangers_the_first_is_reported():
@@ -102,7 +101,7 @@ def test_of_several_dangers_the_first_is_reported():
 @pytest.mark.parametrize("code", range(-1, 7))
 def test_at_most_one_cost_is_charged(code: int):
     expected = {0: (1, 0), 1: (1, 0), 2: (1, 0), 3: (0, 0.2), 4: (0, 0.2), 5: (0, 0.2)}.get(code, (0, 0))
-    assert costs(code, EnvConfig().limits) == pytest.approx(expected)
+    assert step_costs(code, EnvConfig().limits) == pytest.approx(expected)
 
 
 def test_a_loop_is_no_success_before_its_last_segment():

@@ -18,8 +18,8 @@ from thalweg.bench.evaluate.baselines import Policy, Remembering, Sight
 from thalweg.bench.evaluate.episodes import ENDS, REASONS, Episode
 from thalweg.encoder import Encoder
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
-from thalweg.env.initial_poses import CLOCK_S
-from thalweg.env.views import lit
+from thalweg.env.frame_renderer import relit_worlds
+from thalweg.env.initial_poses import CLOCK_RANGE_S
 from thalweg.render import Renderer
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.randomisation import Randomisation
@@ -93,7 +93,7 @@ class Course:
         seed = EVALUATION + config.starts_seed
         starts = sample_starts(world, config.episodes, seed, config=config.env)
         clocks = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(CLOCKS,)))
-        return cls(world, starts, clocks.uniform(0, CLOCK_S, len(starts)), np.arange(len(starts)))
+        return cls(world, starts, clocks.uniform(0, CLOCK_RANGE_S, len(starts)), np.arange(len(starts)))
 
     @classmethod
     def unseen(cls, level: str, config: EvaluationConfig) -> list["Course"]:
@@ -110,7 +110,7 @@ class Course:
         seeds = np.random.SeedSequence(EVALUATION + config.starts_seed, spawn_key=(LOOKS,))
         generator = np.random.default_rng(seeds)
         drawn = [randomisation.draw(generator) for _ in self.places]
-        lights = lit([self.world], randomisation) if randomisation.suns else []
+        lights = relit_worlds([self.world], randomisation) if randomisation.suns else []
         looks, suns = np.array([look for look, _ in drawn]), np.array([sun for _, sun in drawn])
         return replace(self, looks=looks, lights=tuple(lights), suns=suns)
 

@@ -28,9 +28,9 @@ from thalweg.bench.results.inference import (
     widen,
     widen_to_wilson,
 )
-from thalweg.env.task.reward_cost import WHOLE_COURSE
+from thalweg.env.task.reward_cost import FULL_COURSE_REWARD
 
-PROFILE_RETURNS = np.linspace(0.0, WHOLE_COURSE, 101)
+PROFILE_RETURNS = np.linspace(0.0, FULL_COURSE_REWARD, 101)
 """Returns at which performance profiles are drawn."""
 
 

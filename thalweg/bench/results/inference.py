@@ -17,7 +17,7 @@ import numpy as np
 from scipy import stats
 
 from thalweg.bench.evaluate.episodes import Episode
-from thalweg.env.task.reward_cost import WHOLE_COURSE
+from thalweg.env.task.reward_cost import FULL_COURSE_REWARD
 
 MIN_SEEDS = 3
 """Fewest seeds for which an interval is given."""
@@ -25,7 +25,7 @@ CONFIDENCE = 0.95
 """Confidence level of every interval."""
 RESAMPLES = 2000
 """Resamples of a bootstrap."""
-FIELD_RANGES = {"return_": (0.0, WHOLE_COURSE), "cost": (0.0, 1.0)}
+FIELD_RANGES = {"return_": (0.0, FULL_COURSE_REWARD), "cost": (0.0, 1.0)}
 """Least and greatest return and cost of an episode under the paper's rewards, which all suites use; intervals of their
 means are clipped to these ranges."""
 TOLERANCE = 1e-9

@@ -36,7 +36,7 @@ from thalweg.encoder import Encoder, EncoderInputError, Source, draw_reconstruct
 from thalweg.encoder.linear_probe import explained
 from thalweg.encoder.reconstruction import reconstruct
 from thalweg.encoder.training import resolve_precision, split
-from thalweg.env.privileged_state import BEARINGS, bearings
+from thalweg.env.privileged_state import PRIVILEGED_NAMES, privileged_state
 from thalweg.render import RENDER_VERSION, Renderer
 from thalweg.train.encoder.frames import draw_frames, river_worlds, views
 from thalweg.world import level_named
@@ -146,7 +146,7 @@ def collect(plan: Plan, progress: bool = True) -> Scenes:
     worlds = river_worlds(plan.level, 1)
     poses, index, clocks = views(worlds, plan.images + plan.held_out, plan.seed)
     frames = draw_frames(Renderer(worlds), poses, index, clocks, progress=progress)
-    return Scenes(frames, bearings(worlds[0], poses))
+    return Scenes(frames, privileged_state(worlds[0], poses))
 
 
 def measures(
@@ -166,7 +166,7 @@ def measures(
     found["iou_ceiling"] = mean_iou(water_in(segmenter, frames), truth)
     codes = [encoder(scenes.frames[part]) for part in (kept, aside)]
     read = explained(codes[0], scenes.truths[kept], codes[1], scenes.truths[aside])
-    return found | {"read": dict(zip(BEARINGS, read.tolist(), strict=True))}
+    return found | {"read": dict(zip(PRIVILEGED_NAMES, read.tolist(), strict=True))}
 
 
 def write_tables(folder: Path, plan: Plan, scenes: Scenes, kept: np.ndarray, aside: np.ndarray) -> Path:

@@ -14,18 +14,19 @@ from thalweg.bench.report.published import RELATIVE_ENTROPY
 from thalweg.bench.report.table import frame, markdown
 from thalweg.encoder import VAEConfig
 from thalweg.encoder.entropy import SMOOTHING, relative_entropy
-from thalweg.env.privileged_state import BEARINGS
+from thalweg.env.privileged_state import PRIVILEGED_NAMES
 
 OTHER_SMOOTHINGS = (1e-9, 1e-4, 1e-3)
 """What else could be added to each bin, to see how much the choice matters."""
 CASE = ("architecture", "inputs", "numbers")
 ERRORS = ("train_mse", "held_out_mse", "mean_image_mse")
 RIVER = ("iou_mask", "iou_colours", "iou_ceiling")
-READ = tuple(f"read_{name.replace(' ', '_')}" for name in BEARINGS)
+READ = tuple(f"read_{name.replace(' ', '_')}" for name in PRIVILEGED_NAMES)
 SIZE_COLUMNS = (*CASE, *ERRORS, *RIVER, *READ)
 ENTROPY_COLUMNS = ("first", "second", "paper", *(f"smoothing_{value:g}" for value in (SMOOTHING, *OTHER_SMOOTHINGS)))
 Measures = Mapping[str, Any]
-"""By the names of `ERRORS` and `RIVER`, None where an input has none; and `read`: R² by the names of `BEARINGS`."""
+"""By the names of `ERRORS` and `RIVER`, None where an input has none; and `read`: R² by the names of
+`PRIVILEGED_NAMES`."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class Case:
 def size_row(case: Case, found: Measures) -> dict[str, str]:
     """A row of sizes.csv; what an input does not have is empty."""
     values = {name: found[name] for name in (*ERRORS, *RIVER)}
-    values |= {column: found["read"][name] for column, name in zip(READ, BEARINGS, strict=True)}
+    values |= {column: found["read"][name] for column, name in zip(READ, PRIVILEGED_NAMES, strict=True)}
     cells = {name: "" if value is None or math.isnan(value) else f"{value:.5f}" for name, value in values.items()}
     return {"architecture": case.architecture, "inputs": case.inputs, "numbers": str(case.latent)} | cells
 

@@ -1,1 +1,1 @@
-"""Episodes as one function per environment, for a CPU loop or a GPU thread."""
+"""The step of `TensorRiverEnv`: one function per environment, for a loop on the CPU or a thread of a GPU."""

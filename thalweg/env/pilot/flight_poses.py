@@ -1,4 +1,4 @@
-"""Where is a camera in flight? The poses of flights by the scripted pilot from random starts."""
+"""Poses of flights by the scripted pilot from random starts, as a source of frames."""
 
 import numpy as np
 
@@ -6,13 +6,13 @@ from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.world import World
 
 FLIGHT_STEPS = 50
-"""Steps of a flight: those of the original's recordings, so that frames can be held beside them."""
+"""Steps of a flight: as in the recordings of the original, so that frames can be compared with them."""
 
 
 def pilot_poses(world: World, count: int, seed: int) -> np.ndarray:
-    """Poses [count, 4] (x, y, z in metres, yaw in radians): flights of FLIGHT_STEPS steps, one after another.
+    """Return poses [count, 4] (x, y, z in metres, yaw in radians) of consecutive flights of FLIGHT_STEPS steps.
 
-    An episode that ends within a flight begins again at another random start.
+    If an episode ends within a flight, the flight continues from another random start.
     """
     flights = -(-count // FLIGHT_STEPS)
     env = RiverVectorEnv([world], flights, EnvConfig(observation="none"))

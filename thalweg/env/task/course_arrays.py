@@ -1,8 +1,7 @@
-"""What do the rules know of the worlds? All courses of a batch in flat arrays, so that one kernel serves several
-worlds.
+"""Course arrays: what the rules need of a batch of worlds, in flat arrays, so that one kernel serves several worlds.
 
-Dimension letters: W worlds, S samples of all worlds, I islands, B bridges, P planes of all bridges. Absent on
-purpose: everything that is only drawn.
+Dimension letters: W worlds, S samples of all worlds, I islands, B bridges, P planes of all bridges. Everything that
+affects only the frames is absent.
 """
 
 import hashlib
@@ -22,13 +21,13 @@ from thalweg.world.record import World
 LEVEL_MAX_STEPS = 500
 """Step limit of the levels (paper)."""
 STEPS_PER_METRE = 1.35
-"""Step limit of any other world, per metre of its course: what 500 steps are for a loop of about 370 m."""
+"""Step limit of any other world, per metre of its course: as 500 steps for a loop of about 370 m."""
 LEVEL_LENGTH_SHARE = 0.02
-"""A course that differs by more of its length from the level whose name it bears is no river of that level."""
+"""A course whose length differs from that of the level of its name by more than this share is not of that level."""
 
 
-class Courses(NamedTuple):
-    """Flat arrays over the worlds of a batch; `first_x[w]:first_x[w + 1]` are world w's rows."""
+class CourseArrays(NamedTuple):
+    """Flat arrays over the worlds of a batch; `first_x[w]:first_x[w + 1]` are the rows of world w."""
 
     first_sample: np.ndarray
     """[W + 1] int64."""
@@ -57,59 +56,59 @@ class Courses(NamedTuple):
     first_bridge: np.ndarray
     """[W + 1] int64."""
     bridge_box: np.ndarray
-    """[B, 6] float64, lowest and highest corner of each bridge's solid, grown by the body."""
+    """[B, 6] float64, lowest and highest corner of the convex hull of each bridge, grown by the body."""
     first_plane: np.ndarray
     """[B + 1] int64."""
     plane: np.ndarray
-    """[P, 4] float64, unit normal n and offset d of each bridge's convex hull grown by the body: solid where n.p <=
-    d."""
+    """[P, 4] float64, unit normal n and offset d of each plane of the grown hulls: a point p is inside where n.p <= d
+    for all planes of a bridge."""
 
 
-def pack(worlds: Sequence[World], config: EnvConfig) -> Courses:
-    """The courses of some worlds under a config."""
+def pack_courses(worlds: Sequence[World], config: EnvConfig) -> CourseArrays:
+    """Return the course arrays of a batch of worlds under a config."""
     if not worlds:
         raise ValueError("at least one world is needed")
     rivers = [world.river for world in worlds]
-    solids = [grown_hull(row, config.body_m) for world in worlds for row in world.bridges]
-    return Courses(
+    hulls = [grown_hull(row, config.body_m) for world in worlds for row in world.bridges]
+    return CourseArrays(
         first_sample=_offsets([len(river.arc_m) for river in rivers]),
         closed=np.array([int(river.closed) for river in rivers], dtype=np.int64),
         segments=np.array([river.segments for river in rivers], dtype=np.int64),
         max_steps=np.array([step_limit(world, config) for world in worlds], dtype=np.int64),
-        position=_joined([river.position_m for river in rivers], 2),
-        tangent=_joined([river.tangent for river in rivers], 2),
-        width=_joined([river.width_m for river in rivers]),
-        level=_joined([river.level_m for river in rivers]),
-        arc=_joined([river.arc_m for river in rivers]),
+        position=_concatenate([river.position_m for river in rivers], 2),
+        tangent=_concatenate([river.tangent for river in rivers], 2),
+        width=_concatenate([river.width_m for river in rivers]),
+        level=_concatenate([river.level_m for river in rivers]),
+        arc=_concatenate([river.arc_m for river in rivers]),
         length=np.array([river.length_m for river in rivers], dtype=np.float64),
         first_island=_offsets([len(world.islands) for world in worlds]),
-        island=_joined([_island_axes(world.islands) for world in worlds], 6),
+        island=_concatenate([_island_axes(world.islands) for world in worlds], 6),
         first_bridge=_offsets([len(world.bridges) for world in worlds]),
-        bridge_box=_joined([np.concatenate([v.min(axis=0), v.max(axis=0)])[None] for _, v in solids], 6),
-        first_plane=_offsets([len(planes) for planes, _ in solids]),
-        plane=_joined([planes for planes, _ in solids], 4),
+        bridge_box=_concatenate([np.concatenate([v.min(axis=0), v.max(axis=0)])[None] for _, v in hulls], 6),
+        first_plane=_offsets([len(planes) for planes, _ in hulls]),
+        plane=_concatenate([planes for planes, _ in hulls], 4),
     )
 
 
 def step_limit(world: World, config: EnvConfig) -> int:
-    """The longest episode in a world, in steps."""
+    """Return the maximum length of an episode in a world, in steps."""
     if config.max_steps is not None:
         return int(config.max_steps)
     from thalweg.world.levels import LEVELS
 
     for level in LEVELS.values():
-        near = abs(world.river.length_m - level.length_m) <= LEVEL_LENGTH_SHARE * level.length_m
-        if world.name.lower() == level.name.lower() and near:
+        similar = abs(world.river.length_m - level.length_m) <= LEVEL_LENGTH_SHARE * level.length_m
+        if world.name.lower() == level.name.lower() and similar:
             return LEVEL_MAX_STEPS
     return math.ceil(STEPS_PER_METRE * world.river.length_m)
 
 
 def grown_hull(row: np.ndarray, body_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Planes [P, 4] and vertices [V, 3] of a bridge's convex hull grown by the body: where the centre of a cube that
-    touches it may be.
+    """Return the planes [P, 4] and vertices [V, 3] of a bridge's convex hull grown by the body: the set of centres at
+    which the body, a cube, touches the bridge.
 
-    The Minkowski sum of hull and cube is the convex hull of all sums of their corners; pushing each plane out by the
-    cube's support alone would leave the grown solid too large at its edges.
+    It is the Minkowski sum of hull and cube, the convex hull of all sums of their corners. Moving each plane outwards
+    by the support of the cube would leave it too large at its edges.
     """
     from thalweg.world.bridges import hull_planes
 
@@ -121,42 +120,43 @@ def grown_hull(row: np.ndarray, body_m: float) -> tuple[np.ndarray, np.ndarray]:
     grown = (vertices[:, None, :] + corners[None, :, :]).reshape(-1, 3)
     hull = ConvexHull(grown)
     equations = hull.equations
+    # Qhull returns a plane for each triangle; faces of more corners appear more than once.
     _, first = np.unique(np.round(equations, 7), axis=0, return_index=True)
     equations = equations[np.sort(first)]
     return np.column_stack([equations[:, :3], -equations[:, 3]]), grown[hull.vertices]
 
 
 def fingerprint(world: World) -> int:
-    """A number that differs between worlds whose rules or looks differ, to refuse a state of another world.
+    """Return a hash of a world's name, seed, course and appearance, by which the state of another world is refused.
 
-    Light and the rest of the maps follow from what is hashed.
+    The light and the other maps follow from the hashed arrays.
     """
     digest = hashlib.sha256(repr((world.name, int(world.seed), bool(world.river.closed))).encode())
     river = world.river
-    rules = (river.position_m, river.width_m, river.level_m, world.islands, world.bridges)
-    looks = (world.ground_m, world.albedo, world.plants.position_m, [world.sun_azimuth, world.sun_elevation])
-    for array in (*rules, *looks):
-        whole = np.ascontiguousarray(array, dtype=np.float64)
-        digest.update(repr(whole.shape).encode())
-        digest.update(whole.tobytes())
-    return _number(digest)
+    for_rules = (river.position_m, river.width_m, river.level_m, world.islands, world.bridges)
+    for_frames = (world.ground_m, world.albedo, world.plants.position_m, [world.sun_azimuth, world.sun_elevation])
+    for array in (*for_rules, *for_frames):
+        values = np.ascontiguousarray(array, dtype=np.float64)
+        digest.update(repr(values.shape).encode())
+        digest.update(values.tobytes())
+    return _first_64_bits(digest)
 
 
 def config_fingerprint(config: EnvConfig) -> int:
-    """A number that differs between configs with unlike values, however equal ones are written (15 and 15.0)."""
+    """Return a hash of a config's values; equal values give the same hash, whether written as 15 or 15.0."""
     values = {**asdict(config), "camera": asdict(config.camera)}
     plain = {name: float(value) if isinstance(value, Real) else value for name, value in values.items()}
     plain["camera"] = {name: float(value) for name, value in values["camera"].items()}
-    return _number(hashlib.sha256(repr(plain).encode()))
+    return _first_64_bits(hashlib.sha256(repr(plain).encode()))
 
 
-def _number(digest: "hashlib._Hash") -> int:
-    """The first 64 bits of a digest."""
+def _first_64_bits(digest: "hashlib._Hash") -> int:
+    """Return the first 64 bits of a digest as an integer."""
     return int.from_bytes(digest.digest()[:8], "little")
 
 
 def _inner_point(planes: np.ndarray) -> np.ndarray:
-    """The point [3] of a convex solid that lies deepest inside (Chebyshev centre by linear programming)."""
+    """Return the Chebyshev centre [3] of a convex solid, by linear programming."""
     from scipy.optimize import linprog
 
     norm = np.linalg.norm(planes[:, :3], axis=1)
@@ -167,23 +167,24 @@ def _inner_point(planes: np.ndarray) -> np.ndarray:
         bounds=[(None, None)] * 3 + [(0.0, None)],
     )
     if not found.success or found.x[3] <= 0:
-        raise ValueError("the planes of a bridge's hull enclose no solid")
+        raise ValueError("the planes of a bridge's hull do not enclose a solid")
     return found.x[:3]
 
 
 def _island_axes(islands: np.ndarray) -> np.ndarray:
-    """[I, 5] ellipses -> [I, 6] rows as `Courses.island` holds them."""
+    """Return rows [I, 6] as in `CourseArrays.island` of ellipses [I, 5]."""
     x, y, along, across, angle = np.asarray(islands, dtype=np.float64).reshape(-1, 5).T
     cos, sin = np.cos(angle), np.sin(angle)
     return np.column_stack([x, y, cos / along, sin / along, -sin / across, cos / across])
 
 
 def _offsets(counts: Sequence[int]) -> np.ndarray:
+    """Return the first row [W + 1] of each group of rows, and the end of the last."""
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
-def _joined(parts: Sequence[np.ndarray], columns: int | None = None) -> np.ndarray:
-    """Rows of all parts below one another as contiguous float64; well shaped when there is none."""
+def _concatenate(blocks: Sequence[np.ndarray], columns: int | None = None) -> np.ndarray:
+    """Return the rows of all blocks as one contiguous float64 array, of zero rows if there is no block."""
     shape = (-1,) if columns is None else (-1, columns)
-    arrays = [np.asarray(part, dtype=np.float64).reshape(shape) for part in parts]
+    arrays = [np.asarray(block, dtype=np.float64).reshape(shape) for block in blocks]
     return np.ascontiguousarray(np.concatenate(arrays)) if arrays else np.zeros((0, columns or 1))

@@ -1,28 +1,58 @@
-"""How does the camera move? No dynamics: each branch of an action moves it by its step at once.
+"""Motion of the camera: each branch of an action moves it by a fixed step, without dynamics.
 
-Order inside a step: climb, turn, then forward and to the side in the new heading, as one straight move. Turning first
-lets the camera follow a bend with no lag, and matches a body that is rotated before it is translated.
+Order within a step: climb, turn, then move forward and sideways in the new heading, as one straight move. Turning first
+lets the camera follow a bend without lag, and matches a body that is rotated before it is translated.
 """
 
 import math
+from typing import NamedTuple
 
 from thalweg.core.jit import kernel
 
 
+class Pose(NamedTuple):
+    """Position and heading of one camera."""
+
+    x: float
+    """Metres, east."""
+    y: float
+    """Metres, north."""
+    z: float
+    """Metres, up."""
+    yaw: float
+    """Radians, counter-clockwise from +x."""
+
+
+class UnitAction(NamedTuple):
+    """Action of one environment, in shares of a step: numbers in -1..1."""
+
+    up: float
+    turn: float
+    """Positive to the left."""
+    forward: float
+    left: float
+
+
 @kernel(fastmath=False)
-def wrapped(angle):
-    """The same direction in -pi..pi (radians)."""
+def wrap_angle(angle):
+    """Return the same direction in -pi..pi (radians)."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
 @kernel(fastmath=False)
-def moved(x, y, z, yaw, up, left, forward, leftward, limits):
-    """Pose (x, y, z, yaw) after one step; up, left (turn), forward, leftward in -1..1, shares of a step."""
-    if forward < 0.0 and limits.allow_backward == 0:
-        forward = 0.0
-    yaw = wrapped(yaw + left * limits.yaw_step)
-    ahead = forward * limits.forward_step
-    aside = leftward * limits.lateral_step
+def move(pose, action, limits):
+    """Return the `Pose` after one step from a `Pose` by a `UnitAction`."""
+    share = action.forward
+    if share < 0.0 and limits.allow_backward == 0:
+        share = 0.0
+    yaw = wrap_angle(pose.yaw + action.turn * limits.yaw_step)
+    forward = share * limits.forward_step
+    left = action.left * limits.lateral_step
     cos = math.cos(yaw)
     sin = math.sin(yaw)
-    return x + ahead * cos - aside * sin, y + ahead * sin + aside * cos, z + up * limits.vertical_step, yaw
+    return Pose(
+        pose.x + forward * cos - left * sin,
+        pose.y + forward * sin + left * cos,
+        pose.z + action.up * limits.vertical_step,
+        yaw,
+    )

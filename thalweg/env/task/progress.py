@@ -1,35 +1,46 @@
-"""Where along the course is the camera, and which segments has it visited?
+"""Progress along the course: the projection on the centre line, and the segments that have been visited.
 
-The projection on the centre line is followed continuously from the last one: a local search that never sees another
-arm of a bend. Segment k lies between samples k and k + 1; a place on the line is a segment and a fraction in 0..1.
+The projection is tracked from step to step by a local search, which never jumps to another arm of a bend. Segment k
+lies between samples k and k + 1.
 """
 
 import math
+from typing import NamedTuple
 
 from thalweg.core.jit import kernel
 
 WINDOW = 2
-"""Segments searched each way in any case. On the inside of a corner of the line two neighbours can both be locally
-nearest; beyond the window the search goes on only while it comes nearer."""
+"""Segments that are always searched in each direction. On the inside of a corner of the line two neighbours can both be
+locally nearest; beyond the window the search continues only while the distance decreases."""
 
 TIE = 1.0e-9
-"""Square metres by which a segment must be nearer to be preferred to one closer to the last. Outside a corner of the
-line both its neighbours are equally near, and rounding must not decide which of them is visited."""
+"""Square metres by which a segment must be nearer to be preferred to one closer to the last. On the outside of a corner
+both neighbours are equally near, and rounding must not decide which of them counts as visited."""
+
+
+class Projection(NamedTuple):
+    """A point of the centre line, and the distance of the projected point from it."""
+
+    segment: int
+    fraction: float
+    """Position on the segment in 0..1."""
+    distance: float
+    """Metres."""
 
 
 @kernel(fastmath=False)
 def sample_rows(courses, world, segment):
-    """Rows of the two samples at the ends of a segment."""
+    """Return the rows of the two samples at the ends of a segment."""
     first = courses.first_sample[world]
     following = first + segment + 1
     if following == courses.first_sample[world + 1]:
-        following = first
+        following = first  # the last segment of a loop ends at its first sample
     return first + segment, following
 
 
 @kernel(fastmath=False)
-def nearest_on(courses, world, segment, x, y):
-    """(squared distance, fraction) of the point of a segment that is nearest to x, y."""
+def nearest_on_segment(courses, world, segment, x, y):
+    """Return (squared distance, fraction) of the point of a segment that is nearest to x, y."""
     a, b = sample_rows(courses, world, segment)
     ax = courses.position[a, 0]
     ay = courses.position[a, 1]
@@ -43,79 +54,91 @@ def nearest_on(courses, world, segment, x, y):
 
 
 @kernel(fastmath=False)
-def shifted(courses, world, segment, shift):
-    """The segment `shift` further along the course, or -1 beyond the end of an open one."""
+def segment_at_offset(courses, world, segment, offset):
+    """Return the segment `offset` further along the course, or -1 past the end of an open course."""
     count = courses.segments[world]
-    place = segment + shift
+    shifted = segment + offset
     if courses.closed[world] != 0:
-        return place % count
-    return place if 0 <= place < count else -1
+        return shifted % count
+    return shifted if 0 <= shifted < count else -1
 
 
 @kernel(fastmath=False)
-def followed(courses, world, segment, x, y):
-    """(segments passed, signed; segment; fraction; distance in metres): the projection of x, y, sought from `segment`
-    on."""
-    best, best_fraction = nearest_on(courses, world, segment, x, y)
-    here = best
-    best_shift = 0
+def track_projection(courses, world, segment, x, y):
+    """Return (offset, `Projection`) of x, y by a local search from `segment`.
+
+    `offset` is the signed number of segments from `segment` to that of the projection.
+    """
+    best, best_fraction = nearest_on_segment(courses, world, segment, x, y)
+    initial = best
+    best_offset = 0
+    # On a loop neither direction searches more than half of it, so that no segment is reached twice.
     furthest = (courses.segments[world] - 1) // 2 if courses.closed[world] != 0 else courses.segments[world]
     for way in (1, -1):
-        previous = here
-        shift = way
-        while abs(shift) <= furthest:
-            candidate = shifted(courses, world, segment, shift)
+        previous = initial
+        offset = way
+        while abs(offset) <= furthest:
+            candidate = segment_at_offset(courses, world, segment, offset)
             if candidate < 0:
                 break
-            squared, fraction = nearest_on(courses, world, candidate, x, y)
+            squared, fraction = nearest_on_segment(courses, world, candidate, x, y)
             if squared < best - TIE:
                 best = squared
                 best_fraction = fraction
-                best_shift = shift
-            if abs(shift) >= WINDOW and squared >= previous:
+                best_offset = offset
+            if abs(offset) >= WINDOW and squared >= previous:
                 break
             previous = squared
-            shift += way
-    return best_shift, shifted(courses, world, segment, best_shift), best_fraction, math.sqrt(best)
+            offset += way
+    nearest = segment_at_offset(courses, world, segment, best_offset)
+    return best_offset, Projection(nearest, best_fraction, math.sqrt(best))
 
 
 @kernel(fastmath=False)
-def between(courses, world, segment, fraction, values):
-    """A quantity given at the samples, linear along the segment."""
-    a, b = sample_rows(courses, world, segment)
-    return (1.0 - fraction) * values[a] + fraction * values[b]
+def interpolate(courses, world, projection, values):
+    """Return a quantity given at the samples, interpolated linearly at a `Projection`."""
+    a, b = sample_rows(courses, world, projection.segment)
+    return (1.0 - projection.fraction) * values[a] + projection.fraction * values[b]
 
 
 @kernel(fastmath=False)
-def direction(courses, world, segment, fraction):
-    """Angle of the course (radians, towards growing arc length), from the tangents at both ends of the segment."""
-    a, b = sample_rows(courses, world, segment)
+def course_direction(courses, world, projection):
+    """Return the angle of the course (radians, towards growing arc length) at a `Projection`, from the tangents at both
+    ends of the segment."""
+    a, b = sample_rows(courses, world, projection.segment)
+    fraction = projection.fraction
     x = (1.0 - fraction) * courses.tangent[a, 0] + fraction * courses.tangent[b, 0]
     y = (1.0 - fraction) * courses.tangent[a, 1] + fraction * courses.tangent[b, 1]
     return math.atan2(y, x)
 
 
 @kernel(fastmath=False)
-def credited(courses, world, segment, shift, visited):
-    """How many segments from `segment` to `shift` further are new; marks them in visited [K] uint8."""
-    way = 1 if shift >= 0 else -1
+def visit_segments(courses, world, segment, offset, visited):
+    """Set the segments from `segment` to `offset` further in visited [K] uint8; return how many of them are new."""
+    way = 1 if offset >= 0 else -1
     new = 0
-    for passed in range(abs(shift) + 1):
-        place = shifted(courses, world, segment, way * passed)
-        if visited[place] == 0:
-            visited[place] = 1
+    for passed in range(abs(offset) + 1):
+        index = segment_at_offset(courses, world, segment, way * passed)
+        if visited[index] == 0:
+            visited[index] = 1
             new += 1
     return new
 
 
 @kernel(fastmath=False)
-def arrived(courses, world, segment, travel, visited_count):
-    """Whether the course is done: every segment of a loop visited; on an open course the last one in the direction of
-    travel.
+def last_segment(courses, world, travel):
+    """Return the last segment of an open course in the direction of travel (1 or -1)."""
+    return courses.segments[world] - 1 if travel > 0 else 0
 
-    An open course is done on entering its last segment, so that a start in its middle need visit only what lies
-    ahead. Its very end could not be asked for: the volume ends there, and one who passes it near a bank is out.
+
+@kernel(fastmath=False)
+def course_completed(courses, world, segment, travel, visited_count):
+    """Return whether the course is completed: all segments of a loop are visited, or an open course's last segment in
+    the direction of travel is reached.
+
+    Entering the last segment of an open course is enough. A start in the middle need visit only the segments ahead, and
+    the very end cannot be required: the permitted volume ends there, so that a camera near the bank would leave it.
     """
     if courses.closed[world] != 0:
         return visited_count == courses.segments[world]
-    return segment == (courses.segments[world] - 1 if travel > 0 else 0)
+    return segment == last_segment(courses, world, travel)

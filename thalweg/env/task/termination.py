@@ -1,40 +1,45 @@
-"""Where may the camera be? Above the water between the banks, off the islands, within the height band, clear of
-bridges.
+"""Termination: the permitted volume above the water, collisions with bridges, and the limit of the heading.
 
-The centre of the camera decides, but for bridges, which the whole body must not touch.
+The volume lies between the banks, off the islands, and within the height band. The centre of the camera must stay in
+it; bridges must not be touched by any part of the body.
 """
 
 import math
 
 from thalweg.core.jit import kernel
 from thalweg.env.config import DoneReason
-from thalweg.env.task.motion import wrapped
-from thalweg.env.task.progress import between, direction
+from thalweg.env.task.motion import wrap_angle
+from thalweg.env.task.progress import course_direction, interpolate
 
 RUNNING = int(DoneReason.RUNNING)
 COLLISION = int(DoneReason.COLLISION)
 OUT_OF_VOLUME_HORIZONTAL = int(DoneReason.OUT_OF_VOLUME_HORIZONTAL)
 OUT_OF_VOLUME_VERTICAL = int(DoneReason.OUT_OF_VOLUME_VERTICAL)
 YAW_OVER_DEVIATION = int(DoneReason.YAW_OVER_DEVIATION)
+IDLE = int(DoneReason.IDLE)
+MAX_STEP_REACHED = int(DoneReason.MAX_STEP_REACHED)
+SUCCESS = int(DoneReason.SUCCESS)
 
-EDGE = 1.0e-9
-"""Metres or radians by which a limit may be passed: nine turns of 10 degrees are 90, whatever their sum rounds to."""
+TOLERANCE = 1.0e-9
+"""Metres or radians by which a limit may be exceeded: nine turns of 10 degrees are 90, however their sum rounds."""
 
 
 @kernel(fastmath=False)
-def hits_bridge(courses, world, ax, ay, az, bx, by, bz):
-    """The first bridge of a world that the body touches on the straight way from a to b, or -1.
+def first_bridge_hit(courses, world, ax, ay, az, bx, by, bz):
+    """Return the first bridge of a world that the body touches on the straight way from a to b, or -1.
 
-    The way is clipped against the planes of each grown hull (Cyrus and Beck, 1978), so that nothing is tunnelled
-    through.
+    The way is clipped against the planes of each grown hull (Cyrus and Beck, 1978), so that a long step cannot pass
+    through a bridge unnoticed.
     """
     for bridge in range(courses.first_bridge[world], courses.first_bridge[world + 1]):
+        # The boxes of way and bridge must overlap.
         if max(ax, bx) < courses.bridge_box[bridge, 0] or min(ax, bx) > courses.bridge_box[bridge, 3]:
             continue
         if max(ay, by) < courses.bridge_box[bridge, 1] or min(ay, by) > courses.bridge_box[bridge, 4]:
             continue
         if max(az, bz) < courses.bridge_box[bridge, 2] or min(az, bz) > courses.bridge_box[bridge, 5]:
             continue
+        # Shares of the way at which it enters and leaves the hull.
         enters = 0.0
         leaves = 1.0
         for row in range(courses.first_plane[bridge], courses.first_plane[bridge + 1]):
@@ -44,7 +49,7 @@ def hits_bridge(courses, world, ax, ay, az, bx, by, bz):
             start = nx * ax + ny * ay + nz * az - courses.plane[row, 3]
             end = nx * bx + ny * by + nz * bz - courses.plane[row, 3]
             if start > 0.0 and end > 0.0:
-                leaves = -1.0
+                leaves = -1.0  # the whole way is outside this plane
                 break
             if start > 0.0:
                 enters = max(enters, start / (start - end))
@@ -56,8 +61,8 @@ def hits_bridge(courses, world, ax, ay, az, bx, by, bz):
 
 
 @kernel(fastmath=False)
-def on_island(courses, world, x, y):
-    """The first island of a world that lies under x, y, or -1."""
+def island_at(courses, world, x, y):
+    """Return the first island of a world that contains x, y, or -1."""
     for island in range(courses.first_island[world], courses.first_island[world + 1]):
         dx = x - courses.island[island, 0]
         dy = y - courses.island[island, 1]
@@ -69,31 +74,48 @@ def on_island(courses, world, x, y):
 
 
 @kernel(fastmath=False)
-def beyond_bank(courses, world, segment, fraction, distance):
-    """Metres by which a point is beyond the bank, negative over the water; `distance` from the centre line in
-    metres."""
-    return distance - 0.5 * between(courses, world, segment, fraction, courses.width)
+def metres_past_bank(courses, world, projection):
+    """Return the distance of a projected point from the bank in metres: positive on land, negative over the water."""
+    return projection.distance - 0.5 * interpolate(courses, world, projection, courses.width)
 
 
 @kernel(fastmath=False)
-def deviation(courses, world, segment, fraction, yaw, travel):
-    """Angle in 0..pi between the heading and the direction of travel (`travel` 1 or -1 along the course)."""
-    course = direction(courses, world, segment, fraction)
+def yaw_deviation(courses, world, projection, yaw, travel):
+    """Return the angle in 0..pi between the heading and the direction of travel (`travel` 1 or -1 along the course)."""
+    course = course_direction(courses, world, projection)
     if travel < 0:
         course += math.pi
-    return abs(wrapped(yaw - course))
+    return abs(wrap_angle(yaw - course))
 
 
 @kernel(fastmath=False)
-def hazard(courses, world, limits, ax, ay, az, x, y, z, yaw, segment, fraction, distance, travel):
-    """Code of `DoneReason` for the first rule broken by a move from a to the pose at x, y, z, yaw; -1 for none."""
-    if hits_bridge(courses, world, ax, ay, az, x, y, z) >= 0:
+def rule_broken(courses, world, limits, before, after, projection, travel):
+    """Return the code of `DoneReason` of the first rule that a straight move between two `Pose`s breaks, or -1.
+
+    `projection` is that of the second pose.
+    """
+    if first_bridge_hit(courses, world, before.x, before.y, before.z, after.x, after.y, after.z) >= 0:
         return COLLISION
-    if beyond_bank(courses, world, segment, fraction, distance) > EDGE or on_island(courses, world, x, y) >= 0:
+    if (
+        metres_past_bank(courses, world, projection) > TOLERANCE
+        or island_at(courses, world, after.x, after.y) >= 0
+    ):  # fmt: skip
         return OUT_OF_VOLUME_HORIZONTAL
-    height = z - between(courses, world, segment, fraction, courses.level)
-    if height < limits.min_height - EDGE or height > limits.max_height + EDGE:
+    height = after.z - interpolate(courses, world, projection, courses.level)
+    if height < limits.min_height - TOLERANCE or height > limits.max_height + TOLERANCE:
         return OUT_OF_VOLUME_VERTICAL
-    if deviation(courses, world, segment, fraction, yaw, travel) > limits.max_yaw_deviation + EDGE:
+    if yaw_deviation(courses, world, projection, after.yaw, travel) > limits.max_yaw_deviation + TOLERANCE:
         return YAW_OVER_DEVIATION
     return RUNNING
+
+
+@kernel(fastmath=False)
+def done_reason(broken, idle, steps, completed, limits, max_steps):
+    """Return the code of `DoneReason` of a step, checked in the order of the codes; `broken` is from `rule_broken`."""
+    if broken >= 0:
+        return broken
+    if idle >= limits.max_idle_steps:
+        return IDLE
+    if steps >= max_steps:
+        return MAX_STEP_REACHED
+    return SUCCESS if completed else RUNNING

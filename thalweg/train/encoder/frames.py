@@ -8,7 +8,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from thalweg.encoder import EncoderInputError
 from thalweg.env import sample_starts
-from thalweg.env.initial_poses import CLOCK_S
+from thalweg.env.initial_poses import CLOCK_RANGE_S
 from thalweg.render import Camera, Renderer
 from thalweg.world import World, load_or_build
 from thalweg.world.levels import level_named
@@ -51,7 +51,7 @@ def views(worlds: list[World], count: int, seed: int) -> tuple[np.ndarray, np.nd
     poses = np.empty((count, 4))
     for number, world in enumerate(worlds):
         poses[index == number] = sample_starts(world, int((index == number).sum()), seed + number)
-    return poses, index, np.random.default_rng([seed, 1]).uniform(0, CLOCK_S, count)
+    return poses, index, np.random.default_rng([seed, 1]).uniform(0, CLOCK_RANGE_S, count)
 
 
 def draw_frames(

@@ -1,7 +1,7 @@
-"""The rules once more, slowly and obviously, from the table of the task: what the kernels are held against.
+"""Reference implementation of the rules, slow and obvious, written from the table of the task.
 
-One episode in plain Python and NumPy. It shares no code with the kernels, only the record of a world and the planes of
-bridges grown by the body, which are tested on their own.
+One episode in plain Python and NumPy. It shares no code with the kernels but the record of a world and the planes of
+bridges grown by the body, which have tests of their own.
 """
 
 import math
@@ -12,14 +12,14 @@ from thalweg.env import EnvConfig
 from thalweg.env.task.course_arrays import grown_hull, step_limit
 from thalweg.world.record import World
 
-EDGE = 1e-9
+TOLERANCE = 1e-9
 
 
-def wrapped(angle: float) -> float:
+def wrap_angle(angle: float) -> float:
     return (angle + math.pi) % (2 * math.pi) - math.pi
 
 
-class Twin:
+class ReferenceEpisode:
     """One episode that starts at a pose [4]."""
 
     def __init__(self, world: World, config: EnvConfig, pose: np.ndarray) -> None:
@@ -49,7 +49,7 @@ class Twin:
         return float((1 - t) * values[a] + t * values[b])
 
     def follow(self, start: int) -> tuple[int, float, float, list[int]]:
-        """(segment, fraction, distance, segments passed, both ends included)."""
+        """Return (segment, fraction, distance, passed segments with both ends)."""
         count, closed = self.river.segments, self.river.closed
         best = (self.nearest(start)[0], 0)
         for way in (1, -1):
@@ -71,7 +71,7 @@ class Twin:
 
     def deviation(self, k: int, t: float) -> float:
         tx, ty = (self.linear(k, t, self.river.tangent[:, axis]) for axis in (0, 1))
-        return abs(wrapped(self.yaw - math.atan2(self.travel * ty, self.travel * tx)))
+        return abs(wrap_angle(self.yaw - math.atan2(self.travel * ty, self.travel * tx)))
 
     def collides(self, before: np.ndarray) -> bool:
         after = np.array([self.x, self.y, self.z])
@@ -88,7 +88,7 @@ class Twin:
         return False
 
     def ashore(self, k: int, t: float, distance: float) -> bool:
-        if distance > self.linear(k, t, self.river.width_m) / 2 + EDGE:
+        if distance > self.linear(k, t, self.river.width_m) / 2 + TOLERANCE:
             return True
         for cx, cy, along, across, angle in self.world.islands:
             dx, dy = self.x - cx, self.y - cy
@@ -99,11 +99,11 @@ class Twin:
         return False
 
     def step(self, action: np.ndarray) -> tuple[float, float, float, int]:
-        """(reward, tight cost, loose cost, done reason) of an action [4] in 0..2."""
+        """Return (reward, tight cost, loose cost, done reason) of an action [4] in 0..2."""
         config, (up, left, forward, leftward) = self.config, (1 - int(branch) for branch in action)
         before = np.array([self.x, self.y, self.z])
         self.z += up * config.vertical_step_m
-        self.yaw = wrapped(self.yaw + left * math.radians(config.yaw_step_deg))
+        self.yaw = wrap_angle(self.yaw + left * math.radians(config.yaw_step_deg))
         ahead = (forward if config.allow_backward else max(forward, 0)) * config.forward_step_m
         aside = leftward * config.lateral_step_m
         self.x += ahead * math.cos(self.yaw) - aside * math.sin(self.yaw)
@@ -116,15 +116,15 @@ class Twin:
         self.idle = 0 if new else self.idle + 1
         height = self.z - self.linear(self.segment, t, self.river.level_m)
         last = self.river.segments - 1 if self.travel > 0 else 0
-        whole = len(self.visited) == self.river.segments if self.river.closed else self.segment == last
+        completed = len(self.visited) == self.river.segments if self.river.closed else self.segment == last
         checks = (
             self.collides(before),
             self.ashore(self.segment, t, distance),
-            not config.min_height_m - EDGE <= height <= config.max_height_m + EDGE,
-            self.deviation(self.segment, t) > math.radians(config.max_yaw_deviation_deg) + EDGE,
+            not config.min_height_m - TOLERANCE <= height <= config.max_height_m + TOLERANCE,
+            self.deviation(self.segment, t) > math.radians(config.max_yaw_deviation_deg) + TOLERANCE,
             self.idle >= config.max_idle_steps,
             self.steps >= self.max_steps,
-            whole,
+            completed,
         )
         reason = checks.index(True) if True in checks else -1
         paper = config.reward_scheme == "paper"

@@ -1,0 +1,107 @@
+"""Rendering for a vector environment: cameras, appearances and lights of N environments, drawn by one renderer."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from thalweg.core import fork
+from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig
+from thalweg.env.task.course_arrays import fingerprint
+from thalweg.env.task.rules import State
+from thalweg.render.records.appearance import look_rows, look_values
+from thalweg.render.records.quality import Quality
+from thalweg.render.records.randomisation import Randomisation
+from thalweg.world.record import World
+
+
+class Views(NamedTuple):
+    """What M cameras see."""
+
+    pose: np.ndarray
+    """[M, 4] float64."""
+    world: np.ndarray
+    """[M] int64."""
+    time_s: np.ndarray
+    """[M] float64."""
+    look: np.ndarray
+    """[M, P] float64, see `thalweg.render.records.appearance`."""
+    sun: np.ndarray
+    """[M] int64, index of the light among those of the world."""
+
+
+def relit_worlds(worlds: Sequence[World], randomisation: Randomisation | None) -> list[World]:
+    """Return the worlds, each under every light of the randomisation, grouped by world."""
+    if randomisation is None or not randomisation.suns:
+        return list(worlds)
+    return [world.relit(*light) for world in worlds for light in randomisation.lights(world.seed)]
+
+
+def lights_per_world(randomisation: Randomisation | None) -> int:
+    """Return the number of lights in which each world is rendered."""
+    return max(randomisation.suns, 1) if randomisation is not None else 1
+
+
+class FrameRenderer:
+    """Renders the cameras of N environments, each with an appearance and a light of its own."""
+
+    def __init__(self, worlds: Sequence[World], num_envs: int, config: EnvConfig, renderer: Any = None) -> None:
+        """Raises `ConfigError` for a `renderer` that does not fit the worlds or the config, and `RenderError` for a
+        randomisation that leads to impossible cameras."""
+        self.worlds, self.randomisation = worlds, config.randomisation
+        if renderer is not None:
+            if config.randomisation is not None:
+                raise ConfigError("randomisation needs a renderer of its own: give either that or a renderer")
+            _check_renderer(renderer, worlds, config)
+        self.camera = config.camera if renderer is None else renderer.camera
+        if config.randomisation is not None:
+            look_rows(config.randomisation.ends, self.camera)  # refuses angles outside the range of a camera
+        self._renderer = renderer
+        self._quality: Quality = config.quality
+        self.lights = lights_per_world(config.randomisation)
+        """Lights of each world."""
+        self.look = look_values(None, num_envs)
+        """[N, P] appearance of each environment."""
+        self.sun = np.zeros(num_envs, dtype=np.int64)
+        """[N] index of the light of each environment."""
+
+    def draw_look(self, row: int, period: str, generator: np.random.Generator) -> None:
+        """Draw the look of one environment if it changes with this period, "episode" or "environment"."""
+        if self.randomisation is not None and self.randomisation.per == period:
+            self.look[row], self.sun[row] = self.randomisation.draw(generator)
+
+    def views(self, state: State, rows: np.ndarray | slice = slice(None)) -> Views:
+        """Return copies of what the environments `rows` see in a state."""
+        return Views(*(a[rows].copy() for a in (state.pose, state.world, state.time_s, self.look, self.sun)))
+
+    def render(self, views: Views) -> np.ndarray:
+        """Return new frames [M, H, W, 4] uint8 of the views; raises `RuntimeError` in a process that cannot render
+        because it was forked."""
+        fork.raise_if_forked()
+        if self._renderer is None:
+            from thalweg.render import Renderer
+
+            self._renderer = Renderer(relit_worlds(self.worlds, self.randomisation), self.camera, self._quality)
+        out = np.empty((len(views.pose), self.camera.height_px, self.camera.width_px, 4), dtype=np.uint8)
+        if self.randomisation is None:
+            return self._renderer.render(views.pose, views.world, views.time_s, out)
+        lit_world = views.world * self.lights + views.sun
+        return self._renderer.render(views.pose, lit_world, views.time_s, out, look=views.look)
+
+
+def _check_renderer(renderer: Any, worlds: Sequence[World], config: EnvConfig) -> None:
+    """Raise `ConfigError` for a renderer of other worlds, or of another camera or quality than the config sets."""
+    rendered = getattr(renderer, "worlds", None)
+    if rendered is not None and not (
+        len(rendered) == len(worlds)
+        and all(a is b or fingerprint(a) == fingerprint(b) for a, b in zip(rendered, worlds, strict=True))
+    ):
+        raise ConfigError("the renderer draws other worlds than those of this environment")
+    wanted = asdict(config.camera)
+    different = [name for name, value in wanted.items() if getattr(renderer.camera, name, value) != value]
+    if different and config.camera != DEFAULT_CONFIG.camera:
+        raise ConfigError(f"config.camera is not the renderer's: {', '.join(different)} of {config.camera}")
+    quality = getattr(renderer, "quality", config.quality)
+    if config.quality not in (quality, DEFAULT_CONFIG.quality):
+        raise ConfigError(f"config.quality = {config.quality!r} is not the renderer's, {quality!r}")

@@ -36,8 +36,8 @@ from thalweg.env import EnvConfig, sample_starts
 from thalweg.env.torch_env import TensorRiverEnv
 from thalweg.render import Renderer
 from thalweg.render.records.appearance import look_rows, look_values
-from thalweg.train.rollouts.torch_collector import LatentTensorEnv, TensorCollector
-from thalweg.train.run_state import Training
+from thalweg.train.rollouts.tensor_collector import LatentTensorEnv, TensorCollector
+from thalweg.train.trainer import Training
 from thalweg.world import World, load_or_build
 
 HERE = Path(__file__).resolve().parent
@@ -122,7 +122,7 @@ def views(worlds: Sequence[World], count: int, renderer: Renderer, device: torch
     return tuple(torch.from_numpy(array).to(device) for array in arrays)
 
 
-def draw_frames(worlds: Sequence[World], count: int, quality: str, device: torch.device) -> Tensor:
+def render_frames(worlds: Sequence[World], count: int, quality: str, device: torch.device) -> Tensor:
     """Return frames [count, H, W, 4] on the host."""
     renderer = Renderer(worlds, quality=quality, device=str(device))  # pyright: ignore[reportArgumentType]
     camera = renderer.camera
@@ -134,7 +134,7 @@ def draw_frames(worlds: Sequence[World], count: int, quality: str, device: torch
 def check_frames(table: Table, worlds: Sequence[World], count: int, device: torch.device) -> None:
     """Compare frames and masks of both qualities, and codes of the full one."""
     for quality in ("full", "fast"):
-        here, there = (draw_frames(worlds, count, quality, side).int() for side in (torch.device("cpu"), device))
+        here, there = (render_frames(worlds, count, quality, side).int() for side in (torch.device("cpu"), device))
         apart = (here - there).abs()
         alike = float((apart[..., :3].amax(-1) <= WITHIN).float().mean())
         masks = float((apart[..., 3] == 0).float().mean())

@@ -24,8 +24,8 @@ from tests.devices.toy import TensorWalk  # noqa: E402
 from thalweg.algos import ALGORITHMS  # noqa: E402
 from thalweg.algos.interface import Task  # noqa: E402
 from thalweg.algos.presets import REFERENCE_ENVS  # noqa: E402
-from thalweg.train.rollouts.torch_collector import TensorCollector  # noqa: E402
-from thalweg.train.run_state import Training  # noqa: E402
+from thalweg.train.rollouts.tensor_collector import TensorCollector  # noqa: E402
+from thalweg.train.trainer import Trainer  # noqa: E402
 
 TABLE = HERE / "launches.csv"
 COLUMNS = ("algorithm", "environments", "acting", "learning")
@@ -63,16 +63,16 @@ def counted(name: str, num_envs: int, device: Device) -> tuple[float, float]:
     learner = entry.make(config, Task(collector.obs_size, ACTIONS, num_envs, 0, {}, PRETEND))
     scale = max(num_envs // REFERENCE_ENVS, 1)
     begin = getattr(config, "random_steps", 0)
-    training = Training(collector, learner, begin + STEPS * scale, seed=0, threads=1)
-    training.begin()
+    trainer = Trainer(collector, learner, begin + STEPS * scale, seed=0, threads=1)
+    trainer.start()
     acting = learning = steps = 0
-    while not training.done:
+    while not trainer.done:
         before = device.launched
-        training.step()
+        trainer.step()
         after = device.launched
-        if training.ready:
-            training.update()
-        if training.book.steps > begin:
+        if trainer.ready:
+            trainer.update()
+        if trainer.statistics.steps > begin:
             acting, learning, steps = acting + after - before, learning + device.launched - after, steps + 1
     return acting / steps, learning / steps
 

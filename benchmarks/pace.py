@@ -23,7 +23,7 @@ from thalweg.bench.csv_files import csv_text, read_csv
 from thalweg.bench.report.figures import STYLE
 from thalweg.bench.report.table import frame, markdown
 from thalweg.core.atomic_io import atomic_path, write_atomic
-from thalweg.train.river import TrainingGround, load_fitting_encoder
+from thalweg.train.river import RiverTraining, load_compatible_encoder
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
@@ -76,8 +76,8 @@ def put(path: Path, columns: tuple[str, ...], algorithm: str, new: Rows) -> None
 
 def measure(algorithm: str, folder: Path) -> None:
     """Train, or go on, and write down what came of it."""
-    TrainingGround("Medium", NUM_ENVS).train(
-        algorithm, load_fitting_encoder(None), steps=STEPS, seed=SEED, folder=folder
+    RiverTraining("Medium", NUM_ENVS).train(
+        algorithm, load_compatible_encoder(None), steps=STEPS, seed=SEED, folder=folder
     )
     metrics = read_csv(folder / "metrics.csv", ("steps", "seconds", *CURVE[2:]))
     put(CURVES, CURVE, algorithm, curve_of(algorithm, metrics))

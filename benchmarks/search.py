@@ -31,7 +31,7 @@ import numpy as np
 from thalweg.algos.registry import algorithm_named
 from thalweg.bench.csv_files import read_csv
 from thalweg.core.config import to_plain
-from thalweg.train.river import TrainingGround, load_fitting_encoder
+from thalweg.train.river import RiverTraining, load_compatible_encoder
 
 HERE = Path(__file__).resolve().parent
 TABLE = HERE / "search.csv"
@@ -73,9 +73,9 @@ def in_words(changes: Trial) -> str:
 def run_trial(algorithm: str, number: int, folder: Path) -> dict[str, Any]:
     """Train, or go on; returns the row of the trial."""
     changes = TRIALS[algorithm][number]
-    ground = TrainingGround("Medium", 16)
+    ground = RiverTraining("Medium", 16)
     result = ground.train(
-        algorithm, load_fitting_encoder(None), steps=STEPS, seed=SEED, folder=folder, settings=changes or None
+        algorithm, load_compatible_encoder(None), steps=STEPS, seed=SEED, folder=folder, settings=changes or None
     )
     last = read_csv(folder / "episodes.csv", ("return", "cost"))[-EPISODES:]
     returns, costs = (np.array([float(row[name]) for row in last]) for name in ("return", "cost"))

@@ -6,7 +6,7 @@ from pathlib import Path
 from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
 from thalweg.bench.results.statistics import summarise
 from thalweg.train import load_policy
-from thalweg.train.river import TrainingGround, check_sees_as_trained, load_fitting_encoder
+from thalweg.train.river import RiverTraining, check_policy_fits, load_compatible_encoder
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--steps", type=int, default=8192)
@@ -15,13 +15,13 @@ parser.add_argument("--encoder", type=Path, default=None)
 parser.add_argument("--out", type=Path, default=Path("runs/example"))
 options = parser.parse_args()
 
-encoder = load_fitting_encoder(options.encoder)
-ground = TrainingGround("Medium", num_envs=16)
+encoder = load_compatible_encoder(options.encoder)
+ground = RiverTraining("Medium", num_envs=16)
 result = ground.train("FOCOPS", encoder, steps=options.steps, seed=0, folder=options.out)
 print(f"{result.episodes} episodes in {result.seconds:.0f} s")
 
 policy = load_policy(options.out)
-check_sees_as_trained(policy, encoder)
+check_policy_fits(policy, encoder)
 config = EvaluationConfig(episodes=options.episodes)
 course = Course.of_level("Easy", config)
 label = Label("FOCOPS", 0, "Easy")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.suite.suites import Arm, Suite
-from thalweg.train.run_state import Training
+from thalweg.train.trainer import Trainer
 
 SUITE = Suite(
     "tiny",
@@ -25,14 +25,14 @@ SUITE = Suite(
 
 def die_at(update: int) -> None:
     """Make this process kill itself, without a chance to clean up, when a run comes to that update."""
-    learn = Training.update
+    learn = Trainer.update
 
-    def update_or_die(training: Training) -> dict[str, float]:
-        if training.updates + 1 == update:
+    def update_or_die(trainer: Trainer) -> dict[str, float]:
+        if trainer.updates + 1 == update:
             os.kill(os.getpid(), signal.SIGKILL)
-        return learn(training)
+        return learn(trainer)
 
-    Training.update = update_or_die  # pyright: ignore[reportAttributeAccessIssue]
+    Trainer.update = update_or_die  # pyright: ignore[reportAttributeAccessIssue]
 
 
 if __name__ == "__main__":

@@ -11,14 +11,14 @@ from thalweg.bench.execute.rivers import PACKAGED_POLICY
 from thalweg.encoder import DEFAULT_PATH
 from thalweg.render import RENDER_VERSION
 from thalweg.train import load_policy
-from thalweg.train.river import check_sees_as_trained, load_fitting_encoder, mark
+from thalweg.train.river import check_policy_fits, encoder_hash, load_compatible_encoder
 
 ROOT = Path(__file__).resolve().parents[2]
 NEVER = 1_000_000
 
 
 def test_the_encoder_of_the_package_fits_the_renderer():
-    encoder = load_fitting_encoder()
+    encoder = load_compatible_encoder()
     assert encoder.about["path"] == str(DEFAULT_PATH)
     assert (encoder.render_version, encoder.latent, encoder.inputs) == (RENDER_VERSION, 16, "rgb+mask")
 
@@ -26,9 +26,9 @@ def test_the_encoder_of_the_package_fits_the_renderer():
 def test_the_policy_of_the_package_learnt_from_the_encoder_of_the_package():
     if not PACKAGED_POLICY.exists():
         pytest.skip("NO POLICY COMES WITH THIS COPY: `make demo` has nothing to film but a policy of its own")
-    policy, encoder = load_policy(PACKAGED_POLICY), load_fitting_encoder()
-    check_sees_as_trained(policy, encoder)
-    assert policy.about.context["encoder"] == mark(encoder)
+    policy, encoder = load_policy(PACKAGED_POLICY), load_compatible_encoder()
+    check_policy_fits(policy, encoder)
+    assert policy.about.context["encoder"] == encoder_hash(encoder)
     assert policy.about.context["render_version"] == RENDER_VERSION
 
 

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.omnisafe import toy
 from benchmarks.omnisafe.toy import Toy
 from benchmarks.omnisafe.toy_vector import ToyVectorEnv
-from thalweg.train.rollouts.stream import Stream
+from thalweg.train.rollouts.env_stepper import EnvStepper
 
 FOLDER = Path(__file__).resolve().parents[2] / "benchmarks" / "omnisafe"
 
@@ -130,7 +130,7 @@ def test_the_top_pays_best_and_costs_most_and_the_limit_of_a_tenth_binds_between
 
 
 def test_training_takes_it_and_sees_its_costs_and_last_observations():
-    stream = Stream(ToyVectorEnv(8))
+    stream = EnvStepper(ToyVectorEnv(8))
     obs, costs, finals = stream.reset(seed=0), 0.0, []
     for _ in range(300):
         step = stream.step(policy(1.0, obs))

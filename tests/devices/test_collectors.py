@@ -14,8 +14,8 @@ from thalweg.algos.interface import Rollout, Task
 from thalweg.core.device import DeviceError
 from thalweg.train import ResumeWarning, TrainingError, run
 from thalweg.train.rollouts.collector import Collector
-from thalweg.train.rollouts.torch_collector import TensorCollector, collector_for
-from thalweg.train.run_state import Training
+from thalweg.train.rollouts.tensor_collector import TensorCollector, make_collector
+from thalweg.train.trainer import Trainer
 
 N = 6
 
@@ -51,17 +51,17 @@ class Script:
         pass
 
 
-def taken(env: Any, frames: int, separate: bool) -> tuple[Script, Training]:
+def taken(env: Any, frames: int, separate: bool) -> tuple[Script, Trainer]:
     """What a learner saw of five rollouts of 7 steps."""
-    collector = collector_for(env, frames, CPU, 1)
+    collector = make_collector(env, frames, CPU, 1)
     learner = Script(collector, env.single_action_space, steps=7, separate=separate)
-    training = Training(collector, learner, 10_000, seed=0, threads=1)  # pyright: ignore[reportArgumentType]
-    training.begin()
-    while training.updates < 5:
-        training.step()
-        if training.ready:
-            training.update()
-    return learner, training
+    trainer = Trainer(collector, learner, 10_000, seed=0, threads=1)  # pyright: ignore[reportArgumentType]
+    trainer.start()
+    while trainer.updates < 5:
+        trainer.step()
+        if trainer.ready:
+            trainer.update()
+    return learner, trainer
 
 
 @pytest.mark.parametrize("frames", [1, 3])
@@ -80,15 +80,17 @@ def test_tensors_and_arrays_teach_the_same(frames: int, separate: bool):
         after = other.obs[1:].flatten(0, 1)
         assert len(one.final_index) and torch.equal(after[one.final_index], one.final_obs)
         assert not len(other.final_index)
-    assert list(first.book.recent) == list(second.book.recent) and first.book.count > 20
-    assert {episode.reason for episode in first.book.recent} == {"Arrived", "Late"}
-    assert first.book.steps == second.book.steps and first.book.metrics() == second.book.metrics()
+    assert list(first.statistics.recent) == list(second.statistics.recent) and first.statistics.count > 20
+    assert {episode.reason for episode in first.statistics.recent} == {"Arrived", "Late"}
+    assert (
+        first.statistics.steps == second.statistics.steps and first.statistics.metrics() == second.statistics.metrics()
+    )
 
 
 def test_episodes_are_told_once_a_rollout_is_complete():
-    collector = collector_for(TensorWalk(N, SPACES["MultiDiscrete"], CPU), 1, CPU, 1)
+    collector = make_collector(TensorWalk(N, SPACES["MultiDiscrete"], CPU), 1, CPU, 1)
     learner = Script(collector, SPACES["MultiDiscrete"], steps=8)
-    collector.begin(0)
+    collector.reset(0)
     found = [len(collector.step(learner)) for _ in range(8)]  # pyright: ignore[reportArgumentType]
     assert found[:7] == [0] * 7 and found[7] > 3 and collector.waiting == 8
 
@@ -105,9 +107,9 @@ def test_a_run_of_tensors_that_was_cut_goes_on_with_the_same_numbers(name: str, 
         return run(name, env, steps=360, seed=1, folder=tmp_path / folder, config=config, checkpoint_seconds=0)
 
     whole = begin("whole")
-    from thalweg.train import run_state as module
+    from thalweg.train import trainer as module
 
-    count, update = 0, Training.update
+    count, update = 0, Trainer.update
 
     def cut(self):
         nonlocal count
@@ -116,10 +118,10 @@ def test_a_run_of_tensors_that_was_cut_goes_on_with_the_same_numbers(name: str, 
             raise KeyboardInterrupt
         return update(self)
 
-    monkeypatch.setattr(module.Training, "update", cut)
+    monkeypatch.setattr(module.Trainer, "update", cut)
     with pytest.raises(KeyboardInterrupt):
         begin("cut")
-    monkeypatch.setattr(module.Training, "update", update)
+    monkeypatch.setattr(module.Trainer, "update", update)
     rest = begin("cut")
     assert rest.resumed_from and rest.steps == whole.steps and whole.episodes > 20
     for file in ("episodes.csv", "policy.safetensors"):
@@ -128,7 +130,7 @@ def test_a_run_of_tensors_that_was_cut_goes_on_with_the_same_numbers(name: str, 
 
 def test_an_environment_of_tensors_must_be_where_it_is_learnt():
     with pytest.raises(DeviceError, match="device = 'meta', but the environment's tensors are on cpu"):
-        collector_for(TensorWalk(N, SPACES["Discrete"], CPU), 1, torch.device("meta"), 1)
+        make_collector(TensorWalk(N, SPACES["Discrete"], CPU), 1, torch.device("meta"), 1)
 
 
 def test_an_environment_of_tensors_says_how_it_begins_episodes():
@@ -164,28 +166,28 @@ PPO = {"steps_per_update": 60, "minibatch": 30, "passes": 1}
 
 
 def test_an_environment_with_no_more_than_is_asked_for_is_trained_on_and_begins_anew(tmp_path, monkeypatch):
-    update = Training.update
+    update = Trainer.update
 
-    def cut(training: Training) -> Any:
-        if training.updates == 2:
+    def cut(trainer: Trainer) -> Any:
+        if trainer.updates == 2:
             raise KeyboardInterrupt
-        return update(training)
+        return update(trainer)
 
     def begin() -> Any:
         return run("PPO", BareWalk(), steps=240, seed=1, folder=tmp_path, config=PPO, checkpoint_seconds=0)
 
-    monkeypatch.setattr(Training, "update", cut)
+    monkeypatch.setattr(Trainer, "update", cut)
     with pytest.raises(KeyboardInterrupt):
         begin()
-    monkeypatch.setattr(Training, "update", update)
-    with pytest.warns(ResumeWarning, match="no get_state and set_state: the run goes on with new episodes"):
+    monkeypatch.setattr(Trainer, "update", update)
+    with pytest.warns(ResumeWarning, match="no get_state and set_state: the run resumes with new episodes"):
         ended = begin()
     assert ended.resumed_from and ended.steps >= 240
 
 
 def test_an_environment_of_tensors_without_a_cost_is_told_so(tmp_path):
     with pytest.raises(
-        TrainingError, match=r"names no cost: info\['cost'\] \[N\] is needed at every step, info has noth"
+        TrainingError, match=r"reports no cost: info\['cost'\] \[N\] is needed at every step, info has noth"
     ):
         run("PPO", BareWalk(cost=False), steps=240, seed=1, folder=tmp_path, config=PPO)
 
@@ -196,9 +198,9 @@ def test_a_reward_that_is_no_number_is_named_with_its_row_and_step(tmp_path):
 
 
 def test_what_a_step_that_only_resets_pays_counts_for_nothing():
-    collector = collector_for(BareWalk(), 1, CPU, 1)
+    collector = make_collector(BareWalk(), 1, CPU, 1)
     learner = Script(collector, SPACES["Discrete"], steps=20)
-    collector.begin(0)
+    collector.reset(0)
     walk = collector.env.walk  # pyright: ignore[reportAttributeAccessIssue]
     step = collector.env.step
 

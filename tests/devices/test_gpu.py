@@ -18,8 +18,8 @@ from thalweg.encoder import load_encoder
 from thalweg.env.config import ConfigError, EnvConfig
 from thalweg.env.torch_env import TensorRiverEnv
 from thalweg.train import LatentTensorEnv, load_policy, run
-from thalweg.train.rollouts.torch_collector import TensorCollector
-from thalweg.train.run_state import Training
+from thalweg.train.rollouts.tensor_collector import TensorCollector
+from thalweg.train.trainer import Trainer
 from thalweg.world import World
 
 pytestmark = pytest.mark.gpu
@@ -67,12 +67,12 @@ def test_nothing_waits_in_a_step(name: str, easy_world: World, card: torch.devic
     env, entry = flown(easy_world, card), algorithm_named(name)
     collector = TensorCollector(env, 1, 1)
     task = Task(collector.obs_size, env.single_action_space, env.num_envs, 0, {}, card)
-    training = Training(collector, entry.make(entry.configure(SMALL[name]), task), 10_000, seed=0, threads=1)
-    training.begin()
+    trainer = Trainer(collector, entry.make(entry.configure(SMALL[name]), task), 10_000, seed=0, threads=1)
+    trainer.start()
     for _ in range(2):  # learns once, for what is compiled or allocated the first time
-        gpu.update(training)
+        gpu.update(trainer)
     with no_waiting():
-        training.step()
+        trainer.step()
 
 
 def test_recorded_gradient_steps_learn_what_others_learn(easy_world: World, card: torch.device, tmp_path: Path):
@@ -94,16 +94,16 @@ def test_a_run_that_was_cut_off_ends_like_one_that_was_not(
 ):
     same = {"steps": 1024, "seed": 1, "config": SMALL[name], "device": "cuda", "checkpoint_seconds": 0.0}
     run(name, flown(easy_world, card), folder=tmp_path / "whole", **same)
-    update, done = Training.update, []
+    update, done = Trainer.update, []
 
-    def cut_off(training: Training) -> dict[str, float]:
-        done.append(update(training))
-        if training.book.steps >= 600:
+    def cut_off(trainer: Trainer) -> dict[str, float]:
+        done.append(update(trainer))
+        if trainer.statistics.steps >= 600:
             raise KeyboardInterrupt
         return done[-1]
 
     with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
-        patched.setattr(Training, "update", cut_off)
+        patched.setattr(Trainer, "update", cut_off)
         run(name, flown(easy_world, card), folder=tmp_path / "cut", **same)
     run(name, flown(easy_world, card), folder=tmp_path / "cut", **same)
     whole, cut = ((tmp_path / folder / "policy.safetensors").read_bytes() for folder in ("whole", "cut"))

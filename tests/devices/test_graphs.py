@@ -16,8 +16,8 @@ from thalweg.algos.common import cuda_graphs as graphs
 from thalweg.algos.common.cuda_graphs import WARM, CudaGraphs
 from thalweg.algos.common.state import array_of
 from thalweg.algos.interface import Task
-from thalweg.train.rollouts.torch_collector import TensorCollector
-from thalweg.train.run_state import Training
+from thalweg.train.rollouts.tensor_collector import TensorCollector
+from thalweg.train.trainer import Trainer
 
 CASES = [
     (name, space, settings)
@@ -45,13 +45,13 @@ def trained(name: str, space: str, settings: dict[str, Any], asked: bool) -> tup
     env = TensorWalk(8, SPACES[space], PRETEND)
     collector = TensorCollector(env, config.frame_stack, 1)
     task = Task(collector.obs_size, SPACES[space], 8, 0, {}, PRETEND, graphs=asked)
-    training, told = Training(collector, entry.make(config, task), 160, seed=0, threads=1), []
-    training.begin()
-    while not training.done:
-        training.step()
-        if training.ready and (metrics := training.update()):
+    trainer, told = Trainer(collector, entry.make(config, task), 160, seed=0, threads=1), []
+    trainer.start()
+    while not trainer.done:
+        trainer.step()
+        if trainer.ready and (metrics := trainer.update()):
             told.append(metrics)
-    return training.learner, told
+    return trainer.learner, told
 
 
 @pytest.mark.parametrize(("name", "space", "settings"), CASES, ids=str)

@@ -13,8 +13,8 @@ from thalweg.algos import ALGORITHMS
 from thalweg.algos.common.state import CPU, array_of
 from thalweg.algos.interface import Task
 from thalweg.algos.policy.policy import load_policy
-from thalweg.train.rollouts.torch_collector import TensorCollector
-from thalweg.train.run_state import Training
+from thalweg.train.rollouts.tensor_collector import TensorCollector
+from thalweg.train.trainer import Trainer
 
 N, STEPS = 8, 240
 SHORT: dict[str, dict[str, Any]] = {
@@ -56,28 +56,28 @@ def there(monkeypatch: pytest.MonkeyPatch) -> Iterator[Device]:
         yield device
 
 
-def trained(name: str, space: str, settings: dict[str, Any], device: torch.device, steps: int = STEPS) -> Training:
+def trained(name: str, space: str, settings: dict[str, Any], device: torch.device, steps: int = STEPS) -> Trainer:
     entry = ALGORITHMS[name]
     limit = {} if name == "PPO" or "cost_limits" in settings else {"cost_limit": 0.5}
     config = entry.configure(SHORT[name] | limit | settings)
     env = TensorWalk(N, SPACES[space], device)
     collector = TensorCollector(env, config.frame_stack, 1)
     learner = entry.make(config, Task(collector.obs_size, SPACES[space], N, 0, {}, device))
-    training = Training(collector, learner, steps, seed=0, threads=1)
-    training.begin()
-    training.metrics = []  # pyright: ignore[reportAttributeAccessIssue]
-    while not training.done:
-        training.step()
-        if training.ready:
-            training.metrics.append(training.update())  # pyright: ignore[reportAttributeAccessIssue]
-    return training
+    trainer = Trainer(collector, learner, steps, seed=0, threads=1)
+    trainer.start()
+    trainer.metrics = []  # pyright: ignore[reportAttributeAccessIssue]
+    while not trainer.done:
+        trainer.step()
+        if trainer.ready:
+            trainer.metrics.append(trainer.update())  # pyright: ignore[reportAttributeAccessIssue]
+    return trainer
 
 
 @pytest.mark.parametrize(("name", "space", "settings"), CASES, ids=lambda each: str(each))
 def test_a_learner_stays_on_its_device(name: str, space: str, settings: dict[str, Any], there: Device):
-    training = trained(name, space, settings, PRETEND)
-    told = [metrics for metrics in training.metrics if metrics]  # pyright: ignore[reportAttributeAccessIssue]
-    assert len(told) >= 2 and training.book.count > 20
+    trainer = trained(name, space, settings, PRETEND)
+    told = [metrics for metrics in trainer.metrics if metrics]  # pyright: ignore[reportAttributeAccessIssue]
+    assert len(told) >= 2 and trainer.statistics.count > 20
     losses = [metric for metric in told[-1] if metric.endswith("loss")]
     assert losses
     for loss in losses:  # NaN where nothing was fitted since the last report
@@ -106,8 +106,8 @@ def floats(state: Any, part: str = "") -> Iterator[tuple[str, np.ndarray]]:
 
 @pytest.mark.parametrize("name", list(ALGORITHMS))
 def test_a_policy_of_a_device_acts_alike_on_the_cpu(name: str, there: Device, tmp_path):
-    training = trained(name, "MultiDiscrete", {}, PRETEND)
-    training.learner.policy.save(tmp_path / "policy.safetensors")
+    trainer = trained(name, "MultiDiscrete", {}, PRETEND)
+    trainer.learner.policy.save(tmp_path / "policy.safetensors")
     obs, fresh = np.random.default_rng(0).standard_normal((N, 3)).astype(np.float32), np.ones(N, dtype=bool)
     found = []
     for device in (CPU, PRETEND):
@@ -119,8 +119,8 @@ def test_a_policy_of_a_device_acts_alike_on_the_cpu(name: str, there: Device, tm
 
 @pytest.mark.parametrize("name", list(ALGORITHMS))
 def test_a_checkpoint_of_a_device_is_one_of_arrays_and_brings_everything_back(name: str, there: Device):
-    training = trained(name, "MultiDiscrete", {}, PRETEND)
-    state = training.learner.state()
+    trainer = trained(name, "MultiDiscrete", {}, PRETEND)
+    state = trainer.learner.state()
     again = trained(name, "MultiDiscrete", {}, PRETEND, steps=1)
     again.learner.load_state(state)
     same(state, again.learner.state())
@@ -141,11 +141,11 @@ def same(one: Any, other: Any) -> None:
 
 @pytest.mark.parametrize("name", list(ALGORITHMS))
 def test_nothing_is_copied_in_a_step(name: str, there: Device):
-    training = trained(name, "MultiDiscrete", {}, PRETEND, steps=240)  # past its random steps
-    training.step()
-    training.learner.rollout_steps = 10**6  # pyright: ignore[reportAttributeAccessIssue]
+    trainer = trained(name, "MultiDiscrete", {}, PRETEND, steps=240)  # past its random steps
+    trainer.step()
+    trainer.learner.rollout_steps = 10**6  # pyright: ignore[reportAttributeAccessIssue]
     there.copied.clear()
-    training.collector.step(training.learner)
+    trainer.collector.step(trainer.learner)
     assert not +there.copied
 
 

@@ -6,7 +6,7 @@ import pytest
 from tests.known_answer.envs import SPACES, ProblemEnv, SpaceName, joint
 from tests.known_answer.problems import ACTIONS, PROBLEMS, WAYS
 from tests.known_answer.solutions import outcome
-from thalweg.train.rollouts.stream import Stream
+from thalweg.train.rollouts.env_stepper import EnvStepper
 
 
 def as_taken(actions: np.ndarray, space: SpaceName) -> np.ndarray:
@@ -26,7 +26,7 @@ def test_the_exact_outcome_agrees_with_the_environment(name: str):
     problem, generator = PROBLEMS[name], np.random.default_rng(0)
     policy = generator.dirichlet(np.ones(ACTIONS), problem.places)
     env = ProblemEnv(problem, 2000)
-    stream = Stream(env)
+    stream = EnvStepper(env)
     obs = stream.reset(0)
     reward, costs, episodes = 0.0, np.zeros(problem.kinds), 0
     for _ in range(300):

@@ -15,7 +15,7 @@ from thalweg.algos.interface import Feedback
 from thalweg.algos.offpolicy.agent import Agent
 from thalweg.algos.offpolicy.replay_buffer import Batch
 from thalweg.algos.policy.policy import load_policy
-from thalweg.train.run_state import Training
+from thalweg.train.trainer import Trainer
 
 SEEN = torch.from_numpy(np.random.default_rng(0).standard_normal((4, 3)).astype(np.float32))
 
@@ -37,15 +37,15 @@ def shown(folder: Path) -> np.ndarray:
 @pytest.mark.parametrize("algorithm", ["PPOLag", "FOCOPS", "P3O", "CUP"])
 def test_the_policy_begins_as_the_other(algorithm: str, first: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     begun = {}
-    begin = Training.begin
+    start = Trainer.start
 
-    def look(training: Training, state=None) -> None:
-        policy: Any = training.learner.policy
+    def look(trainer: Trainer, state=None) -> None:
+        policy: Any = trainer.learner.policy
         begun["shown"] = policy.actor(policy.normaliser(SEEN)).detach().numpy()
         begun["count"] = policy.normaliser.count
-        begin(training, state)
+        start(trainer, state)
 
-    monkeypatch.setattr(Training, "begin", look)
+    monkeypatch.setattr(Trainer, "start", look)
     train(tmp_path, algorithm, steps=64, begin_with=first)
     assert np.array_equal(begun["shown"], shown(first)) and begun["count"] > 1000
     said = yaml.safe_load((tmp_path / "config.yaml").read_text())["run"]["begin_with"]
@@ -95,7 +95,7 @@ def test_a_run_belongs_to_what_it_began_with(first: Path, tmp_path: Path):
         ("FOCOPS", {"adapter": "box_scaled"}, "actions is Actions.*gaussian.* here and Actions.*categorical"),
         ("FOCOPS", {"normalise_observations": False}, "normalise_observations is False here and True there"),
         ("FOCOPS", {"memory": "gru", "memory_size": 8}, "memory_size is 8 here and 0 there"),
-        ("CCEPETS", None, "CCEPETS plans, and can't begin with another policy"),
+        ("CCEPETS", None, "CCEPETS is a planner and can't start from the policy of another run"),
     ],
 )
 def test_a_policy_of_another_kind_is_refused_before_anything_is_written(

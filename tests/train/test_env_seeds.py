@@ -7,7 +7,7 @@ import pytest
 from tests.train.toys import Walk
 from thalweg.algos.common.state import CPU
 from thalweg.train.rollouts.collector import HostCollector, env_seeds
-from thalweg.train.rollouts.stream import Stream
+from thalweg.train.rollouts.env_stepper import EnvStepper
 
 
 def test_two_runs_share_no_environment():
@@ -32,7 +32,7 @@ def test_a_run_begins_with_a_list_of_seeds():
             return super().reset(seed=seed, options=options)
 
     env = Asked(4)
-    HostCollector(env, Stream(env), CPU, threads=1).begin(5)
+    HostCollector(env, EnvStepper(env), CPU, threads=1).reset(5)
     assert asked == [env_seeds(5, 0, 4)]
     assert all(type(seed) is int and 0 <= seed < 2**31 for seed in asked[0])
     assert np.unique(asked[0]).size == 4
@@ -48,7 +48,7 @@ def test_an_environment_that_takes_one_seed_gets_the_first():
             asked.append(seed)
             return super().reset(seed=seed, options=options)
 
-    Stream(One(4)).reset([7, 8, 9, 10])
+    EnvStepper(One(4)).reset([7, 8, 9, 10])
     assert asked == [7]
 
 
@@ -58,4 +58,4 @@ def test_another_error_of_a_reset_is_not_taken_for_that():
             raise gym.error.Error("no licence")
 
     with pytest.raises(gym.error.Error, match="no licence"):
-        Stream(Broken(4)).reset([7, 8, 9, 10])
+        EnvStepper(Broken(4)).reset([7, 8, 9, 10])

@@ -18,7 +18,7 @@ from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import RENDER_VERSION, Camera
 from thalweg.train import river, run
 from thalweg.train.errors import TrainingError
-from thalweg.train.river import TrainingGround, check_sees_as_trained, load_fitting_encoder, mark
+from thalweg.train.river import RiverTraining, check_policy_fits, encoder_hash, load_compatible_encoder
 from thalweg.world import Reach
 
 
@@ -30,27 +30,27 @@ def encoder_file(path: Path, seed: int, version: int = RENDER_VERSION) -> Path:
 
 def test_a_policy_flies_only_through_the_encoder_it_was_trained_with(tmp_path: Path):
     own, other = (load_encoder(encoder_file(tmp_path / f"{seed}.safetensors", seed)) for seed in (0, 1))
-    policy: Any = SimpleNamespace(about=SimpleNamespace(context={"encoder": mark(own)}))
-    check_sees_as_trained(policy, own)
-    with pytest.raises(TrainingError, match=f"encoder {mark(own)}, but this is encoder {mark(other)}"):
-        check_sees_as_trained(policy, other)
+    policy: Any = SimpleNamespace(about=SimpleNamespace(context={"encoder": encoder_hash(own)}))
+    check_policy_fits(policy, own)
+    with pytest.raises(TrainingError, match=f"encoder {encoder_hash(own)}, but this is encoder {encoder_hash(other)}"):
+        check_policy_fits(policy, other)
 
 
 def test_a_policy_that_tells_nothing_of_its_encoder_is_taken_at_its_word(tmp_path: Path):
     encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
-    check_sees_as_trained(BASELINES["hover"], encoder)
+    check_policy_fits(BASELINES["hover"], encoder)
 
 
 def test_an_encoder_of_another_renderer_is_refused(tmp_path: Path):
     path = encoder_file(tmp_path / "old.safetensors", 0, version=RENDER_VERSION + 1)
     with pytest.raises((EncoderFileError, EncoderInputError), match=str(RENDER_VERSION + 1)):
-        load_fitting_encoder(path)
+        load_compatible_encoder(path)
 
 
 @pytest.mark.parametrize(
     ("obs_size", "space", "message"),
     [
-        (8, gym.spaces.MultiDiscrete([3, 3, 3, 3]), "the policy sees 8 numbers, but the encoder gives 16"),
+        (8, gym.spaces.MultiDiscrete([3, 3, 3, 3]), "the policy takes 8 numbers, but the encoder returns 16"),
         (16, gym.spaces.MultiDiscrete([3, 3, 3]), r"counted from 0, not \(3, 3, 3\)"),
         (16, gym.spaces.MultiDiscrete([3, 3, 3, 2]), r"counted from 0, not \(3, 3, 3, 2\)"),
         (
@@ -65,13 +65,13 @@ def test_an_encoder_of_another_renderer_is_refused(tmp_path: Path):
 def test_a_policy_that_does_not_fit_the_river_is_refused(tmp_path: Path, obs_size: int, space: gym.Space, message: str):
     encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
     with pytest.raises(TrainingError, match=message):
-        check_sees_as_trained(Policy(obs_size, actions_of(space)), encoder)
+        check_policy_fits(Policy(obs_size, actions_of(space)), encoder)
 
 
 @pytest.mark.parametrize("adapter", ["native", "box_literal", "box_scaled"])
 def test_a_policy_of_the_rivers_own_spaces_fits(tmp_path: Path, adapter: Any):
     encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
-    check_sees_as_trained(Policy(16, actions_of(gym.spaces.MultiDiscrete([3, 3, 3, 3]), adapter)), encoder)
+    check_policy_fits(Policy(16, actions_of(gym.spaces.MultiDiscrete([3, 3, 3, 3]), adapter)), encoder)
 
 
 LINE = '{"type": "LineString", "coordinates": [[9, 48], [9.0004, 48], [9.0008, 48], [9.0012, 48]]}'
@@ -94,7 +94,7 @@ class Stop(Exception):
     pass
 
 
-def brook_run(where: TrainingGround, encoder: Any, folder: Path, steps: int = 96) -> Any:
+def brook_run(where: RiverTraining, encoder: Any, folder: Path, steps: int = 96) -> Any:
     settings = {"steps_per_update": 32, "minibatch": 16, "passes": 1, "hidden": [8]}
     return where.train("PPO", encoder, steps=steps, seed=1, folder=folder, settings=settings)
 
@@ -115,7 +115,7 @@ def test_a_run_on_a_real_river_resumes_to_the_same_policy_and_names_its_file(
 
     monkeypatch.setattr(river, "run", partial(run, checkpoint_seconds=0.0))
     monkeypatch.setattr(river, "RiverVectorEnv", BlankEnv)
-    ground = TrainingGround(brook, 2, (4,))
+    ground = RiverTraining(brook, 2, (4,))
     brook_run(ground, encoder, tmp_path / "whole")
     monkeypatch.setattr(river, "RiverVectorEnv", Breaks)
     with pytest.raises(Stop):
@@ -134,15 +134,15 @@ def test_a_run_whose_file_has_changed_is_refused_before_a_river_is_built(
 ):
     encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
     monkeypatch.setattr(river, "RiverVectorEnv", BlankEnv)
-    brook_run(TrainingGround(brook, 2), encoder, tmp_path / "run", steps=32)
+    brook_run(RiverTraining(brook, 2), encoder, tmp_path / "run", steps=32)
     before = brook.as_data()["content"]
     brook.path.write_text(LINE.replace("9.0004", "9.0005"))
     monkeypatch.setattr(Reach, "build", None)
     now = brook.as_data()["content"]
     with pytest.raises(
-        TrainingError, match=f"brook.geojson has changed .* was {before} and is {now} now. Bring the old"
+        TrainingError, match=f"brook.geojson has changed .* was {before} and is {now} now. Restore the old"
     ):
-        brook_run(TrainingGround(brook, 2), encoder, tmp_path / "run", steps=32)
+        brook_run(RiverTraining(brook, 2), encoder, tmp_path / "run", steps=32)
 
 
 @pytest.mark.parametrize(
@@ -157,18 +157,18 @@ def test_another_reach_of_the_same_file_is_another_run(
 ):
     encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
     monkeypatch.setattr(river, "RiverVectorEnv", BlankEnv)
-    brook_run(TrainingGround(brook, 2), encoder, tmp_path / "run", steps=32)
+    brook_run(RiverTraining(brook, 2), encoder, tmp_path / "run", steps=32)
     with pytest.raises(TrainingError, match=said):
-        brook_run(TrainingGround(replace(brook, **change), 2), encoder, tmp_path / "run", steps=32)
+        brook_run(RiverTraining(replace(brook, **change), 2), encoder, tmp_path / "run", steps=32)
 
 
 def test_a_run_on_a_level_does_not_go_on_on_a_file(tmp_path: Path, brook: Reach, monkeypatch: pytest.MonkeyPatch):
     encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
     monkeypatch.setattr(river, "RiverVectorEnv", BlankEnv)
     monkeypatch.setattr(river, "load_or_build", lambda *_: ring())
-    brook_run(TrainingGround("easy", 2), encoder, tmp_path / "run", steps=32)
+    brook_run(RiverTraining("easy", 2), encoder, tmp_path / "run", steps=32)
     with pytest.raises(TrainingError, match=r"context.level is 'Easy' there and 'absent' here"):
-        brook_run(TrainingGround(brook, 2), encoder, tmp_path / "run", steps=32)
+        brook_run(RiverTraining(brook, 2), encoder, tmp_path / "run", steps=32)
 
 
 def test_a_run_says_on_what_it_was_trained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -178,9 +178,9 @@ def test_a_run_says_on_what_it_was_trained(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(river, "RiverVectorEnv", partial(RiverVectorEnv, renderer=BlankRenderer(128, 128)))
     encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
     config = EnvConfig(max_steps=77, camera=Camera(fov_deg=50.0))
-    TrainingGround("easy", 2, (3, 5), config).train("PPO", encoder, steps=9, seed=1, folder=tmp_path / "run")
+    RiverTraining("easy", 2, (3, 5), config).train("PPO", encoder, steps=9, seed=1, folder=tmp_path / "run")
     context = told["context"]
-    assert (context["level"], context["world_seeds"], context["encoder"]) == ("Easy", [3, 5], mark(encoder))
+    assert (context["level"], context["world_seeds"], context["encoder"]) == ("Easy", [3, 5], encoder_hash(encoder))
     assert context["env"]["max_steps"] == 77
     assert context["env"]["camera"] == {**asdict(Camera()), "fov_deg": 50.0}
     assert yaml.safe_load(yaml.safe_dump(context)) == context
@@ -202,9 +202,9 @@ def test_wide_networks_learn_in_two_threads_unless_fewer_are_asked_for_or_others
 ):
     found: dict[str, Any] = {}
     monkeypatch.setattr(river, "run", lambda *_, **settings: found.update(settings))
-    monkeypatch.setattr(TrainingGround, "_seen_through", lambda *_: SimpleNamespace(close=lambda: None))
-    monkeypatch.setattr("thalweg.core.torch_threads.INITIAL_THREADS", 4)
+    monkeypatch.setattr(RiverTraining, "_encoded_envs", lambda *_: SimpleNamespace(close=lambda: None))
+    monkeypatch.setattr("thalweg.core.torch_threads.AT_FIRST", 4)
     monkeypatch.setenv("OMP_NUM_THREADS", asked)
     encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
-    TrainingGround("Easy", 4).train(algorithm, encoder, steps=1, seed=0, folder=tmp_path / "run", threads=given)
+    RiverTraining("Easy", 4).train(algorithm, encoder, steps=1, seed=0, folder=tmp_path / "run", threads=given)
     assert found["threads"] == threads

@@ -166,15 +166,15 @@ class Train:
         import shlex
 
         from thalweg.algos.registry import algorithm_named
-        from thalweg.train.river import TrainingGround, load_fitting_encoder
+        from thalweg.train.river import RiverTraining, load_compatible_encoder
 
         settings = settings_from(self.set)
         algorithm = algorithm_named(self.algorithm).name
         place = self.river.reach("--level", self.level) or self.level or "Medium"
-        ground = TrainingGround(place, self.num_envs, self.world_seeds)
+        ground = RiverTraining(place, self.num_envs, self.world_seeds)
         result = ground.train(
             algorithm,
-            load_fitting_encoder(self.encoder, self.device),
+            load_compatible_encoder(self.encoder, self.device),
             steps=self.steps,
             seed=self.seed,
             folder=self.out,

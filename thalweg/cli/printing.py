@@ -24,8 +24,8 @@ from thalweg.bench.suite.suites import PACKAGED
 from thalweg.bench.suite.yaml_file import suite_of
 from thalweg.core.machine import usable_cores
 from thalweg.train import load_policy
-from thalweg.train.build_notice import announce
-from thalweg.train.river import check_sees_as_trained, load_fitting_encoder
+from thalweg.train.build_notice import announce_build
+from thalweg.train.river import check_policy_fits, load_compatible_encoder
 from thalweg.world import Reach, level_named
 
 WIDTH = 120
@@ -70,9 +70,9 @@ def evaluate_command(request: Request) -> None:
         if places.count(place) > 1:
             raise ResultsError(f"--levels names {place} twice; each level is flown once")
     policy = policy_named(request.policy)
-    encoder = None if hasattr(policy, "sees") else load_fitting_encoder(request.encoder, request.device)
+    encoder = None if hasattr(policy, "sees") else load_compatible_encoder(request.encoder, request.device)
     if encoder is not None:
-        check_sees_as_trained(policy, encoder)
+        check_policy_fits(policy, encoder)
     name = request.policy if request.policy in (*BASELINES, PACKAGED) else Path(request.policy).resolve().name
     rows: list[Episode] = []
     for place in places:
@@ -98,7 +98,7 @@ def _courses(place: str | Reach, request: Request) -> tuple[list[Course], str]:
         return Course.unseen(place, request.config), place
     if isinstance(place, str):
         return [Course.of_level(place, request.config)], place
-    announce(place, request.world_seed)
+    announce_build(place, request.world_seed)
     return [Course.on(place.build(request.world_seed), request.config)], place.name
 
 

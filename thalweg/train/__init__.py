@@ -1,8 +1,8 @@
-"""Where environment, encoder and algorithm meet: rollouts, the training loop, checkpoints and loggers."""
+"""Training: rollouts, the training loop, checkpoints and logs; the only package that joins environment, encoder and
+algorithm."""
 
 from thalweg.train.errors import ResumeWarning, TrainingError
-from thalweg.train.latent import LatentVectorEnv
-from thalweg.train.rollouts.torch_collector import LatentTensorEnv
+from thalweg.train.latent import LatentTensorEnv, LatentVectorEnv
 from thalweg.train.run import RunResult, load_policy, run
 
 __all__ = ["LatentTensorEnv", "LatentVectorEnv", "ResumeWarning", "RunResult", "TrainingError", "load_policy", "run"]

@@ -1,9 +1,9 @@
-"""What can be wrong with a run."""
+"""Errors and warnings of training runs."""
 
 
 class TrainingError(ValueError):
-    """An environment, folder or checkpoint that a run can't use; says what was expected and what was found."""
+    """An environment, folder or checkpoint that a run cannot use; the message says what is expected and found."""
 
 
 class ResumeWarning(UserWarning):
-    """A run that goes on from a checkpoint, but not to the same numbers as an unbroken one."""
+    """A run that resumes from a checkpoint, but will not end with the same numbers as an uninterrupted one."""

@@ -1,63 +1,90 @@
-"""How does an algorithm of vectors fly by sight? A frozen encoder between the environment's frames and its
-observations."""
+"""Wrappers that replace the frames of environments by the latents of a frozen encoder, for arrays and for tensors."""
 
 import time
 from typing import Any, Protocol
 
 import gymnasium as gym
 import numpy as np
+import torch
 from gymnasium.vector import VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
+from torch import Tensor
 
+from thalweg.core.device import DeviceError
 from thalweg.train.errors import TrainingError
+from thalweg.train.rollouts.stage_timer import StageTimer
 
-PASSED = ("get_state", "set_state", "pilot_actions")
-"""What an environment may have beyond Gymnasium's interface: here exactly when it has it."""
+FORWARDED = ("get_state", "set_state", "pilot_actions")
+"""Methods beyond Gymnasium's interface that the wrapper has if the environment has them."""
 
 
 class FrameEncoder(Protocol):
-    """Frames to latents."""
+    """An encoder of frames in arrays."""
 
     @property
     def latent(self) -> int:
-        """Z."""
+        """Z, size of a latent."""
         ...
 
     def __call__(self, frames: np.ndarray, /) -> np.ndarray:
-        """Latents float32 [K, Z] of frames uint8 [K, H, W, C]."""
+        """Return latents float32 [K, Z] of frames uint8 [K, H, W, C]."""
         ...
+
+
+class TensorEncoder(Protocol):
+    """An encoder of frames in tensors on its device."""
+
+    @property
+    def device(self) -> torch.device: ...
+    @property
+    def latent(self) -> int:
+        """Z, size of a latent."""
+        ...
+
+    def of_tensor(self, frames: Tensor) -> Tensor:
+        """Return latents float32 [N, Z] of frames uint8 [N, H, W, C]."""
+        ...
+
+
+def _image_space(space: gym.Space) -> gym.spaces.Box:
+    """Return a space of images; raises `TrainingError` for another one."""
+    if not isinstance(space, gym.spaces.Box) or len(space.shape) != 3:
+        raise TrainingError(f"an encoder needs images [H, W, C], the environment's observations are {space}")
+    return space
+
+
+def _latent_space(size: int) -> gym.spaces.Box:
+    return gym.spaces.Box(-np.inf, np.inf, (int(size),), np.float32)
 
 
 class LatentVectorEnv(VectorWrapper):
     """A vector environment whose observations are latents float32 [N, Z], also in `final_obs`.
 
-    One call of the encoder serves a step: the frames of all environments and the last frames of those that finished.
-    `info`, `get_state`, `set_state` and `pilot_actions` are the environment's own.
+    One call of the encoder per step encodes the frames of all environments and the last frames of finished episodes.
+    `info`, `get_state`, `set_state` and `pilot_actions` are those of the environment.
     """
 
     def __init__(self, env: VectorEnv, encoder: FrameEncoder) -> None:
-        """Raises `TrainingError` if the observations are not images."""
+        """Wrap an environment; raises `TrainingError` if its observations are not images."""
         super().__init__(env)
-        space = env.single_observation_space
-        if not isinstance(space, gym.spaces.Box) or len(space.shape) != 3:
-            raise TrainingError(f"an encoder needs images [H, W, C], the environment's observations are {space}")
-        self.encoder, size = encoder, int(encoder.latent)
-        self.single_observation_space = gym.spaces.Box(-np.inf, np.inf, (size,), np.float32)
+        space = _image_space(env.single_observation_space)
+        self.encoder = encoder
+        self.single_observation_space = _latent_space(encoder.latent)
         self.observation_space = batch_space(self.single_observation_space, env.num_envs)
-        # Frames of a step, then last frames of the finished: at most as many again.
+        # The frames of a step, followed by the last frames of at most as many finished episodes.
         self._frames = np.empty((2 * env.num_envs, *space.shape), dtype=space.dtype)
         self.stage_seconds = {"encode": 0.0, "env": 0.0}
-        """Time spent so far in the encoder, and in the environment itself."""
+        """Seconds spent so far in the encoder and in the environment."""
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict[str, Any]]:
-        """First latents [N, Z] and the environment's info."""
+        """Reset the environment; returns latents [N, Z] and info."""
         started = time.perf_counter()
         frames, info = self.env.reset(seed=seed, options=options)
         self.stage_seconds["env"] += time.perf_counter() - started
         return self._encode(np.asarray(frames)), info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """As the environment's, with latents for frames."""
+        """Step the environment; returns latents in place of frames."""
         started = time.perf_counter()
         frames, reward, terminated, truncated, info = self.env.step(actions)
         self.stage_seconds["env"] += time.perf_counter() - started
@@ -68,21 +95,64 @@ class LatentVectorEnv(VectorWrapper):
         ended = [int(env) for env in ended if final[env] is not None]
         count = self.num_envs
         self._frames[:count] = frames
-        for place, env in enumerate(ended):
-            self._frames[count + place] = final[env]
+        for index, env in enumerate(ended):
+            self._frames[count + index] = final[env]
         latents = self._encode(self._frames[: count + len(ended)])
         final_latents = np.full(count, None, dtype=object)
-        for place, env in enumerate(ended):
-            final_latents[env] = latents[count + place]
+        for index, env in enumerate(ended):
+            final_latents[env] = latents[count + index]
         return latents[:count], reward, terminated, truncated, {**info, "final_obs": final_latents}
 
     def __getattr__(self, name: str) -> Any:
-        if name in PASSED:
+        if name in FORWARDED:
             return getattr(self.env, name)
         raise AttributeError(f"{type(self).__name__} has no {name}")
 
     def _encode(self, frames: np.ndarray) -> np.ndarray:
+        """Return the latents [K, Z] of frames, and add the time to that of the encoder."""
         started = time.perf_counter()
         latents = self.encoder(frames)
         self.stage_seconds["encode"] += time.perf_counter() - started
         return latents
+
+
+class LatentTensorEnv:
+    """Environments of tensors whose observations are latents float32 [N, Z] of their frames.
+
+    All other attributes, such as `get_state`, are those of the environments.
+    """
+
+    def __init__(self, env: Any, encoder: TensorEncoder) -> None:
+        """Wrap environments; raises `TrainingError` if their observations are not images, and `DeviceError` for an
+        encoder on another device."""
+        _image_space(env.single_observation_space)
+        if encoder.device != env.device:
+            raise DeviceError(f"the encoder is on {encoder.device}, the environment's tensors on {env.device}")
+        self.env, self.encoder = env, encoder
+        self.single_observation_space = _latent_space(encoder.latent)
+        self.observation_space = batch_space(self.single_observation_space, env.num_envs)
+        self._timer = StageTimer(env.device, "encode", "env")
+
+    @property
+    def stage_seconds(self) -> dict[str, float]:
+        """Seconds spent so far in the encoder and in the environment."""
+        return self._timer.seconds
+
+    def reset(self, *, seed: int) -> tuple[Tensor, dict[str, Tensor]]:
+        """Reset the environments; returns latents [N, Z] and info."""
+        with self._timer.measure("env"):
+            frames, info = self.env.reset(seed=seed)
+        return self._encode(frames), info
+
+    def step(self, actions: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]:
+        """Step the environments; returns latents in place of frames."""
+        with self._timer.measure("env"):
+            frames, *rest = self.env.step(actions)
+        return self._encode(frames), *rest
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.env, name)
+
+    def _encode(self, frames: Tensor) -> Tensor:
+        with self._timer.measure("encode"):
+            return self.encoder.of_tensor(frames)

@@ -20,7 +20,7 @@ from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, S
 from thalweg.env import RiverVectorEnv, sample_starts
 from thalweg.env.initial_poses import CLOCK_RANGE_S
 from thalweg.render import Camera
-from thalweg.train.encoder.frames import views
+from thalweg.train.encoder.frames import sample_views
 
 CONFIG = EvaluationConfig(episodes=6)
 LABEL = Label("tester", 3, "Easy")
@@ -169,7 +169,7 @@ def test_no_start_is_a_pose_that_an_encoder_was_trained_on(monkeypatch: pytest.M
     ring = handmade.ring()
     monkeypatch.setattr(evaluation, "load_or_build", lambda level, seed: ring)
     found = Course.of_level("Medium", EvaluationConfig())
-    poses, _, clocks = views([ring], 200, seed=0)
+    poses, _, clocks = sample_views([ring], 200, seed=0)
     assert not {tuple(pose) for pose in found.starts} & {tuple(pose) for pose in poses}
     assert not set(found.clocks_s) & set(clocks)
 

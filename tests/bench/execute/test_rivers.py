@@ -17,7 +17,7 @@ from thalweg.bench.pictures import film
 from thalweg.bench.pictures.film_format import SMALL
 from thalweg.bench.suite.suites import Arm, Run, Stage, Suite
 from thalweg.env import sample_starts
-from thalweg.train.river import TrainingGround
+from thalweg.train.river import RiverTraining
 
 SUITE = Suite(
     "tiny", (Arm("PPO", seeds=(0,), steps=512),), train_level="Easy", test_levels=("Easy",), episodes=4, packaged=False
@@ -58,13 +58,13 @@ def test_a_flight_that_ends_otherwise_than_its_row_is_not_filmed(
 def test_stages_are_trained_in_order_each_beginning_as_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     told: list[tuple[Any, ...]] = []
 
-    def train(ground: TrainingGround, algorithm: str, encoder: Any, **options: Any) -> None:
+    def train(ground: RiverTraining, algorithm: str, encoder: Any, **options: Any) -> None:
         told.append(
-            (ground.place, algorithm, options["steps"], options["seed"], options["folder"], options["begin_with"])
+            (ground.river, algorithm, options["steps"], options["seed"], options["folder"], options["begin_with"])
         )
 
-    monkeypatch.setattr(TrainingGround, "train", train)
-    monkeypatch.setattr(river, "load_fitting_encoder", lambda: None)
+    monkeypatch.setattr(RiverTraining, "train", train)
+    monkeypatch.setattr(river, "load_compatible_encoder", lambda: None)
     before = (Stage("PPO", "Easy", 100), Stage("FOCOPS", "Medium", 200, settings={"cost_limit": 0.3}))
     arm = Arm("FOCOPS", seeds=(4,), steps=300, level="Hard", before=before, name="curriculum")
     home = tmp_path / "curriculum-4"

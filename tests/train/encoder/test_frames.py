@@ -1,11 +1,11 @@
-"""Frames for the encoder: real views of the level's rivers, the same for the same seed, whatever the count."""
+"""Frames for the encoder: real sample_views of the level's rivers, the same for the same seed, whatever the count."""
 
 import numpy as np
 import pytest
 
 from thalweg.encoder import EncoderInputError
 from thalweg.render import Camera, Renderer
-from thalweg.train.encoder.frames import collect_frames, draw_frames, river_worlds, views
+from thalweg.train.encoder.frames import collect_frames, level_worlds, render_frames, sample_views
 from thalweg.world import WorldError
 
 SMALL = Camera(height_px=64, width_px=64)
@@ -34,19 +34,19 @@ def test_another_seed_gives_other_views(frames):
 
 
 def test_a_frame_is_what_the_renderer_draws_there(frames):
-    worlds = river_worlds("easy", 1)
-    poses, index, clock = views(worlds, 20, 1)
+    worlds = level_worlds("easy", 1)
+    poses, index, clock = sample_views(worlds, 20, 1)
     assert np.array_equal(Renderer(worlds, SMALL).render(poses[5:6], index[5:6], clock[5:6])[0], frames[5])
 
 
 @pytest.mark.slow
 def test_rivers_take_turns():
-    worlds = river_worlds("Easy", 2)
+    worlds = level_worlds("Easy", 2)
     assert worlds[0].seed != worlds[1].seed
-    poses, index, clock = views(worlds, 6, 1)
+    poses, index, clock = sample_views(worlds, 6, 1)
     assert index.tolist() == [0, 1, 0, 1, 0, 1]
     renderer = Renderer(worlds[1:], SMALL)
-    alone = draw_frames(renderer, poses[1::2], np.zeros(3, int), clock[1::2], progress=False)
+    alone = render_frames(renderer, poses[1::2], np.zeros(3, int), clock[1::2], progress=False)
     assert np.array_equal(collect_frames(6, "Easy", seed=1, rivers=2, camera=SMALL, progress=False)[1::2], alone)
 
 

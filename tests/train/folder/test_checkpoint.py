@@ -5,7 +5,7 @@ import pytest
 
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.checkpoint import load_checkpoint, save_checkpoint
-from thalweg.train.folder.loggers import Table
+from thalweg.train.folder.loggers import CsvTable
 
 STATE = {
     "learner": {"weights": np.arange(6, dtype=np.float32).reshape(2, 3).T, "count": 3, "none": np.zeros((0, 4))},
@@ -64,7 +64,7 @@ def test_damage_is_noticed(tmp_path):
     with pytest.raises(TrainingError, match="is damaged"):
         load_checkpoint(tmp_path)
     (folder / "state.json").write_text((folder / "state.json").read_text()[:50])
-    with pytest.raises(TrainingError, match="not a whole checkpoint"):
+    with pytest.raises(TrainingError, match="not a complete checkpoint"):
         load_checkpoint(tmp_path)
 
 
@@ -77,13 +77,13 @@ def test_another_version_is_refused(tmp_path):
 
 
 def test_a_table_is_cut_back_to_its_checkpoint(tmp_path):
-    table = Table(tmp_path / "t.csv")
+    table = CsvTable(tmp_path / "t.csv")
     table.write({"a": 1, "b": 0.1})
     kept = table.sync()
     table.write({"a": 2, "b": 0.2})
     table.write({"a": 22222222, "b": 0.2222222222222222})
     table.close()
-    table = Table(tmp_path / "t.csv", kept)
+    table = CsvTable(tmp_path / "t.csv", kept)
     table.write({"b": 1 / 3, "a": 3})
     table.close()
     assert (tmp_path / "t.csv").read_text() == "a,b\n1,0.1\n3,0.3333333333333333\n"
@@ -91,5 +91,5 @@ def test_a_table_is_cut_back_to_its_checkpoint(tmp_path):
 
 def test_a_table_shorter_than_its_checkpoint_is_refused(tmp_path):
     (tmp_path / "t.csv").write_text("a\n1\n")
-    with pytest.raises(TrainingError, match="has 4 bytes, but its checkpoint was made after 9"):
-        Table(tmp_path / "t.csv", 9)
+    with pytest.raises(TrainingError, match="has 4 bytes, but had 9 when its checkpoint was written"):
+        CsvTable(tmp_path / "t.csv", 9)

@@ -23,7 +23,7 @@ from thalweg.env.initial_poses import CLOCK_RANGE_S
 from thalweg.render import Renderer
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.randomisation import Randomisation
-from thalweg.train.build_notice import announce
+from thalweg.train.build_notice import announce_build
 from thalweg.world import World, level_named, load_or_build
 
 EVALUATION, CLOCKS, LOOKS = zlib.crc32(b"evaluation"), zlib.crc32(b"clocks"), zlib.crc32(b"looks")
@@ -84,7 +84,7 @@ class Course:
     def of_level(cls, level: str, config: EvaluationConfig) -> "Course":
         """The level's fixed river and its fixed list of starts."""
         chosen = level_named(level)
-        announce(chosen, chosen.default_seed)
+        announce_build(chosen, chosen.default_seed)
         return cls.on(load_or_build(chosen, chosen.default_seed), config)
 
     @classmethod
@@ -101,7 +101,7 @@ class Course:
         its own list of starts: the first on the first, the second on the second, and so on."""
         chosen, courses = level_named(level), []
         for place in range(config.episodes):
-            announce(chosen, UNSEEN + place)
+            announce_build(chosen, UNSEEN + place)
             courses.append(cls.on(load_or_build(chosen, UNSEEN + place), config).only(place))
         return courses
 

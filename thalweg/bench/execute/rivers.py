@@ -19,7 +19,7 @@ from thalweg.bench.suite.suites import Arm, Run, Stage, Suite
 from thalweg.core import versions
 from thalweg.encoder import Encoder
 from thalweg.train import load_policy
-from thalweg.train.river import TrainingGround, check_sees_as_trained, load_fitting_encoder
+from thalweg.train.river import RiverTraining, check_policy_fits, load_compatible_encoder
 
 PACKAGED_POLICY = Path(__file__).with_name("flight.safetensors")
 """The best policy so far, which comes with the package."""
@@ -73,7 +73,7 @@ class Rivers:
 
     @cached_property
     def encoder(self) -> Encoder:
-        return load_fitting_encoder()
+        return load_compatible_encoder()
 
     def config(self, trial: Trial) -> EvaluationConfig:
         """How a trial is flown."""
@@ -99,7 +99,7 @@ class Rivers:
         self._train(arm, self.suite.level_of(arm), run.seed, folder, before)
 
     def _train(self, what: Stage | Arm, level: str, seed: int, folder: Path, begin_with: Path | None) -> None:
-        TrainingGround(level, self.suite.num_envs).train(
+        RiverTraining(level, self.suite.num_envs).train(
             what.algorithm,
             self.encoder,
             steps=what.steps,
@@ -120,7 +120,7 @@ class Rivers:
         """What the policy sees on each course; None for one that sees no frames."""
         if hasattr(policy, "sees"):
             return [None] * len(courses)
-        check_sees_as_trained(policy, self.encoder)
+        check_policy_fits(policy, self.encoder)
         if trial.condition != MAIN:
             return [through_encoder(course, self.encoder) for course in courses]
         if trial.level not in self._looks:

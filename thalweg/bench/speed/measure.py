@@ -27,7 +27,7 @@ from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.render import Camera, Renderer
 from thalweg.render.records.quality import Quality
 from thalweg.train.latent import LatentVectorEnv
-from thalweg.train.river import load_fitting_encoder
+from thalweg.train.river import load_compatible_encoder
 from thalweg.world import World, build, level_named, load_or_build
 
 BATCH, WORLDS = 16, 4
@@ -173,7 +173,7 @@ def _stepping(plan: Plan, worlds: list[World]) -> Iterator[Measurement]:
     yield _measurement("step, rules only", "steps/s", rates(_steps(rules, random), plan), features="random actions")
     features = f"{FRAME_FEATURES}; random actions"
     yield _measurement("step", "steps/s", rates(_steps(full, random), plan), resolution=size, features=features)
-    encoder = load_fitting_encoder()
+    encoder = load_compatible_encoder()
     latent = LatentVectorEnv(full, encoder)
     frames = full.reset(seed=0)[0]
     kind = f"{encoder.inputs} to {encoder.latent} numbers, {encoder.config.architecture} architecture"

@@ -38,7 +38,7 @@ from thalweg.encoder.reconstruction import reconstruct
 from thalweg.encoder.training import resolve_precision, split
 from thalweg.env.privileged_state import PRIVILEGED_NAMES, privileged_state
 from thalweg.render import RENDER_VERSION, Renderer
-from thalweg.train.encoder.frames import draw_frames, river_worlds, views
+from thalweg.train.encoder.frames import level_worlds, render_frames, sample_views
 from thalweg.world import level_named
 
 SIZES = (1024, 512, 256, 128, 64, 32, 16, 8)
@@ -143,9 +143,9 @@ def _segmenter(path: Path, plan: Plan, images: np.ndarray, progress: bool) -> Wa
 
 def collect(plan: Plan, progress: bool = True) -> Scenes:
     """The study's frames, of the level's fixed river, with what is true there."""
-    worlds = river_worlds(plan.level, 1)
-    poses, index, clocks = views(worlds, plan.images + plan.held_out, plan.seed)
-    frames = draw_frames(Renderer(worlds), poses, index, clocks, progress=progress)
+    worlds = level_worlds(plan.level, 1)
+    poses, index, clocks = sample_views(worlds, plan.images + plan.held_out, plan.seed)
+    frames = render_frames(Renderer(worlds), poses, index, clocks, progress=progress)
     return Scenes(frames, privileged_state(worlds[0], poses))
 
 

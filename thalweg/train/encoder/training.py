@@ -1,6 +1,6 @@
-"""Collection of frames and training of an encoder on them.
+"""Training of an encoder on frames of a level.
 
-Collecting takes minutes, so all settings are checked before the first frame.
+Collecting frames takes minutes, so that all settings are checked before the first frame is rendered.
 """
 
 from dataclasses import asdict
@@ -9,7 +9,7 @@ from pathlib import Path
 from thalweg.encoder import EncoderFileError, EncoderInputError, Source, TrainingResult, VAEConfig, train_encoder
 from thalweg.encoder.files import read_tensors
 from thalweg.render import RENDER_VERSION
-from thalweg.train.encoder import frames as collect
+from thalweg.train.encoder import frames as frame_collection
 from thalweg.world import level_named
 
 CHECKPOINT = "checkpoint.safetensors"
@@ -26,10 +26,10 @@ def collect_and_train(
     seed: int = 0,
     command: str = "",
 ) -> TrainingResult:
-    """Train on `images` frames of a level and measure on `held_out` further ones; the same call resumes.
+    """Train on `images` frames of a level and evaluate on `held_out` further ones; the same call resumes.
 
-    `command` is written into the encoder's file. Raises `EncoderInputError`, `EncoderFileError` or `WorldError`, before
-    a frame is drawn, for settings that make no sense, a folder of another training and an unknown level.
+    `command` is stored in the encoder's file. Before a frame is rendered, raises `EncoderInputError` for settings out
+    of range, `EncoderFileError` for a folder of another training, and `WorldError` for an unknown level.
     """
     if epochs < 1:
         raise EncoderInputError(f"epochs must be at least 1, not {epochs}")
@@ -38,28 +38,28 @@ def collect_and_train(
     if held_out < 0 or images < 2:
         raise EncoderInputError(f"of {images + held_out} images, {held_out} can't be held out: at least 2 must be left")
     name = level_named(level).name
-    known = {
+    run = {
         "config": asdict(config),
         "epochs": epochs,
         "seed": seed,
         "held_out": held_out,
         "images": images + held_out,
     }
-    _check_folder(folder, known)
-    frames = collect.collect_frames(images + held_out, level=name, seed=seed)
+    _check_folder(folder, run)
+    frames = frame_collection.collect_frames(images + held_out, level=name, seed=seed)
     source = Source(name, seed, RENDER_VERSION, command)
     return train_encoder(frames, config, folder, epochs=epochs, seed=seed, held_out=held_out, source=source)
 
 
-def _check_folder(folder: Path, known: dict[str, object]) -> None:
-    """Raise `EncoderFileError` if the folder is none, or holds a training that differs in what is known of this one."""
+def _check_folder(folder: Path, run: dict[str, object]) -> None:
+    """Raise `EncoderFileError` if the path is a file, or the folder holds a training with other settings than `run`."""
     if folder.exists() and not folder.is_dir():
         raise EncoderFileError(f"{folder} is not a folder")
     path = folder / CHECKPOINT
     if not path.exists():
         return
     _, about = read_tensors(path, "encoder training")
-    for name, mine in known.items():
+    for name, value in run.items():
         found = about.get("run", {}).get(name)
-        if found != mine:
-            raise EncoderFileError(f"{path}: a training with {name} {found}, not {mine}; choose another folder")
+        if found != value:
+            raise EncoderFileError(f"{path}: a training with {name} {found}, not {value}; choose another folder")

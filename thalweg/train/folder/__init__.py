@@ -1,1 +1,1 @@
-"""The folder of a run: record, checkpoints, logs and progress."""
+"""Files in the folder of a run: record, checkpoints and logs; and the progress bar."""

@@ -1,4 +1,4 @@
-"""How does a run survive being killed? Its whole state in one folder, written whole or not at all.
+"""Checkpoints: the whole state of a run in one folder, written atomically.
 
 A checkpoint is a nested dictionary of arrays and plain data: the arrays in `arrays.safetensors`, the rest in
 `state.json`. Loading one can't execute code.
@@ -21,14 +21,14 @@ from thalweg.train.errors import TrainingError
 FORMAT = 1
 FOLDER = "checkpoints"
 ARRAYS, PLAIN = "arrays.safetensors", "state.json"
-KEPT = 2
-"""How many checkpoints stay: the newest, and the one before it."""
+KEEP = 2
+"""Number of checkpoints to keep: the newest, and the one before it."""
 SEPARATOR = "/"
-"""Between the keys on the way to an array."""
+"""Separator of the keys in the name of an array."""
 
 
 def save_checkpoint(run_folder: Path, step: int, state: dict[str, Any]) -> Path:
-    """Write the state as the newest checkpoint of a run, and remove old ones; returns its folder.
+    """Write a state as the newest checkpoint of a run and remove old ones; returns its folder.
 
     Raises `TrainingError` for a state that holds anything but arrays and plain data.
     """
@@ -51,19 +51,19 @@ def save_checkpoint(run_folder: Path, step: int, state: dict[str, Any]) -> Path:
             os.fsync(file.fileno())
     shutil.rmtree(final, ignore_errors=True)
     os.rename(partial, final)
-    for old in _complete(parent)[:-KEPT]:
+    for old in _complete(parent)[:-KEEP]:
         shutil.rmtree(old, ignore_errors=True)
-    for rest in parent.glob(".*.part"):
-        shutil.rmtree(rest, ignore_errors=True)
+    for leftover in parent.glob(".*.part"):  # of writers that were killed
+        shutil.rmtree(leftover, ignore_errors=True)
     return final
 
 
 def load_checkpoint(run_folder: Path) -> tuple[int, dict[str, Any]] | None:
-    """Step and state of the newest checkpoint of a run, or None; raises `TrainingError` if it is damaged."""
-    found = _complete(run_folder / FOLDER)
-    if not found:
+    """Return step and state of the newest checkpoint of a run, or None; raises `TrainingError` if it is damaged."""
+    checkpoints = _complete(run_folder / FOLDER)
+    if not checkpoints:
         return None
-    folder = found[-1]
+    folder = checkpoints[-1]
     try:
         content = (folder / ARRAYS).read_bytes()
         plain = json.loads((folder / PLAIN).read_bytes())
@@ -71,19 +71,20 @@ def load_checkpoint(run_folder: Path) -> tuple[int, dict[str, Any]] | None:
             raise TrainingError(f"{folder} is a checkpoint of format {plain['format']}, this version reads {FORMAT}")
         if hashlib.sha256(content).hexdigest() != plain["sha256"]:
             raise TrainingError(f"{folder} is damaged: its arrays are not those that were written")
-        return plain["step"], _joined(plain["state"], load(content))
+        return plain["step"], _insert(load(content), plain["state"])
     except (OSError, json.JSONDecodeError, KeyError, SafetensorError) as error:
         raise TrainingError(
-            f"{folder} is not a whole checkpoint ({error}); remove it to go on from the one before"
+            f"{folder} is not a complete checkpoint ({error}); remove it to resume from the one before"
         ) from error
 
 
 def _complete(parent: Path) -> list[Path]:
-    """Folders of whole checkpoints, oldest first."""
+    """Return the folders of complete checkpoints, oldest first."""
     return sorted(path for path in parent.glob("[0-9]*") if path.is_dir())
 
 
 def _arrays(state: dict[str, Any], path: str = "") -> Iterator[tuple[str, np.ndarray]]:
+    """Yield name and value of all arrays in a nested state; a name is the path of its keys."""
     for key, value in state.items():
         if not isinstance(key, str) or SEPARATOR in key:
             raise TrainingError(f"a key of a checkpoint is a string without {SEPARATOR!r}, got {key!r}")
@@ -96,7 +97,7 @@ def _arrays(state: dict[str, Any], path: str = "") -> Iterator[tuple[str, np.nda
 
 
 def _plain(state: dict[str, Any]) -> dict[str, Any]:
-    """The state without its arrays."""
+    """Return a nested state without its arrays."""
     return {
         key: _plain(value) if isinstance(value, dict) else value
         for key, value in state.items()
@@ -104,11 +105,12 @@ def _plain(state: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _joined(plain: dict[str, Any], arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+def _insert(arrays: dict[str, np.ndarray], plain: dict[str, Any]) -> dict[str, Any]:
+    """Insert arrays into the nested plain data they were taken from; returns it."""
     for name, array in arrays.items():
         *parents, last = name.split(SEPARATOR)
-        place = plain
+        parent = plain
         for key in parents:
-            place = place[key]
-        place[last] = array
+            parent = parent[key]
+        parent[last] = array
     return plain

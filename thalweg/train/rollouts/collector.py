@@ -1,4 +1,4 @@
-"""Who takes the steps that a learner learns from? One asks for an action at a time, until there are enough."""
+"""Collectors of rollouts: the interface, and the one for Gymnasium vector environments."""
 
 import time
 import warnings
@@ -13,76 +13,78 @@ from thalweg.algos.interface import Learner, Rollout
 from thalweg.algos.policy.policy import to_tensors
 from thalweg.core.torch_threads import torch_threads
 from thalweg.train.errors import ResumeWarning, TrainingError
-from thalweg.train.rollouts.episodes import Episode, EpisodeBook
-from thalweg.train.rollouts.rollout import RolloutBuffer
-from thalweg.train.rollouts.stream import Stream
+from thalweg.train.rollouts.env_stepper import EnvStepper
+from thalweg.train.rollouts.episodes import Episode, EpisodeStatistics
+from thalweg.train.rollouts.rollout_buffer import RolloutBuffer
 
 
 class Collector(Protocol):
-    """Environments of some kind at work."""
+    """Steps environments with a learner's actions until there is a rollout to learn from."""
 
     env: Any
     obs_size: int
-    """D, of one frame."""
+    """D, size of one observation."""
     mode: AutoresetMode
-    """How the environment begins its episodes."""
-    book: EpisodeBook
-    """What is known of the episodes so far."""
+    """Autoreset mode of the environment."""
+    statistics: EpisodeStatistics
+    """Statistics of the episodes so far."""
 
     @property
     def stages(self) -> dict[str, float]:
-        """Seconds spent so far on actions, `act`, and on what they led to, `env`."""
+        """Seconds spent so far on actions, `act`, and in the environment, `env`."""
         ...
 
-    def begin(self, seed: int) -> None:
-        """Reset all environments; their running episodes count for nothing."""
+    def reset(self, seed: int) -> None:
+        """Reset all environments; their running episodes are discarded."""
         ...
 
     def step(self, learner: Learner) -> list[Episode]:
-        """One action in each environment; returns the episodes that have been found to be over."""
+        """Take one action in each environment; returns the episodes that are now known to have ended."""
         ...
 
     @property
     def waiting(self) -> int:
-        """Steps of each environment that nothing was learnt from yet, up to `Learner.rollout_steps`."""
+        """Steps of each environment that wait to be learned from, up to `Learner.rollout_steps`."""
         ...
 
     def rollout(self) -> Rollout:
-        """Those steps, on the learner's device; to be used before the next one."""
+        """Return those steps on the learner's device; valid until the next step."""
         ...
 
     def clear(self) -> None:
-        """They were learnt from."""
+        """Discard those steps after an update."""
         ...
 
     def state(self) -> dict[str, Any]:
-        """What the next step depends on; while none is waiting."""
+        """Return what the next step depends on; valid while no step is waiting."""
         ...
 
     def load_state(self, state: dict[str, Any], seed: int) -> None:
-        """The inverse of `state`. An environment that can't be brought back begins new episodes, with a
-        `ResumeWarning`; then the seed counts."""
+        """Restore a state of `state`.
+
+        An environment without `set_state` starts new episodes from the seed, with a `ResumeWarning`.
+        """
         ...
 
 
 class HostCollector:
-    """A Gymnasium vector environment: its steps are arrays, which go to the learner's device when there are enough."""
+    """Steps a Gymnasium vector environment; a complete rollout is copied to the learner's device."""
 
-    def __init__(self, env: VectorEnv, stream: Stream, device: torch.device, threads: int) -> None:
-        """`threads` are those of acting."""
-        self.env, self.stream, self.device, self.threads = env, stream, device, threads
-        self.obs_size, self.mode = stream.obs_size, stream.mode
-        self.book = EpisodeBook(stream.num_envs, world_names(env), reason_names(env))
+    def __init__(self, env: VectorEnv, stepper: EnvStepper, device: torch.device, threads: int) -> None:
+        """`stepper` steps `env`; `threads` is for acting."""
+        self.env, self.stepper, self.device, self.threads = env, stepper, device, threads
+        self.obs_size, self.mode = stepper.obs_size, stepper.mode
+        self.statistics = EpisodeStatistics(stepper.num_envs, world_names(env), done_reason_names(env))
         self.stages = {"act": 0.0, "env": 0.0}
-        self.obs = np.zeros((stream.num_envs, 0), dtype=np.float32)
-        """[N, K * D] what the next action will see; nothing before `begin`."""
-        self.fresh = np.ones(stream.num_envs, dtype=bool)
+        self.obs = np.zeros((stepper.num_envs, 0), dtype=np.float32)
+        """[N, K * D] observation for the next action; empty before `reset`."""
+        self.fresh = np.ones(stepper.num_envs, dtype=bool)
         self._buffer: RolloutBuffer | None = None
 
-    def begin(self, seed: int) -> None:
-        self.book.abandon()
-        self.obs = self.stream.reset(env_seeds(seed, self.book.steps, self.stream.num_envs))
-        self.fresh = np.ones(self.stream.num_envs, dtype=bool)
+    def reset(self, seed: int) -> None:
+        self.statistics.discard_running()
+        self.obs = self.stepper.reset(env_seeds(seed, self.statistics.steps, self.stepper.num_envs))
+        self.fresh = np.ones(self.stepper.num_envs, dtype=bool)
 
     def step(self, learner: Learner) -> list[Episode]:
         before = time.perf_counter()
@@ -90,16 +92,16 @@ class HostCollector:
             raw = learner.act(*to_tensors(self.obs, self.fresh, self.device))
             actions = learner.policy.actions.to_numpy(raw)
         acted = time.perf_counter()
-        step = self.stream.step(actions)
+        step = self.stepper.step(actions)
         after = time.perf_counter()
-        costs = learnt_costs(learner, step.cost, step.costs)
+        costs = costs_to_learn(learner, step.cost, step.costs)
         if self._buffer is None:
             self._buffer = RolloutBuffer(learner.rollout_steps, self.obs, raw, costs, self.device)
         self._buffer.add(self.obs, self.fresh, raw, step, costs)
         self.obs, self.fresh = step.next_obs, step.fresh
         self.stages["act"] += acted - before
         self.stages["env"] += after - acted
-        return self.book.add(step)
+        return self.statistics.add(step)
 
     @property
     def waiting(self) -> int:
@@ -117,51 +119,52 @@ class HostCollector:
     def state(self) -> dict[str, Any]:
         getter = getattr(self.env, "get_state", None)
         environment = {} if getter is None else {"environment": dict(getter())}
-        return environment | {"stream": self.stream.state(), "obs": self.obs.copy(), "fresh": self.fresh.copy()}
+        return environment | {"stream": self.stepper.state(), "obs": self.obs.copy(), "fresh": self.fresh.copy()}
 
     def load_state(self, state: dict[str, Any], seed: int) -> None:
         if "environment" in state and hasattr(self.env, "set_state"):
             self.env.set_state(state["environment"])  # pyright: ignore[reportAttributeAccessIssue]
-            self.stream.load_state(state["stream"])
+            self.stepper.load_state(state["stream"])
             self.obs, self.fresh = np.array(state["obs"], dtype=np.float32), np.array(state["fresh"], dtype=bool)
             return
         warn_of_new_episodes()
-        self.begin(seed)
+        self.reset(seed)
 
 
 def warn_of_new_episodes() -> None:
-    """Say that an environment can't be brought back."""
+    """Warn that an environment cannot be restored from a checkpoint."""
     warnings.warn(
-        "the environment has no get_state and set_state: the run goes on with new episodes, and will not end with the "
-        "same numbers as an unbroken one",
+        "the environment has no get_state and set_state: the run resumes with new episodes and will not end with the "
+        "same numbers as an uninterrupted one",
         ResumeWarning,
-        stacklevel=6,
+        stacklevel=7,
     )
 
 
-def learnt_costs(learner: Learner, cost: Any, costs: Any) -> Any:
-    """[N, M] what a learner is told of a step's costs, from their sum [N] and, if they are told apart, both [N, 2]."""
+def costs_to_learn(learner: Learner, cost: Any, costs: Any) -> Any:
+    """Return the costs [N, M] that a learner uses, from their sum [N] and, if the environment reports both, tight and
+    loose costs [N, 2]; raises `TrainingError` if the learner needs both and they are missing."""
     if not learner.separate_costs:
         return cost[:, None]
     if costs is None:
         raise TrainingError(
-            "cost_limits are limits of tight and loose costs, but the environment does not tell them apart: "
+            "cost_limits are limits of tight and loose costs, but the environment does not report them separately: "
             "info['costs'] [N, 2] is needed at every step"
         )
     return costs
 
 
 def env_seeds(seed: int, steps: int, count: int) -> list[int]:
-    """One seed for each environment of a run that begins new episodes after so many steps.
+    """Return one seed for each environment of a run that starts new episodes after `steps` steps.
 
-    A single number would be counted up from environment to environment (Gymnasium's convention), and runs of
-    neighbouring seeds would share all their environments but one. 31 bits, since not every environment takes more.
+    Gymnasium seeds environment i with seed + i if it is given a single number, so that runs of consecutive seeds would
+    share all environments but one. The seeds have 31 bits, because some environments do not accept more.
     """
     return [int(word) >> 1 for word in np.random.SeedSequence([seed, steps]).generate_state(count)]
 
 
 def world_names(env: Any) -> list[str]:
-    """[N] the name and seed of the world of each environment; empty strings if it has none."""
+    """Return the name and seed of the world of each environment [N], or empty strings."""
     base: Any = getattr(env, "unwrapped", env)
     worlds, index = getattr(base, "worlds", None), getattr(base, "world_index", None)
     if worlds is None or index is None:
@@ -169,8 +172,8 @@ def world_names(env: Any) -> list[str]:
     return [f"{worlds[i].name}-{worlds[i].seed}" for i in index]
 
 
-def reason_names(env: Any) -> Mapping[int, str]:
-    """The environment's own names for the codes of `info["done_reason"]`; none if it has none."""
+def done_reason_names(env: Any) -> Mapping[int, str]:
+    """Return the environment's names for the codes of `info["done_reason"]`; empty if it has none."""
     base: Any = getattr(env, "unwrapped", env)
     one = base.envs[0].unwrapped if isinstance(base, SyncVectorEnv) else base
     return getattr(one, "done_reasons", {})

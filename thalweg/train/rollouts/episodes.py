@@ -1,4 +1,4 @@
-"""How did the episodes go? Sums while they run, one record when they end, and the rates that the paper plots."""
+"""Episode statistics: sums of running episodes, a record of each finished one, and the rates that the paper plots."""
 
 import math
 from collections import deque
@@ -12,15 +12,15 @@ from thalweg.algos.interface import MEAN_EPISODES, RECENT_EPISODES
 
 
 @dataclass(frozen=True)
-class Account:
-    """What a step of N environments brought, and which episodes it ended."""
+class StepRecord:
+    """Result of a step of N environments, as far as statistics of episodes need it."""
 
     reward: np.ndarray
     """[N] float64; 0 where not valid."""
     cost: np.ndarray
     """[N] float64; 0 where not valid."""
     costs: np.ndarray | None
-    """[N, 2] float64, tight and loose, if the environment tells them apart; 0 where not valid."""
+    """[N, 2] float64, tight and loose, if the environment reports both; 0 where not valid."""
     terminated: np.ndarray
     """[N] bool."""
     truncated: np.ndarray
@@ -30,7 +30,7 @@ class Account:
     finished: np.ndarray
     """[F] int64, environments whose episode ended in this step, either way."""
     reasons: Any
-    """[N] the environment's codes of why their episode ended, if it gives any."""
+    """[N] the environment's codes for the reason why an episode ended, if it reports any."""
 
 
 @dataclass(frozen=True)
@@ -45,25 +45,26 @@ class Episode:
     cost: float
     """Undiscounted sum of costs."""
     tight: float
-    """Of which tight; NaN if the environment does not tell them apart."""
+    """Tight share of the cost; NaN if the environment does not report it."""
     loose: float
+    """Loose share of the cost, likewise."""
     length: int
     """Steps."""
     reason: str
-    """How it ended: the environment's own name for it, else terminated or truncated."""
+    """Why it ended: the environment's name for the reason, or terminated or truncated."""
     world: str
-    """The world it took place in; empty if the environment has none."""
+    """Name of its world; empty if the environment has none."""
 
 
 COLUMNS = tuple(name.rstrip("_") for name in Episode.__dataclass_fields__)
-"""Of `episodes.csv`."""
+"""Columns of `episodes.csv`."""
 
 
-class EpisodeBook:
-    """Keeps count of N environments."""
+class EpisodeStatistics:
+    """Statistics of the episodes of N environments."""
 
     def __init__(self, num_envs: int, worlds: list[str], reasons: Mapping[int, str] | None = None) -> None:
-        """`reasons`: the environment's own names for the codes of `info["done_reason"]`."""
+        """`reasons`: the environment's names for the codes of `info["done_reason"]`."""
         self._reasons = reasons or {}
         self.worlds = worlds
         """[N] name of each environment's world, or empty strings."""
@@ -72,18 +73,20 @@ class EpisodeBook:
         self._lengths = np.zeros(num_envs, dtype=np.int64)
         self.recent: deque[Episode] = deque(maxlen=RECENT_EPISODES)
         self.fresh: list[Episode] = []
-        """Finished since the last update."""
+        """Episodes finished since the last update."""
         self.steps = 0
         """Valid steps, all environments together."""
         self.count = 0
+        """Finished episodes."""
         self.largest = {"cost": 0.0, "tight": 0.0, "loose": 0.0}
+        """Largest cost of any episode, by kind."""
         self.violations = {"cost": 0, "tight": 0, "loose": 0}
-        """Episodes that ended with such a cost."""
+        """Number of episodes with a cost, by kind."""
         self.split = False
-        """Whether the environment tells tight from loose costs."""
+        """Whether the environment reports tight and loose costs."""
 
-    def add(self, step: Account) -> list[Episode]:
-        """Take in a step; returns the episodes that it ended."""
+    def add(self, step: StepRecord) -> list[Episode]:
+        """Add a step; returns the episodes that it ended."""
         self.steps += int(step.valid.sum())
         self._sums[:, 0] += step.reward
         self._sums[:, 1] += step.cost
@@ -91,7 +94,7 @@ class EpisodeBook:
             self.split = True
             self._sums[:, 2:] += step.costs
         self._lengths += step.valid
-        ended = [self._close(int(env), step) for env in step.finished]
+        ended = [self._finish(int(env), step) for env in step.finished]
         for episode in ended:
             self.count += 1
             for name in self.violations:
@@ -103,8 +106,10 @@ class EpisodeBook:
         return ended
 
     def costs(self, separate: bool) -> tuple[np.ndarray, np.ndarray, tuple[float, ...]]:
-        """Costs [E, M] of the episodes finished since the last update and of those remembered, and the largest of any
-        [M]; tight and loose if `separate`, else their sum."""
+        """Return the costs [E, M] of the episodes since the last update and of the recent ones, and the largest [M].
+
+        They are tight and loose costs if `separate`, else their sum.
+        """
         names = ("tight", "loose") if separate else ("cost",)
         fresh, recent = (
             np.array([[getattr(episode, name) for name in names] for episode in episodes]).reshape(-1, len(names))
@@ -114,11 +119,11 @@ class EpisodeBook:
 
     @property
     def mean_length(self) -> float:
-        """Steps of the episodes remembered; NaN before any."""
+        """Mean length of the recent episodes in steps; NaN without episodes."""
         return float(np.mean([episode.length for episode in self.recent])) if self.recent else math.nan
 
     def metrics(self) -> dict[str, float]:
-        """Means of the last episodes, and violated episodes per step so far (total, and by kind where told apart)."""
+        """Return means of the last episodes, and the number of episodes with a cost per step so far."""
         recent = list(self.recent)[-MEAN_EPISODES:]
         rates = {name: number / max(self.steps, 1) for name, number in self.violations.items()}
         nan = math.nan
@@ -133,7 +138,7 @@ class EpisodeBook:
         }
 
     def state(self) -> dict[str, Any]:
-        """Everything, as arrays and plain data."""
+        """Return everything as arrays and plain data."""
         return {
             "sums": self._sums.copy(),
             "lengths": self._lengths.copy(),
@@ -147,7 +152,7 @@ class EpisodeBook:
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """The inverse of `state`."""
+        """Restore a state of `state`."""
         self._sums, self._lengths = np.array(state["sums"]), np.array(state["lengths"])
         self.steps, self.count = int(state["steps"]), int(state["count"])
         self.split = bool(state["split"])
@@ -156,11 +161,12 @@ class EpisodeBook:
         self.recent = deque((Episode(**row) for row in state["recent"]), maxlen=RECENT_EPISODES)
         self.fresh = [Episode(**row) for row in state["fresh"]]
 
-    def abandon(self) -> None:
-        """Forget the running episodes: their environments could not be brought back."""
+    def discard_running(self) -> None:
+        """Discard the running episodes, whose environments are reset."""
         self._sums[:], self._lengths[:] = 0.0, 0
 
-    def _close(self, env: int, step: Account) -> Episode:
+    def _finish(self, env: int, step: StepRecord) -> Episode:
+        """Return the record of an episode that ended in a step, and clear its sums."""
         total, cost, tight, loose = (float(x) for x in self._sums[env])
         episode = Episode(
             step=self.steps,
@@ -176,8 +182,8 @@ class EpisodeBook:
         self._sums[env], self._lengths[env] = 0.0, 0
         return episode
 
-    def _reason(self, step: Account, env: int) -> str:
-        """What `done_reason` says if the environment gives one: its name, else as it is."""
+    def _reason(self, step: StepRecord, env: int) -> str:
+        """Return the name of the reason why an episode ended; a code without a name is returned as text."""
         if step.reasons is None:
             return "terminated" if step.terminated[env] else "truncated"
         return self._reasons.get(step.reasons[env], str(step.reasons[env]))

@@ -1,4 +1,4 @@
-"""How far is a run? A bar for people to watch; nothing depends on it."""
+"""Progress bar of a run."""
 
 import math
 import time
@@ -7,13 +7,14 @@ from typing import Self
 from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
-from thalweg.train.run_state import Training
+from thalweg.train.trainer import Trainer
 
 INTERVAL_S = 0.2
+"""Least time between two updates of the bar."""
 
 
-class Progress:
-    """A progress bar with steps a second and the last episodes' means, or nothing at all."""
+class ProgressBar:
+    """A progress bar with steps per second and the means of the last episodes; invisible unless `shown`."""
 
     def __init__(self, title: str, steps: int, shown: bool) -> None:
         words = "{task.completed:,.0f}/{task.total:,.0f} steps, {task.fields[rate]:,.0f}/s {task.fields[means]}"
@@ -23,16 +24,16 @@ class Progress:
         self._task = self._bar.add_task(title, total=steps, rate=0.0, means="")
         self._at, self._steps = time.perf_counter(), -1
 
-    def show(self, training: Training) -> None:
-        """Show where the run is, at most a few times a second, and at its end."""
-        now, steps = time.perf_counter(), training.book.steps
-        if self._bar.disable or (now - self._at < INTERVAL_S and not training.done):
+    def show(self, trainer: Trainer) -> None:
+        """Update the bar, at most a few times a second, and at the end of the run."""
+        now, steps = time.perf_counter(), trainer.statistics.steps
+        if self._bar.disable or (now - self._at < INTERVAL_S and not trainer.done):
             return
-        # The rate is of this call alone: a resumed run does not count what was done before.
+        # The rate is that of this call: steps before a resume do not count.
         rate = (steps - self._steps) / max(now - self._at, 1e-9) if self._steps >= 0 else math.nan
-        means = training.book.metrics()
+        means = trainer.statistics.metrics()
         text = f"return {means['return_mean_50']:.2f} cost {means['cost_mean_50']:.2f}"
-        self._bar.update(self._task, completed=min(steps, training.steps), rate=rate, means=text)
+        self._bar.update(self._task, completed=min(steps, trainer.steps), rate=rate, means=text)
         self._at, self._steps = now, steps
 
     def __enter__(self) -> Self:

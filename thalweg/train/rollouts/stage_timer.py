@@ -1,4 +1,4 @@
-"""How long did each stage take? Of a GPU, whose work goes on after the call that began it, by its own clock."""
+"""Timer for the stages of a training step, on the clock of the device that computes them."""
 
 import time
 from collections import deque
@@ -9,18 +9,21 @@ from typing import Any
 import torch
 
 
-class Stopwatch:
-    """Seconds of named stages on a device, added up."""
+class StageTimer:
+    """Total seconds of named stages on a device.
+
+    A GPU works asynchronously, so that its stages are timed by CUDA events instead of the host's clock.
+    """
 
     def __init__(self, device: torch.device, *stages: str) -> None:
         self._gpu = device if device.type == "cuda" else None
         self._seconds = dict.fromkeys(stages, 0.0)
-        self._running: deque[tuple[str, Any, Any]] = deque()
-        """Stage, and the events of a GPU between which it lies."""
+        self._pending: deque[tuple[str, Any, Any]] = deque()
+        """Stage, first and last event of each measurement on a GPU that may not have finished."""
 
     @contextmanager
-    def on(self, stage: str) -> Iterator[None]:
-        """What the body does, or has the GPU do, belongs to the stage."""
+    def measure(self, stage: str) -> Iterator[None]:
+        """Add the time of the body, or of what it launches on the GPU, to a stage."""
         if self._gpu is None:
             before = time.perf_counter()
             yield
@@ -30,12 +33,12 @@ class Stopwatch:
         begin.record(torch.cuda.current_stream(self._gpu))
         yield
         end.record(torch.cuda.current_stream(self._gpu))
-        self._running.append((stage, begin, end))
+        self._pending.append((stage, begin, end))
 
     @property
     def seconds(self) -> dict[str, float]:
-        """By stage; of a GPU those that are over, without waiting for it."""
-        while self._running and self._running[0][2].query():
-            stage, begin, end = self._running.popleft()
+        """Total seconds by stage; on a GPU those of finished measurements, without waiting for the others."""
+        while self._pending and self._pending[0][2].query():
+            stage, begin, end = self._pending.popleft()
             self._seconds[stage] += begin.elapsed_time(end) / 1000.0
         return dict(self._seconds)

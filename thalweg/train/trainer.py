@@ -1,4 +1,4 @@
-"""A run between two moments: everything that changes while it goes on, and how it is put away and brought back."""
+"""Trainer: a learner and its collector, stepped and updated in turn, with the state from which a run resumes."""
 
 import time
 import warnings
@@ -11,11 +11,12 @@ from thalweg.train.rollouts.collector import Collector
 from thalweg.train.rollouts.episodes import Episode
 
 
-class Training:
-    """A learner and who takes its steps; it touches no file."""
+class Trainer:
+    """Steps environments and updates a learner; it touches no file."""
 
     def __init__(self, collector: Collector, learner: Learner, steps: int, seed: int, threads: int) -> None:
-        self.collector, self.learner, self.book = collector, learner, collector.book
+        """Train for `steps` steps, all environments together; `threads` is for updates."""
+        self.collector, self.learner, self.statistics = collector, learner, collector.statistics
         self.steps, self.seed, self.threads = steps, seed, threads
         self.updates = 0
         self.seconds = 0.0
@@ -23,85 +24,86 @@ class Training:
         self.learning_s = 0.0
         self.warned: dict[str, str] = {}
         """Warnings given so far, by their code."""
-        self._began_update_at = 0
+        self._steps_at_update = 0
 
-    def begin(self, state: dict[str, Any] | None = None) -> None:
-        """Reset all environments, or go on from a state."""
+    def start(self, state: dict[str, Any] | None = None) -> None:
+        """Reset all environments, or resume from a state."""
         if state is None:
-            self.collector.begin(self.seed)
+            self.collector.reset(self.seed)
         else:
             self.load_state(state)
 
     @property
     def done(self) -> bool:
-        return self.book.steps >= self.steps
+        """Whether all steps are taken."""
+        return self.statistics.steps >= self.steps
 
     @property
     def stages(self) -> dict[str, float]:
-        """Seconds spent so far on each."""
+        """Seconds spent so far in each stage."""
         return {**self.collector.stages, "learn": self.learning_s}
 
     def step(self) -> list[Episode]:
-        """One action in each environment; returns the episodes that have been found to be over."""
+        """Take one action in each environment; returns the episodes that are now known to have ended."""
         return self.collector.step(self.learner)
 
     @property
     def ready(self) -> bool:
-        """Whether it is time to learn: from a whole rollout, or from the shorter one that ends the run."""
+        """Whether an update is due: after a complete rollout, or the shorter one that ends the run."""
         waiting = self.collector.waiting
         return waiting == self.learner.rollout_steps or (waiting > 0 and self.done)
 
     def update(self) -> dict[str, float]:
-        """Learn from the rollout; returns the learner's metrics, if it has any to report yet."""
+        """Learn from the rollout; returns the learner's metrics, or nothing if it has none to report yet."""
         feedback = self.feedback()
         before = time.perf_counter()
         with torch_threads(self.threads):
             metrics = self.learner.update(self.collector.rollout(), feedback)
         self.learning_s += time.perf_counter() - before
         self.collector.clear()
-        self._began_update_at = self.book.steps
+        self._steps_at_update = self.statistics.steps
         if metrics:
             self._warn(self.learner.warnings(feedback))
-            self.book.fresh.clear()
+            self.statistics.fresh.clear()
             self.updates += 1
             if self.learner.resets and not self.done:
-                self.collector.begin(self.seed)
+                self.collector.reset(self.seed)
         return metrics
 
     def feedback(self) -> Feedback:
-        """What the episodes say to the learner."""
-        fresh, recent, largest = self.book.costs(self.learner.separate_costs)
+        """Return the statistics of episodes that the learner adapts to."""
+        fresh, recent, largest = self.statistics.costs(self.learner.separate_costs)
         return Feedback(
-            progress=min(self._began_update_at / self.steps, 1.0),
-            steps_left=max(self.steps - self.book.steps, 0),
+            progress=min(self._steps_at_update / self.steps, 1.0),
+            steps_left=max(self.steps - self.statistics.steps, 0),
             fresh_costs=fresh,
             recent_costs=recent,
-            episodes=self.book.count,
+            episodes=self.statistics.count,
             largest_costs=largest,
-            mean_length=self.book.mean_length,
+            mean_length=self.statistics.mean_length,
         )
 
     def state(self) -> dict[str, Any]:
-        """Everything that the rest of the run depends on; between updates, when no step is waiting to be learnt
-        from."""
+        """Return everything that the rest of the run depends on; valid between updates, when no step is waiting."""
         return self.collector.state() | {
             "learner": self.learner.state(),
-            "book": self.book.state(),
+            "book": self.statistics.state(),
             "updates": self.updates,
             "seconds": self.seconds,
             "warned": dict(self.warned),
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """The inverse of `state`; see `Collector.load_state`."""
-        self.book.load_state(state["book"])
+        """Restore a state of `state`; see `Collector.load_state`."""
+        self.statistics.load_state(state["book"])
         self.updates, self.seconds = int(state["updates"]), float(state["seconds"])
         self.learner.load_state(state["learner"])
         self.warned = dict(state["warned"])
-        self._began_update_at = self.book.steps
+        self._steps_at_update = self.statistics.steps
         self.collector.load_state(state, self.seed)
 
     def _warn(self, found: dict[str, str]) -> None:
+        """Give each warning once in a run."""
         for code, sentence in found.items():
             if code not in self.warned:
                 self.warned[code] = sentence

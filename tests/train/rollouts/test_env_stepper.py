@@ -10,9 +10,9 @@ from tests.train.toys import Count, Walk
 from thalweg.algos import NotFiniteError
 from thalweg.algos.interface import Rollout
 from thalweg.train.errors import TrainingError
-from thalweg.train.rollouts.episodes import Episode, EpisodeBook
-from thalweg.train.rollouts.rollout import RolloutBuffer
-from thalweg.train.rollouts.stream import PATIENCE, Stream
+from thalweg.train.rollouts.env_stepper import MAX_STEPS_WITHOUT_COST, EnvStepper
+from thalweg.train.rollouts.episodes import Episode, EpisodeStatistics
+from thalweg.train.rollouts.rollout_buffer import RolloutBuffer
 
 MODES = list(AutoresetMode)
 
@@ -25,7 +25,7 @@ def counting(mode: AutoresetMode, **settings) -> SyncVectorEnv:
 
 def trajectory(env: SyncVectorEnv, steps: int, frames: int = 1) -> list[tuple]:
     """(env, observation before, reward, cost, terminated, truncated, final observation) of each valid step."""
-    stream, seen = Stream(env, frames), []
+    stream, seen = EnvStepper(env, frames), []
     obs = stream.reset(0)
     for _ in range(steps):
         step = stream.step(np.zeros(2, np.int64))
@@ -74,7 +74,7 @@ def test_frames_side_by_side_never_mix_episodes_whichever_way_of_resetting(mode:
 
 @pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
 def test_an_observation_is_fresh_where_an_episode_begins_and_only_there(mode: AutoresetMode):
-    stream = Stream(counting(mode), 2)
+    stream = EnvStepper(counting(mode), 2)
     stream.reset(0)
     begun = 0
     for _ in range(30):
@@ -87,12 +87,12 @@ def test_an_observation_is_fresh_where_an_episode_begins_and_only_there(mode: Au
 
 @pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
 def test_a_stream_goes_on_from_its_state_with_the_frames_before(mode: AutoresetMode):
-    stream, again = (Stream(counting(mode), 3) for _ in range(2))
+    stream, again = (EnvStepper(counting(mode), 3) for _ in range(2))
     for one in (stream, again):
         one.reset(0)
         for _ in range(7):
             one.step(np.zeros(2, np.int64))
-    other = Stream(again.env, 3)
+    other = EnvStepper(again.env, 3)
     other.load_state(stream.state())
     for _ in range(6):
         here, there = (one.step(np.zeros(2, np.int64)) for one in (stream, other))
@@ -102,7 +102,7 @@ def test_a_stream_goes_on_from_its_state_with_the_frames_before(mode: AutoresetM
 @pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
 def test_reset_steps_are_not_counted(mode: AutoresetMode):
     env = counting(mode)
-    stream, book = Stream(env), EpisodeBook(2, ["", ""])
+    stream, book = EnvStepper(env), EpisodeStatistics(2, ["", ""])
     stream.reset(0)
     while book.steps < 60:
         book.add(stream.step(np.zeros(2, np.int64)))
@@ -137,7 +137,7 @@ def test_a_rollout_says_which_observations_begin_an_episode_and_what_each_step_c
 
 def collected(env: SyncVectorEnv) -> Rollout:
     """Eight steps of both environments."""
-    stream, actions = Stream(env), torch.zeros(2, 1, dtype=torch.int64)
+    stream, actions = EnvStepper(env), torch.zeros(2, 1, dtype=torch.int64)
     obs, fresh = stream.reset(0), np.ones(2, dtype=bool)
     buffer = RolloutBuffer(8, obs, actions, np.zeros((2, 1)))
     while buffer.filled < buffer.steps:
@@ -149,19 +149,19 @@ def collected(env: SyncVectorEnv) -> Rollout:
 
 @pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
 def test_no_cost_anywhere_is_an_error_when_the_first_episode_ends(mode: AutoresetMode):
-    stream = Stream(counting(mode, names_cost="never"))
+    stream = EnvStepper(counting(mode, names_cost="never"))
     stream.reset(0)
-    with pytest.raises(TrainingError, match="names no cost: info\\['cost'\\]"):
+    with pytest.raises(TrainingError, match="reports no cost: info\\['cost'\\]"):
         for _ in range(3):
             stream.step(np.zeros(2, np.int64))
 
 
 def test_no_cost_in_an_endless_episode_is_an_error_some_day():
     env = SyncVectorEnv([lambda: Count(10**9, names_cost="never")], autoreset_mode=AutoresetMode.SAME_STEP)
-    stream = Stream(env)
+    stream = EnvStepper(env)
     stream.reset(0)
-    with pytest.raises(TrainingError, match="names no cost"):
-        for _ in range(PATIENCE + 1):
+    with pytest.raises(TrainingError, match="reports no cost"):
+        for _ in range(MAX_STEPS_WITHOUT_COST + 1):
             stream.step(np.zeros(1, np.int64))
 
 
@@ -174,10 +174,10 @@ def test_an_environment_that_named_its_cost_once_may_be_silent_ever_after():
             return super().reset(**given)
 
     env = SyncVectorEnv([lambda: Rare(names_cost="last")], autoreset_mode=AutoresetMode.SAME_STEP)
-    stream = Stream(env)
+    stream = EnvStepper(env)
     stream.reset(0)
-    costs = [float(stream.step(np.zeros(1, np.int64)).cost[0]) for _ in range(PATIENCE + 2)]
-    assert costs == [1.0] + [0.0] * (PATIENCE + 1)
+    costs = [float(stream.step(np.zeros(1, np.int64)).cost[0]) for _ in range(MAX_STEPS_WITHOUT_COST + 2)]
+    assert costs == [1.0] + [0.0] * (MAX_STEPS_WITHOUT_COST + 1)
 
 
 def test_what_a_reset_step_says_does_not_matter():
@@ -195,7 +195,7 @@ def test_what_a_reset_step_says_does_not_matter():
             self.ended = (terminated | truncated) & ~self.ended
             return obs, reward, terminated, truncated, info
 
-    stream = Stream(Odd())
+    stream = EnvStepper(Odd())
     stream.reset(0)
     steps = [stream.step(np.tile([2, 0], (4, 1))) for _ in range(60)]
     assert sum(int((~step.valid).sum()) for step in steps) > 10
@@ -208,7 +208,7 @@ def test_a_reason_has_the_environments_own_name_or_none():
             *rest, info = super().step(actions)
             return *rest, info | {"done_reason": [3, None, "lost", 3]}
 
-    stream, book = Stream(Coded()), EpisodeBook(4, [""] * 4, {3: "Found"})
+    stream, book = EnvStepper(Coded()), EpisodeStatistics(4, [""] * 4, {3: "Found"})
     stream.reset(0)
     episodes = [episode for _ in range(60) for episode in book.add(stream.step(np.tile([2, 0], (4, 1))))]
     assert {(e.env, e.reason) for e in episodes} == {(0, "Found"), (1, "None"), (2, "lost"), (3, "Found")}
@@ -218,19 +218,19 @@ def test_an_unknown_way_of_resetting_is_refused():
     env = Walk()
     env.metadata = {}
     with pytest.raises(TrainingError, match="NEXT_STEP, SAME_STEP, DISABLED, got None"):
-        Stream(env)
+        EnvStepper(env)
 
 
 def test_images_are_sent_through_an_encoder():
     env = Walk()
     env.single_observation_space = gym.spaces.Box(0, 255, (8, 8, 3), np.uint8)
     with pytest.raises(TrainingError, match="LatentVectorEnv"):
-        Stream(env)
+        EnvStepper(env)
 
 
 @pytest.mark.parametrize("what", ["observation", "reward", "cost", "costs"])
 def test_nan_is_an_error_that_says_where(what: str):
-    stream = Stream(Walk(poison=(what, 3)))
+    stream = EnvStepper(Walk(poison=(what, 3)))
     stream.reset(0)
     with pytest.raises(NotFiniteError, match=f"{what} is not finite in rows \\[0\\] of vector step 3"):
         for _ in range(3):
@@ -243,21 +243,21 @@ def test_a_cost_of_the_wrong_shape_is_refused():
             *rest, info = super().step(actions)
             return *rest, info | {"cost": np.zeros((4, 1))}
 
-    stream = Stream(Column())
+    stream = EnvStepper(Column())
     stream.reset(0)
     with pytest.raises(TrainingError, match=r"info\['cost'\] must have shape \(4,\), got \(4, 1\)"):
         stream.step(np.ones((4, 2), np.int64))
 
 
-def walked(steps: int) -> tuple[EpisodeBook, list[Episode]]:
+def walked(steps: int) -> tuple[EpisodeStatistics, list[Episode]]:
     """The book of eight walkers who go right, and all episodes."""
-    stream, book = Stream(Walk(8)), EpisodeBook(8, [""] * 8)
+    stream, book = EnvStepper(Walk(8)), EpisodeStatistics(8, [""] * 8)
     stream.reset(0)
     return book, [episode for _ in range(steps) for episode in book.add(stream.step(np.tile([2, 0], (8, 1))))]
 
 
 def test_rates_count_violated_episodes_per_step():
-    assert math.isnan(EpisodeBook(8, [""] * 8).metrics()["cost_rate_tight"])
+    assert math.isnan(EpisodeStatistics(8, [""] * 8).metrics()["cost_rate_tight"])
     book, episodes = walked(300)
     metrics = book.metrics()
     assert metrics["cost_rate"] == sum(e.cost > 0 for e in episodes) / 2400 > 0
@@ -285,5 +285,5 @@ def test_costs_apart_are_tight_and_loose():
 
 
 def test_before_any_episode_there_are_no_costs():
-    fresh, recent, largest = EpisodeBook(8, [""] * 8).costs(separate=True)
+    fresh, recent, largest = EpisodeStatistics(8, [""] * 8).costs(separate=True)
     assert fresh.shape == recent.shape == (0, 2) and largest == (0.0, 0.0)

@@ -19,9 +19,9 @@ from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.policy import Policy
 from thalweg.train import TrainingError, run
 from thalweg.train.rollouts.collector import HostCollector
+from thalweg.train.rollouts.env_stepper import EnvStepper
 from thalweg.train.rollouts.episodes import Episode
-from thalweg.train.rollouts.stream import Stream
-from thalweg.train.run_state import Training
+from thalweg.train.trainer import Trainer
 
 STEPS, EVERY = 200, 5
 """Of the run, and steps of each environment between updates."""
@@ -56,20 +56,20 @@ class Scribe:
         self.updates = int(state["updates"])
 
 
-def trained(env: Any = None, steps: int = STEPS, **settings: Any) -> tuple[Scribe, list[list[Episode]], Training]:
+def trained(env: Any = None, steps: int = STEPS, **settings: Any) -> tuple[Scribe, list[list[Episode]], Trainer]:
     """A learner after its run, and the episodes that ended before each of its updates."""
     env = env or Walk()
-    collector = HostCollector(env, Stream(env), CPU, threads=1)
+    collector = HostCollector(env, EnvStepper(env), CPU, threads=1)
     learner = Scribe(Task(collector.obs_size, env.single_action_space, env.num_envs, 0, {}), **settings)
-    training = Training(collector, learner, steps, seed=0, threads=1)
-    training.begin()
+    trainer = Trainer(collector, learner, steps, seed=0, threads=1)
+    trainer.start()
     ended: list[list[Episode]] = [[]]
-    while not training.done:
-        ended[-1] += training.step()
-        if training.ready:
-            training.update()
+    while not trainer.done:
+        ended[-1] += trainer.step()
+        if trainer.ready:
+            trainer.update()
             ended.append([])
-    return learner, ended[:-1], training
+    return learner, ended[:-1], trainer
 
 
 def test_fresh_costs_are_those_of_the_episodes_since_the_last_update():
@@ -79,12 +79,12 @@ def test_fresh_costs_are_those_of_the_episodes_since_the_last_update():
 
 
 def test_where_nothing_is_reported_the_feedback_goes_on_collecting():
-    learner, ended, training = trained(period=3)
+    learner, ended, trainer = trained(period=3)
     collected = [
         [e.cost for each in ended[update - update % 3 : update + 1] for e in each] for update in range(len(ended))
     ]
     assert [told.fresh_costs[:, 0].tolist() for told in learner.told] == collected
-    assert training.updates == len(ended) // 3
+    assert trainer.updates == len(ended) // 3
 
 
 def test_recent_costs_and_the_count_go_on_over_updates():
@@ -117,7 +117,7 @@ def test_costs_apart_are_tight_and_loose_in_the_rollout_too():
 
 def test_an_environment_that_tells_no_costs_apart_is_refused_at_its_first_step():
     env = SyncVectorEnv([lambda: Count(3)], autoreset_mode=AutoresetMode.SAME_STEP)
-    with pytest.raises(TrainingError, match=r"does not tell them apart: info\['costs'\] \[N, 2\] is needed"):
+    with pytest.raises(TrainingError, match=r"does not report them separately: info\['costs'\] \[N, 2\] is needed"):
         trained(env, steps=20, separate=True)
 
 
@@ -132,9 +132,9 @@ def test_a_learner_that_asks_for_it_begins_every_rollout_with_new_episodes():
 
 
 def test_episodes_cut_off_by_a_reset_count_for_nothing():
-    learner, ended, training = trained(resets=True)
+    learner, ended, trainer = trained(resets=True)
     episodes = [e for each in ended for e in each]
-    assert training.book.count == len(episodes) == learner.told[-1].episodes
+    assert trainer.statistics.count == len(episodes) == learner.told[-1].episodes
     finished = sum(int((seen["terminated"] | seen["truncated"]).sum()) for seen in learner.seen)
     assert len(episodes) == finished > 0
     assert max(e.length for e in episodes) <= EVERY

@@ -1,0 +1,102 @@
+"""Training loop: steps, updates, log rows, checkpoints and status of one run."""
+
+import time
+from pathlib import Path
+from typing import Any
+
+from thalweg.train.folder import run_record
+from thalweg.train.folder.checkpoint import save_checkpoint
+from thalweg.train.folder.loggers import RunLog
+from thalweg.train.folder.progress_bar import ProgressBar
+from thalweg.train.trainer import Trainer
+
+CHECKPOINT_SHARE = 20
+"""Least time between two checkpoints, in multiples of the time to write one, which is long for a large replay."""
+
+
+class StatusFile:
+    """Writes the status.json of a run."""
+
+    def __init__(self, folder: Path, algorithm: str, trainer: Trainer) -> None:
+        self.folder, self.algorithm, self.trainer = folder, algorithm, trainer
+
+    def write(self, state: str, error: BaseException | None = None) -> dict[str, Any]:
+        """Write the status of the run with a state, see `run_record.write_status`; returns it."""
+        trainer, metrics = self.trainer, self.trainer.statistics.metrics()
+        status = {
+            "state": state,
+            "algorithm": self.algorithm,
+            "steps": trainer.statistics.steps,
+            "episodes": trainer.statistics.count,
+            "return_mean": metrics["return_mean_50"],
+            "cost_mean": metrics["cost_mean_50"],
+            "cost_rate": metrics["cost_rate"],
+            "seconds": trainer.seconds,
+            "warnings": trainer.warned,
+        }
+        if error is not None:
+            status["error"] = f"{type(error).__name__}: {error}"
+        run_record.write_status(self.folder, status)
+        return status
+
+
+class StageClock:
+    """Measures how the time between two updates is spent."""
+
+    def __init__(self, trainer: Trainer) -> None:
+        self.trainer = trainer
+        self._time, self._steps = time.perf_counter(), trainer.statistics.steps
+        self._stages = self._stage_seconds()
+
+    def lap(self) -> dict[str, float]:
+        """Return steps per second and seconds of each stage since the last lap.
+
+        `time_other` is for files, bookkeeping and checkpoints. The time is added to that of the run.
+        """
+        now, stages = time.perf_counter(), self._stage_seconds()
+        wall, steps = now - self._time, self.trainer.statistics.steps - self._steps
+        spent = {f"time_{name}": stages[name] - self._stages[name] for name in stages}
+        self.trainer.seconds += wall
+        self._time, self._steps, self._stages = now, self.trainer.statistics.steps, stages
+        other = wall - sum(spent.values())
+        return {"steps_per_second": steps / wall, **spent, "time_other": other, "seconds": self.trainer.seconds}
+
+    def _stage_seconds(self) -> dict[str, float]:
+        """Return the seconds of each stage so far; those of an encoder around the environment are its own stage."""
+        stages = dict(self.trainer.stages)
+        encode = getattr(self.trainer.collector.env, "stage_seconds", {}).get("encode", 0.0)
+        return stages | {"env": stages["env"] - encode, "encode": encode}
+
+
+def training_loop(
+    trainer: Trainer,
+    log: RunLog,
+    bar: ProgressBar,
+    status: StatusFile,
+    identity: dict[str, Any],
+    checkpoint_seconds: float,
+) -> None:
+    """Step and update until all steps are taken; checkpoints are written between updates only.
+
+    `identity` says which run a checkpoint belongs to; `checkpoint_seconds` is the least time between two of them.
+    """
+    clock = StageClock(trainer)
+    saved_at, pause = float("-inf"), checkpoint_seconds
+    while not trainer.done:
+        for episode in trainer.step():
+            log.episode(episode)
+        bar.show(trainer)
+        if not trainer.ready:
+            continue
+        metrics = trainer.update()
+        statistics = trainer.statistics
+        if metrics:
+            row = {"steps": statistics.steps, "update": trainer.updates} | statistics.metrics() | metrics
+            log.update(statistics.steps, row | clock.lap())
+        before = time.perf_counter()
+        if trainer.done or before - saved_at >= pause:
+            state = trainer.state() | {"identity": identity, "bytes": log.sync()}
+            save_checkpoint(status.folder, statistics.steps, state)
+            status.write("running")
+            saved_at = time.perf_counter()
+            pause = max(checkpoint_seconds, CHECKPOINT_SHARE * (saved_at - before)) if checkpoint_seconds else 0.0

@@ -1,4 +1,4 @@
-"""Which seeds do the environments of a run get?"""
+"""Seeds of the environments of a run."""
 
 import gymnasium as gym
 import numpy as np

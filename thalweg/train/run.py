@@ -97,38 +97,31 @@ def run(
     context: Mapping[str, Any] | None = None,
     **execution: Unpack[ExecutionOptions],
 ) -> RunResult:
-    """Train, and write config.yaml, metrics.csv, episodes.csv, TensorBoard events, checkpoints and policy.safetensors
-    to `folder`.
+    """Train, and write settings, metrics, checkpoints and the policy to `folder`.
 
     If a run is interrupted at any moment, the same call resumes from the last checkpoint and ends with the same
-    numbers. A finished run is recognised and returned at once.
+    numbers. A finished run is returned at once.
 
     Args:
         algorithm: A name in `thalweg.algos.registry.ALGORITHMS`, in upper or lower case.
         env: A Gymnasium vector environment with vectors as observations and `info["cost"]` [N], or an environment of
             tensors; it is not closed.
         steps: Minimum number of steps, all environments together.
-        seed: Seed of the environment and the algorithm, 0 or more. Global random generators are neither used nor
-            seeded.
+        seed: Seed of the environment and the algorithm, 0 or more; global random generators are not used.
         folder: Folder of the run; created if it does not exist.
         config: The algorithm's config, or a mapping of some of its keys on top of the preset. Defaults follow the
             number of environments above 64, see `thalweg.algos.presets`.
         preset: `default`, or `paper` for the settings of the study.
-        context: Plain data to store in the policy file and config.yaml, such as the name of the encoder.
+        context: Plain data to store in the policy file and config.yaml.
         progress: Whether to show a progress bar; not by default.
-        checkpoint_seconds: Minimum time between two checkpoints, 20 s by default; 0 writes one after every update. It
-            does not affect the numbers.
+        checkpoint_seconds: Minimum time between two checkpoints, 20 s by default; 0 writes one after every update.
         threads: Number of PyTorch threads for acting and learning, 1 by default; small networks are slower with more.
-        device: Device of the learner, "cpu" by default, see `thalweg.core.device`. An environment of tensors must be on
-            the same device.
-        begin_with: Folder of a run or policy file from which the policy is initialised, for example a policy of PPO for
-            an algorithm with a limit, or one of an easier river. Everything else, critics included, starts anew.
-        graphs: Whether to record gradient steps of DDPGLag, TD3Lag and SACLag as CUDA graphs, which reduces the number
-            of kernel launches; not by default.
+        device: Device of the learner and of an environment of tensors, "cpu" by default, see `thalweg.core.device`.
+        begin_with: Folder of a run or policy file from which the policy is initialised; critics start anew.
+        graphs: Whether to record gradient steps of DDPGLag, TD3Lag and SACLag as CUDA graphs; not by default.
 
     Raises:
-        AlgorithmError, TrainingError, DeviceError: Before anything runs, for a wrong name, key, number, space, folder
-            or device.
+        AlgorithmError, TrainingError, DeviceError: Before anything runs, for an invalid argument or folder.
         NotFiniteError: As soon as a number that learning depends on is NaN; the last good checkpoint remains.
         TypeError: For an unknown keyword argument.
     """
@@ -143,12 +136,11 @@ def run(
     task = Task(collector.obs_size, env.single_action_space, env.num_envs, seed, context, device, how.graphs)
     with torch_threads(1):  # the last bits of orthogonal weights depend on the number of threads
         learner = entry.make(resolved, task)
-    asked = {"algorithm": entry.name, "preset": preset, "config": as_data(resolved), "steps": steps, "seed": seed}
-    identity = _identity(asked, task, learner, collector)
+    settings = {"algorithm": entry.name, "preset": preset, "config": as_data(resolved), "steps": steps, "seed": seed}
+    identity = settings | _task_identity(task, learner, collector)
     if how.begin_with is not None:
         identity["begin_with"] = _initialise_policy(learner, policy_file(how.begin_with))
-    folder = Path(folder)
-    status = _open_folder(folder, identity, how.threads)
+    status = _open_folder(folder := Path(folder), identity, how.threads)
     if status.get("state") == "finished":
         return _result(folder, status, resumed_from=None, already_finished=True)
     trainer = Trainer(collector, learner, steps, seed, how.threads)
@@ -179,9 +171,9 @@ def _check_graphs(entry: Entry, device: torch.device) -> None:
         raise DeviceError(f"graphs are recorded on a GPU only, not on {device}")
 
 
-def _identity(asked: dict[str, Any], task: Task, learner: Learner, collector: Collector) -> dict[str, Any]:
-    """Return everything that distinguishes a run from others, as config.yaml has it; `asked` comes first."""
-    identity = asked | {
+def _task_identity(task: Task, learner: Learner, collector: Collector) -> dict[str, Any]:
+    """Return what distinguishes the environment of a run from others, as config.yaml has it."""
+    identity: dict[str, Any] = {
         "num_envs": task.num_envs,
         "obs_size": collector.obs_size,
         "actions": learner.policy.actions.as_data(),

@@ -10,9 +10,9 @@ from thalweg.env import ConfigError, EnvConfig, RiverEnv, RiverVectorEnv, Unsafe
 from thalweg.env.initial_poses import CLOCK_RANGE_S, check_pose
 from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.task.termination import island_at
-from thalweg.world.bridges import across
+from thalweg.world.bridges import bridge_across
 
-BRIDGE = across(np.array([20.0, 0.0]), np.array([1.0, 0.0]), 6.0, 0.0, np.random.default_rng(1))[None]
+BRIDGE = bridge_across(np.array([20.0, 0.0]), np.array([1.0, 0.0]), 6.0, 0.0, np.random.default_rng(1))[None]
 START_OF_SEED_3 = (18.5228022981009, 11.05646493813216, 12.118479745492754, 2.338381115528124)
 """Of a ring of radius 20 m; known from the first version."""
 

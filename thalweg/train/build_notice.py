@@ -5,13 +5,13 @@ from functools import cache
 
 from thalweg.render import compilation
 from thalweg.world import Level, Reach
-from thalweg.world.store.world_cache import place_of
+from thalweg.world.store.world_cache import cache_path
 
 
 def announce_build(level: Level | Reach, seed: int) -> None:
     """Print a line if the river of a level or a file and a seed is not cached, and start compiling the renderer."""
     compilation.begin()
-    if isinstance(level, Reach) or not place_of(level, seed).is_file():
+    if isinstance(level, Reach) or not cache_path(level, seed).is_file():
         _print_once(f"building the river {level.name}, seed {seed}: a few seconds")
 
 

@@ -13,7 +13,7 @@ from thalweg.env.pilot.route import plan_route
 from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.task.progress import track_projection
 from thalweg.env.task.termination import island_at, metres_past_bank
-from thalweg.world.bridges import across
+from thalweg.world.bridges import bridge_across
 
 LEVELS = ("Easy", "Medium", "Hard")
 STEPS = 450
@@ -70,7 +70,7 @@ def test_the_pilot_recovers_from_a_start_at_the_bank_that_looks_ashore(pose):
 
 @pytest.mark.parametrize("x", [12.0, 17.5])
 def test_the_pilot_climbs_before_a_bridge(x: float):
-    bridge = across(np.array([20.0, 0.0]), np.array([1.0, 0.0]), 6.0, 0.0, np.random.default_rng(1))[None]
+    bridge = bridge_across(np.array([20.0, 0.0]), np.array([1.0, 0.0]), 6.0, 0.0, np.random.default_rng(1))[None]
     env = at(canal(bridges=bridge), (x, 0.0, 0.6, 0.0))
     reason = -1
     while reason < 0:

@@ -11,7 +11,7 @@ from thalweg.env import DoneReason, EnvConfig
 from thalweg.env.task.course_arrays import grown_hull, pack_courses
 from thalweg.env.task.progress import Projection, interpolate
 from thalweg.env.task.termination import first_bridge_hit, metres_past_bank, yaw_deviation
-from thalweg.world.bridges import across, hull_planes
+from thalweg.world.bridges import bridge_across, hull_planes
 
 RIGHT = (1, 1, 1, 2)
 LEFT = (1, 1, 1, 0)
@@ -21,7 +21,7 @@ SLIGHTLY = 1e-6
 
 def bridge_at(x: float, width: float = 6.0) -> np.ndarray:
     """A bridge across a canal."""
-    return across(np.array([x, 0.0]), np.array([1.0, 0.0]), width, 0.0, np.random.default_rng(1))[None]
+    return bridge_across(np.array([x, 0.0]), np.array([1.0, 0.0]), width, 0.0, np.random.default_rng(1))[None]
 
 
 @pytest.mark.parametrize(("y", "reason"), [(2.5 - SLIGHTLY, DoneReason.RUNNING), (2.5 + SLIGHTLY, 1)])
@@ -156,7 +156,7 @@ def touches(planes: np.ndarray, a: np.ndarray, b: np.ndarray, half: float) -> bo
 def test_collisions_agree_with_linear_programming():
     rng = np.random.default_rng(0)
     tangent = np.array([math.cos(0.7), math.sin(0.7)])
-    row = across(np.array([20.0, 1.0]), tangent, 6.0, 0.0, rng)
+    row = bridge_across(np.array([20.0, 1.0]), tangent, 6.0, 0.0, rng)
     courses = pack_courses([canal(bridges=row[None])], EnvConfig())
     planes, (_, vertices) = hull_planes(row), grown_hull(row, 0.5)
     low, high = vertices.min(axis=0) - 0.7, vertices.max(axis=0) + 0.7
@@ -172,7 +172,9 @@ def test_collisions_agree_with_linear_programming():
 
 def test_the_grown_hull_is_smaller_than_its_planes_pushed_out():
     """At the edges of an oblique hull the cube's support alone would add too much."""
-    row = across(np.array([20.0, 1.0]), np.array([math.cos(0.7), math.sin(0.7)]), 6.0, 0.0, np.random.default_rng(0))
+    row = bridge_across(
+        np.array([20.0, 1.0]), np.array([math.cos(0.7), math.sin(0.7)]), 6.0, 0.0, np.random.default_rng(0)
+    )
     planes = hull_planes(row)
     pushed = planes[:, 3] + 0.25 * np.abs(planes[:, :3]).sum(axis=1)
     grown, _ = grown_hull(row, 0.5)

@@ -9,9 +9,9 @@ from thalweg.env import DoneReason, EnvConfig
 from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.task.reward_cost import step_costs
 from thalweg.env.task.termination import done_reason
-from thalweg.world.bridges import across
+from thalweg.world.bridges import bridge_across
 
-BRIDGE = across(np.array([20.0, 0.0]), np.array([1.0, 0.0]), 6.0, 0.0, np.random.default_rng(1))[None]
+BRIDGE = bridge_across(np.array([20.0, 0.0]), np.array([1.0, 0.0]), 6.0, 0.0, np.random.default_rng(1))[None]
 
 
 @pytest.mark.parametrize(

@@ -11,13 +11,13 @@ import torch
 from gymnasium.vector import VectorEnv
 
 from thalweg.algos.common.errors import AlgorithmError
-from thalweg.algos.common.settings import as_data
 from thalweg.algos.common.state import CPU
 from thalweg.algos.interface import Learner, Task
 from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.policy import policy as policies
 from thalweg.algos.registry import Entry, algorithm_named
 from thalweg.core.cache import file_hash
+from thalweg.core.config import to_plain
 from thalweg.core.device import DeviceError, resolve_device
 from thalweg.core.torch_threads import torch_threads
 from thalweg.train.errors import ResumeWarning, TrainingError
@@ -136,7 +136,7 @@ def run(
     task = Task(collector.obs_size, env.single_action_space, env.num_envs, seed, context, device, how.graphs)
     with torch_threads(1):  # the last bits of orthogonal weights depend on the number of threads
         learner = entry.make(resolved, task)
-    settings = {"algorithm": entry.name, "preset": preset, "config": as_data(resolved), "steps": steps, "seed": seed}
+    settings = {"algorithm": entry.name, "preset": preset, "config": to_plain(resolved), "steps": steps, "seed": seed}
     identity = settings | _task_identity(task, learner, collector)
     if how.begin_with is not None:
         identity["begin_with"] = _initialise_policy(learner, policy_file(how.begin_with))

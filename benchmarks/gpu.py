@@ -36,8 +36,9 @@ from thalweg.env import EnvConfig, sample_starts
 from thalweg.env.torch_env import TensorRiverEnv
 from thalweg.render import Renderer
 from thalweg.render.records.appearance import look_rows, look_values
-from thalweg.train.rollouts.tensor_collector import LatentTensorEnv, TensorCollector
-from thalweg.train.trainer import Training
+from thalweg.train.latent import LatentTensorEnv
+from thalweg.train.rollouts.tensor_collector import TensorCollector
+from thalweg.train.trainer import Trainer
 from thalweg.world import World, load_or_build
 
 HERE = Path(__file__).resolve().parent
@@ -215,9 +216,9 @@ def time_training(
         recorded = clock.device.type == "cuda" and issubclass(algorithm_named(learner).config, OffPolicyConfig)
         for graphs in (False, True) if recorded else (False,):
             for count in while_there_is_time(clock, counts):
-                training = start_training(learner, worlds, count, encoder, settings, graphs)
-                steps = count * training.learner.rollout_steps
-                rate = clock.rate(partial(update, training), steps)
+                trainer = start_training(learner, worlds, count, encoder, settings, graphs)
+                steps = count * trainer.learner.rollout_steps
+                rate = clock.rate(partial(update, trainer), steps)
                 name = f"train {learner}, graphs" if graphs else f"train {learner}"
                 table.add(name, rate, "steps/s", cameras=count, worlds=len(worlds))
 
@@ -229,7 +230,7 @@ def start_training(
     encoder: Encoder,
     settings: Mapping[str, Any],
     graphs: bool = False,
-) -> Training:
+) -> Trainer:
     """Return a training run on tensors, past its random steps."""
     env = LatentTensorEnv(TensorRiverEnv(worlds, count, device=str(encoder.device)), encoder)
     entry = algorithm_named(learner)
@@ -237,18 +238,18 @@ def start_training(
     config = entry.configure({key: value for key, value in settings.items() if key in known}, num_envs=count)
     collector = TensorCollector(env, config.frame_stack, 1)
     task = Task(collector.obs_size, env.single_action_space, count, 0, {}, encoder.device, graphs)
-    training = Training(collector, entry.make(config, task), 10**9, seed=0, threads=1)
-    training.begin()
-    while training.book.steps < getattr(config, "random_steps", 0):
-        update(training)
-    return training
+    trainer = Trainer(collector, entry.make(config, task), 10**9, seed=0, threads=1)
+    trainer.start()
+    while trainer.statistics.steps < getattr(config, "random_steps", 0):
+        update(trainer)
+    return trainer
 
 
-def update(training: Training) -> None:
+def update(trainer: Trainer) -> None:
     """Collect a rollout and update."""
-    while not training.ready:
-        training.step()
-    training.update()
+    while not trainer.ready:
+        trainer.step()
+    trainer.update()
 
 
 def while_there_is_time(clock: Clock, counts: Sequence[int]) -> Iterator[int]:

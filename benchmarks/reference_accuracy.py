@@ -96,7 +96,7 @@ def cases() -> list[Case]:
     return planned
 
 
-def draw_reference(case: Case) -> tuple[reference.TwinFrame, float]:
+def draw_reference(case: Case) -> tuple[reference.ReferenceFrame, float]:
     """Return the frame of the reference renderer, and the seconds it took."""
     world, start = river(case.level), time.perf_counter()
     truth = reference.draw(world, np.array(case.pose), CAMERA, samples=SAMPLES, time_s=case.time_s)
@@ -110,7 +110,7 @@ def draw(planned: list[Case]) -> Frame:
     return renderer.render_layers([case.pose for case in planned], levels, [case.time_s for case in planned])
 
 
-def compare(case: Case, ours: Frame, truth: reference.TwinFrame, seconds: float) -> dict[str, str]:
+def compare(case: Case, ours: Frame, truth: reference.ReferenceFrame, seconds: float) -> dict[str, str]:
     """Return the row of a case, from the renderer's frames [20] and the reference's one."""
     index = case.number
     squared = np.mean((ours.rgb[index].astype(float) - truth.rgb) ** 2)

@@ -26,10 +26,10 @@ from thalweg.env.device import cuda_step as rules
 from thalweg.env.device.step import reset_arguments
 from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.task.rules import empty_outcome, empty_state
-from thalweg.render.gpu import pixel
-from thalweg.render.gpu import postprocess as develop
-from thalweg.render.gpu import visible_plants as visible
+from thalweg.render.gpu import pixel, postprocess, visible_plants
+from thalweg.render.kernels.camera_rays import Radiance
 from thalweg.render.records.scene import Scene
+from thalweg.render.records.view import FrameSettings, Planes, Views
 from thalweg.world import load_or_build
 
 TABLE = Path(__file__).resolve().parent / "registers.csv"
@@ -41,13 +41,17 @@ thread is given registers."""
 
 FLOAT, DOUBLE, UINT, BYTE = types.float32, types.float64, types.uint32, types.uint8
 LINE, PLANE, SPACE, FOUR = FLOAT[::1], FLOAT[:, ::1], FLOAT[:, :, ::1], FLOAT[:, :, :, ::1]
-INTS, WORLDS, CAMERA = types.int32[::1], types.int64[::1], types.Tuple((types.int64, types.int64, FLOAT, types.boolean))
-ORDER, BOXES, COUNTS = types.int32[:, ::1], types.int16[:, :, ::1], INTS
+INTS = types.int32[::1]
+VIEWS = types.NamedTuple((types.int64[::1], DOUBLE[:, ::1], DOUBLE[::1], PLANE), Views)
+SETTINGS = types.NamedTuple((types.int64, types.int64, FLOAT, types.boolean), FrameSettings)
+FOUND = types.int32[:, ::1], PLANE, types.int16[:, :, ::1], INTS
+"""Order, distance, boxes and counts of the plants in view."""
 KINDS = BYTE[:, :, ::1]
-PLANES = types.Tuple((SPACE, KINDS, SPACE, SPACE, SPACE, SPACE, SPACE))
+PLANES = types.NamedTuple((SPACE, KINDS, SPACE, SPACE, SPACE, SPACE, SPACE), Planes)
+RADIANCE = types.NamedUniTuple(SPACE, 3, Radiance)
 TABLES: dict[str, Any] = {
-    "place": types.int64[:, ::1], "number": PLANE, "plants": PLANE, "bridges": PLANE, "shade": PLANE, "autumn": PLANE,
-    "atlas_level": types.int64[::1], "paint": UINT[::1], "canopy_paint": UINT[::1], "sky": UINT[::1],
+    "extents": types.int64[:, ::1], "constants": PLANE, "plants": PLANE, "bridges": PLANE, "shade": PLANE,
+    "autumn": PLANE, "atlas_level": types.int64[::1], "paint": UINT[::1], "canopy_paint": UINT[::1], "sky": UINT[::1],
     "ripples": UINT[::1], "atlas": UINT[::1],
 }  # fmt: skip
 SCENE = types.NamedTuple([TABLES.get(name, LINE) for name in Scene._fields], Scene)
@@ -73,30 +77,28 @@ def rule_types() -> tuple[Any, ...]:
 
 
 def variants() -> dict[str, Variant]:
-    """Return every kernel of a frame, in every form that the renderer uses, and that of the rules."""
-    trace = (SCENE, WORLDS, LINE, PLANE, PLANE, ORDER, PLANE, BOXES, COUNTS, PLANES)
-    add = (SCENE, WORLDS, PLANE, PLANE, PLANES, FOUR, LINE)
+    """Return every kernel of a frame, in every form that `GpuRenderer` launches, and that of the rules."""
+    trace = (SCENE, VIEWS, PLANE, LINE, types.Tuple(FOUND), PLANES)
+    add = (SCENE, VIEWS, PLANE, PLANES, FOUR, LINE)
     kernels = {
         "place_cameras": Variant(
-            visible.place_cameras, (DOUBLE[:, ::1], DOUBLE[::1], PLANE, CAMERA, PLANE, LINE, UINT[::1]), visible.THREADS
+            visible_plants.place_cameras, (VIEWS, SETTINGS, PLANE, LINE, UINT[::1]), visible_plants.THREADS
         ),
-        "find": Variant(
-            visible.find, (SCENE, WORLDS, PLANE, CAMERA, PLANE, ORDER, PLANE, BOXES, COUNTS), visible.THREADS
-        ),
+        "find": Variant(visible_plants.find, (SCENE, VIEWS, SETTINGS, PLANE, *FOUND), visible_plants.THREADS),
     }
     for fast in (False, True):
         quality = "fast" if fast else "full"
         for coloured in (True, False):
             name = f"trace, {quality}" + ("" if coloured else ", no colours")
             kernels[name] = Variant(pixel.tracer(fast, coloured), trace, pixel.THREADS)
-        kernels[f"add_up, {quality}"] = Variant(develop.adder(fast), add, develop.THREADS)
-    kernels["develop"] = Variant(
-        develop.develop,
-        (SPACE, SPACE, SPACE, KINDS, SPACE, PLANE, UINT[::1], LINE, UINT[::1], UINT[:, :, ::1]),
-        develop.THREADS,
+        kernels[f"add_up, {quality}"] = Variant(postprocess.adder(fast), add, postprocess.THREADS)
+    kernels["tone_map"] = Variant(
+        postprocess.tone_map,
+        (RADIANCE, KINDS, SPACE, PLANE, UINT[::1], LINE, UINT[::1], UINT[:, :, ::1]),
+        postprocess.THREADS,
     )
     kernels["advance"] = Variant(rules.advance, rule_types(), rules.THREADS, fastmath=False)
-    kernels["layers"] = Variant(develop.layers, (SPACE, KINDS, SPACE, SPACE, SPACE, KINDS, KINDS), develop.THREADS)
+    kernels["write_layers"] = Variant(postprocess.write_layers, (PLANES, SPACE, KINDS, KINDS), postprocess.THREADS)
     return kernels
 
 

@@ -6,9 +6,10 @@ import numpy as np
 
 from tests.cuda import cases, simulated
 from thalweg.render import Renderer
-from thalweg.render.gpu.gpu_renderer import Painter, Views
+from thalweg.render.bake.scene_tables import build_scene
+from thalweg.render.gpu.gpu_renderer import GpuRenderer
 from thalweg.render.records.appearance import look_rows, look_values
-from thalweg.render.records.scene import build_scene
+from thalweg.render.records.view import FrameSettings, Views
 
 
 def main(path: str, quality: str) -> None:
@@ -16,20 +17,21 @@ def main(path: str, quality: str) -> None:
     count, side = len(cases.POSES), cases.SIDE
     scene = build_scene(cases.worlds())
     looks = look_rows(look_values(cases.LOOKS, count), cases.CAMERA)
-    painter = Painter(scene, (side, side, np.float32(cases.CAMERA.near_m), quality == "fast"), simulated.DEVICE)
-    painter.cameras = cases.A_PASS
+    settings = FrameSettings(side, side, np.float32(cases.CAMERA.near_m), quality == "fast")
+    renderer = GpuRenderer(scene, settings, simulated.DEVICE)
+    renderer.cameras = cases.A_PASS
     views = Views(cases.WORLD_INDEX, cases.POSES, cases.TIMES, looks)
     shape = count, side, side
     images = np.zeros(shape, np.uint32)
     layers = np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
-    painter.draw(views, images, layers)
+    renderer.draw(views, images, layers)
     alone = np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
-    painter.draw(views, None, alone)
+    renderer.draw(views, None, alone)
     found = {"images": images, "depth": layers[0], "kind": layers[1], "mask": layers[2]}
     found |= {"alone_depth": alone[0], "alone_kind": alone[1], "alone_mask": alone[2]}
     if quality == "fast":  # which takes a simulator less time
-        renderer = Renderer(cases.worlds(), cases.CAMERA, quality, simulated.DEVICE)
-        frame = renderer.render_layers(cases.POSES[:1], look=cases.LOOKS[:1])
+        public = Renderer(cases.worlds(), cases.CAMERA, quality, simulated.DEVICE)
+        frame = public.render_layers(cases.POSES[:1], look=cases.LOOKS[:1])
         found |= {"rgb": frame.rgb, "depth_m": frame.depth_m, "class_id": frame.class_id}
     np.savez(path, **found)
 

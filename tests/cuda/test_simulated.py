@@ -10,10 +10,11 @@ import pytest
 
 from tests.cuda import cases
 from thalweg.render import Renderer
+from thalweg.render.bake.scene_tables import build_scene
 from thalweg.render.batch import bands_of, draw
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.classes import BRIDGE, GROUND, PLANT, SKY, WATER
-from thalweg.render.records.scene import build_scene
+from thalweg.render.records.view import FrameSettings, Output, Views
 
 ROOT = Path(__file__).parents[2]
 
@@ -31,11 +32,12 @@ def frames_of_the_cpu(quality: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     count, side = len(cases.POSES), cases.SIDE
     images = np.zeros((count, side, side), np.uint32)
     looks = look_rows(look_values(cases.LOOKS, count), cases.CAMERA)
-    camera = side, side, np.float32(cases.CAMERA.near_m), quality == "fast"
+    settings = FrameSettings(side, side, np.float32(cases.CAMERA.near_m), quality == "fast")
     layers = np.empty((count, side, side), np.float32), np.empty((count, side, side), np.uint8)
     scene = build_scene(cases.worlds())  # also leaves the atlas in the cache, which the simulator is too slow to grow
     bands = bands_of(side, 1, count)
-    draw(scene, cases.WORLD_INDEX, cases.POSES, cases.TIMES, looks, camera, images, True, *layers, bands)
+    views = Views(cases.WORLD_INDEX, cases.POSES, cases.TIMES, looks)
+    draw(scene, views, settings, Output(images, True, *layers), bands)
     return images, *layers
 
 

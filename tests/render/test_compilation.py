@@ -10,7 +10,8 @@ import pytest
 
 from tests.render.plain import plane, plants_at
 from thalweg.render import compilation
-from thalweg.render.records.scene import Scene, build_scene
+from thalweg.render.bake.scene_tables import build_scene
+from thalweg.render.records.scene import Scene
 
 FIRST_FRAMES = """
 import hashlib

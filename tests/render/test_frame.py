@@ -1,4 +1,4 @@
-"""Frames: against planes worked out by hand, against the twin, and that nothing but pose, world and time counts."""
+"""Frames: against planes worked out by hand, against the reference, and that only pose, world and time count."""
 
 import numba
 import numpy as np
@@ -8,25 +8,34 @@ from tests.render.plain import plane, plants_at
 from thalweg.render import Camera, Frame, Renderer
 from thalweg.render.bake import impostors
 from thalweg.render.batch import bands_of
-from thalweg.render.kernels import heightfield_march as march
-from thalweg.render.kernels.billboard import side_seen
+from thalweg.render.kernels import heightfield_march
+from thalweg.render.kernels.billboard import atlas_view
 from thalweg.render.kernels.bridge_edges import soften_edges
-from thalweg.render.kernels.camera_rays import aim_squares, open_eye
-from thalweg.render.kernels.frame import ROWS_TOGETHER, draw_rows, open_planes
+from thalweg.render.kernels.camera_rays import Origin, Rays, pose_camera, square_rays
+from thalweg.render.kernels.frame import ROWS_TOGETHER, draw_rows, empty_planes
+from thalweg.render.kernels.heightfield_march import TILE
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.classes import BRIDGE, GROUND, PLANT, SKY, WATER
-from thalweg.render.reference import bridge as twin_bridge
-from thalweg.render.reference import frame as twin
+from thalweg.render.records.view import FrameSettings, Planes, PosedCamera, View
+from thalweg.render.reference import bridge as reference_bridge
+from thalweg.render.reference import frame as reference
 from thalweg.world.record import World
 
 ARCH = np.array([[0.0, 0.0, 0.3, 14.0, 3.0, 9.0, -0.2, 1.9, 2.2, 0.3, 0.5]])
 
 
 def rays(camera: Camera, yaw: float) -> np.ndarray:
-    forward, right, up = twin.axes(yaw, np.radians(camera.pitch_deg))
+    forward, right, up = reference.axes(yaw, np.radians(camera.pitch_deg))
     sy = camera.half_height * (1 - 2 * (np.arange(camera.height_px) + 0.5) / camera.height_px)
     sx = camera.half_width * (2 * (np.arange(camera.width_px) + 0.5) / camera.width_px - 1)
     return forward + sy[:, None, None] * up + sx[None, :, None] * right
+
+
+def posed(pose: np.ndarray, look: np.ndarray, camera: Camera) -> PosedCamera:
+    """The camera at a pose as the kernels see it: a call from Python turns its numbers into double precision."""
+    settings = FrameSettings(camera.height_px, camera.width_px, np.float32(camera.near_m), False)
+    *numbers, height, width = pose_camera(pose, look, settings)
+    return PosedCamera._make((*(np.float32(number) for number in numbers), height, width))
 
 
 def on_river(world: World, count: int, seed: int) -> np.ndarray:
@@ -92,8 +101,14 @@ def test_a_plant_covers_only_its_window_and_hides_what_is_behind(quality, apart)
     pose = np.array([0.0, 0.0, 3.0, 0.0])
     frame = Renderer([world], camera, quality).render_layers(pose[None])
     seen = frame.class_id[0] == PLANT
-    box = twin.window(
-        np.array([10.0, 0.0, -3.0]), 8.0, 2.0, twin.axes(0.0, np.radians(20)), camera, camera.height_px, camera.width_px
+    box = reference.window(
+        np.array([10.0, 0.0, -3.0]),
+        8.0,
+        2.0,
+        reference.axes(0.0, np.radians(20)),
+        camera,
+        camera.height_px,
+        camera.width_px,
     )
     assert box is not None
     outside = seen.copy()
@@ -104,11 +119,11 @@ def test_a_plant_covers_only_its_window_and_hides_what_is_behind(quality, apart)
     np.testing.assert_allclose(frame.depth_m[0][seen], (10.0 / ray[..., 0])[seen], rtol=apart)
 
 
-def test_the_side_seen_is_the_view_nearest_to_the_look():
+def test_the_atlas_view_is_the_one_nearest_to_the_direction_of_sight():
     rng = np.random.default_rng(4)
     for look, sun in rng.uniform(-np.pi, np.pi, (400, 2)):
         toward, sunward = ((np.float32(np.cos(a)), np.float32(np.sin(a))) for a in (look, sun))
-        assert side_seen(*toward, *sunward) == impostors.view_of(look, sun)
+        assert atlas_view(*toward, *sunward) == impostors.view_of(look, sun)
 
 
 def test_a_nearer_plant_is_drawn_over_a_farther_one_whatever_their_order():
@@ -124,7 +139,7 @@ def test_a_bridge_is_where_dense_sampling_finds_it():
     poses = np.array([[-6, 4.0, 1.2, -0.5], [5.0, 9.0, 3.5, -2.0], [0.5, -8.0, 1.0, 1.6], [-1.0, 1.0, 4.0, 0.0]])
     frames = Renderer([world], camera).render_layers(poses)
     for pose, kinds, depth in zip(poses, frames.class_id, frames.depth_m, strict=True):
-        expected, _, _ = twin_bridge.meet_bridge(
+        expected, _, _ = reference_bridge.meet_bridge(
             ARCH[0], pose[:3], rays(camera, pose[3]), camera.near_m, np.full((64, 64), 400.0)
         )
         ground = np.where(rays(camera, pose[3])[..., 2] < 0, -pose[2] / rays(camera, pose[3])[..., 2], np.inf)
@@ -150,7 +165,7 @@ def test_the_nearer_of_two_bridges_is_seen_whatever_their_order():
 
 
 @pytest.mark.slow
-def test_the_kernel_agrees_with_the_twin_where_the_water_falls(hard_world):
+def test_the_kernel_agrees_with_the_reference_where_the_water_falls(hard_world):
     river = hard_world.river
     steepest = int(np.argmax(np.abs(np.diff(river.level_m))))
     at = (steepest - 6) % len(river.arc_m)
@@ -158,18 +173,18 @@ def test_the_kernel_agrees_with_the_twin_where_the_water_falls(hard_world):
     pose = np.array([*river.position_m[at], river.level_m[at] + 4.0, np.arctan2(along[1], along[0])])
     camera = Camera(32, 32)
     ours = Renderer([hard_world], camera).render_layers(pose[None])
-    truth = twin.draw(hard_world, pose, camera, samples=4)
+    truth = reference.draw(hard_world, pose, camera, samples=4)
     assert psnr(ours.rgb[0], truth.rgb) > 22.0
     assert np.mean(ours.mask[0] == truth.mask) > 0.98
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 4, 5])
-def test_the_kernel_agrees_with_the_twin(easy_world, seed):
+def test_the_kernel_agrees_with_the_reference(easy_world, seed):
     camera = Camera(32, 32)
     pose = on_river(easy_world, 1, seed)
     ours = Renderer([easy_world], camera).render_layers(pose)
-    truth = twin.draw(easy_world, pose[0], camera, samples=4)
+    truth = reference.draw(easy_world, pose[0], camera, samples=4)
     assert psnr(ours.rgb[0], truth.rgb) > 22.0
     assert np.mean(ours.mask[0] == truth.mask) > 0.99
     assert np.mean(ours.class_id[0] == truth.class_id) > 0.95
@@ -201,19 +216,20 @@ def test_a_frame_does_not_depend_on_batch_order_or_threads(easy_world):
 
 
 @pytest.mark.parametrize("height", [64, 57])
-def test_outlines_of_bridges_come_nearer_to_the_definition_and_feet_stay_as_they_are(height):
+def test_antialiased_edges_of_bridges_are_nearer_to_the_reference_and_feet_stay_as_they_are(height):
     world, pose = plane(bridges=ARCH, water_level=-0.1), np.array([-6, 4.0, 1.2, -0.5])
     camera = Camera(height, 64)
     renderer = Renderer([world], camera)
     look = look_rows(look_values(None, 1), camera)[0]
-    eye = tuple(np.float32(number) for number in open_eye(*pose, look, 64, np.float32(camera.near_m)))
-    planes = open_planes(height, 64)
-    draw_rows(renderer.scene, 0, look, eye, np.float32(0), (height, 64, np.float32(0.3), False), 0, height, planes)
-    depth, kind, *colour, light, _ = (np.ascontiguousarray(plane[:height]) for plane in planes)
-    hard = np.stack(colour, axis=-1)
-    soften_edges(renderer.scene, 0, look, eye, 64, depth, kind, light, *colour)
-    soft = np.stack(colour, axis=-1)
-    stone = kind == BRIDGE
+    view = View(0, look, posed(pose, look, camera), np.float32(0))
+    planes = empty_planes(height, 64)
+    draw_rows(renderer.scene, view, False, 0, height, planes)
+    planes = Planes(*(np.ascontiguousarray(plane[:height]) for plane in planes))
+    hard = np.stack([planes.red, planes.green, planes.blue], axis=-1)
+    soften_edges(renderer.scene, view, planes)
+    soft = np.stack([planes.red, planes.green, planes.blue], axis=-1)
+    stone = planes.kind == BRIDGE
+    depth = planes.depth
     padded, far = np.pad(stone, 1, mode="edge"), np.pad(depth, 1, mode="edge")
     around = [(slice(1 + y, height + 1 + y), slice(1 + x, 65 + x)) for y, x in ((-1, 0), (1, 0), (0, -1), (0, 1))]
     edge = np.any([padded[place] != stone for place in around], axis=0)
@@ -223,7 +239,7 @@ def test_outlines_of_bridges_come_nearer_to_the_definition_and_feet_stay_as_they
     np.testing.assert_array_equal(soft[foot | ~edge], hard[foot | ~edge])
     changed = (soft != hard).any(axis=-1)
     assert changed.sum() > 40
-    camera_rays = twin._Valley(world, look.astype(np.float64)).trace(pose, camera, 8, 0.0)[0]
+    camera_rays = reference._Valley(world, look.astype(np.float64)).trace(pose, camera, 8, 0.0)[0]
     truth = camera_rays.reshape(height, 8, 64, 8, 3).mean(axis=(1, 3))
     before, after = (np.abs(each - truth)[changed].mean() for each in (hard, soft))
     assert after < 0.7 * before
@@ -277,25 +293,29 @@ def test_bundles_of_rays_start_no_farther_than_the_nearest_surface(hard_world):
     scene, world = renderer.scene, hard_world
     inv_cell = np.float32(1 / world.grid.cell_m)
     look = look_rows(look_values(None, 1), renderer.camera)[0]
-    begun = []
+    starts = []
     for pose in on_river(world, 6, 2):
-        eye = tuple(np.float32(number) for number in open_eye(*pose, look, 64, np.float32(0.3)))
-        rays_of_tiles = np.empty((3, 8), np.float32)
-        node_x, node_y = ((eye[0] - np.float32(world.grid.origin_x_m)) * inv_cell,
-                          (eye[1] - np.float32(world.grid.origin_y_m)) * inv_cell)  # fmt: skip
-        depth = twin._Valley(world, look).meet_ground(pose[:3], rays(renderer.camera, pose[3]), 0.3)
-        nearest = depth.reshape(8, march.TILE, 8, march.TILE).min(axis=(1, 3))
+        camera = posed(pose, look, renderer.camera)
+        rays_of_tiles = Rays(*np.empty((3, 8), np.float32))
+        origin = Origin(
+            (camera.x - np.float32(world.grid.origin_x_m)) * inv_cell,
+            (camera.y - np.float32(world.grid.origin_y_m)) * inv_cell,
+            camera.z,
+        )
+        spread = heightfield_march.bundle_spread(camera)
+        depth = reference._Valley(world, look).meet_ground(pose[:3], rays(renderer.camera, pose[3]), 0.3)
+        nearest = depth.reshape(8, TILE, 8, TILE).min(axis=(1, 3))
         for row in range(8):
-            aim_squares(eye, 64, row * march.TILE, march.TILE, inv_cell, *rays_of_tiles, 0, 8)
+            square_rays(camera, row * TILE, TILE, inv_cell, rays_of_tiles, 0, 8)
             start = np.full(8, 0.3, np.float32)
-            march.approach(scene, 0, node_x, node_y, eye[2], march.bundle_spread(eye, 64), *rays_of_tiles, start, 8)
+            heightfield_march.advance_bundles(scene, 0, origin, np.float32(spread), rays_of_tiles, start, 8)
             assert (start <= nearest[row] + 1e-3).all()
-            begun.append(start)
-    assert np.median(begun) > 3.0
+            starts.append(start)
+    assert np.median(starts) > 3.0
 
 
 @pytest.mark.slow
-def test_the_modest_quality_sees_the_same_river_in_about_the_same_colours(easy_world):
+def test_the_reduced_quality_sees_the_same_river_in_about_the_same_colours(easy_world):
     poses = on_river(easy_world, 6, 5)
     full, fast = (Renderer([easy_world], Camera(), quality).render_layers(poses) for quality in ("full", "fast"))
     assert np.mean(full.mask == fast.mask) > 0.99
@@ -337,7 +357,7 @@ def test_sizes_need_not_be_multiples_of_anything(size, quality, least_db):
     camera = Camera(*size)
     pose = np.array([-4.0, -3.0, 2.5, 0.3])
     ours = Renderer([world], camera, quality).render(pose[None])[0]
-    truth = twin.draw(world, pose, camera, samples=3)
+    truth = reference.draw(world, pose, camera, samples=3)
     assert ours.shape == (*size, 4)
     assert psnr(ours[..., :3], truth.rgb) > least_db
     assert np.mean((ours[..., 3] == 255) == truth.mask) > 0.99

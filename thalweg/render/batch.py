@@ -1,6 +1,6 @@
-"""How do many frames come about at once? Each thread draws whole frames, or all share one by bands of rows.
+"""Drawing of many frames at once: each thread draws whole frames, or all threads share one by bands of rows.
 
-A row has the same bits either way, so that the number of threads and frames shows nowhere.
+A row has the same bits either way, so that the numbers of threads and frames change nothing.
 """
 
 from functools import partial
@@ -9,63 +9,66 @@ import numpy as np
 
 from thalweg.core.jit import kernel
 from thalweg.core.threads import run_in_threads
-from thalweg.render.kernels.camera_rays import eye_of
-from thalweg.render.kernels.frame import ROWS_TOGETHER, draw_rows, finish_frame, open_planes
+from thalweg.render.kernels.camera_rays import pose_camera
+from thalweg.render.kernels.frame import ROWS_TOGETHER, draw_rows, empty_planes, finish_frame
+from thalweg.render.records.scene import Scene
+from thalweg.render.records.view import FrameSettings, Output, Planes, View, Views
 
 f32 = np.float32
 
-WHOLE, BANDS, FINISH = range(3)
-"""What each thread does in turn: draw whole frames; draw bands of rows of them; turn drawn planes into pictures."""
+FRAMES, BANDS, FINISH = range(3)
+"""Stages, one job at a time: draw a whole frame; draw a band of rows of one; turn the drawn planes into an image."""
 
 
-def draw(scene, world_index, poses, times, looks, camera, images, want_layers, depths, classes, bands) -> None:
-    """Draw one frame per pose, each with its look [N, LOOK_COLUMNS]: images [N, H, W] uint32.
+def draw(scene: Scene, views: Views, settings: FrameSettings, output: Output, bands: np.ndarray) -> None:
+    """Draw one frame per view into `output`.
 
-    camera: (height, width, near plane in float32 metres, whether the quality is the modest one). An image holds red,
-    green, blue from the lowest byte up, the water mask in the highest. depths and classes are [N, H, W] where wanted,
-    else [1, 1, 1]. bands [B, 2] int32: the rows from, to that a thread draws together. With one band a thread draws
-    whole frames; more are for fewer frames than threads.
+    bands [B, 2] int32: the rows from, to that a thread draws together. With one band a thread draws whole frames; more
+    are for fewer frames than threads.
     """
-    views = world_index, poses, times, looks
-    out = images, want_layers, depths, classes
-    whole = len(bands) == 1
-    planes = shared_planes(0 if whole else len(poses), *camera[:2])
-    for stage in (WHOLE,) if whole else (BANDS, FINISH):
-        jobs = len(poses) * (len(bands) if stage == BANDS else 1)
-        run_in_threads(jobs, partial(draw_jobs, scene, views, camera, out, bands, planes, stage))
+    whole_frames = len(bands) == 1
+    planes = shared_planes(0 if whole_frames else len(views.poses), settings.height, settings.width)
+    for stage in (FRAMES,) if whole_frames else (BANDS, FINISH):
+        jobs = len(views.poses) * (len(bands) if stage == BANDS else 1)
+        run_in_threads(jobs, partial(draw_jobs, scene, views, settings, output, bands, planes, stage))
 
 
-def shared_planes(count: int, height: int, width: int) -> tuple[np.ndarray, ...]:
-    """The planes of `open_planes` for each of `count` frames, [count, H', W']."""
-    return tuple(np.repeat(plane[None], count, axis=0) for plane in open_planes(height, width))
+def shared_planes(count: int, height: int, width: int) -> Planes:
+    """The planes of `empty_planes` for each of `count` frames, [count, H', W']."""
+    return Planes(*(np.repeat(plane[None], count, axis=0) for plane in empty_planes(height, width)))
+
+
+@kernel(inlined=True)
+def planes_of(planes, n):
+    """The `Planes` of frame n."""
+    return Planes(
+        planes.depth[n],
+        planes.kind[n],
+        planes.red[n],
+        planes.green[n],
+        planes.blue[n],
+        planes.transmittance[n],
+        planes.plant_depth[n],
+    )
 
 
 @kernel
-def draw_jobs(scene, views, camera, out, bands, planes, stage, first, last):
-    """Numbers first to last of the jobs of one stage of `draw`: frames, or bands of rows, frame after frame.
+def draw_jobs(scene, views, settings, output, bands, planes, stage, first, last):
+    """Jobs number first to last of one stage of `draw`: frames, or bands of rows, frame after frame.
 
-    views: world_index [N], poses [N, 4], times [N] in seconds, looks [N, LOOK_COLUMNS]; out: images, want_layers,
-    depths, classes; planes: of `shared_planes`, of no frame for whole frames.
+    planes: those of `shared_planes`, for no frame where whole frames are drawn.
     """
-    world_index, poses, times, looks = views
-    images, want_layers, depths, classes = out
     for job in range(first, last):
         n = job // len(bands) if stage == BANDS else job
         band = job % len(bands) if stage == BANDS else 0
-        w = world_index[n]
-        time = f32(times[n])
-        eye = eye_of(poses[n], looks[n], camera)
-        if stage == WHOLE:
-            own = open_planes(camera[0], camera[1])
-        else:
-            own = planes[0][n], planes[1][n], planes[2][n], planes[3][n], planes[4][n], planes[5][n], planes[6][n]
+        look = views.looks[n]
+        camera = pose_camera(views.poses[n], look, settings)
+        view = View(views.world_index[n], look, camera, f32(views.times[n]))
+        frame_planes = empty_planes(settings.height, settings.width) if stage == FRAMES else planes_of(planes, n)
         if stage != FINISH:
-            draw_rows(scene, w, looks[n], eye, time, camera, bands[band, 0], bands[band, 1], own)
+            draw_rows(scene, view, settings.reduced, bands[band, 0], bands[band, 1], frame_planes)
         if stage != BANDS:
-            layer = n % len(depths)
-            finish_frame(
-                scene, w, looks[n], eye, time, camera, own, images[n], want_layers, depths[layer], classes[layer]
-            )  # fmt: skip
+            finish_frame(scene, view, settings, frame_planes, n, output)
 
 
 def bands_of(height: int, threads: int, frames: int) -> np.ndarray:

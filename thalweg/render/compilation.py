@@ -1,8 +1,8 @@
-"""When is the frame's kernel compiled? Once for each version of the sources, in a process of its own.
+"""Compilation of the frame's kernel: once for each version of its code, in a process of its own.
 
 The process that compiles would run other machine code than it stores: what is stored has been optimised once more, as
 a whole, and its frames differ in a last bit here and there. Frames have to be the same in every process, so all of them
-load what one stored. Beside that, it compiles while the first river is still being built.
+load what that process has stored. It also compiles while the first river is still being built.
 """
 
 import os
@@ -15,23 +15,25 @@ import numba
 import numpy as np
 
 from thalweg.core.jit import config, kernel_cache_dir
-from thalweg.render.batch import WHOLE, draw_jobs, shared_planes
+from thalweg.render.batch import FRAMES, draw_jobs, shared_planes
 from thalweg.render.records.appearance import LOOK_COLUMNS
 from thalweg.render.records.scene import blank_scene
+from thalweg.render.records.view import FrameSettings, Output, Views
 
-MARK = "frames.compiled"
-MOST_S = 900.0
+DONE = "frames.compiled"
+"""File beside the compiled kernels that says they are complete."""
+TIMEOUT_S = 900.0
 
 _child: subprocess.Popen | None = None
 _ready = False
 
 
 def begin() -> None:
-    """Start compiling, if nobody has yet, and say so; returns at once."""
+    """Start compiling in the background unless the kernel is compiled already, and print that; returns at once."""
     global _child, _ready
     folder = kernel_cache_dir()
-    # Without a folder every process compiles anew, and with the same result.
-    _ready = _ready or folder is None or config.DISABLE_JIT or (folder / MARK).exists()
+    # Without a cache folder every process compiles anew, with the same result each time.
+    _ready = _ready or folder is None or config.DISABLE_JIT or (folder / DONE).exists()
     if _ready or _child is not None:
         return
     print("thalweg: compiling kernels: first start only, about a minute", file=sys.stderr, flush=True)
@@ -46,19 +48,19 @@ def begin() -> None:
 
 
 def finish() -> None:
-    """Wait until the kernel is compiled. Where no process can do it, this one will when it draws, with a warning."""
+    """Wait until the kernel is compiled. If the child process fails, warn; this process then compiles when it draws."""
     global _child, _ready
     if _ready:
         return
     begin()
     if _child is not None:
         try:
-            _, said = _child.communicate(timeout=MOST_S)
-            lines = ["no message", *said.decode(errors="replace").strip().splitlines()]
+            _, output = _child.communicate(timeout=TIMEOUT_S)
+            lines = ["no message", *output.decode(errors="replace").strip().splitlines()]
             failure = f"{lines[-1]}; exit status {_child.returncode}" if _child.returncode else ""
         except subprocess.TimeoutExpired:
             _child.kill()
-            failure = f"it took more than {MOST_S:.0f} s"
+            failure = f"it took more than {TIMEOUT_S:.0f} s"
         if failure:
             warnings.warn(
                 f"the frames' kernel could not be compiled in a process of its own ({failure}): this one compiles it,"
@@ -70,21 +72,21 @@ def finish() -> None:
 
 
 def arguments() -> tuple:
-    """Arguments of the types with which `draw_jobs` is called."""
-    camera = (8, 8, np.float32(0.3), False)
+    """Arguments for `draw_jobs` of the types with which it is called."""
+    settings = FrameSettings(8, 8, np.float32(0.3), False)
     images, depths, classes = (np.zeros((1, 8, 8), kind) for kind in (np.uint32, np.float32, np.uint8))
-    views = np.zeros(1, np.int64), np.zeros((1, 4)), np.zeros(1), np.zeros((1, LOOK_COLUMNS), np.float32)
+    views = Views(np.zeros(1, np.int64), np.zeros((1, 4)), np.zeros(1), np.zeros((1, LOOK_COLUMNS), np.float32))
     bands = np.zeros((1, 2), np.int32)
     planes = shared_planes(0, 8, 8)
-    return blank_scene(), views, camera, (images, False, depths, classes), bands, planes, WHOLE, 0, 1
+    return blank_scene(), views, settings, Output(images, False, depths, classes), bands, planes, FRAMES, 0, 1
 
 
 def main() -> None:
-    """Compile and store; the mark comes last, so that a killed process leaves none."""
+    """Compile and store the kernel. The file `DONE` is made last, so that a killed process leaves none."""
     folder = kernel_cache_dir()
     assert folder is not None
     draw_jobs.compile(tuple(numba.typeof(argument) for argument in arguments()))
-    Path(folder, MARK).touch()
+    Path(folder, DONE).touch()
 
 
 if __name__ == "__main__":

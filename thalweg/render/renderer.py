@@ -1,4 +1,4 @@
-"""How does one ask for frames? `Renderer(worlds).render(poses)`, for any number of cameras in any of its worlds."""
+"""`Renderer`: frames of worlds, for any number of cameras in any of its worlds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,16 +11,17 @@ from numpy.typing import ArrayLike
 from thalweg.core import versions
 from thalweg.core.device import resolve_device
 from thalweg.render import compilation
+from thalweg.render.bake.scene_tables import build_scene
 from thalweg.render.batch import bands_of, draw
 from thalweg.render.errors import RenderError
 from thalweg.render.records.appearance import Look, look_rows, look_values
 from thalweg.render.records.camera import Camera
 from thalweg.render.records.quality import QUALITIES, Quality
-from thalweg.render.records.scene import build_scene
+from thalweg.render.records.view import FrameSettings, Output, Views
 from thalweg.world.record import World
 
 RENDER_VERSION = versions.RENDER
-"""Changes whenever the same world looks different, so that what was trained on older frames can tell."""
+"""Version of the frames: it changes whenever the same world looks different."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Frame:
     rgb: np.ndarray
     """[N, H, W, 3] uint8, sRGB."""
     mask: np.ndarray
-    """[N, H, W] bool, where water is seen at the centre of the pixel."""
+    """[N, H, W] bool, true where water is seen at the centre of the pixel."""
     depth_m: np.ndarray
     """[N, H, W] float32, metres along the optical axis; -1 for the sky."""
     class_id: np.ndarray
@@ -38,7 +39,7 @@ class Frame:
 
 
 class Renderer:
-    """Draws worlds as seen by a camera. Its tables are built once; drawing changes nothing in it."""
+    """Draws worlds as a camera sees them. Its tables are built once; drawing changes nothing in it."""
 
     def __init__(
         self,
@@ -49,11 +50,11 @@ class Renderer:
     ) -> None:
         """Prepare the tables of the worlds.
 
-        `quality`: "full", or "fast" for frames without reflections, filtered less, and marched once for four pixels.
-        `device`: where frames are drawn, see `thalweg.core.device`; they are arrays of the host either way, and within
-        2/255 alike.
+        `quality`: "full", or "fast" for frames without reflections, with less filtering, and with one march for four
+        pixels. `device`: where frames are drawn, see `thalweg.core.device`. Frames are arrays of the host in either
+        case, and those of two devices differ by at most 2/255.
 
-        Raises `RenderError` if there is no world, no such quality, or too little memory on the GPU; `DeviceError` for a
+        Raises `RenderError` for no world, an unknown quality, or too little memory on the GPU, and `DeviceError` for a
         device that can't be used.
         """
         if not worlds:
@@ -69,12 +70,12 @@ class Renderer:
         """The tables that the kernels read."""
         self.quality = quality
         size = int(self.camera.height_px), int(self.camera.width_px)
-        self._camera = *size, np.float32(self.camera.near_m), quality == "fast"
-        self._painter = None
+        self._settings = FrameSettings(*size, np.float32(self.camera.near_m), quality == "fast")
+        self._gpu = None
         if self.device != "cpu":
-            from thalweg.render.gpu.gpu_renderer import Painter
+            from thalweg.render.gpu.gpu_renderer import GpuRenderer
 
-            self._painter = Painter(self.scene, self._camera, self.device)
+            self._gpu = GpuRenderer(self.scene, self._settings, self.device)
 
     def render(
         self,
@@ -90,16 +91,16 @@ class Renderer:
         first if left out). time_s [N] or a number: moves the ripples. out: an array of the result's shape to draw into.
         look: one for all frames, or one for each (also as an array [N, P], see
         `thalweg.render.records.appearance.PARAMETERS`).
+
+        Raises `RenderError` for poses, indices, looks or an `out` that do not fit.
         """
-        poses, worlds, times = self._checked(poses, world_index, time_s)
-        looks = look_rows(look_values(look, len(poses)), self.camera)
-        shape = (len(poses), self.camera.height_px, self.camera.width_px, 4)
+        views = self._checked(poses, world_index, time_s, look)
+        shape = (len(views.poses), self.camera.height_px, self.camera.width_px, 4)
         if out is None:
             out = np.empty(shape, np.uint8)
         elif out.shape != shape or out.dtype != np.uint8 or not out.flags.c_contiguous:
             raise RenderError(f"out is {out.dtype} {list(out.shape)}; it must be contiguous uint8 {list(shape)}")
-        none = np.empty((1, 1, 1), np.float32), np.empty((1, 1, 1), np.uint8)
-        self._draw(worlds, poses, times, looks, out, False, *none)
+        self._draw(views, out)
         return out
 
     def render_layers(
@@ -109,44 +110,48 @@ class Renderer:
         time_s: ArrayLike | None = None,
         look: Look | Sequence[Look] | np.ndarray | None = None,
     ) -> Frame:
-        """Frames with depth and class; arguments as of `render`."""
-        poses, worlds, times = self._checked(poses, world_index, time_s)
-        looks = look_rows(look_values(look, len(poses)), self.camera)
-        shape = (len(poses), self.camera.height_px, self.camera.width_px)
+        """Frames with depth and class; arguments and errors as in `render`."""
+        views = self._checked(poses, world_index, time_s, look)
+        shape = (len(views.poses), self.camera.height_px, self.camera.width_px)
         image, depth, kind = np.empty((*shape, 4), np.uint8), np.empty(shape, np.float32), np.empty(shape, np.uint8)
-        self._draw(worlds, poses, times, looks, image, True, depth, kind)
+        self._draw(views, image, (depth, kind))
         return Frame(np.ascontiguousarray(image[..., :3]), image[..., 3] > 0, depth, kind)
 
     def render_tensors(self, views: Sequence[Any], out: Any) -> None:
-        """`render` without checks, from torch's tensors on this renderer's device into one, of which nothing is copied.
+        """`render` without checks and without copies, from torch's tensors on this renderer's device into one.
 
         views: world_index [N] int64, poses [N, 4] and times [N] float64, and looks as rows [N, LOOK_COLUMNS] float32 of
         `thalweg.render.records.appearance.look_rows`; out: [N, H, W, 4] uint8.
         """
-        if self._painter is not None:
-            self._painter.draw_tensors(views, out)
+        if self._gpu is not None:
+            self._gpu.draw_tensors(views, out)
             return
-        none = np.empty((1, 1, 1), np.float32), np.empty((1, 1, 1), np.uint8)
-        world_index, poses, times, rows = (tensor.numpy() for tensor in views)
-        self._draw(world_index, poses, times, rows, out.numpy(), False, *none)
+        self._draw(Views(*(tensor.numpy() for tensor in views)), out.numpy())
 
     @property
     def scratch_bytes(self) -> int:
-        """Memory of the GPU that drawing takes at least, beside the worlds' tables and the frames; 0 on the CPU."""
-        return 0 if self._painter is None else self._painter.each
+        """Least memory of the GPU that drawing takes, beside the worlds' tables and the frames; 0 on the CPU."""
+        return 0 if self._gpu is None else self._gpu.scratch_bytes
 
-    def _draw(self, worlds, poses, times, looks, out, want_layers, depth, kind) -> None:
+    def _draw(self, views: Views, out: np.ndarray, layers: tuple[np.ndarray, np.ndarray] | None = None) -> None:
+        """Draw into out [N, H, W, 4] uint8, and into depths and classes [N, H, W] if given."""
         packed = out.view(np.uint32)[..., 0]
-        if self._painter is not None:
-            self._painter.draw_for_host(worlds, poses, times, looks, packed, (depth, kind) if want_layers else None)
+        if self._gpu is not None:
+            self._gpu.draw_for_host(views, packed, layers)
             return
         compilation.finish()
-        bands = bands_of(self.camera.height_px, numba.get_num_threads(), len(poses))
-        draw(self.scene, worlds, poses, times, looks, self._camera, packed, want_layers, depth, kind, bands)
+        bands = bands_of(self.camera.height_px, numba.get_num_threads(), len(views.poses))
+        # The kernel has one signature, with or without layers.
+        depths, classes = layers or (np.empty((1, 1, 1), np.float32), np.empty((1, 1, 1), np.uint8))
+        draw(self.scene, views, self._settings, Output(packed, layers is not None, depths, classes), bands)
 
     def _checked(
-        self, poses: ArrayLike, world_index: ArrayLike | None, time_s: ArrayLike | None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        self,
+        poses: ArrayLike,
+        world_index: ArrayLike | None,
+        time_s: ArrayLike | None,
+        look: Look | Sequence[Look] | np.ndarray | None,
+    ) -> Views:
         poses = np.ascontiguousarray(poses, np.float64)
         if poses.ndim != 2 or poses.shape[1] != 4:
             raise RenderError(f"poses have shape {list(poses.shape)}; they must be [N, 4]: x, y, z, yaw")
@@ -159,4 +164,4 @@ class Renderer:
         if count and (index.min() < 0 or index.max() >= len(self.worlds)):
             raise RenderError(f"world_index must be in 0..{len(self.worlds) - 1}; got {index.min()}..{index.max()}")
         times = np.ascontiguousarray(np.broadcast_to(np.float64(0.0) if time_s is None else time_s, count), np.float64)
-        return poses, index, times
+        return Views(index, poses, times, look_rows(look_values(look, count), self.camera))

@@ -85,7 +85,7 @@ def test_the_stages_together_draw_the_frame(easy_world):
         stage()
         names.append(name)
     assert tuple(names) == STAGES
-    assert BRIDGE not in stages.kind  # their stone is not among the stages
+    assert BRIDGE not in stages.planes.kind  # their stone is not among the stages
     (frame,) = renderer.render(pose[None])
     apart = np.abs(stages.image.view(np.uint8).reshape(32, 48, 4).astype(int) - frame)
     assert apart.max() <= 1  # functions compiled alone may round a last bit otherwise

@@ -9,19 +9,20 @@ from scipy.ndimage import map_coordinates
 from tests.render.plain import plane
 from thalweg.core.jit import kernel
 from thalweg.render import Camera
-from thalweg.render.bake import ripples, sky
-from thalweg.render.kernels import fast_math as approx
-from thalweg.render.kernels import table_lookup as fetch
+from thalweg.render.bake import ripples, scene_tables, sky
+from thalweg.render.bake.cone_map import cone_map
+from thalweg.render.kernels import fast_math, table_lookup
+from thalweg.render.kernels.camera_rays import Radiance
 from thalweg.render.kernels.shading import tone
-from thalweg.render.records import scene
+from thalweg.render.records import layout
 from thalweg.render.records.appearance import look_rows, look_values
 
 
 @kernel
 def tabulate(xs, exps, logs):
     for i in range(len(xs)):
-        exps[i] = approx.exp(np.float32(math.log(xs[i])))
-        logs[i] = approx.log2(xs[i])
+        exps[i] = fast_math.exp(np.float32(math.log(xs[i])))
+        logs[i] = fast_math.log2(xs[i])
 
 
 def test_exp_and_log_are_within_their_stated_errors():
@@ -37,7 +38,7 @@ def test_exp_and_log_are_within_their_stated_errors():
 @kernel
 def round_down(xs, floors):
     for i in range(len(xs)):
-        floors[i] = approx.floor(xs[i])
+        floors[i] = fast_math.floor(xs[i])
 
 
 def test_floor_is_exact_below_zero_and_on_whole_numbers_too():
@@ -50,11 +51,11 @@ def test_floor_is_exact_below_zero_and_on_whole_numbers_too():
 def test_no_surface_pierces_a_cone():
     rng = np.random.default_rng(0)
     top = rng.normal(size=(96, 131)).cumsum(0).cumsum(1).astype(np.float32) * 0.02
-    height, slope = scene.cone_map(top, 0.5)
+    height, slope = cone_map(top, 0.5)
     rows, columns = np.indices(top.shape)
     for _ in range(300):
         y, x = rng.uniform(0, 95), rng.uniform(0, 130)
-        cell = int(y) // scene.CONE_CELL, int(x) // scene.CONE_CELL
+        cell = int(y) // layout.CONE_CELL, int(x) // layout.CONE_CELL
         apart = np.hypot(rows - y, columns - x) * 0.5
         assert (top <= height[cell] + slope[cell] * apart + 1e-4).all()
 
@@ -62,18 +63,18 @@ def test_no_surface_pierces_a_cone():
 def test_paint_keeps_its_mean_light_at_every_level():
     rng = np.random.default_rng(1)
     lit = rng.uniform(0.05, 0.9, (128, 256, 3))
-    levels = scene.paint_levels(lit, np.full((128, 256), 200, np.uint8))
-    assert [level.shape for level in levels] == [(128 >> k, 256 >> k) for k in range(scene.PAINT_LEVELS)]
+    levels = scene_tables.paint_levels(lit, np.full((128, 256), 200, np.uint8))
+    assert [level.shape for level in levels] == [(128 >> k, 256 >> k) for k in range(layout.PAINT_LEVELS)]
     for level in levels:
         coded = np.stack([level >> shift & 255 for shift in (0, 8, 16)], axis=-1) / 255.0
-        np.testing.assert_allclose((coded**2 * scene.PAINT_RANGE).mean((0, 1)), lit.mean((0, 1)), rtol=0.01)
+        np.testing.assert_allclose((coded**2 * layout.PAINT_RANGE).mean((0, 1)), lit.mean((0, 1)), rtol=0.01)
         assert (level >> 24 == 200).all()
 
 
 def test_ground_that_faces_the_sun_sends_out_its_reflectance_times_the_light():
     world = plane(grey=128)
-    lit = scene.ground_radiance(world, scene.sun_vector(world))
-    expected = (128 / 255) ** 2 * (math.sin(world.sun_elevation) * scene.SUN_RADIANCE + scene.SKY_RADIANCE)
+    lit = scene_tables.ground_radiance(world, scene_tables.sun_vector(world))
+    expected = (128 / 255) ** 2 * (math.sin(world.sun_elevation) * layout.SUN_RADIANCE + layout.SKY_RADIANCE)
     np.testing.assert_allclose(lit, np.broadcast_to(expected, lit.shape), rtol=1e-9)
 
 
@@ -90,13 +91,13 @@ def test_the_zenith_is_as_bright_as_preetham_says():
 @kernel
 def look_up(table, directions, out):
     for i in range(len(directions)):
-        out[i] = fetch.sky_at(table, 0, directions[i, 0], directions[i, 1], directions[i, 2])
+        out[i] = table_lookup.sky_at(table, 0, directions[i, 0], directions[i, 1], directions[i, 2])
 
 
 def test_a_direction_finds_its_own_cell_of_the_sky():
     rng = np.random.default_rng(2)
     radiance = rng.uniform(0.1, 1.5, (sky.ROWS, sky.COLUMNS, 3))
-    table = scene.pack_colour(radiance, sky.CODE_RANGE).ravel()
+    table = scene_tables.pack_colour(radiance, sky.CODE_RANGE).ravel()
     directions = sky.map_directions()[1:-1].reshape(-1, 3)
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, rtol=1e-12)
     found = np.empty((len(directions), 3), np.float32)
@@ -118,7 +119,7 @@ def test_what_filtering_takes_from_the_slopes_becomes_roughness():
 @kernel
 def read_tile(tile, x, y, level, out):
     for i in range(len(x)):
-        out[i] = fetch.tile_level(tile, x[i], y[i], level)
+        out[i] = table_lookup.tile_level(tile, x[i], y[i], level)
 
 
 def test_the_tile_repeats_and_each_level_is_found():
@@ -147,7 +148,7 @@ def test_srgb_and_the_curve_at_known_points():
 
 @kernel
 def expose(red, green, blue, look, image):
-    tone.develop(red, green, blue, np.zeros(red.shape, np.uint8), look, np.uint32(0), image, red.shape[1])
+    tone.write_image(Radiance(red, green, blue), np.zeros(red.shape, np.uint8), look, np.uint32(0), image)
 
 
 def test_exposure_takes_away_most_of_a_change_of_light():
@@ -162,7 +163,7 @@ def test_exposure_takes_away_most_of_a_change_of_light():
     radiance = np.stack(planes, -1).astype(float)
     luma = radiance @ np.array(tone.LUMA)
     vivid = np.maximum(luma[..., None] + (radiance - luma[..., None]) * tone.SATURATION, 0)
-    by_hand = tone.encode(tone.curve(vivid * (tone.KEY / luma.mean()) ** tone.ADAPTION)) * 255
+    by_hand = tone.encode(tone.curve(vivid * (tone.KEY / luma.mean()) ** tone.ADAPTATION)) * 255
     assert np.abs(pictures[0] - by_hand).max() < 2.0
     assert 0 < pictures[1].mean() - pictures[0].mean() < 20
 
@@ -170,7 +171,7 @@ def test_exposure_takes_away_most_of_a_change_of_light():
 @kernel
 def read_slopes(table, columns, rows, xs, ys, found):
     for i in range(len(xs)):
-        found[i, 0], found[i, 1], found[i, 2] = fetch.sloped(table, 0, columns, rows, xs[i], ys[i])
+        found[i, 0], found[i, 1], found[i, 2] = table_lookup.sloped(table, 0, columns, rows, xs[i], ys[i])
 
 
 def test_slopes_of_a_table_are_the_differences_of_its_values_and_none_beyond_its_edges():

@@ -1,4 +1,4 @@
-"""Looks: each parameter does what it says and nothing else, against the twin and against cameras that need no look."""
+"""Looks: each parameter does what it says and nothing else, against the reference and plain cameras."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from tests.render.test_frame import on_river, psnr
 from thalweg.render import Camera, Look, Renderer
 from thalweg.render.records.appearance import LIMITS, PARAMETERS, look_values
 from thalweg.render.records.classes import PLANT
-from thalweg.render.reference import frame as twin
+from thalweg.render.reference import frame as reference
 from thalweg.world.record import World
 
 POSE = np.array([[-20.0, 0.0, 3.0, 0.0]])
@@ -25,12 +25,12 @@ POSE = np.array([[-20.0, 0.0, 3.0, 0.0]])
         Look(pitch_deg=-9.0, fov_deg=14.0, season=0.5),
     ],
 )
-def test_the_kernel_agrees_with_the_twin_under_other_looks(easy_world: World, look: Look):
+def test_the_kernel_agrees_with_the_reference_under_other_looks(easy_world: World, look: Look):
     camera = Camera(32, 32)
     pose = on_river(easy_world, 1, 4)
     ours = Renderer([easy_world], camera).render_layers(pose, look=look)
-    truth = twin.draw(easy_world, pose[0], camera, samples=4, look=look)
-    usual = twin.draw(easy_world, pose[0], camera, samples=4)
+    truth = reference.draw(easy_world, pose[0], camera, samples=4, look=look)
+    usual = reference.draw(easy_world, pose[0], camera, samples=4)
     assert psnr(ours.rgb[0], truth.rgb) > 22.0
     assert psnr(usual.rgb, truth.rgb) < 22.0  # the look is far from none
     assert np.mean(ours.mask[0] == truth.mask) > 0.99

@@ -1,39 +1,27 @@
-"""How are many frames drawn on a GPU? Five kernels a pass: cameras, plants in view, pixels, light added up, picture.
+"""`GpuRenderer`: frames drawn on a GPU by five kernels a pass: cameras, plants in view, pixels, exposure, tone mapping.
 
-A pass draws as many cameras as the scratch has room for. Everything lies in torch's memory on the device, and is made
-once; nothing waits for the device, and nothing is copied from it.
+A pass draws as many cameras as the scratch is large enough for. Everything lies in torch's memory on the device and is
+allocated once; nothing waits for the device, and nothing is copied from it.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from thalweg.core import gpu
 from thalweg.render.errors import RenderError
-from thalweg.render.gpu import pixel
-from thalweg.render.gpu import postprocess as develop
-from thalweg.render.gpu import visible_plants as visible
+from thalweg.render.gpu import pixel, postprocess, visible_plants
+from thalweg.render.kernels.camera_rays import Radiance
 from thalweg.render.kernels.shading.tone import CODE_TABLE
-from thalweg.render.records.scene import PLANT_FROM, PLANT_TO, Scene
+from thalweg.render.records.layout import PLANT_FROM, PLANT_TO
+from thalweg.render.records.scene import Scene
+from thalweg.render.records.view import FrameSettings, Planes, Views
 
 MOST_CAMERAS = 1024
-"""Cameras of a pass: more do not make a GPU faster, but take memory."""
+"""Most cameras of a pass: more do not make a GPU faster, but take memory."""
 PLANE_BYTES = 6 * 4 + 1
-"""Of a pixel: depth, three colours, light, solid; and kind."""
-
-
-class Views(NamedTuple):
-    """What to draw, on the device."""
-
-    world_index: Any
-    """[N] int64."""
-    poses: Any
-    """[N, 4] float64: x, y, z in metres, yaw in radians."""
-    times: Any
-    """[N] float64, seconds."""
-    looks: Any
-    """[N, LOOK_COLUMNS] float32."""
+"""Bytes of a pixel's planes: six of float32, and the kind."""
 
 
 def bytes_of(scene: Scene) -> int:
@@ -41,22 +29,22 @@ def bytes_of(scene: Scene) -> int:
     return sum(table.nbytes for table in scene)
 
 
-def bytes_each(scene: Scene, height: int, width: int, fast: bool) -> int:
+def bytes_each(scene: Scene, height: int, width: int, reduced: bool) -> int:
     """Scratch that a camera of a pass takes on a device."""
     plants = most_plants(scene)
-    planes = height * width * (PLANE_BYTES + (0 if fast else 3 * 4))
-    return planes + plants * (4 + 4 + 4 * 2) + 4 * (visible.EYE + 4)
+    planes = height * width * (PLANE_BYTES + (0 if reduced else 3 * 4))
+    return planes + plants * (4 + 4 + 4 * 2) + 4 * (visible_plants.CAMERA_COLUMNS + 4)
 
 
 def most_plants(scene: Scene) -> int:
     """Plants of the world that has most, at least one."""
-    return max(1, int((scene.place[:, PLANT_TO] - scene.place[:, PLANT_FROM]).max()))
+    return max(1, int((scene.extents[:, PLANT_TO] - scene.extents[:, PLANT_FROM]).max()))
 
 
 def check_memory(scene: Scene, each: int, free: int) -> None:
     """Raise `RenderError` unless the tables of a scene and the scratch of one camera fit into the free bytes of a
     device, saying what is needed and how many worlds fit."""
-    tables, worlds = bytes_of(scene), len(scene.place)
+    tables, worlds = bytes_of(scene), len(scene.extents)
     if tables + each > free:
         fitting = max(0, (free - each) * worlds // tables)
         raise RenderError(
@@ -70,45 +58,42 @@ def cameras_of_a_pass(free: int, each: int) -> int:
     return max(1, min(MOST_CAMERAS, free // each))
 
 
-class Painter:
-    """Draws the worlds of a scene on a device of torch's; its scratch is used anew by each call."""
+class GpuRenderer:
+    """Draws the worlds of a scene on a device of torch's; each call uses the same scratch again."""
 
-    def __init__(self, scene: Scene, camera: tuple[int, int, np.float32, bool], device: str) -> None:
-        """Copy the tables there; camera: as of `batch.draw`. Raises `RenderError` if they and the scratch of one camera
-        do not fit."""
-        self.device, self._camera = device, camera
-        height, width, _, self.fast = camera
-        self.each = bytes_each(scene, height, width, self.fast)
+    def __init__(self, scene: Scene, settings: FrameSettings, device: str) -> None:
+        """Copy the tables to the device. Raises `RenderError` if they and the scratch of one camera do not fit."""
+        self.device, self._settings = device, settings
+        self.scratch_bytes = bytes_each(scene, settings.height, settings.width, settings.reduced)
         """Bytes of scratch for a camera of a pass."""
-        check_memory(scene, self.each, gpu.free_bytes(device))
+        check_memory(scene, self.scratch_bytes, gpu.free_bytes(device))
         self._scene = Scene(*(gpu.to_device(table, device) for table in scene))
         self._codes = gpu.to_device(CODE_TABLE, device)
         self._plants = most_plants(scene)
         self.cameras = 0
         """Cameras that a pass may have, set at the first draw, when frames already have their memory; 0 before."""
-        self._room = 0
+        self._capacity = 0
         self._scratch: dict[str, Any] = {}
 
     def draw(self, views: Views, images: Any = None, layers: tuple[Any, Any, Any] | None = None) -> None:
         """Draw one frame per view into arrays on the device.
 
         Args:
-            views: N of them.
-            images: [N, H, W] uint32, red, green, blue from the lowest byte up and the water mask on top; None for none:
-                then nothing is shaded.
+            views: N of them, on the device.
+            images: [N, H, W] uint32, red, green, blue from the lowest byte up and the water mask on top; if None,
+                nothing is shaded.
             layers: [N, H, W] each: float32 depths, uint8 classes, and uint8 masks of 0 or 255; None for none.
         """
         count = len(views.poses)
         if not count:
             return
         if not self.cameras:
-            self.cameras = cameras_of_a_pass(gpu.free_bytes(self.device), self.each)
-        self._make_room(min(count, self.cameras))
-        for first in range(0, count, self._room):
-            part = slice(first, min(first + self._room, count))
-            some = Views(*(values[part] for values in views))
-            self._draw(
-                some,
+            self.cameras = cameras_of_a_pass(gpu.free_bytes(self.device), self.scratch_bytes)
+        self._allocate(min(count, self.cameras))
+        for first in range(0, count, self._capacity):
+            part = slice(first, min(first + self._capacity, count))
+            self._draw_pass(
+                Views(*(values[part] for values in views)),
                 None if images is None else images[part],
                 None if layers is None else tuple(layer[part] for layer in layers),
             )
@@ -118,33 +103,25 @@ class Painter:
         images = gpu.as_kernel_array(out, np.uint32).reshape(out.shape[:3])
         self.draw(Views(*(gpu.as_kernel_array(tensor) for tensor in views)), images)
 
-    def draw_for_host(
-        self,
-        world_index: np.ndarray,
-        poses: np.ndarray,
-        times: np.ndarray,
-        looks: np.ndarray,
-        images: np.ndarray,
-        layers: tuple[np.ndarray, np.ndarray] | None,
-    ) -> None:
+    def draw_for_host(self, views: Views, images: np.ndarray, layers: tuple[np.ndarray, np.ndarray] | None) -> None:
         """Draw frames into arrays of the host: images [N, H, W] uint32, and depths and classes where wanted."""
-        views = Views(*(gpu.to_device(values, self.device) for values in (world_index, poses, times, looks)))
+        views = Views(*(gpu.to_device(values, self.device) for values in views))
         shape = images.shape
         drawn = gpu.empty(shape, np.uint32, self.device)
         found = tuple(gpu.empty(shape, kind, self.device) for kind in (np.float32, np.uint8, np.uint8))
         self.draw(views, drawn, found if layers else None)
         images[...] = gpu.to_host(drawn, self.device)
-        for place, values in zip(layers or (), found, strict=False):
-            place[...] = gpu.to_host(values, self.device)
+        for target, values in zip(layers or (), found, strict=False):
+            target[...] = gpu.to_host(values, self.device)
 
-    def _make_room(self, cameras: int) -> None:
-        """Scratch for so many cameras of a pass."""
-        if cameras <= self._room:
+    def _allocate(self, cameras: int) -> None:
+        """Make scratch for so many cameras of a pass, unless there is enough."""
+        if cameras <= self._capacity:
             return
-        height, width = self._camera[:2]
+        height, width = self._settings.height, self._settings.width
         self._scratch.clear()
-        makes = {
-            "eyes": ((cameras, visible.EYE), np.float32),
+        shapes = {
+            "cameras": ((cameras, visible_plants.CAMERA_COLUMNS), np.float32),
             "moments": ((cameras,), np.float32),
             "keys": ((cameras,), np.uint32),
             "counts": ((cameras,), np.int32),
@@ -152,47 +129,46 @@ class Painter:
             "order": ((cameras, self._plants), np.int32),
             "distance": ((cameras, self._plants), np.float32),
             "boxes": ((cameras, self._plants, 4), np.int16),
-            "kind": ((cameras, height, width), np.uint8),
-            "softened": ((3, 1, 1, 1) if self.fast else (3, cameras, height, width), np.float32),
+            "softened": ((3, 1, 1, 1) if self._settings.reduced else (3, cameras, height, width), np.float32),
         }
-        planes = ("depth", "red", "green", "blue", "light", "solid")
-        makes |= dict.fromkeys(planes, ((cameras, height, width), np.float32))
-        self._scratch = {name: gpu.empty(shape, kind, self.device) for name, (shape, kind) in makes.items()}
-        self._room = cameras
+        shapes |= dict.fromkeys(Planes._fields, ((cameras, height, width), np.float32))
+        shapes["kind"] = (cameras, height, width), np.uint8
+        self._scratch = {name: gpu.empty(shape, kind, self.device) for name, (shape, kind) in shapes.items()}
+        self._capacity = cameras
 
-    def _draw(self, views: Views, images: Any, layers: Any) -> None:
-        """One pass."""
-        count, (height, width, _, fast) = len(views.poses), self._camera
-        eyes, moments, keys, counts, gains, order, distance, boxes = (
-            self._scratch[name] for name in ("eyes", "moments", "keys", "counts", "gains", "order", "distance", "boxes")
-        )
-        planes = tuple(self._scratch[name] for name in ("depth", "kind", "red", "green", "blue", "light", "solid"))
-        depth, kind, red, green, blue, light, solid = planes
-        scene, device = self._scene, self.device
-        pixels = -(-height * width // develop.THREADS), count
+    def _draw_pass(self, views: Views, images: Any, layers: Any) -> None:
+        count, (height, width, _, reduced) = len(views.poses), self._settings
+        cameras, moments, keys, gains = (self._scratch[name] for name in ("cameras", "moments", "keys", "gains"))
+        plants = tuple(self._scratch[name] for name in ("order", "distance", "boxes", "counts"))
+        planes = Planes(*(self._scratch[name] for name in Planes._fields))
+        scene, device, settings = self._scene, self.device, self._settings
+        pixels = -(-height * width // postprocess.THREADS), count
         gpu.launch(
-            visible.place_cameras, -(-count // visible.THREADS), visible.THREADS, device,
-            views.poses, views.times, views.looks, self._camera, eyes, moments, keys,
+            visible_plants.place_cameras, -(-count // visible_plants.THREADS), visible_plants.THREADS, device,
+            views, settings, cameras, moments, keys,
         )  # fmt: skip
         gpu.launch(
-            visible.find, count, visible.THREADS, device,
-            scene, views.world_index, views.looks, self._camera, eyes, order, distance, boxes, counts,
+            visible_plants.find, count, visible_plants.THREADS, device, scene, views, settings, cameras, *plants
         )  # fmt: skip
-        tiles = -(-height // pixel.SIDE) * -(-width // pixel.SIDE)
+        tiles = -(-height // pixel.TILE) * -(-width // pixel.TILE)
         gpu.launch(
-            pixel.tracer(fast, images is not None), (tiles, count), pixel.THREADS, device,
-            scene, views.world_index, moments, views.looks, eyes, order, distance, boxes, counts, planes,
+            pixel.tracer(reduced, images is not None), (tiles, count), pixel.THREADS, device,
+            scene, views, cameras, moments, plants, planes,
         )  # fmt: skip
         if images is not None:
             softened = self._scratch["softened"]
             gpu.launch(
-                develop.adder(fast), count, develop.THREADS, device,
-                scene, views.world_index, views.looks, eyes, planes, softened, gains,
+                postprocess.adder(reduced), count, postprocess.THREADS, device,
+                scene, views, cameras, planes, softened, gains,
             )  # fmt: skip
-            colours = (red, green, blue) if fast else (softened[0], softened[1], softened[2])
+            colours = (
+                Radiance(planes.red, planes.green, planes.blue)
+                if reduced
+                else Radiance(softened[0], softened[1], softened[2])
+            )
             gpu.launch(
-                develop.develop, pixels, develop.THREADS, device,
-                *colours, kind, light, views.looks, keys, gains, self._codes, images,
+                postprocess.tone_map, pixels, postprocess.THREADS, device,
+                colours, planes.kind, planes.transmittance, views.looks, keys, gains, self._codes, images,
             )  # fmt: skip
         if layers is not None:
-            gpu.launch(develop.layers, pixels, develop.THREADS, device, depth, kind, light, solid, *layers)
+            gpu.launch(postprocess.write_layers, pixels, postprocess.THREADS, device, planes, *layers)

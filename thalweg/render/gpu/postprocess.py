@@ -1,4 +1,4 @@
-"""How do a frame's planes become a picture on a GPU? Outlines of bridges, exposure, codes; and layers where wanted."""
+"""GPU kernels that turn a frame's planes into an image: edges of bridges, exposure, tone mapping; and into layers."""
 
 from collections.abc import Callable
 from functools import cache
@@ -7,52 +7,50 @@ import numpy as np
 from numba import cuda, float32, uint8, uint32
 
 from thalweg.core.jit import kernel
-from thalweg.render.kernels import bridge_edges as outlines
+from thalweg.render.batch import planes_of
+from thalweg.render.gpu.visible_plants import stored_camera
+from thalweg.render.kernels.bridge_edges import edge_colour
 from thalweg.render.kernels.primary_hits import MISS
 from thalweg.render.kernels.shading import tone
 from thalweg.render.records import classes
+from thalweg.render.records.view import View
 
 f32 = np.float32
 
 THREADS = 128
-"""A block's, in all kernels here; a power of two."""
+"""Threads of a block in all kernels here; a power of two."""
 
 
 @cache
-def adder(fast: bool) -> Callable:
-    """The kernel that adds up a frame's light; in the full quality it mixes the outlines of bridges first."""
+def adder(reduced: bool) -> Callable:
+    """The kernel that adds up a frame's light for the exposure; in the full quality it antialiases bridges first."""
 
-    def add_up(scene, world_index, looks, eyes, planes, softened, gains):
-        """One block a camera: light [3, N, H, W] with softened outlines, and the factor of the exposure [N].
+    def add_up(scene, views, cameras, planes, softened, gains):
+        """One block a camera: radiance [3, N, H, W] with antialiased edges, and the factor of the exposure [N].
 
-        planes: of `pixel.tracer`. With the modest quality nothing is softened, and nothing written to `softened`.
+        planes: of `pixel.tracer`. In the reduced quality nothing is antialiased or written to `softened`.
         """
         n = cuda.blockIdx.x
         thread = cuda.threadIdx.x
-        depth, kind, red, green, blue, light, _ = planes
-        height, width = kind.shape[1:]
-        w = world_index[n]
-        eye = (
-            eyes[n, 0], eyes[n, 1], eyes[n, 2], eyes[n, 3], eyes[n, 4], eyes[n, 5], eyes[n, 6], eyes[n, 7],
-            eyes[n, 8], eyes[n, 9], eyes[n, 10], eyes[n, 11], eyes[n, 12], eyes[n, 13], eyes[n, 14],
-        )  # fmt: skip
+        height, width = planes.kind.shape[1:]
+        frame = planes_of(planes, n)
+        view = View(views.world_index[n], views.looks[n], stored_camera(cameras, n, height, width), f32(0))
         sums = cuda.shared.array(THREADS, float32)
         total = f32(0)
         for k in range(thread, height * width, THREADS):
             r = k // width
             c = k % width
-            if fast:
-                a = red[n, r, c]
-                b = green[n, r, c]
-                d = blue[n, r, c]
+            if reduced:
+                a = frame.red[r, c]
+                b = frame.green[r, c]
+                d = frame.blue[r, c]
             else:
-                _, a, b, d = outlines.edge_colour(
-                    scene, w, looks[n], eye, width, depth[n], kind[n], light[n], red[n], green[n], blue[n], r, c
-                )
+                _, a, b, d = edge_colour(scene, view, frame, r, c)
                 softened[0, n, r, c] = a
                 softened[1, n, r, c] = b
                 softened[2, n, r, c] = d
             total += min(tone.luminance(a, b, d), f32(tone.BRIGHTEST))
+        # A tree of sums in shared memory, half as many threads in each round.
         sums[thread] = total
         half = THREADS // 2
         while half > 0:
@@ -66,10 +64,10 @@ def adder(fast: bool) -> Callable:
     return add_up
 
 
-def develop(red, green, blue, kind, light, looks, keys, gains, codes, images):
-    """One thread a pixel (x) of a camera (y): images [N, H, W] uint32, the water mask on top.
+def tone_map(radiance, kind, light, looks, keys, gains, codes, images):
+    """One thread a pixel (x) of a camera (y): images [N, H, W] uint32, with the water mask in the top byte.
 
-    red, green, blue, kind, light [N, H, W]; keys [N] uint32: what the noise depends on; codes: `tone.CODE_TABLE`.
+    `Radiance`, kind, light [N, H, W]; keys [N] uint32: what the noise depends on; codes: `tone.CODE_TABLE`.
     """
     n = cuda.blockIdx.y
     k = cuda.blockIdx.x * THREADS + cuda.threadIdx.x
@@ -79,7 +77,7 @@ def develop(red, green, blue, kind, light, looks, keys, gains, codes, images):
     r = k // width
     c = k % width
     pixel = tone.tone_pixel(
-        codes, red[n, r, c], green[n, r, c], blue[n, r, c],
+        codes, radiance.red[n, r, c], radiance.green[n, r, c], radiance.blue[n, r, c],
         gains[n] * looks[n, tone.GAIN_R], gains[n] * looks[n, tone.GAIN_G], gains[n] * looks[n, tone.GAIN_B],
         mask_of(kind[n, r, c], light[n, r, c]),
     )  # fmt: skip
@@ -88,20 +86,21 @@ def develop(red, green, blue, kind, light, looks, keys, gains, codes, images):
     images[n, r, c] = pixel
 
 
-def layers(depth, kind, light, solid, depths, kinds, masks):
-    """One thread a pixel (x) of a camera (y), all [N, H, W]: metres along the axis (-1: sky), class, and 255 for water
-    as in an image's top byte."""
+def write_layers(planes, depths, kinds, masks):
+    """One thread a pixel (x) of a camera (y): metres along the axis (-1: sky), class, 255 for water, all [N, H, W]."""
     n = cuda.blockIdx.y
     k = cuda.blockIdx.x * THREADS + cuda.threadIdx.x
-    height, width = kind.shape[1:]
+    height, width = planes.kind.shape[1:]
     if k >= height * width:
         return
     r = k // width
     c = k % width
-    seen = min(depth[n, r, c], solid[n, r, c])
+    kind = planes.kind[n, r, c]
+    light = planes.transmittance[n, r, c]
+    seen = min(planes.depth[n, r, c], planes.plant_depth[n, r, c])
     depths[n, r, c] = f32(-1) if seen >= f32(MISS) else seen
-    kinds[n, r, c] = kind[n, r, c] if light[n, r, c] > f32(0.5) else uint8(classes.PLANT)
-    masks[n, r, c] = mask_of(kind[n, r, c], light[n, r, c])
+    kinds[n, r, c] = kind if light > f32(0.5) else uint8(classes.PLANT)
+    masks[n, r, c] = mask_of(kind, light)
 
 
 @kernel(inlined=True)

@@ -1,15 +1,17 @@
-"""What does the upright picture of one plant add to the pixels that it covers?"""
+"""Kernels that draw the billboard of one plant: an upright, filtered picture from the atlas that faces the camera."""
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import int32, uint32, uint64
 
 from thalweg.core.jit import kernel
 from thalweg.render.bake import impostors
+from thalweg.render.kernels.camera_rays import row_step
 from thalweg.render.kernels.fast_math import exp, log2
 from thalweg.render.kernels.table_lookup import channel, clamp
-from thalweg.render.records import scene as table
+from thalweg.render.records import layout
 from thalweg.render.records.appearance import HAZE_PER_M, SEASON
 
 f32 = np.float32
@@ -17,7 +19,7 @@ f32 = np.float32
 BLOCK = 16
 """Pixels of a row that are drawn together, and closed together."""
 SHARPEN = 0.35
-"""Levels by which pictures are taken finer than their size asks: the original is as crisp."""
+"""Levels by which billboards are sampled finer than their size asks for: the original's frames are as crisp."""
 CLOSED = 0.02
 """A block is closed once each of its pixels lets less light through than this, or shows ground before the plant."""
 EDGE = math.tan(math.pi / 8)
@@ -25,99 +27,132 @@ EDGE = math.tan(math.pi / 8)
 assert impostors.VIEWS == 8
 
 
-@kernel(inlined=True)
-def side_seen(nx, ny, sun_x, sun_y):
-    """The view of the atlas for a look in the horizontal direction nx, ny, with the sun towards sun_x, sun_y.
+class Billboard(NamedTuple):
+    """What all pixels of a plant's billboard share: where it stands, its texels, and how texels become radiance."""
 
-    See `thalweg.render.bake.impostors.view_of`. Comparisons tell an eighth of a turn, where an arc tangent would take
-    longer than all else that a picture needs.
+    distance: Any
+    """Horizontal metres from the camera."""
+    sight_x: Any
+    """Horizontal unit vector to the plant, as the next; the billboard's plane is perpendicular to it."""
+    sight_y: Any
+    foot: Any
+    """Height of the plant's foot above the camera in metres."""
+    per_height: Any
+    """One over the plant's height, and one over half its width."""
+    per_half_width: Any
+    begin: Any
+    """Index of its first texel, an integer, as the next two: columns and rows of its level."""
+    columns: Any
+    rows: Any
+    tint_r: Any
+    """Factors on a texel's squared code, haze included."""
+    tint_g: Any
+    tint_b: Any
+    haze_r: Any
+    """Radiance of the haze in front of the plant."""
+    haze_g: Any
+    haze_b: Any
+    sun_low: Any
+    """Share of the sun at the foot, and how much more of it reaches the top."""
+    sun_rise: Any
+    shade_r: Any
+    """Radiance without direct sun as a share of that in full sun."""
+    shade_g: Any
+    shade_b: Any
+
+
+@kernel(inlined=True)
+def atlas_view(sight_x, sight_y, sun_x, sun_y):
+    """The view of the atlas for a horizontal direction of sight, with the sun towards sun_x, sun_y.
+
+    As `thalweg.render.bake.impostors.view_of`, by comparisons: an arc tangent would take longer than the rest of what a
+    billboard needs.
     """
-    along = nx * sun_x + ny * sun_y
-    aside = ny * sun_x - nx * sun_y
+    along = sight_x * sun_x + sight_y * sun_y
+    across = sight_y * sun_x - sight_x * sun_y
+    # First the eighth of a turn within a quarter, then the reflections that bring it to the right quarter.
     eighth = int32(1)
-    if abs(aside) <= abs(along) * f32(EDGE):
+    if abs(across) <= abs(along) * f32(EDGE):
         eighth = int32(0)
-    elif abs(along) <= abs(aside) * f32(EDGE):
+    elif abs(along) <= abs(across) * f32(EDGE):
         eighth = int32(2)
     eighth = int32(4) - eighth if along < f32(0) else eighth
-    eighth = -eighth if aside < f32(0) else eighth
+    eighth = -eighth if across < f32(0) else eighth
     return int32(eighth & int32(impostors.VIEWS - 1))
 
 
 @kernel(inlined=True)
-def picture_of(scene, w, look, p, far, eye, rows, sharpen):
-    """What all pixels of plant p's picture share: where it stands, its texels, and how their colour is turned to light.
+def make_billboard(scene, view, p, distance, sharpen):
+    """The `Billboard` of plant p at a horizontal distance in metres.
 
-    far: its horizontal distance in metres; rows: the image's height in pixels; sharpen: levels by which it is taken
-    finer than its size asks.
+    sharpen: mip levels by which it is sampled finer than its size asks for.
     """
-    ox, oy, oz, fx, fy, fz, _, _, _, _, _, _, half_h, _, near = eye
+    camera = view.camera
     plant = scene.plants[p]
-    nx = (plant[table.P_X] - ox) / far
-    ny = (plant[table.P_Y] - oy) / far
-    foot = plant[table.P_Z] - oz
-    tall = plant[table.P_HEIGHT]
-    per_tall = f32(1) / tall
-    per_half = f32(1) / plant[table.P_HALF]
-    per_row = f32(2) * half_h / f32(rows)
+    nx = (plant[layout.P_X] - camera.x) / distance
+    ny = (plant[layout.P_Y] - camera.y) / distance
+    foot = plant[layout.P_Z] - camera.z
+    height = plant[layout.P_HEIGHT]
+    per_height = f32(1) / height
+    per_half_width = f32(1) / plant[layout.P_HALF]
 
-    # Which picture: the side that the sun lights, and the level whose texels are as large as pixels.
-    view = side_seen(nx, ny, scene.number[w, table.SUN_EAST], scene.number[w, table.SUN_NORTH])
-    kind = int32(plant[table.P_KIND])
-    ahead = max(far * (nx * fx + ny * fy) + (foot + tall * f32(0.5)) * fz, near)
-    tall_px = tall / (ahead * per_row)
-    level = int32(clamp(log2(f32(impostors.ROWS) / tall_px) - sharpen, f32(0), f32(impostors.LEVELS - 1)))
-    high = int32(impostors.ROWS) >> level
-    wide = int32(impostors.COLS) >> level
-    begin = int32(scene.place[w, table.ATLAS_AT] + scene.atlas_level[level])
-    begin = int32(begin + (kind * int32(impostors.VIEWS) + view) * high * wide)
+    # The atlas holds the side that the sun lights, on the level whose texels are as large as pixels.
+    east = scene.constants[view.world, layout.SUN_EAST]
+    side = atlas_view(nx, ny, east, scene.constants[view.world, layout.SUN_NORTH])
+    kind = int32(plant[layout.P_KIND])
+    ahead = distance * (nx * camera.forward_x + ny * camera.forward_y) + (foot + height * f32(0.5)) * camera.forward_z
+    height_px = height / (max(ahead, camera.near_m) * row_step(camera))
+    level = int32(clamp(log2(f32(impostors.ROWS) / height_px) - sharpen, f32(0), f32(impostors.LEVELS - 1)))
+    rows = int32(impostors.ROWS) >> level
+    columns = int32(impostors.COLS) >> level
+    begin = int32(scene.extents[view.world, layout.ATLAS_AT] + scene.atlas_level[level])
+    begin = int32(begin + (kind * int32(impostors.VIEWS) + side) * rows * columns)
 
-    clear = exp(-far * look[HAZE_PER_M])
-    season = look[SEASON]
-    tint_r = plant[table.P_R] * clear * f32(1 / 255.0**2) * (f32(1) + season * (scene.autumn[kind, 0] - f32(1)))
-    tint_g = plant[table.P_G] * clear * f32(1 / 255.0**2) * (f32(1) + season * (scene.autumn[kind, 1] - f32(1)))
-    tint_b = plant[table.P_B] * clear * f32(1 / 255.0**2) * (f32(1) + season * (scene.autumn[kind, 2] - f32(1)))
-    add_r = scene.number[w, table.FOG_R] * (f32(1) - clear)
-    add_g = scene.number[w, table.FOG_G] * (f32(1) - clear)
-    add_b = scene.number[w, table.FOG_B] * (f32(1) - clear)
-    sun_low = plant[table.P_LOW]
-    sun_rise = plant[table.P_HIGH] - sun_low
-    shade = scene.place[w, table.SHADE_AT] + kind * int32(impostors.VIEWS) + view
-    return (
-        (far, nx, ny, foot, per_tall, per_half),
-        (begin, wide, high),
-        (tint_r, tint_g, tint_b, add_r, add_g, add_b, sun_low, sun_rise),
-        (scene.shade[shade, 0], scene.shade[shade, 1], scene.shade[shade, 2]),
-    )
+    # Haze is the same over the whole billboard (Beer, Lambert); texels are square-root coded in 0..255.
+    clear = exp(-distance * view.look[HAZE_PER_M])
+    season = view.look[SEASON]
+    tint_r = plant[layout.P_R] * clear * f32(1 / 255.0**2) * (f32(1) + season * (scene.autumn[kind, 0] - f32(1)))
+    tint_g = plant[layout.P_G] * clear * f32(1 / 255.0**2) * (f32(1) + season * (scene.autumn[kind, 1] - f32(1)))
+    tint_b = plant[layout.P_B] * clear * f32(1 / 255.0**2) * (f32(1) + season * (scene.autumn[kind, 2] - f32(1)))
+    haze_r = scene.constants[view.world, layout.FOG_R] * (f32(1) - clear)
+    haze_g = scene.constants[view.world, layout.FOG_G] * (f32(1) - clear)
+    haze_b = scene.constants[view.world, layout.FOG_B] * (f32(1) - clear)
+    sun_low = plant[layout.P_LOW]
+    shade = scene.extents[view.world, layout.SHADE_AT] + kind * int32(impostors.VIEWS) + side
+    return Billboard(
+        distance, nx, ny, foot, per_height, per_half_width, begin, columns, rows,
+        tint_r, tint_g, tint_b, haze_r, haze_g, haze_b, sun_low, plant[layout.P_HIGH] - sun_low,
+        scene.shade[shade, 0], scene.shade[shade, 1], scene.shade[shade, 2],
+    )  # fmt: skip
 
 
 @kernel(inlined=True)
-def picture_pixel(atlas, picture, dx, dy, dz, near, ground, passing):
-    """What a picture sends through one pixel: red, green, blue, the share of `passing` it stops, and its depth.
+def billboard_pixel(atlas, board, dx, dy, dz, near, ground, passing):
+    """What a billboard adds to one pixel: red, green, blue, the share of `passing` that it stops, and its depth.
 
-    dx, dy, dz: the ray in metres per metre along the axis; ground: depth of what lies behind; passing: the light that
-    nearer plants let through.
+    dx, dy, dz: the ray in metres per metre along the axis; ground: depth of what lies behind; passing: share of light
+    that nearer plants let through.
     """
-    (far, nx, ny, foot, per_tall, per_half), (begin, wide, high), paint, (dark_r, dark_g, dark_b) = picture
-    tint_r, tint_g, tint_b, add_r, add_g, add_b, sun_low, sun_rise = paint
-    towards = dx * nx + dy * ny
-    t = far / max(towards, f32(1e-4))
-    v = (dz * t - foot) * per_tall
-    u = (dy * nx - dx * ny) * t * per_half
+    # Where the ray meets the upright plane: v from 0 at the foot to 1 at the top, u from -1 to 1 across.
+    towards = dx * board.sight_x + dy * board.sight_y
+    t = board.distance / max(towards, f32(1e-4))
+    v = (dz * t - board.foot) * board.per_height
+    u = (dy * board.sight_x - dx * board.sight_y) * t * board.per_half_width
+    # One condition at the end instead of early returns, so that the loop over pixels has no branches.
     inside = (towards > f32(1e-3)) & (t > near) & (t < ground)
     inside = inside & (v >= f32(0)) & (v < f32(1)) & (abs(u) < f32(1))
-    # Column 0 of a picture is on the camera's left, where u = 1.
-    tu = clamp((f32(1) - u) * f32(0.5) * f32(wide) - f32(0.5), f32(0), f32(wide) - f32(1.001))
-    tv = clamp(v * f32(high) - f32(0.5), f32(0), f32(high) - f32(1.001))
+    # Column 0 of a billboard is on the camera's left, where u = 1.
+    tu = clamp((f32(1) - u) * f32(0.5) * f32(board.columns) - f32(0.5), f32(0), f32(board.columns) - f32(1.001))
+    tv = clamp(v * f32(board.rows) - f32(0.5), f32(0), f32(board.rows) - f32(1.001))
     column = int32(tu)
     row = int32(tv)
     a = tu - f32(column)
     b = tv - f32(row)
-    at = begin + row * wide + column
-    t00 = atlas[uint32(at)]
-    t10 = atlas[uint32(at + 1)]
-    t01 = atlas[uint32(at + wide)]
-    t11 = atlas[uint32(at + wide + 1)]
+    k = board.begin + row * board.columns + column
+    t00 = atlas[uint32(k)]
+    t10 = atlas[uint32(k + 1)]
+    t01 = atlas[uint32(k + board.columns)]
+    t11 = atlas[uint32(k + board.columns + 1)]
     # Colours are weighted by coverage, so that empty texels do not bleed in.
     w00 = (f32(1) - a) * (f32(1) - b) * channel(t00, 24)
     w10 = a * (f32(1) - b) * channel(t10, 24)
@@ -131,60 +166,67 @@ def picture_pixel(atlas, picture, dx, dy, dz, near, ground, passing):
     cr *= share
     cg *= share
     cb *= share
-    sun = clamp(sun_low + sun_rise * v, f32(0), f32(1))
+    sun = clamp(board.sun_low + board.sun_rise * v, f32(0), f32(1))
+    # Front-to-back compositing (Porter, Duff 1984): what is stopped here takes its share of what still passes.
     part = passing * cover * f32(1 / 255.0) if inside else f32(0)
-    red = part * (cr * cr * tint_r * (dark_r + (f32(1) - dark_r) * sun) + add_r)
-    green = part * (cg * cg * tint_g * (dark_g + (f32(1) - dark_g) * sun) + add_g)
-    blue = part * (cb * cb * tint_b * (dark_b + (f32(1) - dark_b) * sun) + add_b)
+    red = part * (cr * cr * board.tint_r * (board.shade_r + (f32(1) - board.shade_r) * sun) + board.haze_r)
+    green = part * (cg * cg * board.tint_g * (board.shade_g + (f32(1) - board.shade_g) * sun) + board.haze_g)
+    blue = part * (cb * cb * board.tint_b * (board.shade_b + (f32(1) - board.shade_b) * sun) + board.haze_b)
     return red, green, blue, part, t
 
 
 @kernel(inlined=True)
-def nearest_ray(far, eye):
-    """Lower bound of the depth at which any ray meets a picture at a horizontal distance: the upper corners' rays."""
-    _, _, _, fx, fy, _, _, _, ux, uy, _, half_w, half_h, _, _ = eye
-    spread = math.sqrt(fx * fx + fy * fy) + half_h * math.sqrt(ux * ux + uy * uy)
-    return far / math.sqrt(spread * spread + half_w * half_w)
+def nearest_depth(distance, camera):
+    """Lower bound of the depth at which any ray meets a billboard at a horizontal distance: that of the upper corners.
+
+    An upper corner's ray is the one that gets farthest horizontally per metre along the axis.
+    """
+    level = math.sqrt(camera.forward_x * camera.forward_x + camera.forward_y * camera.forward_y)
+    rise = math.sqrt(camera.up_x * camera.up_x + camera.up_y * camera.up_y)
+    spread = level + camera.half_h * rise
+    return distance / math.sqrt(spread * spread + camera.half_w * camera.half_w)
 
 
 @kernel(disjoint=True)
-def draw_picture(atlas, picture, nearest, eye, box, height, top, deepest, planes):
-    """Draw a picture, from `picture_of`, into the blocks of its box that are not closed.
+def draw_billboard(atlas, board, nearest, camera, box, top, deepest, planes):
+    """Draw a `Billboard` into the blocks of its box that are not closed.
 
-    nearest: see `nearest_ray`; box: the columns from, to and rows from, to; rows are those from `top` on of an image of
-    `height` rows. deepest [R, W' / BLOCK]: the greatest depth of a block's pixels, 0 once it is closed; planes: flat
-    views [R * W'] of depth, red, green, blue, light, solid, as in `plants.draw_plants`.
+    nearest: see `nearest_depth`; box: the columns from, to and rows from, to, where row 0 is row `top` of the image.
+    deepest [R, W' / BLOCK]: the greatest depth of a block's pixels, 0 once it is closed; planes: `Planes` of flat views
+    [R * W'], as in `plants.draw_plants`.
     """
-    _, _, _, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, near = eye
-    depth, red, green, blue, light, solid = planes
+    depth, _, red, green, blue, light, plant_depth = planes
     c0, c1, r0, r1 = box
     columns = deepest.shape[1] * BLOCK
-    per_row = f32(2) * half_h / f32(height)
+    per_row = row_step(camera)
     for r in range(r0, r1):
-        sy = half_h - (f32(top + r) + f32(0.5)) * per_row
-        base_x = fx + sy * ux
-        base_y = fy + sy * uy
-        base_z = fz + sy * uz
+        sy = camera.half_h - (f32(top + r) + f32(0.5)) * per_row
+        base_x = camera.forward_x + sy * camera.up_x
+        base_y = camera.forward_y + sy * camera.up_y
+        base_z = camera.forward_z + sy * camera.up_z
         for bx in range(c0 // BLOCK, (c1 - 1) // BLOCK + 1):
+            # A closed block has depth 0; one whose ground is nearer than the plant shows none of it.
             if deepest[r, bx] < nearest:
                 continue
+            # An unsigned index needs no test for negative ones, which would break up the vectors.
             first = uint64(r * columns + bx * BLOCK)
-            left = (f32(bx * BLOCK) + f32(0.5)) * per_column - half_w
+            left = (f32(bx * BLOCK) + f32(0.5)) * camera.column_step - camera.half_w
             still = f32(0)
             for i in range(BLOCK):
                 k = first + uint64(i)
-                sx = left + f32(i) * per_column
+                sx = left + f32(i) * camera.column_step
                 passing = light[k]
-                add_r, add_g, add_b, part, t = picture_pixel(
-                    atlas, picture, base_x + sx * rx, base_y + sx * ry, base_z, near, depth[k], passing
-                )
+                add_r, add_g, add_b, part, t = billboard_pixel(
+                    atlas, board, base_x + sx * camera.right_x, base_y + sx * camera.right_y, base_z,
+                    camera.near_m, depth[k], passing,
+                )  # fmt: skip
                 red[k] += add_r
                 green[k] += add_g
                 blue[k] += add_b
                 rest = passing - part
                 light[k] = rest
                 crossed = (passing >= f32(0.5)) & (rest < f32(0.5))
-                solid[k] = t if crossed else solid[k]
+                plant_depth[k] = t if crossed else plant_depth[k]
                 # Later plants are no nearer: ground before this one hides them too.
                 still += max(rest - f32(CLOSED), f32(0)) if depth[k] > nearest else f32(0)
             deepest[r, bx] = deepest[r, bx] if still > f32(0) else f32(0)

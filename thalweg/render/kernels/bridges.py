@@ -1,73 +1,119 @@
-"""Where does a ray meet an arch bridge, and what does the stone look like there?
+"""Kernels for arch bridges: where a ray meets one, and the radiance of its stone.
 
-A bridge is an extruded outline: across its deck (v) it is the same everywhere, so a ray is cut to the slab between its
-two faces and then marched through the outline of arch and deck in the (u, z) plane. Parapets are two thin extrusions
-more. Absent on purpose: anything that would need a mesh.
+A bridge is an extruded profile: across its deck (v) it is the same everywhere, so a ray is cut to the slab between its
+two faces and then marched through the profile of arch and deck in the (u, z) plane. Parapets are two thin extrusions
+more. Anything that would need a mesh is absent on purpose.
 """
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import int32
 
 from thalweg.core.jit import kernel
+from thalweg.render.kernels.camera_rays import row_step
 from thalweg.render.kernels.fast_math import exp, floor
 from thalweg.render.kernels.table_lookup import clamp
-from thalweg.render.records import scene as table
+from thalweg.render.records import layout
 from thalweg.render.records.appearance import HAZE_PER_M
 from thalweg.world.record import PARAPET_THICKNESS_M
 
 f32 = np.float32
 
 STEPS = 40
+"""Steps of the march through a profile."""
 FAR_M = 400.0
 """Bridges farther than this are not drawn."""
 FOOT_M = 3.0
 """How far the piers reach below the spring of the arch, into bed and bank."""
 STONE = (0.40, 0.36, 0.29)
+"""Reflectance of the stone in red, green and blue."""
 SKY_UNDER = 0.30
 """Share of the sky's light that reaches the underside of the arch, mostly by way of the water."""
 BOUNCE = 0.04
-"""Radiance that white stone sends back of what ground and water send up to it."""
+"""Radiance of white stone under the light that ground and water reflect up to it."""
 COURSE_M = 0.32
+"""Height of a course of masonry, length of its blocks, width of the joints and their darkness."""
 BLOCK_M = 0.62
 JOINT_M = 0.02
 JOINT_DEPTH = 0.38
 BLOCK_CONTRAST = 0.42
 
 
-@kernel(inlined=True)
-def outline_gap(u, z, low, high_centre, half_length, hump, half_span, spring, rise):
-    """Greater than zero outside the outline at (u, z): the largest of its distances beyond a side, all in metres."""
-    share = u / half_length
-    top = z - (high_centre - hump * share * share)
-    across = u / half_span
-    arch = spring + rise * math.sqrt(max(f32(1) - across * across, f32(0)))
-    hollow = arch - z if abs(u) < half_span else f32(-1)
-    return max(max(top, low - z), max(hollow, abs(u) - half_length))
+class BridgeRay(NamedTuple):
+    """A ray in a bridge's frame: u along the axis, v across it, z up, in metres, and their rates per unit of t."""
+
+    u: Any
+    v: Any
+    z: Any
+    du: Any
+    dv: Any
+    dz: Any
+
+
+class Profile(NamedTuple):
+    """A profile in the (u, z) plane, in metres: a slab with a humped top and an elliptic arch cut out of it."""
+
+    low: Any
+    """Lowest z."""
+    high: Any
+    """z of the top over the middle; towards the ends it is lower by up to `hump`."""
+    half_length: Any
+    hump: Any
+    half_span: Any
+    """Half width of the arch."""
+    spring: Any
+    """z at which the arch begins, and how far it rises from there."""
+    rise: Any
+
+
+class BridgeHit(NamedTuple):
+    """Where a ray meets a bridge: t (-1: nowhere), the point and the normal in the bridge's frame."""
+
+    t: Any
+    u: Any
+    v: Any
+    normal_u: Any
+    normal_v: Any
+    normal_z: Any
+    z: Any
 
 
 @kernel(inlined=True)
-def meet_extrusion(
-    u, v, z, du, dv, dz, v_low, v_high, low, high, half_length, hump, half_span, spring, rise, near, far
-):
-    """The first t in near..far at which a ray is in an extruded outline (-1: none), and 1 if it entered by a face."""
-    inverse = f32(1) / (dv if abs(dv) > f32(1e-6) else f32(1e-6))
-    ta = (v_low - v) * inverse
-    tb = (v_high - v) * inverse
+def profile_gap(profile, u, z):
+    """Greater than zero outside a profile at (u, z): the largest distance beyond one of its sides, in metres."""
+    share = u / profile.half_length
+    top = z - (profile.high - profile.hump * share * share)
+    across = u / profile.half_span
+    arch = profile.spring + profile.rise * math.sqrt(max(f32(1) - across * across, f32(0)))
+    hollow = arch - z if abs(u) < profile.half_span else f32(-1)
+    return max(max(top, profile.low - z), max(hollow, abs(u) - profile.half_length))
+
+
+@kernel(inlined=True)
+def meet_extrusion(ray, v_low, v_high, profile, near, far):
+    """The first t in near..far at which a ray is inside an extruded profile (-1: none), and 1 if it entered by a face.
+
+    The profile is extruded over v_low..v_high.
+    """
+    # Slabs (Kay, Kajiya 1986), first between the two faces. The divisor is kept from zero.
+    inverse = f32(1) / (ray.dv if abs(ray.dv) > f32(1e-6) else f32(1e-6))
+    ta = (v_low - ray.v) * inverse
+    tb = (v_high - ray.v) * inverse
     enter = max(min(ta, tb), near)
     leave = min(max(ta, tb), far)
     by_face = f32(1) if min(ta, tb) >= near else f32(0)
-    # The box around the outline cuts the ray further.
-    inverse = f32(1) / (du if abs(du) > f32(1e-6) else f32(1e-6))
-    ta = (-half_length - u) * inverse
-    tb = (half_length - u) * inverse
+    # The box around the profile cuts the ray further.
+    inverse = f32(1) / (ray.du if abs(ray.du) > f32(1e-6) else f32(1e-6))
+    ta = (-profile.half_length - ray.u) * inverse
+    tb = (profile.half_length - ray.u) * inverse
     by_face = f32(0) if min(ta, tb) > enter else by_face
     enter = max(enter, min(ta, tb))
     leave = min(leave, max(ta, tb))
-    inverse = f32(1) / (dz if abs(dz) > f32(1e-6) else f32(1e-6))
-    ta = (low - z) * inverse
-    tb = (high - z) * inverse
+    inverse = f32(1) / (ray.dz if abs(ray.dz) > f32(1e-6) else f32(1e-6))
+    ta = (profile.low - ray.z) * inverse
+    tb = (profile.high - ray.z) * inverse
     by_face = f32(0) if min(ta, tb) > enter else by_face
     enter = max(enter, min(ta, tb))
     leave = min(leave, max(ta, tb))
@@ -75,9 +121,10 @@ def meet_extrusion(
     if enter < leave:
         step = (leave - enter) / f32(STEPS)
         before = enter
+        # Slightly inside the face, whose own points would otherwise count as outside by rounding.
         t = enter + step * f32(0.001)
         for k in range(STEPS + 1):
-            gap = outline_gap(u + du * t, z + dz * t, low, high, half_length, hump, half_span, spring, rise)
+            gap = profile_gap(profile, ray.u + ray.du * t, ray.z + ray.dz * t)
             if gap <= f32(0):
                 found = t
                 if k > 0:
@@ -85,9 +132,7 @@ def meet_extrusion(
                     # Halve the last step until the surface is met to the millimetre.
                     for _ in range(8):
                         middle = f32(0.5) * (before + found)
-                        gap = outline_gap(
-                            u + du * middle, z + dz * middle, low, high, half_length, hump, half_span, spring, rise
-                        )
+                        gap = profile_gap(profile, ray.u + ray.du * middle, ray.z + ray.dz * middle)
                         inside = gap <= f32(0)
                         found = middle if inside else found
                         before = before if inside else middle
@@ -98,113 +143,120 @@ def meet_extrusion(
 
 
 @kernel
-def bridge_box(row, eye, height, width):
-    """The columns from, to and rows from, to that a bridge may touch on the screen."""
-    ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, near = eye
-    per_row = f32(2) * half_h / f32(height)
+def bridge_box(row, camera):
+    """The columns from, to and rows from, to that a bridge may touch in the image."""
+    per_row = row_step(camera)
     low_x = f32(1e9)
     high_x = f32(-1e9)
     low_y = f32(1e9)
     high_y = f32(-1e9)
     behind = 0
     for corner in range(8):
-        u = row[table.B_HALF_LENGTH] if corner & 1 else -row[table.B_HALF_LENGTH]
-        v = row[table.B_HALF_WIDTH] if corner & 2 else -row[table.B_HALF_WIDTH]
-        z = row[table.B_DECK] + row[table.B_PARAPET] if corner & 4 else row[table.B_SPRING] - f32(FOOT_M)
-        px = row[table.B_X] + u * row[table.B_COS] - v * row[table.B_SIN] - ox
-        py = row[table.B_Y] + u * row[table.B_SIN] + v * row[table.B_COS] - oy
-        pz = z - oz
-        ahead = px * fx + py * fy + pz * fz
-        behind += 1 if ahead < near else 0
+        u = row[layout.B_HALF_LENGTH] if corner & 1 else -row[layout.B_HALF_LENGTH]
+        v = row[layout.B_HALF_WIDTH] if corner & 2 else -row[layout.B_HALF_WIDTH]
+        z = row[layout.B_DECK] + row[layout.B_PARAPET] if corner & 4 else row[layout.B_SPRING] - f32(FOOT_M)
+        px = row[layout.B_X] + u * row[layout.B_COS] - v * row[layout.B_SIN] - camera.x
+        py = row[layout.B_Y] + u * row[layout.B_SIN] + v * row[layout.B_COS] - camera.y
+        pz = z - camera.z
+        ahead = px * camera.forward_x + py * camera.forward_y + pz * camera.forward_z
+        behind += 1 if ahead < camera.near_m else 0
         ahead = max(ahead, f32(0.01))
-        sx = (px * rx + py * ry) / ahead
-        sy = (px * ux + py * uy + pz * uz) / ahead
+        sx = (px * camera.right_x + py * camera.right_y) / ahead
+        sy = (px * camera.up_x + py * camera.up_y + pz * camera.up_z) / ahead
         low_x = min(low_x, sx)
         high_x = max(high_x, sx)
         low_y = min(low_y, sy)
         high_y = max(high_y, sy)
+    # With corners on both sides of the near plane their images bound nothing: the whole image is searched.
     c0 = int32(0)
-    c1 = int32(width)
+    c1 = int32(camera.width)
     r0 = int32(0)
-    r1 = int32(height)
+    r1 = int32(camera.height)
     if behind == 8:
         c1 = int32(0)
         r1 = int32(0)
     elif behind == 0:
-        c0 = int32(clamp((low_x + half_w) / per_column, f32(0), f32(width)))
-        c1 = int32(clamp((high_x + half_w) / per_column + f32(1), f32(0), f32(width)))
-        r0 = int32(clamp((half_h - high_y) / per_row, f32(0), f32(height)))
-        r1 = int32(clamp((half_h - low_y) / per_row + f32(1), f32(0), f32(height)))
+        c0 = int32(clamp((low_x + camera.half_w) / camera.column_step, f32(0), f32(camera.width)))
+        c1 = int32(clamp((high_x + camera.half_w) / camera.column_step + f32(1), f32(0), f32(camera.width)))
+        r0 = int32(clamp((camera.half_h - high_y) / per_row, f32(0), f32(camera.height)))
+        r1 = int32(clamp((camera.half_h - low_y) / per_row + f32(1), f32(0), f32(camera.height)))
     return c0, c1, r0, r1
 
 
 @kernel(inlined=True)
-def meet_bridge(row, ox, oy, oz, dx, dy, dz, near, far):
-    """Where a ray (world metres) first meets a bridge: t or -1, the point's u, v, the normal in (u, v, z), and z."""
-    cos = row[table.B_COS]
-    sin = row[table.B_SIN]
-    px = ox - row[table.B_X]
-    py = oy - row[table.B_Y]
-    u = px * cos + py * sin
-    v = py * cos - px * sin
-    du = dx * cos + dy * sin
-    dv = dy * cos - dx * sin
-    half = row[table.B_HALF_WIDTH]
-    length = row[table.B_HALF_LENGTH]
-    hump = row[table.B_HUMP]
-    span = row[table.B_SPAN]
-    spring = row[table.B_SPRING]
-    rise = row[table.B_RISE]
-    deck = row[table.B_DECK]
-    parapet = row[table.B_PARAPET]
+def meet_bridge(row, camera, dx, dy, dz, far):
+    """The `BridgeHit` of a camera's ray with the bridge of a row of `Scene.bridges`, no farther than `far`.
+
+    dx, dy, dz: the ray in metres per metre along the axis.
+    """
+    cos = row[layout.B_COS]
+    sin = row[layout.B_SIN]
+    px = camera.x - row[layout.B_X]
+    py = camera.y - row[layout.B_Y]
+    ray = BridgeRay(px * cos + py * sin, py * cos - px * sin, camera.z, dx * cos + dy * sin, dy * cos - dx * sin, dz)
+    half = row[layout.B_HALF_WIDTH]
+    length = row[layout.B_HALF_LENGTH]
+    hump = row[layout.B_HUMP]
+    span = row[layout.B_SPAN]
+    spring = row[layout.B_SPRING]
+    deck = row[layout.B_DECK]
     wall = f32(PARAPET_THICKNESS_M)
-    low = spring - f32(FOOT_M)
-    t, face = meet_extrusion(
-        u, v, oz, du, dv, dz, -half, half, low, deck, length, hump, span, spring, rise, near, far
-    )  # fmt: skip
+    body = Profile(spring - f32(FOOT_M), deck, length, hump, span, spring, row[layout.B_RISE])
+    t, by_face = meet_extrusion(ray, -half, half, body, camera.near_m, far)
     far = t if t > f32(0) else far
-    # The parapets' outlines have no arch: its span is put out of reach below them.
+    # The parapets' profiles have no arch: its span is put out of reach below them.
+    parapet = Profile(
+        deck - hump, deck + row[layout.B_PARAPET], length, hump, span, deck - hump - f32(9), f32(0.01)
+    )  # fmt: skip
     for side in range(2):
         inner = half - wall
         v_low = inner if side == 0 else -half
-        ts, fs = meet_extrusion(
-            u, v, oz, du, dv, dz, v_low, v_low + wall, deck - hump, deck + parapet,
-            length, hump, span, deck - hump - f32(9), f32(0.01), near, far,
-        )  # fmt: skip
+        ts, fs = meet_extrusion(ray, v_low, v_low + wall, parapet, camera.near_m, far)
         t = ts if ts > f32(0) else t
-        face = fs if ts > f32(0) else face
+        by_face = fs if ts > f32(0) else by_face
         far = ts if ts > f32(0) else far
-    hu = u + du * t
-    hv = v + dv * t
-    hz = oz + dz * t
-    along = hu / length
-    on_top = hz > deck - hump * along * along - f32(0.02)
-    end = abs(hu) > length - f32(0.01)
-    nu = f32(0)
-    nv = f32(0)
-    nz = f32(0)
-    if face > f32(0):
-        nv = f32(-1) if dv > f32(0) else f32(1)
-    elif on_top:
-        nz = f32(1)
-    elif end:
-        nu = f32(1) if hu > f32(0) else f32(-1)
-    else:
-        # The intrados faces the axis of the arch, the piers below it face each other.
-        eu = -hu / (span * span)
-        ez = -max(hz - spring, f32(0)) / (rise * rise)
-        size = math.sqrt(eu * eu + ez * ez) + f32(1e-9)
-        nu = eu / size
-        nz = ez / size
-    return t, hu, hv, nu, nv, nz, hz
+    return hit_normal(row, ray, t, by_face)
 
 
 @kernel(inlined=True)
-def block_shade(a, b, footprint):
+def hit_normal(row, ray, t, by_face):
+    """The `BridgeHit` at t along a ray, which entered by a face of the extrusion if by_face is 1."""
+    length = row[layout.B_HALF_LENGTH]
+    span = row[layout.B_SPAN]
+    rise = row[layout.B_RISE]
+    u = ray.u + ray.du * t
+    v = ray.v + ray.dv * t
+    z = ray.z + ray.dz * t
+    along = u / length
+    on_top = z > row[layout.B_DECK] - row[layout.B_HUMP] * along * along - f32(0.02)
+    end = abs(u) > length - f32(0.01)
+    nu = f32(0)
+    nv = f32(0)
+    nz = f32(0)
+    if by_face > f32(0):
+        nv = f32(-1) if ray.dv > f32(0) else f32(1)
+    elif on_top:
+        nz = f32(1)
+    elif end:
+        nu = f32(1) if u > f32(0) else f32(-1)
+    else:
+        # The intrados faces the axis of the arch, the piers below it face each other.
+        eu = -u / (span * span)
+        ez = -max(z - row[layout.B_SPRING], f32(0)) / (rise * rise)
+        size = math.sqrt(eu * eu + ez * ez) + f32(1e-9)
+        nu = eu / size
+        nz = ez / size
+    return BridgeHit(t, u, v, nu, nv, nz, z)
+
+
+@kernel(inlined=True)
+def masonry(a, b, footprint):
     """Brightness of masonry at a along a course and b across courses (metres), faded by the pixel's footprint."""
     course = floor(b / f32(COURSE_M))
+    # Every other course is shifted by half a block, as in a stretcher bond.
     shifted = a / f32(BLOCK_M) + f32(0.5) * course
     block = floor(shifted)
+    # An integer hash gives each block its own shade.
     mixed = np.uint32(np.uint32(int32(block)) * np.uint32(374761393) + np.uint32(int32(course)) * np.uint32(668265263))
     mixed = np.uint32((mixed ^ (mixed >> np.uint32(13))) * np.uint32(1274126177))
     tone = f32(int32((mixed >> np.uint32(16)) & np.uint32(255))) * f32(1 / 255.0)
@@ -218,47 +270,54 @@ def block_shade(a, b, footprint):
 
 
 @kernel(inlined=True)
-def shade_stone(scene, w, look, row, found, far, footprint, climb):
-    """Radiance of the stone at a point found by `meet_bridge`; far and footprint in metres.
+def shade_stone(scene, view, row, hit, distance, footprint, climb):
+    """Radiance of the stone at a `BridgeHit`: red, green, blue, haze included; distance and footprint in metres.
 
     climb: rise of the line of sight, in metres per metre along it.
     """
-    _, u, v, nu, nv, nz, z = found
-    cos = row[table.B_COS]
-    sin = row[table.B_SIN]
-    nx = nu * cos - nv * sin
-    ny = nu * sin + nv * cos
-    number = scene.number
-    facing = max(nx * number[w, table.SUN_X] + ny * number[w, table.SUN_Y] + nz * number[w, table.SUN_Z], f32(0))
-    height = z - row[table.B_SPRING]
+    cos = row[layout.B_COS]
+    sin = row[layout.B_SIN]
+    nx = hit.normal_u * cos - hit.normal_v * sin
+    ny = hit.normal_u * sin + hit.normal_v * cos
+    nz = hit.normal_z
+    number = scene.constants
+    w = view.world
+    facing = max(nx * number[w, layout.SUN_X] + ny * number[w, layout.SUN_Y] + nz * number[w, layout.SUN_Z], f32(0))
+    height = hit.z - row[layout.B_SPRING]
     # No sun gets to the vault: what it does not shade itself the piers do.
-    under = (nv == f32(0)) & (nz < f32(0.5)) & (abs(u) < row[table.B_SPAN] + f32(0.02))
+    under = (hit.normal_v == f32(0)) & (nz < f32(0.5)) & (abs(hit.u) < row[layout.B_SPAN] + f32(0.02))
     open_sky = f32(SKY_UNDER) if under else f32(0.55) + f32(0.45) * max(nz, f32(0))
     direct = f32(0) if under else facing
-    # The sunlit top of a parapet that looks thinner than a pixel is dimmed as much as a pixel misses it; the definition
-    # has samples enough to do without.
-    share = u / row[table.B_HALF_LENGTH]
-    raised = z > row[table.B_DECK] - row[table.B_HUMP] * share * share + f32(0.05)
+    # The sunlit top of a parapet that looks thinner than a pixel is dimmed by the share of the pixel that it misses.
+    # The reference has enough samples to do without.
+    share = hit.u / row[layout.B_HALF_LENGTH]
+    raised = hit.z > row[layout.B_DECK] - row[layout.B_HUMP] * share * share + f32(0.05)
     thin = min(f32(PARAPET_THICKNESS_M) * abs(climb) / max(footprint, f32(1e-6)), f32(1))
     direct *= thin if raised and nz > f32(0.9) else f32(1)
-    along = u if abs(nu) < f32(0.7) else v
-    up = height if abs(nz) < f32(0.7) else v
-    # The ring of voussoirs around the arch is paler and has joints along its radius.
-    across = u / row[table.B_SPAN]
-    rise = height / (row[table.B_RISE] + f32(0.001))
+    tone = stone_tone(row, hit, height, footprint)
+    clear = exp(-distance * view.look[HAZE_PER_M])
+    bounce = f32(BOUNCE)
+    red = f32(STONE[0]) * tone * (direct * f32(layout.SUN_R) + open_sky * f32(layout.SKY_R) + bounce)
+    green = f32(STONE[1]) * tone * (direct * f32(layout.SUN_G) + open_sky * f32(layout.SKY_G) + bounce)
+    blue = f32(STONE[2]) * tone * (direct * f32(layout.SUN_B) + open_sky * f32(layout.SKY_B) + bounce)
+    return (
+        red * clear + number[w, layout.FOG_R] * (f32(1) - clear),
+        green * clear + number[w, layout.FOG_G] * (f32(1) - clear),
+        blue * clear + number[w, layout.FOG_B] * (f32(1) - clear),
+    )
+
+
+@kernel(inlined=True)
+def stone_tone(row, hit, height, footprint):
+    """Factor on the stone's reflectance at a `BridgeHit`: masonry, the ring of the arch, and damp near the water."""
+    along = hit.u if abs(hit.normal_u) < f32(0.7) else hit.v
+    up = height if abs(hit.normal_z) < f32(0.7) else hit.v
+    # The ring of voussoirs around the arch is paler.
+    across = hit.u / row[layout.B_SPAN]
+    rise = height / (row[layout.B_RISE] + f32(0.001))
     ring = math.sqrt(across * across + rise * rise)
-    on_ring = (ring > f32(0.99)) & (ring < f32(1.16)) & (abs(nv) > f32(0.5))
-    tone = block_shade(along, up, footprint) * (f32(1.18) if on_ring else f32(1))
+    on_ring = (ring > f32(0.99)) & (ring < f32(1.16)) & (abs(hit.normal_v) > f32(0.5))
+    tone = masonry(along, up, footprint) * (f32(1.18) if on_ring else f32(1))
     # Damp and moss near the water.
     damp = min(max(height * f32(0.9) + f32(0.1), f32(0)), f32(1))
-    tone *= f32(0.55) + f32(0.45) * damp
-    bounce = f32(BOUNCE)
-    clear = exp(-far * look[HAZE_PER_M])
-    red = f32(STONE[0]) * tone * (direct * f32(table.SUN_R) + open_sky * f32(table.SKY_R) + bounce)
-    green = f32(STONE[1]) * tone * (direct * f32(table.SUN_G) + open_sky * f32(table.SKY_G) + bounce)
-    blue = f32(STONE[2]) * tone * (direct * f32(table.SUN_B) + open_sky * f32(table.SKY_B) + bounce)
-    return (
-        red * clear + number[w, table.FOG_R] * (f32(1) - clear),
-        green * clear + number[w, table.FOG_G] * (f32(1) - clear),
-        blue * clear + number[w, table.FOG_B] * (f32(1) - clear),
-    )
+    return tone * (f32(0.55) + f32(0.45) * damp)

@@ -1,83 +1,141 @@
-"""Where does each pixel look? The camera at a pose, and the rays through its pixels."""
+"""Kernels for the camera at a pose, the rays through its pixels, and the points that those rays meet."""
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import uint32
 
 from thalweg.core.jit import kernel
+from thalweg.render.records import layout
 from thalweg.render.records.appearance import HALF_H, HALF_W, PITCH
+from thalweg.render.records.view import PosedCamera
 
 f32 = np.float32
 
 
-@kernel(inlined=True)
-def open_eye(x, y, z, yaw, look, width, near):
-    """The camera at a pose: origin, forward, right and up vectors, half width and height, width of a pixel, near plane.
+class Rays(NamedTuple):
+    """Directions of rays, arrays [n] float32 per metre along the optical axis: x and y in nodes, z in metres."""
 
-    x, y, z in metres, yaw in radians, width in pixels, near in metres. The right vector has no height, for the camera
-    does not roll.
-    """
+    x: Any
+    y: Any
+    z: Any
+
+
+class Origin(NamedTuple):
+    """Where the rays of a camera begin: x and y in nodes from the map's origin, z in metres."""
+
+    x: Any
+    y: Any
+    z: Any
+
+
+class HitPoints(NamedTuple):
+    """Points that rays meet, arrays [n] float32."""
+
+    x: Any
+    """Nodes from the map's origin, as the next."""
+    y: Any
+    z: Any
+    """Metres."""
+    sight_x: Any
+    """Unit direction of sight in metres, as the next two."""
+    sight_y: Any
+    sight_z: Any
+    distance: Any
+    """Metres from the camera."""
+
+
+class Radiance(NamedTuple):
+    """Radiance of n pixels, arrays [n] float32."""
+
+    red: Any
+    green: Any
+    blue: Any
+
+
+@kernel
+def pose_camera(pose, look, settings):
+    """The `PosedCamera` at a pose [4]: x, y, z in metres, yaw in radians."""
     pitch = look[PITCH]
     half_w = look[HALF_W]
     cos_p = f32(math.cos(pitch))
     sin_p = f32(math.sin(pitch))
-    cos_y = f32(math.cos(yaw))
-    sin_y = f32(math.sin(yaw))
-    return (
-        f32(x), f32(y), f32(z),
+    # The yaw is float64: its sine and cosine are rounded once, at the end.
+    cos_y = f32(math.cos(pose[3]))
+    sin_y = f32(math.sin(pose[3]))
+    return PosedCamera(
+        f32(pose[0]), f32(pose[1]), f32(pose[2]),
         cos_y * cos_p, sin_y * cos_p, -sin_p,
         sin_y, -cos_y,
         cos_y * sin_p, sin_y * sin_p, cos_p,
-        half_w, look[HALF_H], f32(2) * half_w / f32(width), near,
+        half_w, look[HALF_H], f32(2) * half_w / f32(settings.width), settings.near_m,
+        settings.height, settings.width,
     )  # fmt: skip
 
 
-@kernel
-def eye_of(pose, look, camera):
-    """The camera at a pose [4], as of `open_eye`; camera: as of `batch.draw`."""
-    return open_eye(pose[0], pose[1], pose[2], pose[3], look, camera[1], camera[2])
+@kernel(inlined=True)
+def row_step(camera):
+    """Height of a pixel on the image plane at distance one."""
+    return f32(2) * camera.half_h / f32(camera.height)
+
+
+@kernel(inlined=True)
+def map_origin(scene, view):
+    """Where the rays of a view begin, in the coordinates of its world's map."""
+    inv_cell = scene.constants[view.world, layout.INV_CELL]
+    return Origin(
+        (view.camera.x - scene.constants[view.world, layout.ORIGIN_X]) * inv_cell,
+        (view.camera.y - scene.constants[view.world, layout.ORIGIN_Y]) * inv_cell,
+        view.camera.z,
+    )
 
 
 @kernel(disjoint=True)
-def aim(eye, height, r, first, inv_cell, dx, dy, dz, n):
-    """The rays of row r from column `first` on: dx, dy [n] in nodes and dz [n] in metres per metre along the axis."""
-    _, _, _, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, _ = eye
-    sy = half_h - (f32(r) + f32(0.5)) * (f32(2) * half_h / f32(height))
+def row_rays(camera, row, first, inv_cell, rays, n):
+    """Fill rays [n] with those through the centres of the pixels of a row, from column `first` on."""
+    dx, dy, dz = rays
+    sy = camera.half_h - (f32(row) + f32(0.5)) * row_step(camera)
     for c in range(n):
-        sx = (f32(first + c) + f32(0.5)) * per_column - half_w
-        dx[c] = (fx + sy * ux + sx * rx) * inv_cell
-        dy[c] = (fy + sy * uy + sx * ry) * inv_cell
-        dz[c] = fz + sy * uz
+        sx = (f32(first + c) + f32(0.5)) * camera.column_step - camera.half_w
+        dx[c] = (camera.forward_x + sy * camera.up_x + sx * camera.right_x) * inv_cell
+        dy[c] = (camera.forward_y + sy * camera.up_y + sx * camera.right_y) * inv_cell
+        dz[c] = camera.forward_z + sy * camera.up_z
 
 
 @kernel(disjoint=True)
-def aim_squares(eye, height, r, size, inv_cell, dx, dy, dz, first, n):
-    """As `aim`, for the middles of n squares of `size` pixels a side, from number `first` on, whose first row is r."""
-    _, _, _, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, _ = eye
-    sy = half_h - (f32(r) + f32(0.5) * f32(size)) * (f32(2) * half_h / f32(height))
+def square_rays(camera, row, size, inv_cell, rays, first, n):
+    """Fill rays [n] with those through the middles of squares of `size` pixels a side, from number `first` on.
+
+    row: the first row of the squares.
+    """
+    dx, dy, dz = rays
+    sy = camera.half_h - (f32(row) + f32(0.5) * f32(size)) * row_step(camera)
     for k in range(n):
-        sx = (f32(first + k) + f32(0.5)) * f32(size) * per_column - half_w
-        dx[k] = (fx + sy * ux + sx * rx) * inv_cell
-        dy[k] = (fy + sy * uy + sx * ry) * inv_cell
-        dz[k] = fz + sy * uz
+        sx = (f32(first + k) + f32(0.5)) * f32(size) * camera.column_step - camera.half_w
+        dx[k] = (camera.forward_x + sy * camera.up_x + sx * camera.right_x) * inv_cell
+        dy[k] = (camera.forward_y + sy * camera.up_y + sx * camera.right_y) * inv_cell
+        dz[k] = camera.forward_z + sy * camera.up_z
 
 
 @kernel(disjoint=True)
-def reach(node_x, node_y, oz, inv_cell, ray_x, ray_y, ray_z, depth, at, x, y, z, dx, dy, dz, far, n):
-    """For the pixels at[:n] of a row: the point met (x, y in nodes, z), the unit direction of sight, the distance."""
+def hit_points(origin, inv_cell, rays, depth, chosen, points, n):
+    """Fill `HitPoints` [n] for the pixels chosen[:n] of a row, whose depths [W'] are along the optical axis."""
+    ray_x, ray_y, ray_z = rays
+    x, y, z, dx, dy, dz, distance = points
     cell = f32(1) / inv_cell
     for k in range(n):
-        c = uint32(at[k])
+        c = uint32(chosen[k])
         vx = ray_x[c]
         vy = ray_y[c]
         vz = ray_z[c]
         t = depth[c]
+        # Depths count along the axis: the ray itself is longer by this factor.
         slant = math.sqrt((vx * vx + vy * vy) * cell * cell + vz * vz)
-        x[k] = node_x + vx * t
-        y[k] = node_y + vy * t
-        z[k] = oz + vz * t
+        x[k] = origin.x + vx * t
+        y[k] = origin.y + vy * t
+        z[k] = origin.z + vz * t
         dx[k] = vx * cell / slant
         dy[k] = vy * cell / slant
         dz[k] = vz / slant
-        far[k] = t * slant
+        distance[k] = t * slant

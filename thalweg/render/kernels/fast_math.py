@@ -1,7 +1,7 @@
-"""What stands for exp, log and floor in a pixel's arithmetic? Bit tricks and short polynomials, which vectorise.
+"""Fast exp, log and floor for the arithmetic of pixels: bit tricks and short polynomials, which LLVM vectorises.
 
-`exp` and `log2` are within the error that their docstrings name, held by a test; neither is for positions or geometry.
-`floor` is exact; NumPy's does not exist on a GPU, and Python's gives a 64-bit integer, which does not vectorise.
+A test holds `exp` and `log2` to the errors that their docstrings name; neither is for positions or geometry. `floor` is
+exact. NumPy's does not exist on a GPU, and Python's gives a 64-bit integer, which does not vectorise.
 """
 
 import numpy as np
@@ -15,13 +15,15 @@ f32 = np.float32
 @kernel(inlined=True)
 def floor(x):
     """The largest whole number not above x, for x in -2e9..2e9."""
-    whole = f32(int32(x))
-    return whole - f32(1) if x < whole else whole
+    # Conversion rounds towards zero, which is one too high below zero.
+    truncated = f32(int32(x))
+    return truncated - f32(1) if x < truncated else truncated
 
 
 @kernel(inlined=True)
 def log2(x):
     """The binary logarithm of x > 0, within 0.009."""
+    # The exponent's bits are the whole part; the mantissa, read as a number in 1..2, gives the rest by a parabola.
     bits = np.float32(x).view(np.int32)
     exponent = f32((bits >> int32(23)) - int32(127))
     mantissa = np.int32((bits & int32(0x7FFFFF)) | int32(0x3F800000)).view(np.float32)
@@ -35,6 +37,7 @@ def exp2(x):
     x = min(max(x, f32(-120)), f32(120))
     whole = floor(x)
     part = x - whole
+    # The whole part goes into the bits of the exponent; a cubic polynomial stands for 2**part.
     scale = np.int32((int32(whole) + int32(127)) << int32(23)).view(np.float32)
     return scale * (f32(1) + part * (f32(0.69606564) + part * (f32(0.22449434) + part * f32(0.07944024))))
 

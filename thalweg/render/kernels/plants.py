@@ -1,78 +1,96 @@
-"""How are ten thousand plants drawn in a millisecond? As upright pictures that face the camera, from near to far.
+"""Kernels that draw all plants in view, as billboards, from near to far.
 
-Colour is added up front to back with the light that still passes, in blocks of pixels; a block that lets nothing
-through any more is closed, and whatever lies behind costs nothing there. A picture comes from the atlas level whose
-texels are about as large as pixels.
+Radiance is added front to back, weighted by the light that still passes, in blocks of pixels. A block that lets no more
+light through is closed, and what lies behind it costs nothing there: so ten thousand plants take about a millisecond.
 """
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import int32, uint64
 
 from thalweg.core.jit import kernel
-from thalweg.render.kernels.billboard import BLOCK, SHARPEN, draw_picture, nearest_ray, picture_of
-from thalweg.render.kernels.shading import reduced_quality as modest
+from thalweg.render.kernels.billboard import BLOCK, SHARPEN, draw_billboard, make_billboard, nearest_depth
+from thalweg.render.kernels.camera_rays import row_step
+from thalweg.render.kernels.shading import reduced_quality
 from thalweg.render.kernels.table_lookup import clamp
-from thalweg.render.records import scene as table
+from thalweg.render.records import layout
 from thalweg.render.records.appearance import DENSITY
+from thalweg.render.records.view import Planes
 
 f32 = np.float32
 
 NEAR_M = 0.6
 """Plants whose axis is nearer than this are not drawn: the camera would be inside them."""
 FAR_M = 260.0
+"""Plants farther than this are not drawn."""
 BUCKETS = 1024
-"""Sorting by distance: buckets spaced as its square root."""
+"""Buckets of the sort by distance, spaced as the square root of the distance."""
+
+
+class Frustum(NamedTuple):
+    """Half width and half height of the image plane at distance one, and the lengths of (1, half_w) and (1, half_h)."""
+
+    half_w: Any
+    half_h: Any
+    slant_w: Any
+    slant_h: Any
 
 
 @kernel(inlined=True)
-def bucket_of(far):
-    return int32(clamp(math.sqrt(far) * f32((BUCKETS - 1) / math.sqrt(FAR_M)), f32(0), f32(BUCKETS - 1)))
+def bucket_of(distance):
+    """The bucket of a horizontal distance in metres."""
+    return int32(clamp(math.sqrt(distance) * f32((BUCKETS - 1) / math.sqrt(FAR_M)), f32(0), f32(BUCKETS - 1)))
 
 
 @kernel(inlined=True)
-def distance_in_view(plants, p, density, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, slant_w, slant_h):
-    """Horizontal distance of plant p if it may be in view, in metres; -1 if not, or if it is not drawn.
+def frustum_of(half_w, half_h):
+    """The `Frustum` of an image plane."""
+    slant_w = f32(math.sqrt(f32(1) + half_w * half_w))
+    return Frustum(half_w, half_h, slant_w, f32(math.sqrt(f32(1) + half_h * half_h)))
 
-    slant_w, slant_h: the lengths of (1, half_w) and (1, half_h); other arguments as of `visible_plants`.
+
+@kernel(inlined=True)
+def distance_in_view(plants, p, density, camera, frustum):
+    """Horizontal distance of plant p in metres if it may be in view; -1 if it is not, or is not drawn.
+
+    density: share of the plants that are drawn, those of lowest rank.
     """
-    px = plants[p, table.P_X] - ox
-    py = plants[p, table.P_Y] - oy
+    px = plants[p, layout.P_X] - camera.x
+    py = plants[p, layout.P_Y] - camera.y
     flat = px * px + py * py
-    if flat > f32(FAR_M * FAR_M) or flat < f32(NEAR_M * NEAR_M) or plants[p, table.P_RANK] >= density:
+    if flat > f32(FAR_M * FAR_M) or flat < f32(NEAR_M * NEAR_M) or plants[p, layout.P_RANK] >= density:
         return f32(-1)
-    half_tall = plants[p, table.P_HEIGHT] * f32(0.5)
-    pz = plants[p, table.P_Z] + half_tall - oz
+    half_height = plants[p, layout.P_HEIGHT] * f32(0.5)
+    pz = plants[p, layout.P_Z] + half_height - camera.z
     # A sphere around the plant against the five planes of the view.
-    radius = half_tall + plants[p, table.P_HALF]
-    ahead = px * fx + py * fy + pz * fz
-    aside = abs(px * rx + py * ry)
-    above = abs(px * ux + py * uy + pz * uz)
-    if ahead < -radius or aside > ahead * half_w + radius * slant_w or above > ahead * half_h + radius * slant_h:
+    radius = half_height + plants[p, layout.P_HALF]
+    ahead = px * camera.forward_x + py * camera.forward_y + pz * camera.forward_z
+    across = abs(px * camera.right_x + py * camera.right_y)
+    above = abs(px * camera.up_x + py * camera.up_y + pz * camera.up_z)
+    outside = across > ahead * frustum.half_w + radius * frustum.slant_w
+    if ahead < -radius or outside or above > ahead * frustum.half_h + radius * frustum.slant_h:
         return f32(-1)
     return f32(math.sqrt(flat))
 
 
 @kernel
-def visible_plants(scene, w, density, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, order, distance):
-    """How many plants may be in view; their numbers, near to far, go to order [M]. distance [M] is scratch.
+def visible_plants(scene, view, frustum, order, distance):
+    """Sort the plants that may be in view by distance; returns how many there are.
 
-    density: the share of plants that there are. Origin in world metres; f, r, u: the camera's forward, right and up
-    vectors.
+    order [M]: receives their numbers within their world, near to far; distance [M]: receives metres by number.
     """
-    first = scene.place[w, table.PLANT_FROM]
-    last = scene.place[w, table.PLANT_TO]
+    first = scene.extents[view.world, layout.PLANT_FROM]
+    last = scene.extents[view.world, layout.PLANT_TO]
     plants = scene.plants
-    slant_w = math.sqrt(f32(1) + half_w * half_w)
-    slant_h = math.sqrt(f32(1) + half_h * half_h)
+    density = view.look[DENSITY]
+    camera = view.camera
     count = 0
     found = np.empty(last - first, np.int32)
     heads = np.zeros(BUCKETS + 1, np.int32)
     for p in range(first, last):
-        far = distance_in_view(
-            plants, p, density, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, slant_w, slant_h
-        )
+        far = distance_in_view(plants, p, density, camera, frustum)
         if far < f32(0):
             continue
         bucket = bucket_of(far)
@@ -80,6 +98,7 @@ def visible_plants(scene, w, density, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz
         heads[bucket + 1] += 1
         found[count] = p - first
         count += 1
+    # A counting sort into buckets, of which nearly all hold one plant or none.
     for b in range(BUCKETS):
         heads[b + 1] += heads[b]
     for k in range(count):
@@ -87,7 +106,7 @@ def visible_plants(scene, w, density, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz
         bucket = bucket_of(distance[p])
         order[heads[bucket]] = p
         heads[bucket] += 1
-    # Within a bucket plants are nearly in order already; insertion finishes the sort.
+    # Plants are nearly in order now; insertion finishes the sort within the buckets.
     for k in range(1, count):
         p = order[k]
         far = distance[p]
@@ -100,52 +119,52 @@ def visible_plants(scene, w, density, ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz
 
 
 @kernel(disjoint=True)
-def draw_plants(scene, w, look, eye, height, top, fast, depth, red, green, blue, light, solid):
-    """Add the plants in view to red, green, blue [R, W'] and take from light [R, W'] what they cover.
+def draw_plants(scene, view, top, reduced, planes):
+    """Add the plants in view to the radiance of `Planes` [R, W'], and reduce the transmittance by what they cover.
 
-    Rows are those from `top` on of an image of `height` rows. depth [R, W'] is the ground's distance along the axis;
-    solid [R, W'] receives that of the plant behind which less than half of the light remains. W' is the width rounded
-    up to whole blocks. fast: whether the quality is the modest one, for which R is even.
+    Rows are those from `top` on of the image; W' is the width rounded up to whole blocks. In the reduced quality R is
+    even. Depth must already hold what lies behind the plants.
     """
-    ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, _ = eye
-    rows = depth.shape[0]
-    columns = depth.shape[1]
-    first = scene.place[w, table.PLANT_FROM]
-    total = scene.place[w, table.PLANT_TO] - first
+    camera = view.camera
+    rows, columns = planes.depth.shape
+    first = scene.extents[view.world, layout.PLANT_FROM]
+    total = scene.extents[view.world, layout.PLANT_TO] - first
     deepest = np.empty((rows, columns // BLOCK), np.float32)
-    deepest_ground(depth, modest.ROWS if fast else 1, deepest)
-    sharpen = f32(modest.SHARPEN) if fast else f32(SHARPEN)
-    brush = np.empty((modest.BRUSH, BLOCK), np.float32)
+    deepest_ground(planes.depth, reduced_quality.ROWS if reduced else 1, deepest)
+    sharpen = f32(reduced_quality.SHARPEN) if reduced else f32(SHARPEN)
+    scratch = np.empty((reduced_quality.SCRATCH_ROWS, BLOCK), np.float32)
 
     order = np.empty(total, np.int32)
     distance = np.empty(total, np.float32)
-    wide_half_w = f32(columns) * per_column - half_w
-    count = visible_plants(
-        scene, w, look[DENSITY], ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, max(half_w, wide_half_w), half_h,
-        order, distance,
+    # Blocks reach beyond the last column; plants there are drawn too, so that all of a block's pixels are defined.
+    wide_half_w = f32(columns) * camera.column_step - camera.half_w
+    frustum = frustum_of(max(camera.half_w, wide_half_w), camera.half_h)
+    count = visible_plants(scene, view, frustum, order, distance)
+    flat = Planes(
+        planes.depth.ravel(), planes.kind.ravel(), planes.red.ravel(), planes.green.ravel(), planes.blue.ravel(),
+        planes.transmittance.ravel(), planes.plant_depth.ravel(),
     )  # fmt: skip
-    planes = (depth.ravel(), red.ravel(), green.ravel(), blue.ravel(), light.ravel(), solid.ravel())
     for k in range(count):
         p = first + order[k]
         far = distance[order[k]]
-        c0, c1, r0, r1 = picture_box(scene.plants[p], far, eye, height, columns)
+        c0, c1, r0, r1 = billboard_box(scene.plants[p], far, camera, columns)
         r0 = max(r0 - int32(top), int32(0))
         r1 = min(r1 - int32(top), int32(rows))
         if c0 < c1 and r0 < r1:
-            picture = picture_of(scene, w, look, p, far, eye, height, sharpen)
+            board = make_billboard(scene, view, p, far, sharpen)
             box = c0, c1, r0, r1
-            nearest = nearest_ray(far, eye)
-            if fast:
-                modest.draw_picture(scene.atlas, picture, nearest, eye, box, height, top, deepest, brush, planes)
+            nearest = nearest_depth(far, camera)
+            if reduced:
+                reduced_quality.draw_billboard(scene.atlas, board, nearest, camera, box, top, deepest, scratch, flat)
             else:
-                draw_picture(scene.atlas, picture, nearest, eye, box, height, top, deepest, planes)
+                draw_billboard(scene.atlas, board, nearest, camera, box, top, deepest, flat)
 
 
 @kernel(disjoint=True)
 def deepest_ground(depth, rows_together, deepest):
-    """The greatest depth [R, W'] within each block of `rows_together` rows, into deepest [R, W' / BLOCK].
+    """Fill deepest [R, W' / BLOCK] with the greatest depth [R, W'] within each block of `rows_together` rows.
 
-    A block's number is that of its first row.
+    A block's row number is that of its first row.
     """
     rows = depth.shape[0]
     most = np.empty(BLOCK, np.float32)
@@ -161,16 +180,17 @@ def deepest_ground(depth, rows_together, deepest):
 
 
 @kernel(inlined=True)
-def picture_box(plant, far, eye, rows, columns):
-    """The columns from, to and rows from, to of the screen that the upright picture of a plant may touch."""
-    ox, oy, oz, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, near = eye
-    px = plant[table.P_X] - ox
-    py = plant[table.P_Y] - oy
-    foot = plant[table.P_Z] - oz
-    tall = plant[table.P_HEIGHT]
-    half = plant[table.P_HALF]
-    nx = px / far
-    ny = py / far
+def billboard_box(plant, distance, camera, columns):
+    """The columns from, to and rows from, to of the image that the billboard of a plant may touch.
+
+    columns: those that are drawn, which may be more than the image has.
+    """
+    px = plant[layout.P_X] - camera.x
+    py = plant[layout.P_Y] - camera.y
+    foot = plant[layout.P_Z] - camera.z
+    half = plant[layout.P_HALF]
+    nx = px / distance
+    ny = py / distance
     low_x = f32(1e9)
     high_x = f32(-1e9)
     low_y = f32(1e9)
@@ -178,26 +198,27 @@ def picture_box(plant, far, eye, rows, columns):
     cut = False
     for corner in range(4):
         side = half if corner & 1 else -half
-        cz = foot + tall if corner & 2 else foot
+        cz = foot + plant[layout.P_HEIGHT] if corner & 2 else foot
         cx = px - ny * side
         cy = py + nx * side
-        ahead = cx * fx + cy * fy + cz * fz
-        cut |= ahead < near
+        ahead = cx * camera.forward_x + cy * camera.forward_y + cz * camera.forward_z
+        # Corners behind the near plane have no image; the billboard may then be anywhere.
+        cut |= ahead < camera.near_m
         ahead = max(ahead, f32(0.05))
-        sx = (cx * rx + cy * ry) / ahead
-        sy = (cx * ux + cy * uy + cz * uz) / ahead
+        sx = (cx * camera.right_x + cy * camera.right_y) / ahead
+        sy = (cx * camera.up_x + cy * camera.up_y + cz * camera.up_z) / ahead
         low_x = min(low_x, sx)
         high_x = max(high_x, sx)
         low_y = min(low_y, sy)
         high_y = max(high_y, sy)
-    per_row = f32(2) * half_h / f32(rows)
+    per_row = row_step(camera)
     c0 = int32(0)
     c1 = int32(columns)
     r0 = int32(0)
-    r1 = int32(rows)
+    r1 = int32(camera.height)
     if not cut:
-        c0 = max(int32((low_x + half_w) / per_column), c0)
-        c1 = min(int32((high_x + half_w) / per_column) + int32(1), c1)
-        r0 = max(int32((half_h - high_y) / per_row), r0)
-        r1 = min(int32((half_h - low_y) / per_row) + int32(1), r1)
+        c0 = max(int32((low_x + camera.half_w) / camera.column_step), c0)
+        c1 = min(int32((high_x + camera.half_w) / camera.column_step) + int32(1), c1)
+        r0 = max(int32((camera.half_h - high_y) / per_row), r0)
+        r1 = min(int32((camera.half_h - low_y) / per_row) + int32(1), r1)
     return c0, c1, r0, r1

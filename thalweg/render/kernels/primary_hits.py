@@ -1,12 +1,13 @@
-"""What does each ray meet: ground, water or sky? A march for every pixel, or for every square of four."""
+"""The kernel that finds what each pixel's ray meets first: ground, water or sky. Bridges and plants come later."""
 
 import numpy as np
 from numba import uint32
 
 from thalweg.core.jit import kernel
-from thalweg.render.kernels import heightfield_march as march
-from thalweg.render.kernels.camera_rays import aim, aim_squares
-from thalweg.render.records import scene as table
+from thalweg.render.kernels import heightfield_march
+from thalweg.render.kernels.camera_rays import Rays, map_origin, row_rays, square_rays
+from thalweg.render.kernels.heightfield_march import SPAN, SQUARE, TILE, TangentPlanes, Track
+from thalweg.render.records import layout
 from thalweg.render.records.classes import GROUND, SKY, WATER
 
 f32 = np.float32
@@ -16,63 +17,65 @@ MISS = 1e9
 
 
 @kernel(disjoint=True)
-def survey(scene, w, eye, height, top, fast, depth, kind):
-    """Where every ray meets ground or water: depth [R, W'] along the axis (MISS if nowhere), and what it is: kind
-    [R, W'] uint8.
+def find_primary_hits(scene, view, top, reduced, depth, kind):
+    """Fill depth [R, W'] along the axis (MISS for the sky) and kind [R, W'] uint8 with what every ray meets.
 
-    Rows are those from `top` on of an image of `height` rows; so in all functions of a frame. fast: whether one march
-    is enough for a square of `march.SQUARE` pixels a side, whose rays then settle on the plane that touches the surface
-    at the point it found; R is even then.
+    Rows are those from `top` on of the image, as in all functions of a frame. In the reduced quality R is even, and a
+    square of `SQUARE` pixels a side shares one march: its rays end on the plane that touches the surface where the
+    march ends.
     """
+    camera = view.camera
     rows, wide = depth.shape
-    inv_cell = scene.number[w, table.INV_CELL]
-    node_x = (eye[0] - scene.number[w, table.ORIGIN_X]) * inv_cell
-    node_y = (eye[1] - scene.number[w, table.ORIGIN_Y]) * inv_cell
-    dx = np.empty(wide, np.float32)
-    dy = np.empty(wide, np.float32)
-    dz = np.empty(wide, np.float32)
+    inv_cell = scene.constants[view.world, layout.INV_CELL]
+    origin = map_origin(scene, view)
+    rays = Rays(np.empty(wide, np.float32), np.empty(wide, np.float32), np.empty(wide, np.float32))
+    planes = TangentPlanes(np.empty(wide, np.float32), np.empty(wide, np.float32), np.empty(wide, np.float32))
     t = np.empty(wide, np.float32)
     hit = np.empty(wide, np.float32)
-    wet = np.empty(wide, np.float32)
-    span = np.empty((march.TRACK, march.SPAN), np.float32)
-    track = (span[0], span[1], span[2], span[3], span[4])
-    tiles = (wide + march.TILE - 1) // march.TILE
+    water = np.empty(wide, np.float32)
+    march_t = np.empty(wide, np.float32)
+    march_hit = np.empty(wide, np.float32)
+    scratch = np.empty((5, SPAN), np.float32)
+    track = Track(scratch[0], scratch[1], scratch[2], scratch[3], scratch[4])
+    tiles = (wide + TILE - 1) // TILE
     start = np.empty(tiles, np.float32)
-    tilt_x = np.empty(wide, np.float32)
-    tilt_y = np.empty(wide, np.float32)
-    gap = np.empty(wide, np.float32)
-    met = np.empty(wide, np.float32)
-    met_hit = np.empty(wide, np.float32)
-    spread = march.bundle_spread(eye, height)
-    size = march.SQUARE if fast else 1
+    spread = heightfield_march.bundle_spread(camera)
+    size = SQUARE if reduced else 1
     for r in range(rows):
-        if r % march.TILE == 0:
-            aim_squares(eye, height, top + r, march.TILE, inv_cell, dx, dy, dz, 0, tiles)
+        if r % TILE == 0:
+            square_rays(camera, top + r, TILE, inv_cell, rays, 0, tiles)
             for k in range(tiles):
-                start[k] = eye[14]
-            march.approach(scene, w, node_x, node_y, eye[2], spread, dx, dy, dz, start, tiles)
+                start[k] = camera.near_m
+            heightfield_march.advance_bundles(scene, view.world, origin, spread, rays, start, tiles)
         if r % size == 0:
-            rays = wide // size
-            aim_squares(eye, height, top + r, size, inv_cell, dx, dy, dz, 0, rays)
-            for k in range(rays):
-                met[k] = start[uint32(k * size // march.TILE)]
-            for k in range(0, rays, march.SPAN):
-                end = min(k + march.SPAN, rays)
-                ray = dx[k:end], dy[k:end], dz[k:end], met[k:end], met_hit[k:end]
-                march.march(scene, w, node_x, node_y, eye[2], *ray, track, end - k)
-            if fast:
-                march.touch(scene, w, node_x, node_y, eye[2], dx, dy, met, tilt_x, tilt_y, gap, rays)
-        if fast:
-            aim(eye, height, top + r, 0, inv_cell, dx, dy, dz, wide)
-            march.settle(tilt_x, tilt_y, gap, met, dx, dy, dz, t, wide)
+            square_rays(camera, top + r, size, inv_cell, rays, 0, wide // size)
+            march_row(scene, view.world, origin, rays, start, size, march_t, march_hit, track)
+            if reduced:
+                heightfield_march.touch_surface(scene, view.world, origin, rays, march_t, planes, wide // size)
+        if reduced:
+            row_rays(camera, top + r, 0, inv_cell, rays, wide)
+            heightfield_march.meet_planes(planes, march_t, rays, t, wide)
             for c in range(wide):
-                hit[c] = met_hit[uint32(c // march.SQUARE)]
+                hit[c] = march_hit[uint32(c // SQUARE)]
         else:
             for c in range(wide):
-                t[c] = met[c]
-                hit[c] = met_hit[c]
-        march.wetness(scene, w, node_x, node_y, dx, dy, t, wet, wide)
+                t[c] = march_t[c]
+                hit[c] = march_hit[c]
+        heightfield_march.water_depths(scene, view.world, origin, rays, t, water, wide)
         for c in range(wide):
             depth[r, c] = t[c] if hit[c] > f32(0) else f32(MISS)
-            surface = np.uint8(WATER) if wet[c] > f32(0) else np.uint8(GROUND)
+            surface = np.uint8(WATER) if water[c] > f32(0) else np.uint8(GROUND)
             kind[r, c] = surface if hit[c] > f32(0) else np.uint8(SKY)
+
+
+@kernel(disjoint=True)
+def march_row(scene, world, origin, rays, start, size, t, hit, track):
+    """March the rays of one row of squares from where the bundles of their tiles start, `SPAN` at a time."""
+    dx, dy, dz = rays
+    n = len(t) // size
+    for k in range(n):
+        t[k] = start[uint32(k * size // TILE)]
+    for k in range(0, n, SPAN):
+        end = min(k + SPAN, n)
+        part = Rays(dx[k:end], dy[k:end], dz[k:end])
+        heightfield_march.march(scene, world, origin, part, t[k:end], hit[k:end], track, end - k)

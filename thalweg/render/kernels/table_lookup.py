@@ -1,7 +1,8 @@
-"""How is a table read at a point? Scalar look-ups, put into the loops that call them.
+"""Scalar table look-ups: bilinear heights, paint, the ripple tile and the sky, inlined into the loops that call them.
 
-All take node coordinates: a point's distance from the grid's origin in cells. Indices are clamped, so that beyond the
-edge of the map its border goes on.
+Points are in node coordinates: their distance from the grid's origin in cells. Indices are clamped, so that the border
+of a map continues outside it. Indices into tables are uint32, for which Numba leaves out the wraparound of negative
+ones.
 """
 
 import math
@@ -18,12 +19,17 @@ f32 = np.float32
 
 @kernel(inlined=True)
 def clamp(value, low, high):
+    """The value limited to low..high."""
     return min(max(value, low), high)
 
 
 @kernel(inlined=True)
 def bilinear(table, at, columns, rows, x, y):
-    """A float table at node coordinates x, y."""
+    """The value of a float table at node coordinates x, y, between its four nearest nodes.
+
+    at: the index where the table's columns x rows begin.
+    """
+    # A little less than the last node, so that its right neighbour still exists.
     x = clamp(x, f32(0), f32(columns) - f32(1.001))
     y = clamp(y, f32(0), f32(rows) - f32(1.001))
     column = int32(x)
@@ -42,7 +48,7 @@ def bilinear(table, at, columns, rows, x, y):
 
 @kernel(inlined=True)
 def sloped(table, at, columns, rows, x, y):
-    """As `bilinear`, and by how much the table rises per node in x and in y; it is level beyond its edges."""
+    """As `bilinear`, and the table's rise per node in x and in y. The table is level outside its edges."""
     within_x = f32(1) if (x >= f32(0)) & (x <= f32(columns) - f32(1.001)) else f32(0)
     within_y = f32(1) if (y >= f32(0)) & (y <= f32(rows) - f32(1.001)) else f32(0)
     x = clamp(x, f32(0), f32(columns) - f32(1.001))
@@ -69,7 +75,7 @@ def channel(packed, shift):
 
 @kernel(inlined=True)
 def mix_texels(a, b, c, d, u, v):
-    """Four channels (0..255) between four packed texels."""
+    """Four channels (0..255) interpolated between four packed texels."""
     wa = (f32(1) - u) * (f32(1) - v)
     wb = u * (f32(1) - v)
     wc = (f32(1) - u) * v
@@ -83,7 +89,8 @@ def mix_texels(a, b, c, d, u, v):
 
 @kernel(inlined=True)
 def paint_level(paint, begin, columns, rows, x, y, level):
-    """The paint at one level: four channels 0..255; columns and rows are level 0's."""
+    """Four channels (0..255) of the paint on one mip level; columns and rows are those of level 0."""
+    # Texels of level 0 have their middles on nodes; half a texel is added and taken off around the change of size.
     shrink = f32(1) / f32(int32(1) << level)
     wide = int32(columns) >> level
     high = int32(rows) >> level
@@ -104,14 +111,16 @@ def paint_level(paint, begin, columns, rows, x, y, level):
 
 @kernel(inlined=True)
 def tile_level(tile, x, y, level):
-    """The ripple tile, which repeats, at texel coordinates of level 0 and one level: four channels 0..255."""
+    """Four channels (0..255) of the repeating ripple tile on one mip level, at texel coordinates of level 0."""
     size = int32(ripples.SIZE) >> level
+    # Levels follow one another: the sum of the geometric series of their sizes.
     begin = (int32(ripples.SIZE * ripples.SIZE) - size * size) * int32(4) // int32(3)
     shrink = f32(1) / f32(int32(1) << level)
     px = (x + f32(0.5)) * shrink - f32(0.5)
     py = (y + f32(0.5)) * shrink - f32(0.5)
     floor_x = floor(px)
     floor_y = floor(py)
+    # The size is a power of two, so that a mask wraps an index around, negative ones too.
     mask = size - int32(1)
     column = int32(floor_x) & mask
     row = int32(floor_y) & mask
@@ -129,9 +138,11 @@ def tile_level(tile, x, y, level):
 
 @kernel(inlined=True)
 def sky_at(table, begin, dx, dy, dz):
-    """Radiance of the sky in a direction (any length): red, green, blue."""
+    """Radiance of the sky in a direction of any length: red, green, blue. See `thalweg.render.bake.sky`."""
+    # The azimuth is measured along the unit diamond instead of the circle, which needs no arc tangent.
     flat = abs(dx) + abs(dy) + f32(1e-12)
     sine = dz / math.sqrt(dx * dx + dy * dy + dz * dz)
+    # Rows are spaced as the root of the sine, so that most lie near the horizon, where the sky changes most.
     root = math.sqrt(abs(sine))
     v = (f32(0.5) + f32(0.5) * (root if sine > f32(0) else -root)) * f32(sky.ROWS) - f32(0.5)
     east = dx / flat

@@ -1,4 +1,4 @@
-"""What should a bridge be? The definition: dense sampling of a solid, and masonry without filtering; see `twin`."""
+"""Bridges of the reference renderer: dense sampling of a solid, and masonry without filtering."""
 
 import numpy as np
 

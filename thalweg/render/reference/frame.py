@@ -1,10 +1,10 @@
-"""What should a frame be? The definition: plain NumPy in float64, many samples a pixel, no prefiltering, no tricks.
+"""The reference renderer, which defines a frame: plain NumPy in float64, many samples a pixel, no prefiltering.
 
-When a kernel and this file differ, this file is argued about first. Rays are marched in small steps over the world's
+When a kernel and this file differ, this file is checked first. Rays are marched in small steps over the world's
 own heights, and instead of choosing a level of a texture by the pixel's footprint it averages samples of the finest.
 What is baked before any ray is drawn is shared with the kernels and tested by itself: the ground's radiance, the map of
-canopies, the sky, the tile of ripples, the pictures of plants, and all constants. It is slow on purpose: a 32x32 frame
-with 16 samples a pixel takes a few seconds.
+canopies, the sky, the tile of ripples, the billboards of plants, and all constants. It is slow on purpose: a 32x32
+frame with 16 samples a pixel takes a few seconds.
 """
 
 from dataclasses import dataclass, replace
@@ -12,21 +12,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thalweg.render.bake import impostors, ripples, sky
-from thalweg.render.kernels import bridges, plants
-from thalweg.render.kernels import heightfield_march as march
+from thalweg.render.bake.scene_tables import (
+    autumn,
+    canopy_map,
+    ground_radiance,
+    plant_ranks,
+    sun_vector,
+)
+from thalweg.render.kernels import bridges, heightfield_march, plants
 from thalweg.render.kernels.shading import ground, tone, water
-from thalweg.render.records import appearance as looks
-from thalweg.render.records import classes
-from thalweg.render.records import scene as table
+from thalweg.render.records import appearance, classes, layout
 from thalweg.render.records.appearance import Look, look_rows, look_values
 from thalweg.render.records.camera import Camera
-from thalweg.render.reference import bridge as twin_bridge
+from thalweg.render.reference import bridge as reference_bridge
 from thalweg.world.record import World
 
 
 @dataclass(frozen=True)
-class TwinFrame:
-    """One frame by the definition."""
+class ReferenceFrame:
+    """One frame of the reference renderer."""
 
     rgb: np.ndarray
     """[H, W, 3] uint8."""
@@ -46,7 +50,7 @@ def draw(
     samples: int = 4,
     time_s: float = 0.0,
     look: Look | None = None,
-) -> TwinFrame:
+) -> ReferenceFrame:
     """The frame of a pose [4] (x, y, z, yaw) with samples x samples rays a pixel, without the sensor's noise."""
     seen = look or Look()
     row = look_rows(look_values(seen, 1), camera)[0].astype(np.float64)
@@ -58,10 +62,10 @@ def draw(
     luma = np.minimum(radiance @ np.array(tone.LUMA), tone.BRIGHTEST).mean()
     grey = (radiance @ np.array(tone.LUMA))[..., None]
     vivid = np.maximum(grey + (radiance - grey) * tone.SATURATION, 0.0)
-    exposed = vivid * (tone.KEY / max(luma, 1e-4)) ** tone.ADAPTION * row[looks.GAIN_R : looks.GAIN_B + 1]
+    exposed = vivid * (tone.KEY / max(luma, 1e-4)) ** tone.ADAPTATION * row[appearance.GAIN_R : appearance.GAIN_B + 1]
     rgb = np.rint(tone.encode(tone.curve(exposed)) * 255).astype(np.uint8)
     _, depth, kind = scene.trace(pose, camera, 1, time_s)
-    return TwinFrame(rgb, kind == classes.WATER, np.where(np.isinf(depth), -1.0, depth), kind)
+    return ReferenceFrame(rgb, kind == classes.WATER, np.where(np.isinf(depth), -1.0, depth), kind)
 
 
 def bilinear(table_2d: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -97,15 +101,15 @@ class _Valley:
         self.ground = world.ground_m.astype(np.float64)
         self.surface = np.maximum(self.ground, world.water_m)
         self.wet = world.water_m.astype(np.float64) - self.ground
-        self.sun = table.sun_vector(world)
-        self.lit = table.ground_radiance(world, self.sun)
+        self.sun = sun_vector(world)
+        self.lit = ground_radiance(world, self.sun)
         self.share = world.sun / 255.0
         self.tile = ripples.tile()[0]
         self.sky_map = sky.sky_map(self.sun, world.seed)
         self.fog = sky.haze(self.sun)
-        self.canopy, packed = table.canopy_map(world, self.lit)
+        self.canopy, packed = canopy_map(world, self.lit)
         coded = np.stack([packed >> shift & 255 for shift in (0, 8, 16)], axis=-1) / 255.0
-        self.canopy_colour = coded**2 * table.PAINT_RANGE
+        self.canopy_colour = coded**2 * layout.PAINT_RANGE
         self.atlas = impostors.atlas(world.sun_elevation)
 
     def node(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -127,7 +131,7 @@ class _Valley:
         kind = np.where(np.isinf(depth), classes.SKY, classes.GROUND).astype(np.uint8)
         radiance = np.zeros((rows, columns, 3))
         for bridge in self.world.bridges:
-            depth_b, normal, local = twin_bridge.meet_bridge(
+            depth_b, normal, local = reference_bridge.meet_bridge(
                 bridge, eye, ray, camera.near_m, np.minimum(depth, bridges.FAR_M)
             )
             met = np.isfinite(depth_b)
@@ -146,7 +150,7 @@ class _Valley:
         radiance[dry] = self.dry(x[dry], y[dry])
         wet = kind == classes.WATER
         radiance[wet] = self.water(point[wet], sight[wet], time_s)
-        clear = np.exp(-far * self.look[looks.HAZE_PER_M])[..., None]
+        clear = np.exp(-far * self.look[appearance.HAZE_PER_M])[..., None]
         radiance = np.where(sky_seen[..., None], radiance, radiance * clear + self.fog * (1 - clear))
 
         green, light, solid = self.plants(eye, ray, (forward, right, up), camera, depth)
@@ -178,9 +182,11 @@ class _Valley:
             speed = np.linalg.norm(flat[live, :2], axis=1)
             by_height = 0.4 * gap / np.maximum(1.5 * speed - flat[live, 2], 0.05)
             t[live] += np.maximum(np.maximum(0.03, 0.002 * t[live]), by_height)
-            gone = (t[live] > march.FAR_M) | ((flat[live, 2] > 0) & (eye[2] + flat[live, 2] * t[live] > summit))
+            gone = (t[live] > heightfield_march.FAR_M) | (
+                (flat[live, 2] > 0) & (eye[2] + flat[live, 2] * t[live] > summit)
+            )
             live = live[~gone]
-        return np.where(found < march.FAR_M, found, np.inf).reshape(ray.shape[:2])
+        return np.where(found < heightfield_march.FAR_M, found, np.inf).reshape(ray.shape[:2])
 
     def sky(self, sight: np.ndarray) -> np.ndarray:
         """Radiance [..., 3] of the sky in unit directions [..., 3]."""
@@ -236,9 +242,9 @@ class _Valley:
         ) / ripples.GRAIN_SPREAD
         lit = bilinear(self.lit, *bed) * np.maximum(1 + water.BED_DEPTH * pebbles, 0.2)[:, None]
         whole = (path + depth * sun_path) * np.maximum(1 + water.BED_ROUGH * pebbles, 0)
-        through = np.exp(-self.look[looks.ABSORB_R : looks.ABSORB_B + 1] * whole[:, None])
+        through = np.exp(-self.look[appearance.ABSORB_R : appearance.ABSORB_B + 1] * whole[:, None])
         glow = water.SHADE_GLOW + (1 - water.SHADE_GLOW) * sunlit
-        under = lit * through + self.look[looks.SCATTER_R : looks.SCATTER_B + 1] * glow * (1 - through)
+        under = lit * through + self.look[appearance.SCATTER_R : appearance.SCATTER_B + 1] * glow * (1 - through)
 
         turned = sight + 2 * facing[:, None] * up
         turned[:, 2] = np.maximum(turned[:, 2], 0.02)
@@ -260,13 +266,13 @@ class _Valley:
         turned_x, turned_y = 0.6 * x + 0.8 * y, 0.6 * y - 0.8 * x
         b = repeating(self.tile, (turned_x + b_x * time_s) * b_scale, (turned_y + b_y * time_s) * b_scale)
         slope = a[..., :2] + np.stack([0.6 * b[..., 0] - 0.8 * b[..., 1], 0.8 * b[..., 0] + 0.6 * b[..., 1]], axis=-1)
-        return self.look[looks.RIPPLE] * slope
+        return self.look[appearance.RIPPLE] * slope
 
     def mirrored(self, point: np.ndarray, turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What reflected rays see [K, 3], and the share [K] of the sky in it: canopies met in growing steps."""
         x, y = self.node(point[:, 0], point[:, 1])
-        cells = self.world.grid.cell_m * table.CANOPY_CELL
-        cx, cy = x / table.CANOPY_CELL, y / table.CANOPY_CELL
+        cells = self.world.grid.cell_m * layout.CANOPY_CELL
+        cx, cy = x / layout.CANOPY_CELL, y / layout.CANOPY_CELL
         passing, wood, met_at = np.ones(len(x)), np.zeros((len(x), 3)), np.zeros(len(x))
         s = water.MIRROR_FIRST_M
         for _ in range(water.MIRROR_STEPS):
@@ -278,7 +284,7 @@ class _Valley:
             met_at += part * s
             passing = passing - part
             s *= water.MIRROR_GROWTH
-        clear = np.exp(-met_at * self.look[looks.HAZE_PER_M])[:, None]
+        clear = np.exp(-met_at * self.look[appearance.HAZE_PER_M])[:, None]
         haze = (1 - passing)[:, None] * (1 - clear)
         return wood * clear + self.fog * haze + self.sky(turned) * passing[:, None], passing
 
@@ -302,10 +308,10 @@ class _Valley:
         courses = np.where(np.abs(normal[:, 2]) < 0.7, height, local[:, 1])
         ring = np.hypot(local[:, 0] / span, height / (rise + 0.001))
         on_ring = (ring > 0.99) & (ring < 1.16) & (np.abs(normal[:, 1]) > 0.5)
-        tone_ = twin_bridge.masonry(along, courses) * np.where(on_ring, 1.18, 1.0)
+        tone_ = reference_bridge.masonry(along, courses) * np.where(on_ring, 1.18, 1.0)
         tone_ *= 0.55 + 0.45 * np.clip(height * 0.9 + 0.1, 0, 1)
         light = (
-            direct[:, None] * table.SUN_RADIANCE + open_sky[:, None] * table.SKY_RADIANCE + bridges.BOUNCE
+            direct[:, None] * layout.SUN_RADIANCE + open_sky[:, None] * layout.SKY_RADIANCE + bridges.BOUNCE
         )  # fmt: skip
         return np.array(bridges.STONE) * tone_[:, None] * light
 
@@ -318,11 +324,11 @@ class _Valley:
         trees = self.world.plants
         offset = trees.position_m.astype(np.float64) - eye
         distance = np.hypot(offset[:, 0], offset[:, 1])
-        rank = table.plant_ranks(len(distance))
-        autumn = 1 + self.look[looks.SEASON] * (table.autumn().astype(np.float64) - 1)
+        rank = plant_ranks(len(distance))
+        season = 1 + self.look[appearance.SEASON] * (autumn().astype(np.float64) - 1)
         for m in np.argsort(distance, kind="stable"):
             far = distance[m]
-            if far < plants.NEAR_M or far > plants.FAR_M or rank[m] >= self.look[looks.DENSITY]:
+            if far < plants.NEAR_M or far > plants.FAR_M or rank[m] >= self.look[appearance.DENSITY]:
                 continue
             tall, half = float(trees.height_m[m]), float(trees.width_m[m]) / 2
             box = window(offset[m], tall, half, basis, camera, rows, columns)
@@ -348,8 +354,8 @@ class _Valley:
             low, high = trees.light[m].astype(np.float64)
             sun = np.clip(low + (high - low) * v, 0, 1)[..., None]
             dark = self.atlas.shade[kind, view].astype(np.float64)
-            colour = colour * trees.tint[m] * autumn[kind] * (dark + (1 - dark) * sun)
-            clear = np.exp(-far * self.look[looks.HAZE_PER_M])
+            colour = colour * trees.tint[m] * season[kind] * (dark + (1 - dark) * sun)
+            clear = np.exp(-far * self.look[appearance.HAZE_PER_M])
             passing = light[box]
             added[box] += (passing * cover)[..., None] * (colour * clear + self.fog * (1 - clear))
             light[box] = passing * (1 - cover)

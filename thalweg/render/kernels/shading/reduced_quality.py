@@ -1,9 +1,9 @@
-"""What does the modest quality leave out? Reflections, filtering between texels, half of the ripples, half of a tree.
+"""Shading and billboard kernels of the reduced quality: no reflections, nearest texels, half of the ripples and texels.
 
 Each function stands in for one of the full quality and takes those of its arguments that it needs. Textures are still
-read at the level that a pixel's footprint asks for, so that ground and water shimmer no more than before; but only the
-nearest texel is taken. Two rows of a plant's picture share a look, and texels between are passed over. How rays are
-saved: `thalweg.render.kernels.primary_hits`.
+read at the level that a pixel's footprint asks for, so that ground and water shimmer no more than in the full quality;
+but only the nearest texel is taken. Two rows of a billboard share their texels. Rays are saved in
+`thalweg.render.kernels.primary_hits`.
 """
 
 import math
@@ -14,6 +14,7 @@ from numba import int32, uint32, uint64
 from thalweg.core.jit import kernel
 from thalweg.render.bake import ripples, sky
 from thalweg.render.kernels.billboard import BLOCK
+from thalweg.render.kernels.camera_rays import row_step
 from thalweg.render.kernels.fast_math import floor, log2
 from thalweg.render.kernels.shading.ground import GRAIN_DEPTH, GRAIN_M
 from thalweg.render.kernels.shading.water import (
@@ -29,7 +30,7 @@ from thalweg.render.kernels.shading.water import (
     refracted_slant,
 )
 from thalweg.render.kernels.table_lookup import bilinear, channel, clamp
-from thalweg.render.records import scene as table
+from thalweg.render.records import layout
 from thalweg.render.records.appearance import (
     ABSORB_B,
     ABSORB_G,
@@ -43,39 +44,39 @@ from thalweg.render.records.appearance import (
 f32 = np.float32
 
 CLOSED = 0.1
-"""As `picture.CLOSED`: less of what lies behind foliage is drawn."""
+"""As `billboard.CLOSED`, but larger: less of what lies behind foliage is drawn."""
 SHARPEN = -0.3
-"""As `picture.SHARPEN`; below zero for coarser texels, from 0.6 to 1.2 pixels high."""
+"""As `billboard.SHARPEN`, but below zero for coarser texels, from 0.6 to 1.2 pixels high."""
 ROWS = 2
-"""Rows of a picture that share their texels."""
-BRUSH = 5
-"""Rows of scratch that drawing a picture needs."""
+"""Rows of a billboard that share their texels."""
+SCRATCH_ROWS = 5
+"""Rows of scratch that drawing a billboard needs."""
 RIPPLE_GAIN = 1.4
-"""One layer of ripples has to be as steep as two."""
+"""Factor on the slopes of the one layer of ripples, which has to be as steep as two."""
 BANK_RISE = 0.18
-"""Mirrored rays that rise less than this (metres a metre) meet trees, in place of a look at them."""
+"""Mirrored rays that rise by less than this (metres per metre) meet trees; the canopy map is not read."""
 BANK_SOFTNESS = 0.25
-"""Over so much more of a rise the trees give way to the sky."""
+"""Range of rise over which the trees give way to the sky."""
 WOOD = (0.030, 0.037, 0.014)
-"""What they send back."""
+"""Radiance of those trees."""
 
 
 @kernel(inlined=True)
-def nearest_paint(scene, w, x, y, level):
-    """The packed texel of the paint at node coordinates, at the nearest whole level."""
-    low = int32(clamp(level + f32(0.5), f32(0), f32(table.PAINT_LEVELS - 1)))
+def nearest_paint(scene, world, x, y, level):
+    """The packed texel of the paint nearest to node coordinates, on the nearest mip level."""
+    low = int32(clamp(level + f32(0.5), f32(0), f32(layout.PAINT_LEVELS - 1)))
     shrink = f32(1) / f32(int32(1) << low)
-    wide = int32(scene.place[w, table.PAINT_X]) >> low
-    high = int32(scene.place[w, table.PAINT_Y]) >> low
+    wide = int32(scene.extents[world, layout.PAINT_X]) >> low
+    high = int32(scene.extents[world, layout.PAINT_Y]) >> low
     column = int32(clamp((x + f32(0.5)) * shrink, f32(0), f32(wide) - f32(1)))
     row = int32(clamp((y + f32(0.5)) * shrink, f32(0), f32(high) - f32(1)))
-    begin = int32(scene.place[w, uint32(int32(table.PAINT_AT) + low)])
+    begin = int32(scene.extents[world, uint32(int32(layout.PAINT_AT) + low)])
     return scene.paint[uint32(begin + row * wide + column)]
 
 
 @kernel(inlined=True)
 def nearest_tile(tile, x, y, level):
-    """The packed texel of the ripple tile at texel coordinates of level 0, at the nearest whole level."""
+    """The packed texel of the ripple tile nearest to texel coordinates of level 0, on the nearest mip level."""
     low = int32(clamp(level + f32(0.5), f32(0), f32(ripples.LEVELS - 1)))
     size = int32(ripples.SIZE) >> low
     begin = (int32(ripples.SIZE * ripples.SIZE) - size * size) * int32(4) // int32(3)
@@ -87,7 +88,7 @@ def nearest_tile(tile, x, y, level):
 
 @kernel(inlined=True)
 def nearest_sky(sky_map, begin, dx, dy, dz):
-    """Radiance of the sky's nearest cell in a unit direction: red, green, blue."""
+    """Radiance of the sky's nearest texel in a unit direction: red, green, blue. See `table_lookup.sky_at`."""
     root = math.sqrt(abs(dz))
     v = (f32(0.5) + f32(0.5) * (root if dz > f32(0) else -root)) * f32(sky.ROWS)
     east = dx / (abs(dx) + abs(dy) + f32(1e-12))
@@ -103,24 +104,31 @@ def nearest_sky(sky_map, begin, dx, dy, dz):
 
 
 @kernel(disjoint=True)
-def shade_sky(table_, begin, dx, dy, dz, red, green, blue, n):
-    """As `frame.shade_sky`."""
+def shade_sky(scene, view, points, out, n):
+    """As `sky.shade_sky`, from the nearest texel."""
+    _, _, _, dx, dy, dz, _ = points
+    red, green, blue = out
+    begin = int32(scene.extents[view.world, layout.SKY_AT])
+    table = scene.sky
     for i in range(n):
-        red[i], green[i], blue[i] = nearest_sky(table_, begin, dx[i], dy[i], dz[i])
+        red[i], green[i], blue[i] = nearest_sky(table, begin, dx[i], dy[i], dz[i])
 
 
 @kernel(disjoint=True)
-def shade_ground(scene, w, x, y, dz, far, pixel, red, green, blue, n):
-    """As `ground.shade_ground`: without the coarser of two grains, and without flecks of light."""
-    inv_cell = scene.number[w, table.INV_CELL]
+def shade_ground(scene, view, points, pixel, out, n):
+    """As `ground.shade_ground`, without the coarser of two grains and without flecks of light."""
+    x, y, _, _, _, dz, distance = points
+    red, green, blue = out
+    inv_cell = scene.constants[view.world, layout.INV_CELL]
     scale = f32(ripples.SIZE / GRAIN_M) / inv_cell
-    code = f32(table.PAINT_RANGE / 255.0**2)
+    code = f32(layout.PAINT_RANGE / 255.0**2)
     grain_scale = f32(GRAIN_DEPTH / (255.0 * ripples.GRAIN_SPREAD))
     for i in range(n):
-        foot = far[i] * pixel / math.sqrt(max(-dz[i], f32(0.06)))
-        texel = nearest_paint(scene, w, x[i], y[i], log2(foot * inv_cell))
+        foot = distance[i] * pixel / math.sqrt(max(-dz[i], f32(0.06)))
+        texel = nearest_paint(scene, view.world, x[i], y[i], log2(foot * inv_cell))
         speck = nearest_tile(scene.ripples, x[i] * scale, y[i] * scale, log2(foot * f32(ripples.SIZE / GRAIN_M)))
         grain = (f32(1) + grain_scale * (channel(speck, 24) - f32(127.5))) * code
+        # The square undoes the square-root code.
         r = channel(texel, 0)
         g = channel(texel, 8)
         b = channel(texel, 16)
@@ -130,25 +138,27 @@ def shade_ground(scene, w, x, y, dz, far, pixel, red, green, blue, n):
 
 
 @kernel(disjoint=True)
-def shade_water(scene, w, look, x, y, dx, dy, dz, far, pixel, time, red, green, blue, n):
-    """As `water.shade_water`: one layer of ripples, a bed without stones that refraction does not shift, and dark banks
-    below the sky in place of what is mirrored."""
-    number = scene.number
-    columns = int32(scene.place[w, table.GX])
-    rows = int32(scene.place[w, table.GY])
-    at = int32(scene.place[w, table.MAP_AT])
-    inv_cell = number[w, table.INV_CELL]
+def shade_water(scene, view, points, pixel, out, n):
+    """As `water.shade_water`, with one layer of ripples, a bed without stones that refraction does not shift, and dark
+    banks below the sky in place of the mirrored canopies."""
+    x, y, _, dx, dy, dz, distance = points
+    red, green, blue = out
+    look = view.look
+    time = view.time
+    number = scene.constants
+    columns = int32(scene.extents[view.world, layout.GX])
+    rows = int32(scene.extents[view.world, layout.GY])
+    at = int32(scene.extents[view.world, layout.MAP_AT])
+    inv_cell = number[view.world, layout.INV_CELL]
     cell = f32(1) / inv_cell
-    sky_begin = int32(scene.place[w, table.SKY_AT])
-    sun_x = number[w, table.SUN_X]
-    sun_y = number[w, table.SUN_Y]
-    sun_z = number[w, table.SUN_Z]
-    sun_path = refracted_slant(sun_z)
+    sky_begin = int32(scene.extents[view.world, layout.SKY_AT])
+    sun = number[view.world, layout.SUN_X], number[view.world, layout.SUN_Y], number[view.world, layout.SUN_Z]
+    sun_path = refracted_slant(sun[2])
     amplitude = look[RIPPLE] * f32(RIPPLE_GAIN)
     slope_scale = amplitude * f32(ripples.SLOPE_RANGE / 127.5)
     lost_scale = amplitude * amplitude * f32(ripples.VARIANCE_RANGE / 255.0)
     for i in range(n):
-        foot = footprint(far[i], pixel, dz[i])
+        foot = footprint(distance[i], pixel, dz[i])
         texel = nearest_tile(
             scene.ripples,
             (x[i] * cell + f32(DRIFT_A_M_PER_S[0]) * time) * f32(ripples.SIZE / TILE_A_M),
@@ -162,13 +172,15 @@ def shade_water(scene, w, look, x, y, dx, dy, dz, far, pixel, time, red, green, 
         mirror = mirrored_share(facing, spread)
 
         depth = max(bilinear(scene.depth, at, columns, rows, x[i], y[i]), f32(0))
-        bed = nearest_paint(scene, w, x[i], y[i], log2(foot * inv_cell))
+        bed = nearest_paint(scene, view.world, x[i], y[i], log2(foot * inv_cell))
         sunlit = channel(bed, 24) * f32(1 / 255.0)
-        whole = depth * (refracted_slant(dz[i]) + sun_path)
-        under_r = from_below(channel(bed, 0), whole, look[ABSORB_R], look[SCATTER_R], sunlit)
-        under_g = from_below(channel(bed, 8), whole, look[ABSORB_G], look[SCATTER_G], sunlit)
-        under_b = from_below(channel(bed, 16), whole, look[ABSORB_B], look[SCATTER_B], sunlit)
-        glitter = glints(sun_x, sun_y, sun_z, dx[i], dy[i], dz[i], lean_x, lean_y, spread, sunlit)
+        # Light passes the water twice: down from the sun and up to the camera.
+        path = depth * (refracted_slant(dz[i]) + sun_path)
+        under_r = from_below(channel(bed, 0), path, look[ABSORB_R], look[SCATTER_R], sunlit)
+        under_g = from_below(channel(bed, 8), path, look[ABSORB_G], look[SCATTER_G], sunlit)
+        under_b = from_below(channel(bed, 16), path, look[ABSORB_B], look[SCATTER_B], sunlit)
+        glitter = glints(sun, dx[i], dy[i], dz[i], lean_x, lean_y, spread, sunlit)
+        # The steeper a mirrored ray, the more likely it clears the banks.
         open_sky = clamp((rz - f32(BANK_RISE)) * f32(1 / BANK_SOFTNESS), f32(0), f32(1))
         sky_r, sky_g, sky_b = nearest_sky(scene.sky, sky_begin, rx, ry, rz)
         over_r = sky_r * open_sky + f32(WOOD[0]) * (f32(1) - open_sky)
@@ -180,57 +192,56 @@ def shade_water(scene, w, look, x, y, dx, dy, dz, far, pixel, time, red, green, 
 
 
 @kernel(inlined=True)
-def picture_pixel(atlas, picture, dx, dy, dz, near):
-    """As `picture.picture_pixel`, before what is nearer, or ground before it, is counted.
+def billboard_pixel(atlas, board, dx, dy, dz, near):
+    """As `billboard.billboard_pixel`, from the nearest texel, and before what lies in front or behind is counted.
 
-    Returns its colour, the share of light that it stops, and its depth.
+    Returns red, green, blue, the share of light that it stops, and its depth.
     """
-    (far, nx, ny, foot, per_tall, per_half), (begin, wide, high), paint, (dark_r, dark_g, dark_b) = picture
-    tint_r, tint_g, tint_b, add_r, add_g, add_b, sun_low, sun_rise = paint
-    towards = dx * nx + dy * ny
-    t = far / max(towards, f32(1e-4))
-    v = (dz * t - foot) * per_tall
-    u = (dy * nx - dx * ny) * t * per_half
+    towards = dx * board.sight_x + dy * board.sight_y
+    t = board.distance / max(towards, f32(1e-4))
+    v = (dz * t - board.foot) * board.per_height
+    u = (dy * board.sight_x - dx * board.sight_y) * t * board.per_half_width
     inside = (towards > f32(1e-3)) & (t > near) & (v >= f32(0)) & (v < f32(1)) & (abs(u) < f32(1))
-    column = int32(clamp((f32(1) - u) * f32(0.5) * f32(wide), f32(0), f32(wide) - f32(1)))
-    row = int32(clamp(v * f32(high), f32(0), f32(high) - f32(1)))
-    texel = atlas[uint32(begin + row * wide + column)]
+    # Column 0 of a billboard is on the camera's left, where u = 1.
+    column = int32(clamp((f32(1) - u) * f32(0.5) * f32(board.columns), f32(0), f32(board.columns) - f32(1)))
+    row = int32(clamp(v * f32(board.rows), f32(0), f32(board.rows) - f32(1)))
+    texel = atlas[uint32(board.begin + row * board.columns + column)]
     cr = channel(texel, 0)
     cg = channel(texel, 8)
     cb = channel(texel, 16)
-    sun = clamp(sun_low + sun_rise * v, f32(0), f32(1))
+    sun = clamp(board.sun_low + board.sun_rise * v, f32(0), f32(1))
     cover = channel(texel, 24) * f32(1 / 255.0) if inside else f32(0)
-    red = cr * cr * tint_r * (dark_r + (f32(1) - dark_r) * sun) + add_r
-    green = cg * cg * tint_g * (dark_g + (f32(1) - dark_g) * sun) + add_g
-    blue = cb * cb * tint_b * (dark_b + (f32(1) - dark_b) * sun) + add_b
+    red = cr * cr * board.tint_r * (board.shade_r + (f32(1) - board.shade_r) * sun) + board.haze_r
+    green = cg * cg * board.tint_g * (board.shade_g + (f32(1) - board.shade_g) * sun) + board.haze_g
+    blue = cb * cb * board.tint_b * (board.shade_b + (f32(1) - board.shade_b) * sun) + board.haze_b
     return red, green, blue, cover, t
 
 
 @kernel(disjoint=True)
-def draw_picture(atlas, picture, nearest, eye, box, height, top, deepest, brush, planes):
-    """As `picture.draw_picture`: two rows at a time, with one look at the texels for both.
+def draw_billboard(atlas, board, nearest, camera, box, top, deepest, scratch, planes):
+    """As `billboard.draw_billboard`, two rows at a time, which share their texels.
 
-    A block is of two rows, and has the number of the upper one. brush: scratch [BRUSH, BLOCK].
+    A block has two rows, and the number of the upper one. scratch: [SCRATCH_ROWS, BLOCK].
     """
-    _, _, _, fx, fy, fz, rx, ry, ux, uy, uz, half_w, half_h, per_column, near = eye
-    depth, red, green, blue, light, solid = planes
-    ink_r, ink_g, ink_b, ink, ink_t = brush[0], brush[1], brush[2], brush[3], brush[4]
+    depth, _, red, green, blue, light, plant_depth = planes
+    ink_r, ink_g, ink_b, ink, ink_t = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]
     c0, c1, r0, r1 = box
     columns = deepest.shape[1] * BLOCK
-    per_row = f32(2) * half_h / f32(height)
+    per_row = row_step(camera)
     for r in range(r0 // ROWS * ROWS, r1, ROWS):
-        sy = half_h - (f32(top + r) + f32(0.5 * ROWS)) * per_row
-        base_x = fx + sy * ux
-        base_y = fy + sy * uy
-        base_z = fz + sy * uz
+        # The ray between the two rows stands for both.
+        sy = camera.half_h - (f32(top + r) + f32(0.5 * ROWS)) * per_row
+        base_x = camera.forward_x + sy * camera.up_x
+        base_y = camera.forward_y + sy * camera.up_y
+        base_z = camera.forward_z + sy * camera.up_z
         for bx in range(c0 // BLOCK, (c1 - 1) // BLOCK + 1):
             if deepest[r, bx] < nearest:
                 continue
-            left = (f32(bx * BLOCK) + f32(0.5)) * per_column - half_w
+            left = (f32(bx * BLOCK) + f32(0.5)) * camera.column_step - camera.half_w
             for i in range(BLOCK):
-                sx = left + f32(i) * per_column
-                ink_r[i], ink_g[i], ink_b[i], ink[i], ink_t[i] = picture_pixel(
-                    atlas, picture, base_x + sx * rx, base_y + sx * ry, base_z, near
+                sx = left + f32(i) * camera.column_step
+                ink_r[i], ink_g[i], ink_b[i], ink[i], ink_t[i] = billboard_pixel(
+                    atlas, board, base_x + sx * camera.right_x, base_y + sx * camera.right_y, base_z, camera.near_m
                 )
             still = f32(0)
             for below in range(ROWS):
@@ -238,6 +249,7 @@ def draw_picture(atlas, picture, nearest, eye, box, height, top, deepest, brush,
                 for i in range(BLOCK):
                     k = first + uint64(i)
                     passing = light[k]
+                    # Front-to-back compositing (Porter, Duff 1984), for each row with its own depth and light.
                     part = passing * ink[i] if ink_t[i] < depth[k] else f32(0)
                     red[k] += part * ink_r[i]
                     green[k] += part * ink_g[i]
@@ -245,6 +257,6 @@ def draw_picture(atlas, picture, nearest, eye, box, height, top, deepest, brush,
                     rest = passing - part
                     light[k] = rest
                     crossed = (passing >= f32(0.5)) & (rest < f32(0.5))
-                    solid[k] = ink_t[i] if crossed else solid[k]
+                    plant_depth[k] = ink_t[i] if crossed else plant_depth[k]
                     still += max(rest - f32(CLOSED), f32(0)) if depth[k] > nearest else f32(0)
             deepest[r, bx] = deepest[r, bx] if still > f32(0) else f32(0)

@@ -1,7 +1,7 @@
-"""How does radiance become a picture? Automatic exposure, a filmic curve, and the code of sRGB.
+"""Tone mapping: kernels that turn radiance into sRGB by automatic exposure and a filmic curve, and add sensor noise.
 
 Exposure sets the frame's mean luminance, as the original's does (its frames differ by 8 % only). The curve is that of
-Narkowicz, "ACES Filmic Tone Mapping Curve", 2015; the code that of IEC 61966-2-1.
+Narkowicz, "ACES Filmic Tone Mapping Curve", 2015; the encoding is that of IEC 61966-2-1.
 """
 
 import math
@@ -17,14 +17,16 @@ f32 = np.float32
 
 KEY = 0.142
 """Mean luminance that exposure aims at, before the curve."""
-ADAPTION = 0.85
+ADAPTATION = 0.85
 """Share of a frame's deviation from the key that exposure takes away."""
 LUMA = (0.2126, 0.7152, 0.0722)
+"""Weights of red, green and blue in the luminance: Rec. 709."""
 SATURATION = 1.12
 """Factor on the distance of each colour from grey, before the curve, which pales colours."""
 BRIGHTEST = 3.0
-"""Pixels count for the exposure up to this radiance: glitter does not darken the picture."""
+"""Greatest luminance that counts for the exposure, so that glitter does not darken the image."""
 CODES = 4096
+"""Entries of the table that stands for curve and encoding."""
 NOISE_UNIT = 147.80
 """Standard deviation of the sum of four random bytes."""
 
@@ -52,22 +54,25 @@ CODE_TABLE = code_table().astype(np.uint32)
 
 @kernel(inlined=True)
 def luminance(red, green, blue):
+    """Luminance of a radiance."""
     return f32(LUMA[0]) * red + f32(LUMA[1]) * green + f32(LUMA[2]) * blue
 
 
 @kernel(inlined=True)
 def exposure(mean):
     """The factor on radiance in a frame of this mean luminance."""
-    return (f32(KEY) / max(mean, f32(1e-4))) ** f32(ADAPTION)
+    return (f32(KEY) / max(mean, f32(1e-4))) ** f32(ADAPTATION)
 
 
 @kernel(inlined=True)
 def tone_pixel(table, red, green, blue, gain_r, gain_g, gain_b, top_byte):
     """Radiance as a packed pixel: sRGB by the table of codes, and one byte more on top."""
+    # Saturation moves each colour away from grey, before the curve, which pales colours.
     grey = luminance(red, green, blue) * f32(1 - SATURATION)
     x = max(red * f32(SATURATION) + grey, f32(0)) * gain_r
     y = max(green * f32(SATURATION) + grey, f32(0)) * gain_g
     z = max(blue * f32(SATURATION) + grey, f32(0)) * gain_b
+    # The table is spaced as the root of the radiance, so that dark tones have as many entries as bright ones.
     scale = f32((CODES - 1) / 2.0)
     most = f32(CODES - 1)
     a = table[uint32(int32(clamp(math.sqrt(x) * scale + f32(0.5), f32(0), most)))]
@@ -102,14 +107,16 @@ def noisy(pixel, spread, key):
 
 
 @kernel(disjoint=True)
-def develop(red, green, blue, wet, look, key, image, width):
-    """Expose radiance [H', W'] and write it to image [H, W] uint32: red, green, blue, and wet [H', W'] uint8 on top.
+def write_image(radiance, mask, look, key, image):
+    """Expose `Radiance` [H', W'] and write it to image [H, W] uint32, with mask [H', W'] uint8 in the top byte.
 
     key: uint32 that the sensor's noise depends on.
     """
-    height = image.shape[0]
+    red, green, blue = radiance
+    height, width = image.shape
     total = f32(0)
     for r in range(height):
+        # A sum for each row keeps the error of float32 small.
         row = f32(0)
         for c in range(width):
             row += min(luminance(red[r, c], green[r, c], blue[r, c]), f32(BRIGHTEST))
@@ -120,7 +127,7 @@ def develop(red, green, blue, wet, look, key, image, width):
     gain_b = gain * look[GAIN_B]
     for r in range(height):
         for c in range(width):
-            image[r, c] = tone_pixel(CODE_TABLE, red[r, c], green[r, c], blue[r, c], gain_r, gain_g, gain_b, wet[r, c])
+            image[r, c] = tone_pixel(CODE_TABLE, red[r, c], green[r, c], blue[r, c], gain_r, gain_g, gain_b, mask[r, c])
     if look[NOISE] > f32(0):
         for r in range(height):
             for c in range(width):

@@ -1,6 +1,6 @@
-"""What does a river look like? Its bed through absorbing water, the sky and the woods mirrored in ripples, and glitter.
+"""Shading kernels for water: its bed through absorbing water, sky and woods mirrored in ripples, and the sun's glitter.
 
-`shade_water` shades a list of water pixels in three passes: ripples, what is mirrored, what lies below. From where:
+`shade_water` shades a list of water pixels in three passes: ripples, what is mirrored, what lies below. Sources:
 
 * Fresnel reflectance, n = 1.333: Schlick, "An Inexpensive BRDF Model", 1994; lessened by the spread of the ripples'
   slopes as in Bruneton, Neyret, Holzschuch, "Real-time Realistic Ocean Lighting", 2010, equation 20.
@@ -8,12 +8,13 @@
 * Glitter: the density of slopes that mirror the sun, Gaussian; Cox, Munk, "Measurement of the Roughness of the Sea
   Surface", 1954.
 * Ripples: two layers of one prefiltered tile drifting apart (`thalweg.render.bake.ripples`).
-* The mirrored picture: the reflected ray marched over the map of canopies in growing steps.
+* The mirrored image: the reflected ray marched over the map of canopies in growing steps.
 
 Absent on purpose: waves that move the surface, foam, and the mirror image of single trees.
 """
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import int32, uint32
@@ -23,7 +24,7 @@ from thalweg.render.bake import ripples
 from thalweg.render.kernels.fast_math import exp, log2
 from thalweg.render.kernels.shading.ground import tile_grain
 from thalweg.render.kernels.table_lookup import bilinear, channel, clamp, paint_level, sky_at, tile_level
-from thalweg.render.records import scene as table
+from thalweg.render.records import layout
 from thalweg.render.records.appearance import (
     ABSORB_B,
     ABSORB_G,
@@ -38,10 +39,13 @@ from thalweg.render.records.appearance import (
 f32 = np.float32
 
 INDEX = 1.333
+"""Refractive index of water."""
 TILE_A_M = 7.3
 TILE_B_M = 2.9
+"""Sides of the tiles of the two layers of ripples."""
 DRIFT_A_M_PER_S = (0.35, 0.12)
 DRIFT_B_M_PER_S = (-0.14, 0.23)
+"""Velocities with which the layers drift."""
 ROUGHNESS = 0.0020
 """Mean square slope of the ripples too small for the tile."""
 SHADE_GLOW = 0.12
@@ -58,14 +62,56 @@ GLITTER = 0.014
 """Radiance of a glint, as a share of the density of slopes that mirror the sun."""
 GLITTER_MOST = 0.7
 GLITTER_TINT = (1.0, 0.95, 0.86)
-WORK = 11
-"""Arrays of scratch that the shading needs."""
 MIRROR_STEPS = 14
 MIRROR_FIRST_M = 0.4
 MIRROR_GROWTH = 1.45
+"""Steps of a mirrored ray: their number, the first distance, and the factor from one to the next (50 m in all)."""
 MIRROR_BLUR_M = 0.25
 MIRROR_BLUR = 0.18
-"""The edge of a canopy is as soft as this, and this times the distance, for a step may pass over it."""
+"""The edge of a canopy is softened over this, and this times the distance, because a step may pass over it."""
+
+
+class Surface(NamedTuple):
+    """The rippled surface at n pixels, arrays [n] float32."""
+
+    slope_x: Any
+    slope_y: Any
+    spread: Any
+    """Mean square slope of the ripples too small to be seen."""
+    facing: Any
+    """Cosine between the line of sight and the surface's normal."""
+    mirror_x: Any
+    """Unit direction of the mirrored ray, as the next two."""
+    mirror_y: Any
+    mirror_z: Any
+
+
+class Mirrored(NamedTuple):
+    """What mirrored rays meet below the sky, arrays [n] float32."""
+
+    passing: Any
+    """Share of the sky behind the canopies."""
+    red: Any
+    """Radiance of the canopies, haze included, as the next two."""
+    green: Any
+    blue: Any
+
+
+class WaterScratch(NamedTuple):
+    """Scratch of `shade_water`."""
+
+    surface: Any
+    mirrored: Any
+
+
+@kernel(inlined=True)
+def empty_scratch(n):
+    """A `WaterScratch` for up to n pixels."""
+    rows = np.empty((11, n), np.float32)
+    return WaterScratch(
+        Surface(rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6]),
+        Mirrored(rows[7], rows[8], rows[9], rows[10]),
+    )
 
 
 @kernel(inlined=True)
@@ -76,6 +122,7 @@ def ripple_layer(tile, x, y, level):
     share = level - f32(low)
     a_x, a_y, a_lost, _ = tile_level(tile, x, y, low)
     b_x, b_y, b_lost, _ = tile_level(tile, x, y, low + int32(1))
+    # Bytes stand for slopes of either sign around 127.5; what filtering took from the slopes is kept as roughness.
     half = f32(127.5)
     scale = f32(ripples.SLOPE_RANGE / 127.5)
     slope_x = (a_x + (b_x - a_x) * share - half) * scale
@@ -84,19 +131,15 @@ def ripple_layer(tile, x, y, level):
 
 
 @kernel
-def shade_water(scene, w, look, x, y, z, dx, dy, dz, far, pixel, time, work, red, green, blue, n):
-    """Radiance [n] of water pixels.
+def shade_water(scene, view, points, pixel, work, out, n):
+    """Fill `Radiance` [n] with that of the water at `HitPoints`.
 
-    x, y: node coordinates, z: height in metres; dx, dy, dz: unit direction of sight in metres; far: distance in metres;
-    pixel: angle of a pixel; time in seconds; work: WORK arrays [n] of scratch.
+    pixel: height of a pixel at distance one; work: a `WaterScratch`.
     """
-    slope_x, slope_y, spread, facing, rx, ry, rz, passing, up_r, up_g, up_b = work
-    ripple(scene, w, look, x, y, dx, dy, dz, far, pixel, time, slope_x, slope_y, spread, facing, rx, ry, rz, n)
-    mirror_canopy(scene, w, look, x, y, z, rx, ry, rz, up_r, up_g, up_b, passing, red, n)
-    compose(
-        scene, w, look, x, y, dx, dy, dz, far, pixel, slope_x, slope_y, spread, facing, rx, ry, rz, passing,
-        up_r, up_g, up_b, red, green, blue, n,
-    )  # fmt: skip
+    ripple_surface(scene, view, points, pixel, work.surface, n)
+    # `out.red` is free until the last pass.
+    mirror_canopy(scene, view, points, work.surface, work.mirrored, out.red, n)
+    compose(scene, view, points, pixel, work.surface, work.mirrored, out, n)
 
 
 @kernel(inlined=True)
@@ -114,27 +157,35 @@ def mirrored_share(facing, spread):
     """Fresnel reflectance of rippled water; spread: mean square slope of the ripples too small to be seen."""
     graze = f32(1) - facing
     graze2 = graze * graze
+    # The fifth power and the root by multiplications, which vectorise.
     rough = math.sqrt(spread)
     return f32(0.02) + f32(0.98) * graze2 * graze2 * graze / (f32(1) + f32(22.7) * rough * math.sqrt(rough))
 
 
 @kernel(inlined=True)
 def refracted_slant(dz):
-    """The length of a refracted ray's way through water of depth 1; dz: how much its unit direction rises or falls."""
+    """Length of a refracted ray's path through water of depth 1; dz: rise of its unit direction in air (Snell)."""
     return f32(1) / math.sqrt(f32(1) - (f32(1) - dz * dz) * f32(1 / INDEX**2))
 
 
 @kernel(inlined=True)
-def from_below(bed, whole, absorb, scatter, sunlit):
-    """Radiance from under water in one channel: of the bed, `whole` metres of water away, and scattered on the way."""
-    through = exp(-absorb * whole)
+def from_below(bed, path, absorb, scatter, sunlit):
+    """Radiance from under water in one channel: that of the bed, `path` metres of water away, and scattered on the way.
+
+    bed: the square-root coded paint of the bed, 0..255; sunlit: share of the sun there.
+    """
+    through = exp(-absorb * path)
     glow = f32(SHADE_GLOW) + f32(1 - SHADE_GLOW) * sunlit
-    return bed * bed * f32(table.PAINT_RANGE / 255.0**2) * through + scatter * glow * (f32(1) - through)
+    return bed * bed * f32(layout.PAINT_RANGE / 255.0**2) * through + scatter * glow * (f32(1) - through)
 
 
 @kernel(inlined=True)
-def glints(sun_x, sun_y, sun_z, dx, dy, dz, lean_x, lean_y, spread, sunlit):
-    """Radiance of the ripples within a pixel that mirror the sun: as many as have the slope half way between."""
+def glints(sun, dx, dy, dz, lean_x, lean_y, spread, sunlit):
+    """Radiance of the ripples within a pixel that mirror the sun, whose slope is half way between sun and sight.
+
+    sun: unit vector to the sun, a tuple.
+    """
+    sun_x, sun_y, sun_z = sun
     half_z = sun_z - dz
     off_x = -(sun_x - dx) / half_z - lean_x
     off_y = -(sun_y - dy) / half_z - lean_y
@@ -144,19 +195,22 @@ def glints(sun_x, sun_y, sun_z, dx, dy, dz, lean_x, lean_y, spread, sunlit):
 
 
 @kernel(inlined=True)
-def footprint(far, pixel, vz):
-    """Side of a pixel on the water in metres: it is stretched along the ray, and the geometric mean sets the level."""
-    return far * pixel / math.sqrt(max(-vz, f32(0.03)))
+def footprint(distance, pixel, dz):
+    """Side of a pixel on the water in metres: the geometric mean, since it is stretched along the ray."""
+    return distance * pixel / math.sqrt(max(-dz, f32(0.03)))
 
 
 @kernel(disjoint=True)
-def ripple(scene, w, look, x, y, dx, dy, dz, far, pixel, time, slope_x, slope_y, spread, facing, rx, ry, rz, n):
-    """Slopes [n] of the water, the mean square of those too small to be seen, the cosine of sight, the mirrored ray."""
-    cell = f32(1) / scene.number[w, table.INV_CELL]
+def ripple_surface(scene, view, points, pixel, surface, n):
+    """Fill the `Surface` [n] of the water at `HitPoints`."""
+    x, y, _, dx, dy, dz, distance = points
+    slope_x, slope_y, spread, facing, rx, ry, rz = surface
+    time = view.time
+    cell = f32(1) / scene.constants[view.world, layout.INV_CELL]
     tile = scene.ripples
-    amplitude = look[RIPPLE]
+    amplitude = view.look[RIPPLE]
     for i in range(n):
-        foot = footprint(far[i], pixel, dz[i])
+        foot = footprint(distance[i], pixel, dz[i])
         mx = x[i] * cell
         my = y[i] * cell
         ax, ay, a_lost = ripple_layer(
@@ -172,6 +226,7 @@ def ripple(scene, w, look, x, y, dx, dy, dz, far, pixel, time, slope_x, slope_y,
             (f32(0.6) * my - f32(0.8) * mx + f32(DRIFT_B_M_PER_S[1]) * time) * f32(ripples.SIZE / TILE_B_M),
             log2(foot * f32(ripples.SIZE / TILE_B_M)),
         )
+        # The tile's slopes are turned back with the layer.
         lean_x = amplitude * (ax + f32(0.6) * bx - f32(0.8) * by)
         lean_y = amplitude * (ay + f32(0.8) * bx + f32(0.6) * by)
         slope_x[i] = lean_x
@@ -181,19 +236,20 @@ def ripple(scene, w, look, x, y, dx, dy, dz, far, pixel, time, slope_x, slope_y,
 
 
 @kernel(disjoint=True)
-def mirror_canopy(scene, w, look, x, y, z, rx, ry, rz, red, green, blue, passing, met_at, n):
-    """What the canopies send along reflected rays [n], haze included, and the share `passing` of the sky behind.
-
-    met_at [n] is scratch.
-    """
-    columns = int32(scene.place[w, table.CANOPY_X])
-    rows = int32(scene.place[w, table.CANOPY_Y])
-    at = int32(scene.place[w, table.CANOPY_AT])
-    fog_r = scene.number[w, table.FOG_R]
-    fog_g = scene.number[w, table.FOG_G]
-    fog_b = scene.number[w, table.FOG_B]
-    step = scene.number[w, table.INV_CELL] * f32(1 / table.CANOPY_CELL)
-    code = f32(table.PAINT_RANGE / 255.0**2)
+def mirror_canopy(scene, view, points, surface, mirrored, met_at, n):
+    """Fill `Mirrored` [n] with what the mirrored rays of a `Surface` at `HitPoints` meet. met_at [n] is scratch."""
+    x, y, z, _, _, _, _ = points
+    _, _, _, _, rx, ry, rz = surface
+    passing, red, green, blue = mirrored
+    look = view.look
+    columns = int32(scene.extents[view.world, layout.CANOPY_X])
+    rows = int32(scene.extents[view.world, layout.CANOPY_Y])
+    at = int32(scene.extents[view.world, layout.CANOPY_AT])
+    fog_r = scene.constants[view.world, layout.FOG_R]
+    fog_g = scene.constants[view.world, layout.FOG_G]
+    fog_b = scene.constants[view.world, layout.FOG_B]
+    step = scene.constants[view.world, layout.INV_CELL] * f32(1 / layout.CANOPY_CELL)
+    code = f32(layout.PAINT_RANGE / 255.0**2)
     canopy = scene.canopy
     paint = scene.canopy_paint
     for i in range(n):
@@ -202,13 +258,15 @@ def mirror_canopy(scene, w, look, x, y, z, rx, ry, rz, red, green, blue, passing
         red[i] = f32(0)
         green[i] = f32(0)
         blue[i] = f32(0)
+    # All pixels take the same steps together, so that the inner loop vectorises.
     s = f32(MIRROR_FIRST_M)
     for _ in range(MIRROR_STEPS):
         blur = f32(1) / (f32(MIRROR_BLUR_M) + f32(MIRROR_BLUR) * s)
         for i in range(n):
-            column = int32(clamp(x[i] * f32(1 / table.CANOPY_CELL) + rx[i] * s * step, f32(0), f32(columns - 1)))
-            row = int32(clamp(y[i] * f32(1 / table.CANOPY_CELL) + ry[i] * s * step, f32(0), f32(rows - 1)))
+            column = int32(clamp(x[i] * f32(1 / layout.CANOPY_CELL) + rx[i] * s * step, f32(0), f32(columns - 1)))
+            row = int32(clamp(y[i] * f32(1 / layout.CANOPY_CELL) + ry[i] * s * step, f32(0), f32(rows - 1)))
             k = uint32(at + row * columns + column)
+            # How far the canopy rises above the ray is how much of it is met: its edge is soft.
             above = canopy[k] - z[i] - rz[i] * s
             part = passing[i] * clamp(above * blur, f32(0), f32(1))
             seen = paint[k]
@@ -221,6 +279,7 @@ def mirror_canopy(scene, w, look, x, y, z, rx, ry, rz, red, green, blue, passing
             met_at[i] += part * s
             passing[i] -= part
         s = s * f32(MIRROR_GROWTH)
+    # Haze by the mean distance of what was met.
     for i in range(n):
         clear = exp(-met_at[i] * look[HAZE_PER_M])
         haze = (f32(1) - passing[i]) * (f32(1) - clear)
@@ -230,49 +289,45 @@ def mirror_canopy(scene, w, look, x, y, z, rx, ry, rz, red, green, blue, passing
 
 
 @kernel(disjoint=True)
-def compose(
-    scene, w, look, x, y, dx, dy, dz, far, pixel, slope_x, slope_y, spread, facing, rx, ry, rz, passing,
-    up_r, up_g, up_b, red, green, blue, n,
-):  # fmt: skip
-    """Radiance [n]: the bed through the water, by Fresnel the mirrored canopy and sky, and the sun's glitter."""
-    place = scene.place
-    number = scene.number
-    columns = int32(place[w, table.GX])
-    rows = int32(place[w, table.GY])
-    at = int32(place[w, table.MAP_AT])
-    inv_cell = number[w, table.INV_CELL]
+def compose(scene, view, points, pixel, surface, mirrored, out, n):
+    """Fill `Radiance` [n]: the bed through the water, by Fresnel the mirrored canopy and sky, and the sun's glitter."""
+    x, y, _, dx, dy, dz, distance = points
+    slope_x, slope_y, spread, facing, rx, ry, rz = surface
+    passing, up_r, up_g, up_b = mirrored
+    red, green, blue = out
+    look = view.look
+    extents = scene.extents
+    number = scene.constants
+    w = view.world
+    columns = int32(extents[w, layout.GX])
+    rows = int32(extents[w, layout.GY])
+    at = int32(extents[w, layout.MAP_AT])
+    inv_cell = number[w, layout.INV_CELL]
     cell = f32(1) / inv_cell
-    wide = int32(place[w, table.PAINT_X])
-    high = int32(place[w, table.PAINT_Y])
-    sky_begin = int32(place[w, table.SKY_AT])
-    sun_x = number[w, table.SUN_X]
-    sun_y = number[w, table.SUN_Y]
-    sun_z = number[w, table.SUN_Z]
-    depth_map = scene.depth
-    paint = scene.paint
-    sky_map = scene.sky
-    sun_path = refracted_slant(sun_z)
+    wide = int32(extents[w, layout.PAINT_X])
+    high = int32(extents[w, layout.PAINT_Y])
+    sky_begin = int32(extents[w, layout.SKY_AT])
+    sun = number[w, layout.SUN_X], number[w, layout.SUN_Y], number[w, layout.SUN_Z]
+    sun_path = refracted_slant(sun[2])
     for i in range(n):
         mirror = mirrored_share(facing[i], spread[i])
 
-        # The bed, where the refracted ray meets it.
-        depth = max(bilinear(depth_map, at, columns, rows, x[i], y[i]), f32(0))
+        # The bed, where the refracted ray meets it. A slope bends the ray by a quarter of itself (1 - 1 / INDEX).
+        depth = max(bilinear(scene.depth, at, columns, rows, x[i], y[i]), f32(0))
         hx = dx[i] * f32(1 / INDEX) + slope_x[i] * f32(0.25)
         hy = dy[i] * f32(1 / INDEX) + slope_y[i] * f32(0.25)
         path = depth / math.sqrt(max(f32(1) - hx * hx - hy * hy, f32(0.1)))
         bed_x = x[i] + hx * path * inv_cell
         bed_y = y[i] + hy * path * inv_cell
-        foot = footprint(far[i], pixel, dz[i])
-        level = clamp(log2(foot * inv_cell), f32(0), f32(table.PAINT_LEVELS - 1.01))
+        foot = footprint(distance[i], pixel, dz[i])
+        level = clamp(log2(foot * inv_cell), f32(0), f32(layout.PAINT_LEVELS - 1.01))
         low = int32(level)
         share = level - f32(low)
-        r0, g0, b0, s0 = paint_level(
-            paint, int32(place[w, uint32(int32(table.PAINT_AT) + low)]), wide, high, bed_x, bed_y, low
-        )
+        begin = int32(extents[w, uint32(int32(layout.PAINT_AT) + low)])
+        r0, g0, b0, s0 = paint_level(scene.paint, begin, wide, high, bed_x, bed_y, low)
         low += int32(1)
-        r1, g1, b1, s1 = paint_level(
-            paint, int32(place[w, uint32(int32(table.PAINT_AT) + low)]), wide, high, bed_x, bed_y, low
-        )
+        begin = int32(extents[w, uint32(int32(layout.PAINT_AT) + low)])
+        r1, g1, b1, s1 = paint_level(scene.paint, begin, wide, high, bed_x, bed_y, low)
         # Pebbles and holes too small for the map of depths, most of all where it is shallow.
         pebbles = tile_grain(scene.ripples, bed_x * cell, bed_y * cell, foot, f32(BED_M))
         rugged = max(f32(1) + f32(BED_ROUGH) * pebbles, f32(0))
@@ -281,14 +336,14 @@ def compose(
         g0 = (g0 + (g1 - g0) * share) * bright
         b0 = (b0 + (b1 - b0) * share) * bright
         sunlit = (s0 + (s1 - s0) * share) * f32(1 / 255.0)
-        whole = (path + depth * sun_path) * rugged
-        under_r = from_below(r0, whole, look[ABSORB_R], look[SCATTER_R], sunlit)
-        under_g = from_below(g0, whole, look[ABSORB_G], look[SCATTER_G], sunlit)
-        under_b = from_below(b0, whole, look[ABSORB_B], look[SCATTER_B], sunlit)
-        glitter = glints(
-            sun_x, sun_y, sun_z, dx[i], dy[i], dz[i], slope_x[i], slope_y[i], spread[i], sunlit * passing[i]
-        )
-        sky_r, sky_g, sky_b = sky_at(sky_map, sky_begin, rx[i], ry[i], rz[i])
+        # Sunlight has come down through the water before it goes up again.
+        path = (path + depth * sun_path) * rugged
+        under_r = from_below(r0, path, look[ABSORB_R], look[SCATTER_R], sunlit)
+        under_g = from_below(g0, path, look[ABSORB_G], look[SCATTER_G], sunlit)
+        under_b = from_below(b0, path, look[ABSORB_B], look[SCATTER_B], sunlit)
+        # The bed's share of the sun stands for the surface's; where a canopy is mirrored, the sun is hidden too.
+        glitter = glints(sun, dx[i], dy[i], dz[i], slope_x[i], slope_y[i], spread[i], sunlit * passing[i])
+        sky_r, sky_g, sky_b = sky_at(scene.sky, sky_begin, rx[i], ry[i], rz[i])
         over_r = (up_r[i] + sky_r * passing[i]) * mirror
         over_g = (up_g[i] + sky_g * passing[i]) * mirror
         over_b = (up_b[i] + sky_b * passing[i]) * mirror

@@ -1,0 +1,259 @@
+"""Baking of the tables of a `Scene`: maps, prefiltered paint, canopies, plants and bridges of each world.
+
+Every table is made once per world, so that a pixel needs only look-ups.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+import numpy as np
+
+from thalweg.render.bake import impostors, ripples, sky
+from thalweg.render.bake.cone_map import cone_map
+from thalweg.render.records.layout import (
+    ATLAS_AT,
+    BRIDGE_COLUMNS,
+    BRIDGE_FROM,
+    BRIDGE_TO,
+    CANOPY_AT,
+    CANOPY_CELL,
+    CANOPY_X,
+    CANOPY_Y,
+    CONE_AT,
+    CONE_X,
+    CONSTANT_COLUMNS,
+    EXTENT_COLUMNS,
+    FOG_B,
+    FOG_G,
+    FOG_R,
+    GX,
+    GY,
+    INV_CELL,
+    MAP_AT,
+    ORIGIN_X,
+    ORIGIN_Y,
+    P_B,
+    P_G,
+    P_HALF,
+    P_HEIGHT,
+    P_HIGH,
+    P_KIND,
+    P_LOW,
+    P_R,
+    P_RANK,
+    P_X,
+    P_Y,
+    P_Z,
+    PAINT_AT,
+    PAINT_LEVELS,
+    PAINT_RANGE,
+    PAINT_X,
+    PAINT_Y,
+    PLANT_COLUMNS,
+    PLANT_FROM,
+    PLANT_TO,
+    SHADE_AT,
+    SKY_AT,
+    SKY_RADIANCE,
+    SUN_EAST,
+    SUN_NORTH,
+    SUN_RADIANCE,
+    SUN_X,
+    SUN_Y,
+    SUN_Z,
+    TOP_MAX,
+)
+from thalweg.render.records.scene import NO_CANOPY_M, Scene
+from thalweg.world.light.bake import deck_heights
+from thalweg.world.record import World
+from thalweg.world.species import KINDS
+
+
+def sun_vector(world: World) -> np.ndarray:
+    """Unit vector [3] to the sun."""
+    level = np.cos(world.sun_elevation)
+    return np.array([level * np.cos(world.sun_azimuth), level * np.sin(world.sun_azimuth), np.sin(world.sun_elevation)])
+
+
+class TableWriter:
+    """Collects the tables of the worlds one after another, and the offsets at which they begin."""
+
+    def __init__(self) -> None:
+        self._parts: dict[str, list[np.ndarray]] = defaultdict(list)
+        self.length: dict[str, int] = defaultdict(int)
+        """Rows of each table so far."""
+
+    def add(self, name: str, table: np.ndarray) -> int:
+        """Append to a table; returns the row at which the appended part begins."""
+        begin = self.length[name]
+        self._parts[name].append(table)
+        self.length[name] += len(table)
+        return begin
+
+    def joined(self) -> dict[str, np.ndarray]:
+        """Each table as one contiguous array."""
+        return {name: np.ascontiguousarray(np.concatenate(parts)) for name, parts in self._parts.items()}
+
+
+def build_scene(worlds: Sequence[World]) -> Scene:
+    """The tables of the worlds, in their order."""
+    extents = np.zeros((len(worlds), EXTENT_COLUMNS), np.int64)
+    constants = np.zeros((len(worlds), CONSTANT_COLUMNS), np.float32)
+    tables = TableWriter()
+    atlases: dict[int, tuple[int, int]] = {}
+    atlas_level = np.zeros(0, np.int64)
+    for world, extent, constant in zip(worlds, extents, constants, strict=True):
+        sun = sun_vector(world)
+        add_maps(tables, world, sun, extent)
+        extent[PLANT_FROM] = tables.add("plants", plant_rows(world))
+        extent[PLANT_TO] = tables.length["plants"]
+        extent[BRIDGE_FROM] = tables.add("bridges", bridge_rows(world))
+        extent[BRIDGE_TO] = tables.length["bridges"]
+        extent[SKY_AT] = tables.add("sky", pack_colour(sky.sky_map(sun, world.seed), sky.CODE_RANGE).ravel())
+        # Worlds under a sun of the same height share one atlas.
+        atlas = impostors.atlas(world.sun_elevation)
+        if id(atlas) not in atlases:
+            atlas_level = atlas.offset
+            atlases[id(atlas)] = tables.add("atlas", atlas.packed), tables.add("shade", atlas.shade.reshape(-1, 3))
+        extent[ATLAS_AT], extent[SHADE_AT] = atlases[id(atlas)]
+        constant[[ORIGIN_X, ORIGIN_Y, INV_CELL]] = world.grid.origin_x_m, world.grid.origin_y_m, 1 / world.grid.cell_m
+        constant[TOP_MAX] = np.maximum(world.ground_m, world.water_m).max()
+        constant[[SUN_X, SUN_Y, SUN_Z]] = sun
+        constant[[FOG_R, FOG_G, FOG_B]] = sky.haze(sun)
+        constant[[SUN_EAST, SUN_NORTH]] = np.cos(world.sun_azimuth), np.sin(world.sun_azimuth)
+    return Scene(
+        extents=extents,
+        constants=constants,
+        ripples=ripples.packed(ripples.tile()),
+        atlas_level=atlas_level,
+        autumn=autumn(),
+        **tables.joined(),
+    )
+
+
+def add_maps(tables: TableWriter, world: World, sun: np.ndarray, extent: np.ndarray) -> None:
+    """Append the maps of a world's surface, cones, paint and canopy, and note their offsets and sizes in `extent`."""
+    top = np.maximum(world.ground_m, world.water_m)
+    extent[GY], extent[GX] = top.shape
+    extent[MAP_AT] = tables.add("top", top.ravel())
+    tables.add("depth", (world.water_m - world.ground_m).astype(np.float32).ravel())
+
+    height, slope = cone_map(top, world.grid.cell_m)
+    extent[CONE_X] = height.shape[1]
+    extent[CONE_AT] = tables.add("cone", np.stack([height, slope], axis=-1).ravel())
+
+    lit = ground_radiance(world, sun)
+    levels = paint_levels(lit, world.sun)
+    extent[PAINT_Y], extent[PAINT_X] = levels[0].shape
+    for k, level in enumerate(levels):
+        extent[PAINT_AT + k] = tables.add("paint", level.ravel())
+
+    canopy, colour = canopy_map(world, lit)
+    extent[CANOPY_Y], extent[CANOPY_X] = canopy.shape
+    extent[CANOPY_AT] = tables.add("canopy", canopy.ravel())
+    tables.add("canopy_paint", colour.ravel())
+
+
+def pack_colour(radiance: np.ndarray, scale: float, fourth: np.ndarray | None = None) -> np.ndarray:
+    """Radiance [..., 3] square-root coded over 0..scale, with a fourth byte [...] uint8, as uint32 [...]."""
+    coded = np.rint(np.sqrt(np.clip(radiance / scale, 0.0, 1.0)) * 255).astype(np.uint32)
+    packed = coded[..., 0] | coded[..., 1] << 8 | coded[..., 2] << 16
+    return packed if fourth is None else packed | fourth.astype(np.uint32) << 24
+
+
+def ground_radiance(world: World, sun: np.ndarray) -> np.ndarray:
+    """What the ground (or the bed, as seen without water) sends out under its baked light [GY, GX, 3]."""
+    slope_y, slope_x = np.gradient(world.ground_m.astype(np.float64), world.grid.cell_m)
+    facing = (-slope_x * sun[0] - slope_y * sun[1] + sun[2]) / np.sqrt(1 + slope_x**2 + slope_y**2)
+    direct = np.maximum(facing, 0.0) * (world.sun / 255.0)
+    light = direct[..., None] * SUN_RADIANCE + (world.sky / 255.0)[..., None] * SKY_RADIANCE
+    return (world.albedo / 255.0) ** 2 * light
+
+
+def paint_levels(lit: np.ndarray, sun_share: np.ndarray) -> list[np.ndarray]:
+    """The packed paint at each level, uint32: box-filtered in linear light, the first padded to a multiple of 128."""
+    block = 1 << (PAINT_LEVELS - 1)
+    pad = [(0, -lit.shape[0] % block), (0, -lit.shape[1] % block)]
+    colour = np.pad(lit, [*pad, (0, 0)], mode="edge").astype(np.float32)
+    share = np.pad(sun_share, pad, mode="edge").astype(np.float32)
+    levels = []
+    for k in range(PAINT_LEVELS):
+        if k:
+            colour = colour.reshape(colour.shape[0] // 2, 2, colour.shape[1] // 2, 2, 3).mean(axis=(1, 3))
+            share = share.reshape(share.shape[0] // 2, 2, share.shape[1] // 2, 2).mean(axis=(1, 3))
+        levels.append(pack_colour(colour, PAINT_RANGE, np.rint(share).astype(np.uint8)))
+    return levels
+
+
+FOLIAGE_RADIANCE = np.array([0.040, 0.050, 0.018])
+"""Mean radiance of the side of a wood in the sun."""
+STONE_RADIANCE = np.array([0.135, 0.120, 0.092])
+"""Mean radiance of the sides of a bridge, one in the sun and one in the shade."""
+
+
+def canopy_map(world: World, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Tops of plants and bridges [Y, X] float32, `NO_CANOPY_M` over open water, and what a reflection sees there [Y, X]
+    packed, in cells of `CANOPY_CELL` nodes."""
+    top = np.maximum(world.ground_m, world.water_m)
+    rows, columns = (s // CANOPY_CELL * CANOPY_CELL for s in top.shape)
+
+    def blocks(a: np.ndarray) -> np.ndarray:
+        return a[:rows, :columns].reshape(rows // CANOPY_CELL, CANOPY_CELL, columns // CANOPY_CELL, CANOPY_CELL, -1)
+
+    canopy = blocks(world.canopy_m).max(axis=(1, 3))[..., 0]
+    # Sloping water does not mirror itself: open water is put where no mirrored ray gets to.
+    closed = (world.water_m <= world.ground_m) | (world.canopy_m > world.water_m + 0.01)
+    canopy[blocks(closed).max(axis=(1, 3))[..., 0] == 0] = NO_CANOPY_M
+    ground = blocks(lit).mean(axis=(1, 3))
+    wooded = np.clip(blocks(world.canopy_m - top).max(axis=(1, 3)) - 0.5, 0.0, 1.0)
+    shade = 0.35 + 0.65 * blocks(world.sun / 255.0).mean(axis=(1, 3))
+    colour = ground * (1 - wooded) + FOLIAGE_RADIANCE * shade * wooded
+    for bridge in world.bridges:
+        on, _ = deck_heights(world.grid, top.shape, bridge)
+        colour[blocks(on).max(axis=(1, 3))[..., 0] > 0] = STONE_RADIANCE
+    return canopy.astype(np.float32), pack_colour(colour, PAINT_RANGE)
+
+
+def plant_rows(world: World) -> np.ndarray:
+    """[M, PLANT_COLUMNS] float32."""
+    plants = world.plants
+    rows = np.empty((len(plants.kind), PLANT_COLUMNS), np.float32)
+    rows[:, [P_X, P_Y, P_Z]] = plants.position_m
+    rows[:, P_HEIGHT] = plants.height_m
+    rows[:, P_HALF] = plants.width_m / 2
+    rows[:, P_KIND] = plants.kind
+    rows[:, [P_R, P_G, P_B]] = plants.tint
+    rows[:, [P_LOW, P_HIGH]] = plants.light
+    rows[:, P_RANK] = plant_ranks(len(rows))
+    return rows
+
+
+def plant_ranks(count: int) -> np.ndarray:
+    """[count] in 0..1: multiples of the golden ratio, so that any share of the plants is spread evenly over them."""
+    return np.arange(count) * ((np.sqrt(5) - 1) / 2) % 1.0
+
+
+AUTUMN = {
+    "oak": (2.6, 1.15, 0.55),
+    "birch": (3.4, 1.85, 0.40),
+    "bush": (2.9, 1.05, 0.70),
+    "reed": (1.7, 1.25, 0.80),
+    "grass": (1.9, 1.35, 0.75),
+    "pine": (1.10, 1.0, 0.95),
+}
+"""Factors on the colour of a species in full autumn; what is not named keeps its own."""
+
+
+def autumn() -> np.ndarray:
+    """[kinds, 3] float32."""
+    return np.array([AUTUMN.get(kind.species, (1.0, 1.0, 1.0)) for kind in KINDS], np.float32)
+
+
+def bridge_rows(world: World) -> np.ndarray:
+    """[B, BRIDGE_COLUMNS] float32."""
+    rows = np.empty((len(world.bridges), BRIDGE_COLUMNS), np.float32)
+    for row, (x, y, angle, length, width, span, spring, rise, deck, hump, parapet) in zip(
+        rows, world.bridges, strict=True
+    ):
+        row[:] = x, y, np.cos(angle), np.sin(angle), length / 2, width / 2, span / 2, spring, rise, deck, hump, parapet
+    return rows

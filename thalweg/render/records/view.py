@@ -1,0 +1,107 @@
+"""Records that pass from the renderer to its kernels: settings, views, a posed camera and the planes of a frame.
+
+All are NamedTuples: Numba takes them as arguments and takes them apart at no cost.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class FrameSettings(NamedTuple):
+    """What all frames of a renderer share."""
+
+    height: int
+    """Rows of the image."""
+    width: int
+    """Columns of the image."""
+    near_m: np.float32
+    """Depth of the near plane."""
+    reduced: bool
+    """Whether the quality is the reduced one."""
+
+
+class Views(NamedTuple):
+    """The N frames to draw, on the host or on a device."""
+
+    world_index: Any
+    """[N] int64."""
+    poses: Any
+    """[N, 4] float64: x, y, z in metres, yaw in radians."""
+    times: Any
+    """[N] float64, seconds."""
+    looks: Any
+    """[N, LOOK_COLUMNS] float32."""
+
+
+class PosedCamera(NamedTuple):
+    """A camera at a pose, in float32: its position, its unit vectors and its image plane at distance one.
+
+    The right vector has no z component, because the camera does not roll.
+    """
+
+    x: Any
+    y: Any
+    z: Any
+    forward_x: Any
+    forward_y: Any
+    forward_z: Any
+    right_x: Any
+    right_y: Any
+    up_x: Any
+    up_y: Any
+    up_z: Any
+    half_w: Any
+    """Half the width of the image plane."""
+    half_h: Any
+    """Half the height of the image plane."""
+    column_step: Any
+    """Width of a pixel on the image plane."""
+    near_m: Any
+    height: Any
+    """Rows of the image, an integer."""
+    width: Any
+    """Columns of the image, an integer."""
+
+
+class View(NamedTuple):
+    """One frame to draw."""
+
+    world: Any
+    """Which of the scene's worlds the camera is in."""
+    look: Any
+    """[LOOK_COLUMNS] float32, see `thalweg.render.records.appearance`."""
+    camera: Any
+    """A `PosedCamera`."""
+    time: Any
+    """Seconds, float32."""
+
+
+class Planes(NamedTuple):
+    """The buffers of a frame or of some of its rows, each [H', W'], or [N, H, W] for many frames."""
+
+    depth: Any
+    """float32, metres along the optical axis to ground, water or a bridge; `MISS` where a ray meets nothing."""
+    kind: Any
+    """uint8, the class of what lies there, plants apart."""
+    red: Any
+    """float32, radiance, as the next two."""
+    green: Any
+    blue: Any
+    transmittance: Any
+    """float32, share of the light that the plants in front let through."""
+    plant_depth: Any
+    """float32, depth of the plant behind which less than half of the light remains; `MISS` without one."""
+
+
+class Output(NamedTuple):
+    """Arrays of N frames that drawing fills."""
+
+    images: Any
+    """[N, H, W] uint32: red, green, blue from the lowest byte up, and the water mask in the highest."""
+    want_layers: Any
+    """Whether the next two are filled; they are [1, 1, 1] where not."""
+    depths: Any
+    """[N, H, W] float32, metres along the axis; -1 for the sky."""
+    classes: Any
+    """[N, H, W] uint8."""

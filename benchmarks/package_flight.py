@@ -16,7 +16,7 @@ from pathlib import Path
 import yaml
 
 from thalweg.bench.evaluate.episodes import read_episodes
-from thalweg.bench.execute.rivers import PACKAGED_POLICY
+from thalweg.bench.execute.backend import PACKAGED_POLICY
 from thalweg.train import load_policy
 
 ROWS = Path(__file__).with_name("flight.csv")

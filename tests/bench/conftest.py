@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.bench.small_place import draw_nothing
+from tests.bench.small_backend import draw_nothing
+from tests.bench.versioned import record_current_versions
 
 HERE = Path(__file__).parent
 
@@ -14,7 +15,9 @@ HERE = Path(__file__).parent
 @pytest.fixture
 def tiny_results(tmp_path: Path) -> Path:
     """A results folder of two levels: a baseline, a finished run and a failed one."""
-    return Path(shutil.copytree(HERE / "tiny_results", tmp_path / "results"))
+    folder = Path(shutil.copytree(HERE / "tiny_results", tmp_path / "results"))
+    record_current_versions(folder)
+    return folder
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.bench.versioned import record_current_versions
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import Condition, Trial
 from thalweg.bench.evaluate.episodes import Episode, read_episodes, write_episodes
@@ -34,7 +35,7 @@ def flights(policy: str, seed: int, level: str, unseen: bool) -> list[Episode]:
 def write(folder: Path, suite: Suite = SUITE) -> Path:
     """Results of a suite whose policies return and cost always the same."""
     folder.mkdir()
-    (folder / "suite.json").write_text(json.dumps({**suite.as_data(), "made_by": {"source": "0123456789abcdef"}}))
+    (folder / "suite.json").write_text(json.dumps(suite.as_data()))
     rows = []
     for run in suite.runs():
         rows.append(RunRow(run.name, run.kind, run.algorithm, run.seed, 1000, "finished"))
@@ -48,6 +49,7 @@ def write(folder: Path, suite: Suite = SUITE) -> Path:
             path.parent.mkdir(parents=True, exist_ok=True)
             write_episodes(path, flights(run.algorithm, run.seed, trial.level, trial.condition.unseen))
     write_runs(folder, rows)
+    record_current_versions(folder, {arm.label: arm.algorithm for arm in suite.arms})
     return folder
 
 
@@ -68,7 +70,7 @@ def test_those_that_surely_keep_the_limit_come_first_then_the_greater_return(tmp
         "": "1", "policy": "FOCOPS", "results": "mine", "limit met": "yes", "cost": "0.00 [0.00, 0.06]",
         "Medium": "5.00 [3.77, 6.23]", "Easy": "5.00 [3.77, 6.23]", "Hard": "5.00 [3.77, 6.23]",
         "unseen": "3.00 [1.99, 4.25]", "regret": "0.20", "trained on": "Medium", "steps": "1,000",
-        "seeds": "3", "code": "01234567",
+        "seeds": "3", "versions": "current",
     }  # fmt: skip
     assert by[1]["cost"] == "0.10 [0.00, 0.35]"  # 0, 0.1, 0.2: 4.303 * 0.1 / sqrt(3), but no less than 0
     assert "Not ranked" not in "".join(lines)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from thalweg.bench.execute.rivers import PACKAGED_POLICY
+from thalweg.bench.execute.backend import PACKAGED_POLICY
 from thalweg.encoder import DEFAULT_PATH
 from thalweg.render import RENDER_VERSION
 from thalweg.train import load_policy
@@ -34,7 +34,7 @@ def test_the_policy_of_the_package_learnt_from_the_encoder_of_the_package():
 
 def suite(folder: Path, die_at: int) -> int:
     """Do the tiny suite in a process of its own; returns its exit status."""
-    command = [sys.executable, "-m", "tests.bench.real_place", str(folder), str(die_at)]
+    command = [sys.executable, "-m", "tests.bench.river_suite", str(folder), str(die_at)]
     return subprocess.run(command, cwd=ROOT, capture_output=True, check=False).returncode
 
 

@@ -8,13 +8,17 @@ from types import ModuleType
 
 import pytest
 
+from tests.bench.versioned import record_current_versions
+
 TESTS = Path(__file__).resolve().parents[1]
 
 
 @pytest.fixture
 def tiny_results(tmp_path: Path) -> Path:
     """A copy of the results of two levels that the tests of the package use."""
-    return Path(shutil.copytree(TESTS / "bench" / "tiny_results", tmp_path / "results"))
+    folder = Path(shutil.copytree(TESTS / "bench" / "tiny_results", tmp_path / "results"))
+    record_current_versions(folder)
+    return folder
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from tests.bench.versioned import record_current_versions
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.results.statistics import TrainingLog
 
@@ -60,6 +61,7 @@ def test_each_variant_is_compared_with_the_default_of_its_algorithm(
     names = {"PPO": "PPO", "PPO-other": "PPO", "FOCOPS": "FOCOPS"}
     suite["arms"] = [{"name": name, "algorithm": algorithm, **common} for name, algorithm in names.items()]
     (tiny_results / "suite.json").write_text(json.dumps(suite))
+    record_current_versions(tiny_results, {"PPO-other": "PPO"})
     flights = (tiny_results / "evaluation" / "PPO-0-Medium.csv").read_text()
     runs = (tiny_results / "runs.csv").read_text().splitlines()[:3]
     for name in ("PPO-other", "FOCOPS"):

@@ -126,9 +126,9 @@ def test_without_images_held_out_the_column_is_empty(images, tmp_path):
 
 def test_another_run_in_the_folder_is_refused(images, tmp_path):
     train(images, tmp_path, epochs=1)
-    with pytest.raises(EncoderFileError, match=r"checkpoint.safetensors: a training with seed 7, not 8"):
+    with pytest.raises(EncoderFileError, match="belongs to another encoder training: seed is 7 there and 8 here"):
         train(images, tmp_path, epochs=1, seed=8)
-    with pytest.raises(EncoderFileError, match=r"a training with images_hash \w+, not \w+; choose another folder"):
+    with pytest.raises(EncoderFileError, match=r"images_hash is '\w+' there and '\w+' here\. Choose another folder"):
         train(images[::-1], tmp_path, epochs=1)
 
 

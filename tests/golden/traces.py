@@ -23,7 +23,7 @@ from thalweg.algos import ALGORITHMS
 from thalweg.algos.interface import Task
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate
-from thalweg.bench.execute.rivers import PACKAGED_POLICY
+from thalweg.bench.execute.backend import PACKAGED_POLICY
 from thalweg.core import versions
 from thalweg.core.cache import file_hash
 from thalweg.encoder import DEFAULT_PATH, load_encoder, train_encoder

@@ -19,7 +19,7 @@ from thalweg.train import TrainingError, load_policy
         ({"config": SMALL | {"cost_limit": 0.3}}, "config.cost_limit is 0.1 there and 0.3 here"),
         ({"env": Walk(6)}, "num_envs is 4 there and 6 here"),
         ({"seed": 5}, "seed is 3 there and 5 here"),
-        ({"context": {"encoder": "mine"}}, "context.encoder is 'absent' there and 'mine' here"),
+        ({"context": {"encoder": "mine"}}, "context.encoder is absent there and 'mine' here"),
     ],
 )
 def test_the_folder_of_another_run_is_refused_before_anything_happens(tmp_path, changes, words):
@@ -35,7 +35,7 @@ def test_of_many_differences_the_first_are_named_and_the_others_counted(tmp_path
     with pytest.raises(Stop):
         train(tmp_path, env=StopsAt(200))
     changes = {f"key_{k}": k for k in range(9)}
-    with pytest.raises(TrainingError, match=r"context\.key_3 is 'absent' there and 3 here; and 5 more\. Choose"):
+    with pytest.raises(TrainingError, match=r"context\.key_3 is absent there and 3 here; and 5 more\. Choose"):
         train(tmp_path, context=changes)
 
 
@@ -61,7 +61,7 @@ def test_a_folder_of_something_else_is_refused_and_left_as_it_was(tmp_path, name
 
 def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
     (tmp_path / "file").write_text("kept")
-    with pytest.raises(TrainingError, match="file is a file; give a new folder for the run"):
+    with pytest.raises(TrainingError, match="file is not a folder; give a new folder for the run"):
         train(tmp_path / "file")
     assert (tmp_path / "file").read_text() == "kept"
 

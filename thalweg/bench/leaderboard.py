@@ -51,8 +51,8 @@ class Entry:
     policy: str
     source: str
     """Name of the results folder."""
-    code: str
-    """Version of the code that made the results."""
+    versions: str
+    """The versions that the results were made with: `current`, or those that differ."""
     level: str
     """Training level."""
     steps: int
@@ -94,38 +94,42 @@ def entries(folder: Path) -> list[Entry]:
     evaluated, unseen = (_counted(rows) for rows in (results.episodes, results.condition_episodes.get(UNSEEN.name, [])))
     found = []
     for arm in arms_of(results.suite):
-        name = arm["name"]
-        usual, other = (
-            {level: rows for level in LEVELS if (rows := each.get((name, level)))} for each in (evaluated, unseen)
-        )
-        if usual or any(row.algorithm == name for row in results.runs):
-            found.append(_entry(results, folder, arm, usual, other))
+        outdated = [name for name, policy in results.outdated.items() if policy.policy == arm["name"]]
+        for name in (arm["name"], *outdated):
+            usual, other = (
+                {level: rows for level in LEVELS if (rows := each.get((name, level)))} for each in (evaluated, unseen)
+            )
+            if usual or any(row.algorithm == name for row in results.runs):
+                found.append(_entry(results, name, arm, usual, other))
     return found
 
 
 def _entry(
     results: Results,
-    folder: Path,
+    name: str,
     arm: dict[str, Any],
     usual: dict[str, list[Episode]],
     unseen: dict[str, list[Episode]],
 ) -> Entry:
-    """The entry of an arm with its episodes on each level, on the usual and on unseen rivers."""
-    name = arm["name"]
+    """The entry of an arm with its episodes on each level, on the usual and on unseen rivers.
+
+    `name` is that of its episodes: the arm's, or that of its outdated runs.
+    """
+    outdated = results.outdated.get(name)
     returns = {level: mean_estimate(rows, "return_") for level, rows in usual.items()}
     if LEVEL in unseen:
         returns[UNSEEN.name] = mean_estimate(unseen[LEVEL], "return_")
     return Entry(
-        policy=name,
-        source=folder.resolve().name,
-        code=str((results.suite.get("made_by") or {}).get("source") or "unknown")[:8],
+        policy=arm["name"],
+        source=results.folder.resolve().name,
+        versions="current" if outdated is None else outdated.versions,
         level=arm.get("level") or results.suite.get("train_level", "unknown"),
         steps=_training_steps(arm),
         seeds=sum(row.algorithm == name and row.status == "finished" for row in results.runs),
         cost=mean_estimate(usual[LEVEL], "cost") if LEVEL in usual else None,
         returns=returns,
         regret=training_regret(results, name),
-        missing=tuple(_missing(results, arm, usual, unseen)),
+        missing=("current versions",) if outdated else tuple(_missing(results, arm, usual, unseen)),
     )
 
 
@@ -217,12 +221,13 @@ episode on {LEVEL} is within {COST_LIMIT} for the whole confidence interval (*ye
 interval, and *below, unsure* or *above, unsure* says on which side the mean cost lies.
 
 *Unseen*: rivers of {LEVEL} that nothing is trained on. *Regret*: the cost of training above the limit, per episode of
-the last stage. *Code*: a hash of the sources that made the row; worlds and frames of different code may differ.
+the last stage. *Versions*: *current* if the row was made with today's versions of everything that results depend on,
+otherwise those that differ; such a row is not ranked until it has been run again.
 """
 OTHER_LEVELS = tuple(level for level in LEVELS if level != LEVEL)
 COLUMNS = (
     "policy", "results", "limit met", "cost", LEVEL, *OTHER_LEVELS, "unseen", "regret",
-    "trained on", "steps", "seeds", "code",
+    "trained on", "steps", "seeds", "versions",
 )  # fmt: skip
 
 
@@ -231,5 +236,5 @@ def _cells(entry: Entry) -> list[str]:
     returns = [str(entry.returns.get(river, "missing")) for river in (LEVEL, *OTHER_LEVELS, UNSEEN.name)]
     cost = "missing" if entry.cost is None else str(entry.cost)
     regret = "unknown" if entry.regret is None else f"{entry.regret:.2f}"
-    rest = [regret, entry.level, f"{entry.steps:,}", str(entry.seeds), entry.code]
+    rest = [regret, entry.level, f"{entry.steps:,}", str(entry.seeds), entry.versions]
     return [entry.policy, entry.source, entry.limit_met, cost, *returns, *rest]

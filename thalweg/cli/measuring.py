@@ -88,9 +88,9 @@ class Bench:
     now, such as --only FOCOPS PPO-0; all if none is given. FOCOPS-paper is not among FOCOPS."""
 
     def run(self) -> int:
-        from thalweg.cli.printing import bench_command, hands_for
+        from thalweg.cli.printing import bench_command, executor_for
 
-        return bench_command(self.suite, self.out, self.only, hands_for(self.jobs, self.cluster, self.cpus))
+        return bench_command(self.suite, self.out, self.only, executor_for(self.jobs, self.cluster, self.cpus))
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,13 @@ from thalweg.bench.evaluate.baselines import BASELINES, Policy
 from thalweg.bench.evaluate.episodes import Episode, write_episodes
 from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
 from thalweg.bench.evaluate.progress import all_landed, bar, progress_of_flights
-from thalweg.bench.execute.cluster.ray_executor import Cluster
-from thalweg.bench.execute.executors import Hands, Here, Processes
-from thalweg.bench.execute.rivers import PACKAGED_POLICY
+from thalweg.bench.execute.backend import PACKAGED_POLICY
+from thalweg.bench.execute.cluster.ray_executor import RayExecutor
+from thalweg.bench.execute.executors import Executor, ProcessPoolExecutor, SerialExecutor
 from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.report.published import SOURCE
 from thalweg.bench.report.result_tables import detail_table, paper_table
 from thalweg.bench.report.table import is_published
-from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
 from thalweg.bench.suite.suites import PACKAGED
 from thalweg.bench.suite.yaml_file import suite_of
@@ -102,11 +101,11 @@ def _courses(place: str | Reach, request: Request) -> tuple[list[Course], str]:
     return [Course.on(place.build(request.world_seed), request.config)], place.name
 
 
-def bench_command(name: str, folder: Path, only: tuple[str, ...], hands: Hands) -> int:
+def bench_command(name: str, folder: Path, only: tuple[str, ...], executor: Executor) -> int:
     """Run a suite, or some of it; returns 1 if one of its runs failed."""
     console = _console()
-    outcome = run_suite(suite_of(name), folder, console=console, hands=hands, only=only)
-    print_tables(console, read_results(folder), detail=False)
+    outcome = run_suite(suite_of(name), folder, console=console, executor=executor, only=only)
+    print_tables(console, outcome.results, detail=False)
     lines = [f"Report: {outcome.report.page}", f"Table:  {outcome.report.table}"]
     if outcome.report.film is not None:
         lines.append(f"Film:   {outcome.report.film}")
@@ -115,14 +114,14 @@ def bench_command(name: str, folder: Path, only: tuple[str, ...], hands: Hands) 
     return 1 if outcome.failed else 0
 
 
-def hands_for(jobs: int | None, cluster: str | None, cpus: int | None) -> Hands:
+def executor_for(jobs: int | None, cluster: str | None, cpus: int | None) -> Executor:
     """Who does the runs, as the command's options say; raises `ResultsError` where they do not go together."""
     if cluster is not None:
-        return Cluster(cluster, jobs, 1 if cpus is None else cpus)
+        return RayExecutor(cluster, jobs, 1 if cpus is None else cpus)
     if cpus is not None:
         raise ResultsError("--cpus goes with --cluster; here, runs share the cores")
     jobs = usable_cores() if jobs is None else jobs
-    return Here() if jobs == 1 else Processes(jobs)
+    return SerialExecutor() if jobs == 1 else ProcessPoolExecutor(jobs)
 
 
 def _console() -> Console:

@@ -21,6 +21,7 @@ import torch
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from thalweg.core.atomic_io import write_atomic
+from thalweg.core.run_folder import FolderKind
 from thalweg.encoder.files import FORMAT, EncoderFileError, read_tensors, save_vae, write_tensors
 from thalweg.encoder.reconstruction import check_images, mean_image_mse, reconstruction_mse, to_batch
 from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig, vae_loss
@@ -29,6 +30,8 @@ COLUMNS = ("epoch", "loss", "mse", "kl", "held_out_mse", "images_per_s")
 """Columns of `metrics.csv`: means over the steps of the epoch, with noise in the code and the batch's own norms;
 `held_out_mse` is as the encoder is used, on the images held out, and empty when there are none."""
 
+
+ENCODER_FOLDER = FolderKind("encoder training", "checkpoint.safetensors", EncoderFileError)
 
 Row = dict[str, float | None]
 
@@ -178,10 +181,8 @@ class _State:
         if not path.exists():
             return []
         tensors, about = read_tensors(path, "encoder training")
-        for name, mine in self.run.items():
-            found = about.get("run", {}).get(name)
-            if found != mine:
-                raise EncoderFileError(f"{path}: a training with {name} {found}, not {mine}; choose another folder")
+        recorded = {name: value for name, value in about.get("run", {}).items() if name in self.run}
+        ENCODER_FOLDER.require_same(path.parent, recorded, self.run)
         state = {**self.optimizer.state_dict(), "state": {}}
         for name, tensor in tensors.items():
             if name.startswith("adam."):

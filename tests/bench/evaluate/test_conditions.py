@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import torch
 
-from tests.bench.small_place import SUITE, SmallPlace
+from tests.bench.small_backend import SUITE, SmallBackend
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import BEYOND, DAYS, MAIN, SUN, Condition, Trial
 from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
-from thalweg.bench.execute.rivers import Rivers
+from thalweg.bench.execute.backend import RiverBackend
 from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.report.report import problems
 from thalweg.bench.results.reading import read_results
@@ -103,7 +103,7 @@ def test_trials_of_a_policy_and_of_a_baseline():
 
 def test_results_of_conditions_have_folders_of_their_own(tmp_path: Path):
     suite = replace(SUITE, conditions=(Condition("mode", ("Easy",), blind=False), Condition("real", rivers=("Cam",))))
-    run_suite(suite, tmp_path, SmallPlace())
+    run_suite(suite, tmp_path, SmallBackend())
     path = evaluation_path(tmp_path, "PPO-1", Trial("Easy", suite.conditions[0]))
     assert path == tmp_path / "evaluation" / "mode" / "PPO-1-Easy.csv" and path.exists()
     results = read_results(tmp_path)
@@ -116,7 +116,7 @@ def test_results_of_conditions_have_folders_of_their_own(tmp_path: Path):
     path.unlink()
     (tmp_path / "evaluation" / "mode" / "notes.txt").write_text("mine")
     assert [line.split(":")[0] for line in problems(read_results(tmp_path))] == ["Not used", "Unfinished"]
-    again = SmallPlace()
+    again = SmallBackend()
     run_suite(suite, tmp_path, again)
     assert again.calls == ["evaluate PPO-1 Easy, mode"]
 
@@ -134,7 +134,7 @@ def test_results_of_conditions_have_folders_of_their_own(tmp_path: Path):
     ],
 )
 def test_a_misspelt_condition_fails_before_anything_is_done(tmp_path: Path, changes: dict[str, Any], message: str):
-    place = SmallPlace()
+    place = SmallBackend()
     with pytest.raises(ResultsError, match=message):
         run_suite(replace(SUITE, conditions=(Condition(**{"name": "it", **changes}),)), tmp_path / "new", place)
     assert place.calls == [] and not (tmp_path / "new").exists()
@@ -142,11 +142,11 @@ def test_a_misspelt_condition_fails_before_anything_is_done(tmp_path: Path, chan
 
 def test_a_condition_is_named_once(tmp_path: Path):
     with pytest.raises(ResultsError, match="condition it is named twice"):
-        run_suite(replace(SUITE, conditions=(Condition("it"), Condition("it"))), tmp_path / "new", SmallPlace())
+        run_suite(replace(SUITE, conditions=(Condition("it"), Condition("it"))), tmp_path / "new", SmallBackend())
 
 
 def test_courses_are_what_their_condition_says():
-    rivers = Rivers(replace(SUITE, arms=(Arm("PPO"),), episodes=2))
+    rivers = RiverBackend(replace(SUITE, arms=(Arm("PPO"),), episodes=2))
     (main,) = rivers.courses(Trial("Easy", MAIN))
     (varied,) = rivers.courses(Trial("Easy", Condition("ripple", varied=("ripple",))))
     (real,) = rivers.courses(Trial("Cam", Condition("real", rivers=("Cam",))))

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.bench.small_place import SUITE, SmallPlace
+from tests.bench.small_backend import SUITE, SmallBackend
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.execute.executors import LOGS, Processes
-from thalweg.bench.execute.runner import chosen, run_suite
+from thalweg.bench.execute.executors import LOGS, ProcessPoolExecutor
+from thalweg.bench.execute.runner import run_suite, selected_runs
 from thalweg.bench.results.results import read_runs
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
@@ -21,12 +21,12 @@ pytestmark = pytest.mark.usefixtures("no_pictures")
 CUT_OFF = """
 import sys
 from pathlib import Path
-from tests.bench.small_place import SUITE, SmallPlace
-from thalweg.bench.execute.executors import Processes
+from tests.bench.small_backend import SUITE, SmallBackend
+from thalweg.bench.execute.executors import ProcessPoolExecutor
 from thalweg.bench.execute.runner import run_suite
 
 if __name__ == "__main__":
-    run_suite(SUITE, Path(sys.argv[1]), SmallPlace(sleeps_s=600.0), hands=Processes(2))
+    run_suite(SUITE, Path(sys.argv[1]), SmallBackend(sleeps_s=600.0), executor=ProcessPoolExecutor(2))
 """
 
 
@@ -39,32 +39,32 @@ def tables(folder: Path) -> dict[str, str]:
 @pytest.fixture(scope="module")
 def one_by_one(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     folder = tmp_path_factory.mktemp("one_by_one")
-    run_suite(SUITE, folder, SmallPlace())
+    run_suite(SUITE, folder, SmallBackend())
     return tables(folder)
 
 
 def test_two_at_a_time_leave_what_one_leaves(tmp_path: Path, one_by_one: dict[str, str]):
-    outcome = run_suite(SUITE, tmp_path, SmallPlace(), hands=Processes(2))
+    outcome = run_suite(SUITE, tmp_path, SmallBackend(), executor=ProcessPoolExecutor(2))
     assert [row.status for row in outcome.runs] == ["finished"] * 5
     assert tables(tmp_path) == one_by_one
     assert "train 100 steps on Medium" in (tmp_path / LOGS / "FOCOPS-1.txt").read_text()
 
 
 def test_a_process_that_dies_is_a_failed_run_and_is_tried_again(tmp_path: Path, one_by_one: dict[str, str]):
-    outcome = run_suite(SUITE, tmp_path, SmallPlace(dies=("PPO-1",)), hands=Processes(3))
+    outcome = run_suite(SUITE, tmp_path, SmallBackend(dies=("PPO-1",)), executor=ProcessPoolExecutor(3))
     assert [(row.run, row.error) for row in outcome.failed] == [("PPO-1", "the process that did it ended with 9")]
     assert len([row for row in read_runs(tmp_path) if row.status == "finished"]) == 4
-    assert run_suite(SUITE, tmp_path, SmallPlace(), hands=Processes(2)).failed == []
+    assert run_suite(SUITE, tmp_path, SmallBackend(), executor=ProcessPoolExecutor(2)).failed == []
     assert tables(tmp_path) == one_by_one
 
 
 def test_an_error_in_a_process_is_its_row(tmp_path: Path):
-    outcome = run_suite(SUITE, tmp_path, SmallPlace(broken=("FOCOPS-0",)), hands=Processes(2))
+    outcome = run_suite(SUITE, tmp_path, SmallBackend(broken=("FOCOPS-0",)), executor=ProcessPoolExecutor(2))
     assert [row.error for row in outcome.failed] == ["ArithmeticError: the loss is NaN in line two"]
     assert "in train" in (tmp_path / "runs" / "FOCOPS-0" / "error.txt").read_text()
 
 
-class Full(SmallPlace):
+class Full(SmallBackend):
     """Its disk is full when a policy is to be trained."""
 
     def train(self, run, folder):
@@ -73,7 +73,7 @@ class Full(SmallPlace):
 
 def test_a_full_disk_in_a_process_stops_all(tmp_path: Path):
     with pytest.raises(OSError, match="No space"):
-        run_suite(SUITE, tmp_path, Full(), hands=Processes(2))
+        run_suite(SUITE, tmp_path, Full(), executor=ProcessPoolExecutor(2))
     assert {row.status for row in read_runs(tmp_path)} <= {"finished"}
 
 
@@ -116,20 +116,20 @@ def wait_for(found, count: int, seconds: float = 120.0) -> list:
 
 
 def test_only_what_is_named_is_done_and_the_rest_later(tmp_path: Path, one_by_one: dict[str, str]):
-    outcome = run_suite(SUITE, tmp_path, SmallPlace(), only=("FOCOPS-1", "PPO"))
+    outcome = run_suite(SUITE, tmp_path, SmallBackend(), only=("FOCOPS-1", "PPO"))
     assert [row.run for row in outcome.runs] == ["PPO-0", "PPO-1", "FOCOPS-1"]
     assert any(line.startswith("Unfinished: 6 of 15") for line in outcome.report.problems)
-    run_suite(SUITE, tmp_path, SmallPlace())
+    run_suite(SUITE, tmp_path, SmallBackend())
     assert tables(tmp_path) == one_by_one
 
 
 def test_what_is_named_is_in_the_order_of_the_suite_and_known():
-    assert [run.name for run in chosen(SUITE, ())] == ["hover-0", "PPO-0", "PPO-1", "FOCOPS-0", "FOCOPS-1"]
+    assert [run.name for run in selected_runs(SUITE, ())] == ["hover-0", "PPO-0", "PPO-1", "FOCOPS-0", "FOCOPS-1"]
     said = "suite small has no 'FOCOPS-2'; name one of hover, PPO, FOCOPS, or one run, such as FOCOPS-1$"
     with pytest.raises(ResultsError, match=said):
-        chosen(SUITE, ("PPO", "FOCOPS-2"))
+        selected_runs(SUITE, ("PPO", "FOCOPS-2"))
 
 
 def test_no_jobs_do_nothing():
     with pytest.raises(ResultsError, match="jobs must be at least 1, not 0"):
-        Processes(0)
+        ProcessPoolExecutor(0)

@@ -8,17 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.bench import small_place
-from tests.bench.small_place import SUITE, SmallPlace
+from tests.bench import small_backend
+from tests.bench.small_backend import SUITE, SmallBackend
 from thalweg.algos import AlgorithmError
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import Condition, Trial
 from thalweg.bench.evaluate.episodes import WORDS, read_episodes, write_episodes
-from thalweg.bench.execute import rivers as river
-from thalweg.bench.execute import runner
-from thalweg.bench.execute.filming import best_of_all, shots_of_each
-from thalweg.bench.execute.rivers import made_by
-from thalweg.bench.execute.runner import chosen, run_suite
+from thalweg.bench.execute import backend
+from thalweg.bench.execute.backend import installed_versions
+from thalweg.bench.execute.filming import best_of_all, policy_shots
+from thalweg.bench.execute.runner import run_suite, selected_runs
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import evaluation_path, read_runs
 from thalweg.bench.suite.suites import STUDIED, SUITES, Arm, Run, Stage, suite_named
@@ -41,15 +40,15 @@ def tables(folder: Path) -> dict[str, str]:
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     folder = tmp_path_factory.mktemp("undisturbed")
-    place = SmallPlace()
+    place = SmallBackend()
     run_suite(SUITE, folder, place)
     assert len(place.calls) == WHOLE
     return tables(folder)
 
 
 def test_a_finished_suite_is_not_repeated(tmp_path: Path):
-    run_suite(SUITE, tmp_path, SmallPlace())
-    again = SmallPlace()
+    run_suite(SUITE, tmp_path, SmallBackend())
+    again = SmallBackend()
     outcome = run_suite(SUITE, tmp_path, again)
     assert again.calls == []
     assert [row.status for row in outcome.runs] == ["finished"] * 5
@@ -60,16 +59,16 @@ def test_a_finished_suite_is_not_repeated(tmp_path: Path):
 def test_killed_at_any_point_the_same_command_ends_with_the_same_tables(
     tmp_path: Path, die_at: int, undisturbed: dict[str, str], capsys: pytest.CaptureFixture
 ):
-    command = [sys.executable, small_place.__file__, str(tmp_path), str(die_at)]
+    command = [sys.executable, small_backend.__file__, str(tmp_path), str(die_at)]
     assert subprocess.run(command, capture_output=True).returncode == 9
-    rest = SmallPlace()
+    rest = SmallBackend()
     run_suite(SUITE, tmp_path, rest)
     assert tables(tmp_path) == undisturbed
     assert len(rest.calls) == WHOLE - die_at  # nothing that was finished was done again
 
 
 def test_a_failed_run_is_a_row_with_its_error_and_the_others_go_on(tmp_path: Path):
-    outcome = run_suite(SUITE, tmp_path, SmallPlace(broken=("PPO-1",)))
+    outcome = run_suite(SUITE, tmp_path, SmallBackend(broken=("PPO-1",)))
     rows = {row.run: row for row in read_runs(tmp_path)}
     assert list(rows) == ["hover-0", "PPO-0", "PPO-1", "FOCOPS-0", "FOCOPS-1"]
     assert rows["PPO-1"].status == "failed"
@@ -80,8 +79,8 @@ def test_a_failed_run_is_a_row_with_its_error_and_the_others_go_on(tmp_path: Pat
 
 
 def test_a_failed_run_is_tried_again_and_nothing_else(tmp_path: Path, undisturbed: dict[str, str]):
-    run_suite(SUITE, tmp_path, SmallPlace(broken=("PPO-1",)))
-    again = SmallPlace()
+    run_suite(SUITE, tmp_path, SmallBackend(broken=("PPO-1",)))
+    again = SmallBackend()
     run_suite(SUITE, tmp_path, again)
     assert again.calls[:4] == ["train PPO-1"] + [f"evaluate PPO-1 {level}" for level in SUITE.test_levels]
     assert [call.split()[0] for call in again.calls[4:]] == ["film"] * 3  # their captions count more flights now
@@ -91,10 +90,10 @@ def test_a_failed_run_is_tried_again_and_nothing_else(tmp_path: Path, undisturbe
 
 def test_a_run_that_is_tried_again_finds_its_folder_free_of_the_old_error(tmp_path: Path):
     """A trainer refuses a folder that holds anything but its own run."""
-    run_suite(SUITE, tmp_path, SmallPlace(broken=("PPO-1",)))
+    run_suite(SUITE, tmp_path, SmallBackend(broken=("PPO-1",)))
     found: list[str] = []
 
-    class Looks(SmallPlace):
+    class Looks(SmallBackend):
         def train(self, run: Run, folder: Path) -> None:
             found.extend(path.name for path in folder.iterdir())
             super().train(run, folder)
@@ -104,10 +103,10 @@ def test_a_run_that_is_tried_again_finds_its_folder_free_of_the_old_error(tmp_pa
 
 
 def test_a_half_written_evaluation_is_flown_again(tmp_path: Path, undisturbed: dict[str, str]):
-    run_suite(SUITE, tmp_path, SmallPlace())
+    run_suite(SUITE, tmp_path, SmallBackend())
     file = tmp_path / "evaluation" / "FOCOPS-1-Hard.csv"
     file.write_text(file.read_text()[:-30])
-    again = SmallPlace()
+    again = SmallBackend()
     run_suite(SUITE, tmp_path, again)
     assert again.calls == ["evaluate FOCOPS-1 Hard"]
     assert tables(tmp_path) == undisturbed
@@ -117,7 +116,7 @@ def test_a_full_disk_stops_the_suite_and_keeps_what_was_finished(tmp_path: Path,
     def full(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    place = SmallPlace()
+    place = SmallBackend()
     monkeypatch.setattr(place, "train", full)
     with pytest.raises(OSError, match="No space"):
         run_suite(SUITE, tmp_path, place)
@@ -159,7 +158,7 @@ def test_a_full_disk_stops_the_suite_and_keeps_what_was_finished(tmp_path: Path,
     ],
 )
 def test_a_misspelt_suite_fails_before_anything_is_done(tmp_path: Path, change: dict, message: str):
-    place = SmallPlace()
+    place = SmallBackend()
     with pytest.raises((ResultsError, AlgorithmError), match=message):
         run_suite(replace(SUITE, **change), tmp_path / "new", place)
     assert place.calls == []
@@ -167,54 +166,40 @@ def test_a_misspelt_suite_fails_before_anything_is_done(tmp_path: Path, change: 
 
 
 def test_a_folder_of_another_suite_is_refused_with_the_difference(tmp_path: Path):
-    run_suite(SUITE, tmp_path, SmallPlace())
+    run_suite(SUITE, tmp_path, SmallBackend())
     longer = Arm("FOCOPS", seeds=(0, 1), steps=200)
-    with pytest.raises(ResultsError, match=r"\(FOCOPS: steps 100 there, 200 now\)"):
-        run_suite(replace(SUITE, arms=(SUITE.arms[0], longer)), tmp_path, SmallPlace())
-    with pytest.raises(ResultsError, match=r"\(episodes 3 there, 4 now; arm FOCOPS not now\)"):
-        run_suite(replace(SUITE, arms=SUITE.arms[:1], episodes=4), tmp_path, SmallPlace())
-
-
-@pytest.mark.parametrize("part", ["world", "encoder", "packaged"])
-def test_results_made_by_another_thalweg_are_not_gone_on_with(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: str
-):
-    run_suite(SUITE, tmp_path, SmallPlace())
-    monkeypatch.setattr(runner, "made_by", lambda: made_by() | {part: 99})
-    place = SmallPlace()
-    with pytest.raises(ResultsError, match=rf"made by another Thalweg \({part} .*choose another --out, or remove it"):
-        run_suite(SUITE, tmp_path, place)
-    assert place.calls == []
-
-
-def test_results_that_do_not_say_what_made_them_are_not_gone_on_with(tmp_path: Path):
-    run_suite(SUITE, tmp_path, SmallPlace())
-    record = json.loads((tmp_path / "suite.json").read_text())
-    del record["made_by"]
-    (tmp_path / "suite.json").write_text(json.dumps(record))
-    with pytest.raises(ResultsError, match="made by another Thalweg"):
-        run_suite(SUITE, tmp_path, SmallPlace())
+    with pytest.raises(
+        ResultsError, match=r"belongs to another suite: arms\.FOCOPS\.steps is 100 there and 200 here\. Choose"
+    ):
+        run_suite(replace(SUITE, arms=(SUITE.arms[0], longer)), tmp_path, SmallBackend())
+    with pytest.raises(
+        ResultsError, match=r"arms\.FOCOPS is present there and absent here; episodes is 3 there and 4 here"
+    ):
+        run_suite(replace(SUITE, arms=SUITE.arms[:1], episodes=4), tmp_path, SmallBackend())
 
 
 def test_a_copy_without_a_packaged_policy_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    before = made_by()
-    monkeypatch.setattr(river, "PACKAGED_POLICY", tmp_path / "policy.safetensors")
-    assert made_by() == before | {"packaged": None}
+    before = installed_versions()
+    monkeypatch.setattr(backend, "PACKAGED_POLICY", tmp_path / "policy.safetensors")
+    assert installed_versions() == before | {"packaged": None}
     (tmp_path / "policy.safetensors").write_bytes(b"flies well")
-    assert made_by() == before
+    assert installed_versions() == before
 
 
 def test_a_folder_with_something_else_in_it_is_refused(tmp_path: Path):
     (tmp_path / "thesis.tex").write_text("")
-    with pytest.raises(ResultsError, match="not empty and holds no suite"):
-        run_suite(SUITE, tmp_path, SmallPlace())
+    with pytest.raises(
+        ResultsError,
+        match=r"holds thesis\.tex, but no suite\.json: it is not the folder of a suite\. Give a new or empty one",
+    ):
+        run_suite(SUITE, tmp_path, SmallBackend())
 
 
 def test_without_a_packaged_policy_the_rest_is_done_and_it_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ):
     monkeypatch.setattr("thalweg.bench.execute.executors.PACKAGED_POLICY", tmp_path / "nothing")
-    outcome = run_suite(replace(SUITE, packaged=True), tmp_path / "out", SmallPlace())
+    outcome = run_suite(replace(SUITE, packaged=True), tmp_path / "out", SmallBackend())
     assert [row.run for row in outcome.runs if row.status == "absent"] == ["packaged-0"]
     assert outcome.failed == []
     assert "comes without a trained policy" in capsys.readouterr().out
@@ -222,8 +207,8 @@ def test_without_a_packaged_policy_the_rest_is_done_and_it_is_said(
 
 
 def test_the_film_shows_the_best_flight_of_a_trained_policy_and_says_so(tmp_path: Path):
-    run_suite(SUITE, tmp_path, SmallPlace())
-    found = best_of_all(SUITE, tmp_path)
+    run_suite(SUITE, tmp_path, SmallBackend())
+    found = best_of_all(SUITE, read_results(tmp_path))
     assert found is not None
     rows = [row for row in read_results(tmp_path).episodes if row.level == "Medium" and row.algorithm != "hover"]
     best = max(rows, key=lambda row: row.return_)
@@ -238,20 +223,20 @@ def test_the_film_shows_the_best_flight_of_a_trained_policy_and_says_so(tmp_path
 
 
 def test_another_best_flight_is_filmed_anew(tmp_path: Path):
-    run_suite(SUITE, tmp_path, SmallPlace(broken=("PPO-0", "PPO-1", "FOCOPS-1")))
+    run_suite(SUITE, tmp_path, SmallBackend(broken=("PPO-0", "PPO-1", "FOCOPS-1")))
     assert "The best of 3 flights" in (tmp_path / "film.txt").read_text()
-    again = SmallPlace()
+    again = SmallBackend()
     run_suite(SUITE, tmp_path, again)
     assert len([call for call in again.calls if call.startswith("film ")]) == FILMS
     assert "The best of 12 flights" in (tmp_path / "film.txt").read_text()
 
 
 def test_a_film_that_fails_does_not_lose_the_report_and_is_tried_again(tmp_path: Path):
-    outcome = run_suite(SUITE, tmp_path, SmallPlace(broken=("film",)))
+    outcome = run_suite(SUITE, tmp_path, SmallBackend(broken=("film",)))
     assert outcome.failed == []
     for name in ("", " films/PPO-failure"):
         assert f"<li>No film{name}: RuntimeError: ffmpeg is not there</li>" in outcome.report.page.read_text()
-    again = SmallPlace()
+    again = SmallBackend()
     outcome = run_suite(SUITE, tmp_path, again)
     assert [call.split()[0] for call in again.calls] == ["film"] * FILMS
     assert "No film" not in outcome.report.page.read_text()
@@ -259,8 +244,8 @@ def test_a_film_that_fails_does_not_lose_the_report_and_is_tried_again(tmp_path:
 
 
 def test_a_film_that_fails_leaves_none_of_another_flight(tmp_path: Path):
-    run_suite(SUITE, tmp_path, SmallPlace(broken=("PPO-0", "PPO-1", "FOCOPS-1")))
-    assert run_suite(SUITE, tmp_path, SmallPlace(broken=("film",))).report.film is None
+    run_suite(SUITE, tmp_path, SmallBackend(broken=("PPO-0", "PPO-1", "FOCOPS-1")))
+    assert run_suite(SUITE, tmp_path, SmallBackend(broken=("film",))).report.film is None
 
 
 def fly(folder: Path, run: str, ends: list[tuple[str, float]]) -> None:
@@ -272,11 +257,11 @@ def fly(folder: Path, run: str, ends: list[tuple[str, float]]) -> None:
 
 
 def test_each_policy_is_filmed_at_its_best_and_in_its_typical_failure(tmp_path: Path):
-    run_suite(SUITE, tmp_path, SmallPlace())
+    run_suite(SUITE, tmp_path, SmallBackend())
     fly(tmp_path, "PPO-0", [("Collision", 1.0), ("Idle", 5.0), ("Collision", 6.0)])
     fly(tmp_path, "PPO-1", [("Collision", 2.0), ("Idle", 4.0), ("Success", 5.5)])
-    run_suite(SUITE, tmp_path, SmallPlace())
-    best, failure, *_ = shots_of_each(SUITE, tmp_path)
+    run_suite(SUITE, tmp_path, SmallBackend())
+    best, failure, *_ = policy_shots(SUITE, read_results(tmp_path))
     assert (best.name, best.run.name, best.episode.return_) == ("films/PPO-best", "PPO-0", 6.0)
     assert (failure.name, failure.run.name, failure.episode.return_) == ("films/PPO-failure", "PPO-1", 2.0)
     assert best.why == "The best of PPO's 6 flights there, of which 1 succeeded."
@@ -286,25 +271,25 @@ def test_each_policy_is_filmed_at_its_best_and_in_its_typical_failure(tmp_path: 
 
 def test_of_a_policy_that_flew_elsewhere_than_it_was_trained_there_is_no_film(tmp_path: Path):
     suite = replace(SUITE, arms=(replace(SUITE.arms[0], level="Easy"), SUITE.arms[1]), test_levels=("Medium",))
-    run_suite(suite, tmp_path, SmallPlace())
+    run_suite(suite, tmp_path, SmallBackend())
     assert {path.stem for path in (tmp_path / "films").glob("*.mp4")} == {"FOCOPS-best", "FOCOPS-failure"}
 
 
 def test_an_evaluation_that_cannot_be_used_stops_neither_films_nor_the_report(tmp_path: Path):
-    run_suite(SUITE, tmp_path, SmallPlace())
+    run_suite(SUITE, tmp_path, SmallBackend())
     (tmp_path / "evaluation" / "PPO-0-Medium.csv").write_text("algorithm,see")
-    outcome = run_suite(SUITE, tmp_path, SmallPlace(), only=("FOCOPS",))
+    outcome = run_suite(SUITE, tmp_path, SmallBackend(), only=("FOCOPS",))
     assert any(line.startswith("Not used: evaluation/PPO-0-Medium.csv") for line in outcome.report.problems)
     assert "of PPO's 3 flights" in (tmp_path / "films" / "PPO-best.txt").read_text()
 
 
 def test_films_that_show_nothing_of_the_results_any_more_go(tmp_path: Path):
-    run_suite(SUITE, tmp_path, SmallPlace())
+    run_suite(SUITE, tmp_path, SmallBackend())
     for run in ("PPO-0", "PPO-1"):
         path = tmp_path / "evaluation" / f"{run}-Medium.csv"
         write_episodes(path, [replace(row, reason="Success", success=True) for row in read_episodes(path)])
     (tmp_path / "films" / "PPO-notes.txt").write_text("mine")
-    run_suite(SUITE, tmp_path, SmallPlace())
+    run_suite(SUITE, tmp_path, SmallBackend())
     left = sorted(path.name for path in (tmp_path / "films").iterdir())
     assert left == [
         "FOCOPS-best.mp4", "FOCOPS-best.txt", "FOCOPS-failure.mp4", "FOCOPS-failure.txt",
@@ -316,14 +301,14 @@ def test_a_full_disk_is_not_taken_for_a_film_that_fails(tmp_path: Path, monkeypa
     def full(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    place = SmallPlace()
+    place = SmallBackend()
     monkeypatch.setattr(place, "film", full)
     with pytest.raises(OSError, match="No space"):
         run_suite(SUITE, tmp_path, place)
 
 
 def test_the_record_of_a_suite_names_versions_and_machine(tmp_path: Path):
-    run_suite(SUITE, tmp_path, SmallPlace())
+    run_suite(SUITE, tmp_path, SmallBackend())
     record = json.loads((tmp_path / "suite.json").read_text())
     assert [arm["name"] for arm in record["arms"]] == ["PPO", "FOCOPS"] and record["arms"][0]["steps"] == 100
     assert record["machine"]["cores"] >= 1
@@ -344,7 +329,7 @@ def test_the_suites_are_found_by_name_and_an_unknown_one_lists_them():
 def test_a_suite_that_comes_with_the_package_names_only_what_there_is(name: str, tmp_path: Path):
     """Nothing of it is done: that there is no run called so is found after the suite itself has been checked."""
     with pytest.raises(ResultsError, match=f"suite {name} has no 'nobody'; name one of "):
-        run_suite(SUITES[name], tmp_path / "new", SmallPlace(), only=("nobody",))
+        run_suite(SUITES[name], tmp_path / "new", SmallBackend(), only=("nobody",))
 
 
 def test_each_protocol_takes_as_many_steps():
@@ -364,6 +349,6 @@ def test_the_help_says_what_may_be_done_alone_and_its_examples_can_be(
     )
     assert "such as --only FOCOPS PPO-0" in said
     for name in ("FOCOPS", "FOCOPS-paper", "hover", "packaged"):
-        assert {run.algorithm for run in chosen(SUITES["paper"], (name,))} == {name}
-    runs = chosen(SUITES["paper"], ("FOCOPS", "PPO-0"))
+        assert {run.algorithm for run in selected_runs(SUITES["paper"], (name,))} == {name}
+    runs = selected_runs(SUITES["paper"], ("FOCOPS", "PPO-0"))
     assert [run.name for run in runs] == ["PPO-0", "FOCOPS-0", "FOCOPS-1", "FOCOPS-2"]

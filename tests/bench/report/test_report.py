@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.bench.small_place import write_film_of
+from tests.bench.small_backend import write_film_of
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.report.page import page
 from thalweg.bench.report.report import write_report

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from tests.bench.small_place import SUITE, SmallPlace, write_film_of
+from tests.bench.small_backend import SUITE, SmallBackend, write_film_of
 from thalweg.bench.evaluate.conditions import Condition
 from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.report.figures import failure_bars, fix_layout, pdf, png, training_curves
@@ -48,7 +48,7 @@ def test_a_report_goes_to_the_folder_one_stands_in_and_again(
 
 def test_the_suite_of_the_learning_curves_makes_its_report_of_one_level(tmp_path: Path):
     suite = replace(suite_named("easy"), episodes=SUITE.episodes)
-    report = run_suite(suite, tmp_path, SmallPlace()).report
+    report = run_suite(suite, tmp_path, SmallBackend()).report
     results = read_results(tmp_path)
     figure = training_curves(results)
     assert figure is not None
@@ -68,7 +68,7 @@ def test_results_with_every_gap_are_drawn(tmp_path: Path):
         packaged=True,
         conditions=(Condition("deterministic", deterministic=True), Condition("real", rivers=("Cam",))),
     )
-    run_suite(suite, tmp_path, SmallPlace(broken=("FOCOPS-1", "P3O-0", "P3O-1", "packaged-0")))
+    run_suite(suite, tmp_path, SmallBackend(broken=("FOCOPS-1", "P3O-0", "P3O-1", "packaged-0")))
     path = tmp_path / "evaluation" / "PPO-0-Hard.csv"
     (path.parent / "PPO-0-Delta.csv").write_text(path.read_text().replace(",Hard,", ",Delta,"))
     report = write_report(tmp_path)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.bench.small_place import SUITE, SmallPlace
+from tests.bench.small_backend import SUITE, SmallBackend
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.report.report import write_report
@@ -90,18 +90,18 @@ def test_without_a_record_flights_under_conditions_are_named_together(tiny_resul
 def test_results_go_into_a_folder(tmp_path: Path):
     (tmp_path / "file").write_text("mine")
     for place in (tmp_path / "file", tmp_path / "file" / "below" / "it"):
-        with pytest.raises(ResultsError, match="file is not a folder; choose another"):
-            run_suite(SUITE, place, SmallPlace())
+        with pytest.raises(ResultsError, match="file is not a folder; give a new folder for the suite"):
+            run_suite(SUITE, place, SmallBackend())
     assert (tmp_path / "file").read_text() == "mine"
 
 
 @pytest.mark.parametrize(("damaged", "said"), DAMAGED, ids=[said for _, said in DAMAGED])
 def test_results_with_a_damaged_record_are_not_gone_on_with(tmp_path: Path, damaged: Any, said: str):
     (tmp_path / "suite.json").write_text(json.dumps(damaged))
-    place = SmallPlace()
+    place = SmallBackend()
     with pytest.raises(ResultsError) as refused:
         run_suite(SUITE, tmp_path, place)
-    assert str(refused.value) == f"{tmp_path} cannot be gone on with: {NO_RECORD}{said}; choose another folder"
+    assert str(refused.value) == f"{tmp_path} cannot be resumed: {NO_RECORD}{said}; choose another folder"
     assert place.calls == []
 
 

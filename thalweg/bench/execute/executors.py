@@ -1,7 +1,7 @@
-"""Who does the runs of a suite? This process, one after the other, or several processes beside each other.
+"""Executors for the runs of a suite: serial, or a pool of processes.
 
-Whoever does a run leaves everything in its folder and in the evaluation's files, so that it can be killed at any moment
-and done by somebody else the next time; what it returns is only the row of `runs.csv`.
+An executor leaves everything in the run's folder and in its evaluation files, so that a run that is killed at any
+moment can be resumed by any other executor. It returns only the run's row of `runs.csv`.
 """
 
 import errno
@@ -13,8 +13,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from rich.console import Console
 
@@ -22,49 +23,52 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.evaluate.episodes import read_episodes, write_episodes
 from thalweg.bench.evaluate.progress import all_landed, bar, progress_of_flights
-from thalweg.bench.execute.rivers import PACKAGED_POLICY, Place
+from thalweg.bench.execute.backend import PACKAGED_POLICY, Backend
 from thalweg.bench.results.results import RunRow, evaluation_path
 from thalweg.bench.suite.suites import Run, Suite
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.machine import usable_cores
 from thalweg.train.folder.run_record import POLICY, read_status
 
-LOGS, WIDTH = "logs", 120
-"""Folder of what processes print, and the length of its lines."""
+LOGS, LOG_WIDTH = "logs", 120
+"""Folder of the logs of runs in processes of their own, and the width of their lines in characters."""
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
+"""Environment variables that set the number of threads of a process."""
 
 
 @dataclass(frozen=True)
-class Work:
-    """What is to be done, and where."""
+class ExecutionContext:
+    """What every run of a suite needs."""
 
     suite: Suite
     folder: Path
-    place: Place
+    """Folder of the results."""
+    backend: Backend
     console: Console
-    """Where it is said what is going on."""
+    """Console for messages about progress."""
 
 
-class Hands(Protocol):
-    """Who does the runs."""
+class Executor(Protocol):
+    """Executes the runs of a suite."""
 
-    def carry_out(self, work: Work, runs: Sequence[Run]) -> Iterator[RunRow]:
-        """Do the runs; the row of each as soon as it is done, in any order."""
+    def execute(self, context: ExecutionContext, runs: Sequence[Run]) -> Iterator[RunRow]:
+        """Execute the runs; yields the row of each as soon as it ends, in any order."""
         ...
 
 
-class Here:
-    """This process, one run after the other."""
+class SerialExecutor:
+    """Executes one run after another in this process."""
 
-    def carry_out(self, work: Work, runs: Sequence[Run]) -> Iterator[RunRow]:
-        """See `Hands`."""
+    def execute(self, context: ExecutionContext, runs: Sequence[Run]) -> Iterator[RunRow]:
+        """See `Executor`."""
         for run in runs:
-            yield attempt(run, work)
+            yield execute_run(run, context)
 
 
-class Processes:
-    """So many processes at a time, one for each run, that share the cores.
+class ProcessPoolExecutor:
+    """Executes up to `jobs` runs at a time, each in a process of its own; the processes share the cores.
 
-    A process that dies is a failed run; they all end when this process does, whatever ends it.
+    A process that dies is a failed run. All processes end when this one does, however it ends.
     """
 
     def __init__(self, jobs: int) -> None:
@@ -72,134 +76,146 @@ class Processes:
             raise ResultsError(f"jobs must be at least 1, not {jobs}")
         self.jobs = jobs
 
-    def carry_out(self, work: Work, runs: Sequence[Run]) -> Iterator[RunRow]:
-        """See `Hands`; raises `OSError` for a full disk, once the runs beside it have been stopped."""
-        waiting, going = list(runs), dict[Connection, tuple[Run, Any]]()
+    def execute(self, context: ExecutionContext, runs: Sequence[Run]) -> Iterator[RunRow]:
+        """See `Executor`; raises `OSError` for a full disk after stopping the other runs."""
+        pending, active = list(runs), dict[Connection, tuple[Run, BaseProcess]]()
         threads = max(1, usable_cores() // self.jobs)
         try:
-            while waiting or going:
-                while waiting and len(going) < self.jobs:
-                    run = waiting.pop(0)
-                    going.update([self._begun(run, work, threads)])
-                ready = wait(list(going))
-                for ear in [ear for ear in going if ear in ready]:
-                    run, process = going.pop(ear)
-                    yield _heard(ear, run, process, work)
+            while pending or active:
+                while pending and len(active) < self.jobs:
+                    run = pending.pop(0)
+                    receiver, process = _start(run, context, threads)
+                    active[receiver] = run, process
+                ready = wait(list(active))
+                for receiver in [receiver for receiver in active if receiver in ready]:
+                    yield _receive_row(receiver, *active.pop(receiver), context)
         finally:
-            for _, process in going.values():
+            for _, process in active.values():
                 process.terminate()
                 process.join()
 
-    def _begun(self, run: Run, work: Work, threads: int) -> tuple[Connection, tuple[Run, Any]]:
-        """Where to listen for a run's row, and the process that does it."""
-        context = multiprocessing.get_context("spawn")
-        ear, mouth = context.Pipe(duplex=False)
-        process = context.Process(target=_alone, args=(mouth, run, work.suite, work.folder, work.place))
-        names = {name: str(threads) for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")}
-        before = {name: os.environ.get(name) for name in names}
-        os.environ.update(names)  # a child that is spawned reads them as it starts
-        try:
-            process.start()
-        finally:
-            for name, value in before.items():
-                os.environ.pop(name) if value is None else os.environ.update({name: value})
-        mouth.close()
-        work.console.print(f"{run.name}: begun", highlight=False)
-        return ear, (run, process)
 
-
-def _heard(ear: Connection, run: Run, process: Any, work: Work) -> RunRow:
-    """The row of a run whose process has said it, or has ended without a word."""
+def _start(run: Run, context: ExecutionContext, threads: int) -> tuple[Connection, BaseProcess]:
+    """Start the process of a run; returns the connection that receives its row, and the process."""
+    spawn = multiprocessing.get_context("spawn")
+    receiver, sender = spawn.Pipe(duplex=False)
+    process = spawn.Process(target=_run_in_process, args=(sender, run, context.suite, context.folder, context.backend))
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, str(threads)))  # a spawned process reads them as it starts
     try:
-        said = ear.recv()
+        process.start()
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name) if value is None else os.environ.update({name: value})
+    sender.close()
+    context.console.print(f"{run.name}: started", highlight=False)
+    return receiver, process
+
+
+def _receive_row(receiver: Connection, run: Run, process: BaseProcess, context: ExecutionContext) -> RunRow:
+    """The row that a run's process sent, or that of a failed run if it ended without sending one."""
+    try:
+        message = receiver.recv()
     except EOFError:
-        said = None
-    ear.close()
+        message = None
+    receiver.close()
     process.join()
-    if isinstance(said, OSError):
-        raise said
-    if said is None:
-        said = row_of(run, work, f"the process that did it ended with {process.exitcode}")
-    work.console.print(f"{run.name}: {said.status} {said.error}".rstrip(), highlight=False, markup=False)
-    return said
+    if isinstance(message, OSError):
+        raise message
+    row = message or run_row(run, context, f"the process that did it ended with {process.exitcode}")
+    print_row(context.console, row)
+    return row
 
 
-def _alone(mouth: Connection, run: Run, suite: Suite, folder: Path, place: Place) -> None:
-    """A run in a process of its own, which ends when its parent does."""
+def print_row(console: Console, row: RunRow) -> None:
+    """Print how a run ended."""
+    console.print(f"{row.run}: {row.status} {row.error}".rstrip(), highlight=False, markup=False)
+
+
+def _run_in_process(sender: Connection, run: Run, suite: Suite, folder: Path, backend: Backend) -> None:
+    """Execute a run in this process, which ends when its parent does, and send its row."""
     parent = multiprocessing.parent_process()
     assert parent is not None
-    threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+    threading.Thread(target=_exit_with, args=(parent.sentinel,), daemon=True).start()
     try:
-        mouth.send(logged(run, suite, folder, place))
+        sender.send(execute_run_logged(run, suite, folder, backend))
     except OSError as error:  # a full disk
-        mouth.send(error)
+        sender.send(error)
 
 
-def logged(run: Run, suite: Suite, folder: Path, place: Place) -> RunRow:
-    """`attempt`; what this process prints meanwhile goes into the run's log."""
-    log = folder / LOGS / f"{run.name}.txt"
-    log.parent.mkdir(parents=True, exist_ok=True)
-    with open(log, "a", buffering=1, encoding="utf-8") as file, redirect_stdout(file), redirect_stderr(file):
-        return attempt(run, Work(suite, folder, place, Console(file=file, width=WIDTH)))
-
-
-def _end_with(sentinel: int) -> None:
-    """Wait for another process to end, and end too."""
+def _exit_with(sentinel: int) -> None:
+    """Wait for another process to end, then end this one."""
     wait([sentinel])
     os._exit(1)
 
 
-def attempt(run: Run, work: Work) -> RunRow:
-    """Train and evaluate one run. Whatever goes wrong in it becomes its row; a full disk stops everything."""
-    suite, folder, place, console = work.suite, work.folder, work.place, work.console
+def execute_run_logged(run: Run, suite: Suite, folder: Path, backend: Backend) -> RunRow:
+    """`execute_run`, with everything that this process prints meanwhile appended to the run's log."""
+    log = folder / LOGS / f"{run.name}.txt"
+    log.parent.mkdir(parents=True, exist_ok=True)
+    with open(log, "a", buffering=1, encoding="utf-8") as file, redirect_stdout(file), redirect_stderr(file):
+        return execute_run(run, ExecutionContext(suite, folder, backend, Console(file=file, width=LOG_WIDTH)))
+
+
+def execute_run(run: Run, context: ExecutionContext) -> RunRow:
+    """Train and evaluate one run, skipping what is done already.
+
+    An error becomes the run's row; only a full disk is raised (`OSError`).
+    """
+    console = context.console
     if run.kind == "packaged" and not PACKAGED_POLICY.exists():
         why = "this copy of Thalweg comes without a trained policy"
-        console.print(f"{run.name}: {why}; the others go on")
+        console.print(f"{run.name}: {why}; the other runs continue")
         return RunRow(run.name, run.kind, run.algorithm, run.seed, 0, "absent", why)
-    home = folder / "runs" / run.name
+    run_folder = context.folder / "runs" / run.name
     error = ""
     try:
-        (home / "error.txt").unlink(missing_ok=True)
-        if run.kind == "train" and not (home / POLICY).exists():
-            plan = ", then ".join(f"{steps:,} steps on {level}" for steps, level in _stages(run, suite))
+        (run_folder / "error.txt").unlink(missing_ok=True)
+        if run.kind == "train" and not (run_folder / POLICY).exists():
+            plan = ", then ".join(f"{steps:,} steps on {level}" for steps, level in _stages(run, context.suite))
             console.print(f"{run.name}: train {plan}", highlight=False)
-            place.train(run, home)
-        for trial in suite.trials(run):
-            _evaluate(run, home, trial, work)
+            context.backend.train(run, run_folder)
+        for trial in context.suite.trials(run):
+            _evaluate(run, run_folder, trial, context)
     except Exception as failure:
         if isinstance(failure, OSError) and failure.errno == errno.ENOSPC:
             raise
         error = " ".join(f"{type(failure).__name__}: {failure}".split())
-        write_atomic(home / "error.txt", traceback.format_exc())
+        write_atomic(run_folder / "error.txt", traceback.format_exc())
         console.print(f"{run.name} failed: {error}", style="red", highlight=False, markup=False)
-    return row_of(run, work, error)
+    return run_row(run, context, error)
 
 
 def _stages(run: Run, suite: Suite) -> list[tuple[int, str]]:
-    """How many steps are taken on which level, one stage after the other."""
+    """Steps and level of each stage of training, in order."""
     arm = suite.arm(run.algorithm)
     return [*((stage.steps, stage.level) for stage in arm.before), (arm.steps, suite.level_of(arm))]
 
 
-def row_of(run: Run, work: Work, error: str) -> RunRow:
-    """The row of a run that ended, by what its folder says; failed if there is an error."""
-    status = read_status(work.folder / "runs" / run.name)
+def run_row(run: Run, context: ExecutionContext, error: str) -> RunRow:
+    """The row of a run that ended, with what its folder says; failed if `error` is not empty."""
+    status = read_status(context.folder / "runs" / run.name)
     steps, seconds = int(status.get("steps", 0)), float(status.get("seconds", 0.0))
     row = RunRow(run.name, run.kind, run.algorithm, run.seed, steps, "finished", "", seconds, 0.0)
     rate = steps / seconds if seconds > 0 else 0.0
     return replace(row, status="failed" if error else "finished", error=error, steps_per_s=rate)
 
 
-def _evaluate(run: Run, home: Path, trial: Trial, work: Work) -> None:
-    """Fly a trial, unless its file is there and whole."""
-    path, episodes = evaluation_path(work.folder, run.name, trial), work.suite.episodes
+def is_evaluated(folder: Path, run: Run, trial: Trial, episodes: int) -> bool:
+    """Whether the evaluation file of a trial is complete."""
     try:
-        if len(read_episodes(path)) == episodes:
-            return
+        return len(read_episodes(evaluation_path(folder, run.name, trial))) == episodes
     except (ResultsError, OSError):
-        pass
-    with bar(work.console, "episodes") as progress:
+        return False
+
+
+def _evaluate(run: Run, run_folder: Path, trial: Trial, context: ExecutionContext) -> None:
+    """Fly a trial and write its episodes, unless that is done already."""
+    episodes = context.suite.episodes
+    if is_evaluated(context.folder, run, trial, episodes):
+        return
+    with bar(context.console, "episodes") as progress:
         on_step = progress_of_flights(progress, f"{run.name} on {trial}", episodes)
-        rows = work.place.evaluate(run, home, trial, on_step)
+        rows = context.backend.evaluate(run, run_folder, trial, on_step)
         all_landed(progress)
-    write_episodes(path, rows)
+    write_episodes(evaluation_path(context.folder, run.name, trial), rows)

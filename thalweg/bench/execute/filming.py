@@ -1,23 +1,21 @@
-"""Which flights do the films show? The best of all; and of each trained policy its best and its typical failure.
+"""Films of flights: the best of all, and for each trained policy its best and its typical failure.
 
-A film is made again only when it would show another flight, or another figure in its caption.
+A film is made again only if it would show another flight, or if its caption would change. Flights with outdated
+versions are not filmed; films of them stay until there are others.
 """
 
 import errno
 from collections import Counter
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
 
-from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.evaluate.conditions import Trial
-from thalweg.bench.evaluate.episodes import REASONS, WORDS, Episode, read_episodes
+from thalweg.bench.evaluate.episodes import REASONS, WORDS, Episode
 from thalweg.bench.evaluate.progress import bar, progress_of_frames
-from thalweg.bench.execute.rivers import Place
+from thalweg.bench.execute.backend import Backend
 from thalweg.bench.pictures.film_format import LARGE, SMALL
-from thalweg.bench.results.results import FILMS, KINDS, MAIN_FILM, FilmFiles, evaluation_path
+from thalweg.bench.results.results import FILMS, KINDS, MAIN_FILM, FilmFiles, Results
 from thalweg.bench.results.statistics import mean_and_std_text, summarise
 from thalweg.bench.suite.suites import Run, Suite
 from thalweg.core.atomic_io import write_atomic
@@ -31,14 +29,14 @@ class Shot:
     """A flight to be filmed."""
 
     name: str
-    """Of its files, within the results."""
+    """Name of its files in the results folder."""
     run: Run
     episode: Episode
     why: str
-    """What this flight is among those that it was chosen from."""
+    """What distinguishes this flight from those that it was chosen from."""
 
     def caption(self, title: str) -> str:
-        """What the film shows of the policy called so, and why."""
+        """Caption of the film, for a policy with this title."""
         row = self.episode
         return (
             f"{title} on {row.level}, start {row.episode} of the list: {row.length} steps, return {row.return_:.2f}, "
@@ -46,33 +44,35 @@ class Shot:
         )
 
 
-def film_flights(suite: Suite, folder: Path, place: Place, console: Console) -> None:
-    """Make the films that are not there yet, and remove those of flights that are no longer to be shown.
+def film_flights(suite: Suite, results: Results, backend: Backend, console: Console) -> None:
+    """Make the missing films, and remove those of flights that are no longer to be shown.
 
-    What goes wrong is said in the report; a full disk stops all.
+    An error is named in the report; only a full disk is raised (`OSError`).
     """
-    shots = [shot for shot in (best_of_all(suite, folder), *shots_of_each(suite, folder)) if shot is not None]
-    wanted = {path for shot in shots for path in FilmFiles.of(folder, shot.name).paths}
-    names = [f"{FILMS}/{arm.label}-{kind}" for arm in suite.arms for kind in KINDS]
-    for path in {path for name in names for path in FilmFiles.of(folder, name).paths} - wanted:
+    shots = [shot for shot in (best_of_all(suite, results), *policy_shots(suite, results)) if shot is not None]
+    wanted = {path for shot in shots for path in FilmFiles.of(results.folder, shot.name).paths}
+    flown = {episode.algorithm for episode in results.episodes}
+    outdated = {policy.policy for policy in results.outdated.values()} - flown
+    names = [f"{FILMS}/{arm.label}-{kind}" for arm in suite.arms for kind in KINDS if arm.label not in outdated]
+    for path in {path for name in names for path in FilmFiles.of(results.folder, name).paths} - wanted:
         path.unlink(missing_ok=True)
     for shot in shots:
-        _film(shot, folder, place, console)
+        _film(shot, results.folder, backend, console)
 
 
-def _film(shot: Shot, folder: Path, place: Place, console: Console) -> None:
-    """Film a flight, unless its film is there."""
+def _film(shot: Shot, folder: Path, backend: Backend, console: Console) -> None:
+    """Film a flight, unless its film exists."""
     shape = LARGE if shot.name == MAIN_FILM else SMALL
-    files, home = FilmFiles.of(folder, shot.name), folder / "runs" / shot.run.name
+    files, run_folder = FilmFiles.of(folder, shot.name), folder / "runs" / shot.run.name
     try:
-        caption = shot.caption(place.title(shot.run, home))
+        caption = shot.caption(backend.title(shot.run, run_folder))
         if files.film.exists() and files.caption.exists() and files.caption.read_text(encoding="utf-8") == caption:
             return
         files.film.parent.mkdir(exist_ok=True)
         files.caption.unlink(missing_ok=True)
         with bar(console, "frames") as progress:
             on_frame = progress_of_frames(progress, files.film.stem, len(shape.shown_steps(shot.episode.length)))
-            place.film(shot.run, home, shot.episode, files.film, on_frame, shape=shape)
+            backend.film(shot.run, run_folder, shot.episode, files.film, on_frame, shape=shape)
         write_atomic(files.caption, caption)
         files.failure.unlink(missing_ok=True)
     except Exception as error:
@@ -83,11 +83,11 @@ def _film(shot: Shot, folder: Path, place: Place, console: Console) -> None:
         console.print(f"No film {shot.name}: {error}", style="red", highlight=False, markup=False)
 
 
-def best_of_all(suite: Suite, folder: Path) -> Shot | None:
-    """The best flight of the packaged policy where there is one, else of a trained one, on the level of training."""
+def best_of_all(suite: Suite, results: Results) -> Shot | None:
+    """The best flight on the training level, of the packaged policy if it flew there, else of a trained policy."""
     level = suite.train_level if suite.train_level in suite.test_levels else suite.test_levels[0]
     for kind in ("packaged", "train", "baseline"):
-        flights = _flights([run for run in suite.runs() if run.kind == kind], level, folder)
+        flights = _flights([run for run in suite.runs() if run.kind == kind], level, results)
         if flights:
             run, episode = _best(flights)
             own = summarise([other for _, other in flights if other.algorithm == episode.algorithm])
@@ -101,13 +101,13 @@ def best_of_all(suite: Suite, folder: Path) -> Shot | None:
     return None
 
 
-def shots_of_each(suite: Suite, folder: Path) -> list[Shot]:
-    """Of each trained policy that has flown where it was trained: its best flight and its typical failure, the one of
-    middle return among those that ended for its most frequent reason of failure."""
+def policy_shots(suite: Suite, results: Results) -> list[Shot]:
+    """For each trained policy that flew on its training level, its best flight and its typical failure: the one with
+    the median return among those that ended for the most frequent reason of failure."""
     shots = []
     for arm in suite.arms:
         runs = [run for run in suite.runs() if run.algorithm == arm.label]
-        flights = _flights(runs, suite.level_of(arm), folder)
+        flights = _flights(runs, suite.level_of(arm), results)
         if not flights:
             continue
         count, failed = len(flights), [flight for flight in flights if not flight[1].success]
@@ -118,29 +118,29 @@ def shots_of_each(suite: Suite, folder: Path) -> list[Shot]:
             reason, times = _most_frequent([episode for _, episode in failed])
             alike = [flight for flight in failed if flight[1].reason == reason]
             middle = sorted(alike, key=lambda flight: flight[1].return_)[(len(alike) - 1) // 2]
-            place = ", whose return is in their middle" if times > 2 else ""
-            why = f"{len(failed)} of {said} failed, {times} of them like this one{place}."
+            middle_of = ", whose return is in their middle" if times > 2 else ""
+            why = f"{len(failed)} of {said} failed, {times} of them like this one{middle_of}."
             shots.append(Shot(f"{FILMS}/{arm.label}-{FAILURE}", *middle, why))
     return shots
 
 
-def _flights(runs: list[Run], level: str, folder: Path) -> list[tuple[Run, Episode]]:
-    """All flights of some runs on a level; files that can't be used are left out, which the report says of them."""
-    found = []
-    for run in runs:
-        with suppress(ResultsError, OSError):
-            rows = read_episodes(evaluation_path(folder, run.name, Trial(level)))
-            found.extend((run, episode) for episode in rows)
-    return found
+def _flights(runs: list[Run], level: str, results: Results) -> list[tuple[Run, Episode]]:
+    """All flights of some runs on a level, with current versions."""
+    return [
+        (run, episode)
+        for run in runs
+        for episode in results.episodes
+        if (episode.algorithm, episode.seed, episode.level) == (run.algorithm, run.seed, level)
+    ]
 
 
 def _best(flights: list[tuple[Run, Episode]]) -> tuple[Run, Episode]:
-    """The one with the greatest return, then the least cost."""
+    """The flight with the greatest return, then the least cost."""
     return max(flights, key=lambda flight: (flight[1].return_, -flight[1].cost, -flight[1].episode))
 
 
 def _most_frequent(failed: list[Episode]) -> tuple[str, int]:
-    """For which reason most of them ended, and how many."""
+    """The most frequent reason of the ends, and how often it occurs."""
     counts = Counter(episode.reason for episode in failed)
     reason = max(REASONS, key=lambda reason: counts[reason])
     return reason, counts[reason]

@@ -1,10 +1,13 @@
-"""How does a suite get done? Run by run, each in its folder, several at a time; what is finished is never done again.
+"""Runner of suites: executes what is left of a suite, then writes films and report.
 
-Kill it at any moment: the same command goes on and ends with the same episodes. A run that fails is a row with its
-error in `runs.csv`, the others go on, and the same command tries the failed one again.
+A suite that is killed at any moment resumes with the same command and ends with the same episodes. A run that fails is
+a row with its error in `runs.csv`; the other runs continue, and the same command tries the failed one again. Runs that
+were made with other versions are outdated and done again.
 """
 
 import json
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -12,27 +15,31 @@ from typing import Any
 from rich.console import Console
 
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.evaluate.episodes import read_episodes
-from thalweg.bench.execute.executors import Hands, Here, Work
+from thalweg.bench.execute.backend import Backend, RiverBackend
+from thalweg.bench.execute.executors import ExecutionContext, Executor, SerialExecutor, is_evaluated
 from thalweg.bench.execute.filming import film_flights
-from thalweg.bench.execute.rivers import Place, Rivers, made_by
 from thalweg.bench.report.report import Report, write_report
-from thalweg.bench.results.results import RunRow, evaluation_path, read_runs, write_runs
+from thalweg.bench.results.outdated import discard, is_current, prepare
+from thalweg.bench.results.reading import read_results, with_films
+from thalweg.bench.results.results import Results, RunRow, read_runs, write_runs
+from thalweg.bench.results.run_versions import current_versions
 from thalweg.bench.suite.record import read_suite
 from thalweg.bench.suite.suites import Run, Suite, check
-from thalweg.core.atomic_io import write_atomic
 from thalweg.core.machine import machine_info, package_versions
+from thalweg.core.run_folder import FolderKind
 from thalweg.env import EnvConfig
+
+RESULTS_FOLDER = FolderKind("suite", "suite.json", ResultsError)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a suite left."""
+    """The outcome of a suite."""
 
-    folder: Path
+    results: Results
     report: Report
     runs: list[RunRow]
-    """Of the runs that were asked for, in the order of the suite."""
+    """Rows of the requested runs, in the order of the suite."""
 
     @property
     def failed(self) -> list[RunRow]:
@@ -42,43 +49,49 @@ class Outcome:
 def run_suite(
     suite: Suite,
     folder: Path,
-    place: Place | None = None,
+    backend: Backend | None = None,
     console: Console | None = None,
     *,
-    hands: Hands | None = None,
+    executor: Executor | None = None,
     only: tuple[str, ...] = (),
 ) -> Outcome:
-    """Do what is left of a suite and write its report.
+    """Execute what is left of a suite and write its report.
 
     Args:
-        suite: What to do.
-        folder: Of the results.
-        place: Where policies are trained and flown; our rivers if not given.
-        console: Where it is said what is going on.
-        hands: Who does the runs; this process, one after the other, if not given.
-        only: Names of policies or runs that are to be done now, as `chosen` takes them; all if empty.
+        suite: The suite.
+        folder: Folder of the results, a new one or one of the same suite.
+        backend: Trains and flies policies; our rivers by default.
+        console: Console for messages about progress.
+        executor: Executes the runs; by default this process, one after another.
+        only: Names of policies or runs to execute now, see `selected_runs`; all by default.
 
     Raises `ResultsError` or `AlgorithmError`, before anything runs, for a suite that names what does not exist, for a
-    folder that holds another suite, and for a name in `only` that the suite does not have.
+    folder of another suite, and for a name in `only` that the suite does not have.
     """
     console = console or Console()
     _check(suite)
-    asked = chosen(suite, only)
+    requested = selected_runs(suite, only)
     claim(folder, suite)
-    place = place or Rivers(suite)
+    backend = backend or RiverBackend(suite)
     rows = {row.run: row for row in read_runs(folder)}
-    left = [run for run in asked if not _finished(run, suite, folder, rows.get(run.name))]
-    for row in (hands or Here()).carry_out(Work(suite, folder, place, console), left):
+    left = [run for run in requested if not _is_finished(run, suite, folder, rows.get(run.name))]
+    _prepare(suite, folder, left, console)
+    rows = {row.run: row for row in read_runs(folder)}
+    runs = {run.name: run for run in suite.runs()}
+    for row in (executor or SerialExecutor()).execute(ExecutionContext(suite, folder, backend, console), left):
         rows[row.run] = row
-        write_runs(folder, [rows[other.name] for other in suite.runs() if other.name in rows])
-    film_flights(suite, folder, place, console)
-    report = write_report(folder)
-    return Outcome(folder, report, [rows[run.name] for run in asked])
+        write_runs(folder, [rows[name] for name in runs if name in rows])
+        if row.status == "finished":
+            discard(folder, runs[row.run], suite.trials(runs[row.run]))
+    results = read_results(folder)
+    film_flights(suite, results, backend, console)
+    results = with_films(results)
+    return Outcome(results, write_report(folder, results=results), [rows[run.name] for run in requested])
 
 
-def chosen(suite: Suite, only: tuple[str, ...]) -> list[Run]:
-    """The runs of a suite that are named, by their own name (`FOCOPS-0`) or by their policy's: an arm's, a baseline's
-    or `packaged`; all if none is."""
+def selected_runs(suite: Suite, only: tuple[str, ...]) -> list[Run]:
+    """The runs of a suite named by their own name (`FOCOPS-0`) or by their policy's: an arm's, a baseline's or
+    `packaged`; all runs for no names. Raises `ResultsError` for an unknown name."""
     runs = suite.runs()
     known = {name for run in runs for name in (run.name, run.algorithm)}
     for name in only:
@@ -105,65 +118,50 @@ def _check(suite: Suite) -> None:
 
 
 def claim(folder: Path, suite: Suite) -> None:
-    """Make the folder this suite's, or raise `ResultsError` if it holds something else or was made by other code."""
-    made = made_by()
-    record = {
-        **suite.as_data(),
-        "made_by": made,
-        "env": asdict(EnvConfig()),
-        "versions": package_versions(),
-        "machine": machine_info(),
-    }
-    path = folder / "suite.json"
-    if not (there := next(place for place in (folder, *folder.absolute().parents) if place.exists())).is_dir():
-        raise ResultsError(f"{there} is not a folder; choose another for the results")
-    if not path.exists():
-        if folder.exists() and any(folder.iterdir()):
-            raise ResultsError(f"{folder} is not empty and holds no suite; choose another folder")
-        write_atomic(path, json.dumps(record, indent=2) + "\n")
+    """Make the folder this suite's; raises `ResultsError` if it holds anything but results of the same suite."""
+    if RESULTS_FOLDER.is_new(folder):
+        about = {"env": asdict(EnvConfig()), "versions": package_versions(), "machine": machine_info()}
+        RESULTS_FOLDER.write_json(folder, suite.as_data() | about)
         return
     try:
-        old = read_suite(folder)
+        record = read_suite(folder)
     except ResultsError as error:
-        raise ResultsError(f"{folder} cannot be gone on with: {error}; choose another folder") from error
-    changes = differences(old, json.loads(json.dumps(suite.as_data())))
-    if changes:
-        raise ResultsError(f"{folder} holds other results ({'; '.join(changes)}); choose another folder")
-    theirs = old.get("made_by") or {}
-    changes = [f"{key} {theirs.get(key)} there, {mine} now" for key, mine in made.items() if theirs.get(key) != mine]
-    if changes:
-        raise ResultsError(
-            f"{folder} holds results made by another Thalweg ({'; '.join(changes)}); choose another --out, or remove it"
-            f" (make demo OUT=elsewhere, too). Its report can be made again all the same: thalweg report {folder}"
-        )
+        raise ResultsError(f"{folder} cannot be resumed: {error}; choose another folder") from error
+    requested = json.loads(json.dumps(suite.as_data()))
+    recorded = {key: value for key, value in record.items() if key in requested}
+    RESULTS_FOLDER.require_same(folder, _arms_by_name(recorded), _arms_by_name(requested))
 
 
-def differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
-    """What differs between two records of suites, arm by arm."""
-    there, here = ({arm["name"]: arm for arm in record.get("arms", [])} for record in (old, new))
-    found = [
-        f"{key} {old.get(key)!r} there, {value!r} now"
-        for key, value in new.items()
-        if key != "arms" and old.get(key) != value
-    ]
-    found += [f"arm {name} {'not there' if name in here else 'not now'}" for name in there.keys() ^ here.keys()]
-    return found + [
-        f"{name}: {key} {there[name].get(key)!r} there, {value!r} now"
-        for name in here
-        if name in there
-        for key, value in here[name].items()
-        if there[name].get(key) != value
-    ]
+def _arms_by_name(record: dict[str, Any]) -> dict[str, Any]:
+    """A suite's record with its arms by name, so that differences name the arm."""
+    return record | {"arms": {arm["name"]: arm for arm in record.get("arms", [])}}
 
 
-def _finished(run: Run, suite: Suite, folder: Path, row: RunRow | None) -> bool:
-    """Whether all episodes of the run are there."""
-    if row is None or row.status != "finished":
+def _versions_of(suite: Suite, run: Run) -> dict[str, int | None]:
+    """The versions that a run has now."""
+    if run.kind != "train":
+        return current_versions(run.kind, ())
+    arm = suite.arm(run.algorithm)
+    return current_versions(run.kind, [stage.algorithm for stage in (*arm.before, arm)])
+
+
+def _prepare(suite: Suite, folder: Path, runs: Sequence[Run], console: Console) -> None:
+    """Set outdated runs aside, and say how many are done again."""
+    outcomes = Counter(prepare(folder, run, suite.trials(run), _versions_of(suite, run)) for run in runs)
+    for outcome in ("trained", "flown"):
+        if count := outcomes[outcome]:
+            console.print(
+                f"{count} outdated run{'s' * (count > 1)}, made with other versions: {outcome} again; the earlier"
+                " results are shown until then",
+                highlight=False,
+            )
+
+
+def _is_finished(run: Run, suite: Suite, folder: Path, row: RunRow | None) -> bool:
+    """Whether all episodes of the run exist, with the current versions."""
+    if row is None or row.status != "finished" or not is_current(folder, run, _versions_of(suite, run)):
         return False
-    try:
-        return all(
-            len(read_episodes(evaluation_path(folder, run.name, trial))) == suite.episodes
-            for trial in suite.trials(run)
-        )
-    except (ResultsError, OSError):
-        return False
+    finished = all(is_evaluated(folder, run, trial, suite.episodes) for trial in suite.trials(run))
+    if finished:
+        discard(folder, run, suite.trials(run))  # an earlier call may have been killed before it did
+    return finished

@@ -63,7 +63,8 @@ def pairwise_table(results: Results) -> Table:
     level, groups = train_level(results), group_episodes(results.episodes)
     columns = ("policy", "against", "seeds", "returns more", "return, difference", "cost, difference")
     rows: list[list[Cell]] = []
-    for one, other in combinations(trained_policies(results), 2):
+    current = [name for name in trained_policies(results) if name not in results.outdated]
+    for one, other in combinations(current, 2):
         ours, theirs = groups.get((one, level)), groups.get((other, level))
         if ours is None or theirs is None:
             continue

@@ -16,7 +16,12 @@ COST_LIMIT = 0.1
 
 def trained_policies(results: Results) -> list[str]:
     """Return the names of the policies that were trained in these results, in the order of the suite."""
-    return [arm["name"] for arm in arms_of(results.suite) if arm["name"] in results.policies]
+    return [
+        name
+        for arm in arms_of(results.suite)
+        for name in (arm["name"], *(old for old, policy in results.outdated.items() if policy.policy == arm["name"]))
+        if name in results.policies
+    ]
 
 
 def train_level(results: Results) -> str:

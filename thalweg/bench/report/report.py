@@ -34,14 +34,14 @@ class Report:
     """What failed, is missing or was not used, one line each."""
 
 
-def write_report(folder: Path, out: Path | None = None) -> Report:
+def write_report(folder: Path, out: Path | None = None, *, results: Results | None = None) -> Report:
     """Write the report of a results folder to `out`, or to `report` within the folder.
 
     Raises `ResultsError` for a folder without results, and for an `out` that holds anything but an earlier report.
     """
     if out is not None:
         _check_out(out, folder)
-    results = read_results(folder)
+    results = results or read_results(folder)
     out = out or folder / "report"
     files = _files(results)
     for name, content in files.items():
@@ -92,6 +92,7 @@ def problems(results: Results) -> list[str]:
     for name, film in results.films.items():
         lines += [f"No film{'' if name == MAIN_FILM else f' {name}'}: {film.words}"] if film.path is None else []
     lines += [f"Not used: {line}" for line in results.skipped]
+    lines += [f"Outdated: {name}; the suite runs it again" for name in results.outdated]
     planned = results.planned_flights
     if missing := len(planned - results.flights):
         lines.append(

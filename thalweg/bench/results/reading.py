@@ -1,6 +1,6 @@
-"""What can be read of a results folder, and by name what could not?"""
+"""Reading of results folders. Files that cannot be used are skipped and named."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -9,10 +9,23 @@ import numpy as np
 
 from thalweg.bench.csv_files import ResultsError, read_csv
 from thalweg.bench.evaluate.episodes import Episode, read_episodes
-from thalweg.bench.results.results import FILMS, KINDS, MAIN_FILM, Film, FilmFiles, Results, RunRow, read_runs
+from thalweg.bench.results.outdated import FOLDER as OUTDATED
+from thalweg.bench.results.results import (
+    FILMS,
+    KINDS,
+    MAIN_FILM,
+    Film,
+    FilmFiles,
+    OutdatedPolicy,
+    Results,
+    RunRow,
+    read_runs,
+)
+from thalweg.bench.results.run_versions import Versions, current_versions, read_versions, version_label
 from thalweg.bench.results.statistics import TrainingLog
 from thalweg.bench.suite.record import read_suite
-from thalweg.bench.suite.suites import arms_of
+from thalweg.bench.suite.suites import PACKAGED, arms_of
+from thalweg.core.versions import ALGORITHMS
 
 Value = TypeVar("Value")
 
@@ -32,38 +45,56 @@ def read_training(path: Path, row: RunRow) -> TrainingLog:
 
 
 def read_results(folder: Path) -> Results:
-    """Everything readable in the folder; raises `ResultsError` where there is no such folder or no episode in it."""
+    """Everything readable in a results folder; raises `ResultsError` if it does not exist or holds no episodes."""
     if not folder.is_dir():
         raise ResultsError(f"no results folder {folder}")
     reader = _Reader(folder)
     suite = reader.attempt(folder / "suite.json", lambda: read_suite(folder), {})
-    runs = reader.attempt(folder / "runs.csv", lambda: read_runs(folder), [])
-    suite = reader.attempt(folder / "suite.json", lambda: _of_runs(suite, runs), {})
+    rows = reader.attempt(folder / "runs.csv", lambda: read_runs(folder), [])
+    suite = reader.attempt(folder / "suite.json", lambda: _checked_suite(suite, rows), {})
     conditions = [condition["name"] for condition in suite.get("conditions", [])]
-    unknown = [] if suite else sorted(place.name for place in (folder / "evaluation").glob("*/"))
-    episodes = reader.episodes(folder / "evaluation", apart=[*conditions, *unknown])
+    unknown = [] if suite else sorted(path.name for path in (folder / "evaluation").glob("*/"))
+    runs = reader.runs(folder, rows, conditions, unknown)
     if unknown:
         reader.skipped.append(
             f"evaluation: flights under {', '.join(unknown)}, for without suite.json no condition is known"
         )
-    others = {name: reader.episodes(folder / "evaluation" / name) for name in conditions}
-    training = reader.training(runs)
-    if not episodes and not runs and len(reader.skipped) == 1 and not (folder / "suite.json").exists():
+    if not runs.episodes and not rows and len(reader.skipped) == 1 and not (folder / "suite.json").exists():
         raise ResultsError(
             f"{folder} holds no results: no suite.json lies in it. Give a folder that `thalweg bench` wrote"
         )
-    if not episodes:
+    runs, outdated = _labelled(runs, suite)
+    if (folder / OUTDATED).is_dir():
+        aside_rows = reader.attempt(folder / OUTDATED / "runs.csv", lambda: read_runs(folder / OUTDATED), [])
+        aside, more = _labelled(reader.runs(folder / OUTDATED, aside_rows, conditions, unknown), suite)
+        runs, outdated = _joined(runs, aside, more), outdated | more
+    if not runs.episodes:
         reasons = "".join(f"\n  {line}" for line in reader.skipped)
         raise ResultsError(f"{folder} holds no evaluated episodes{reasons}")
-    by_condition = {name: rows for name, rows in others.items() if rows}
-    found = Results(folder, suite, runs, episodes, training, reader.skipped, condition_episodes=by_condition)
-    _put_in_order(found)
-    return replace(found, films=reader.films(found.policies))
+    by_condition = {name: episodes for name, episodes in runs.by_condition.items() if episodes}
+    results = Results(
+        folder,
+        suite,
+        runs.rows,
+        runs.episodes,
+        runs.training,
+        reader.skipped,
+        condition_episodes=by_condition,
+        outdated={name: policy for name, policy in outdated.items() if name in runs.policies},
+    )
+    _sort_episodes(results)
+    return with_films(results)
 
 
-def _of_runs(suite: dict[str, Any], runs: Sequence[RunRow]) -> dict[str, Any]:
-    """The suite; raises `ResultsError` for one without a single algorithm where some were trained."""
-    trained = dict.fromkeys(row.algorithm for row in runs if row.kind == "train")
+def with_films(results: Results) -> Results:
+    """The results with the films that lie in their folder now."""
+    reader = _Reader(results.folder, list(results.skipped))
+    return replace(results, films=reader.films(results), skipped=reader.skipped)
+
+
+def _checked_suite(suite: dict[str, Any], rows: Sequence[RunRow]) -> dict[str, Any]:
+    """The suite; raises `ResultsError` for one without any algorithm if some were trained."""
+    trained = dict.fromkeys(row.algorithm for row in rows if row.kind == "train")
     if suite and trained and not arms_of(suite):
         raise ResultsError(
             f"suite.json names no algorithm, but runs.csv has runs of {', '.join(trained)} that were trained"
@@ -71,53 +102,148 @@ def _of_runs(suite: dict[str, Any], runs: Sequence[RunRow]) -> dict[str, Any]:
     return suite
 
 
-def _put_in_order(found: Results) -> None:
+@dataclass(frozen=True)
+class _Runs:
+    """The runs in a results folder, or in the folder of outdated ones."""
+
+    rows: list[RunRow]
+    episodes: list[Episode]
+    """Episodes under the main condition."""
+    by_condition: dict[str, list[Episode]]
+    training: list[TrainingLog]
+    versions: dict[str, Versions]
+
+    @property
+    def policies(self) -> set[str]:
+        """Names of all policies."""
+        episodes = (row for rows in (self.episodes, *self.by_condition.values()) for row in rows)
+        return {each.algorithm for each in (*self.rows, *episodes)}
+
+
+def _labelled(runs: _Runs, suite: Mapping[str, Any]) -> tuple[_Runs, dict[str, OutdatedPolicy]]:
+    """The runs with outdated ones under names of their own, and these policies by name."""
+    outdated: dict[str, OutdatedPolicy] = {}
+
+    def name_of(policy: str, seed: int) -> str:
+        made = runs.versions.get(f"{policy}-{seed}", {})
+        label = version_label(made, _current(suite, policy, made))
+        if not label:
+            return policy
+        found = OutdatedPolicy(policy, label)
+        outdated[found.name] = found
+        return found.name
+
+    def renamed(row: Any) -> Any:
+        return replace(row, algorithm=name_of(row.algorithm, row.seed))
+
+    rows = []
+    for row in runs.rows:
+        name = name_of(row.algorithm, row.seed)
+        suffix = f" ({outdated[name].versions})" if name in outdated else ""
+        rows.append(replace(row, run=f"{row.run}{suffix}", algorithm=name))
+    by_condition = {name: list(map(renamed, episodes)) for name, episodes in runs.by_condition.items()}
+    found = _Runs(
+        rows, list(map(renamed, runs.episodes)), by_condition, list(map(renamed, runs.training)), runs.versions
+    )
+    return found, outdated
+
+
+def _current(suite: Mapping[str, Any], policy: str, made: Versions) -> dict[str, int | None]:
+    """The versions that a policy's runs have now; of one that the suite does not name, by what they were made with."""
+    if policy in suite.get("baselines", []):
+        return current_versions("baseline", ())
+    if policy == PACKAGED:
+        return current_versions("packaged", ())
+    arm = next((arm for arm in arms_of(suite) if arm["name"] == policy), None)
+    if arm is not None:
+        stages = [stage["algorithm"] for stage in arm.get("before", []) if "algorithm" in stage]
+        return current_versions("train", [*stages, arm["algorithm"]])
+    known = current_versions("train", [name for name in made if name in ALGORITHMS]) | current_versions("packaged", ())
+    return {name: version for name, version in known.items() if name in made or not made}
+
+
+def _joined(runs: _Runs, aside: _Runs, outdated: Mapping[str, OutdatedPolicy]) -> _Runs:
+    """The runs with those set aside, except for those that have been run again; rows of a policy stand together."""
+    done = {(row.algorithm, row.seed) for row in runs.rows if row.status == "finished"}
+
+    def is_shown(row: Any) -> bool:
+        policy = outdated[row.algorithm].policy if row.algorithm in outdated else row.algorithm
+        return (policy, row.seed) not in done
+
+    def policy_of(row: RunRow) -> str:
+        return row.algorithm.partition(" (")[0]
+
+    known = {(row.algorithm, row.seed) for row in runs.rows}
+    rows = runs.rows + [row for row in aside.rows if is_shown(row) and (row.algorithm, row.seed) not in known]
+    order = list(dict.fromkeys(map(policy_of, rows)))
+    conditions = dict.fromkeys([*runs.by_condition, *aside.by_condition])
+    return _Runs(
+        sorted(rows, key=lambda row: order.index(policy_of(row))),
+        runs.episodes + list(filter(is_shown, aside.episodes)),
+        {
+            name: runs.by_condition.get(name, []) + list(filter(is_shown, aside.by_condition.get(name, [])))
+            for name in conditions
+        },
+        runs.training + list(filter(is_shown, aside.training)),
+        runs.versions,
+    )
+
+
+def _sort_episodes(results: Results) -> None:
     """Sort all episodes by run, then by level."""
-    by_run = {row.run: place for place, row in enumerate(found.runs)}
-    by_level = {level: place for place, level in enumerate(found.levels)}
+    by_run = {(row.algorithm, row.seed): number for number, row in enumerate(results.runs)}
+    by_level = {level: number for number, level in enumerate(results.levels)}
 
-    def place(row: Episode) -> tuple[int, int]:
-        return by_run.get(f"{row.algorithm}-{row.seed}", len(by_run)), by_level.get(row.level, len(by_level))
+    def key(row: Episode) -> tuple[int, int]:
+        return by_run.get((row.algorithm, row.seed), len(by_run)), by_level.get(row.level, len(by_level))
 
-    for rows in (found.episodes, *found.condition_episodes.values()):
-        rows.sort(key=place)
+    for rows in (results.episodes, *results.condition_episodes.values()):
+        rows.sort(key=key)
 
 
 @dataclass(frozen=True)
 class _Reader:
-    """Reads what it can of a folder, and remembers what it could not."""
+    """Reads the files of a folder, and collects the reasons why some cannot be used."""
 
     folder: Path
     skipped: list[str] = field(default_factory=list)
-    """As in `Results`."""
+    """See `Results`."""
 
-    def attempt(self, path: Path, read: Callable[[], Value], otherwise: Value) -> Value:
-        """What `read` gives; `otherwise`, and a line of why, if the file at `path` can't be used."""
+    def attempt(self, path: Path, read: Callable[[], Value], default: Value) -> Value:
+        """The result of `read`; `default`, with a line in `skipped`, if the file at `path` cannot be used."""
         try:
             return read()
         except (ResultsError, OSError) as error:
-            said = str(error.strerror if isinstance(error, OSError) else error)
-            place = path.relative_to(self.folder).as_posix()
-            line = place + said.removeprefix(path.name) if said.startswith(path.name) else f"{place}: {said}"
-            self.skipped.append(line)
-            return otherwise
+            reason = str(error.strerror if isinstance(error, OSError) else error)
+            name = path.relative_to(self.folder).as_posix()
+            is_named = reason.startswith(path.name)
+            self.skipped.append(name + reason.removeprefix(path.name) if is_named else f"{name}: {reason}")
+            return default
 
-    def episodes(self, place: Path, apart: Sequence[str] = ()) -> list[Episode]:
-        """The episodes of all files in a folder, but for folders in it named in `apart`."""
-        paths = [path for path in sorted(place.glob("*")) if path.name not in apart]
-        return [row for path in paths for row in self.attempt(path, lambda path=path: _checked(path), [])]
+    def runs(self, folder: Path, rows: list[RunRow], conditions: Sequence[str], unknown: Sequence[str]) -> _Runs:
+        """The runs in a folder, given its rows; `unknown` are folders of evaluations that are not read."""
+        versions = self.attempt(folder / "versions.json", lambda: read_versions(folder), {})
+        episodes = self.episodes(folder / "evaluation", skip=[*conditions, *unknown])
+        by_condition = {name: self.episodes(folder / "evaluation" / name) for name in conditions}
+        return _Runs(rows, episodes, by_condition, self.training(folder, rows), versions)
 
-    def training(self, runs: Sequence[RunRow]) -> list[TrainingLog]:
-        """How the training of each run went, as far as it got."""
+    def episodes(self, folder: Path, skip: Sequence[str] = ()) -> list[Episode]:
+        """The episodes of all files in a folder, except for folders in it named in `skip`."""
+        paths = [path for path in sorted(folder.glob("*")) if path.name not in skip]
+        return [row for path in paths for row in self.attempt(path, lambda path=path: _read_evaluation(path), [])]
+
+    def training(self, folder: Path, rows: Sequence[RunRow]) -> list[TrainingLog]:
+        """The training logs of the runs, as far as they got."""
         logs = []
-        for row in runs:
-            path = self.folder / "runs" / row.run / "episodes.csv"
-            if row.kind == "train" and (path.exists() or row.status == "finished"):
+        for row in rows:
+            path = folder / "runs" / row.run / "episodes.csv"
+            is_due = row.status == "finished" and folder == self.folder
+            if row.kind == "train" and (path.exists() or is_due):
                 logs.append(self.attempt(path, lambda path=path, row=row: read_training(path, row), None))
         return [log for log in logs if log is not None]
 
-    def words(self, path: Path) -> str:
-        """A file of one line."""
+    def line(self, path: Path) -> str:
+        """The content of a file of one line."""
 
         def read() -> str:
             try:
@@ -127,22 +253,32 @@ class _Reader:
 
         return self.attempt(path, read, "")
 
-    def films(self, policies: Sequence[str]) -> dict[str, Film]:
-        """The films that there are or that could not be made, by name: the best flight's, then those of policies."""
+    def films(self, results: Results) -> dict[str, Film]:
+        """The films that exist or failed, by name: that of the best flight, then those of each policy.
+
+        The caption of a film names the versions of its policy if all flights of it are outdated.
+        """
+        labels = {policy.policy: policy.versions for policy in results.outdated.values()}
+        policies = list(dict.fromkeys(name.partition(" (")[0] for name in results.policies))
+        current = {row.algorithm for row in results.episodes} - set(results.outdated)
+        names = {MAIN_FILM: "" if current else next(iter(labels.values()), "")}
+        for policy in policies:
+            label = "" if policy in current else labels.get(policy, "")
+            names |= {f"{FILMS}/{policy}-{kind}": label for kind in KINDS}
         found = {}
-        for name in (MAIN_FILM, *(f"{FILMS}/{policy}-{kind}" for policy in policies for kind in KINDS)):
+        for name, label in names.items():
             files = FilmFiles.of(self.folder, name)
             if files.film.exists() and files.caption.exists():
-                found[name] = Film(files.film, self.words(files.caption))
+                found[name] = Film(files.film, self.line(files.caption) + (f" Outdated: {label}." if label else ""))
             elif files.failure.exists():
-                found[name] = Film(None, self.words(files.failure))
+                found[name] = Film(None, self.line(files.failure))
             elif files.film.exists():
                 self.skipped.append(f"{name}.mp4: there is no {name}.txt that says what it shows")
         return found
 
 
-def _checked(path: Path) -> list[Episode]:
-    """The episodes of a file whose name agrees with what is in it."""
+def _read_evaluation(path: Path) -> list[Episode]:
+    """The episodes of a file; raises `ResultsError` unless its name agrees with its content."""
     if path.suffix != ".csv":
         raise ResultsError("not a result of an evaluation (half-written, or foreign)")
     rows = read_episodes(path)

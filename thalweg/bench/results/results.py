@@ -1,14 +1,16 @@
-"""What lies in a results folder? Where each part of it does, and what they hold together; `reading` reads it.
+"""Contents of a results folder, and the layout of its files; `reading` reads them.
 
-suite.json                    the suite as it was run, with versions and the machine
-runs.csv                      one row per run, failed ones with their error
-runs/PPO-0/                   the folder of a training run; `episodes.csv` in it gives the training curves
+suite.json                    the suite as it was run, with library versions and the machine
+runs.csv                      one row per run; failed ones with their error
+versions.json                 the versions that each run was made with
+runs/PPO-0/                   the folder of a training run; its `episodes.csv` gives the training curves
 evaluation/PPO-0-Easy.csv     one row per evaluated episode
 evaluation/unseen/...         the same under a condition other than the main one
-logs/PPO-0.txt                what a run printed that was done in a process of its own
-film.mp4, film.txt            a flight, and what it shows; film-error.txt instead where filming failed
-films/PPO-best.mp4, ...       the same of each trained policy's best flight and typical failure
-report/                       made from the files above, and from nothing else
+outdated/                     runs with other versions, until they have been run again; laid out like this folder
+logs/PPO-0.txt                what a run in a process of its own printed
+film.mp4, film.txt            a flight, and its caption; film-error.txt instead if filming failed
+films/PPO-best.mp4, ...       the same for the best flight and the typical failure of each trained policy
+report/                       the report, made from the files above alone
 """
 
 from dataclasses import dataclass, field
@@ -23,25 +25,25 @@ from thalweg.core.atomic_io import write_atomic
 
 RUN_COLUMNS = ("run", "kind", "algorithm", "seed", "steps", "status", "error", "wall_s", "steps_per_s")
 MAIN_FILM, FILMS = "film", "films"
-"""Name of the film of the best flight, and folder of each policy's."""
+"""Name of the film of the best flight, and folder of the films of each policy."""
 MAIN_FILE = f"{MAIN_FILM}.mp4"
 KINDS = ("best", "failure")
-"""What the films of a policy show, as their names end."""
+"""Endings of the names of a policy's films: its best flight and its typical failure."""
 
 
 @dataclass(frozen=True)
 class FilmFiles:
-    """Where the files of a film lie."""
+    """Paths of the files of a film."""
 
     film: Path
     caption: Path
-    """What it shows."""
+    """Caption of the film."""
     failure: Path
-    """Why there is none."""
+    """The reason why there is no film."""
 
     @classmethod
     def of(cls, folder: Path, name: str) -> "FilmFiles":
-        """Those of a name, in a results folder."""
+        """The paths for a film's name in a results folder."""
         return cls(folder / f"{name}.mp4", folder / f"{name}.txt", folder / f"{name}-error.txt")
 
     @property
@@ -51,17 +53,17 @@ class FilmFiles:
 
 @dataclass(frozen=True)
 class Film:
-    """A film of a results folder, or why there is none."""
+    """A film of a results folder, or the reason why there is none."""
 
     path: Path | None
-    """None where there is no film."""
+    """None if there is no film."""
     words: str
-    """What it shows; why there is none."""
+    """Caption of the film, or the reason why there is none."""
 
 
 @dataclass(frozen=True)
 class RunRow:
-    """What became of one run."""
+    """The outcome of one run."""
 
     run: str
     kind: str
@@ -73,26 +75,43 @@ class RunRow:
     error: str = ""
     """One line, empty for a finished run."""
     wall_s: float = 0.0
-    """Seconds of training, over all sessions that it took."""
+    """Seconds of training, over all sessions."""
     steps_per_s: float = 0.0
 
 
 @dataclass(frozen=True)
+class OutdatedPolicy:
+    """A policy whose runs were made with versions other than the current ones."""
+
+    policy: str
+    """The name that its runs have in the suite."""
+    versions: str
+    """The versions that differ from the current ones, such as `render 1, PPO 1`."""
+
+    @property
+    def name(self) -> str:
+        """The name of its runs in results: never that of runs with current versions, so that they are not mixed."""
+        return f"{self.policy} ({self.versions})"
+
+
+@dataclass(frozen=True)
 class Results:
-    """A results folder, read."""
+    """The content of a results folder."""
 
     folder: Path
     suite: dict
-    """As in `suite.json`; empty where that could not be read."""
+    """Content of `suite.json`; empty if it could not be read."""
     runs: list[RunRow]
     episodes: list[Episode]
     training: list[TrainingLog]
     skipped: list[str]
-    """One line for each file that was not used: its name and why."""
+    """One line for each file that was not used: its name and the reason."""
     films: dict[str, Film] = field(default_factory=dict)
-    """By name: `MAIN_FILM`, then two for each policy, as far as they were made or failed."""
+    """Films by name: `MAIN_FILM`, then two for each policy, as far as they exist or failed."""
     condition_episodes: dict[str, list[Episode]] = field(default_factory=dict)
     """Episodes under each condition other than the main one, in the order of the suite."""
+    outdated: dict[str, OutdatedPolicy] = field(default_factory=dict)
+    """Policies with other versions, by the names that their runs and episodes have here."""
 
     @property
     def levels(self) -> list[str]:
@@ -101,15 +120,19 @@ class Results:
 
     @property
     def policies(self) -> list[str]:
-        """Every algorithm, flown or not: in the order of the runs, then those of the suite that have not begun."""
-        begun = (row.algorithm for row in self.runs)
-        flown = (row.algorithm for rows in (self.episodes, *self.condition_episodes.values()) for row in rows)
-        return list(dict.fromkeys([*begun, *(arm["name"] for arm in arms_of(self.suite)), *flown]))
+        """Every policy, flown or not: in the order of the runs, then those of the suite that have not started.
+
+        A policy that is in the results only with other versions is listed with these.
+        """
+        started = [row.algorithm for row in self.runs]
+        flown = [row.algorithm for rows in (self.episodes, *self.condition_episodes.values()) for row in rows]
+        replaced = {policy.policy for policy in self.outdated.values()} - {*started, *flown}
+        planned = [arm["name"] for arm in arms_of(self.suite) if arm["name"] not in replaced]
+        return list(dict.fromkeys([*started, *planned, *flown]))
 
     @property
     def planned_flights(self) -> set[tuple[str, str, int, str]]:
-        """Condition, policy, seed and level of each evaluation that there should be: of the suite, but for runs that
-        failed."""
+        """Condition, policy, seed and level of each evaluation that the suite asks for, except for failed runs."""
         suite = self.suite
         baselines = [(name, 0) for name in suite.get("baselines", [])]
         flown = [(PACKAGED, 0)] if suite.get("packaged") else []
@@ -126,33 +149,33 @@ class Results:
 
     @property
     def flights(self) -> set[tuple[str, str, int, str]]:
-        """Condition, policy, seed and level of each evaluation that there is."""
+        """Condition, policy, seed and level of each evaluation in the results."""
         every = {"": self.episodes, **self.condition_episodes}
         return {(name, row.algorithm, row.seed, row.level) for name, rows in every.items() for row in rows}
 
     def planned_seeds(self, algorithm: str) -> int:
-        """How many seeds there should be of an algorithm."""
+        """Number of seeds that the suite asks for of a policy."""
         planned = sum(len(arm["seeds"]) for arm in arms_of(self.suite) if arm["name"] == algorithm)
         return max(planned, sum(row.algorithm == algorithm for row in self.runs), 1)
 
     @property
     def most_steps(self) -> int:
-        """Steps of the longest runs of the suite; 0 where it is not known."""
+        """Steps of the longest runs of the suite; 0 if unknown."""
         return max((arm["steps"] for arm in arms_of(self.suite)), default=0)
 
     def gap(self, algorithm: str) -> str:
-        """Why there are no episodes of an algorithm: `failed`, `absent`, or just `missing`."""
+        """Why there are no episodes of a policy: `failed`, `absent`, or else `missing`."""
         statuses = {row.status for row in self.runs if row.algorithm == algorithm}
         return next((status for status in ("failed", "absent") if status in statuses), "missing")
 
 
 def evaluation_path(folder: Path, run: str, trial: Trial) -> Path:
-    """Where the episodes of a run in a trial lie."""
+    """Path of the episodes of a run in a trial."""
     return folder / "evaluation" / trial.condition.name / f"{run}-{trial.level}.csv"
 
 
 def write_runs(folder: Path, rows: list[RunRow]) -> None:
-    """Write `runs.csv`, whole or not at all."""
+    """Write `runs.csv` atomically."""
     write_atomic(folder / "runs.csv", runs_text(rows))
 
 
@@ -162,7 +185,7 @@ def runs_text(rows: list[RunRow]) -> str:
 
 
 def read_runs(folder: Path) -> list[RunRow]:
-    """The rows of `runs.csv`; none if there is no such file. Raises `ResultsError` where it is not of this kind."""
+    """The rows of `runs.csv`; none if there is no such file. Raises `ResultsError` for a file of another kind."""
     path = folder / "runs.csv"
     if not path.exists():
         return []

@@ -32,6 +32,7 @@ from thalweg.bench.studies.water_segmenter import (
 )
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
+from thalweg.core.run_folder import FolderKind
 from thalweg.encoder import Encoder, EncoderInputError, Source, draw_reconstructions, load_encoder, train_encoder
 from thalweg.encoder.linear_probe import explained
 from thalweg.encoder.reconstruction import reconstruct
@@ -49,6 +50,7 @@ CODE = 16
 SHOWN = 8
 """Images of the figure."""
 RECORD, MEASURES, SEGMENTER = "study.json", "measures.json", "finder.safetensors"
+STUDY_FOLDER = FolderKind("study", RECORD, ResultsError)
 
 SWEEP = tuple(Case("rgb+mask", size) for size in SIZES)
 PAPERS = (Case("rgb+mask", 16, "paper"), Case("rgb+mask", 64, "paper"))
@@ -201,18 +203,10 @@ def _claim(folder: Path, plan: Plan) -> Plan:
         plan = replace(plan, precision=there.get("precision") or resolve_precision("auto"))
     record = json.loads(json.dumps(asdict(plan) | {"render_version": RENDER_VERSION, "versions": made_by()}))
     record["level"] = level_named(plan.level).name
-    if there:
-        differing = [
-            f"{key} is {there.get(key)!r} there and {record[key]!r} here"
-            for key in record
-            if there.get(key) != record[key]
-        ]
-        if differing:
-            raise ResultsError(f"{folder} belongs to another study: {'; '.join(differing)}. Choose another folder.")
-        return plan
-    if folder.exists() and any(folder.iterdir()):
-        raise ResultsError(f"{folder} is not empty and holds no study; choose another folder")
-    write_atomic(path, json.dumps(record, indent=1) + "\n")
+    if STUDY_FOLDER.is_new(folder):
+        write_atomic(path, json.dumps(record, indent=1) + "\n")
+    else:
+        STUDY_FOLDER.require_same(folder, {key: value for key, value in there.items() if key in record}, record)
     return plan
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from thalweg.encoder import EncoderFileError, EncoderInputError, Source, TrainingResult, VAEConfig, train_encoder
 from thalweg.encoder.files import read_tensors
+from thalweg.encoder.training import ENCODER_FOLDER
 from thalweg.render import RENDER_VERSION
 from thalweg.train.encoder import frames as frame_collection
 from thalweg.world import level_named
@@ -59,7 +60,5 @@ def _check_folder(folder: Path, run: dict[str, object]) -> None:
     if not path.exists():
         return
     _, about = read_tensors(path, "encoder training")
-    for name, value in run.items():
-        found = about.get("run", {}).get(name)
-        if found != value:
-            raise EncoderFileError(f"{path}: a training with {name} {found}, not {value}; choose another folder")
+    recorded = about.get("run", {})
+    ENCODER_FOLDER.require_same(folder, {key: recorded[key] for key in run if key in recorded}, run)

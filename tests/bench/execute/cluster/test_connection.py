@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.execute.cluster import connection as joining
-from thalweg.bench.execute.cluster.connection import check_address, joined
-from thalweg.bench.execute.cluster.ray_executor import Cluster
+from thalweg.bench.execute.cluster import connection
+from thalweg.bench.execute.cluster.connection import check_address, ray_connection
+from thalweg.bench.execute.cluster.ray_executor import RayExecutor
 
 
 @contextmanager
@@ -49,13 +49,13 @@ def test_the_addresses_of_heads_are_taken(address: str):
 def test_without_ray_the_extra_is_named(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(ResultsError, match=r"--cluster needs Ray: pip install 'thalweg\[cluster\]'"):
-        Cluster("auto")
+        RayExecutor("auto")
 
 
 @pytest.mark.parametrize(("option", "number"), [("jobs", 0), ("cpus", 0)])
 def test_no_runs_at_a_time_and_no_processors_are_refused(option: str, number: int):
     with pytest.raises(ResultsError, match=f"{option} must be at least 1, not 0"):
-        Cluster("auto", **{option: number})
+        RayExecutor("auto", **{option: number})
 
 
 def test_the_lock_of_ray_pins_nothing_that_the_project_pins():
@@ -74,13 +74,21 @@ def test_the_lock_of_ray_pins_nothing_that_the_project_pins():
 @pytest.mark.ray
 def test_where_nobody_listens_it_is_said_how_a_cluster_is_started():
     message = "no cluster at {} .*refused.; start one with `ray start --head`, and `ray start --address=HOST:6379` on"
-    with port(listens=False) as address, pytest.raises(ResultsError, match=message.format(address)), joined(address):
+    with (
+        port(listens=False) as address,
+        pytest.raises(ResultsError, match=message.format(address)),
+        ray_connection(address),
+    ):
         pass
 
 
 @pytest.mark.ray
 def test_where_somebody_else_listens_it_is_given_up_in_time(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(joining, "ANSWER_S", 1.0)
+    monkeypatch.setattr(connection, "ANSWER_S", 1.0)
     message = "the cluster at {} has not answered in 1 s. Is this the port of the head"
-    with port(listens=True) as address, pytest.raises(ResultsError, match=message.format(address)), joined(address):
+    with (
+        port(listens=True) as address,
+        pytest.raises(ResultsError, match=message.format(address)),
+        ray_connection(address),
+    ):
         pass

@@ -13,23 +13,23 @@ from typing import Any
 import cloudpickle
 import pytest
 
-from tests.bench.small_place import SUITE, SmallPlace
+from tests.bench.small_backend import SUITE, SmallBackend
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.execute.cluster.node_task import News, Order, errand
-from thalweg.bench.execute.cluster.ray_executor import _for_nodes
-from thalweg.bench.execute.rivers import made_by
+from thalweg.bench.execute.backend import installed_versions
+from thalweg.bench.execute.cluster.node_task import RunRequest, RunUpdate, run_on_node
+from thalweg.bench.execute.cluster.ray_executor import _node_function
 from thalweg.bench.suite.suites import Run
 
 RUN = Run("train", "PPO", 0)
 NODE = socket.gethostname()
 
 
-def order(place: SmallPlace, **changes: Any) -> Order:
-    given: dict[str, Any] = {"files": {}, "made": made_by(), "gather_s": 0.0} | changes
-    return Order(RUN, SUITE, place, **given)
+def request(backend: SmallBackend, **changes: Any) -> RunRequest:
+    given: dict[str, Any] = {"files": {}, "versions": installed_versions(), "sync_interval_s": 0.0} | changes
+    return RunRequest(RUN, SUITE, backend, **given)
 
 
-class Slow(SmallPlace):
+class Slow(SmallBackend):
     """Takes its time on a level, so that what was done before is sent meanwhile."""
 
     def evaluate(self, run, folder, trial, on_step):
@@ -37,7 +37,7 @@ class Slow(SmallPlace):
         return super().evaluate(run, folder, trial, on_step)
 
 
-class Held(SmallPlace):
+class Held(SmallBackend):
     """Does not begin with the last level until it may."""
 
     def __init__(self) -> None:
@@ -53,14 +53,14 @@ def level_file(level: str) -> str:
     return f"evaluation/{RUN.name}-{level}.csv"
 
 
-def kinds(news: list[News]) -> list[tuple[bool, bool]]:
+def kinds(news: list[RunUpdate]) -> list[tuple[bool, bool]]:
     """Whether there were files in each, and a row."""
     return [(one.files is not None, one.row is not None) for one in news]
 
 
 def test_how_far_a_run_is_comes_back_before_the_end():
     place, news = Held(), []
-    for one in errand(order(place)):
+    for one in run_on_node(request(place)):
         news.append(one)
         if level_file("Medium") in (one.files or {}):
             place.may.set()
@@ -72,30 +72,30 @@ def test_how_far_a_run_is_comes_back_before_the_end():
 
 
 def test_no_more_often_than_it_was_asked_for():
-    assert kinds(list(errand(order(Slow(), gather_s=60.0)))) == [(False, False), (True, True)]
+    assert kinds(list(run_on_node(request(Slow(), sync_interval_s=60.0)))) == [(False, False), (True, True)]
 
 
 def test_what_was_there_already_is_not_done_again_nor_sent_back():
-    done = list(errand(order(SmallPlace())))[-1].files or {}
+    done = list(run_on_node(request(SmallBackend())))[-1].files or {}
     del done[level_file("Hard")]
-    again = list(errand(order(Slow(), files=done)))
+    again = list(run_on_node(request(Slow(), files=done)))
     assert kinds(again)[0] == (False, False)
     assert all(level_file("Hard") in (one.files or {}) for one in again[1:])
     assert (again[-1].files or {})["logs/PPO-0.txt"].count(b"PPO-0 on") == 4
 
 
 def test_a_node_with_other_sources_says_which_are_there_and_which_here():
-    ours = made_by() | {"world": 99}
-    message = f"node {NODE} of the cluster has another Thalweg .world {made_by()['world']} there, 99 here.$"
+    ours = installed_versions() | {"world": 99}
+    message = f"node {NODE} of the cluster has another Thalweg .world {installed_versions()['world']} there, 99 here.$"
     with pytest.raises(ResultsError, match=message):
-        next(errand(order(SmallPlace(), made=ours)))
+        next(run_on_node(request(SmallBackend(), versions=ours)))
 
 
 def test_a_node_without_thalweg_says_so(tmp_path: Path):
     """The function that is sent to nodes needs nothing of Thalweg's to be read there."""
     (tmp_path / "thalweg").mkdir()
     (tmp_path / "thalweg" / "__init__.py").write_text("raise ImportError('none here')")
-    sent = cloudpickle.dumps(_for_nodes())
+    sent = cloudpickle.dumps(_node_function())
     read = "import pickle, sys; next(pickle.loads(sys.stdin.buffer.read())(b''))"
     tried = subprocess.run(
         [sys.executable, "-c", read],
@@ -111,6 +111,6 @@ def test_a_node_without_thalweg_says_so(tmp_path: Path):
 
 
 def test_what_is_sent_to_nodes_does_the_errand():
-    news = list(_for_nodes()(pickle.dumps(order(SmallPlace()))))
-    assert news[0] == News(NODE)
+    news = list(_node_function()(pickle.dumps(request(SmallBackend()))))
+    assert news[0] == RunUpdate(NODE)
     assert news[-1].row is not None and news[-1].row.status == "finished"

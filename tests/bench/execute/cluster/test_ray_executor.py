@@ -16,14 +16,14 @@ from rich.console import Console
 
 from tests.bench.execute.test_executors import Full, gone, wait_for
 from tests.bench.ray_nodes import ROOT, Nodes
-from tests.bench.small_place import SUITE as SMALL_SUITE
-from tests.bench.small_place import SmallPlace
-from tests.bench.walking_place import DOOMED, LAST, SUITE, WalkingPlace
+from tests.bench.small_backend import SUITE as SMALL_SUITE
+from tests.bench.small_backend import SmallBackend
+from tests.bench.walking_backend import DOOMED, LAST, SUITE, WalkingBackend
 from tests.train.small_runs import numbers
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.execute.cluster import ray_executor as cluster
-from thalweg.bench.execute.cluster.connection import joined
-from thalweg.bench.execute.cluster.ray_executor import Cluster
+from thalweg.bench.execute.cluster.connection import ray_connection
+from thalweg.bench.execute.cluster.ray_executor import RayExecutor
 from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.results.results import read_runs
 
@@ -42,7 +42,7 @@ def nodes() -> Iterator[Nodes]:
 def here(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The results of this process alone."""
     folder = tmp_path_factory.mktemp("here")
-    run_suite(SUITE, folder, WalkingPlace())
+    run_suite(SUITE, folder, WalkingBackend())
     return folder
 
 
@@ -75,7 +75,7 @@ def test_a_lost_nodes_run_goes_on_elsewhere_and_all_ends_as_here(nodes: Nodes, t
 
     killer = threading.Thread(target=lose_it)
     killer.start()
-    run_suite(SUITE, folder, WalkingPlace(), hands=Cluster(nodes.address, gather_s=0.0))
+    run_suite(SUITE, folder, WalkingBackend(), executor=RayExecutor(nodes.address, sync_interval_s=0.0))
     killer.join()
     assert results(folder) == results(here)
     log = (folder / "logs" / f"{runs[0]}.txt").read_text().splitlines()
@@ -90,7 +90,7 @@ def test_after_the_driver_was_killed_its_runs_have_ended_and_the_same_command_go
 ):
     note, folder = tmp_path / "note.txt", tmp_path / "results"
     driver = subprocess.Popen(
-        [sys.executable, "-m", "tests.bench.walking_place", nodes.address, str(folder), str(note)],
+        [sys.executable, "-m", "tests.bench.walking_backend", nodes.address, str(folder), str(note)],
         cwd=ROOT,
         stdout=subprocess.DEVNULL,
     )
@@ -101,13 +101,13 @@ def test_after_the_driver_was_killed_its_runs_have_ended_and_the_same_command_go
         driver.send_signal(signal.SIGKILL)
         driver.wait()
     wait_for(lambda: [process] if gone(process) else [], 1)
-    run_suite(SUITE, folder, WalkingPlace())
+    run_suite(SUITE, folder, WalkingBackend())
     assert results(folder) == results(here)
     assert capsys.readouterr().out.count(f"goes on from {LAST}") == 1
 
 
-class Troubled(SmallPlace):
-    """The disk of its node is full in one run; see `SmallPlace` for what goes wrong in others."""
+class Troubled(SmallBackend):
+    """The disk of its node is full in one run; see `SmallBackend` for what goes wrong in others."""
 
     def train(self, run, folder):
         if run.name == "FOCOPS-0":
@@ -120,19 +120,21 @@ class Troubled(SmallPlace):
 def test_runs_that_fail_are_rows_with_their_errors_and_the_others_go_on(
     nodes: Nodes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(cluster, "TRIES", 2)
+    monkeypatch.setattr(cluster, "MAX_ATTEMPTS", 2)
     said = io.StringIO()
     place = Troubled(broken=("PPO-0",), dies=("PPO-1",))
-    outcome = run_suite(SMALL_SUITE, tmp_path, place, Console(file=said, width=200), hands=Cluster(nodes.address))
+    outcome = run_suite(
+        SMALL_SUITE, tmp_path, place, Console(file=said, width=200), executor=RayExecutor(nodes.address)
+    )
     died = f"the process that did it on {HOST} ended (WorkerCrashedError)"
     assert {row.run: row.error for row in outcome.runs} == {
         "hover-0": "",
         "PPO-0": "ArithmeticError: the loss is NaN in line two",
-        "PPO-1": f"{died}; 2 times without getting further",
+        "PPO-1": f"{died}; 2 times without progress",
         "FOCOPS-0": f"OSError: [Errno 28] No space left on device (on {HOST})",
         "FOCOPS-1": "",
     }
-    assert f"PPO-1: {died}; it is begun again" in said.getvalue().splitlines()
+    assert f"PPO-1: {died}; it is restarted" in said.getvalue().splitlines()
     assert "in train" in (tmp_path / "runs" / "PPO-0" / "error.txt").read_text()
     assert "train 100 steps on Medium" in (tmp_path / "logs" / "FOCOPS-1.txt").read_text()
 
@@ -143,5 +145,5 @@ def test_a_cluster_of_another_version_is_not_joined(nodes: Nodes, tmp_path: Path
     (tmp_path / "sitecustomize.py").write_text("import ray\nray.__version__ = '1.0'")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     message = f"the cluster at {nodes.address} can't be joined: Version mismatch: .*Ray: 2.*Ray: 1.0 Python"
-    with pytest.raises(ResultsError, match=message), joined(nodes.address):
+    with pytest.raises(ResultsError, match=message), ray_connection(nodes.address):
         pass

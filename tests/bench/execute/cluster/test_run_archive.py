@@ -7,8 +7,8 @@ import pytest
 
 from tests.train.small_runs import Stop, StopsAt, numbers, train
 from thalweg.bench.evaluate.conditions import Condition, Trial
-from thalweg.bench.execute.cluster import run_archive as parcel
-from thalweg.bench.execute.cluster.run_archive import Files, milestones, names_of, pack, unpack
+from thalweg.bench.execute.cluster import run_archive
+from thalweg.bench.execute.cluster.run_archive import Files, archive_names, milestones, pack, unpack
 
 UNSEEN = Condition("unseen", unseen=True)
 RUN, TRIALS = "FOCOPS-3", (Trial("Easy"), Trial("Hard"), Trial("Hard", UNSEEN))
@@ -37,7 +37,7 @@ def test_what_is_packed_is_the_newest_checkpoint_first_and_nothing_hidden(tmp_pa
     (home(tmp_path) / ".status.0123.part.json").write_text("half")
     (home(tmp_path) / "checkpoints" / ".000000000512.7.part").mkdir()
     kept = sorted(path.name for path in home(tmp_path).glob("checkpoints/[0-9]*"))
-    names = names_of(tmp_path, RUN, TRIALS)
+    names = archive_names(tmp_path, RUN, TRIALS)
     assert kept == ["000000000256", "000000000384"]
     start = f"runs/{RUN}"
     newest = [f"{start}/checkpoints/000000000384/{name}" for name in ("arrays.safetensors", "state.json")]
@@ -69,7 +69,7 @@ def test_killed_at_any_write_the_run_goes_on_from_what_is_there(tmp_path: Path, 
         here = tmp_path / f"here{die_at}"
         unpack(earlier, here, RUN)
         with monkeypatch.context() as patch:
-            patch.setattr(parcel, "write_atomic", dies_at(die_at))
+            patch.setattr(run_archive, "write_atomic", dies_at(die_at))
             with pytest.raises(Stop):
                 unpack(later, here, RUN)
         train(home(here))
@@ -79,7 +79,7 @@ def test_killed_at_any_write_the_run_goes_on_from_what_is_there(tmp_path: Path, 
 
 def dies_at(count: int):
     """`write_atomic`, but for the call of that number."""
-    write, calls = parcel.write_atomic, iter(range(count))
+    write, calls = run_archive.write_atomic, iter(range(count))
 
     def write_or_die(path: Path, content: bytes) -> None:
         if next(calls, None) is None:

@@ -1,110 +1,113 @@
-"""What does a node of a cluster do? One run, in a folder of its own, of which it sends back what there is.
+"""Task of a cluster's node: one run in a temporary folder, whose files are sent back.
 
-Nothing here knows of Ray: the run is done by a thread, while whoever asked is told from time to time how it stands.
+This module does not import Ray. The run is executed by a thread, while the caller receives updates.
 """
 
 import socket
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.execute.cluster.run_archive import Files, milestones, names_of, pack, unpack
-from thalweg.bench.execute.executors import logged
-from thalweg.bench.execute.rivers import Place, made_by
+from thalweg.bench.execute.backend import Backend, installed_versions
+from thalweg.bench.execute.cluster.run_archive import Files, archive_names, milestones, pack, unpack
+from thalweg.bench.execute.executors import execute_run_logged
 from thalweg.bench.results.results import RunRow
 from thalweg.bench.suite.suites import Run, Suite
 
-GLANCE_S = 0.5
-"""Between two looks at whether a run is over."""
+POLL_S = 0.5
+"""Interval at which the run's thread is checked."""
 
 
 @dataclass(frozen=True)
-class Order:
-    """What is to be done, and what there is of it already."""
+class RunRequest:
+    """A run to execute, and its files so far."""
 
     run: Run
     suite: Suite
-    place: Place
+    backend: Backend
     files: Files
-    """The run as it stands, see `thalweg.bench.execute.cluster.run_archive`."""
-    made: dict[str, int | None]
-    """What makes the results, as `made_by` says where they are gathered."""
-    gather_s: float
-    """Least time between two parcels that are sent back."""
+    """Files of the run so far, see `thalweg.bench.execute.cluster.run_archive`."""
+    versions: Mapping[str, int | None]
+    """`installed_versions` of the machine where the results are collected."""
+    sync_interval_s: float
+    """Shortest interval between two updates with files."""
 
 
 @dataclass(frozen=True)
-class News:
-    """How a run stands."""
+class RunUpdate:
+    """The state of a run on a node."""
 
     node: str
-    """The name of the machine."""
+    """Name of the machine."""
     files: Files | None = None
-    """Everything that there is of the run; None if there is nothing new."""
+    """All files of the run; None if there is nothing new."""
     row: RunRow | None = None
-    """What became of it, once it is over."""
+    """The run's row, once it has ended."""
 
 
-def errand(order: Order) -> Iterator[News]:
-    """Do a run and say how it stands: that it has begun, how far it is from time to time, and what it left.
+def run_on_node(request: RunRequest) -> Iterator[RunUpdate]:
+    """Execute a run; yields an update at its start, while it makes progress, and at its end.
 
-    Raises `ResultsError` where this machine has another Thalweg, and `OSError` if its disk is full.
+    Raises `ResultsError` if this machine has other versions, and `OSError` if its disk is full.
     """
     node = socket.gethostname()
-    _require_same(order.made, node)
-    yield News(node)
+    _require_same_versions(request.versions, node)
+    yield RunUpdate(node)
     with tempfile.TemporaryDirectory(prefix="thalweg-", ignore_cleanup_errors=True) as name:
-        what = Path(name), order.run.name, order.suite.trials(order.run)
-        unpack(order.files, Path(name), order.run.name)
-        sent, sent_at = milestones(order.files), time.monotonic()
-        doing = _Doing(order, Path(name))
-        while not doing.over():
-            if time.monotonic() - sent_at < order.gather_s or milestones(names_of(*what)) == sent:
+        archive = Path(name), request.run.name, request.suite.trials(request.run)
+        unpack(request.files, Path(name), request.run.name)
+        sent, sent_at = milestones(request.files), time.monotonic()
+        thread = _RunThread(request, Path(name))
+        while not thread.has_ended():
+            if time.monotonic() - sent_at < request.sync_interval_s or milestones(archive_names(*archive)) == sent:
                 continue
-            with suppress(
-                FileNotFoundError
-            ):  # the run removed something meanwhile: the next look finds what came instead
-                files = pack(*what)
+            # The run may remove a file while it is packed; the next check finds the one that replaced it.
+            with suppress(FileNotFoundError):
+                files = pack(*archive)
                 sent, sent_at = milestones(files), time.monotonic()
-                yield News(node, files)
-        row = doing.row()
-        yield News(node, pack(*what), row)
+                yield RunUpdate(node, files)
+        row = thread.row()
+        yield RunUpdate(node, pack(*archive), row)
 
 
-class _Doing:
-    """A run that is being done by a thread."""
+class _RunThread:
+    """A thread that executes a run."""
 
-    def __init__(self, order: Order, folder: Path) -> None:
-        self._said: RunRow | BaseException | None = None
-        self._thread = threading.Thread(target=self._do, args=(order, folder), daemon=True)
+    def __init__(self, request: RunRequest, folder: Path) -> None:
+        self._outcome: RunRow | BaseException | None = None
+        self._thread = threading.Thread(target=self._execute, args=(request, folder), daemon=True)
         self._thread.start()
 
-    def over(self) -> bool:
-        """Whether it is over, after a moment at most."""
-        self._thread.join(GLANCE_S)
+    def has_ended(self) -> bool:
+        """Whether the run has ended; waits for at most `POLL_S`."""
+        self._thread.join(POLL_S)
         return not self._thread.is_alive()
 
     def row(self) -> RunRow:
-        """What became of it, once it is over."""
-        if isinstance(self._said, RunRow):
-            return self._said
-        raise self._said or RuntimeError("it is not over")
+        """The row of the run, which has ended; raises the error that ended it."""
+        if isinstance(self._outcome, RunRow):
+            return self._outcome
+        raise self._outcome or RuntimeError("the run has not ended")
 
-    def _do(self, order: Order, folder: Path) -> None:
+    def _execute(self, request: RunRequest, folder: Path) -> None:
         try:
-            self._said = logged(order.run, order.suite, folder, order.place)
+            self._outcome = execute_run_logged(request.run, request.suite, folder, request.backend)
         except BaseException as error:
-            self._said = error
+            self._outcome = error
 
 
-def _require_same(made: dict[str, int | None], node: str) -> None:
-    """Raise `ResultsError` that names each part in which this machine's Thalweg differs."""
-    here = made_by()
-    changes = [f"{key} {here.get(key)} there, {mark} here" for key, mark in made.items() if here.get(key) != mark]
+def _require_same_versions(expected: Mapping[str, int | None], node: str) -> None:
+    """Raise `ResultsError` that names each version in which this machine differs."""
+    installed = installed_versions()
+    changes = [
+        f"{name} {installed.get(name)} there, {version} here"
+        for name, version in expected.items()
+        if installed.get(name) != version
+    ]
     if changes:
         raise ResultsError(f"node {node} of the cluster has another Thalweg ({'; '.join(changes)})")

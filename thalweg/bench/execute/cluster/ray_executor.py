@@ -1,8 +1,9 @@
-"""Who does the runs of a suite on many machines? A cluster of Ray's, one task for each run.
+"""Executor for the runs of a suite on a Ray cluster, one task per run.
 
-Nodes need no common disk: a run goes to a node with all that there is of it, comes back from time to time as far as it
-is, and goes on elsewhere from there if its node is lost. Everything is gathered in the one folder of results, so that
-the same command goes on after any interruption, here or on a cluster. Ray is imported only when it is asked for.
+Nodes need no shared disk. A run is sent to a node with all its files so far, and its files come back from time to time;
+if its node is lost, the run resumes on another one from there. Everything is collected in the one results folder, so
+that the same command resumes after any interruption, on the cluster or without one. Ray is imported only when it is
+needed.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -10,158 +11,164 @@ from dataclasses import dataclass
 from typing import Any
 
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.execute.cluster.connection import check_address, import_ray, joined
-from thalweg.bench.execute.cluster.node_task import News, Order
+from thalweg.bench.execute.backend import installed_versions
+from thalweg.bench.execute.cluster.connection import check_address, check_ray, ray_connection
+from thalweg.bench.execute.cluster.node_task import RunRequest, RunUpdate
 from thalweg.bench.execute.cluster.run_archive import milestones, pack, unpack
-from thalweg.bench.execute.executors import Work, row_of
-from thalweg.bench.execute.rivers import made_by
+from thalweg.bench.execute.executors import THREAD_VARIABLES, ExecutionContext, print_row, run_row
 from thalweg.bench.results.results import RunRow
 from thalweg.bench.suite.suites import Run
 
-TRIES = 3
-"""How often a run that broke off is begun again without having got further than before; then it has failed."""
-GATHER_S, PATIENCE_S = 300.0, 60.0
-"""Least time between two parcels of a run, and how long nothing may happen before it is said what is waited for."""
+MAX_ATTEMPTS = 3
+"""Attempts at a run without progress between them; then it has failed."""
+SYNC_INTERVAL_S, WAIT_NOTICE_S = 300.0, 60.0
+"""Shortest interval between two transfers of a run's files, and seconds without any progress before a notice."""
 
 
 @dataclass
-class _Going:
-    """A run that is waiting for a node or being done by one."""
+class _RunState:
+    """A run that waits for a node or is executed by one."""
 
     run: Run
     node: str = ""
-    """The name of the machine that does it."""
+    """Name of the machine that executes it; empty while it waits."""
     reached: frozenset[str] = frozenset()
-    """Milestones that came back."""
-    broken_off: int = 0
-    """How often it broke off since the last new one."""
+    """Milestones that have come back."""
+    interruptions: int = 0
+    """Interruptions since the last new milestone."""
 
 
-class Cluster:
-    """The nodes of a cluster, as many runs at a time as they have processors for, or at most `jobs`."""
+class RayExecutor:
+    """Executes as many runs at a time as the cluster has processors for, or at most `jobs`."""
 
-    def __init__(self, address: str, jobs: int | None = None, cpus: int = 1, gather_s: float = GATHER_S) -> None:
-        """Raises `ResultsError` for an address of a kind that is not taken, or where Ray is not installed.
+    def __init__(
+        self, address: str, jobs: int | None = None, cpus: int = 1, sync_interval_s: float = SYNC_INTERVAL_S
+    ) -> None:
+        """Raises `ResultsError` for an address of an unsupported kind, and if Ray is not installed.
 
         Args:
-            address: `auto`, the cluster that this machine is a node of, or its head's address, `HOST:PORT`.
-            jobs: How many runs at a time.
-            cpus: How many processors each run takes; it computes in as many threads.
-            gather_s: Least time between two parcels of a run.
+            address: `auto` for the cluster that this machine is a node of, or the head's address, `HOST:PORT`.
+            jobs: Maximum number of runs at a time.
+            cpus: Processors, and threads, of each run.
+            sync_interval_s: Shortest interval between two transfers of a run's files.
         """
         for name, number in (("jobs", jobs), ("cpus", cpus)):
             if number is not None and number < 1:
                 raise ResultsError(f"{name} must be at least 1, not {number}")
         check_address(address)
-        import_ray()
-        self.address, self.jobs, self.cpus, self.gather_s = address, jobs, cpus, gather_s
+        check_ray()
+        self.address, self.jobs, self.cpus, self.sync_interval_s = address, jobs, cpus, sync_interval_s
 
-    def carry_out(self, work: Work, runs: Sequence[Run]) -> Iterator[RunRow]:
-        """See `Hands`; raises `ResultsError` for a cluster that can't be joined or has a node with another Thalweg, and
-        `OSError` for a full disk here. All runs end then."""
-        waiting, going = [_Going(run) for run in runs], dict[Any, _Going]()
-        if not waiting:
+    def execute(self, context: ExecutionContext, runs: Sequence[Run]) -> Iterator[RunRow]:
+        """See `Executor`; raises `ResultsError` for a cluster that cannot be joined or has a node with other versions,
+        and `OSError` for a full disk on this machine. All runs end then."""
+        pending, active = [_RunState(run) for run in runs], dict[Any, _RunState]()
+        if not pending:
             return
-        with joined(self.address) as ray:
-            task, told = self._task(ray), False
-            while waiting or going:
-                while waiting and len(going) < (self.jobs or len(runs)):
-                    begun = waiting.pop(0)
-                    going[task(self._order(ray, begun, work))] = begun
-                ready, _ = ray.wait(list(going), timeout=PATIENCE_S)
-                if not ready and not told and not any(one.node for one in going.values()):
-                    told = self._say_what_is_missing(ray, work)
+        with ray_connection(self.address) as ray:
+            submit, noticed = self._task(ray), False
+            while pending or active:
+                while pending and len(active) < (self.jobs or len(runs)):
+                    state = pending.pop(0)
+                    active[submit(self._request(ray, state, context))] = state
+                ready, _ = ray.wait(list(active), timeout=WAIT_NOTICE_S)
+                if not ready and not noticed and not any(state.node for state in active.values()):
+                    self._print_missing_processors(ray, context)
+                    noticed = True
                 for stream in ready:
-                    one = going.pop(stream)
-                    row = _heard(ray, stream, one, work)
+                    state = active.pop(stream)
+                    row = _process_update(ray, stream, state, context)
                     if row is not None:
-                        work.console.print(
-                            f"{row.run}: {row.status} {row.error}".rstrip(), highlight=False, markup=False
-                        )
+                        print_row(context.console, row)
                         yield row
-                    elif one.node:
-                        going[stream] = one
+                    elif state.node:
+                        active[stream] = state
                     else:
-                        waiting.insert(0, one)
+                        pending.insert(0, state)
 
     def _task(self, ray: Any) -> Callable[[bytes], Any]:
-        """What sends an order to a node, and returns the stream of its news."""
-        threads = {name: str(self.cpus) for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")}
+        """A function that submits a request to a node and returns the stream of its updates."""
         return ray.remote(
             num_cpus=self.cpus,
-            max_calls=1,  # a process of its own for each run, as here
-            max_retries=0,  # it is we who begin a run again, from where it was
+            max_calls=1,  # a new process for each run
+            max_retries=0,  # the executor itself restarts a run, from its newest files
             scheduling_strategy="SPREAD",
-            runtime_env={"env_vars": threads},
-        )(_for_nodes()).remote
+            runtime_env={"env_vars": dict.fromkeys(THREAD_VARIABLES, str(self.cpus))},
+        )(_node_function()).remote
 
-    def _order(self, ray: Any, one: _Going, work: Work) -> bytes:
-        """What a node is to do, for `_for_nodes`."""
-        files = pack(work.folder, one.run.name, work.suite.trials(one.run))
-        one.reached |= milestones(files)
-        return ray.cloudpickle.dumps(Order(one.run, work.suite, work.place, files, made_by(), self.gather_s))
+    def _request(self, ray: Any, state: _RunState, context: ExecutionContext) -> bytes:
+        """The pickled request for a run."""
+        files = pack(context.folder, state.run.name, context.suite.trials(state.run))
+        state.reached |= milestones(files)
+        request = RunRequest(
+            state.run, context.suite, context.backend, files, installed_versions(), self.sync_interval_s
+        )
+        return ray.cloudpickle.dumps(request)
 
-    def _say_what_is_missing(self, ray: Any, work: Work) -> bool:
-        has = max((node["Resources"].get("CPU", 0) for node in ray.nodes() if node["Alive"]), default=0)
-        work.console.print(
-            f"waiting for a node with free processors: a run takes {self.cpus}, the largest node has {has:.0f}",
+    def _print_missing_processors(self, ray: Any, context: ExecutionContext) -> None:
+        largest = max((node["Resources"].get("CPU", 0) for node in ray.nodes() if node["Alive"]), default=0)
+        context.console.print(
+            f"waiting for a node with free processors: a run takes {self.cpus}, the largest node has {largest:.0f}",
             highlight=False,
         )
-        return True
 
 
-def _for_nodes() -> Callable[[bytes], Iterator[Any]]:
-    """What Ray runs on a node: `errand`, or an error that names a node without it.
+def _node_function() -> Callable[[bytes], Iterator[Any]]:
+    """The function that Ray executes on a node: `run_on_node`, or an error that names a node without Thalweg.
 
-    Ray sends a function that stands inside another as it is; one that stands in a module must be there already.
+    Ray sends a nested function by value; one at module level would have to exist on the node.
     """
 
-    def on_node(order: bytes) -> Iterator[Any]:
+    def on_node(request: bytes) -> Iterator[Any]:
         import pickle
         import socket
 
         try:
-            from thalweg.bench.execute.cluster.node_task import errand
+            from thalweg.bench.execute.cluster.node_task import run_on_node
         except ImportError as error:
             raise ImportError(f"node {socket.gethostname()} of the cluster lacks this Thalweg ({error})") from error
-        yield from errand(pickle.loads(order))
+        yield from run_on_node(pickle.loads(request))
 
     return on_node
 
 
-def _heard(ray: Any, stream: Any, one: _Going, work: Work) -> RunRow | None:
-    """The row of a run that is over; None for one that goes on, without a node if it is to be begun again."""
+def _process_update(ray: Any, stream: Any, state: _RunState, context: ExecutionContext) -> RunRow | None:
+    """Store the next update of a run; returns its row if it has ended, else None.
+
+    A run that is to be restarted has no node afterwards.
+    """
     try:
-        news: News = ray.get(next(stream))
+        update: RunUpdate = ray.get(next(stream))
     except ray.exceptions.RayTaskError as error:
-        return _refused(error.cause, one, work)
+        return _failed_row(error.cause, state, context)
     except (ray.exceptions.RayError, StopIteration) as error:
-        return _broken_off(error, one, work)
-    if not one.node:
-        one.node = news.node
-        work.console.print(f"{one.run.name}: begun on {one.node}", highlight=False)
-    if news.files is not None:
-        unpack(news.files, work.folder, one.run.name)
-        if not milestones(news.files) <= one.reached:
-            one.reached, one.broken_off = one.reached | milestones(news.files), 0
-    return news.row
+        return _handle_interruption(error, state, context)
+    if not state.node:
+        state.node = update.node
+        context.console.print(f"{state.run.name}: started on {state.node}", highlight=False)
+    if update.files is not None:
+        unpack(update.files, context.folder, state.run.name)
+        if not milestones(update.files) <= state.reached:
+            state.reached, state.interruptions = state.reached | milestones(update.files), 0
+    return update.row
 
 
-def _refused(cause: BaseException, one: _Going, work: Work) -> RunRow:
-    """The row of a run that an error on its node kept from being done; raises what all nodes must mend."""
+def _failed_row(cause: BaseException, state: _RunState, context: ExecutionContext) -> RunRow:
+    """The row of a run that failed with an error on its node; raises an error that concerns all nodes."""
     if isinstance(cause, ResultsError | ImportError):
         raise ResultsError(f"{cause}; install the same Thalweg on every node") from cause
-    return row_of(one.run, work, " ".join(f"{type(cause).__name__}: {cause} (on {one.node or 'a node'})".split()))
+    error = f"{type(cause).__name__}: {cause} (on {state.node or 'a node'})"
+    return run_row(state.run, context, " ".join(error.split()))
 
 
-def _broken_off(error: Exception, one: _Going, work: Work) -> RunRow | None:
-    """The row of a run that broke off too often; else none, and its node is forgotten."""
+def _handle_interruption(error: Exception, state: _RunState, context: ExecutionContext) -> RunRow | None:
+    """The row of a run that was interrupted too often; otherwise None, and the run has no node any more."""
     kind = type(error).__name__
-    whys = {"NodeDiedError": "{} was lost", "OutOfMemoryError": "{} ran out of memory"}
-    why = whys.get(kind, f"the process that did it on {{}} ended ({kind})").format(one.node or "a node")
-    one.broken_off += 1
-    one.node = ""
-    if one.broken_off >= TRIES:
-        return row_of(one.run, work, f"{why}; {TRIES} times without getting further")
-    work.console.print(f"{one.run.name}: {why}; it is begun again", highlight=False, markup=False)
+    reasons = {"NodeDiedError": "{} was lost", "OutOfMemoryError": "{} ran out of memory"}
+    reason = reasons.get(kind, f"the process that did it on {{}} ended ({kind})").format(state.node or "a node")
+    state.interruptions += 1
+    state.node = ""
+    if state.interruptions >= MAX_ATTEMPTS:
+        return run_row(state.run, context, f"{reason}; {MAX_ATTEMPTS} times without progress")
+    context.console.print(f"{state.run.name}: {reason}; it is restarted", highlight=False, markup=False)
     return None

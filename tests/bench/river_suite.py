@@ -1,5 +1,5 @@
 """A tiny suite on a real river, seen through the real encoder; as a program it does it, or dies in the midst of it:
-`python -m tests.bench.real_place FOLDER DIE_AT_UPDATE`.
+`python -m tests.bench.river_suite FOLDER DIE_AT_UPDATE`.
 """
 
 import os

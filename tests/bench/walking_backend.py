@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.bench.small_place import SmallPlace, draw_nothing
+from tests.bench.small_backend import SmallBackend, draw_nothing
 from tests.train.small_runs import train
 from tests.train.toys import Walk
-from thalweg.bench.execute.cluster.ray_executor import Cluster
+from thalweg.bench.execute.cluster.ray_executor import RayExecutor
 from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.suite.suites import Arm, Run, Suite
 
@@ -37,7 +37,7 @@ class Held(Walk):
         return super().step(actions)
 
 
-class WalkingPlace(SmallPlace):
+class WalkingBackend(SmallBackend):
     """Trains walkers; every run is held if `note` is given, else those on a doomed node."""
 
     def __init__(self, note: Path | None = None) -> None:
@@ -53,4 +53,4 @@ class WalkingPlace(SmallPlace):
 if __name__ == "__main__":
     draw_nothing(pytest.MonkeyPatch())
     address, results, note = sys.argv[1:]
-    run_suite(SUITE, Path(results), WalkingPlace(Path(note)), hands=Cluster(address, gather_s=0.0))
+    run_suite(SUITE, Path(results), WalkingBackend(Path(note)), executor=RayExecutor(address, sync_interval_s=0.0))

@@ -11,8 +11,8 @@ from tests.env import handmade
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.evaluate.evaluation import Course
-from thalweg.bench.execute import rivers as river
-from thalweg.bench.execute.rivers import Rivers
+from thalweg.bench.execute import backend
+from thalweg.bench.execute.backend import RiverBackend
 from thalweg.bench.pictures import film
 from thalweg.bench.pictures.film_format import SMALL
 from thalweg.bench.suite.suites import Arm, Run, Stage, Suite
@@ -26,14 +26,16 @@ RUN = Run("baseline", "random", 0)
 
 
 @pytest.fixture
-def rivers(monkeypatch: pytest.MonkeyPatch) -> Rivers:
+def rivers(monkeypatch: pytest.MonkeyPatch) -> RiverBackend:
     ring = handmade.ring()
     course = Course(ring, sample_starts(ring, 4, 0), np.zeros(4), np.arange(4))
     monkeypatch.setattr(Course, "of_level", classmethod(lambda *_: course))
-    return Rivers(SUITE)
+    return RiverBackend(SUITE)
 
 
-def test_the_film_shows_the_very_flight_of_its_row(rivers: Rivers, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_film_shows_the_very_flight_of_its_row(
+    rivers: RiverBackend, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     filmed: list[Any] = []
     monkeypatch.setattr(film, "write_film", lambda path, world, flight, title, **_: filmed.append(flight))
     row = rivers.evaluate(RUN, tmp_path, Trial("Easy"), lambda _: None)[2]
@@ -46,7 +48,7 @@ def test_the_film_shows_the_very_flight_of_its_row(rivers: Rivers, tmp_path: Pat
 
 @pytest.mark.parametrize(("field", "value"), [("return_", 9.75), ("length", 499), ("reason", "Success"), ("x", 1.0)])
 def test_a_flight_that_ends_otherwise_than_its_row_is_not_filmed(
-    rivers: Rivers, tmp_path: Path, field: str, value: Any
+    rivers: RiverBackend, tmp_path: Path, field: str, value: Any
 ):
     row = rivers.evaluate(RUN, tmp_path, Trial("Easy"), lambda _: None)[1]
     other = replace(row, **{field: value})
@@ -64,11 +66,11 @@ def test_stages_are_trained_in_order_each_beginning_as_the_one_before(tmp_path: 
         )
 
     monkeypatch.setattr(RiverTraining, "train", train)
-    monkeypatch.setattr(river, "load_compatible_encoder", lambda: None)
+    monkeypatch.setattr(backend, "load_compatible_encoder", lambda: None)
     before = (Stage("PPO", "Easy", 100), Stage("FOCOPS", "Medium", 200, settings={"cost_limit": 0.3}))
     arm = Arm("FOCOPS", seeds=(4,), steps=300, level="Hard", before=before, name="curriculum")
     home = tmp_path / "curriculum-4"
-    Rivers(replace(SUITE, arms=(arm,))).train(Run("train", "curriculum", 4), home)
+    RiverBackend(replace(SUITE, arms=(arm,))).train(Run("train", "curriculum", 4), home)
     first, second = home / ".before" / "0", home / ".before" / "1"
     assert told == [
         ("Easy", "PPO", 100, 4, first, None),

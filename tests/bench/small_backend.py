@@ -1,6 +1,6 @@
 """A place for the runner where everything takes a moment: what the tests of resuming and failing run on.
 
-As a program it does a suite and can be told to die at some call: `python small_place.py FOLDER DIE_AT`.
+As a program it does a suite and can be told to die at some call: `python small_backend.py FOLDER DIE_AT`.
 """
 
 import os
@@ -25,7 +25,7 @@ ARMS = tuple(Arm(name, seeds=(0, 1), steps=100) for name in ("PPO", "FOCOPS"))
 SUITE = Suite("small", ARMS, episodes=3, baselines=("hover",), packaged=False)
 
 
-class SmallPlace:
+class SmallBackend:
     """Trains by writing its seed, evaluates by drawing from it; counts its calls."""
 
     def __init__(
@@ -102,4 +102,4 @@ def draw_nothing(patch: pytest.MonkeyPatch) -> None:
 
 if __name__ == "__main__":
     draw_nothing(pytest.MonkeyPatch())
-    run_suite(SUITE, Path(sys.argv[1]), SmallPlace(die_at=int(sys.argv[2])))
+    run_suite(SUITE, Path(sys.argv[1]), SmallBackend(die_at=int(sys.argv[2])))

@@ -1,6 +1,6 @@
-"""Where do a suite's policies come from and fly? On our rivers, through the encoder that comes with the package.
+"""Backends that train and fly the policies of a suite: the protocol, and the rivers with the packaged encoder.
 
-The runner sees only `Place`, so that tests can put a small problem in its stead.
+The runner sees only `Backend`, so that tests can replace the rivers by a small problem.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,15 +22,13 @@ from thalweg.train import load_policy
 from thalweg.train.river import RiverTraining, check_policy_fits, load_compatible_encoder
 
 PACKAGED_POLICY = Path(__file__).with_name("flight.safetensors")
-"""The best policy so far, which comes with the package."""
-
-
+"""The policy that comes with the package."""
 STAGES = ".before"
-"""Folder, within a run's, of the runs that it begins with."""
+"""Folder within a run's folder that holds the runs of earlier stages."""
 
 
-def made_by() -> dict[str, int | None]:
-    """Versions that the results of any suite depend on; None for a packaged policy that this copy lacks."""
+def installed_versions() -> dict[str, int | None]:
+    """All versions that results can depend on; None for a packaged policy that this copy lacks."""
     return {
         "world": versions.WORLD,
         "render": versions.RENDER,
@@ -39,14 +37,15 @@ def made_by() -> dict[str, int | None]:
         "evaluation": versions.EVALUATION,
         "encoder": versions.PACKAGED_ENCODER,
         "packaged": versions.PACKAGED_POLICY if PACKAGED_POLICY.exists() else None,
+        **versions.ALGORITHMS,
     }
 
 
-class Place(Protocol):
-    """What the runner needs done."""
+class Backend(Protocol):
+    """Trains, flies and films the policies of a suite's runs."""
 
     def train(self, run: Run, folder: Path) -> None:
-        """Train into the folder, going on from what lies there."""
+        """Train the run's policy into the folder, resuming what lies there."""
         ...
 
     def evaluate(self, run: Run, folder: Path, trial: Trial, on_step: Callable[[Step], None]) -> list[Episode]:
@@ -54,7 +53,7 @@ class Place(Protocol):
         ...
 
     def title(self, run: Run, folder: Path) -> str:
-        """What the run's policy is called in front of people."""
+        """The name of the run's policy for people."""
         ...
 
     def film(
@@ -64,8 +63,8 @@ class Place(Protocol):
         ...
 
 
-class Rivers:
-    """The real place: worlds, encoder and courses are made once and kept."""
+class RiverBackend:
+    """Trains and flies on rivers, seen through the packaged encoder; encoder and main views are loaded once."""
 
     def __init__(self, suite: Suite) -> None:
         self.suite = suite
@@ -76,7 +75,7 @@ class Rivers:
         return load_compatible_encoder()
 
     def config(self, trial: Trial) -> EvaluationConfig:
-        """How a trial is flown."""
+        """The configuration of a trial's evaluation."""
         suite = self.suite
         return EvaluationConfig(suite.episodes, suite.starts_seed, trial.condition.deterministic)
 
@@ -90,23 +89,23 @@ class Rivers:
         return [course if condition.randomisation is None else course.varied(condition.randomisation, config)]
 
     def train(self, run: Run, folder: Path) -> None:
-        """Train on the arm's levels, one stage after the other, seen through the encoder."""
+        """Train on the arm's levels, one stage after another."""
         arm, before = self.suite.arm(run.algorithm), None
         for number, stage in enumerate(arm.before):
-            place = folder / STAGES / str(number)
-            self._train(stage, stage.level, run.seed, place, before)
-            before = place
+            stage_folder = folder / STAGES / str(number)
+            self._train(stage, stage.level, run.seed, stage_folder, before)
+            before = stage_folder
         self._train(arm, self.suite.level_of(arm), run.seed, folder, before)
 
-    def _train(self, what: Stage | Arm, level: str, seed: int, folder: Path, begin_with: Path | None) -> None:
+    def _train(self, stage: Stage | Arm, level: str, seed: int, folder: Path, begin_with: Path | None) -> None:
         RiverTraining(level, self.suite.num_envs).train(
-            what.algorithm,
+            stage.algorithm,
             self.encoder,
-            steps=what.steps,
+            steps=stage.steps,
             seed=seed,
             folder=folder,
-            settings=dict(what.settings) or None,
-            preset=what.preset,
+            settings=dict(stage.settings) or None,
+            preset=stage.preset,
             begin_with=begin_with,
         )
 
@@ -117,7 +116,7 @@ class Rivers:
         return load_policy(PACKAGED_POLICY if run.kind == "packaged" else folder)
 
     def looks(self, trial: Trial, courses: Sequence[Course], policy: Policy) -> list[Look] | list[None]:
-        """What the policy sees on each course; None for one that sees no frames."""
+        """The observations of the policy on each course; None for a policy that sees no frames."""
         if hasattr(policy, "sees"):
             return [None] * len(courses)
         check_policy_fits(policy, self.encoder)
@@ -135,14 +134,14 @@ class Rivers:
         for course, look in zip(courses, self.looks(trial, courses, policy), strict=True):
             waiting -= len(course.starts)
 
-            def told(step: Step, waiting: int = waiting) -> None:
+            def report(step: Step, waiting: int = waiting) -> None:
                 on_step(replace(step, waiting=waiting))
 
-            rows += evaluate(policy, course, label, config, look=look, on_step=told)
+            rows += evaluate(policy, course, label, config, look=look, on_step=report)
         return rows
 
     def title(self, run: Run, folder: Path) -> str:
-        """What the run's policy is called in front of people."""
+        """The name of the run's policy for people."""
         if run.kind == "baseline":
             return run.algorithm
         if run.kind == "train":
@@ -153,27 +152,27 @@ class Rivers:
     def film(
         self, run: Run, folder: Path, episode: Episode, path: Path, on_frame: Callable[[], None], *, shape: FilmFormat
     ) -> None:
-        """Fly an evaluated episode again and film it; raises `ResultsError` unless it is the same flight."""
+        """Repeat an evaluated episode and film it; raises `ResultsError` unless the flight is the same."""
         from thalweg.bench.pictures.film import Flight, write_film
 
         policy, trial = self.policy(run, folder), Trial(episode.level)
-        (whole,) = self.courses(trial)
-        course = whole.only(episode.episode)
+        (full_course,) = self.courses(trial)
+        course = full_course.only(episode.episode)
         label = Label(run.algorithm, run.seed, episode.level)
         steps: list[Step] = []
         (look,) = self.looks(trial, [course], policy)
-        (again,) = evaluate(policy, course, label, self.config(trial), look=look, on_step=steps.append)
-        _require_same(again, episode)
+        (repeated,) = evaluate(policy, course, label, self.config(trial), look=look, on_step=steps.append)
+        _require_same(repeated, episode)
         title = self.title(run, folder)
-        write_film(path, course.world, Flight.from_steps(again, steps), title, shape=shape, on_frame=on_frame)
+        write_film(path, course.world, Flight.from_steps(repeated, steps), title, shape=shape, on_frame=on_frame)
 
 
-def _require_same(again: Episode, row: Episode) -> None:
-    """Raise `ResultsError` that names each value in which a flight flown again differs from its row."""
+def _require_same(repeated: Episode, row: Episode) -> None:
+    """Raise `ResultsError` that names each value in which a repeated flight differs from its row."""
     differing = [
-        f"{field.name.rstrip('_')} {getattr(again, field.name)!r} now, {getattr(row, field.name)!r} in the results"
+        f"{field.name.rstrip('_')} {getattr(repeated, field.name)!r} now, {getattr(row, field.name)!r} in the results"
         for field in fields(Episode)
-        if getattr(again, field.name) != getattr(row, field.name)
+        if getattr(repeated, field.name) != getattr(row, field.name)
     ]
     if differing:
         raise ResultsError(f"flown again, start {row.episode} on {row.level} differs: {'; '.join(differing)}")

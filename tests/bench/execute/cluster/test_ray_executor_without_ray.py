@@ -12,13 +12,13 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from tests.bench.small_place import SUITE, SmallPlace
+from tests.bench.small_backend import SUITE, SmallBackend
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.execute.cluster import ray_executor as cluster
-from thalweg.bench.execute.cluster.node_task import News, Order
-from thalweg.bench.execute.cluster.ray_executor import Cluster
+from thalweg.bench.execute.cluster.node_task import RunRequest, RunUpdate
+from thalweg.bench.execute.cluster.ray_executor import RayExecutor
 from thalweg.bench.execute.cluster.run_archive import unpack
-from thalweg.bench.execute.executors import Work
+from thalweg.bench.execute.executors import ExecutionContext
 from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.results.results import RunRow, read_runs
 from thalweg.bench.suite.suites import Run
@@ -39,18 +39,18 @@ class Told(Exception):
 
 
 class StandIn:
-    """What `Cluster` uses of Ray; `most` is how many streams it was ever asked to wait for."""
+    """What `RayExecutor` uses of Ray; `most` is how many streams it was ever asked to wait for."""
 
     exceptions = SimpleNamespace(RayTaskError=Told, RayError=Lost)
     cloudpickle = pickle
 
-    def __init__(self, script: Callable[[Order], Iterator[News]] | None = None) -> None:
+    def __init__(self, script: Callable[[RunRequest], Iterator[RunUpdate]] | None = None) -> None:
         self.script, self.most = script, 0
 
     def remote(self, **options: Any) -> Callable[[Any], Any]:
         return lambda task: SimpleNamespace(remote=task if self.script is None else self._by_script)
 
-    def _by_script(self, order: bytes) -> Iterator[News]:
+    def _by_script(self, order: bytes) -> Iterator[RunUpdate]:
         assert self.script is not None
         return self.script(pickle.loads(order))
 
@@ -58,7 +58,7 @@ class StandIn:
         self.most = max(self.most, len(streams))
         return streams[:1], streams[1:]
 
-    def get(self, news: News | Exception) -> News:
+    def get(self, news: RunUpdate | Exception) -> RunUpdate:
         if isinstance(news, Exception):
             raise news
         return news
@@ -70,11 +70,11 @@ def joins(monkeypatch: pytest.MonkeyPatch) -> Callable[[StandIn], StandIn]:
 
     def join(ray: StandIn) -> StandIn:
         @contextmanager
-        def joined(address: str) -> Iterator[StandIn]:
+        def ray_connection(address: str) -> Iterator[StandIn]:
             yield ray
 
-        monkeypatch.setattr(cluster, "joined", joined)
-        monkeypatch.setattr(cluster, "import_ray", lambda: ray)
+        monkeypatch.setattr(cluster, "ray_connection", ray_connection)
+        monkeypatch.setattr(cluster, "check_ray", lambda: None)
         return ray
 
     return join
@@ -83,7 +83,7 @@ def joins(monkeypatch: pytest.MonkeyPatch) -> Callable[[StandIn], StandIn]:
 @pytest.mark.parametrize(("jobs", "most"), [(None, 5), (2, 2)])
 def test_no_more_runs_go_on_than_was_asked_for(joins: Callable, tmp_path: Path, jobs: int | None, most: int):
     ray = joins(StandIn())
-    assert run_suite(SUITE, tmp_path, SmallPlace(), hands=Cluster("auto", jobs)).failed == []
+    assert run_suite(SUITE, tmp_path, SmallBackend(), executor=RayExecutor("auto", jobs)).failed == []
     assert ray.most == most
 
 
@@ -102,16 +102,16 @@ def test_what_runs_wait_for_is_said_once(joins: Callable, tmp_path: Path):
 
     joins(Busy())
     said = io.StringIO()
-    run_suite(SUITE, tmp_path, SmallPlace(), Console(file=said, width=200), hands=Cluster("auto", cpus=4))
+    run_suite(SUITE, tmp_path, SmallBackend(), Console(file=said, width=200), executor=RayExecutor("auto", cpus=4))
     lines = [line for line in said.getvalue().splitlines() if line.startswith("waiting")]
     assert lines == ["waiting for a node with free processors: a run takes 4, the largest node has 2"]
 
 
 def test_nothing_is_joined_where_nothing_is_left(joins: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     joins(StandIn())
-    run_suite(SUITE, tmp_path, SmallPlace())
-    monkeypatch.setattr(cluster, "joined", None)
-    assert len(run_suite(SUITE, tmp_path, SmallPlace(), hands=Cluster("auto")).runs) == 5
+    run_suite(SUITE, tmp_path, SmallBackend())
+    monkeypatch.setattr(cluster, "ray_connection", None)
+    assert len(run_suite(SUITE, tmp_path, SmallBackend(), executor=RayExecutor("auto")).runs) == 5
 
 
 def test_a_full_disk_here_stops_all_and_keeps_what_was_finished(
@@ -125,7 +125,7 @@ def test_a_full_disk_here_stops_all_and_keeps_what_was_finished(
     joins(StandIn())
     monkeypatch.setattr(cluster, "unpack", unpack_or_fail)
     with pytest.raises(OSError, match="No space"):
-        run_suite(SUITE, tmp_path, SmallPlace(), hands=Cluster("auto", jobs=1))
+        run_suite(SUITE, tmp_path, SmallBackend(), executor=RayExecutor("auto", jobs=1))
     assert [(row.run, row.status) for row in read_runs(tmp_path)] == [("hover-0", "finished")]
 
 
@@ -136,18 +136,18 @@ def test_a_run_is_begun_again_as_long_as_it_gets_further(
     """Each time it goes on from the checkpoint that came back, and its node is lost after the next one."""
     found: list[list[str]] = []
 
-    def script(order: Order) -> Iterator[Any]:
+    def script(order: RunRequest) -> Iterator[Any]:
         found.append([name.split("/")[3] for name in order.files])
         if len(found) == 6:
-            yield News("node7", order.files, RunRow("PPO-0", "train", "PPO", 0, 100, "finished"))
+            yield RunUpdate("node7", order.files, RunRow("PPO-0", "train", "PPO", 0, 100, "finished"))
             return
         step = len(found) if gets_further else 1
-        yield News("node7", {f"runs/PPO-0/checkpoints/{step:012d}/state.json": b"{}"})
+        yield RunUpdate("node7", {f"runs/PPO-0/checkpoints/{step:012d}/state.json": b"{}"})
         yield Lost()
 
     joins(StandIn(script))
-    work = Work(SUITE, tmp_path, SmallPlace(), Console(file=io.StringIO()))
-    rows = list(Cluster("auto").carry_out(work, [Run("train", "PPO", 0)]))
+    work = ExecutionContext(SUITE, tmp_path, SmallBackend(), Console(file=io.StringIO()))
+    rows = list(RayExecutor("auto").execute(work, [Run("train", "PPO", 0)]))
     assert found == [[]] + [[f"{step if gets_further else 1:012d}"] for step in range(1, begun)]
     assert [(row.run, row.status) for row in rows] == [("PPO-0", status)]
 
@@ -156,10 +156,10 @@ def test_a_run_is_begun_again_as_long_as_it_gets_further(
     "cause", [ResultsError("node a has another Thalweg"), ImportError("node a lacks this Thalweg")]
 )
 def test_a_node_with_another_thalweg_stops_all(joins: Callable, tmp_path: Path, cause: Exception):
-    def script(order: Order) -> Iterator[Any]:
+    def script(order: RunRequest) -> Iterator[Any]:
         yield Told(cause)
 
     joins(StandIn(script))
     with pytest.raises(ResultsError, match=f"{cause}; install the same Thalweg on every node"):
-        run_suite(SUITE, tmp_path, SmallPlace(), hands=Cluster("auto"))
+        run_suite(SUITE, tmp_path, SmallBackend(), executor=RayExecutor("auto"))
     assert read_runs(tmp_path) == []

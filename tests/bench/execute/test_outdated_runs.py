@@ -1,0 +1,223 @@
+"""Runs with other versions: shown under names of their own until they have been run again, and mixed with nothing."""
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.bench.small_backend import SUITE, SmallBackend
+from thalweg.bench.execute.runner import Outcome, run_suite
+from thalweg.bench.leaderboard import entries, leaderboard
+from thalweg.bench.report.comparison_tables import limit_table, pairwise_table
+from thalweg.bench.report.report import problems, write_report
+from thalweg.bench.report.result_tables import paper_table
+from thalweg.bench.results import outdated, run_versions
+from thalweg.bench.results.reading import read_results
+from thalweg.bench.results.results import Results
+from thalweg.bench.results.run_versions import read_versions
+from thalweg.core import versions
+
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
+TRAINED = ["PPO-0", "PPO-1", "FOCOPS-0", "FOCOPS-1"]
+
+
+class Killed(Exception):
+    """Stands for a process that is killed."""
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of the whole suite with the versions of today."""
+    folder = tmp_path_factory.mktemp("finished")
+    run_suite(SUITE, folder, SmallBackend())
+    return folder
+
+
+@pytest.fixture
+def folder(finished: Path, tmp_path: Path) -> Path:
+    """A copy of the finished results."""
+    return Path(shutil.copytree(finished, tmp_path / "results"))
+
+
+@pytest.fixture
+def newer_frames(monkeypatch: pytest.MonkeyPatch) -> str:
+    """Raises the version of frames; returns the label of what was made before."""
+    label = f"render {versions.RENDER}"
+    monkeypatch.setattr(versions, "RENDER", versions.RENDER + 1)
+    return label
+
+
+def calls(outcome_of: SmallBackend, kind: str) -> list[str]:
+    return [call.removeprefix(f"{kind} ") for call in outcome_of.calls if call.startswith(f"{kind} ")]
+
+
+def policies(results: Results) -> dict[str, int]:
+    """Number of episodes of each policy."""
+    names = [row.algorithm for row in results.episodes]
+    return {name: names.count(name) for name in dict.fromkeys(names)}
+
+
+def rerun(folder: Path, **options) -> tuple[Outcome, SmallBackend]:
+    backend = SmallBackend()
+    return run_suite(SUITE, folder, backend, **options), backend
+
+
+def test_versions_are_recorded_for_each_run(finished: Path):
+    made = read_versions(finished)
+    assert set(made) == {"hover-0", *TRAINED}
+    assert made["hover-0"] == {
+        "world": versions.WORLD, "rules": versions.RULES, "evaluation": versions.EVALUATION
+    }  # fmt: skip
+    assert made["PPO-1"] == {
+        "world": versions.WORLD, "rules": versions.RULES, "evaluation": versions.EVALUATION,
+        "render": versions.RENDER, "encoder": versions.PACKAGED_ENCODER, "training": versions.TRAINING,
+        "PPO": versions.ALGORITHMS["PPO"],
+    }  # fmt: skip
+
+
+def test_outdated_runs_are_shown_under_names_of_their_own(folder: Path, newer_frames: str):
+    results = read_results(folder)
+    old = {name: f"{name} ({newer_frames})" for name in ("PPO", "FOCOPS")}
+    assert policies(results) == {"hover": 9, old["PPO"]: 18, old["FOCOPS"]: 18}
+    assert [row.run for row in results.runs][1:] == [f"{run} ({newer_frames})" for run in TRAINED]
+    assert {log.algorithm for log in results.training} == set(old.values())
+    assert results.policies == ["hover", *old.values()]
+    assert set(results.outdated) == set(old.values())
+    assert {f"Outdated: {name}; the suite runs it again" for name in old.values()} < set(problems(results))
+    assert {"hover", *old.values()} <= set(paper_table(results).text["policy"])
+    assert results.films["films/PPO-best"].words.endswith(f"Outdated: {newer_frames}.")
+
+
+def test_a_training_version_trains_again_and_replaces_the_old_results(folder: Path, newer_frames: str):
+    outcome, backend = rerun(folder)
+    assert calls(backend, "train") == TRAINED
+    assert len(calls(backend, "evaluate")) == 3 * 4  # not the baseline, which sees no frames
+    assert policies(outcome.results) == {"hover": 9, "PPO": 18, "FOCOPS": 18}
+    assert outcome.results.outdated == {}
+    assert not (folder / "outdated").exists()
+    assert {made["render"] for run, made in read_versions(folder).items() if run in TRAINED} == {versions.RENDER}
+    assert rerun(folder)[1].calls == []
+
+
+def test_an_evaluation_version_only_flies_again(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    (folder / "runs" / "PPO-0" / "policy.safetensors").write_bytes(b"trained once")
+    monkeypatch.setattr(versions, "EVALUATION", versions.EVALUATION + 1)
+    outcome, backend = rerun(folder)
+    assert calls(backend, "train") == []
+    assert len(calls(backend, "evaluate")) == 3 * 5
+    assert (folder / "runs" / "PPO-0" / "policy.safetensors").read_bytes() == b"trained once"
+    assert (outcome.failed, outcome.results.outdated) == ([], {})
+
+
+def test_an_algorithms_version_outdates_its_own_runs_only(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(versions.ALGORITHMS, "FOCOPS", 99)
+    assert list(read_results(folder).outdated) == ["FOCOPS (FOCOPS 1)"]
+    assert calls(rerun(folder)[1], "train") == ["FOCOPS-0", "FOCOPS-1"]
+
+
+def test_old_results_stay_shown_until_the_new_ones_are_finished_and_are_mixed_with_nothing(
+    folder: Path, newer_frames: str
+):
+    outcome, backend = rerun(folder, only=("PPO-0",))
+    assert calls(backend, "train") == ["PPO-0"]
+    old = {name: f"{name} ({newer_frames})" for name in ("PPO", "FOCOPS")}
+    assert policies(outcome.results) == {"hover": 9, "PPO": 9, old["PPO"]: 9, old["FOCOPS"]: 18}
+    assert outcome.results.planned_seeds("PPO") == 2
+    table = paper_table(outcome.results).text
+    assert {"PPO", *old.values()} <= set(table["policy"])
+    assert pairwise_table(outcome.results).text.empty  # current and outdated results are not compared
+    assert list(limit_table(outcome.results).text["policy"]) == ["PPO", *old.values()]
+    lines = leaderboard([folder])
+    assert "No row is complete yet." in lines
+    found = {(entry.policy, entry.versions): entry for entry in entries(folder)}
+    assert set(found) == {("PPO", "current"), ("PPO", newer_frames), ("FOCOPS", newer_frames)}
+    assert found["PPO", newer_frames].missing == ("current versions",)
+    rest, backend = rerun(folder)
+    assert calls(backend, "train") == TRAINED[1:]
+    assert rest.results.outdated == {}
+
+
+def test_a_failed_rerun_leaves_the_old_results_shown(folder: Path, newer_frames: str):
+    run_suite(SUITE, folder, SmallBackend(broken=("PPO-1",)))
+    results = read_results(folder)
+    assert policies(results) == {"hover": 9, "PPO": 9, f"PPO ({newer_frames})": 9, "FOCOPS": 18}
+    assert rerun(folder)[0].results.outdated == {}
+
+
+@pytest.mark.parametrize("at", range(0, 40, 3))
+def test_killed_at_any_file_operation_nothing_is_lost_or_mixed(
+    folder: Path, newer_frames: str, monkeypatch: pytest.MonkeyPatch, at: int
+):
+    """Each kill comes before a write, a move or a removal of the bookkeeping."""
+    count = iter(range(at))
+
+    def or_killed(operation):
+        def call(*arguments, **options):
+            if next(count, None) is None:
+                raise Killed
+            return operation(*arguments, **options)
+
+        return call
+
+    with monkeypatch.context() as patch:
+        patch.setattr(outdated, "write_runs", or_killed(outdated.write_runs))
+        patch.setattr(run_versions, "write_atomic", or_killed(run_versions.write_atomic))
+        patch.setattr(os, "rename", or_killed(os.rename))
+        patch.setattr(outdated.shutil, "rmtree", or_killed(shutil.rmtree))
+        try:
+            rerun(folder)
+        except Killed:
+            found = policies(read_results(folder))
+            for name in ("PPO", "FOCOPS"):
+                flown = found.get(name, 0) + found.get(f"{name} ({newer_frames})", 0)
+                assert flown >= 18, found  # each seed with the old versions, the new ones or both
+                assert found.get(f"{name} ({newer_frames})", 0) <= 18
+    outcome, _ = rerun(folder)
+    assert policies(outcome.results) == {"hover": 9, "PPO": 18, "FOCOPS": 18}
+    assert not (folder / "outdated").exists()
+
+
+def test_versions_that_change_again_during_the_rerun_keep_the_finished_results(
+    folder: Path, newer_frames: str, monkeypatch: pytest.MonkeyPatch
+):
+    class Dies(SmallBackend):
+        def evaluate(self, run, folder, trial, on_step):
+            if trial.level == "Hard":
+                raise KeyboardInterrupt
+            return super().evaluate(run, folder, trial, on_step)
+
+    with pytest.raises(KeyboardInterrupt):
+        run_suite(SUITE, folder, Dies(), only=("PPO-0",))
+    assert policies(read_results(folder))["PPO"] == 6
+    with monkeypatch.context() as patch:
+        patch.setattr(versions, "RENDER", versions.RENDER + 1)
+        rerun(folder, only=("PPO-1",))
+        with pytest.raises(KeyboardInterrupt):
+            run_suite(SUITE, folder, Dies(), only=("PPO-0",))
+        found = policies(read_results(folder))
+        assert found[f"PPO ({newer_frames})"] == 9  # PPO-0's finished ones, not the interrupted ones after them
+        assert found["PPO"] == 9 + 6
+
+
+def test_back_at_the_old_versions_what_was_set_aside_is_current_again(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(versions, "RENDER", versions.RENDER + 1)
+        run_suite(SUITE, folder, SmallBackend(broken=("PPO-1", "FOCOPS-0", "FOCOPS-1")))
+    outcome, backend = rerun(folder)
+    assert calls(backend, "train") == ["PPO-0"]
+    assert policies(outcome.results) == {"hover": 9, "PPO": 18, "FOCOPS": 18}
+    assert not (folder / "outdated").exists()
+
+
+def test_results_from_before_versions_were_recorded_are_outdated(folder: Path):
+    (folder / "versions.json").unlink()
+    report = write_report(folder)
+    assert "Outdated: PPO (unknown versions); the suite runs it again" in report.problems
+    assert calls(rerun(folder)[1], "train") == TRAINED
+
+
+def test_versions_that_cannot_be_read_are_named(folder: Path):
+    (folder / "versions.json").write_text('{"PPO-0": {"render": "new"}}')
+    assert any(line.startswith("versions.json is not the versions of runs") for line in read_results(folder).skipped)

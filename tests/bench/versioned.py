@@ -1,0 +1,18 @@
+"""Records of versions for results that are written by hand."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from thalweg.bench.evaluate.baselines import BASELINES
+from thalweg.bench.results.run_versions import current_versions, write_versions
+from thalweg.bench.suite.suites import PACKAGED
+from thalweg.core.versions import ALGORITHMS
+
+
+def record_current_versions(folder: Path, arms: Mapping[str, str] | None = None) -> None:
+    """Let the results of all policies have the current versions; `arms` are algorithms by the names of their arms."""
+    made = {f"{name}-0": current_versions("baseline", ()) for name in BASELINES}
+    made[f"{PACKAGED}-0"] = current_versions("packaged", ())
+    for name, algorithm in ({name: name for name in ALGORITHMS} | dict(arms or {})).items():
+        made |= {f"{name}-{seed}": current_versions("train", [algorithm]) for seed in range(4)}
+    write_versions(folder, made)

@@ -1,0 +1,77 @@
+"""Versions with which each run of a results folder was made: the file `versions.json`.
+
+A run whose versions are not the current ones is outdated. It is trained again if anything that its policy depends on
+has changed, and only flown again if nothing but the evaluation has.
+"""
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from thalweg.bench.csv_files import ResultsError
+from thalweg.core import versions
+from thalweg.core.atomic_io import write_atomic
+
+FILE = "versions.json"
+EVALUATION = "evaluation"
+UNKNOWN = "unknown versions"
+"""Label of runs from before versions were recorded."""
+
+Versions = Mapping[str, int | None]
+"""Versions by what they are of; None for what this copy of Thalweg lacks."""
+
+
+def current_versions(kind: str, algorithms: Iterable[str]) -> dict[str, int | None]:
+    """The versions that a run of a kind (`train`, `baseline` or `packaged`) depends on.
+
+    `algorithms` are those of all stages of its training. Baselines see no frames.
+    """
+    rivers: dict[str, int | None] = {"world": versions.WORLD, "rules": versions.RULES, EVALUATION: versions.EVALUATION}
+    if kind == "baseline":
+        return rivers
+    frames = {"render": versions.RENDER, "encoder": versions.PACKAGED_ENCODER}
+    if kind == "packaged":
+        return rivers | frames | {"packaged": versions.PACKAGED_POLICY}
+    learning = {name: versions.ALGORITHMS.get(name) for name in algorithms}
+    return rivers | frames | {"training": versions.TRAINING} | learning
+
+
+def needs_training(made: Versions, current: Versions) -> bool:
+    """Whether a trained policy of the versions `made` is outdated itself, and not only its flights."""
+    return any(made.get(name) != version for name, version in current.items() if name != EVALUATION)
+
+
+def version_label(made: Versions, current: Versions) -> str:
+    """The versions of an outdated run that differ from the current ones, such as `render 1, PPO 1`; else empty."""
+    if made == current:
+        return ""
+    differing = [f"{name} {version}" for name, version in made.items() if current.get(name) != version]
+    return ", ".join(differing) or UNKNOWN
+
+
+def read_versions(folder: Path) -> dict[str, Versions]:
+    """The versions of each run in a folder of results; empty without `versions.json`.
+
+    Raises `ResultsError` for a file of another kind.
+    """
+    path = folder / FILE
+    if not path.exists():
+        return {}
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise ResultsError(f"{FILE} cannot be read: {error}") from error
+    if not isinstance(content, dict) or not all(_are_versions(made) for made in content.values()):
+        raise ResultsError(f"{FILE} is not the versions of runs: a mapping of whole numbers is needed for each run")
+    return content
+
+
+def _are_versions(made: object) -> bool:
+    numbers = made.values() if isinstance(made, dict) else [""]
+    return all(number is None or type(number) is int for number in numbers)
+
+
+def write_versions(folder: Path, made: Mapping[str, Versions]) -> None:
+    """Write `versions.json` atomically, one line for each run."""
+    lines = [f" {json.dumps(run)}: {json.dumps(dict(versions))}" for run, versions in made.items()]
+    write_atomic(folder / FILE, "{\n" + ",\n".join(lines) + "\n}\n")

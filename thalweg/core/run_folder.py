@@ -1,0 +1,85 @@
+"""Ownership of folders: a folder belongs to the run, suite or study whose record lies in it.
+
+The same piece serves every kind of folder that an interrupted command resumes in.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from thalweg.core.atomic_io import write_atomic
+
+MAX_NAMED = 4
+"""Differences, or files, that a message names."""
+
+
+@dataclass(frozen=True)
+class FolderKind:
+    """A kind of folder, and the error that is raised for folders of another kind."""
+
+    owner: str
+    """What owns a folder, in messages: `run`, `suite`, ..."""
+    record: str
+    """Name of the file that describes the owner."""
+    error: type[ValueError]
+    ignores_hidden: bool = False
+    """Whether a folder with nothing but hidden files counts as empty."""
+
+    def is_new(self, folder: Path) -> bool:
+        """Whether a new owner can begin in the folder: it does not exist yet, or is empty.
+
+        Raises the kind's error for a path that is no folder, and for a folder with other files but no record.
+        """
+        if (folder / self.record).exists():
+            return False
+        existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+        if not existing.is_dir():
+            raise self.error(f"{existing} is not a folder; give a new folder for the {self.owner}")
+        names = sorted(path.name for path in folder.glob("[!.]*" if self.ignores_hidden else "*"))
+        if names:
+            raise self.error(
+                f"{folder} holds {', '.join(names[:MAX_NAMED])}{_more(names, ' and {} more')}, but no {self.record}:"
+                f" it is not the folder of a {self.owner}. Give a new or empty one, such as {folder / 'NAME'}"
+            )
+        return True
+
+    def require_same(self, folder: Path, theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> None:
+        """Raise the kind's error, naming the first differences, unless the folder's owner is the requested one."""
+        found = list(differences(theirs, ours))
+        if found:
+            named = "; ".join(found[:MAX_NAMED])
+            raise self.error(
+                f"{folder} belongs to another {self.owner}: {named}{_more(found, '; and {} more')}."
+                " Choose another folder."
+            )
+
+    def write_json(self, folder: Path, record: Mapping[str, Any]) -> None:
+        """Write the record as JSON, atomically."""
+        write_atomic(folder / self.record, json.dumps(record, indent=2) + "\n")
+
+
+def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    """Each key whose value differs, with the values there and here; keys of nested mappings are joined by dots."""
+    for key in {**theirs, **ours}:
+        name = f"{prefix}{key}"
+        there, here = theirs.get(key), ours.get(key)
+        if isinstance(there, Mapping) and isinstance(here, Mapping):
+            yield from differences(there, here, f"{name}.")
+        elif key not in ours or key not in theirs:
+            there, here = (_shown(key, record) for record in (theirs, ours))
+            yield f"{name} is {there} there and {here} here"
+        elif there != here:
+            yield f"{name} is {there!r} there and {here!r} here"
+
+
+def _shown(key: str, record: Mapping[str, Any]) -> str:
+    """A value of a record in a message; of a mapping only that it is there."""
+    if key not in record:
+        return "absent"
+    return "present" if isinstance(record[key], Mapping) else repr(record[key])
+
+
+def _more(items: list[str], words: str) -> str:
+    return words.format(len(items) - MAX_NAMED) if len(items) > MAX_NAMED else ""

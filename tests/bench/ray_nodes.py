@@ -18,17 +18,23 @@ ATTEMPTS, STORE = 3, 80 * 2**20
 """How often a node is started, and the bytes of its object store: Ray takes no fewer than 75 MiB."""
 
 
+def _environment(home: Path) -> dict[str, str]:
+    """The environment of a node, which neither reads nor writes the user's home: Ray keeps its tokens there."""
+    inherited = {name: value for name, value in os.environ.items() if not name.startswith("RAY_AUTH_")}
+    return inherited | {"PYTHONPATH": str(ROOT), "HOME": str(home), "RAY_USAGE_STATS_ENABLED": "0"}
+
+
 class Nodes:
     """The head, with one processor, and what is added to it."""
 
-    def __init__(self) -> None:
+    def __init__(self, **environment: str) -> None:
         self._home = Path(tempfile.mkdtemp(prefix="ray", dir="/tmp"))  # a socket's name has 107 letters at most
         self._groups: list[int] = []
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             port = free.getsockname()[1]
         self.address = f"127.0.0.1:{port}"
-        self._start("--head", f"--port={port}", f"--temp-dir={self._home}", "--include-dashboard=false")
+        self._start("--head", f"--port={port}", f"--temp-dir={self._home}", "--include-dashboard=false", **environment)
 
     def add(self, **environment: str) -> int:
         """A node more with one processor, told by what `kill` takes."""
@@ -53,7 +59,7 @@ class Nodes:
             with open(said, "w") as file:
                 process = subprocess.Popen(
                     [*START, f"--object-store-memory={STORE}", *options],
-                    env={**os.environ, "PYTHONPATH": str(ROOT), "RAY_USAGE_STATS_ENABLED": "0", **environment},
+                    env={**_environment(self._home), **environment},
                     start_new_session=True,
                     stdout=file,
                     stderr=file,

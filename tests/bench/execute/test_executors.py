@@ -106,7 +106,7 @@ def test_killed_at_once_it_leaves_no_process_behind(tmp_path: Path):
     assert wait_for(lambda: [child for child in children if gone(child)], 2)
 
 
-def wait_for(found, count: int, seconds: float = 120.0) -> list:
+def wait_for(found, count: int, seconds: float = 600.0) -> list:
     """What is found once there is so much of it."""
     end = time.monotonic() + seconds
     while len(have := found()) < count:

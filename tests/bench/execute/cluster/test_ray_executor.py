@@ -21,6 +21,7 @@ from tests.bench.small_backend import SmallBackend
 from tests.bench.walking_backend import DOOMED, LAST, SUITE, WalkingBackend
 from tests.train.small_runs import numbers
 from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.execute.cluster import connection
 from thalweg.bench.execute.cluster import ray_executor as cluster
 from thalweg.bench.execute.cluster.connection import ray_connection
 from thalweg.bench.execute.cluster.ray_executor import RayExecutor
@@ -137,6 +138,27 @@ def test_runs_that_fail_are_rows_with_their_errors_and_the_others_go_on(
     assert f"PPO-1: {died}; it is restarted" in said.getvalue().splitlines()
     assert "in train" in (tmp_path / "runs" / "PPO-0" / "error.txt").read_text()
     assert "train 100 steps on Medium" in (tmp_path / "logs" / "FOCOPS-1.txt").read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.ray
+def test_a_cluster_that_requires_a_token_is_joined_with_it_or_refused_by_that_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """The connection is made by new processes, since Ray reads its environment when it is imported."""
+    monkeypatch.setattr(connection, "ANSWER_S", 600.0)
+    token = "0123456789abcdef0123456789abcdef"
+    nodes = Nodes(RAY_AUTH_MODE="token", RAY_AUTH_TOKEN=token)
+    try:
+        for name in ("RAY_AUTH_MODE", "RAY_AUTH_TOKEN", "RAY_AUTH_TOKEN_PATH"):
+            monkeypatch.delenv(name, raising=False)
+        monkeypatch.setenv("HOME", str(tmp_path))
+        with pytest.raises(ResultsError, match=f"the cluster at {nodes.address} requires a token, and this machine"):
+            connection._required_environment(nodes.address)
+        monkeypatch.setenv("RAY_AUTH_TOKEN", token)
+        assert connection._required_environment(nodes.address) == {"RAY_AUTH_MODE": "token"}
+    finally:
+        nodes.stop()
 
 
 @pytest.mark.ray

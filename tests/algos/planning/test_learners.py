@@ -1,4 +1,4 @@
-"""Both planners at work: what reaches them, what they report, and that they go on to the last bit."""
+"""Tests of both planners: learning, reports, exact resumption, and every setting that departs from the defaults."""
 
 import dataclasses
 import math
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from tests.algos.planning.made import BOX, OPTIONS, generator
+from tests.algos.planning.planning_fixtures import BOX, OPTIONS, generator
 from tests.train.toys import Walk
 from thalweg.algos import ALGORITHMS, NotFiniteError
 from thalweg.algos.interface import Feedback, Rollout, Task
@@ -53,7 +53,7 @@ def learner_for(name: str, space: gym.Space = OPTIONS, seed: int = 0, **settings
 
 
 def rollout_of(learner: Any, seed: int = 0, **changes) -> Rollout:
-    """Steps whose reward is 1 for option 0 of the first branch, or a positive number, and whose cost is 1 else."""
+    """A rollout with reward 1 for option 0 of the first branch or a positive number, and cost 1 otherwise."""
     gen, costs = generator(seed), len(learner.config.limits)
     newest, frames = torch.randn(T + 1, N, D, generator=gen), learner.config.frame_stack
     obs = torch.cat([newest[(torch.arange(T + 1) - k).clamp(min=0)] for k in reversed(range(frames))], -1)
@@ -81,7 +81,7 @@ def updated(learner: Any, count: int, first: int = 0) -> list[dict[str, float]]:
 
 
 def same(one: Any, two: Any) -> bool:
-    """Whether nested states are equal to the last bit."""
+    """Whether nested states are bit-identical."""
     if isinstance(one, Mapping):
         return one.keys() == two.keys() and all(same(one[key], two[key]) for key in one)
     if isinstance(one, np.ndarray):
@@ -92,7 +92,7 @@ def same(one: Any, two: Any) -> bool:
 @pytest.mark.parametrize("space", [OPTIONS, BOX], ids=["options", "numbers"])
 @pytest.mark.parametrize("name", PLANNERS)
 class TestEveryPlanner:
-    def test_it_learns_which_action_pays(self, name, space):
+    def test_learns_the_rewarded_action(self, name, space):
         learner = learner_for(name, space, model_steps=60, iterations=3)
         updated(learner, 6)
         obs = np.random.default_rng(0).standard_normal((64, D)).astype(np.float32)
@@ -100,7 +100,7 @@ class TestEveryPlanner:
         good = (chosen == 0) if space is OPTIONS else (chosen > 0)
         assert good.mean() > 0.9
 
-    def test_from_its_state_it_goes_on_to_the_last_bit(self, name, space):
+    def test_restored_learner_resumes_bit_identically(self, name, space):
         learner, other = learner_for(name, space), learner_for(name, space, seed=1)
         updated(learner, 3)
         other.load_state(learner.state())
@@ -108,30 +108,30 @@ class TestEveryPlanner:
         ours, theirs = (updated(one, 2, first=3) for one in (learner, other))
         assert str(ours) == str(theirs) and same(other.state(), learner.state())
 
-    def test_it_reports_when_it_is_time_and_always_the_same_names(self, name, space):
+    def test_reports_are_on_schedule_with_the_same_names(self, name, space):
         found = updated(learner_for(name, space), 6)
         assert [bool(metrics) for metrics in found] == [False, True] * 3
         assert list(found[1]) == list(found[3]) == list(found[5])
         assert all(math.isfinite(number) for number in found[5].values())
 
-    def test_a_first_report_without_anything_learnt_has_the_same_names(self, name, space):
+    def test_report_before_any_learning_has_the_same_names(self, name, space):
         learner = learner_for(name, space, drop_terminal=True, steps_per_update=N * T)
         nothing = rollout_of(learner, terminated=torch.ones(T, N, dtype=torch.bool))
         first, second = learner.update(nothing, FEEDBACK), learner.update(rollout_of(learner, 1), FEEDBACK)
         assert math.isnan(first["value_loss"]) and math.isfinite(second["value_loss"])
         assert list(first) == list(second)
 
-    def test_the_end_of_the_run_is_reported_too(self, name, space):
+    def test_last_update_reports(self, name, space):
         learner = learner_for(name, space)
         assert learner.update(rollout_of(learner), dataclasses.replace(FEEDBACK, steps_left=0))
 
-    def test_a_nan_in_the_rewards_stops_it(self, name, space):
+    def test_nan_reward_raises(self, name, space):
         learner, rewards = learner_for(name, space), torch.zeros(T, N)
         rewards[3, 1] = math.nan
         with pytest.raises(NotFiniteError, match="has become nan"):
             learner.update(rollout_of(learner, rewards=rewards), FEEDBACK)
 
-    def test_a_model_that_turns_nan_stops_it(self, name, space):
+    def test_nan_in_the_model_raises(self, name, space):
         learner = learner_for(name, space)
         learner.update(rollout_of(learner), FEEDBACK)
         with torch.no_grad():
@@ -139,7 +139,7 @@ class TestEveryPlanner:
         with pytest.raises(NotFiniteError, match="model_state_loss has become nan"):
             learner.update(rollout_of(learner), FEEDBACK)
 
-    def test_steps_that_only_reset_change_nothing(self, name, space):
+    def test_reset_steps_have_no_effect(self, name, space):
         states = []
         for junk in (0.0, 1e6):
             learner, valid = learner_for(name, space), torch.ones(T, N, dtype=torch.bool)
@@ -150,7 +150,7 @@ class TestEveryPlanner:
             states.append(learner.state())
         assert same(*states)
 
-    def test_critics_may_wait_for_the_planning(self, name, space):
+    def test_critics_wait_until_planning_starts(self, name, space):
         changed = []
         for waits in (False, True):
             learner = learner_for(name, space, critics_wait=waits, random_steps=2 * N * T)
@@ -161,7 +161,7 @@ class TestEveryPlanner:
                 changed.append(any(not torch.equal(now[key], value) for key, value in begin.items()))
         assert changed == [True, True, False, True]
 
-    def test_two_costs_are_told_apart(self, name, space):
+    def test_two_costs_have_separate_budgets(self, name, space):
         learner = learner_for(name, space, cost_limits=(0.1, 0.2))
         assert learner.separate_costs
         two = dataclasses.replace(
@@ -175,64 +175,66 @@ class TestEveryPlanner:
         assert "plan_cost_loose" in metrics and list(learner.warnings(two)) == ["limit_never_binds_loose"]
 
 
-def test_what_was_expected_is_held_against_planned_steps_alone():
-    """Of which the second rollout has none: it begins before `random_steps` are over."""
+def test_predictions_are_compared_with_planned_steps_only():
+    """The second rollout has none, since it begins before `random_steps` are over."""
     learner = learner_for("CCEPETS", random_steps=N * T * 3 // 2, steps_per_update=N * T)
     found = [math.isnan(metrics["predicted_reward"]) for metrics in updated(learner, 3)]
     assert found == [True, True, False]
 
 
 @dataclasses.dataclass(frozen=True)
-class Quirk:
+class Variant:
     """Settings that depart from the defaults."""
 
     settings: Mapping[str, Any]
     column: str
-    """Of the report, in which they must show."""
-    besides: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    """What is set with and without them, so that only they make the difference."""
+    """Column of the report that they must change."""
+    common_settings: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    """Settings of both runs."""
 
 
-QUIRKS = {
-    "horizon scale": Quirk({"episode_length": 1000}, "feasible_share", {"cost_limit": 2.0}),
-    "drop terminal": Quirk({"drop_terminal": True}, "replay_size"),
-    "no ends": Quirk({"predict_end": False}, "plan_reward"),
-    "independent noise": Quirk({"shared_noise": False}, "plan_reward"),
-    "undiscounted": Quirk({"planning_discount": 1.0}, "plan_reward"),
-    "greedy": Quirk({"exploration": 0.0}, "realised_reward"),
-    "refit": Quirk({"fitting": "refit", "refit_steps": N * T}, "held_out_reward_loss", {"hold_out": 0.2}),
-    "fixed bounds": Quirk({"fixed_variance_bounds": True}, "held_out_state_loss"),
-    "action repeat": Quirk({"action_repeat": 5}, "replay_size"),
-    "worst particle": Quirk({"cost_over": "max"}, "plan_cost"),
-    "bfloat16": Quirk({"precision": "bfloat16"}, "plan_reward"),
-    "literal": Quirk({"adapter": "box_literal"}, "realised_reward"),
-    "scaled": Quirk({"adapter": "box_scaled"}, "realised_reward"),
-    "stacked": Quirk({"frame_stack": 2}, "held_out_state_loss"),
-    "particles": Quirk({"particles": 2}, "plan_reward"),
+VARIANTS = {
+    "horizon scale": Variant({"episode_length": 1000}, "feasible_share", {"cost_limit": 2.0}),
+    "drop terminal": Variant({"drop_terminal": True}, "replay_size"),
+    "no ends": Variant({"predict_end": False}, "plan_reward"),
+    "independent noise": Variant({"shared_noise": False}, "plan_reward"),
+    "undiscounted": Variant({"planning_discount": 1.0}, "plan_reward"),
+    "greedy": Variant({"exploration": 0.0}, "realised_reward"),
+    "refit": Variant({"fitting": "refit", "refit_steps": N * T}, "held_out_reward_loss", {"hold_out": 0.2}),
+    "fixed bounds": Variant({"fixed_variance_bounds": True}, "held_out_state_loss"),
+    "action repeat": Variant({"action_repeat": 5}, "replay_size"),
+    "worst particle": Variant({"cost_over": "max"}, "plan_cost"),
+    "bfloat16": Variant({"precision": "bfloat16"}, "plan_reward"),
+    "literal": Variant({"adapter": "box_literal"}, "realised_reward"),
+    "scaled": Variant({"adapter": "box_scaled"}, "realised_reward"),
+    "stacked": Variant({"frame_stack": 2}, "held_out_state_loss"),
+    "particles": Variant({"particles": 2}, "plan_reward"),
 }
-OF_SAFELOOP = {
-    # Where nothing is feasible, no return is looked at.
-    "raw temperatures": Quirk({"standardise_returns": False}, "plan_reward", {"cost_limit": 100.0}),
-    "decaying alpha": Quirk({"auto_alpha": False, "alpha_decay": 0.99}, "alpha"),
-    "raw rewards": Quirk({"standardise_rewards": False}, "value"),
-    "no proposals": Quirk({"proposals": 0}, "plan_reward"),
+SAFELOOP_VARIANTS = {
+    # Returns only matter if some candidates are feasible.
+    "raw temperatures": Variant({"standardise_returns": False}, "plan_reward", {"cost_limit": 100.0}),
+    "decaying alpha": Variant({"auto_alpha": False, "alpha_decay": 0.99}, "alpha"),
+    "raw rewards": Variant({"standardise_rewards": False}, "value"),
+    "no proposals": Variant({"proposals": 0}, "plan_reward"),
 }
-ALONE = [(name, quirk) for name in PLANNERS for quirk in QUIRKS] + [("SafeLOOP", quirk) for quirk in OF_SAFELOOP]
+ALONE = [(name, variant) for name in PLANNERS for variant in VARIANTS] + [
+    ("SafeLOOP", variant) for variant in SAFELOOP_VARIANTS
+]
 
 
-@pytest.mark.parametrize(("name", "quirk"), ALONE)
-def test_each_quirk_can_be_tried_alone_and_shows_where_it_should(name, quirk):
-    tried = (QUIRKS | OF_SAFELOOP)[quirk]
+@pytest.mark.parametrize(("name", "variant"), ALONE)
+def test_each_variant_alone_changes_its_column(name, variant):
+    tested = (VARIANTS | SAFELOOP_VARIANTS)[variant]
     found = []
-    for settings in ({}, tried.settings):
-        learner = learner_for(name, steps_per_update=N * T, **tried.besides, **settings)
+    for settings in ({}, tested.settings):
+        learner = learner_for(name, steps_per_update=N * T, **tested.common_settings, **settings)
         found.append(updated(learner, 3)[-1])
     assert all(math.isfinite(number) for metrics in found for number in metrics.values())
-    assert found[0][tried.column] != found[1][tried.column]
+    assert found[0][tested.column] != found[1][tested.column]
 
 
-def test_a_stale_value_is_that_of_the_last_action_instead_of_the_policys():
-    """At the end of the horizon, of the state reached and the action that led there, as in OmniSafe."""
+def test_stale_value_uses_the_last_action_instead_of_the_policys():
+    """As in OmniSafe: the state at the end of the horizon with the action that led there."""
     learner = learner_for("SafeLOOP")
     arc = SafeARC(learner.config, learner.policy.actions, D, lambda: torch.tensor(2.0), generator())
     stale = SafeARC(
@@ -247,8 +249,8 @@ def test_a_stale_value_is_that_of_the_last_action_instead_of_the_policys():
         assert not torch.allclose(value(obs, actions), other(obs, actions))
 
 
-def test_a_planner_never_drops_what_ended_unless_it_is_told_to():
-    """Costs that are paid at the end reach the replay, and with the quirk of OmniSafe none does."""
+def test_terminal_steps_are_dropped_only_on_request():
+    """Terminal costs reach the replay buffer unless `drop_terminal` is set, as in OmniSafe."""
     for drop in (False, True):
         learner = learner_for("CCEPETS", drop_terminal=drop)
         rollout = rollout_of(learner)
@@ -262,7 +264,7 @@ def test_a_planner_never_drops_what_ended_unless_it_is_told_to():
 
 
 @pytest.mark.parametrize("name", PLANNERS)
-def test_the_preset_of_the_study_runs(name, tmp_path: Path):
+def test_paper_preset_runs(name, tmp_path: Path):
     small = {key: SMALL[key] for key in ("samples", "iterations", "model_hidden", "hidden")}
     small |= {"random_steps": 100, "refit_steps": 200, "steps_per_collection": 100, "elites": 8}
     with pytest.warns(UserWarning, match="has not bound anything"):

@@ -1,24 +1,28 @@
-"""Plans: what they begin with, draw, keep for the next decision, and how weights change them."""
+"""Tests of plan distributions: initial plans, samples, shifts between decisions, and updates by weights."""
 
 import pytest
 import torch
 
-from tests.algos.planning.made import BOX, OPTIONS, generator
+from tests.algos.planning.planning_fixtures import BOX, OPTIONS, generator
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.planning.ccepets import CCEPETSConfig
-from thalweg.algos.planning.plan_distribution import Numbers, Options, plan_distribution_of
+from thalweg.algos.planning.plan_distribution import CategoricalPlans, GaussianPlans, plan_distribution_of
 from thalweg.algos.policy.actions import actions_of
 
 CONFIG = CCEPETSConfig(horizon=3, carry_over=0.5, initial_std=0.5, floor=0.02, momentum=0.1)
 
 
-def test_the_search_fits_the_space():
+def test_distribution_matches_the_action_space():
     spaces = [actions_of(OPTIONS), actions_of(OPTIONS, "box_scaled", "squashed"), actions_of(BOX, "native", "squashed")]
-    assert [type(plan_distribution_of(actions, CONFIG, 0.0)) for actions in spaces] == [Options, Numbers, Numbers]
+    assert [type(plan_distribution_of(actions, CONFIG, 0.0)) for actions in spaces] == [
+        CategoricalPlans,
+        GaussianPlans,
+        GaussianPlans,
+    ]
 
 
-def test_a_first_plan_of_options_is_uniform_and_draws_none_that_is_absent():
-    search = Options((3, 2), CONFIG)
+def test_initial_categorical_plan_is_uniform_over_existing_options():
+    search = CategoricalPlans((3, 2), CONFIG)
     plan = search.first(2)
     assert plan[1, 2].tolist() == [pytest.approx([1 / 3] * 3), [0.5, 0.5, 0.0]]
     drawn = search.samples(plan, 4000, generator())
@@ -28,7 +32,7 @@ def test_a_first_plan_of_options_is_uniform_and_draws_none_that_is_absent():
 
 
 def test_samples_follow_the_probabilities_of_each_environment_and_step():
-    search = Options((3,), CONFIG)
+    search = CategoricalPlans((3,), CONFIG)
     plan = torch.rand(2, 3, 1, 3, generator=generator())
     plan = plan / plan.sum(-1, keepdim=True)
     drawn = search.samples(plan, 20_000, generator(1))
@@ -39,14 +43,14 @@ def test_samples_follow_the_probabilities_of_each_environment_and_step():
     assert torch.equal(search.mode(plan), plan[:, 0].argmax(-1))
 
 
-def test_a_plan_of_options_moves_on_by_a_step_and_is_half_forgotten():
-    search = Options((2,), CONFIG)
+def test_shifted_categorical_plan_is_mixed_with_the_uniform_one():
+    search = CategoricalPlans((2,), CONFIG)
     plan = torch.tensor([[1.0, 0.0], [0.2, 0.8], [0.0, 1.0]]).view(1, 3, 1, 2)
     assert search.shifted(plan).flatten().tolist() == pytest.approx([0.35, 0.65, 0.25, 0.75, 0.5, 0.5])
 
 
-def test_an_improved_plan_of_options_keeps_the_floor():
-    search = Options((3, 2), CONFIG)
+def test_updated_categorical_plan_keeps_the_floor():
+    search = CategoricalPlans((3, 2), CONFIG)
     samples = torch.zeros(1, 4, 3, 2, dtype=torch.int64)
     plan = search.first(1)
     for _ in range(20):
@@ -56,14 +60,14 @@ def test_an_improved_plan_of_options_keeps_the_floor():
     assert plan.sum(-1).flatten().tolist() == pytest.approx([1.0] * 6)
 
 
-def test_a_floor_that_would_leave_nothing_of_a_plan_is_refused():
+def test_too_large_a_floor_is_refused():
     with pytest.raises(AlgorithmError, match=r"floor must be less than 1/4 where a choice has 4 options, got 0\.25"):
-        Options((3, 4), CCEPETSConfig(floor=0.25))
-    assert Options((3, 3), CCEPETSConfig(floor=0.25)).config.floor == 0.25
+        CategoricalPlans((3, 4), CCEPETSConfig(floor=0.25))
+    assert CategoricalPlans((3, 3), CCEPETSConfig(floor=0.25)).config.floor == 0.25
 
 
-def test_numbers_begin_with_their_deviation_and_stay_within_bounds():
-    search = Numbers(2, CONFIG, 0.0)
+def test_initial_gaussian_plan_has_its_standard_deviation_and_samples_within_bounds():
+    search = GaussianPlans(2, CONFIG, 0.0)
     plan = search.first(1)
     plan[0, 0, 0, 0] = 0.9
     drawn = search.samples(plan, 20_000, generator())
@@ -72,8 +76,8 @@ def test_numbers_begin_with_their_deviation_and_stay_within_bounds():
     assert search.mode(plan)[0].tolist() == pytest.approx([0.9, 0.0])
 
 
-def test_a_plan_of_numbers_moves_on_and_its_variance_begins_anew():
-    search = Numbers(1, CONFIG, 0.0)
+def test_shifted_gaussian_plan_keeps_means_and_resets_variances():
+    search = GaussianPlans(1, CONFIG, 0.0)
     plan = torch.tensor([[0.1, 0.01], [0.2, 0.01], [0.3, 0.01]]).view(1, 3, 1, 2)
     assert search.shifted(plan)[..., 0].flatten().tolist() == pytest.approx([0.2, 0.3, 0.0])
     assert search.shifted(plan)[..., 1].flatten().tolist() == pytest.approx([0.25] * 3)

@@ -1,4 +1,4 @@
-"""A planner in flight: decisions that are good in a world that is known, plans that are kept, files that act alike."""
+"""Tests of planning policies: decisions in a known model, plans between decisions, saved files, settings."""
 
 import dataclasses
 import math
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from tests.algos.planning.made import BOX, OPTIONS, generator
+from tests.algos.planning.planning_fixtures import BOX, OPTIONS, generator
 from thalweg.algos import AlgorithmError
 from thalweg.algos.common.state import CPU
 from thalweg.algos.planning.ccepets import CCEPETSConfig
@@ -38,7 +38,7 @@ def told(policy: PlannerPolicy, *, reward: float, cost: float = -1e3) -> Planner
     (first, _), (last, bias) = ensemble.stack.layers
     chosen = D + (1 if ensemble.actions.kind == "categorical" else 0)
     first[:, chosen, 0] = 20.0  # swish(20) is 20, and swish(0) is 0
-    parts = ensemble.layout.parts
+    parts = ensemble.layout.slices
     last[:, 0, parts[1]] = reward / 20.0
     last[:, 0, parts[3]] = (cost + 1e3) / 20.0
     bias[..., parts[3]], bias[..., parts[4]], bias[..., parts[2]] = -1e3, -1e3, -1e3
@@ -66,7 +66,7 @@ def acts(policy: PlannerPolicy, steps: int = 3) -> np.ndarray:
     ],
 )
 class TestEverySpace:
-    def test_actions_belong_to_it(self, name, space, adapter):
+    def test_actions_belong_to_the_space(self, name, space, adapter):
         for action in acts(policy_for(name, space, adapter)).reshape(-1, *space.shape):
             assert space.contains(action if action.shape else np.int64(action))
 
@@ -85,23 +85,23 @@ class TestEverySpace:
 
 @pytest.mark.parametrize("name", PLANNERS)
 class TestEveryPlanner:
-    def test_it_takes_what_pays(self, name):
+    def test_chooses_the_rewarded_action(self, name):
         assert (acts(told(policy_for(name, iterations=4), reward=1.0))[..., 0] == 1).all()
         assert (acts(told(policy_for(name, iterations=4), reward=-1.0))[..., 0] != 1).all()
 
-    def test_it_leaves_what_pays_but_costs_too_much(self, name):
+    def test_avoids_the_rewarded_action_if_it_exceeds_the_limit(self, name):
         policy = told(policy_for(name, iterations=4, horizon=7, episode_length=7), reward=1.0, cost=0.0)
         assert (acts(policy)[..., 0] != 1).all()  # half a cost a step, against a budget of 0.1 for 7
 
-    def test_it_takes_what_costs_if_the_limit_allows_it(self, name):
+    def test_chooses_the_costly_action_if_the_limit_allows_it(self, name):
         policy = told(policy_for(name, iterations=4, horizon=7, episode_length=7, cost_limit=4.0), reward=1.0, cost=0.0)
         assert (acts(policy)[..., 0] == 1).all()
 
-    def test_numbers_go_where_it_pays(self, name):
+    def test_continuous_actions_move_towards_the_reward(self, name):
         found = acts(told(policy_for(name, BOX, iterations=6), reward=1.0))
         assert found[..., 0].min() > 0.6
 
-    def test_an_environment_in_company_decides_as_alone(self, name, monkeypatch):
+    def test_decisions_do_not_depend_on_other_environments(self, name, monkeypatch):
         """With the draws of one environment repeated for each, all of them decide what it decides alone."""
         policy = policy_for(name, **{"shared_noise": False, **({"proposals": 0} if name == "SafeLOOP" else {})})
         obs = np.random.default_rng(3).standard_normal((1, D)).astype(np.float32)
@@ -126,7 +126,7 @@ class TestEveryPlanner:
             plans.append(player._plans)
         assert torch.allclose(plans[1], plans[0].expand_as(plans[1]), atol=1e-5)
 
-    def test_frames_are_kept_side_by_side(self, name):
+    def test_frames_are_stacked(self, name):
         policy = policy_for(name, frame_stack=3)
         beside = PlannerPlayer(policy, N, generator(5), stacked=True)
         alone = policy.player(N, generator=generator(5))
@@ -168,14 +168,14 @@ def test_a_repeated_action_lasts_until_its_episode_ends():
     assert decided == [2, 0, 1, 1, 0, 1]
 
 
-def test_the_budget_is_the_horizons_share_of_each_limit():
+def test_budget_is_the_share_of_each_limit_within_the_horizon():
     policy = policy_for(cost_limits=(0.1, 0.2), horizon=5, action_repeat=2)
     policy.episode_length = 40.0
     assert policy.budget.costs.tolist() == pytest.approx([0.1 * 10 / 40, 0.2 * 10 / 40])
     assert policy.budget.per_episode == pytest.approx(4.0)
 
 
-def test_what_is_still_to_come_counts():
+def test_terminal_value_affects_decisions():
     """A critic that loves what the model says will follow from option 1 draws the plan there, though nothing pays."""
     policy = told(policy_for(iterations=4), reward=0.0)
     (_, _), (last, _) = policy.ensemble.stack.layers
@@ -200,7 +200,7 @@ def test_an_unsupported_space_is_refused(name):
         policy_for(name, gym.spaces.MultiBinary(3))
 
 
-def test_more_joint_actions_than_can_be_summed_are_refused_by_safeloop_alone():
+def test_only_safeloop_refuses_too_many_joint_actions():
     space = gym.spaces.MultiDiscrete([3] * 10)
     with pytest.raises(AlgorithmError, match=r"59,049, more than 4,096: use adapter='box_scaled'"):
         policy_for("SafeLOOP", space)
@@ -229,11 +229,11 @@ def test_more_joint_actions_than_can_be_summed_are_refused_by_safeloop_alone():
         ),
     ],
 )
-def test_settings_out_of_range_are_named(changes, words):
+def test_settings_out_of_range_are_refused_by_name(changes, words):
     with pytest.raises(AlgorithmError, match=words):
         CCEPETSConfig(**changes)
 
 
-def test_full_sizes_are_those_published_and_a_given_one_stands():
+def test_full_sizes_are_the_published_ones_and_given_sizes_override_them():
     full = CCEPETSConfig(size="full", iterations=3).sizes
     assert dataclasses.astuple(full) == (512, 4, 3, 64, 7, (200, 200, 200, 200))

@@ -1,4 +1,4 @@
-"""SafeLOOP: its losses and terminal values by hand and by enumeration, and how it weighs candidates."""
+"""Tests of SafeLOOP: losses and terminal values against values by hand and enumeration, and weights of candidates."""
 
 import dataclasses
 import itertools
@@ -7,9 +7,9 @@ import gymnasium as gym
 import pytest
 import torch
 
-from tests.algos.planning.made import BOX, OPTIONS, generator
+from tests.algos.planning.planning_fixtures import BOX, OPTIONS, generator
 from thalweg.algos.maths import losses, planning
-from thalweg.algos.planning.imagined_rollouts import Futures
+from thalweg.algos.planning.imagined_rollouts import PlanOutcomes
 from thalweg.algos.planning.planner import Budget
 from thalweg.algos.planning.safeloop import SafeARC, SafeLOOPConfig, actor_loss
 from thalweg.algos.policy.actions import actions_of
@@ -30,12 +30,12 @@ def method_for(space: gym.Space = OPTIONS, **settings) -> SafeARC:
     return made
 
 
-def test_the_actors_loss_by_hand():
+def test_actor_loss_equals_hand_computed_value():
     found = actor_loss(torch.tensor([1.0, 2.0]), torch.tensor([0.3, 0.5]), torch.tensor(0.2))
     assert float(found) == pytest.approx(-(1 + 0.06 + 2 + 0.1) / 2)
 
 
-def test_alpha_grows_while_the_entropy_is_below_its_aim():
+def test_alpha_grows_while_the_entropy_is_below_its_target():
     for entropy, grows in ((0.5, True), (1.5, False)):
         log_alpha = torch.tensor(0.0, requires_grad=True)
         losses.temperature(log_alpha, torch.tensor([entropy]), 1.0).backward()
@@ -43,7 +43,7 @@ def test_alpha_grows_while_the_entropy_is_below_its_aim():
 
 
 @torch.no_grad()
-def test_what_is_still_to_come_is_the_sum_over_all_actions():
+def test_discrete_terminal_value_is_the_sum_over_all_actions():
     method, obs = method_for(), torch.randn(4, 3, generator=generator(2))
     log_p = method.soft._policy(obs).log_p  # pyright: ignore
     critics = method.soft.critics.reference(obs)
@@ -59,7 +59,7 @@ def test_what_is_still_to_come_is_the_sum_over_all_actions():
 
 
 @torch.no_grad()
-def test_with_the_quirk_it_is_the_value_of_the_action_before():
+def test_stale_action_value_uses_the_previous_action():
     method, obs = method_for(stale_action_value=True), torch.randn(1, 3, generator=generator(2))
     value = method.value()
     assert value is not None
@@ -68,7 +68,7 @@ def test_with_the_quirk_it_is_the_value_of_the_action_before():
 
 
 @torch.no_grad()
-def test_the_soft_value_of_the_next_state_by_hand():
+def test_soft_value_of_the_next_state_equals_hand_computed_value():
     method, obs = method_for(), torch.randn(3, 3, generator=generator(2))
     soft, alpha = method.soft, torch.tensor(0.3)
     found = soft.next_values(soft.critics, obs, alpha, generator())
@@ -79,52 +79,52 @@ def test_the_soft_value_of_the_next_state_by_hand():
 
 
 @torch.no_grad()
-def test_the_value_of_numbers_is_taken_at_the_actors_middle():
+def test_continuous_terminal_value_uses_the_actors_mode():
     method, obs = method_for(BOX), torch.randn(3, 3, generator=generator(2))
     middle = method.soft.actor(obs).chunk(2, -1)[0].tanh()
     wanted = method.soft.critics.reference(torch.cat([obs, middle], -1)).squeeze(-1).amin(0)
     assert torch.allclose(method.soft.value(obs), wanted, atol=1e-6)
 
 
-def futures() -> Futures:
+def outcomes() -> PlanOutcomes:
     returns = torch.tensor([[3.0, 1.0, 2.0, 9.0]])
-    return Futures(returns, returns, torch.tensor([[0.1, 0.1, 0.1, 0.9]]).unsqueeze(-1))
+    return PlanOutcomes(returns, returns, torch.tensor([[0.1, 0.1, 0.1, 0.9]]).unsqueeze(-1))
 
 
 def test_weights_do_not_depend_on_the_size_of_returns():
     method, budget = method_for(elites=2, samples=4), Budget(torch.tensor([0.5]), 10.0)
-    weights = method.weights(futures(), budget)
-    larger = dataclasses.replace(futures(), returns=100 * futures().returns)
+    weights = method.weights(outcomes(), budget)
+    larger = dataclasses.replace(outcomes(), returns=100 * outcomes().returns)
     assert torch.allclose(method.weights(larger, budget), weights, atol=1e-5)
     deviation = (2 / 3) ** 0.5
     wanted = (2.0 * torch.tensor([1.0, -1.0, 0.0]) / deviation).softmax(-1)
     assert weights[0].tolist() == pytest.approx([*wanted.tolist(), 0], abs=1e-5)
 
 
-def test_of_two_costs_a_broken_tight_one_outweighs_a_loose_one_within_its_budget():
+def test_exceeded_tight_cost_outweighs_loose_cost_within_its_budget():
     """Of three candidates, of which fewer than E are feasible: 2, 0.5 and 0.2 tight budgets, 0.2, 0.9 and 1.2 loose."""
     costs = torch.tensor([[[0.02, 0.2], [0.005, 0.9], [0.002, 1.2]]])
     returns, budget = torch.zeros(1, 3), Budget(torch.tensor([0.01, 1.0]), 10.0)
     method = method_for(elites=2, samples=3, cost_limits=(0.1, 10.0))
-    weights = method.weights(Futures(returns, returns, costs), budget)
+    weights = method.weights(PlanOutcomes(returns, returns, costs), budget)
     total = torch.tensor([2.2, 1.4, 1.4])
     wanted = (-4.0 * (total - total.mean()) / total.std(correction=0)).softmax(-1)
     assert weights[0].tolist() == pytest.approx(wanted.tolist(), abs=1e-4)
 
 
-def test_of_one_cost_the_budget_changes_nothing_but_what_is_feasible():
-    method, costs = method_for(elites=2, samples=4), futures().costs + torch.tensor([0.0, 0.1, 0.2, 0.3]).view(1, 4, 1)
+def test_budget_of_a_single_cost_only_decides_feasibility():
+    method, costs = method_for(elites=2, samples=4), outcomes().costs + torch.tensor([0.0, 0.1, 0.2, 0.3]).view(1, 4, 1)
     found = [
-        method.weights(dataclasses.replace(futures(), costs=costs), Budget(torch.tensor([b]), 10.0))
+        method.weights(dataclasses.replace(outcomes(), costs=costs), Budget(torch.tensor([b]), 10.0))
         for b in (0.01, 0.07)
     ]
     wanted = -4.0 * planning.standardised_rows(costs.squeeze(-1), torch.ones(1, 4, dtype=torch.bool))
     assert torch.equal(found[0], found[1]) and torch.equal(found[0], wanted.softmax(-1))
 
 
-def test_with_the_quirk_temperatures_multiply_sums_over_an_episode():
+def test_without_standardising_temperatures_multiply_sums_over_an_episode():
     method = method_for(elites=2, samples=4, standardise_returns=False, sharpness=0.1, cost_sharpness=0.5)
-    weights = method.weights(futures(), Budget(torch.tensor([0.5]), 10.0))
+    weights = method.weights(outcomes(), Budget(torch.tensor([0.5]), 10.0))
     assert weights[0, :3].tolist() == pytest.approx(torch.tensor([3.0, 1.0, 2.0]).softmax(-1).tolist())
-    none = method.weights(futures(), Budget(torch.tensor([0.01]), 10.0))
+    none = method.weights(outcomes(), Budget(torch.tensor([0.01]), 10.0))
     assert none[0].tolist() == pytest.approx(torch.tensor([-0.5, -0.5, -0.5, -4.5]).softmax(-1).tolist())

@@ -1,2 +1,2 @@
-"""Planners: a model of the environment and its fitting, imagined rollouts, plan distributions, and the policy that
-plans. The weighting of candidates stands in each algorithm's own file."""
+"""Planning algorithms: a learned model of the environment, imagined rollouts, plan distributions and the policy that
+plans. Each algorithm's own file defines how candidate plans are weighted."""

@@ -1,6 +1,6 @@
 """Agent of planners: acts, stores transitions, fits the model, and saves its state.
 
-The weighting of candidates and the losses of critics are not here: they are the algorithm, and stand in its file.
+How candidates are weighted and what the critics minimise is defined in each algorithm's own file.
 """
 
 from collections.abc import Iterator
@@ -26,10 +26,10 @@ from thalweg.core.config import to_plain
 
 
 class Agent:
-    """A policy that plans, what it has lived through, and how its model is fitted to that."""
+    """Planning policy, replay buffer and the fitting of the model, with the metrics of all three."""
 
     def __init__(self, algorithm: str, config: PlanningConfig, task: Task, logged: tuple[str, ...] = ()) -> None:
-        """`logged`: names of the numbers that `log` will be given."""
+        """`logged` names the metrics that the algorithm passes to `log`."""
         self.config, self.num_envs, self._logged = config, task.num_envs, logged
         self.generator = new_generator(task.device, task.seed)
         self.policy = PlannerPolicy(
@@ -53,24 +53,24 @@ class Agent:
 
     @property
     def rollout_steps(self) -> int:
-        """T: steps of each environment between fittings."""
+        """T, steps of each environment between two fits of the model."""
         return max(1, self.config.steps_per_collection // self.num_envs)
 
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Raw actions [N, A] for observations float32 [N, K * D]: planned, or at random at first."""
+        """Raw actions [N, A] for observations float32 [N, K * D]: random for the first `random_steps`, then planned."""
         raw, decision = self._player.raw(obs, fresh, at_random=self._steps < self.config.random_steps)
         if decision is not None:
             self._metrics.add_decision(decision)
         return raw
 
     def learn(self, rollout: Rollout) -> None:
-        """Take in the rollout's steps, and fit the model; raises `NotFiniteError` if what was paid or a loss is NaN."""
+        """Store the rollout's transitions and fit the model; raises `NotFiniteError` for a NaN in them or a loss."""
         planned = self._steps >= self.config.random_steps
         self._steps += int(rollout.valid.sum())
         self.lengths.update(rollout)
         batch = self._builder.transitions(rollout, self.policy.obs_size)
         if len(batch.rewards):
-            require_finite(what_was_paid=float(batch.rewards.sum() + batch.costs.sum()))
+            require_finite(sum_of_rewards_and_costs=float(batch.rewards.sum() + batch.costs.sum()))
             if planned and self.replay.size:
                 self._metrics.add_model_error(self.policy, batch)
             self.policy.ensemble.update_statistics(batch)
@@ -83,20 +83,22 @@ class Agent:
         self.policy.refresh()
 
     def critic_batches(self) -> Iterator[Batch]:
-        """The batches that critics learn from after a rollout; afterwards nothing logged has been NaN, else
-        `NotFiniteError`."""
+        """Yield the batches that the critics learn from after a rollout.
+
+        Raises `NotFiniteError` after the last batch if a logged metric has been NaN or infinite.
+        """
         waits = self.config.critics_wait and self._steps < self.config.random_steps
         if self.replay.size and not waits:
             for _ in range(self.config.critic_steps):
-                yield self.replay.rows(self.replay.places((self.config.minibatch,), self.generator))
+                yield self.replay.rows(self.replay.sample_indices((self.config.minibatch,), self.generator))
             self._metrics.require_finite()
 
     def log(self, **numbers: Tensor) -> None:
-        """Take note of numbers whose means are to be reported."""
+        """Add metrics whose means the next report contains."""
         self._metrics.add(numbers)
 
     def report(self, feedback: Feedback) -> dict[str, float]:
-        """Metrics, if it is time for them."""
+        """Metrics since the last report, or an empty dictionary when no report is due."""
         if self._steps - self._reported_at < self.config.steps_per_update and feedback.steps_left > 0:
             return {}
         self._reported_at = self._steps
@@ -112,7 +114,7 @@ class Agent:
         return metrics | cost_metrics(feedback, self.config.limits)
 
     def _nan_metrics(self) -> dict[str, float]:
-        """NaN for each metric that there may be nothing to say about yet."""
+        """NaN for each metric that may have no value yet, so that every report has the same names."""
         costs = [f"cost{name}" for name in cost_suffixes(len(self.config.limits))]
         names = [f"model_{name}_loss" for name in HEADS] + ["plan_reward", *(f"plan_{cost}" for cost in costs)]
         names += [f"{prefix}_{head}" for head in ("reward", *costs, "end") for prefix in ("predicted", "realised")]
@@ -120,7 +122,7 @@ class Agent:
         return dict.fromkeys(names, float("nan"))
 
     def state(self) -> dict[str, Any]:
-        """Everything, as nested dictionaries of arrays and plain data."""
+        """The complete state as nested dictionaries of arrays and plain data."""
         return {
             "ensemble": self.policy.ensemble.state(),
             "method": module_state(self.policy.method.modules),
@@ -136,7 +138,7 @@ class Agent:
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """The inverse of `state`; further keys are not looked at."""
+        """Restore what `state` returned; unknown keys are ignored."""
         self.policy.ensemble.load_state(state["ensemble"])
         load_module(self.policy.method.modules, state["method"])
         self.fitter.load_state(state["fitter"])
@@ -152,44 +154,45 @@ class Agent:
 
 
 class MeanMetrics:
-    """Sums of what is to be reported as means; where they lie nothing waits for them."""
+    """Running means of metrics; the sums stay on their device, so that adding to them needs no synchronisation."""
 
     def __init__(self) -> None:
         self._sums: dict[str, Tensor] = {}
         self._counts: dict[str, float] = {}
 
     def add(self, numbers: dict[str, Tensor], weight: float = 1.0) -> None:
-        """Take in numbers [] that stand for so many."""
+        """Add scalars [], each the mean of `weight` values."""
         for name, number in numbers.items():
             share = number.detach().double() * weight
             self._sums[name] = self._sums[name] + share if name in self._sums else share
             self._counts[name] = self._counts.get(name, 0.0) + weight
 
     def require_finite(self) -> None:
-        """Raises `NotFiniteError` for a number that has been NaN or infinite since the last report."""
+        """Raise `NotFiniteError` if a metric has been NaN or infinite since the last report."""
         require_finite(**self._totals())
 
     def add_decision(self, decision: Decision) -> None:
-        """What was expected of decisions."""
+        """Add the reward, cost and feasible share that the planner expects of its decisions."""
         names = cost_suffixes(decision.cost.shape[1])
         costs = {f"plan_cost{name}": cost for name, cost in zip(names, decision.cost.mean(0), strict=True)}
         numbers = {"plan_reward": decision.reward.mean(), "feasible_share": decision.feasible.mean()}
         self.add(costs | numbers, len(decision.reward))
 
     def add_model_error(self, policy: PlannerPolicy, batch: Batch) -> None:
-        """What the model expected of steps that it has not been fitted to, and what they were."""
+        """Add the model's predictions for transitions it has not been fitted to, beside their true values."""
         names = cost_suffixes(batch.costs.shape[1])
         expected, error = policy.ensemble.expected(batch)
-        lived = torch.cat([batch.rewards.unsqueeze(-1), batch.costs, batch.terminated.unsqueeze(-1)], -1).mean(0)
+        realised = torch.cat([batch.rewards.unsqueeze(-1), batch.costs, batch.terminated.unsqueeze(-1)], -1).mean(0)
         heads = ["reward", *(f"cost{name}" for name in names), "end"]
         numbers = {f"predicted_{head}": number for head, number in zip(heads, expected, strict=True)}
-        numbers |= {f"realised_{head}": number for head, number in zip(heads, lived, strict=True)}
+        numbers |= {f"realised_{head}": number for head, number in zip(heads, realised, strict=True)}
         self.add(numbers, len(batch.rewards))
-        going_on = int((~batch.terminated).sum())
-        if going_on:
-            self.add({"state_error": error}, going_on)
+        continuing = int((~batch.terminated).sum())
+        if continuing:
+            self.add({"state_error": error}, continuing)
 
     def means(self) -> dict[str, float]:
+        """Mean of each metric since the last `clear`."""
         return {name: total / self._counts[name] for name, total in self._totals().items()}
 
     def clear(self) -> None:
@@ -197,17 +200,17 @@ class MeanMetrics:
         self._counts.clear()
 
     def state(self) -> dict[str, Any]:
-        """Plain data."""
+        """The sums and counts as plain data."""
         return {"sums": self._totals(), "counts": dict(self._counts)}
 
     def load_state(self, state: dict[str, Any], device: torch.device) -> None:
-        """The inverse of `state`."""
+        """Restore what `state` returned."""
         self._counts = dict(state["counts"])
         self._sums = {
             name: torch.tensor(total, dtype=torch.float64, device=device) for name, total in state["sums"].items()
         }
 
     def _totals(self) -> dict[str, float]:
-        """The sums, read in one go."""
+        """The sums, copied from the device in one transfer."""
         totals = torch.stack(list(self._sums.values())).tolist() if self._sums else []
         return dict(zip(self._sums, totals, strict=True))

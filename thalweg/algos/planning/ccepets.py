@@ -16,7 +16,7 @@ from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import advantages, losses, planning
 from thalweg.algos.planning.agent import Agent
 from thalweg.algos.planning.config import PlanningConfig, Size, Sizes
-from thalweg.algos.planning.imagined_rollouts import Futures, Value
+from thalweg.algos.planning.imagined_rollouts import PlanOutcomes, Value
 from thalweg.algos.planning.model.ensemble import FrozenEnsemble
 from thalweg.algos.planning.model.transitions import Batch
 from thalweg.algos.planning.planner import Budget
@@ -43,7 +43,7 @@ class CCEPETSConfig(PlanningConfig):
 
 
 class Elites:
-    """The candidates that shape the next iteration, all alike: feasible ones of highest return."""
+    """Weighting of CCEPETS: the best feasible candidates share all weight equally."""
 
     def __init__(
         self,
@@ -55,21 +55,24 @@ class Elites:
     ) -> None:
         self.config, self.mean_momentum, self._reward_std = config, config.momentum, reward_std
         self.critic = Critics(1, inputs, NetworkShape(config.hidden), generator)
-        """V(s), in deviations of the reward."""
+        """V(s), in standard deviations of the reward."""
         self.modules = nn.ModuleDict({"critic": self.critic} if config.terminal_value else {})
 
-    def weights(self, futures: Futures, budget: Budget) -> Tensor:
-        """1/E for the E feasible candidates of highest return, or for those of lowest cost if too few are feasible."""
-        return planning.elites(futures.returns, futures.costs, budget.costs, self.config.sizes.elites)
+    def weights(self, outcomes: PlanOutcomes, budget: Budget) -> Tensor:
+        """Weights [N, S]: 1/E for the E feasible candidates of highest return, 0 for the others.
+
+        If fewer than E are feasible, the E candidates of lowest cost have the weights.
+        """
+        return planning.elites(outcomes.returns, outcomes.costs, budget.costs, self.config.sizes.elites)
 
     def value(self) -> Value | None:
-        """V(s_H) in units of the reward."""
+        """V(s_H) in units of the reward; None without a terminal value."""
         if not self.config.terminal_value:
             return None
         return lambda obs, _: self.critic(obs)[0] * self._reward_std()
 
     def proposals(self, frozen: FrozenEnsemble, start: Tensor, generator: torch.Generator) -> Tensor | None:
-        """Nothing: all candidates are drawn from the plan."""
+        """None: all candidates are sampled from the plan."""
         return None
 
 
@@ -77,16 +80,19 @@ METHODS["CCEPETS"] = (CCEPETSConfig, Elites)
 
 
 def value_loss(values: Tensor, next_values: Tensor, rewards: Tensor, terminated: Tensor, discount: float) -> Tensor:
-    """½ E[(V(s) - r - γ (1 - terminated) V'(s'))²]: what the critic minimises, from one number per step [B] each. It
-    learns what the behaviour that the replay holds brings on average, early exploration included (Sutton 1988)."""
+    """Loss of the critic [], ½ E[(V(s) - r - γ (1 - terminated) V'(s'))²], from arguments of shape [B].
+
+    The critic estimates the average return of the behaviour in the replay buffer, early exploration included (Sutton
+    1988).
+    """
     gamma = values.new_tensor([[discount]])
-    going_on = (~terminated).to(values.dtype)
-    target = advantages.td_target(rewards.unsqueeze(0), going_on, next_values.unsqueeze(0), gamma)
+    continues = (~terminated).to(values.dtype)
+    target = advantages.td_target(rewards.unsqueeze(0), continues, next_values.unsqueeze(0), gamma)
     return losses.squared_error(values.unsqueeze(0), target)[0]
 
 
 class CCEPETS:
-    """CCEPETS at work."""
+    """CCEPETS: acts by planning, fits the model, and trains the terminal value."""
 
     resets = False
 
@@ -96,15 +102,15 @@ class CCEPETS:
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
         method = self.policy.method
         assert isinstance(method, Elites)
-        self.critic, self.slow = method.critic, copy.deepcopy(method.critic)
+        self.critic, self.target_critic = method.critic, copy.deepcopy(method.critic)
         self.optimiser = Adam(self.critic.parameters(), config.critic_learning_rate)
 
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Raw actions [N, A]: planned, or at random at first."""
+        """Raw actions [N, A]: random for the first `random_steps`, then planned."""
         return self.agent.act(obs, fresh)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
-        """Keep the rollout's steps, fit the model, then the critic; returns the metrics, if they are due."""
+        """Store the rollout, fit the model, then train the critic; returns the metrics, empty when none are due."""
         self.agent.learn(rollout)
         if self.config.terminal_value:
             for batch in self.agent.critic_batches():
@@ -112,29 +118,31 @@ class CCEPETS:
         return self.agent.report(feedback)
 
     def _step(self, batch: Batch) -> None:
-        """One gradient step of the critic."""
+        """Take one gradient step of the critic."""
         ensemble = self.policy.ensemble
         with torch.no_grad():
-            after = self.slow(ensemble.seen(batch.next_obs))[0]
-        values = self.critic(ensemble.seen(batch.obs))[0]
-        loss = value_loss(values, after, batch.rewards / ensemble.reward.std, batch.terminated, self.config.discount)
+            next_values = self.target_critic(ensemble.normalised(batch.next_obs))[0]
+        values = self.critic(ensemble.normalised(batch.obs))[0]
+        loss = value_loss(
+            values, next_values, batch.rewards / ensemble.reward.std, batch.terminated, self.config.discount
+        )
         self.optimiser.zero_grad()
         loss.backward()
         self.optimiser.step()
-        self.slow.stack.flat.data.lerp_(self.critic.stack.flat.detach(), self.config.target_rate)
+        self.target_critic.stack.flat.data.lerp_(self.critic.stack.flat.detach(), self.config.target_rate)
         self.agent.log(value_loss=loss.detach(), value=values.detach().mean())
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Cost limits that bind nothing."""
+        """Warnings about cost limits that no episode exceeds."""
         return limit_warnings(self.config.limits, feedback)
 
     def state(self) -> dict[str, Any]:
         return self.agent.state() | {
-            "slow": module_state(self.slow),
+            "slow": module_state(self.target_critic),
             "optimiser": self.optimiser.state(),
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
         self.agent.load_state(state)
-        load_module(self.slow, state["slow"])
+        load_module(self.target_critic, state["slow"])
         self.optimiser.load_state(state["optimiser"])

@@ -1,4 +1,4 @@
-"""Mean episode length, measured from rollouts: the cost limit of an episode is spread over its steps."""
+"""Mean episode length, measured from rollouts, over which planners spread the cost limit of an episode."""
 
 from collections import deque
 from typing import Any
@@ -9,14 +9,14 @@ from thalweg.algos.common.state import array_of
 from thalweg.algos.interface import Rollout
 
 RECENT_EPISODES = 100
-"""Finished episodes that the mean is taken over."""
+"""Number of finished episodes in the mean."""
 
 
 class EpisodeLength:
-    """Of the last finished episodes; N environments."""
+    """Mean length of the most recent episodes of N environments."""
 
     def __init__(self, num_envs: int, fixed: int = 0) -> None:
-        """`fixed`: what is taken instead of a measurement; 0: none."""
+        """`fixed` replaces the measurement unless it is 0."""
         self.fixed = fixed
         self._running = np.zeros(num_envs, dtype=np.int64)
         self._finished: deque[int] = deque(maxlen=RECENT_EPISODES)
@@ -24,13 +24,13 @@ class EpisodeLength:
 
     @property
     def mean(self) -> float:
-        """L: mean steps of the finished episodes; before any, those of the longest that goes on."""
+        """L, mean steps of the finished episodes; before the first one ends, the steps of the longest so far."""
         if self.fixed:
             return float(self.fixed)
         return float(np.mean(self._finished)) if self._finished else float(self._longest)
 
     def update(self, rollout: Rollout) -> None:
-        """Count the steps of a rollout; an episode that was cut off between two rollouts counts for nothing."""
+        """Count the steps of a rollout; an episode that a reset cut off between two rollouts is not counted."""
         fresh, valid = array_of(rollout.fresh[:-1]), array_of(rollout.valid)
         over = array_of(rollout.terminated | rollout.truncated)
         for step in range(len(valid)):
@@ -40,11 +40,11 @@ class EpisodeLength:
             self._running[over[step]] = 0
 
     def state(self) -> dict[str, Any]:
-        """Arrays and plain data."""
+        """Counters and recent lengths, as arrays and plain data."""
         return {"running": self._running.copy(), "finished": list(self._finished), "longest": self._longest}
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """The inverse of `state`."""
+        """Restore what `state` returned."""
         self._running, self._longest = np.array(state["running"]), int(state["longest"])
         self._finished.clear()
         self._finished.extend(int(length) for length in state["finished"])

@@ -1,7 +1,7 @@
 """Imagined rollouts of candidate plans in all models at once, and their returns and costs.
 
-Letters: M models, N environments, S candidates, P particles of each candidate in each model, H steps ahead, K frames of
-D numbers, F numbers of an action, C costs. Loops go over steps alone.
+Dimensions: M models, N environments, S candidates, P particles per candidate and model, H steps ahead, K stacked frames
+of D numbers, F action features, C costs. Only the steps are a Python loop.
 """
 
 from collections.abc import Callable
@@ -16,30 +16,33 @@ from thalweg.algos.planning.model.ensemble import FrozenEnsemble, action_feature
 from thalweg.algos.policy.actions import Actions
 
 Value = Callable[[Tensor, Tensor], Tensor]
-"""What is still to come: of normalised observations [R, K * D] and the raw actions [R, A] before them, [R]."""
+"""Terminal value [R] of normalised observations [R, K * D] and the raw actions [R, A] that led to them."""
 
 
 @dataclass(frozen=True)
-class Futures:
-    """What candidates lead to, over all models and particles."""
+class PlanOutcomes:
+    """Predicted returns and costs of candidate plans, over all models and particles."""
 
     returns: Tensor
-    """[N, S], the mean."""
+    """[N, S], mean discounted return, terminal value included."""
     rewards: Tensor
-    """[N, S], the part of it that comes within the horizon."""
+    """[N, S], the part of the return within the horizon."""
     costs: Tensor
-    """[N, S, C] within the horizon."""
+    """[N, S, C], within the horizon."""
 
 
 @dataclass(frozen=True)
-class Steps:
-    """What every future meets at every step: rewards and ends [H, M, N, S, P], costs [H, M, N, S, P, C], and the
-    normalised observation after the last step [M, N, S, P, K * D]."""
+class ImaginedSteps:
+    """Predictions for every imagined step."""
 
     rewards: Tensor
+    """[H, M, N, S, P]."""
     costs: Tensor
+    """[H, M, N, S, P, C]."""
     ends: Tensor
-    last: Tensor
+    """[H, M, N, S, P], probability that the episode terminates."""
+    last_obs: Tensor
+    """[M, N, S, P, K * D], normalised observation after the last step."""
 
 
 def sample_noise(
@@ -51,33 +54,33 @@ def sample_noise(
     shared: bool,
     generator: torch.Generator,
 ) -> Tensor:
-    """Standard normal disturbances [H, M, N, S or 1, P, D]; `shared`: the same for all candidates of an environment."""
+    """Standard normal noise [H, M, N, S, P, D], or [H, M, N, 1, P, D] if all candidates of an environment share it."""
     shape = (horizon, frozen.members, envs, 1 if shared else samples, particles, frozen.layout.frame)
     return torch.randn(shape, generator=generator, device=generator.device)
 
 
 def imagine_rollouts(
     frozen: FrozenEnsemble, start: Tensor, features: Tensor, noise: Tensor, *, needs_last: bool = True
-) -> Steps:
-    """Carry out N * S plans in every model.
+) -> ImaginedSteps:
+    """Simulate N * S plans in every model.
 
     Args:
-        frozen: The models.
+        frozen: Ensemble to simulate with.
         start: Normalised observations [N, K * D].
-        features: Of the planned actions [H, N, S, F].
-        noise: [H, M, N, S or 1, P, D].
-        needs_last: Whether anybody will look at the observations after the last step.
+        features: Features of the planned actions [H, N, S, F], from `action_features`.
+        noise: [H, M, N, S or 1, P, D], from `sample_noise`.
+        needs_last: Whether `last_obs` is used; without it the last state transition is skipped.
 
-    At the first step all particles of a candidate in a model still coincide, so it is computed for one of them.
+    All particles of a candidate in a model are identical at the first step, so that step is computed for one of them.
     """
     (horizon, envs, samples), layout, members = features.shape[:3], frozen.layout, frozen.members
-    particles, seen = noise.shape[-2], start.shape[-1]
-    mean, reward, raw, cost, _ = layout.parts
+    particles, obs_size = noise.shape[-2], start.shape[-1]
+    mean, reward, raw, cost, _ = layout.slices
     shape = (members, envs, samples, particles)
     outputs = start.new_empty(horizon, *shape, 2 + layout.costs)
     inputs = _inputs(frozen, start, samples, 1)
     for step in range(horizon):
-        inputs[..., seen:] = features[step].unsqueeze(-2)
+        inputs[..., obs_size:] = features[step].unsqueeze(-2)
         out = frozen.dense(inputs.view(members, -1, frozen.inputs)).view(*inputs.shape[:-1], -1)
         out[..., raw.start :].sigmoid_()
         outputs[step, ..., :1] = out[..., reward]
@@ -86,90 +89,93 @@ def imagine_rollouts(
             break
         if step == 0:
             inputs = _inputs(frozen, start, samples, particles)
-        _move(frozen, inputs[..., :seen], out[..., mean], out[..., raw], noise[step])
+        _advance(frozen, inputs[..., :obs_size], out[..., mean], out[..., raw], noise[step])
     costs = frozen.cost_low + frozen.cost_range * outputs[..., 1:-1]
-    return Steps(outputs[..., 0], costs, outputs[..., -1], inputs[..., :seen])
+    return ImaginedSteps(outputs[..., 0], costs, outputs[..., -1], inputs[..., :obs_size])
 
 
 def evaluate_rollouts(
-    steps: Steps,
+    steps: ImaginedSteps,
     discount: float,
     cost_over: CostOver,
     *,
     ends: bool = True,
     value: Value | None = None,
     last_actions: Tensor | None = None,
-) -> Futures:
-    """What the futures are worth.
+) -> PlanOutcomes:
+    """Discounted returns and costs of imagined rollouts.
 
     Args:
         steps: From `imagine_rollouts`.
         discount: γ.
-        cost_over: The cost of a step is the mean, or the largest, of all models and particles.
-        ends: Whether episodes can end.
-        value: What is still to come after the last step; None for nothing.
-        last_actions: [N, S, A], raw, of the last step; for `value`.
+        cost_over: Whether the cost of a step is the mean or the maximum over models and particles.
+        ends: Whether imagined episodes can terminate.
+        value: Terminal value after the last step; None counts it as 0.
+        last_actions: Raw actions of the last step [N, S, A], passed to `value`.
     """
     alive = planning.survival(steps.ends if ends else torch.zeros_like(steps.ends))
     rewards = planning.imagined_return(steps.rewards, alive, discount)
     returns, shape = rewards, rewards.shape
     if value is not None and last_actions is not None:
         actions = last_actions.unsqueeze(-2).expand(*shape, -1)
-        final = value(steps.last.flatten(0, -2), actions.flatten(0, -2)).view(shape)
+        final = value(steps.last_obs.flatten(0, -2), actions.flatten(0, -2)).view(shape)
         returns = planning.imagined_return(steps.rewards, alive, discount, final)
-    each = planning.imagined_cost(steps.costs, alive)
-    over = each.mean((1, 4)) if cost_over == "mean" else each.amax((1, 4))
-    return Futures(returns.mean((0, 3)), rewards.mean((0, 3)), over.sum(0))
+    step_costs = planning.imagined_cost(steps.costs, alive)
+    reduced = step_costs.mean((1, 4)) if cost_over == "mean" else step_costs.amax((1, 4))
+    return PlanOutcomes(returns.mean((0, 3)), rewards.mean((0, 3)), reduced.sum(0))
 
 
 def rollout_policy(
     frozen: FrozenEnsemble,
     start: Tensor,
     actions: Actions,
-    drawn: Callable[[Tensor], Tensor],
+    sample_actions: Callable[[Tensor], Tensor],
     count: int,
     horizon: int,
     generator: torch.Generator,
 ) -> Tensor:
-    """What somebody would do [N, M * count, H, A], raw, `count` times in each model.
+    """Raw actions [N, M * count, H, A] that a policy takes in `count` imagined rollouts per model.
 
     Args:
-        frozen: The models.
+        frozen: Ensemble to simulate with.
         start: Normalised observations [N, K * D].
-        actions: What raw means.
-        drawn: Raw actions [R, A] for normalised observations [R, K * D].
-        count: Futures in each model.
+        actions: Action space of the raw actions.
+        sample_actions: Policy, from normalised observations [R, K * D] to raw actions [R, A].
+        count: Rollouts per model.
         horizon: H.
-        generator: Of the disturbances.
+        generator: Random generator for the noise.
     """
-    inputs, seen = _inputs(frozen, start, count, 1), start.shape[-1]
-    mean, _, raw, _, _ = frozen.layout.parts
+    inputs, obs_size = _inputs(frozen, start, count, 1), start.shape[-1]
+    mean, _, raw, _, _ = frozen.layout.slices
     noise = sample_noise(frozen, len(start), count, 1, horizon, False, generator)
-    taken = []
+    plan = []
     for step in range(horizon):
-        now = drawn(inputs[..., :seen].flatten(0, -2)).view(*inputs.shape[:-1], -1)
-        taken.append(now)
+        raw_actions = sample_actions(inputs[..., :obs_size].flatten(0, -2)).view(*inputs.shape[:-1], -1)
+        plan.append(raw_actions)
         if step == horizon - 1:
             break
-        inputs[..., seen:] = action_features(actions, now)
+        inputs[..., obs_size:] = action_features(actions, raw_actions)
         out = frozen.dense(inputs.view(frozen.members, -1, frozen.inputs)).view(*inputs.shape[:-1], -1)
-        _move(frozen, inputs[..., :seen], out[..., mean], out[..., raw].sigmoid_(), noise[step])
-    return torch.stack(taken, -2).squeeze(3).movedim(0, 1).flatten(1, 2)
+        _advance(frozen, inputs[..., :obs_size], out[..., mean], out[..., raw].sigmoid_(), noise[step])
+    return torch.stack(plan, -2).squeeze(3).movedim(0, 1).flatten(1, 2)
 
 
 def _inputs(frozen: FrozenEnsemble, start: Tensor, samples: int, particles: int) -> Tensor:
-    """[M, N, S, P, inputs] with the start in place; the actions are still to be written."""
-    envs, seen = start.shape
+    """Inputs of the networks [M, N, S, P, inputs] that hold the start; the action features are not filled in yet."""
+    envs, obs_size = start.shape
     inputs = start.new_empty(frozen.members, envs, samples, particles, frozen.inputs)
-    inputs[..., :seen] = start[:, None, None]
+    inputs[..., :obs_size] = start[:, None, None]
     return inputs
 
 
-def _move(frozen: FrozenEnsemble, obs: Tensor, mean: Tensor, spread: Tensor, noise: Tensor) -> None:
-    """Write the next normalised observations [..., K * D] over the last ones: older frames move on, the newest changes
-    by a draw from N(mean, least + most · spread)."""
+def _advance(frozen: FrozenEnsemble, obs: Tensor, mean: Tensor, spread: Tensor, noise: Tensor) -> None:
+    """Replace normalised observations [..., K * D] by the next ones, in place.
+
+    The stack shifts by one frame. The newest frame changes by a sample of
+    N(mean, min_variance + variance_scale · spread).
+    """
     size, newest = frozen.layout.frame, obs[..., -frozen.layout.frame :]
-    std = torch.addcmul(frozen.least, frozen.most, spread).sqrt_()
+    std = torch.addcmul(frozen.min_variance, frozen.variance_scale, spread).sqrt_()
     moved = torch.addcmul(newest + mean, std, noise)
     if frozen.frames > 1:
         obs[..., :-size] = obs[..., size:].clone()

@@ -1,6 +1,6 @@
-"""Distributions over plans: candidates are sampled from one, and their weights update it.
+"""Distributions over plans, from which candidates are sampled and which the weights of the candidates update.
 
-Each option of a discrete action has a probability; a continuous action has a mean and a variance. Letters: N
+Each option of a discrete action has a probability; a continuous action has a mean and a variance. Dimensions: N
 environments, S candidates, H steps ahead, A branches or dimensions of an action, K options.
 """
 
@@ -17,30 +17,30 @@ from thalweg.algos.policy.actions import Actions
 
 
 class PlanDistribution(Protocol):
-    """One way to write a plan as numbers [N, H, A, W], of which nothing else needs to know the meaning."""
+    """Distribution over plans, with parameters [N, H, A, W] whose meaning only the distribution knows."""
 
     def first(self, envs: int) -> Tensor:
-        """The plan of one that knows nothing."""
+        """Initial parameters for `envs` environments, without any knowledge."""
         ...
 
     def shifted(self, plan: Tensor) -> Tensor:
-        """A first guess for the next decision: what was planned for it and later."""
+        """Initial parameters for the next decision: the previous plan, shifted by one step."""
         ...
 
     def samples(self, plan: Tensor, count: int, generator: torch.Generator) -> Tensor:
-        """Raw actions [N, S, H, A] drawn from the plan."""
+        """Sample `count` plans of raw actions [N, S, H, A]."""
         ...
 
     def updated(self, plan: Tensor, samples: Tensor, weights: Tensor) -> Tensor:
-        """The plan after samples [N, S, H, A] were given weights [N, S]."""
+        """Parameters updated by samples [N, S, H, A] with weights [N, S]."""
         ...
 
     def variance(self, plan: Tensor) -> Tensor:
-        """[N] the largest variance of anything in the plan."""
+        """[N], the largest variance of any action in the plan."""
         ...
 
     def draw(self, plan: Tensor, generator: torch.Generator) -> Tensor:
-        """Raw actions [N, A] of the first step, drawn."""
+        """Sample raw actions [N, A] of the first step."""
         ...
 
     def mode(self, plan: Tensor) -> Tensor:
@@ -51,17 +51,17 @@ class PlanDistribution(Protocol):
 def plan_distribution_of(
     actions: Actions, config: PlanningConfig, mean_momentum: float, device: torch.device = CPU
 ) -> "PlanDistribution":
-    """The one that fits the space."""
+    """The distribution for an action space: categorical for discrete actions, else Gaussian."""
     if actions.kind == "categorical":
-        return Options(actions.sizes, config, device)
-    return Numbers(actions.count, config, mean_momentum, device)
+        return CategoricalPlans(actions.sizes, config, device)
+    return GaussianPlans(actions.count, config, mean_momentum, device)
 
 
-class Options:
-    """Independent choices: probabilities [N, H, A, K]."""
+class CategoricalPlans:
+    """Independent categorical distributions with probabilities [N, H, A, K]."""
 
     def __init__(self, sizes: tuple[int, ...], config: PlanningConfig, device: torch.device = CPU) -> None:
-        """Raises `AlgorithmError` for a floor that would leave nothing of a plan."""
+        """Raises `AlgorithmError` for a floor that leaves no probability to a plan."""
         if config.floor * max(sizes) >= 1:
             raise AlgorithmError(
                 f"floor must be less than 1/{max(sizes)} where a choice has {max(sizes)} options, got {config.floor}"
@@ -69,7 +69,7 @@ class Options:
         self.config = config
         counts = torch.tensor(sizes, device=device)
         self.exists = torch.arange(max(sizes), device=device) < counts.unsqueeze(-1)
-        """[A, K] bool."""
+        """[A, K] bool: whether branch a has an option k."""
         self.uniform = self.exists / counts.unsqueeze(-1)
 
     def first(self, envs: int) -> Tensor:
@@ -99,8 +99,8 @@ class Options:
         return categorical.mode(plan[:, 0])
 
 
-class Numbers:
-    """Independent Gaussians clipped to -1..1: mean and variance [N, H, A, 2]."""
+class GaussianPlans:
+    """Independent Gaussian distributions clipped to -1..1, with mean and variance [N, H, A, 2]."""
 
     def __init__(self, count: int, config: PlanningConfig, mean_momentum: float, device: torch.device = CPU) -> None:
         self.count, self.config, self.mean_momentum, self.device = count, config, mean_momentum, device
@@ -111,7 +111,7 @@ class Numbers:
         return plan
 
     def shifted(self, plan: Tensor) -> Tensor:
-        """The means move on; variances begin anew, else the search would soon be over."""
+        """Shift the means by one step and reset the variances, since small ones would end the next search too soon."""
         guess = self.first(len(plan))
         guess[:, :-1, :, 0] = plan[:, 1:, :, 0]
         return guess

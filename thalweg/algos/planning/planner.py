@@ -1,8 +1,9 @@
-"""Planner that makes decisions: candidates are sampled from a plan distribution, imagined and weighted, and the
-distribution is updated, for several iterations and all environments at once.
+"""Planner: samples candidate plans, imagines their outcomes, weights them and updates the plan distribution.
 
-Letters: N environments, S candidates, G proposals among them, H steps ahead, A numbers of a raw action, K frames of D
-numbers, C costs.
+All environments are planned for at once, in several iterations.
+
+Dimensions: N environments, S candidates, G proposals among them, H steps ahead, A numbers of a raw action, K frames
+of D numbers, C costs.
 """
 
 from dataclasses import dataclass
@@ -13,7 +14,13 @@ from torch import Tensor, nn
 
 from thalweg.algos.common.state import CPU
 from thalweg.algos.planning.config import PlanningConfig
-from thalweg.algos.planning.imagined_rollouts import Futures, Value, evaluate_rollouts, imagine_rollouts, sample_noise
+from thalweg.algos.planning.imagined_rollouts import (
+    PlanOutcomes,
+    Value,
+    evaluate_rollouts,
+    imagine_rollouts,
+    sample_noise,
+)
 from thalweg.algos.planning.model.ensemble import FrozenEnsemble, action_features
 from thalweg.algos.planning.plan_distribution import plan_distribution_of
 from thalweg.algos.policy.actions import Actions
@@ -21,51 +28,51 @@ from thalweg.algos.policy.actions import Actions
 
 @dataclass(frozen=True)
 class Budget:
-    """What a decision may cost."""
+    """Cost that a plan may have."""
 
     costs: Tensor
-    """[C] within the horizon."""
+    """[C], within the horizon."""
     per_episode: float
-    """How many horizons an episode has: what a sum over one must be multiplied by to be one over the other."""
+    """Horizons per episode: the factor from a sum over the horizon to a sum over the episode."""
 
 
 class Method(Protocol):
-    """What tells one planner from another."""
+    """The part that differs between planning algorithms."""
 
     modules: nn.ModuleDict
-    """What it has learnt beside the model; part of the policy."""
+    """Networks beside the model; saved with the policy."""
     mean_momentum: float
-    """Share of the mean of numbers that an iteration keeps."""
+    """Weight of the previous mean of continuous actions in each update."""
 
-    def weights(self, futures: Futures, budget: Budget) -> Tensor:
-        """Weights [N, S] of the candidates, of sum 1."""
+    def weights(self, outcomes: PlanOutcomes, budget: Budget) -> Tensor:
+        """Weights [N, S] of the candidates, which sum to 1 for each environment."""
         ...
 
     def value(self) -> Value | None:
-        """What is still to come after the horizon; None if that counts for nothing."""
+        """Terminal value after the horizon; None counts it as 0."""
         ...
 
     def proposals(self, frozen: FrozenEnsemble, start: Tensor, generator: torch.Generator) -> Tensor | None:
-        """Candidates [N, G, H, A] that are not drawn from the plan, for normalised observations [N, K * D]."""
+        """Candidates [N, G, H, A] for normalised observations [N, K * D], beside those sampled from the plan."""
         ...
 
 
 @dataclass(frozen=True)
 class Decision:
-    """What was decided, and what is expected of it."""
+    """Plan of each environment, with its expected reward and cost."""
 
     plan: Tensor
-    """[N, H, A, W], as `PlanDistribution` writes it."""
+    """[N, H, A, W], parameters of the `PlanDistribution`."""
     reward: Tensor
-    """[N] expected within the horizon, the mean of the last candidates by their weights."""
+    """[N], expected within the horizon: the weighted mean over the last candidates."""
     cost: Tensor
-    """[N, C], alike."""
+    """[N, C], computed like `reward`."""
     feasible: Tensor
-    """[N] share of the last candidates that keep within the budget."""
+    """[N], share of the last candidates that stay within the budget."""
 
 
 class Planner:
-    """Makes decisions with a model; remembers nothing."""
+    """Stateless planner on an ensemble of models."""
 
     def __init__(self, config: PlanningConfig, actions: Actions, method: Method, device: torch.device = CPU) -> None:
         self.config, self.actions, self.method = config, actions, method
@@ -74,31 +81,33 @@ class Planner:
     def decide(
         self, frozen: FrozenEnsemble, start: Tensor, guess: Tensor, budget: Budget, generator: torch.Generator
     ) -> Decision:
-        """The plan that a first guess [N, H, A, W] becomes, for normalised observations [N, K * D]."""
+        """Improve initial plans [N, H, A, W] for normalised observations [N, K * D]."""
         envs, costs = len(guess), len(budget.costs)
-        found = Decision(guess.clone(), start.new_empty(envs), start.new_empty(envs, costs), start.new_empty(envs))
-        searching = torch.arange(envs, device=start.device)
+        decision = Decision(guess.clone(), start.new_empty(envs), start.new_empty(envs, costs), start.new_empty(envs))
+        active = torch.arange(envs, device=start.device)
         proposals = self.method.proposals(frozen, start, generator)
         for _ in range(self.config.sizes.iterations):
-            plan = found.plan[searching]
+            plan = decision.plan[active]
             samples = self.distribution.samples(plan, self.config.sizes.samples, generator)
             if proposals is not None:
-                samples = torch.cat([samples, proposals[searching]], 1)
-            futures = self._imagined(frozen, start[searching], samples, generator)
-            weights = self.method.weights(futures, budget)
+                samples = torch.cat([samples, proposals[active]], 1)
+            outcomes = self._imagine(frozen, start[active], samples, generator)
+            weights = self.method.weights(outcomes, budget)
             plan = self.distribution.updated(plan, samples, weights)
-            found.plan[searching] = plan
-            found.reward[searching] = (weights * futures.rewards).sum(-1)
-            found.cost[searching] = (weights.unsqueeze(-1) * futures.costs).sum(1)
-            found.feasible[searching] = (futures.costs <= budget.costs).all(-1).float().mean(-1)
+            decision.plan[active] = plan
+            decision.reward[active] = (weights * outcomes.rewards).sum(-1)
+            decision.cost[active] = (weights.unsqueeze(-1) * outcomes.costs).sum(1)
+            decision.feasible[active] = (outcomes.costs <= budget.costs).all(-1).float().mean(-1)
             if self.config.settled_variance:
-                searching = searching[self.distribution.variance(plan) > self.config.settled_variance]
-                if not len(searching):
+                active = active[self.distribution.variance(plan) > self.config.settled_variance]
+                if not len(active):
                     break
-        return found
+        return decision
 
-    def _imagined(self, frozen: FrozenEnsemble, start: Tensor, samples: Tensor, generator: torch.Generator) -> Futures:
-        """What candidates [N, S, H, A] lead to."""
+    def _imagine(
+        self, frozen: FrozenEnsemble, start: Tensor, samples: Tensor, generator: torch.Generator
+    ) -> PlanOutcomes:
+        """Outcomes of candidates [N, S, H, A]."""
         config, value = self.config, self.method.value()
         features = action_features(self.actions, samples).movedim(2, 0)
         noise = sample_noise(

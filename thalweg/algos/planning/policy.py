@@ -1,6 +1,6 @@
-"""Policy that plans, with its model and what its method has learnt, saved as one file like any other policy.
+"""Planning policy with its model and networks, saved as one file like any other policy.
 
-Letters: N environments, D numbers of a frame, K frames, H steps ahead, A numbers of a raw action, C costs.
+Dimensions: N environments, D numbers of a frame, K stacked frames, H steps ahead, A numbers of a raw action, C costs.
 """
 
 from collections.abc import Callable
@@ -23,13 +23,13 @@ from thalweg.algos.policy.policy import KINDS, About, check_obs_size, save_polic
 from thalweg.core.config import parse_config
 
 MakeMethod = Callable[[Any, Actions, int, Callable[[], Tensor], torch.Generator], Method]
-"""From config, actions, numbers of an observation, the deviation of rewards, and a generator."""
+"""Factory of a method, from config, actions, observation size, standard deviation of rewards and random generator."""
 METHODS: dict[str, tuple[type[PlanningConfig], MakeMethod]] = {}
-"""By the algorithm's name; each planner's file adds its own."""
+"""Config class and factory of each algorithm, by its name; each planner's file registers its own."""
 
 
 class PlannerPolicy:
-    """Decisions by planning in an ensemble of models."""
+    """Policy that plans each decision in an ensemble of models."""
 
     def __init__(
         self, obs_size: int, actions: Actions, config: PlanningConfig, about: About, generator: torch.Generator
@@ -52,25 +52,25 @@ class PlannerPolicy:
         self.episode_length = float(config.episode_length or config.sizes.horizon)
         """L, mean steps of an episode."""
         self._budget: tuple[float, Budget] | None = None
-        """That of an episode of so many steps."""
+        """Cached budget, with the episode length it is for."""
         self.frozen = self._frozen()
 
     @property
     def device(self) -> torch.device:
-        """Where it plans: that of the generator it was made with."""
+        """Device of the model and the planner."""
         return self.ensemble.bounds.device
 
     @property
     def budget(self) -> Budget:
-        """What a decision may cost."""
-        if self._budget is None or self._budget[0] != self.episode_length:  # laid down on the device once
+        """Cost that a plan may have: the share of the cost limit that falls on H decisions."""
+        if self._budget is None or self._budget[0] != self.episode_length:  # cached: copied to the device once
             steps, length = self.config.sizes.horizon * self.config.action_repeat, self.episode_length
             costs = [planning.budget(limit, steps, length) for limit in self.config.limits]
             self._budget = length, Budget(torch.tensor(costs, device=self.device), max(length / steps, 1.0))
         return self._budget[1]
 
     def refresh(self) -> None:
-        """Plan with the model as it has become."""
+        """Use the current weights of the model for planning."""
         self.frozen = self._frozen()
 
     def _frozen(self) -> FrozenEnsemble:
@@ -83,14 +83,14 @@ class PlannerPolicy:
 
         Args:
             num_envs: N.
-            deterministic: Changes nothing: the plan's most probable action is taken either way, but the search for it
-                draws.
-            generator: Where the draws come from, one of the policy's device; a new one, the same at each call, if None.
+            deterministic: Has no effect: the plan's most probable action is always taken, and the search for it is
+                always random.
+            generator: Random generator on the policy's device; None creates one with a fixed seed.
         """
         return PlannerPlayer(self, num_envs, generator or new_generator(self.device))
 
     def save(self, path: str | Path) -> None:
-        """Write the policy as one file, whole or not at all."""
+        """Write the policy to a file, atomically."""
         model = self.ensemble.state()
         scales = {name: model[name] for name in ("observed", "change", "reward")}
         header = {
@@ -110,7 +110,7 @@ class PlannerPolicy:
     def restored(
         cls, header: dict[str, Any], tensors: dict[str, np.ndarray], about: About, generator: torch.Generator
     ) -> "PlannerPolicy":
-        """A policy from what `save` wrote, on the generator's device."""
+        """The policy that `save` wrote, on the generator's device; raises `AlgorithmError` for an unknown planner."""
         if about.algorithm not in METHODS:
             raise AlgorithmError(f"this version knows no planner {about.algorithm!r}")
         config = parse_config(METHODS[about.algorithm][0], about.config)
@@ -127,7 +127,7 @@ KINDS["planner"] = PlannerPolicy.restored
 
 
 class PlannerPlayer:
-    """A planner in N environments, with their frames, their plans, and the actions being carried out."""
+    """Planning policy in N environments, with the frame stack, plan and current action of each."""
 
     def __init__(
         self,
@@ -138,75 +138,77 @@ class PlannerPlayer:
         stacked: bool = False,
         exploration: float = 0.0,
     ) -> None:
-        """`stacked`: observations come with their K frames side by side already; `exploration`: the share of decisions
-        that are drawn from the plan."""
+        """`stacked`: whether observations already contain their K frames; `exploration`: share of decisions that are
+        sampled from the plan instead of taking its most probable action."""
         self.policy, self.generator, self.exploration = policy, generator, exploration
         frames = policy.config.frame_stack
         self._size = policy.obs_size * (frames if stacked else 1)
         self._stack = FrameStack(num_envs, policy.obs_size, 1 if stacked else frames, policy.device)
         self._plans = policy.planner.distribution.first(num_envs)
-        """[N, H, A, W], of the last decision of each environment."""
+        """[N, H, A, W], plan of the last decision of each environment."""
         self._planned = torch.zeros(num_envs, dtype=torch.bool, device=policy.device)
-        """[N] whether there is one in this episode."""
-        self._held = policy.planner.distribution.mode(self._plans)
-        """[N, A] being carried out."""
-        self._left = torch.zeros(num_envs, dtype=torch.int64, device=policy.device)
-        """[N] steps for which it still is."""
+        """[N], whether there is such a plan in the current episode."""
+        self._current_action = policy.planner.distribution.mode(self._plans)
+        """[N, A], raw actions being repeated."""
+        self._repeats_left = torch.zeros(num_envs, dtype=torch.int64, device=policy.device)
+        """[N], steps for which they are still repeated."""
 
     def __call__(self, obs: np.ndarray, fresh: np.ndarray) -> np.ndarray:
         return self.policy.actions.to_numpy(self.raw(*to_tensors(obs, fresh, self.policy.device))[0])
 
     @torch.inference_mode()
     def raw(self, obs: Tensor, fresh: Tensor, *, at_random: bool = False) -> tuple[Tensor, Decision | None]:
-        """Raw actions [N, A], and what was decided for those environments whose turn it was.
+        """Raw actions [N, A], and the decision for the environments that planned at this step, None if none did.
 
-        `at_random`: any action, without a plan.
+        `at_random` takes uniformly random actions instead of planning.
         """
         check_obs_size(obs, self._size)
         seen = self._stack.push(obs, fresh)
         self._planned &= ~fresh
         if self.policy.config.action_repeat > 1:
-            turn = torch.nonzero((self._left == 0) | fresh).squeeze(-1)
-        else:  # everyone's, which need not be looked for
-            turn = torch.arange(len(fresh), device=fresh.device)
+            deciding = torch.nonzero((self._repeats_left == 0) | fresh).squeeze(-1)
+        else:  # all environments decide at every step: no search, which would synchronise the device
+            deciding = torch.arange(len(fresh), device=fresh.device)
         decision = None
-        if len(turn):
-            self._held = self._held.clone()
+        if len(deciding):
+            self._current_action = self._current_action.clone()
             if at_random:
-                self._held[turn] = self.policy.actions.uniform(len(turn), self.generator)
+                self._current_action[deciding] = self.policy.actions.uniform(len(deciding), self.generator)
             else:
-                decision, self._held[turn] = self._decide(seen[turn], turn)
-            self._left[turn] = self.policy.config.action_repeat
-        self._left -= 1
-        return self._held.clone(), decision
+                decision, self._current_action[deciding] = self._decide(seen[deciding], deciding)
+            self._repeats_left[deciding] = self.policy.config.action_repeat
+        self._repeats_left -= 1
+        return self._current_action.clone(), decision
 
-    def _decide(self, obs: Tensor, turn: Tensor) -> tuple[Decision, Tensor]:
-        """Plan for the environments `turn`; returns the decision and raw actions."""
+    def _decide(self, obs: Tensor, deciding: Tensor) -> tuple[Decision, Tensor]:
+        """Plan for the environments with the given indices; returns the decision and raw actions."""
         policy, search = self.policy, self.policy.planner.distribution
         shape = (-1, *[1] * (self._plans.dim() - 1))
-        guess = torch.where(self._planned[turn].view(shape), search.shifted(self._plans[turn]), search.first(len(turn)))
-        start = policy.ensemble.seen(obs)
+        guess = torch.where(
+            self._planned[deciding].view(shape), search.shifted(self._plans[deciding]), search.first(len(deciding))
+        )
+        start = policy.ensemble.normalised(obs)
         decision = policy.planner.decide(policy.frozen, start, guess, policy.budget, self.generator)
-        self._plans[turn], self._planned[turn] = decision.plan, True
+        self._plans[deciding], self._planned[deciding] = decision.plan, True
         best = search.mode(decision.plan)
         if not self.exploration:
             return decision, best
-        explores = torch.rand(len(turn), 1, generator=self.generator, device=turn.device) < self.exploration
+        explores = torch.rand(len(deciding), 1, generator=self.generator, device=deciding.device) < self.exploration
         return decision, torch.where(explores, search.draw(decision.plan, self.generator), best)
 
     def state(self) -> dict[str, Any]:
-        """What it remembers, as arrays."""
+        """Frame stack, plans and current actions, as arrays."""
         return {
             "frames": self._stack.state(),
             "plans": array_of(self._plans),
             "planned": array_of(self._planned),
-            "held": array_of(self._held),
-            "left": array_of(self._left),
+            "held": array_of(self._current_action),
+            "left": array_of(self._repeats_left),
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """The inverse of `state`."""
+        """Restore what `state` returned."""
         self._stack.load_state(state["frames"])
-        self._plans, self._planned, self._held, self._left = (
+        self._plans, self._planned, self._current_action, self._repeats_left = (
             tensor_of(state[name], self.policy.device) for name in ("plans", "planned", "held", "left")
         )

@@ -15,19 +15,13 @@ from torch import Tensor, nn
 
 from thalweg.algos.common.adam import Adam
 from thalweg.algos.common.errors import AlgorithmError
-from thalweg.algos.common.state import (
-    CPU,
-    array_of,
-    load_module,
-    module_state,
-    tensor_of,
-)
+from thalweg.algos.common.state import CPU, array_of, load_module, module_state, tensor_of
 from thalweg.algos.constraint.cost_limits import limit_warnings
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import advantages, losses, planning
 from thalweg.algos.planning.agent import Agent
 from thalweg.algos.planning.config import PlanningConfig, Size, Sizes
-from thalweg.algos.planning.imagined_rollouts import Futures, Value, rollout_policy
+from thalweg.algos.planning.imagined_rollouts import PlanOutcomes, Value, rollout_policy
 from thalweg.algos.planning.model.ensemble import FrozenEnsemble
 from thalweg.algos.planning.model.transitions import Batch
 from thalweg.algos.planning.planner import Budget
@@ -89,7 +83,7 @@ class SafeLOOPConfig(PlanningConfig):
 
 
 class SafeARC:
-    """How the planner weighs candidates, ends its horizon, and is given proposals."""
+    """Weighting, terminal value and proposals of SafeLOOP's planner (SafeARC)."""
 
     mean_momentum = 0.0
 
@@ -107,15 +101,15 @@ class SafeARC:
 
     @property
     def unit(self) -> Tensor | float:
-        """What the critics' numbers are multiples of."""
+        """Unit of the critics: the standard deviation of rewards with `standardise_rewards`, else 1."""
         return self._reward_std() if self.config.standardise_rewards else 1.0
 
-    def weights(self, futures: Futures, budget: Budget) -> Tensor:
-        """w ∝ exp(β G) over the feasible candidates, or exp(-β_c C) over all if too few are.
+    def weights(self, outcomes: PlanOutcomes, budget: Budget) -> Tensor:
+        """Weights [N, S]: w ∝ exp(β G) over the feasible candidates, or exp(-β_c C) over all if too few are feasible.
 
-        Standardised, several costs are summed in budgets, so that none outweighs another by its size; else as they are.
+        With `standardise_returns`, several costs are summed in units of their budgets, so that no size matters.
         """
-        config, returns, costs = self.config, futures.returns, futures.costs
+        config, returns, costs = self.config, outcomes.returns, outcomes.costs
         feasible = (costs <= budget.costs).all(-1)
         if config.standardise_returns:
             total = planning.standardised_rows(planning.in_budgets(costs, budget.costs), torch.ones_like(feasible))
@@ -127,21 +121,23 @@ class SafeARC:
         )
 
     def value(self) -> Value | None:
-        """E_a[min Q(s_H, a)] under the actor, for numbers at its middle, or min Q at the action before with
-        `stale_action_value`, in units of the reward."""
+        """Terminal value E_a[min Q(s_H, a)] under the actor, in units of the reward.
+
+        Continuous actions use the actor's mode; `stale_action_value` uses the action that led to s_H instead.
+        """
         if self.config.stale_action_value:
             return lambda obs, before: self.soft.action_value(obs, before) * self.unit
         return lambda obs, _: self.soft.value(obs) * self.unit
 
     def proposals(self, frozen: FrozenEnsemble, start: Tensor, generator: torch.Generator) -> Tensor | None:
-        """What the actor would do [N, G, H, A], in each model."""
+        """Raw actions of the actor in rollouts of each model [N, G, H, A]; None if `proposals` is 0."""
         if not self.config.proposals:
             return None
         return rollout_policy(
             frozen,
             start,
             self.actions,
-            lambda obs: self.soft.drawn(obs, generator),
+            lambda obs: self.soft.sample(obs, generator),
             self.config.proposals,
             self.config.sizes.horizon,
             generator,
@@ -152,13 +148,13 @@ METHODS["SafeLOOP"] = (SafeLOOPConfig, SafeARC)
 
 
 def actor_loss(values: Tensor, entropy: Tensor, alpha: Tensor) -> Tensor:
-    """L = -E_s[E_a[min Q(s, a)] + α H(s)]: what the actor minimises, from one number per state [B] each (Haarnoja et
-    al. 2018, equation 12). It knows no cost: what keeps the limit is the planner."""
+    """Loss of the actor [], L = -E_s[E_a[min Q(s, a)] + α H(s)], from values and entropy [B] (Haarnoja et al. 2018,
+    equation 12). It contains no cost: the planner alone enforces the cost limit."""
     return -(values + alpha * entropy).mean()
 
 
 class SafeLOOP:
-    """SafeLOOP at work."""
+    """SafeLOOP: acts by planning, fits the model, and trains actor, critics and α."""
 
     resets = False
 
@@ -168,7 +164,7 @@ class SafeLOOP:
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
         method = self.policy.method
         assert isinstance(method, SafeARC)
-        self.method, self.soft, self.slow = method, method.soft, copy.deepcopy(method.soft.critics)
+        self.method, self.soft, self.target_critics = method, method.soft, copy.deepcopy(method.soft.critics)
         log_alpha = torch.tensor(max(config.alpha, 1e-30), device=task.device).log()
         self.log_alpha = log_alpha.requires_grad_(config.auto_alpha)
         self.actor_optimiser = Adam(self.soft.actor.parameters(), config.learning_rate)
@@ -176,30 +172,30 @@ class SafeLOOP:
         self.alpha_optimiser = Adam([self.log_alpha], config.alpha_learning_rate)
 
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Raw actions [N, A]: planned, or at random at first."""
+        """Raw actions [N, A]: random for the first `random_steps`, then planned."""
         return self.agent.act(obs, fresh)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
-        """Keep the rollout's steps, fit the model, then critics and actor; returns the metrics, if they are due."""
+        """Store the rollout, fit the model, train critics and actor; returns the metrics, empty when none are due."""
         self.agent.learn(rollout)
         for batch in self.agent.critic_batches():
             self._step(batch)
         return self.agent.report(feedback)
 
     def _step(self, batch: Batch) -> None:
-        """One gradient step of the critics, the actor and α."""
+        """Take one gradient step of the critics, the actor and α."""
         ensemble, soft, alpha = self.policy.ensemble, self.soft, self.log_alpha.detach().exp()
-        obs, generator = ensemble.seen(batch.obs), self.agent.generator
+        obs, generator = ensemble.normalised(batch.obs), self.agent.generator
         with torch.no_grad():
-            after = soft.next_values(self.slow, ensemble.seen(batch.next_obs), alpha, generator)
+            next_v = soft.next_values(self.target_critics, ensemble.normalised(batch.next_obs), alpha, generator)
             target = advantages.td_target(
                 (batch.rewards / self.method.unit).unsqueeze(0),
                 (~batch.terminated).float(),
-                after.unsqueeze(0),
-                after.new_tensor([[self.config.discount]]),
+                next_v.unsqueeze(0),
+                next_v.new_tensor([[self.config.discount]]),
             )
-        said = soft.q_values(obs, batch.actions)
-        errors = losses.squared_error(said, target.expand_as(said))
+        q_values = soft.q_values(obs, batch.actions)
+        errors = losses.squared_error(q_values, target.expand_as(q_values))
         _descend(self.optimiser, errors.sum())
         values, entropy = soft.objective(obs, generator)
         loss = actor_loss(values, entropy, alpha)
@@ -208,22 +204,22 @@ class SafeLOOP:
             _descend(self.alpha_optimiser, losses.temperature(self.log_alpha, entropy, soft.target_entropy))
         else:
             self.log_alpha += math.log(self.config.alpha_decay)
-        self.slow.flat.data.lerp_(soft.critics.flat.detach(), self.config.target_rate)
+        self.target_critics.flat.data.lerp_(soft.critics.flat.detach(), self.config.target_rate)
         self.agent.log(
             value_loss=errors.detach().mean(),
-            value=said.detach().mean(),
+            value=q_values.detach().mean(),
             actor_loss=loss.detach(),
             entropy=entropy.detach().mean(),
             alpha=alpha,
         )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Cost limits that bind nothing."""
+        """Warnings about cost limits that no episode exceeds."""
         return limit_warnings(self.config.limits, feedback)
 
     def state(self) -> dict[str, Any]:
         return self.agent.state() | {
-            "slow": module_state(self.slow),
+            "slow": module_state(self.target_critics),
             "log_alpha": array_of(self.log_alpha),
             "optimiser": self.optimiser.state(),
             "actor_optimiser": self.actor_optimiser.state(),
@@ -232,7 +228,7 @@ class SafeLOOP:
 
     def load_state(self, state: dict[str, Any]) -> None:
         self.agent.load_state(state)
-        load_module(self.slow, state["slow"])
+        load_module(self.target_critics, state["slow"])
         with torch.no_grad():
             self.log_alpha.copy_(tensor_of(state["log_alpha"], CPU))
         self.optimiser.load_state(state["optimiser"])
@@ -241,7 +237,7 @@ class SafeLOOP:
 
 
 def _descend(optimiser: Adam, loss: Tensor) -> None:
-    """One step down the gradient of a scalar."""
+    """Take one optimiser step that reduces a scalar loss."""
     optimiser.zero_grad()
     loss.backward()
     optimiser.step()

@@ -1,7 +1,7 @@
-"""Soft actor-critic of a planner: terminal values, sampled actions, and the terms of its losses. Discrete actions use
-exact expectations, continuous ones samples.
+"""Soft actor-critic of a planner: terminal values, sampled actions and the terms of its losses.
 
-Letters: R rows, B states of a batch, J joint actions.
+Expectations over discrete actions are exact sums; over continuous actions they use one sample. Dimensions: R rows, B
+states of a batch, J joint actions.
 """
 
 import math
@@ -17,8 +17,8 @@ from thalweg.algos.policy.mlp import StackedMLP
 from thalweg.algos.policy.networks import Actor, NetworkShape
 
 
-class SoftConfig(Protocol):
-    """What it asks of a config."""
+class SoftActorCriticConfig(Protocol):
+    """Config fields that the soft actor-critic needs."""
 
     @property
     def hidden(self) -> tuple[int, ...]: ...
@@ -28,11 +28,13 @@ class SoftConfig(Protocol):
     def entropy_per_number(self) -> float: ...
 
 
-class Exact:
-    """Choices: critics say one number for each of the J joint actions, and expectations are sums."""
+class DiscreteSoftActorCritic:
+    """Soft actor-critic for discrete actions: critics output one value per joint action, and expectations are sums."""
 
-    def __init__(self, actions: Actions, config: SoftConfig, inputs: int, generator: torch.Generator) -> None:
-        """Raises `AlgorithmError` for more joint actions than can be summed over."""
+    def __init__(
+        self, actions: Actions, config: SoftActorCriticConfig, inputs: int, generator: torch.Generator
+    ) -> None:
+        """Raises `AlgorithmError` if there are too many joint actions for exact sums."""
         count = actions.joint_count("SafeLOOP")
         self.actions, shape = actions, NetworkShape(config.hidden, "relu")
         self.actor = Actor(inputs, actions, shape, generator)
@@ -46,23 +48,23 @@ class Exact:
 
     def action_value(self, obs: Tensor, raw: Tensor) -> Tensor:
         """min Q(s, a) [R] of raw actions [R, A]."""
-        return _chosen(self.critics(obs).amin(0), joint_actions.numbers(raw, self.actions.sizes))
+        return _select(self.critics(obs).amin(0), joint_actions.numbers(raw, self.actions.sizes))
 
-    def drawn(self, obs: Tensor, generator: torch.Generator) -> Tensor:
-        """Raw actions [R, A] of the actor."""
+    def sample(self, obs: Tensor, generator: torch.Generator) -> Tensor:
+        """Sample raw actions [R, A] from the actor."""
         return self._policy(obs).sample(generator)
 
-    def next_values(self, slow: StackedMLP, obs: Tensor, alpha: Tensor, generator: torch.Generator) -> Tensor:
+    def next_values(self, target_critics: StackedMLP, obs: Tensor, alpha: Tensor, generator: torch.Generator) -> Tensor:
         """V(s') [B] = Σ_a π(a|s') (min Q'(s', a) - α log π(a|s'))."""
         log_p = self._log_p(obs)
-        return joint_actions.expectation(log_p, slow(obs).amin(0) - alpha * log_p)
+        return joint_actions.expectation(log_p, target_critics(obs).amin(0) - alpha * log_p)
 
     def q_values(self, obs: Tensor, raw: Tensor) -> Tensor:
         """Q(s, a) [2, B] of raw actions [B, A]."""
-        return _chosen(self.critics(obs), joint_actions.numbers(raw, self.actions.sizes))
+        return _select(self.critics(obs), joint_actions.numbers(raw, self.actions.sizes))
 
     def objective(self, obs: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """E_a[min Q(s, a)] [B] and H(s) [B] with the actor's gradient."""
+        """E_a[min Q(s, a)] [B] and the entropy H(s) [B], with the actor's gradient."""
         log_p = self._log_p(obs)
         return joint_actions.expectation(log_p, self.critics(obs, frozen=True).amin(0)), -joint_actions.expectation(
             log_p, log_p
@@ -76,39 +78,41 @@ class Exact:
         return joint_actions.log_prob(self._policy(obs).log_p, self._selected)
 
 
-class Sampled:
-    """Numbers: critics see the action, and an expectation is one draw."""
+class ContinuousSoftActorCritic:
+    """Soft actor-critic for continuous actions: critics take the action as input, and expectations use one sample."""
 
-    def __init__(self, actions: Actions, config: SoftConfig, inputs: int, generator: torch.Generator) -> None:
+    def __init__(
+        self, actions: Actions, config: SoftActorCriticConfig, inputs: int, generator: torch.Generator
+    ) -> None:
         self.actions, shape = actions, NetworkShape(config.hidden, "relu")
         self.actor = Actor(inputs, actions, shape, generator)
         self.critics = StackedMLP(2, inputs + actions.count, shape.hidden, 1, activation="relu", generator=generator)
         self.target_entropy = config.entropy_per_number * actions.count
 
     def value(self, obs: Tensor) -> Tensor:
-        """min Q(s, tanh μ) [R]: at the actor's middle, for normalised observations [R, K * D]."""
+        """min Q(s, tanh μ) [R] at the actor's mode, for normalised observations [R, K * D]."""
         return self.action_value(obs, self._policy(obs).mode())
 
     def action_value(self, obs: Tensor, raw: Tensor) -> Tensor:
         """min Q(s, a) [R] of raw actions [R, A]."""
         return self.q_values(obs, raw).amin(0)
 
-    def drawn(self, obs: Tensor, generator: torch.Generator) -> Tensor:
-        """Raw actions [R, A] of the actor."""
+    def sample(self, obs: Tensor, generator: torch.Generator) -> Tensor:
+        """Sample raw actions [R, A] from the actor."""
         return self._policy(obs).sample(generator)
 
-    def next_values(self, slow: StackedMLP, obs: Tensor, alpha: Tensor, generator: torch.Generator) -> Tensor:
-        """V(s') [B] = min Q'(s', a') - α log π(a'|s'), a' drawn from the actor."""
+    def next_values(self, target_critics: StackedMLP, obs: Tensor, alpha: Tensor, generator: torch.Generator) -> Tensor:
+        """V(s') [B] = min Q'(s', a') - α log π(a'|s'), with a' sampled from the actor."""
         raw, log_prob = self._policy(obs).rsample(generator)
         pairs = torch.cat([obs, self.actions.quantised(raw)], -1)
-        return slow(pairs).squeeze(-1).amin(0) - alpha * log_prob
+        return target_critics(pairs).squeeze(-1).amin(0) - alpha * log_prob
 
     def q_values(self, obs: Tensor, raw: Tensor) -> Tensor:
-        """Q(s, a) [2, B] of raw actions [B, A]: of what was executed."""
+        """Q(s, a) [2, B] of the executed actions, given as raw actions [B, A]."""
         return self.critics(torch.cat([obs, self.actions.quantised(raw)], -1)).squeeze(-1)
 
     def objective(self, obs: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """min Q(s, a) and -log π(a|s) [B] of one draw that carries the actor's gradient."""
+        """min Q(s, a) [B] and -log π(a|s) [B] of one reparameterised sample, with the actor's gradient."""
         raw, log_prob = self._policy(obs).rsample(generator)
         return self.critics(torch.cat([obs, raw], -1), frozen=True).squeeze(-1).amin(0), -log_prob
 
@@ -116,11 +120,15 @@ class Sampled:
         return SquashedGaussian(*self.actor(obs).chunk(2, dim=-1))
 
 
-def soft_actor_critic(actions: Actions, config: SoftConfig, inputs: int, generator: torch.Generator) -> Exact | Sampled:
-    """Of the kind that the actions have, for observations of so many numbers."""
-    return (Exact if actions.kind == "categorical" else Sampled)(actions, config, inputs, generator)
+def soft_actor_critic(
+    actions: Actions, config: SoftActorCriticConfig, inputs: int, generator: torch.Generator
+) -> DiscreteSoftActorCritic | ContinuousSoftActorCritic:
+    """The soft actor-critic for an action space and observations of `inputs` numbers."""
+    return (DiscreteSoftActorCritic if actions.kind == "categorical" else ContinuousSoftActorCritic)(
+        actions, config, inputs, generator
+    )
 
 
-def _chosen(values: Tensor, numbers: Tensor) -> Tensor:
-    """[..., B] of values [..., B, J], at the joint actions of those numbers [B]."""
+def _select(values: Tensor, numbers: Tensor) -> Tensor:
+    """Select from values [..., B, J] those of the joint actions with indices [B]; returns [..., B]."""
     return values.gather(-1, numbers.expand(values.shape[:-1]).unsqueeze(-1)).squeeze(-1)

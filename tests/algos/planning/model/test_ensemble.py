@@ -1,4 +1,4 @@
-"""The model: its losses by hand, what it learns of a system that is known, and its copy for imagination."""
+"""Tests of the ensemble: losses by hand, fitting of a known system, and the frozen copy for imagined rollouts."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch.nn.functional import softplus
 
-from tests.algos.planning.made import BOX, OPTIONS, ensemble_for, generator, raw_actions
+from tests.algos.planning.planning_fixtures import BOX, OPTIONS, ensemble_for, generator, raw_actions
 from thalweg.algos.planning.ccepets import CCEPETSConfig
 from thalweg.algos.planning.model.ensemble import Ensemble, FrozenEnsemble, action_feature_count, action_features
 from thalweg.algos.planning.model.fitting import Fitter, _decays
@@ -28,7 +28,7 @@ def batch_for(ensemble: Ensemble, count: int = 5, seed: int = 0, costs: int = 1)
     )
 
 
-def test_options_become_ones_and_numbers_what_was_executed():
+def test_features_are_one_hot_or_the_executed_numbers():
     options = action_features(actions_of(OPTIONS), torch.tensor([[2, 0], [0, 1]]))
     assert options.tolist() == [[0, 0, 1, 1, 0], [1, 0, 0, 0, 1]]
     raw = torch.tensor([[0.4, -0.9]])
@@ -38,14 +38,14 @@ def test_options_become_ones_and_numbers_what_was_executed():
     assert [action_feature_count(actions_of(OPTIONS)), action_feature_count(actions_of(BOX))] == [5, 2]
 
 
-def test_the_losses_by_hand():
+def test_losses_equal_hand_computed_values():
     """One row at a time, with the soft clamps and cross-entropies written out in float64."""
     ensemble = ensemble_for(costs=2)
     batch = batch_for(ensemble, costs=2)
     ensemble.counts = torch.tensor([100.0, 20.0, 50.0, 5.0], dtype=torch.float64)  # w = 4, 1 and 10, of 19
     with torch.no_grad():
         found = ensemble.losses(batch, 10.0).double()
-        x = torch.cat([ensemble.seen(batch.obs), action_features(ensemble.actions, batch.actions)], -1)
+        x = torch.cat([ensemble.normalised(batch.obs), action_features(ensemble.actions, batch.actions)], -1)
         out = ensemble.stack.reference(x).double()
         low, high = ensemble.bounds.double()
     sums = torch.zeros(4, 4, dtype=torch.float64)
@@ -67,7 +67,7 @@ def test_the_losses_by_hand():
     assert torch.allclose(found, sums / 5, atol=1e-4)
 
 
-def test_the_state_after_an_end_is_not_asked_for():
+def test_state_loss_ignores_frames_after_a_termination():
     ensemble = ensemble_for()
     batch = batch_for(ensemble)
     other = replace(batch, next_frame=torch.where(batch.terminated.unsqueeze(-1), 1e3, batch.next_frame))
@@ -76,9 +76,9 @@ def test_the_state_after_an_end_is_not_asked_for():
 
 
 @pytest.mark.parametrize("costs", [[0.0, 0.2], [0.0, 1.0, 0.2], [-1.0, 3.0], [0.5, 0.5]])
-def test_a_cost_of_any_size_has_its_place_between_the_smallest_and_the_largest(costs):
+def test_cost_shares_span_the_range_of_costs(costs):
     ensemble = ensemble_for()
-    ensemble.ranges, ensemble._seen = torch.tensor([[0.0], [1.0]]), torch.zeros(2, 1)
+    ensemble.ranges, ensemble._cost_extremes = torch.tensor([[0.0], [1.0]]), torch.zeros(2, 1)
     batch = batch_for(ensemble, len(costs))
     ensemble.update_statistics(replace(batch, costs=torch.tensor(costs).unsqueeze(1)))
     low, high = ensemble.ranges
@@ -87,14 +87,14 @@ def test_a_cost_of_any_size_has_its_place_between_the_smallest_and_the_largest(c
     assert back.flatten().tolist() == pytest.approx(costs)
 
 
-def test_the_copy_for_imagination_gives_what_the_model_means():
+def test_frozen_ensemble_equals_the_ensemble():
     ensemble = ensemble_for(costs=2)
     frozen, batch = FrozenEnsemble(ensemble), batch_for(ensemble, 6, costs=2)
-    seen, features = ensemble.seen(batch.obs), action_features(ensemble.actions, batch.actions)
+    seen, features = ensemble.normalised(batch.obs), action_features(ensemble.actions, batch.actions)
     with torch.no_grad():
         plain = ensemble.stack.reference(torch.cat([seen, features], -1))
     fast = frozen.dense(torch.cat([seen, features], -1).expand(4, -1, -1).contiguous())
-    mean, reward, raw, cost, end = ensemble.layout.parts
+    mean, reward, raw, cost, end = ensemble.layout.slices
     deviation = (ensemble.observed.square / ensemble.observed.count).sqrt().float()
     change = (plain[..., mean] * ensemble.change.std + ensemble.change.mean) / deviation
     assert torch.allclose(fast[..., mean], change, atol=1e-4)
@@ -104,14 +104,14 @@ def test_the_copy_for_imagination_gives_what_the_model_means():
     low, high = ensemble.bounds.detach()
     clamped = low + softplus(high - softplus(high - plain[..., raw]) - low)
     variance = clamped.exp() * (ensemble.change.std / deviation) ** 2
-    assert torch.allclose(frozen.least + frozen.most * fast[..., raw].sigmoid(), variance, rtol=1e-3)
+    assert torch.allclose(frozen.min_variance + frozen.variance_scale * fast[..., raw].sigmoid(), variance, rtol=1e-3)
 
 
-def test_what_models_expect_is_the_mean_of_their_probabilities_not_of_their_logits():
+def test_expected_costs_are_mean_probabilities_not_mean_logits():
     ensemble = ensemble_for(members=5)
     ensemble.stack.flat.data.zero_()
     *_, (_, bias) = ensemble.stack.layers
-    _, reward, _, cost, end = ensemble.layout.parts
+    _, reward, _, cost, end = ensemble.layout.slices
     logits = torch.tensor([-6.0, -6.0, -6.0, -6.0, 2.0]).view(5, 1, 1)
     bias[..., cost], bias[..., end], bias[..., reward] = logits, logits, torch.arange(5.0).view(5, 1, 1)
     expected, error = ensemble.expected(batch := batch_for(ensemble))
@@ -122,7 +122,7 @@ def test_what_models_expect_is_the_mean_of_their_probabilities_not_of_their_logi
     assert float(error) == pytest.approx(float(change[~batch.terminated].square().mean()), rel=1e-5)
 
 
-def test_the_bounds_of_the_variance_are_drawn_together_unless_they_are_fixed():
+def test_variance_bounds_are_learned_unless_fixed():
     for fixed in (False, True):
         ensemble, replay = ensemble_for(), ReplayBuffer(100, 0.1)
         replay.add(batch_for(ensemble, 50))
@@ -132,7 +132,7 @@ def test_the_bounds_of_the_variance_are_drawn_together_unless_they_are_fixed():
         assert torch.equal(ensemble.bounds, before) is fixed
 
 
-def test_weights_decay_more_towards_the_last_layer_and_biases_not_at_all():
+def test_weight_decay_rises_towards_the_last_layer_and_is_zero_for_biases():
     ensemble = ensemble_for(hidden=(16, 16))
     parts = layers_of(_decays(ensemble, 0.4), ensemble.stack.count, ensemble.stack.sizes)
     assert [float(w.unique()) for w, _ in parts] == pytest.approx([0.1, 0.25, 0.4])
@@ -154,7 +154,7 @@ def risk(x: torch.Tensor) -> torch.Tensor:
 
 
 @pytest.mark.slow
-def test_it_fits_a_linear_gaussian_system_with_a_cost_at_its_end():
+def test_fits_a_linear_gaussian_system_with_a_terminal_cost():
     ensemble = Ensemble(2, 1, actions_of(BOX, "native", "squashed"), 1, 3, (48, 48), generator())
     replay, config = ReplayBuffer(20_000, 0.05), CCEPETSConfig(model_steps=2500, minibatch=256)
     train, test = system(8000, 1), system(4000, 2)
@@ -162,14 +162,16 @@ def test_it_fits_a_linear_gaussian_system_with_a_cost_at_its_end():
     replay.add(train)
     Fitter(ensemble, config, generator()).fit(replay, 1)
     frozen = FrozenEnsemble(ensemble)
-    x = torch.cat([ensemble.seen(test.obs), test.actions], -1).expand(3, -1, -1).contiguous()
+    x = torch.cat([ensemble.normalised(test.obs), test.actions], -1).expand(3, -1, -1).contiguous()
     out = frozen.dense(x)
-    mean, reward, raw, cost, end = ensemble.layout.parts
+    mean, reward, raw, cost, end = ensemble.layout.slices
     change = out[..., mean].mean(0) / ensemble.observed.scale
     exact = (0.9 * test.obs + 0.2 * test.actions) - test.obs
     assert float((change - exact).square().mean().sqrt()) < 0.02
     assert float((out[..., reward].mean(0).squeeze() - test.rewards).abs().mean()) < 0.03
-    variance = (frozen.least + frozen.most * out[..., raw].sigmoid()).mean(0) / ensemble.observed.scale**2
+    variance = (frozen.min_variance + frozen.variance_scale * out[..., raw].sigmoid()).mean(
+        0
+    ) / ensemble.observed.scale**2
     assert float(variance.mean().sqrt()) == pytest.approx(0.05, rel=0.1)
     probability = out[..., end].sigmoid().mean(0).squeeze()
     assert float(probability.mean()) == pytest.approx(float(risk(test.obs).mean()), rel=0.25)
@@ -178,7 +180,7 @@ def test_it_fits_a_linear_gaussian_system_with_a_cost_at_its_end():
     assert float(expected.mean()) == pytest.approx(2 * float(risk(test.obs).mean()), rel=0.25)
 
 
-def test_a_refit_stops_when_nothing_is_gained_and_waits_for_its_steps():
+def test_refit_waits_for_its_steps_and_stops_without_improvement():
     ensemble, replay = ensemble_for(), ReplayBuffer(100, 0.2)
     replay.add(batch_for(ensemble, 60))
     config = CCEPETSConfig(fitting="refit", refit_steps=10, refit_patience=2, model_learning_rate=0.0, minibatch=16)
@@ -193,7 +195,7 @@ def test_a_refit_stops_when_nothing_is_gained_and_waits_for_its_steps():
     assert fitter.fit(replay, 9) is None
 
 
-def test_refits_come_every_so_many_steps_whatever_the_collections():
+def test_refit_interval_does_not_depend_on_collections():
     ensemble, replay = ensemble_for(), ReplayBuffer(100, 0.2)
     replay.add(batch_for(ensemble, 20))
     config = CCEPETSConfig(fitting="refit", refit_steps=10, refit_patience=1, model_learning_rate=0.0)
@@ -203,7 +205,7 @@ def test_refits_come_every_so_many_steps_whatever_the_collections():
     assert fitter.fit(replay, 35) is not None and fitter.fit(replay, 4) is None  # 75, 79: once, not thrice
 
 
-def test_from_its_state_the_model_goes_on_alike():
+def test_restored_ensemble_resumes_identically():
     one, two, replay = ensemble_for(), ensemble_for(), ReplayBuffer(100, 0.1)
     replay.add(batch_for(one, 50))
     config = CCEPETSConfig(model_steps=3, minibatch=8)

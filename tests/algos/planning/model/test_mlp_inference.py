@@ -1,11 +1,11 @@
-"""Are the fast products the plain ones?"""
+"""Tests of fast inference and of the gradients of stacked perceptrons against plain products and autograd."""
 
 import pytest
 import torch
 
-from tests.algos.planning.made import ensemble_for, generator
+from tests.algos.planning.planning_fixtures import ensemble_for, generator
 from thalweg.algos.planning.model.mlp_inference import FEW_ROWS, ROWS_AT_ONCE, MLPInference
-from thalweg.algos.policy import mlp_autograd as chain
+from thalweg.algos.policy import mlp_autograd
 from thalweg.algos.policy.mlp import StackedMLP
 
 
@@ -14,22 +14,22 @@ def stack_of() -> StackedMLP:
 
 
 @pytest.mark.parametrize("rows", [1, FEW_ROWS, FEW_ROWS + 1, ROWS_AT_ONCE + 5])
-def test_fast_products_are_the_plain_ones(rows: int):
+def test_fused_products_equal_plain_ones(rows: int):
     stack, x = stack_of(), torch.randn(3, rows, 5, generator=generator(1))
     with torch.no_grad():
         wanted = stack.reference(x)
     assert torch.allclose(MLPInference(stack.layers)(x), wanted, atol=1e-5)
 
 
-def test_without_onednn_they_are_too(monkeypatch):
-    monkeypatch.setattr(chain, "FUSED_LINEAR", None)
+def test_products_without_onednn_equal_plain_ones(monkeypatch):
+    monkeypatch.setattr(mlp_autograd, "FUSED_LINEAR", None)
     stack, x = stack_of(), torch.randn(3, 300, 5, generator=generator(1))
     with torch.no_grad():
         wanted = stack.reference(x)
     assert torch.allclose(MLPInference(stack.layers)(x), wanted, atol=1e-5)
 
 
-def test_bfloat16_is_near_and_gives_float32():
+def test_bfloat16_is_close_and_returns_float32():
     stack, x = stack_of(), torch.randn(3, 300, 5, generator=generator(1))
     with torch.no_grad():
         wanted = stack.reference(x)
@@ -37,7 +37,7 @@ def test_bfloat16_is_near_and_gives_float32():
     assert found.dtype == torch.float32 and 0 < float((found - wanted).abs().max()) < 0.05
 
 
-def test_it_is_a_copy():
+def test_inference_copies_the_weights():
     stack, x = stack_of(), torch.randn(3, 4, 5, generator=generator(1))
     copied = MLPInference(stack.layers)
     before = copied(x)
@@ -46,7 +46,7 @@ def test_it_is_a_copy():
 
 
 @pytest.mark.parametrize("activation", ["tanh", "relu", "swish"])
-def test_the_written_gradient_is_the_recorded_one(activation):
+def test_explicit_gradient_equals_autograd(activation):
     stack = StackedMLP(3, 5, (7, 6), 4, generator=generator(), activation=activation, initial="truncated").double()
     x = torch.randn(3, 9, 5, dtype=torch.float64, generator=generator(1)).requires_grad_()
     found = []
@@ -59,13 +59,13 @@ def test_the_written_gradient_is_the_recorded_one(activation):
         assert torch.allclose(ours, theirs, atol=1e-12)
 
 
-def test_truncated_weights_lie_within_two_deviations_and_biases_are_zero():
+def test_truncated_weights_lie_within_two_standard_deviations_and_biases_are_zero():
     stack = StackedMLP(2, 100, (50,), 3, generator=generator(), initial="truncated")
     (weight, bias), _ = stack.layers
     assert float(weight.abs().max()) <= 0.1 and float(weight.std()) == pytest.approx(0.05 * 0.88, rel=0.03)
     assert bias.abs().sum() == 0
 
 
-def test_an_ensemble_has_what_its_layout_says():
+def test_network_sizes_match_the_output_layout():
     ensemble = ensemble_for(costs=2)
     assert ensemble.stack.sizes == (3 + 5, 16, 16, 2 * 3 + 2 + 2)

@@ -14,14 +14,14 @@ from thalweg.algos.planning.model.ensemble import Ensemble
 from thalweg.algos.planning.model.transitions import ReplayBuffer
 from thalweg.algos.policy.mlp_autograd import layers_of
 
-GAIN = 0.01
-"""Of the loss held out, relative, that counts as getting better."""
-MOST_EPOCHS = 100
-"""Of one refit."""
+MIN_IMPROVEMENT = 0.01
+"""Least relative decrease of the held-out loss that counts as an improvement."""
+MAX_EPOCHS = 100
+"""Upper bound of the epochs of one refit."""
 
 
 class Fitter:
-    """Adam and the weight decay of each layer."""
+    """Optimiser of the ensemble: Adam with a weight decay that differs between layers."""
 
     def __init__(self, ensemble: Ensemble, config: PlanningConfig, generator: torch.Generator) -> None:
         self.ensemble, self.config, self.generator = ensemble, config, generator
@@ -31,8 +31,10 @@ class Fitter:
         self._since_refit = 0
 
     def fit(self, replay: ReplayBuffer, new_steps: int) -> Tensor | None:
-        """Learn as the config says after so many new steps; returns the mean loss of each head [4] over the gradient
-        steps, None if there were none."""
+        """Fit the ensemble after `new_steps` environment steps, as `fitting` in the config says.
+
+        Returns the mean loss of each head [4] over the gradient steps, None if there were none.
+        """
         self._since_refit += new_steps
         if not replay.size:
             return None
@@ -45,34 +47,39 @@ class Fitter:
 
     @torch.no_grad()
     def held_out(self, replay: ReplayBuffer) -> Tensor:
-        """Loss of each head [4, M] on the steps held out."""
+        """Loss of each head [4, M] on the held-out transitions."""
         return self.ensemble.losses(replay.held_out(), 1.0)
 
     def _steady(self, replay: ReplayBuffer) -> list[Tensor]:
+        """Take `model_steps` gradient steps on random minibatches, one per model."""
         shape = (self.ensemble.stack.count, self.config.minibatch)
-        return [self._step(replay, replay.places(shape, self.generator)) for _ in range(self.config.model_steps)]
+        return [
+            self._step(replay, replay.sample_indices(shape, self.generator)) for _ in range(self.config.model_steps)
+        ]
 
     def _refit(self, replay: ReplayBuffer) -> list[Tensor]:
-        """Epochs over the whole replay, each model in an order of its own, until none has gained for a while."""
+        """Run epochs over the replay buffer, each model in its own order, until no held-out loss improves any more."""
         members, log = self.ensemble.stack.count, []
-        fitted = replay.fitted()
-        device, patience = fitted.device, self.config.refit_patience
+        training = replay.training_indices()
+        device, patience = training.device, self.config.refit_patience
         best = torch.full((members,), torch.inf, device=device)
-        for _ in range(MOST_EPOCHS):
-            drawn = [torch.randperm(len(fitted), generator=self.generator, device=device) for _ in range(members)]
-            orders = [fitted[order] for order in drawn]
-            log += [self._step(replay, places) for places in torch.stack(orders).split(self.config.minibatch, 1)]
+        for _ in range(MAX_EPOCHS):
+            permutations = [
+                torch.randperm(len(training), generator=self.generator, device=device) for _ in range(members)
+            ]
+            orders = [training[order] for order in permutations]
+            log += [self._step(replay, indices) for indices in torch.stack(orders).split(self.config.minibatch, 1)]
             error = self.held_out(replay).sum(0)
-            better = best.isinf() | (best - error > GAIN * best.abs())
+            better = best.isinf() | (best - error > MIN_IMPROVEMENT * best.abs())
             best = torch.where(better, error, best)
             patience = self.config.refit_patience if better.any() else patience - 1
             if patience == 0:
                 break
         return log
 
-    def _step(self, replay: ReplayBuffer, places: Tensor) -> Tensor:
-        """One gradient step on the transitions at places [M, B]; returns the losses [4]."""
-        losses = self.ensemble.losses(replay.rows(places), self.config.rarity)
+    def _step(self, replay: ReplayBuffer, indices: Tensor) -> Tensor:
+        """Take one gradient step on the transitions with indices [M, B]; returns the losses [4]."""
+        losses = self.ensemble.losses(replay.rows(indices), self.config.rarity)
         self.optimiser.zero_grad()
         (losses.sum() + self.ensemble.bounds_loss()).backward()
         flat = self.ensemble.stack.flat
@@ -86,18 +93,20 @@ class Fitter:
         return torch.stack(log).mean(0) if log else None
 
     def state(self) -> dict[str, Any]:
-        """What it remembers."""
+        """Optimiser state and steps since the last refit."""
         return {"optimiser": self.optimiser.state(), "since_refit": self._since_refit}
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """The inverse of `state`."""
+        """Restore what `state` returned."""
         self.optimiser.load_state(state["optimiser"])
         self._since_refit = int(state["since_refit"])
 
 
 def _decays(ensemble: Ensemble, last: float) -> Tensor:
-    """Weight decay of each number of the stack's vector: a quarter of `last` in the first layer, rising to it by equal
-    steps; none of biases. In the code of Chua et al. 2018 it rises as well, by steps chosen for each task."""
+    """Weight decay of each parameter: 0 for biases, and from a quarter of `last` in the first layer linearly to `last`.
+
+    It rises in the code of Chua et al. 2018 as well, in steps chosen for each task.
+    """
     sizes, count = ensemble.stack.sizes, ensemble.stack.count
     decays = torch.zeros_like(ensemble.stack.flat.detach())
     shares = np.linspace(0.25, 1.0, len(list(itertools.pairwise(sizes))))

@@ -1,7 +1,7 @@
-"""Transitions of rollouts and their replay buffer, which a model is fitted to.
+"""Transitions of rollouts, and the replay buffer of transitions that the model is fitted to.
 
-What is kept are observations of numbers (latents on the river), never images. Letters: T steps, N environments, B
-transitions, K frames seen side by side of D numbers each, A numbers of a raw action, C costs.
+Observations are vectors (latents on the river), never images. Dimensions: T steps, N environments, B transitions, K
+stacked frames of D numbers, A numbers of a raw action, C costs.
 """
 
 from dataclasses import dataclass
@@ -16,41 +16,41 @@ from thalweg.algos.interface import Rollout
 
 @dataclass(frozen=True)
 class Batch:
-    """B transitions; or B for each of M models, with a dimension more in front."""
+    """B transitions, or [M, B] transitions for M models."""
 
     obs: Tensor
-    """[B, K * D], raw."""
+    """[B, K * D], not normalised."""
     actions: Tensor
-    """[B, A], raw."""
+    """[B, A], raw actions."""
     rewards: Tensor
-    """[B], of all steps that the decision was carried out for."""
+    """[B], sums over the steps that the action was repeated for."""
     costs: Tensor
-    """[B, C]."""
+    """[B, C], sums over the same steps."""
     next_frame: Tensor
-    """[B, D], the newest frame afterwards: the last one of an episode that ended, whichever way."""
+    """[B, D], newest frame after the transition; at the end of an episode its final frame, not that of the reset."""
     terminated: Tensor
-    """[B] bool: nothing comes after. Not where the clock ran out."""
+    """[B] bool; False for truncated episodes."""
 
     @property
     def next_obs(self) -> Tensor:
-        """[B, K * D]."""
+        """[B, K * D], observations after the transitions."""
         return torch.cat([self.obs[..., self.next_frame.shape[-1] :], self.next_frame], -1)
 
 
 class TransitionBuilder:
-    """Makes transitions of the steps of rollouts; with an action repeat, each of several steps."""
+    """Converts the steps of rollouts to transitions; with an action repeat, a transition spans several steps."""
 
     def __init__(self, num_envs: int, repeat: int, *, drop_terminal: bool, device: torch.device = CPU) -> None:
         self.num_envs, self.repeat, self.drop_terminal = num_envs, repeat, drop_terminal
         self._count = torch.zeros(num_envs, dtype=torch.int64, device=device)
-        """[N] steps since the decision that is being carried out."""
-        self._begun: dict[str, Tensor] = {}
-        """What was seen and done then, and sums since: obs [N, K * D], actions [N, A], rewards [N], costs [N, C]."""
+        """[N], steps of the pending transition so far."""
+        self._pending: dict[str, Tensor] = {}
+        """Pending transitions: first obs [N, K * D] and actions [N, A], summed rewards [N] and costs [N, C]."""
 
     def transitions(self, rollout: Rollout, frame: int) -> Batch:
-        """Every decision of which the last step lies in the rollout, in order; `frame`: D.
+        """Transitions whose last step lies in the rollout, in order; `frame` is D.
 
-        A step that only reset an environment is none.
+        Steps that only reset an environment are skipped.
         """
         next_frames = rollout.obs[1:, :, -frame:].clone()
         next_frames.flatten(0, 1)[rollout.final_index] = rollout.final_obs[:, -frame:]
@@ -69,107 +69,112 @@ class TransitionBuilder:
         return Batch(**{name: torch.cat([part[name] for part in parts]) for name in parts[0]})
 
     def _step(self, rollout: Rollout, next_frames: Tensor, over: Tensor, step: int) -> Batch:
-        """The decisions that step completes; one that was cut off with its episode between two rollouts is dropped."""
+        """Transitions that a step completes.
+
+        A pending transition is dropped if its episode was abandoned between two rollouts.
+        """
         self._count = torch.where(rollout.fresh[step], 0, self._count)
         first = (self._count == 0) & rollout.valid[step]
-        now = {"obs": rollout.obs[step], "actions": rollout.actions[step]}
-        if not self._begun:
-            self._begun = {name: value.clone() for name, value in now.items()}
-            self._begun |= {name: torch.zeros_like(getattr(rollout, name)[0]) for name in ("rewards", "costs")}
-        begun = self._begun
-        for name, value in now.items():
-            begun[name] = torch.where(first.unsqueeze(-1), value, begun[name])
-        begun["rewards"] = torch.where(first, 0.0, begun["rewards"]) + rollout.rewards[step] * rollout.valid[step]
-        begun["costs"] = torch.where(first.unsqueeze(-1), 0.0, begun["costs"])
-        begun["costs"] = begun["costs"] + rollout.costs[step] * rollout.valid[step].unsqueeze(-1)
+        current = {"obs": rollout.obs[step], "actions": rollout.actions[step]}
+        if not self._pending:
+            self._pending = {name: value.clone() for name, value in current.items()}
+            self._pending |= {name: torch.zeros_like(getattr(rollout, name)[0]) for name in ("rewards", "costs")}
+        pending = self._pending
+        for name, value in current.items():
+            pending[name] = torch.where(first.unsqueeze(-1), value, pending[name])
+        pending["rewards"] = torch.where(first, 0.0, pending["rewards"]) + rollout.rewards[step] * rollout.valid[step]
+        pending["costs"] = torch.where(first.unsqueeze(-1), 0.0, pending["costs"])
+        pending["costs"] = pending["costs"] + rollout.costs[step] * rollout.valid[step].unsqueeze(-1)
         self._count += rollout.valid[step]
-        whole = rollout.valid[step] & (over[step] | (self._count == self.repeat))
-        self._count = torch.where(whole, 0, self._count)
-        kept = whole & ~over[step] if self.drop_terminal else whole
-        summed = {name: value[kept] for name, value in begun.items()}
-        return Batch(**summed, next_frame=next_frames[step][kept], terminated=rollout.terminated[step][kept])
+        complete = rollout.valid[step] & (over[step] | (self._count == self.repeat))
+        self._count = torch.where(complete, 0, self._count)
+        selected = complete & ~over[step] if self.drop_terminal else complete
+        summed = {name: value[selected] for name, value in pending.items()}
+        return Batch(**summed, next_frame=next_frames[step][selected], terminated=rollout.terminated[step][selected])
 
     def state(self) -> dict[str, Any]:
-        """What it remembers, as arrays."""
-        return {name: array_of(value) for name, value in {"count": self._count, **self._begun}.items()}
+        """The pending transitions, as arrays."""
+        return {name: array_of(value) for name, value in {"count": self._count, **self._pending}.items()}
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """The inverse of `state`."""
+        """Restore what `state` returned."""
         tensors = {name: tensor_of(value, self._count.device) for name, value in state.items()}
         self._count = tensors.pop("count")
-        self._begun = tensors
+        self._pending = tensors
 
 
 class ReplayBuffer:
-    """The last transitions, in a ring that grows as it fills.
+    """Ring buffer of the most recent transitions, which grows as it fills.
 
-    One in so many stays out of fitting: the first of each block, wherever it lies, so that no draw decides.
+    The first transition of each block of `block` rows is held out of fitting; the choice is not random.
     """
 
     def __init__(self, capacity: int, hold_out: float, device: torch.device = CPU) -> None:
         self.device, self.capacity, self.block = device, capacity, max(2, round(1.0 / hold_out))
-        self.size, self._at = 0, 0
+        self.size, self._next_row = 0, 0
         self._fields: dict[str, Tensor] = {}
 
     def add(self, batch: Batch) -> None:
-        """Take in B transitions; the oldest make room."""
+        """Add B transitions; the oldest ones are overwritten when the buffer is full."""
         new = vars(batch)
         count = len(batch.rewards)
         if not count:
             return
         if count > self.capacity:
             new, count = {name: value[-self.capacity :] for name, value in new.items()}, self.capacity
-        self._make_room(min(self.capacity, self.size + count), new)
-        places = (self._at + torch.arange(count, device=self.device)) % self.capacity
+        self._grow(min(self.capacity, self.size + count), new)
+        indices = (self._next_row + torch.arange(count, device=self.device)) % self.capacity
         for name, value in new.items():
-            self._fields[name][places] = value
-        self._at = (self._at + count) % self.capacity
+            self._fields[name][indices] = value
+        self._next_row = (self._next_row + count) % self.capacity
         self.size = min(self.capacity, self.size + count)
 
-    def rows(self, places: Tensor) -> Batch:
-        """The transitions at places [...] int64."""
-        return Batch(**{name: field[places] for name, field in self._fields.items()})
+    def rows(self, indices: Tensor) -> Batch:
+        """The transitions with indices [...] int64."""
+        return Batch(**{name: field[indices] for name, field in self._fields.items()})
 
-    def places(self, shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
-        """Random places to fit to, with replacement."""
+    def sample_indices(self, shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
+        """Random indices of transitions to fit to, sampled with replacement."""
         fitted = self.size - self.held_out_count
         if fitted < 1:
             return torch.zeros(shape, dtype=torch.int64, device=self.device)
-        drawn = torch.randint(fitted, shape, generator=generator, device=self.device)
-        return drawn // (self.block - 1) * self.block + 1 + drawn % (self.block - 1)
+        random = torch.randint(fitted, shape, generator=generator, device=self.device)
+        return random // (self.block - 1) * self.block + 1 + random % (self.block - 1)
 
     @property
     def held_out_count(self) -> int:
+        """Number of held-out transitions."""
         return -(-self.size // self.block)
 
     def held_out(self) -> Batch:
-        """Those that are not fitted to."""
+        """The held-out transitions."""
         return self.rows(torch.arange(0, self.size, self.block, device=self.device))
 
-    def fitted(self) -> Tensor:
-        """Places of all those that are."""
-        places = torch.arange(self.size, device=self.device)
-        return places[places % self.block != 0]
+    def training_indices(self) -> Tensor:
+        """Indices of all transitions that are not held out."""
+        indices = torch.arange(self.size, device=self.device)
+        return indices[indices % self.block != 0]
 
     def state(self) -> dict[str, Any]:
-        """Its filled part, as arrays."""
-        return {"size": self.size, "at": self._at} | {
+        """The filled part of the buffer, as arrays."""
+        return {"size": self.size, "at": self._next_row} | {
             name: array_of(field[: self.size]) for name, field in self._fields.items()
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """The inverse of `state`."""
-        self.size, self._at = int(state["size"]), int(state["at"])
+        """Restore what `state` returned."""
+        self.size, self._next_row = int(state["size"]), int(state["at"])
         self._fields = {
             name: tensor_of(value, self.device) for name, value in state.items() if name not in ("size", "at")
         }
 
-    def _make_room(self, needed: int, like: dict[str, Tensor]) -> None:
-        room = len(self._fields["rewards"]) if self._fields else 0
-        if room >= needed:
+    def _grow(self, needed: int, like: dict[str, Tensor]) -> None:
+        """Allocate at least `needed` rows, doubling the buffer up to its capacity."""
+        allocated = len(self._fields["rewards"]) if self._fields else 0
+        if allocated >= needed:
             return
-        room = min(self.capacity, max(needed, 2 * room, 4096))
+        allocated = min(self.capacity, max(needed, 2 * allocated, 4096))
         old = self._fields
-        self._fields = {name: value.new_zeros(room, *value.shape[1:]) for name, value in like.items()}
+        self._fields = {name: value.new_zeros(allocated, *value.shape[1:]) for name, value in like.items()}
         for name, field in old.items():
             self._fields[name][: self.size] = field[: self.size]

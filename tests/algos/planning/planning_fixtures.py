@@ -1,4 +1,4 @@
-"""What the tests of planners are made of: small ensembles, rollouts and environments."""
+"""Small ensembles, random actions and rollouts for the tests of planners."""
 
 from typing import Any
 
@@ -19,26 +19,26 @@ def generator(seed: int = 0) -> torch.Generator:
 
 
 def ensemble_for(space: gym.Space = OPTIONS, frame: int = 3, frames: int = 1, costs: int = 1, **settings) -> Ensemble:
-    """Random weights, large enough for models to differ, and scales that are not 1."""
+    """An ensemble with random weights, large enough for models to differ, and scales that are not 1."""
     given: dict[str, Any] = {"members": 4, "hidden": (16, 16)} | settings
     actions: Actions = actions_of(space, "native", "squashed")
-    made = Ensemble(frame, frames, actions, costs, given["members"], given["hidden"], generator(3))
-    made.stack.flat.data += 0.3 * torch.randn(made.stack.flat.shape, generator=generator(4))
-    made.observed.update(2.0 + 3.0 * torch.randn(500, frame, generator=generator(5)))
-    made.change.update(0.1 + 0.2 * torch.randn(500, frame, generator=generator(6)))
-    made.reward.update(1.0 + 0.5 * torch.randn(500, 1, generator=generator(7)))
-    made.ranges = torch.tensor([[0.0] * costs, [0.2] * costs])
-    return made
+    ensemble = Ensemble(frame, frames, actions, costs, given["members"], given["hidden"], generator(3))
+    ensemble.stack.flat.data += 0.3 * torch.randn(ensemble.stack.flat.shape, generator=generator(4))
+    ensemble.observed.update(2.0 + 3.0 * torch.randn(500, frame, generator=generator(5)))
+    ensemble.change.update(0.1 + 0.2 * torch.randn(500, frame, generator=generator(6)))
+    ensemble.reward.update(1.0 + 0.5 * torch.randn(500, 1, generator=generator(7)))
+    ensemble.ranges = torch.tensor([[0.0] * costs, [0.2] * costs])
+    return ensemble
 
 
 def raw_actions(actions: Actions, *shape: int, seed: int = 0) -> torch.Tensor:
-    """[*shape, A] drawn without preference."""
+    """Uniformly random raw actions [*shape, A]."""
     uniform = torch.rand(*shape, actions.count, generator=generator(seed))
     return (uniform * torch.tensor(actions.sizes)).long() if actions.kind == "categorical" else 2 * uniform - 1
 
 
 def rollout_of(steps: int = 6, envs: int = 2, size: int = 3, costs: int = 1, **changes) -> Rollout:
-    """Steps whose observation t of environment n is filled with 10 n + t, actions (0, 0), rewards t, and no ends."""
+    """A rollout with observations 10 n + t at step t of environment n, actions (0, 0), rewards t and no ends."""
     obs = (torch.arange(steps + 1.0)[:, None, None] + 10 * torch.arange(float(envs))[:, None]).repeat(1, 1, size)
     never = torch.zeros(steps, envs, dtype=torch.bool)
     fields: dict[str, Any] = {

@@ -100,7 +100,7 @@ def evaluate_in_loops(steps: ImaginedSteps, discount: float, final: torch.Tensor
     return PlanOutcomes(returns, rewards, costs)
 
 
-@pytest.mark.parametrize("over", ["mean", "max"])
+@pytest.mark.parametrize("cost_over", ["mean", "max"])
 def test_evaluation_equals_plain_loops(cost_over):
     ensemble = ensemble_for()
     steps = imagine_rollouts(FrozenEnsemble(ensemble), *rollout_inputs(ensemble))

@@ -58,7 +58,7 @@ def test_advantages_are_those_of_the_lagrangian(normalised: bool, expected: list
 
 
 def test_each_cost_needs_its_multiplier_and_its_shape():
-    with pytest.raises(ValueError, match="2 costs and 1 multipliers"):
+    with pytest.raises(ValueError, match="each cost needs one multiplier, got 2 costs and 1 multipliers"):
         combined(torch.zeros(3), torch.zeros(2, 3), (0.5,), normalised=False)
     with pytest.raises(ValueError, match="same shape"):
         combined(torch.zeros(3), torch.zeros(2, 4), (0.5, 0.5), normalised=False)

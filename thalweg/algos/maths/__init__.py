@@ -1,1 +1,1 @@
-"""The formulas that algorithms share: pure functions of arrays, each with its source, its shapes checked first."""
+"""Formulas that algorithms share, as pure functions of arrays; each names its source and checks shapes first."""

@@ -1,7 +1,8 @@
 """Advantages by generalised advantage estimation, and one-step temporal-difference targets.
 
-Both tell the two ends of an episode apart: nothing follows a termination, so its value is 0; after a truncation the
-critic's value of the last observation stands for the return that the time limit cut off. Letters: T steps, then any
+Both distinguish the two ways in which an episode ends. After a termination there is no further return, so the value of
+the next state is 0. After a truncation, the critic's value of the final observation replaces the return that the time
+limit cut off. Letters: T steps, then any
 further dimensions (N environments); B rows; S signals, the reward and the costs.
 """
 
@@ -21,18 +22,19 @@ def gae(
     discount: float,
     trace: float,
 ) -> Tensor:
-    """Advantages [T, ...] by generalised advantage estimation (Schulman et al. 2016, equations 11 and 16).
+    """Return advantages [T, ...] by generalised advantage estimation (Schulman et al. 2016, equations 11 and 16).
 
         δ_t = r_t + γ (1 - terminated_t) V(s_{t+1}) - V(s_t)
-        Â_t = Σ_l (γλ)^l δ_{t+l}, the sum stopping at the end of the episode of step t
+        Â_t = Σ_l (γλ)^l δ_{t+l}, where the sum stops at the end of the episode of step t
 
     Args:
-        rewards: [T, ...], r_t, or the cost.
+        rewards: [T, ...], r_t: reward or cost of step t.
         values: [T, ...], V(s_t).
-        next_values: [T, ...], V of the state that step t reached: at the last step of an episode the final
-            observation, never the first one of the next episode.
-        terminated: [T, ...] bool, the episode ended in step t: nothing comes after.
-        truncated: [T, ...] bool, the episode was cut off after step t: V(s_{t+1}) stands for what would have come.
+        next_values: [T, ...], V of the state that step t reached. At the last step of an episode this is the final
+            observation, never the first observation of the next episode.
+        terminated: [T, ...] bool, whether the episode ended in step t; V(s_{t+1}) then counts as 0.
+        truncated: [T, ...] bool, whether the episode was cut off after step t; V(s_{t+1}) then replaces the
+            missing return.
         discount: γ in 0..1.
         trace: λ in 0..1.
 
@@ -50,25 +52,25 @@ def gae(
 
 
 def standardised(advantages: Tensor) -> Tensor:
-    """Advantages [B] with mean 0 and standard deviation 1: (A - mean) / (std + 1e-8), std of the population."""
+    """Return advantages [B] scaled to mean 0 and standard deviation 1: (A - mean) / (population std + 1e-8)."""
     return (advantages - advantages.mean()) / (advantages.std(correction=0) + 1e-8)
 
 
 def centred(advantages: Tensor) -> Tensor:
-    """Advantages [B] with mean 0."""
+    """Return advantages [B] shifted to mean 0."""
     return advantages - advantages.mean()
 
 
-def td_target(signals: Tensor, going_on: Tensor, next_values: Tensor, discounts: Tensor) -> Tensor:
-    """One-step targets y = x + γ (1 - terminated) V(s') [S, B] of action values (Watkins, Dayan 1992).
+def td_target(signals: Tensor, not_terminated: Tensor, next_values: Tensor, discounts: Tensor) -> Tensor:
+    """Return one-step targets y = x + γ (1 - terminated) V(s') [S, B] of action values (Watkins, Dayan 1992).
 
     Args:
         signals: x [S, B], reward and costs of the step.
-        going_on: 1 - terminated [B], as numbers; a truncated step keeps its bootstrap value.
-        next_values: V(s') [S, B], at the observation that the step led to.
+        not_terminated: 1 - terminated [B], as floats; a truncated step keeps its bootstrap value.
+        next_values: V(s') [S, B], at the observation that the step reached.
         discounts: γ [S, 1].
     """
     rank(2, signals=signals, discounts=discounts)
     same_shape(signals=signals, next_values=next_values)
-    same_shape(going_on=going_on, one_signal=signals[0])
-    return signals + discounts * (going_on * next_values)
+    same_shape(not_terminated=not_terminated, one_signal=signals[0])
+    return signals + discounts * (not_terminated * next_values)

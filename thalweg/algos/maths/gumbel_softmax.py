@@ -1,6 +1,7 @@
 """Straight-through Gumbel-softmax: one-hot choices with the gradient of their softmax relaxation.
 
-The Gumbel trick draws option k of softmax(l) as argmax_k (l_k + g_k); a softmax in place of the argmax has a gradient.
+The Gumbel trick samples option k of softmax(l) as argmax_k (l_k + g_k). The argmax has no gradient; that of a
+softmax is used in its place.
 """
 
 import torch
@@ -9,22 +10,23 @@ from torch import Tensor
 from thalweg.algos.maths.shapes import rank, same_shape
 
 TINY = 1e-20
-"""Keeps the logarithm of a uniform number that is 0 finite."""
+"""Added before logarithms, which stay finite if a uniform number is 0."""
 
 
 def gumbel(uniform: Tensor) -> Tensor:
-    """Standard Gumbel noise g = -log(-log u), from u in [0, 1) of any shape."""
+    """Return standard Gumbel noise g = -log(-log u), from u in [0, 1) of any shape."""
     return -((uniform + TINY).log().neg() + TINY).log()
 
 
 def straight_through(log_p: Tensor, noise: Tensor, temperature: float) -> tuple[Tensor, Tensor]:
-    """One-hot choices [B, A, K], and the soft ones y = softmax((log π + g) / τ) [B, A, K] whose gradient stands for
-    theirs (Jang, Gu, Poole 2017, equation 2 and section 2.2; Maddison, Mnih, Teh 2017).
+    """Return one-hot choices [B, A, K] and the soft choices y [B, A, K] whose gradient is used for them.
+
+    y = softmax((log π + g) / τ) (Jang, Gu, Poole 2017, equation 2 and section 2.2; Maddison, Mnih, Teh 2017).
 
     Args:
         log_p: log π [B, A, K].
-        noise: g [B, A, K], from `gumbel`; zeros choose the most probable option.
-        temperature: τ > 0; it changes the gradient only.
+        noise: g [B, A, K], from `gumbel`; with zeros, the most probable option is chosen.
+        temperature: τ > 0; it affects the gradient only.
     """
     rank(3, log_p=log_p)
     same_shape(log_p=log_p, noise=noise)
@@ -33,12 +35,12 @@ def straight_through(log_p: Tensor, noise: Tensor, temperature: float) -> tuple[
 
 
 def straight_through_grad(above: Tensor, soft: Tensor, temperature: float) -> Tensor:
-    """From the gradient of the choices [B, A, K] that of the logits: y (g - Σ_k y_k g_k) / τ, as of the soft ones."""
+    """Return the gradient of the logits from that of the choices [B, A, K]: y (g - Σ_k y_k g_k) / τ."""
     same_shape(above=above, soft=soft)
     return soft * (above - (above * soft).sum(-1, keepdim=True)) / temperature
 
 
 def one_hot(actions: Tensor, options: int, dtype: torch.dtype = torch.float32) -> Tensor:
-    """[B, A, K] with a 1 at the option of each branch, for actions [B, A] int64 in 0..K-1."""
+    """Return the one-hot encoding [B, A, K] of actions [B, A] int64 in 0..K-1."""
     hard = torch.zeros(*actions.shape, options, dtype=dtype, device=actions.device)
     return hard.scatter_(-1, actions.unsqueeze(-1), 1.0)

@@ -1,4 +1,4 @@
-"""Losses of the algorithms, one function each, from one number per state of the batch [B]."""
+"""Losses of the algorithms as functions of one number per state of the batch [B]."""
 
 from typing import Literal
 
@@ -9,7 +9,7 @@ from thalweg.algos.maths.shapes import rank, same_shape
 
 
 def ppo_clip(log_prob: Tensor, old_log_prob: Tensor, advantages: Tensor, clip: float) -> Tensor:
-    """The clipped surrogate, to be minimised (Schulman et al. 2017, equation 7).
+    """Return the clipped surrogate loss (Schulman et al. 2017, equation 7).
 
     L = -E[ min(ρ A, clip(ρ, 1-ε, 1+ε) A) ], with ρ = π_θ(a|s) / π_k(a|s)
     """
@@ -29,7 +29,7 @@ def focops(
     radius: float,
     mask: Literal["state", "batch"] = "state",
 ) -> Tensor:
-    """The projection onto the optimal update (Zhang, Vuong, Ross 2020, equation 11 and its per-state indicator).
+    """Return the loss that projects onto the optimal update (Zhang, Vuong, Ross 2020, equation 11 with its indicator).
 
     L = E_s[ 1{KL_s ≤ η} ( KL_s(π_θ ‖ π_k) - (1/λ) E_a[ ρ (A_r - ν A_c) ] ) ]
 
@@ -39,10 +39,10 @@ def focops(
         kl: [B], KL(π_θ ‖ π_k) of each state.
         advantages: [B], A_r - ν A_c.
         temperature: λ > 0.
-        radius: η, in nats: with the mask "state", a state whose policy has moved further adds nothing to this loss and
-            nothing to its gradient.
-        mask: `"state"` is the paper. `"batch"` is what OmniSafe 0.5 computes by broadcasting [B, 1] against [B]: the
-            indicator touches the surrogate only as a factor averaged over the batch.
+        radius: η, in nats. With the mask "state", states with a larger KL contribute neither to the loss nor to its
+            gradient.
+        mask: `"state"` follows the paper. `"batch"` is what OmniSafe 0.5 computes by broadcasting [B, 1] against [B]:
+            the mean of the indicator over the batch multiplies the surrogate of every state.
     """
     rank(1, log_prob=log_prob)
     same_shape(log_prob=log_prob, old_log_prob=old_log_prob, kl=kl, advantages=advantages)
@@ -65,21 +65,22 @@ def p3o_penalty(
     scale: float,
     clipped: bool = True,
 ) -> Tensor:
-    """The exact penalty of one cost (Zhang L. et al. 2022, equation 11), a scalar.
+    """Return the exact penalty of one cost, a scalar (Zhang L. et al. 2022, equation 11).
 
     max(0, E[ max(ρ A_c, clip(ρ, 1-ε, 1+ε) A_c) ] + (1-γ) (J_c - d))
 
-    It is 0 where the surrogate stays below (1-γ) (d - J_c), and so is its gradient. A surrogate is a mean over steps
-    and J_c a sum over an episode's, hence the factor; where costs are not discounted it is 1 / (steps of an episode).
+    The penalty and its gradient are 0 while the surrogate is below (1-γ) (d - J_c). The factor 1-γ is needed because
+    the surrogate is a mean over steps, while J_c is a sum over the steps of an episode. For undiscounted costs it is
+    1 / (steps of an episode).
 
     Args:
         log_prob: [B], log π_θ(a|s).
         old_log_prob: [B], log π_k(a|s).
-        cost_advantages: [B], A_c in the unit of the violation, against which it is weighed.
+        cost_advantages: [B], A_c, in the unit of the violation.
         violation: J_c - d.
         clip: ε.
-        scale: The factor of the violation.
-        clipped: Without it the surrogate is E[ρ A_c], as in OmniSafe 0.5.
+        scale: Factor of the violation.
+        clipped: Whether the surrogate is clipped; otherwise it is E[ρ A_c], as in OmniSafe 0.5.
     """
     rank(1, log_prob=log_prob)
     same_shape(log_prob=log_prob, old_log_prob=old_log_prob, cost_advantages=cost_advantages)
@@ -99,17 +100,17 @@ def cup_projection(
     discount: float,
     trace: float,
 ) -> Tensor:
-    """The projection of an improved policy back towards the cost limit (Yang et al. 2022, section 4).
+    """Return the loss that projects an improved policy towards the cost limit (Yang et al. 2022, section 4).
 
     L = E_s[ KL_s(π_θ ‖ π_{k+½}) ] + (1-γλ) / (1-γ) E[ ρ ν A_c ], with ρ = π_θ / π_k
 
     Args:
         log_prob: [B], log π_θ(a|s).
-        old_log_prob: [B], log π_k(a|s): of the policy that acted.
-        kl: [B], KL(π_θ ‖ π_{k+½}), to the policy that the first step has improved.
+        old_log_prob: [B], log π_k(a|s), of the policy that collected the rollout.
+        kl: [B], KL(π_θ ‖ π_{k+½}), where π_{k+½} is the policy after the first step.
         cost_advantages: [B], Σ_i ν_i A_ci.
         discount: γ of the cost, less than 1.
-        trace: λ of its generalised advantage estimation.
+        trace: λ of generalised advantage estimation for the cost.
     """
     rank(1, log_prob=log_prob)
     same_shape(log_prob=log_prob, old_log_prob=old_log_prob, kl=kl, cost_advantages=cost_advantages)
@@ -118,34 +119,39 @@ def cup_projection(
 
 
 def surrogate(log_prob: Tensor, old_log_prob: Tensor, advantages: Tensor) -> Tensor:
-    """E[ρ A], a scalar: to first order, how much better a policy is than the one that acted (Schulman et al. 2015)."""
+    """Return E[ρ A], a scalar: the first-order improvement over the policy that acted (Schulman et al. 2015)."""
     rank(1, log_prob=log_prob)
     same_shape(log_prob=log_prob, old_log_prob=old_log_prob, advantages=advantages)
     return ((log_prob - old_log_prob).exp() * advantages).mean()
 
 
-def temperature(log_alpha: Tensor, entropy: Tensor, aim: float) -> Tensor:
-    """log α (E[H] - H̄): α grows while the entropy [B] is below its aim (Haarnoja et al. 2018b, equation 18, with log α
-    in place of α, as in its authors' code)."""
-    return log_alpha * (entropy.detach().mean() - aim)
+def temperature(log_alpha: Tensor, entropy: Tensor, target: float) -> Tensor:
+    """Return the loss log α (E[H] - H̄): α grows while the entropy [B] is below its target H̄.
+
+    Source: Haarnoja et al. 2018b, equation 18, with log α instead of α, as in the authors' code.
+    """
+    return log_alpha * (entropy.detach().mean() - target)
 
 
 def squared_error(predictions: Tensor, targets: Tensor) -> Tensor:
-    """½ E[(V - target)²] of each critic [K], for predictions and targets [K, B]."""
+    """Return ½ E[(V - target)²] of each critic [K], for predictions and targets [K, B]."""
     rank(2, predictions=predictions)
     same_shape(predictions=predictions, targets=targets)
     return 0.5 * (predictions - targets).square().mean(-1)
 
 
 def squared_error_grad(predictions: Tensor, targets: Tensor) -> Tensor:
-    """The gradient (V - target) / B [K, B] of the sum of `squared_error` in the predictions."""
+    """Return the gradient (V - target) / B [K, B], in the predictions, of the sum of `squared_error`."""
     rank(2, predictions=predictions)
     same_shape(predictions=predictions, targets=targets)
     return (predictions - targets) / predictions.shape[1]
 
 
 def explained_variance(predictions: Tensor, targets: Tensor) -> float:
-    """1 - Var(target - V) / Var(target) of [B]: 1 is perfect, 0 no better than a constant, NaN if nothing varies."""
+    """Return 1 - Var(target - V) / Var(target) of [B].
+
+    1 is perfect, 0 no better than a constant; NaN if the targets do not vary.
+    """
     same_shape(predictions=predictions, targets=targets)
     spread = float(targets.var(correction=0))
     return 1.0 - float((targets - predictions).var(correction=0)) / spread if spread > 0 else float("nan")

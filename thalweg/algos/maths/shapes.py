@@ -1,8 +1,8 @@
-"""Shape checks of the formulas, and constants in the type of a tensor.
+"""Shape checks of the formulas, and numbers as tensors of a given type.
 
-Every formula of several arrays checks their shapes first, because a broadcast gives a wrong answer silently: a `[B, 1]`
-against a `[B]` becomes a `[B, B]` matrix whose mean looks like a loss. That cost a published library its FOCOPS trust
-region.
+Every formula of several arrays checks their shapes first, because a broadcast gives a wrong result silently: `[B, 1]`
+with `[B]` becomes a `[B, B]` matrix whose mean looks like a loss. This is how a published library lost the trust region
+of FOCOPS.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ def rank(number: int, **arrays: Tensor) -> None:
 def tensor_like(numbers: Sequence[float], like: Tensor) -> Tensor:
     """Return numbers [A] as a tensor of the type and on the device of another.
 
-    On a GPU each number is filled in there: a copy from the host would wait for the device.
+    On a GPU, numbers are filled in one by one, because a copy from the host would wait for the device.
     """
     if like.is_cpu:
         return like.new_tensor(numbers)

@@ -13,24 +13,24 @@ TINY = 1e-8
 def conjugate_gradient(
     product: Callable[[Tensor], Tensor], right: Tensor, iterations: int, tolerance: float = 1e-10
 ) -> Tensor:
-    """x [P] with H x ≈ b, from products H v of a positive definite H alone (Hestenes, Stiefel 1952).
+    """Return x [P] with H x ≈ b, given only products H v of a positive definite H (Hestenes, Stiefel 1952).
 
     Args:
-        product: v [P] -> H v [P].
+        product: Function v [P] -> H v [P].
         right: b [P].
-        iterations: At most so many; P of them are exact but for rounding.
-        tolerance: Of |b - H x|², relative to |b|².
+        iterations: Largest number of iterations; the result after P of them is exact except for rounding.
+        tolerance: Iterations stop once |b - H x|² is at most this times |b|².
     """
     x, residual = torch.zeros_like(right), right.clone()
     direction, square = residual.clone(), residual.dot(residual)
-    enough = tolerance * square
+    threshold = tolerance * square
     for _ in range(iterations):
-        if square <= enough:
+        if square <= threshold:
             break
-        across = product(direction)
-        length = square / direction.dot(across)
+        curvature = product(direction)
+        length = square / direction.dot(curvature)
         x = x + length * direction
-        residual = residual - length * across
+        residual = residual - length * curvature
         square, before = residual.dot(residual), square
         direction = residual + (square / before) * direction
     return x
@@ -45,19 +45,19 @@ class Direction:
     along_cost: float
     """Factor of H⁻¹ b."""
     feasible: bool
-    """False for a recovery step: no step within the trust region keeps the limit."""
+    """Whether a step within the trust region satisfies the limit; otherwise this is the recovery step."""
 
 
 def natural_step(q: float, radius: float) -> float:
-    """The factor √(2δ / q) of H⁻¹ g that a step of the size δ has (Schulman et al. 2015), with q = g' H⁻¹ g."""
+    """Return √(2δ / q), by which H⁻¹ g is scaled to a step of KL δ (Schulman et al. 2015); q = g' H⁻¹ g."""
     return math.sqrt(2.0 * radius / max(q, TINY))
 
 
 def cpo_step(q: float, r: float, s: float, violation: float, radius: float) -> Direction:
-    """The step that solves max g'x subject to b'x + c ≤ 0 and ½ x'Hx ≤ δ (Achiam et al. 2017, section 6 and theorem 2
-    of its supplement, there for a minimum).
+    """Return the solution of max g'x subject to b'x + c ≤ 0 and ½ x'Hx ≤ δ.
 
-    With ν(λ) = (λ c + r)₊ / s its dual is the maximum over λ > 0 of two concave functions on either side of λ = -r / c:
+    Source: Achiam et al. 2017, section 6 and theorem 2 of the supplement, which minimises. With ν(λ) = (λ c + r)₊ / s,
+    the dual is the maximum over λ > 0 of two concave functions, one on each side of λ = -r / c:
 
         f_a(λ) = (r²/s - q) / 2λ + λ (c²/s - 2δ) / 2 + r c / s      where ν > 0
         f_b(λ) = -(q/λ + 2 δ λ) / 2                                 where ν = 0
@@ -66,37 +66,38 @@ def cpo_step(q: float, r: float, s: float, violation: float, radius: float) -> D
         q: g' H⁻¹ g, with g the gradient of the reward's surrogate.
         r: g' H⁻¹ b, with b the gradient of the cost's surrogate.
         s: b' H⁻¹ b.
-        violation: c, how far the mean cost is above the limit, in the units of the cost's surrogate.
+        violation: c, by which the mean cost exceeds the limit, in the unit of the cost's surrogate.
         radius: δ.
     """
     c, edge = violation, 2.0 * radius
-    if s <= TINY:  # the cost cannot be changed from here
+    if s <= TINY:  # no step changes the cost
         return Direction(natural_step(q, radius), 0.0, True)
-    room = edge - c * c / s
-    if room <= 0:
+    margin = edge - c * c / s
+    if margin <= 0:  # the plane b'x + c = 0 does not cross the trust region
         if c > 0:
             return Direction(0.0, -math.sqrt(edge / s), False)
-        return Direction(natural_step(q, radius), 0.0, True)  # the whole trust region keeps the limit
+        return Direction(natural_step(q, radius), 0.0, True)  # the whole trust region satisfies the limit
     inner, outer = _ranges(r, c)
-    binding = math.sqrt(max(q - r * r / s, 0.0) / room)
+    # The unconstrained maximum of f_a and of f_b; each is then clipped to the range in which its function is the dual.
+    binding = math.sqrt(max(q - r * r / s, 0.0) / margin)
     free = math.sqrt(max(q, TINY) / edge)
     best, scale = -math.inf, free
     if inner is not None:
         at = max(min(max(binding, inner[0]), inner[1]), TINY)
-        best, scale = 0.5 * (r * r / s - q) / at - 0.5 * at * room + r * c / s, at
+        best, scale = 0.5 * (r * r / s - q) / at - 0.5 * at * margin + r * c / s, at
     if outer is not None:
         at = max(min(max(free, outer[0]), outer[1]), TINY)
         if -0.5 * (q / at + edge * at) > best:
             scale = at
-    price = max(0.0, scale * c + r) / s
-    return Direction(1.0 / scale, -price / scale, True)
+    multiplier = max(0.0, scale * c + r) / s  # ν
+    return Direction(1.0 / scale, -multiplier / scale, True)
 
 
 Range = tuple[float, float] | None
 
 
 def _ranges(r: float, c: float) -> tuple[Range, Range]:
-    """Where along λ > 0 the limit binds (λ c + r > 0), and where it does not."""
+    """Return the ranges of λ > 0 in which the limit binds (λ c + r > 0) and in which it does not."""
     if c == 0:
         return ((0.0, math.inf), None) if r > 0 else (None, (0.0, math.inf))
     split = -r / c

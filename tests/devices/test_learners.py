@@ -12,7 +12,7 @@ from tests.devices.toy import SPACES, TensorWalk
 from thalweg.algos import ALGORITHMS
 from thalweg.algos.common.state import CPU, array_of
 from thalweg.algos.interface import Task
-from thalweg.algos.policy.policy import load_policy
+from thalweg.algos.policy.policy_file import load_policy
 from thalweg.train.rollouts.tensor_collector import TensorCollector
 from thalweg.train.trainer import Trainer
 

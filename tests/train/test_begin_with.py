@@ -14,7 +14,7 @@ from thalweg.algos import AlgorithmError
 from thalweg.algos.interface import Feedback
 from thalweg.algos.offpolicy.agent import Agent
 from thalweg.algos.offpolicy.replay_buffer import Batch
-from thalweg.algos.policy.policy import load_policy
+from thalweg.algos.policy.policy_file import load_policy
 from thalweg.train.trainer import Trainer
 
 SEEN = torch.from_numpy(np.random.default_rng(0).standard_normal((4, 3)).astype(np.float32))
@@ -109,7 +109,7 @@ def test_a_policy_of_another_kind_is_refused_before_anything_is_written(
 
 def test_a_planner_is_nothing_to_begin_with(tmp_path: Path):
     train(tmp_path / "planner", "CCEPETS", steps=256)
-    with pytest.raises(AlgorithmError, match="CCEPETS plans: it has no network to begin with"):
+    with pytest.raises(AlgorithmError, match="CCEPETS is a planner: it has no policy network to start from"):
         train(tmp_path / "run", "FOCOPS", begin_with=tmp_path / "planner")
 
 

@@ -303,7 +303,7 @@ def test_the_policy_of_a_run_remembers_as_it_learnt_to(tmp_path):
     result = train(tmp_path, config=SMALL | REMEMBERING["gru"] | REMEMBERING["frames"], steps=300)
     policy = result.policy
     assert (policy.frames, policy.shape.memory, policy.obs_size) == (3, 8, 3)
-    with pytest.raises(AlgorithmError, match="remembers earlier observations"):
+    with pytest.raises(AlgorithmError, match="uses earlier observations"):
         policy.act(np.zeros((2, 3), np.float32))
 
 

@@ -1,7 +1,8 @@
 """The learning algorithms, one file each from config to update, on the shared formulas of `maths`."""
 
 from thalweg.algos.common.errors import AlgorithmError, LimitWarning, NotFiniteError
-from thalweg.algos.policy.policy import About, Policy
+from thalweg.algos.policy.policy import Policy
+from thalweg.algos.policy.policy_file import About
 from thalweg.algos.registry import ALGORITHMS, Entry, algorithm_named
 
 __all__ = [

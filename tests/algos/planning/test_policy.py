@@ -16,7 +16,8 @@ from thalweg.algos.planning.ccepets import CCEPETSConfig
 from thalweg.algos.planning.planner import Planner
 from thalweg.algos.planning.policy import METHODS, PlannerPlayer, PlannerPolicy
 from thalweg.algos.policy.actions import actions_of
-from thalweg.algos.policy.policy import About, load_policy, to_tensors
+from thalweg.algos.policy.policy import to_tensors
+from thalweg.algos.policy.policy_file import About, load_policy
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.core.config import to_plain
 
@@ -190,7 +191,7 @@ def test_terminal_value_affects_decisions():
 
 @pytest.mark.parametrize("name", PLANNERS)
 def test_observations_of_another_size_are_refused(name):
-    with pytest.raises(AlgorithmError, match=r"sees \[N, 3\] numbers, got an array of shape \(4, 9\)"):
+    with pytest.raises(AlgorithmError, match=r"takes observations \[N, 3\], got an array of shape \(4, 9\)"):
         policy_for(name).player(N)(np.zeros((N, 9), np.float32), np.ones(N, bool))
 
 

@@ -98,7 +98,7 @@ def test_the_normaliser_has_the_moments_of_everything_it_saw():
 
 
 def test_the_wrong_number_of_observations_names_both():
-    with pytest.raises(AlgorithmError, match=r"sees \[N, 5\] numbers, got an array of shape \(4, 16\)"):
+    with pytest.raises(AlgorithmError, match=r"takes observations \[N, 5\], got an array of shape \(4, 16\)"):
         policy_for(SPACES["Discrete"]).act(np.zeros((4, 16), np.float32))
 
 
@@ -109,7 +109,7 @@ def test_files_that_are_no_policies_are_refused(tmp_path):
     policy_for(SPACES["Discrete"]).save(path)
     whole = path.read_bytes()
     path.write_bytes(whole[:-10])
-    with pytest.raises(AlgorithmError, match="not a whole policy file"):
+    with pytest.raises(AlgorithmError, match="not a complete policy file"):
         Policy.load(path)
     save_file({"x": np.zeros(1)}, path)
     with pytest.raises(AlgorithmError, match="of format none"):
@@ -145,12 +145,12 @@ def test_a_saved_policy_that_remembers_acts_as_before(settings: dict[str, int], 
 
 @pytest.mark.parametrize("settings", REMEMBERING.values(), ids=list(REMEMBERING))
 def test_a_policy_that_remembers_is_asked_through_its_player_only(settings: dict[str, int]):
-    with pytest.raises(AlgorithmError, match=r"remembers earlier observations: use policy\.player"):
+    with pytest.raises(AlgorithmError, match=r"uses earlier observations: use policy\.player"):
         policy_for(SPACES["Discrete"], **settings).act(observations())
 
 
 def test_of_a_recurrent_policy_nothing_is_known_without_its_memory():
-    with pytest.raises(AlgorithmError, match="has a memory: ask its player"):
+    with pytest.raises(AlgorithmError, match="has a recurrent memory: use policy"):
         policy_for(SPACES["Discrete"], memory=4).distribution(torch.zeros(1, 5))
 
 

@@ -1,7 +1,7 @@
 """Probabilities and expectations over all joint actions of several independent choices.
 
-With A branches of a few options each, the J = Π sizes joint actions can be enumerated, and an expectation is a finite sum.
-The number of a joint action has its options as digits; the last branch is the least significant.
+With A branches of a few options each, the J = Π sizes joint actions can be enumerated, and an expectation is a finite
+sum. The number of a joint action has its options as digits; the last branch is the least significant.
 """
 
 import torch

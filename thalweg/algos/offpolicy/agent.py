@@ -36,7 +36,8 @@ from thalweg.algos.offpolicy.replay_buffer import Batch, ReplayBuffer, valid_tra
 from thalweg.algos.policy.actions import Actions
 from thalweg.algos.policy.mlp import StackedMLP
 from thalweg.algos.policy.normaliser import Normaliser
-from thalweg.algos.policy.policy import About, Policy
+from thalweg.algos.policy.policy import Policy
+from thalweg.algos.policy.policy_file import About
 from thalweg.core.config import to_plain
 
 CRITICS, POLICY = 0, 1

@@ -33,7 +33,8 @@ from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.distributions import AnalyticDistribution, Distribution, TapedDistribution
 from thalweg.algos.policy.memory import Sequences
 from thalweg.algos.policy.networks import Critics
-from thalweg.algos.policy.policy import About, NetworkPlayer, Policy
+from thalweg.algos.policy.policy import NetworkPlayer, Policy
+from thalweg.algos.policy.policy_file import About
 from thalweg.core.config import to_plain
 
 

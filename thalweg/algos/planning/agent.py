@@ -21,7 +21,7 @@ from thalweg.algos.planning.model.transitions import Batch, ReplayBuffer, Transi
 from thalweg.algos.planning.planner import Decision
 from thalweg.algos.planning.policy import PlannerPlayer, PlannerPolicy
 from thalweg.algos.policy.actions import actions_of
-from thalweg.algos.policy.policy import About
+from thalweg.algos.policy.policy_file import About
 from thalweg.core.config import to_plain
 
 

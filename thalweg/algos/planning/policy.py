@@ -19,7 +19,8 @@ from thalweg.algos.planning.model.ensemble import Ensemble, FrozenEnsemble
 from thalweg.algos.planning.planner import Budget, Decision, Method, Planner
 from thalweg.algos.policy.actions import Actions
 from thalweg.algos.policy.memory import FrameStack
-from thalweg.algos.policy.policy import KINDS, About, check_obs_size, save_policy, tensors_of, to_tensors
+from thalweg.algos.policy.policy import check_obs_size, to_tensors
+from thalweg.algos.policy.policy_file import LOADERS, About, save_policy, tensors_of
 from thalweg.core.config import parse_config
 
 MakeMethod = Callable[[Any, Actions, int, Callable[[], Tensor], torch.Generator], Method]
@@ -123,7 +124,7 @@ class PlannerPolicy:
         return policy
 
 
-KINDS["planner"] = PlannerPolicy.restored
+LOADERS["planner"] = PlannerPolicy.restored
 
 
 class PlannerPlayer:

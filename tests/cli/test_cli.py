@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from thalweg.bench.evaluate import evaluation
-from thalweg.cli.learning import EncoderTrain
+from thalweg.cli.encoder import EncoderTrain
 from thalweg.cli.main import COMMANDS, _parse, main
 from thalweg.cli.options import RiverFile, settings_from
 from thalweg.world import World
@@ -122,11 +122,11 @@ def test_an_interrupt_says_how_to_go_on(monkeypatch: pytest.MonkeyPatch, capsys:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("thalweg.bench.report.report.write_report", interrupted)
-    monkeypatch.setattr("thalweg.cli.printing.bench_command", interrupted)
+    monkeypatch.setattr("thalweg.cli.bench.run_and_print", interrupted)
     assert main(["report", "x"]) == 130
-    assert capsys.readouterr().err == "\nInterrupted. Nothing is kept; the same command begins anew.\n"
+    assert capsys.readouterr().err == "\nInterrupted. Nothing was saved; the same command starts from the beginning.\n"
     assert main(["bench", "quick", "--out", "x"]) == 130
-    assert capsys.readouterr().err == "\nInterrupted. The same command goes on from the last checkpoint.\n"
+    assert capsys.readouterr().err == "\nInterrupted. The same command resumes from the last checkpoint.\n"
 
 
 def test_a_run_told_to_end_warns_and_ends_as_an_interrupted_one():
@@ -142,7 +142,7 @@ sys.argv = ["thalweg", "train", "--out", "x"]
 sys.exit(cli.main())
 """
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    said = "Warning: the limit never binds\n\nInterrupted. The same command goes on from the last checkpoint.\n"
+    said = "Warning: the limit never binds\n\nInterrupted. The same command resumes from the last checkpoint.\n"
     assert (ended.returncode, ended.stderr) == (130, said)
 
 
@@ -285,7 +285,7 @@ def test_options_of_a_river_are_typed_again_as_they_were_given():
         ),
         (["evaluate", "hover", "--geojson", "none.geojson"], "none.geojson: there is no such file"),
         (["evaluate", "hover", "--world-seed", "3"], "--world-seed goes with --geojson"),
-        (["evaluate", "hover", "--geojson", "none.geojson", "--unseen"], "--unseen goes with levels"),
+        (["evaluate", "hover", "--geojson", "none.geojson", "--unseen"], "--unseen goes with --levels"),
         (["evaluate", "hover", "--geojson", "none.geojson", "--world-seed", "-3"], "--world-seed must be 0 or more"),
     ],
     ids=" ".join,
@@ -362,15 +362,18 @@ def test_a_number_is_read_as_people_write_it(given: list[str], field: str, value
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (["train", "--out", "x", "--steps", "1e5.5"], "--steps: '1e5.5' is no whole number; write one such as"),
-        (["train", "--out", "x", "--steps", "2.5"], "--steps: '2.5' is no whole number"),
-        (["train", "--out", "x", "--steps", "nan"], "--steps: 'nan' is no whole number"),
-        (["train", "--out", "x", "--steps", "1e999999999"], "--steps: '1e999999999' is no whole number"),
-        (["train", "--out", "x", "--seed", "x"], "--seed: 'x' is no whole number; write one such as 0, 200000 or 2e5"),
-        (["world", "--seed", "x"], "--seed: 'x' is no whole number"),
-        (["train", "--out", "x", "--world-seeds", "1", "b"], "--world-seeds: 'b' is no whole number"),
-        (["world", "--width-m", "wide"], "--width-m: 'wide' is no number; write one such as 12, 0.5 or 1e-4"),
-        (["render", "--pose", "1", "2", "3", "north"], "--pose: 'north' is no number"),
+        (["train", "--out", "x", "--steps", "1e5.5"], "--steps: '1e5.5' is not a whole number; write one such as"),
+        (["train", "--out", "x", "--steps", "2.5"], "--steps: '2.5' is not a whole number"),
+        (["train", "--out", "x", "--steps", "nan"], "--steps: 'nan' is not a whole number"),
+        (["train", "--out", "x", "--steps", "1e999999999"], "--steps: '1e999999999' is not a whole number"),
+        (
+            ["train", "--out", "x", "--seed", "x"],
+            "--seed: 'x' is not a whole number; write one such as 0, 200000 or 2e5",
+        ),
+        (["world", "--seed", "x"], "--seed: 'x' is not a whole number"),
+        (["train", "--out", "x", "--world-seeds", "1", "b"], "--world-seeds: 'b' is not a whole number"),
+        (["world", "--width-m", "wide"], "--width-m: 'wide' is not a number; write one such as 12, 0.5 or 1e-4"),
+        (["render", "--pose", "1", "2", "3", "north"], "--pose: 'north' is not a number"),
         (["render", "--pose", "1", "2", "3"], "'--pose'. Expected 4 values"),
     ],
     ids=str,
@@ -393,7 +396,7 @@ def test_pictures_are_replaced_and_worlds_only_when_asked(tmp_path: Path, easy_w
         file.write_text("old")
     given = ["world", "--level", "easy", "--out", str(out), "--save", str(saved)]
     assert main(given) == 2
-    assert f"--save {saved} is there already; name a new file, or replace it by --overwrite" in capsys.readouterr().err
+    assert f"--save {saved} exists already; name a new file, or add --overwrite" in capsys.readouterr().err
     assert (out.read_text(), saved.read_text()) == ("old", "old")
     assert main([*given, "--overwrite"]) == 0
     assert Image.open(out).size[1] == 1200
@@ -446,7 +449,7 @@ def nothing_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     for name in (
         "thalweg.world.load_or_build",
         "thalweg.encoder.load_encoder",
-        "thalweg.cli.printing.evaluate_command",
+        "thalweg.cli.evaluate.evaluate_and_print",
         "thalweg.bench.leaderboard.leaderboard",
         "thalweg.bench.speed.speed_table.measure",
     ):
@@ -471,7 +474,7 @@ def test_a_file_that_cannot_be_written_is_named_before_anything_is_done(
         assert capsys.readouterr().err.startswith(f"thalweg: {said}")
     monkeypatch.setattr("os.access", lambda path, mode: Path(path) != here / "folder")
     assert main([*given, option, f"folder/a/new{ending}"]) == 2
-    said = f"{option} folder/a/new{ending} cannot be written: nothing may be put into {here / 'folder'}"
+    said = f"{option} folder/a/new{ending} cannot be written: no permission to write into {here / 'folder'}"
     assert capsys.readouterr().err == f"thalweg: {said}\n"
     assert sorted(path.name for path in here.rglob("*")) == ["file", "folder"]
 

@@ -1,6 +1,7 @@
-"""What can be typed? `thalweg world | render | encoder | train | evaluate | bench | report | leaderboard | speed`.
+"""The `thalweg` command: parses a command line into one of the commands, runs it, and prints errors as one line.
 
-Each command is a dataclass in `thalweg.cli`; here a command line becomes one of them, and an error a line.
+Each command is a dataclass in a file of its own. Its fields are the options, their docstrings the help, and `run` does
+the work. What a command needs is imported when it runs, so that `thalweg --help` answers at once.
 """
 
 import signal
@@ -15,10 +16,16 @@ from typing import Annotated, Any
 import tyro
 from tyro.conf import OmitSubcommandPrefixes, subcommand
 
-from thalweg.cli.drawing import DrawWorld, RenderFrames
-from thalweg.cli.learning import Encoder, Train
-from thalweg.cli.measuring import Bench, Evaluate, Leaderboard, Report, Speed
+from thalweg.cli.bench import Bench
+from thalweg.cli.encoder import Encoder
+from thalweg.cli.evaluate import Evaluate
+from thalweg.cli.leaderboard import Leaderboard
 from thalweg.cli.options import REGISTRY, UsageError
+from thalweg.cli.render import RenderFrames
+from thalweg.cli.report import Report
+from thalweg.cli.speed import Speed
+from thalweg.cli.train import Train
+from thalweg.cli.world import DrawWorld
 
 DESCRIPTION = (
     "A photo-realistic river world and a benchmark of safe reinforcement learning on it."
@@ -52,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _check_seeds(command)
         if arguments is None:
             warnings.showwarning = _show_warning
-            signal.signal(signal.SIGTERM, signal.default_int_handler)  # to be told to end is to be interrupted
+            signal.signal(signal.SIGTERM, signal.default_int_handler)  # SIGTERM interrupts like Ctrl-C
         return command.run()
     except KeyboardInterrupt:
         print(f"\nInterrupted. {_after_interrupt(command)}", file=sys.stderr)
@@ -83,8 +90,8 @@ def _parse(arguments: list[str]) -> Any:
 def _after_interrupt(command: Any) -> str:
     """What becomes of a command that was interrupted."""
     if isinstance(command, Train | Bench | Encoder):
-        return "The same command goes on from the last checkpoint."
-    return "Nothing is kept; the same command begins anew."
+        return "The same command resumes from the last checkpoint."
+    return "Nothing was saved; the same command starts from the beginning."
 
 
 def _ours(error: Exception) -> bool:

@@ -1,7 +1,4 @@
-"""How are options of the command line read? Numbers as people write them, and the file of a real river with its reach.
-
-What several commands share stands here; `thalweg.cli` has the commands.
-"""
+"""Options that several commands share: numbers as people write them, output files, and the file of a real river."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -14,7 +11,7 @@ from tyro.conf import arg
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec
 
 MOST_DIGITS = 18
-"""A whole number that is written with a point or an exponent has at most so many."""
+"""Most digits of a whole number that is written with a point or an exponent."""
 
 
 class UsageError(ValueError):
@@ -23,18 +20,18 @@ class UsageError(ValueError):
 
 @dataclass(frozen=True)
 class RiverFile:
-    """A real river instead of a level's."""
+    """A real river instead of that of a level."""
 
     geojson: Path | None = None
-    """A real river's centre line instead of a level: longitude and latitude, width as a property."""
+    """GeoJSON file of a real river's centre line, used instead of a level; the width is a property of the line."""
     width_m: float | None = None
-    """Width where the file gives none."""
+    """Width where the file has none."""
     start_m: float | None = None
-    """Where along the file's line the reach begins; at its start if not given."""
+    """Where the reach begins along the line; by default at its start."""
     length_m: float | None = None
-    """How long the reach is; to the line's end if not given."""
+    """Length of the reach; by default to the end of the line."""
     smooth_m: float | None = None
-    """Round the file's line by a Gaussian of this standard deviation."""
+    """Smooth the line by a Gaussian of this standard deviation."""
 
     def reach(self, level_option: str, level: str | Sequence[str] | None) -> Any:
         """The reach that is meant, a `thalweg.world.Reach`; None where no file is given.
@@ -75,6 +72,16 @@ River = Annotated[RiverFile, arg(name="")]
 NO_FILE = RiverFile()
 
 
+def load_world(river: RiverFile, level: str | None, seed: int | None) -> Any:
+    """The world of the file, or that of the level and seed."""
+    from thalweg.world import level_named, load_or_build
+
+    if (reach := river.reach("--level", level)) is not None:
+        return reach.build(seed or 0)
+    chosen = level_named(level or "Medium")
+    return load_or_build(chosen, chosen.default_seed if seed is None else seed)
+
+
 def check_file(option: str, path: Path, *endings: str) -> None:
     """Raise `UsageError` for a path to write to that is a folder, does not end as its kind of file does, or lies where
     nothing may be written; folders on the way to it that are not there yet are made with it."""
@@ -86,7 +93,7 @@ def check_file(option: str, path: Path, *endings: str) -> None:
     if not home.is_dir():
         raise UsageError(f"{option} {path} cannot be written: {home} is not a folder")
     if not os.access(home, os.W_OK | os.X_OK):
-        raise UsageError(f"{option} {path} cannot be written: nothing may be put into {home}")
+        raise UsageError(f"{option} {path} cannot be written: no permission to write into {home}")
 
 
 def whole_number(text: str) -> int:
@@ -101,7 +108,7 @@ def whole_number(text: str) -> int:
         value = Decimal("NaN")
     if value.is_finite() and value.adjusted() < MOST_DIGITS and value == value.to_integral_value():
         return int(value)
-    raise UsageError(f"{text!r} is no whole number; write one such as 0, 200000 or 2e5")
+    raise UsageError(f"{text!r} is not a whole number; write one such as 0, 200000 or 2e5")
 
 
 def number(text: str) -> float:
@@ -109,7 +116,7 @@ def number(text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise UsageError(f"{text!r} is no number; write one such as 12, 0.5 or 1e-4") from None
+        raise UsageError(f"{text!r} is not a number; write one such as 12, 0.5 or 1e-4") from None
 
 
 def settings_from(given: Sequence[str]) -> dict[str, Any]:

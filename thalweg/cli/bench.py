@@ -1,0 +1,65 @@
+"""`thalweg bench`: a whole suite trained, evaluated and reported."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tyro.conf import Positional
+
+if TYPE_CHECKING:
+    from thalweg.bench.execute.executors import Executor
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Train, evaluate and report a whole suite; the same command resumes."""
+
+    suite: Positional[str]
+    """`quick`, `easy`, `open`, `protocols`, `paper`, or a YAML file of your own."""
+    out: Path
+    """Folder of the results."""
+    jobs: int | None = None
+    """Number of runs at a time, each in its own process with a share of the cores; by default one per core. With 1 they
+    run one after another, with progress bars. On a cluster: the maximum."""
+    cluster: str | None = None
+    """Run on a Ray cluster: auto for the one that this machine belongs to, or HOST:PORT of its head."""
+    cpus: int | None = None
+    """Processors and threads of each run on a cluster; by default 1."""
+    only: tuple[str, ...] = ()
+    """Run only these policies, each with all its seeds (FOCOPS, FOCOPS-paper, hover, packaged), or single runs
+    (FOCOPS-0), such as --only FOCOPS PPO-0. FOCOPS does not include FOCOPS-paper."""
+
+    def run(self) -> int:
+        return run_and_print(self.suite, self.out, self.only, executor_for(self.jobs, self.cluster, self.cpus))
+
+
+def run_and_print(name: str, folder: Path, only: tuple[str, ...], executor: "Executor") -> int:
+    """Run a suite, or a part of it, and print its tables; returns 1 if a run failed."""
+    from thalweg.bench.execute.runner import run_suite
+    from thalweg.bench.suite.yaml_file import suite_of
+    from thalweg.cli.tables import make_console, print_tables
+
+    console = make_console()
+    outcome = run_suite(suite_of(name), folder, console=console, executor=executor, only=only)
+    print_tables(console, outcome.results, detail=False)
+    lines = [f"Report: {outcome.report.page}", f"Table:  {outcome.report.table}"]
+    if outcome.report.film is not None:
+        lines.append(f"Film:   {outcome.report.film}")
+    lines.extend(f"Failed: {row.run}: {row.error}" for row in outcome.failed)
+    console.print("\n".join(lines), highlight=False, soft_wrap=True, markup=False)
+    return 1 if outcome.failed else 0
+
+
+def executor_for(jobs: int | None, cluster: str | None, cpus: int | None) -> "Executor":
+    """The executor that the options of the command ask for; raises `ResultsError` where they do not go together."""
+    from thalweg.bench.csv_files import ResultsError
+    from thalweg.bench.execute.cluster.ray_executor import RayExecutor
+    from thalweg.bench.execute.executors import ProcessPoolExecutor, SerialExecutor
+    from thalweg.core.machine import usable_cores
+
+    if cluster is not None:
+        return RayExecutor(cluster, jobs, 1 if cpus is None else cpus)
+    if cpus is not None:
+        raise ResultsError("--cpus goes with --cluster; here, runs share the cores")
+    jobs = usable_cores() if jobs is None else jobs
+    return SerialExecutor() if jobs == 1 else ProcessPoolExecutor(jobs)

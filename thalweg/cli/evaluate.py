@@ -1,0 +1,132 @@
+"""`thalweg evaluate`: a policy flown from the fixed starts of levels, or on a real river."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tyro.conf import Positional
+
+from thalweg.cli.options import NO_FILE, River, UsageError, check_file
+
+if TYPE_CHECKING:
+    from thalweg.bench.evaluate.baselines import Policy
+    from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig
+    from thalweg.world import Reach
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Evaluate a policy from the fixed list of starts of each level."""
+
+    policy: Positional[str]
+    """A run's folder, a policy file, `packaged`, or a baseline: random, hover, forward, pilot."""
+    levels: tuple[str, ...] = ()
+    """Levels to fly on; by default Easy, Medium and Hard."""
+    river: River = NO_FILE
+    world_seed: int | None = None
+    """With --geojson: seed of the plants and hills."""
+    episodes: int = 20
+    """Number of starts per level, each flown once."""
+    starts_seed: int = 0
+    """Seed of the list of starts."""
+    seed: int = 0
+    """Seed for action sampling."""
+    deterministic: bool = False
+    """Take the most probable action instead of sampling."""
+    unseen: bool = False
+    """Fly on unseen rivers of the levels, on which nothing is trained: one start on each, one river per episode."""
+    encoder: Path | None = None
+    """File of the encoder; by default the one that comes with the package."""
+    out: Path | None = None
+    """Also write one row per episode to this .csv file, replacing it."""
+    device: str = "cpu"
+    """Where to render and encode: cpu, cuda, cuda:1, or auto, which uses a GPU if one works."""
+
+    @property
+    def config(self) -> "EvaluationConfig":
+        from thalweg.bench.evaluate.evaluation import EvaluationConfig
+
+        return EvaluationConfig(self.episodes, self.starts_seed, self.deterministic)
+
+    def run(self) -> int:
+        if self.out is not None:
+            check_file("--out", self.out, ".csv")
+        reach = self.river.reach("--levels", self.levels)
+        if reach is not None and self.unseen:
+            raise UsageError("--unseen goes with --levels: a GeoJSON file has only one river")
+        if reach is None and self.world_seed is not None:
+            raise UsageError("--world-seed goes with --geojson; the levels are flown on their fixed rivers")
+        evaluate_and_print(self, (reach,) if reach is not None else self.levels or ("Easy", "Medium", "Hard"))
+        return 0
+
+
+def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> None:
+    """Fly on levels, by name, or on a real river; print the tables, and write the rows if asked to."""
+    from thalweg.bench.csv_files import ResultsError
+    from thalweg.bench.evaluate.baselines import BASELINES
+    from thalweg.bench.evaluate.episodes import Episode, write_episodes
+    from thalweg.bench.evaluate.evaluation import Label, evaluate, through_encoder
+    from thalweg.bench.evaluate.progress import all_landed, bar, progress_of_flights
+    from thalweg.bench.results.results import Results
+    from thalweg.bench.suite.suites import PACKAGED
+    from thalweg.cli.tables import make_console, print_tables
+    from thalweg.train.river import check_policy_fits, load_compatible_encoder
+    from thalweg.world import Reach, level_named
+
+    console = make_console()
+    rivers = [river if isinstance(river, Reach) else level_named(river).name for river in rivers]
+    for river in rivers:
+        if rivers.count(river) > 1:
+            raise ResultsError(f"--levels names {river} twice; each level is flown once")
+    policy = load_named_policy(command.policy)
+    encoder = None if hasattr(policy, "sees") else load_compatible_encoder(command.encoder, command.device)
+    if encoder is not None:
+        check_policy_fits(policy, encoder)
+    name = command.policy if command.policy in (*BASELINES, PACKAGED) else Path(command.policy).resolve().name
+    rows: list[Episode] = []
+    for river in rivers:
+        courses, level = _courses(command, river)
+        with bar(console, "episodes") as progress:
+            for course in courses:
+                look = through_encoder(course.world, encoder) if encoder is not None else None
+                which = f", river {course.world.seed}" if command.unseen else ""
+                on_step = progress_of_flights(progress, f"{name} on {level}{which}", len(course.starts))
+                label = Label(name, command.seed, level)
+                rows.extend(evaluate(policy, course, label, command.config, look=look, on_step=on_step))
+                all_landed(progress)
+    if command.out is not None:
+        write_episodes(command.out, rows)
+    print_tables(console, Results(Path(), {}, [], rows, [], []))
+    if command.out is not None:
+        console.print(f"One row per episode: {command.out}", highlight=False)
+
+
+def load_named_policy(name: str) -> "Policy":
+    """A baseline, the packaged policy, or the policy of a run's folder or of a file; raises `ResultsError`."""
+    from thalweg.bench.csv_files import ResultsError
+    from thalweg.bench.evaluate.baselines import BASELINES
+    from thalweg.bench.execute.backend import PACKAGED_POLICY
+    from thalweg.bench.suite.suites import PACKAGED
+    from thalweg.train import load_policy
+
+    if name in BASELINES:
+        return BASELINES[name]
+    path = PACKAGED_POLICY if name == PACKAGED else Path(name)
+    if not path.exists():
+        known = ", ".join((PACKAGED, *BASELINES))
+        raise ResultsError(f"no policy at {path}; give a run's folder, a policy file, or one of: {known}")
+    return load_policy(path)
+
+
+def _courses(command: Evaluate, river: "str | Reach") -> "tuple[list[Course], str]":
+    """The courses of a level or of a real river, and the name of their rows."""
+    from thalweg.bench.evaluate.evaluation import Course
+    from thalweg.train.build_notice import announce_build
+
+    if isinstance(river, str):
+        unseen = command.unseen
+        return (Course.unseen(river, command.config) if unseen else [Course.of_level(river, command.config)]), river
+    world_seed = command.world_seed or 0
+    announce_build(river, world_seed)
+    return [Course.on(river.build(world_seed), command.config)], river.name

@@ -1,0 +1,101 @@
+"""`thalweg render`: what the camera sees at chosen poses."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from thalweg.cli.options import NO_FILE, POSE, River, UsageError, check_file, load_world
+from thalweg.core.atomic_io import atomic_path
+
+PICTURES = (".png", ".jpg", ".jpeg", ".webp")
+
+
+@dataclass(frozen=True)
+class RenderFrames:
+    """Draw what the camera sees: a sheet of frames above their water masks, or a gallery of looks."""
+
+    level: str | None = None
+    """Easy, Medium or Hard. Medium by default."""
+    seed: int | None = None
+    """Seed of the river; by default the fixed river of the level. With --geojson: of its plants and hills."""
+    river: River = NO_FILE
+    pose: POSE | None = None
+    """x y z in metres and yaw in radians; random poses by default."""
+    poses: Literal["random", "pilot"] = "random"
+    """Where the camera is if no pose is given: at random safe starts, or along flights of the scripted pilot, 50 steps
+    each."""
+    count: int = 8
+    """Number of poses."""
+    poses_seed: int = 0
+    """Seed of the random poses."""
+    size: int = 128
+    """Height and width of a frame in pixels."""
+    quality: Literal["full", "fast"] = "full"
+    """`fast` leaves out reflections, filters less, and marches one ray for four pixels."""
+    frames: Path | None = None
+    """Also write each frame as a PNG into this folder."""
+    gallery: bool = False
+    """Instead, draw one view at both ends of each range of domain randomisation."""
+    out: Path = Path("frames.png")
+    """Picture to write, .png, .jpg or .webp; an existing one is replaced."""
+
+    def run(self) -> int:
+        self._check()
+        world = load_world(self.river, self.level, self.seed)
+        if self.pose is not None and not world.covers(*self.pose[:2]):
+            raise UsageError(f"--pose: x = {self.pose[0]:g}, y = {self.pose[1]:g} is outside the map of {world.name}")
+        poses = self._poses(world)
+        if self.gallery:
+            self._write_gallery(world, poses[0])
+        else:
+            self._write_frames(world, poses)
+        return 0
+
+    def _check(self) -> None:
+        """Raise `UsageError` for options that do not go together, or a picture that cannot be written."""
+        if self.count < 1:
+            raise UsageError("--count must be at least 1")
+        if self.gallery and (self.frames is not None or self.quality != "full"):
+            raise UsageError("--gallery draws one view in the full quality: leave out --frames and --quality")
+        if self.pose is not None and self.poses != "random":
+            raise UsageError(f"give --pose or --poses {self.poses}, not both")
+        check_file("--out", self.out, *PICTURES)
+
+    def _poses(self, world: Any) -> Any:
+        """Camera poses [K, 4]."""
+        import numpy as np
+
+        from thalweg.env import sample_starts
+        from thalweg.env.pilot.flight_poses import pilot_poses
+
+        if self.pose is not None:
+            return np.array([self.pose])
+        if self.poses == "pilot":
+            return pilot_poses(world, self.count, self.poses_seed)
+        return sample_starts(world, self.count, self.poses_seed)
+
+    def _write_gallery(self, world: Any, pose: Any) -> None:
+        from thalweg.bench.pictures.gallery import gallery
+
+        with atomic_path(self.out) as draft:
+            gallery(world, pose, self._camera).save(draft)
+        print(f"{self.out}: the ranges of domain randomisation in {world.name}, seed {world.seed}")
+
+    def _write_frames(self, world: Any, poses: Any) -> None:
+        from thalweg.bench.pictures.contact_sheet import contact_sheet, write_frames
+        from thalweg.render import Renderer
+
+        frames = Renderer([world], self._camera, self.quality).render(poses)
+        if self.frames is not None:
+            write_frames(self.frames, frames)
+        with atomic_path(self.out) as draft:
+            contact_sheet(frames).save(draft)
+        for x, y, z, yaw in poses:
+            print(f"--pose {x:.3f} {y:.3f} {z:.3f} {yaw:.4f}")
+        print(f"{self.out}: {len(frames)} frames of {world.name}, seed {world.seed}")
+
+    @property
+    def _camera(self) -> Any:
+        from thalweg.render import Camera
+
+        return Camera(height_px=self.size, width_px=self.size)

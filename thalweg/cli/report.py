@@ -1,0 +1,25 @@
+"""`thalweg report`: the report of a results folder, from its files alone."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from tyro.conf import Positional
+
+
+@dataclass(frozen=True)
+class Report:
+    """Write the report of a results folder, from its files alone."""
+
+    results: Positional[Path]
+    """Folder that `thalweg bench` wrote."""
+    out: Path | None = None
+    """Folder to write to, new or that of an earlier report; by default `report` within the results."""
+
+    def run(self) -> int:
+        from thalweg.bench.report.report import write_report
+
+        report = write_report(self.results, self.out)
+        print(f"Report: {report.page}\nTable:  {report.table}")
+        for line in report.problems:
+            print(f"Note:   {line}")
+        return 0

@@ -1,0 +1,27 @@
+"""`thalweg speed`: the speed of each part on this machine."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from thalweg.cli.options import check_file
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Measure the speed of each part on this machine."""
+
+    json: bool = False
+    """Print JSON instead of a table."""
+    quick: bool = False
+    """Fewer repetitions, and no training."""
+    stages: bool = False
+    """Instead, measure the stages of a frame: milliseconds of each on one thread."""
+    out: Path | None = None
+    """Also write the JSON to this .json file, replacing it."""
+
+    def run(self) -> int:
+        from thalweg.bench.speed.speed_table import speed
+
+        if self.out is not None:
+            check_file("--out", self.out, ".json")
+        return speed(as_json=self.json, quick=self.quick, out=self.out, stages=self.stages)

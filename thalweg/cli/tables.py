@@ -1,0 +1,30 @@
+"""Results on the terminal: the paper's table and the details beside it."""
+
+from rich.console import Console
+from rich.table import Column, Table
+
+from thalweg.bench.report.published import SOURCE
+from thalweg.bench.report.result_tables import detail_table, paper_table
+from thalweg.bench.report.table import is_published
+from thalweg.bench.results.results import Results
+
+WIDTH = 120
+"""Characters in a line of output where there is no terminal."""
+
+
+def make_console() -> Console:
+    """The terminal; a pipe has no width of its own, and a wrapped number is hard to read."""
+    return Console() if Console().is_terminal else Console(width=WIDTH)
+
+
+def print_tables(console: Console, results: Results, *, detail: bool = True) -> None:
+    """The paper's table, and with `detail` what it leaves out."""
+    texts = [paper_table(results).text] + ([detail_table(results).text] if detail else [])
+    for text in texts:
+        table = Table(*(Column(name, justify="right" if index else "left") for index, name in enumerate(text.columns)))
+        for row in text.itertuples(index=False, name=None):
+            published = is_published(row[0])
+            table.add_row("published *" if published else row[0], *row[1:], style="dim" if published else None)
+        console.print(table)
+    if any(map(is_published, texts[0].iloc[:, 0])):
+        console.print(f"* {SOURCE}: measured in another simulator, on other rivers", highlight=False)

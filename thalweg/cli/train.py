@@ -1,0 +1,79 @@
+"""`thalweg train`: a policy on a river, seen through an encoder."""
+
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+
+from thalweg.cli.options import NO_FILE, River, settings_from
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train a policy on a river, seen through an encoder; the same command resumes."""
+
+    out: Path
+    """Folder of the run."""
+    algorithm: str = "FOCOPS"
+    """Name of the algorithm; an unknown name lists the known ones."""
+    level: str | None = None
+    """Easy, Medium or Hard. Medium by default."""
+    world_seeds: tuple[int, ...] = ()
+    """Seeds of the rivers to train on; by default the fixed river of the level. With --geojson: of plants and hills."""
+    river: River = NO_FILE
+    steps: int = 200_000
+    """Steps of training, over all environments together."""
+    seed: int = 0
+    """Seed of everything random in the training."""
+    num_envs: int = 16
+    """Number of environments that step together."""
+    encoder: Path | None = None
+    """File of the encoder; by default the one that comes with the package."""
+    preset: str = "default"
+    """`default`, or `paper` for the settings of the study, as far as they are known."""
+    set: tuple[str, ...] = ()
+    """Settings of the algorithm on top of the preset, such as learning_rate=1e-4. An unknown one lists the known."""
+    threads: int | None = None
+    """Threads for acting and learning; by default two for wide networks and one for small ones, within OMP_NUM_THREADS.
+    Give 1 to each of several runs that share the cores."""
+    begin_with: Path | None = None
+    """Run folder or policy file whose policy the run starts from, such as one trained by PPO or on an easier river."""
+    device: str = "cpu"
+    """Where to train: cpu, cuda, cuda:1, or auto, which uses a GPU if one works."""
+    graphs: bool = False
+    """Record the gradient steps of DDPGLag, TD3Lag and SACLag as CUDA graphs and replay them."""
+
+    def run(self) -> int:
+        from thalweg.algos.registry import algorithm_named
+        from thalweg.train.river import RiverTraining, load_compatible_encoder
+
+        settings = settings_from(self.set)
+        algorithm = algorithm_named(self.algorithm).name
+        river = self.river.reach("--level", self.level) or self.level or "Medium"
+        training = RiverTraining(river, self.num_envs, self.world_seeds)
+        result = training.train(
+            algorithm,
+            load_compatible_encoder(self.encoder, self.device),
+            steps=self.steps,
+            seed=self.seed,
+            folder=self.out,
+            settings=settings or None,
+            preset=self.preset,
+            threads=self.threads,
+            device=self.device,
+            begin_with=self.begin_with,
+            graphs=self.graphs,
+        )
+        if result.already_finished:
+            print(f"{self.out} was finished before; nothing was trained.")
+        elif result.resumed_from is not None:
+            print(f"{self.out} resumed from step {result.resumed_from:,}.")
+        print(
+            f"{result.folder}: {result.algorithm}, {result.steps:,} steps, {result.episodes:,} episodes in"
+            f" {result.seconds:.0f} s; last 50: return {result.return_mean:.2f}, cost {result.cost_mean:.2f}"
+        )
+        if result.already_finished or result.resumed_from is not None:  # else they have been shown
+            for line in result.warnings:
+                print(f"Warning: {line}")
+        encoder = ["--encoder", str(self.encoder)] if self.encoder else []
+        print(f"Evaluate it: {shlex.join(['thalweg', 'evaluate', str(self.out), *self.river.words(), *encoder])}")
+        return 0

@@ -126,7 +126,7 @@ def test_a_point_is_what_it_draws_and_has_no_density():
     point = Deterministic(torch.tensor([[0.25, -0.5]]))
     assert point.sample(None).tolist() == point.mode().tolist() == [[0.25, -0.5]]
     for ask in (lambda: point.log_prob(point.mode()), point.entropy, lambda: point.kl(point)):
-        with pytest.raises(TypeError, match=r"a point has no|two points"):
+        with pytest.raises(TypeError, match=r"a deterministic policy has no|two deterministic policies"):
             ask()
 
 

@@ -18,7 +18,7 @@ from thalweg.algos.onpolicy.natural_step import NaturalStep, most_violated
 from thalweg.core.config import frozen_config
 
 FAR_BELOW = -1e6
-"""The violation of a limit of which nothing is known yet."""
+"""Violation that is assumed before any episode has finished."""
 
 
 @frozen_config(AlgorithmError)
@@ -36,7 +36,11 @@ class CPOConfig(ConstrainedConfig, NaturalConfig):
 
 
 class CPO:
-    """CPO at work. Of several limits a step keeps the one that is violated most, or least far from it."""
+    """The CPO algorithm; see `Learner` for its methods.
+
+    With several limits, each step considers only the one with the largest violation or, if none is violated, the
+    smallest margin.
+    """
 
     def __init__(self, config: CPOConfig, task: Task) -> None:
         self.config, self.separate_costs, self.resets = config, config.separate_costs, config.reset_each_update
@@ -48,7 +52,7 @@ class CPO:
         return self.agent.act(obs, fresh)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
-        """One step of the policy that solves its programme, beside the critics; returns the metrics."""
+        """Take one constrained natural-gradient step of the policy, train the critics, and return the metrics."""
         config, agent = self.config, self.agent
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
         worst, violation = most_violated(feedback, config.limits, config.cost_window)
@@ -74,8 +78,11 @@ class CPO:
     def _step(
         self, rewards: Tensor, costs: Tensor, violation: float, monitor: KLMonitor, natural: NaturalStep
     ) -> dict[str, float]:
-        """The longest step along the programme's solution that gains reward, or recovers, and lowers the cost where it
-        must; returns what became of it."""
+        """Take the longest accepted step along the solution of the constrained problem, and return its metrics.
+
+        A step is accepted if the reward's surrogate does not fall, unless the limit is violated, and the cost's
+        surrogate rises by at most the margin below the limit.
+        """
         g, b = natural.gradient(rewards), natural.gradient(costs)
         along_g, along_b = natural.solve(g), natural.solve(b)
         q, r, s = (float(x) for x in (g.dot(along_g), g.dot(along_b), b.dot(along_b)))
@@ -95,7 +102,7 @@ class CPO:
         }
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Cost limits that nothing has broken."""
+        """Return warnings about cost limits that no episode has exceeded."""
         return limit_warnings(self.config.limits, feedback)
 
     def state(self) -> dict[str, Any]:

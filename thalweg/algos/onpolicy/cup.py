@@ -71,7 +71,7 @@ class CUP:
         return self.agent.act(obs, fresh)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
-        """The multipliers, then the step for the reward, then the projection; returns the metrics."""
+        """Update the multipliers, improve the reward, project towards the limit, and return the metrics."""
         config, agent = self.config, self.agent
         self.multipliers.update(feedback)
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
@@ -103,7 +103,7 @@ class CUP:
         )
 
     def _improve(self, inputs: Tensor | Sequences, actions: Tensor, old_log_prob: Tensor, advantages: Tensor) -> Tensor:
-        """One gradient step of the policy; returns its loss."""
+        """Take one gradient step of the policy, and return its loss."""
         return self.agent.step(
             inputs,
             lambda new: improvement_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy()),
@@ -112,7 +112,7 @@ class CUP:
     def _project(
         self, inputs: Tensor | Sequences, actions: Tensor, improved: Tensor, old_log_prob: Tensor, costs: Tensor
     ) -> None:
-        """One gradient step of the policy back towards the limit."""
+        """Take one gradient step of the policy towards the limit."""
         half = self.policy.actions.distribution(improved)
         self.agent.step(
             inputs,
@@ -120,7 +120,7 @@ class CUP:
         )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """What keeps the cost limits or their multipliers from doing their work."""
+        """Return warnings about cost limits and multipliers that have no effect in this run."""
         left = self.agent.updates_left(feedback)
         return limit_warnings(self.config.limits, feedback) | self.multipliers.warnings(feedback, left)
 

@@ -77,7 +77,7 @@ class FOCOPS:
         return self.agent.act(obs, fresh)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
-        """The multiplier first, then passes until the policy has moved by `target_kl`; returns the metrics."""
+        """Update the multipliers, then train until the KL exceeds `target_kl` or passes run out; return metrics."""
         config, agent = self.config, self.agent
         self.multipliers.update(feedback)
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
@@ -112,7 +112,7 @@ class FOCOPS:
         old_log_prob: Tensor,
         advantages: Tensor,
     ) -> Tensor:
-        """One gradient step of the policy; returns its loss."""
+        """Take one gradient step of the policy, and return its loss."""
         old = self.policy.actions.distribution(old_parameters)
         return self.agent.step(
             inputs,
@@ -122,7 +122,7 @@ class FOCOPS:
         )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """What keeps the cost limits or their multipliers from doing their work."""
+        """Return warnings about cost limits and multipliers that have no effect in this run."""
         left = self.agent.updates_left(feedback)
         return limit_warnings(self.config.limits, feedback) | self.multipliers.warnings(feedback, left)
 

@@ -24,7 +24,7 @@ class NaturalStep:
     def __init__(
         self, agent: Agent, samples: Samples, monitor: KLMonitor, config: NaturalConfig, progress: float = 0.0
     ) -> None:
-        """`progress`: share of the run's steps taken before this rollout."""
+        """Prepare a step; `progress` is the share of the run's steps taken before this rollout."""
         self._agent, self._samples, self._drift, self._config = agent, samples, monitor, config
         self._actor = agent.policy.actor
         self._start = parameters_to_vector(self._actor.parameters()).detach().clone()
@@ -32,15 +32,15 @@ class NaturalStep:
         self._share = 1.0 / dimensions
         settled = min(1.0, (1.0 - progress) / SETTLING) if config.radius_settles else 1.0
         self.radius = config.trust_radius * settled * min(1.0, samples.rollout_steps / agent.rollout_steps)
-        """δ, less by the share of steps that a rollout at the end of a run is short of: few steps say little."""
+        """Trust region δ. A shorter last rollout reduces it in proportion, as its gradient is noisier."""
 
     def gradient(self, advantages: Tensor) -> Tensor:
-        """∇ E[ρ A] [P] at the policy that acted, for advantages [B]."""
+        """Return ∇ E[ρ A] [P] at the policy that acted, for advantages [B]."""
         log_prob = self._agent.policy.distribution_of(self._samples.inputs).log_prob(self._samples.actions)
         return self._flat(losses.surrogate(log_prob, self._drift.old_log_prob, advantages))
 
     def solve(self, gradient: Tensor) -> Tensor:
-        """H⁻¹ g [P], with H the curvature of the mean KL plus the damping."""
+        """Return H⁻¹ g [P], where H is the curvature of the mean KL plus the damping."""
         old = self._agent.policy.actions.distribution(self._drift.old_parameters)
         new = self._agent.policy.actions.distribution(self._actor(self._samples.inputs, twice_differentiable=True))
         slope = self._flat(self._share * old.kl(new).mean(), create_graph=True)
@@ -53,8 +53,11 @@ class NaturalStep:
 
     @torch.no_grad()
     def search(self, step: Tensor, accepts: Callable[[Tensor], bool]) -> int:
-        """Take the longest of ever shorter steps [P] that stays within the trust region and that `accepts` says yes to,
-        given log π(a|s) [B] there; returns how many were tried and refused. If all were, the policy stays."""
+        """Take the longest accepted step along `step` [P] within the trust region; return how many were rejected.
+
+        Each trial is shorter than the one before. `accepts` is called with log π(a|s) [B] after the step. If all trials
+        are rejected, the policy stays unchanged.
+        """
         for tried in range(self._config.backtracks):
             self._put(self._start + self._config.backtrack_factor**tried * step)
             new = self._agent.policy.distribution_of(self._samples.inputs)
@@ -66,7 +69,7 @@ class NaturalStep:
         return self._config.backtracks
 
     def _put(self, vector: Tensor) -> None:
-        """Move the policy to [P], in the memory that it has: what is laid out over it stays so."""
+        """Copy a vector [P] into the parameters in place, so that views of them stay valid."""
         parameters = list(self._actor.parameters())
         for parameter, part in zip(parameters, vector.split([each.numel() for each in parameters]), strict=True):
             parameter.copy_(part.view_as(parameter))

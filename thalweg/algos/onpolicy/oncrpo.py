@@ -46,7 +46,7 @@ class OnCRPO:
         return self.agent.act(obs, fresh)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
-        """One natural step of the policy, for the reward or against a cost, beside the critics; returns the metrics."""
+        """Take one natural step for the reward or against a cost, train the critics, and return the metrics."""
         config, agent = self.config, self.agent
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
         worst, violation = most_violated(feedback, config.limits, config.cost_window)
@@ -64,7 +64,7 @@ class OnCRPO:
         )
 
     def _step(self, advantages: Tensor, monitor: KLMonitor, natural: NaturalStep) -> int:
-        """The longest step along H⁻¹ g that gains; returns how many were refused."""
+        """Take the longest step along H⁻¹ g that improves the surrogate, and return the number of rejected steps."""
         gradient = natural.gradient(advantages)
         along = natural.solve(gradient)
         step = natural_step(float(gradient.dot(along)), natural.radius) * along
@@ -74,7 +74,7 @@ class OnCRPO:
         )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Cost limits that nothing has broken."""
+        """Return warnings about cost limits that no episode has exceeded."""
         return limit_warnings(self.config.limits, feedback)
 
     def state(self) -> dict[str, Any]:

@@ -107,7 +107,7 @@ class P3O:
         return self.agent.act(obs, fresh)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
-        """Passes until the policy has moved by `target_kl`; returns the metrics."""
+        """Train until the KL exceeds `target_kl` or all passes are done, and return the metrics."""
         config, agent = self.config, self.agent
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
         costs = cost_advantages(config, samples)
@@ -150,7 +150,7 @@ class P3O:
         advantages: Tensor,
         costs: Tensor,
     ) -> tuple[Tensor, Tensor]:
-        """One gradient step of the policy; returns its loss and the penalties [M]."""
+        """Take one gradient step of the policy, and return its loss and the penalties [M]."""
         if self.config.centre_minibatches:
             costs = costs - costs.mean(0)
         penalties = costs.new_zeros(len(violations))
@@ -165,7 +165,7 @@ class P3O:
         return self.agent.step(inputs, loss_of), penalties.detach()
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Cost limits that nothing has broken."""
+        """Return warnings about cost limits that no episode has exceeded."""
         return limit_warnings(self.config.limits, feedback)
 
     def state(self) -> dict[str, Any]:

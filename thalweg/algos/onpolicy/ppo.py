@@ -50,7 +50,7 @@ class PPO:
         return self.agent.act(obs, fresh)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
-        """Passes over the rollout's steps until the policy has moved by `target_kl`; returns the metrics."""
+        """Train until the KL exceeds `target_kl` or all passes are done, and return the metrics."""
         config, agent = self.config, self.agent
         samples = agent.samples(rollout, [reward_signal(config, rollout)])
         rate, monitor = agent.decay(feedback.progress), KLMonitor(agent, samples)
@@ -68,14 +68,14 @@ class PPO:
         )
 
     def _step(self, inputs: Tensor | Sequences, actions: Tensor, old_log_prob: Tensor, advantages: Tensor) -> Tensor:
-        """One gradient step of the policy; returns its loss."""
+        """Take one gradient step of the policy, and return its loss."""
         return self.agent.step(
             inputs,
             lambda new: policy_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy()),
         )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Nothing: PPO has no limit that could fail to bind."""
+        """Return no warnings, because PPO has no cost limit."""
         return {}
 
     def state(self) -> dict[str, Any]:

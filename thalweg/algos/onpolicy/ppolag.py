@@ -58,7 +58,7 @@ class PPOLag:
         return self.agent.act(obs, fresh)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
-        """The multipliers first, then passes until the policy has moved by `target_kl`; returns the metrics."""
+        """Update the multipliers, then train until the KL exceeds `target_kl` or passes run out; return metrics."""
         config, agent = self.config, self.agent
         self.multipliers.update(feedback)
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
@@ -84,14 +84,14 @@ class PPOLag:
         )
 
     def _step(self, inputs: Tensor | Sequences, actions: Tensor, old_log_prob: Tensor, advantages: Tensor) -> Tensor:
-        """One gradient step of the policy; returns its loss."""
+        """Take one gradient step of the policy, and return its loss."""
         return self.agent.step(
             inputs,
             lambda new: policy_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy()),
         )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """What keeps the cost limits or their multipliers from doing their work."""
+        """Return warnings about cost limits and multipliers that have no effect in this run."""
         left = self.agent.updates_left(feedback)
         return limit_warnings(self.config.limits, feedback) | self.multipliers.warnings(feedback, left)
 

@@ -36,7 +36,7 @@ class Actions:
 
     kind: Kind
     shape: tuple[int, ...]
-    """NetworkShape of one action of the environment: () for Discrete."""
+    """Shape of one action of the environment: () for Discrete."""
     dtype: str
     adapter: Adapter = "native"
     sizes: tuple[int, ...] = ()
@@ -49,17 +49,17 @@ class Actions:
 
     @property
     def count(self) -> int:
-        """A."""
+        """Number A of branches or dimensions."""
         return len(self.sizes) or len(self.low)
 
     @property
     def outputs(self) -> int:
-        """How many numbers the policy's network gives: logits, means, or means and log standard deviations."""
+        """Number of outputs of the policy's network: logits, means, or means and log standard deviations."""
         per_number = 2 if self.kind == "squashed" else 1
         return sum(self.sizes) if self.kind == "categorical" else per_number * self.count
 
     def joint_count(self, algorithm: str) -> int:
-        """J: how many joint actions there are; raises `AlgorithmError` for more than an algorithm can sum over."""
+        """Return the number J of joint actions; raise `AlgorithmError` for more than an algorithm can sum over."""
         count = math.prod(self.sizes)
         if count > MOST_JOINT_ACTIONS:
             raise AlgorithmError(
@@ -69,12 +69,12 @@ class Actions:
         return count
 
     def uniform(self, count: int, generator: torch.Generator) -> Tensor:
-        """Raw actions [count, A], each as probable as any other: options, or numbers in -1..1."""
+        """Return uniformly distributed raw actions [count, A]: options, or numbers in -1..1."""
         drawn = torch.rand(count, self.count, generator=generator, device=generator.device)
         return (drawn * constant(self.sizes, drawn.device)).long() if self.kind == "categorical" else 2.0 * drawn - 1.0
 
     def distribution(self, parameters: Tensor) -> Distribution:
-        """The policy at each state, from parameters [B, P]."""
+        """Return the policy's distribution at each state, from parameters [B, P]."""
         if self.kind == "categorical":
             return Categoricals.from_logits(parameters, self.sizes)
         if self.kind == "point":
@@ -82,7 +82,7 @@ class Actions:
         return (SquashedGaussian if self.kind == "squashed" else Gaussians)(*parameters.chunk(2, dim=-1))
 
     def options(self, raw: Tensor) -> Tensor:
-        """The options [N, A] int64 of a discrete space that raw actions [N, A] stand for."""
+        """Return the options [N, A] int64 of a discrete space for raw actions [N, A]."""
         if self.kind == "categorical":
             return raw
         return gaussian.discretised(raw, constant(self.sizes, raw.device), scaled=self.adapter == "box_scaled")
@@ -103,18 +103,18 @@ class Actions:
         return found.view(-1, *self.shape)
 
     def to_numpy(self, raw: Tensor) -> np.ndarray:
-        """The same as an array of the environment's own type."""
+        """Return the environment's actions as an array of the action space's dtype."""
         return self.env_actions(raw).cpu().numpy().astype(self.dtype)
 
     def _within_bounds(self, raw: Tensor) -> Tensor:
-        """Clipped to the box; where it has both bounds, -1..1 spans it, so that a fresh policy reaches all of it."""
+        """Return numbers clipped to the box; dimensions with two bounds map -1..1 to the whole range first."""
         low, high = (constant(bounds, raw.device, torch.float64) for bounds in (self.low, self.high))
         bounded = low.isfinite() & high.isfinite()
         below, above = torch.where(bounded, low, -1.0), torch.where(bounded, high, 1.0)
         return ((above + below) / 2 + (above - below) / 2 * raw).clamp(low, high)
 
     def as_data(self) -> dict[str, object]:
-        """Plain data for JSON; `from_data` is its inverse. Infinite bounds become None."""
+        """Return plain data for JSON, which `from_data` reads; infinite bounds become None."""
         bounds = {name: [x if np.isfinite(x) else None for x in getattr(self, name)] for name in ("low", "high")}
         lists = {name: list(getattr(self, name)) for name in ("shape", "sizes", "start")}
         return {"kind": self.kind, "dtype": self.dtype, "adapter": self.adapter, **lists, **bounds}
@@ -129,14 +129,14 @@ class Actions:
 
 @cache
 def constant(numbers: tuple[Any, ...], device: torch.device, dtype: torch.dtype = torch.int64) -> Tensor:
-    """Numbers [A] of a type, laid down on a device once."""
-    # The first caller may be acting, but they are kept for learning too.
+    """Return numbers [A] as a tensor, cached for each device."""
+    # The first call may be in inference mode, but the cached tensor is used in learning too.
     with torch.inference_mode(False):
         return torch.tensor(numbers, dtype=dtype, device=device)
 
 
 def actions_of(space: gym.Space, adapter: Adapter = "native", continuous: Kind = "gaussian") -> Actions:
-    """The record of a single environment's action space.
+    """Return the `Actions` of a single environment's action space.
 
     Args:
         space: Discrete, MultiDiscrete with one axis, or a Box of floats.

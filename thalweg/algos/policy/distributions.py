@@ -197,13 +197,13 @@ class Deterministic:
         return self.point
 
     def log_prob(self, actions: Tensor) -> Tensor:
-        raise TypeError("a point has no density")
+        raise TypeError("a deterministic policy has no density")
 
     def entropy(self) -> Tensor:
-        raise TypeError("a point has no entropy in nats")
+        raise TypeError("a deterministic policy has no entropy in nats")
 
     def kl(self, other: "Deterministic") -> Tensor:
-        raise TypeError("two points have no finite divergence")
+        raise TypeError("the KL divergence of two deterministic policies is not finite")
 
 
 class TapedDistribution:

@@ -1,6 +1,6 @@
 """Memory of a policy: a stack of the last frames, or a gated recurrent unit.
 
-One observation has no past, while a reward can depend on where one has been. Letters: N environments, D numbers of a
+A single observation does not contain the past, on which rewards can depend. Letters: N environments, D numbers of a
 frame, K frames, L steps of a sequence, C sequences, M numbers of a state.
 """
 
@@ -18,9 +18,9 @@ Memory = Literal["none", "gru"]
 
 
 class FrameStack:
-    """The last K frames of N environments side by side, [N, D] -> [N, K * D], the newest last.
+    """The last K frames of N environments, concatenated: [N, D] -> [N, K * D], the newest last.
 
-    Before there are K, the first one of the episode stands for those that are missing.
+    At the beginning of an episode, its first frame is repeated.
     """
 
     def __init__(self, num_envs: int, size: int, frames: int, device: torch.device = CPU) -> None:
@@ -28,7 +28,7 @@ class FrameStack:
         self._last = torch.zeros(num_envs, frames, size, device=device)
 
     def push(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Take in observations [N, D], of which `fresh` [N] bool begin an episode; returns all of them [N, K * D]."""
+        """Add observations [N, D], of which `fresh` [N] bool begin an episode, and return the stack [N, K * D]."""
         if self.frames == 1:
             return obs
         moved = torch.cat([self._last[:, 1:], obs.unsqueeze(1)], 1)
@@ -36,24 +36,23 @@ class FrameStack:
         return self._last.flatten(1).clone()
 
     def peek(self, obs: Tensor, envs: Tensor) -> Tensor:
-        """What `push` would return for observations [F, D] of environments [F] whose episodes go on; it changes
-        nothing."""
+        """Return what `push` would for observations [F, D] of environments [F], without adding them."""
         if self.frames == 1:
             return obs
         return torch.cat([self._last[envs, 1:], obs.unsqueeze(1)], 1).flatten(1)
 
     def state(self) -> np.ndarray:
-        """[N, K, D]."""
+        """Return the frames [N, K, D]."""
         return array_of(self._last)
 
     def load_state(self, state: np.ndarray) -> None:
-        """The inverse of `state`."""
+        """Restore what `state` returned."""
         self._last = tensor_of(state, self._last.device)
 
 
 @dataclass(frozen=True)
 class Sequences:
-    """C sequences of L steps, some of which count: what a recurrent network is given instead of B observations."""
+    """C sequences of L steps, the input of a recurrent network in place of B observations; padding is not used."""
 
     obs: Tensor
     """[L, C, D], normalised."""
@@ -82,12 +81,12 @@ class Gru(nn.Module):
         self.bias_in, self.bias = uniform(3 * size), uniform(3 * size)
 
     def step(self, obs: Tensor, state: Tensor, fresh: Tensor) -> Tensor:
-        """The state [N, M] after observations [N, D], cleared first where `fresh` [N]."""
+        """Return the state [N, M] after observations [N, D], cleared first where `fresh` [N]."""
         state = state * (~fresh).unsqueeze(-1)
         return torch.gru_cell(obs, state, self.weight_in, self.weight, self.bias_in, self.bias)
 
     def states(self, obs: Tensor, fresh: Tensor, start: Tensor) -> Tensor:
-        """The state after each of L steps [L, C, M]."""
+        """Return the state after each of L steps [L, C, M]."""
         state, states = start, []
         for step in range(len(obs)):
             state = self.step(obs[step], state, fresh[step])
@@ -95,10 +94,10 @@ class Gru(nn.Module):
         return torch.stack(states)
 
     def features(self, sequences: Sequences, name: str) -> Tensor:
-        """Observation and state side by side [B, D + M], of the steps that count."""
+        """Return observation and state, concatenated [B, D + M], of the valid steps."""
         states = self.states(sequences.obs, sequences.fresh, sequences.starts[name])
         return torch.cat([sequences.obs, states], -1).flatten(0, 1)[sequences.keep]
 
     def start(self, count: int) -> Tensor:
-        """[N, M] zeros: before anything was seen."""
+        """Return the initial state [N, M]: zeros."""
         return self.bias.new_zeros(count, self.size)

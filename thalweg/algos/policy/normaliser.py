@@ -1,4 +1,4 @@
-"""Normalisation of observations by running statistics, which change in learning only."""
+"""Normalisation of observations by running statistics."""
 
 import numpy as np
 import torch
@@ -10,13 +10,13 @@ from thalweg.algos.common.state import CPU, array_of, tensor_of
 CLIP = 5.0
 """Normalised observations are clipped to this many standard deviations."""
 STD_FLOOR = 0.01
-"""A number that hardly varies is not blown up beyond 1 / this."""
+"""Smallest standard deviation, so that numbers that hardly vary are scaled by at most 1 / this."""
 
 
 class Normaliser:
-    """Running mean and variance of D numbers; the identity while it has seen nothing or is switched off.
+    """Standardises D numbers by their running mean and variance; the identity if disabled or before the first update.
 
-    Acting never changes it, so an evaluation uses the statistics of training.
+    Acting does not change the statistics, so an evaluation uses those of training.
     """
 
     def __init__(self, size: int, enabled: bool = True, device: torch.device = CPU) -> None:
@@ -28,13 +28,13 @@ class Normaliser:
         self._shift, self._scale = torch.zeros(size, device=device), torch.ones(size, device=device)
 
     def __call__(self, obs: Tensor) -> Tensor:
-        """Normalised observations [B, D]."""
+        """Return normalised observations [B, D]."""
         if not self.enabled or self.count == 0:
             return obs
         return ((obs - self._shift) * self._scale).clamp_(-CLIP, CLIP)
 
     def update(self, obs: Tensor) -> None:
-        """Take in observations [B, D] (Chan, Golub, LeVeque 1983: statistics of two sets joined)."""
+        """Add observations [B, D] to the statistics (Chan, Golub, LeVeque 1983: statistics of two sets combined)."""
         if not self.enabled or len(obs) == 0:
             return
         batch = obs.double()
@@ -48,16 +48,16 @@ class Normaliser:
 
     @property
     def scale(self) -> Tensor:
-        """[D] by which differences of observations are multiplied."""
+        """Factor [D] by which differences of observations are multiplied."""
         return self._scale if self.enabled and self.count else torch.ones_like(self._scale)
 
     def state(self) -> dict:
-        """Everything, as arrays and plain data."""
+        """Return the statistics as arrays and plain data."""
         moments = {"mean": array_of(self.mean), "square": array_of(self.square)}
         return {"count": self.count, "enabled": self.enabled, **moments}
 
     def load_state(self, state: dict) -> None:
-        """The inverse of `state`; raises `AlgorithmError` if the size differs."""
+        """Restore what `state` returned; raises `AlgorithmError` if the size differs."""
         if np.shape(state["mean"]) != tuple(self.mean.shape):
             raise AlgorithmError(
                 f"a normaliser of {len(self.mean)} numbers can't take one of {np.shape(state['mean'])}"

@@ -1,8 +1,8 @@
 """CUDA graphs of gradient steps: a step is recorded once, then replayed as one call.
 
-A recorded step reads and writes the memory it was recorded with, and every number that Python gave it stays as it was:
-what it learns from is copied to one place, and it is recorded anew when such a number changes. Nothing in it may be
-read by the host or come from there. Without a GPU, and where it is not asked for, steps are simply taken.
+A recorded step reads and writes the memory it was recorded with, and numbers passed by Python are constants in it. Its
+rows are therefore copied to a fixed buffer, and it is recorded again when such a number changes. It must not transfer
+data between host and GPU. Without a GPU, or if graphs are not enabled, steps are called directly.
 """
 
 from collections.abc import Callable, Hashable, Sequence
@@ -12,34 +12,34 @@ from torch import Tensor
 
 Step = Callable[[Tensor], None]
 WARM = 2
-"""Steps of a kind that are taken as they are before one is recorded: libraries set themselves up in them."""
+"""Number of steps of a kind that run unrecorded first, because libraries initialise themselves in them."""
 
 
 class CudaGraphs:
-    """Steps of a few kinds, each recorded once."""
+    """Recorded gradient steps, one for each kind of step and shape of its rows."""
 
     def __init__(self, asked: bool, generators: Sequence[torch.Generator]) -> None:
-        """`generators`: all that random numbers within steps come from."""
+        """`asked` enables recording; `generators` are all sources of random numbers within steps."""
         self.asked, self._generators = asked, list(generators)
         self._numbers: Hashable = None
         self._taken: dict[Hashable, int] = {}
         self._replays: dict[Hashable, tuple[Tensor, Callable[[], None]]] = {}
 
     def run(self, step: Step, rows: Tensor, kind: Hashable, numbers: Hashable) -> None:
-        """Take a step that learns from these rows.
+        """Take a gradient step on rows, by replay if it is recorded.
 
         Args:
-            step: What is to be done with rows of this shape; the same for every call.
-            rows: What it learns from.
-            kind: What it does is the same whenever this is.
-            numbers: What Python gives it beside that.
+            step: Function of the rows; its operations depend only on `kind`, `numbers` and the shape of the rows.
+            rows: Data of the step.
+            kind: Kind of the step.
+            numbers: Python numbers that the step uses; a change of them discards all recordings.
         """
         if not self.asked:
             step(rows)
             return
         moved, self._numbers = numbers != self._numbers, numbers
         place = (kind, tuple(rows.shape))
-        if moved:  # perhaps in every step: then nothing is worth recording
+        if moved:  # it may change in every step, and recording then would only cost time
             self._replays.clear()
             beside(step, rows)
         elif place in self._replays:
@@ -55,7 +55,7 @@ class CudaGraphs:
 
 
 def beside(step: Step, rows: Tensor) -> None:
-    """Take a step on a stream of its own, as one that is to be recorded must be before."""
+    """Take a step on a separate stream, which CUDA requires before a step is recorded."""
     stream = torch.cuda.Stream(rows.device)
     stream.wait_stream(torch.cuda.current_stream(rows.device))
     with torch.cuda.stream(stream):
@@ -64,7 +64,7 @@ def beside(step: Step, rows: Tensor) -> None:
 
 
 def recorded(step: Callable[[], None], generators: Sequence[torch.Generator]) -> Callable[[], None]:
-    """Take a step, and give what takes it again."""
+    """Record and take a step, and return a function that replays it."""
     graph = torch.cuda.CUDAGraph()
     for generator in generators:
         graph.register_generator_state(generator)  # pyright: ignore[reportAttributeAccessIssue]

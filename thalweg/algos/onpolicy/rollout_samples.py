@@ -39,14 +39,14 @@ class Samples:
     advantages: Tensor
     """[K, B]."""
     targets: Tensor
-    """[K, B], advantage + value: what each critic should have said."""
+    """[K, B], advantage + value: the regression targets of the critics."""
     values: Tensor
-    """[K, B], what it said."""
+    """[K, B], predictions of the critics."""
     rollout_steps: int
     """T."""
 
     def shuffled(self, tensors: Sequence[Tensor], generator: torch.Generator) -> list[Tensor]:
-        """Observations, and tensors [B, ...] beside them, in a new order."""
+        """Return observations and the given tensors [B, ...] in one random order."""
         assert isinstance(self.inputs, Tensor)
         order = torch.randperm(len(self.actions), generator=generator, device=self.actions.device)
         return [tensor[order] for tensor in (self.inputs, *tensors)]
@@ -54,10 +54,10 @@ class Samples:
     def minibatches(
         self, tensors: Sequence[Tensor], size: int, generator: torch.Generator
     ) -> Iterator[tuple[Tensor | Sequences, tuple[Tensor, ...]]]:
-        """Inputs, and the rows of tensors [B, ...] that belong to them, shuffled, in parts of about `size` rows.
+        """Yield shuffled minibatches of about `size` rows: inputs and the matching rows of tensors [B, ...].
 
-        Observations are shuffled once and cut into views, which is cheaper than gathering for every part; sequences
-        stay whole. No part is a small rest.
+        Observations are shuffled once and split into views, which is cheaper than indexing for every minibatch.
+        Sequences are not split. No minibatch is a small remainder.
         """
         parts = minibatch_count(len(self.actions), size)
         if isinstance(self.inputs, Tensor):
@@ -81,7 +81,7 @@ def samples_of(
     signals: Sequence[Signal],
     memory: "RolloutMemory | None" = None,
 ) -> Samples:
-    """The rollout's valid steps with the advantages of each signal; critic k predicts signal k."""
+    """Return the rollout's valid steps with the advantages of each signal; critic k predicts signal k."""
     steps, count, size = rollout.obs.shape[0] - 1, rollout.obs.shape[1], rollout.obs.shape[2]
     obs = normaliser(rollout.obs.reshape(-1, size))
     final = normaliser(rollout.final_obs)
@@ -93,7 +93,7 @@ def samples_of(
     next_values = values[:, 1:].clone()
     if len(rollout.final_index):
         next_values.view(len(signals), -1)[:, rollout.final_index] = critics(seen_final)
-    # A step that only resets passes nothing back: the one before it ended an episode.
+    # A step that only resets does not affect earlier advantages, because the step before it ended an episode.
     advantages = torch.stack(
         [
             gae(
@@ -159,7 +159,7 @@ class RolloutMemory:
             padded = torch.cat([tensor, tensor.new_zeros(missing, *tensor.shape[1:])])
             return padded.view(blocks, self.length, *tensor.shape[1:]).transpose(0, 1).flatten(1, 2)
 
-        # Places are counted from 1, so that what is filled up with zeros is no step.
+        # Valid steps are numbered from 1, so that 0 marks padding.
         number = rollout.valid.flatten().cumsum(0).view(steps, count) * rollout.valid
         rows = cut(number).flatten() - 1
         keep = (rows >= 0).nonzero().squeeze(-1)
@@ -170,20 +170,20 @@ class RolloutMemory:
         return Sequences(cut(obs), cut(rollout.fresh[:-1]), starts, keep), rows[keep]
 
     def move_on(self) -> None:
-        """The next rollout begins with the last observation of this one, which has not been acted on yet."""
+        """Prepare for the next rollout, whose first observation is the last one of this rollout."""
         self.starts = {name: states[-2].clone() for name, states in self._states.items()}
 
     def state(self) -> dict[str, object]:
-        """Arrays."""
+        """Return the states as arrays."""
         return {name: array_of(start) for name, start in self.starts.items()}
 
     def load_state(self, state: dict) -> None:
-        """The inverse of `state`."""
+        """Restore what `state` returned."""
         self.starts = {name: tensor_of(state[name], start.device) for name, start in self.starts.items()}
 
 
 def _places(sequences: Sequences) -> Tensor:
-    """[L, C] which of the B rows each step is; -1 where it does not count."""
+    """Return the row among B of each step [L, C]; -1 for steps that are not valid."""
     length, count = sequences.fresh.shape
     places = torch.full((length * count,), -1, device=sequences.keep.device)
     places[sequences.keep] = torch.arange(len(sequences.keep), device=sequences.keep.device)
@@ -191,7 +191,7 @@ def _places(sequences: Sequences) -> Tensor:
 
 
 def _some(sequences: Sequences, columns: Tensor, keep: Tensor) -> Sequences:
-    """The chosen sequences, of which the steps `keep` count."""
+    """Return the chosen sequences, of which the steps `keep` are valid."""
     return replace(
         sequences,
         obs=sequences.obs[:, columns],
@@ -202,5 +202,5 @@ def _some(sequences: Sequences, columns: Tensor, keep: Tensor) -> Sequences:
 
 
 def valid_obs(rollout: Rollout) -> Tensor:
-    """Raw observations [B, D] of the valid steps."""
+    """Return raw observations [B, D] of the valid steps."""
     return rollout.obs[:-1][rollout.valid]

@@ -1,4 +1,4 @@
-"""Steps of tensors are the same as steps of arrays: to the learner, and in the records of episodes."""
+"""Tests that collecting tensors equals collecting arrays, for the learner and for the records of episodes."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The real thing, on a GPU: skipped, and said so at the end of the run, where there is none."""
+"""Tests on a real GPU, skipped without one; the end of the test run reports the skip."""
 
 import csv
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""benchmarks/gpu.py, which is for a machine with a GPU, does all that it does on the CPU too."""
+"""Tests of benchmarks/gpu.py on the CPU."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Gradient steps that are recorded and replayed learn what those learn that are taken one by one."""
+"""Tests that recorded and replayed gradient steps equal individual ones."""
 
 from collections.abc import Iterator
 from functools import partial

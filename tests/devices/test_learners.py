@@ -1,4 +1,4 @@
-"""Every learner works where its task says: no tensor of it is left behind on the CPU, and none is fetched in a step."""
+"""Tests that every learner stays on the device of its task and copies no tensor in a step."""
 
 from collections.abc import Iterator
 from typing import Any

@@ -1,4 +1,4 @@
-"""One thread, as in a run: small networks are slower with more, and much slower on a busy machine."""
+"""Fixture that limits PyTorch to one thread, as in a run: small networks are slower with more threads."""
 
 from collections.abc import Iterator
 

@@ -1,13 +1,12 @@
-"""Does an algorithm reach the best that a problem holds? Which ones, where, and against what: as data; and the run that
-tells.
+"""Known-answer cases as data, and training runs that compare an algorithm with the optimum of a problem.
 
-A cell is an algorithm in an action space on a problem. It is held against the best that its kind of policy can do:
+A cell is an algorithm in an action space on a problem. It is compared with the best policy of its kind:
 
 * `free`: the best without a limit (PPO, which knows none);
-* `limited`: the best within the limit, which may draw lots;
-* `deterministic`: the best within the limit that draws none (DDPG, TD3);
-* `planner`: what a perfect planner with the algorithm's horizon reaches (`solutions.planned`): where it looks as many
-  steps ahead, with the terminal value 0 and its share of the limit at every decision.
+* `limited`: the best within the limit, which may be stochastic;
+* `deterministic`: the best deterministic policy within the limit (DDPG, TD3);
+* `planner`: what a perfect planner with the algorithm's horizon reaches (`solutions.planned`): with the same number
+  of steps ahead, terminal value 0 and its share of the limit at every decision.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -35,11 +34,11 @@ EXCESS, LEAST_EXCESS = 0.1, 0.02
 
 @dataclass(frozen=True)
 class Place:
-    """Where actions are chosen: the environment's space, and the head in front of it."""
+    """Action space of the environment, and the settings that adapt the policy to it."""
 
     space: SpaceName
     config: Mapping[str, Any] = field(default_factory=dict)
-    """What an algorithm's config must say for it."""
+    """Settings that the algorithm needs for it."""
 
 
 PLACES: dict[str, Place] = {
@@ -55,7 +54,7 @@ is wrong with it: nothing is asked of it."""
 
 @dataclass(frozen=True)
 class Row:
-    """What is asked of an algorithm."""
+    """Requirements on an algorithm, and the settings of its runs."""
 
     against: Against
     steps: int = 160_000
@@ -127,7 +126,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Result:
-    """How near a trained policy came."""
+    """Score of a trained policy beside the optimum."""
 
     cell: Cell
     score: Score
@@ -135,12 +134,12 @@ class Result:
 
     @property
     def share(self) -> float:
-        """Of the optimum's return."""
+        """Share of the optimum's return."""
         return self.score.reward / self.optimum.reward
 
     @property
     def excess(self) -> float:
-        """How far the cost lies above what is allowed, at most over the limits; negative within."""
+        """Largest excess of a cost over its limit and tolerance; negative if all are within."""
         if self.cell.row.against == "free":
             return -np.inf
         limits = np.atleast_1d(np.asarray(self.cell.limit, dtype=float))
@@ -161,7 +160,7 @@ def cells(algorithms: Collection[str] = tuple(ROWS), problems: Collection[str] =
 
 
 def reference(cell: Cell) -> Outcome:
-    """What the cell is held against."""
+    """Optimum that the cell is compared with."""
     return _reference(cell.problem, cell.row.against, cell.limit, cell.horizon)
 
 
@@ -177,7 +176,7 @@ def _reference(name: str, against: Against, limit: Limit, horizon: int) -> Outco
 
 
 def trained(cell: Cell, seed: int, folder: Path) -> Result:
-    """Train, and hold the policy that the run ends with against the optimum; an interrupted run goes on."""
+    """Train and compare the final policy with the optimum; an interrupted run is resumed."""
     problem, place, row = PROBLEMS[cell.problem], PLACES[cell.place], cell.row
     env = ProblemEnv(problem, space=place.space)
     ended = run(cell.algorithm, env, steps=row.steps, seed=seed, folder=folder, config=cell.config)

@@ -1,7 +1,7 @@
-"""Frames a little like a river, drawn without world or renderer: a bending strip of water between sand and wood.
+"""Synthetic frames that resemble a river, drawn without world or renderer: a winding strip of water, sand and woods.
 
-They depend on eight random numbers each (height, heading, place across, bends, width, tree line, light), about as many
-as a real view of the river, so that a code of 16 numbers can hold what is in them.
+Each depends on eight random numbers (height, heading, lateral offset, bends, width, tree line, light), about as many
+as a real view of the river, so that a code of 16 numbers can represent it.
 """
 
 import numpy as np

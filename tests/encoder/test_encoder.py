@@ -1,4 +1,4 @@
-"""The frozen encoder: the same numbers as the model it was folded from, the same bits in any company, clear errors."""
+"""Tests of the frozen encoder: equality with its model, bit-identical codes in any batch, and errors."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def encoder() -> Encoder:
 
 @pytest.mark.parametrize("inputs", ["rgb", "mask", "rgb+mask"])
 @pytest.mark.parametrize("architecture", ["lean", "paper"])
-def test_folding_changes_no_code(inputs, architecture, frames):
+def test_folded_encoder_equals_the_model(inputs, architecture, frames):
     vae = trained_looking(VAEConfig(inputs=inputs, latent=8, architecture=architecture))
     with torch.inference_mode():
         expected = vae.encode(to_batch(frames[:8], vae.config))[0].numpy()
@@ -56,7 +56,7 @@ def test_folding_changes_no_code(inputs, architecture, frames):
 
 
 @pytest.mark.parametrize("which", ["default", "rgb", "mask", "rgb+mask"])
-def test_a_code_depends_on_its_own_frame_alone(which, frames):
+def test_code_depends_on_its_own_frame_only(which, frames):
     encoder = load_encoder() if which == "default" else Encoder(trained_looking(VAEConfig(inputs=which, latent=4)))
     together = encoder(frames)
     for count in range(1, 34):
@@ -68,7 +68,7 @@ def test_a_code_depends_on_its_own_frame_alone(which, frames):
 
 
 @pytest.mark.parametrize("rest", [1, 2, 17])
-def test_the_last_of_many_frames_are_coded_as_the_first(encoder, frames, rest):
+def test_last_frames_of_a_batch_have_the_same_codes_as_the_first(encoder, frames, rest):
     many = np.concatenate([frames, frames])[: CHUNKS["cpu"] + rest]
     assert np.array_equal(encoder(many)[CHUNKS["cpu"] :], encoder(frames)[CHUNKS["cpu"] - len(frames) :][:rest])
 
@@ -76,23 +76,23 @@ def test_the_last_of_many_frames_are_coded_as_the_first(encoder, frames, rest):
 def test_the_linear_layer_gives_the_same_bits_for_any_number_of_rows(encoder):
     features = torch.randn(64, 512, generator=torch.Generator().manual_seed(0))
     with torch.inference_mode():
-        together = encoder._codes(features)
+        together = encoder._linear(features)
         for size in (1, 2, 3, 5, 7, 16, 17):
-            assert torch.equal(torch.cat([encoder._codes(part) for part in features.split(size)]), together), size
+            assert torch.equal(torch.cat([encoder._linear(part) for part in features.split(size)]), together), size
 
 
 def test_the_same_frames_give_the_same_bits(encoder, frames):
     assert np.array_equal(encoder(frames[:16]), encoder(frames[:16].copy()))
 
 
-def test_many_frames_are_coded_as_few(encoder, frames):
+def test_codes_do_not_depend_on_the_batch_size(encoder, frames):
     many = np.concatenate([frames, frames, frames])
     assert np.array_equal(encoder(many)[80:96], encoder(frames[:16]))
     assert encoder(frames[:0]).shape == (0, 16)
 
 
 @pytest.mark.parametrize(("inputs", "channels"), [("rgb", slice(0, 3)), ("mask", slice(3, 4))])
-def test_four_channels_are_cut_to_those_it_takes(inputs, channels, frames):
+def test_channels_of_the_inputs_are_selected(inputs, channels, frames):
     encoder = Encoder(trained_looking(VAEConfig(inputs=inputs, latent=4)))
     assert np.array_equal(encoder(frames[:4]), encoder(frames[:4, ..., channels]))
 
@@ -141,7 +141,7 @@ def test_an_unknown_precision_is_named():
         Encoder(VAE(VAEConfig(size_px=64)), precision="float8")
 
 
-def test_it_runs_in_as_many_threads_as_were_asked_for_whatever_others_have_set(encoder, frames, monkeypatch):
+def test_runs_in_the_configured_number_of_threads(encoder, frames, monkeypatch):
     seen = []
     hook = encoder._head.register_forward_hook(lambda *_: seen.append(torch.get_num_threads()))
     before = torch.get_num_threads()

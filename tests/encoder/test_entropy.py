@@ -1,4 +1,4 @@
-"""The relative entropy of two encoders' codes, against sums worked by hand."""
+"""Tests of the relative entropy of codes against sums computed by hand."""
 
 import math
 
@@ -14,7 +14,7 @@ def column(*shares: int) -> np.ndarray:
     return np.repeat([-1.0, 0.0, 1.0], shares)[:, None]
 
 
-def test_each_number_fills_the_bins_whatever_its_range():
+def test_bins_span_the_range_of_each_number():
     codes = column(2, 3, 4)
     assert histograms(codes).tolist() == [[2 / 9, 3 / 9, 4 / 9]]
     assert np.array_equal(histograms(codes), histograms(7.0 * codes - 100.0))
@@ -26,11 +26,11 @@ def test_2000_images_are_counted_in_45_bins_as_in_the_paper():
     assert shares.shape == (3, 45) and np.allclose(shares.sum(1), 1.0)
 
 
-def test_a_number_that_never_varies_lies_in_the_middle():
+def test_constant_number_falls_into_the_middle_bin():
     assert histograms(np.full((9, 1), 5.0)).tolist() == [[0.0, 1.0, 0.0]]
 
 
-def test_the_sum_is_that_worked_by_hand():
+def test_relative_entropy_equals_hand_computed_value():
     first, second = column(2, 3, 4), column(4, 4, 1)
     by_hand = (2 * math.log(2 / 4) + 3 * math.log(3 / 4) + 4 * math.log(4 / 1)) / 9
     assert relative_entropy(first, second, 1e-12) == pytest.approx(by_hand, rel=1e-9)
@@ -38,13 +38,13 @@ def test_the_sum_is_that_worked_by_hand():
     assert relative_entropy(first, second, 1e-12) != pytest.approx(relative_entropy(second, first, 1e-12), rel=0.01)
 
 
-def test_it_is_the_mean_over_the_numbers_of_a_code():
+def test_relative_entropy_is_the_mean_over_the_numbers_of_a_code():
     first, second = column(2, 3, 4), column(4, 4, 1)
     both = relative_entropy(np.hstack([first, first]), np.hstack([second, first]))
     assert both == pytest.approx(0.5 * relative_entropy(first, second))
 
 
-def test_an_empty_bin_costs_what_the_smoothing_says():
+def test_smoothing_determines_the_cost_of_an_empty_bin():
     first, second = column(3, 3, 3), column(4, 0, 5)
     total = 1 + 3e-3
     by_hand = sum(
@@ -55,7 +55,7 @@ def test_an_empty_bin_costs_what_the_smoothing_says():
     assert relative_entropy(first, second, 1e-6) > 2 * by_hand
 
 
-def test_what_can_not_be_compared_is_named():
+def test_incomparable_codes_are_refused():
     with pytest.raises(EncoderInputError, match=r"\[9, 1\] and \[9, 2\]"):
         relative_entropy(np.zeros((9, 1)), np.zeros((9, 2)))
     with pytest.raises(EncoderInputError, match="smoothing must be above 0, not 0"):

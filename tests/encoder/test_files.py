@@ -1,4 +1,4 @@
-"""An encoder's file: it comes back as it was, and every other file is refused by name and reason."""
+"""Tests of encoder files: loading restores the model, and invalid files are refused with path and reason."""
 
 import json
 
@@ -35,7 +35,7 @@ def test_codes_are_the_same_after_saving(vae, path):
     assert loaded.about["level"] == "Medium" and loaded.config == CONFIG
 
 
-def test_a_half_precision_decoder_gives_nearly_the_same_picture(vae, path):
+def test_half_precision_decoder_gives_nearly_the_same_image(vae, path):
     codes = np.random.default_rng(0).normal(size=(4, 6)).astype(np.float32)
     difference = load_encoder(path).decode(codes).astype(int) - Encoder(vae).decode(codes).astype(int)
     assert np.abs(difference).max() <= 1
@@ -109,7 +109,7 @@ def test_numbers_that_are_not_finite_are_refused(path):
         load_vae(path)
 
 
-def test_what_is_too_large_for_half_precision_is_kept_whole(path):
+def test_tensors_too_large_for_half_precision_stay_float32(path):
     large = VAE(CONFIG)
     variances = [tensor for name, tensor in large.state_dict().items() if name.endswith("running_var")]
     for variance in variances:

@@ -1,11 +1,11 @@
-"""What a straight line reads from a code, where that is known."""
+"""Tests of the linear probe on codes with known R²."""
 
 import numpy as np
 import pytest
 
 from thalweg.encoder import EncoderInputError
 from thalweg.encoder import linear_probe as probe
-from thalweg.encoder.linear_probe import explained
+from thalweg.encoder.linear_probe import probe_r_squared
 
 
 def drawn(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -17,51 +17,51 @@ def drawn(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return codes, np.column_stack([line, noisy, generator.standard_normal(count), (codes[:, 0] - 5.0) ** 2])
 
 
-def test_a_line_is_read_whole_half_with_noise_and_chance_or_a_square_not_at_all():
+def test_r_squared_of_line_noisy_line_noise_and_square():
     fitted, judged = drawn(4000, 0), drawn(4000, 1)
-    line, noisy, chance, square = explained(*fitted, *judged)
+    line, noisy, chance, square = probe_r_squared(*fitted, *judged)
     assert line == pytest.approx(1.0, abs=1e-5)
     assert noisy == pytest.approx(0.5, abs=0.05)
     assert chance == pytest.approx(0.0, abs=0.01) and square == pytest.approx(0.0, abs=0.01)
 
 
-def test_it_is_judged_on_images_that_it_was_not_fitted_to(monkeypatch: pytest.MonkeyPatch):
+def test_r_squared_is_computed_on_other_images(monkeypatch: pytest.MonkeyPatch):
     codes, truths = drawn(20, 0)
     wide = np.hstack([codes, np.random.default_rng(2).standard_normal((20, 17))])
     monkeypatch.setattr(probe, "RIDGES", np.array([1e-9]))
-    itself = explained(wide, truths, wide, truths)[2]
+    itself = probe_r_squared(wide, truths, wide, truths)[2]
     other_codes, other_truths = drawn(500, 1)
     others = np.hstack([other_codes, np.random.default_rng(3).standard_normal((500, 17))])
-    assert itself > 0.9 and explained(wide, truths, others, other_truths)[2] < 0
+    assert itself > 0.9 and probe_r_squared(wide, truths, others, other_truths)[2] < 0
 
 
-def test_what_a_few_numbers_say_is_still_read_among_a_thousand():
+def test_penalty_finds_few_informative_numbers_among_a_thousand():
     generator = np.random.default_rng(0)
     codes = generator.standard_normal((2500, 1024))
     truths = (codes[:, :4].sum(1) + 2.0 * generator.standard_normal(2500))[:, None]  # half of its variance
-    of_many = explained(codes[:2000], truths[:2000], codes[2000:], truths[2000:])[0]
-    of_few = explained(codes[:2000, :16], truths[:2000], codes[2000:, :16], truths[2000:])[0]
+    of_many = probe_r_squared(codes[:2000], truths[:2000], codes[2000:], truths[2000:])[0]
+    of_few = probe_r_squared(codes[:2000, :16], truths[:2000], codes[2000:, :16], truths[2000:])[0]
     assert 0.15 < of_many < of_few and of_few == pytest.approx(0.5, abs=0.07)
 
 
-def test_what_is_not_known_of_an_image_leaves_it_out():
+def test_images_with_nan_are_left_out():
     codes, truths = drawn(400, 0)
     truths[::2, 0] = np.nan
-    assert explained(codes, truths, *drawn(400, 1))[0] == pytest.approx(1.0, abs=1e-4)
+    assert probe_r_squared(codes, truths, *drawn(400, 1))[0] == pytest.approx(1.0, abs=1e-4)
     truths[:, 0] = np.nan
-    assert np.isnan(explained(codes, truths, *drawn(400, 1))[0])
+    assert np.isnan(probe_r_squared(codes, truths, *drawn(400, 1))[0])
 
 
-def test_a_number_that_never_varies_does_no_harm():
+def test_constant_numbers_have_no_effect():
     codes, truths = drawn(400, 0)
     others, other_truths = drawn(400, 1)
     codes, others = (np.hstack([each, np.ones((400, 1))]) for each in (codes, others))
-    assert explained(codes, truths, others, other_truths)[0] == pytest.approx(1.0, abs=1e-4)
+    assert probe_r_squared(codes, truths, others, other_truths)[0] == pytest.approx(1.0, abs=1e-4)
 
 
-def test_codes_of_other_sizes_are_named():
+def test_mismatched_sizes_are_refused():
     codes, truths = drawn(10, 0)
     with pytest.raises(EncoderInputError, match=r"codes \[10, 3\] with truths \[10, 4\], and codes \[10, 2\]"):
-        explained(codes, truths, codes[:, :2], truths)
+        probe_r_squared(codes, truths, codes[:, :2], truths)
     with pytest.raises(EncoderInputError, match=r"truths \[9, 4\].*each code needs its truths"):
-        explained(codes, truths[:9], codes, truths)
+        probe_r_squared(codes, truths[:9], codes, truths)

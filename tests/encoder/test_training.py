@@ -1,4 +1,4 @@
-"""Training: it learns, it can be stopped and goes on to the same numbers, and it refuses what doesn't fit."""
+"""Tests of encoder training: learning, exact resumption, written files, and refused inputs."""
 
 import csv
 
@@ -43,7 +43,7 @@ def rows_of(folder) -> list[dict[str, str]]:
 
 
 @pytest.mark.slow
-def test_it_learns_more_than_the_mean_image(tmp_path):
+def test_learns_more_than_the_mean_image(tmp_path):
     frames = synthetic_frames(300, 64, seed=4)
     result = train_encoder(frames, CONFIG, tmp_path, epochs=20, batch=32, held_out=60, progress=False)
     assert result.train_mse < 0.4 * result.mean_image_mse
@@ -53,7 +53,7 @@ def test_it_learns_more_than_the_mean_image(tmp_path):
 
 
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
-def test_a_resumed_training_equals_an_unbroken_one(images, tmp_path, monkeypatch, precision):
+def test_resumed_training_equals_an_uninterrupted_one(images, tmp_path, monkeypatch, precision):
     unbroken = train(images, tmp_path / "unbroken", precision=precision)
     torch.manual_seed(99)  # nothing may depend on the global generator
     done = _State.epoch
@@ -95,7 +95,7 @@ def test_another_seed_gives_another_encoder(images, tmp_path):
     assert not torch.equal(first["mean.weight"], second["mean.weight"])
 
 
-def test_what_is_written_is_what_was_measured(images, tmp_path):
+def test_file_contains_the_measured_errors(images, tmp_path):
     source = Source(level="Medium", seed=3, render_version=5, command="thalweg encoder train")
     result = train(images, tmp_path, source=source)
     vae, about = load_vae(result.path)
@@ -140,7 +140,7 @@ def test_a_damaged_checkpoint_is_refused(images, tmp_path):
         train(images, tmp_path, epochs=1)
 
 
-def test_the_errors_by_hand():
+def test_mean_image_mse_equals_hand_computed_value():
     images = np.zeros((3, 64, 64, 4), np.uint8)
     images[2] = 255
     assert mean_image_mse(images, CONFIG) == pytest.approx(2 / 9)  # the variance of 0, 0, 1
@@ -181,6 +181,6 @@ def test_a_figure_needs_an_image(images, tmp_path):
         draw_reconstructions(images[:0], encoder, tmp_path / "sheet.png")
 
 
-def test_precision_that_is_asked_for_is_kept():
+def test_explicit_precision_is_kept():
     assert resolve_precision("float32") == "float32" and resolve_precision("bfloat16") == "bfloat16"
     assert resolve_precision("auto") in ("float32", "bfloat16")

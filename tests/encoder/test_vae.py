@@ -1,4 +1,4 @@
-"""The model's layers and its loss, against shapes and numbers worked out by hand."""
+"""Tests of the autoencoder's layers and loss against shapes and values computed by hand."""
 
 import math
 

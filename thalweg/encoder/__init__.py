@@ -1,9 +1,8 @@
-"""Encoder of frames: the variational autoencoder, its training, its files, and its fast frozen form."""
+"""Encoder of frames: variational autoencoder, training, files and fast frozen encoder."""
 
-from thalweg.encoder.encoder import DEFAULT_PATH, Encoder, check_render_version, folded, load_encoder
+from thalweg.encoder.encoder import DEFAULT_PATH, Encoder, check_render_version, fold_batch_norms, load_encoder
 from thalweg.encoder.files import EncoderFileError, load_vae, save_vae
-from thalweg.encoder.reconstruction import mean_image_mse, reconstruct, reconstruction_mse
-from thalweg.encoder.reconstruction_figure import draw_reconstructions
+from thalweg.encoder.reconstruction import draw_reconstructions, mean_image_mse, reconstruct, reconstruction_mse
 from thalweg.encoder.training import Source, TrainingResult, train_encoder
 from thalweg.encoder.vae import ARCHITECTURES, VAE, EncoderInputError, VAEConfig, kl_divergence, vae_loss
 
@@ -19,7 +18,7 @@ __all__ = [
     "VAEConfig",
     "check_render_version",
     "draw_reconstructions",
-    "folded",
+    "fold_batch_norms",
     "kl_divergence",
     "load_encoder",
     "load_vae",

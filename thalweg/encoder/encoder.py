@@ -1,13 +1,13 @@
 """Frozen encoder from frames to codes: fast inference that is bit-identical for any batch.
 
-Batch norms are folded into the convolutions and the division by 255 into the first of them, so that what runs is six
-convolutions and one linear layer. float32 is the default although bfloat16 is half as fast again: codes then agree
-between machines with and without it. No compilation: it would cost more at the start than it saves.
+Batch norms are folded into the convolutions and the division by 255 into the first of them, which leaves six
+convolutions and one linear layer. float32 is the default although bfloat16 is 1.5 times as fast: codes then agree
+between machines with and without bfloat16. The model is not compiled, since that would take more time than it saves.
 
-The same frame gives the same bits whatever stands beside it, in a batch of any size. Two things would break that, both
-because sums are made in another order: a convolution of a single image, which is therefore encoded together with a copy
-of itself, and a linear layer of few rows, which therefore always gets a multiple of 16. The tests hold this on the CPU
-that runs them, in float32; between CPUs the codes agree within 1e-4.
+A frame gives the same bits in a batch of any size and content. Two cases sum in another order and would break that: a
+convolution of a single image, which is therefore encoded together with a copy of itself, and a linear layer of few
+rows, which therefore always gets a multiple of 16. The tests verify this in float32 on the CPU that runs them; between
+CPUs, codes agree within 1e-4.
 """
 
 from collections.abc import Mapping
@@ -26,16 +26,16 @@ from thalweg.encoder.vae import LEAK, VAE, EncoderInputError
 DEFAULT_PATH = Path(__file__).with_name("default.safetensors")
 """The encoder that comes with the package."""
 ROWS = 16
-"""The linear layer gets a multiple of this number of rows; what is missing is filled with zeros."""
+"""The rows of the linear layer are padded with zeros to a multiple of this number."""
 CHUNKS = {"cpu": 64, "cuda": 1024}
-"""Frames converted to floating point at a time, so that thousands of frames need no more memory than these."""
+"""Frames per batch on each device, which bounds the memory that many frames need."""
 PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16}
 
 
 class Encoder:
     """Frames uint8 [N, H, W, C] to codes float32 [N, Z] (the mean of the Gaussian), on one device, without gradients.
 
-    C is the number of channels of `inputs`, or 4, of which those of `inputs` are taken.
+    C is the number of channels of `inputs`, or 4, of which the channels of `inputs` are selected.
     """
 
     def __init__(self, vae: VAE, about: Mapping[str, Any] | None = None, *, precision="float32", device="cpu"):
@@ -46,7 +46,7 @@ class Encoder:
         self.about = dict(about or {})
         self._device = torch.device(device)
         self._dtype = PRECISIONS[precision]
-        convolutions, self._head = folded(vae)
+        convolutions, self._head = fold_batch_norms(vae)
         for layer in convolutions:
             layer.to(self._device, self._dtype, memory_format=torch.channels_last)  # pyright: ignore
         self._convolutions = nn.Sequential(
@@ -56,7 +56,7 @@ class Encoder:
 
     @property
     def device(self) -> torch.device:
-        """Where it computes."""
+        """Device of the computation."""
         return self._device
 
     @property
@@ -66,12 +66,12 @@ class Encoder:
 
     @property
     def inputs(self) -> str:
-        """What is encoded: "rgb", "mask" or "rgb+mask"."""
+        """Channels that are encoded: "rgb", "mask" or "rgb+mask"."""
         return self.config.inputs
 
     @property
     def render_version(self) -> int | None:
-        """Version of the renderer whose frames it was trained on; None when the file says nothing of it."""
+        """Version of the renderer whose frames it was trained on; None if the file does not contain it."""
         return self.about.get("render_version")
 
     def __call__(self, frames: np.ndarray) -> np.ndarray:
@@ -80,7 +80,7 @@ class Encoder:
         return self.of_tensor(torch.from_numpy(np.ascontiguousarray(frames))).cpu().numpy()
 
     def of_tensor(self, frames: Tensor) -> Tensor:
-        """The same of a tensor, which stays where it is if that is the encoder's device."""
+        """Codes float32 [N, Z] of a tensor of frames uint8 [N, H, W, C], on the encoder's device."""
         self._check(tuple(frames.shape), frames.dtype)
         channels, chunk = self.config.channels, CHUNKS.get(self._device.type, CHUNKS["cuda"])
         if frames.shape[3] != len(channels):
@@ -88,12 +88,12 @@ class Encoder:
         codes = torch.empty(len(frames), self.latent, device=self._device)
         with torch_threads(default_torch_threads()), torch.inference_mode():
             for start in range(0, len(frames), chunk):
-                cut = frames[start : start + chunk]
-                company = cut.repeat(2, 1, 1, 1) if len(cut) == 1 else cut
+                part = frames[start : start + chunk]
+                padded_frames = part.repeat(2, 1, 1, 1) if len(part) == 1 else part
                 # Converting after the cut keeps the big tensor uint8; H, W, C in memory is what "channels last" means.
-                images = company.to(self._device).to(self._dtype).permute(0, 3, 1, 2)
+                images = padded_frames.to(self._device).to(self._dtype).permute(0, 3, 1, 2)
                 features = self._convolutions(images).flatten(1)
-                codes[start : start + chunk] = self._codes(features)[: len(cut)].float()
+                codes[start : start + chunk] = self._linear(features)[: len(part)].float()
         return codes
 
     def decode(self, codes: np.ndarray) -> np.ndarray:
@@ -104,25 +104,25 @@ class Encoder:
             images = self.vae.decode(torch.as_tensor(codes, dtype=torch.float32))
         return (images.permute(0, 2, 3, 1) * 255).round().to(torch.uint8).numpy()
 
-    def _check(self, shape: tuple[int, ...], kind: Any) -> None:
+    def _check(self, shape: tuple[int, ...], dtype: Any) -> None:
         size, channels = self.config.size_px, self.config.channels
         if len(shape) != 4 or shape[1:3] != (size, size) or shape[3] not in (len(channels), 4):
             raise EncoderInputError(
                 f"an encoder of {self.inputs} takes frames [N, {size}, {size}, {len(channels)}]"
                 f" or [N, {size}, {size}, 4], not {list(shape)}"
             )
-        if kind not in (np.uint8, torch.uint8):
-            raise EncoderInputError(f"frames must be uint8, not {kind}")
+        if dtype not in (np.uint8, torch.uint8):
+            raise EncoderInputError(f"frames must be uint8, not {dtype}")
 
-    def _codes(self, features: Tensor) -> Tensor:
+    def _linear(self, features: Tensor) -> Tensor:
         missing = -len(features) % ROWS
         padded = nn.functional.pad(features, (0, 0, 0, missing)) if missing else features
         return self._head(padded)[: len(features)]
 
 
 @torch.no_grad()
-def folded(vae: VAE) -> tuple[list[nn.Conv2d], nn.Linear]:
-    """The convolutions with their batch norms folded in, for pixels 0..255, and a copy of the head of the mean.
+def fold_batch_norms(vae: VAE) -> tuple[list[nn.Conv2d], nn.Linear]:
+    """The convolutions with folded batch norms, for pixels in 0..255, and a copy of the linear layer of the mean.
 
     With γ, β the norm's scale and shift, m, v its running mean and variance:
     γ (Wx − m) / √(v + ε) + β = (γ/√(v + ε)) W x + β − γ m/√(v + ε). The first W also takes the division by 255.
@@ -144,10 +144,10 @@ def folded(vae: VAE) -> tuple[list[nn.Conv2d], nn.Linear]:
 def load_encoder(
     path: str | Path | None = None, *, latent: int | None = None, precision: str = "float32", device: str = "cpu"
 ) -> Encoder:
-    """The encoder of a file, by default the one of the package; `latent` is the size the caller needs, if it needs one.
+    """Load the encoder of a file, by default that of the package; `latent` is the required code size, if any.
 
-    Raises `EncoderFileError` for a file that is missing, truncated, foreign, of another version or of another size, and
-    `DeviceError` for a device that can't be used.
+    Raises `EncoderFileError` for a file that is missing, truncated, foreign, of another version or code size, and
+    `DeviceError` for an unusable device.
     """
     path, device = DEFAULT_PATH if path is None else Path(path), resolve_device(device)
     vae, about = load_vae(path)
@@ -157,7 +157,7 @@ def load_encoder(
 
 
 def check_render_version(encoder: Encoder, version: int) -> None:
-    """Raises `EncoderFileError` unless the encoder was trained on frames of this version of the renderer."""
+    """Raise `EncoderFileError` unless the encoder was trained on frames of this version of the renderer."""
     if encoder.render_version != version:
         raise EncoderFileError(
             f"{encoder.about.get('path', 'the encoder')}: trained on frames of renderer version"
@@ -166,8 +166,8 @@ def check_render_version(encoder: Encoder, version: int) -> None:
 
 
 def _convolution(weight: torch.Tensor, bias: torch.Tensor) -> nn.Conv2d:
-    after, before, height, width = weight.shape
-    layer = nn.Conv2d(before, after, (height, width), 2, 1).requires_grad_(False)
+    out_channels, in_channels, height, width = weight.shape
+    layer = nn.Conv2d(in_channels, out_channels, (height, width), 2, 1).requires_grad_(False)
     layer.weight.copy_(weight)
     assert layer.bias is not None
     layer.bias.copy_(bias)

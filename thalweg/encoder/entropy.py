@@ -1,8 +1,8 @@
 """Relative entropy between the codes of two encoders, by which the paper compares its inputs.
 
-Each number of a code is stretched linearly so that what is seen of it fills (-2, 2), and counted in ⌈√K⌉ equal bins for
-K images. The paper does not say what it did with empty bins, without which the sum is infinite: here `smoothing` is
-added to the share of every bin.
+Each number of a code is scaled linearly from its range to (-2, 2), and counted in ⌈√K⌉ equal bins for K images. The
+paper does not say how it treats empty bins, which make the sum infinite; here `smoothing` is added to the share of
+every bin.
 """
 
 import math
@@ -13,13 +13,13 @@ from scipy.stats import entropy
 from thalweg.encoder.vae import EncoderInputError
 
 REACH = 2.0
-"""Codes are stretched to -REACH..REACH."""
+"""Codes are scaled to -REACH..REACH."""
 SMOOTHING = 1e-6
 """Added to each bin's share of the images."""
 
 
 def histograms(codes: np.ndarray) -> np.ndarray:
-    """Shares [Z, bins] of the images in each bin, from codes [K, Z]; a number that never varies lies in the middle.
+    """Shares [Z, bins] of the images in each bin, from codes [K, Z]; a constant number falls into the middle bin.
 
     Raises `EncoderInputError` for codes of another shape, or that are not finite.
     """

@@ -20,15 +20,15 @@ from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig
 FORMAT = 1
 """Version of the file format: a file of another version is refused."""
 KEY = "thalweg"
-"""Where the JSON stands among the metadata of a safetensors file: one key, so that the bytes are always the same."""
+"""Key of the JSON text in the metadata of a safetensors file; a single key keeps the bytes deterministic."""
 
 
 class EncoderFileError(ValueError):
-    """A file that is no encoder, is damaged, or doesn't fit; the message names the path and the reason."""
+    """Error for a file that is not an encoder, is damaged or does not fit; the message names path and reason."""
 
 
 def write_tensors(path: str | Path, tensors: Mapping[str, torch.Tensor], about: Mapping[str, Any]) -> None:
-    """Write tensors and what is said about them to `path`; until all of it is on disk, the old file stays."""
+    """Write tensors and their JSON description `about` to `path`, atomically."""
     plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     write_atomic(path, serialize(plain, {KEY: json.dumps(about, sort_keys=True)}))
 

@@ -1,6 +1,6 @@
-"""Linear probe of codes: ridge regressions of what a pilot needs, evaluated on other images.
+"""Linear probe of codes: ridge regressions of quantities that a pilot needs, evaluated on other images.
 
-A policy's first layer is linear too: it can use directly what a linear regression predicts from a code.
+A policy's first layer is linear too, so it can directly use what a linear regression predicts from a code.
 """
 
 import numpy as np
@@ -8,53 +8,58 @@ import numpy as np
 from thalweg.encoder.vae import EncoderInputError
 
 RIDGES = np.logspace(-4, 2, 13)
-"""Penalties on squared weights beside the mean squared error, of standardised numbers, among which one is chosen for
-each truth: without any, codes of 1,024 numbers fit what is noise in 2,000 images."""
-SET_ASIDE = 4
-"""The penalty is chosen on one in so many of the images that are fitted to."""
+"""Candidate penalties on squared weights of standardised codes; one is selected for each quantity. Without a penalty,
+codes of 1,024 numbers would fit noise in 2,000 images."""
+VALIDATION_STRIDE = 4
+"""The penalty is selected on every fourth of the images that are fitted to."""
 
 
-def explained(codes: np.ndarray, truths: np.ndarray, other_codes: np.ndarray, other_truths: np.ndarray) -> np.ndarray:
-    """R² [T] on other images of the ridge regression of each truth on the codes; NaN for one that never varies.
+def probe_r_squared(
+    codes: np.ndarray, truths: np.ndarray, other_codes: np.ndarray, other_truths: np.ndarray
+) -> np.ndarray:
+    """R² [T] on other images of a ridge regression of each quantity on the codes; NaN for a constant quantity.
 
-    The penalty is that of `RIDGES` which does best on every fourth image that is fitted to, when the fit is to the
-    rest.
+    The penalty is the one of `RIDGES` with the least error on every fourth image, with a fit to the rest.
 
     Args:
-        codes: [K, Z] of the images that are fitted to.
-        truths: [K, T] what is to be read from them; images with a NaN are left out for that truth.
-        other_codes: [L, Z] of the images that are judged by.
-        other_truths: [L, T].
+        codes: [K, Z] codes of the images that are fitted to.
+        truths: [K, T] quantities to predict; images with a NaN are left out for that quantity.
+        other_codes: [L, Z] codes of the images to evaluate on.
+        other_truths: [L, T] quantities of those images.
 
-    Raises `EncoderInputError` unless there is a truth for each code, and as many numbers in both sets.
+    Raises `EncoderInputError` unless codes and truths have the same length, and both sets the same sizes.
     """
-    of_each = len(codes) == len(truths) and len(other_codes) == len(other_truths)
-    if not of_each or codes.shape[1] != other_codes.shape[1] or truths.shape[1] != other_truths.shape[1]:
+    lengths_match = len(codes) == len(truths) and len(other_codes) == len(other_truths)
+    if not lengths_match or codes.shape[1] != other_codes.shape[1] or truths.shape[1] != other_truths.shape[1]:
         raise EncoderInputError(
             f"codes {list(codes.shape)} with truths {list(truths.shape)}, and codes {list(other_codes.shape)} with"
             f" truths {list(other_truths.shape)}: each code needs its truths, and both sets the same numbers"
         )
-    found = []
-    for truth, other in zip(truths.T, other_truths.T, strict=True):
-        known, judged = np.isfinite(truth), np.isfinite(other)
-        found.append(_explained(codes[known], truth[known], other_codes[judged], other[judged]))
-    return np.array(found)
+    scores = []
+    for truth, other_truth in zip(truths.T, other_truths.T, strict=True):
+        finite, other_finite = np.isfinite(truth), np.isfinite(other_truth)
+        scores.append(_r_squared(codes[finite], truth[finite], other_codes[other_finite], other_truth[other_finite]))
+    return np.array(scores)
 
 
-def _explained(codes: np.ndarray, truth: np.ndarray, others: np.ndarray, other: np.ndarray) -> float:
-    if len(truth) < 2 * SET_ASIDE or len(other) < 2 or np.ptp(truth) == 0 or np.ptp(other) == 0:
+def _r_squared(codes: np.ndarray, truth: np.ndarray, other_codes: np.ndarray, other_truth: np.ndarray) -> float:
+    if len(truth) < 2 * VALIDATION_STRIDE or len(other_truth) < 2 or np.ptp(truth) == 0 or np.ptp(other_truth) == 0:
         return float("nan")
-    aside = np.arange(len(truth)) % SET_ASIDE == 0
-    tried = [_errors(codes[~aside], truth[~aside], codes[aside], truth[aside], ridge) for ridge in RIDGES]
-    best = RIDGES[int(np.argmin(np.square(tried).mean(1)))]
-    return float(1.0 - np.square(_errors(codes, truth, others, other, best)).mean() / np.var(other))
+    validation = np.arange(len(truth)) % VALIDATION_STRIDE == 0
+    errors = [
+        _errors(codes[~validation], truth[~validation], codes[validation], truth[validation], ridge) for ridge in RIDGES
+    ]
+    best = RIDGES[int(np.argmin(np.square(errors).mean(1)))]
+    return float(1.0 - np.square(_errors(codes, truth, other_codes, other_truth, best)).mean() / np.var(other_truth))
 
 
-def _errors(codes: np.ndarray, truth: np.ndarray, others: np.ndarray, other: np.ndarray, ridge: float) -> np.ndarray:
-    """[L] of the truths `other` [L] read from `others` [L, Z] by the fit to the first two."""
+def _errors(
+    codes: np.ndarray, truth: np.ndarray, other_codes: np.ndarray, other_truth: np.ndarray, ridge: float
+) -> np.ndarray:
+    """Errors [L] of predicting `other_truth` [L] from `other_codes` [L, Z] by a fit of `truth` [K] to `codes`."""
     mean, deviation = codes.mean(0, dtype=np.float64), codes.std(0, dtype=np.float64)
     scale = 1.0 / np.where(deviation > 0, deviation, 1.0)
-    seen, centre = (codes - mean) * scale, truth.mean()
-    normal = seen.T @ seen / len(seen) + ridge * np.eye(seen.shape[1])
-    weights = np.linalg.solve(normal, seen.T @ (truth - centre) / len(seen))
-    return other - centre - (others - mean) * scale @ weights
+    standardised, centre = (codes - mean) * scale, truth.mean()
+    normal = standardised.T @ standardised / len(standardised) + ridge * np.eye(standardised.shape[1])
+    weights = np.linalg.solve(normal, standardised.T @ (truth - centre) / len(standardised))
+    return other_truth - centre - (other_codes - mean) * scale @ weights

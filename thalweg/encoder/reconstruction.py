@@ -1,19 +1,28 @@
-"""Reconstructions of an autoencoder and their errors, computed in float32 in evaluation mode.
+"""Reconstructions of an autoencoder, their errors, and a figure of them beside the originals.
 
-Evaluation mode: the mean code without noise, batch norms with their running statistics. Values are in 0..1.
+Reconstructions are computed in float32 and evaluation mode: from the mean code without noise, with the running
+statistics of batch norms. Values are in 0..1.
 """
+
+from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 import torch
+from PIL import Image, ImageDraw
 
+from thalweg.core.atomic_io import atomic_path
+from thalweg.encoder.encoder import Encoder
 from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig
 
 CHUNK = 64
-"""Images worked on at a time."""
+"""Images per batch."""
+FIGURE_GAP_PX = 4
+FIGURE_LABEL_PX = 16
 
 
 def check_images(images: np.ndarray, config: VAEConfig, held_out: int = 0) -> None:
-    """Raises `EncoderInputError` unless images are uint8 [K, H, W, 4] of the right size and 2 are left to train on."""
+    """Raise `EncoderInputError` unless images are uint8 [K, H, W, 4] of the config's size and 2 remain to train on."""
     shape, kind = np.shape(images), getattr(images, "dtype", None)
     if len(shape) != 4 or shape[1:] != (config.size_px, config.size_px, 4) or kind != np.uint8:
         raise EncoderInputError(
@@ -24,7 +33,7 @@ def check_images(images: np.ndarray, config: VAEConfig, held_out: int = 0) -> No
 
 
 def to_batch(images: np.ndarray, config: VAEConfig, device: torch.device | str = "cpu") -> torch.Tensor:
-    """Float32 [N, C, H, W] in 0..1, channels last in memory, from images uint8 [N, H, W, 4]: the config's channels."""
+    """The config's channels of images uint8 [N, H, W, 4], as float32 [N, C, H, W] in 0..1, channels last in memory."""
     first, last = config.channels[0], config.channels[-1] + 1
     pixels = torch.from_numpy(np.ascontiguousarray(images[..., first:last])).to(device)
     return pixels.to(torch.float32).div_(255).permute(0, 3, 1, 2)
@@ -44,7 +53,7 @@ def reconstruct(vae: VAE, images: np.ndarray) -> np.ndarray:
 
 
 def reconstruction_mse(vae: VAE, images: np.ndarray) -> float:
-    """Mean squared error over all pixels and the model's channels of images uint8 [K, H, W, 4], as values in 0..1."""
+    """Mean squared error over all pixels and the model's channels of images uint8 [K, H, W, 4], with values in 0..1."""
     total = 0.0
     for start in range(0, len(images), CHUNK):
         part = images[start : start + CHUNK]
@@ -54,10 +63,48 @@ def reconstruction_mse(vae: VAE, images: np.ndarray) -> float:
 
 
 def mean_image_mse(images: np.ndarray, config: VAEConfig) -> float:
-    """Mean squared error of answering with the mean of images uint8 [K, H, W, 4]: the variance of a pixel, averaged."""
+    """Mean squared error of predicting the mean of images uint8 [K, H, W, 4]: the mean variance of a pixel."""
     count = len(images)
     total, squares = 0.0, 0.0
     for part in np.array_split(images, max(1, count // CHUNK)):
         values = part[..., list(config.channels)] / np.float64(255)
         total, squares = total + values.sum(0), squares + np.square(values).sum(0)
     return float((squares / count - np.square(total / count)).mean())
+
+
+def draw_reconstructions(images: np.ndarray, encoders: Encoder | Mapping[str, Encoder], path: str | Path) -> None:
+    """Write a PNG with a column per image uint8 [K, H, W, 4]: original, mask, then the reconstructions of each encoder.
+
+    `encoders` is one encoder, or several by the labels of their rows. Raises `EncoderInputError` without images.
+    """
+    if not len(images):
+        raise EncoderInputError("a figure needs at least one image")
+    named = encoders if isinstance(encoders, Mapping) else {encoders.inputs: encoders}
+    rows = {"original": images[..., :3], "water mask": _grey(images[..., 3:])}
+    for name, encoder in named.items():
+        decoded = encoder.decode(encoder(images))
+        if decoded.shape[-1] >= 3:
+            rows[f"{name}: reconstruction"] = decoded[..., :3]
+        if decoded.shape[-1] != 3:
+            rows[f"{name}: reconstructed mask"] = _grey(decoded[..., -1:])
+    height, width = images.shape[1:3]
+    figure = Image.new(
+        "RGB",
+        (len(images) * (width + FIGURE_GAP_PX) + FIGURE_GAP_PX, len(rows) * (height + FIGURE_LABEL_PX + FIGURE_GAP_PX)),
+        "white",
+    )
+    pen = ImageDraw.Draw(figure)
+    for row, (title, pictures) in enumerate(rows.items()):
+        top = row * (height + FIGURE_LABEL_PX + FIGURE_GAP_PX)
+        pen.text((FIGURE_GAP_PX, top + 2), title, fill="black")
+        for column, picture in enumerate(pictures):
+            figure.paste(
+                Image.fromarray(np.ascontiguousarray(picture)),
+                (FIGURE_GAP_PX + column * (width + FIGURE_GAP_PX), top + FIGURE_LABEL_PX),
+            )
+    with atomic_path(path) as draft:
+        figure.save(draft, format="PNG")
+
+
+def _grey(mask: np.ndarray) -> np.ndarray:
+    return np.repeat(mask, 3, axis=-1)

@@ -1,7 +1,7 @@
 """Training of an autoencoder on a set of frames; a run that is interrupted at any epoch resumes with the same numbers.
 
-All that is random in an epoch comes from a generator seeded by (seed, epoch), so that an epoch needs nothing from the
-one before but the weights and Adam's moments, and those lie in `checkpoint.safetensors`. `metrics.csv` is written from
+Each epoch uses a random generator seeded by (seed, epoch), so that it depends on the previous epochs only through the
+weights and Adam's moments, which `checkpoint.safetensors` holds. `metrics.csv` is written from
 the checkpoint's own rows, so the two never disagree. Collecting frames is not done here.
 """
 
@@ -38,7 +38,7 @@ Row = dict[str, float | None]
 
 @dataclass(frozen=True)
 class Source:
-    """Where the images come from; written into the encoder's file and used for nothing else."""
+    """Origin of the images, which is written into the encoder's file and not used otherwise."""
 
     level: str = ""
     """Level of the world whose frames they are."""
@@ -47,12 +47,12 @@ class Source:
     render_version: int | None = None
     """Version of the renderer that drew them."""
     command: str = ""
-    """What a person types to do it all again."""
+    """Command that reproduces the training."""
 
 
 @dataclass(frozen=True)
 class TrainingResult:
-    """What a finished training left."""
+    """File, errors and metrics of a finished training."""
 
     path: Path
     """The encoder's file."""
@@ -61,7 +61,7 @@ class TrainingResult:
     held_out_mse: float | None
     """The same on the images held out; None when there were none."""
     mean_image_mse: float
-    """The error of always answering with the mean image of the training set: what any reconstruction must beat."""
+    """Error of always predicting the mean image of the training set, which a useful encoder stays below."""
     rows: list[Row]
     """One row per epoch, as in `metrics.csv`."""
 
@@ -101,25 +101,25 @@ def train_encoder(
         "images_hash": hashlib.sha256(np.ascontiguousarray(images).data).hexdigest()[:16],
         "precision": resolve_precision(precision, device),
     }
-    kept, aside = (images[part] for part in split(len(images), held_out, seed))
+    train_images, held_out_images = (images[part] for part in split_indices(len(images), held_out, seed))
     state = _State(config, run, device)
     rows = state.resume(folder / "checkpoint.safetensors")
-    with _bar(progress) as bar:
+    with _progress_bar(progress) as bar:
         task = bar.add_task("training the encoder", total=epochs, completed=len(rows), note="")
         for epoch in range(len(rows), epochs):
             started = time.perf_counter()
-            row = {"epoch": epoch + 1, **state.epoch(kept, epoch)}
-            speed = len(kept) / (time.perf_counter() - started)
-            row["held_out_mse"] = reconstruction_mse(state.vae, aside) if held_out else None
+            row = {"epoch": epoch + 1, **state.epoch(train_images, epoch)}
+            speed = len(train_images) / (time.perf_counter() - started)
+            row["held_out_mse"] = reconstruction_mse(state.vae, held_out_images) if held_out else None
             rows.append({**row, "images_per_s": round(speed, 1)})
             state.save(folder / "checkpoint.safetensors", rows)
             _write_rows(folder / "metrics.csv", rows)
             bar.update(task, advance=1, note=f"{speed:.0f} images/s, mse {row['mse']:.5f}, kl {row['kl']:.2f}")
-    return _finish(folder / "encoder.safetensors", state, kept, aside, rows, source)
+    return _write_encoder(folder / "encoder.safetensors", state, train_images, held_out_images, rows, source)
 
 
-def split(count: int, held_out: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Places of the images that are trained on, and of those held out, both in order; drawn by `seed`."""
+def split_indices(count: int, held_out: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sorted indices of the training images and of the held-out images, sampled with `seed`."""
     order = np.random.default_rng([seed, 0]).permutation(count)
     return np.sort(order[held_out:]), np.sort(order[:held_out])
 
@@ -137,12 +137,12 @@ def resolve_precision(precision: str, device: str = "cpu") -> str:
 
 
 def epoch_generator(seed: int, epoch: int) -> torch.Generator:
-    """All that is random in an epoch: the order of the images, and the noise in the codes."""
+    """Random generator of an epoch, for the order of the images and the noise in the codes."""
     return torch.Generator().manual_seed(int(np.random.SeedSequence([seed, 1, epoch]).generate_state(1)[0]))
 
 
 class _State:
-    """The model and its optimiser, and how they go to disk and come back."""
+    """Model and optimiser, with their checkpoints."""
 
     def __init__(self, config: VAEConfig, run: Mapping[str, Any], device: str):
         self.run = dict(run)
@@ -152,7 +152,7 @@ class _State:
         self.optimizer = torch.optim.Adam(self.vae.parameters(), config.learning_rate, fused=True)
 
     def epoch(self, images: np.ndarray, epoch: int) -> dict[str, float]:
-        """One pass over images uint8 [K, H, W, 4] in batches of nearly equal size; the means of loss, MSE and KL."""
+        """Train on images uint8 [K, H, W, 4] in batches of nearly equal size; returns mean loss, MSE and KL."""
         vae, config, device = self.vae.train(), self.vae.config, next(self.vae.parameters()).device
         draw = epoch_generator(self.run["seed"], epoch)
         order = torch.randperm(len(images), generator=draw).numpy()
@@ -170,14 +170,14 @@ class _State:
         return dict(zip(("loss", "mse", "kl"), (sums / len(images)).tolist(), strict=True))
 
     def save(self, path: Path, rows: list[Row]) -> None:
-        """Everything the next epoch needs, and the rows so far, as one file."""
+        """Write the state that the next epoch needs and the rows so far to one file."""
         tensors = {f"vae.{name}": tensor for name, tensor in self.vae.state_dict().items()}
         for index, moments in self.optimizer.state_dict()["state"].items():
             tensors |= {f"adam.{index}.{name}": tensor for name, tensor in moments.items()}
         write_tensors(path, tensors, {"kind": "encoder training", "format": FORMAT, "run": self.run, "rows": rows})
 
     def resume(self, path: Path) -> list[Row]:
-        """The rows of the epochs that are done, with the model and optimiser as they were then; none without a file."""
+        """Restore model and optimiser and return the rows of the finished epochs; without a file, return no rows."""
         if not path.exists():
             return []
         tensors, about = read_tensors(path, "encoder training")
@@ -191,13 +191,13 @@ class _State:
         try:
             self.vae.load_state_dict({name[4:]: value for name, value in tensors.items() if name.startswith("vae.")})
             self.optimizer.load_state_dict(state)
-            self._lay_out_moments()
+            self._restore_memory_layout()
         except (RuntimeError, ValueError) as error:
             raise EncoderFileError(f"{path}: the tensors don't fit the model: {error}") from error
         return about["rows"]
 
-    def _lay_out_moments(self) -> None:
-        """Give Adam's moments the memory layout of their weights: the fused step walks both in the order of memory."""
+    def _restore_memory_layout(self) -> None:
+        """Give Adam's moments the memory layout of their weights, which the fused step assumes."""
         for weight, moments in self.optimizer.state.items():
             for name in ("exp_avg", "exp_avg_sq"):
                 moments[name] = torch.empty_like(weight).copy_(moments[name])
@@ -211,21 +211,21 @@ def _write_rows(path: Path, rows: list[Row]) -> None:
     write_atomic(path, text.getvalue())
 
 
-def _bar(shown: bool) -> Progress:
+def _progress_bar(shown: bool) -> Progress:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     return Progress(*columns, TextColumn("{task.fields[note]}"), disable=not shown)
 
 
-def _finish(
-    path: Path, state: _State, kept: np.ndarray, aside: np.ndarray, rows: list[Row], source: Source
+def _write_encoder(
+    path: Path, state: _State, train_images: np.ndarray, held_out_images: np.ndarray, rows: list[Row], source: Source
 ) -> TrainingResult:
     """Measure the errors on images uint8 [K, H, W, 4] trained on and held out, and write the encoder's file."""
     errors = {
-        "train_mse": reconstruction_mse(state.vae, kept),
-        "held_out_mse": reconstruction_mse(state.vae, aside) if len(aside) else None,
-        "mean_image_mse": mean_image_mse(kept, state.vae.config),
+        "train_mse": reconstruction_mse(state.vae, train_images),
+        "held_out_mse": reconstruction_mse(state.vae, held_out_images) if len(held_out_images) else None,
+        "mean_image_mse": mean_image_mse(train_images, state.vae.config),
     }
-    made_of = {"level": source.level, "image_seed": source.seed, "render_version": source.render_version}
+    provenance = {"level": source.level, "image_seed": source.seed, "render_version": source.render_version}
     versions = {"thalweg": version("thalweg"), "torch": torch.__version__}
-    save_vae(path, state.vae, {**state.run, **errors, **made_of, **versions, "command": source.command})
+    save_vae(path, state.vae, {**state.run, **errors, **provenance, **versions, "command": source.command})
     return TrainingResult(path=path, rows=rows, **errors)

@@ -47,19 +47,19 @@ ARCHITECTURES = {
     ),
 }
 LEAK = 0.01
-"""Slope of the leaky ReLU below zero: the usual one; the source names none."""
+"""Slope of the leaky ReLU below zero: the usual value; the source names none."""
 
 
 class EncoderInputError(ValueError):
-    """Frames, codes or settings that an encoder can't take; the message names the values."""
+    """Error for invalid frames, codes or settings of an encoder; the message names the values."""
 
 
 @dataclass(frozen=True)
 class VAEConfig:
-    """What the autoencoder looks at, how small its code is, and how it is built."""
+    """Inputs, code size, architecture and training settings of the autoencoder."""
 
     inputs: str = "rgb+mask"
-    """What is encoded: "rgb", "mask" or "rgb+mask"."""
+    """Channels that are encoded: "rgb", "mask" or "rgb+mask"."""
     latent: int = 16
     """Numbers in a code, Z."""
     architecture: str = "lean"
@@ -67,7 +67,7 @@ class VAEConfig:
     size_px: int = 128
     """Height and width of a frame."""
     kl_weight: float = 0.00025
-    """Weight of the KL divergence beside the mean squared error."""
+    """Weight of the KL divergence relative to the mean squared error."""
     learning_rate: float = 1e-3
     """Step size of Adam."""
 
@@ -96,7 +96,7 @@ class VAEConfig:
 
 
 class VAE(nn.Module):
-    """The autoencoder: `encode` to mean and log variance, `decode` back to an image, or both with noise."""
+    """Variational autoencoder: `encode` to mean and log variance, `decode` to an image, or `forward` with noise."""
 
     def __init__(self, config: VAEConfig):
         super().__init__()
@@ -149,7 +149,7 @@ def vae_loss(
 def _encoder_layers(channels: int, shape: Architecture) -> nn.Sequential:
     layers: list[nn.Module] = []
     for width in shape.encoder:
-        # No bias: the batch norm that follows would take it away again.
+        # No bias: the batch norm that follows would remove it.
         layers += [nn.Conv2d(channels, width, 3, 2, 1, bias=False), nn.BatchNorm2d(width), nn.LeakyReLU(LEAK, True)]
         channels = width
     return nn.Sequential(*layers)

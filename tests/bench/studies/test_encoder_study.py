@@ -12,7 +12,7 @@ from thalweg.bench.studies import encoder_study
 from thalweg.bench.studies.encoder_study import CASES, COMPARED, MEASURES, SIZES, Plan, run_study
 from thalweg.bench.studies.encoder_tables import SIZE_COLUMNS, Case
 from thalweg.encoder import load_encoder
-from thalweg.encoder.training import split
+from thalweg.encoder.training import split_indices
 
 SMALL = Plan("Easy", images=40, held_out=8, epochs=2, precision="float32", cases=(*COMPARED, Case("rgb+mask", 8)))
 
@@ -136,6 +136,6 @@ def test_an_unknown_precision_is_refused_with_the_known_ones():
 
 
 def test_images_held_out_are_never_trained_on():
-    kept, aside = split(10, 3, 0)
-    assert len(aside) == 3 and sorted([*kept, *aside]) == list(range(10))
-    assert np.array_equal(split(10, 3, 0)[1], aside)
+    train, held_out = split_indices(10, 3, 0)
+    assert len(held_out) == 3 and sorted([*train, *held_out]) == list(range(10))
+    assert np.array_equal(split_indices(10, 3, 0)[1], held_out)

@@ -34,9 +34,9 @@ from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.run_folder import FolderKind
 from thalweg.encoder import Encoder, EncoderInputError, Source, draw_reconstructions, load_encoder, train_encoder
-from thalweg.encoder.linear_probe import explained
+from thalweg.encoder.linear_probe import probe_r_squared
 from thalweg.encoder.reconstruction import reconstruct
-from thalweg.encoder.training import resolve_precision, split
+from thalweg.encoder.training import resolve_precision, split_indices
 from thalweg.env.privileged_state import PRIVILEGED_NAMES, privileged_state
 from thalweg.render import RENDER_VERSION, Renderer
 from thalweg.train.encoder.frames import level_worlds, render_frames, sample_views
@@ -108,7 +108,7 @@ def run_study(folder: Path, plan: Plan = Plan(), *, command: str = "", progress:
     """
     plan = _claim(folder, plan)
     scenes = collect(plan, progress)
-    kept, aside = split(len(scenes.frames), plan.held_out, plan.seed)
+    train, held_out = split_indices(len(scenes.frames), plan.held_out, plan.seed)
     segmenter: WaterSegmenter | None = None
     for case in plan.cases:
         case_folder = folder / case.name
@@ -126,14 +126,14 @@ def run_study(folder: Path, plan: Plan = Plan(), *, command: str = "", progress:
             source=source,
             progress=progress,
         )
-        segmenter = segmenter or _segmenter(folder / SEGMENTER, plan, scenes.frames[kept], progress)
+        segmenter = segmenter or _segmenter(folder / SEGMENTER, plan, scenes.frames[train], progress)
         found = {
             "train_mse": result.train_mse,
             "held_out_mse": result.held_out_mse,
             "mean_image_mse": result.mean_image_mse,
-        } | measures(load_encoder(result.path), segmenter, scenes, kept, aside)
+        } | measures(load_encoder(result.path), segmenter, scenes, train, held_out)
         write_atomic(case_folder / MEASURES, json.dumps(found, indent=1) + "\n")
-    return write_tables(folder, plan, scenes, kept, aside)
+    return write_tables(folder, plan, scenes, train, held_out)
 
 
 def _segmenter(path: Path, plan: Plan, images: np.ndarray, progress: bool) -> WaterSegmenter:
@@ -152,13 +152,13 @@ def collect(plan: Plan, progress: bool = True) -> Scenes:
 
 
 def measures(
-    encoder: Encoder, segmenter: WaterSegmenter, scenes: Scenes, kept: np.ndarray, aside: np.ndarray
+    encoder: Encoder, segmenter: WaterSegmenter, scenes: Scenes, train: np.ndarray, held_out: np.ndarray
 ) -> dict[str, Any]:
     """How well an encoder keeps the river in images held out, and what a line reads from their codes.
 
     `iou_ceiling` is what the segmenter of water makes of the frames themselves.
     """
-    frames, truth = scenes.frames[aside], scenes.frames[aside, ..., 3] > 0
+    frames, truth = scenes.frames[held_out], scenes.frames[held_out, ..., 3] > 0
     pictures = reconstruct(encoder.vae, frames)
     found: dict[str, Any] = {"iou_mask": None, "iou_colours": None}
     if encoder.inputs != "rgb":
@@ -166,12 +166,12 @@ def measures(
     if encoder.inputs != "mask":
         found["iou_colours"] = mean_iou(water_in(segmenter, pictures[..., :3]), truth)
     found["iou_ceiling"] = mean_iou(water_in(segmenter, frames), truth)
-    codes = [encoder(scenes.frames[part]) for part in (kept, aside)]
-    read = explained(codes[0], scenes.truths[kept], codes[1], scenes.truths[aside])
+    codes = [encoder(scenes.frames[part]) for part in (train, held_out)]
+    read = probe_r_squared(codes[0], scenes.truths[train], codes[1], scenes.truths[held_out])
     return found | {"read": dict(zip(PRIVILEGED_NAMES, read.tolist(), strict=True))}
 
 
-def write_tables(folder: Path, plan: Plan, scenes: Scenes, kept: np.ndarray, aside: np.ndarray) -> Path:
+def write_tables(folder: Path, plan: Plan, scenes: Scenes, train: np.ndarray, held_out: np.ndarray) -> Path:
     """sizes.csv, entropy.csv, sizes.png, inputs.png and study.md, once every case has its measures."""
     known = {case: _read(folder / case.name / MEASURES) for case in plan.cases}
     rows = [size_row(case, found) for case, found in known.items()]
@@ -181,10 +181,10 @@ def write_tables(folder: Path, plan: Plan, scenes: Scenes, kept: np.ndarray, asi
     }
     entropies: list[list[str]] = []
     if len(compared) > 1:
-        codes = {inputs: encoder(scenes.frames[kept]) for inputs, encoder in compared.items()}
+        codes = {inputs: encoder(scenes.frames[train]) for inputs, encoder in compared.items()}
         entropies = [list(row) for row in entropy_rows(codes)]
         write_atomic(folder / "entropy.csv", csv_text(ENTROPY_COLUMNS, entropies))
-        draw_reconstructions(scenes.frames[aside[:SHOWN]], compared, folder / "inputs.png")
+        draw_reconstructions(scenes.frames[held_out[:SHOWN]], compared, folder / "inputs.png")
     write_atomic(folder / "sizes.png", png(size_figure(known)))
     about = (
         f"{plan.images:,} frames of {plan.level} to train on and {plan.held_out:,} held out, {plan.epochs} epochs in"
@@ -198,15 +198,15 @@ def _claim(folder: Path, plan: Plan) -> Plan:
     """The plan in the precision that its folder began with, once the folder is this study's; raises `ResultsError`
     that names what differs."""
     path = folder / RECORD
-    there = _read(path) if path.exists() else {}
+    recorded = _read(path) if path.exists() else {}
     if plan.precision == "auto":
-        plan = replace(plan, precision=there.get("precision") or resolve_precision("auto"))
+        plan = replace(plan, precision=recorded.get("precision") or resolve_precision("auto"))
     record = json.loads(json.dumps(asdict(plan) | {"render_version": RENDER_VERSION, "versions": made_by()}))
     record["level"] = level_named(plan.level).name
     if STUDY_FOLDER.is_new(folder):
         write_atomic(path, json.dumps(record, indent=1) + "\n")
     else:
-        STUDY_FOLDER.require_same(folder, {key: value for key, value in there.items() if key in record}, record)
+        STUDY_FOLDER.require_same(folder, {key: value for key, value in recorded.items() if key in record}, record)
     return plan
 
 

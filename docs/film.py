@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw
-from thalweg.bench.execute.rivers import PACKAGED_POLICY
+from thalweg.bench.execute.backend import PACKAGED_POLICY
 
 from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Step, evaluate, through_encoder
-from thalweg.bench.pictures.film import Map
+from thalweg.bench.pictures.film import RiverMap
 from thalweg.core.atomic_io import atomic_path
 from thalweg.encoder import load_encoder
 from thalweg.render import Camera, Renderer
@@ -50,7 +50,7 @@ def fly() -> tuple[World, np.ndarray, np.ndarray]:
 def draw(world: World, poses: np.ndarray, times: np.ndarray) -> Iterator[Image.Image]:
     """The pictures of the film, one for every second step."""
     renderer = Renderer([world], Camera(height_px=VIEW_PX, width_px=VIEW_PX))
-    chart = Map(world, SIDE_PX)
+    chart = RiverMap(world, SIDE_PX)
     for step in range(FIRST_STEP, min(len(poses), FIRST_STEP + FRAMES * EVERY), EVERY):
         frame = renderer.render(poses[step : step + 1], time_s=times[step : step + 1])[0]
         canvas = Image.new("RGB", (VIEW_PX + GAP_PX + SIDE_PX, VIEW_PX), PAPER)
@@ -61,9 +61,9 @@ def draw(world: World, poses: np.ndarray, times: np.ndarray) -> Iterator[Image.I
         yield canvas
 
 
-def track(chart: Map, poses: np.ndarray) -> Image.Image:
+def track(chart: RiverMap, poses: np.ndarray) -> Image.Image:
     """The map with the way flown so far, and the vehicle as an arrow."""
-    picture = chart.picture.copy()
+    picture = chart.image.copy()
     pen = ImageDraw.Draw(picture)
     points = [chart.pixel(x, y) for x, y in poses[:, :2]]
     if len(points) > 1:

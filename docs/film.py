@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw
-from thalweg.bench.execute.backend import PACKAGED_POLICY
 
 from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Step, evaluate, through_encoder
+from thalweg.bench.execute.backend import PACKAGED_POLICY
 from thalweg.bench.pictures.film import RiverMap
 from thalweg.core.atomic_io import atomic_path
 from thalweg.encoder import load_encoder

@@ -26,8 +26,8 @@ class Bench:
     cpus: int | None = None
     """Processors and threads of each run on a cluster; by default 1."""
     only: tuple[str, ...] = ()
-    """Run only these policies, each with all its seeds (FOCOPS, FOCOPS-paper, hover, packaged), or single runs
-    (FOCOPS-0), such as --only FOCOPS PPO-0. FOCOPS does not include FOCOPS-paper."""
+    """Policies (FOCOPS, FOCOPS-paper, hover, packaged), each with all its seeds, or single runs (FOCOPS-0), to run now,
+    such as --only FOCOPS PPO-0; all by default. FOCOPS does not include FOCOPS-paper."""
 
     def run(self) -> int:
         return run_and_print(self.suite, self.out, self.only, executor_for(self.jobs, self.cluster, self.cpus))

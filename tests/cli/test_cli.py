@@ -529,9 +529,9 @@ def test_the_folder_of_another_encoder_is_refused_before_frames_are_drawn(
     given = ["encoder", "train", "--out", str(tmp_path), "--images", "6", "--held-out", "2", "--epochs", "1"]
     for change, said in (
         (["--latent", "8"], "config"),
-        (["--epochs", "3"], "epochs 1, not 3"),
-        (["--seed", "4"], "seed 0, not 4"),
-        (["--images", "7"], "images 8, not 9"),
+        (["--epochs", "3"], "epochs is 1 there and 3 here"),
+        (["--seed", "4"], "seed is 0 there and 4 here"),
+        (["--images", "7"], "images is 8 there and 9 here"),
     ):
         assert main([*given, *change]) == 2
         assert said in capsys.readouterr().err

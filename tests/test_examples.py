@@ -20,12 +20,14 @@ def run(*arguments: str, cwd: Path) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_the_pilot_of_the_example_saves_what_it_saw(tmp_path: Path):
     said = run(str(ROOT / "examples" / "fly.py"), "--steps", "20", cwd=tmp_path)
     assert said.startswith("20 steps, return 0.")
     assert (tmp_path / "flight.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_a_river_of_ones_own_is_drawn_and_flown(tmp_path: Path):
     said = run(str(ROOT / "examples" / "own_river.py"), cwd=tmp_path)
     assert said.count("return 10.00, Success") == 4
@@ -56,6 +58,7 @@ def test_the_python_of_the_readme_runs(tmp_path: Path):
     assert re.fullmatch(r"reward \d\.\d\d, cost [\d.]+, visited \d\.\d% of the river\n", said)
 
 
+@pytest.mark.slow
 def test_the_environment_of_ones_own_in_the_docs_is_trained_on(tmp_path: Path):
     (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "training.md").read_text(), flags=re.DOTALL)
     said = run("-c", block, cwd=tmp_path)
@@ -68,5 +71,6 @@ def test_every_example_is_tested():
     assert {file.name for file in (ROOT / "examples").glob("*.py")} <= tested
 
 
+@pytest.mark.slow
 def test_the_figures_in_the_pages_are_those_that_were_measured(tmp_path: Path):
     run(str(ROOT / "benchmarks" / "write_figures.py"), "--check", cwd=tmp_path)

@@ -9,10 +9,11 @@ from thalweg.bench.suite.suites import PACKAGED
 from thalweg.core.versions import ALGORITHMS
 
 
-def record_current_versions(folder: Path, arms: Mapping[str, str] | None = None) -> None:
-    """Let the results of all policies have the current versions; `arms` are algorithms by the names of their arms."""
+def record_current_versions(folder: Path, arms: Mapping[str, str] | None = None, seeds: int = 4) -> None:
+    """Let the results of all policies have the current versions; `arms` are algorithms by the names of their
+    arms, each with so many `seeds`."""
     made = {f"{name}-0": current_versions("baseline", ()) for name in BASELINES}
     made[f"{PACKAGED}-0"] = current_versions("packaged", ())
     for name, algorithm in ({name: name for name in ALGORITHMS} | dict(arms or {})).items():
-        made |= {f"{name}-{seed}": current_versions("train", [algorithm]) for seed in range(4)}
+        made |= {f"{name}-{seed}": current_versions("train", [algorithm]) for seed in range(seeds)}
     write_versions(folder, made)

@@ -2,7 +2,7 @@
 
 import importlib
 import sys
-from dataclasses import make_dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -10,6 +10,8 @@ import pytest
 
 from tests.known_answer.harness import Cell, Result, reference
 from tests.known_answer.scores import Score
+from thalweg.algos.common.errors import AlgorithmError
+from thalweg.core.config import frozen_config
 
 ROOT = Path(__file__).resolve().parents[2]
 CELL = Cell("CPO", "box", "end")
@@ -69,10 +71,12 @@ def test_rows_of_other_defaults_do_not_count(script: ModuleType, monkeypatch: py
     written = rows(script, monkeypatch, 0.95)
     script.write(tmp_path / "table.csv", written)
     entry = script.ALGORITHMS["CPO"]
-    changed = replace(
-        entry, config=make_dataclass("Changed", [("damping", float, 0.2)], bases=(entry.config,), frozen=True)
-    )
-    monkeypatch.setitem(script.ALGORITHMS, "CPO", changed)
+
+    @frozen_config(AlgorithmError)
+    class Changed(entry.config):
+        damping: float = 0.2
+
+    monkeypatch.setitem(script.ALGORITHMS, "CPO", replace(entry, config=Changed))
     assert script.finished(tmp_path / "table.csv") == {}
 
 

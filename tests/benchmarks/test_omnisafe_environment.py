@@ -75,6 +75,7 @@ def test_another_number_of_arrays_is_an_error(tmp_path: Path):
         environment.finish(fake_environment(tmp_path, 11))
 
 
+@pytest.mark.slow
 def test_an_omnisafe_that_cannot_be_imported_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(environment, "DEFAULTS", 0)
     recipe = environment.Recipe("OmniSafe", ((3, 11),), (), environment.finish)

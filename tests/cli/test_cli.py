@@ -204,6 +204,7 @@ def brook(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_frames_are_drawn_of_a_real_river(tmp_path: Path, brook: Path, capsys: pytest.CaptureFixture):
     from thalweg.env import sample_starts
     from thalweg.render import Camera, Renderer

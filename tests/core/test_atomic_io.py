@@ -13,8 +13,13 @@ import pytest
 import thalweg
 from thalweg.core.atomic_io import atomic_path, write_atomic
 
-FOLDERS = {"train/folder/checkpoint.py", "bench/execute/cluster/run_archive.py", "bench/report/report.py"}
-"""Modules that move complete folders into place."""
+FOLDERS = {
+    "train/folder/checkpoint.py",
+    "bench/execute/cluster/run_archive.py",
+    "bench/report/report.py",
+    "bench/results/outdated.py",
+}
+"""Modules that move complete folders into place, or runs that are outdated aside."""
 
 
 def names(folder: Path) -> list[str]:

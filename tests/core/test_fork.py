@@ -60,6 +60,7 @@ def forked(*, kernels: bool, observation: str = "rgb", early: bool = True) -> st
 
 
 @pytest.mark.parametrize("early", [True, False])
+@pytest.mark.slow
 def test_rendering_after_a_fork_raises_with_the_alternatives(early: bool):
     """Without the check, GNU OpenMP would kill the process."""
     found = forked(kernels=True, early=early)

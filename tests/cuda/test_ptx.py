@@ -26,7 +26,7 @@ def test_a_kernel_needs_no_memory_of_its_own_and_no_double_precision(name: str):
     variant = registers.variants()[name]
     ptx = registers.ptx_of(variant)
     assert ".target sm_90" in ptx and "st.global" in ptx
-    found = registers.measured(ptx)
+    found = registers.resource_usage(ptx)
     assert found["stack_bytes"] == found["spilled_bytes"] == 0
     # With more, too few threads would be at work at once to hide how long memory takes.
     assert 0 < found["registers"] <= 136
@@ -46,7 +46,7 @@ def test_a_kernel_that_spills_or_computes_in_double_precision_is_noticed():
 
     line = types.float32[::1]
     spilling, precise = (registers.ptx_of(registers.Variant(each, (line, line), 64)) for each in (indexed, doubled))
-    assert registers.measured(spilling)["stack_bytes"] == 2048
+    assert registers.resource_usage(spilling)["stack_bytes"] == 2048
     assert not in_single_precision(precise) and in_single_precision(spilling)
 
 

@@ -96,6 +96,7 @@ def test_episodes_are_told_once_a_rollout_is_complete():
 
 
 @pytest.mark.parametrize("name", ["FOCOPS", "TD3Lag", "CCEPETS"])
+@pytest.mark.slow
 def test_a_run_of_tensors_that_was_cut_goes_on_with_the_same_numbers(name: str, tmp_path, monkeypatch):
     def begin(folder: str) -> Any:
         env = TensorWalk(N, SPACES["MultiDiscrete"], CPU)

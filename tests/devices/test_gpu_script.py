@@ -23,6 +23,7 @@ def brief(monkeypatch: pytest.MonkeyPatch, easy_world: World, tmp_path: Path) ->
     return out
 
 
+@pytest.mark.slow
 def test_it_checks_and_times_everything(brief: Path):
     assert gpu.main() == 0
     rows = read_csv(brief, gpu.COLUMNS)
@@ -40,6 +41,7 @@ def test_it_checks_and_times_everything(brief: Path):
         assert all(float(row["figure"]) > 0 and row["cameras"] == "2" for row in timed)
 
 
+@pytest.mark.slow
 def test_a_check_that_fails_is_told_and_is_its_exit_status(brief: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(gpu, "WITHIN", -1)
     assert gpu.main() == 1
@@ -47,6 +49,7 @@ def test_a_check_that_fails_is_told_and_is_its_exit_status(brief: Path, monkeypa
     assert failed == ["pixels alike", "pixels alike"]
 
 
+@pytest.mark.slow
 def test_without_time_it_checks_alone(brief: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(sys, "argv", [*sys.argv, "--minutes", "0"])
     assert gpu.main() == 0

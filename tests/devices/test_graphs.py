@@ -55,6 +55,7 @@ def trained(name: str, space: str, settings: dict[str, Any], asked: bool) -> tup
 
 
 @pytest.mark.parametrize(("name", "space", "settings"), CASES, ids=str)
+@pytest.mark.slow
 def test_recorded_steps_learn_what_others_learn(name: str, space: str, settings: dict[str, Any], there: Device):
     one, other = (trained(name, space, settings, asked) for asked in (False, True))
     plain, recorded = (np.array([list(metrics.values()) for metrics in told]) for told in (one[1], other[1]))

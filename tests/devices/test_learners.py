@@ -74,6 +74,7 @@ def trained(name: str, space: str, settings: dict[str, Any], device: torch.devic
 
 
 @pytest.mark.parametrize(("name", "space", "settings"), CASES, ids=lambda each: str(each))
+@pytest.mark.slow
 def test_a_learner_stays_on_its_device(name: str, space: str, settings: dict[str, Any], there: Device):
     trainer = trained(name, space, settings, PRETEND)
     told = [metrics for metrics in trainer.metrics if metrics]  # pyright: ignore[reportAttributeAccessIssue]
@@ -85,6 +86,7 @@ def test_a_learner_stays_on_its_device(name: str, space: str, settings: dict[str
 
 
 @pytest.mark.parametrize("name", list(ALGORITHMS))
+@pytest.mark.slow
 def test_what_is_learnt_on_a_device_is_what_the_cpu_learns(name: str, monkeypatch: pytest.MonkeyPatch):
     # The pretended device draws the CPU's random numbers; compiled loops and gradients by hand are the CPU's alone.
     here = dict(floats(trained(name, "MultiDiscrete", {}, CPU).learner.state()))
@@ -105,6 +107,7 @@ def floats(state: Any, part: str = "") -> Iterator[tuple[str, np.ndarray]]:
 
 
 @pytest.mark.parametrize("name", list(ALGORITHMS))
+@pytest.mark.slow
 def test_a_policy_of_a_device_acts_alike_on_the_cpu(name: str, there: Device, tmp_path):
     trainer = trained(name, "MultiDiscrete", {}, PRETEND)
     trainer.learner.policy.save(tmp_path / "policy.safetensors")
@@ -118,6 +121,7 @@ def test_a_policy_of_a_device_acts_alike_on_the_cpu(name: str, there: Device, tm
 
 
 @pytest.mark.parametrize("name", list(ALGORITHMS))
+@pytest.mark.slow
 def test_a_checkpoint_of_a_device_is_one_of_arrays_and_brings_everything_back(name: str, there: Device):
     trainer = trained(name, "MultiDiscrete", {}, PRETEND)
     state = trainer.learner.state()
@@ -140,6 +144,7 @@ def same(one: Any, other: Any) -> None:
 
 
 @pytest.mark.parametrize("name", list(ALGORITHMS))
+@pytest.mark.slow
 def test_nothing_is_copied_in_a_step(name: str, there: Device):
     trainer = trained(name, "MultiDiscrete", {}, PRETEND, steps=240)  # past its random steps
     trainer.step()

@@ -53,6 +53,7 @@ def test_learns_more_than_the_mean_image(tmp_path):
 
 
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+@pytest.mark.slow
 def test_resumed_training_equals_an_uninterrupted_one(images, tmp_path, monkeypatch, precision):
     unbroken = train(images, tmp_path / "unbroken", precision=precision)
     torch.manual_seed(99)  # nothing may depend on the global generator

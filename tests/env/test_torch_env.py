@@ -131,6 +131,7 @@ def test_what_is_returned_is_valid_until_the_second_step_after():
     assert env.step(still)[0].data_ptr() == first.data_ptr()
 
 
+@pytest.mark.slow
 def test_looks_are_drawn_for_each_episode_or_environment_and_shown():
     shown = {}
     for per in ("episode", "environment"):

@@ -133,6 +133,7 @@ def test_a_nearer_plant_is_drawn_over_a_farther_one_whatever_their_order():
     np.testing.assert_array_equal(Renderer([near_first]).render(pose), Renderer([far_first]).render(pose))
 
 
+@pytest.mark.slow
 def test_a_bridge_is_where_dense_sampling_finds_it():
     world = plane(bridges=ARCH, water_level=-0.1)
     camera = Camera(64, 64)
@@ -216,6 +217,7 @@ def test_a_frame_does_not_depend_on_batch_order_or_threads(easy_world):
 
 
 @pytest.mark.parametrize("height", [64, 57])
+@pytest.mark.slow
 def test_antialiased_edges_of_bridges_are_nearer_to_the_reference_and_feet_stay_as_they_are(height):
     world, pose = plane(bridges=ARCH, water_level=-0.1), np.array([-6, 4.0, 1.2, -0.5])
     camera = Camera(height, 64)
@@ -352,6 +354,7 @@ def test_time_moves_the_ripples_and_nothing_else():
     ("size", "quality", "least_db"),
     [((40, 72), "full", 24.0), ((72, 40), "full", 24.0), ((33, 57), "full", 24.0), ((33, 57), "fast", 20.0)],
 )
+@pytest.mark.slow
 def test_sizes_need_not_be_multiples_of_anything(size, quality, least_db):
     world = plane(slope_x=0.1, water_level=0.0, bridges=ARCH, plants=plants_at([(9.0, 2.0)], kind=2))
     camera = Camera(*size)

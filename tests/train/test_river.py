@@ -99,6 +99,7 @@ def brook_run(where: RiverTraining, encoder: Any, folder: Path, steps: int = 96)
     return where.train("PPO", encoder, steps=steps, seed=1, folder=folder, settings=settings)
 
 
+@pytest.mark.slow
 def test_a_run_on_a_real_river_resumes_to_the_same_policy_and_names_its_file(
     tmp_path: Path, brook: Reach, monkeypatch: pytest.MonkeyPatch
 ):

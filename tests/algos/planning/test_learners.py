@@ -264,6 +264,7 @@ def test_terminal_steps_are_dropped_only_on_request():
 
 
 @pytest.mark.parametrize("name", PLANNERS)
+@pytest.mark.slow
 def test_paper_preset_runs(name, tmp_path: Path):
     small = {key: SMALL[key] for key in ("samples", "iterations", "model_hidden", "hidden")}
     small |= {"random_steps": 100, "refit_steps": 200, "steps_per_collection": 100, "elites": 8}

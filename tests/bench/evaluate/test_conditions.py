@@ -49,6 +49,7 @@ class Ahead:
         return np.tile([1, 1, 0, 1], (len(obs), 1))
 
 
+@pytest.mark.slow
 def test_each_start_is_seen_in_its_own_way_and_by_its_own_sun(easy_world: World):
     ranges = Randomisation.only(haze=(0.3, 6.0), warmth=(-0.6, 0.6), sun_azimuth_deg=(0.0, 360.0), suns=2)
     course = Course.on(easy_world, CONFIG).varied(ranges, CONFIG)
@@ -145,6 +146,7 @@ def test_a_condition_is_named_once(tmp_path: Path):
         run_suite(replace(SUITE, conditions=(Condition("it"), Condition("it"))), tmp_path / "new", SmallBackend())
 
 
+@pytest.mark.slow
 def test_courses_are_what_their_condition_says():
     rivers = RiverBackend(replace(SUITE, arms=(Arm("PPO"),), episodes=2))
     (main,) = rivers.courses(Trial("Easy", MAIN))

@@ -43,6 +43,7 @@ def one_by_one(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return tables(folder)
 
 
+@pytest.mark.slow
 def test_two_at_a_time_leave_what_one_leaves(tmp_path: Path, one_by_one: dict[str, str]):
     outcome = run_suite(SUITE, tmp_path, SmallBackend(), executor=ProcessPoolExecutor(2))
     assert [row.status for row in outcome.runs] == ["finished"] * 5
@@ -50,6 +51,7 @@ def test_two_at_a_time_leave_what_one_leaves(tmp_path: Path, one_by_one: dict[st
     assert "train 100 steps on Medium" in (tmp_path / LOGS / "FOCOPS-1.txt").read_text()
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_is_a_failed_run_and_is_tried_again(tmp_path: Path, one_by_one: dict[str, str]):
     outcome = run_suite(SUITE, tmp_path, SmallBackend(dies=("PPO-1",)), executor=ProcessPoolExecutor(3))
     assert [(row.run, row.error) for row in outcome.failed] == [("PPO-1", "the process that did it ended with 9")]
@@ -58,6 +60,7 @@ def test_a_process_that_dies_is_a_failed_run_and_is_tried_again(tmp_path: Path, 
     assert tables(tmp_path) == one_by_one
 
 
+@pytest.mark.slow
 def test_an_error_in_a_process_is_its_row(tmp_path: Path):
     outcome = run_suite(SUITE, tmp_path, SmallBackend(broken=("FOCOPS-0",)), executor=ProcessPoolExecutor(2))
     assert [row.error for row in outcome.failed] == ["ArithmeticError: the loss is NaN in line two"]
@@ -71,6 +74,7 @@ class Full(SmallBackend):
         raise OSError(errno.ENOSPC, "No space left on device")
 
 
+@pytest.mark.slow
 def test_a_full_disk_in_a_process_stops_all(tmp_path: Path):
     with pytest.raises(OSError, match="No space"):
         run_suite(SUITE, tmp_path, Full(), executor=ProcessPoolExecutor(2))

@@ -9,6 +9,7 @@ import imageio
 import numpy as np
 import pytest
 
+from tests.bench.versioned import record_current_versions
 from tests.browser import Browser
 from thalweg.bench.report.report import write_report
 from thalweg.bench.report.table import PAPER
@@ -45,6 +46,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("film", "films/PPO-best", "films/P3O-best"):
         imageio.mimwrite(folder / f"{name}.mp4", [np.full((256, 384, 3), 99, np.uint8)] * 4, fps=4)
         (folder / f"{name}.txt").write_text("The best of all flights there.\n")
+    record_current_versions(folder, seeds=12)
     return write_report(folder).page
 
 
@@ -88,6 +90,7 @@ def filter_by(browser: Browser, **words: str) -> str:
     return browser.run("return document.forms.filter.elements.count.value")
 
 
+@pytest.mark.slow
 def test_the_page_loads_without_complaints_and_asks_nobody_for_anything(browser: Browser, page: Path):
     assert browser.complaints() == browser.requests() == []
     browser.open(page)

@@ -320,6 +320,7 @@ def test_what_an_earlier_report_had_and_this_one_has_not_goes(tiny_results: Path
     assert not (report.folder / "film.mp4").exists()
 
 
+@pytest.mark.slow
 def test_the_committed_tables_of_the_study_are_those_of_its_results():
     results, folder = read_results(STUDY), STUDY / "report"
     tables = {section.name: section.table(results) for section in SECTIONS if isinstance(section, TableSection)}

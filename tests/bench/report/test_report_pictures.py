@@ -16,6 +16,7 @@ from thalweg.bench.results.reading import read_results
 from thalweg.bench.suite.suites import suite_named
 
 
+@pytest.mark.slow
 def test_the_page_loads_nothing_from_elsewhere(tiny_results: Path):
     write_film_of(tiny_results)
     page = write_report(tiny_results).page.read_text()
@@ -25,11 +26,13 @@ def test_the_page_loads_nothing_from_elsewhere(tiny_results: Path):
     assert not re.search(r"https?://|@import|url\(", page)
 
 
+@pytest.mark.slow
 def test_every_picture_of_the_page_has_words_beside_it(tiny_results: Path):
     page = write_report(tiny_results).page.read_text()
     assert len(re.findall(r"<img [^>]*alt='[^']{20,}'", page)) == page.count("<img ") == 4
 
 
+@pytest.mark.slow
 def test_a_report_goes_to_the_folder_one_stands_in_and_again(
     tiny_results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -46,6 +49,7 @@ def test_a_report_goes_to_the_folder_one_stands_in_and_again(
         assert Path().stat().st_ino == here.stat().st_ino  # still the folder that one stands in
 
 
+@pytest.mark.slow
 def test_the_suite_of_the_learning_curves_makes_its_report_of_one_level(tmp_path: Path):
     suite = replace(suite_named("easy"), episodes=SUITE.episodes)
     report = run_suite(suite, tmp_path, SmallBackend()).report
@@ -60,6 +64,7 @@ def test_the_suite_of_the_learning_curves_makes_its_report_of_one_level(tmp_path
     assert report.page.read_text().count("<img ") == 5
 
 
+@pytest.mark.slow
 def test_results_with_every_gap_are_drawn(tmp_path: Path):
     """Runs that failed, an algorithm that did in all of them, none packaged, conditions, a level without a river."""
     suite = replace(

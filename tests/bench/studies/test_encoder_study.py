@@ -35,6 +35,7 @@ def test_what_the_study_compares():
     assert {case.latent for case in CASES if case.architecture == "paper"} == {16, 64}
 
 
+@pytest.mark.slow
 def test_every_case_has_a_row_and_no_number_that_its_input_can_not_have(study: Path):
     found = rows(study / "sizes.csv")
     assert [(row["inputs"], row["numbers"]) for row in found] == [
@@ -67,6 +68,7 @@ def test_the_page_and_the_figures_are_there(study: Path):
     assert all((study / name).stat().st_size > 5000 for name in ("sizes.png", "inputs.png"))
 
 
+@pytest.mark.slow
 def test_what_is_finished_is_not_done_again_and_what_was_killed_goes_on(
     study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -54,6 +54,7 @@ def segmenter(frames: np.ndarray) -> WaterSegmenter:
     return train_segmenter(frames[:64], epochs=60)
 
 
+@pytest.mark.slow
 def test_a_segmenter_learns_what_water_looks_like(frames: np.ndarray, segmenter: WaterSegmenter):
     truth = frames[64:, ..., 3] > 0
     found = water_in(segmenter, frames[64:, ..., :3])
@@ -62,6 +63,7 @@ def test_a_segmenter_learns_what_water_looks_like(frames: np.ndarray, segmenter:
     assert np.array_equal(water_in(segmenter, as_shares), found)
 
 
+@pytest.mark.slow
 def test_a_segmenter_tells_two_waters_apart_by_what_is_far_from_them():
     """Grey is water where the left edge is bright, 24 pixels away, and not where it is dark."""
     frames = np.full((96, 32, 32, 4), 128, np.uint8)

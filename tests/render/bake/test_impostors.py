@@ -40,6 +40,7 @@ def mean_light(picture: np.ndarray) -> float:
     return float((linear(picture) * weight).sum() / (3 * weight.sum()))
 
 
+@pytest.mark.slow
 def test_same_bytes_every_time(atlas):
     again = impostors.build(ELEVATION)
     assert again.texels.tobytes() == atlas.texels.tobytes()

@@ -14,6 +14,7 @@ def saved(world: World, path) -> bytes:
 
 
 @pytest.mark.parametrize("name", LEVELS)
+@pytest.mark.slow
 def test_the_same_level_and_seed_give_the_same_bytes(name, tmp_path):
     assert saved(build(name, 11), tmp_path / "a.npz") == saved(build(name, 11), tmp_path / "b.npz")
 

@@ -27,6 +27,7 @@ def plans(name: str) -> list[Plan]:
 
 
 @EVERY
+@pytest.mark.slow
 def test_samples_and_length(name):
     level = LEVELS[name]
     for river in (each.river for each in plans(name)):

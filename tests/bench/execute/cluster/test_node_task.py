@@ -71,10 +71,12 @@ def test_how_far_a_run_is_comes_back_before_the_end():
     assert levels[-1] == ["Easy", "Medium", "Hard"]
 
 
+@pytest.mark.slow
 def test_no_more_often_than_it_was_asked_for():
     assert kinds(list(run_on_node(request(Slow(), sync_interval_s=60.0)))) == [(False, False), (True, True)]
 
 
+@pytest.mark.slow
 def test_what_was_there_already_is_not_done_again_nor_sent_back():
     done = list(run_on_node(request(SmallBackend())))[-1].files or {}
     del done[level_file("Hard")]

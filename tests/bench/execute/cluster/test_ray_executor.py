@@ -2,6 +2,7 @@
 
 import io
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -127,15 +128,17 @@ def test_runs_that_fail_are_rows_with_their_errors_and_the_others_go_on(
     outcome = run_suite(
         SMALL_SUITE, tmp_path, place, Console(file=said, width=200), executor=RayExecutor(nodes.address)
     )
-    died = f"the process that did it on {HOST} ended (WorkerCrashedError)"
-    assert {row.run: row.error for row in outcome.runs} == {
+    # A process that dies at once may not have told on which node it runs.
+    died = rf"the process that did it on ({HOST}|a node) ended \(WorkerCrashedError\)"
+    errors = {row.run: row.error for row in outcome.runs}
+    assert re.fullmatch(f"{died}; 2 times without progress", errors.pop("PPO-1"))
+    assert errors == {
         "hover-0": "",
         "PPO-0": "ArithmeticError: the loss is NaN in line two",
-        "PPO-1": f"{died}; 2 times without progress",
         "FOCOPS-0": f"OSError: [Errno 28] No space left on device (on {HOST})",
         "FOCOPS-1": "",
     }
-    assert f"PPO-1: {died}; it is restarted" in said.getvalue().splitlines()
+    assert re.search(f"^PPO-1: {died}; it is restarted$", said.getvalue(), re.MULTILINE)
     assert "in train" in (tmp_path / "runs" / "PPO-0" / "error.txt").read_text()
     assert "train 100 steps on Medium" in (tmp_path / "logs" / "FOCOPS-1.txt").read_text()
 

@@ -5,8 +5,6 @@ names or file locations raise no version. Compiled kernels and cached worlds are
 that made them.
 """
 
-from collections.abc import Iterable
-
 WORLD = 1
 """Worlds that `thalweg.world.build` makes of a level and a seed, or of a line."""
 RENDER = 2
@@ -38,9 +36,3 @@ PACKAGED_ENCODER = 1
 """The encoder file that comes with the package."""
 PACKAGED_POLICY = 1
 """The policy file that comes with the package."""
-
-
-def training_versions(algorithms: Iterable[str]) -> dict[str, int]:
-    """Return the versions that a policy depends on: trained by `algorithms` on our rivers with the packaged encoder."""
-    shared = {"world": WORLD, "render": RENDER, "rules": RULES, "encoder": PACKAGED_ENCODER, "training": TRAINING}
-    return shared | {name: ALGORITHMS[name] for name in algorithms}

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-if "CI" not in os.environ:  # `make test` installs it; there its absence is an error
+if "CI" not in os.environ:  # `make test-slow` installs it; there its absence is an error
     pytest.importorskip("numba_cuda", reason="needs numba-cuda: pip install -r requirements-cuda.lock")
 
 from numba import cuda, float32, types

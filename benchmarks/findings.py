@@ -57,7 +57,7 @@ def limits() -> str:
 def pairs_with_ppo() -> str:
     """Return the comparison of each other policy with `BASE`, start by start."""
     text = pairwise_table(_results(STUDY)).text
-    return markdown(text[text["policy"] == BASE])
+    return markdown(text.loc[text["policy"] == BASE])
 
 
 def pairs_of_open_choices() -> str:
@@ -65,7 +65,7 @@ def pairs_of_open_choices() -> str:
     results = _results(OPEN)
     algorithms = {arm["name"]: arm["algorithm"] for arm in arms_of(results.suite)}
     text = pairwise_table(results).text
-    return markdown(text[text["policy"] == text["against"].map(algorithms)])
+    return markdown(text.loc[text["policy"] == text["against"].map(algorithms.get)])
 
 
 def training_costs() -> str:

@@ -180,7 +180,7 @@ def time_frames(table: Table, clock: Clock, worlds: Sequence[World], counts: Seq
             inputs = views(worlds, count, renderer, clock.device)
             size = count, camera.height_px, camera.width_px, 4
             frames = torch.empty(size, dtype=torch.uint8, device=clock.device)
-            at = {"cameras": count, "worlds": len(worlds)}
+            at: dict[str, Any] = {"cameras": count, "worlds": len(worlds)}
             rate = clock.rate(partial(renderer.render_tensors, inputs, frames), count)
             table.add("render", rate, "frames/s", quality=quality, **at)
             if quality == "full":
@@ -232,7 +232,8 @@ def start_training(
     graphs: bool = False,
 ) -> Trainer:
     """Return a training run on tensors, past its random steps."""
-    env = LatentTensorEnv(TensorRiverEnv(worlds, count, device=str(encoder.device)), encoder)
+    river = TensorRiverEnv(worlds, count, device=str(encoder.device))
+    env: Any = LatentTensorEnv(river, encoder)  # the rest of `TensorEnv` is that of the river
     entry = algorithm_named(learner)
     known = {field.name for field in fields(entry.config)}
     config = entry.configure({key: value for key, value in settings.items() if key in known}, num_envs=count)

@@ -111,7 +111,7 @@ class Hopper:
 def ptx_of(variant: Variant) -> str:
     """Return the PTX code of a kernel."""
     with mock.patch.object(dispatcher, "get_current_device", Hopper):
-        ptx, _ = cuda.compile_ptx(
+        ptx, _ = cuda.compile_ptx(  # pyright: ignore[reportPrivateImportUsage]
             variant.function, types.void(*variant.arguments), cc=CAPABILITY, fastmath=variant.fastmath
         )
     return ptx

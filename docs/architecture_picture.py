@@ -12,6 +12,8 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.patches import Rectangle
 
 PATH = Path(__file__).resolve().parent / "images" / "architecture.png"
 BOXES = {
@@ -80,11 +82,9 @@ def arrows(graph: grimp.ImportGraph) -> list[tuple[str, str]]:
     return sorted(pair for pair in direct if not any((pair[0], c) in direct and (c, pair[1]) in direct for c in parts))
 
 
-def draw_box(axes: plt.Axes, part: str, content: str) -> None:
+def draw_box(axes: Axes, part: str, content: str) -> None:
     left, top, width, height = BOXES[part]
-    shape = plt.Rectangle(
-        (left, -top - height), width, height, facecolor=COLOURS[part], edgecolor="#555555", linewidth=0.8
-    )
+    shape = Rectangle((left, -top - height), width, height, facecolor=COLOURS[part], edgecolor="#555555", linewidth=0.8)
     axes.add_patch(shape)
     axes.text(left + 0.1, -top - 0.1, f"{part}/", fontsize=13, fontweight="bold", va="top")
     beside = width > 5
@@ -102,7 +102,7 @@ def draw_box(axes: plt.Axes, part: str, content: str) -> None:
 
 
 def draw_arrow(
-    axes: plt.Axes, importer: tuple[float, float, float, float], imported: tuple[float, float, float, float]
+    axes: Axes, importer: tuple[float, float, float, float], imported: tuple[float, float, float, float]
 ) -> None:
     """From the bottom of one box to the top of another, in the middle of the narrower."""
     narrow = min(importer, imported, key=lambda box: box[2])

@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from numba.core.errors import NumbaError
 
 from thalweg.core import jit
 from thalweg.core.cache import PACKAGE
@@ -15,6 +16,13 @@ from thalweg.core.jit import kernel, kernel_sources
 def gather(table, at, out):
     for i in range(len(out)):
         out[i] = out[i] + table[np.uint32(np.int32(at[i] * np.float32(2)))]
+
+
+def add_up_halves(table, at, out):
+    halves = table[:128], table[128:]
+    for i in range(len(out)):
+        half = halves[0] if at[i] > 0 else halves[1]
+        out[i] = half[i] + half[i + 1]
 
 
 def llvm_ir(dispatcher) -> str:
@@ -35,6 +43,25 @@ def test_a_disjoint_kernel_vectorises_a_gather_and_another_does_not():
     assert "noalias" in disjoint
     assert "x float>" in disjoint
     assert "x float>" not in plain
+
+
+def test_a_kernel_that_allocates_nothing_counts_no_references_and_another_does():
+    counting, plain = llvm_ir(kernel(add_up_halves)), llvm_ir(kernel(add_up_halves, allocates=False))
+    assert "call void @NRT_incref" in counting
+    assert "call void @NRT_incref" not in plain
+
+
+def test_a_kernel_that_allocates_nothing_leaves_the_references_of_its_arguments_alone():
+    table, out = np.arange(256, dtype=np.float32), np.zeros(64, np.float32)
+    before = sys.getrefcount(table)
+    kernel(add_up_halves, allocates=False)(table, np.ones(64, np.float32), out)
+    assert sys.getrefcount(table) == before
+    np.testing.assert_array_equal(out, 2 * np.arange(64) + 1)
+
+
+def test_a_kernel_that_allocates_is_refused_where_it_promises_not_to():
+    with pytest.raises(NumbaError):
+        kernel(lambda n: np.zeros(n)[0], allocates=False)(3)
 
 
 def test_kernels_compute_what_the_function_computes():

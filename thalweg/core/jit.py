@@ -39,6 +39,7 @@ def kernel(
     fastmath: bool = True,
     inlined: bool = False,
     disjoint: bool = False,
+    allocates: bool = True,
 ) -> Any:
     """Decorate a function to be compiled at its first call and cached under the code of all kernel sources.
 
@@ -50,6 +51,8 @@ def kernel(
         inlined: Inline the function into its callers.
         disjoint: Promise that no array that is written overlaps another argument. Without this promise LLVM does not
             vectorise a loop that writes to one array and gathers from another.
+        allocates: False for a function that neither allocates nor returns an array. Its arrays belong to the caller,
+            so no references are counted, which would be an atomic operation for each array of a record.
     """
 
     def compile_lazily(python_function: Callable[..., Any]) -> Any:
@@ -64,8 +67,8 @@ def kernel(
         )(python_function)
         if folder is not None and not config.DISABLE_JIT:
             dispatcher._cache = _Cache(dispatcher.py_func)
-        if disjoint and not config.DISABLE_JIT:
-            _promise_disjoint(dispatcher)
+        if not config.DISABLE_JIT:
+            _set_flags(dispatcher, disjoint, allocates)
         return dispatcher
 
     return compile_lazily(function) if function is not None else compile_lazily
@@ -154,14 +157,20 @@ class _Cache(caching.FunctionCache):
     _impl_class = _CacheImpl
 
 
-def _promise_disjoint(dispatcher: Any) -> None:
-    """Mark a function's arguments as `noalias`; Numba has this flag internally but no option to set it."""
+def _set_flags(dispatcher: Any, disjoint: bool, allocates: bool) -> None:
+    """Set the compiler flags for which Numba has no public option.
+
+    `noalias` marks arguments as disjoint; `nrt` enables reference counts.
+    """
     compiler = dispatcher._compiler
     customize = compiler._customize_flags
 
-    def with_noalias(flags: Any) -> Any:
+    def with_flags(flags: Any) -> Any:
         flags = customize(flags)
-        flags.noalias = True
+        if disjoint:
+            flags.noalias = True
+        # Set in either case: a function would otherwise inherit the flag of the caller that is being compiled.
+        flags.nrt = allocates
         return flags
 
-    compiler._customize_flags = with_noalias
+    compiler._customize_flags = with_flags

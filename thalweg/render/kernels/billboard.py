@@ -61,7 +61,7 @@ class Billboard(NamedTuple):
     shade_b: Any
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def atlas_view(sight_x, sight_y, sun_x, sun_y):
     """The view of the atlas for a horizontal direction of sight, with the sun towards sun_x, sun_y.
 
@@ -81,7 +81,7 @@ def atlas_view(sight_x, sight_y, sun_x, sun_y):
     return int32(eighth & int32(impostors.VIEWS - 1))
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def make_billboard(scene, view, p, distance, sharpen):
     """The `Billboard` of plant p at a horizontal distance in metres.
 
@@ -126,7 +126,7 @@ def make_billboard(scene, view, p, distance, sharpen):
     )  # fmt: skip
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def billboard_pixel(atlas, board, dx, dy, dz, near, ground, passing):
     """What a billboard adds to one pixel: red, green, blue, the share of `passing` that it stops, and its depth.
 
@@ -175,7 +175,7 @@ def billboard_pixel(atlas, board, dx, dy, dz, near, ground, passing):
     return red, green, blue, part, t
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def nearest_depth(distance, camera):
     """Lower bound of the depth at which any ray meets a billboard at a horizontal distance: that of the upper corners.
 
@@ -187,7 +187,7 @@ def nearest_depth(distance, camera):
     return distance / math.sqrt(spread * spread + camera.half_w * camera.half_w)
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def draw_billboard(atlas, board, nearest, camera, box, top, deepest, planes):
     """Draw a `Billboard` into the blocks of its box that are not closed.
 

@@ -18,7 +18,7 @@ from thalweg.render.records.classes import BRIDGE
 f32 = np.float32
 
 
-@kernel
+@kernel(allocates=False)
 def sample_bridge(scene, view, r, c, down, right, limit):
     """1 and the stone's radiance where a bridge is seen nearer than a depth `limit`, else zeros.
 
@@ -46,7 +46,7 @@ def sample_bridge(scene, view, r, c, down, right, limit):
     return seen, red, green, blue
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def background(planes, width, r, c):
     """The neighbours across a bridge's edge from pixel (r, c): their number, the sums of their radiance, and the depth
     before which stone can be seen in this pixel."""
@@ -73,7 +73,7 @@ def background(planes, width, r, c):
     return count, other_r, other_g, other_b, limit
 
 
-@kernel
+@kernel(allocates=False)
 def edge_colour(scene, view, planes, r, c):
     """1 and the antialiased radiance of a pixel on a bridge's edge; 0 and its own radiance for any other pixel.
 

@@ -80,7 +80,7 @@ class BridgeHit(NamedTuple):
     z: Any
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def profile_gap(profile, u, z):
     """Greater than zero outside a profile at (u, z): the largest distance beyond one of its sides, in metres."""
     share = u / profile.half_length
@@ -91,7 +91,7 @@ def profile_gap(profile, u, z):
     return max(max(top, profile.low - z), max(hollow, abs(u) - profile.half_length))
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def meet_extrusion(ray, v_low, v_high, profile, near, far):
     """The first t in near..far at which a ray is inside an extruded profile (-1: none), and 1 if it entered by a face.
 
@@ -142,7 +142,7 @@ def meet_extrusion(ray, v_low, v_high, profile, near, far):
     return found, by_face
 
 
-@kernel
+@kernel(allocates=False)
 def bridge_box(row, camera):
     """The columns from, to and rows from, to that a bridge may touch in the image."""
     per_row = row_step(camera)
@@ -183,7 +183,7 @@ def bridge_box(row, camera):
     return c0, c1, r0, r1
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def meet_bridge(row, camera, dx, dy, dz, far):
     """The `BridgeHit` of a camera's ray with the bridge of a row of `Scene.bridges`, no farther than `far`.
 
@@ -218,7 +218,7 @@ def meet_bridge(row, camera, dx, dy, dz, far):
     return hit_normal(row, ray, t, by_face)
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def hit_normal(row, ray, t, by_face):
     """The `BridgeHit` at t along a ray, which entered by a face of the extrusion if by_face is 1."""
     length = row[layout.B_HALF_LENGTH]
@@ -249,7 +249,7 @@ def hit_normal(row, ray, t, by_face):
     return BridgeHit(t, u, v, nu, nv, nz, z)
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def masonry(a, b, footprint):
     """Brightness of masonry at a along a course and b across courses (metres), faded by the pixel's footprint."""
     course = floor(b / f32(COURSE_M))
@@ -269,7 +269,7 @@ def masonry(a, b, footprint):
     return f32(1) + visible * (f32(BLOCK_CONTRAST) * (tone - f32(0.5)) - f32(JOINT_DEPTH) * joint)
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def shade_stone(scene, view, row, hit, distance, footprint, climb):
     """Radiance of the stone at a `BridgeHit`: red, green, blue, haze included; distance and footprint in metres.
 
@@ -307,7 +307,7 @@ def shade_stone(scene, view, row, hit, distance, footprint, climb):
     )
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def stone_tone(row, hit, height, footprint):
     """Factor on the stone's reflectance at a `BridgeHit`: masonry, the ring of the arch, and damp near the water."""
     along = hit.u if abs(hit.normal_u) < f32(0.7) else hit.v

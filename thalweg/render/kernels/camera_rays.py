@@ -54,7 +54,7 @@ class Radiance(NamedTuple):
     blue: Any
 
 
-@kernel
+@kernel(allocates=False)
 def pose_camera(pose, look, settings):
     """The `PosedCamera` at a pose [4]: x, y, z in metres, yaw in radians."""
     pitch = look[PITCH]
@@ -74,13 +74,13 @@ def pose_camera(pose, look, settings):
     )  # fmt: skip
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def row_step(camera):
     """Height of a pixel on the image plane at distance one."""
     return f32(2) * camera.half_h / f32(camera.height)
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def map_origin(scene, view):
     """Where the rays of a view begin, in the coordinates of its world's map."""
     inv_cell = scene.constants[view.world, layout.INV_CELL]
@@ -91,7 +91,7 @@ def map_origin(scene, view):
     )
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def row_rays(camera, row, first, inv_cell, rays, n):
     """Fill rays [n] with those through the centres of the pixels of a row, from column `first` on."""
     dx, dy, dz = rays
@@ -103,7 +103,7 @@ def row_rays(camera, row, first, inv_cell, rays, n):
         dz[c] = camera.forward_z + sy * camera.up_z
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def square_rays(camera, row, size, inv_cell, rays, first, n):
     """Fill rays [n] with those through the middles of squares of `size` pixels a side, from number `first` on.
 
@@ -118,7 +118,7 @@ def square_rays(camera, row, size, inv_cell, rays, first, n):
         dz[k] = camera.forward_z + sy * camera.up_z
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def hit_points(origin, inv_cell, rays, depth, chosen, points, n):
     """Fill `HitPoints` [n] for the pixels chosen[:n] of a row, whose depths [W'] are along the optical axis."""
     ray_x, ray_y, ray_z = rays

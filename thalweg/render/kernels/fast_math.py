@@ -12,7 +12,7 @@ from thalweg.core.jit import kernel
 f32 = np.float32
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def floor(x):
     """The largest whole number not above x, for x in -2e9..2e9."""
     # Conversion rounds towards zero, which is one too high below zero.
@@ -20,7 +20,7 @@ def floor(x):
     return truncated - f32(1) if x < truncated else truncated
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def log2(x):
     """The binary logarithm of x > 0, within 0.009."""
     # The exponent's bits are the whole part; the mantissa, read as a number in 1..2, gives the rest by a parabola.
@@ -31,7 +31,7 @@ def log2(x):
     return exponent + part * (f32(1.3465557) - f32(0.34484843) * part)
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def exp2(x):
     """Two to the power of x in -120..120, within a relative error of 2e-4."""
     x = min(max(x, f32(-120)), f32(120))
@@ -42,7 +42,7 @@ def exp2(x):
     return scale * (f32(1) + part * (f32(0.69606564) + part * (f32(0.22449434) + part * f32(0.07944024))))
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def exp(x):
     """e to the power of x in -80..80, within a relative error of 2e-4."""
     return exp2(x * f32(1.4426950408889634))

@@ -100,7 +100,7 @@ def finish_frame(scene, view, settings, planes, n, output):
     )  # fmt: skip
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def noise_key(view):
     """What the sensor's noise depends on: position and time, to the bit."""
     key = tone.scramble(uint32(np.float32(view.camera.x).view(np.int32)))
@@ -188,7 +188,7 @@ def shade(scene, view, top, reduced, planes):
                 planes.blue[r, c] += light[r, c] * out.blue[k]
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def shade_points(scene, view, what, reduced, points, pixel, work, out, n):
     """Fill `Radiance` [n] with that of n points of one class, which is sky, water or ground.
 
@@ -210,7 +210,7 @@ def shade_points(scene, view, what, reduced, points, pixel, work, out, n):
         sky.add_haze(scene, view, points, out, n)
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def write_layers(planes, depth_out, class_out):
     """Depth along the axis (-1: sky) and class of each pixel [H, W], from `Planes` [H', W']."""
     height, width = depth_out.shape
@@ -222,7 +222,7 @@ def write_layers(planes, depth_out, class_out):
             class_out[r, c] = kind[r, c] if light[r, c] > f32(0.5) else np.uint8(PLANT)
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def mask_water(kind, light):
     """Replace kind [H', W'] by the mask: 255 where water is seen, else 0."""
     for r in range(kind.shape[0]):

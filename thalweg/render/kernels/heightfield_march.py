@@ -67,7 +67,7 @@ class TangentPlanes(NamedTuple):
     """Metres from the camera straight down to the plane."""
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def bundle_spread(camera):
     """How far a ray of a tile strays from the one through the tile's middle, in metres per metre along the axis."""
     per_row = row_step(camera)
@@ -75,7 +75,7 @@ def bundle_spread(camera):
     return f32(0.501 * TILE) * math.sqrt(per_row * per_row + camera.column_step * camera.column_step)
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def advance_bundles(scene, world, origin, spread, rays, t, n):
     """Advance n bundles of rays from t [n] as far as certainly none of their rays meets the surface.
 
@@ -113,7 +113,7 @@ def advance_bundles(scene, world, origin, spread, rays, t, n):
             break
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def march(scene, world, origin, rays, t, hit, track, n):
     """Advance n rays from t [n] until they meet the surface (hit 1) or leave (hit 0); t becomes where they meet it.
 
@@ -138,7 +138,7 @@ def march(scene, world, origin, rays, t, hit, track, n):
     refine_hits(scene, world, origin, rays, t, hit, track, n)
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def step_rays(scene, world, origin, rays, t, hit, track, n):
     """Advance n rays of a march by one step each; whether any of them goes on.
 
@@ -192,7 +192,7 @@ def step_rays(scene, world, origin, rays, t, hit, track, n):
     return active != f32(0)
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def refine_hits(scene, world, origin, rays, t, hit, track, n):
     """Move t [n] of the rays that met the surface to where they cross it, between their last two points."""
     dx, dy, dz = rays
@@ -220,7 +220,7 @@ def refine_hits(scene, world, origin, rays, t, hit, track, n):
         hit[i] = f32(0) if t[i] >= f32(FAR_M) else hit[i]
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def touch_surface(scene, world, origin, rays, t, planes, n):
     """Fill `TangentPlanes` [n] with the planes that touch the surface where each of n rays meets it at t [n]."""
     dx, dy, _ = rays
@@ -235,7 +235,7 @@ def touch_surface(scene, world, origin, rays, t, planes, n):
         gap[i] = origin.z - height + (across * dx[i] + along * dy[i]) * t[i]
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def meet_planes(planes, square_t, rays, t, n):
     """Fill t [n] with where the rays of a row meet `TangentPlanes` [n / SQUARE], `SQUARE` neighbours to a plane.
 
@@ -250,7 +250,7 @@ def meet_planes(planes, square_t, rays, t, n):
         t[i] = met if abs(met - square_t[k]) < f32(SETTLE_SHARE) * square_t[k] else square_t[k]
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def water_depths(scene, world, origin, rays, t, depth, n):
     """Fill depth [n] with the depth of the water where each ray is at t [n]; it is not above zero on dry ground."""
     dx, dy, _ = rays

@@ -38,20 +38,20 @@ class Frustum(NamedTuple):
     slant_h: Any
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def bucket_of(distance):
     """The bucket of a horizontal distance in metres."""
     return int32(clamp(math.sqrt(distance) * f32((BUCKETS - 1) / math.sqrt(FAR_M)), f32(0), f32(BUCKETS - 1)))
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def frustum_of(half_w, half_h):
     """The `Frustum` of an image plane."""
     slant_w = f32(math.sqrt(f32(1) + half_w * half_w))
     return Frustum(half_w, half_h, slant_w, f32(math.sqrt(f32(1) + half_h * half_h)))
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def distance_in_view(plants, p, density, camera, frustum):
     """Horizontal distance of plant p in metres if it may be in view; -1 if it is not, or is not drawn.
 
@@ -179,7 +179,7 @@ def deepest_ground(depth, rows_together, deepest):
             deepest[r, bx] = most.max()
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def billboard_box(plant, distance, camera, columns):
     """The columns from, to and rows from, to of the image that the billboard of a plant may touch.
 

@@ -68,7 +68,7 @@ def find_primary_hits(scene, view, top, reduced, depth, kind):
             kind[r, c] = surface if hit[c] > f32(0) else np.uint8(SKY)
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def march_row(scene, world, origin, rays, start, size, t, hit, track):
     """March the rays of one row of squares from where the bundles of their tiles start, `SPAN` at a time."""
     dx, dy, dz = rays

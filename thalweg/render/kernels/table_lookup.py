@@ -17,13 +17,13 @@ from thalweg.render.kernels.fast_math import floor
 f32 = np.float32
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def clamp(value, low, high):
     """The value limited to low..high."""
     return min(max(value, low), high)
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def bilinear(table, at, columns, rows, x, y):
     """The value of a float table at node coordinates x, y, between its four nearest nodes.
 
@@ -46,7 +46,7 @@ def bilinear(table, at, columns, rows, x, y):
     return low + (high - low) * v
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def sloped(table, at, columns, rows, x, y):
     """As `bilinear`, and the table's rise per node in x and in y. The table is level outside its edges."""
     within_x = f32(1) if (x >= f32(0)) & (x <= f32(columns) - f32(1.001)) else f32(0)
@@ -67,13 +67,13 @@ def sloped(table, at, columns, rows, x, y):
     return low + (high - low) * v, ((b - a) + (d - c - b + a) * v) * within_x, (high - low) * within_y
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def channel(packed, shift):
     """One byte of a packed texel as a float in 0..255."""
     return f32(int32((packed >> uint32(shift)) & uint32(255)))
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def mix_texels(a, b, c, d, u, v):
     """Four channels (0..255) interpolated between four packed texels."""
     wa = (f32(1) - u) * (f32(1) - v)
@@ -87,7 +87,7 @@ def mix_texels(a, b, c, d, u, v):
     return red, green, blue, fourth
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def paint_level(paint, begin, columns, rows, x, y, level):
     """Four channels (0..255) of the paint on one mip level; columns and rows are those of level 0."""
     # Texels of level 0 have their middles on nodes; half a texel is added and taken off around the change of size.
@@ -109,7 +109,7 @@ def paint_level(paint, begin, columns, rows, x, y, level):
     )
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def tile_level(tile, x, y, level):
     """Four channels (0..255) of the repeating ripple tile on one mip level, at texel coordinates of level 0."""
     size = int32(ripples.SIZE) >> level
@@ -136,7 +136,7 @@ def tile_level(tile, x, y, level):
     )
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def sky_at(table, begin, dx, dy, dz):
     """Radiance of the sky in a direction of any length: red, green, blue. See `thalweg.render.bake.sky`."""
     # The azimuth is measured along the unit diamond instead of the circle, which needs no arc tangent.

@@ -28,7 +28,7 @@ SKY_SHARE = 0.09
 """What the sky adds to the ground's light beside the full sun."""
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def tile_grain(tile, x_m, y_m, footprint, side_m):
     """Grain of unit deviation about 0 at a point in metres, filtered to a footprint; the tile is side_m wide."""
     level = clamp(log2(footprint * f32(ripples.SIZE) / side_m) - f32(SHARPEN), f32(0), f32(ripples.LEVELS - 1))
@@ -38,7 +38,7 @@ def tile_grain(tile, x_m, y_m, footprint, side_m):
     return (grain - f32(127.5)) * f32(1 / (255.0 * ripples.GRAIN_SPREAD))
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def shade_ground(scene, view, points, pixel, out, n):
     """Fill `Radiance` [n] with that of the ground at `HitPoints`; pixel: height of a pixel at distance one."""
     x, y, _, _, _, dz, distance = points

@@ -61,7 +61,7 @@ WOOD = (0.030, 0.037, 0.014)
 """Radiance of those trees."""
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def nearest_paint(scene, world, x, y, level):
     """The packed texel of the paint nearest to node coordinates, on the nearest mip level."""
     low = int32(clamp(level + f32(0.5), f32(0), f32(layout.PAINT_LEVELS - 1)))
@@ -74,7 +74,7 @@ def nearest_paint(scene, world, x, y, level):
     return scene.paint[uint32(begin + row * wide + column)]
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def nearest_tile(tile, x, y, level):
     """The packed texel of the ripple tile nearest to texel coordinates of level 0, on the nearest mip level."""
     low = int32(clamp(level + f32(0.5), f32(0), f32(ripples.LEVELS - 1)))
@@ -86,7 +86,7 @@ def nearest_tile(tile, x, y, level):
     return tile[uint32(begin + row * size + column)]
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def nearest_sky(sky_map, begin, dx, dy, dz):
     """Radiance of the sky's nearest texel in a unit direction: red, green, blue. See `table_lookup.sky_at`."""
     root = math.sqrt(abs(dz))
@@ -103,7 +103,7 @@ def nearest_sky(sky_map, begin, dx, dy, dz):
     return red * red * scale, green * green * scale, blue * blue * scale
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def shade_sky(scene, view, points, out, n):
     """As `sky.shade_sky`, from the nearest texel."""
     _, _, _, dx, dy, dz, _ = points
@@ -114,7 +114,7 @@ def shade_sky(scene, view, points, out, n):
         red[i], green[i], blue[i] = nearest_sky(table, begin, dx[i], dy[i], dz[i])
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def shade_ground(scene, view, points, pixel, out, n):
     """As `ground.shade_ground`, without the coarser of two grains and without flecks of light."""
     x, y, _, _, _, dz, distance = points
@@ -137,7 +137,7 @@ def shade_ground(scene, view, points, pixel, out, n):
         blue[i] = b * b * grain
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def shade_water(scene, view, points, pixel, out, n):
     """As `water.shade_water`, with one layer of ripples, a bed without stones that refraction does not shift, and dark
     banks below the sky in place of the mirrored canopies."""
@@ -191,7 +191,7 @@ def shade_water(scene, view, points, pixel, out, n):
         blue[i] = under_b * (f32(1) - mirror) + over_b * mirror + glitter * f32(GLITTER_TINT[2])
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def billboard_pixel(atlas, board, dx, dy, dz, near):
     """As `billboard.billboard_pixel`, from the nearest texel, and before what lies in front or behind is counted.
 
@@ -217,7 +217,7 @@ def billboard_pixel(atlas, board, dx, dy, dz, near):
     return red, green, blue, cover, t
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def draw_billboard(atlas, board, nearest, camera, box, top, deepest, scratch, planes):
     """As `billboard.draw_billboard`, two rows at a time, which share their texels.
 

@@ -12,7 +12,7 @@ from thalweg.render.records.appearance import HAZE_PER_M
 f32 = np.float32
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def shade_sky(scene, view, points, out, n):
     """Fill `Radiance` [n] with that of the sky in the directions of sight of `HitPoints`."""
     _, _, _, dx, dy, dz, _ = points
@@ -26,7 +26,7 @@ def shade_sky(scene, view, points, out, n):
         blue[k] = b
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def add_haze(scene, view, points, out, n):
     """Fade `Radiance` [n] into the colour of the haze over the distance of `HitPoints` (Beer, Lambert)."""
     distance = points.distance

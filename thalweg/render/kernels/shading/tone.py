@@ -52,19 +52,19 @@ CODE_TABLE = code_table().astype(np.uint32)
 """[CODES] uint32."""
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def luminance(red, green, blue):
     """Luminance of a radiance."""
     return f32(LUMA[0]) * red + f32(LUMA[1]) * green + f32(LUMA[2]) * blue
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def exposure(mean):
     """The factor on radiance in a frame of this mean luminance."""
     return (f32(KEY) / max(mean, f32(1e-4))) ** f32(ADAPTATION)
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def tone_pixel(table, red, green, blue, gain_r, gain_g, gain_b, top_byte):
     """Radiance as a packed pixel: sRGB by the table of codes, and one byte more on top."""
     # Saturation moves each colour away from grey, before the curve, which pales colours.
@@ -81,7 +81,7 @@ def tone_pixel(table, red, green, blue, gain_r, gain_g, gain_b, top_byte):
     return a | (b << uint32(8)) | (c << uint32(16)) | (uint32(top_byte) << uint32(24))
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def scramble(key):
     """A 32-bit hash of a 32-bit key. Source: Wellons, "Prospecting for Hash Functions", 2018, lowbias32."""
     key = uint32((key ^ (key >> uint32(16))) * uint32(0x7FEB352D))
@@ -89,7 +89,7 @@ def scramble(key):
     return uint32(key ^ (key >> uint32(16)))
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def noisy(pixel, spread, key):
     """A packed pixel with sensor noise of a standard deviation `spread` in 255ths added to red, green and blue.
 
@@ -106,7 +106,7 @@ def noisy(pixel, spread, key):
     return result
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def write_image(radiance, mask, look, key, image):
     """Expose `Radiance` [H', W'] and write it to image [H, W] uint32, with mask [H', W'] uint8 in the top byte.
 

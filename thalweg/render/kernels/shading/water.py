@@ -114,7 +114,7 @@ def empty_scratch(n):
     )
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def ripple_layer(tile, x, y, level):
     """Slopes and lost mean square slope of one layer at tile coordinates, filtered to a (fractional) level."""
     level = clamp(level, f32(0), f32(ripples.LEVELS - 1.01))
@@ -130,7 +130,7 @@ def ripple_layer(tile, x, y, level):
     return slope_x, slope_y, (a_lost + (b_lost - a_lost) * share) * f32(ripples.VARIANCE_RANGE / 255.0)
 
 
-@kernel
+@kernel(allocates=False)
 def shade_water(scene, view, points, pixel, work, out, n):
     """Fill `Radiance` [n] with that of the water at `HitPoints`.
 
@@ -142,7 +142,7 @@ def shade_water(scene, view, points, pixel, work, out, n):
     compose(scene, view, points, pixel, work.surface, work.mirrored, out, n)
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def mirrored_ray(dx, dy, dz, lean_x, lean_y):
     """The cosine between sight and a surface of these slopes, and the mirrored ray, which never points down."""
     size = f32(1) / math.sqrt(f32(1) + lean_x * lean_x + lean_y * lean_y)
@@ -152,7 +152,7 @@ def mirrored_ray(dx, dy, dz, lean_x, lean_y):
     return facing, rx, ry, max(dz + f32(2) * facing * size, f32(0.02))
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def mirrored_share(facing, spread):
     """Fresnel reflectance of rippled water; spread: mean square slope of the ripples too small to be seen."""
     graze = f32(1) - facing
@@ -162,13 +162,13 @@ def mirrored_share(facing, spread):
     return f32(0.02) + f32(0.98) * graze2 * graze2 * graze / (f32(1) + f32(22.7) * rough * math.sqrt(rough))
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def refracted_slant(dz):
     """Length of a refracted ray's path through water of depth 1; dz: rise of its unit direction in air (Snell)."""
     return f32(1) / math.sqrt(f32(1) - (f32(1) - dz * dz) * f32(1 / INDEX**2))
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def from_below(bed, path, absorb, scatter, sunlit):
     """Radiance from under water in one channel: that of the bed, `path` metres of water away, and scattered on the way.
 
@@ -179,7 +179,7 @@ def from_below(bed, path, absorb, scatter, sunlit):
     return bed * bed * f32(layout.PAINT_RANGE / 255.0**2) * through + scatter * glow * (f32(1) - through)
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def glints(sun, dx, dy, dz, lean_x, lean_y, spread, sunlit):
     """Radiance of the ripples within a pixel that mirror the sun, whose slope is half way between sun and sight.
 
@@ -194,13 +194,13 @@ def glints(sun, dx, dy, dz, lean_x, lean_y, spread, sunlit):
     return min(f32(GLITTER) * density * sunlit, f32(GLITTER_MOST))
 
 
-@kernel(inlined=True)
+@kernel(inlined=True, allocates=False)
 def footprint(distance, pixel, dz):
     """Side of a pixel on the water in metres: the geometric mean, since it is stretched along the ray."""
     return distance * pixel / math.sqrt(max(-dz, f32(0.03)))
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def ripple_surface(scene, view, points, pixel, surface, n):
     """Fill the `Surface` [n] of the water at `HitPoints`."""
     x, y, _, dx, dy, dz, distance = points
@@ -235,7 +235,7 @@ def ripple_surface(scene, view, points, pixel, surface, n):
         facing[i], rx[i], ry[i], rz[i] = mirrored_ray(dx[i], dy[i], dz[i], lean_x, lean_y)
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def mirror_canopy(scene, view, points, surface, mirrored, met_at, n):
     """Fill `Mirrored` [n] with what the mirrored rays of a `Surface` at `HitPoints` meet. met_at [n] is scratch."""
     x, y, z, _, _, _, _ = points
@@ -288,7 +288,7 @@ def mirror_canopy(scene, view, points, surface, mirrored, met_at, n):
         blue[i] = blue[i] * code * clear + fog_b * haze
 
 
-@kernel(disjoint=True)
+@kernel(disjoint=True, allocates=False)
 def compose(scene, view, points, pixel, surface, mirrored, out, n):
     """Fill `Radiance` [n]: the bed through the water, by Fresnel the mirrored canopy and sky, and the sun's glitter."""
     x, y, _, dx, dy, dz, distance = points

@@ -65,7 +65,7 @@ Table = dict[tuple[str, ...], dict[str, str]]
 
 
 def key(cell: Cell, seed: int) -> tuple[str, ...]:
-    """The values of `KEY` for a run: settings that differ from the defaults, and a hash of all of them, included."""
+    """Return the values of `KEY` for a run, with the changed settings and a hash of all settings."""
     config = json.dumps(cell.config, sort_keys=True)
     tables = PROBLEMS[cell.problem].digest
     resolved = json.dumps(to_plain(ALGORITHMS[cell.algorithm].configure(cell.config)), sort_keys=True)
@@ -74,7 +74,7 @@ def key(cell: Cell, seed: int) -> tuple[str, ...]:
 
 
 def row_versions(algorithm: str) -> dict[str, str]:
-    """Versions that a run of the algorithm depends on, by their columns."""
+    """Return the versions that a run of the algorithm depends on, by their columns."""
     return {
         "algorithm_version": str(versions.ALGORITHMS[algorithm]),
         "training_version": str(versions.TRAINING),
@@ -82,7 +82,7 @@ def row_versions(algorithm: str) -> dict[str, str]:
 
 
 def finished(path: Path) -> Table:
-    """The rows of the table that match a planned run, by their key."""
+    """Return the rows of the table that match a planned run, by their key."""
     rows = read_csv(path, COLUMNS) if path.is_file() else []
     table = {tuple(row[name] for name in KEY): row for row in rows}
     planned = {key(cell, seed) for cell in cells() for seed in {int(row["seed"]) for row in rows}}
@@ -107,20 +107,20 @@ def measure(cell: Cell, seed: int, runs: Path) -> dict[str, str]:
 
 
 def failure(cell: Cell, seed: int, error: BaseException) -> dict[str, str]:
-    """The row of a failed run."""
+    """Return the row of a failed run."""
     row = dict.fromkeys(COLUMNS, "") | row_versions(cell.algorithm) | {"error": f"{type(error).__name__}: {error}"}
     return row | dict(zip(KEY, key(cell, seed), strict=True))
 
 
 def result_of(cell: Cell, row: dict[str, str]) -> Result:
-    """The result of a successful run's row, compared with the current optimum."""
+    """Return the result of a successful run's row, compared with the current optimum."""
     costs = np.array([float(cost) for cost in row["costs"].split()])
     score = Score(float(row["reward"]), costs, float(row["reward_error"]), float(row["cost_error"]))
     return Result(cell, score, reference(cell))
 
 
 def remaining(planned: Sequence[tuple[Cell, int]], rows: Table) -> list[tuple[Cell, int]]:
-    """The runs that have no row yet, or that failed."""
+    """Return the runs that have no row yet, or that failed."""
     done = {name for name, row in rows.items() if not row["error"]}
     return [(cell, seed) for cell, seed in planned if key(cell, seed) not in done]
 
@@ -131,7 +131,7 @@ def write(path: Path, rows: Table) -> None:
 
 
 def page(rows: Table, seeds: int) -> str:
-    """The Markdown page: a table for each problem."""
+    """Return the Markdown page, with a table for each problem."""
     introduction = (
         f"Return of the final policy as a share of the optimum, and its cost, means over up to {seeds} seeds. In"
         f" brackets: the number of seeds that reached {SHARE:.0%} with a cost at most {EXCESS:.0%} or {LEAST_EXCESS}"
@@ -148,7 +148,7 @@ def page(rows: Table, seeds: int) -> str:
 
 
 def _problem_table(rows: Table, problem: str, seeds: int) -> pd.DataFrame:
-    """A row for each algorithm that the problem is given to."""
+    """Return the table of a problem, with a row for each algorithm that is run on it."""
     lines = []
     for algorithm, row in ROWS.items():
         if problem not in row.problems:
@@ -161,7 +161,7 @@ def _problem_table(rows: Table, problem: str, seeds: int) -> pd.DataFrame:
 
 
 def _entry(rows: Table, cell: Cell, seeds: int) -> str:
-    """Share and cost of a cell's runs, and the number of them that reached the optimum."""
+    """Return the entry of a case: share and cost of its runs, and the number of them that reached the optimum."""
     runs = [rows[name] for name in (key(cell, seed) for seed in range(seeds)) if name in rows]
     results = [result_of(cell, run) for run in runs if not run["error"]]
     if not results:
@@ -174,7 +174,7 @@ def _entry(rows: Table, cell: Cell, seeds: int) -> str:
 
 
 def _costs(costs: Sequence[Sequence[float]]) -> str:
-    """Mean of each kind of cost."""
+    """Return the mean of each kind of cost as text."""
     return " + ".join(f"{statistics.mean(kind):.3f}" for kind in zip(*costs, strict=True))
 
 
@@ -182,7 +182,7 @@ def main() -> str | None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=ROWS, default=list(ROWS), help="algorithms to run now")
     parser.add_argument("--problems", nargs="+", choices=PROBLEMS, default=list(PROBLEMS), help="problems to run now")
-    parser.add_argument("--places", nargs="+", choices=PLACES, default=list(PLACES), help="action spaces to run now")
+    parser.add_argument("--spaces", nargs="+", choices=PLACES, default=list(PLACES), help="action spaces to run now")
     parser.add_argument("--seeds", type=int, default=SEEDS, help="number of seeds, counted from 0")
     parser.add_argument("--again", nargs="+", choices=ROWS, default=[], help="run these algorithms again")
     parser.add_argument("--jobs", type=int, default=1, help="parallel runs, one thread each")
@@ -194,13 +194,13 @@ def main() -> str | None:
 
     path = chosen.out / "known_answer.csv"
     rows = {name: row for name, row in finished(path).items() if row["algorithm"] not in chosen.again}
-    chosen_cells = [cell for cell in cells(chosen.only, chosen.problems) if cell.place in chosen.places]
+    chosen_cells = [cell for cell in cells(chosen.only, chosen.problems) if cell.place in chosen.spaces]
     planned = [(cell, seed) for seed in range(chosen.seeds) for cell in chosen_cells]
-    left = remaining(planned, rows)
-    print(f"{len(planned) - len(left)} of {len(planned)} runs are finished", flush=True)
+    unfinished = remaining(planned, rows)
+    print(f"{len(planned) - len(unfinished)} of {len(planned)} runs are finished", flush=True)
     failed = 0
     with ProcessPoolExecutor(chosen.jobs, multiprocessing.get_context("spawn")) as pool:
-        futures = {pool.submit(measure, cell, seed, chosen.runs): (cell, seed) for cell, seed in left}
+        futures = {pool.submit(measure, cell, seed, chosen.runs): (cell, seed) for cell, seed in unfinished}
         for ended in as_completed(futures):
             cell, seed = futures[ended]
             error = ended.exception()

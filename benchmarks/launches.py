@@ -1,10 +1,11 @@
-"""How often would a learner ask a GPU for something? Operations that compute, counted without having one.
+"""Number of operations that a learner would launch on a GPU in each step, counted without having one.
 
     python benchmarks/launches.py
 
-writes launches.csv: how many there are in a step of 64 environments at once, with the defaults, beside those of the
-environment, its frames and the encoder. Each is a kernel that is launched, or a few. Of more environments settings
-follow their number, so that a step of all of them takes as many. Learners work on a device that tests pretend.
+writes launches.csv: operations in one step of 64 environments together, with the default settings. Those of the
+environment, its frames and the encoder are not included. An operation launches one kernel or a few. For more
+environments, default settings scale with their number, so that a step of all of them takes as many operations.
+Learners run on the simulated device of the tests.
 """
 
 import argparse
@@ -17,7 +18,7 @@ import pytest
 import torch
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent))  # the device stands among the tests
+sys.path.insert(0, str(HERE.parent))  # the simulated device is part of the tests
 
 from tests.devices.pretend import PRETEND, Device, pretended  # noqa: E402
 from tests.devices.toy import TensorWalk  # noqa: E402
@@ -30,35 +31,35 @@ from thalweg.train.trainer import Trainer  # noqa: E402
 TABLE = HERE / "launches.csv"
 COLUMNS = ("algorithm", "environments", "acting", "learning")
 ACTIONS = gym.spaces.MultiDiscrete([3, 3, 3, 3])
-SIGHT = 16
-"""Numbers of an observation: those of a frame's code."""
+OBSERVATION_SIZE = 16
+"""Numbers in an observation, as many as in the code of a frame."""
 STEPS = 2 * 2048
-"""That are counted: of all environments together, two rounds of an on-policy algorithm."""
+"""Steps of all environments together during which operations are counted: two rollouts of on-policy algorithms."""
 
 
-class Sightless(TensorWalk):
-    """A walk whose observations are as long as a frame's code, and whose own operations don't count."""
+class UncountedWalk(TensorWalk):
+    """A walk whose observations are as long as the code of a frame, and whose own operations are not counted."""
 
     def __init__(self, num_envs: int, device: Device) -> None:
         super().__init__(num_envs, ACTIONS, PRETEND)
         self.counting = device
-        self.single_observation_space = gym.spaces.Box(-float("inf"), float("inf"), (SIGHT,))
+        self.single_observation_space = gym.spaces.Box(-float("inf"), float("inf"), (OBSERVATION_SIZE,))
 
     def step(self, actions):
         before = self.counting.launched
-        found = super().step(actions)
+        result = super().step(actions)
         self.counting.launched = before
-        return found
+        return result
 
     def observed(self) -> torch.Tensor:
-        return super().observed().repeat(1, SIGHT)[:, :SIGHT]
+        return super().observed().repeat(1, OBSERVATION_SIZE)[:, :OBSERVATION_SIZE]
 
 
-def counted(name: str, num_envs: int, device: Device) -> tuple[float, float]:
-    """Operations of a step of all environments, for acting and for learning, once actions are no longer random."""
+def count_operations(name: str, num_envs: int, device: Device) -> tuple[float, float]:
+    """Return the operations per step of all environments, for acting and for learning, after the random steps."""
     entry = ALGORITHMS[name]
     config = entry.configure({}, num_envs=num_envs)
-    env = Sightless(num_envs, device)
+    env = UncountedWalk(num_envs, device)
     collector = TensorCollector(env, config.frame_stack, 1)
     learner = entry.make(config, Task(collector.obs_size, ACTIONS, num_envs, 0, {}, PRETEND))
     scale = max(num_envs // REFERENCE_ENVS, 1)
@@ -79,15 +80,15 @@ def counted(name: str, num_envs: int, device: Device) -> tuple[float, float]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="+", choices=ALGORITHMS, default=list(ALGORITHMS), help="algorithms")
-    parser.add_argument("--num-envs", nargs="+", type=int, default=[REFERENCE_ENVS], help="environments")
-    parser.add_argument("--out", type=Path, default=TABLE, help="where the table is written")
+    parser.add_argument("--only", nargs="+", choices=ALGORITHMS, default=list(ALGORITHMS), help="algorithms to count")
+    parser.add_argument("--num-envs", nargs="+", type=int, default=[REFERENCE_ENVS], help="numbers of environments")
+    parser.add_argument("--out", type=Path, default=TABLE, help="output file")
     chosen = parser.parse_args()
     rows = []
     for name in chosen.only:
         for num_envs in chosen.num_envs:
             with pytest.MonkeyPatch.context() as patch, pretended(patch) as device:
-                acting, learning = counted(name, num_envs, device)
+                acting, learning = count_operations(name, num_envs, device)
             rows.append((name, num_envs, f"{acting:.1f}", f"{learning:.1f}"))
             print(*rows[-1], flush=True)
     with chosen.out.open("w", newline="") as text:

@@ -1,11 +1,11 @@
-"""How long does each algorithm train on the river, where does the time go, and how does it learn? One run of each.
+"""Training time and learning curve of each algorithm on the river, from one run of each.
 
     python benchmarks/pace.py [ALGORITHM ...]
     python benchmarks/pace.py --write
 
-200,000 steps on Medium with the defaults and one seed, frames included. A killed run goes on; a finished one is a row
-of pace.csv and a curve of pace_curves.csv. `--write` puts the table into docs/algorithms/README.md and draws a picture
-of each curve for the algorithm's page.
+Each run has 200,000 steps on Medium with the default settings and one seed, rendering included. An interrupted run
+resumes; a finished one becomes a row of pace.csv and a curve of pace_curves.csv. `--write` trains nothing: it writes
+the table into docs/algorithms/README.md and draws each curve for the page of its algorithm.
 """
 
 import argparse
@@ -29,11 +29,11 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 TABLE, CURVES = HERE / "pace.csv", HERE / "pace_curves.csv"
 PAGE, PICTURES = ROOT / "docs" / "algorithms" / "README.md", ROOT / "docs" / "images" / "curves"
-MARK = "pace"
+SECTION = "pace"
 STEPS, SEED, NUM_ENVS = 200_000, 0, 16
 STAGES = ("act", "env", "learn", "encode", "other")
-"""Seconds of acting (with planners, of planning), of frames and rules, of learning, of the encoder, and of the rest."""
-POINT = 4096
+"""Stages of training: choosing actions (planning included), frames and rules, updates, the encoder, and the rest."""
+CURVE_INTERVAL = 4096
 """Steps between two points of a curve."""
 COLUMNS = ("algorithm", "steps", "seconds", *STAGES, "return_mean_50", "cost_mean_50")
 CURVE = ("algorithm", "steps", "return_mean_50", "cost_mean_50")
@@ -41,12 +41,12 @@ Rows = list[dict[str, str]]
 
 
 def rows_of(path: Path, columns: tuple[str, ...]) -> Rows:
-    """A table's rows; none where it is not there yet."""
+    """Return the rows of a table, or none if the file does not exist."""
     return read_csv(path, columns) if path.exists() else []
 
 
 def row_of(algorithm: str, metrics: Rows) -> dict[str, str]:
-    """What the log of a finished run says of its time, and of its end."""
+    """Return the row of a finished run: its seconds by stage, and its final return and cost."""
     spent = {stage: f"{sum(float(row[f'time_{stage}']) for row in metrics):.1f}" for stage in STAGES}
     last = metrics[-1]
     ends = {name: f"{float(last[name]):.3f}" for name in ("return_mean_50", "cost_mean_50")}
@@ -54,10 +54,10 @@ def row_of(algorithm: str, metrics: Rows) -> dict[str, str]:
 
 
 def curve_of(algorithm: str, metrics: Rows) -> Rows:
-    """The row of the log nearest after each multiple of `POINT`, and the last."""
+    """Return the first row of the log after each multiple of `CURVE_INTERVAL` steps, and the last row."""
     found: dict[int, dict[str, str]] = {}
     for row in metrics:
-        found.setdefault(int(row["steps"]) // POINT, row)
+        found.setdefault(int(row["steps"]) // CURVE_INTERVAL, row)
     found[-1] = metrics[-1]
     rows = sorted(found.values(), key=lambda row: int(row["steps"]))
     return [
@@ -66,26 +66,26 @@ def curve_of(algorithm: str, metrics: Rows) -> Rows:
     ]
 
 
-def put(path: Path, columns: tuple[str, ...], algorithm: str, new: Rows) -> None:
-    """The rows of an algorithm in place of those that were there, in the order of the registry."""
-    kept = [row for row in rows_of(path, columns) if row["algorithm"] != algorithm]
+def replace_rows(path: Path, columns: tuple[str, ...], algorithm: str, new: Rows) -> None:
+    """Replace the rows of an algorithm in a table, which is sorted in the order of the registry."""
+    others = [row for row in rows_of(path, columns) if row["algorithm"] != algorithm]
     order = list(ALGORITHMS)
-    rows = sorted([*kept, *new], key=lambda row: order.index(row["algorithm"]))
+    rows = sorted([*others, *new], key=lambda row: order.index(row["algorithm"]))
     write_atomic(path, csv_text(columns, ([row[name] for name in columns] for row in rows)))
 
 
 def measure(algorithm: str, folder: Path) -> None:
-    """Train, or go on, and write down what came of it."""
+    """Train, or resume, and write the rows of the run."""
     RiverTraining("Medium", NUM_ENVS).train(
         algorithm, load_compatible_encoder(None), steps=STEPS, seed=SEED, folder=folder
     )
     metrics = read_csv(folder / "metrics.csv", ("steps", "seconds", *CURVE[2:]))
-    put(CURVES, CURVE, algorithm, curve_of(algorithm, metrics))
-    put(TABLE, COLUMNS, algorithm, [row_of(algorithm, metrics)])
+    replace_rows(CURVES, CURVE, algorithm, curve_of(algorithm, metrics))
+    replace_rows(TABLE, COLUMNS, algorithm, [row_of(algorithm, metrics)])
 
 
 def table() -> str:
-    """The table of the page: minutes, and the share of each stage."""
+    """Return the table of the page: minutes, and the share of each stage."""
     head = ["algorithm", "minutes", "steps a second", *STAGES, "return", "cost"]
     lines = []
     for row in rows_of(TABLE, COLUMNS):
@@ -97,7 +97,7 @@ def table() -> str:
 
 
 def draw(algorithm: str, rows: Rows, path: Path) -> None:
-    """Return and cost over the steps."""
+    """Draw return and cost over the steps."""
     steps = [int(row["steps"]) for row in rows]
     with matplotlib.rc_context(STYLE):
         figure, axes = plt.subplots(1, 2, figsize=(6.4, 2.2))
@@ -118,14 +118,14 @@ def draw(algorithm: str, rows: Rows, path: Path) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("algorithms", nargs="*", default=list(ALGORITHMS), help="all if none is named")
-    parser.add_argument("--out", type=Path, default=Path("results/pace"), help="folder of the runs")
-    parser.add_argument("--write", action="store_true", help="train nothing; write the page and the pictures")
-    parser.add_argument("--check", action="store_true", help="only say whether the page has today's figures")
+    parser.add_argument("algorithms", nargs="*", default=list(ALGORITHMS), help="algorithms to train; default: all")
+    parser.add_argument("--out", type=Path, default=Path("results/pace"), help="folder for the runs")
+    parser.add_argument("--write", action="store_true", help="train nothing, but write the page and draw the curves")
+    parser.add_argument("--check", action="store_true", help="write nothing; fail if the page is out of date")
     given = parser.parse_args(arguments)
     if given.write or given.check:
         page = PAGE.read_text()
-        fresh = replace_section(page, MARK, table())
+        fresh = replace_section(page, SECTION, table())
         if given.check:
             return int(fresh != page)
         write_atomic(PAGE, fresh)

@@ -1,10 +1,11 @@
-"""Put a trained policy into the package, with the command that made it and its scores.
+"""Copies a trained policy into the package, with the command that trained it and its scores.
 
     thalweg train --algorithm FOCOPS --level medium --steps 240000 --seed 0 --out runs/flight
     thalweg evaluate runs/flight --levels easy medium hard --out runs/flight/evaluation.csv
     python benchmarks/package_flight.py runs/flight
 
-Writes thalweg/bench/execute/flight.safetensors, and the rows of the evaluation beside this script as flight.csv.
+The policy becomes thalweg/bench/execute/flight.safetensors; the rows of its evaluation become flight.csv beside this
+script.
 """
 
 import shutil

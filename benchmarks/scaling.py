@@ -1,7 +1,9 @@
-"""How does rendering grow? Frames a second by number of cameras, size of the frame and number of worlds.
+"""Frames per second of the renderer by number of cameras, frame size and number of worlds.
 
-`python benchmarks/scaling.py` writes scaling.csv and scaling.png beside itself; it takes about five minutes, most of
-them to build 64 worlds on the first run. `--plot` only draws scaling.png from scaling.csv again.
+    python benchmarks/scaling.py
+
+writes scaling.csv and scaling.png beside this script. The first run takes about five minutes, most of which is spent
+building 64 worlds. `--plot` measures nothing: it draws scaling.png from scaling.csv.
 """
 
 import argparse
@@ -23,42 +25,42 @@ from thalweg.world import World, load_or_build
 
 HERE = Path(__file__).resolve().parent
 CAMERAS, SIZES, WORLDS = (1, 4, 16, 64, 256), (64, 128, 256), (1, 4, 16, 64)
-USUAL = (16, 128, 4)
-"""Cameras, pixels and worlds of a point where only one of them varies."""
+DEFAULT_POINT = (16, 128, 4)
+"""Cameras, pixels and worlds where they do not vary."""
 SECONDS, REPEATS = 0.8, 5
 TICKS = (100, 200, 500, 1000, 2000, 5000)
-"""Frames a second that the plot names."""
+"""Frames per second that are labelled in the plot."""
 
 
 def points() -> list[tuple[int, int, int]]:
-    """(cameras, pixels, worlds): cameras by sizes in the usual worlds, then worlds with as many cameras."""
-    grid = [(count, size, USUAL[2]) for size in SIZES for count in CAMERAS]
-    return grid + [(max(USUAL[0], worlds), USUAL[1], worlds) for worlds in WORLDS]
+    """Return (cameras, pixels, worlds): cameras by sizes, then worlds with at least one camera each."""
+    grid = [(count, size, DEFAULT_POINT[2]) for size in SIZES for count in CAMERAS]
+    return grid + [(max(DEFAULT_POINT[0], worlds), DEFAULT_POINT[1], worlds) for worlds in WORLDS]
 
 
 def rate(renderer: Renderer, worlds: list[World], cameras: int) -> tuple[float, float, float]:
-    """Frames a second: the median, least and greatest of the repeats."""
+    """Return the median, least and greatest frames per second over the repetitions."""
     index = np.arange(cameras) % len(worlds)
     starts = [sample_starts(world, -(-cameras // len(worlds)), 0) for world in worlds]
-    poses = np.array([starts[world][place // len(worlds)] for place, world in enumerate(index)])
+    poses = np.array([starts[world][camera // len(worlds)] for camera, world in enumerate(index)])
     renderer.render(poses, index)
-    found = []
+    rates = []
     for _ in range(REPEATS):
-        frames, begun = 0, time.perf_counter()
-        while (passed := time.perf_counter() - begun) < SECONDS:
+        frames, start = 0, time.perf_counter()
+        while (elapsed := time.perf_counter() - start) < SECONDS:
             renderer.render(poses, index)
             frames += cameras
-        found.append(frames / passed)
-    return statistics.median(found), min(found), max(found)
+        rates.append(frames / elapsed)
+    return statistics.median(rates), min(rates), max(rates)
 
 
 def plot(rows: list[dict]) -> None:
-    """Cameras against frames a second, a line per size, and worlds against frames a second."""
+    """Draw frames per second over cameras, with a line per size, and over worlds."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
     for size in SIZES:
         line = [row for row in rows[: len(SIZES) * len(CAMERAS)] if row["pixels"] == size]
         left.loglog([r["cameras"] for r in line], [r["frames_per_s"] for r in line], "o-", label=f"{size} x {size}")
-    left.set(xlabel="cameras in one call", ylabel="frames a second", xticks=CAMERAS, xticklabels=CAMERAS)
+    left.set(xlabel="cameras in one call", ylabel="frames per second", xticks=CAMERAS, xticklabels=CAMERAS)
     left.set(yticks=TICKS, yticklabels=TICKS, ylim=(TICKS[0], TICKS[-1]))
     left.legend(loc="upper center", ncols=len(SIZES))
     line = rows[len(SIZES) * len(CAMERAS) :]
@@ -73,8 +75,8 @@ def plot(rows: list[dict]) -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--plot", action="store_true", help="draw scaling.png from scaling.csv again")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--plot", action="store_true", help="measure nothing, but draw scaling.png from scaling.csv")
     if parser.parse_args(arguments).plot:
         with (HERE / "scaling.csv").open(newline="") as file:
             plot([{name: float(number) for name, number in row.items()} for row in csv.DictReader(file)])

@@ -1,24 +1,30 @@
-"""Which settings are an algorithm's defaults? A search on Medium, written down before it is run.
-
-At most eight trials of 50,000 steps for each algorithm, with a training seed that no study uses. Of the trials whose
-last 100 episodes kept the limit (with a margin for their number), the one with the highest return wins. Where none kept
-it, which so short a run hardly can on Medium, a trial takes the place of the defaults if it has both more return and
-less cost; and none that misses a known answer of CI which the defaults reach. (The second rule was to be the lowest
-cost, until the first trials showed that whoever does nothing would win; the third was added when OnCRPO's wider steps
-had won by little, and swung about the limit of `dense`.) Planners are not searched: a trial of theirs takes too long.
-
-Rows without a number are runs that went before the trials of off-policy algorithms, mostly of 30,000 steps, with the
-same seed. They found that targets of costs need a floor (`cost_floor`) and multipliers less haste, which are defaults
-since; after them the trials of learning rates gave way to those of `cost_critics`. The third rule does not cover what
-the multipliers' defaults are: known answers have their own, in the units of their problems.
-
-PPOLag's bound of λ was taken against the second rule, for its trial cost more than the defaults: a run of 200,000 steps
-with the bound of 10 had ended with neither return nor limit, λ at its bound and a policy that turned round at once,
-while the bound of 2, which FOCOPS has, doubled the return of 50,000 steps.
+"""Search for default settings: trials on Medium by rules that were fixed before the first trial.
 
     python benchmarks/search.py [ALGORITHM ...]
 
-does what is left and appends a row to `search.csv` for each trial as it ends; a trial that was interrupted goes on.
+runs the missing trials and appends a row to search.csv for each one as it finishes. An interrupted trial resumes.
+
+Each algorithm has at most eight trials of 50,000 steps, with a training seed that no study uses. A trial is chosen by
+three rules:
+
+1. Among the trials whose last 100 episodes met the cost limit (with a margin for the standard error), the one with the
+   highest return wins.
+2. If none met it, which is hard on Medium in so short a run, a trial replaces the defaults if it has both a higher
+   return and a lower cost.
+3. A trial is rejected if it misses a known answer of CI that the defaults reach.
+
+Rule 2 first asked for the lowest cost only; the first trials showed that a policy that does nothing would win by it.
+Rule 3 was added when a wider trust region had won narrowly for OnCRPO and then oscillated about the limit of the
+problem `dense`. It does not cover the defaults of multipliers, since known answers set their own, in the units of their
+problems. Planners are not searched, because one of their trials takes too long.
+
+Rows without a trial number are preliminary runs of off-policy algorithms, mostly of 30,000 steps, with the same seed.
+They showed that cost targets need a floor (`cost_floor`) and that multipliers must move more slowly; both are defaults
+now. After them, trials of `cost_critics` replaced those of learning rates.
+
+The upper bound of PPOLag's multiplier is an exception to rule 2, for its trial had a higher cost than the defaults.
+With the bound of 10, a run of 200,000 steps had ended with a low return and above the limit: the multiplier was at its
+bound and the policy turned round at once. The bound of 2, which FOCOPS has, doubled the return after 50,000 steps.
 """
 
 import argparse
@@ -63,18 +69,19 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
     "TD3Lag": ({}, {"updates_per_step": 0.5}, {"cost_critics": 2}),
     "SACLag": ({}, {"updates_per_step": 0.5}, {"entropy_share": 0.3}),
 }
-"""Settings that differ from the defaults that the search began with, trial by trial."""
+"""Settings of each trial that differ from the defaults at the beginning of the search."""
 
 
-def in_words(changes: Trial) -> str:
+def settings_text(changes: Trial) -> str:
+    """Return the changed settings as one line of text."""
     return " ".join(f"{key}={value}" for key, value in changes.items()) or "none"
 
 
 def run_trial(algorithm: str, number: int, folder: Path) -> dict[str, Any]:
-    """Train, or go on; returns the row of the trial."""
+    """Train, or resume; returns the row of the trial."""
     changes = TRIALS[algorithm][number]
-    ground = RiverTraining("Medium", 16)
-    result = ground.train(
+    training = RiverTraining("Medium", 16)
+    result = training.train(
         algorithm, load_compatible_encoder(None), steps=STEPS, seed=SEED, folder=folder, settings=changes or None
     )
     last = read_csv(folder / "episodes.csv", ("return", "cost"))[-EPISODES:]
@@ -83,7 +90,7 @@ def run_trial(algorithm: str, number: int, folder: Path) -> dict[str, Any]:
     return {
         "algorithm": algorithm,
         "trial": number,
-        "changes": in_words(changes),
+        "changes": settings_text(changes),
         "seed": SEED,
         "steps": STEPS,
         "return_mean": round(float(returns.mean()), 4),
@@ -96,17 +103,17 @@ def run_trial(algorithm: str, number: int, folder: Path) -> dict[str, Any]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("algorithms", nargs="*", default=list(TRIALS), help="all if none is named")
-    parser.add_argument("--out", type=Path, default=Path("results/search"), help="folder of the runs")
+    parser.add_argument("algorithms", nargs="*", default=list(TRIALS), help="algorithms to search; default: all")
+    parser.add_argument("--out", type=Path, default=Path("results/search"), help="folder for the runs")
     given = parser.parse_args()
     for name in given.algorithms:
         algorithm = algorithm_named(name).name
         for number, changes in enumerate(TRIALS[algorithm]):
-            key = (algorithm, in_words(changes), str(STEPS))
+            key = (algorithm, settings_text(changes), str(STEPS))
             done = read_csv(TABLE, ("algorithm", "changes", "steps")) if TABLE.exists() else []
             if any((row["algorithm"], row["changes"], row["steps"]) == key for row in done):
                 continue
-            row = run_trial(algorithm, number, given.out / f"{algorithm} {in_words(changes)}")
+            row = run_trial(algorithm, number, given.out / f"{algorithm} {settings_text(changes)}")
             new = not TABLE.exists()
             with open(TABLE, "a", newline="") as file:
                 writer = csv.DictWriter(file, list(row), lineterminator="\n")

@@ -1,4 +1,4 @@
-"""Draw the picture of the architecture page from the code: `python docs/architecture_picture.py`.
+"""Picture of the architecture page, drawn from the code: `python docs/architecture_picture.py`.
 
 Boxes are the parts of the package with their folders and modules; arrows are imports between parts, as `grimp` reads
 them. An import that follows from two others is left out.
@@ -27,9 +27,9 @@ BOXES = {
     "algos": (9.0, 4.2, 3.0, 4.75),
     "core": (0.0, 9.45, 12.0, 0.9),
 }
-"""Left, top, width and height of each part; what is above imports what is below, as the contracts in `pyproject.toml`
-hold it."""
-WHAT = {
+"""Left, top, width and height of each part. Parts import only parts below them, as the contracts in `pyproject.toml`
+demand."""
+CAPTIONS = {
     "cli": "the thalweg command",
     "bench": "evaluate, compare, report",
     "train": "where environment, encoder and algorithm meet",
@@ -50,7 +50,7 @@ def main() -> None:
     graph = grimp.build_graph("thalweg", exclude_type_checking_imports=True)
     figure, axes = plt.subplots(figsize=(12, 10.4))
     for part in BOXES:
-        draw_box(axes, part, inside(graph, part))
+        draw_box(axes, part, contents_of(graph, part))
     for importer, imported in arrows(graph):
         draw_arrow(axes, BOXES[importer], BOXES[imported])
     axes.set_xlim(-0.05, 12.05)
@@ -61,8 +61,8 @@ def main() -> None:
     print(f"docs/images/{PATH.name}")
 
 
-def inside(graph: grimp.ImportGraph, part: str) -> str:
-    """The folders and modules of a part; a folder with its number of modules."""
+def contents_of(graph: grimp.ImportGraph, part: str) -> str:
+    """Return the folders of a part, each with its number of modules, and its other modules."""
     prefix = f"thalweg.{part}."
     modules = [name.removeprefix(prefix) for name in graph.modules if name.startswith(prefix)]
     folders = Counter(name.split(".")[0] for name in modules if "." in name)
@@ -71,7 +71,7 @@ def inside(graph: grimp.ImportGraph, part: str) -> str:
 
 
 def arrows(graph: grimp.ImportGraph) -> list[tuple[str, str]]:
-    """Direct imports between parts, without those that follow from two others."""
+    """Return the direct imports between parts, without those that follow from two others."""
     parts = list(BOXES)
     direct = {
         (a, b)
@@ -91,7 +91,7 @@ def draw_box(axes: Axes, part: str, content: str) -> None:
     axes.text(
         left + (width - 0.1 if beside else 0.1),
         -top - (0.14 if beside else 0.42),
-        WHAT[part],
+        CAPTIONS[part],
         fontsize=9.5,
         style="italic",
         va="top",
@@ -104,7 +104,7 @@ def draw_box(axes: Axes, part: str, content: str) -> None:
 def draw_arrow(
     axes: Axes, importer: tuple[float, float, float, float], imported: tuple[float, float, float, float]
 ) -> None:
-    """From the bottom of one box to the top of another, in the middle of the narrower."""
+    """Draw an arrow from the bottom of one box to the top of another, in the middle of the narrower one."""
     narrow = min(importer, imported, key=lambda box: box[2])
     middle = narrow[0] + narrow[2] / 2
     start, end = (middle, -importer[1] - importer[3]), (middle, -imported[1])
@@ -112,7 +112,7 @@ def draw_arrow(
 
 
 def wrapped(text: str, width: int) -> list[str]:
-    """Lines of at most `width` characters, broken at commas."""
+    """Return lines of at most `width` characters, broken at commas."""
     lines = [""]
     for word in text.split(", "):
         if lines[-1] and len(lines[-1]) + len(word) + 2 > width:

@@ -1,4 +1,4 @@
-"""Make the film of the README: `python docs/film.py`, about a minute.
+"""Film of the README: `python docs/film.py` draws it in about a minute.
 
 The packaged policy flies the fixed river of Medium; the film shows the camera's view, the water mask and the map.
 """
@@ -22,7 +22,7 @@ PATH = Path(__file__).resolve().parent / "images" / "flight.webp"
 VIEW_PX, SIDE_PX, GAP_PX = 384, 188, 8
 START, FIRST_STEP, EVERY, FRAMES, FRAME_MS = 3, 44, 2, 120, 80
 QUALITY = 55
-"""Of WebP; the file stays below 3 MB."""
+"""Quality of WebP; the file stays below 3 MB."""
 TRACK, VEHICLE, PAPER = (255, 196, 61), (220, 50, 47), (24, 28, 32)
 
 
@@ -36,7 +36,7 @@ def main() -> None:
 
 
 def fly() -> tuple[World, np.ndarray, np.ndarray]:
-    """The world, and the poses [T, 4] and times [T] of the packaged policy's flight from one start on Medium."""
+    """Return the world, and poses [T, 4] and times [T] of a flight of the packaged policy on Medium."""
     course = Course.of_level("Medium", EvaluationConfig()).only(START)
     steps: list[Step] = []
     view = through_encoder(course, load_encoder())
@@ -48,24 +48,24 @@ def fly() -> tuple[World, np.ndarray, np.ndarray]:
 
 
 def draw(world: World, poses: np.ndarray, times: np.ndarray) -> Iterator[Image.Image]:
-    """The pictures of the film, one for every second step."""
+    """Yield the pictures of the film, one for every second step."""
     renderer = Renderer([world], Camera(height_px=VIEW_PX, width_px=VIEW_PX))
-    chart = RiverMap(world, SIDE_PX)
+    river_map = RiverMap(world, SIDE_PX)
     for step in range(FIRST_STEP, min(len(poses), FIRST_STEP + FRAMES * EVERY), EVERY):
         frame = renderer.render(poses[step : step + 1], time_s=times[step : step + 1])[0]
         canvas = Image.new("RGB", (VIEW_PX + GAP_PX + SIDE_PX, VIEW_PX), PAPER)
         canvas.paste(Image.fromarray(frame[..., :3]), (0, 0))
         mask = Image.fromarray(frame[..., 3]).resize((SIDE_PX, SIDE_PX))
         canvas.paste(mask.convert("RGB"), (VIEW_PX + GAP_PX, 0))
-        canvas.paste(track(chart, poses[: step + 1]), (VIEW_PX + GAP_PX, VIEW_PX - SIDE_PX))
+        canvas.paste(track(river_map, poses[: step + 1]), (VIEW_PX + GAP_PX, VIEW_PX - SIDE_PX))
         yield canvas
 
 
-def track(chart: RiverMap, poses: np.ndarray) -> Image.Image:
-    """The map with the way flown so far, and the vehicle as an arrow."""
-    picture = chart.image.copy()
+def track(river_map: RiverMap, poses: np.ndarray) -> Image.Image:
+    """Return the map with the track flown so far, and the vehicle as an arrow."""
+    picture = river_map.image.copy()
     pen = ImageDraw.Draw(picture)
-    points = [chart.pixel(x, y) for x, y in poses[:, :2]]
+    points = [river_map.pixel(x, y) for x, y in poses[:, :2]]
     if len(points) > 1:
         pen.line(points, TRACK, width=2)
     (column, row), yaw = points[-1], poses[-1, 3]

@@ -1,6 +1,6 @@
-"""Make the pictures of the documentation: `python docs/pictures.py`, a few minutes.
+"""Pictures of the documentation: `python docs/pictures.py` draws them in a few minutes.
 
-They are drawn by the package from its fixed rivers and a real one, so that a change of the look shows here.
+The package renders them from its fixed rivers and a real one, so they show how it looks now.
 """
 
 import tempfile
@@ -20,10 +20,10 @@ from thalweg.world.map_image import draw
 IMAGES = Path(__file__).resolve().parent / "images"
 CAM = Path(__file__).resolve().parents[1] / "thalweg" / "world" / "real" / "rivers" / "cam.geojson"
 GAP = 6
-SEEN = {"Easy": (3, 6), "Medium": (7, 10, 13), "Hard": (6, 9, 14)}
-"""Which of each level's first starts are shown."""
-LOOKED_FROM = 10
-"""Which start on Medium the looks are shown from."""
+STARTS = {"Easy": (3, 6), "Medium": (7, 10, 13), "Hard": (6, 9, 14)}
+"""Indices of the starts that are shown for each level."""
+LOOK_START = 10
+"""Index of the start on Medium from which the looks are shown."""
 
 
 def main() -> None:
@@ -37,46 +37,46 @@ def main() -> None:
 
 
 def save(picture: Image.Image, name: str) -> None:
-    """Write a picture with a palette, which is a third of the size and looks the same."""
+    """Save a picture with a palette, which takes a third of the space and looks the same."""
     picture.quantize(256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.FLOYDSTEINBERG).save(IMAGES / name)
     print(f"docs/images/{name}")
 
 
 def frames(size: int = 128, zoom: int = 2) -> Image.Image:
-    """What the camera sees at eight starts, four and four, as policies see it each pixel drawn double."""
+    """Return the camera's views at eight starts in two rows, as policies see them, enlarged `zoom` times."""
     views = []
-    for level, chosen in SEEN.items():
+    for level, chosen in STARTS.items():
         world = load_or_build(level)
         starts = sample_starts(world, max(chosen) + 1, 0)[list(chosen)]
         views.extend(Renderer([world], Camera(size, size)).render(starts))
     tiles = [view[..., :3].repeat(zoom, 0).repeat(zoom, 1) for view in views]
-    return sheet(tiles, columns=4)
+    return tile_grid(tiles, columns=4)
 
 
 def looks(size: int = 128) -> Image.Image:
-    """One view at both ends of each range of domain randomisation."""
+    """Return one view at both ends of each range of domain randomisation."""
     world = load_or_build("Medium")
-    pose = sample_starts(world, LOOKED_FROM + 1, 0)[LOOKED_FROM]
+    pose = sample_starts(world, LOOK_START + 1, 0)[LOOK_START]
     return gallery(world, pose, Camera(size, size))
 
 
 def flights(size: int = 128) -> Image.Image:
-    """Every twentieth frame of ten flights of the pilot on Medium, eight in a row."""
+    """Return every twentieth frame of ten flights of the pilot on Medium, eight in a row."""
     world = load_or_build("Medium")
     poses = pilot_poses(world, 10 * FLIGHT_STEPS, 7)[10::20][:24]
-    return sheet([view[..., :3] for view in Renderer([world], Camera(size, size)).render(poses)], columns=8)
+    return tile_grid([view[..., :3] for view in Renderer([world], Camera(size, size)).render(poses)], columns=8)
 
 
 def qualities(size: int = 128, zoom: int = 2) -> Image.Image:
-    """Four starts in the full quality, and below in the modest one, each pixel drawn double."""
+    """Return four starts in full quality and below them in the fast one, enlarged `zoom` times."""
     world = load_or_build("Medium")
-    poses = sample_starts(world, max(SEEN["Medium"]) + 1, 0)[[0, *SEEN["Medium"]]]
+    poses = sample_starts(world, max(STARTS["Medium"]) + 1, 0)[[0, *STARTS["Medium"]]]
     views = [view for name in QUALITIES for view in Renderer([world], Camera(size, size), name).render(poses)]
-    return sheet([view[..., :3].repeat(zoom, 0).repeat(zoom, 1) for view in views], columns=4)
+    return tile_grid([view[..., :3].repeat(zoom, 0).repeat(zoom, 1) for view in views], columns=4)
 
 
 def levels(width: int = 1392) -> Image.Image:
-    """The orthographic views of the three levels, side by side and of one height."""
+    """Return the orthographic views of the three levels side by side, all of one height."""
     maps = []
     with tempfile.TemporaryDirectory() as folder:
         for level in LEVELS:
@@ -88,20 +88,20 @@ def levels(width: int = 1392) -> Image.Image:
 
 
 def row(pictures: list[Image.Image], width: int) -> Image.Image:
-    """Pictures of whatever shapes side by side, all of the height at which they fill the width with gaps between."""
-    room = width - (len(pictures) - 1) * GAP
-    height = round(room / sum(picture.width / picture.height for picture in pictures))
+    """Return pictures side by side, scaled to one height so that they fill the width with gaps between them."""
+    total = width - (len(pictures) - 1) * GAP
+    height = round(total / sum(picture.width / picture.height for picture in pictures))
     ends = np.cumsum([0.0, *(picture.width / picture.height for picture in pictures)])
-    edges = np.rint(ends / ends[-1] * room).astype(int)
+    edges = np.rint(ends / ends[-1] * total).astype(int)
     board = Image.new("RGB", (width, height), "white")
-    for place, picture in enumerate(pictures):
-        size = (int(edges[place + 1] - edges[place]), height)
-        board.paste(picture.resize(size, Image.Resampling.LANCZOS), (int(edges[place]) + place * GAP, 0))
+    for index, picture in enumerate(pictures):
+        size = (int(edges[index + 1] - edges[index]), height)
+        board.paste(picture.resize(size, Image.Resampling.LANCZOS), (int(edges[index]) + index * GAP, 0))
     return board
 
 
 def real_river(size: int = 128, zoom: int = 2, count: int = 9) -> Image.Image:
-    """The Cam from above, and what the pilot saw at even distances on its way from one end to the other."""
+    """Return a map of the Cam, and the pilot's views at even intervals from one end to the other."""
     world = World.from_geojson(CAM)
     river = world.river
     env = RiverVectorEnv(world, 1, EnvConfig(observation="none"))
@@ -114,7 +114,7 @@ def real_river(size: int = 128, zoom: int = 2, count: int = 9) -> Image.Image:
         ended = bool(terminated[0] or truncated[0])
     chosen = np.array(poses)[np.linspace(0, len(poses), count, endpoint=False).astype(int)]
     views = Renderer([world], Camera(size, size)).render(chosen)
-    flight = sheet([view[..., :3].repeat(zoom, 0).repeat(zoom, 1) for view in views], columns=3)
+    flight = tile_grid([view[..., :3].repeat(zoom, 0).repeat(zoom, 1) for view in views], columns=3)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "map.png"
         draw(world, path, size_px=flight.height)
@@ -125,8 +125,8 @@ def real_river(size: int = 128, zoom: int = 2, count: int = 9) -> Image.Image:
     return both
 
 
-def sheet(tiles: list[np.ndarray], columns: int) -> Image.Image:
-    """Tiles [h, w, 3] uint8 in rows of `columns`, on white, each in a cell as large as the largest."""
+def tile_grid(tiles: list[np.ndarray], columns: int) -> Image.Image:
+    """Return tiles [h, w, 3] uint8 in rows of `columns` on white, each in a cell as large as the largest tile."""
     high, wide = (max(tile.shape[axis] for tile in tiles) for axis in (0, 1))
     rows = -(-len(tiles) // columns)
     board = np.full((rows * (high + GAP) - GAP, columns * (wide + GAP) - GAP, 3), 255, np.uint8)

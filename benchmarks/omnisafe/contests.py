@@ -1,8 +1,8 @@
-"""What is compared? A row for each algorithm: what to set on either side so that both do the same, and what cannot be.
+"""Settings of the comparison with OmniSafe, algorithm by algorithm, and the differences that remain.
 
-Settings of OmniSafe are nested as in its own files, those of Thalweg are keys of the algorithm's config on top of the
-preset "paper", which is OmniSafe's defaults: so what is not named here is alike, down to OmniSafe's errors, but for
-what the pages of the algorithms list as not repeated, and what is `MENDED` is where the two differ. `speed` has
+Settings of OmniSafe are nested as in its own files. Those of Thalweg change the preset "paper", which has OmniSafe's
+defaults and repeats its errors, except those that the pages of the algorithms list as not repeated. Both sides
+therefore agree in everything that is not set here, and `MENDED` lists where they differ on purpose. `speed` has
 OmniSafe's own sizes of networks, batches and updates, and stops no update early, so that both sides do the same work;
 `curves` is small enough for three seeds on two cores.
 """
@@ -15,13 +15,13 @@ from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 ENVS = 16
-"""Thalweg's environments where it learns from steps; a planner decides for one."""
+"""Number of Thalweg's environments; planners have one."""
 LIMIT = 0.1
-"""Mean cost that an episode may have, where an algorithm has a limit."""
+"""Cost limit of an episode, for algorithms that have one."""
 ACTION_REPEAT = 5
-"""Steps for which a decision of a planner holds."""
+"""Steps for which a planner repeats an action."""
 QUIET = {"logger_cfgs": {"use_tensorboard": False, "use_wandb": False, "save_model_freq": 10**9}}
-"""What OmniSafe need not write, which favours it."""
+"""Switches OmniSafe's logging off, which favours it."""
 
 
 @dataclass(frozen=True)
@@ -32,13 +32,13 @@ class Work:
     peer: Mapping[str, Any]
     ours: Mapping[str, Any]
     start: int = 0
-    """Steps that are not measured: actions at random, before there is something to learn from."""
+    """Random steps before learning begins, which are not measured."""
     stamp_every: int = 100
-    """Steps between two looks of OmniSafe's at the clock."""
+    """Steps between two time stamps of OmniSafe."""
 
 
 class Works(NamedTuple):
-    """What an algorithm is compared by."""
+    """The two runs of an algorithm: one for its speed, one for its learning curve."""
 
     speed: Work
     curves: Work
@@ -51,18 +51,18 @@ class Contest:
     algorithm: str
     unit: Literal["steps", "decisions"]
     least: float | None
-    """Thalweg must do so many times OmniSafe's units a second."""
+    """Required ratio of Thalweg's units per second to OmniSafe's."""
     works: Works
     differs: str = ""
-    """What OmniSafe 0.5.0 does otherwise than the algorithm's paper, and Thalweg does not."""
+    """Deviations of OmniSafe 0.5.0 from the algorithm's paper that Thalweg does not share."""
     envs: int = ENVS
-    """Thalweg's environments; OmniSafe has one, more would be processes that wait for each other."""
+    """Number of Thalweg's environments. OmniSafe has one; more would be processes that wait for each other."""
     threads: Mapping[str, int] = field(default_factory=lambda: {"OmniSafe": 1, "Thalweg": 1})
-    """Of PyTorch: the faster of one and two."""
+    """PyTorch threads of each side: one or two, whichever is faster."""
 
 
 def merged(*parts: Mapping[str, Any]) -> dict[str, Any]:
-    """One nested mapping of several, of which the later ones win."""
+    """Return the union of nested mappings; later ones take precedence."""
     result: dict[str, Any] = {}
     for part in parts:
         for key, value in part.items():
@@ -83,10 +83,10 @@ MENDED: Mapping[str, Mapping[str, Any]] = {
     "SafeLOOP": {"drop_terminal": False, "predict_end": True, "stale_action_value": False},
     "CCEPETS": {"drop_terminal": False, "predict_end": True},
 }
-"""OmniSafe's errors that Thalweg does without, as settings of ours; `Contest.differs` says them in words."""
+"""Settings that avoid OmniSafe's errors in Thalweg; `Contest.differs` describes them."""
 AS_IT_IS: Mapping[str, Any] = MappingProxyType({})
 NATIVE = {"adapter": "native"}
-"""The toy's actions are numbers as they are."""
+"""The toy takes continuous actions without an adapter."""
 SPEED_STEPS, CURVE_STEPS, CURVE_UPDATE = 20_000, 100_000, 2_000
 UNCUT = {"reset_each_update": False}
 
@@ -99,8 +99,11 @@ def on_policy(
     curves_peer: Mapping[str, Any] = AS_IT_IS,
     curves_ours: Mapping[str, Any] = AS_IT_IS,
 ) -> Works:
-    """One epoch of OmniSafe's default for the speed; fifty short ones, of larger minibatches and steps, for the curves,
-    with what else these need."""
+    """Return the runs of an on-policy algorithm.
+
+    The speed is measured over one epoch of OmniSafe's default size. The curves have fifty short epochs with larger
+    minibatches and learning rates, and the settings `curves_peer` and `curves_ours`.
+    """
 
     def work(steps: int, update: int, times: int, batch: int, rate: float, stops: bool) -> Work:
         algo = {"steps_per_epoch": update, "update_iters": times, "batch_size": batch, "kl_early_stop": stops}
@@ -116,7 +119,7 @@ def on_policy(
 
 
 def trust_region(peer: Mapping[str, Any], ours: Mapping[str, Any]) -> Works:
-    """As `on_policy`, for an algorithm that itself bounds the KL and passes only its critics over the steps."""
+    """Return the runs of an algorithm with a trust region, which fits only its critics in minibatches."""
 
     def work(steps: int, update: int) -> Work:
         theirs = {"train_cfgs": {"total_steps": steps}, "algo_cfgs": {"steps_per_epoch": update}}
@@ -126,7 +129,7 @@ def trust_region(peer: Mapping[str, Any], ours: Mapping[str, Any]) -> Works:
 
 
 def off_policy(ours: Mapping[str, Any]) -> Works:
-    """A gradient step for each step, of OmniSafe's own networks and batches, after a shorter start at random."""
+    """Return the runs of an off-policy algorithm: OmniSafe's networks and batches, but fewer random steps."""
     algo = {"cost_normalize": False, "steps_per_epoch": 1000, "warmup_epochs": 2}
     multiplier = {"cost_limit": LIMIT, "lambda_lr": 3e-4}
 
@@ -152,12 +155,12 @@ def planner(
     small: Mapping[str, Any] = AS_IT_IS,
     small_ours: Mapping[str, Any] = AS_IT_IS,
 ) -> Works:
-    """So many decisions of OmniSafe's own size after one fit of the model; for the curves `small` ones.
+    """Return the runs of a planner: as many decisions of OmniSafe's size after one fit of the model, `small` for the
+    curves.
 
-    For OmniSafe an episode has 1,000 decisions, whatever it is: its limit is ten times that of the toy's 100 steps if
-    each of them were decided, and `ACTION_REPEAT` times that as they are; and its returns are multiplied to be of so
-    long an episode, which makes its weights sharp and ends its searches early. Thalweg is told the same here. OmniSafe
-    learns the cost, as Thalweg does, and is told nothing of it.
+    OmniSafe assumes episodes of 1,000 decisions. Its limit is therefore ten times that of the toy's 100 steps, times
+    `ACTION_REPEAT`. It also scales returns to episodes of that length, which makes its weights sharp and ends its
+    searches early. Thalweg gets the same limit and length here. Both sides learn the cost.
     """
     limit, length = 10 * ACTION_REPEAT * LIMIT, 1_000 * ACTION_REPEAT
 
@@ -184,9 +187,9 @@ def planner(
 LAGRANGE = {"lagrange_cfgs": {"cost_limit": LIMIT}}
 IN_ALGO = {"algo_cfgs": {"cost_limit": LIMIT}}
 SWIFT, HIGH = 3.0, 100.0
-"""Step size and bound of the multiplier in the curves. By OmniSafe's own, 0.035 and for FOCOPS 2, no limit is felt on
-either side: the costs of rare falls are small beside standardised advantages of the reward."""
-RESETS = "all episodes are cut and begun anew at each update"
+"""Step size and upper bound of the multiplier in the curves. With OmniSafe's own, 0.035 and for FOCOPS 2, the limit has
+no effect on either side: the costs of rare falls are small compared with standardised advantages of the reward."""
+RESETS = "all episodes are cut off and restarted at each update"
 TWO = {"OmniSafe": 2, "Thalweg": 2}
 
 CONTESTS = (
@@ -211,16 +214,16 @@ CONTESTS = (
             curves_peer={"lagrange_cfgs": {"lambda_lr": SWIFT, "lagrangian_upper_bound": HIGH}},
             curves_ours={"multiplier_rate": SWIFT, "multiplier_max": HIGH},
         ),
-        differs="KL [B, 1] and surrogate [B] broadcast to [B, B], so that the trust region of a state weighs all of "
-        f"them alike; advantages are divided by 1 + ν; {RESETS}",
+        differs="KL [B, 1] and surrogate [B] broadcast to [B, B], so that every "
+        f"state's trust region weighs all states equally; advantages are divided by 1 + ν; {RESETS}",
     ),
     Contest(
         "P3O",
         "steps",
         None,
         on_policy(10, 64, IN_ALGO, {"cost_limit": LIMIT, **MENDED["P3O"]}),
-        differs="the cost's surrogate is not clipped, and the excess lacks its factor, for which 1 over the steps of "
-        f"an episode stands here; {RESETS}",
+        differs="the surrogate of the cost is not clipped, and the excess lacks its factor, which is 1 over the steps "
+        f"of an episode here; {RESETS}",
     ),
     Contest(
         "OnCRPO",
@@ -263,8 +266,8 @@ CONTESTS = (
         planner(40, {"critic_steps": 10, **MENDED["SafeLOOP"]}),
         envs=1,
         threads=TWO,
-        differs="the last step of each episode is thrown away, and with it every cost; imagined episodes never end; "
-        "values lag an action behind",
+        differs="the last step of each episode is dropped, and with it every cost; imagined episodes never end; "
+        "values lag by one action",
     ),
     Contest(
         "CCEPETS",
@@ -277,11 +280,11 @@ CONTESTS = (
         ),
         envs=1,
         threads=TWO,
-        differs="the last step of each episode is thrown away, and with it every cost; imagined episodes never end",
+        differs="the last step of each episode is dropped, and with it every cost; imagined episodes never end",
     ),
 )
 
 
 def contest_named(name: str) -> Contest:
-    """The row of an algorithm; raises `KeyError` for one that has none."""
+    """Return the contest of an algorithm; raises `KeyError` for one that has none."""
     return {contest.algorithm: contest for contest in CONTESTS}[name]

@@ -1,7 +1,7 @@
-"""The virtual environment in which OmniSafe 0.5.0 runs: its pins, and the one repair that Python 3.11 makes necessary.
+"""Virtual environment of OmniSafe 0.5.0: pinned packages, and one repair that Python 3.11 makes necessary.
 
-OmniSafe imports Safety-Gymnasium wherever it is used, and that has arrays as defaults of its dataclasses, which Python
-3.11 refuses. They become default factories here; nothing else of the peer's is touched.
+OmniSafe always imports Safety-Gymnasium, whose dataclasses have arrays as defaults, which Python 3.11 refuses. They are
+replaced by default factories; nothing else is changed.
 """
 
 import re
@@ -35,7 +35,7 @@ PINS = (
     "tqdm==4.67.1",
     "linear-operator==0.5.2",
 )
-"""Installed with what they need."""
+"""Packages that are installed with their dependencies."""
 ALONE = (
     "omnisafe==0.5.0",
     "safety-gymnasium==1.0.0",
@@ -44,28 +44,30 @@ ALONE = (
     "gpytorch==1.11",
     "qpth==0.0.16",
 )
-"""Installed without what they ask for: versions of NumPy and pygame that no Python 3.11 has, and a solver that only
-offline algorithms use."""
+"""Packages that are installed without their dependencies, which include versions of NumPy and pygame that don't exist
+for Python 3.11, and a solver that only offline algorithms use."""
 DEFAULTS = 24
-"""So many arrays are defaults in Safety-Gymnasium 1.0.0."""
+"""Number of arrays that are defaults in Safety-Gymnasium 1.0.0."""
 MUTABLE = re.compile(r"^(    \w+: np\.array = )((?:COLOR|GROUP)\[.*\])$", re.MULTILINE)
 IMPORT = re.compile(r"^from dataclasses import dataclass$", re.MULTILINE)
 
 
 def python_with_omnisafe(named: str | None = None) -> Path:
-    """The Python that OmniSafe runs under, made first where it is missing (about two minutes); `named` is the Python
-    3.11 to make it from. Raises `SetupError`."""
+    """Return the Python of OmniSafe's virtual environment, which is created if missing (about two minutes).
+
+    `named` is the Python 3.11 to create it from, by default the one on the path. Raises `SetupError`.
+    """
     return python_of(RECIPE, named)
 
 
 def with_factories(source: str) -> tuple[str, int]:
-    """A source file with its arrays of colours and groups made default factories, and how many they were."""
+    """Return a source file with default factories in place of arrays, and the number of replacements."""
     mended, count = MUTABLE.subn(r"\1field(default_factory=lambda: \2)", source)
     return (IMPORT.sub("from dataclasses import dataclass, field", mended), count) if count else (source, 0)
 
 
 def mend(package: Path) -> int:
-    """Make default factories of the arrays in a copy of Safety-Gymnasium; returns how many they were."""
+    """Replace arrays by default factories in an installed Safety-Gymnasium; returns the number of replacements."""
     total = 0
     for file in sorted(package.rglob("*.py")):
         mended, count = with_factories(file.read_text(encoding="utf-8"))
@@ -76,11 +78,11 @@ def mend(package: Path) -> int:
 
 
 def finish(python: Path) -> None:
-    """Mend Safety-Gymnasium beside `python`, and import OmniSafe for a test; raises `SetupError` if either fails."""
+    """Repair the Safety-Gymnasium of `python`, and import OmniSafe as a test; raises `SetupError` if either fails."""
     packages = list(python.parents[1].glob("lib/python*/site-packages/safety_gymnasium"))
     mended = sum(mend(package) for package in packages)
     if mended != DEFAULTS:
-        raise SetupError(f"{DEFAULTS} arrays were to be mended in Safety-Gymnasium, there were {mended}")
+        raise SetupError(f"expected {DEFAULTS} arrays as defaults in Safety-Gymnasium, found {mended}")
     call([str(python), "-I", "-c", "import omnisafe"])
 
 

@@ -1,10 +1,10 @@
-"""Thalweg on the toy, in a process of its own: the counterpart of `side.py`, which answers the same order alike.
+"""Thalweg's side of the comparison, in a process of its own: the counterpart of `side.py`.
 
-An order names the `algorithm`, the `config`, the `preset`, `steps`, `seed`, `envs` and `threads`, and `stamp_every`.
-The answer is told in `side.py`, except
+A request has the `algorithm`, the `config`, the `preset`, `steps`, `seed`, `envs`, `threads` and `stamp_every`. The
+answer is that of `side.py`, except
 
 * acting: [steps, seconds of acting] of each update, instead of decisions;
-* passes: how often each update went through its steps, where the algorithm says so.
+* passes: number of passes of each update over its steps, for algorithms that log it.
 """
 
 import csv
@@ -29,7 +29,7 @@ from thalweg.train.run import run
 
 
 class Stamped(ToyVectorEnv):
-    """The toy with a look at the clock at the begin of every so many steps."""
+    """The toy, with a time stamp after every `every` steps."""
 
     def __init__(self, num_envs: int, every: int) -> None:
         super().__init__(num_envs)
@@ -45,8 +45,8 @@ class Stamped(ToyVectorEnv):
         self.stamps.append((self.steps, time.perf_counter(), time.process_time()))
 
 
-def carry_out(order: dict, folder: Path) -> dict:
-    """Train as ordered."""
+def run_request(order: dict, folder: Path) -> dict:
+    """Train as requested; returns the answer."""
     counted = {"networks": 0, "critics in loops": 0}
     step, fit_epoch = Adam.step, Critics.fit_epoch
 
@@ -86,10 +86,10 @@ def rows(file: Path) -> list[dict[str, str]]:
 def main() -> None:
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
-    warnings.simplefilter("ignore")  # short runs cannot do what training warns of
+    warnings.simplefilter("ignore")  # short runs cause warnings that do not matter here
     order = json.load(sys.stdin)
     with tempfile.TemporaryDirectory() as folder:
-        print(json.dumps(carry_out(order, Path(folder) / "run")), file=answers, flush=True)
+        print(json.dumps(run_request(order, Path(folder) / "run")), file=answers, flush=True)
 
 
 if __name__ == "__main__":

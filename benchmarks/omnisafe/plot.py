@@ -1,8 +1,8 @@
-"""How do both learn? For each algorithm the returns above and the costs below, the mean over the seeds and their span.
+"""Learning curves of both libraries: returns above and costs below, with the mean and range over the seeds.
 
     python -m benchmarks.omnisafe.plot
 
-draws curves.png from curves.csv, as `compare.py` does at its end.
+draws curves.png from curves.csv; `compare.py` does so at its end, too.
 """
 
 import csv
@@ -22,17 +22,17 @@ from thalweg.core.atomic_io import atomic_path
 HERE = Path(__file__).resolve().parent
 COLOURS = {"OmniSafe": "#d95f02", "Thalweg": "#1b6ca8"}
 ACROSS = 5
-"""Algorithms side by side."""
-MEASURES = {"return": "return", "cost": "falls an episode"}
+"""Number of columns."""
+MEASURES = {"return": "return", "cost": "falls per episode"}
 TOPS = (8.0, 0.65)
-"""Where the axes end at least, so that most of them are alike."""
+"""Least upper ends of the axes, so that most of them agree."""
 
 Curves = dict[tuple[str, str], dict[int, dict[int, dict[str, float]]]]
-"""By algorithm and side, seed, and step: return, cost and episodes of a stretch."""
+"""Return, cost and episodes of each interval, by algorithm and side, then seed, then last step."""
 
 
 def read(file: Path) -> Curves:
-    """The table of `compare.py`."""
+    """Read the table that `compare.py` writes."""
     curves: Curves = defaultdict(lambda: defaultdict(dict))
     with file.open(newline="") as text:
         for row in csv.DictReader(text):
@@ -42,29 +42,29 @@ def read(file: Path) -> Curves:
 
 
 def band(seeds: dict[int, dict[int, dict[str, float]]], measure: str) -> np.ndarray:
-    """[4, steps] of what all seeds have: step, mean, least, greatest."""
+    """Return [4, steps]: step, mean, least and greatest, at the steps that all seeds have."""
     steps = sorted(set.intersection(*(set(points) for points in seeds.values())))
     values = np.array([[points[step][measure] for step in steps] for points in seeds.values()])
     return np.stack([steps, values.mean(0), values.min(0), values.max(0)])
 
 
 def draw(table: Path, figure: Path) -> None:
-    """The figure of a table."""
+    """Draw the figure of a table."""
     curves = read(table)
     names = [contest.algorithm for contest in CONTESTS if any(key[0] == contest.algorithm for key in curves)]
     across = min(ACROSS, len(names))
     down = -(-len(names) // across)
     size = (2.9 * across + 0.6, 4.4 * down + 0.4)
     plots, axes = plt.subplots(2 * down, across, figsize=size, squeeze=False, layout="constrained")
-    for place in range(down * across):
-        column, pair = place % across, axes[2 * (place // across) :][:2, place % across]
-        if place >= len(names):
+    for index in range(down * across):
+        column, pair = index % across, axes[2 * (index // across) :][:2, index % across]
+        if index >= len(names):
             for axis in pair:
                 axis.set_axis_off()
             continue
-        pair[0].set_title(names[place])
+        pair[0].set_title(names[index])
         for axis, measure in zip(pair, MEASURES, strict=True):
-            draw_one(axis, curves, names[place], measure)
+            draw_one(axis, curves, names[index], measure)
             if not column:
                 axis.set_ylabel(MEASURES[measure])
         pair[1].set_xlabel("thousand steps")
@@ -78,7 +78,7 @@ def draw(table: Path, figure: Path) -> None:
 
 
 def draw_one(axis: Axes, curves: Curves, algorithm: str, measure: str) -> None:
-    """Both sides of one algorithm."""
+    """Draw both sides of one algorithm."""
     for side, colour in COLOURS.items():
         if (algorithm, side) not in curves:
             continue

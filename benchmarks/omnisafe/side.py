@@ -1,16 +1,16 @@
-"""OmniSafe on the toy, in a process of its own that runs under OmniSafe's Python and imports nothing of Thalweg's.
+"""OmniSafe's side of the comparison, in a process that runs under OmniSafe's Python and imports nothing of Thalweg.
 
-`compare.py` starts it. It reads one order as JSON on standard input and answers with one line of JSON on standard
-output, once the training is over. OmniSafe is used as it comes: the environment is registered as its guide says, all
-settings go through its own configuration, and what it logs is not read: episodes and clock are the environment's own.
+`compare.py` starts it. It reads one request as JSON from standard input and, after training, writes one line of JSON to
+standard output. OmniSafe is not modified: the environment is registered as its guide says, and all settings go through
+its own configuration. Its logs are not used; the environment itself records episodes and times.
 
-An order names the `algorithm`, the `settings` as OmniSafe nests them, and after how many steps the clock is read,
+A request has the `algorithm`, the `settings` as OmniSafe nests them, and the number of steps between two time stamps,
 `stamp_every`. The answer has
 
-* episodes: [step, return, cost, length] of each that finished, counted in steps of the environment;
-* stamps: [steps, seconds, seconds of the processor] at the begin of every so many steps, and at the end;
-* decisions: seconds that each decision of a planner took;
-* gradient_steps: how often each optimiser stepped;
+* episodes: [step, return, cost, length] of each finished episode, counted in steps of the environment;
+* stamps: [steps, seconds, seconds of processor time] after every `stamp_every` steps, and at the end;
+* decisions: seconds of each decision of a planner;
+* gradient_steps: number of steps of each optimiser;
 * networks: the shapes of all weights;
 * environment_s: seconds inside the toy;
 * versions.
@@ -39,15 +39,15 @@ FIRST = np.zeros(1, np.int64)
 
 
 class Record:
-    """What happens in the environment that is trained on."""
+    """Records the episodes and times of the training environment."""
 
     def __init__(self, stamp_every: int) -> None:
         self.every, self.steps, self.stamps = stamp_every, 0, []
         self.episodes, self.inside = [], 0.0
-        self.paid, self.cost, self.length = 0.0, 0.0, 0
+        self.return_, self.cost, self.length = 0.0, 0.0, 0
 
     def begin(self) -> None:
-        self.paid, self.cost, self.length = 0.0, 0.0, 0
+        self.return_, self.cost, self.length = 0.0, 0.0, 0
 
     def before(self, now: float) -> None:
         if self.steps % self.every == 0:
@@ -58,14 +58,14 @@ class Record:
 
     def after(self, reward: float, cost: float, done: bool) -> None:
         self.steps += 1
-        self.paid, self.cost, self.length = self.paid + reward, self.cost + cost, self.length + 1
+        self.return_, self.cost, self.length = self.return_ + reward, self.cost + cost, self.length + 1
         if done:
-            self.episodes.append([self.steps, self.paid, self.cost, self.length])
+            self.episodes.append([self.steps, self.return_, self.cost, self.length])
 
 
 @env_register
 class ToyCMDP(CMDP):  # pyright: ignore[reportUntypedBaseClass]
-    """One climb, as OmniSafe takes an environment. The first one made writes the record: the others evaluate."""
+    """The toy as an environment of OmniSafe. The first instance writes the record; later ones are for evaluation."""
 
     _support_envs: ClassVar[list] = ["Toy-v0"]
     _num_envs = 1
@@ -96,21 +96,21 @@ class ToyCMDP(CMDP):  # pyright: ignore[reportUntypedBaseClass]
         return torch.from_numpy(self.toy.observations()[0]), {}
 
     def step(self, action: Any) -> Any:
-        begun = time.perf_counter()
+        start = time.perf_counter()
         if self.writes:
-            self.writes.before(begun)
+            self.writes.before(start)
         reward, cost, terminated, truncated = self.toy.step(action.detach().numpy()[None])
         if self.writes:
             self.writes.after(float(reward[0]), float(cost[0]), bool(terminated[0] or truncated[0]))
-        told = [torch.as_tensor(x[0], dtype=torch.float32) for x in (reward, cost)]
+        signals = [torch.as_tensor(x[0], dtype=torch.float32) for x in (reward, cost)]
         ends = [torch.as_tensor(x[0]) for x in (terminated, truncated)]
         obs = torch.from_numpy(self.toy.observations()[0])
         if self.writes:
-            self.writes.inside += time.perf_counter() - begun
-        return (obs, *told, *ends, {})
+            self.writes.inside += time.perf_counter() - start
+        return (obs, *signals, *ends, {})
 
     def get_cost_from_obs_tensor(self, obs: Any, is_binary: bool = True) -> Any:
-        """What a planner is told of the cost [..., 1] when it does not learn it: the chance of a fall."""
+        """Return the cost [..., 1] for planners that do not learn it: the probability of a fall."""
         return RISK * obs[..., CHANCE : CHANCE + 1].clamp(0.0, 1.0)
 
     def render(self) -> None:
@@ -121,7 +121,7 @@ class ToyCMDP(CMDP):  # pyright: ignore[reportUntypedBaseClass]
 
 
 class Counting:
-    """How often each optimiser of an agent steps, by its name there."""
+    """Counts the steps of each optimiser of an agent, by its attribute name."""
 
     def __init__(self) -> None:
         self.counted = Counter()
@@ -140,7 +140,7 @@ class Counting:
 
 
 def shapes(agent: Any) -> dict:
-    """Shapes of all weights, network by network."""
+    """Return the shapes of all weights, network by network."""
     parts = dict(getattr(agent, "_actor_critic", torch.nn.Module()).named_children())
     if hasattr(agent, "_dynamics"):
         parts["dynamics"] = agent._dynamics.ensemble_model
@@ -148,27 +148,27 @@ def shapes(agent: Any) -> dict:
 
 
 def timed(planner: Any) -> list:
-    """A list to which the planner from now on adds the seconds of each decision."""
+    """Return a list to which the planner will append the seconds of each decision."""
     spent, decide = [], planner.output_action
 
-    def decide_on_the_clock(*arguments: Any, **named: Any) -> Any:
-        begun = time.perf_counter()
+    def timed_decide(*arguments: Any, **named: Any) -> Any:
+        start = time.perf_counter()
         action = decide(*arguments, **named)
-        spent.append(time.perf_counter() - begun)
+        spent.append(time.perf_counter() - start)
         return action
 
-    planner.output_action = decide_on_the_clock
+    planner.output_action = timed_decide
     return spent
 
 
 def versions() -> dict:
-    """Of what matters to speed and learning."""
+    """Return the versions of Python, OmniSafe and the libraries that matter for speed and learning."""
     numbers = {name: importlib.metadata.version(name) for name in ("omnisafe", "torch", "numpy")}
     return {"python": platform.python_version(), **numbers}
 
 
-def carry_out(order: dict) -> dict:
-    """Train as ordered."""
+def run_request(order: dict) -> dict:
+    """Train as requested; returns the answer."""
     record = ToyCMDP.record = Record(order["stamp_every"])
     counting = Counting()
     agent = omnisafe.Agent(order["algorithm"], "Toy-v0", custom_cfgs=order["settings"])  # pyright: ignore[reportAttributeAccessIssue]
@@ -188,11 +188,11 @@ def carry_out(order: dict) -> dict:
 
 def main() -> None:
     answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # what OmniSafe prints must not stand in the answer
+    os.dup2(2, 1)  # output of OmniSafe must not mix with the answer
     order = json.load(sys.stdin)
     with tempfile.TemporaryDirectory() as folder:
         order["settings"].setdefault("logger_cfgs", {})["log_dir"] = folder
-        answer = carry_out(order)
+        answer = run_request(order)
     print(json.dumps(answer), file=answers, flush=True)
 
 

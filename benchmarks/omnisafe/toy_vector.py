@@ -1,4 +1,4 @@
-"""The toy as Thalweg takes it: a Gymnasium vector environment that resets itself within the step."""
+"""The toy as a Gymnasium vector environment with autoreset in the same step."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,7 +12,7 @@ from benchmarks.omnisafe.toy import ACTIONS, SIZE, Toy
 
 
 class ToyVectorEnv(VectorEnv):
-    """`num_envs` climbs, with `info["cost"]` [N]."""
+    """`num_envs` instances of the toy, with `info["cost"]` [N]."""
 
     metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012  as Gymnasium has it
 
@@ -26,14 +26,14 @@ class ToyVectorEnv(VectorEnv):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin all episodes; a single seed is counted up from environment to environment."""
+        """Start all episodes; a single seed is incremented from environment to environment."""
         if seed is not None:
             self.toy.seed([seed + row for row in range(self.num_envs)] if isinstance(seed, int) else list(seed))  # pyright: ignore[reportArgumentType]
         self.toy.begin(np.arange(self.num_envs))
         return self.toy.observations(), {}
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Step all; where an episode ended, the observation is the next one's first and `final_obs` has its last."""
+        """Step all environments; where an episode ends, the next one starts, with `final_obs` in info."""
         reward, cost, terminated, truncated = self.toy.step(actions)
         obs, info = self.toy.observations(), {"cost": cost}
         done = terminated | truncated
@@ -44,9 +44,9 @@ class ToyVectorEnv(VectorEnv):
         return obs, reward, terminated, truncated, info
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Everything that the future depends on."""
+        """Return everything that the future depends on."""
         return self.toy.state()
 
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
-        """Go on from a state of `get_state`."""
+        """Continue from a state of `get_state`."""
         self.toy.load_state(dict(state))

@@ -1,4 +1,4 @@
-"""Write the comparison with OmniSafe into benchmarks/README.md, so that no figure is typed.
+"""Section of benchmarks/README.md on OmniSafe, written from the measured figures.
 
 python -m benchmarks.omnisafe.write [--check]
 """
@@ -19,19 +19,29 @@ from thalweg.bench.speed.speed_table import describe
 
 PAGE = Path(__file__).resolve().parents[1] / "README.md"
 SECTION = "omnisafe"
-SPEEDS = ("a second", "of", "OmniSafe", "Thalweg", "times", "least", "greatest", "by processor time", "asked for")
-WORK = ("of", "steps, OmniSafe", "gradient steps, OmniSafe", "steps, Thalweg", "gradient steps, Thalweg")
-LEARNT = (
-    "learnt",
+SPEEDS = (
+    "per second",
+    "algorithm",
+    "OmniSafe",
+    "Thalweg",
+    "ratio",
+    "least",
+    "greatest",
+    "by processor time",
+    "required",
+)
+WORK = ("algorithm", "steps, OmniSafe", "gradient steps, OmniSafe", "steps, Thalweg", "gradient steps, Thalweg")
+FINAL = (
+    "algorithm",
     "seeds",
     "return, OmniSafe",
     "return, Thalweg",
-    "falls, OmniSafe",
-    "falls, Thalweg",
+    "falls per episode, OmniSafe",
+    "falls per episode, Thalweg",
     "OmniSafe's errors",
 )
 LAST = 0.2
-"""Learnt returns are means over this last share of the steps."""
+"""Final returns and costs are means over this last share of the steps."""
 
 
 def number_text(value: float) -> str:
@@ -65,7 +75,7 @@ def speed_rows(found: dict[str, Any]) -> list[list[str]]:
     return rows
 
 
-def learnt(curves: Curves, algorithm: str, side: str) -> tuple[float, float]:
+def final_means(curves: Curves, algorithm: str, side: str) -> tuple[float, float]:
     """Return the mean return and cost of the episodes in the last steps of all seeds."""
     points = [(step, numbers) for seed in curves[algorithm, side].values() for step, numbers in seed.items()]
     end = max(step for step, _ in points)
@@ -75,12 +85,12 @@ def learnt(curves: Curves, algorithm: str, side: str) -> tuple[float, float]:
     return return_, cost
 
 
-def learnt_rows(curves: Curves) -> list[list[str]]:
-    """Return a row of `LEARNT` for each algorithm that was trained."""
+def final_rows(curves: Curves) -> list[list[str]]:
+    """Return a row of `FINAL` for each algorithm that was trained."""
     names = [contest.algorithm for contest in CONTESTS if (contest.algorithm, OURS) in curves]
     rows = []
     for name in names:
-        (theirs, their_cost), (ours, our_cost) = (learnt(curves, name, side) for side in SIDES)
+        (theirs, their_cost), (ours, our_cost) = (final_means(curves, name, side) for side in SIDES)
         cells = [f"{theirs:.2f}", f"{ours:.2f}", f"{their_cost:.3f}", f"{our_cost:.3f}"]
         seeds = min(len(curves[name, side]) for side in SIDES)
         rows.append([name, str(seeds), *cells, contest_named(name).differs])
@@ -113,17 +123,18 @@ def section() -> str:
         peer = ", ".join(f"{name} {number}" for name, number in found["peer"].items())
         repeats = len(found["lines"][0]["rates"])
         note = wrap(
-            f"{repeats} repetitions in turns: medians, and the median, least and greatest of their ratios; other "
-            f"programs take their share of a second, not of a second of the processor. {describe(found)}. The peer: "
-            f"{peer}. Load of the machine before: {found['load_before']:.1f}. What a repetition was:"
+            f"Medians over {repeats} repetitions in turns, and the median, least and greatest of their ratios. Other "
+            f"programs slow down the clock's rates, but hardly those by processor time. {describe(found)}. OmniSafe's "
+            f"side: {peer}. Load of the machine before: {found['load_before']:.1f}. The work of one repetition:"
         )
         speeds, work = markdown(frame(SPEEDS, speed_rows(found))), markdown(frame(WORK, work_rows(found)))
         parts.append(f"{speeds}\n{note}\n{work}")
     if CURVES.exists():
         curves = read(CURVES)
         parts.append(
-            f"{markdown(frame(LEARNT, learnt_rows(curves)))}\nMeans over the last {LAST:.0%} of the steps; of one seed "
-            "chance is large.\n\n![Returns and falls of both, algorithm by algorithm](omnisafe/curves.png)\n"
+            f"{markdown(frame(FINAL, final_rows(curves)))}\nMeans over the last {LAST:.0%} of the steps. With one "
+            "seed, chance has a large effect.\n\n"
+            "![Returns and falls of both libraries by algorithm](omnisafe/curves.png)\n"
         )
     return "\n".join(parts) or "Not measured yet.\n"
 

@@ -49,14 +49,14 @@ def is_certain(found: Estimate) -> bool:
     return not np.isnan(found.low) and found.low * found.high > 0
 
 
-def test_who_keeps_the_limit(study: Results):
-    said = {name: limit_met(mean_estimate(flown(study, name), "cost")) for name in (*FLYING, "OnCRPO", "SACLag")}
-    assert said == {
+def test_which_policies_meet_the_limit(study: Results):
+    found = {name: limit_met(mean_estimate(flown(study, name), "cost")) for name in (*FLYING, "OnCRPO", "SACLag")}
+    assert found == {
         "PPO": "unsure", "PPOLag": "no", "FOCOPS": "unsure", "P3O": "unsure", "OnCRPO": "no", "SACLag": "unsure",
     }  # fmt: skip
 
 
-def test_who_is_surely_apart_from_ppo(study: Results):
+def test_which_policies_differ_significantly_from_ppo(study: Results):
     others = ("PPOLag", "FOCOPS", "P3O", "OnCRPO", "SACLag")
     assert not [name for name in others if is_certain(difference(study, "PPO", name, "cost"))]
     assert [name for name in others if is_certain(difference(study, "PPO", name, "return_"))] == ["OnCRPO"]
@@ -74,7 +74,7 @@ def test_who_is_surely_apart_from_ppo(study: Results):
         assert difference(study, "FOCOPS-paper", "PPO-paper", "return_", level).low > 0
 
 
-def test_what_is_lost_elsewhere(study: Results):
+def test_what_is_lost_under_other_conditions(study: Results):
     at_home, away = (
         {name: mean_estimate(flown(study, name, where), "return_") for name in FLYING} for where in ("", "unseen")
     )
@@ -87,7 +87,7 @@ def test_what_is_lost_elsewhere(study: Results):
         assert isinstance(most_probable, Estimate) and not is_certain(most_probable)
 
 
-def test_what_adapters_do(ways: Results):
+def test_effects_of_adapters(ways: Results):
     assert difference(ways, "SACLag-box_scaled", "SACLag", "return_").low > 0
     assert difference(ways, "DDPGLag", "DDPGLag-box_scaled", "return_").low > 0
     assert difference(ways, "DDPGLag-box_literal", "DDPGLag", "cost").low > 0
@@ -96,7 +96,7 @@ def test_what_adapters_do(ways: Results):
         assert share < np.mean(backwards) < share + 0.1
 
 
-def test_what_a_mask_and_a_multiplier_do_to_focops(ways: Results):
+def test_effects_of_mask_and_multiplier_on_focops(ways: Results):
     surely = {
         field: [
             way
@@ -112,13 +112,13 @@ def test_what_a_mask_and_a_multiplier_do_to_focops(ways: Results):
     assert [row.return_ for row in usual] == [row.return_ for row in pid]
 
 
-def test_what_training_cost_in_each_quarter(study: Results, findings: ModuleType):
+def test_training_costs_in_each_quarter(study: Results, findings: ModuleType):
     paid = {
         name: np.array([findings.cost_by_quarter(log) for log in study.training if log.algorithm == name])
         for name in ("PPO", "PPOLag", "FOCOPS", "P3O", "OnCRPO", "SACLag")
     }
-    said = (dict.fromkeys(("PPOLag", "FOCOPS", "P3O", "OnCRPO", "SACLag"), -1), {}, {"PPOLag": 1}, {"P3O": -1})
-    for quarter, signs in enumerate(said):
+    expected = (dict.fromkeys(("PPOLag", "FOCOPS", "P3O", "OnCRPO", "SACLag"), -1), {}, {"PPOLag": 1}, {"P3O": -1})
+    for quarter, signs in enumerate(expected):
         without = paid["PPO"][:, quarter]
         welch = {
             name: ttest_ind(costs[:, quarter], without, equal_var=False).confidence_interval(0.95)

@@ -35,7 +35,7 @@ def rows(script: ModuleType, monkeypatch: pytest.MonkeyPatch, *shares: float) ->
     return found
 
 
-def test_rows_come_back_under_their_keys(script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_written_rows_are_read_back_by_their_keys(script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     written = rows(script, monkeypatch, 0.95, 0.85)
     script.write(tmp_path / "table.csv", written)
     assert script.finished(tmp_path / "table.csv") == written
@@ -60,14 +60,14 @@ def test_rows_of_an_older_version_stay(script: ModuleType, monkeypatch: pytest.M
     assert script.finished(tmp_path / "table.csv") == written
 
 
-def test_a_row_counts_for_its_own_seed_settings_and_problem_only(script: ModuleType):
+def test_keys_differ_by_seed_settings_and_problem(script: ModuleType):
     others = [script.key(CELL, 1), script.key(Cell("CPO", "box_scaled", "end"), 0)]
     others += [script.key(Cell("CPO", "box", "dense"), 0)]
     assert script.key(CELL, 0) not in others
     assert script.key(CELL, 0) == script.key(Cell("CPO", "box", "end"), 0)
 
 
-def test_rows_of_other_defaults_do_not_count(script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_rows_of_other_defaults_are_dropped(script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     written = rows(script, monkeypatch, 0.95)
     script.write(tmp_path / "table.csv", written)
     entry = script.ALGORITHMS["CPO"]
@@ -92,7 +92,7 @@ def test_a_run_that_failed_is_a_row_and_does_not_count_as_finished(
     assert "**95%, 0.100 (1/2)**" in script.page(found, 2)
 
 
-def test_rows_are_judged_by_todays_optimum(script: ModuleType, monkeypatch: pytest.MonkeyPatch):
+def test_rows_are_compared_with_the_current_optimum(script: ModuleType, monkeypatch: pytest.MonkeyPatch):
     written = rows(script, monkeypatch, 0.95)
     assert "95%, 0.100 (1/1)" in script.page(written, 1)
     better = replace(reference(CELL), reward=2.0 * reference(CELL).reward)

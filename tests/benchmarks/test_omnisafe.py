@@ -1,4 +1,4 @@
-"""The comparison with OmniSafe: what is ordered of either side, its arithmetic, and the page."""
+"""Tests of the comparison with OmniSafe: the requests to both sides, the arithmetic and the page."""
 
 import json
 from pathlib import Path
@@ -80,17 +80,17 @@ def ours(contest: Contest, kind: str) -> tuple[Work, Any]:
 
 @pytest.mark.parametrize("contest", CONTESTS, ids=lambda c: c.algorithm)
 @pytest.mark.parametrize("kind", ["speed", "curves"])
-def test_our_settings_are_keys_of_the_algorithm_and_suit_the_toy(contest: Contest, kind: str):
+def test_our_settings_are_valid_for_the_algorithm_and_the_toy(contest: Contest, kind: str):
     work, config = ours(contest, kind)
     assert config.adapter == "native" and work.peer["train_cfgs"]["total_steps"] == work.steps
     if hasattr(config, "cost_limit"):
-        # A planner is told of OmniSafe's episode, of 1,000 decisions, and of what that may cost.
+        # A planner gets OmniSafe's episode length, 1,000 decisions, and the limit of such an episode.
         episodes = config.episode_length / 100 if contest.unit == "decisions" else 1
         assert config.cost_limit == pytest.approx(LIMIT * episodes)
 
 
 @pytest.mark.parametrize("contest", CONTESTS, ids=lambda c: c.algorithm)
-def test_what_is_mended_is_otherwise_in_the_preset_and_said_in_words(contest: Contest):
+def test_corrections_differ_from_the_preset_and_are_described(contest: Contest):
     mended, paper = MENDED[contest.algorithm], ALGORITHMS[contest.algorithm].configure({}, "paper")
     assert all(getattr(paper, key) != value for key, value in mended.items())
     assert contest.differs.startswith(RESETS) or mended
@@ -118,7 +118,7 @@ def test_our_settings_are_the_same_as_the_peers(contest: Contest, kind: str):
         )
 
 
-def test_settings_are_merged_to_the_bottom_and_the_parts_stay():
+def test_merging_is_deep_and_leaves_its_arguments_unchanged():
     first, second = {"a": {"b": 1, "c": 2}, "d": 3}, {"a": {"c": 4, "e": {"f": 5}}}
     assert merged(first, second) == {"a": {"b": 1, "c": 4, "e": {"f": 5}}, "d": 3}
     assert first == {"a": {"b": 1, "c": 2}, "d": 3}
@@ -126,17 +126,17 @@ def test_settings_are_merged_to_the_bottom_and_the_parts_stay():
     assert second["a"]["e"]["f"] == 5
 
 
-def test_orders_name_the_seed_and_the_threads_of_their_side():
+def test_requests_have_the_seed_and_the_threads_of_their_side():
     contest = contest_named("SafeLOOP")
-    theirs = compare.order_of(contest, contest.works.speed, PEER, 7)
+    theirs = compare.request_for(contest, contest.works.speed, PEER, 7)
     assert theirs["settings"]["seed"] == 7 and theirs["settings"]["train_cfgs"]["torch_threads"] == 2
     assert theirs["settings"]["train_cfgs"]["total_steps"] == contest.works.speed.steps
     assert "seed" not in contest.works.speed.peer
-    ours = compare.order_of(contest, contest.works.speed, OURS, 7)
+    ours = compare.request_for(contest, contest.works.speed, OURS, 7)
     assert (ours["seed"], ours["threads"], ours["steps"]) == (7, 2, contest.works.speed.steps)
 
 
-def test_the_rate_of_steps_leaves_out_those_at_random():
+def test_the_rate_of_steps_excludes_random_ones():
     contest = contest_named("SACLag")
     work = contest.works.speed
     after = [(0, 3.0, 2.0), (500, 8.0, 3.0), (1000, 23.0, 7.0)]
@@ -144,7 +144,7 @@ def test_the_rate_of_steps_leaves_out_those_at_random():
     assert compare.rates(contest, work, {"stamps": stamps}) == (1000 / 20.0, 1000 / 5.0)
 
 
-def test_the_rate_of_decisions_is_of_the_time_that_they_alone_took():
+def test_the_rate_of_decisions_counts_their_own_time_only():
     contest = contest_named("SafeLOOP")
     work = contest.works.speed
     assert compare.rates(contest, work, {"decisions": [0.5, 0.25, 0.25]}) == (3.0, None)
@@ -153,14 +153,14 @@ def test_the_rate_of_decisions_is_of_the_time_that_they_alone_took():
     assert compare.rates(contest, work, {"acting": acting})[0] == pytest.approx(2.5)
 
 
-def test_an_episode_counts_where_it_ended():
+def test_an_episode_counts_in_the_interval_in_which_it_ends():
     episodes = [[1, 1.0, 0.0, 1], [50, 3.0, 1.0, 49], [51, 5.0, 0.0, 1], [100, 7.0, 0.0, 49]]
     assert compare.binned(episodes, 100, bins=2) == [(50, 2.0, 0.5, 2), (100, 6.0, 0.0, 2)]
     assert [row[0] for row in compare.binned(episodes, 100, bins=4)] == [25, 50, 75, 100]
     assert [row[0] for row in compare.binned(episodes, 200, bins=4)] == [50, 100]
 
 
-def test_each_second_turn_goes_backwards():
+def test_every_second_turn_is_reversed():
     first = compare.in_turns(CONTESTS[:2], 0, compare.sides_of)
     assert [(contest.algorithm, side) for contest, side in first] == [
         *(("PPO", PEER), ("PPO", OURS)),
@@ -169,16 +169,16 @@ def test_each_second_turn_goes_backwards():
     assert compare.in_turns(CONTESTS[:2], 1, compare.sides_of) == first[::-1]
 
 
-def test_planners_are_measured_with_half_the_bits_too():
+def test_planners_are_also_measured_in_bfloat16():
     contest = contest_named("CCEPETS")
     assert compare.sides_of(contest) == (PEER, OURS, HALF) and compare.sides_of(contest_named("PPO")) == (PEER, OURS)
-    whole, half = (compare.order_of(contest, contest.works.speed, side, 0) for side in (OURS, HALF))
-    assert half == whole | {"config": whole["config"] | {"precision": "bfloat16"}}
-    assert ALGORITHMS["CCEPETS"].configure(whole["config"], "paper").precision == "float32"
+    full, half = (compare.request_for(contest, contest.works.speed, side, 0) for side in (OURS, HALF))
+    assert half == full | {"config": full["config"] | {"precision": "bfloat16"}}
+    assert ALGORITHMS["CCEPETS"].configure(full["config"], "paper").precision == "float32"
 
 
 @pytest.mark.parametrize("name", ["SafeLOOP", "CCEPETS"])
-def test_both_planners_may_spend_as_much_on_an_episode(name: str):
+def test_both_planners_have_the_same_limit_for_an_episode(name: str):
     work = contest_named(name).works.speed
     # OmniSafe's limit is one of 1,000 decisions, the toy's episodes have 100 steps.
     limit, decisions = work.peer["algo_cfgs"]["cost_limit"], 100 / ACTION_REPEAT
@@ -186,34 +186,34 @@ def test_both_planners_may_spend_as_much_on_an_episode(name: str):
     assert (work.ours["cost_limit"], work.ours["episode_length"]) == (limit, 1000 * ACTION_REPEAT)
 
 
-def test_what_is_measured_of_some_leaves_the_others(tmp_path: Path):
+def test_measuring_some_algorithms_keeps_the_lines_of_the_others(tmp_path: Path):
     here, file = {"machine": "one", "versions": "two"}, tmp_path / "speed.json"
-    assert compare.others(file, CONTESTS[:1], here) == []
+    assert compare.lines_of_others(file, CONTESTS[:1], here) == []
     lines = [{"algorithm": "PPO"}, {"algorithm": "FOCOPS"}]
     file.write_text(json.dumps(here | {"lines": lines}))
-    assert compare.others(file, CONTESTS[:1], here) == lines[1:]
-    assert compare.others(file, CONTESTS[:1], here | {"versions": "three"}) == []
+    assert compare.lines_of_others(file, CONTESTS[:1], here) == lines[1:]
+    assert compare.lines_of_others(file, CONTESTS[:1], here | {"versions": "three"}) == []
 
 
-def test_a_run_is_carried_out_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(compare, "KEPT", tmp_path)
+def test_a_run_is_carried_out_only_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(compare, "RUNS", tmp_path)
     orders = []
-    monkeypatch.setattr(compare, "carry_out", lambda *given: orders.append(given) or {"episodes": [len(orders)]})
+    monkeypatch.setattr(compare, "run_side", lambda *given: orders.append(given) or {"episodes": [len(orders)]})
     contest = contest_named("PPO")
-    found = [compare.kept_answer(Path("python"), contest, PEER, seed) for seed in (0, 1, 0)]
+    found = [compare.cached_answer(Path("python"), contest, PEER, seed) for seed in (0, 1, 0)]
     assert [answer["episodes"] for answer in found] == [[1], [2], [1]]
     monkeypatch.setattr(compare, "TOY", compare.TOY + 1)
-    assert compare.kept_answer(Path("python"), contest, PEER, 0)["episodes"] == [3]
+    assert compare.cached_answer(Path("python"), contest, PEER, 0)["episodes"] == [3]
 
 
 def test_our_run_is_repeated_for_another_version_of_its_algorithm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(compare, "KEPT", tmp_path)
+    monkeypatch.setattr(compare, "RUNS", tmp_path)
     orders = []
-    monkeypatch.setattr(compare, "carry_out", lambda *given: orders.append(given) or {"episodes": [len(orders)]})
+    monkeypatch.setattr(compare, "run_side", lambda *given: orders.append(given) or {"episodes": [len(orders)]})
 
     def runs() -> list[int]:
         sides = ((OURS, "PPO"), (OURS, "FOCOPS"), (PEER, "PPO"))
-        found = [compare.kept_answer(Path("python"), contest_named(name), side, 0) for side, name in sides]
+        found = [compare.cached_answer(Path("python"), contest_named(name), side, 0) for side, name in sides]
         return [answer["episodes"][0] for answer in found]
 
     assert runs() == runs() == [1, 2, 3]
@@ -221,12 +221,12 @@ def test_our_run_is_repeated_for_another_version_of_its_algorithm(tmp_path: Path
     assert runs() == [4, 2, 3]
 
 
-def test_a_side_that_fails_says_why(tmp_path: Path):
+def test_the_error_of_a_failed_side_has_its_last_output(tmp_path: Path):
     python = tmp_path / "python"
     python.write_text("#!/bin/sh\necho no such thing >&2\nexit 3\n")
     python.chmod(0o755)
     with pytest.raises(RuntimeError, match="OmniSafe's PPO failed:\nno such thing"):
-        compare.carry_out(python, PEER, {"algorithm": "PPO"})
+        compare.run_side(python, PEER, {"algorithm": "PPO"})
 
 
 def test_a_row_of_speed_has_medians_and_the_ratios_of_each_repetition():
@@ -236,11 +236,11 @@ def test_a_row_of_speed_has_medians_and_the_ratios_of_each_repetition():
     ]
 
 
-def test_what_was_learnt_is_the_mean_over_the_last_episodes_of_all_seeds(curves: Path):
+def test_final_means_are_over_the_last_episodes_of_all_seeds(curves: Path):
     read = plot.read(curves)
     # (2 x 1 + 4 x 3 + 8 x 1) / 5 and (0 + 0.2 x 3 + 0.6) / 5: what ended after step 80.
-    assert write.learnt(read, "PPO", PEER) == (pytest.approx(4.4), pytest.approx(0.24))
-    row = write.learnt_rows(read)[0]
+    assert write.final_means(read, "PPO", PEER) == (pytest.approx(4.4), pytest.approx(0.24))
+    row = write.final_rows(read)[0]
     assert row == ["PPO", "1", "4.40", "5.00", "0.240", "0.100", contest_named("PPO").differs]
 
 
@@ -254,7 +254,7 @@ def test_the_figure_is_drawn(curves: Path, tmp_path: Path):
     assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_page_is_written_between_its_marks_and_a_second_time_changes_nothing(page: Path, curves: Path):
+def test_the_section_is_written_between_its_comments_and_writing_again_changes_nothing(page: Path, curves: Path):
     (page.parent / "speed.json").write_text(json.dumps(speeds()))
     assert write.main([]) == 0
     first = page.read_text()
@@ -267,17 +267,17 @@ def test_the_page_is_written_between_its_marks_and_a_second_time_changes_nothing
     assert write.main([]) == 0 and page.read_text() == first
 
 
-def test_the_check_is_red_for_a_stale_page_and_leaves_it(page: Path, curves: Path, capsys):
+def test_the_check_fails_for_an_outdated_page_and_leaves_it_unchanged(page: Path, curves: Path, capsys):
     old = page.read_text()
     assert write.main(["--check"]) == 1
     assert capsys.readouterr().err.endswith("writes it: README.md\n")
     assert page.read_text() == old
 
 
-def test_without_figures_the_page_says_so(page: Path):
+def test_a_page_without_figures_says_so(page: Path):
     assert write.main([]) == 0
     assert "<!-- omnisafe -->\nNot measured yet.\n<!-- /omnisafe -->" in page.read_text()
 
 
-def test_the_page_says_what_was_measured():
+def test_the_committed_page_is_up_to_date():
     assert write.main(["--check"]) == 0

@@ -1,4 +1,4 @@
-"""OmniSafe's virtual environment: the repair of Safety-Gymnasium, on a small copy."""
+"""Tests of OmniSafe's virtual environment: the repair of Safety-Gymnasium, on a small copy."""
 
 import sys
 from pathlib import Path
@@ -34,7 +34,7 @@ def test_arrays_become_factories_and_nothing_else_changes():
     ]
 
 
-def test_what_python_3_11_refuses_then_runs():
+def test_repaired_source_runs_under_python_3_11():
     with pytest.raises(ValueError, match="mutable default"):
         exec(SOURCE, {"__name__": "goal"})
     mended: dict = {"__name__": "goal"}
@@ -43,7 +43,7 @@ def test_what_python_3_11_refuses_then_runs():
     assert goal.color.tolist() == [0, 1, 0, 0.25] and goal.group.tolist() == [1] and goal.alpha == 0.25
 
 
-def test_an_import_of_field_that_is_there_stays_and_a_second_time_changes_nothing():
+def test_an_existing_import_of_field_stays_and_a_second_repair_changes_nothing():
     there = SOURCE.replace("import dataclass\n", "import dataclass, field\n")
     mended, count = environment.with_factories(there)
     assert count == 2 and mended.count("field\n") == 1
@@ -51,7 +51,7 @@ def test_an_import_of_field_that_is_there_stays_and_a_second_time_changes_nothin
 
 
 def fake_environment(folder: Path, files: int) -> Path:
-    """A Python that succeeds at everything, beside a Safety-Gymnasium with so many files to mend."""
+    """Return a Python that always succeeds, with a Safety-Gymnasium of `files` files to repair."""
     package = folder / "lib" / "python3.11" / "site-packages" / "safety_gymnasium" / "assets"
     package.mkdir(parents=True)
     for number in range(files):
@@ -62,7 +62,7 @@ def fake_environment(folder: Path, files: int) -> Path:
     return python
 
 
-def test_all_24_arrays_are_mended(tmp_path: Path):
+def test_all_24_arrays_are_replaced(tmp_path: Path):
     python = fake_environment(tmp_path, 12)
     environment.finish(python)
     found = sorted(tmp_path.rglob("*.py"))
@@ -71,7 +71,7 @@ def test_all_24_arrays_are_mended(tmp_path: Path):
 
 
 def test_another_number_of_arrays_is_an_error(tmp_path: Path):
-    with pytest.raises(SetupError, match="24 arrays were to be mended in Safety-Gymnasium, there were 22"):
+    with pytest.raises(SetupError, match="expected 24 arrays as defaults in Safety-Gymnasium, found 22"):
         environment.finish(fake_environment(tmp_path, 11))
 
 
@@ -80,7 +80,7 @@ def test_an_omnisafe_that_cannot_be_imported_leaves_nothing(tmp_path: Path, monk
     monkeypatch.setattr(environment, "DEFAULTS", 0)
     recipe = environment.Recipe("OmniSafe", ((3, 11),), (), environment.finish)
     with pytest.raises(SetupError, match="No module named 'omnisafe'"):
-        create_venv(recipe, sys.executable, tmp_path / "made")
+        create_venv(recipe, sys.executable, tmp_path / "venv")
     assert list(tmp_path.iterdir()) == []
 
 

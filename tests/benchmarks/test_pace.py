@@ -1,4 +1,4 @@
-"""The table of times on the river: what a log says of a run."""
+"""Tests of the table of training times and the learning curves of `benchmarks/pace.py`."""
 
 import csv
 import importlib
@@ -17,7 +17,7 @@ def pace(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 
 def metrics(updates: int = 9, steps: int = 2048) -> list[dict[str, str]]:
-    """Rows of a log: each update takes 2 s, half of it in the environment."""
+    """Return rows of a log in which each update takes 2 s, half of them in the environment."""
     shares = {"act": 0.1, "env": 1.0, "learn": 0.5, "encode": 0.3, "other": 0.1}
     return [
         {
@@ -31,7 +31,7 @@ def metrics(updates: int = 9, steps: int = 2048) -> list[dict[str, str]]:
     ]
 
 
-def test_a_row_adds_up_the_stages_and_tells_the_end(pace: ModuleType):
+def test_a_row_has_the_sum_of_each_stage_and_the_final_return_and_cost(pace: ModuleType):
     row = pace.row_of("PPO", metrics())
     assert [row[stage] for stage in pace.STAGES] == ["0.9", "9.0", "4.5", "2.7", "0.9"]
     assert (row["steps"], row["seconds"], row["return_mean_50"], row["cost_mean_50"]) == (
@@ -43,27 +43,27 @@ def test_a_row_adds_up_the_stages_and_tells_the_end(pace: ModuleType):
     assert set(row) == set(pace.COLUMNS)
 
 
-def test_a_curve_has_a_point_for_each_4096_steps_and_its_end(pace: ModuleType):
+def test_a_curve_has_a_point_every_4096_steps_and_a_last_one(pace: ModuleType):
     curve = pace.curve_of("PPO", metrics())
     assert [int(row["steps"]) for row in curve] == [2048, 4096, 8192, 12288, 16384, 18432]
     assert curve[-1]["return_mean_50"] == "9.000"
 
 
-def test_a_run_made_again_takes_the_place_of_the_one_before(pace: ModuleType, tmp_path: Path):
+def test_a_repeated_run_replaces_the_previous_one(pace: ModuleType, tmp_path: Path):
     path = tmp_path / "pace.csv"
     for name, returns in (("SACLag", 1), ("PPO", 2), ("SACLag", 3)):
-        pace.put(path, pace.COLUMNS, name, [pace.row_of(name, metrics(returns))])
+        pace.replace_rows(path, pace.COLUMNS, name, [pace.row_of(name, metrics(returns))])
     rows = list(csv.DictReader(path.open()))
     assert [(row["algorithm"], row["return_mean_50"]) for row in rows] == [("PPO", "2.000"), ("SACLag", "3.000")]
 
 
-def test_the_page_has_minutes_and_shares(pace: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_table_has_minutes_and_shares(pace: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(pace, "TABLE", tmp_path / "pace.csv")
-    pace.put(pace.TABLE, pace.COLUMNS, "PPO", [pace.row_of("PPO", metrics())])
+    pace.replace_rows(pace.TABLE, pace.COLUMNS, "PPO", [pace.row_of("PPO", metrics())])
     assert "| PPO | 0.3 | 1,024 | 5% | 50% | 25% | 15% | 5% | 9.00 | 0.25 |" in pace.table()
 
 
-def test_a_picture_is_drawn(pace: ModuleType, tmp_path: Path):
+def test_the_curve_is_drawn_as_a_png(pace: ModuleType, tmp_path: Path):
     path = tmp_path / "new" / "ppo.png"
     pace.draw("PPO", pace.curve_of("PPO", metrics()), path)
     assert path.read_bytes()[:4] == b"\x89PNG"

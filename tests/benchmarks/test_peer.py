@@ -1,4 +1,4 @@
-"""The comparison with Safety-Gymnasium: its arithmetic, what it says when something is missing, and the pages."""
+"""Tests of the comparison with Safety-Gymnasium: arithmetic, errors of the set-up, and the pages."""
 
 import ast
 import importlib
@@ -99,7 +99,7 @@ def test_a_ratio_needs_pairs(peer: ModuleType, ours: list, theirs: list):
         peer.ratio(ours, theirs)
 
 
-def test_each_side_brings_its_fastest_line(peer: ModuleType):
+def test_each_side_is_compared_by_its_fastest_line(peer: ModuleType):
     found = {one["what"]: (one["ratio"], one["least"], one["greatest"]) for one in record(peer)["comparisons"]}
     assert found == {
         "steps, one environment each": (0.5, 0.4, 0.6),
@@ -108,7 +108,7 @@ def test_each_side_brings_its_fastest_line(peer: ModuleType):
     }
 
 
-def test_every_kind_has_both_sides_and_each_second_turn_goes_backwards(peer: ModuleType):
+def test_every_kind_has_both_sides_and_every_second_turn_is_reversed(peer: ModuleType):
     lines = peer.contenders(2)
     assert {(one.side, one.kind) for one in lines} == {(s, k) for s in (peer.PEER, peer.OURS) for k in peer.KINDS}
     assert [one.count for one in lines if one.kind == "vector"] == [2, 4, 16]
@@ -117,27 +117,27 @@ def test_every_kind_has_both_sides_and_each_second_turn_goes_backwards(peer: Mod
 
 
 @pytest.mark.parametrize(("cores", "counts"), [(1, [2, 4]), (4, [4, 8]), (12, [12, 16]), (64, [16])])
-def test_the_peer_has_a_process_a_core_or_two_and_at_most_as_many_environments(peer: ModuleType, cores, counts):
+def test_the_peer_has_one_or_two_processes_per_core_up_to_the_batch(peer: ModuleType, cores, counts):
     theirs = [one for one in peer.contenders(cores) if one.side == peer.PEER and one.kind == "vector"]
     assert [one.count for one in theirs] == counts
 
 
-def test_the_script_of_a_side_is_one_that_python_3_8_can_read():
+def test_the_script_of_a_side_is_valid_python_3_8():
     ast.parse((ROOT / "benchmarks" / "peer_side.py").read_text(), feature_version=(3, 8))
 
 
-def test_a_missing_python_is_named_with_what_would_do(peer_venv: ModuleType, recipe):
+def test_the_error_for_a_missing_python_names_supported_versions(peer_venv: ModuleType, recipe):
     with pytest.raises(peer_venv.SetupError, match=r"needs Python 3.8, 3.9 or 3.10, and none .* no-such-python"):
         peer_venv.find_python(recipe, "no-such-python")
 
 
-def test_a_python_too_new_is_named_with_its_version(peer_venv: ModuleType, recipe, tmp_path: Path):
+def test_the_error_for_an_unsupported_python_names_its_version(peer_venv: ModuleType, recipe, tmp_path: Path):
     new = fake_python(tmp_path / "python", "echo 3.11.7")
     with pytest.raises(peer_venv.SetupError, match=rf"{new} is Python 3\.11\.7"):
         peer_venv.find_python(recipe, str(new))
 
 
-def test_a_python_is_searched_from_the_newest_on_past_those_that_fail(
+def test_the_newest_python_that_runs_is_found(
     peer_venv: ModuleType, recipe, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     fake_python(tmp_path / "python3.10", "exit 127")  # such as pyenv's for a version that is not chosen
@@ -147,7 +147,7 @@ def test_a_python_is_searched_from_the_newest_on_past_those_that_fail(
     assert peer_venv.find_python(recipe, None) == (str(older), "3.9.18")
 
 
-def test_a_virtual_environment_that_fails_says_why_and_leaves_nothing(peer_venv: ModuleType, recipe, tmp_path: Path):
+def test_a_failed_virtual_environment_is_removed_and_its_error_is_shown(peer_venv: ModuleType, recipe, tmp_path: Path):
     base = fake_python(tmp_path / "python", 'mkdir -p "$3"; echo "No module named venv" >&2; exit 1')
     home = tmp_path / "cache" / "made"
     with pytest.raises(peer_venv.SetupError, match=r"-m venv .* failed:\nNo module named venv"):
@@ -155,16 +155,16 @@ def test_a_virtual_environment_that_fails_says_why_and_leaves_nothing(peer_venv:
     assert list(home.parent.iterdir()) == []
 
 
-def test_a_machine_without_opengl_is_told_the_packages(peer_setup: ModuleType, tmp_path: Path):
+def test_the_error_without_opengl_names_the_packages(peer_setup: ModuleType, tmp_path: Path):
     python = fake_python(tmp_path / "python", 'echo "cannot load $MUJOCO_GL" >&2; exit 1')
     with pytest.raises(peer_setup.SetupError) as error:
         peer_setup.backend(python)
-    said = str(error.value)
-    assert "MUJOCO_GL=egl: cannot load egl" in said and "MUJOCO_GL=osmesa: cannot load osmesa" in said
-    assert "libosmesa6" in said and "libegl1 and libgl1-mesa-dri" in said
+    message = str(error.value)
+    assert "MUJOCO_GL=egl: cannot load egl" in message and "MUJOCO_GL=osmesa: cannot load osmesa" in message
+    assert "libosmesa6" in message and "libegl1 and libgl1-mesa-dri" in message
 
 
-def test_a_graphics_card_is_passed_over_for_the_processor(peer_setup: ModuleType, tmp_path: Path):
+def test_software_rendering_is_preferred_to_a_graphics_card(peer_setup: ModuleType, tmp_path: Path):
     card = 'echo "\\"Some Card, OpenGL 4.6\\""'
     drawn = 'echo "\\"llvmpipe (LLVM), OpenGL 4.5\\""'
     python = fake_python(tmp_path / "python", f'if [ "$MUJOCO_GL" = osmesa ]; then {card}; else {drawn}; fi')
@@ -173,7 +173,7 @@ def test_a_graphics_card_is_passed_over_for_the_processor(peer_setup: ModuleType
         peer_setup.backend(fake_python(tmp_path / "python", card))
 
 
-def test_the_table_has_a_row_for_each_line_kind_by_kind_theirs_first(peer: ModuleType, scripts):
+def test_the_table_is_sorted_by_kind_with_the_peer_first(peer: ModuleType, scripts):
     rows = scripts("write_peer").table_rows(record(peer))
     assert rows[0] == ["steps, one environment", "Safety-Gymnasium", "1", "100", "100", "100"]
     assert rows[4] == ["steps, the vector environment", "Thalweg", "16", "600", "600", "1,200"]
@@ -185,14 +185,14 @@ def test_the_table_has_a_row_for_each_line_kind_by_kind_theirs_first(peer: Modul
     assert rows[6] == ["frames alone, one camera", "Thalweg", "1", "60.0", "60.0", "60.0"]
 
 
-def test_the_ratios_stand_in_the_table_and_in_the_sentence(peer: ModuleType, scripts):
+def test_the_table_and_the_sentence_have_the_ratios(peer: ModuleType, scripts):
     write_peer = scripts("write_peer")
     assert write_peer.ratio_rows(record(peer))[1] == ["steps, each at its fastest", "5.00", "4.00", "6.00"]
-    said = " ".join(write_peer.sentence(record(peer)).split())
-    assert "0.50 times (0.40 to 0.60) its steps a second with one environment each, 5.00 times (4.00 to 6.00)" in said
+    text = " ".join(write_peer.sentence(record(peer)).split())
+    assert "0.50 times (0.40 to 0.60) its steps a second with one environment each, 5.00 times (4.00 to 6.00)" in text
 
 
-def test_pages_are_written_between_their_marks_and_a_second_time_changes_nothing(pages, peer, tmp_path: Path):
+def test_sections_are_written_between_their_comments_and_writing_again_changes_nothing(pages, peer, tmp_path: Path):
     (tmp_path / "peer.json").write_text(json.dumps(record(peer)))
     assert pages.main([]) == 0
     first = [page.read_text() for page in pages.PAGES]
@@ -204,7 +204,7 @@ def test_pages_are_written_between_their_marks_and_a_second_time_changes_nothing
     assert pages.main(["--check"]) == 0
 
 
-def test_the_check_is_red_for_a_stale_page_and_leaves_it(pages, peer, tmp_path: Path, capsys):
+def test_the_check_fails_for_an_outdated_page_and_leaves_it_unchanged(pages, peer, tmp_path: Path, capsys):
     figures = record(peer)
     (tmp_path / "peer.json").write_text(json.dumps(figures))
     pages.main([])
@@ -216,17 +216,17 @@ def test_the_check_is_red_for_a_stale_page_and_leaves_it(pages, peer, tmp_path: 
     assert (tmp_path / "README.md").read_text() == old
 
 
-def test_without_figures_the_pages_say_so(pages, tmp_path: Path):
+def test_pages_without_figures_say_so(pages, tmp_path: Path):
     assert pages.main([]) == 0
     assert "<!-- peer -->\nNot measured yet.\n<!-- /peer -->" in (tmp_path / "render.md").read_text()
 
 
 @pytest.mark.parametrize("text", ["", "{b}x", "x{e}", "{b}x{e}{b}x{e}", "{e}x{b}x{e}"])
-def test_a_page_without_one_pair_of_marks_is_an_error(scripts, text: str):
+def test_a_page_without_one_pair_of_comments_is_an_error(scripts, text: str):
     write_peer = scripts("write_peer")
     with pytest.raises(ValueError, match="one pair of marks"):
         write_peer.replace_section(text.format(b="<!-- peer -->\n", e="<!-- /peer -->"), "peer", "new")
 
 
-def test_the_pages_say_what_was_measured(scripts):
+def test_the_committed_pages_are_up_to_date(scripts):
     assert scripts("write_peer").main(["--check"]) == 0

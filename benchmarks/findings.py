@@ -27,7 +27,7 @@ from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import TrainingLog, group_episodes, regret
 from thalweg.bench.studies.encoder_tables import CASE, READ, SIZE_COLUMNS, table
-from thalweg.bench.suite.suites import arms_of
+from thalweg.bench.suite.record import arms_of
 
 HERE = Path(__file__).resolve().parent
 STUDY, OPEN, ENCODERS = HERE / "paper", HERE / "open", HERE / "encoders"

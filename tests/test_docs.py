@@ -128,7 +128,7 @@ def test_the_readme_shows_every_command_and_how_to_reach_it():
 
 
 def test_the_page_of_the_benchmark_names_every_suite():
-    from thalweg.bench.suite.suites import SUITES
+    from thalweg.bench.suite.builtin import SUITES
 
     text = (ROOT / "docs" / "bench.md").read_text()
     assert re.findall(r"^\| `(\w+)` \| ", text, flags=re.MULTILINE)[: len(SUITES)] == list(SUITES)

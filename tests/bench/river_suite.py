@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from thalweg.bench.execute.runner import run_suite
-from thalweg.bench.suite.suites import Arm, Suite
+from thalweg.bench.suite.config import Arm, Suite
 from thalweg.train.trainer import Trainer
 
 SUITE = Suite(

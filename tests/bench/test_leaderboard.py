@@ -13,7 +13,7 @@ from thalweg.bench.evaluate.conditions import Condition, Trial
 from thalweg.bench.evaluate.episodes import Episode, read_episodes, write_episodes
 from thalweg.bench.leaderboard import RUN_FILES, UNSEEN, entries, leaderboard
 from thalweg.bench.results.results import RunRow, evaluation_path, read_runs, write_runs
-from thalweg.bench.suite.suites import Arm, Stage, Suite
+from thalweg.bench.suite.config import Arm, Stage, Suite
 from thalweg.cli.main import main
 
 ARMS = tuple(Arm(name, steps=1000) for name in ("PPO", "FOCOPS", "P3O"))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.results.run_versions import current_versions, write_versions
-from thalweg.bench.suite.suites import PACKAGED
+from thalweg.bench.suite.config import PACKAGED
 from thalweg.core.versions import ALGORITHMS
 
 

@@ -48,7 +48,7 @@ WRONG = [
     (["evaluate", "nothing_here"], "packaged, random, hover, forward, pilot"),
     (["evaluate", "hover", "--levels", "medum"], "Easy, Medium, Hard"),
     (["evaluate", "hover", "--levels", "easy", "hard", "Easy"], "--levels names Easy twice; each level is flown once"),
-    (["evaluate", "hover", "--episodes", "0"], "episodes must be at least 1"),
+    (["evaluate", "hover", "--episodes", "0"], "episodes must be a whole number of at least 1, got 0"),
     (["bench", "papr", "--out", "x"], "quick, easy, open, protocols, paper"),
     (["bench", "quick", "--out", "x", "--cpus", "2"], "--cpus goes with --cluster"),
     (["bench", "quick", "--out", "x", "--cluster", "ray://head:10001"], "Ray's client is not supported"),

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.evaluate.conditions import BEYOND
+from thalweg.bench.evaluate.conditions import CONDITIONS
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.evaluate.evaluation import EvaluationConfig
 from thalweg.bench.report.policies import COST_LIMIT, limit_met, training_regret
@@ -20,7 +20,7 @@ from thalweg.bench.results.inference import CONFIDENCE, MIN_SEEDS, Estimate, mea
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
-from thalweg.bench.suite.suites import arms_of
+from thalweg.bench.suite.record import arms_of
 from thalweg.world import LEVELS
 
 LEVEL = "Medium"
@@ -29,7 +29,7 @@ MAX_STEPS = 200_000
 """Most training steps per seed, as in the paper."""
 EVALUATION = EvaluationConfig()
 """Number and seed of the starts on each level."""
-UNSEEN = next(condition for condition in BEYOND if condition.name == "unseen")
+UNSEEN = next(condition for condition in CONDITIONS if condition.name == "unseen")
 EPISODE_LOG = "episodes.csv"
 """File of a training run that its regret is computed from."""
 RUN_FILES = ("config.yaml", EPISODE_LOG, "policy.safetensors")

@@ -36,11 +36,11 @@ class Bench:
 def run_and_print(name: str, folder: Path, only: tuple[str, ...], executor: "Executor") -> int:
     """Run a suite, or a part of it, and print its tables; returns 1 if a run failed."""
     from thalweg.bench.execute.runner import run_suite
-    from thalweg.bench.suite.yaml_file import suite_of
+    from thalweg.bench.suite.builtin import load_suite
     from thalweg.cli.tables import make_console, print_tables
 
     console = make_console()
-    outcome = run_suite(suite_of(name), folder, console=console, executor=executor, only=only)
+    outcome = run_suite(load_suite(name), folder, console=console, executor=executor, only=only)
     print_tables(console, outcome.results, detail=False)
     lines = [f"Report: {outcome.report.page}", f"Table:  {outcome.report.table}"]
     if outcome.report.film is not None:

@@ -101,10 +101,10 @@ class EncoderStudy:
     """float32, bfloat16, or auto for the faster of the two on this machine; the same for all encoders of a study."""
 
     def run(self) -> int:
-        from thalweg.bench.studies.encoder_study import Plan, run_study
+        from thalweg.bench.studies.encoder_study import StudyConfig, run_study
 
-        plan = Plan(self.level, self.images, self.held_out, self.epochs, self.seed, self.precision)
-        page = run_study(self.out, plan, command=shlex.join(["thalweg", *sys.argv[1:]]))
+        config = StudyConfig(self.level, self.images, self.held_out, self.epochs, self.seed, self.precision)
+        page = run_study(self.out, config, command=shlex.join(["thalweg", *sys.argv[1:]]))
         print(f"{page.read_text(encoding='utf-8')}\n{page}: these tables, with their figures and CSV files beside it")
         return 0
 

@@ -69,7 +69,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     from thalweg.bench.evaluate.evaluation import Label, evaluate, through_encoder
     from thalweg.bench.evaluate.progress import all_landed, bar, progress_of_flights
     from thalweg.bench.results.results import Results
-    from thalweg.bench.suite.suites import PACKAGED
+    from thalweg.bench.suite.config import PACKAGED
     from thalweg.cli.tables import make_console, print_tables
     from thalweg.train.river import check_policy_fits, load_compatible_encoder
     from thalweg.world import Reach, level_named
@@ -107,7 +107,7 @@ def load_named_policy(name: str) -> "Policy":
     from thalweg.bench.csv_files import ResultsError
     from thalweg.bench.evaluate.baselines import BASELINES
     from thalweg.bench.execute.backend import PACKAGED_POLICY
-    from thalweg.bench.suite.suites import PACKAGED
+    from thalweg.bench.suite.config import PACKAGED
     from thalweg.train import load_policy
 
     if name in BASELINES:

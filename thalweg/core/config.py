@@ -58,15 +58,18 @@ FinitePositive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field, Field))
-def frozen_config(error: type[ValueError]) -> Callable[[type[C]], type[C]]:
+def frozen_config(
+    error: type[ValueError], *, extra: Literal["forbid", "ignore"] = "forbid"
+) -> Callable[[type[C]], type[C]]:
     """A decorator that makes a class a frozen dataclass, which raises `error` for an unknown key or a wrong value.
 
-    NumPy's scalars become Python's; an integer given for a float becomes one.
+    With `extra="ignore"`, unknown keys are left out instead: what another version wrote may have more. NumPy's scalars
+    become Python's; an integer given for a float becomes one.
     """
 
     def decorate(cls: type[C]) -> type[C]:
         cls.__get_pydantic_core_schema__ = classmethod(_from_mapping)  # pyright: ignore[reportAttributeAccessIssue]
-        settings = ConfigDict(strict=True, extra="forbid")
+        settings = ConfigDict(strict=True, extra=extra)
         made: Any = pydantic.dataclasses.dataclass(frozen=True, config=settings)(cls)
         checked = made.__init__
 
@@ -216,7 +219,11 @@ def _with_suggestion(unknown: list[str], known: list[str]) -> str:
 def _wrong_value(kind: type, error: Any, show: Callable[[Any], str]) -> str:
     if error["type"] == "unexpected_positional_argument":
         return f"{kind.__name__} has only {len(dataclasses.fields(kind))} fields"  # pyright: ignore[reportArgumentType]
-    path, inner = _locate(kind, error["loc"])
+    loc = error["loc"]
+    is_key = error["type"] == "invalid_key" or loc[-1:] == ("[key]",)
+    if is_key:  # the mapping is at fault, not what stands under the key
+        loc = loc[: -2 if loc[-1] == "[key]" else -1]
+    path, inner = _locate(kind, loc)
     prefix = f"{path}: " if path else ""
     if error["type"] == "missing":
         return f"{path} is missing"
@@ -224,7 +231,7 @@ def _wrong_value(kind: type, error: Any, show: Callable[[Any], str]) -> str:
         return f"{prefix}{error['ctx']['error']}"
     value = show(error["input"])
     value = value if len(value) <= MAX_VALUE_CHARS else value[:MAX_VALUE_CHARS] + "..."
-    if error["type"] == "invalid_key" or error["loc"][-1:] == ("[key]",):
+    if is_key:
         return f"{prefix}a key must be a string, got {value}"
     hint = "".join(f" ({mark.text})" for mark in _unpack(inner).marks if isinstance(mark, Hint))
     return f"{path or kind.__name__} must be {_expected(inner)}{hint}, got {value}"
@@ -242,7 +249,7 @@ def _expected(kind: Any) -> str:
         whole, finite = "whole " * (outer is int), "finite " * (AllowInfNan(False) in marks)
         words = f"a {finite}{whole}number{_range(marks)}"
     elif any(type(mark) is InstanceOf for mark in marks):
-        words = f"a {outer.__name__}"
+        words = f"{'an' if outer.__name__[0] in 'AEIOU' else 'a'} {outer.__name__}"
     else:
         words = {bool: "true or false", str: "a string"}.get(outer, "a mapping")
     return words + " or None" * optional

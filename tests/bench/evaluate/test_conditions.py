@@ -10,14 +10,15 @@ import torch
 
 from tests.bench.small_backend import SUITE, SmallBackend
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.evaluate.conditions import BEYOND, DAYS, MAIN, SUN, Condition, Trial
+from thalweg.bench.evaluate.conditions import APPEARANCE, CONDITIONS, MAIN, SUN, Condition, Trial
 from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
 from thalweg.bench.execute.backend import RiverBackend
 from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.report.report import problems
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import evaluation_path
-from thalweg.bench.suite.suites import SUITES, Arm, Run
+from thalweg.bench.suite.builtin import SUITES
+from thalweg.bench.suite.config import Arm, Run
 from thalweg.render import Renderer
 from thalweg.render.records.appearance import PARAMETERS, Look
 from thalweg.render.records.randomisation import Randomisation
@@ -86,10 +87,10 @@ def test_one_start_of_a_varied_course_is_seen_as_among_the_others(easy_world: Wo
 
 
 def test_every_part_of_a_look_has_a_condition_and_all_of_them_one():
-    varied = [condition.varied for condition in BEYOND if condition.varied]
+    varied = [condition.varied for condition in CONDITIONS if condition.varied]
     assert {part for parts in varied[:-1] for part in parts} == {*PARAMETERS, *SUN}
-    assert set(varied[-1]) == {*DAYS, *SUN}
-    assert SUITES["paper"].conditions == BEYOND
+    assert set(varied[-1]) == {*APPEARANCE, *SUN}
+    assert SUITES["paper"].conditions == CONDITIONS
 
 
 def test_trials_of_a_policy_and_of_a_baseline():
@@ -130,8 +131,8 @@ def test_results_of_conditions_have_folders_of_their_own(tmp_path: Path):
         ({"varied": ("fog",)}, "condition it: nothing called fog can vary; known: .*haze"),
         ({"name": "my/own"}, "a condition is called 'my/own'"),
         ({"name": ""}, "a condition is called ''"),
-        ({"rivers": ("Cam",), "unseen": True}, "real rivers are neither levels nor unseen ones"),
-        ({"unseen": True, "varied": ("haze",)}, "looks vary on the levels' own rivers only"),
+        ({"rivers": ("Cam",), "unseen": True}, "real rivers are neither levels nor unseen rivers"),
+        ({"unseen": True, "varied": ("haze",)}, "the appearance can vary only on the levels' fixed rivers"),
     ],
 )
 def test_a_misspelt_condition_fails_before_anything_is_done(tmp_path: Path, changes: dict[str, Any], message: str):

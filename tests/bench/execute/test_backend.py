@@ -15,7 +15,7 @@ from thalweg.bench.execute import backend
 from thalweg.bench.execute.backend import RiverBackend
 from thalweg.bench.pictures import film
 from thalweg.bench.pictures.film_format import SMALL
-from thalweg.bench.suite.suites import Arm, Run, Stage, Suite
+from thalweg.bench.suite.config import Arm, Run, Stage, Suite
 from thalweg.env import sample_starts
 from thalweg.train.river import RiverTraining
 

@@ -2,7 +2,7 @@
 
 from thalweg.bench.evaluate.conditions import Condition
 from thalweg.bench.evaluate.episodes import Episode
-from thalweg.bench.suite.suites import Arm, Suite
+from thalweg.bench.suite.config import Arm, Suite
 
 SUITE = Suite(
     "it", (Arm("PPO"), Arm("FOCOPS"), Arm("P3O")), test_levels=("Medium",), baselines=("hover",), packaged=False,

@@ -13,7 +13,7 @@ from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.report.figures import failure_bars, fix_layout, pdf, png, training_curves
 from thalweg.bench.report.report import write_report
 from thalweg.bench.results.reading import read_results
-from thalweg.bench.suite.suites import suite_named
+from thalweg.bench.suite.builtin import suite_named
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ from pathlib import Path
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.report.suite_tables import algorithm_table, constraint_method, domain
 from thalweg.bench.results.results import Results
-from thalweg.bench.suite.suites import Arm, Suite
+from thalweg.bench.suite.config import Arm
 
 ON_POLICY = ("PPO", "PPOLag", "FOCOPS", "P3O", "OnCRPO", "CPO", "CUP")
 
@@ -25,8 +25,8 @@ def test_the_config_shows_how_a_limit_is_enforced():
 
 
 def test_each_arm_has_a_row_also_where_its_algorithm_no_longer_exists():
-    suite = Suite("it", (Arm("FOCOPS", "paper"), Arm("Gone")), packaged=False)
-    text = algorithm_table(Results(Path(), suite.as_data(), [], [], [], [])).text
+    arms = [Arm(name, preset).as_data() for name, preset in (("FOCOPS", "paper"), ("Gone", "default"))]
+    text = algorithm_table(Results(Path(), {"name": "it", "arms": arms}, [], [], [], [])).text
     assert text.to_numpy().tolist() == [
         ["FOCOPS-paper", "on-policy", "a multiplier", ALGORITHMS["FOCOPS"].about],
         ["Gone", "unknown", "unknown", "unknown"],

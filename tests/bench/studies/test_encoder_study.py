@@ -9,12 +9,14 @@ import pytest
 
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.studies import encoder_study
-from thalweg.bench.studies.encoder_study import CASES, COMPARED, MEASURES, SIZES, Plan, run_study
+from thalweg.bench.studies.encoder_study import CASES, COMPARED, MEASURES, SIZES, StudyConfig, run_study
 from thalweg.bench.studies.encoder_tables import SIZE_COLUMNS, Case
 from thalweg.encoder import load_encoder
 from thalweg.encoder.training import split_indices
 
-SMALL = Plan("Easy", images=40, held_out=8, epochs=2, precision="float32", cases=(*COMPARED, Case("rgb+mask", 8)))
+SMALL = StudyConfig(
+    "Easy", images=40, held_out=8, epochs=2, precision="float32", cases=(*COMPARED, Case("rgb+mask", 8))
+)
 
 
 @pytest.fixture(scope="module")

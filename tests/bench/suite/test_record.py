@@ -26,27 +26,33 @@ DAMAGED: list[tuple[Any, str]] = [
     ([], "it must be a mapping, got []"),
     ({"train_level": "Medium", "arms": [ARM]}, "name is missing"),
     ({"name": "x", "arms": [ARM]}, "train_level is missing"),
-    (BASE | {"train_level": ["Medium"]}, 'train_level must be a word, got ["Medium"]'),
+    (BASE | {"train_level": ["Medium"]}, 'train_level must be a string, got ["Medium"]'),
     (BASE | {"arms": None}, "arms must be a list, got null"),
     (BASE | {"arms": "PPO"}, 'arms must be a list, got "PPO"'),
     (BASE | {"arms": ["PPO"]}, 'arms[0] must be a mapping, got "PPO"'),
-    (BASE | {"arms": [{}]}, "arms[0]: name is missing"),
-    (BASE | {"arms": [ARM, ARM | {"name": None}]}, "arms[1]: name must be a word, got null"),
-    (BASE | {"arms": [ARM | {"algorithm": ["PPO"]}]}, 'arms[0]: algorithm must be a word, got ["PPO"]'),
-    (BASE | {"arms": [ARM | {"seeds": 3}]}, "arms[0]: seeds must be a list, got 3"),
-    (BASE | {"arms": [ARM | {"seeds": [0, [1]]}]}, "arms[0]: seeds[1] must be a whole number, got [1]"),
-    (BASE | {"arms": [ARM | {"seeds": [True]}]}, "arms[0]: seeds[0] must be a whole number, got true"),
-    (BASE | {"arms": [ARM | {"steps": "many"}]}, 'arms[0]: steps must be a whole number, got "many"'),
-    (BASE | {"arms": [ARM | {"before": [{}]}]}, "arms[0]: before[0]: steps is missing"),
+    (
+        BASE | {"arms": [{}]},
+        "arms[0].name is missing; arms[0].algorithm is missing; arms[0].seeds is missing; and 1 more",
+    ),
+    (BASE | {"arms": [ARM, ARM | {"name": None}]}, "arms[1].name must be a string, got null"),
+    (BASE | {"arms": [ARM | {"algorithm": ["PPO"]}]}, 'arms[0].algorithm must be a string, got ["PPO"]'),
+    (BASE | {"arms": [ARM | {"seeds": 3}]}, "arms[0].seeds must be a list, got 3"),
+    (BASE | {"arms": [ARM | {"seeds": [0, [1]]}]}, "arms[0].seeds[1] must be a whole number, got [1]"),
+    (BASE | {"arms": [ARM | {"seeds": [True]}]}, "arms[0].seeds[0] must be a whole number, got true"),
+    (BASE | {"arms": [ARM | {"steps": "many"}]}, 'arms[0].steps must be a whole number, got "many"'),
+    (BASE | {"arms": [ARM | {"before": [{}]}]}, "arms[0].before[0].steps is missing"),
     (BASE | {"algorithms": ["PPO"], "seeds": 3}, "seeds must be a list, got 3"),
-    (BASE | {"algorithms": [["PPO"]]}, 'algorithms[0] must be a word, got ["PPO"]'),
-    (BASE | {"arms": [ARM], "test_levels": [["Easy"]]}, 'test_levels[0] must be a word, got ["Easy"]'),
+    (BASE | {"algorithms": [["PPO"]]}, 'algorithms[0] must be a string, got ["PPO"]'),
+    (BASE | {"arms": [ARM], "test_levels": [["Easy"]]}, 'test_levels[0] must be a string, got ["Easy"]'),
     (BASE | {"arms": [ARM], "baselines": None}, "baselines must be a list, got null"),
     (BASE | {"arms": [ARM], "conditions": ["a"]}, 'conditions[0] must be a mapping, got "a"'),
-    (BASE | {"arms": [ARM], "conditions": [{"name": "a"}]}, "conditions[0]: levels is missing"),
+    (
+        BASE | {"arms": [ARM], "conditions": [{"name": "a"}]},
+        "conditions[0].levels is missing; conditions[0].rivers is missing; conditions[0].blind is missing",
+    ),
     (
         BASE | {"arms": [ARM], "conditions": [CONDITION | {"rivers": 1}]},
-        "conditions[0]: rivers must be a mapping, got 1",
+        "conditions[0].rivers must be a mapping, got 1",
     ),
     (
         BASE | {"arms": [ARM], "conditions": [CONDITION | {"name": "../runs"}]},
@@ -108,7 +114,7 @@ def test_results_with_a_damaged_record_are_not_gone_on_with(tmp_path: Path, dama
 def test_a_long_value_is_named_by_its_beginning(tiny_results: Path):
     (tiny_results / "suite.json").write_text(json.dumps(BASE | {"arms": {"PPO": "x" * 1000}}))
     (line,) = read_results(tiny_results).skipped
-    assert line == f'{NO_RECORD}arms must be a list, got {{"PPO": "{"x" * 51}...'
+    assert line == f'{NO_RECORD}arms must be a list, got {{"PPO": "{"x" * 71}...'
 
 
 @pytest.mark.parametrize(

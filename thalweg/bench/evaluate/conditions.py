@@ -1,75 +1,97 @@
-"""Under which conditions are policies flown? As the paper did, and beyond it: data, like the suite that names them."""
+"""Conditions of evaluation: the paper's main one, and others that vary actions, rivers or appearance."""
 
 import re
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pydantic import model_validator
+
 import thalweg.world
 from thalweg.bench.csv_files import ResultsError
+from thalweg.core.config import TupleOf, frozen_config, to_plain
 from thalweg.render.errors import RenderError
 from thalweg.render.records.randomisation import Randomisation
-from thalweg.world import Reach
+from thalweg.world import LEVELS, Reach
 
 NAME = re.compile(r"\w+([-.]\w+)*")
-"""What arms and conditions may be called: files and folders bear their names."""
+"""Names that arms and conditions may have, since files and folders are named after them."""
 RIVERS = {
     "Cam": Reach(Path(thalweg.world.__file__).parent / "real" / "rivers" / "cam.geojson", start_m=700.0, length_m=300.0)
 }
-"""Real rivers, by what stands for a level's name in results."""
+"""Real rivers, by the name that stands in place of a level in results."""
 SUN = ("sun_azimuth_deg", "sun_elevation_deg")
 
 
-@dataclass(frozen=True)
+@frozen_config(ResultsError)
 class Condition:
-    """How policies are flown: what differs from sampled actions, the levels' own rivers and the usual day."""
+    """How policies are flown: the differences from sampled actions, the fixed rivers of the levels and the default
+    appearance."""
 
     name: str = ""
-    """What its results are called; empty for the main one, which every suite has."""
-    levels: tuple[str, ...] = ()
-    """If empty all that the suite tests on; none where there are rivers."""
-    rivers: tuple[str, ...] = ()
-    """Real ones, of `RIVERS`."""
+    """Name of the condition in results; empty for the main one, which every suite has."""
+    levels: TupleOf[str] = ()
+    """Levels to fly on; if empty, all test levels of the suite, or none if there are `rivers`."""
+    rivers: TupleOf[str] = ()
+    """Real rivers to fly on, of `RIVERS`."""
     deterministic: bool = False
     """Whether the most probable action is taken instead of a sampled one."""
     unseen: bool = False
     """Whether each start lies on another river of the level, on which nothing is trained."""
-    varied: tuple[str, ...] = ()
-    """Parts of the look that are drawn for each start, over the ranges of `Randomisation`."""
+    varied: TupleOf[str] = ()
+    """Parameters of the appearance that are drawn for each start, from the ranges of `Randomisation`."""
     blind: bool = True
-    """Whether baselines are flown too, to which neither looks nor probabilities make a difference."""
+    """Whether baselines are flown too. Neither appearance nor action probabilities make a difference to them."""
+
+    @model_validator(mode="after")
+    def _check(self) -> "Condition":
+        if self.name and not NAME.fullmatch(self.name):
+            raise ValueError(f"a condition is called {self.name!r}; letters, digits, - and . will do")
+        for what, names, known in (("level", self.levels, LEVELS), ("river", self.rivers, RIVERS)):
+            for name in names:
+                if name not in known:
+                    raise ValueError(f"condition {self.name}: unknown {what} {name!r}; known: {', '.join(known)}")
+                if names.count(name) > 1:
+                    raise ValueError(f"{what} {name!r} is named twice in {what}s of condition {self.name}")
+        if self.rivers and (self.levels or self.unseen):
+            raise ValueError(f"condition {self.name}: real rivers are neither levels nor unseen rivers of a level")
+        if self.unseen and self.varied:
+            raise ValueError(f"condition {self.name}: the appearance can vary only on the levels' fixed rivers")
+        self.randomisation  # noqa: B018  raises the error for unknown parameters
+        return self
 
     @property
     def randomisation(self) -> Randomisation | None:
-        """From what looks are drawn; None for the usual day. Raises `ResultsError` for a part that there is not."""
+        """Distribution of the appearance; None for the default one. Raises `ResultsError` for unknown parameters."""
         if not self.varied:
             return None
-        whole = Randomisation()
+        ranges = Randomisation()
         try:
-            return Randomisation.only(**{part: getattr(whole, part, None) for part in self.varied})
+            return Randomisation.only(**{name: getattr(ranges, name, None) for name in self.varied})
         except RenderError as error:
             raise ResultsError(f"condition {self.name}: {error}") from error
 
     def as_data(self) -> dict[str, Any]:
-        """As plain data for JSON, with what tells its rivers from others."""
-        data = {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
-        return data | {"rivers": {name: RIVERS[name].as_data() for name in self.rivers}}
+        """Return plain data for JSON, in which rivers are identified by their content."""
+        return to_plain(self) | {"rivers": {name: RIVERS[name].as_data() for name in self.rivers}}
+
+
+MAIN = Condition()
 
 
 @dataclass(frozen=True)
 class Trial:
-    """Where a policy is flown, and how."""
+    """One evaluation of a policy: a river, and the condition."""
 
     level: str
-    """Or a real river."""
-    condition: Condition = Condition()
+    """A level, or one of `RIVERS`."""
+    condition: Condition = MAIN
 
     def __str__(self) -> str:
         return f"{self.level}, {self.condition.name}" if self.condition.name else self.level
 
 
-MAIN = Condition()
-DAYS = (
+APPEARANCE = (
     "haze",
     "exposure_ev",
     "warmth",
@@ -82,31 +104,13 @@ DAYS = (
     "fov_deg",
     "noise",
 )
-"""Parts of a look that can vary by themselves; the sun does as a whole."""
-BEYOND = (
+"""Parameters of the appearance that vary one at a time; both of the sun vary together."""
+CONDITIONS = (
     Condition("deterministic", deterministic=True, blind=False),
     Condition("unseen", unseen=True),
     Condition("real", rivers=tuple(RIVERS)),
-    *(Condition(part, ("Medium",), varied=(part,), blind=False) for part in DAYS),
+    *(Condition(name, ("Medium",), varied=(name,), blind=False) for name in APPEARANCE),
     Condition("sun", ("Medium",), varied=SUN, blind=False),
-    Condition("all_at_once", ("Medium",), varied=(*DAYS, *SUN), blind=False),
+    Condition("all_at_once", ("Medium",), varied=(*APPEARANCE, *SUN), blind=False),
 )
-"""What the paper's comparison is taken beyond: other choices of action, other rivers, and each part of the look."""
-
-
-def check_conditions(conditions: tuple[Condition, ...], levels: tuple[str, ...]) -> None:
-    """Raise `ResultsError` for a condition that names what there is not, or that cannot be told from another."""
-    names = [condition.name for condition in conditions]
-    for condition in conditions:
-        if not NAME.fullmatch(condition.name):
-            raise ResultsError(f"a condition is called {condition.name!r}; letters, digits, - and . will do")
-        if names.count(condition.name) > 1:
-            raise ResultsError(f"condition {condition.name} is named twice")
-        for what, chosen, known in (("level", condition.levels, levels), ("river", condition.rivers, tuple(RIVERS))):
-            for name in set(chosen) - set(known):
-                raise ResultsError(f"condition {condition.name}: unknown {what} {name!r}; known: {', '.join(known)}")
-        if condition.rivers and (condition.levels or condition.unseen):
-            raise ResultsError(f"condition {condition.name}: real rivers are neither levels nor unseen ones of them")
-        if condition.unseen and condition.varied:
-            raise ResultsError(f"condition {condition.name}: looks vary on the levels' own rivers only")
-        condition.randomisation  # noqa: B018  raises what is wrong with its parts
+"""Conditions that go beyond the paper: deterministic actions, other rivers, and each parameter of the appearance."""

@@ -8,14 +8,17 @@ actions are drawn for one episode at a time, so that a row does not depend on wh
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 import torch
+from pydantic import Field, InstanceOf
 
 from thalweg.algos.policy.policy import Player
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import Policy, Remembering, Sight
 from thalweg.bench.evaluate.episodes import ENDS, REASONS, Episode
+from thalweg.core.config import frozen_config
 from thalweg.encoder import Encoder
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.env.frame_renderer import relit_worlds
@@ -33,24 +36,21 @@ UNSEEN = 100_000
 """Seed of the first of a level's rivers that nothing is trained on."""
 
 
-@dataclass(frozen=True)
+@frozen_config(ResultsError)
 class EvaluationConfig:
     """How policies are evaluated; the same for all that are to be compared."""
 
-    episodes: int = 20
+    episodes: Annotated[int, Field(ge=1)] = 20
     """Starts per level."""
-    starts_seed: int = 0
-    """Chooses the level's list of starts."""
+    starts_seed: Annotated[int, Field(ge=0)] = 0
+    """Seed of the level's list of starts."""
     deterministic: bool = False
     """Whether the most probable action is taken instead of a sampled one. Training samples."""
-    env: EnvConfig = field(default_factory=lambda: EnvConfig(observation="none"))
-    """The rules. Frames are drawn only for policies that look at them."""
+    env: InstanceOf[EnvConfig] = field(default_factory=lambda: EnvConfig(observation="none"))
+    """Rules. Frames are rendered only for policies that see them."""
 
-    def __post_init__(self) -> None:
-        if self.episodes < 1:
-            raise ResultsError(f"episodes must be at least 1, not {self.episodes}")
-        if self.starts_seed < 0:
-            raise ResultsError(f"starts_seed must be 0 or more, not {self.starts_seed}")
+
+DEFAULT_EVALUATION = EvaluationConfig()
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ def evaluate(
     policy: Policy | Remembering,
     course: Course,
     label: Label,
-    config: EvaluationConfig = EvaluationConfig(),
+    config: EvaluationConfig = DEFAULT_EVALUATION,
     *,
     look: Look | None = None,
     on_step: Callable[[Step], None] | None = None,

@@ -15,7 +15,7 @@ from thalweg.bench.evaluate.conditions import MAIN, RIVERS, Trial
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Look, Step, evaluate, through_encoder
 from thalweg.bench.pictures.film_format import FilmFormat
-from thalweg.bench.suite.suites import Arm, Run, Stage, Suite
+from thalweg.bench.suite.config import Arm, Run, Stage, Suite
 from thalweg.core import versions
 from thalweg.encoder import Encoder
 from thalweg.train import load_policy

@@ -25,7 +25,7 @@ from thalweg.bench.evaluate.episodes import read_episodes, write_episodes
 from thalweg.bench.evaluate.progress import all_landed, bar, progress_of_flights
 from thalweg.bench.execute.backend import PACKAGED_POLICY, Backend
 from thalweg.bench.results.results import RunRow, evaluation_path
-from thalweg.bench.suite.suites import Run, Suite
+from thalweg.bench.suite.config import Run, Suite
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.machine import usable_cores
 from thalweg.train.folder.run_record import POLICY, read_status

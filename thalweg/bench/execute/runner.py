@@ -23,8 +23,8 @@ from thalweg.bench.results.outdated import discard, is_current, prepare
 from thalweg.bench.results.reading import read_results, with_films
 from thalweg.bench.results.results import Results, RunRow, read_runs, write_runs
 from thalweg.bench.results.run_versions import current_versions
+from thalweg.bench.suite.config import Run, Suite
 from thalweg.bench.suite.record import read_suite
-from thalweg.bench.suite.suites import Run, Suite, check
 from thalweg.core.machine import machine_info, package_versions
 from thalweg.core.run_folder import FolderKind
 from thalweg.env import EnvConfig
@@ -65,11 +65,10 @@ def run_suite(
         executor: Executes the runs; by default this process, one after another.
         only: Names of policies or runs to execute now, see `selected_runs`; all by default.
 
-    Raises `ResultsError` or `AlgorithmError`, before anything runs, for a suite that names what does not exist, for a
-    folder of another suite, and for a name in `only` that the suite does not have.
+    Raises `ResultsError`, before anything runs, for a folder of another suite, and for a name in `only` that the suite
+    does not have.
     """
     console = console or Console()
-    _check(suite)
     requested = selected_runs(suite, only)
     claim(folder, suite)
     backend = backend or RiverBackend(suite)
@@ -101,20 +100,6 @@ def selected_runs(suite: Suite, only: tuple[str, ...]) -> list[Run]:
                 f"suite {suite.name} has no {name!r}; name one of {policies}, or one run, such as {runs[-1].name}"
             )
     return [run for run in runs if not only or {run.name, run.algorithm} & set(only)]
-
-
-def _check(suite: Suite) -> None:
-    from thalweg.algos.common.errors import AlgorithmError
-    from thalweg.algos.registry import ALGORITHMS
-    from thalweg.world import LEVELS
-
-    check(suite, tuple(ALGORITHMS), tuple(LEVELS))
-    for arm in suite.arms:
-        for each in (*arm.before, arm):
-            try:
-                ALGORITHMS[each.algorithm].configure(dict(each.settings), each.preset, suite.num_envs)
-            except AlgorithmError as error:
-                raise AlgorithmError(f"suite {suite.name}, {arm.label}: {error}") from error
 
 
 def claim(folder: Path, suite: Suite) -> None:

@@ -16,7 +16,7 @@ from markupsafe import Markup
 from thalweg.bench.report.sections import SECTIONS, FigureSection, FilmSection, Section, TableSection
 from thalweg.bench.report.table import Table, is_published, numeric_columns
 from thalweg.bench.results.results import Results
-from thalweg.bench.suite.suites import arms_of
+from thalweg.bench.suite.record import arms_of
 
 HERE = Path(__file__).parent
 PAPER_STEPS = 200_000

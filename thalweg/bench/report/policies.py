@@ -8,7 +8,7 @@ from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.results.inference import Estimate
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import regret
-from thalweg.bench.suite.suites import arms_of
+from thalweg.bench.suite.record import arms_of
 
 COST_LIMIT = 0.1
 """Mean cost of an episode that every policy is judged by, whatever limit it was trained with."""

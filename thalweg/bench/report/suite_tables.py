@@ -7,7 +7,7 @@ from thalweg.algos.planning.config import PlanningConfig
 from thalweg.algos.registry import ALGORITHMS, Entry
 from thalweg.bench.report.table import Cell, Table, frame, table_of_cells
 from thalweg.bench.results.results import RUN_COLUMNS, Results
-from thalweg.bench.suite.suites import arms_of
+from thalweg.bench.suite.record import arms_of
 
 DOMAINS = {OnPolicyConfig: "on-policy", OffPolicyConfig: "off-policy", PlanningConfig: "model-based"}
 """The paper's domains, by the base class of their algorithms' configs."""

@@ -15,7 +15,7 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.results.results import evaluation_path, read_runs, write_runs
 from thalweg.bench.results.run_versions import Versions, needs_training, read_versions, write_versions
-from thalweg.bench.suite.suites import Run
+from thalweg.bench.suite.config import Run
 
 FOLDER = "outdated"
 

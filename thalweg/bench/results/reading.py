@@ -23,8 +23,8 @@ from thalweg.bench.results.results import (
 )
 from thalweg.bench.results.run_versions import Versions, current_versions, read_versions, version_label
 from thalweg.bench.results.statistics import TrainingLog
-from thalweg.bench.suite.record import read_suite
-from thalweg.bench.suite.suites import PACKAGED, arms_of
+from thalweg.bench.suite.config import PACKAGED
+from thalweg.bench.suite.record import arms_of, read_suite
 from thalweg.core.versions import ALGORITHMS
 
 Value = TypeVar("Value")

@@ -20,7 +20,8 @@ from thalweg.bench.csv_files import ResultsError, csv_text, read_csv
 from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.results.statistics import TrainingLog
-from thalweg.bench.suite.suites import PACKAGED, arms_of
+from thalweg.bench.suite.config import PACKAGED
+from thalweg.bench.suite.record import arms_of
 from thalweg.core.atomic_io import write_atomic
 
 RUN_COLUMNS = ("run", "kind", "algorithm", "seed", "steps", "status", "error", "wall_s", "steps_per_s")

@@ -5,11 +5,12 @@ it is trained; the tables are computed from them and from the codes of the encod
 """
 
 import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BeforeValidator, Field
 
 from thalweg.bench.csv_files import ResultsError, csv_text
 from thalweg.bench.report.figures import png
@@ -32,8 +33,9 @@ from thalweg.bench.studies.water_segmenter import (
 )
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
+from thalweg.core.config import TupleOf, frozen_config, to_plain
 from thalweg.core.run_folder import FolderKind
-from thalweg.encoder import Encoder, EncoderInputError, Source, draw_reconstructions, load_encoder, train_encoder
+from thalweg.encoder import Encoder, Source, draw_reconstructions, load_encoder, train_encoder
 from thalweg.encoder.linear_probe import probe_r_squared
 from thalweg.encoder.reconstruction import reconstruct
 from thalweg.encoder.training import resolve_precision, split_indices
@@ -58,35 +60,36 @@ COMPARED = tuple(Case(inputs, CODE) for inputs in INPUTS)
 CASES = tuple(dict.fromkeys((*COMPARED, *SWEEP, *PAPERS)))
 
 
-def made_by() -> dict[str, int]:
+def current_versions() -> dict[str, int]:
     """Versions that the measures of a case depend on."""
     return {"world": versions.WORLD, "render": versions.RENDER, "rules": versions.RULES, "encoder": versions.ENCODER}
 
 
-@dataclass(frozen=True)
-class Plan:
-    """What a study is made of; a folder holds one."""
+def _known_precision(value: Any) -> Any:
+    if isinstance(value, str):
+        resolve_precision(value)
+    return value
+
+
+@frozen_config(ResultsError)
+class StudyConfig:
+    """Config of a study; a folder holds one study."""
 
     level: str = "Medium"
-    images: int = 2000
-    """That are trained on."""
-    held_out: int = 500
-    """Further ones that are only measured."""
-    epochs: int = 100
-    seed: int = 0
-    """Of poses and training."""
-    precision: str = "auto"
-    """In which all are trained, "float32" or "bfloat16"; "auto" is what is faster where the study begins."""
-    cases: tuple[Case, ...] = CASES
+    images: Annotated[int, Field(ge=8)] = 2000
+    """Number of training images."""
+    held_out: Annotated[int, Field(ge=2)] = 500
+    """Number of further images, used for measurement only."""
+    epochs: Annotated[int, Field(ge=1)] = 100
+    seed: Annotated[int, Field(ge=0)] = 0
+    """Seed of the poses and of the training."""
+    precision: Annotated[str, BeforeValidator(_known_precision)] = "auto"
+    """Precision of all training: "float32" or "bfloat16"; "auto" is the faster one on the machine where the study
+    begins."""
+    cases: TupleOf[Case] = CASES
 
-    def __post_init__(self) -> None:
-        try:
-            resolve_precision(self.precision)
-        except EncoderInputError as error:
-            raise ResultsError(str(error)) from error
-        for name, least in (("images", 8), ("held_out", 2), ("epochs", 1), ("seed", 0)):
-            if getattr(self, name) < least:
-                raise ResultsError(f"{name} must be at least {least}, not {getattr(self, name)}")
+
+DEFAULT_STUDY = StudyConfig()
 
 
 @dataclass(frozen=True)
@@ -99,54 +102,54 @@ class Scenes:
     """[K, T] float64, see `thalweg.env.privileged_state`."""
 
 
-def run_study(folder: Path, plan: Plan = Plan(), *, command: str = "", progress: bool = True) -> Path:
+def run_study(folder: Path, config: StudyConfig = DEFAULT_STUDY, *, command: str = "", progress: bool = True) -> Path:
     """Train what is not trained yet, measure it, and write the tables; returns the page.
 
     `command` is written into the encoders' files.
 
     Raises `ResultsError` for a folder of another study, and the errors of `train_encoder`.
     """
-    plan = _claim(folder, plan)
-    scenes = collect(plan, progress)
-    train, held_out = split_indices(len(scenes.frames), plan.held_out, plan.seed)
+    config = _claim(folder, config)
+    scenes = collect(config, progress)
+    train, held_out = split_indices(len(scenes.frames), config.held_out, config.seed)
     segmenter: WaterSegmenter | None = None
-    for case in plan.cases:
+    for case in config.cases:
         case_folder = folder / case.name
         if (case_folder / MEASURES).exists():
             continue
-        source = Source(plan.level, plan.seed, RENDER_VERSION, command)
+        source = Source(config.level, config.seed, RENDER_VERSION, command)
         result = train_encoder(
             scenes.frames,
             case.config,
             case_folder,
-            epochs=plan.epochs,
-            seed=plan.seed,
-            held_out=plan.held_out,
-            precision=plan.precision,
+            epochs=config.epochs,
+            seed=config.seed,
+            held_out=config.held_out,
+            precision=config.precision,
             source=source,
             progress=progress,
         )
-        segmenter = segmenter or _segmenter(folder / SEGMENTER, plan, scenes.frames[train], progress)
+        segmenter = segmenter or _segmenter(folder / SEGMENTER, config, scenes.frames[train], progress)
         found = {
             "train_mse": result.train_mse,
             "held_out_mse": result.held_out_mse,
             "mean_image_mse": result.mean_image_mse,
         } | measures(load_encoder(result.path), segmenter, scenes, train, held_out)
         write_atomic(case_folder / MEASURES, json.dumps(found, indent=1) + "\n")
-    return write_tables(folder, plan, scenes, train, held_out)
+    return write_tables(folder, config, scenes, train, held_out)
 
 
-def _segmenter(path: Path, plan: Plan, images: np.ndarray, progress: bool) -> WaterSegmenter:
+def _segmenter(path: Path, config: StudyConfig, images: np.ndarray, progress: bool) -> WaterSegmenter:
     """The study's segmenter of water, trained on `images` unless it is there."""
     if not path.exists():
-        save_segmenter(path, train_segmenter(images, plan.seed, precision=plan.precision, progress=progress))
+        save_segmenter(path, train_segmenter(images, config.seed, precision=config.precision, progress=progress))
     return load_segmenter(path)
 
 
-def collect(plan: Plan, progress: bool = True) -> Scenes:
+def collect(config: StudyConfig, progress: bool = True) -> Scenes:
     """The study's frames, of the level's fixed river, with what is true there."""
-    worlds = level_worlds(plan.level, 1)
-    poses, index, clocks = sample_views(worlds, plan.images + plan.held_out, plan.seed)
+    worlds = level_worlds(config.level, 1)
+    poses, index, clocks = sample_views(worlds, config.images + config.held_out, config.seed)
     frames = render_frames(Renderer(worlds), poses, index, clocks, progress=progress)
     return Scenes(frames, privileged_state(worlds[0], poses))
 
@@ -171,9 +174,9 @@ def measures(
     return found | {"read": dict(zip(PRIVILEGED_NAMES, read.tolist(), strict=True))}
 
 
-def write_tables(folder: Path, plan: Plan, scenes: Scenes, train: np.ndarray, held_out: np.ndarray) -> Path:
+def write_tables(folder: Path, config: StudyConfig, scenes: Scenes, train: np.ndarray, held_out: np.ndarray) -> Path:
     """sizes.csv, entropy.csv, sizes.png, inputs.png and study.md, once every case has its measures."""
-    known = {case: _read(folder / case.name / MEASURES) for case in plan.cases}
+    known = {case: _read(folder / case.name / MEASURES) for case in config.cases}
     rows = [size_row(case, found) for case, found in known.items()]
     write_atomic(folder / "sizes.csv", csv_text(SIZE_COLUMNS, ([row[name] for name in SIZE_COLUMNS] for row in rows)))
     compared = {
@@ -187,27 +190,27 @@ def write_tables(folder: Path, plan: Plan, scenes: Scenes, train: np.ndarray, he
         draw_reconstructions(scenes.frames[held_out[:SHOWN]], compared, folder / "inputs.png")
     write_atomic(folder / "sizes.png", png(size_figure(known)))
     about = (
-        f"{plan.images:,} frames of {plan.level} to train on and {plan.held_out:,} held out, {plan.epochs} epochs in"
-        f" {plan.precision}, seed {plan.seed}."
+        f"{config.images:,} frames of {config.level} to train on and {config.held_out:,} held out,"
+        f" {config.epochs} epochs in {config.precision}, seed {config.seed}."
     )
     write_atomic(folder / "study.md", page(about, rows, entropies))
     return folder / "study.md"
 
 
-def _claim(folder: Path, plan: Plan) -> Plan:
-    """The plan in the precision that its folder began with, once the folder is this study's; raises `ResultsError`
+def _claim(folder: Path, config: StudyConfig) -> StudyConfig:
+    """The config in the precision that its folder began with, once the folder is this study's; raises `ResultsError`
     that names what differs."""
     path = folder / RECORD
     recorded = _read(path) if path.exists() else {}
-    if plan.precision == "auto":
-        plan = replace(plan, precision=recorded.get("precision") or resolve_precision("auto"))
-    record = json.loads(json.dumps(asdict(plan) | {"render_version": RENDER_VERSION, "versions": made_by()}))
-    record["level"] = level_named(plan.level).name
+    if config.precision == "auto":
+        config = replace(config, precision=recorded.get("precision") or resolve_precision("auto"))
+    record = to_plain(config) | {"render_version": RENDER_VERSION, "versions": current_versions()}
+    record["level"] = level_named(config.level).name
     if STUDY_FOLDER.is_new(folder):
         write_atomic(path, json.dumps(record, indent=1) + "\n")
     else:
         STUDY_FOLDER.require_same(folder, {key: value for key, value in recorded.items() if key in record}, record)
-    return plan
+    return config
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -2,16 +2,17 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
+from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.report.figures import STYLE
 from thalweg.bench.report.published import RELATIVE_ENTROPY
 from thalweg.bench.report.table import frame, markdown
+from thalweg.core.config import frozen_config
 from thalweg.encoder import VAEConfig
 from thalweg.encoder.entropy import SMOOTHING, relative_entropy
 from thalweg.env.privileged_state import PRIVILEGED_NAMES
@@ -29,9 +30,9 @@ Measures = Mapping[str, Any]
 `PRIVILEGED_NAMES`."""
 
 
-@dataclass(frozen=True)
+@frozen_config(ResultsError)
 class Case:
-    """An encoder to be trained."""
+    """An encoder of the study."""
 
     inputs: str
     latent: int
@@ -40,12 +41,12 @@ class Case:
 
     @property
     def name(self) -> str:
-        """Of its folder."""
+        """Name of its folder."""
         return f"{self.architecture}-{self.inputs.replace('+', '-')}-{self.latent}"
 
     @property
     def config(self) -> VAEConfig:
-        """What is trained."""
+        """Config of its VAE."""
         return VAEConfig(inputs=self.inputs, latent=self.latent, architecture=self.architecture)
 
 

@@ -17,7 +17,7 @@ from thalweg.bench.execute.backend import Backend, installed_versions
 from thalweg.bench.execute.cluster.run_archive import Files, archive_names, milestones, pack, unpack
 from thalweg.bench.execute.executors import execute_run_logged
 from thalweg.bench.results.results import RunRow
-from thalweg.bench.suite.suites import Run, Suite
+from thalweg.bench.suite.config import Run, Suite
 
 POLL_S = 0.5
 """Interval at which the run's thread is checked."""

@@ -17,7 +17,7 @@ from thalweg.bench.execute.cluster.node_task import RunRequest, RunUpdate
 from thalweg.bench.execute.cluster.run_archive import milestones, pack, unpack
 from thalweg.bench.execute.executors import THREAD_VARIABLES, ExecutionContext, print_row, run_row
 from thalweg.bench.results.results import RunRow
-from thalweg.bench.suite.suites import Run
+from thalweg.bench.suite.config import Run
 
 MAX_ATTEMPTS = 3
 """Attempts at a run without progress between them; then it has failed."""

@@ -1,0 +1,97 @@
+"""The suites that come with the package, and loading of a suite by its name or from a YAML file.
+
+`docs/bench.md` shows such a file; its keys are the fields of `Suite`.
+"""
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.evaluate.conditions import CONDITIONS
+from thalweg.bench.suite.config import Arm, Stage, Suite
+from thalweg.core.config import parse_config
+from thalweg.core.yaml12 import load
+
+SUFFIXES = (".yaml", ".yml")
+STUDIED = ("PPO", "PPOLag", "FOCOPS", "P3O", "OnCRPO", "DDPGLag", "TD3Lag", "SACLag", "SafeLOOP", "CCEPETS")
+"""Algorithms of the paper, in its order."""
+
+
+def _variants(algorithm: str, seeds: tuple[int, ...], **settings: Mapping[str, Any]) -> tuple[Arm, ...]:
+    """Return an arm of the algorithm with its defaults, and one for each of the settings, named after it."""
+    default = Arm(algorithm, seeds=seeds, steps=50_000)
+    return default, *(replace(default, settings=each, name=f"{algorithm}-{name}") for name, each in settings.items())
+
+
+_ACTIONS = {"box_scaled": {"adapter": "box_scaled"}, "box_literal": {"adapter": "box_literal"}}
+_THREE = (0, 1, 2)
+_OPEN = (
+    *_variants("DDPGLag", _THREE, **_ACTIONS),
+    *_variants(
+        "FOCOPS",
+        _THREE,
+        broken_mask={"mask": "batch"},
+        ascent={"multiplier_gain": 0.0},
+        adam={"multiplier_gain": 0.0, "multiplier_rule": "adam", "multiplier_rate": 0.035},
+        pid={"multiplier_derivative": 10.0, "multiplier_smoothing": 0.5},
+    ),
+    *_variants("SACLag", _THREE, **_ACTIONS),
+    *_variants("SafeLOOP", (0,), drop_terminal={"drop_terminal": True}),
+    *_variants("CCEPETS", (0,), **_ACTIONS),
+)
+"""Choices that the paper leaves open: the actions, the mask and the multiplier, and whether planners see what ends an
+episode."""
+_PROTOCOLS = (
+    Arm("FOCOPS", level="Hard", name="FOCOPS-Hard"),
+    Arm(
+        "FOCOPS",
+        level="Hard",
+        steps=80_000,
+        before=(Stage("FOCOPS", "Easy", 60_000), Stage("FOCOPS", "Medium", 60_000)),
+        name="FOCOPS-curriculum",
+    ),
+    Arm("FOCOPS", steps=100_000, before=(Stage("PPO", "Medium", 100_000),), name="FOCOPS-after-PPO"),
+    Arm("FOCOPS"),
+)
+"""Ways of training with the same number of steps each."""
+
+SUITES: dict[str, Suite] = {
+    suite.name: suite
+    for suite in (
+        Suite("quick", tuple(Arm(name, seeds=(0,), steps=8_192) for name in ("PPO", "FOCOPS"))),
+        Suite("easy", (Arm("PPO"), Arm("FOCOPS")), train_level="Easy", test_levels=("Easy",), packaged=False),
+        Suite("open", _OPEN, baselines=(), packaged=False),
+        Suite("protocols", _PROTOCOLS, baselines=(), packaged=False),
+        Suite("paper", (*map(Arm, STUDIED), Arm("PPO", "paper"), Arm("FOCOPS", "paper")), conditions=CONDITIONS),
+    )
+}
+
+
+def load_suite(name: str) -> Suite:
+    """Return the suite with a name, or that of a YAML file; raises `ResultsError` that says what is wrong."""
+    if not name.endswith(SUFFIXES):
+        return suite_named(name)
+    path = Path(name)
+    try:
+        data = load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ResultsError(f"{path} can't be read: {error.strerror}") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ResultsError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(data, Mapping):
+        raise ResultsError(f"{path} holds no suite: a mapping with arms is needed, got {type(data).__name__}")
+    return parse_config(Suite, {"name": path.stem, **data}, str(path))
+
+
+def suite_named(name: str) -> Suite:
+    """Return the suite with a name; raises `ResultsError` that lists the known ones."""
+    if name.lower() not in SUITES:
+        near = difflib.get_close_matches(name.lower(), SUITES, 1)
+        meant = f" (did you mean {near[0]!r}?)" if near else ""
+        raise ResultsError(f"unknown suite {name!r}{meant}; known: {', '.join(SUITES)}, or a YAML file such as my.yaml")
+    return SUITES[name.lower()]

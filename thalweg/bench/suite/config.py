@@ -1,0 +1,196 @@
+"""Config of a suite: what is trained with which seeds, and how the policies are evaluated.
+
+A suite is checked when it is constructed: it names only what exists, and nothing twice.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.registry import ALGORITHMS
+from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.evaluate.baselines import BASELINES
+from thalweg.bench.evaluate.conditions import CONDITIONS, MAIN, NAME, Condition, Trial
+from thalweg.core.config import TupleOf, WholeNumber, frozen_config, to_plain
+from thalweg.world import LEVELS
+
+PACKAGED = "packaged"
+"""Name of the policy that comes with the package, as an algorithm of a result."""
+Count = Annotated[WholeNumber, Field(ge=1)]
+Seed = Annotated[WholeNumber, Field(ge=0)]
+
+
+@frozen_config(ResultsError)
+class Stage:
+    """An earlier stage of training, whose policy the next stage starts from."""
+
+    algorithm: str
+    level: str
+    steps: Count
+    preset: str = "default"
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+@frozen_config(ResultsError)
+class Arm:
+    """An algorithm with its settings, trained once with each seed."""
+
+    algorithm: str
+    """Name of the algorithm in the registry."""
+    preset: str = "default"
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """Settings of the algorithm that replace those of the preset; plain data."""
+    seeds: TupleOf[Seed] = (0, 1, 2)
+    steps: Count = 200_000
+    """Steps of each run, over all environments together, without earlier stages."""
+    level: str = ""
+    """Training level; if empty, that of the suite."""
+    before: TupleOf[Stage] = ()
+    """Earlier stages in order, with the same seed: a curriculum, or a transfer from another algorithm."""
+    name: str = ""
+    """Name of its results; if empty, the algorithm, with the preset unless that is the default one."""
+
+    @model_validator(mode="after")
+    def _check(self) -> "Arm":
+        if not NAME.fullmatch(self.label):
+            raise ValueError(f"an arm is called {self.label!r}; letters, digits, - and . will do")
+        if not self.seeds:
+            raise ValueError(f"{self.label} has no seeds; give at least one, such as 0")
+        _refuse_repeated("seed", f"seeds of {self.label}", self.seeds)
+        return self
+
+    @property
+    def label(self) -> str:
+        return self.name or (self.algorithm if self.preset == "default" else f"{self.algorithm}-{self.preset}")
+
+    def as_data(self) -> dict[str, Any]:
+        """Return plain data for JSON, with the label as the name."""
+        return to_plain(self) | {"name": self.label}
+
+
+@dataclass(frozen=True)
+class Run:
+    """A policy of a suite: trained, a baseline, or the one that comes with the package."""
+
+    kind: str
+    """`train`, `baseline` or `packaged`."""
+    algorithm: str
+    """Label of the arm, or name of the baseline."""
+    seed: int
+
+    @property
+    def name(self) -> str:
+        return f"{self.algorithm}-{self.seed}"
+
+
+def _condition(value: Any) -> Any:
+    """Return the predefined condition of a name; other values unchanged."""
+    known = {condition.name: condition for condition in CONDITIONS}
+    if isinstance(value, str) and value not in known:
+        raise ValueError(f"unknown condition {value!r}; known: {', '.join(known)}, or a mapping of your own")
+    return known[value] if isinstance(value, str) else value
+
+
+@frozen_config(ResultsError)
+class Suite:
+    """A benchmark as data."""
+
+    name: str
+    arms: TupleOf[Arm]
+    train_level: str = "Medium"
+    test_levels: TupleOf[str] = ("Easy", "Medium", "Hard")
+    episodes: Count = 20
+    """Starts per level, each flown once by each policy."""
+    starts_seed: Seed = 0
+    """Seed of the list of starts of every level."""
+    num_envs: Count = 16
+    """Number of parallel environments in training."""
+    baselines: TupleOf[str] = ("random", "hover", "forward", "pilot")
+    """Policies that need no training."""
+    packaged: bool = True
+    """Whether the policy that comes with the package is evaluated too."""
+    conditions: TupleOf[Annotated[Condition, BeforeValidator(_condition)]] = ()
+    """Conditions under which policies are flown, besides the main one."""
+
+    @model_validator(mode="after")
+    def _check(self) -> "Suite":
+        try:
+            self._check_known()
+            self._check_repeated()
+        except ValueError as error:
+            raise ValueError(f"suite {self.name}: {error}") from error
+        if not self.runs() or not self.test_levels:
+            raise ValueError(f"suite {self.name} has nothing to do")
+        for arm in self.arms:
+            for each in (*arm.before, arm):
+                try:
+                    ALGORITHMS[each.algorithm].configure(dict(each.settings), each.preset, self.num_envs)
+                except AlgorithmError as error:
+                    raise ValueError(f"suite {self.name}, {arm.label}: {error}") from error
+        return self
+
+    def _check_known(self) -> None:
+        """Raise `ValueError` for an algorithm, a level or a baseline that does not exist."""
+        stages = [stage for arm in self.arms for stage in arm.before]
+        levels = [arm.level for arm in self.arms if arm.level] + [stage.level for stage in stages]
+        for what, names, known in (
+            ("algorithm", [each.algorithm for each in (*self.arms, *stages)], ALGORITHMS),
+            ("level", [self.train_level, *self.test_levels, *levels], LEVELS),
+            ("baseline", self.baselines, BASELINES),
+        ):
+            for name in names:
+                if name not in known:
+                    raise ValueError(f"unknown {what} {name!r}; known: {', '.join(known)}")
+
+    def _check_repeated(self) -> None:
+        """Raise `ValueError` for anything that is named twice: its results would count twice."""
+        labels = [*(arm.label for arm in self.arms), *self.baselines, PACKAGED]
+        for label in labels:
+            if labels.count(label) > 1:
+                raise ValueError(f"{label} is named twice; give one of them a name of its own")
+        _refuse_repeated("level", "test_levels", self.test_levels)
+        names = [condition.name for condition in self.conditions]
+        for name in names:
+            if not name:
+                raise ValueError("a condition is called ''; letters, digits, - and . will do")
+            if names.count(name) > 1:
+                raise ValueError(f"condition {name} is named twice")
+
+    def runs(self) -> tuple[Run, ...]:
+        """Return all runs in order: those without training first."""
+        baselines = [Run("baseline", name, 0) for name in self.baselines]
+        packaged = [Run("packaged", PACKAGED, 0)] if self.packaged else []
+        trained = [Run("train", arm.label, seed) for arm in self.arms for seed in arm.seeds]
+        return (*baselines, *packaged, *trained)
+
+    def trials(self, run: Run) -> tuple[Trial, ...]:
+        """Return the evaluations of a run's policy, those under the main condition first."""
+        conditions = [each for each in self.conditions if each.blind or run.kind != "baseline"]
+        return tuple(
+            Trial(level, condition)
+            for condition in (MAIN, *conditions)
+            for level in condition.rivers or condition.levels or self.test_levels
+        )
+
+    def arm(self, label: str) -> Arm:
+        """Return the arm with a label."""
+        return next(arm for arm in self.arms if arm.label == label)
+
+    def level_of(self, arm: Arm) -> str:
+        """Return the level of an arm's last stage of training."""
+        return arm.level or self.train_level
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the suite as plain data for JSON."""
+        conditions = [condition.as_data() for condition in self.conditions]
+        return to_plain(self) | {"arms": [arm.as_data() for arm in self.arms], "conditions": conditions}
+
+
+def _refuse_repeated(what: str, where: str, values: Sequence[Any]) -> None:
+    """Raise `ValueError` for a value that stands twice in a list."""
+    for value in values:
+        if values.count(value) > 1:
+            raise ValueError(f"{what} {value!r} is named twice in {where}")

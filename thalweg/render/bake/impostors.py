@@ -134,9 +134,9 @@ def draw_kind(kind: Kind, sun_elevation: float) -> tuple[np.ndarray, np.ndarray]
     scale = (np.float32(COLS / 2 / half_width), np.float32(ROWS / top))
     pictures, shades = [], []
     for look in np.array(looks, np.float32):
-        view = (look, np.float32(math.tan(LOOK_DOWN)), *scale, ROWS, COLS, FINE)
-        shape = (model.centre, model.along, model.across, model.normal)
-        picture = sprites.draw(*shape, *sides, *view)
+        projection = sprites.Projection(look, np.float32(math.tan(LOOK_DOWN)), *scale, ROWS, COLS, FINE)
+        ellipses = sprites.Ellipses(model.centre, model.along, model.across, model.normal)
+        picture = sprites.draw(ellipses, *sides, projection)
         pictures.append(np.ascontiguousarray(picture[..., [0, 1, 2, 6]]))
         shades.append(picture[..., 3:6].sum((0, 1)) / picture[..., :3].sum((0, 1)))
     return np.stack(pictures), np.stack(shades)

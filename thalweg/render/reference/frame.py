@@ -20,7 +20,7 @@ from thalweg.render.bake.scene_tables import (
     sun_vector,
 )
 from thalweg.render.kernels import bridges, heightfield_march, plants
-from thalweg.render.kernels.shading import ground, tone, water
+from thalweg.render.kernels.shading import ground, tone, water, water_optics
 from thalweg.render.records import appearance, classes, layout
 from thalweg.render.records.appearance import Look, look_rows, look_values
 from thalweg.render.records.camera import Camera
@@ -226,16 +226,16 @@ class _Valley:
         up = np.concatenate([-slope, np.ones((len(slope), 1))], axis=1)
         up /= np.linalg.norm(up, axis=1, keepdims=True)
         facing = np.clip(-(sight * up).sum(1), 0.01, 1.0)
-        rough = np.sqrt(water.ROUGHNESS)
+        rough = np.sqrt(water_optics.ROUGHNESS)
         mirror = 0.02 + 0.98 * (1 - facing) ** 5 / (1 + 22.7 * rough**1.5)
 
         depth = np.maximum(bilinear(self.wet, x, y), 0)
-        bent = sight[:, :2] / water.INDEX + 0.25 * slope
+        bent = sight[:, :2] / water_optics.INDEX + 0.25 * slope
         down = np.sqrt(np.maximum(1 - (bent**2).sum(1), 0.1))
         path = depth / down
         bed = x + bent[:, 0] * path / cell, y + bent[:, 1] * path / cell
         sunlit = bilinear(self.share, *bed)[:, None]
-        sun_path = 1 / np.sqrt(1 - (1 - self.sun[2] ** 2) / water.INDEX**2)
+        sun_path = 1 / np.sqrt(1 - (1 - self.sun[2] ** 2) / water_optics.INDEX**2)
         size = ripples.SIZE / water.BED_M
         pebbles = (
             repeating(self.tile, bed[0] * cell * size, bed[1] * cell * size)[..., 3] - 0.5
@@ -243,7 +243,7 @@ class _Valley:
         lit = bilinear(self.lit, *bed) * np.maximum(1 + water.BED_DEPTH * pebbles, 0.2)[:, None]
         whole = (path + depth * sun_path) * np.maximum(1 + water.BED_ROUGH * pebbles, 0)
         through = np.exp(-self.look[appearance.ABSORB_R : appearance.ABSORB_B + 1] * whole[:, None])
-        glow = water.SHADE_GLOW + (1 - water.SHADE_GLOW) * sunlit
+        glow = water_optics.SHADE_GLOW + (1 - water_optics.SHADE_GLOW) * sunlit
         under = lit * through + self.look[appearance.SCATTER_R : appearance.SCATTER_B + 1] * glow * (1 - through)
 
         turned = sight + 2 * facing[:, None] * up
@@ -252,10 +252,14 @@ class _Valley:
 
         half = self.sun - sight
         lean = -half[:, :2] / half[:, 2:] - slope
-        width = water.ROUGHNESS + water.SUN_WIDTH
+        width = water_optics.ROUGHNESS + water_optics.SUN_WIDTH
         density = np.exp(-(lean**2).sum(1) / (2 * width)) / (2 * np.pi * width)
-        glitter = np.minimum(water.GLITTER * density * sunlit[:, 0] * passing, water.GLITTER_MOST)
-        return under * (1 - mirror[:, None]) + above * mirror[:, None] + glitter[:, None] * np.array(water.GLITTER_TINT)
+        glitter = np.minimum(water_optics.GLITTER * density * sunlit[:, 0] * passing, water_optics.GLITTER_MOST)
+        return (
+            under * (1 - mirror[:, None])
+            + above * mirror[:, None]
+            + glitter[:, None] * np.array(water_optics.GLITTER_TINT)
+        )
 
     def ripple(self, x: np.ndarray, y: np.ndarray, time_s: float) -> np.ndarray:
         """Slopes [K, 2] of the water at map metres."""

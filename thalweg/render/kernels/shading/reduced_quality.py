@@ -17,11 +17,10 @@ from thalweg.render.kernels.billboard import BLOCK
 from thalweg.render.kernels.camera_rays import row_step
 from thalweg.render.kernels.fast_math import floor, log2
 from thalweg.render.kernels.shading.ground import GRAIN_DEPTH, GRAIN_M
-from thalweg.render.kernels.shading.water import (
-    DRIFT_A_M_PER_S,
+from thalweg.render.kernels.shading.water import DRIFT_A_M_PER_S, TILE_A_M
+from thalweg.render.kernels.shading.water_optics import (
     GLITTER_TINT,
     ROUGHNESS,
-    TILE_A_M,
     footprint,
     from_below,
     glints,
@@ -79,6 +78,7 @@ def nearest_tile(tile, x, y, level):
     """The packed texel of the ripple tile nearest to texel coordinates of level 0, on the nearest mip level."""
     low = int32(clamp(level + f32(0.5), f32(0), f32(ripples.LEVELS - 1)))
     size = int32(ripples.SIZE) >> low
+    # The mip levels lie one after another; this is the sum of the larger ones.
     begin = (int32(ripples.SIZE * ripples.SIZE) - size * size) * int32(4) // int32(3)
     shrink = f32(1) / f32(int32(1) << low)
     column = int32(floor((x + f32(0.5)) * shrink)) & (size - int32(1))
@@ -89,6 +89,7 @@ def nearest_tile(tile, x, y, level):
 @kernel(inlined=True, allocates=False)
 def nearest_sky(sky_map, begin, dx, dy, dz):
     """Radiance of the sky's nearest texel in a unit direction: red, green, blue. See `table_lookup.sky_at`."""
+    # As in `table_lookup.sky_at`, but the direction has unit length already.
     root = math.sqrt(abs(dz))
     v = (f32(0.5) + f32(0.5) * (root if dz > f32(0) else -root)) * f32(sky.ROWS)
     east = dx / (abs(dx) + abs(dy) + f32(1e-12))
@@ -158,6 +159,7 @@ def shade_water(scene, view, points, pixel, out, n):
     slope_scale = amplitude * f32(ripples.SLOPE_RANGE / 127.5)
     lost_scale = amplitude * amplitude * f32(ripples.VARIANCE_RANGE / 255.0)
     for i in range(n):
+        # One footprint chooses the levels of ripples and bed.
         foot = footprint(distance[i], pixel, dz[i])
         texel = nearest_tile(
             scene.ripples,
@@ -235,11 +237,13 @@ def draw_billboard(atlas, board, nearest, camera, box, top, deepest, scratch, pl
         base_y = camera.forward_y + sy * camera.up_y
         base_z = camera.forward_z + sy * camera.up_z
         for bx in range(c0 // BLOCK, (c1 - 1) // BLOCK + 1):
+            # Closed, or ground in front of the plant in both rows.
             if deepest[r, bx] < nearest:
                 continue
             left = (f32(bx * BLOCK) + f32(0.5)) * camera.column_step - camera.half_w
             for i in range(BLOCK):
                 sx = left + f32(i) * camera.column_step
+                # Texels are read once into scratch; the rows below then differ only in depth and light.
                 ink_r[i], ink_g[i], ink_b[i], ink[i], ink_t[i] = billboard_pixel(
                     atlas, board, base_x + sx * camera.right_x, base_y + sx * camera.right_y, base_z, camera.near_m
                 )

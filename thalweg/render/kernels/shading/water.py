@@ -1,12 +1,8 @@
 """Shading kernels for water: its bed through absorbing water, sky and woods mirrored in ripples, and the sun's glitter.
 
-`shade_water` shades a list of water pixels in three passes: ripples, what is mirrored, what lies below. Sources:
+`shade_water` shades a list of water pixels in three passes: ripples, what is mirrored, what lies below. The formulas
+and their sources are in `thalweg.render.kernels.shading.water_optics`.
 
-* Fresnel reflectance, n = 1.333: Schlick, "An Inexpensive BRDF Model", 1994; lessened by the spread of the ripples'
-  slopes as in Bruneton, Neyret, Holzschuch, "Real-time Realistic Ocean Lighting", 2010, equation 20.
-* Absorption and scattering over the refracted path: Beer, Lambert.
-* Glitter: the density of slopes that mirror the sun, Gaussian; Cox, Munk, "Measurement of the Roughness of the Sea
-  Surface", 1954.
 * Ripples: two layers of one prefiltered tile drifting apart (`thalweg.render.bake.ripples`).
 * The mirrored image: the reflected ray marched over the map of canopies in growing steps.
 
@@ -23,6 +19,17 @@ from thalweg.core.jit import kernel
 from thalweg.render.bake import ripples
 from thalweg.render.kernels.fast_math import exp, log2
 from thalweg.render.kernels.shading.ground import tile_grain
+from thalweg.render.kernels.shading.water_optics import (
+    GLITTER_TINT,
+    INDEX,
+    ROUGHNESS,
+    footprint,
+    from_below,
+    glints,
+    mirrored_ray,
+    mirrored_share,
+    refracted_slant,
+)
 from thalweg.render.kernels.table_lookup import bilinear, channel, clamp, paint_level, sky_at, tile_level
 from thalweg.render.records import layout
 from thalweg.render.records.appearance import (
@@ -38,30 +45,18 @@ from thalweg.render.records.appearance import (
 
 f32 = np.float32
 
-INDEX = 1.333
-"""Refractive index of water."""
 TILE_A_M = 7.3
 TILE_B_M = 2.9
 """Sides of the tiles of the two layers of ripples."""
 DRIFT_A_M_PER_S = (0.35, 0.12)
 DRIFT_B_M_PER_S = (-0.14, 0.23)
 """Velocities with which the layers drift."""
-ROUGHNESS = 0.0020
-"""Mean square slope of the ripples too small for the tile."""
-SHADE_GLOW = 0.12
-"""Share of the scattered light that is left in the shade."""
 BED_M = 4.6
 """Side of the tile of stones on the bed."""
 BED_DEPTH = 0.16
 """Contrast of the stones' brightness."""
 BED_ROUGH = 0.22
 """Share by which stones and holes change the depth."""
-SUN_WIDTH = 0.0006
-"""Mean square slope that the sun's own width adds to a glint."""
-GLITTER = 0.014
-"""Radiance of a glint, as a share of the density of slopes that mirror the sun."""
-GLITTER_MOST = 0.7
-GLITTER_TINT = (1.0, 0.95, 0.86)
 MIRROR_STEPS = 14
 MIRROR_FIRST_M = 0.4
 MIRROR_GROWTH = 1.45
@@ -142,64 +137,6 @@ def shade_water(scene, view, points, pixel, work, out, n):
     compose(scene, view, points, pixel, work.surface, work.mirrored, out, n)
 
 
-@kernel(inlined=True, allocates=False)
-def mirrored_ray(dx, dy, dz, lean_x, lean_y):
-    """The cosine between sight and a surface of these slopes, and the mirrored ray, which never points down."""
-    size = f32(1) / math.sqrt(f32(1) + lean_x * lean_x + lean_y * lean_y)
-    facing = clamp((dx * lean_x + dy * lean_y - dz) * size, f32(0.01), f32(1))
-    rx = dx - f32(2) * facing * lean_x * size
-    ry = dy - f32(2) * facing * lean_y * size
-    return facing, rx, ry, max(dz + f32(2) * facing * size, f32(0.02))
-
-
-@kernel(inlined=True, allocates=False)
-def mirrored_share(facing, spread):
-    """Fresnel reflectance of rippled water; spread: mean square slope of the ripples too small to be seen."""
-    graze = f32(1) - facing
-    graze2 = graze * graze
-    # The fifth power and the root by multiplications, which vectorise.
-    rough = math.sqrt(spread)
-    return f32(0.02) + f32(0.98) * graze2 * graze2 * graze / (f32(1) + f32(22.7) * rough * math.sqrt(rough))
-
-
-@kernel(inlined=True, allocates=False)
-def refracted_slant(dz):
-    """Length of a refracted ray's path through water of depth 1; dz: rise of its unit direction in air (Snell)."""
-    return f32(1) / math.sqrt(f32(1) - (f32(1) - dz * dz) * f32(1 / INDEX**2))
-
-
-@kernel(inlined=True, allocates=False)
-def from_below(bed, path, absorb, scatter, sunlit):
-    """Radiance from under water in one channel: that of the bed, `path` metres of water away, and scattered on the way.
-
-    bed: the square-root coded paint of the bed, 0..255; sunlit: share of the sun there.
-    """
-    through = exp(-absorb * path)
-    glow = f32(SHADE_GLOW) + f32(1 - SHADE_GLOW) * sunlit
-    return bed * bed * f32(layout.PAINT_RANGE / 255.0**2) * through + scatter * glow * (f32(1) - through)
-
-
-@kernel(inlined=True, allocates=False)
-def glints(sun, dx, dy, dz, lean_x, lean_y, spread, sunlit):
-    """Radiance of the ripples within a pixel that mirror the sun, whose slope is half way between sun and sight.
-
-    sun: unit vector to the sun, a tuple.
-    """
-    sun_x, sun_y, sun_z = sun
-    half_z = sun_z - dz
-    off_x = -(sun_x - dx) / half_z - lean_x
-    off_y = -(sun_y - dy) / half_z - lean_y
-    width = spread + f32(SUN_WIDTH)
-    density = exp(-(off_x * off_x + off_y * off_y) / (f32(2) * width)) / (f32(6.2832) * width)
-    return min(f32(GLITTER) * density * sunlit, f32(GLITTER_MOST))
-
-
-@kernel(inlined=True, allocates=False)
-def footprint(distance, pixel, dz):
-    """Side of a pixel on the water in metres: the geometric mean, since it is stretched along the ray."""
-    return distance * pixel / math.sqrt(max(-dz, f32(0.03)))
-
-
 @kernel(disjoint=True, allocates=False)
 def ripple_surface(scene, view, points, pixel, surface, n):
     """Fill the `Surface` [n] of the water at `HitPoints`."""
@@ -210,6 +147,7 @@ def ripple_surface(scene, view, points, pixel, surface, n):
     tile = scene.ripples
     amplitude = view.look[RIPPLE]
     for i in range(n):
+        # Ripples are filtered to the pixel, and what the filter removes is returned as roughness: no shimmer far away.
         foot = footprint(distance[i], pixel, dz[i])
         mx = x[i] * cell
         my = y[i] * cell
@@ -288,6 +226,35 @@ def mirror_canopy(scene, view, points, surface, mirrored, met_at, n):
         blue[i] = blue[i] * code * clear + fog_b * haze
 
 
+@kernel(inlined=True, allocates=False)
+def bed_paint(scene, world, x, y, foot):
+    """The bed's paint at node coordinates: red, green and blue codes, share of sun, and the stones' deviation.
+
+    foot: side of a pixel there in metres. Codes are 0..255; the deviation has unit spread.
+    """
+    extents = scene.extents
+    inv_cell = scene.constants[world, layout.INV_CELL]
+    cell = f32(1) / inv_cell
+    columns = int32(extents[world, layout.PAINT_X])
+    rows = int32(extents[world, layout.PAINT_Y])
+    # One level below the last, because two neighbouring levels are read.
+    level = clamp(log2(foot * inv_cell), f32(0), f32(layout.PAINT_LEVELS - 1.01))
+    low = int32(level)
+    share = level - f32(low)
+    begin = int32(extents[world, uint32(int32(layout.PAINT_AT) + low)])
+    r0, g0, b0, s0 = paint_level(scene.paint, begin, columns, rows, x, y, low)
+    low += int32(1)
+    begin = int32(extents[world, uint32(int32(layout.PAINT_AT) + low)])
+    r1, g1, b1, s1 = paint_level(scene.paint, begin, columns, rows, x, y, low)
+    # Pebbles and holes too small for the map of depths, most of all where it is shallow.
+    pebbles = tile_grain(scene.ripples, x * cell, y * cell, foot, f32(BED_M))
+    bright = max(f32(1) + f32(BED_DEPTH) * pebbles, f32(0.2))
+    red = (r0 + (r1 - r0) * share) * bright
+    green = (g0 + (g1 - g0) * share) * bright
+    blue = (b0 + (b1 - b0) * share) * bright
+    return red, green, blue, (s0 + (s1 - s0) * share) * f32(1 / 255.0), pebbles
+
+
 @kernel(disjoint=True, allocates=False)
 def compose(scene, view, points, pixel, surface, mirrored, out, n):
     """Fill `Radiance` [n]: the bed through the water, by Fresnel the mirrored canopy and sky, and the sun's glitter."""
@@ -296,17 +263,13 @@ def compose(scene, view, points, pixel, surface, mirrored, out, n):
     passing, up_r, up_g, up_b = mirrored
     red, green, blue = out
     look = view.look
-    extents = scene.extents
     number = scene.constants
     w = view.world
-    columns = int32(extents[w, layout.GX])
-    rows = int32(extents[w, layout.GY])
-    at = int32(extents[w, layout.MAP_AT])
+    columns = int32(scene.extents[w, layout.GX])
+    rows = int32(scene.extents[w, layout.GY])
+    at = int32(scene.extents[w, layout.MAP_AT])
     inv_cell = number[w, layout.INV_CELL]
-    cell = f32(1) / inv_cell
-    wide = int32(extents[w, layout.PAINT_X])
-    high = int32(extents[w, layout.PAINT_Y])
-    sky_begin = int32(extents[w, layout.SKY_AT])
+    sky_begin = int32(scene.extents[w, layout.SKY_AT])
     sun = number[w, layout.SUN_X], number[w, layout.SUN_Y], number[w, layout.SUN_Z]
     sun_path = refracted_slant(sun[2])
     for i in range(n):
@@ -317,32 +280,18 @@ def compose(scene, view, points, pixel, surface, mirrored, out, n):
         hx = dx[i] * f32(1 / INDEX) + slope_x[i] * f32(0.25)
         hy = dy[i] * f32(1 / INDEX) + slope_y[i] * f32(0.25)
         path = depth / math.sqrt(max(f32(1) - hx * hx - hy * hy, f32(0.1)))
-        bed_x = x[i] + hx * path * inv_cell
-        bed_y = y[i] + hy * path * inv_cell
         foot = footprint(distance[i], pixel, dz[i])
-        level = clamp(log2(foot * inv_cell), f32(0), f32(layout.PAINT_LEVELS - 1.01))
-        low = int32(level)
-        share = level - f32(low)
-        begin = int32(extents[w, uint32(int32(layout.PAINT_AT) + low)])
-        r0, g0, b0, s0 = paint_level(scene.paint, begin, wide, high, bed_x, bed_y, low)
-        low += int32(1)
-        begin = int32(extents[w, uint32(int32(layout.PAINT_AT) + low)])
-        r1, g1, b1, s1 = paint_level(scene.paint, begin, wide, high, bed_x, bed_y, low)
-        # Pebbles and holes too small for the map of depths, most of all where it is shallow.
-        pebbles = tile_grain(scene.ripples, bed_x * cell, bed_y * cell, foot, f32(BED_M))
-        rugged = max(f32(1) + f32(BED_ROUGH) * pebbles, f32(0))
-        bright = max(f32(1) + f32(BED_DEPTH) * pebbles, f32(0.2))
-        r0 = (r0 + (r1 - r0) * share) * bright
-        g0 = (g0 + (g1 - g0) * share) * bright
-        b0 = (b0 + (b1 - b0) * share) * bright
-        sunlit = (s0 + (s1 - s0) * share) * f32(1 / 255.0)
+        bed_r, bed_g, bed_b, sunlit, pebbles = bed_paint(
+            scene, w, x[i] + hx * path * inv_cell, y[i] + hy * path * inv_cell, foot
+        )
         # Sunlight has come down through the water before it goes up again.
-        path = (path + depth * sun_path) * rugged
-        under_r = from_below(r0, path, look[ABSORB_R], look[SCATTER_R], sunlit)
-        under_g = from_below(g0, path, look[ABSORB_G], look[SCATTER_G], sunlit)
-        under_b = from_below(b0, path, look[ABSORB_B], look[SCATTER_B], sunlit)
+        path = (path + depth * sun_path) * max(f32(1) + f32(BED_ROUGH) * pebbles, f32(0))
+        under_r = from_below(bed_r, path, look[ABSORB_R], look[SCATTER_R], sunlit)
+        under_g = from_below(bed_g, path, look[ABSORB_G], look[SCATTER_G], sunlit)
+        under_b = from_below(bed_b, path, look[ABSORB_B], look[SCATTER_B], sunlit)
         # The bed's share of the sun stands for the surface's; where a canopy is mirrored, the sun is hidden too.
         glitter = glints(sun, dx[i], dy[i], dz[i], slope_x[i], slope_y[i], spread[i], sunlit * passing[i])
+        # Canopies were met before the sky, so the sky is seen by the share of light that passed them.
         sky_r, sky_g, sky_b = sky_at(scene.sky, sky_begin, rx[i], ry[i], rz[i])
         over_r = (up_r[i] + sky_r * passing[i]) * mirror
         over_g = (up_g[i] + sky_g * passing[i]) * mirror

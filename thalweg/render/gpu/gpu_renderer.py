@@ -32,6 +32,7 @@ def bytes_of(scene: Scene) -> int:
 def bytes_each(scene: Scene, height: int, width: int, reduced: bool) -> int:
     """Scratch that a camera of a pass takes on a device."""
     plants = most_plants(scene)
+    # Order and distance take four bytes each, a box four times two.
     planes = height * width * (PLANE_BYTES + (0 if reduced else 3 * 4))
     return planes + plants * (4 + 4 + 4 * 2) + 4 * (visible_plants.CAMERA_COLUMNS + 4)
 
@@ -46,6 +47,7 @@ def check_memory(scene: Scene, each: int, free: int) -> None:
     device, saying what is needed and how many worlds fit."""
     tables, worlds = bytes_of(scene), len(scene.extents)
     if tables + each > free:
+        # An estimate that takes all worlds to be of the same size.
         fitting = max(0, (free - each) * worlds // tables)
         raise RenderError(
             f"the tables of {worlds} worlds take {tables / 1e9:.2f} GB and a camera {each / 1e6:.1f} MB of the GPU's"
@@ -87,6 +89,7 @@ class GpuRenderer:
         count = len(views.poses)
         if not count:
             return
+        # Measured here and not before: by now torch has allocated the frames, and what is free is free for scratch.
         if not self.cameras:
             self.cameras = cameras_of_a_pass(gpu.free_bytes(self.device), self.scratch_bytes)
         self._allocate(min(count, self.cameras))
@@ -119,6 +122,7 @@ class GpuRenderer:
         if cameras <= self._capacity:
             return
         height, width = self._settings.height, self._settings.width
+        # The old scratch is released first, so that both are never held at once.
         self._scratch.clear()
         shapes = {
             "cameras": ((cameras, visible_plants.CAMERA_COLUMNS), np.float32),
@@ -129,6 +133,7 @@ class GpuRenderer:
             "order": ((cameras, self._plants), np.int32),
             "distance": ((cameras, self._plants), np.float32),
             "boxes": ((cameras, self._plants, 4), np.int16),
+            # The reduced quality softens no edges, but the kernel needs an array to be given.
             "softened": ((3, 1, 1, 1) if self._settings.reduced else (3, cameras, height, width), np.float32),
         }
         shapes |= dict.fromkeys(Planes._fields, ((cameras, height, width), np.float32))
@@ -142,6 +147,7 @@ class GpuRenderer:
         plants = tuple(self._scratch[name] for name in ("order", "distance", "boxes", "counts"))
         planes = Planes(*(self._scratch[name] for name in Planes._fields))
         scene, device, settings = self._scene, self.device, self._settings
+        # Rounded up: the last block of a camera may have idle threads.
         pixels = -(-height * width // postprocess.THREADS), count
         gpu.launch(
             visible_plants.place_cameras, -(-count // visible_plants.THREADS), visible_plants.THREADS, device,
@@ -170,5 +176,6 @@ class GpuRenderer:
                 postprocess.tone_map, pixels, postprocess.THREADS, device,
                 colours, planes.kind, planes.transmittance, views.looks, keys, gains, self._codes, images,
             )  # fmt: skip
+        # Last, because all stages before only read the planes.
         if layers is not None:
             gpu.launch(postprocess.write_layers, pixels, postprocess.THREADS, device, planes, *layers)

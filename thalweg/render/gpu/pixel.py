@@ -62,11 +62,13 @@ def tracer(reduced: bool, coloured: bool) -> Callable:
         rays = Rays(cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32))
         kind = primary_hit(scene, view, tile_r, tile_c, r, c, reduced, rays, depth)
         kind, stone_r, stone_g, stone_b = nearest_bridge(scene, view, rays, depth, kind, coloured)
+        # Threads outside the image stay alive: they still load plants and meet the barriers.
         inside = r < height and c < width
         corner = tile_r, tile_c
         red, green, blue, light, plant_depth = blend_plants(
             scene, view, plants, n, corner, r, inside, reduced, rays, depth
         )
+        # As on the CPU, what dense foliage hides is not shaded.
         if coloured and light > f32(SEEN):
             out = Radiance(cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32))
             if kind == classes.BRIDGE:
@@ -106,6 +108,7 @@ def primary_hit(scene, view, tile_r, tile_c, r, c, reduced, rays, depth):
     )  # fmt: skip
     # All rays of a tile start where its bundle gets to.
     start = cuda.shared.array(1, float32)
+    # One thread marches for the tile; the others wait at the barrier below for its result.
     if cuda.threadIdx.x == 0:
         square_rays(camera, tile_r, TILE, inv_cell, middle, tile_c // TILE, 1)
         depth[0] = camera.near_m
@@ -148,6 +151,7 @@ def nearest_bridge(scene, view, rays, depth, kind, coloured):
     blue = f32(0)
     for b in range(scene.extents[view.world, layout.BRIDGE_FROM], scene.extents[view.world, layout.BRIDGE_TO]):
         row = scene.bridges[b]
+        # Nearer stone only, so that the last hit is the nearest.
         hit = bridges.meet_bridge(row, view.camera, dx, dy, dz, min(depth[0], f32(bridges.FAR_M)))
         if hit.t > f32(0):
             depth[0] = hit.t
@@ -220,10 +224,12 @@ def blend_plants(scene, view, plants, n, corner, r, inside, reduced, rays, depth
         touching = k < total and touches_tile(boxes, n, k, tile_r, tile_c)
         touches[thread] = uint8(1) if touching else uint8(0)
         if touching:
+            # Each thread prepares one billboard, and all threads then draw it from shared memory.
             p = order[n, k]
             share_billboard(make_billboard(scene, view, first_plant + p, distance[n, p], sharpen), floats, ints, thread)
         cuda.syncthreads()
         for j in range(min(THREADS, total - first)):
+            # The same branch for all threads of the block, so that none waits for another.
             if touches[j] == 0:
                 continue
             board = shared_billboard(floats, ints, j)
@@ -246,6 +252,7 @@ def billboard_light(atlas, board, dx, dy, dz, near, ground_depth, light, reduced
     """As `billboard.billboard_pixel`, in either quality."""
     if reduced:
         ink_r, ink_g, ink_b, ink, t = reduced_quality.billboard_pixel(atlas, board, dx, dy, dz, near)
+        # The reduced pixel leaves visibility to its caller, because on the CPU two rows share it.
         part = light * ink if t < ground_depth else f32(0)
         return part * ink_r, part * ink_g, part * ink_b, part, t
     return billboard.billboard_pixel(atlas, board, dx, dy, dz, near, ground_depth, light)
@@ -267,6 +274,7 @@ def shade_background(scene, view, kind, reduced, rays, depth, out):
     """Fill `Radiance` [1] with that of sky, water or ground, haze included."""
     inv_cell = scene.constants[view.world, layout.INV_CELL]
     pixel = row_step(view.camera)
+    # The span has one ray, whose index is 0.
     first = cuda.local.array(1, int32)
     first[0] = 0
     points = HitPoints(
@@ -298,5 +306,6 @@ def shade_background(scene, view, kind, reduced, rays, depth, out):
         reduced_quality.shade_ground(scene, view, points, pixel, out, 1)
     else:
         ground.shade_ground(scene, view, points, pixel, out, 1)
+    # The sky map holds its own haze; stone was given its haze with its colour.
     if kind == classes.WATER or kind == classes.GROUND:
         sky.add_haze(scene, view, points, out, 1)

@@ -37,6 +37,7 @@ def adder(reduced: bool) -> Callable:
         view = View(views.world_index[n], views.looks[n], stored_camera(cameras, n, height, width), f32(0))
         sums = cuda.shared.array(THREADS, float32)
         total = f32(0)
+        # Neighbouring threads take neighbouring pixels, so that their reads fall together.
         for k in range(thread, height * width, THREADS):
             r = k // width
             c = k % width
@@ -54,6 +55,7 @@ def adder(reduced: bool) -> Callable:
         sums[thread] = total
         half = THREADS // 2
         while half > 0:
+            # All sums of the last round must be written before any is read.
             cuda.syncthreads()
             if thread < half:
                 sums[thread] += sums[thread + half]
@@ -81,6 +83,7 @@ def tone_map(radiance, kind, light, looks, keys, gains, codes, images):
         gains[n] * looks[n, tone.GAIN_R], gains[n] * looks[n, tone.GAIN_G], gains[n] * looks[n, tone.GAIN_B],
         mask_of(kind[n, r, c], light[n, r, c]),
     )  # fmt: skip
+    # The hash counts pixels as the CPU does, so that both add the same noise.
     if looks[n, tone.NOISE] > f32(0):
         pixel = tone.noisy(pixel, looks[n, tone.NOISE], tone.scramble(uint32(keys[n] + uint32(k))))
     images[n, r, c] = pixel

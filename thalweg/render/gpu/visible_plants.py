@@ -38,6 +38,7 @@ def stored_camera(cameras, n, height, width):
 def place_cameras(views, settings, cameras, moments, keys):
     """One thread a camera: its fields [N, CAMERA_COLUMNS] float32, its time [N] float32, its noise key [N] uint32."""
     n = cuda.grid(1)
+    # The last block may have more threads than cameras are left.
     if n >= len(views.poses):
         return
     camera = pose_camera(views.poses[n], views.looks[n], settings)
@@ -73,6 +74,7 @@ def find(scene, views, settings, cameras, order, distance, boxes, counts):
         far = distance_in_view(scene.plants, first + p, views.looks[n, DENSITY], camera, frustum)
         distance[n, p] = far
         if far >= f32(0):
+            # First the number of plants in each bucket, then their positions, as in the counting sort of the CPU.
             cuda.atomic.add(ends, bucket_of(far), 1)
     cuda.syncthreads()
     count = counts_to_offsets(ends, sums, thread)
@@ -87,6 +89,7 @@ def find(scene, views, settings, cameras, order, distance, boxes, counts):
     cuda.syncthreads()
     for k in range(thread, count, THREADS):
         p = order[n, k]
+        # Boxes are stored by position in the order, so that the threads of a tile read neighbours.
         box = billboard_box(scene.plants[first + p], distance[n, p], camera, settings.width)
         boxes[n, k, 0], boxes[n, k, 1], boxes[n, k, 2], boxes[n, k, 3] = box
     if thread == 0:
@@ -112,6 +115,7 @@ def counts_to_offsets(ends, sums, thread):
         sums[thread] += before
         cuda.syncthreads()
         reach *= 2
+    # The sums include the thread's own buckets; its first bucket begins before them.
     begin = sums[thread] - own
     for k in range(EACH):
         inside = ends[thread * EACH + k]

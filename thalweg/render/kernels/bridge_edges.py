@@ -38,6 +38,7 @@ def sample_bridge(scene, view, r, c, down, right, limit):
     blue = f32(0)
     for b in range(scene.extents[view.world, layout.BRIDGE_FROM], scene.extents[view.world, layout.BRIDGE_TO]):
         row = scene.bridges[b]
+        # The limit shrinks with each hit, so that the nearest bridge is the last one shaded.
         hit = meet_bridge(row, camera, dx, dy, dz, limit)
         if hit.t > f32(0):
             limit = hit.t
@@ -86,6 +87,7 @@ def edge_colour(scene, view, planes, r, c):
     green = planes.green[r, c]
     blue = planes.blue[r, c]
     count, other_r, other_g, other_b, limit = background(planes, view.camera.width, r, c)
+    # Behind dense plants an edge is hardly visible, and its five rays are saved.
     mixed = count > f32(0) and through > f32(0.5)
     if not mixed:
         return f32(0), red, green, blue
@@ -135,6 +137,7 @@ def soften_edges(scene, view, planes):
         row_pairs = 0
         for c in range(width):
             own = kind[r, c] == np.uint8(BRIDGE)
+            # Each pair of neighbours is counted once, from its upper or left pixel.
             right = kind[r, min(c + 1, width - 1)] == np.uint8(BRIDGE)
             below = kind[min(r + 1, height - 1), c] == np.uint8(BRIDGE)
             row_pairs += (1 if own != right else 0) + (1 if own != below else 0)

@@ -67,6 +67,7 @@ def pose_camera(pose, look, settings):
     return PosedCamera(
         f32(pose[0]), f32(pose[1]), f32(pose[2]),
         cos_y * cos_p, sin_y * cos_p, -sin_p,
+        # The camera does not roll, so right is level and has no z.
         sin_y, -cos_y,
         cos_y * sin_p, sin_y * sin_p, cos_p,
         half_w, look[HALF_H], f32(2) * half_w / f32(settings.width), settings.near_m,
@@ -98,6 +99,7 @@ def row_rays(camera, row, first, inv_cell, rays, n):
     sy = camera.half_h - (f32(row) + f32(0.5)) * row_step(camera)
     for c in range(n):
         sx = (f32(first + c) + f32(0.5)) * camera.column_step - camera.half_w
+        # Not normalised: one unit of t is one metre of depth, which planes and layers store.
         dx[c] = (camera.forward_x + sy * camera.up_x + sx * camera.right_x) * inv_cell
         dy[c] = (camera.forward_y + sy * camera.up_y + sx * camera.right_y) * inv_cell
         dz[c] = camera.forward_z + sy * camera.up_z
@@ -109,6 +111,7 @@ def square_rays(camera, row, size, inv_cell, rays, first, n):
 
     row: the first row of the squares.
     """
+    # The middle of a square lies between pixels where its size is even.
     dx, dy, dz = rays
     sy = camera.half_h - (f32(row) + f32(0.5) * f32(size)) * row_step(camera)
     for k in range(n):
@@ -125,6 +128,7 @@ def hit_points(origin, inv_cell, rays, depth, chosen, points, n):
     x, y, z, dx, dy, dz, distance = points
     cell = f32(1) / inv_cell
     for k in range(n):
+        # The chosen pixels are gathered into dense arrays, so that shading vectorises.
         c = uint32(chosen[k])
         vx = ray_x[c]
         vy = ray_y[c]

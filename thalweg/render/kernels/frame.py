@@ -36,6 +36,7 @@ def empty_planes(height, width):
 
     W' is the width rounded up to whole blocks of plants, H' the height rounded up to an even number of rows.
     """
+    # Rows are drawn by twos in the reduced quality, and plants by blocks: no loop has to test for an edge.
     height += height % 2
     wide = (width + BLOCK - 1) // BLOCK * BLOCK
     return Planes(
@@ -44,6 +45,7 @@ def empty_planes(height, width):
         np.zeros((height, wide), np.float32),
         np.zeros((height, wide), np.float32),
         np.zeros((height, wide), np.float32),
+        # All light passes until plants stop it; without a plant its depth is that of a miss.
         np.ones((height, wide), np.float32),
         np.full((height, wide), f32(MISS), np.float32),
     )
@@ -92,6 +94,7 @@ def finish_frame(scene, view, settings, planes, n, output):
     if not settings.reduced:
         # Without the row by which an odd height is rounded up: rays are aimed by the number of rows.
         soften_edges(scene, view, rows_of(planes, 0, settings.height))
+    # Layers are written first, because the mask replaces the classes in place.
     if output.want_layers:
         write_layers(planes, output.depths[n], output.classes[n])
     mask_water(planes.kind, planes.transmittance)
@@ -103,6 +106,7 @@ def finish_frame(scene, view, settings, planes, n, output):
 @kernel(inlined=True, allocates=False)
 def noise_key(view):
     """What the sensor's noise depends on: position and time, to the bit."""
+    # The bits themselves are hashed, because rounding would give neighbouring poses the same noise.
     key = tone.scramble(uint32(np.float32(view.camera.x).view(np.int32)))
     key = tone.scramble(uint32(key ^ uint32(np.float32(view.camera.y).view(np.int32))))
     return tone.scramble(uint32(key ^ uint32(np.float32(view.time).view(np.int32))))
@@ -135,6 +139,7 @@ def draw_bridges(scene, view, top, depth, kind):
                 dx = camera.forward_x + sy * camera.up_x + sx * camera.right_x
                 dy = camera.forward_y + sy * camera.up_y + sx * camera.right_y
                 dz = camera.forward_z + sy * camera.up_z
+                # Only stone nearer than what is already drawn counts, so the order of bridges does not matter.
                 hit = bridges.meet_bridge(row, camera, dx, dy, dz, min(depth[r, c], f32(bridges.FAR_M)))
                 if hit.t > f32(0):
                     depth[r, c] = hit.t
@@ -174,6 +179,7 @@ def shade(scene, view, top, reduced, planes):
         for what in range(3):
             n = 0
             for c in range(view.camera.width):
+                # Pixels behind dense foliage are left out: their colour would not show.
                 if kind[r, c] == what and light[r, c] > f32(SEEN):
                     chosen[n] = c
                     n += 1
@@ -206,6 +212,7 @@ def shade_points(scene, view, what, reduced, points, pixel, work, out, n):
         water.shade_water(scene, view, points, pixel, work, out, n)
     else:
         ground.shade_ground(scene, view, points, pixel, out, n)
+    # The sky map holds its own haze.
     if what != SKY:
         sky.add_haze(scene, view, points, out, n)
 
@@ -219,6 +226,7 @@ def write_layers(planes, depth_out, class_out):
         for c in range(width):
             seen = min(depth[r, c], plant_depth[r, c])
             depth_out[r, c] = f32(-1) if seen >= f32(MISS) else seen
+            # A pixel belongs to what stops or gives at least half of its light.
             class_out[r, c] = kind[r, c] if light[r, c] > f32(0.5) else np.uint8(PLANT)
 
 

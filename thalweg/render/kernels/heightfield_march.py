@@ -106,6 +106,7 @@ def advance_bundles(scene, world, origin, spread, rays, t, n):
             speed = math.sqrt(dx[i] * dx[i] + dy[i] * dy[i]) * cell + spread
             gap = origin.z + sink * ti - height - slope * spread * ti
             step = gap / max(slope * speed - sink, f32(1e-6))
+            # Near the surface the cone of a whole tile is too wide to gain anything.
             onward = (step > f32(BUNDLE_LEAST_M)) & (ti < f32(FAR_M))
             t[i] = ti + step if onward else ti
             active += f32(1) if onward else f32(0)
@@ -128,6 +129,7 @@ def march(scene, world, origin, rays, t, hit, track, n):
         # Above the highest summit, a rising ray meets nothing any more.
         rising = (summit + f32(0.01) - origin.z) / max(dz[i], f32(1e-9))
         leave[i] = min(rising, f32(FAR_M)) if dz[i] > f32(0) else f32(FAR_M)
+        # A gap of 1 stands for "above"; it is replaced at the first step.
         before[i] = t[i]
         gap_before[i] = f32(1)
         gap_after[i] = f32(0)
@@ -182,6 +184,7 @@ def step_rays(scene, world, origin, rays, t, hit, track, n):
         running = (hit[i] == f32(0)) & (ti < leave[i])
         below = gap <= f32(0)
         met = running & below
+        # The last point above is saved before each step: refinement needs both sides of the surface.
         onward = running & (gap > f32(0))
         hit[i] = f32(1) if met else hit[i]
         gap_after[i] = gap if met else gap_after[i]
@@ -229,6 +232,7 @@ def touch_surface(scene, world, origin, rays, t, planes, n):
     rows = int32(scene.extents[world, layout.GY])
     at = int32(scene.extents[world, layout.MAP_AT])
     for i in range(n):
+        # The plane through the surface at the point, written as a height under the camera.
         height, across, along = sloped(scene.top, at, columns, rows, origin.x + dx[i] * t[i], origin.y + dy[i] * t[i])
         slope_x[i] = across
         slope_y[i] = along

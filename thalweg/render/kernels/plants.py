@@ -69,6 +69,7 @@ def distance_in_view(plants, p, density, camera, frustum):
     ahead = px * camera.forward_x + py * camera.forward_y + pz * camera.forward_z
     across = abs(px * camera.right_x + py * camera.right_y)
     above = abs(px * camera.up_x + py * camera.up_y + pz * camera.up_z)
+    # Distance to a tilted plane is measured perpendicular to it; the slants replace that division.
     outside = across > ahead * frustum.half_w + radius * frustum.slant_w
     if ahead < -radius or outside or above > ahead * frustum.half_h + radius * frustum.slant_h:
         return f32(-1)
@@ -87,6 +88,7 @@ def visible_plants(scene, view, frustum, order, distance):
     density = view.look[DENSITY]
     camera = view.camera
     count = 0
+    # One more bucket than needed: counts are stored one ahead, so that their running sum is where each begins.
     found = np.empty(last - first, np.int32)
     heads = np.zeros(BUCKETS + 1, np.int32)
     for p in range(first, last):
@@ -140,6 +142,7 @@ def draw_plants(scene, view, top, reduced, planes):
     wide_half_w = f32(columns) * camera.column_step - camera.half_w
     frustum = frustum_of(max(camera.half_w, wide_half_w), camera.half_h)
     count = visible_plants(scene, view, frustum, order, distance)
+    # Flat views need one index instead of two in the inner loop.
     flat = Planes(
         planes.depth.ravel(), planes.kind.ravel(), planes.red.ravel(), planes.green.ravel(), planes.blue.ravel(),
         planes.transmittance.ravel(), planes.plant_depth.ravel(),
@@ -148,6 +151,7 @@ def draw_plants(scene, view, top, reduced, planes):
         p = first + order[k]
         far = distance[order[k]]
         c0, c1, r0, r1 = billboard_box(scene.plants[p], far, camera, columns)
+        # The box is in rows of the image, the planes in rows of this band.
         r0 = max(r0 - int32(top), int32(0))
         r1 = min(r1 - int32(top), int32(rows))
         if c0 < c1 and r0 < r1:
@@ -204,6 +208,7 @@ def billboard_box(plant, distance, camera, columns):
         ahead = cx * camera.forward_x + cy * camera.forward_y + cz * camera.forward_z
         # Corners behind the near plane have no image; the billboard may then be anywhere.
         cut |= ahead < camera.near_m
+        # Kept positive for the division; the result is not used for a plant that is cut.
         ahead = max(ahead, f32(0.05))
         sx = (cx * camera.right_x + cy * camera.right_y) / ahead
         sy = (cx * camera.up_x + cy * camera.up_y + cz * camera.up_z) / ahead

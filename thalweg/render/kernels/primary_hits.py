@@ -42,8 +42,10 @@ def find_primary_hits(scene, view, top, reduced, depth, kind):
     spread = heightfield_march.bundle_spread(camera)
     size = SQUARE if reduced else 1
     for r in range(rows):
+        # Once for each row of tiles: empty space that a whole tile crosses is crossed by one ray instead of 64.
         if r % TILE == 0:
             square_rays(camera, top + r, TILE, inv_cell, rays, 0, tiles)
+            # Nothing nearer than the near plane is drawn, so rays begin on it.
             for k in range(tiles):
                 start[k] = camera.near_m
             heightfield_march.advance_bundles(scene, view.world, origin, spread, rays, start, tiles)
@@ -52,6 +54,7 @@ def find_primary_hits(scene, view, top, reduced, depth, kind):
             march_row(scene, view.world, origin, rays, start, size, march_t, march_hit, track)
             if reduced:
                 heightfield_march.touch_surface(scene, view.world, origin, rays, march_t, planes, wide // size)
+        # Each pixel keeps its own direction and meets the tangent plane of its square: depth stays smooth within it.
         if reduced:
             row_rays(camera, top + r, 0, inv_cell, rays, wide)
             heightfield_march.meet_planes(planes, march_t, rays, t, wide)
@@ -64,6 +67,7 @@ def find_primary_hits(scene, view, top, reduced, depth, kind):
         heightfield_march.water_depths(scene, view.world, origin, rays, t, water, wide)
         for c in range(wide):
             depth[r, c] = t[c] if hit[c] > f32(0) else f32(MISS)
+            # The upper surface is water wherever the water is deeper than zero, so no second march is needed.
             surface = np.uint8(WATER) if water[c] > f32(0) else np.uint8(GROUND)
             kind[r, c] = surface if hit[c] > f32(0) else np.uint8(SKY)
 

@@ -49,6 +49,7 @@ def bilinear(table, at, columns, rows, x, y):
 @kernel(inlined=True, allocates=False)
 def sloped(table, at, columns, rows, x, y):
     """As `bilinear`, and the table's rise per node in x and in y. The table is level outside its edges."""
+    # The clamped coordinate does not move outside, so the slope there must be zero.
     within_x = f32(1) if (x >= f32(0)) & (x <= f32(columns) - f32(1.001)) else f32(0)
     within_y = f32(1) if (y >= f32(0)) & (y <= f32(rows) - f32(1.001)) else f32(0)
     x = clamp(x, f32(0), f32(columns) - f32(1.001))

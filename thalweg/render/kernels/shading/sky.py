@@ -18,6 +18,7 @@ def shade_sky(scene, view, points, out, n):
     _, _, _, dx, dy, dz, _ = points
     red, green, blue = out
     begin = int32(scene.extents[view.world, layout.SKY_AT])
+    # A local name: the loop then reads the pointer once, not through the record.
     table = scene.sky
     for k in range(n):
         r, g, b = sky_at(table, begin, dx[k], dy[k], dz[k])
@@ -36,6 +37,7 @@ def add_haze(scene, view, points, out, n):
     fog_b = scene.constants[view.world, layout.FOG_B]
     look = view.look
     for k in range(n):
+        # What the haze takes from the surface it replaces by its own light, which is that of the horizon.
         clear = exp(-distance[k] * look[HAZE_PER_M])
         red[k] = red[k] * clear + fog_r * (f32(1) - clear)
         green[k] = green[k] * clear + fog_g * (f32(1) - clear)

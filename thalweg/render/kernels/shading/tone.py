@@ -61,6 +61,7 @@ def luminance(red, green, blue):
 @kernel(inlined=True, allocates=False)
 def exposure(mean):
     """The factor on radiance in a frame of this mean luminance."""
+    # A dark frame stays darker and a bright one brighter than the key, as an eye that adapts in part.
     return (f32(KEY) / max(mean, f32(1e-4))) ** f32(ADAPTATION)
 
 
@@ -96,6 +97,7 @@ def noisy(pixel, spread, key):
     The noise is the sum of the four bytes of a hash, which is nearly Gaussian.
     """
     result = pixel & uint32(0xFF000000)
+    # A key for each channel, so that the noise is coloured as a sensor's is.
     for shift in (0, 8, 16):
         bits = scramble(uint32(key + uint32(shift)))
         total = int32(bits & uint32(255)) + int32((bits >> uint32(8)) & uint32(255))
@@ -128,6 +130,7 @@ def write_image(radiance, mask, look, key, image):
     for r in range(height):
         for c in range(width):
             image[r, c] = tone_pixel(CODE_TABLE, red[r, c], green[r, c], blue[r, c], gain_r, gain_g, gain_b, mask[r, c])
+    # A second pass: the common case without noise stays free of its hash.
     if look[NOISE] > f32(0):
         for r in range(height):
             for c in range(width):

@@ -1,14 +1,11 @@
 """Thalweg: a photo-realistic river world and a benchmark of safe reinforcement learning on it.
 
-Importing the package registers its Gymnasium ids and the detection of forks; subpackages are imported when they are
-used.
+Importing the package registers its Gymnasium ids; subpackages are imported when they are used.
 """
 
 from typing import TYPE_CHECKING, Any
 
 from gymnasium.envs.registration import register, registry
-
-import thalweg.core.fork  # noqa: F401 (records forks from now on)
 
 if TYPE_CHECKING:
     from thalweg.env.torch_env import TensorRiverEnv

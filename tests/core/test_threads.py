@@ -1,23 +1,29 @@
-"""Tests of the thread pool: every job runs once, errors are raised, and a forked process has its own threads."""
+"""Tests of the thread pool: every job runs once, errors are raised, and other threads and processes are left alone."""
 
 import multiprocessing
+import subprocess
+import sys
 import threading
 
-import numba
+import numpy as np
 import pytest
+from gymnasium.vector import AsyncVectorEnv
 
 from thalweg.core.jit import config
-from thalweg.core.threads import run_in_threads
+from thalweg.core.threads import get_num_threads, run_in_threads, set_num_threads
+from thalweg.env import EnvConfig
+from thalweg.env.env import RiverEnv
+from thalweg.world import World
 
 
 @pytest.fixture(params=[1, 2])
 def _threads(request: pytest.FixtureRequest):
     if request.param > config.NUMBA_NUM_THREADS:
         pytest.skip("one core")
-    before = numba.get_num_threads()
-    numba.set_num_threads(request.param)
+    before = get_num_threads()
+    set_num_threads(request.param)
     yield
-    numba.set_num_threads(before)
+    set_num_threads(before)
 
 
 def jobs_done(jobs: int) -> list[int]:
@@ -40,11 +46,11 @@ def test_an_error_in_another_thread_is_raised_after_all_have_ended():
         if threading.current_thread() is not threading.main_thread():
             raise ValueError(f"job {first}")
 
-    if numba.get_num_threads() < 2:
+    if get_num_threads() < 2:
         pytest.skip("one thread")
     with pytest.raises(ValueError, match="job "):
         run_in_threads(8, work)
-    assert len(ended) == min(numba.get_num_threads(), 8)
+    assert len(ended) == min(get_num_threads(), 8)
 
 
 def _count(jobs: int, answers) -> None:
@@ -62,3 +68,45 @@ def test_a_forked_process_has_its_own_threads():
     assert answers.get(timeout=60) == list(range(8))
     child.join(timeout=60)
     assert child.exitcode == 0
+
+
+@pytest.mark.parametrize("threads", [0, -1, config.NUMBA_NUM_THREADS + 1])
+def test_an_impossible_number_of_threads_is_refused(threads: int):
+    before = get_num_threads()
+    with pytest.raises(ValueError, match=f"threads = {threads}: it must be in 1"):
+        set_num_threads(threads)
+    assert get_num_threads() == before
+
+
+def test_building_and_rendering_start_no_threads_of_numba():
+    """Where Numba and PyTorch share OpenMP, starting Numba's threads changes PyTorch's; in a process of its own."""
+    code = """
+import numba
+from thalweg.env import sample_starts
+from thalweg.render import Camera, Renderer
+from thalweg.world import build
+world = build("Easy", 5)
+Renderer([world], Camera(32, 32)).render(sample_starts(world, 4, 0))
+try:
+    print(numba.threading_layer())
+except ValueError as error:
+    print(error)
+"""
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout == "Threading layer is not initialized.\n"
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_a_forked_worker_draws_the_same_frames(easy_world: World):
+    """`AsyncVectorEnv` forks by default on Linux before Python 3.14; here its parent has already drawn."""
+    config = EnvConfig()
+    single = RiverEnv(easy_world, config)
+    expected, _ = single.reset(seed=3)
+    workers = AsyncVectorEnv([lambda: RiverEnv(easy_world, config)] * 2, context="fork")
+    try:
+        observation, _ = workers.reset(seed=[3, 4])
+    finally:
+        workers.close()
+    assert expected.std() > 1.0
+    np.testing.assert_array_equal(observation[0], expected)

@@ -147,7 +147,7 @@ def test_runs_in_the_configured_number_of_threads(encoder, frames, monkeypatch):
     before = torch.get_num_threads()
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     try:
-        torch.set_num_threads(2)  # as Numba's kernels do on OpenMP
+        torch.set_num_threads(2)  # as another library on OpenMP may do
         encoder(frames[:4])
         assert seen and set(seen) == {1} and torch.get_num_threads() == 2
     finally:

@@ -1,10 +1,10 @@
 """Frames: against planes worked out by hand, against the reference, and that only pose, world and time count."""
 
-import numba
 import numpy as np
 import pytest
 
 from tests.render.plain import plane, plants_at
+from thalweg.core.threads import get_num_threads, set_num_threads
 from thalweg.render import Camera, Frame, Renderer
 from thalweg.render.bake import impostors
 from thalweg.render.batch import bands_of
@@ -206,14 +206,14 @@ def test_a_frame_does_not_depend_on_batch_order_or_threads(easy_world):
             whole[k : k + 1], renderer.render(poses[k : k + 1], index[k : k + 1], times[k : k + 1])
         )
     np.testing.assert_array_equal(whole[5], Renderer([other], Camera(64, 64)).render(poses[5:], None, times[5:])[0])
-    before = numba.get_num_threads()
+    before = get_num_threads()
     if before < 2:
         pytest.skip("one thread only: nothing to compare with")
-    numba.set_num_threads(1)
+    set_num_threads(1)
     try:
         np.testing.assert_array_equal(whole, renderer.render(poses, index, times))
     finally:
-        numba.set_num_threads(before)
+        set_num_threads(before)
 
 
 @pytest.mark.parametrize("height", [64, 57])

@@ -35,7 +35,6 @@ USES_KERNELS = re.compile(r"^from thalweg\.core\.jit import", re.MULTILINE)
 def kernel(
     function: Callable[..., Any] | None = None,
     *,
-    parallel: bool = False,
     fastmath: bool = True,
     inlined: bool = False,
     disjoint: bool = False,
@@ -45,7 +44,6 @@ def kernel(
 
     Args:
         function: The Python function, when the decorator is used without arguments.
-        parallel: Run `prange` loops in Numba's threads.
         fastmath: Allow reordering of float operations. False for the rules, which must give the same bits as their
             plain Python reference, and for the world, which must give the same bits on every machine of a kind.
         inlined: Inline the function into its callers.
@@ -58,7 +56,6 @@ def kernel(
     def compile_lazily(python_function: Callable[..., Any]) -> Any:
         folder = kernel_cache_dir()
         dispatcher: Any = numba.njit(
-            parallel=parallel,
             fastmath=fastmath,
             forceinline=inlined,
             error_model="numpy",

@@ -1,7 +1,7 @@
 """A thread pool for compiled kernels: the jobs are split into one range per thread.
 
-Kernels release Python's lock. Numba's own `parallel=True` would compile everything that the loop calls three times,
-which takes a quarter of the first start for the frame kernel.
+Kernels release Python's lock. Numba's own `parallel=True` is not used: it runs on OpenMP where that is installed, and
+then sets PyTorch's number of threads to that of all cores and makes forked processes die at their first kernel.
 """
 
 import os
@@ -9,20 +9,35 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
-import numba
-
 from thalweg.core.jit import config
 
 _pool: ThreadPoolExecutor | None = None
+_threads = int(config.NUMBA_NUM_THREADS)
+
+
+def get_num_threads() -> int:
+    """Return the number of threads that kernels use; all cores, or `NUMBA_NUM_THREADS`, unless it was set."""
+    return _threads
+
+
+def set_num_threads(threads: int) -> None:
+    """Set the number of threads that kernels use in this process; it changes no result.
+
+    Raises `ValueError` for a number outside 1 to `NUMBA_NUM_THREADS`.
+    """
+    global _threads
+    if not 1 <= threads <= config.NUMBA_NUM_THREADS:
+        raise ValueError(f"threads = {threads}: it must be in 1..{config.NUMBA_NUM_THREADS}")
+    _threads = threads
 
 
 def run_in_threads(jobs: int, work: Callable[[int, int], object]) -> None:
-    """Call `work(first, last)` for ranges that cover 0 to `jobs`, in as many threads as Numba is set to use.
+    """Call `work(first, last)` for ranges that cover 0 to `jobs`, in `get_num_threads` threads.
 
     The calling thread takes the first range. An error in any range is raised here after all ranges have ended.
     """
     global _pool
-    threads = min(numba.get_num_threads(), jobs)
+    threads = min(_threads, jobs)
     if threads <= 1:
         work(0, jobs)
         return

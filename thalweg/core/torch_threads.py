@@ -1,6 +1,6 @@
 """The number of threads that PyTorch computes with.
 
-It is set explicitly, because Numba changes it: where kernels run on OpenMP, Numba sets PyTorch's too.
+It is set explicitly, because last bits depend on it and other libraries on OpenMP change it.
 This is apart from `thalweg.core.threads` so that rendering on the CPU does not import PyTorch.
 """
 

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from thalweg.core import fork
 from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig
 from thalweg.env.task.course_arrays import fingerprint
 from thalweg.env.task.rules import State
@@ -76,9 +75,7 @@ class FrameRenderer:
         return Views(*(a[rows].copy() for a in (state.pose, state.world, state.time_s, self.look, self.sun)))
 
     def render(self, views: Views) -> np.ndarray:
-        """Return new frames [M, H, W, 4] uint8 of the views; raises `RuntimeError` in a process that cannot render
-        because it was forked."""
-        fork.raise_if_forked()
+        """Return new frames [M, H, W, 4] uint8 of the views."""
         if self._renderer is None:
             from thalweg.render import Renderer
 

@@ -89,5 +89,15 @@ def main() -> None:
     Path(folder, DONE).touch()
 
 
+def _drop_child() -> None:
+    """Forget the compiling process in a forked process, which can't wait for it."""
+    global _child
+    _child = None
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_drop_child)
+
+
 if __name__ == "__main__":
     main()

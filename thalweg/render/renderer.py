@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
 from thalweg.core import versions
 from thalweg.core.device import resolve_device
+from thalweg.core.threads import get_num_threads
 from thalweg.render import compilation
 from thalweg.render.bake.scene_tables import build_scene
 from thalweg.render.batch import bands_of, draw
@@ -140,7 +140,7 @@ class Renderer:
             self._gpu.draw_for_host(views, packed, layers)
             return
         compilation.finish()
-        bands = bands_of(self.camera.height_px, numba.get_num_threads(), len(views.poses))
+        bands = bands_of(self.camera.height_px, get_num_threads(), len(views.poses))
         # The kernel has one signature, with or without layers.
         depths, classes = layers or (np.empty((1, 1, 1), np.float32), np.empty((1, 1, 1), np.uint8))
         draw(self.scene, views, self._settings, Output(packed, layers is not None, depths, classes), bands)

@@ -6,11 +6,12 @@ Octaves shorter than two nodes are left out: noise of single nodes would be nois
 """
 
 import math
+from functools import partial
 
 import numpy as np
-from numba import prange
 
 from thalweg.core.jit import kernel
+from thalweg.core.threads import run_in_threads
 
 f4 = np.float32
 OCTAVE_DEVIATION = 0.2157
@@ -19,15 +20,15 @@ TURN = 0.65
 """Angle in radians by which each octave is rotated against the one before."""
 
 
-@kernel(parallel=True, fastmath=False)
-def add_octave(out, origin, across, gradient, amplitude):
-    """Add one octave of gradient noise to out [GY, GX] float32.
+@kernel(fastmath=False)
+def add_octave(out, origin, across, gradient, amplitude, first, last):
+    """Add one octave of gradient noise to the rows first to last of out [GY, GX] float32.
 
     Node (i, j) lies at origin + (across[0] j - across[1] i, across[1] j + across[0] i), in wavelengths, inside the
     lattice of unit vectors gradient [rows, columns, 2] float32.
     """
-    rows, columns = out.shape
-    for i in prange(rows):
+    columns = out.shape[1]
+    for i in range(first, last):
         x0 = origin[0] - across[1] * f4(i)
         y0 = origin[1] + across[0] * f4(i)
         for j in range(columns):
@@ -86,7 +87,8 @@ def fractal(
         for row in range(size[0]):
             turn = rng.uniform(0.0, 2.0 * math.pi, size[1])
             gradient[row, :, 0], gradient[row, :, 1] = np.cos(turn), np.sin(turn)
-        add_octave(out, origin.astype(np.float32), across.astype(np.float32), gradient, f4(amplitude))
+        octave = partial(add_octave, out, origin.astype(np.float32), across.astype(np.float32), gradient, f4(amplitude))
+        run_in_threads(len(out), octave)
     return out
 
 

@@ -2,11 +2,11 @@
 
 import math
 
-import numba
 import numpy as np
 import pytest
 
 from tests.world.valley import valley
+from thalweg.core.threads import get_num_threads, set_num_threads
 from thalweg.world.generate.plants import scatter
 from thalweg.world.light.bake import BakedLight, bake, sun_ray
 from thalweg.world.light.crowns import (
@@ -299,11 +299,11 @@ def test_result_is_the_same_for_any_number_of_threads():
     grid, ground, water, shore, clear = valley(200)
     plants = scatter(grid, ground, water, shore, clear, 1.0, np.random.default_rng(1))
     results = []
-    before = numba.get_num_threads()
+    before = get_num_threads()
     for threads in (1, before):
-        numba.set_num_threads(threads)
+        set_num_threads(threads)
         results.append(bake(grid, ground, water, plants, BRIDGE, 2.0, 0.96))
-    numba.set_num_threads(before)
+    set_num_threads(before)
     for name in ("sun", "sky", "canopy_m", "plant_light"):
         assert np.array_equal(getattr(results[0], name), getattr(results[1], name)), name
 

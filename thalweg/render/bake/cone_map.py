@@ -1,9 +1,11 @@
 """The cone map: over each cell of the height field, a cone that no surface pierces."""
 
+from functools import partial
+
 import numpy as np
-from numba import prange
 
 from thalweg.core.jit import kernel
+from thalweg.core.threads import run_in_threads
 from thalweg.render.records.layout import CONE_CELL
 
 f32 = np.float32
@@ -27,18 +29,20 @@ def cone_map(top: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarray]:
     height = np.max([ring[y : y + rows, x : x + columns] for y in range(3) for x in range(3)], axis=0)
     far = np.pad(highest, [(0, -rows % 4), (0, -columns % 4)], mode="edge")
     coarse = far.reshape(far.shape[0] // 4, 4, far.shape[1] // 4, 4).max(axis=(1, 3))
-    slope = _cone_slope(highest, height, np.ascontiguousarray(coarse), f32(cell_m * CONE_CELL))
+    slope = np.zeros((rows, columns), np.float32)
+    cell = f32(cell_m * CONE_CELL)
+    run_in_threads(rows, partial(_cone_slope, slope, highest, height, np.ascontiguousarray(coarse), cell))
     return height.astype(np.float32), slope
 
 
-@kernel(parallel=True, fastmath=False)
-def _cone_slope(highest, height, coarse, cell):
+@kernel(fastmath=False)
+def _cone_slope(slope, highest, height, coarse, cell, first, last):
+    """Fill the rows first to last of slope [CY, CX]."""
     rows, columns = highest.shape
-    slope = np.zeros((rows, columns), np.float32)
     near = 12
     reach = 24
     summit = coarse.max()
-    for r in prange(rows):
+    for r in range(first, last):
         for c in range(columns):
             base = height[r, c]
             best = max(f32(0.02), (summit - base) / (f32(4 * reach - 4) * cell))
@@ -57,4 +61,3 @@ def _cone_slope(highest, height, coarse, cell):
                     rise = coarse[y, x] - base
                     best = max(best, rise / (apart * cell) if apart > f32(near - 5) else f32(0))
             slope[r, c] = best
-    return slope

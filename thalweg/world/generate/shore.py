@@ -4,12 +4,13 @@ The water of the course is everything within half the width of the centre line, 
 nearest point of the line, on the nearest arm. Side channels are unions of discs along a line.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numba import prange
 
 from thalweg.core.jit import kernel
+from thalweg.core.threads import run_in_threads
 from thalweg.world.record import Grid, River
 
 f4 = np.float32
@@ -109,17 +110,18 @@ def _measure_node(x, y, start, step, half, closed, window, found, number):
     return exact + blend * (envelope - exact), across, nearest + share
 
 
-@kernel(fastmath=False, parallel=True)
-def _measure(origin_x, origin_y, cell, start, step, half, closed, window, slack, edge, across, course_index):
-    """Fill the maps of `Shore`.
+@kernel(fastmath=False)
+def _measure(origin_x, origin_y, cell, course, closed, window, slack, maps, first, last):
+    """Fill the maps of `Shore` in the bands of `BLOCK` rows from first to last.
 
-    start, step [segments, 2] and half [segments, 2], the half widths at both ends, are float64.
+    course: start, step [segments, 2] and half [segments, 2], the half widths at both ends, all float64.
     """
+    start, step, half = course
+    edge, across, course_index = maps
     rows, columns = edge.shape
-    for band in prange((rows + BLOCK - 1) // BLOCK):
+    found = np.empty(len(start), np.int64)
+    for band in range(first, last):
         top = band * BLOCK
-        # One list per band, because bands run in parallel.
-        found = np.empty(len(start), np.int64)
         for left in range(0, columns, BLOCK):
             middle_x, middle_y = (
                 origin_x + (left + 0.5 * (BLOCK - 1)) * cell,
@@ -146,20 +148,18 @@ def measure(grid: Grid, shape: tuple[int, int], river: River) -> Shore:
     slack = BLOCK * grid.cell_m * np.sqrt(2.0) + longest + uneven
     window = int(np.ceil(WINDOW_M / (river.length_m / segments)))
     maps = Shore(*(np.zeros(shape, np.float32) for _ in range(3)))
-    _measure(
+    bands = partial(
+        _measure,
         grid.origin_x_m,
         grid.origin_y_m,
         grid.cell_m,
-        start,
-        step,
-        half,
+        (start, step, half),
         river.closed,
         min(window, segments // 2),
         slack,
-        maps.edge_m,
-        maps.across,
-        maps.course_index,
+        tuple(maps),
     )
+    run_in_threads(-(-shape[0] // BLOCK), bands)
     return maps
 
 

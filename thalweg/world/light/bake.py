@@ -6,12 +6,13 @@ plants and ground reflect at each other is left to the renderer's ambient term.
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
-from numba import prange
 from scipy.ndimage import gaussian_filter, minimum_filter
 
 from thalweg.core.jit import kernel
+from thalweg.core.threads import run_in_threads
 from thalweg.world.light.crowns import (
     HEIGHT,
     KIND,
@@ -30,7 +31,7 @@ from thalweg.world.light.sun_shadow import (
     BAND_ROWS,
     BUCKET_M,
     BULGE,
-    plant_depth,
+    add_plant_depth,
     shade_bridges,
     shade_points,
     terrain_sun,
@@ -93,14 +94,15 @@ def bake(
     table, outline, tile = plant_table(plants), outlines(), clump_tile()
 
     boxes = _shadow_boxes(grid, surface, table, ray)
-    depth = plant_depth(surface, frame, table, boxes, *_row_bands(boxes, len(surface)), ray, outline, tile)
+    depth = np.zeros(surface.shape, np.float32)
+    shadows = table, boxes, *_row_bands(boxes, len(surface))
+    run_in_threads(_bands(len(surface)), partial(add_plant_depth, depth, surface, frame, shadows, ray, outline, tile))
     sun = terrain_sun(surface, frame[2], ray) * np.exp(-depth)
-    shade_bridges(sun, surface, frame, spans, ray)
+    run_in_threads(len(sun), partial(shade_bridges, sun, surface, frame, spans, ray))
 
     boxes = _shadow_boxes(grid, surface, table, None)
-    canopy, tall, cover = crown_roof(
-        surface, frame, table, boxes, *_row_bands(boxes, len(surface)), outline, roofs(), tile
-    )
+    crowns = table, boxes, *_row_bands(boxes, len(surface))
+    canopy, tall, cover = crown_roof(surface, frame, crowns, outline, roofs(), tile)
     _raise_bridges(canopy, tall, cover, grid, spans)
     return BakedLight(
         sun=_as_byte(sun),
@@ -176,6 +178,11 @@ def _low_ground(grid: Grid, surface: np.ndarray, table: np.ndarray, ray: np.ndar
     return low[row, column]
 
 
+def _bands(rows: int) -> int:
+    """Return the number of bands of `BAND_ROWS` rows."""
+    return -(-rows // BAND_ROWS)
+
+
 def _row_bands(boxes: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:
     """Return (starts, members): the plants whose box [M, 4] meets each band of rows, in ascending order."""
     first, last = boxes[:, 0] // BAND_ROWS, boxes[:, 1] // BAND_ROWS
@@ -183,23 +190,29 @@ def _row_bands(boxes: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:
     members = np.repeat(np.arange(len(boxes)), times)
     band = np.repeat(first, times) + np.arange(len(members)) - np.repeat(np.cumsum(times) - times, times)
     order = np.argsort(band, kind="stable")
-    starts = np.searchsorted(band[order], np.arange(-(-rows // BAND_ROWS) + 1))
+    starts = np.searchsorted(band[order], np.arange(_bands(rows) + 1))
     return starts.astype(np.int32), members[order].astype(np.int32)
 
 
-@kernel(parallel=True, fastmath=False)
-def crown_roof(surface, frame, table, boxes, starts, members, outline, roof, tile):
+def crown_roof(surface, frame, crowns, outline, roof, tile) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return three maps [GY, GX] float32: the height of all crowns' tops, that of tall plants' tops, and the cover.
 
-    The cover is the share of light from straight above that the crowns stop.
+    The cover is the share of light from straight above that the crowns stop. crowns: the table of plants, their boxes,
+    and the starts and members of each band of rows, as for `sun_shadow.add_plant_depth`.
     """
+    maps = surface.copy(), surface.copy(), np.zeros(surface.shape, np.float32)
+    run_in_threads(_bands(len(surface)), partial(_crown_roof_bands, maps, surface, frame, crowns, outline, roof, tile))
+    return maps
+
+
+@kernel(fastmath=False)
+def _crown_roof_bands(maps, surface, frame, crowns, outline, roof, tile, first, last):
+    canopy, tall, cover = maps
+    table, boxes, starts, members = crowns
     rows, columns = surface.shape
-    canopy = surface.copy()
-    tall = surface.copy()
-    cover = np.zeros((rows, columns), np.float32)
     # Straight up, with the tilt that `sun_ray` gives a sun at the zenith.
     up = np.array([f4(1e-4), f4(0.0), f4(1.0)])
-    for band in prange(len(starts) - 1):
+    for band in range(first, last):
         # One thread writes each band, with its plants in a fixed order: the sums do not depend on the threads.
         for member in range(starts[band], starts[band + 1]):
             plant = table[members[member]]
@@ -222,7 +235,6 @@ def crown_roof(surface, frame, table, boxes, starts, members, outline, roof, til
         for i in range(band * BAND_ROWS, min(rows, (band + 1) * BAND_ROWS)):
             for j in range(columns):
                 cover[i, j] = f4(1.0) - math.exp(-cover[i, j])
-    return canopy, tall, cover
 
 
 def deck_heights(grid: Grid, shape: tuple[int, int], bridge: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -255,7 +267,9 @@ def _sky(surface: np.ndarray, tall: np.ndarray, cover: np.ndarray, cell_m: float
     cell = f4(cell_m * stride)
     solid = np.ascontiguousarray(surface[::stride, ::stride])
     leafy = np.ascontiguousarray(tall[::stride, ::stride])
-    scanned = horizon_sky(solid, leafy, cell, _scan_steps(cell_m * stride), _scan_directions())
+    scanned = np.empty(solid.shape, np.float32)
+    scan = _scan_steps(cell_m * stride), _scan_directions()
+    run_in_threads(len(solid), partial(horizon_sky, scanned, solid, leafy, cell, *scan))
     roof = gaussian_filter(cover, 0.8 / cell_m)
     return _upsampled(scanned, surface.shape, stride) * (f4(1.0) - f4(COVER_SHADE) * roof)
 
@@ -277,16 +291,16 @@ def _scan_steps(cell_m: float) -> np.ndarray:
     return np.array(steps, np.float32)
 
 
-@kernel(parallel=True, fastmath=False)
-def horizon_sky(solid, leafy, cell, steps, compass):
-    """Return [R, C] float32 the cosine-weighted share of the sky that is free over each node of solid [R, C].
+@kernel(fastmath=False)
+def horizon_sky(out, solid, leafy, cell, steps, compass, first, last):
+    """Fill the rows first to last of out [R, C] float32 with the free share of the sky over each node of solid [R, C].
 
-    Under a sky of uniform radiance, a level surface receives the mean over azimuth of cos² of the horizon's elevation.
+    The share is weighted by the cosine to the vertical. Under a sky of uniform radiance, a level surface receives the
+    mean over azimuth of cos² of the horizon's elevation.
     What leafy [R, C] hides above the solid horizon still transmits `CROWN_GAPS`. Heights and `cell` are in metres.
     """
     rows, columns = solid.shape
-    out = np.empty((rows, columns), np.float32)
-    for i in prange(rows):
+    for i in range(first, last):
         for j in range(columns):
             total = f4(0.0)
             for a in range(len(compass)):
@@ -306,7 +320,6 @@ def horizon_sky(solid, leafy, cell, steps, compass):
                 over_crowns = f4(1.0) / (f4(1.0) + max(ground, crown) ** 2)
                 total += over_crowns + f4(CROWN_GAPS) * (open_sky - over_crowns)
             out[i, j] = total / f4(AZIMUTHS)
-    return out
 
 
 def _upsampled(coarse: np.ndarray, shape: tuple[int, int], stride: int) -> np.ndarray:
@@ -334,14 +347,15 @@ def _plant_light(surface, frame, table, bridges, ray, outline, tile) -> np.ndarr
     bucket += np.clip((table[:, X] - frame[0]) / BUCKET_M, 0, columns - 1).astype(np.int64)
     members = np.argsort(bucket, kind="stable").astype(np.int32)
     starts = np.searchsorted(bucket[members], np.arange(rows * columns + 1)).astype(np.int32)
+    buckets = table, starts, members, columns
     own_plant = np.repeat(np.arange(count, dtype=np.int32), len(PROBES))
     shares = []
     for height, spread in ((np.minimum(1.0, 0.5 * table[:, HEIGHT]), 0.6), (0.93 * table[:, HEIGHT], 0.25)):
         points = np.repeat(table[:, X : Z + 1], len(PROBES), axis=0)
         points[:, :2] += np.tile(PROBES, (count, 1)) * np.repeat(spread * table[:, RADIUS], len(PROBES))[:, None]
         points[:, 2] += np.repeat(height, len(PROBES))
-        share = shade_points(
-            points, own_plant, surface, frame, table, starts, members, columns, bridges, ray, outline, tile
-        )
+        share = np.empty(len(points), np.float32)
+        shade = partial(shade_points, share, points, own_plant, surface, frame, buckets, bridges, ray, outline, tile)
+        run_in_threads(len(points), shade)
         shares.append(share.reshape(count, len(PROBES)).mean(axis=1))
     return np.stack(shares, axis=1)

@@ -6,11 +6,12 @@ on the number of threads.
 """
 
 import math
+from functools import partial
 
 import numpy as np
-from numba import prange
 
 from thalweg.core.jit import kernel
+from thalweg.core.threads import run_in_threads
 from thalweg.world.light.crowns import HEIGHT, RADIUS, X, Y, Z, crown_depth, trunk_depth
 from thalweg.world.record import PARAPET_THICKNESS_M
 
@@ -64,29 +65,32 @@ def terrain_share(surface, cell, x, y, z, ray, top):
     return max(share, f4(0.0))
 
 
-@kernel(parallel=True, fastmath=False)
-def terrain_sun(surface, cell, ray):
+def terrain_sun(surface: np.ndarray, cell: np.float32, ray: np.ndarray) -> np.ndarray:
     """Return [GY, GX] float32 `terrain_share` at every node of surface [GY, GX]."""
-    rows, columns = surface.shape
-    top = surface.max()
-    out = np.empty((rows, columns), np.float32)
-    for i in prange(rows):
-        for j in range(columns):
-            out[i, j] = terrain_share(surface, cell, f4(j), f4(i), surface[i, j], ray, top)
+    out = np.empty(surface.shape, np.float32)
+    run_in_threads(len(out), partial(_terrain_sun_rows, out, surface, cell, ray, surface.max()))
     return out
 
 
-@kernel(parallel=True, fastmath=False)
-def plant_depth(surface, frame, table, boxes, starts, members, ray, outline, tile):
-    """Return [GY, GX] float32 the optical depth of all plants between each node of surface [GY, GX] and the sun.
+@kernel(fastmath=False)
+def _terrain_sun_rows(out, surface, cell, ray, top, first, last):
+    for i in range(first, last):
+        for j in range(out.shape[1]):
+            out[i, j] = terrain_share(surface, cell, f4(j), f4(i), surface[i, j], ray, top)
 
-    boxes [M, 4] int32 are the first row, last row, first column, last column of each plant's shadow. The plants of a
-    band of `BAND_ROWS` rows are members[starts[band] : starts[band + 1]].
+
+@kernel(fastmath=False)
+def add_plant_depth(depth, surface, frame, shadows, ray, outline, tile, first, last):
+    """Add to depth [GY, GX] float32 the optical depth of all plants between each node of surface [GY, GX] and the sun.
+
+    Only the bands of `BAND_ROWS` rows from first to last are filled. shadows: the table of plants; boxes [M, 4] int32,
+    the first row, last row, first column, last column of each plant's shadow; starts and members: the plants of a band
+    are members[starts[band] : starts[band + 1]].
     """
-    rows, columns = surface.shape
-    depth = np.zeros((rows, columns), np.float32)
+    table, boxes, starts, members = shadows
+    rows = len(surface)
     flat = math.sqrt(ray[0] * ray[0] + ray[1] * ray[1])
-    for band in prange(len(starts) - 1):
+    for band in range(first, last):
         for member in range(starts[band], starts[band + 1]):
             m = members[member]
             plant = table[m]
@@ -102,7 +106,6 @@ def plant_depth(surface, frame, table, boxes, starts, members, ray, outline, til
                         if z < plant[HEIGHT]:
                             depth[i, j] += crown_depth(plant, dx, dy, z, ray, outline, tile, m)
                             depth[i, j] += trunk_depth(plant, dx, dy, z, ray, f4(0.5) * frame[2])
-    return depth
 
 
 @kernel(inlined=True, fastmath=False)
@@ -135,12 +138,15 @@ def bridge_clear(bridge, x, y, z, ray):
     return f4(1.0)
 
 
-@kernel(parallel=True, fastmath=False)
-def shade_bridges(sun, surface, frame, bridges, ray):
-    """Multiply sun [GY, GX] by the share that the bridges [B, 11] leave free, from four points around each node."""
-    rows, columns = sun.shape
+@kernel(fastmath=False)
+def shade_bridges(sun, surface, frame, bridges, ray, first, last):
+    """Multiply the rows first to last of sun [GY, GX] by the share that the bridges [B, 11] leave free.
+
+    The share is the mean of four points around each node.
+    """
+    columns = sun.shape[1]
     quarter = 0.25 * frame[2]
-    for i in prange(rows):
+    for i in range(first, last):
         y = frame[1] + i * frame[2]
         for j in range(columns):
             x = frame[0] + j * frame[2]
@@ -158,13 +164,15 @@ def shade_bridges(sun, surface, frame, bridges, ray):
                     sun[i, j] *= share
 
 
-@kernel(parallel=True, fastmath=False)
-def shade_points(points, own_plant, surface, frame, table, starts, members, columns, bridges, ray, outline, tile):
-    """Return [P] float32 the share of sun at each point [P, 3] past terrain, bridges and plants.
+@kernel(fastmath=False)
+def shade_points(out, points, own_plant, surface, frame, buckets, bridges, ray, outline, tile, first, last):
+    """Fill out[first:last] [P] float32 with the share of sun at points [P, 3] past terrain, bridges and plants.
 
-    `own_plant` [P] is the plant that is left out for a point. The plants of bucket (row, column), counted from the
-    grid's origin in squares of `BUCKET_M`, are members[starts[k] : starts[k + 1]] with k = row * columns + column.
+    `own_plant` [P] is the plant that is left out for a point. buckets: the table of plants, starts, members, columns.
+    The plants of bucket (row, column), counted from the grid's origin in squares of `BUCKET_M`, are
+    members[starts[k] : starts[k + 1]] with k = row * columns + column.
     """
+    table, starts, members, columns = buckets
     bucket_rows = (len(starts) - 1) // columns
     top = surface.max()
     tall = f4(0.0)
@@ -172,8 +180,7 @@ def shade_points(points, own_plant, surface, frame, table, starts, members, colu
     for m in range(len(table)):
         tall = max(tall, table[m, Z] + table[m, HEIGHT])
         wide = max(wide, table[m, RADIUS] * f4(BULGE))
-    out = np.empty(len(points), np.float32)
-    for p in prange(len(points)):
+    for p in range(first, last):
         x = points[p, 0]
         y = points[p, 1]
         z = points[p, 2]
@@ -198,4 +205,3 @@ def shade_points(points, own_plant, surface, frame, table, starts, members, colu
                     if m != own_plant[p] and abs(dx * ray[1] - dy * ray[0]) < table[m, RADIUS] * f4(BULGE):
                         depth += crown_depth(table[m], dx, dy, z - table[m, Z], ray, outline, tile, m)
         out[p] = share * math.exp(-depth)
-    return out

@@ -1,4 +1,4 @@
-"""How do tests see a page as a reader does? By Chromium without a window, driven by Selenium; nothing is downloaded."""
+"""Headless Chromium for tests of pages, driven by Selenium; nothing is downloaded."""
 
 import importlib.util
 import json
@@ -26,7 +26,7 @@ def _browser() -> str | None:
 
 
 def missing_for_browser() -> str:
-    """What is missing for a browser that tests can drive; empty if nothing is."""
+    """Return what is missing to drive a browser, or an empty string."""
     if importlib.util.find_spec("selenium") is None:
         return "the Python package selenium is not installed"
     if _browser() is None:

@@ -11,7 +11,7 @@ from thalweg.world import World, load_or_build
 
 
 def missing_for_ray() -> str:
-    """What has to be installed for a cluster; empty where it is."""
+    """Return what must be installed for a cluster, or an empty string."""
     return "" if find_spec("ray") else "pip install -r requirements-cluster.lock"
 
 
@@ -37,7 +37,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Say how many tests were not run for want of a thing, and why."""
+    """Report the number of tests that were skipped for each missing requirement, and the reason."""
     skipped = [str(report.longrepr) for report in terminalreporter.stats.get("skipped", [])]
     for thing, _ in NEEDS.values():
         reasons = [words.split(f"NEEDS {thing}: ")[1].rstrip("')") for words in skipped if f"NEEDS {thing}: " in words]

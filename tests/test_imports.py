@@ -1,4 +1,4 @@
-"""Import rules that `lint-imports` (see `pyproject.toml`) cannot state, and that its contracts are complete."""
+"""Tests of import rules that `lint-imports` cannot express, and of the completeness of its contracts."""
 
 import re
 import tomllib
@@ -12,7 +12,7 @@ CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["import
 
 
 def contract(kind: str) -> dict:
-    """The contract of a kind that stands first in `pyproject.toml`."""
+    """Return the first contract of a kind in `pyproject.toml`."""
     return next(each for each in CONTRACTS if each["type"] == kind)
 
 

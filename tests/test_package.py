@@ -1,4 +1,4 @@
-"""What is installed: everything in the package that is no Python is named to be put into the wheel."""
+"""Tests that the wheel includes all data files of the package."""
 
 import tomllib
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The worlds, poses, looks and flights on which a GPU is held against the CPU; small enough for a simulator."""
+"""Worlds, poses, looks and flights for comparisons of GPU and CPU, small enough for the simulator."""
 
 import numpy as np
 import torch
@@ -11,7 +11,7 @@ from thalweg.world.record import World
 
 CAMERA = Camera(16, 16)
 SIDE = 8
-"""Frames of the simulator are SIDE x SIDE."""
+"""Width and height of the simulator's frames, in pixels."""
 
 
 def world() -> World:
@@ -53,7 +53,7 @@ def _mixed(places):
 POSES = np.array([[-16.0, 0.0, 4.0, 0.1], [-4.0, -9.0, 2.6, 0.75], [12.0, -12.0, 6.0, 1.7], [3.0, 4.0, 5.0, -2.0]])
 WORLD_INDEX = np.array([0, 0, 0, 1])
 A_PASS = 3
-"""Cameras that are drawn at once: two passes."""
+"""Number of cameras in a pass, so that there are two passes."""
 TIMES = np.array([0.0, 3.5, 8.25, 1.0])
 LOOKS = [
     Look(),

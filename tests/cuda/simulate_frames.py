@@ -1,4 +1,4 @@
-"""Draws the cases as a GPU would and stores what comes out: `python -m tests.cuda.simulate_frames FILE QUALITY`."""
+"""Renders the cases in the CUDA simulator, and stores them: `python -m tests.cuda.simulate_frames FILE QUALITY`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Every kernel compiled for a GPU of the Hopper kind, without having one: registers only, and single precision."""
+"""Tests that every kernel, compiled for a Hopper GPU, needs registers only and computes in single precision."""
 
 import os
 import re
@@ -13,7 +13,7 @@ from numba import cuda, float32, types
 from benchmarks import registers
 
 DOUBLE = {"place_cameras", "advance"}
-"""Poses are in double precision, and so are the rules, and what one thread a camera makes of poses."""
+"""Kernels in double precision: the rules, and those that compute with poses."""
 
 
 def in_single_precision(ptx: str) -> bool:
@@ -22,7 +22,7 @@ def in_single_precision(ptx: str) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", registers.variants())
-def test_a_kernel_needs_no_memory_of_its_own_and_no_double_precision(name: str):
+def test_a_kernel_needs_no_local_memory_and_no_double_precision(name: str):
     variant = registers.variants()[name]
     ptx = registers.ptx_of(variant)
     assert ".target sm_90" in ptx and "st.global" in ptx
@@ -34,7 +34,7 @@ def test_a_kernel_needs_no_memory_of_its_own_and_no_double_precision(name: str):
     assert in_single_precision(ptx) == (name not in DOUBLE)
 
 
-def test_a_kernel_that_spills_or_computes_in_double_precision_is_noticed():
+def test_spills_and_double_precision_are_detected():
     def indexed(numbers, out):
         kept = cuda.local.array(512, float32)
         for i in range(512):

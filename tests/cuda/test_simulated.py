@@ -1,4 +1,4 @@
-"""The same source on a GPU: kernels under Numba's CUDA simulator, against the CPU."""
+"""Tests that kernels under Numba's CUDA simulator give the results of the CPU."""
 
 import os
 import subprocess
@@ -43,7 +43,7 @@ def frames_of_the_cpu(quality: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @pytest.mark.slow
 @pytest.mark.parametrize("quality", ["full", "fast"])
-def test_frames_and_layers_are_those_of_the_cpu(tmp_path: Path, quality: str):
+def test_frames_and_layers_equal_those_of_the_cpu(tmp_path: Path, quality: str):
     images, depth, classes = frames_of_the_cpu(quality)
     assert set(np.unique(classes)) == {SKY, WATER, GROUND, PLANT, BRIDGE}
     path = tmp_path / "simulated.npz"
@@ -67,7 +67,7 @@ def test_frames_and_layers_are_those_of_the_cpu(tmp_path: Path, quality: str):
 
 
 @pytest.mark.slow
-def test_flights_are_those_of_the_cpu(tmp_path: Path):
+def test_flights_equal_those_of_the_cpu(tmp_path: Path):
     path = tmp_path / "flown.npz"
     simulated("simulate_rules", str(path))
     found, wanted = np.load(path), cases.flown()

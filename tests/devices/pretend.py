@@ -21,7 +21,7 @@ PRETEND = torch.device("meta")
 ATEN = torch.ops.aten
 READS = (ATEN._local_scalar_dense.default, ATEN.nonzero.default)
 COPIES = (ATEN._to_copy.default, ATEN.copy_.default)
-"""Which may have tensors of both devices."""
+"""Operations that may mix tensors of both devices."""
 
 
 class Mixed(RuntimeError):

@@ -66,7 +66,7 @@ def taken(env: Any, frames: int, separate: bool) -> tuple[Script, Trainer]:
 
 @pytest.mark.parametrize("frames", [1, 3])
 @pytest.mark.parametrize("separate", [False, True], ids=["sum", "apart"])
-def test_tensors_and_arrays_teach_the_same(frames: int, separate: bool):
+def test_tensors_and_arrays_train_the_same_policy(frames: int, separate: bool):
     space = SPACES["MultiDiscrete"]
     of_arrays, first = taken(ArrayWalk(N, space), frames, separate)
     of_tensors, second = taken(TensorWalk(N, space, CPU), frames, separate)
@@ -87,7 +87,7 @@ def test_tensors_and_arrays_teach_the_same(frames: int, separate: bool):
     )
 
 
-def test_episodes_are_told_once_a_rollout_is_complete():
+def test_episodes_are_reported_when_a_rollout_is_complete():
     collector = make_collector(TensorWalk(N, SPACES["MultiDiscrete"], CPU), 1, CPU, 1)
     learner = Script(collector, SPACES["MultiDiscrete"], steps=8)
     collector.reset(0)
@@ -97,7 +97,7 @@ def test_episodes_are_told_once_a_rollout_is_complete():
 
 @pytest.mark.parametrize("name", ["FOCOPS", "TD3Lag", "CCEPETS"])
 @pytest.mark.slow
-def test_a_run_of_tensors_that_was_cut_goes_on_with_the_same_numbers(name: str, tmp_path, monkeypatch):
+def test_an_interrupted_run_of_tensors_resumes_with_the_same_numbers(name: str, tmp_path, monkeypatch):
     def begin(folder: str) -> Any:
         env = TensorWalk(N, SPACES["MultiDiscrete"], CPU)
         config = {
@@ -129,12 +129,12 @@ def test_a_run_of_tensors_that_was_cut_goes_on_with_the_same_numbers(name: str, 
         assert (tmp_path / "whole" / file).read_bytes() == (tmp_path / "cut" / file).read_bytes()
 
 
-def test_an_environment_of_tensors_must_be_where_it_is_learnt():
+def test_an_environment_of_tensors_must_be_on_the_device_of_the_learner():
     with pytest.raises(DeviceError, match="device = 'meta', but the environment's tensors are on cpu"):
         make_collector(TensorWalk(N, SPACES["Discrete"], CPU), 1, torch.device("meta"), 1)
 
 
-def test_an_environment_of_tensors_says_how_it_begins_episodes():
+def test_an_environment_of_tensors_must_declare_its_autoreset_mode():
     env = TensorWalk(N, SPACES["Discrete"], CPU)
     env.metadata = {}
     with pytest.raises(TrainingError, match=r"AutoresetMode.NEXT_STEP"):
@@ -166,7 +166,7 @@ class BareWalk:
 PPO = {"steps_per_update": 60, "minibatch": 30, "passes": 1}
 
 
-def test_an_environment_with_no_more_than_is_asked_for_is_trained_on_and_begins_anew(tmp_path, monkeypatch):
+def test_a_minimal_environment_is_trained_on_and_resumes_with_new_episodes(tmp_path, monkeypatch):
     update = Trainer.update
 
     def cut(trainer: Trainer) -> Any:
@@ -186,19 +186,19 @@ def test_an_environment_with_no_more_than_is_asked_for_is_trained_on_and_begins_
     assert ended.resumed_from and ended.steps >= 240
 
 
-def test_an_environment_of_tensors_without_a_cost_is_told_so(tmp_path):
+def test_an_environment_of_tensors_without_a_cost_is_refused(tmp_path):
     with pytest.raises(
         TrainingError, match=r"reports no cost: info\['cost'\] \[N\] is needed at every step, info has noth"
     ):
         run("PPO", BareWalk(cost=False), steps=240, seed=1, folder=tmp_path, config=PPO)
 
 
-def test_a_reward_that_is_no_number_is_named_with_its_row_and_step(tmp_path):
+def test_the_error_for_a_nan_reward_names_its_row_and_step(tmp_path):
     with pytest.raises(NotFiniteError, match=r"reward is not finite in rows \[2\] of step 4 of the rollout"):
         run("PPO", BareWalk(poison=3), steps=240, seed=1, folder=tmp_path, config=PPO)
 
 
-def test_what_a_step_that_only_resets_pays_counts_for_nothing():
+def test_rewards_of_reset_steps_are_ignored():
     collector = make_collector(BareWalk(), 1, CPU, 1)
     learner = Script(collector, SPACES["Discrete"], steps=20)
     collector.reset(0)

@@ -28,7 +28,7 @@ SMALL = {
     "SACLag": {"random_steps": 128, "steps_per_update": 256},
     "SafeLOOP": {"random_steps": 128, "steps_per_update": 256, "steps_per_collection": 64, "model_steps": 4},
 }
-"""Of 16 environments."""
+"""Steps of 16 environments."""
 
 
 @pytest.fixture
@@ -50,20 +50,20 @@ def flown(world: World, card: torch.device, num_envs: int = 16) -> Any:
     return LatentTensorEnv(TensorRiverEnv([world], num_envs, device=str(card)), load_encoder(device=str(card)))
 
 
-def test_frames_masks_and_codes_are_those_of_the_cpu(easy_world: World, medium_world: World, card: torch.device):
+def test_frames_masks_and_codes_equal_those_of_the_cpu(easy_world: World, medium_world: World, card: torch.device):
     table = gpu.Table("")
     gpu.check_frames(table, [easy_world, medium_world], 64, card)
     assert [row for row in table.rows if row["holds"] != "yes"] == []
 
 
-def test_a_million_random_steps_are_those_of_the_cpu(easy_world: World, medium_world: World, card: torch.device):
+def test_a_million_random_steps_equal_those_of_the_cpu(easy_world: World, medium_world: World, card: torch.device):
     table = gpu.Table("")
     gpu.check_rules(table, [easy_world, medium_world], 4096, 245, card)
     assert [row for row in table.rows if row["holds"] != "yes"] == []
 
 
 @pytest.mark.parametrize("name", SMALL)
-def test_nothing_waits_in_a_step(name: str, easy_world: World, card: torch.device):
+def test_a_step_never_waits_for_the_device(name: str, easy_world: World, card: torch.device):
     env, entry = flown(easy_world, card), algorithm_named(name)
     collector = TensorCollector(env, 1, 1)
     task = Task(collector.obs_size, env.single_action_space, env.num_envs, 0, {}, card)
@@ -75,7 +75,7 @@ def test_nothing_waits_in_a_step(name: str, easy_world: World, card: torch.devic
         trainer.step()
 
 
-def test_recorded_gradient_steps_learn_what_others_learn(easy_world: World, card: torch.device, tmp_path: Path):
+def test_recorded_gradient_steps_equal_individual_ones(easy_world: World, card: torch.device, tmp_path: Path):
     """SACLag on choices draws nothing within a step."""
     config = {"random_steps": 128, "steps_per_update": 256, "updates_per_step": 0.5}
     for graphs in (False, True):
@@ -89,7 +89,7 @@ def test_recorded_gradient_steps_learn_what_others_learn(easy_world: World, card
 
 
 @pytest.mark.parametrize("name", SMALL)
-def test_a_run_that_was_cut_off_ends_like_one_that_was_not(
+def test_an_interrupted_run_ends_like_an_uninterrupted_one(
     name: str, easy_world: World, card: torch.device, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     same = {"steps": 1024, "seed": 1, "config": SMALL[name], "device": "cuda", "checkpoint_seconds": 0.0}
@@ -110,7 +110,7 @@ def test_a_run_that_was_cut_off_ends_like_one_that_was_not(
     assert whole == cut
 
 
-def test_what_is_trained_on_one_flies_alike_on_the_other(easy_world: World, card: torch.device, tmp_path: Path):
+def test_a_policy_acts_the_same_on_gpu_and_cpu(easy_world: World, card: torch.device, tmp_path: Path):
     run("PPO", flown(easy_world, card, 64), steps=20_000, seed=0, folder=tmp_path, device="cuda")
     config = EvaluationConfig(episodes=20)
     course, label, returns = Course.on(easy_world, config), Label("PPO", 0, "Easy"), []
@@ -124,7 +124,7 @@ def test_what_is_trained_on_one_flies_alike_on_the_other(easy_world: World, card
     assert abs(apart) <= max(interval, 1e-9), f"{here.mean():.2f} on the CPU, {there.mean():.2f} on the GPU"
 
 
-def test_more_cameras_than_the_card_has_memory_for_are_refused(easy_world: World, card: torch.device):
+def test_more_cameras_than_fit_into_gpu_memory_are_refused(easy_world: World, card: torch.device):
     before = torch.cuda.memory_allocated(card)
     with pytest.raises(ConfigError, match=r"num_envs = 100,000,000 takes .* fit"):
         TensorRiverEnv([easy_world], 100_000_000, EnvConfig(), device=str(card))

@@ -42,7 +42,7 @@ def test_it_checks_and_times_everything(brief: Path):
 
 
 @pytest.mark.slow
-def test_a_check_that_fails_is_told_and_is_its_exit_status(brief: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_failed_check_is_reported_and_sets_the_exit_status(brief: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(gpu, "WITHIN", -1)
     assert gpu.main() == 1
     failed = [row["what"] for row in read_csv(brief, gpu.COLUMNS) if row["holds"] == "NO"]
@@ -50,12 +50,12 @@ def test_a_check_that_fails_is_told_and_is_its_exit_status(brief: Path, monkeypa
 
 
 @pytest.mark.slow
-def test_without_time_it_checks_alone(brief: Path, monkeypatch: pytest.MonkeyPatch):
+def test_without_time_it_only_checks(brief: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(sys, "argv", [*sys.argv, "--minutes", "0"])
     assert gpu.main() == 0
     assert all(row["wanted"] for row in read_csv(brief, gpu.COLUMNS))
 
 
-def test_a_gpu_that_is_not_there_is_an_error(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_a_missing_gpu_is_an_error(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     monkeypatch.setattr(sys, "argv", ["gpu.py", "--device", "cuda:99"])
     assert gpu.main() == 1 and "cuda:99" in capsys.readouterr().err

@@ -56,7 +56,7 @@ def trained(name: str, space: str, settings: dict[str, Any], asked: bool) -> tup
 
 @pytest.mark.parametrize(("name", "space", "settings"), CASES, ids=str)
 @pytest.mark.slow
-def test_recorded_steps_learn_what_others_learn(name: str, space: str, settings: dict[str, Any], there: Device):
+def test_recorded_steps_equal_individual_ones(name: str, space: str, settings: dict[str, Any], there: Device):
     one, other = (trained(name, space, settings, asked) for asked in (False, True))
     plain, recorded = (np.array([list(metrics.values()) for metrics in told]) for told in (one[1], other[1]))
     np.testing.assert_array_equal(plain, recorded)
@@ -68,7 +68,7 @@ def test_recorded_steps_learn_what_others_learn(name: str, space: str, settings:
     assert one[0].agent._graphs._replays == {}
 
 
-def test_a_step_is_recorded_once_for_each_kind_and_shape_and_anew_for_other_numbers(there: Device):
+def test_a_step_is_recorded_once_per_kind_and_shape_and_again_for_other_numbers(there: Device):
     taken: list[tuple[int, float]] = []
     total = torch.zeros((), device=PRETEND)
 
@@ -85,7 +85,7 @@ def test_a_step_is_recorded_once_for_each_kind_and_shape_and_anew_for_other_numb
 
 
 @pytest.mark.parametrize("wrong", ["reads", "brings"])
-def test_what_has_to_do_with_the_host_is_not_recorded(wrong: str, there: Device):
+def test_operations_that_involve_the_host_are_not_recorded(wrong: str, there: Device):
     rows = torch.ones(3, device=PRETEND)
     step = {"reads": lambda: float(rows.sum()), "brings": lambda: rows.add_(torch.ones(3).to(PRETEND))}[wrong]
     with pytest.raises(Mixed, match="can't be recorded"):

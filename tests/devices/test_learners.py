@@ -87,7 +87,7 @@ def test_a_learner_stays_on_its_device(name: str, space: str, settings: dict[str
 
 @pytest.mark.parametrize("name", list(ALGORITHMS))
 @pytest.mark.slow
-def test_what_is_learnt_on_a_device_is_what_the_cpu_learns(name: str, monkeypatch: pytest.MonkeyPatch):
+def test_training_on_a_device_equals_training_on_the_cpu(name: str, monkeypatch: pytest.MonkeyPatch):
     # The pretended device draws the CPU's random numbers; compiled loops and gradients by hand are the CPU's alone.
     here = dict(floats(trained(name, "MultiDiscrete", {}, CPU).learner.state()))
     with pretended(monkeypatch):
@@ -108,7 +108,7 @@ def floats(state: Any, part: str = "") -> Iterator[tuple[str, np.ndarray]]:
 
 @pytest.mark.parametrize("name", list(ALGORITHMS))
 @pytest.mark.slow
-def test_a_policy_of_a_device_acts_alike_on_the_cpu(name: str, there: Device, tmp_path):
+def test_a_policy_of_a_device_acts_the_same_on_the_cpu(name: str, there: Device, tmp_path):
     trainer = trained(name, "MultiDiscrete", {}, PRETEND)
     trainer.learner.policy.save(tmp_path / "policy.safetensors")
     obs, fresh = np.random.default_rng(0).standard_normal((N, 3)).astype(np.float32), np.ones(N, dtype=bool)
@@ -122,7 +122,7 @@ def test_a_policy_of_a_device_acts_alike_on_the_cpu(name: str, there: Device, tm
 
 @pytest.mark.parametrize("name", list(ALGORITHMS))
 @pytest.mark.slow
-def test_a_checkpoint_of_a_device_is_one_of_arrays_and_brings_everything_back(name: str, there: Device):
+def test_a_checkpoint_of_a_device_has_arrays_and_restores_everything(name: str, there: Device):
     trainer = trained(name, "MultiDiscrete", {}, PRETEND)
     state = trainer.learner.state()
     again = trained(name, "MultiDiscrete", {}, PRETEND, steps=1)
@@ -164,7 +164,7 @@ class TestPretend:
             held.add(torch.ones(3))
         assert array_of(held + torch.tensor(2.0)).tolist() == [3.0] * 3
 
-    def test_a_tensor_is_no_array(self, there: Device):
+    def test_a_tensor_cannot_be_read_as_an_array(self, there: Device):
         with pytest.raises(Mixed):
             torch.ones(3, device=PRETEND).numpy()
         with pytest.raises(Mixed):
@@ -181,7 +181,7 @@ class TestPretend:
         assert there.copied["read"] == 1
 
 
-def test_what_only_looks_at_memory_is_no_launch(there: Device):
+def test_views_are_not_counted_as_launches(there: Device):
     tensor = torch.zeros(4, 6, device=PRETEND)
     before = there.launched
     seen = tensor.T[1:].reshape(-1, 2).unsqueeze(0).expand(3, -1, -1)

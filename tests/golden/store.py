@@ -1,4 +1,4 @@
-"""The kept traces on disk: read, compared with those of today, and written anew.
+"""Stored traces: reading, comparing with current behaviour, and writing.
 
 `python -m tests.golden.store` compares; `--write [NAME ...]` keeps today's traces. It refuses where behaviour has
 changed while the version has not.
@@ -22,7 +22,7 @@ from thalweg.core.atomic_io import write_atomic
 FOLDER = Path(__file__).resolve().parent / "kept"
 LIBRARIES = ("numpy", "scipy", "numba", "torch")
 DIGITS = 10
-"""Significant digits that are kept."""
+"""Significant digits that are stored."""
 
 
 def machine_kind() -> str:

@@ -1,4 +1,4 @@
-"""Behaviour does not change while its version stays the same, and the guard says what to do when it does."""
+"""Tests that behaviour does not change without its version, and that failures say what to do."""
 
 from dataclasses import replace
 

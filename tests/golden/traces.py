@@ -210,4 +210,4 @@ GOLDENS: dict[str, Golden] = {
         for name in versions.ALGORITHMS
     },
 }
-"""By name. The frames themselves, to be looked at, are kept in `tests/render/golden_frames`."""
+"""Traces by name. The frames themselves are stored as pictures in `tests/render/golden_frames`."""

@@ -1,4 +1,4 @@
-"""Files that an earlier Thalweg wrote still load and mean the same.
+"""Tests that files of an earlier version of Thalweg still load with the same content.
 
 They were written before modules were moved and renamed, and are never written anew.
 """
@@ -35,7 +35,7 @@ def test_a_world_loads():
 
 
 @pytest.mark.parametrize("name", ["FOCOPS", "SACLag", "CCEPETS", "PPO"])
-def test_a_policy_takes_the_actions_that_it_took(name: str):
+def test_a_policy_chooses_the_same_actions(name: str):
     """The policy of PPO has a GRU; CCEPETS plans with a model."""
     obs = np.random.default_rng(0).standard_normal((16, 3)).astype(np.float32)
     policy = load_policy(FOLDER / "policies" / f"{name}.safetensors")
@@ -44,7 +44,7 @@ def test_a_policy_takes_the_actions_that_it_took(name: str):
     assert np.asarray(player(obs, np.ones(16, dtype=bool))).tolist() == taken
 
 
-def test_an_interrupted_run_resumes_to_the_numbers_it_would_have_had(tmp_path: Path):
+def test_an_interrupted_run_resumes_to_the_same_numbers(tmp_path: Path):
     shutil.copytree(FOLDER / "run", tmp_path / "run")
     train(tmp_path / "run", "FOCOPS", Walk(), steps=1500)
     resumed, whole = rows_of(tmp_path / "run" / "episodes.csv"), rows_of(FOLDER / "run-finished-episodes.csv")
@@ -62,5 +62,5 @@ def test_results_of_a_suite_are_read():
     assert np.mean([row.return_ for row in results.episodes if row.algorithm.startswith("hover")]) < 0.1
 
 
-def test_the_packaged_encoder_is_the_one_that_was_written():
+def test_the_packaged_encoder_is_unchanged():
     assert load_encoder(DEFAULT_PATH)(np.zeros((1, 128, 128, 4), np.uint8)).shape == (1, 16)

@@ -12,7 +12,7 @@ PICTURES = (".png", ".jpg", ".jpeg", ".webp")
 
 @dataclass(frozen=True)
 class RenderFrames:
-    """Draw what the camera sees: a sheet of frames above their water masks, or a gallery of looks."""
+    """Draw the camera's views: a grid of frames above their water masks, or a gallery of looks."""
 
     level: str | None = None
     """Easy, Medium or Hard. Medium by default."""

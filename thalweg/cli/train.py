@@ -14,7 +14,7 @@ class Train:
     out: Path
     """Folder of the run."""
     algorithm: str = "FOCOPS"
-    """Name of the algorithm; an unknown name lists the known ones."""
+    """Name of the algorithm; an unknown name is an error that lists the known ones."""
     level: str | None = None
     """Easy, Medium or Hard. Medium by default."""
     world_seeds: tuple[int, ...] = ()
@@ -23,7 +23,7 @@ class Train:
     steps: int = 200_000
     """Steps of training, over all environments together."""
     seed: int = 0
-    """Seed of everything random in the training."""
+    """Seed of all random numbers in the training."""
     num_envs: int = 16
     """Number of environments that step together."""
     encoder: Path | None = None
@@ -31,7 +31,8 @@ class Train:
     preset: str = "default"
     """`default`, or `paper` for the settings of the study, as far as they are known."""
     set: tuple[str, ...] = ()
-    """Settings of the algorithm on top of the preset, such as learning_rate=1e-4. An unknown one lists the known."""
+    """Settings of the algorithm on top of the preset, such as learning_rate=1e-4.
+    An unknown one is an error that lists the known ones."""
     threads: int | None = None
     """Threads for acting and learning; by default two for wide networks and one for small ones, within OMP_NUM_THREADS.
     Give 1 to each of several runs that share the cores."""

@@ -144,7 +144,7 @@ def _height_limits(courses: CourseArrays, world: int, config: EnvConfig) -> tupl
 
 
 def _cone(lowest: np.ndarray, spacing: float, closed: bool) -> np.ndarray:
-    """The least heights [S] that nowhere change faster than the slope and are nowhere below `lowest` [S]."""
+    """Return the least heights [S] that never change faster than the slope and are nowhere below `lowest` [S]."""
     count = len(lowest)
     steps = np.abs(np.arange(count)[:, None] - np.arange(count)[None, :])
     if closed:

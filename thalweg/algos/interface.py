@@ -122,7 +122,7 @@ class Learner(Protocol):
         ...
 
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Raw actions [N, A] with exploration, for observations float32 [N, K * D] of which `fresh` [N] begin an
+        """Return raw actions [N, A] with exploration, for observations float32 [N, K * D] of which `fresh` [N] begin an
         episode."""
         ...
 

@@ -1,6 +1,6 @@
-"""Frozen configs whose fields pydantic checks, and its errors as one line in plain words.
+"""Frozen configs validated by pydantic, with errors as one line in plain words.
 
-`@frozen_config(SomeError)` makes a class a frozen dataclass. The annotation of a field says which values it takes; a
+`@frozen_config(SomeError)` makes a class a frozen dataclass. The annotation of a field gives its valid values; a
 rule about several fields is a method under `pydantic.model_validator(mode="after")` that raises `ValueError`. A wrong
 value raises the given error with the message `path must be what is right, got value`. Types are strict: "3" is not a
 number, and 1 is not a bool.
@@ -24,20 +24,20 @@ C = TypeVar("C")
 T = TypeVar("T")
 
 MAX_MESSAGES = 3
-"""Wrong values that one error names; of further ones it gives the number."""
+"""Number of wrong values that one error names; it counts the others."""
 MAX_VALUE_CHARS = 80
-"""Characters of a wrong value that an error repeats."""
+"""Number of characters of a wrong value that an error repeats."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Hint:
-    """Annotation of a field: what an error about it says in brackets besides."""
+    """Annotation of a field: text in brackets that an error about the field adds."""
 
     text: str
 
 
 def _integer(value: Any) -> Any:
-    """The integer that a float such as 2e5 stands for; anything else as it is."""
+    """Return the integer equal to a float such as 2e5, or any other value unchanged."""
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
@@ -46,11 +46,11 @@ def _tuple(value: Any) -> Any:
 
 
 TupleOf = Annotated[tuple[T, ...], BeforeValidator(_tuple)]
-"""A tuple, which a list becomes too."""
+"""A tuple; a list is converted."""
 PairOf = Annotated[tuple[T, T], BeforeValidator(_tuple)]
-"""A tuple of two, which a list becomes too."""
+"""A tuple of two; a list is converted."""
 WholeNumber = Annotated[int, BeforeValidator(_integer)]
-"""An integer, also one that is written as 2e5."""
+"""An integer; a float such as 2e5 is converted."""
 Fraction = Annotated[float, Field(ge=0, le=1)]
 """A number from 0 to 1."""
 FiniteNonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -61,9 +61,9 @@ FinitePositive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 def frozen_config(
     error: type[ValueError], *, extra: Literal["forbid", "ignore"] = "forbid"
 ) -> Callable[[type[C]], type[C]]:
-    """A decorator that makes a class a frozen dataclass, which raises `error` for an unknown key or a wrong value.
+    """Return a decorator for frozen dataclasses that raise `error` for an unknown key or a wrong value.
 
-    With `extra="ignore"`, unknown keys are left out instead: what another version wrote may have more. NumPy's scalars
+    With `extra="ignore"`, unknown keys are ignored: another version may have written more. NumPy's scalars
     become Python's; an integer given for a float becomes one.
     """
 
@@ -89,10 +89,10 @@ def frozen_config(
 
 
 def parse_config(kind: type[C], data: Any, source: str = "", show: Callable[[Any], str] = repr) -> C:
-    """The config of plain data, such as what YAML or JSON hold; fields that are missing have their defaults.
+    """Return the config of plain data, for example from YAML or JSON; missing fields have their defaults.
 
-    A config of that kind is returned as it is. Raises the config's error, which begins with `source` and writes wrong
-    values as `show` does.
+    A config of that kind is returned unchanged. Raises the config's error; its message starts with `source` and formats
+    wrong values by `show`.
     """
     if isinstance(data, kind):
         return data
@@ -107,7 +107,7 @@ def parse_config(kind: type[C], data: Any, source: str = "", show: Callable[[Any
 
 
 def to_plain(value: Any) -> Any:
-    """A config as plain data for YAML and JSON: dataclasses become dictionaries, tuples lists."""
+    """Return a config as plain data for YAML and JSON: dataclasses become dictionaries, tuples lists."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: to_plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, Mapping):
@@ -116,7 +116,7 @@ def to_plain(value: Any) -> Any:
 
 
 def describe(kind: type, found: ValidationError, source: str = "", show: Callable[[Any], str] = repr) -> str:
-    """One line on what pydantic found wrong with the data of a config, unknown keys first."""
+    """Return pydantic's findings about the data of a config as one line, unknown keys first."""
     unknown: dict[tuple[Any, ...], list[str]] = {}
     wrong: list[str] = []
     for each in found.errors(include_url=False):
@@ -138,7 +138,7 @@ def refuse_unknown(what: str, given: Iterable[str], known: Iterable[str], error:
 
 
 def bounds(kind: type, name: str) -> tuple[float, float]:
-    """The least and the greatest value that the annotation of a number, or of each of a pair, allows."""
+    """Return the least and the greatest value that the annotation of a number, or of each of a pair, allows."""
     field = _unpack(typing.get_type_hints(kind, include_extras=True)[name])
     limits = _unpack(get_args(field.type)[0]) if get_origin(field.type) is tuple else field
     low = next(mark.ge for mark in limits.marks if isinstance(mark, Ge))
@@ -151,7 +151,7 @@ def _python_scalar(value: Any) -> Any:
 
 
 def _from_mapping(cls: type, source: Any, handler: pydantic.GetCoreSchemaHandler) -> Any:
-    """The schema of a config, which takes mappings as well as instances: what is read from a file holds no others."""
+    """Return the schema of a config, which accepts mappings as well as instances, because files contain mappings."""
     schema = handler(source)
     inner: Any = handler.resolve_ref_schema(schema)
     while inner["type"] != "dataclass":  # the class's own validators stand around it
@@ -165,9 +165,9 @@ class _Annotation(NamedTuple):
 
     type: Any
     marks: list[Any]
-    """What it says of a value besides its type."""
+    """Constraints on the value besides its type."""
     optional: bool
-    """Whether None will do."""
+    """Whether None is allowed."""
 
 
 def _unpack(kind: Any) -> _Annotation:
@@ -186,7 +186,7 @@ def _unpack(kind: Any) -> _Annotation:
 
 
 def _locate(kind: Any, loc: tuple[Any, ...]) -> tuple[str, Any]:
-    """Where pydantic found something, written as in Python, and the annotation there."""
+    """Return the location of a finding of pydantic, in Python's notation, and the annotation there."""
     path = ""
     for key in loc:
         outer = _unpack(kind).type
@@ -238,7 +238,7 @@ def _wrong_value(kind: type, error: Any, show: Callable[[Any], str]) -> str:
 
 
 def _expected(kind: Any) -> str:
-    """What a value must be, in words."""
+    """Return what a value must be, in words."""
     outer, marks, optional = _unpack(kind)
     options = get_args(outer)
     if get_origin(outer) is Literal:
@@ -256,7 +256,7 @@ def _expected(kind: Any) -> str:
 
 
 def _range(marks: list[Any]) -> str:
-    """The limits of a number in words, after a space."""
+    """Return the limits of a number in words, after a space."""
     limits = {
         name: f"{value:g}" if isinstance(value, float) else str(value)
         for mark in marks

@@ -1,6 +1,6 @@
 """Ownership of folders: a folder belongs to the run, suite or study whose record lies in it.
 
-The same piece serves every kind of folder that an interrupted command resumes in.
+All kinds of folders in which an interrupted command resumes use this module.
 """
 
 import json
@@ -12,7 +12,7 @@ from typing import Any
 from thalweg.core.atomic_io import write_atomic
 
 MAX_NAMED = 4
-"""Differences, or files, that a message names."""
+"""Maximum number of differences, or of files, that a message names."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class FolderKind:
     """A kind of folder, and the error that is raised for folders of another kind."""
 
     owner: str
-    """What owns a folder, in messages: `run`, `suite`, ..."""
+    """Name of the owner in messages: `run`, `suite`, ..."""
     record: str
     """Name of the file that describes the owner."""
     error: type[ValueError]
@@ -28,9 +28,9 @@ class FolderKind:
     """Whether a folder with nothing but hidden files counts as empty."""
 
     def is_new(self, folder: Path) -> bool:
-        """Whether a new owner can begin in the folder: it does not exist yet, or is empty.
+        """Return whether a new owner can start in the folder: it does not exist yet, or is empty.
 
-        Raises the kind's error for a path that is no folder, and for a folder with other files but no record.
+        Raises the kind's error for a path that is not a folder, and for a folder with other files but no record.
         """
         if (folder / self.record).exists():
             return False
@@ -61,7 +61,7 @@ class FolderKind:
 
 
 def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
-    """Each key whose value differs, with the values there and here; keys of nested mappings are joined by dots."""
+    """Yield each key whose value differs, with both values; keys of nested mappings are joined by dots."""
     for key in {**theirs, **ours}:
         name = f"{prefix}{key}"
         there, here = theirs.get(key), ours.get(key)
@@ -75,7 +75,7 @@ def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any], prefix: str 
 
 
 def _shown(key: str, record: Mapping[str, Any]) -> str:
-    """A value of a record in a message; of a mapping only that it is there."""
+    """Return a record's value as text for a message, for a mapping only that it is present."""
     if key not in record:
         return "absent"
     return "present" if isinstance(record[key], Mapping) else repr(record[key])

@@ -75,12 +75,12 @@ class Encoder:
         return self.about.get("render_version")
 
     def __call__(self, frames: np.ndarray) -> np.ndarray:
-        """Codes float32 [N, Z] of frames uint8 [N, H, W, C]; raises `EncoderInputError` for anything else."""
+        """Return codes float32 [N, Z] of frames uint8 [N, H, W, C]; raises `EncoderInputError` for anything else."""
         self._check(np.shape(frames), getattr(frames, "dtype", None))
         return self.of_tensor(torch.from_numpy(np.ascontiguousarray(frames))).cpu().numpy()
 
     def of_tensor(self, frames: Tensor) -> Tensor:
-        """Codes float32 [N, Z] of a tensor of frames uint8 [N, H, W, C], on the encoder's device."""
+        """Return codes float32 [N, Z] of a tensor of frames uint8 [N, H, W, C], on the encoder's device."""
         self._check(tuple(frames.shape), frames.dtype)
         channels, chunk = self.config.channels, CHUNKS.get(self._device.type, CHUNKS["cuda"])
         if frames.shape[3] != len(channels):
@@ -97,7 +97,7 @@ class Encoder:
         return codes
 
     def decode(self, codes: np.ndarray) -> np.ndarray:
-        """Reconstructed frames uint8 [N, H, W, C] from codes [N, Z]; C is the number of channels of `inputs`."""
+        """Return reconstructed frames uint8 [N, H, W, C] from codes [N, Z]; C is the number of channels of `inputs`."""
         if codes.ndim != 2 or codes.shape[1] != self.latent:
             raise EncoderInputError(f"codes must have the shape [N, {self.latent}], not {list(codes.shape)}")
         with torch.inference_mode():
@@ -122,7 +122,7 @@ class Encoder:
 
 @torch.no_grad()
 def fold_batch_norms(vae: VAE) -> tuple[list[nn.Conv2d], nn.Linear]:
-    """The convolutions with folded batch norms, for pixels in 0..255, and a copy of the linear layer of the mean.
+    """Return the convolutions with folded batch norms, for pixels in 0..255, and a copy of the mean's linear layer.
 
     With γ, β the norm's scale and shift, m, v its running mean and variance:
     γ (Wx − m) / √(v + ε) + β = (γ/√(v + ε)) W x + β − γ m/√(v + ε). The first W also takes the division by 255.

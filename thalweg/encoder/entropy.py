@@ -19,7 +19,7 @@ SMOOTHING = 1e-6
 
 
 def histograms(codes: np.ndarray) -> np.ndarray:
-    """Shares [Z, bins] of the images in each bin, from codes [K, Z]; a constant number falls into the middle bin.
+    """Return the share [Z, bins] of images in each bin, from codes [K, Z]; constant numbers are in the middle bin.
 
     Raises `EncoderInputError` for codes of another shape, or that are not finite.
     """
@@ -38,7 +38,7 @@ def histograms(codes: np.ndarray) -> np.ndarray:
 
 
 def relative_entropy(first: np.ndarray, second: np.ndarray, smoothing: float = SMOOTHING) -> float:
-    """D(P ‖ Q) in nats, mean over the numbers of the codes, of codes P [K, Z] and Q [K, Z] of the same images.
+    """Return D(P ‖ Q) in nats, mean over the numbers of the codes, of codes P [K, Z] and Q [K, Z] of the same images.
 
     Raises `EncoderInputError` for codes of different shapes or that are not finite, and for a smoothing that is not
     positive.

@@ -34,7 +34,7 @@ def write_tensors(path: str | Path, tensors: Mapping[str, torch.Tensor], about: 
 
 
 def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
-    """Tensors and JSON of a file of the given kind; raises `EncoderFileError` for any other file."""
+    """Return the tensors and JSON of a file of the given kind; raises `EncoderFileError` for any other file."""
     path = Path(path)
     if not path.is_file():
         raise EncoderFileError(f"{path}: no such file")
@@ -54,9 +54,9 @@ def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, torch.Tensor], 
 
 
 def save_vae(path: str | Path, vae: VAE, about: Mapping[str, Any], *, half_decoder: bool = True) -> None:
-    """Write an autoencoder and what is said about it.
+    """Write an autoencoder and its description `about`.
 
-    `half_decoder` stores the decoder, which only makes pictures, in float16, but for what is too large for it.
+    `half_decoder` stores the decoder, which only draws images, in float16, except tensors with values too large for it.
     """
     tensors = {}
     for name, tensor in vae.state_dict().items():
@@ -67,7 +67,7 @@ def save_vae(path: str | Path, vae: VAE, about: Mapping[str, Any], *, half_decod
 
 
 def load_vae(path: str | Path) -> tuple[VAE, dict[str, Any]]:
-    """The autoencoder of a file, in float32 and evaluation mode, and its JSON; raises `EncoderFileError`."""
+    """Return the autoencoder of a file, in float32 and evaluation mode, and its JSON; raises `EncoderFileError`."""
     tensors, about = read_tensors(path, "encoder")
     vae = VAE(config_of(path, about))
     expected = {name: tuple(tensor.shape) for name, tensor in vae.state_dict().items()}
@@ -82,7 +82,7 @@ def load_vae(path: str | Path) -> tuple[VAE, dict[str, Any]]:
 
 
 def config_of(path: str | Path, about: Mapping[str, Any]) -> VAEConfig:
-    """The configuration in a file's JSON; raises `EncoderFileError` for unknown, missing or bad values."""
+    """Return the configuration in a file's JSON; raises `EncoderFileError` for unknown, missing or bad values."""
     found = about.get("config")
     known = {field.name for field in fields(VAEConfig)}
     if not isinstance(found, dict) or set(found) != known:

@@ -17,7 +17,7 @@ VALIDATION_STRIDE = 4
 def probe_r_squared(
     codes: np.ndarray, truths: np.ndarray, other_codes: np.ndarray, other_truths: np.ndarray
 ) -> np.ndarray:
-    """R² [T] on other images of a ridge regression of each quantity on the codes; NaN for a constant quantity.
+    """Return R² [T] on other images of a ridge regression of each quantity on the codes; NaN for a constant quantity.
 
     The penalty is the one of `RIDGES` with the least error on every fourth image, with a fit to the rest.
 
@@ -56,7 +56,7 @@ def _r_squared(codes: np.ndarray, truth: np.ndarray, other_codes: np.ndarray, ot
 def _errors(
     codes: np.ndarray, truth: np.ndarray, other_codes: np.ndarray, other_truth: np.ndarray, ridge: float
 ) -> np.ndarray:
-    """Errors [L] of predicting `other_truth` [L] from `other_codes` [L, Z] by a fit of `truth` [K] to `codes`."""
+    """Return the errors [L] of predicting `other_truth` [L] from `other_codes` [L, Z] by a fit of `truth` [K]."""
     mean, deviation = codes.mean(0, dtype=np.float64), codes.std(0, dtype=np.float64)
     scale = 1.0 / np.where(deviation > 0, deviation, 1.0)
     standardised, centre = (codes - mean) * scale, truth.mean()

@@ -33,14 +33,14 @@ def check_images(images: np.ndarray, config: VAEConfig, held_out: int = 0) -> No
 
 
 def to_batch(images: np.ndarray, config: VAEConfig, device: torch.device | str = "cpu") -> torch.Tensor:
-    """The config's channels of images uint8 [N, H, W, 4], as float32 [N, C, H, W] in 0..1, channels last in memory."""
+    """Return the config's channels of images uint8 [N, H, W, 4] as float32 [N, C, H, W] in 0..1, channels last."""
     first, last = config.channels[0], config.channels[-1] + 1
     pixels = torch.from_numpy(np.ascontiguousarray(images[..., first:last])).to(device)
     return pixels.to(torch.float32).div_(255).permute(0, 3, 1, 2)
 
 
 def reconstruct(vae: VAE, images: np.ndarray) -> np.ndarray:
-    """Reconstructions float32 [K, H, W, C] in 0..1 of images uint8 [K, H, W, 4]."""
+    """Return the reconstructions float32 [K, H, W, C] in 0..1 of images uint8 [K, H, W, 4]."""
     training, device = vae.training, next(vae.parameters()).device
     vae.eval()
     parts = []
@@ -53,7 +53,7 @@ def reconstruct(vae: VAE, images: np.ndarray) -> np.ndarray:
 
 
 def reconstruction_mse(vae: VAE, images: np.ndarray) -> float:
-    """Mean squared error over all pixels and the model's channels of images uint8 [K, H, W, 4], with values in 0..1."""
+    """Return the mean squared error over the pixels and the model's channels of images uint8 [K, H, W, 4], in 0..1."""
     total = 0.0
     for start in range(0, len(images), CHUNK):
         part = images[start : start + CHUNK]
@@ -63,7 +63,7 @@ def reconstruction_mse(vae: VAE, images: np.ndarray) -> float:
 
 
 def mean_image_mse(images: np.ndarray, config: VAEConfig) -> float:
-    """Mean squared error of predicting the mean of images uint8 [K, H, W, 4]: the mean variance of a pixel."""
+    """Return the mean squared error of the mean image as a prediction of images uint8 [K, H, W, 4]."""
     count = len(images)
     total, squares = 0.0, 0.0
     for part in np.array_split(images, max(1, count // CHUNK)):

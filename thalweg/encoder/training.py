@@ -119,13 +119,13 @@ def train_encoder(
 
 
 def split_indices(count: int, held_out: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sorted indices of the training images and of the held-out images, sampled with `seed`."""
+    """Return the sorted indices of the training images and of the held-out images, sampled with `seed`."""
     order = np.random.default_rng([seed, 0]).permutation(count)
     return np.sort(order[held_out:]), np.sort(order[:held_out])
 
 
 def resolve_precision(precision: str, device: str = "cpu") -> str:
-    """ "float32" or "bfloat16"; "auto" becomes what is faster on the device."""
+    """Return "float32" or "bfloat16"; "auto" becomes what is faster on the device."""
     if precision not in ("auto", "float32", "bfloat16"):
         raise EncoderInputError(f"unknown precision {precision!r}; known: auto, float32, bfloat16")
     if precision != "auto":
@@ -137,7 +137,7 @@ def resolve_precision(precision: str, device: str = "cpu") -> str:
 
 
 def epoch_generator(seed: int, epoch: int) -> torch.Generator:
-    """Random generator of an epoch, for the order of the images and the noise in the codes."""
+    """Return the random generator of an epoch, for the order of the images and the noise in the codes."""
     return torch.Generator().manual_seed(int(np.random.SeedSequence([seed, 1, epoch]).generate_state(1)[0]))
 
 

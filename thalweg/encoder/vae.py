@@ -114,23 +114,23 @@ class VAE(nn.Module):
         self.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
 
     def encode(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Mean and log variance, float32 [N, Z] each, of the code of images [N, C, H, W] in 0..1."""
+        """Return the mean and log variance, float32 [N, Z] each, of the code of images [N, C, H, W] in 0..1."""
         features = self.encoder(images).flatten(1)
         return self.mean(features).float(), self.log_variance(features).float()
 
     def decode(self, codes: torch.Tensor) -> torch.Tensor:
-        """Images [N, C, H, W] float32 in 0..1 from codes [N, Z]."""
+        """Return the images [N, C, H, W] float32 in 0..1 from codes [N, Z]."""
         start = self.unflatten(self.expand(codes)).contiguous(memory_format=torch.channels_last)
         return torch.sigmoid(self.decoder(start).float())
 
     def forward(self, images: torch.Tensor, noise: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Reconstruction, mean and log variance from images [N, C, H, W] and standard normal noise [N, Z]."""
+        """Return reconstruction, mean and log variance from images [N, C, H, W] and standard normal noise [N, Z]."""
         mean, log_variance = self.encode(images)
         return self.decode(mean + noise * torch.exp(0.5 * log_variance)), mean, log_variance
 
 
 def kl_divergence(mean: torch.Tensor, log_variance: torch.Tensor) -> torch.Tensor:
-    """KL(N(mean, variance) || N(0, 1)) in nats, summed over the code and averaged over the batch; both are [N, Z].
+    """Return KL(N(mean, variance) || N(0, 1)) in nats, summed over the code and averaged over the batch.
 
     −½ Σ_z (1 + log σ² − μ² − σ²), Kingma and Welling 2014, appendix B.
     """
@@ -140,7 +140,7 @@ def kl_divergence(mean: torch.Tensor, log_variance: torch.Tensor) -> torch.Tenso
 def vae_loss(
     images: torch.Tensor, reconstruction: torch.Tensor, mean: torch.Tensor, log_variance: torch.Tensor, weight: float
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Loss, mean squared error and KL (scalars): MSE over all of [N, C, H, W] + weight × KL over codes [N, Z]."""
+    """Return the loss, mean squared error and KL (scalars): MSE over [N, C, H, W] + weight × KL over codes [N, Z]."""
     error = nn.functional.mse_loss(reconstruction, images)
     divergence = kl_divergence(mean, log_variance)
     return error + weight * divergence, error, divergence

@@ -184,7 +184,7 @@ class TestRecurrentSamples:
                 assert torch.allclose(critics[:, row], values[:, at], atol=1e-6)
                 assert torch.allclose(found.values[:, row], values[:, at], atol=1e-6)
                 assert torch.equal(found.actions[row], rollout.actions[step, env])
-            memory.move_on()
+            memory.advance()
 
     @torch.no_grad()
     def test_targets_are_those_of_a_walk_step_by_step(self, length: int):
@@ -228,7 +228,7 @@ def test_a_player_ends_a_rollout_where_the_memory_begins_the_next():
     for step in range(T):
         player(rollout.obs[step].numpy(), rollout.fresh[step].numpy())
     one.samples(rollout, memory)
-    memory.move_on()
+    memory.advance()
     assert player.hidden is not None
     assert np.allclose(memory.starts["actor"].numpy(), player.hidden.numpy(), atol=1e-6)
 
@@ -237,7 +237,7 @@ def test_the_memory_goes_on_from_its_state():
     one = recurrent()
     memory, other = one.memory(4), one.memory(4)
     one.samples(one.rollouts[0], memory)
-    memory.move_on()
+    memory.advance()
     other.load_state(memory.state())
     found, again = (one.samples(one.rollouts[1], each) for each in (memory, other))
     assert torch.equal(found.targets, again.targets) and torch.equal(found.values, again.values)

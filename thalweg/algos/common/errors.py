@@ -4,19 +4,19 @@ import math
 
 
 class AlgorithmError(ValueError):
-    """An algorithm, setting, space or file that can't be used; says which are known or what was expected."""
+    """Error for an invalid algorithm, setting, space or file; the message names the known ones or what was expected."""
 
 
 class NotFiniteError(ArithmeticError):
-    """A number that learning depends on has become NaN or infinite; says which one."""
+    """Error for a number that training depends on and that has become NaN or infinite; the message names it."""
 
 
 class LimitWarning(UserWarning):
-    """A cost limit or multiplier that can't do its work in this run."""
+    """Warning about a cost limit or multiplier that has no effect in this run."""
 
 
 def require_finite(**numbers: float) -> None:
-    """Raises `NotFiniteError` naming the first number that is NaN or infinite."""
+    """Raise `NotFiniteError` naming the first number that is NaN or infinite."""
     for name, number in numbers.items():
         if not math.isfinite(number):
             raise NotFiniteError(f"{name} has become {number}")

@@ -12,39 +12,39 @@ CPU = torch.device("cpu")
 
 
 def array_of(tensor: Tensor) -> np.ndarray:
-    """A copy of a tensor's numbers on the host, wherever it lies."""
+    """Return a tensor as a new NumPy array."""
     return tensor.detach().cpu().numpy().copy()
 
 
 def tensor_of(array: Any, device: torch.device) -> Tensor:
-    """A copy of an array's numbers on a device."""
+    """Return an array as a new tensor on a device."""
     return torch.from_numpy(np.array(array)).to(device)
 
 
 def new_generator(device: torch.device, seed: int = 0) -> torch.Generator:
-    """Random numbers of a device; the same seed gives other numbers on a GPU than on the CPU."""
+    """Return a random generator on a device; GPUs and CPUs draw different numbers from the same seed."""
     return torch.Generator(device).manual_seed(seed)
 
 
 def module_state(module: nn.Module) -> dict[str, np.ndarray]:
-    """A copy of a module's parameters by name."""
+    """Return copies of a module's parameters, by name."""
     return {name: array_of(value) for name, value in module.state_dict().items()}
 
 
 def load_module(module: nn.Module, state: dict[str, np.ndarray]) -> None:
-    """The inverse of `module_state`; raises `AlgorithmError` naming both shapes where they differ."""
+    """Load what `module_state` returned; raises `AlgorithmError` naming all shapes if they differ."""
     here = {name: tuple(value.shape) for name, value in module.state_dict().items()}
     there = {name: tuple(np.shape(value)) for name, value in state.items()}
     if here != there:
-        raise AlgorithmError(f"a network of shapes {here} can't take one of {there}")
+        raise AlgorithmError(f"a network of shapes {here} cannot load parameters of shapes {there}")
     module.load_state_dict({name: tensor_of(value, CPU) for name, value in state.items()})
 
 
 def generator_state(generator: torch.Generator) -> np.ndarray:
-    """The state of a random generator, uint8."""
+    """Return the state of a random generator, uint8."""
     return generator.get_state().numpy().copy()
 
 
 def load_generator(generator: torch.Generator, state: np.ndarray) -> None:
-    """The inverse of `generator_state`."""
+    """Restore what `generator_state` returned."""
     generator.set_state(torch.from_numpy(np.array(state, dtype=np.uint8)))

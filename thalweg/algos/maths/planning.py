@@ -10,10 +10,10 @@ from thalweg.algos.maths.shapes import rank, same_shape
 
 
 def survival(ends: Tensor) -> Tensor:
-    """Probability [H + 1, ...] of still flying before each step, and after the last: Π_{k<t} (1 - p_end,k).
+    """Return S_t = Π_{k<t} (1 - p_end,k) [H + 1, ...], the probability that the episode reaches each time step.
 
     Args:
-        ends: [H, ...], p_end of each step: the probability that it ends the episode if it is reached.
+        ends: [H, ...], p_end of each step: the probability that the step ends the episode, if it is reached.
     """
     alive = ends.new_ones(len(ends) + 1, *ends.shape[1:])
     torch.cumprod(1.0 - ends, 0, out=alive[1:])
@@ -21,13 +21,13 @@ def survival(ends: Tensor) -> Tensor:
 
 
 def imagined_return(rewards: Tensor, alive: Tensor, discount: float, final: Tensor | None = None) -> Tensor:
-    """G [...] = Σ_{t<H} γ^t S_t r_t + γ^H S_H V(s_H): what comes after an end counts for nothing.
+    """Return G [...] = Σ_{t<H} γ^t S_t r_t + γ^H S_H V(s_H): nothing counts after a termination.
 
     Args:
-        rewards: [H, ...], the expected reward of each step that is reached.
+        rewards: [H, ...], the expected reward of each step, if it is reached.
         alive: S [H + 1, ...], from `survival`.
         discount: γ.
-        final: V(s_H) [...], what is still to come after the last step; None for nothing.
+        final: V(s_H) [...], the expected return after the last step; None counts it as 0.
     """
     same_shape(rewards=rewards, alive=alive[:-1])
     powers = discount ** torch.arange(len(rewards) + 1, dtype=rewards.dtype, device=rewards.device)
@@ -39,10 +39,10 @@ def imagined_return(rewards: Tensor, alive: Tensor, discount: float, final: Tens
 
 
 def imagined_cost(costs: Tensor, alive: Tensor) -> Tensor:
-    """Expected cost of each step [H, ..., M], counted as far as it is reached: S_t c_t, undiscounted as the limit is.
+    """Return S_t c_t [H, ..., M], the expected cost of each step; it is undiscounted, as the limit is.
 
     Args:
-        costs: [H, ..., M], the expected cost of each step that is reached.
+        costs: [H, ..., M], the expected cost of each step, if it is reached.
         alive: S [H + 1, ...], from `survival`.
     """
     same_shape(one_cost=costs[..., 0], alive=alive[:-1])
@@ -50,35 +50,36 @@ def imagined_cost(costs: Tensor, alive: Tensor) -> Tensor:
 
 
 def budget(limit: float, horizon: int, length: float) -> float:
-    """What the next H steps may cost of the limit d on an episode: d H / L, all of d if episodes are shorter than H.
+    """Return the cost that H steps may have under a limit d on an episode: d H / L, but at most d.
 
     Args:
         limit: d.
         horizon: H, in steps of the environment.
-        length: L, the mean length of an episode; OmniSafe takes 1000 whatever it is.
+        length: L, the mean length of an episode; OmniSafe always uses 1000.
     """
     return limit * min(horizon / length, 1.0)
 
 
 def in_budgets(costs: Tensor, budgets: Tensor) -> Tensor:
-    """b̄ Σ_i C_i / b_i [...] of costs [..., M]: each counted in its budget b [M], times their mean b̄, so that one cost
-    alone stays as it is."""
+    """Return b̄ Σ_i C_i / b_i [...], the sum of costs C [..., M] relative to their budgets b [M] with mean b̄.
+
+    A single cost is returned unchanged.
+    """
     budgets = budgets.clamp(min=1e-6)
     return (costs * (budgets.mean() / budgets)).sum(-1)
 
 
 def elites(returns: Tensor, costs: Tensor, budgets: Tensor, count: int) -> Tensor:
-    """Weights [N, S] of the constrained cross-entropy method (Wen, Topcu 2018, algorithm 1): 1/E for each elite.
+    """Return the weights [N, S] of the constrained cross-entropy method (Wen, Topcu 2018, algorithm 1).
 
-    Where at least E candidates are feasible, the E feasible ones of highest return; elsewhere the E of lowest cost.
+    They are 1/E for each elite and 0 for the other candidates. The elites are the E feasible candidates of highest
+    return or, if fewer than E are feasible, the E of lowest cost. Several costs are compared by `in_budgets`.
 
     Args:
         returns: G [N, S].
         costs: C [N, S, M].
-        budgets: b [M]; feasible is C_i ≤ b_i for every cost.
+        budgets: b [M]; a candidate is feasible if C_i ≤ b_i for every cost.
         count: E.
-
-    Of several costs, the lowest sum `in_budgets` is the lowest.
     """
     rank(2, returns=returns)
     same_shape(returns=returns, one_cost=costs[..., 0])
@@ -92,14 +93,14 @@ def elites(returns: Tensor, costs: Tensor, budgets: Tensor, count: int) -> Tenso
 def feasible_softmax(
     returns: Tensor, costs: Tensor, feasible: Tensor, least: int, sharpness: float, cost_sharpness: float
 ) -> Tensor:
-    """Weights [N, S] of SafeARC (Sikchi, Zhou, Held 2021, algorithm 2 and section 4.3).
+    """Return the weights [N, S] of SafeARC (Sikchi, Zhou, Held 2021, algorithm 2 and section 4.3).
 
-    Where at least E candidates are feasible, w ∝ exp(β G) over those; elsewhere w ∝ exp(-β_c C) over all.
+    If at least E candidates are feasible, w ∝ exp(β G) over those; otherwise w ∝ exp(-β_c C) over all.
 
     Args:
         returns: G [N, S].
-        costs: C [N, S], the costs as one number: standardised, of `in_budgets`; or their sum over an episode.
-        feasible: [N, S] bool, whether every cost keeps within its budget.
+        costs: C [N, S], all costs as one number: the standardised value of `in_budgets`, or their sum over an episode.
+        feasible: [N, S] bool, whether every cost is within its budget.
         least: E.
         sharpness: β.
         cost_sharpness: β_c.
@@ -112,7 +113,7 @@ def feasible_softmax(
 
 
 def standardised_rows(values: Tensor, mask: Tensor) -> Tensor:
-    """Values [N, S] with mean 0 and deviation 1 over those of each row that `mask` [N, S] names; the rest alike."""
+    """Return values [N, S] scaled per row to mean 0 and standard deviation 1 over those in `mask` [N, S]."""
     same_shape(values=values, mask=mask)
     count = mask.sum(-1, keepdim=True).clamp(min=1)
     mean = (values * mask).sum(-1, keepdim=True) / count
@@ -123,7 +124,7 @@ def standardised_rows(values: Tensor, mask: Tensor) -> Tensor:
 def categorical_step(
     probabilities: Tensor, options: Tensor, weights: Tensor, exists: Tensor, momentum: float, floor: float
 ) -> Tensor:
-    """The plan [N, H, A, K] after one step of the cross-entropy method (Rubinstein, Kroese 2004, section 4.2).
+    """Return the plan [N, H, A, K] after one step of the cross-entropy method (Rubinstein, Kroese 2004, section 4.2).
 
         p ← (1 - K f) (m p + (1 - m) Σ_s w_s 1{a_s = k}) + f
 
@@ -131,9 +132,9 @@ def categorical_step(
         probabilities: p [N, H, A, K], of each option of each branch at each step ahead.
         options: a [N, S, H, A] int64.
         weights: w [N, S], of sum 1.
-        exists: [A, K] bool, which options a branch has: K counts those, and no other is ever drawn.
+        exists: [A, K] bool, which options a branch has; K in the formula counts these, and no others are sampled.
         momentum: m.
-        floor: f, the least probability of an option that exists.
+        floor: f, the lowest probability of an option that exists.
     """
     rank(4, probabilities=probabilities, options=options)
     same_shape(one_option=probabilities[..., 0], one_candidate=options[:, 0])
@@ -145,7 +146,7 @@ def categorical_step(
 
 
 def floored(probabilities: Tensor, exists: Tensor, floor: float) -> Tensor:
-    """(1 - K f) p + f [..., A, K] where the option exists, and 0 elsewhere."""
+    """Return (1 - K f) p + f [..., A, K] where the option exists, and 0 elsewhere."""
     options = exists.sum(-1, keepdim=True).to(probabilities.dtype)
     return ((1.0 - options * floor) * probabilities + floor) * exists
 
@@ -159,7 +160,7 @@ def gaussian_step(
     mean_momentum: float,
     largest: float,
 ) -> tuple[Tensor, Tensor]:
-    """Mean and variance [N, H, A] of the plan after one step of the cross-entropy method.
+    """Return the mean and variance [N, H, A] of the plan after one step of the cross-entropy method.
 
         μ' = Σ_s w_s a_s,   σ'² = Σ_s w_s (a_s - μ')²
         μ ← m_μ μ + (1 - m_μ) μ',   σ² ← min(m σ² + (1 - m) σ'², largest)

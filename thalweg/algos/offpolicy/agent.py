@@ -131,7 +131,7 @@ class Agent:
         return self.steps < self.config.random_steps
 
     def action_parameters(self, obs: Tensor) -> Tensor:
-        """The policy's outputs [N, P] at observations float32 [N, K * D]."""
+        """Return the policy's outputs [N, P] at observations float32 [N, K * D]."""
         return self.policy.actor(self.policy.normaliser(obs))
 
     def store(self, rollout: Rollout, encode: Callable[[Tensor], Tensor]) -> None:
@@ -239,13 +239,13 @@ class Agent:
         )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Warnings about cost limits or multipliers that have no effect, by a short code."""
+        """Return warnings about cost limits or multipliers that have no effect, by a short code."""
         return limit_warnings(self.config.limits, feedback) | self.multipliers.warnings(
             feedback, self._multiplier_updates_left(feedback)
         )
 
     def state(self) -> dict[str, Any]:
-        """Everything that resuming needs, as nested dictionaries of arrays and plain data."""
+        """Return everything that resuming needs, as nested dictionaries of arrays and plain data."""
         return {
             "actor": module_state(self.policy.actor),
             "critics": module_state(self.critics.stack),
@@ -283,7 +283,7 @@ class Agent:
         self._updates_due, self._reported_at = float(state["owed"]), int(state["reported_at"])
 
     def _multiplier_updates_left(self, feedback: Feedback) -> int:
-        """Updates of the multipliers in the rest of the run."""
+        """Return the number of updates of the multipliers in the rest of the run."""
         steps = max(feedback.steps_left - max(self.config.random_steps - self.steps, 0), 0)
         if self.config.multiplier_schedule == "gradient_step":
             return int(steps * self.config.updates_per_step)

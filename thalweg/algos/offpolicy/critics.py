@@ -51,12 +51,12 @@ class Critics:
         """Slice of one critic of each signal [S]: the reward's last, and the first of each cost."""
 
     def inputs_by_signal(self, for_reward: Tensor, for_costs: Tensor) -> Tensor:
-        """[K, B, D] inputs of all critics, one [B, D] for those of the reward and one for those of the costs."""
+        """Return [K, B, D] inputs of all critics, one [B, D] for those of the reward and one for those of the costs."""
         count = self.cost_critics * self.costs
         return torch.stack([for_reward] * self.reward_critics + [for_costs] * count)
 
     def pessimistic(self, values: Tensor) -> Tensor:
-        """[S, B, ...] from the values of all critics [K, B, ...]: the reward's smallest, each cost's largest."""
+        """Return [S, B, ...] from the values of all critics [K, B, ...]: the reward's smallest, each cost's largest."""
         if self.reward_critics == self.cost_critics == 1:
             return values
         reward, costs = values[: self.reward_critics], values[self.reward_critics :]

@@ -39,7 +39,7 @@ class DDPGLag:
 
     @torch.inference_mode()
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Raw actions [N, A]: uniformly random at first, then the policy's with exploration noise."""
+        """Return raw actions [N, A]: uniformly random at first, then the policy's with exploration noise."""
         if self.agent.acts_randomly:
             return self.policy.actions.uniform(len(obs), self.agent.generator)
         strength = self.config.exploration_at(self.agent.progress)
@@ -62,7 +62,7 @@ class DDPGLag:
 
     @torch.no_grad()
     def _next_values(self, batch: Batch) -> Tensor:
-        """V(s') [1 + M, B] = Q'(s', μ'(s')): target critics at the action of the target policy."""
+        """Return V(s') [1 + M, B] = Q'(s', μ'(s')): target critics at the action of the target policy."""
         agent = self.agent
         actor = agent.target_actor if self.config.target_actor else self.policy.actor.stack
         action = self.action_form.greedy(actor(batch.next_obs)[0])
@@ -70,11 +70,11 @@ class DDPGLag:
         return agent.critics.pessimistic(agent.target_critics(obs_actions).squeeze(-1))
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Warnings about cost limits or multipliers that have no effect, by a short code."""
+        """Return warnings about cost limits or multipliers that have no effect, by a short code."""
         return self.agent.warnings(feedback)
 
     def state(self) -> dict[str, Any]:
-        """Everything that resuming needs."""
+        """Return everything that resuming needs."""
         return self.agent.state()
 
     def load_state(self, state: dict[str, Any]) -> None:

@@ -49,12 +49,12 @@ class DeterministicConfig(OffPolicyConfig):
     policy has no gradient."""
 
     def exploration_at(self, progress: float) -> float:
-        """Factor 0..1 of the exploration at a progress 0..1 of the run."""
+        """Return the factor 0..1 of the exploration at a progress 0..1 of the run."""
         return 1.0 - progress if self.exploration_fades else 1.0
 
 
 def policy_loss(config: DeterministicConfig, values: Tensor, outputs: Tensor, multipliers: tuple[float, ...]) -> Tensor:
-    """L = -E[(Q_r(s, μ(s)) - Σ_i λ_i Q_ci(s, μ(s))) / (1 + Σ_i λ_i)] + c E[z²], the loss of the policy.
+    """Return L = -E[(Q_r(s, μ(s)) - Σ_i λ_i Q_ci(s, μ(s))) / (1 + Σ_i λ_i)] + c E[z²], the loss of the policy.
 
     Args:
         config: Holds c, `output_decay`.
@@ -69,7 +69,7 @@ def policy_loss(config: DeterministicConfig, values: Tensor, outputs: Tensor, mu
 def policy_grads(
     config: DeterministicConfig, values: Tensor, outputs: Tensor, multipliers: tuple[float, ...]
 ) -> tuple[Tensor, Tensor]:
-    """The gradients of `policy_loss` by the values [1 + M, B] and, at constant values, by the outputs [B, P]."""
+    """Return the gradients of `policy_loss` by the values [1 + M, B] and, at constant values, by the outputs [B, P]."""
     weights = tensor_like([-1.0, *multipliers], values) / ((1.0 + sum(multipliers)) * values.shape[1])
     return weights.unsqueeze(1).expand_as(values), (2.0 * config.output_decay / outputs.numel()) * outputs
 
@@ -82,28 +82,31 @@ class ActionForm(Protocol):
     """W."""
 
     def encode(self, raw: Tensor) -> Tensor:
-        """Critics' inputs [B, W] for the executed raw actions [B, A]."""
+        """Return the critics' inputs [B, W] for the executed raw actions [B, A]."""
         ...
 
     def greedy(self, parameters: Tensor) -> Tensor:
-        """The policy's own action [B, W], encoded as it would be executed."""
+        """Return the policy's own action [B, W], encoded as it would be executed."""
         ...
 
     def rsample_and_backward(
         self, parameters: Tensor, generator: torch.Generator
     ) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
-        """The policy's own action [B, W] before any rounding (a sample for discrete actions), and a function from its
-        gradient to that of the parameters [B, P]."""
+        """Return the policy's own action [B, W] before any rounding, and its backward function.
+
+        A discrete action is a sample. The function takes the gradient of the action and returns that of the parameters
+        [B, P].
+        """
         ...
 
     def smoothed(
         self, parameters: Tensor, generator: torch.Generator, *, noise: float, clip: float, temperature: float
     ) -> Tensor:
-        """A random action [B, W] near the policy's own, encoded as it would be executed."""
+        """Return a random action [B, W] near the policy's own, encoded as it would be executed."""
         ...
 
     def explore(self, parameters: Tensor, generator: torch.Generator, strength: float = 1.0) -> Tensor:
-        """Raw actions [B, A] for collecting, with the exploration of the config times `strength` 0..1."""
+        """Return raw actions [B, A] for collecting, with the exploration of the config times `strength` 0..1."""
         ...
 
 
@@ -114,29 +117,29 @@ class ContinuousActions:
         self.actions, self._config, self.width = actions, config, actions.count
 
     def encode(self, raw: Tensor) -> Tensor:
-        """The executed actions [B, W]."""
+        """Return the executed actions [B, W]."""
         return self.actions.quantised(raw)
 
     def greedy(self, parameters: Tensor) -> Tensor:
-        """tanh z [B, W], as executed."""
+        """Return tanh z [B, W], as executed."""
         return self.encode(parameters.tanh())
 
     def rsample_and_backward(
         self, parameters: Tensor, generator: torch.Generator
     ) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
-        """tanh z [B, W], and the backward function of tanh."""
+        """Return tanh z [B, W], and the backward function of tanh."""
         point = parameters.tanh()
         return point, lambda grad: grad * (1.0 - point.square())
 
     def smoothed(
         self, parameters: Tensor, generator: torch.Generator, *, noise: float, clip: float, temperature: float
     ) -> Tensor:
-        """clip(μ + clip(ε, -c, c), -1, 1), ε ~ N(0, σ̃) (Fujimoto, van Hoof, Meger 2018, equation 14)."""
+        """Return clip(μ + clip(ε, -c, c), -1, 1), ε ~ N(0, σ̃) (Fujimoto, van Hoof, Meger 2018, equation 14)."""
         clipped = (noise * _normal(parameters, generator)).clamp_(-clip, clip)
         return self.encode((parameters.tanh() + clipped).clamp_(-1.0, 1.0))
 
     def explore(self, parameters: Tensor, generator: torch.Generator, strength: float = 1.0) -> Tensor:
-        """tanh z with Gaussian noise, or with probability ε a uniform action [B, A]."""
+        """Return tanh z with Gaussian noise, or with probability ε a uniform action [B, A]."""
         noisy = parameters.tanh() + strength * self._config.exploration_noise * _normal(parameters, generator)
         return _epsilon_uniform(noisy.clamp_(-1.0, 1.0), self, strength * self._config.exploration, generator)
 
@@ -149,17 +152,17 @@ class DiscreteActions:
         self.width = actions.count * max(actions.sizes)
 
     def encode(self, raw: Tensor) -> Tensor:
-        """One-hot vectors of all branches side by side [B, W]."""
+        """Return one-hot vectors of all branches side by side [B, W]."""
         return gumbel_softmax.one_hot(raw, max(self.actions.sizes)).flatten(1)
 
     def greedy(self, parameters: Tensor) -> Tensor:
-        """The most probable options [B, W]."""
+        """Return the most probable options [B, W]."""
         return self.encode(self._choices(parameters).mode())
 
     def rsample_and_backward(
         self, parameters: Tensor, generator: torch.Generator
     ) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
-        """A one-hot sample [B, W], and the backward function of its softmax relaxation."""
+        """Return a one-hot sample [B, W], and the backward function of its softmax relaxation."""
         choices, temperature = self._choices(parameters), self._config.relaxation
         noise = gumbel_softmax.gumbel(torch.rand(choices.log_p.shape, generator=generator, device=parameters.device))
         hard, soft = gumbel_softmax.straight_through(choices.log_p, noise, temperature)
@@ -172,13 +175,13 @@ class DiscreteActions:
     def smoothed(
         self, parameters: Tensor, generator: torch.Generator, *, noise: float, clip: float, temperature: float
     ) -> Tensor:
-        """A sample [B, W] from the softmax of the outputs divided by the temperature; at 0 the most probable option."""
+        """Return a sample [B, W] of the softmax of outputs / temperature; at 0 the most probable option."""
         if temperature == 0:
             return self.greedy(parameters)
         return self.encode(self._choices(parameters / temperature).sample(generator))
 
     def explore(self, parameters: Tensor, generator: torch.Generator, strength: float = 1.0) -> Tensor:
-        """A sample at the exploration temperature, or with probability ε a uniform action [B, A]."""
+        """Return a sample at the exploration temperature, or with probability ε a uniform action [B, A]."""
         temperature = max(strength * self._config.exploration_temperature, LEAST_TEMPERATURE)
         sample = self._choices(parameters / temperature).sample(generator)
         return _epsilon_uniform(sample, self, strength * self._config.exploration, generator)
@@ -188,7 +191,7 @@ class DiscreteActions:
 
 
 def action_form_of(config: DeterministicConfig, task: Task) -> ContinuousActions | DiscreteActions:
-    """The representation of the task's actions."""
+    """Return the representation of the task's actions."""
     actions = actions_of(task.action_space, config.adapter, "point")
     return (DiscreteActions if actions.kind == "categorical" else ContinuousActions)(actions, config)
 
@@ -210,7 +213,7 @@ def policy_gradient_step(agent: Agent, action_form: ActionForm, config: Determin
 
 
 def _epsilon_uniform(raw: Tensor, action_form: ActionForm, epsilon: float, generator: torch.Generator) -> Tensor:
-    """Raw actions [B, A], each replaced by a uniform one with probability `epsilon`."""
+    """Return raw actions [B, A], each replaced by a uniform one with probability `epsilon`."""
     replaced = torch.rand(len(raw), 1, generator=generator, device=raw.device) < epsilon
     return torch.where(replaced, action_form.actions.uniform(len(raw), generator), raw)
 

@@ -45,7 +45,7 @@ class MeanMetrics:
         return means
 
     def state(self) -> dict[str, Any]:
-        """State as arrays and plain data."""
+        """Return the state as arrays and plain data."""
         return {"counts": list(self._counts)} | {str(k): array_of(sums) for k, sums in enumerate(self._sums)}
 
     def load_state(self, state: dict[str, Any]) -> None:

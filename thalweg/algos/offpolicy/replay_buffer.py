@@ -97,14 +97,14 @@ class ReplayBuffer:
             count -= gathered
 
     def batch(self, rows: Tensor) -> Batch:
-        """The fields of rows, as views of them."""
+        """Return the fields of rows, as views of them."""
         obs, actions, next_obs, signals, continues = rows.split(
             [self._obs, self._action, self._obs, self._signals, 1], 1
         )
         return Batch(obs, actions, rows[:, : self._obs + self._action], next_obs, signals.T, continues[:, 0])
 
     def state(self) -> dict[str, Any]:
-        """State as arrays and plain data: the filled rows only."""
+        """Return the state as arrays and plain data: the filled rows only."""
         return {"rows": array_of(self.rows[: self.filled]), "next": self._next}
 
     def load_state(self, state: dict[str, Any]) -> None:
@@ -117,7 +117,7 @@ class ReplayBuffer:
 
 
 def valid_transitions(rollout: Rollout) -> Transitions:
-    """The valid steps of a rollout.
+    """Return the valid steps of a rollout.
 
     The observation after an episode's end is its last one, never the first of the next episode.
     """

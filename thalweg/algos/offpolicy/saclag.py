@@ -53,7 +53,7 @@ class SACLagConfig(OffPolicyConfig):
 
 
 def policy_loss(values: Tensor, entropy: Tensor, alpha: Tensor, multipliers: tuple[float, ...]) -> Tensor:
-    """L = -E_s[(V_r(s) + α H(s) - Σ_i λ_i V_ci(s)) / (1 + Σ_i λ_i)], the loss of the policy.
+    """Return L = -E_s[(V_r(s) + α H(s) - Σ_i λ_i V_ci(s)) / (1 + Σ_i λ_i)], the loss of the policy.
 
     Args:
         values: V [1 + M, B] = E_a[min Q_r], E_a[Q_ci], the reward's and then each cost's.
@@ -76,20 +76,20 @@ class DiscreteActions:
         self._selection = joint_actions.selection(actions.sizes).to(device)
 
     def encode(self, raw: Tensor) -> Tensor:
-        """The number [B, 1] of each joint action [B, A]."""
+        """Return the number [B, 1] of each joint action [B, A]."""
         return joint_actions.numbers(raw, self.actions.sizes).unsqueeze(1).float()
 
     def q_values(self, agent: Agent, batch: Batch) -> tuple[Tensor, Callable[[Tensor], None]]:
-        """Q(s, a) of every joint action [K, B, J], and the critics' backward function."""
+        """Return Q(s, a) of every joint action [K, B, J], and the critics' backward function."""
         return agent.critics.stack.forward_and_backward(batch.obs)
 
     def chosen(self, batch: Batch) -> Tensor:
-        """The number [B] of the joint action in each step of the batch."""
+        """Return the number [B] of the joint action in each step of the batch."""
         return batch.actions[:, 0].long()
 
     @torch.no_grad()
     def next_values(self, agent: Agent, batch: Batch, alpha: Tensor) -> Tensor:
-        """V(s') [1 + M, B]: Σ_a π(a|s') (min Q'_r - α log π), and Σ_a π(a|s') Q'_ci."""
+        """Return V(s') [1 + M, B]: Σ_a π(a|s') (min Q'_r - α log π), and Σ_a π(a|s') Q'_ci."""
         log_p, values = self._log_p(agent.policy.actor(batch.next_obs)), agent.target_critics(batch.next_obs)
         values = agent.critics.pessimistic(values)
         expected = torch.stack([joint_actions.expectation(log_p, each) for each in values])
@@ -99,7 +99,7 @@ class DiscreteActions:
         return expected
 
     def objective(self, agent: Agent, batch: Batch, q_values: Tensor) -> tuple[Tensor, Tensor, Callable[[], None]]:
-        """V(s) [1 + M, B] and H(s) [B], and the policy's backward function, to be called after theirs.
+        """Return V(s) [1 + M, B] and H(s) [B], and the policy's backward function, to be called after theirs.
 
         The critics are not evaluated again: the policy uses their outputs from before their own gradient step.
         """
@@ -110,7 +110,7 @@ class DiscreteActions:
         return expected, -joint_actions.expectation(log_p, log_p), lambda: actor_backward(_grad(outputs))
 
     def _log_p(self, outputs: Tensor) -> Tensor:
-        """log π(a|s) [B, J]."""
+        """Return log π(a|s) [B, J]."""
         policy = Categoricals.from_logits(outputs, self.actions.sizes)
         return joint_actions.log_prob(policy.log_p, self._selection)
 
@@ -124,19 +124,19 @@ class ContinuousActions:
         self.target_entropy = config.entropy_per_number * actions.count
 
     def encode(self, raw: Tensor) -> Tensor:
-        """The executed actions [B, A]."""
+        """Return the executed actions [B, A]."""
         return self.actions.quantised(raw)
 
     def q_values(self, agent: Agent, batch: Batch) -> tuple[Tensor, Callable[[Tensor], None]]:
-        """Q(s, a) [K, B, 1] of the batch's actions, and the critics' backward function."""
+        """Return Q(s, a) [K, B, 1] of the batch's actions, and the critics' backward function."""
         return agent.critics.stack.forward_and_backward(batch.obs_actions)
 
     def chosen(self, batch: Batch) -> None:
-        """None: each critic has a single output."""
+        """Return None: each critic has a single output."""
 
     @torch.no_grad()
     def next_values(self, agent: Agent, batch: Batch, alpha: Tensor) -> Tensor:
-        """V(s') [1 + M, B]: min Q'_r(s', a') - α log π(a'|s'), and Q'_ci(s', a'), with a' sampled from the policy."""
+        """Return V(s') [1 + M, B]: min Q'_r(s', a') - α log π(a'|s'), and Q'_ci(s', a'), for a sampled action a'."""
         policy = _squashed(agent.policy.actor(batch.next_obs))
         sample, log_prob = policy.rsample(agent.generator)
         obs_actions = torch.cat([batch.next_obs, self.encode(sample)], 1)
@@ -148,8 +148,10 @@ class ContinuousActions:
         return values
 
     def objective(self, agent: Agent, batch: Batch, q_values: Tensor) -> tuple[Tensor, Tensor, Callable[[], None]]:
-        """V(s) [1 + M, B] and H(s) [B], both of one sample, and the policy's backward function, to be called after
-        theirs."""
+        """Return V(s) [1 + M, B] and H(s) [B], both of one sample, and the policy's backward function.
+
+        The backward function is to be called after those of V and H.
+        """
         with torch.no_grad():
             outputs, actor_backward = agent.policy.actor.forward_and_backward(batch.obs)
             sample, log_prob, sample_backward = _squashed(outputs).rsample_and_backward(agent.generator)
@@ -200,7 +202,7 @@ class SACLag:
 
     @torch.inference_mode()
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Raw actions [N, A]: uniformly random at first, then sampled from the policy."""
+        """Return raw actions [N, A]: uniformly random at first, then sampled from the policy."""
         if self.agent.acts_randomly:
             return self.policy.actions.uniform(len(obs), self.agent.generator)
         return self.policy.actions.distribution(self.agent.action_parameters(obs)).sample(self.agent.generator)
@@ -229,11 +231,11 @@ class SACLag:
             self.alpha_optimiser.step()  # changes nothing without a gradient
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Warnings about cost limits or multipliers that have no effect, by a short code."""
+        """Return warnings about cost limits or multipliers that have no effect, by a short code."""
         return self.agent.warnings(feedback)
 
     def state(self) -> dict[str, Any]:
-        """Everything that resuming needs."""
+        """Return everything that resuming needs."""
         alpha = {"log_alpha": array_of(self.log_alpha), "alpha_optimiser": self.alpha_optimiser.state()}
         return self.agent.state() | alpha
 

@@ -48,7 +48,7 @@ class TD3Lag:
 
     @torch.inference_mode()
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Raw actions [N, A]: uniformly random at first, then the policy's with exploration noise."""
+        """Return raw actions [N, A]: uniformly random at first, then the policy's with exploration noise."""
         if self.agent.acts_randomly:
             return self.policy.actions.uniform(len(obs), self.agent.generator)
         strength = self.config.exploration_at(self.agent.progress)
@@ -71,8 +71,10 @@ class TD3Lag:
 
     @torch.no_grad()
     def _next_values(self, batch: Batch) -> Tensor:
-        """V(s') [1 + M, B]: the smaller of the reward's two target critics and each cost's target critic (the larger of
-        two), at a smoothed action of the target policy."""
+        """Return V(s') [1 + M, B]: target critics at a smoothed action of the target policy.
+
+        These are the smaller of the reward's two, and each cost's critic (the larger of two).
+        """
         config, agent = self.config, self.agent
         action = self.action_form.smoothed(
             agent.target_actor(batch.next_obs)[0],
@@ -88,11 +90,11 @@ class TD3Lag:
         return agent.critics.pessimistic(agent.target_critics(obs_actions).squeeze(-1))
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Warnings about cost limits or multipliers that have no effect, by a short code."""
+        """Return warnings about cost limits or multipliers that have no effect, by a short code."""
         return self.agent.warnings(feedback)
 
     def state(self) -> dict[str, Any]:
-        """Everything that resuming needs."""
+        """Return everything that resuming needs."""
         return self.agent.state()
 
     def load_state(self, state: dict[str, Any]) -> None:

@@ -1,6 +1,6 @@
-"""What on-policy algorithms share: the agent with its networks and optimisers, the KL monitor, signals and metrics.
+"""Shared components of on-policy algorithms: agent, optimisers, KL monitor, signals of critics and metrics.
 
-Losses, updates and the minibatch loop are absent on purpose: they are the algorithm and stand in its file. Letters:
+Losses, updates and the minibatch loop are not here on purpose: they are in the file of each algorithm. Letters:
 B valid steps, N environments, K frames, D numbers of an observation, M costs.
 """
 
@@ -73,7 +73,7 @@ class Agent:
 
     @contextmanager
     def critics_learning(self, samples: Samples, passes: int = 1) -> Iterator[None]:
-        """Train the critics by so many passes over the samples while the body of the `with` block runs.
+        """Train the critics by `passes` over the samples while the body of the `with` block runs.
 
         Critics and policy share no weights and the advantages are known already, so a thread trains the critics by
         compiled loops, which release the interpreter lock. Otherwise they are trained after the body. The numbers are
@@ -112,13 +112,13 @@ class Agent:
             ]
         found = []
         for _ in range(passes):
-            for inputs, (aims,) in samples.minibatches((targets,), config.minibatch, generator):
-                found.append(self.critics.regress(inputs, aims.T, config.critic_decay))
+            for inputs, (minibatch_targets,) in samples.minibatches((targets,), config.minibatch, generator):
+                found.append(self.critics.regress(inputs, minibatch_targets.T, config.critic_decay))
                 self.critic_optimiser.step(config.max_grad_norm)
         return found
 
     def updates_left(self, feedback: Feedback) -> int:
-        """Return the number of updates still to come after this one."""
+        """Return the number of updates that remain after this one."""
         return math.ceil(feedback.steps_left / (self.rollout_steps * self._player.num_envs))
 
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
@@ -130,7 +130,7 @@ class Agent:
 
         Afterwards the statistics of observations include the rollout. They change only here, so that the samples are
         evaluated by the policy that collected them. A fresh policy with orthogonal weights and bounded activations is
-        nearly uniform whatever it observes, so the statistics of the first rollout are included at once.
+        nearly uniform in every state, so the statistics of the first rollout are included at once.
         """
         normaliser, config = self.policy.normaliser, self.config
         fresh = normaliser.count == 0 and config.initial == "orthogonal" and config.activation == "tanh"
@@ -140,8 +140,8 @@ class Agent:
         if not fresh:
             normaliser.update(valid_obs(rollout))
         if self._memory is not None:
-            self._memory.move_on()
-            # They differ after the first rollout, which was collected without statistics.
+            self._memory.advance()
+            # The states differ after the first rollout, which was collected without statistics.
             self._player.hidden = self._memory.starts["actor"]
         return samples
 
@@ -157,7 +157,7 @@ class Agent:
 
         `loss_of` takes the policy's action distribution at the B states of `inputs` and returns a scalar.
         """
-        if not fast_path.enabled():  # the definition
+        if not fast_path.enabled():  # autograd, which defines the result
             self.policy_optimiser.zero_grad()
             loss = loss_of(self.policy.distribution_of(inputs))
             loss.backward()

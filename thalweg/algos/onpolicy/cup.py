@@ -44,14 +44,14 @@ class CUPConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
 def improvement_loss(
     config: CUPConfig, log_prob: Tensor, old_log_prob: Tensor, advantages: Tensor, entropy: Tensor
 ) -> Tensor:
-    """L = L_clip - c H of the reward alone: what the first step minimises, from one number per state [B] each."""
+    """Return L = L_clip - c H of the reward alone, which the first step minimises, from arguments of shape [B]."""
     return losses.ppo_clip(log_prob, old_log_prob, advantages, config.clip) - config.entropy * entropy.mean()
 
 
 def projection_loss(
     config: CUPConfig, log_prob: Tensor, old_log_prob: Tensor, kl: Tensor, cost_advantages: Tensor
 ) -> Tensor:
-    """L = E[KL(π_θ ‖ π_{k+½})] + (1-γλ)/(1-γ) E[ρ Σ ν_i A_ci]: what the second step minimises."""
+    """Return L = E[KL(π_θ ‖ π_{k+½})] + (1-γλ)/(1-γ) E[ρ Σ ν_i A_ci], which the second step minimises."""
     return losses.cup_projection(
         log_prob, old_log_prob, kl, cost_advantages, discount=config.cost_discount, trace=config.cost_trace
     )

@@ -49,8 +49,10 @@ class FOCOPSConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
 def policy_loss(
     config: FOCOPSConfig, log_prob: Tensor, old_log_prob: Tensor, kl: Tensor, advantages: Tensor, entropy: Tensor
 ) -> Tensor:
-    """L = E_s[1{KL_s ≤ η} (KL_s - ρ (A_r - ν A_c) / λ)] - c E_s[H_s]: what the policy minimises, from one number per
-    state [B] each. The entropy counts in every state, outside η too."""
+    """Return L = E_s[1{KL_s ≤ η} (KL_s - ρ (A_r - ν A_c) / λ)] - c E_s[H_s] from arguments of shape [B].
+
+    The entropy counts in every state, also where KL_s exceeds η.
+    """
     projection = losses.focops(
         log_prob,
         old_log_prob,

@@ -64,7 +64,7 @@ def policy_loss(
     scale: float,
     entropy: Tensor,
 ) -> tuple[Tensor, Tensor]:
-    """L = L_clip + κ Σ_i max(0, E[max(ρ A_ci, clip(ρ) A_ci)] + k (J_ci - d_i)) - c H, and the penalties [M] in it.
+    """Return L = L_clip + κ Σ_i max(0, E[max(ρ A_ci, clip(ρ) A_ci)] + k (J_ci - d_i)) - c H, and its penalties [M].
 
     Args:
         config: The settings.

@@ -27,7 +27,7 @@ class PPOConfig(FirstOrderConfig):
 def policy_loss(
     config: PPOConfig, log_prob: Tensor, old_log_prob: Tensor, advantages: Tensor, entropy: Tensor
 ) -> Tensor:
-    """L = L_clip - c H: what the policy minimises, from one number per state [B] each."""
+    """Return L = L_clip - c H, the loss of the policy, from arguments of shape [B]."""
     return losses.ppo_clip(log_prob, old_log_prob, advantages, config.clip) - config.entropy * entropy.mean()
 
 

@@ -40,7 +40,7 @@ class PPOLagConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
 def policy_loss(
     config: PPOLagConfig, log_prob: Tensor, old_log_prob: Tensor, advantages: Tensor, entropy: Tensor
 ) -> Tensor:
-    """L = L_clip - c H with the advantage (A_r - Σ λ_i A_ci) / (1 + Σ λ_i), from one number per state [B] each."""
+    """Return L = L_clip - c H with the advantage (A_r - Σ λ_i A_ci) / (1 + Σ λ_i), from arguments of shape [B]."""
     return losses.ppo_clip(log_prob, old_log_prob, advantages, config.clip) - config.entropy * entropy.mean()
 
 

@@ -20,7 +20,7 @@ from thalweg.algos.policy.normaliser import Normaliser
 
 @dataclass(frozen=True)
 class Signal:
-    """One stream that a critic predicts: the reward, or a cost."""
+    """A signal whose discounted sum a critic predicts: the reward, or a cost."""
 
     values: Tensor
     """[T, N]."""
@@ -33,7 +33,7 @@ class Samples:
     """B valid steps of a rollout; K critics."""
 
     inputs: Tensor | Sequences
-    """What the networks see: observations [B, D], normalised, or all of the rollout's sequences."""
+    """Inputs of the networks: normalised observations [B, D], or all sequences of the rollout."""
     actions: Tensor
     """[B, A], raw."""
     advantages: Tensor
@@ -65,12 +65,12 @@ class Samples:
             yield from ((inputs, rows) for inputs, *rows in zip(*cut, strict=True))  # pyright: ignore
             return
         order = torch.randperm(self.inputs.obs.shape[1], generator=generator, device=self.actions.device)
-        places = _places(self.inputs)
+        all_rows = _rows_of_steps(self.inputs)
         for columns in order.tensor_split(min(parts, len(order))):
-            rows = places[:, columns].flatten()
+            rows = all_rows[:, columns].flatten()
             keep = (rows >= 0).nonzero().squeeze(-1)
             if len(keep):
-                yield _some(self.inputs, columns, keep), tuple(tensor[rows[keep]] for tensor in tensors)
+                yield _select_sequences(self.inputs, columns, keep), tuple(tensor[rows[keep]] for tensor in tensors)
 
 
 @torch.no_grad()
@@ -132,15 +132,17 @@ class RolloutMemory:
     def __init__(self, actor: Gru, critics: Gru, num_envs: int, length: int) -> None:
         self.gru = {"actor": actor, "critics": critics}
         self.length = length
-        """L of the sequences that are learnt from."""
+        """L, the length of training sequences."""
         self.starts = {name: gru.start(num_envs) for name, gru in self.gru.items()}
         """[N, M] before the rollout's first observation, by network."""
         self._states: dict[str, Tensor] = {}
         """[T + 1, N, M] after each of its observations."""
 
     def scan(self, obs: Tensor, rollout: Rollout, final: Tensor) -> tuple[Tensor, Tensor]:
-        """What the critics see at each step [(T + 1) * N, D + M], and at last observations [F, D + M], for
-        observations [T + 1, N, D] and [F, D]."""
+        """Return the critics' inputs at each step [(T + 1) * N, D + M] and at final observations [F, D + M].
+
+        `obs` is [T + 1, N, D], `final` is [F, D].
+        """
         self._states = {name: gru.states(obs, rollout.fresh, self.starts[name]) for name, gru in self.gru.items()}
         states = self._states["critics"]
         last = states[:-1].flatten(0, 1)[rollout.final_index]
@@ -148,14 +150,16 @@ class RolloutMemory:
         return torch.cat([obs, states], -1).flatten(0, 1), torch.cat([final, after], -1)
 
     def sequences(self, obs: Tensor, rollout: Rollout) -> tuple[Sequences, Tensor]:
-        """The rollout cut into sequences, and which of its valid steps each of their steps is [B], for observations
-        [T, N, D]."""
+        """Return the sequences of the rollout, and the index [B] of each of their steps among its valid steps.
+
+        `obs` is [T, N, D].
+        """
         steps, count = obs.shape[:2]
         blocks = -(-steps // self.length)
         missing = blocks * self.length - steps
 
         def cut(tensor: Tensor) -> Tensor:
-            """[T, N, ...] as [L, blocks * N, ...], filled up with zeros."""
+            """Return [T, N, ...] as [L, blocks * N, ...], padded with zeros."""
             padded = torch.cat([tensor, tensor.new_zeros(missing, *tensor.shape[1:])])
             return padded.view(blocks, self.length, *tensor.shape[1:]).transpose(0, 1).flatten(1, 2)
 
@@ -169,7 +173,7 @@ class RolloutMemory:
         }
         return Sequences(cut(obs), cut(rollout.fresh[:-1]), starts, keep), rows[keep]
 
-    def move_on(self) -> None:
+    def advance(self) -> None:
         """Prepare for the next rollout, whose first observation is the last one of this rollout."""
         self.starts = {name: states[-2].clone() for name, states in self._states.items()}
 
@@ -182,16 +186,16 @@ class RolloutMemory:
         self.starts = {name: tensor_of(state[name], start.device) for name, start in self.starts.items()}
 
 
-def _places(sequences: Sequences) -> Tensor:
-    """Return the row among B of each step [L, C]; -1 for steps that are not valid."""
+def _rows_of_steps(sequences: Sequences) -> Tensor:
+    """Return the row in 0..B - 1 of each step [L, C], -1 for steps that are not valid."""
     length, count = sequences.fresh.shape
-    places = torch.full((length * count,), -1, device=sequences.keep.device)
-    places[sequences.keep] = torch.arange(len(sequences.keep), device=sequences.keep.device)
-    return places.view(length, count)
+    rows = torch.full((length * count,), -1, device=sequences.keep.device)
+    rows[sequences.keep] = torch.arange(len(sequences.keep), device=sequences.keep.device)
+    return rows.view(length, count)
 
 
-def _some(sequences: Sequences, columns: Tensor, keep: Tensor) -> Sequences:
-    """Return the chosen sequences, of which the steps `keep` are valid."""
+def _select_sequences(sequences: Sequences, columns: Tensor, keep: Tensor) -> Sequences:
+    """Return the sequences with indices `columns`; `keep` are the indices of their valid steps."""
     return replace(
         sequences,
         obs=sequences.obs[:, columns],

@@ -57,7 +57,7 @@ class Agent:
         return max(1, self.config.steps_per_collection // self.num_envs)
 
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Raw actions [N, A] for observations float32 [N, K * D]: random for the first `random_steps`, then planned."""
+        """Return raw actions [N, A] for observations float32 [N, K * D]: random during `random_steps`, then planned."""
         raw, decision = self._player.raw(obs, fresh, at_random=self._steps < self.config.random_steps)
         if decision is not None:
             self._metrics.add_decision(decision)
@@ -98,7 +98,7 @@ class Agent:
         self._metrics.add(numbers)
 
     def report(self, feedback: Feedback) -> dict[str, float]:
-        """Metrics since the last report, or an empty dictionary when no report is due."""
+        """Return the metrics since the last report, or an empty dictionary when no report is due."""
         if self._steps - self._reported_at < self.config.steps_per_update and feedback.steps_left > 0:
             return {}
         self._reported_at = self._steps
@@ -114,7 +114,7 @@ class Agent:
         return metrics | cost_metrics(feedback, self.config.limits)
 
     def _nan_metrics(self) -> dict[str, float]:
-        """NaN for each metric that may have no value yet, so that every report has the same names."""
+        """Return NaN for each metric that may have no value yet, so that every report has the same names."""
         costs = [f"cost{name}" for name in cost_suffixes(len(self.config.limits))]
         names = [f"model_{name}_loss" for name in HEADS] + ["plan_reward", *(f"plan_{cost}" for cost in costs)]
         names += [f"{prefix}_{head}" for head in ("reward", *costs, "end") for prefix in ("predicted", "realised")]
@@ -122,7 +122,7 @@ class Agent:
         return dict.fromkeys(names, float("nan"))
 
     def state(self) -> dict[str, Any]:
-        """The complete state as nested dictionaries of arrays and plain data."""
+        """Return the complete state as nested dictionaries of arrays and plain data."""
         return {
             "ensemble": self.policy.ensemble.state(),
             "method": module_state(self.policy.method.modules),
@@ -192,7 +192,7 @@ class MeanMetrics:
             self.add({"state_error": error}, continuing)
 
     def means(self) -> dict[str, float]:
-        """Mean of each metric since the last `clear`."""
+        """Return the mean of each metric since the last `clear`."""
         return {name: total / self._counts[name] for name, total in self._totals().items()}
 
     def clear(self) -> None:
@@ -200,7 +200,7 @@ class MeanMetrics:
         self._counts.clear()
 
     def state(self) -> dict[str, Any]:
-        """The sums and counts as plain data."""
+        """Return the sums and counts as plain data."""
         return {"sums": self._totals(), "counts": dict(self._counts)}
 
     def load_state(self, state: dict[str, Any], device: torch.device) -> None:
@@ -211,6 +211,6 @@ class MeanMetrics:
         }
 
     def _totals(self) -> dict[str, float]:
-        """The sums, copied from the device in one transfer."""
+        """Return the sums, copied from the device in one transfer."""
         totals = torch.stack(list(self._sums.values())).tolist() if self._sums else []
         return dict(zip(self._sums, totals, strict=True))

@@ -59,20 +59,20 @@ class Elites:
         self.modules = nn.ModuleDict({"critic": self.critic} if config.terminal_value else {})
 
     def weights(self, outcomes: PlanOutcomes, budget: Budget) -> Tensor:
-        """Weights [N, S]: 1/E for the E feasible candidates of highest return, 0 for the others.
+        """Return the weights [N, S]: 1/E for the E feasible candidates of highest return, 0 for the others.
 
         If fewer than E are feasible, the E candidates of lowest cost have the weights.
         """
         return planning.elites(outcomes.returns, outcomes.costs, budget.costs, self.config.sizes.elites)
 
     def value(self) -> Value | None:
-        """V(s_H) in units of the reward; None without a terminal value."""
+        """Return V(s_H) in units of the reward; None without a terminal value."""
         if not self.config.terminal_value:
             return None
         return lambda obs, _: self.critic(obs)[0] * self._reward_std()
 
     def proposals(self, frozen: FrozenEnsemble, start: Tensor, generator: torch.Generator) -> Tensor | None:
-        """None: all candidates are sampled from the plan."""
+        """Return None: all candidates are sampled from the plan."""
         return None
 
 
@@ -80,7 +80,7 @@ METHODS["CCEPETS"] = (CCEPETSConfig, Elites)
 
 
 def value_loss(values: Tensor, next_values: Tensor, rewards: Tensor, terminated: Tensor, discount: float) -> Tensor:
-    """Loss of the critic [], ½ E[(V(s) - r - γ (1 - terminated) V'(s'))²], from arguments of shape [B].
+    """Return the loss of the critic [], ½ E[(V(s) - r - γ (1 - terminated) V'(s'))²], from arguments of shape [B].
 
     The critic estimates the average return of the behaviour in the replay buffer, early exploration included (Sutton
     1988).
@@ -106,7 +106,7 @@ class CCEPETS:
         self.optimiser = Adam(self.critic.parameters(), config.critic_learning_rate)
 
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Raw actions [N, A]: random for the first `random_steps`, then planned."""
+        """Return raw actions [N, A]: random for the first `random_steps`, then planned."""
         return self.agent.act(obs, fresh)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
@@ -133,7 +133,7 @@ class CCEPETS:
         self.agent.log(value_loss=loss.detach(), value=values.detach().mean())
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Warnings about cost limits that no episode exceeds."""
+        """Return warnings about cost limits that no episode exceeds."""
         return limit_warnings(self.config.limits, feedback)
 
     def state(self) -> dict[str, Any]:

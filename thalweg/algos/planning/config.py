@@ -157,7 +157,7 @@ class PlanningConfig(CostConfig):
         return self
 
     def sized(self) -> Sizes:
-        """The sizes that `size` stands for; each planner defines its own."""
+        """Return the sizes that `size` stands for; each planner defines its own."""
         raise NotImplementedError
 
     @property

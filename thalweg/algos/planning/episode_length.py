@@ -40,7 +40,7 @@ class EpisodeLength:
             self._running[over[step]] = 0
 
     def state(self) -> dict[str, Any]:
-        """Counters and recent lengths, as arrays and plain data."""
+        """Return the counters and recent lengths, as arrays and plain data."""
         return {"running": self._running.copy(), "finished": list(self._finished), "longest": self._longest}
 
     def load_state(self, state: dict[str, Any]) -> None:

@@ -54,7 +54,7 @@ def sample_noise(
     shared: bool,
     generator: torch.Generator,
 ) -> Tensor:
-    """Standard normal noise [H, M, N, S, P, D], or [H, M, N, 1, P, D] if all candidates of an environment share it."""
+    """Return standard normal noise [H, M, N, S, P, D], or [H, M, N, 1, P, D] if candidates share it."""
     shape = (horizon, frozen.members, envs, 1 if shared else samples, particles, frozen.layout.frame)
     return torch.randn(shape, generator=generator, device=generator.device)
 
@@ -103,7 +103,7 @@ def evaluate_rollouts(
     value: Value | None = None,
     last_actions: Tensor | None = None,
 ) -> PlanOutcomes:
-    """Discounted returns and costs of imagined rollouts.
+    """Return discounted returns and costs of imagined rollouts.
 
     Args:
         steps: From `imagine_rollouts`.
@@ -134,7 +134,7 @@ def rollout_policy(
     horizon: int,
     generator: torch.Generator,
 ) -> Tensor:
-    """Raw actions [N, M * count, H, A] that a policy takes in `count` imagined rollouts per model.
+    """Return raw actions [N, M * count, H, A] that a policy takes in `count` imagined rollouts per model.
 
     Args:
         frozen: Ensemble to simulate with.
@@ -161,7 +161,7 @@ def rollout_policy(
 
 
 def _inputs(frozen: FrozenEnsemble, start: Tensor, samples: int, particles: int) -> Tensor:
-    """Inputs of the networks [M, N, S, P, inputs] that hold the start; the action features are not filled in yet."""
+    """Return inputs of the networks [M, N, S, P, inputs] for the start, with action features still to be filled in."""
     envs, obs_size = start.shape
     inputs = start.new_empty(frozen.members, envs, samples, particles, frozen.inputs)
     inputs[..., :obs_size] = start[:, None, None]

@@ -20,11 +20,11 @@ class PlanDistribution(Protocol):
     """Distribution over plans, with parameters [N, H, A, W] whose meaning only the distribution knows."""
 
     def first(self, envs: int) -> Tensor:
-        """Initial parameters for `envs` environments, without any knowledge."""
+        """Return the initial parameters for `envs` environments, without any knowledge."""
         ...
 
     def shifted(self, plan: Tensor) -> Tensor:
-        """Initial parameters for the next decision: the previous plan, shifted by one step."""
+        """Return the initial parameters for the next decision: the previous plan, shifted by one step."""
         ...
 
     def samples(self, plan: Tensor, count: int, generator: torch.Generator) -> Tensor:
@@ -32,11 +32,11 @@ class PlanDistribution(Protocol):
         ...
 
     def updated(self, plan: Tensor, samples: Tensor, weights: Tensor) -> Tensor:
-        """Parameters updated by samples [N, S, H, A] with weights [N, S]."""
+        """Return parameters updated by samples [N, S, H, A] with weights [N, S]."""
         ...
 
     def variance(self, plan: Tensor) -> Tensor:
-        """[N], the largest variance of any action in the plan."""
+        """Return [N], the largest variance of any action in the plan."""
         ...
 
     def draw(self, plan: Tensor, generator: torch.Generator) -> Tensor:
@@ -44,14 +44,14 @@ class PlanDistribution(Protocol):
         ...
 
     def mode(self, plan: Tensor) -> Tensor:
-        """The most probable raw actions [N, A] of the first step."""
+        """Return the most probable raw actions [N, A] of the first step."""
         ...
 
 
 def plan_distribution_of(
     actions: Actions, config: PlanningConfig, mean_momentum: float, device: torch.device = CPU
 ) -> "PlanDistribution":
-    """The distribution for an action space: categorical for discrete actions, else Gaussian."""
+    """Return the distribution for an action space: categorical for discrete actions, else Gaussian."""
     if actions.kind == "categorical":
         return CategoricalPlans(actions.sizes, config, device)
     return GaussianPlans(actions.count, config, mean_momentum, device)

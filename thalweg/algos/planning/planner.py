@@ -45,15 +45,15 @@ class Method(Protocol):
     """Weight of the previous mean of continuous actions in each update."""
 
     def weights(self, outcomes: PlanOutcomes, budget: Budget) -> Tensor:
-        """Weights [N, S] of the candidates, which sum to 1 for each environment."""
+        """Return the weights [N, S] of the candidates, which sum to 1 for each environment."""
         ...
 
     def value(self) -> Value | None:
-        """Terminal value after the horizon; None counts it as 0."""
+        """Return the terminal value after the horizon; None counts it as 0."""
         ...
 
     def proposals(self, frozen: FrozenEnsemble, start: Tensor, generator: torch.Generator) -> Tensor | None:
-        """Candidates [N, G, H, A] for normalised observations [N, K * D], beside those sampled from the plan."""
+        """Return candidates [N, G, H, A] besides the sampled ones, for normalised observations [N, K * D]."""
         ...
 
 
@@ -107,7 +107,7 @@ class Planner:
     def _imagine(
         self, frozen: FrozenEnsemble, start: Tensor, samples: Tensor, generator: torch.Generator
     ) -> PlanOutcomes:
-        """Outcomes of candidates [N, S, H, A]."""
+        """Return the outcomes of candidates [N, S, H, A]."""
         config, value = self.config, self.method.value()
         features = action_features(self.actions, samples).movedim(2, 0)
         noise = sample_noise(

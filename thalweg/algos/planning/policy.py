@@ -80,7 +80,7 @@ class PlannerPolicy:
     def player(
         self, num_envs: int, *, deterministic: bool = False, generator: torch.Generator | None = None
     ) -> "PlannerPlayer":
-        """The policy in N environments.
+        """Return the policy in N environments.
 
         Args:
             num_envs: N.
@@ -111,7 +111,7 @@ class PlannerPolicy:
     def restored(
         cls, header: dict[str, Any], tensors: dict[str, np.ndarray], about: About, generator: torch.Generator
     ) -> "PlannerPolicy":
-        """The policy that `save` wrote, on the generator's device; raises `AlgorithmError` for an unknown planner."""
+        """Return the saved policy on the generator's device; raises `AlgorithmError` for an unknown planner."""
         if about.algorithm not in METHODS:
             raise AlgorithmError(f"this version knows no planner {about.algorithm!r}")
         config = parse_config(METHODS[about.algorithm][0], about.config)
@@ -159,7 +159,7 @@ class PlannerPlayer:
 
     @torch.inference_mode()
     def raw(self, obs: Tensor, fresh: Tensor, *, at_random: bool = False) -> tuple[Tensor, Decision | None]:
-        """Raw actions [N, A], and the decision for the environments that planned at this step, None if none did.
+        """Return raw actions [N, A], and the decision for the environments that planned at this step, None if none did.
 
         `at_random` takes uniformly random actions instead of planning.
         """
@@ -198,7 +198,7 @@ class PlannerPlayer:
         return decision, torch.where(explores, search.draw(decision.plan, self.generator), best)
 
     def state(self) -> dict[str, Any]:
-        """Frame stack, plans and current actions, as arrays."""
+        """Return the frame stack, plans and current actions, as arrays."""
         return {
             "frames": self._stack.state(),
             "plans": array_of(self._plans),

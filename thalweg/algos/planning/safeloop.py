@@ -105,7 +105,7 @@ class SafeARC:
         return self._reward_std() if self.config.standardise_rewards else 1.0
 
     def weights(self, outcomes: PlanOutcomes, budget: Budget) -> Tensor:
-        """Weights [N, S]: w ∝ exp(β G) over the feasible candidates, or exp(-β_c C) over all if too few are feasible.
+        """Return weights [N, S]: w ∝ exp(β G) over feasible candidates, or exp(-β_c C) over all if those are too few.
 
         With `standardise_returns`, several costs are summed in units of their budgets, so that no size matters.
         """
@@ -121,7 +121,7 @@ class SafeARC:
         )
 
     def value(self) -> Value | None:
-        """Terminal value E_a[min Q(s_H, a)] under the actor, in units of the reward.
+        """Return the terminal value E_a[min Q(s_H, a)] under the actor, in units of the reward.
 
         Continuous actions use the actor's mode; `stale_action_value` uses the action that led to s_H instead.
         """
@@ -130,7 +130,7 @@ class SafeARC:
         return lambda obs, _: self.soft.value(obs) * self.unit
 
     def proposals(self, frozen: FrozenEnsemble, start: Tensor, generator: torch.Generator) -> Tensor | None:
-        """Raw actions of the actor in rollouts of each model [N, G, H, A]; None if `proposals` is 0."""
+        """Return raw actions of the actor in rollouts of each model [N, G, H, A]; None if `proposals` is 0."""
         if not self.config.proposals:
             return None
         return rollout_policy(
@@ -148,8 +148,10 @@ METHODS["SafeLOOP"] = (SafeLOOPConfig, SafeARC)
 
 
 def actor_loss(values: Tensor, entropy: Tensor, alpha: Tensor) -> Tensor:
-    """Loss of the actor [], L = -E_s[E_a[min Q(s, a)] + α H(s)], from values and entropy [B] (Haarnoja et al. 2018,
-    equation 12). It contains no cost: the planner alone enforces the cost limit."""
+    """Return the actor's loss L = -E_s[E_a[min Q(s, a)] + α H(s)] [], from values and entropy [B].
+
+    Source: Haarnoja et al. 2018, equation 12. It contains no cost: the planner alone enforces the cost limit.
+    """
     return -(values + alpha * entropy).mean()
 
 
@@ -172,7 +174,7 @@ class SafeLOOP:
         self.alpha_optimiser = Adam([self.log_alpha], config.alpha_learning_rate)
 
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Raw actions [N, A]: random for the first `random_steps`, then planned."""
+        """Return raw actions [N, A]: random for the first `random_steps`, then planned."""
         return self.agent.act(obs, fresh)
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
@@ -214,7 +216,7 @@ class SafeLOOP:
         )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Warnings about cost limits that no episode exceeds."""
+        """Return warnings about cost limits that no episode exceeds."""
         return limit_warnings(self.config.limits, feedback)
 
     def state(self) -> dict[str, Any]:

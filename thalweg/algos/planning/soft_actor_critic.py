@@ -43,11 +43,11 @@ class DiscreteSoftActorCritic:
         self._selected = joint_actions.selection(actions.sizes).to(generator.device)
 
     def value(self, obs: Tensor) -> Tensor:
-        """Σ_a π(a|s) min Q(s, a) [R] of normalised observations [R, K * D]."""
+        """Return Σ_a π(a|s) min Q(s, a) [R] of normalised observations [R, K * D]."""
         return joint_actions.expectation(self._log_p(obs), self.critics(obs).amin(0))
 
     def action_value(self, obs: Tensor, raw: Tensor) -> Tensor:
-        """min Q(s, a) [R] of raw actions [R, A]."""
+        """Return min Q(s, a) [R] of raw actions [R, A]."""
         return _select(self.critics(obs).amin(0), joint_actions.numbers(raw, self.actions.sizes))
 
     def sample(self, obs: Tensor, generator: torch.Generator) -> Tensor:
@@ -55,16 +55,16 @@ class DiscreteSoftActorCritic:
         return self._policy(obs).sample(generator)
 
     def next_values(self, target_critics: StackedMLP, obs: Tensor, alpha: Tensor, generator: torch.Generator) -> Tensor:
-        """V(s') [B] = Σ_a π(a|s') (min Q'(s', a) - α log π(a|s'))."""
+        """Return V(s') [B] = Σ_a π(a|s') (min Q'(s', a) - α log π(a|s'))."""
         log_p = self._log_p(obs)
         return joint_actions.expectation(log_p, target_critics(obs).amin(0) - alpha * log_p)
 
     def q_values(self, obs: Tensor, raw: Tensor) -> Tensor:
-        """Q(s, a) [2, B] of raw actions [B, A]."""
+        """Return Q(s, a) [2, B] of raw actions [B, A]."""
         return _select(self.critics(obs), joint_actions.numbers(raw, self.actions.sizes))
 
     def objective(self, obs: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """E_a[min Q(s, a)] [B] and the entropy H(s) [B], with the actor's gradient."""
+        """Return E_a[min Q(s, a)] [B] and the entropy H(s) [B], with the actor's gradient."""
         log_p = self._log_p(obs)
         return joint_actions.expectation(log_p, self.critics(obs, frozen=True).amin(0)), -joint_actions.expectation(
             log_p, log_p
@@ -74,7 +74,7 @@ class DiscreteSoftActorCritic:
         return Categoricals.from_logits(self.actor(obs), self.actions.sizes)
 
     def _log_p(self, obs: Tensor) -> Tensor:
-        """log π(a|s) [B, J]."""
+        """Return log π(a|s) [B, J]."""
         return joint_actions.log_prob(self._policy(obs).log_p, self._selected)
 
 
@@ -90,11 +90,11 @@ class ContinuousSoftActorCritic:
         self.target_entropy = config.entropy_per_number * actions.count
 
     def value(self, obs: Tensor) -> Tensor:
-        """min Q(s, tanh μ) [R] at the actor's mode, for normalised observations [R, K * D]."""
+        """Return min Q(s, tanh μ) [R] at the actor's mode, for normalised observations [R, K * D]."""
         return self.action_value(obs, self._policy(obs).mode())
 
     def action_value(self, obs: Tensor, raw: Tensor) -> Tensor:
-        """min Q(s, a) [R] of raw actions [R, A]."""
+        """Return min Q(s, a) [R] of raw actions [R, A]."""
         return self.q_values(obs, raw).amin(0)
 
     def sample(self, obs: Tensor, generator: torch.Generator) -> Tensor:
@@ -102,17 +102,17 @@ class ContinuousSoftActorCritic:
         return self._policy(obs).sample(generator)
 
     def next_values(self, target_critics: StackedMLP, obs: Tensor, alpha: Tensor, generator: torch.Generator) -> Tensor:
-        """V(s') [B] = min Q'(s', a') - α log π(a'|s'), with a' sampled from the actor."""
+        """Return V(s') [B] = min Q'(s', a') - α log π(a'|s'), with a' sampled from the actor."""
         raw, log_prob = self._policy(obs).rsample(generator)
         pairs = torch.cat([obs, self.actions.quantised(raw)], -1)
         return target_critics(pairs).squeeze(-1).amin(0) - alpha * log_prob
 
     def q_values(self, obs: Tensor, raw: Tensor) -> Tensor:
-        """Q(s, a) [2, B] of the executed actions, given as raw actions [B, A]."""
+        """Return Q(s, a) [2, B] of the executed actions, given as raw actions [B, A]."""
         return self.critics(torch.cat([obs, self.actions.quantised(raw)], -1)).squeeze(-1)
 
     def objective(self, obs: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """min Q(s, a) [B] and -log π(a|s) [B] of one reparameterised sample, with the actor's gradient."""
+        """Return min Q(s, a) [B] and -log π(a|s) [B] of one reparameterised sample, with the actor's gradient."""
         raw, log_prob = self._policy(obs).rsample(generator)
         return self.critics(torch.cat([obs, raw], -1), frozen=True).squeeze(-1).amin(0), -log_prob
 
@@ -123,7 +123,7 @@ class ContinuousSoftActorCritic:
 def soft_actor_critic(
     actions: Actions, config: SoftActorCriticConfig, inputs: int, generator: torch.Generator
 ) -> DiscreteSoftActorCritic | ContinuousSoftActorCritic:
-    """The soft actor-critic for an action space and observations of `inputs` numbers."""
+    """Return the soft actor-critic for an action space and observations of `inputs` numbers."""
     return (DiscreteSoftActorCritic if actions.kind == "categorical" else ContinuousSoftActorCritic)(
         actions, config, inputs, generator
     )

@@ -88,7 +88,7 @@ class Actions:
         return gaussian.discretised(raw, constant(self.sizes, raw.device), scaled=self.adapter == "box_scaled")
 
     def quantised(self, raw: Tensor) -> Tensor:
-        """The raw actions [N, A] that would have been executed alike: what an action value is learnt for.
+        """Return the raw actions [N, A] that represent the executed actions, for which action values are learned.
 
         With `box_scaled` the middle of the bin that a number falls into. `box_literal` keeps the number, as the
         study's code does, and so leaves an action value that is constant in steps.
@@ -98,7 +98,7 @@ class Actions:
         return 2.0 * self.options(raw).to(raw.dtype) / (constant(self.sizes, raw.device) - 1).clamp(min=1) - 1.0
 
     def env_actions(self, raw: Tensor) -> Tensor:
-        """Actions [N, *shape] as the environment means them, from raw ones [N, A]: int64, or float64 for a Box."""
+        """Return actions [N, *shape] for the environment from raw actions [N, A]: int64, or float64 for a Box."""
         found = self.options(raw) + constant(self.start, raw.device) if self.sizes else self._within_bounds(raw)
         return found.view(-1, *self.shape)
 

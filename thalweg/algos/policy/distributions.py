@@ -22,39 +22,39 @@ class Distribution(Protocol):
     """π(·|s) at B states."""
 
     def sample(self, generator: torch.Generator | None) -> Tensor:
-        """Raw actions [B, A]."""
+        """Return raw actions [B, A]."""
         ...
 
     def mode(self) -> Tensor:
-        """Deterministic raw actions [B, A]: the most probable options, or the mean."""
+        """Return deterministic raw actions [B, A]: the most probable options, or the mean."""
         ...
 
     def log_prob(self, actions: Tensor) -> Tensor:
-        """Log-probability [B] of raw actions [B, A]."""
+        """Return the log-probability [B] of raw actions [B, A]."""
         ...
 
     def entropy(self) -> Tensor:
-        """Entropy [B], in nats."""
+        """Return the entropy [B], in nats."""
         ...
 
     def kl(self, other: Self) -> Tensor:
-        """KL(self ‖ other) [B], in nats."""
+        """Return KL(self ‖ other) [B], in nats."""
         ...
 
 
 class AnalyticDistribution(Distribution, Protocol):
-    """A distribution whose gradients in its parameters [B, P] are written out."""
+    """A distribution with analytic gradients with respect to its parameters [B, P]."""
 
     def log_prob_grad(self, actions: Tensor) -> Tensor:
-        """Gradient [B, P] of `log_prob`."""
+        """Return the gradient [B, P] of `log_prob`."""
         ...
 
     def entropy_grad(self) -> Tensor:
-        """Gradient [B, P] of `entropy`."""
+        """Return the gradient [B, P] of `entropy`."""
         ...
 
     def kl_grad(self, other: Self) -> Tensor:
-        """Gradient [B, P] of KL(self ‖ other)."""
+        """Return the gradient [B, P] of KL(self ‖ other)."""
         ...
 
 
@@ -62,7 +62,7 @@ class Categoricals:
     """Independent categorical choices, from log-probabilities [B, A, K]."""
 
     def __init__(self, log_p: Tensor, present: Tensor | None = None) -> None:
-        """`present` [A, K] bool tells which options exist; None: all of them."""
+        """`present` [A, K] bool is True for options that exist; None means all."""
         self.log_p, self.present = log_p, present
 
     @classmethod
@@ -99,7 +99,7 @@ class Categoricals:
         return self.logit_grad(categorical.kl_grad(self.log_p, other.log_p))
 
     def logit_grad(self, grad: Tensor) -> Tensor:
-        """Return a gradient [B, A, K] in the logits [B, Σ sizes], without the options that do not exist."""
+        """Return a gradient [B, A, K] as one of the logits [B, Σ sizes], without options that do not exist."""
         return grad.flatten(1) if self.present is None else grad[:, self.present]
 
 
@@ -136,7 +136,7 @@ class Gaussians:
 
 
 class SquashedGaussian:
-    """A diagonal Gaussian through tanh, from mean and log standard deviation [B, A] before it; actions lie in -1..1."""
+    """A diagonal Gaussian squashed by tanh to -1..1, from mean and log standard deviation [B, A] before tanh."""
 
     def __init__(self, mean: Tensor, log_std: Tensor) -> None:
         self.mean, self.log_std = mean, log_std.clamp(*LOG_STD_RANGE)
@@ -150,7 +150,7 @@ class SquashedGaussian:
     def rsample_and_backward(
         self, generator: torch.Generator | None
     ) -> tuple[Tensor, Tensor, Callable[[Tensor, Tensor], Tensor]]:
-        """Return the same without recording, and a function that backpropagates.
+        """Return what `rsample` does, without recording, and a function that backpropagates.
 
         The function takes the gradients of actions and log-probabilities and returns that of the parameters [B, 2 A].
         """
@@ -176,11 +176,11 @@ class SquashedGaussian:
         return gaussian.squashed_log_prob(self.mean, self.log_std, inside.atanh())
 
     def entropy(self) -> Tensor:
-        """Entropy [B] of the Gaussian before tanh; after it there is no closed form."""
+        """Return the entropy [B] of the Gaussian before tanh; that of the action has no closed form."""
         return gaussian.entropy(self.log_std)
 
     def kl(self, other: "SquashedGaussian") -> Tensor:
-        """KL [B], exact: tanh is invertible, so it changes no divergence."""
+        """Return KL [B], exact: tanh is invertible, so it changes no divergence."""
         return gaussian.kl(self.mean, self.log_std, other.mean, other.log_std)
 
 
@@ -210,7 +210,7 @@ class TapedDistribution:
     """A distribution on the fast path: autograd sees only the quantities [B] of the loss.
 
     Log-probability, entropy and KL are leaves of the recorded graph. After `loss.backward()`, `parameter_grad` combines
-    their gradients with the written-out gradients in the parameters, so that far fewer calls are recorded.
+    their gradients with the analytic gradients with respect to the parameters, so that far fewer calls are recorded.
     """
 
     def __init__(self, distribution: AnalyticDistribution) -> None:
@@ -228,7 +228,7 @@ class TapedDistribution:
 
     @torch.no_grad()
     def parameter_grad(self) -> Tensor:
-        """Return the gradient [B, P] of the loss in the parameters, after the loss's `backward`."""
+        """Return the gradient [B, P] of the loss with respect to the parameters, after the loss's `backward`."""
         terms = [leaf.grad.unsqueeze(-1) * gradient() for leaf, gradient in self._leaves if leaf.grad is not None]
         total = terms[0]
         for term in terms[1:]:
@@ -241,7 +241,7 @@ class TapedDistribution:
 
 
 def _like(like: Tensor) -> dict[str, Any]:
-    """Return type and device of a tensor, as keyword arguments."""
+    """Return the dtype and device of a tensor as keyword arguments."""
     return {"dtype": like.dtype, "device": like.device}
 
 

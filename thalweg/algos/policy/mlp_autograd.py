@@ -1,11 +1,11 @@
-"""Perceptrons of one shape computed together, with their gradient written out layer by layer.
+"""Batched perceptrons of one shape, with hand-written gradients of each layer.
 
-Part of the fast path (see `fast_path`); `MLPFunction` makes it one function of torch's autograd. Small networks are
-bound by the number of calls, so their layers are batched products. Wide ones are bound by arithmetic: torch multiplies
-float32 matrices by MKL, which uses half of the vector width of AMD's Zen 5. oneDNN, which comes with torch, uses all of
-it, and adds bias and activation before a result leaves the registers. Where torch lacks it, batched products are used.
-Gradients of weights need a transposed matrix, which oneDNN copies first; except on Zen 5, MKL takes less time for them
-(measured on Zen 4, 256 x 256 x 256).
+This module is part of the fast path (see `fast_path`); `MLPFunction` is a function of PyTorch's autograd. The speed of
+small networks depends on the number of calls, so their layers are batched products. The speed of wide ones depends on
+arithmetic: PyTorch multiplies float32 matrices by MKL, which uses half of the vector width of AMD's Zen 5. oneDNN, a
+part of PyTorch, uses all of it, and adds bias and activation before a result leaves the registers. Builds of PyTorch
+without oneDNN use batched products. Gradients of weights need a transposed matrix, which oneDNN copies first; except on
+Zen 5, MKL is faster for them (measured on Zen 4, 256 x 256 x 256).
 
 Letters: K perceptrons, B rows, D numbers of an observation.
 """
@@ -31,7 +31,7 @@ MIN_ROWS = 64
 
 
 def _fused_linear() -> Any:
-    """Return oneDNN's product with bias and activation, or None if this torch has none that works."""
+    """Return oneDNN's product with bias and activation, or None if this build of PyTorch has no working one."""
     try:
         fused = torch.ops.mkldnn._linear_pointwise
         ones = torch.ones(2, 2)
@@ -42,7 +42,7 @@ def _fused_linear() -> Any:
 
 
 def mkl_is_faster_for_weight_grads(processor: str) -> bool:
-    """Return whether MKL is faster than oneDNN for the gradients of weights; `processor` is LLVM's name of it."""
+    """Return whether MKL is faster than oneDNN for gradients of weights; `processor` is its name in LLVM."""
     return processor != "znver5"
 
 
@@ -52,7 +52,7 @@ FUSED_LINEAR: Callable[..., Tensor] | None = _fused_linear()
 
 
 class ForwardCache(NamedTuple):
-    """What a forward pass keeps for the backward pass: for each layer [K, B, ...], or a list of K tensors [B, ...]."""
+    """Values of a forward pass for the backward pass: per layer [K, B, ...], or a list of K tensors [B, ...]."""
 
     inputs: list[Tensor] | list[list[Tensor]]
     """Input of each layer."""
@@ -61,7 +61,7 @@ class ForwardCache(NamedTuple):
 
 
 class LayerViews:
-    """The layers of K perceptrons of one shape: views of the vector that all their parameters lie in."""
+    """The layers of K perceptrons of one shape: views of one vector with all their parameters."""
 
     def __init__(self, layers: Layers) -> None:
         self.layers = layers
@@ -163,7 +163,7 @@ class MLPFunction(torch.autograd.Function):
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, above: Tensor) -> Any:  # pyright: ignore
-        flat, *saved = ctx.saved_tensors  # which makes sure that nothing has changed since
+        flat, *saved = ctx.saved_tensors  # raises an error if a tensor was changed in place
         if ctx.one_by_one:
             saved = [saved[first : first + len(above)] for first in range(0, len(saved), len(above))]
         layers = len(ctx.views.layers)

@@ -16,7 +16,7 @@ RUN_FOLDER = FolderKind("run", CONFIG, TrainingError, ignores_hidden=True)
 
 
 def describe(identity: dict[str, Any], threads: int) -> dict[str, Any]:
-    """The content of config.yaml: the run's identity, and the versions, device and machine that it began with."""
+    """Return the content of config.yaml: the run's identity, versions, device and machine."""
     device = identity.get("device", "cpu")
     return {
         "run": identity,
@@ -32,9 +32,9 @@ def write_config(folder: Path, description: dict[str, Any]) -> None:
 
 
 def read_config(folder: Path) -> dict[str, Any] | None:
-    """The content of config.yaml, or None if a new run can begin in the folder.
+    """Return the content of config.yaml, or None if a new run can start in the folder.
 
-    Raises `TrainingError` for a folder that holds other files, hidden ones aside, and for another kind of config.yaml.
+    Raises `TrainingError` for a folder with other files that are not hidden, and for another kind of config.yaml.
     """
     if RUN_FOLDER.is_new(folder):
         return None
@@ -60,7 +60,7 @@ def write_status(folder: Path, status: dict[str, Any]) -> None:
 
 
 def read_status(folder: Path) -> dict[str, Any]:
-    """The content of status.json; empty if there is no such file."""
+    """Return the content of status.json; empty if there is no such file."""
     path = folder / STATUS
     if not path.exists():
         return {}
@@ -71,7 +71,7 @@ def read_status(folder: Path) -> dict[str, Any]:
 
 
 def _as_read_from_yaml(data: dict[str, Any]) -> dict[str, Any]:
-    """The data as it reads back from YAML: tuples become lists."""
+    """Return the data as it reads back from YAML: tuples become lists."""
     return yaml.safe_load(_yaml(data))
 
 

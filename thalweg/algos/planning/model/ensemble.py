@@ -57,12 +57,12 @@ class OutputLayout:
 
 
 def action_feature_count(actions: Actions) -> int:
-    """F, size of `action_features`."""
+    """Return F, size of `action_features`."""
     return sum(actions.sizes) if actions.kind == "categorical" else actions.count
 
 
 def action_features(actions: Actions, raw: Tensor) -> Tensor:
-    """Features [..., F] of the actions executed for raw actions [..., A].
+    """Return features [..., F] of the actions executed for raw actions [..., A].
 
     Discrete actions are one-hot, continuous ones unchanged, or the middle of their bin with the adapter "box_scaled".
     """
@@ -156,11 +156,11 @@ class Ensemble:
         self.counts = self.counts + counted.double()
 
     def normalised(self, obs: Tensor) -> Tensor:
-        """Inputs of the networks: observations [..., K * D] with each frame normalised."""
+        """Return the inputs of the networks: observations [..., K * D] with each frame normalised."""
         return self.observed(obs.unflatten(-1, (self.frames, -1))).flatten(-2)
 
     def cost_shares(self, costs: Tensor) -> Tensor:
-        """Costs [..., C] scaled by their range to 0..1; the sigmoid of each cost head predicts their mean.
+        """Return the costs [..., C] scaled by their range to 0..1; the sigmoid of each cost head predicts their mean.
 
         One kind of head thus predicts both binary costs and costs of any size.
         """
@@ -168,7 +168,7 @@ class Ensemble:
         return ((costs - low) / (high - low)).clamp(0.0, 1.0)
 
     def losses(self, batch: Batch, rarity: float) -> Tensor:
-        """Losses [4, M] of the heads (state, reward, cost, end) for each model, means over the rows of the batch.
+        """Return the losses [4, M] of the heads (state, reward, cost, end) for each model, means over the batch.
 
         Args:
             batch: Transitions [M, B, ...] or [B, ...].
@@ -195,7 +195,7 @@ class Ensemble:
 
     @torch.no_grad()
     def expected(self, batch: Batch) -> tuple[Tensor, Tensor]:
-        """Mean predictions and error of the predicted frame for a batch [B].
+        """Return mean predictions, and the error of the predicted frame, for a batch [B].
 
         Returns the means of reward, costs and termination [1 + C + 1], and the mean squared error of the frame's change
         [], in units of its variance, over the steps that do not terminate.
@@ -215,11 +215,11 @@ class Ensemble:
         return torch.cat(heads, -1).mean((0, 1)), errors[~batch.terminated].mean()
 
     def bounds_loss(self) -> Tensor:
-        """Loss [] that pulls the bounds of the log-variance together."""
+        """Return the loss [] that pulls the bounds of the log-variance together."""
         return BOUNDS_WEIGHT * (self.bounds[1] - self.bounds[0]).sum()
 
     def state(self) -> dict[str, Any]:
-        """Weights and statistics, as arrays and plain data."""
+        """Return the weights and statistics, as arrays and plain data."""
         return {
             "stack": module_state(self.stack),
             "bounds": array_of(self.bounds),

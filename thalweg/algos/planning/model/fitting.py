@@ -47,7 +47,7 @@ class Fitter:
 
     @torch.no_grad()
     def held_out(self, replay: ReplayBuffer) -> Tensor:
-        """Loss of each head [4, M] on the held-out transitions."""
+        """Return the loss of each head [4, M] on the held-out transitions."""
         return self.ensemble.losses(replay.held_out(), 1.0)
 
     def _steady(self, replay: ReplayBuffer) -> list[Tensor]:
@@ -93,7 +93,7 @@ class Fitter:
         return torch.stack(log).mean(0) if log else None
 
     def state(self) -> dict[str, Any]:
-        """Optimiser state and steps since the last refit."""
+        """Return the optimiser state and steps since the last refit."""
         return {"optimiser": self.optimiser.state(), "since_refit": self._since_refit}
 
     def load_state(self, state: dict[str, Any]) -> None:
@@ -103,7 +103,7 @@ class Fitter:
 
 
 def _decays(ensemble: Ensemble, last: float) -> Tensor:
-    """Weight decay of each parameter: 0 for biases, and from a quarter of `last` in the first layer linearly to `last`.
+    """Return the weight decay of each parameter: 0 for biases, from `last` / 4 to `last` for weights.
 
     It rises in the code of Chua et al. 2018 as well, in steps chosen for each task.
     """

@@ -48,7 +48,7 @@ class TransitionBuilder:
         """Pending transitions: first obs [N, K * D] and actions [N, A], summed rewards [N] and costs [N, C]."""
 
     def transitions(self, rollout: Rollout, frame: int) -> Batch:
-        """Transitions whose last step lies in the rollout, in order; `frame` is D.
+        """Return the transitions whose last step lies in the rollout, in order; `frame` is D.
 
         Steps that only reset an environment are skipped.
         """
@@ -69,7 +69,7 @@ class TransitionBuilder:
         return Batch(**{name: torch.cat([part[name] for part in parts]) for name in parts[0]})
 
     def _step(self, rollout: Rollout, next_frames: Tensor, over: Tensor, step: int) -> Batch:
-        """Transitions that a step completes.
+        """Return the transitions that a step completes.
 
         A pending transition is dropped if its episode was abandoned between two rollouts.
         """
@@ -93,7 +93,7 @@ class TransitionBuilder:
         return Batch(**summed, next_frame=next_frames[step][selected], terminated=rollout.terminated[step][selected])
 
     def state(self) -> dict[str, Any]:
-        """The pending transitions, as arrays."""
+        """Return the pending transitions, as arrays."""
         return {name: array_of(value) for name, value in {"count": self._count, **self._pending}.items()}
 
     def load_state(self, state: dict[str, Any]) -> None:
@@ -130,11 +130,11 @@ class ReplayBuffer:
         self.size = min(self.capacity, self.size + count)
 
     def rows(self, indices: Tensor) -> Batch:
-        """The transitions with indices [...] int64."""
+        """Return the transitions with indices [...] int64."""
         return Batch(**{name: field[indices] for name, field in self._fields.items()})
 
     def sample_indices(self, shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
-        """Random indices of transitions to fit to, sampled with replacement."""
+        """Return random indices of transitions to fit to, sampled with replacement."""
         fitted = self.size - self.held_out_count
         if fitted < 1:
             return torch.zeros(shape, dtype=torch.int64, device=self.device)
@@ -147,16 +147,16 @@ class ReplayBuffer:
         return -(-self.size // self.block)
 
     def held_out(self) -> Batch:
-        """The held-out transitions."""
+        """Return the held-out transitions."""
         return self.rows(torch.arange(0, self.size, self.block, device=self.device))
 
     def training_indices(self) -> Tensor:
-        """Indices of all transitions that are not held out."""
+        """Return indices of all transitions that are not held out."""
         indices = torch.arange(self.size, device=self.device)
         return indices[indices % self.block != 0]
 
     def state(self) -> dict[str, Any]:
-        """The filled part of the buffer, as arrays."""
+        """Return the filled part of the buffer, as arrays."""
         return {"size": self.size, "at": self._next_row} | {
             name: array_of(field[: self.size]) for name, field in self._fields.items()
         }

@@ -27,14 +27,14 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))  # the problems are part of the tests
 
 from tests.known_answer.harness import (  # noqa: E402
+    ACTION_SETUPS,
     EXCESS,
     LEAST_EXCESS,
-    PLACES,
-    ROWS,
+    REQUIREMENTS,
     SHARE,
-    Cell,
+    Case,
     Result,
-    cells,
+    cases,
     reference,
     trained,
 )
@@ -64,13 +64,22 @@ Table = dict[tuple[str, ...], dict[str, str]]
 """Rows by their key."""
 
 
-def key(cell: Cell, seed: int) -> tuple[str, ...]:
+def key(case: Case, seed: int) -> tuple[str, ...]:
     """Return the values of `KEY` for a run, with the changed settings and a hash of all settings."""
-    config = json.dumps(cell.config, sort_keys=True)
-    tables = PROBLEMS[cell.problem].digest
-    resolved = json.dumps(to_plain(ALGORITHMS[cell.algorithm].configure(cell.config)), sort_keys=True)
+    config = json.dumps(case.config, sort_keys=True)
+    tables = PROBLEMS[case.problem].digest
+    resolved = json.dumps(to_plain(ALGORITHMS[case.algorithm].configure(case.config)), sort_keys=True)
     settings = hashlib.sha256(resolved.encode()).hexdigest()[:8]
-    return (cell.algorithm, cell.place, cell.problem, tables, str(seed), str(cell.row.steps), settings, config)
+    return (
+        case.algorithm,
+        case.action_setup,
+        case.problem,
+        tables,
+        str(seed),
+        str(case.requirement.steps),
+        settings,
+        config,
+    )
 
 
 def row_versions(algorithm: str) -> dict[str, str]:
@@ -85,19 +94,19 @@ def finished(path: Path) -> Table:
     """Return the rows of the table that match a planned run, by their key."""
     rows = read_csv(path, COLUMNS) if path.is_file() else []
     table = {tuple(row[name] for name in KEY): row for row in rows}
-    planned = {key(cell, seed) for cell in cells() for seed in {int(row["seed"]) for row in rows}}
+    planned = {key(case, seed) for case in cases() for seed in {int(row["seed"]) for row in rows}}
     return {name: row for name, row in table.items() if name in planned}
 
 
-def measure(cell: Cell, seed: int, runs: Path) -> dict[str, str]:
+def measure(case: Case, seed: int, runs: Path) -> dict[str, str]:
     """Train, or resume, and score a run; returns its row."""
-    name = key(cell, seed)
-    folder = hashlib.sha256(repr((row_versions(cell.algorithm), name)).encode()).hexdigest()[:16]
-    result = trained(cell, seed, runs / f"{cell.algorithm}-{cell.place}-{cell.problem}-{seed}-{folder}")
+    name = key(case, seed)
+    folder = hashlib.sha256(repr((row_versions(case.algorithm), name)).encode()).hexdigest()[:16]
+    result = trained(case, seed, runs / f"{case.algorithm}-{case.action_setup}-{case.problem}-{seed}-{folder}")
     score = result.score
     return {
         **dict(zip(KEY, name, strict=True)),
-        **row_versions(cell.algorithm),
+        **row_versions(case.algorithm),
         "reward": f"{score.reward:.4f}",
         "reward_error": f"{score.reward_error:.4f}",
         "costs": " ".join(f"{cost:.4f}" for cost in score.costs),
@@ -106,23 +115,23 @@ def measure(cell: Cell, seed: int, runs: Path) -> dict[str, str]:
     }
 
 
-def failure(cell: Cell, seed: int, error: BaseException) -> dict[str, str]:
+def failure(case: Case, seed: int, error: BaseException) -> dict[str, str]:
     """Return the row of a failed run."""
-    row = dict.fromkeys(COLUMNS, "") | row_versions(cell.algorithm) | {"error": f"{type(error).__name__}: {error}"}
-    return row | dict(zip(KEY, key(cell, seed), strict=True))
+    row = dict.fromkeys(COLUMNS, "") | row_versions(case.algorithm) | {"error": f"{type(error).__name__}: {error}"}
+    return row | dict(zip(KEY, key(case, seed), strict=True))
 
 
-def result_of(cell: Cell, row: dict[str, str]) -> Result:
+def result_of(case: Case, row: dict[str, str]) -> Result:
     """Return the result of a successful run's row, compared with the current optimum."""
     costs = np.array([float(cost) for cost in row["costs"].split()])
     score = Score(float(row["reward"]), costs, float(row["reward_error"]), float(row["cost_error"]))
-    return Result(cell, score, reference(cell))
+    return Result(case, score, reference(case))
 
 
-def remaining(planned: Sequence[tuple[Cell, int]], rows: Table) -> list[tuple[Cell, int]]:
+def remaining(planned: Sequence[tuple[Case, int]], rows: Table) -> list[tuple[Case, int]]:
     """Return the runs that have no row yet, or that failed."""
     done = {name for name, row in rows.items() if not row["error"]}
-    return [(cell, seed) for cell, seed in planned if key(cell, seed) not in done]
+    return [(case, seed) for case, seed in planned if key(case, seed) not in done]
 
 
 def write(path: Path, rows: Table) -> None:
@@ -150,27 +159,27 @@ def page(rows: Table, seeds: int) -> str:
 def _problem_table(rows: Table, problem: str, seeds: int) -> pd.DataFrame:
     """Return the table of a problem, with a row for each algorithm that is run on it."""
     lines = []
-    for algorithm, row in ROWS.items():
-        if problem not in row.problems:
+    for algorithm, requirement in REQUIREMENTS.items():
+        if problem not in requirement.problems:
             continue
-        at = {place: Cell(algorithm, place, problem) for place in row.places}
+        at = {setup: Case(algorithm, setup, problem) for setup in requirement.action_setups}
         best = reference(next(iter(at.values())))
-        found = [_entry(rows, at[place], seeds) if place in at else "" for place in PLACES]
+        found = [_entry(rows, at[setup], seeds) if setup in at else "" for setup in ACTION_SETUPS]
         lines.append([algorithm, f"{best.reward:.2f}, {_costs([best.costs.tolist()])}", *found])
-    return frame(["algorithm", "optimum: return, cost", *PLACES], lines)
+    return frame(["algorithm", "optimum: return, cost", *ACTION_SETUPS], lines)
 
 
-def _entry(rows: Table, cell: Cell, seeds: int) -> str:
+def _entry(rows: Table, case: Case, seeds: int) -> str:
     """Return the entry of a case: share and cost of its runs, and the number of them that reached the optimum."""
-    runs = [rows[name] for name in (key(cell, seed) for seed in range(seeds)) if name in rows]
-    results = [result_of(cell, run) for run in runs if not run["error"]]
+    runs = [rows[name] for name in (key(case, seed) for seed in range(seeds)) if name in rows]
+    results = [result_of(case, run) for run in runs if not run["error"]]
     if not results:
         return "**failed**" if runs else "not run"
     share = statistics.mean(result.share for result in results)
     costs = _costs([result.score.costs.tolist() for result in results])
     reached = sum(result.reached for result in results)
     text = f"{share:.0%}, {costs} ({reached}/{len(runs)})"
-    return text if reached == len(runs) or cell.place == "box_literal" else f"**{text}**"
+    return text if reached == len(runs) or case.action_setup == "box_literal" else f"**{text}**"
 
 
 def _costs(costs: Sequence[Sequence[float]]) -> str:
@@ -180,11 +189,15 @@ def _costs(costs: Sequence[Sequence[float]]) -> str:
 
 def main() -> str | None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="+", choices=ROWS, default=list(ROWS), help="algorithms to run now")
+    parser.add_argument(
+        "--only", nargs="+", choices=REQUIREMENTS, default=list(REQUIREMENTS), help="algorithms to run now"
+    )
     parser.add_argument("--problems", nargs="+", choices=PROBLEMS, default=list(PROBLEMS), help="problems to run now")
-    parser.add_argument("--spaces", nargs="+", choices=PLACES, default=list(PLACES), help="action spaces to run now")
+    parser.add_argument(
+        "--spaces", nargs="+", choices=ACTION_SETUPS, default=list(ACTION_SETUPS), help="action spaces to run now"
+    )
     parser.add_argument("--seeds", type=int, default=SEEDS, help="number of seeds, counted from 0")
-    parser.add_argument("--again", nargs="+", choices=ROWS, default=[], help="run these algorithms again")
+    parser.add_argument("--again", nargs="+", choices=REQUIREMENTS, default=[], help="run these algorithms again")
     parser.add_argument("--jobs", type=int, default=1, help="parallel runs, one thread each")
     parser.add_argument("--runs", type=Path, default=HERE.parent / "runs" / "known_answer", help="folder of the runs")
     parser.add_argument("--out", type=Path, default=HERE, help="folder for known_answer.csv and known_answer.md")
@@ -194,24 +207,24 @@ def main() -> str | None:
 
     path = chosen.out / "known_answer.csv"
     rows = {name: row for name, row in finished(path).items() if row["algorithm"] not in chosen.again}
-    chosen_cells = [cell for cell in cells(chosen.only, chosen.problems) if cell.place in chosen.spaces]
-    planned = [(cell, seed) for seed in range(chosen.seeds) for cell in chosen_cells]
+    chosen_cases = [case for case in cases(chosen.only, chosen.problems) if case.action_setup in chosen.spaces]
+    planned = [(case, seed) for seed in range(chosen.seeds) for case in chosen_cases]
     unfinished = remaining(planned, rows)
     print(f"{len(planned) - len(unfinished)} of {len(planned)} runs are finished", flush=True)
     failed = 0
     with ProcessPoolExecutor(chosen.jobs, multiprocessing.get_context("spawn")) as pool:
-        futures = {pool.submit(measure, cell, seed, chosen.runs): (cell, seed) for cell, seed in unfinished}
+        futures = {pool.submit(measure, case, seed, chosen.runs): (case, seed) for case, seed in unfinished}
         for ended in as_completed(futures):
-            cell, seed = futures[ended]
+            case, seed = futures[ended]
             error = ended.exception()
-            row = rows[key(cell, seed)] = ended.result() if error is None else failure(cell, seed, error)
+            row = rows[key(case, seed)] = ended.result() if error is None else failure(case, seed, error)
             write(path, rows)
-            result = None if error else result_of(cell, row)
+            result = None if error else result_of(case, row)
             failed += result is None
             outcome = (
                 f"share {result.share:.3f}, costs {row['costs']}, reached {result.reached}" if result else row["error"]
             )
-            print(f"{cell.algorithm}, {cell.place}, {cell.problem}, seed {seed}: {outcome}", flush=True)
+            print(f"{case.algorithm}, {case.action_setup}, {case.problem}, seed {seed}: {outcome}", flush=True)
     write_atomic(chosen.out / "known_answer.md", page(rows, chosen.seeds))
     return f"{failed} runs failed" if failed else None
 

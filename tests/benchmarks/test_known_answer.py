@@ -8,13 +8,13 @@ from types import ModuleType
 
 import pytest
 
-from tests.known_answer.harness import Cell, Result, reference
+from tests.known_answer.harness import Case, Result, reference
 from tests.known_answer.scores import Score
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.core.config import frozen_config
 
 ROOT = Path(__file__).resolve().parents[2]
-CELL = Cell("CPO", "box", "end")
+CELL = Case("CPO", "box", "end")
 
 
 @pytest.fixture
@@ -61,10 +61,10 @@ def test_rows_of_an_older_version_stay(script: ModuleType, monkeypatch: pytest.M
 
 
 def test_keys_differ_by_seed_settings_and_problem(script: ModuleType):
-    others = [script.key(CELL, 1), script.key(Cell("CPO", "box_scaled", "end"), 0)]
-    others += [script.key(Cell("CPO", "box", "dense"), 0)]
+    others = [script.key(CELL, 1), script.key(Case("CPO", "box_scaled", "end"), 0)]
+    others += [script.key(Case("CPO", "box", "dense"), 0)]
     assert script.key(CELL, 0) not in others
-    assert script.key(CELL, 0) == script.key(Cell("CPO", "box", "end"), 0)
+    assert script.key(CELL, 0) == script.key(Case("CPO", "box", "end"), 0)
 
 
 def test_rows_of_other_defaults_are_dropped(script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
@@ -96,7 +96,7 @@ def test_rows_are_compared_with_the_current_optimum(script: ModuleType, monkeypa
     written = rows(script, monkeypatch, 0.95)
     assert "95%, 0.100 (1/1)" in script.page(written, 1)
     better = replace(reference(CELL), reward=2.0 * reference(CELL).reward)
-    monkeypatch.setattr(script, "reference", lambda cell: better)
+    monkeypatch.setattr(script, "reference", lambda case: better)
     assert "**48%, 0.100 (0/1)**" in script.page(written, 1)
 
 

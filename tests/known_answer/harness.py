@@ -1,6 +1,6 @@
 """Known-answer cases as data, and training runs that compare an algorithm with the optimum of a problem.
 
-A cell is an algorithm in an action space on a problem. It is compared with the best policy of its kind:
+A case is an algorithm in an action space on a problem. It is compared with the best policy of its kind:
 
 * `free`: the best without a limit (PPO, which knows none);
 * `limited`: the best within the limit, which may be stochastic;
@@ -27,95 +27,95 @@ from thalweg.train import run
 
 Against = Literal["free", "limited", "deterministic", "planner"]
 SHARE = 0.9
-"""Least share of the optimum's return."""
+"""Required share of the optimum's return."""
 EXCESS, LEAST_EXCESS = 0.1, 0.02
-"""By how much the cost may exceed its limit: as a share of the limit, or so much, whichever is more."""
+"""Tolerance of a cost above its limit: a share of the limit, or an absolute value; the larger one counts."""
 
 
 @dataclass(frozen=True)
-class Place:
+class ActionSetup:
     """Action space of the environment, and the settings that adapt the policy to it."""
 
     space: SpaceName
     config: Mapping[str, Any] = field(default_factory=dict)
-    """Settings that the algorithm needs for it."""
+    """Settings of the algorithm for this setup."""
 
 
-PLACES: dict[str, Place] = {
-    "multidiscrete": Place("multidiscrete"),
-    "discrete": Place("discrete"),
-    "box": Place("box"),
-    "box_literal": Place("multidiscrete", {"adapter": "box_literal"}),
-    "box_scaled": Place("multidiscrete", {"adapter": "box_scaled"}),
+ACTION_SETUPS: dict[str, ActionSetup] = {
+    "multidiscrete": ActionSetup("multidiscrete"),
+    "discrete": ActionSetup("discrete"),
+    "box": ActionSetup("box"),
+    "box_literal": ActionSetup("multidiscrete", {"adapter": "box_literal"}),
+    "box_scaled": ActionSetup("multidiscrete", {"adapter": "box_scaled"}),
 }
-"""The action spaces, and the two adapters, by which numbers choose among three. `box_literal` is there to show what
-is wrong with it: nothing is asked of it."""
+"""The action spaces, and the two adapters that round continuous actions to options. `box_literal` is included to show
+its defect; nothing is required of it."""
 
 
 @dataclass(frozen=True)
-class Row:
+class Requirement:
     """Requirements on an algorithm, and the settings of its runs."""
 
     against: Against
     steps: int = 160_000
     config: Mapping[str, Any] = field(default_factory=dict)
-    """Other settings than its own defaults."""
-    places: tuple[str, ...] = tuple(PLACES)
-    """The first is its native one."""
+    """Settings that differ from the algorithm's defaults."""
+    action_setups: tuple[str, ...] = tuple(ACTION_SETUPS)
+    """Action setups that it runs with, the native one first."""
     problems: tuple[str, ...] = tuple(PROBLEMS)
     in_ci: tuple[str, ...] = ("dense",)
-    """Problems of which CI tries the native space, with one seed."""
+    """Problems that CI runs in the native space, with one seed."""
 
 
 OFF_POLICY = {"hidden": (64, 64), "minibatch": 128, "steps_per_update": 512}
 OFF_POLICY |= {"multiplier_rate": 2.0, "multiplier_gain": 5.0, "updates_per_step": 0.5}
-"""For tables of four states and episodes of ten steps: small networks, more gradient steps, as many episodes between
-two moves of a multiplier as a river has, and multipliers that reach the 5 to 13 that a cost is worth there. SACLag is
-told to keep more entropy: a policy that draws lots has it. PPOLag gets PPO's entropy bonus, for its own is meant for
-rivers, and CUP's multiplier answers less to a violation, which is larger here than a river's can be."""
-ROWS: dict[str, Row] = {
-    "PPO": Row("free", in_ci=("dense", "end")),
-    "PPOLag": Row("limited", config={"entropy": 0.003}),
-    "FOCOPS": Row("limited", in_ci=("dense", "end")),
-    "P3O": Row("limited"),
-    "OnCRPO": Row("limited"),
-    "CPO": Row("limited"),
-    "CUP": Row("limited", config={"multiplier_gain": 2.0}),
-    "DDPGLag": Row("deterministic", steps=60_000, config=OFF_POLICY),
-    "TD3Lag": Row("deterministic", steps=60_000, config=OFF_POLICY),
-    "SACLag": Row("limited", steps=60_000, config={**OFF_POLICY, "entropy_share": 0.3}),
-    "SafeLOOP": Row("planner", steps=10_000, in_ci=("mixture",)),
-    "CCEPETS": Row("planner", steps=10_000),
+"""Settings for tables of four states and episodes of ten steps: small networks, more gradient steps, as many episodes
+between two updates of a multiplier as on a river, and multipliers that reach the 5 to 13 that costs are worth here.
+SACLag keeps more entropy, because the best policy is stochastic. PPOLag has PPO's entropy bonus, since its own is for
+rivers. CUP's multiplier responds less to a violation, which is larger here than on a river."""
+REQUIREMENTS: dict[str, Requirement] = {
+    "PPO": Requirement("free", in_ci=("dense", "end")),
+    "PPOLag": Requirement("limited", config={"entropy": 0.003}),
+    "FOCOPS": Requirement("limited", in_ci=("dense", "end")),
+    "P3O": Requirement("limited"),
+    "OnCRPO": Requirement("limited"),
+    "CPO": Requirement("limited"),
+    "CUP": Requirement("limited", config={"multiplier_gain": 2.0}),
+    "DDPGLag": Requirement("deterministic", steps=60_000, config=OFF_POLICY),
+    "TD3Lag": Requirement("deterministic", steps=60_000, config=OFF_POLICY),
+    "SACLag": Requirement("limited", steps=60_000, config={**OFF_POLICY, "entropy_share": 0.3}),
+    "SafeLOOP": Requirement("planner", steps=10_000, in_ci=("mixture",)),
+    "CCEPETS": Requirement("planner", steps=10_000),
 }
-"""Every algorithm that Thalweg has. SafeLOOP ends near nine tenths on `dense`, above it with some seeds and below it
-with others, so that CI tries it on another problem; the benchmark's table has all of them."""
+"""The requirements on every algorithm. SafeLOOP ends near nine tenths on `dense`, above with some seeds and below with
+others, so that CI runs it on another problem; the benchmark's table has all problems."""
 
 
 @dataclass(frozen=True)
-class Cell:
-    """An algorithm in a place on a problem."""
+class Case:
+    """An algorithm with an action setup on a problem."""
 
     algorithm: str
-    place: str
+    action_setup: str
     problem: str
 
     @property
-    def row(self) -> Row:
-        return ROWS[self.algorithm]
+    def requirement(self) -> Requirement:
+        return REQUIREMENTS[self.algorithm]
 
     @property
     def limit(self) -> Limit:
-        """What the run is told to keep: a number, or one for each kind of cost where there are several."""
+        """The limit of the run: a number, or one for each kind of cost if there are several."""
         limits = PROBLEMS[self.problem].limits
         return limits[0] if len(limits) == 1 else limits
 
     @property
     def config(self) -> dict[str, Any]:
         """The settings that differ from the algorithm's defaults."""
-        told: dict[str, Any] = {}
-        if self.row.against != "free":
-            told = {"cost_limits": self.limit} if isinstance(self.limit, tuple) else {"cost_limit": self.limit}
-        return told | dict(self.row.config) | dict(PLACES[self.place].config)
+        limits: dict[str, Any] = {}
+        if self.requirement.against != "free":
+            limits = {"cost_limits": self.limit} if isinstance(self.limit, tuple) else {"cost_limit": self.limit}
+        return limits | dict(self.requirement.config) | dict(ACTION_SETUPS[self.action_setup].config)
 
     @property
     def horizon(self) -> int:
@@ -128,7 +128,7 @@ class Cell:
 class Result:
     """Score of a trained policy beside the optimum."""
 
-    cell: Cell
+    case: Case
     score: Score
     optimum: Outcome
 
@@ -140,9 +140,9 @@ class Result:
     @property
     def excess(self) -> float:
         """Largest excess of a cost over its limit and tolerance; negative if all are within."""
-        if self.cell.row.against == "free":
+        if self.case.requirement.against == "free":
             return -np.inf
-        limits = np.atleast_1d(np.asarray(self.cell.limit, dtype=float))
+        limits = np.atleast_1d(np.asarray(self.case.limit, dtype=float))
         costs = self.score.costs if len(limits) > 1 else np.array([self.score.cost])
         return float((costs - limits - np.maximum(EXCESS * limits, LEAST_EXCESS)).max())
 
@@ -151,17 +151,19 @@ class Result:
         return self.share >= SHARE and self.excess <= 0.0
 
 
-def cells(algorithms: Collection[str] = tuple(ROWS), problems: Collection[str] = tuple(PROBLEMS)) -> Iterator[Cell]:
-    """Every cell of the algorithms and problems named."""
+def cases(
+    algorithms: Collection[str] = tuple(REQUIREMENTS), problems: Collection[str] = tuple(PROBLEMS)
+) -> Iterator[Case]:
+    """Yield every case of the named algorithms and problems."""
     for algorithm in algorithms:
-        row = ROWS[algorithm]
-        for problem in (name for name in row.problems if name in problems):
-            yield from (Cell(algorithm, place, problem) for place in row.places)
+        requirement = REQUIREMENTS[algorithm]
+        for problem in (name for name in requirement.problems if name in problems):
+            yield from (Case(algorithm, setup, problem) for setup in requirement.action_setups)
 
 
-def reference(cell: Cell) -> Outcome:
-    """Optimum that the cell is compared with."""
-    return _reference(cell.problem, cell.row.against, cell.limit, cell.horizon)
+def reference(case: Case) -> Outcome:
+    """Return the optimum that the case is compared with."""
+    return _reference(case.problem, case.requirement.against, case.limit, case.horizon)
 
 
 @cache
@@ -175,9 +177,9 @@ def _reference(name: str, against: Against, limit: Limit, horizon: int) -> Outco
     return planned(problem, limit, horizon, length=best.length) if against == "planner" else best
 
 
-def trained(cell: Cell, seed: int, folder: Path) -> Result:
+def trained(case: Case, seed: int, folder: Path) -> Result:
     """Train and compare the final policy with the optimum; an interrupted run is resumed."""
-    problem, place, row = PROBLEMS[cell.problem], PLACES[cell.place], cell.row
-    env = ProblemEnv(problem, space=place.space)
-    ended = run(cell.algorithm, env, steps=row.steps, seed=seed, folder=folder, config=cell.config)
-    return Result(cell, score(ended.policy, problem, place.space, seed), reference(cell))
+    problem, setup, requirement = PROBLEMS[case.problem], ACTION_SETUPS[case.action_setup], case.requirement
+    env = ProblemEnv(problem, space=setup.space)
+    ended = run(case.algorithm, env, steps=requirement.steps, seed=seed, folder=folder, config=case.config)
+    return Result(case, score(ended.policy, problem, setup.space, seed), reference(case))

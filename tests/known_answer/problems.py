@@ -1,11 +1,12 @@
-"""Which constrained decision problems are small enough to be solved exactly? Tables of four; how they are solved stands
-in `solutions`, how they are stepped through in `envs`.
+"""Four constrained decision problems, as tables, that are small enough to be solved exactly.
 
-In each place one chooses a pace (branch 0) and a way (branch 1). Pace earns what the place is worth and brings risk;
-the way decides where one goes. An episode ends by itself with probability `stop` a step, so that the best policy needs
-no clock, and nothing is cut off.
+`solutions` solves them, and `envs` makes environments of them.
 
-Letters: S places, K kinds of cost; an action is pace * 3 + way, 0..8.
+In each state an action has a pace (branch 0) and a way (branch 1). The pace scales reward and risk of a state, the
+way determines the next state. An episode ends with probability `stop` at each step, so that the best policy does not depend
+on time, and no episode is truncated.
+
+Letters: S states, K kinds of cost; an action is pace * 3 + way, 0..8.
 """
 
 import hashlib
@@ -19,26 +20,26 @@ ACTIONS = PACES * WAYS
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A constrained Markov decision process as tables. Compared by identity, so that answers can be remembered."""
+    """A constrained Markov decision process as tables. It is compared by identity, so that solutions can be cached."""
 
     name: str
     start: np.ndarray
-    """[S] probability of each first place."""
+    """[S] probability of each initial state."""
     reward: np.ndarray
     """[S, 9]."""
     risk: np.ndarray
     """[S, 9, K] probability that this step costs 1 of each kind."""
     move: np.ndarray
-    """[S, 9, S] probability of the next place, if the episode goes on."""
+    """[S, 9, S] probability of the next state, if the episode continues."""
     stop: float
-    """Probability that an episode ends by itself at a step."""
+    """Probability that an episode ends at a step, apart from costs."""
     limits: tuple[float, ...]
-    """[K] expected cost that an episode may have, of each kind."""
+    """[K] limit on the expected cost of an episode, for each kind."""
     deadly: bool = False
-    """Whether a cost ends the episode: then it is only ever paid at the end."""
+    """Whether a cost ends the episode, so that only last steps have a cost."""
 
     @property
-    def places(self) -> int:
+    def states(self) -> int:
         """S."""
         return len(self.start)
 
@@ -49,7 +50,7 @@ class Problem:
 
     @property
     def digest(self) -> str:
-        """A hash of everything in it but its limits."""
+        """A hash of all data except the limits."""
         content = hashlib.sha256(repr((self.stop, self.deadly)).encode())
         for table in (self.start, self.reward, self.risk, self.move):
             content.update(np.ascontiguousarray(table).tobytes())
@@ -57,47 +58,47 @@ class Problem:
 
     @property
     def flow(self) -> np.ndarray:
-        """[S, 9, S] probability that the episode goes on, and there."""
+        """[S, 9, S] probability that the episode continues, in each next state."""
         survived = (1.0 - self.risk).prod(-1) if self.deadly else np.ones(self.reward.shape)
         return (1.0 - self.stop) * survived[..., None] * self.move
 
 
 def _per_action(pace: np.ndarray) -> np.ndarray:
-    """[S, 9] from [S, 3]: whatever the way."""
+    """Return values [S, 9] that do not depend on the way, from [S, 3]."""
     return np.repeat(pace, WAYS, axis=1)
 
 
-def _ring(places: int) -> np.ndarray:
-    """[S, 9, S]: the way holds the place, drifts (one time in two) or goes one on; one time in five the wind decides.
+def _ring(states: int) -> np.ndarray:
+    """Return transitions [S, 9, S]: stay, advance with probability 1/2, or advance; with probability 1/5 any state.
 
-    The middle way is a mixture of the others and so never needed: what a Gaussian can't aim at without becoming narrow.
+    The middle way is a mixture of the others and thus never needed; a Gaussian policy needs a small deviation to avoid it.
     """
-    move = np.full((places, ACTIONS, places), 0.2 / places)
-    for place in range(places):
+    move = np.full((states, ACTIONS, states), 0.2 / states)
+    for state in range(states):
         for action in range(ACTIONS):
             on = action % WAYS / (WAYS - 1)
-            move[place, action, place] += 0.8 * (1.0 - on)
-            move[place, action, (place + 1) % places] += 0.8 * on
+            move[state, action, state] += 0.8 * (1.0 - on)
+            move[state, action, (state + 1) % states] += 0.8 * on
     return move
 
 
-def _start(places: int, *first: int) -> np.ndarray:
-    """[S] one of the `first` places, each as probable."""
-    return np.isin(np.arange(places), first) / len(first)
+def _start(states: int, *first: int) -> np.ndarray:
+    """Return the uniform distribution [S] over the states `first`."""
+    return np.isin(np.arange(states), first) / len(first)
 
 
 def _along(worth: list[float], share: float = 0.2) -> np.ndarray:
-    """[S, 9] reward: the standing share of what a place is worth, and the rest with pace."""
+    """Return rewards [S, 9]: a constant share of the worth of a state, and the rest in proportion to pace."""
     return _per_action(np.outer(worth, share + (1.0 - share) * np.arange(PACES) / (PACES - 1)))
 
 
 def _danger(full: list[float]) -> np.ndarray:
-    """[S, 9] risk, growing with the square of pace up to `full`."""
+    """Return risks [S, 9] that grow with the square of pace up to `full`."""
     return _per_action(np.outer(full, (np.arange(PACES) / (PACES - 1)) ** 2))
 
 
 def dense() -> Problem:
-    """Cost along the way: the further on, the richer and the riskier, so that one had better hold before the last."""
+    """Return the problem in which every step may cost: later states have more reward and more risk."""
     return Problem(
         name="dense",
         start=_start(4, 0),
@@ -110,7 +111,7 @@ def dense() -> Problem:
 
 
 def end() -> Problem:
-    """Cost only at the end, which it brings about: the richest place is to be left, and not in haste."""
+    """Return the problem in which a cost ends the episode: the best policy leaves the richest state slowly."""
     return Problem(
         name="end",
         start=_start(4, 0),
@@ -124,17 +125,17 @@ def end() -> Problem:
 
 
 def mixture() -> Problem:
-    """Two places by turns, rapids (0) and pool (1); the best policy within the limit has to draw lots.
+    """Return the problem whose best policy within the limit is stochastic: rapids (0) and pool (1) alternate.
 
     With the right way (0 in the rapids, 2 in the pool; else nothing is earned) rapids pay 0.3, 0.4 or 1 by pace, and
-    full pace there costs 1 with probability 0.2; a pool pays 0, 0.25 or 0.5 and costs nothing. An episode goes on with
-    probability g = 0.9, so that it visits rapids F = 1 + g² + g⁴ + … = 1 / (1 - 0.81) = 100 / 19 times and pools g F
+    full pace there costs 1 with probability 0.2; a pool pays 0, 0.25 or 0.5 and costs nothing. An episode goes
+    on with probability g = 0.9, so that it visits rapids F = 1 + g² + g⁴ + … = 1 / (1 - 0.81) = 100 / 19 times and pools g F
     times. At full pace in a share x of the rapids, at half pace in the rest, and at full pace in pools:
 
         cost = 0.2 F x,  return = F (0.4 + 0.6 x + 0.9 · 0.5)
 
     Unlimited, x = 1: return 145 / 19 ≈ 7.63, cost 20 / 19 ≈ 1.05. At the limit 0.35, x = 0.35 / (0.2 F) = 0.3325:
-    return 5.523684. Without lots, x = 0: return 85 / 19 ≈ 4.47.
+    return 5.523684. Without randomness, x = 0: return 85 / 19 ≈ 4.47.
     """
     reward = np.zeros((2, PACES, WAYS))
     reward[0, :, 0], reward[1, :, 2] = (0.3, 0.4, 1.0), (0.0, 0.25, 0.5)
@@ -154,9 +155,9 @@ def mixture() -> Problem:
 
 
 def two() -> Problem:
-    """Two costs with a limit each: the first grows with pace, the second is paid for being in a place at all.
+    """Return the problem of two costs with a limit each: one grows with pace, the other depends on the state alone.
 
-    Either limit alone lets the other cost grow to several times its limit, and so does a limit on the sum.
+    With either limit alone, or with a limit on the sum, a cost grows to several times its limit.
     """
     being_there = np.repeat([[0.0], [0.0], [0.2], [0.3]], ACTIONS, axis=1)
     return Problem(

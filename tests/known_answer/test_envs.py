@@ -1,4 +1,4 @@
-"""Does the environment do what the tables say?"""
+"""Tests that the environment follows the tables of its problem."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def test_every_action_can_be_taken_in_every_space(space: SpaceName):
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_the_exact_outcome_agrees_with_the_environment(name: str):
     problem, generator = PROBLEMS[name], np.random.default_rng(0)
-    policy = generator.dirichlet(np.ones(ACTIONS), problem.places)
+    policy = generator.dirichlet(np.ones(ACTIONS), problem.states)
     env = ProblemEnv(problem, 2000)
     stream = EnvStepper(env)
     obs = stream.reset(0)

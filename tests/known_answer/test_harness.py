@@ -1,11 +1,11 @@
-"""Is each algorithm told the right limit and held against the right optimum?"""
+"""Tests that each algorithm gets the right limit and is compared with the right optimum."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tests.known_answer.harness import PLACES, ROWS, Cell, Result, cells, reference
+from tests.known_answer.harness import ACTION_SETUPS, REQUIREMENTS, Case, Result, cases, reference
 from tests.known_answer.problems import PROBLEMS
 from tests.known_answer.scores import Score
 from tests.known_answer.solutions import best_deterministic, optimum, planned
@@ -16,24 +16,24 @@ SINGLE = ("dense", "end", "mixture")
 
 
 def test_every_algorithm_has_a_row():
-    assert set(ALGORITHMS) == set(ROWS)
+    assert set(ALGORITHMS) == set(REQUIREMENTS)
 
 
 def test_cells_are_every_algorithm_in_every_place_on_every_problem():
-    assert len(set(cells())) == len(ROWS) * len(PLACES) * len(PROBLEMS)
-    assert {cell.problem for cell in cells(["PPO"], ["end"])} == {"end"}
+    assert len(set(cases())) == len(REQUIREMENTS) * len(ACTION_SETUPS) * len(PROBLEMS)
+    assert {case.problem for case in cases(["PPO"], ["end"])} == {"end"}
 
 
 def test_limits_are_told_one_by_one_where_there_are_two():
-    assert Cell("FOCOPS", "box", "dense").config == {"cost_limit": 0.355}
-    assert Cell("FOCOPS", "box_scaled", "two").config == {"cost_limits": (0.255, 0.955), "adapter": "box_scaled"}
-    assert Cell("PPO", "discrete", "two").config == {}
+    assert Case("FOCOPS", "box", "dense").config == {"cost_limit": 0.355}
+    assert Case("FOCOPS", "box_scaled", "two").config == {"cost_limits": (0.255, 0.955), "adapter": "box_scaled"}
+    assert Case("PPO", "discrete", "two").config == {}
 
 
 def test_a_planner_is_held_against_one_of_its_own_horizon(monkeypatch: pytest.MonkeyPatch):
-    assert Cell("CCEPETS", "box", "mixture").horizon == CCEPETSConfig().sizes.horizon
-    monkeypatch.setitem(ROWS, "CCEPETS", replace(ROWS["CCEPETS"], config={"horizon": 1}))
-    short = Cell("CCEPETS", "box", "mixture")
+    assert Case("CCEPETS", "box", "mixture").horizon == CCEPETSConfig().sizes.horizon
+    monkeypatch.setitem(REQUIREMENTS, "CCEPETS", replace(REQUIREMENTS["CCEPETS"], config={"horizon": 1}))
+    short = Case("CCEPETS", "box", "mixture")
     problem = PROBLEMS["mixture"]
     wanted = planned(problem, 0.35, 1, length=optimum(problem, 0.35).length)
     assert short.horizon == 1 and reference(short).reward == pytest.approx(wanted.reward)
@@ -41,34 +41,34 @@ def test_a_planner_is_held_against_one_of_its_own_horizon(monkeypatch: pytest.Mo
 
 def test_each_is_held_against_what_its_kind_can_do():
     problem = PROBLEMS["mixture"]
-    assert reference(Cell("PPO", "box", "mixture")).reward == pytest.approx(optimum(problem).reward)
-    assert reference(Cell("CPO", "box", "mixture")).reward == pytest.approx(optimum(problem, 0.35).reward)
-    assert reference(Cell("TD3Lag", "box", "mixture")).reward == pytest.approx(best_deterministic(problem, 0.35).reward)
-    assert reference(Cell("CCEPETS", "box", "mixture")).reward == pytest.approx(85 / 19)
+    assert reference(Case("PPO", "box", "mixture")).reward == pytest.approx(optimum(problem).reward)
+    assert reference(Case("CPO", "box", "mixture")).reward == pytest.approx(optimum(problem, 0.35).reward)
+    assert reference(Case("TD3Lag", "box", "mixture")).reward == pytest.approx(best_deterministic(problem, 0.35).reward)
+    assert reference(Case("CCEPETS", "box", "mixture")).reward == pytest.approx(85 / 19)
 
 
 @pytest.mark.parametrize("name", SINGLE)
 @pytest.mark.parametrize("algorithm", ["CPO", "SafeLOOP", "TD3Lag"])
 def test_what_is_asked_for_can_be_had_and_the_unconstrained_optimum_does_not_do(name: str, algorithm: str):
-    cell = Cell(algorithm, "discrete", name)
-    best = reference(cell)
-    assert Result(cell, Score.of(best), best).reached
-    assert not Result(cell, Score.of(optimum(PROBLEMS[name])), best).reached
+    case = Case(algorithm, "discrete", name)
+    best = reference(case)
+    assert Result(case, Score.of(best), best).reached
+    assert not Result(case, Score.of(optimum(PROBLEMS[name])), best).reached
 
 
 def test_the_cost_may_exceed_its_limit_by_a_tenth_or_two_hundredths():
     best = optimum(PROBLEMS["two"], PROBLEMS["two"].limits)
     for costs, reached in [((0.28, 1.05), True), ((0.285, 0.9), False), ((0.2, 1.06), False)]:
         score = Score.of(replace(best, costs=np.array(costs)))
-        assert Result(Cell("CPO", "discrete", "two"), score, best).reached == reached
+        assert Result(Case("CPO", "discrete", "two"), score, best).reached == reached
     best = optimum(PROBLEMS["end"], 0.1)
     for cost, reached in [(0.119, True), (0.121, False)]:
         score = Score.of(replace(best, costs=np.array([cost])))
-        assert Result(Cell("CPO", "discrete", "end"), score, best).reached == reached
+        assert Result(Case("CPO", "discrete", "end"), score, best).reached == reached
 
 
 def test_nine_tenths_of_the_return_are_asked_for():
     best = optimum(PROBLEMS["end"], 0.1)
     for share, reached in [(0.91, True), (0.89, False)]:
         score = Score.of(replace(best, reward=share * best.reward))
-        assert Result(Cell("CPO", "discrete", "end"), score, best).reached == reached
+        assert Result(Case("CPO", "discrete", "end"), score, best).reached == reached

@@ -1,18 +1,18 @@
-"""Do on-policy algorithms reach the optimum that a linear programme knows, each in its native space with one seed?
+"""Tests that on-policy algorithms reach the optimum of a linear programme, in their native space with one seed.
 
-A file for each kind of algorithm, for two files are run at a time. Every space, every problem and five seeds:
-`benchmarks/known_answer.py`.
+Each kind of algorithm has a file, so that the kinds can run in parallel. `benchmarks/known_answer.py` runs all spaces
+and problems with five seeds.
 """
 
 from pathlib import Path
 
 import pytest
 
-from tests.known_answer.cases import ON_POLICY_ONES, check_reached, ci_cells
-from tests.known_answer.harness import Cell
+from tests.known_answer.cases import ON_POLICY, check_reached, ci_cases
+from tests.known_answer.harness import Case
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cell", ci_cells(ON_POLICY_ONES))
-def test_the_optimum_is_reached_within_the_limit(cell: Cell, tmp_path: Path):
-    check_reached(cell, tmp_path)
+@pytest.mark.parametrize("case", ci_cases(ON_POLICY))
+def test_the_optimum_is_reached_within_the_limit(case: Case, tmp_path: Path):
+    check_reached(case, tmp_path)

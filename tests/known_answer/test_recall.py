@@ -1,6 +1,6 @@
-"""Does a memory learn what only a memory can? One is shown a side, and asked for it when it is no longer shown.
+"""Test that a policy with memory learns a task that needs it: to name a side that was shown earlier.
 
-Whoever does not remember is right every other time; whoever does can be right always.
+A policy without memory is right half of the time; one with memory can always be right.
 """
 
 from pathlib import Path

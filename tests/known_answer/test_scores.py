@@ -1,4 +1,4 @@
-"""Is what is said of a trained policy what it does?"""
+"""Tests that the score of a policy describes its behaviour."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from tests.known_answer.envs import SPACES
-from tests.known_answer.harness import PLACES
+from tests.known_answer.harness import ACTION_SETUPS
 from tests.known_answer.problems import ACTIONS, PROBLEMS
 from tests.known_answer.scores import drawn, gaussian_bins, played, probabilities, require_drawn, score
 from thalweg.algos import Policy
@@ -18,11 +18,11 @@ from thalweg.algos.policy.policy_file import About
 PROBLEM = PROBLEMS["dense"]
 
 
-def policy_of(place: str, continuous: Kind = "gaussian", seed: int = 0, greedy: bool = False) -> Policy:
-    """A policy that was never trained, but does different things in different places."""
-    where = PLACES[place]
-    actions = actions_of(SPACES[where.space], **where.config, continuous=continuous)
-    policy = Policy(PROBLEM.places, actions, normalise=False, greedy=greedy)
+def policy_of(setup_name: str, continuous: Kind = "gaussian", seed: int = 0, greedy: bool = False) -> Policy:
+    """A policy that was never trained, but acts differently in different states."""
+    setup = ACTION_SETUPS[setup_name]
+    actions = actions_of(SPACES[setup.space], **setup.config, continuous=continuous)
+    policy = Policy(PROBLEM.states, actions, normalise=False, greedy=greedy)
     generator = torch.Generator().manual_seed(seed)
     with torch.no_grad():
         for parameter in policy.actor.parameters():
@@ -46,10 +46,10 @@ def test_a_squashed_sample_never_rounds_to_the_last_option():
     assert gaussian_bins(np.array([3.0]), np.array([2.0]), np.array([0.5, 1.5]), squashed=True)[0, 2] == 0.0
 
 
-@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("setup", ACTION_SETUPS)
 @pytest.mark.parametrize("continuous", ["gaussian", "squashed", "point"])
-def test_the_computed_table_is_what_the_policy_draws(place: str, continuous: Kind):
-    policy, space = policy_of(place, continuous), PLACES[place].space
+def test_the_computed_table_is_what_the_policy_draws(setup: str, continuous: Kind):
+    policy, space = policy_of(setup, continuous), ACTION_SETUPS[setup].space
     table = probabilities(policy, PROBLEM, space)
     assert table is not None
     assert drawn(policy, PROBLEM, space, 20_000) == pytest.approx(table, abs=0.02)
@@ -62,7 +62,7 @@ def test_a_table_of_another_policy_is_refused():
         require_drawn(policy_of("multidiscrete"), PROBLEM, "multidiscrete", table)
 
 
-def test_a_greedy_policy_does_one_thing_in_each_place():
+def test_a_greedy_policy_does_one_thing_in_each_state():
     chances = probabilities(policy_of("multidiscrete"), PROBLEM, "multidiscrete")
     greedy = probabilities(policy_of("multidiscrete", greedy=True), PROBLEM, "multidiscrete")
     assert chances is not None and greedy is not None
@@ -72,7 +72,7 @@ def test_a_greedy_policy_does_one_thing_in_each_place():
 class Alternating:
     """Remembers: takes the first action, then the second, from the beginning of each episode."""
 
-    obs_size, actions, about = PROBLEM.places, actions_of(SPACES["discrete"]), About()
+    obs_size, actions, about = PROBLEM.states, actions_of(SPACES["discrete"]), About()
 
     def __init__(self, first: int, second: int) -> None:
         self.both = np.array([first, second])
@@ -91,12 +91,12 @@ class Alternating:
 
 
 def episodes_of(first: int, second: int) -> tuple[float, float]:
-    """Exact return and cost of `Alternating`: place and turn together are the state."""
-    place, even = np.repeat(np.arange(PROBLEM.places), 2), np.tile([True, False], PROBLEM.places)
+    """Exact return and cost of `Alternating`: state and turn together are its state."""
+    states, even = np.repeat(np.arange(PROBLEM.states), 2), np.tile([True, False], PROBLEM.states)
     action = np.where(even, first, second)
     flow = np.kron(PROBLEM.flow[:, first], [[0, 1], [0, 0]]) + np.kron(PROBLEM.flow[:, second], [[0, 0], [1, 0]])
-    visits = np.linalg.solve(np.eye(len(place)) - flow.T, np.kron(PROBLEM.start, [1.0, 0.0]))
-    return float(visits @ PROBLEM.reward[place, action]), float(visits @ PROBLEM.risk[place, action, 0])
+    visits = np.linalg.solve(np.eye(len(states)) - flow.T, np.kron(PROBLEM.start, [1.0, 0.0]))
+    return float(visits @ PROBLEM.reward[states, action]), float(visits @ PROBLEM.risk[states, action, 0])
 
 
 def test_a_policy_with_a_memory_is_scored_by_what_it_does_in_play():
@@ -117,5 +117,5 @@ def test_play_agrees_with_the_exact_score():
 
 def test_a_policy_that_sees_several_frames_is_watched_at_play():
     actions = actions_of(SPACES["discrete"])
-    assert probabilities(Policy(PROBLEM.places, actions, frames=2), PROBLEM, "discrete") is None
-    assert score(Policy(PROBLEM.places, actions, frames=2), PROBLEM, "discrete").reward_error > 0.0
+    assert probabilities(Policy(PROBLEM.states, actions, frames=2), PROBLEM, "discrete") is None
+    assert score(Policy(PROBLEM.states, actions, frames=2), PROBLEM, "discrete").reward_error > 0.0

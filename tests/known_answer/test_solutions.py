@@ -1,4 +1,4 @@
-"""Is what learning is held against true? Each exact answer beside one found another way."""
+"""Tests of the exact solutions, each against an independent computation."""
 
 import itertools
 from dataclasses import replace
@@ -17,7 +17,7 @@ def problem(request: pytest.FixtureRequest) -> Problem:
 
 def value_iteration(problem: Problem, reward: np.ndarray) -> float:
     """The most that episodes can pay by a reward [S, 9], without a linear programme."""
-    value = np.zeros(problem.places)
+    value = np.zeros(problem.states)
     for _ in range(400):
         value = (reward + problem.flow @ value).max(1)
     return float(problem.start @ value)
@@ -29,13 +29,13 @@ def summed(problem: Problem, choice: tuple[int, ...]) -> tuple[float, np.ndarray
     for _ in range(250):
         reward += sum(there[s] * problem.reward[s, a] for s, a in enumerate(choice))
         costs = costs + sum(there[s] * problem.risk[s, a] for s, a in enumerate(choice))
-        there = sum((there[s] * problem.flow[s, a] for s, a in enumerate(choice)), np.zeros(problem.places))
+        there = sum((there[s] * problem.flow[s, a] for s, a in enumerate(choice)), np.zeros(problem.states))
     return reward, costs
 
 
 def test_moves_and_starts_are_probabilities(problem: Problem):
     assert problem.start.sum() == pytest.approx(1.0)
-    assert problem.move.sum(-1) == pytest.approx(np.ones((problem.places, ACTIONS)))
+    assert problem.move.sum(-1) == pytest.approx(np.ones((problem.states, ACTIONS)))
 
 
 def test_the_linear_programme_agrees_with_value_iteration(problem: Problem):
@@ -96,7 +96,7 @@ def test_limits_that_nobody_can_keep_are_refused():
 
 def test_the_best_deterministic_policy_is_the_best_of_all():
     problem = PROBLEMS["mixture"]
-    every = [summed(problem, choice) for choice in itertools.product(range(ACTIONS), repeat=problem.places)]
+    every = [summed(problem, choice) for choice in itertools.product(range(ACTIONS), repeat=problem.states)]
     for limit in (0.0, 0.35, 0.9, 2.0):
         best = max(reward for reward, costs in every if costs.sum() <= limit + 1e-9)
         assert best_deterministic(problem, limit).reward == pytest.approx(best)
@@ -109,19 +109,19 @@ def test_no_deterministic_policy_tried_is_better(problem: Problem):
     found = tuple(best.policy.argmax(1))
     assert summed(problem, found)[0] == pytest.approx(best.reward)
     for _ in range(30):
-        # Neighbours: one place does something else.
-        place, action = generator.integers(problem.places), int(generator.integers(ACTIONS))
-        reward, costs = summed(problem, (*found[:place], action, *found[place + 1 :]))
+        # Neighbours: one state does something else.
+        state, action = generator.integers(problem.states), int(generator.integers(ACTIONS))
+        reward, costs = summed(problem, (*found[:state], action, *found[state + 1 :]))
         assert reward <= best.reward + 1e-9 or (costs > problem.limits).any()
 
 
-def paths(problem: Problem, place: int, sequence: tuple[int, ...]) -> tuple[float, np.ndarray]:
+def paths(problem: Problem, state: int, sequence: tuple[int, ...]) -> tuple[float, np.ndarray]:
     """Expected reward and costs [K] of a sequence of actions, path by path."""
     action, *rest = sequence
-    reward, costs = problem.reward[place, action], problem.risk[place, action]
+    reward, costs = problem.reward[state, action], problem.risk[state, action]
     if rest:
-        for following in range(problem.places):
-            chance = problem.flow[place, action, following]
+        for following in range(problem.states):
+            chance = problem.flow[state, action, following]
             later, paid = paths(problem, following, tuple(rest))
             reward, costs = reward + chance * later, costs + chance * paid
     return reward, costs
@@ -132,13 +132,13 @@ def test_a_planner_takes_the_first_action_of_the_best_sequence_within_its_budget
     problem, horizon, length = PROBLEMS[kind], 2, 10.0
     budget = np.array(problem.limits) * horizon / length
     policy = planned(problem, problem.limits, horizon, length=length).policy
-    for place in range(problem.places):
-        every = {s: paths(problem, place, s) for s in itertools.product(range(ACTIONS), repeat=horizon)}
+    for state in range(problem.states):
+        every = {s: paths(problem, state, s) for s in itertools.product(range(ACTIONS), repeat=horizon)}
         kept = {s: reward for s, (reward, costs) in every.items() if (costs <= budget + 1e-9).all()}
         best = [s for s in kept if kept[s] >= max(kept.values()) - 1e-9] or list(every)
         least = min(every[s][1].sum() for s in best)
         first = {s[0] for s in best if every[s][1].sum() <= least + 1e-9}
-        assert set(np.flatnonzero(policy[place])) == first
+        assert set(np.flatnonzero(policy[state])) == first
 
 
 def test_a_planner_that_sees_further_than_an_episode_lasts_keeps_the_limit_not_more():
@@ -160,7 +160,7 @@ def test_a_planner_without_limit_and_with_the_true_value_behind_its_horizon_is_t
     problem = PROBLEMS["mixture"]
     best = optimum(problem)
     flow = np.einsum("sa,sak->sk", best.policy, problem.flow)
-    value = np.linalg.solve(np.eye(problem.places) - flow, (best.policy * problem.reward).sum(1))
+    value = np.linalg.solve(np.eye(problem.states) - flow, (best.policy * problem.reward).sum(1))
     assert planned(problem, np.inf, 2, length=10.0, terminal=value).reward == pytest.approx(best.reward)
 
 
@@ -172,7 +172,7 @@ def test_what_planners_are_held_against_keeps_the_limits(problem: Problem):
 
 
 def test_the_outcome_of_a_policy_agrees_with_its_steps(problem: Problem):
-    choice = tuple(np.random.default_rng(1).integers(ACTIONS, size=problem.places))
+    choice = tuple(np.random.default_rng(1).integers(ACTIONS, size=problem.states))
     reward, costs = summed(problem, choice)
     exact = outcome(problem, np.eye(ACTIONS)[list(choice)])
     assert (exact.reward, *exact.costs) == pytest.approx((reward, *costs))

@@ -3,8 +3,8 @@
 `solutions` solves them, and `envs` makes environments of them.
 
 In each state an action has a pace (branch 0) and a way (branch 1). The pace scales reward and risk of a state, the
-way determines the next state. An episode ends with probability `stop` at each step, so that the best policy does not depend
-on time, and no episode is truncated.
+way determines the next state. An episode ends with probability `stop` at each step, so that the best policy does not
+depend on time, and no episode is truncated.
 
 Letters: S states, K kinds of cost; an action is pace * 3 + way, 0..8.
 """
@@ -71,7 +71,7 @@ def _per_action(pace: np.ndarray) -> np.ndarray:
 def _ring(states: int) -> np.ndarray:
     """Return transitions [S, 9, S]: stay, advance with probability 1/2, or advance; with probability 1/5 any state.
 
-    The middle way is a mixture of the others and thus never needed; a Gaussian policy needs a small deviation to avoid it.
+    The middle way is a mixture of the others and thus never needed; a Gaussian can only avoid it by being narrow.
     """
     move = np.full((states, ACTIONS, states), 0.2 / states)
     for state in range(states):
@@ -129,7 +129,8 @@ def mixture() -> Problem:
 
     With the right way (0 in the rapids, 2 in the pool; else nothing is earned) rapids pay 0.3, 0.4 or 1 by pace, and
     full pace there costs 1 with probability 0.2; a pool pays 0, 0.25 or 0.5 and costs nothing. An episode goes
-    on with probability g = 0.9, so that it visits rapids F = 1 + g² + g⁴ + … = 1 / (1 - 0.81) = 100 / 19 times and pools g F
+    on with probability g = 0.9, so that it visits rapids
+    F = 1 + g² + g⁴ + … = 1 / (1 - 0.81) = 100 / 19 times and pools g F
     times. At full pace in a share x of the rapids, at half pace in the rest, and at full pace in pools:
 
         cost = 0.2 F x,  return = F (0.4 + 0.6 x + 0.9 · 0.5)

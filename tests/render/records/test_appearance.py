@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.render.frames import on_river, psnr
 from tests.render.plain import plane, plants_at
-from tests.render.test_frame import on_river, psnr
 from thalweg.render import Camera, Look, Renderer
 from thalweg.render.records.appearance import LIMITS, PARAMETERS, look_values
 from thalweg.render.records.classes import PLANT

@@ -1,0 +1,73 @@
+"""Tests of table look-ups: the sky, the ripple tile and slopes."""
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from thalweg.core.jit import kernel
+from thalweg.render.bake import ripples, scene_tables, sky
+from thalweg.render.kernels import table_lookup
+
+
+@kernel
+def look_up(table, directions, out):
+    for i in range(len(directions)):
+        out[i] = table_lookup.sky_at(table, 0, directions[i, 0], directions[i, 1], directions[i, 2])
+
+
+def test_a_direction_finds_its_own_cell_of_the_sky():
+    rng = np.random.default_rng(2)
+    radiance = rng.uniform(0.1, 1.5, (sky.ROWS, sky.COLUMNS, 3))
+    table = scene_tables.pack_colour(radiance, sky.CODE_RANGE).ravel()
+    directions = sky.map_directions()[1:-1].reshape(-1, 3)
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, rtol=1e-12)
+    found = np.empty((len(directions), 3), np.float32)
+    look_up(table, (directions * 3).astype(np.float32), found)
+    expected = radiance[1:-1].reshape(-1, 3)
+    assert np.quantile(np.abs(found - expected), 0.999) < 0.02
+
+
+@kernel
+def read_tile(tile, x, y, level, out):
+    for i in range(len(x)):
+        out[i] = table_lookup.tile_level(tile, x[i], y[i], level)
+
+
+def test_the_tile_repeats_and_each_level_is_found():
+    levels = ripples.tile()
+    flat = ripples.packed(levels)
+    for k in (0, 3, 7):
+        size = ripples.SIZE >> k
+        at = (np.arange(size, dtype=np.float32) + 0.5) * 2**k - 0.5
+        row = min(5, size - 1)
+        for shift in (0, ripples.SIZE, -3 * ripples.SIZE):
+            out = np.empty((size, 4), np.float32)
+            read_tile(flat, at + np.float32(shift), np.full(size, at[row]), np.int32(k), out)
+            np.testing.assert_allclose(out[:, 3], levels[k][row, :, 3] * 255, atol=0.6)
+            slope = (out[:, 0] - 127.5) / 127.5 * ripples.SLOPE_RANGE
+            np.testing.assert_allclose(slope, np.clip(levels[k][row, :, 0], -0.5, 0.5), atol=0.0025)
+
+
+@kernel
+def read_slopes(table, columns, rows, xs, ys, found):
+    for i in range(len(xs)):
+        found[i, 0], found[i, 1], found[i, 2] = table_lookup.sloped(table, 0, columns, rows, xs[i], ys[i])
+
+
+def test_slopes_of_a_table_are_the_differences_of_its_values_and_none_beyond_its_edges():
+    rng = np.random.default_rng(3)
+    table = rng.uniform(-1, 1, (6, 9)).astype(np.float32)
+    xs = (rng.integers(0, 8, 200) + rng.uniform(0.1, 0.9, 200)).astype(np.float32)
+    ys = (rng.integers(0, 5, 200) + rng.uniform(0.1, 0.9, 200)).astype(np.float32)
+    found = np.empty((200, 3), np.float32)
+    read_slopes(table.ravel(), 9, 6, xs, ys, found)
+    small = 0.05
+    height = lambda x, y: map_coordinates(table.astype(float), [y, x], order=1)  # noqa: E731
+    np.testing.assert_allclose(found[:, 0], height(xs, ys), atol=1e-5)
+    np.testing.assert_allclose(found[:, 1], (height(xs + small, ys) - height(xs - small, ys)) / (2 * small), atol=1e-4)
+    np.testing.assert_allclose(found[:, 2], (height(xs, ys + small) - height(xs, ys - small)) / (2 * small), atol=1e-4)
+    beyond = np.array([[-3.0, 2.5], [20.0, 2.5], [4.5, -1.0], [4.5, 9.0]], np.float32)
+    read_slopes(table.ravel(), 9, 6, *beyond.T.copy(), found[:4])
+    assert (found[:2, 1] == 0).all()
+    assert (found[:2, 2] != 0).all()
+    assert (found[2:4, 2] == 0).all()
+    assert (found[2:4, 1] != 0).all()

@@ -1,0 +1,37 @@
+"""Tests of `Renderer`: layers, and requests that are refused."""
+
+import numpy as np
+import pytest
+
+from tests.render.frames import on_river
+from tests.render.plain import plane
+from thalweg.render import Camera, Renderer
+from thalweg.render.records.classes import SKY, WATER
+
+
+@pytest.mark.slow
+def test_layers_do_not_change_the_picture(easy_world):
+    renderer = Renderer([easy_world], Camera(64, 64))
+    poses = on_river(easy_world, 3, 9)
+    image, layers = renderer.render(poses), renderer.render_layers(poses)
+    np.testing.assert_array_equal(image[..., :3], layers.rgb)
+    np.testing.assert_array_equal(image[..., 3] == 255, layers.mask)
+    assert set(np.unique(image[..., 3])) <= {0, 255}
+    np.testing.assert_array_equal(layers.mask, layers.class_id == WATER)
+    np.testing.assert_array_equal(layers.depth_m == -1, layers.class_id == SKY)
+
+
+def test_bad_requests_name_the_value_and_what_would_be_right():
+    renderer = Renderer([plane()], Camera(32, 32))
+    with pytest.raises(ValueError, match=r"shape \[3\].*\[N, 4\]"):
+        renderer.render([0.0, 0.0, 2.0])
+    with pytest.raises(ValueError, match="pose 1 is not finite"):
+        renderer.render([[0, 0, 2, 0], [0, np.nan, 2, 0]])
+    with pytest.raises(ValueError, match=r"world_index must be in 0\.\.0; got 1\.\.1"):
+        renderer.render([[0, 0, 2, 0]], [1])
+    with pytest.raises(ValueError, match=r"must be contiguous uint8 \[1, 32, 32, 4\]"):
+        renderer.render([[0, 0, 2, 0]], out=np.zeros((1, 32, 32, 3), np.uint8))
+    with pytest.raises(ValueError, match="at least one world"):
+        Renderer([])
+    with pytest.raises(ValueError, match="quality = 'quick': choose one of full, fast"):
+        Renderer([plane()], Camera(32, 32), "quick")  # pyright: ignore[reportArgumentType]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Step, evaluate, through_encoder
+from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Step, encoded_frames, evaluate
 from thalweg.bench.execute.backend import PACKAGED_POLICY
 from thalweg.bench.pictures.film import RiverMap
 from thalweg.core.atomic_io import atomic_path
@@ -39,9 +39,9 @@ def fly() -> tuple[World, np.ndarray, np.ndarray]:
     """Return the world, and poses [T, 4] and times [T] of a flight of the packaged policy on Medium."""
     course = Course.of_level("Medium", EvaluationConfig()).only(START)
     steps: list[Step] = []
-    view = through_encoder(course, load_encoder())
+    view = encoded_frames(course, load_encoder())
     (episode,) = evaluate(
-        load_policy(PACKAGED_POLICY), course, Label("packaged", 0, "Medium"), look=view, on_step=steps.append
+        load_policy(PACKAGED_POLICY), course, Label("packaged", 0, "Medium"), observe=view, on_step=steps.append
     )
     print(f"return {episode.return_:.2f}, cost {episode.cost:.1f}, {episode.length} steps")
     return course.world, np.concatenate([step.poses for step in steps]), np.concatenate([step.time_s for step in steps])

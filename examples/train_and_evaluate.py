@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
+from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, encoded_frames, evaluate
 from thalweg.bench.results.statistics import summarise
 from thalweg.train import load_policy
 from thalweg.train.river import RiverTraining, check_policy_fits, load_compatible_encoder
@@ -25,6 +25,6 @@ check_policy_fits(policy, encoder)
 config = EvaluationConfig(episodes=options.episodes)
 course = Course.of_level("Easy", config)
 label = Label("FOCOPS", 0, "Easy")
-rows = evaluate(policy, course, label, config, look=through_encoder(course.world, encoder))
+rows = evaluate(policy, course, label, config, observe=encoded_frames(course.world, encoder))
 cell = summarise(rows)
 print(f"Easy: return {cell.return_mean:.2f} ± {cell.return_std:.2f}, cost {cell.cost_mean:.2f} ± {cell.cost_std:.2f}")

@@ -13,7 +13,7 @@ import torch
 from benchmarks import gpu
 from thalweg.algos.interface import Task
 from thalweg.algos.registry import algorithm_named
-from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
+from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, encoded_frames, evaluate
 from thalweg.encoder import load_encoder
 from thalweg.env.config import ConfigError, EnvConfig
 from thalweg.env.torch_env import TensorRiverEnv
@@ -115,8 +115,8 @@ def test_a_policy_acts_the_same_on_gpu_and_cpu(easy_world: World, card: torch.de
     config = EvaluationConfig(episodes=20)
     course, label, returns = Course.on(easy_world, config), Label("PPO", 0, "Easy"), []
     for place in ("cpu", str(card)):
-        look = through_encoder(easy_world, load_encoder(device=place))
-        flights = evaluate(load_policy(tmp_path), course, label, config, look=look)
+        observe = encoded_frames(easy_world, load_encoder(device=place))
+        flights = evaluate(load_policy(tmp_path), course, label, config, observe=observe)
         returns.append(np.array([flight.return_ for flight in flights]))
     here, there = returns
     apart = float(np.mean(here - there))

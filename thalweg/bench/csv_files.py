@@ -1,4 +1,4 @@
-"""How do results reach the disk, and come back? Written whole or not at all; read row by row, each checked."""
+"""Reading and writing of the CSV files of results, and the error for files that cannot be used."""
 
 import csv
 from collections.abc import Iterable, Sequence
@@ -10,7 +10,7 @@ class ResultsError(ValueError):
 
 
 def csv_text(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """The rows as CSV with a header; floats are written so that they read back to the same bits."""
+    """Return the rows as CSV with a header; floats are written so that they read back to the same bits."""
     lines: list[str] = []
 
     class Lines:
@@ -25,7 +25,7 @@ def csv_text(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
-    """The rows of a CSV that has at least these columns, further ones allowed.
+    """Return the rows of a CSV file that has at least these columns.
 
     Raises `ResultsError` for a file that is not text, lacks a column or ends in the middle of a row.
     """

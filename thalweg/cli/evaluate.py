@@ -66,8 +66,8 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     from thalweg.bench.csv_files import ResultsError
     from thalweg.bench.evaluate.baselines import BASELINES
     from thalweg.bench.evaluate.episodes import Episode, write_episodes
-    from thalweg.bench.evaluate.evaluation import Label, evaluate, through_encoder
-    from thalweg.bench.evaluate.progress import all_landed, bar, progress_of_flights
+    from thalweg.bench.evaluate.evaluation import Label, encoded_frames, evaluate
+    from thalweg.bench.evaluate.progress import complete, progress_bar, track_episodes
     from thalweg.bench.results.results import Results
     from thalweg.bench.suite.config import PACKAGED
     from thalweg.cli.tables import make_console, print_tables
@@ -87,14 +87,14 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     rows: list[Episode] = []
     for river in rivers:
         courses, level = _courses(command, river)
-        with bar(console, "episodes") as progress:
+        with progress_bar(console, "episodes") as progress:
             for course in courses:
-                look = through_encoder(course.world, encoder) if encoder is not None else None
+                observe = encoded_frames(course.world, encoder) if encoder is not None else None
                 which = f", river {course.world.seed}" if command.unseen else ""
-                on_step = progress_of_flights(progress, f"{name} on {level}{which}", len(course.starts))
+                on_step = track_episodes(progress, f"{name} on {level}{which}", len(course.starts))
                 label = Label(name, command.seed, level)
-                rows.extend(evaluate(policy, course, label, command.config, look=look, on_step=on_step))
-                all_landed(progress)
+                rows.extend(evaluate(policy, course, label, command.config, observe=observe, on_step=on_step))
+                complete(progress)
     if command.out is not None:
         write_episodes(command.out, rows)
     print_tables(console, Results(Path(), {}, [], rows, [], []))

@@ -1,4 +1,4 @@
-"""Conditions of evaluation: what is flown where, and what varies in it."""
+"""Conditions of evaluation: trials, result folders, varied appearance and refused values."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +11,7 @@ import torch
 from tests.bench.small_backend import SUITE, SmallBackend
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import APPEARANCE, CONDITIONS, MAIN, SUN, Condition, Trial
-from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate, through_encoder
+from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, encoded_frames, evaluate
 from thalweg.bench.execute.backend import RiverBackend
 from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.report.report import problems
@@ -30,8 +30,8 @@ CONFIG = EvaluationConfig(episodes=3)
 USUAL = np.array([getattr(Look(), name) for name in PARAMETERS])
 
 
-class Seeing:
-    """An encoder that keeps what it is shown."""
+class RecordingEncoder:
+    """An encoder that records its frames."""
 
     device = torch.device("cpu")
 
@@ -43,20 +43,20 @@ class Seeing:
         return torch.zeros(len(frames), 16)
 
 
-class Ahead:
-    """Flies straight on."""
+class FlyAhead:
+    """Flies straight ahead."""
 
     def act(self, obs: np.ndarray, *, deterministic: bool, generator: torch.Generator) -> np.ndarray:
         return np.tile([1, 1, 0, 1], (len(obs), 1))
 
 
 @pytest.mark.slow
-def test_each_start_is_seen_in_its_own_way_and_by_its_own_sun(easy_world: World):
+def test_each_start_has_its_own_appearance_and_sun(easy_world: World):
     ranges = Randomisation.only(haze=(0.3, 6.0), warmth=(-0.6, 0.6), sun_azimuth_deg=(0.0, 360.0), suns=2)
     course = Course.on(easy_world, CONFIG).varied(ranges, CONFIG)
     assert course.looks is not None and course.suns is not None and len(course.lights) == 2
-    encoder = Seeing()
-    evaluate(Ahead(), course, Label("ahead", 0, "Easy"), CONFIG, look=through_encoder(course, encoder))  # pyright: ignore
+    encoder = RecordingEncoder()
+    evaluate(FlyAhead(), course, Label("ahead", 0, "Easy"), CONFIG, observe=encoded_frames(course, encoder))  # pyright: ignore
     looks = [Look(**dict(zip(PARAMETERS, row, strict=True))) for row in course.looks]
     drawn = Renderer(list(course.lights)).render(
         course.starts, world_index=course.suns, time_s=course.clocks_s, look=looks
@@ -66,7 +66,7 @@ def test_each_start_is_seen_in_its_own_way_and_by_its_own_sun(easy_world: World)
     assert (np.abs(drawn.astype(int) - plain)[..., :3].mean((1, 2, 3)) > 1.0).all()
 
 
-def test_only_the_named_part_varies_and_every_policy_meets_the_same(easy_world: World):
+def test_only_the_named_parameter_varies_and_equally_for_every_policy(easy_world: World):
     course = Course.on(easy_world, CONFIG)
     varied = [course.varied(Randomisation.only(haze=(0.3, 6.0)), CONFIG) for _ in range(2)]
     first, second = (each.looks for each in varied)
@@ -79,14 +79,14 @@ def test_only_the_named_part_varies_and_every_policy_meets_the_same(easy_world: 
     assert varied[0].lights == ()
 
 
-def test_one_start_of_a_varied_course_is_seen_as_among_the_others(easy_world: World):
+def test_a_single_start_of_a_varied_course_keeps_its_appearance(easy_world: World):
     course = Course.on(easy_world, CONFIG).varied(Randomisation.only(haze=(0.3, 6.0)), CONFIG)
     alone = course.only(2)
     assert course.looks is not None and alone.looks is not None
     np.testing.assert_array_equal(alone.looks, course.looks[2:])
 
 
-def test_every_part_of_a_look_has_a_condition_and_all_of_them_one():
+def test_each_parameter_of_the_appearance_has_a_condition_and_all_have_one_together():
     varied = [condition.varied for condition in CONDITIONS if condition.varied]
     assert {part for parts in varied[:-1] for part in parts} == {*PARAMETERS, *SUN}
     assert set(varied[-1]) == {*APPEARANCE, *SUN}
@@ -103,7 +103,7 @@ def test_trials_of_a_policy_and_of_a_baseline():
     assert [str(trial) for trial in baseline] == [*main, "Cam, real"]
 
 
-def test_results_of_conditions_have_folders_of_their_own(tmp_path: Path):
+def test_each_condition_has_a_folder_in_the_results(tmp_path: Path):
     suite = replace(SUITE, conditions=(Condition("mode", ("Easy",), blind=False), Condition("real", rivers=("Cam",))))
     run_suite(suite, tmp_path, SmallBackend())
     path = evaluation_path(tmp_path, "PPO-1", Trial("Easy", suite.conditions[0]))
@@ -135,20 +135,20 @@ def test_results_of_conditions_have_folders_of_their_own(tmp_path: Path):
         ({"unseen": True, "varied": ("haze",)}, "the appearance can vary only on the levels' fixed rivers"),
     ],
 )
-def test_a_misspelt_condition_fails_before_anything_is_done(tmp_path: Path, changes: dict[str, Any], message: str):
+def test_an_invalid_condition_is_refused_before_anything_runs(tmp_path: Path, changes: dict[str, Any], message: str):
     place = SmallBackend()
     with pytest.raises(ResultsError, match=message):
         run_suite(replace(SUITE, conditions=(Condition(**{"name": "it", **changes}),)), tmp_path / "new", place)
     assert place.calls == [] and not (tmp_path / "new").exists()
 
 
-def test_a_condition_is_named_once(tmp_path: Path):
+def test_two_conditions_with_the_same_name_are_refused(tmp_path: Path):
     with pytest.raises(ResultsError, match="condition it is named twice"):
         run_suite(replace(SUITE, conditions=(Condition("it"), Condition("it"))), tmp_path / "new", SmallBackend())
 
 
 @pytest.mark.slow
-def test_courses_are_what_their_condition_says():
+def test_courses_follow_their_condition():
     rivers = RiverBackend(replace(SUITE, arms=(Arm("PPO"),), episodes=2))
     (main,) = rivers.courses(Trial("Easy", MAIN))
     (varied,) = rivers.courses(Trial("Easy", Condition("ripple", varied=("ripple",))))

@@ -16,7 +16,7 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate import evaluation
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.episodes import REASONS, read_episodes, write_episodes
-from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Step, evaluate, through_encoder
+from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Step, encoded_frames, evaluate
 from thalweg.env import RiverVectorEnv, sample_starts
 from thalweg.env.initial_poses import CLOCK_RANGE_S
 from thalweg.render import Camera
@@ -27,7 +27,7 @@ LABEL = Label("tester", 3, "Easy")
 
 
 class Sampler:
-    """A policy that sees frames and draws its actions from what it sees."""
+    """A policy that sees frames and samples its actions given the observations."""
 
     def act(self, obs: np.ndarray, *, deterministic: bool, generator: torch.Generator) -> np.ndarray:
         drawn = torch.randint(3, (len(obs), 4), generator=generator).numpy()
@@ -42,38 +42,38 @@ def course(world=None, count: int = 6) -> Course:
     return Course(world, sample_starts(world, count, 0), np.linspace(0, 50, count), np.arange(count))
 
 
-def look(step: Step) -> np.ndarray:
+def observe(step: Step) -> np.ndarray:
     return np.column_stack([step.poses, step.time_s]).astype(np.float32)
 
 
-def test_a_flight_does_not_depend_on_what_is_flown_beside_it():
+def test_an_episode_does_not_depend_on_the_others_of_the_batch():
     whole = course()
-    together = evaluate(Sampler(), whole, LABEL, CONFIG, look=look)
-    alone = [evaluate(Sampler(), whole.only(place), LABEL, CONFIG, look=look)[0] for place in reversed(range(6))]
+    together = evaluate(Sampler(), whole, LABEL, CONFIG, observe=observe)
+    alone = [evaluate(Sampler(), whole.only(place), LABEL, CONFIG, observe=observe)[0] for place in reversed(range(6))]
     assert together == alone[::-1]
     assert len({row.length for row in together}) > 1  # they did end at different times
 
 
 def flicker(step: Step) -> np.ndarray:
-    """Numbers that look unlike those of the step before."""
+    """Observations that differ from those of the step before."""
     return np.sin(np.column_stack([step.poses, step.time_s]) * [31, 37, 41, 43, 47]).astype(np.float32)
 
 
 @pytest.mark.parametrize(("frames", "memory"), [(3, 0), (1, 4)], ids=["frames", "recurrent"])
-def test_each_episode_is_flown_with_a_memory_of_its_own(frames: int, memory: int):
+def test_each_episode_has_a_memory_of_its_own(frames: int, memory: int):
     actions = actions_of(gym.spaces.MultiDiscrete([3, 3, 3, 3]))
     policy = Policy(5, actions, NetworkShape((8,), initial="kaiming", memory=memory), frames=frames, normalise=False)
     with torch.no_grad():
         policy.actor.stack.flat.mul_(10.0)  # so that what is remembered decides
     whole, told = course(), []
-    together = evaluate(policy, whole, LABEL, CONFIG, look=flicker, on_step=told.append)
+    together = evaluate(policy, whole, LABEL, CONFIG, observe=flicker, on_step=told.append)
     assert len({len(step.flying) for step in told}) > 1  # they did end at different times
-    assert together == [evaluate(policy, whole.only(place), LABEL, CONFIG, look=flicker)[0] for place in range(6)]
-    assert together != evaluate(Forgetful(policy), whole, LABEL, CONFIG, look=flicker)
+    assert together == [evaluate(policy, whole.only(place), LABEL, CONFIG, observe=flicker)[0] for place in range(6)]
+    assert together != evaluate(Forgetful(policy), whole, LABEL, CONFIG, observe=flicker)
 
 
 class Forgetful:
-    """Takes every observation for the first of an episode."""
+    """Treats every observation as the first of an episode."""
 
     def __init__(self, policy: Policy) -> None:
         self.policy = policy
@@ -82,7 +82,7 @@ class Forgetful:
         return self.policy.player(1, deterministic=deterministic, generator=generator)(obs, np.ones(1, dtype=bool))
 
 
-def test_every_start_is_flown_to_its_end_exactly_once_however_early_others_end():
+def test_each_start_gives_exactly_one_episode_however_early_others_end():
     canal = handmade.canal(length_m=60.0)
     starts = np.array([[x, 0.0, 5.0, 0.0] for x in (50.0, 5.0, 55.0, 30.0)])
     rows = evaluate(BASELINES["forward"], Course(canal, starts, np.zeros(4), np.arange(4)), LABEL, CONFIG)
@@ -97,31 +97,31 @@ def test_hovering_ends_idle_with_a_loose_cost():
         assert (row.reason, row.cost, row.tight, row.loose, row.success) == ("Idle", 0.2, 0.0, 0.2, False)
 
 
-def test_the_pilot_flies_round_a_ring():
+def test_the_pilot_completes_a_ring():
     for row in evaluate(BASELINES["pilot"], course(), LABEL, CONFIG):
         assert (row.reason, row.cost, row.success, row.progress) == ("Success", 0.0, True, 1.0)
         assert row.return_ == pytest.approx(10.0)
 
 
-def test_another_seed_samples_other_actions_and_the_same_seed_the_same():
+def test_the_seed_determines_the_sampled_actions():
     rows = [evaluate(BASELINES["random"], course(), Label("random", seed, "Easy"), CONFIG) for seed in (0, 0, 1)]
     assert rows[0] == rows[1]
     assert [row.return_ for row in rows[0]] != [row.return_ for row in rows[2]]
     assert [(row.x, row.yaw) for row in rows[0]] == [(row.x, row.yaw) for row in rows[2]]
 
 
-def test_a_deterministic_evaluation_asks_for_the_mode():
+def test_a_deterministic_evaluation_passes_deterministic_to_the_policy():
     config = EvaluationConfig(episodes=6, deterministic=True)
-    rows = [evaluate(Sampler(), course(), Label("tester", seed, "Easy"), config, look=look) for seed in (0, 1)]
+    rows = [evaluate(Sampler(), course(), Label("tester", seed, "Easy"), config, observe=observe) for seed in (0, 1)]
     assert [row.length for row in rows[0]] == [row.length for row in rows[1]]
 
 
-def test_a_policy_that_sees_frames_needs_something_to_look_through():
-    with pytest.raises(ValueError, match="looks at frames"):
+def test_a_policy_that_sees_frames_needs_an_observation_function():
+    with pytest.raises(ValueError, match="sees frames"):
         evaluate(Sampler(), course(), LABEL, CONFIG)
 
 
-def test_what_is_looked_at_is_what_the_environment_shows():
+def test_encoded_frames_are_those_of_the_environment():
     starts = np.array([[x, 0.0, 5.0, 0.0] for x in (5.0, 15.0, 25.0)])
     whole = Course(handmade.canal(), starts, np.array([0.0, 7.0, 31.0]), np.arange(3))
     shown: list[np.ndarray] = []
@@ -135,8 +135,8 @@ def test_what_is_looked_at_is_what_the_environment_shows():
 
     renderer = handmade.BlankRenderer()
     renderer.camera = SimpleNamespace(**vars(Camera()) | vars(renderer.camera))  # smaller than a camera may be
-    see = through_encoder(whole.world, Encoder(), renderer)  # pyright: ignore[reportArgumentType]
-    evaluate(Straight(), whole, LABEL, CONFIG, look=see)
+    see = encoded_frames(whole.world, Encoder(), renderer)  # pyright: ignore[reportArgumentType]
+    evaluate(Straight(), whole, LABEL, CONFIG, observe=see)
     env = RiverVectorEnv([whole.world], 3, renderer=handmade.BlankRenderer())
     env.reset(seed=0, options={"pose": whole.starts})
     env.set_state({**env.get_state(), "time_s": whole.clocks_s})
@@ -150,7 +150,7 @@ class Straight:
         return np.tile([1, 1, 0, 1], (len(obs), 1))
 
 
-def test_steps_are_told_with_those_still_flying():
+def test_on_step_receives_the_running_episodes():
     told: list[Step] = []
     rows = evaluate(BASELINES["forward"], course(), LABEL, CONFIG, on_step=told.append)
     assert sum(len(step.flying) for step in told) == sum(row.length for row in rows)
@@ -158,7 +158,7 @@ def test_steps_are_told_with_those_still_flying():
     np.testing.assert_array_equal(told[0].time_s, course().clocks_s)
 
 
-def test_the_list_of_starts_is_the_same_for_every_policy_and_begins_alike(monkeypatch: pytest.MonkeyPatch):
+def test_a_longer_list_of_starts_begins_with_the_shorter_one(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(evaluation, "load_or_build", lambda level, seed: handmade.ring())
     few, many = (Course.of_level("easy", EvaluationConfig(episodes=count)) for count in (5, 20))
     np.testing.assert_array_equal(few.starts, many.starts[:5])
@@ -174,7 +174,7 @@ def test_no_start_is_a_pose_that_an_encoder_was_trained_on(monkeypatch: pytest.M
     assert not set(found.clocks_s) & set(clocks)
 
 
-def test_starts_and_clocks_are_of_different_streams(monkeypatch: pytest.MonkeyPatch):
+def test_starts_and_clocks_use_different_random_streams(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(evaluation, "load_or_build", lambda level, seed: handmade.ring())
     drawn = {seed: Course.of_level("Medium", EvaluationConfig(starts_seed=seed)).clocks_s.tolist() for seed in range(3)}
     assert len({value for clocks in drawn.values() for value in clocks}) == 60
@@ -183,18 +183,18 @@ def test_starts_and_clocks_are_of_different_streams(monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.parametrize(("wrong", "said"), [({"starts_seed": -1}, "starts_seed"), ({"episodes": 0}, "episodes")])
-def test_an_evaluation_that_makes_no_sense_is_refused(wrong: dict, said: str):
+def test_invalid_evaluation_configs_are_refused(wrong: dict, said: str):
     with pytest.raises(ResultsError, match=f"{said} must be"):
         EvaluationConfig(**wrong)
 
 
-def test_rows_survive_their_file_to_the_last_bit(tmp_path):
+def test_episodes_read_back_are_identical(tmp_path):
     rows = evaluate(BASELINES["random"], course(), LABEL, CONFIG)
     write_episodes(tmp_path / "rows.csv", rows)
     assert read_episodes(tmp_path / "rows.csv") == rows
 
 
-def test_rows_from_before_ends_were_kept_are_read(tmp_path: Path):
+def test_files_without_end_positions_can_be_read(tmp_path: Path):
     rows = evaluate(BASELINES["hover"], course(), LABEL, CONFIG)
     path = tmp_path / "rows.csv"
     write_episodes(path, rows)
@@ -204,7 +204,7 @@ def test_rows_from_before_ends_were_kept_are_read(tmp_path: Path):
     assert [row.return_ for row in found] == [row.return_ for row in rows]
 
 
-def test_reasons_are_named_as_in_the_paper():
+def test_reasons_have_the_names_of_the_paper():
     assert REASONS == (
         "Collision",
         "OutOfVolumeHorizontal",
@@ -216,7 +216,7 @@ def test_reasons_are_named_as_in_the_paper():
     )
 
 
-def test_unseen_rivers_are_others_of_the_level_with_a_start_each(monkeypatch: pytest.MonkeyPatch):
+def test_unseen_courses_are_other_rivers_of_the_level_with_one_start_each(monkeypatch: pytest.MonkeyPatch):
     built = []
 
     def river(level, seed: int):
@@ -228,7 +228,7 @@ def test_unseen_rivers_are_others_of_the_level_with_a_start_each(monkeypatch: py
     courses = Course.unseen("easy", config)
     assert built == [("Easy", evaluation.UNSEEN + place) for place in range(3)]
     assert [course.starts.shape for course in courses] == [(1, 4)] * 3
-    assert [course.places.tolist() for course in courses] == [[0], [1], [2]]
+    assert [course.indices.tolist() for course in courses] == [[0], [1], [2]]
     rows = [row for course in courses for row in evaluate(BASELINES["hover"], course, LABEL, config)]
     assert [(row.world_seed, row.episode) for row in rows] == [(evaluation.UNSEEN + place, place) for place in range(3)]
     assert [course.clocks_s.shape for course in courses] == [(1,)] * 3

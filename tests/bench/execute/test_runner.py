@@ -12,7 +12,7 @@ from tests.bench import small_backend
 from tests.bench.small_backend import SUITE, SmallBackend
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import Trial
-from thalweg.bench.evaluate.episodes import WORDS, read_episodes, write_episodes
+from thalweg.bench.evaluate.episodes import REASON_TEXT, read_episodes, write_episodes
 from thalweg.bench.execute import backend
 from thalweg.bench.execute.backend import installed_versions
 from thalweg.bench.execute.filming import best_of_all, policy_shots
@@ -228,7 +228,7 @@ def test_the_film_shows_the_best_flight_of_a_trained_policy_and_says_so(tmp_path
     returns = [row.return_ for row in rows if row.algorithm == best.algorithm]
     assert (tmp_path / "film.txt").read_text() == (
         f"{found.run.name} on Medium, start {best.episode} of the list: {best.length} steps, "
-        f"return {best.return_:.2f}, cost {best.cost:.1f}, {WORDS[best.reason]}. "
+        f"return {best.return_:.2f}, cost {best.cost:.1f}, {REASON_TEXT[best.reason]}. "
         f"The best of 12 flights of trained policies there; "
         f"the return of {best.algorithm}'s 6 is {np.mean(returns):.2f} ± {np.std(returns):.2f}.\n"
     )

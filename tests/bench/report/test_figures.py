@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from thalweg.bench.evaluate.episodes import REASONS, WORDS
+from thalweg.bench.evaluate.episodes import REASON_TEXT, REASONS
 from thalweg.bench.report.figures import PANELS, failure_bars, line_style, pdf, training_curves
 from thalweg.bench.results.reading import read_results
 
@@ -43,7 +43,7 @@ def test_the_bars_of_a_policy_fill_its_row(tiny_results: Path):
     easy, medium = figure.axes
     assert (easy.get_title(), medium.get_title()) == ("Easy", "Medium")
     shares = {bars.get_label(): [bar.get_width() for bar in bars] for bars in easy.containers}
-    assert list(shares) == [WORDS[reason] for reason in REASONS]
+    assert list(shares) == [REASON_TEXT[reason] for reason in REASONS]
     assert list(shares)[1:4] == ["left the river", "too low or high", "faced backwards"]
     assert shares["idle"] == [1, 0]
     assert shares["success"] == [0, 0.5]

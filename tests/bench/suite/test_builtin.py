@@ -1,4 +1,4 @@
-"""Suites from files: what a file may say, and what is said of what it may not."""
+"""Suites by name and from YAML files, and the messages for invalid files."""
 
 import re
 from pathlib import Path
@@ -33,7 +33,7 @@ def written(folder: Path, text: str) -> str:
     return str(folder / "mine.yaml")
 
 
-def test_a_file_says_what_the_dataclass_says(tmp_path: Path):
+def test_a_file_gives_the_same_suite_as_the_constructor(tmp_path: Path):
     strict = Arm(
         "PPOLag",
         settings={"cost_limit": 0.05, "hidden": [64, 64]},
@@ -52,7 +52,7 @@ def test_a_file_says_what_the_dataclass_says(tmp_path: Path):
 
 
 @pytest.mark.parametrize("name", SUITES)
-def test_every_suite_of_ours_can_be_written_as_a_file(name: str, tmp_path: Path):
+def test_each_builtin_suite_can_be_written_as_a_file(name: str, tmp_path: Path):
     data = SUITES[name].as_data()
     for condition in data["conditions"]:
         condition["rivers"] = list(condition["rivers"])
@@ -90,29 +90,29 @@ def test_every_suite_of_ours_can_be_written_as_a_file(name: str, tmp_path: Path)
         ),
     ],
 )
-def test_what_a_file_says_wrongly_is_named_with_its_place(tmp_path: Path, data: Any, said: str):
+def test_an_invalid_value_is_named_with_its_path(tmp_path: Path, data: Any, said: str):
     with pytest.raises(ResultsError, match=f"mine.yaml.*{said}"):
         load_suite(written(tmp_path, yaml.safe_dump(data)))
 
 
-def test_numbers_are_read_as_people_write_them(tmp_path: Path):
+def test_numbers_may_be_written_with_an_exponent(tmp_path: Path):
     text = "arms: [{algorithm: PPO, steps: 2e5, settings: {learning_rate: 1e-4}}]"
     (arm,) = load_suite(written(tmp_path, text)).arms
     assert (arm.steps, type(arm.steps), arm.settings) == (200_000, int, {"learning_rate": 1e-4})
 
 
-def test_a_key_that_stands_there_twice_is_an_error(tmp_path: Path):
+def test_a_duplicate_key_is_an_error(tmp_path: Path):
     with pytest.raises(ResultsError, match=r"is not YAML: duplicate key 'episodes'"):
         load_suite(written(tmp_path, "arms: []\nepisodes: 3\nepisodes: 4"))
 
 
-def test_the_file_that_the_docs_show_is_a_suite(tmp_path: Path):
+def test_the_file_in_the_docs_is_a_valid_suite(tmp_path: Path):
     (shown,) = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "bench.md").read_text(), flags=re.DOTALL)
     suite = load_suite(written(tmp_path, shown))
     assert [arm.label for arm in suite.arms] == ["FOCOPS", "FOCOPS-strict"]
 
 
-def test_the_command_takes_a_file(tmp_path: Path, capsys: pytest.CaptureFixture):
+def test_the_command_accepts_a_file(tmp_path: Path, capsys: pytest.CaptureFixture):
     file = written(tmp_path, "arms: [{algorithm: POP}]")
     assert main(["bench", file, "--out", str(tmp_path / "out")]) == 2
     assert "suite mine: unknown algorithm 'POP'; known: PPO" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""The record of a suite: what of `suite.json` cannot be used is named, and nothing is made of it."""
+"""Reading of `suite.json`: a damaged record is not used, and the message names what is wrong."""
 
 import json
 import shutil
@@ -67,7 +67,7 @@ DAMAGED: list[tuple[Any, str]] = [
 
 
 @pytest.mark.parametrize(("damaged", "said"), DAMAGED, ids=[said for _, said in DAMAGED])
-def test_a_damaged_record_is_not_used_and_the_report_says_why(
+def test_a_damaged_record_is_ignored_and_the_report_says_why(
     tiny_results: Path, damaged: Any, said: str, capsys: pytest.CaptureFixture
 ):
     (tiny_results / "suite.json").write_text(json.dumps(damaged))
@@ -78,7 +78,7 @@ def test_a_damaged_record_is_not_used_and_the_report_says_why(
     assert f"{NO_RECORD}{said}" in capsys.readouterr().err
 
 
-def test_without_a_record_flights_under_conditions_are_named_together(tiny_results: Path):
+def test_without_a_record_episodes_under_conditions_are_named_together(tiny_results: Path):
     for name in ("unseen", "haze"):
         shutil.copytree(
             tiny_results / "evaluation",
@@ -93,7 +93,7 @@ def test_without_a_record_flights_under_conditions_are_named_together(tiny_resul
     assert unknown == "evaluation: flights under haze, unseen, for without suite.json no condition is known"
 
 
-def test_results_go_into_a_folder(tmp_path: Path):
+def test_a_results_path_that_is_a_file_is_refused(tmp_path: Path):
     (tmp_path / "file").write_text("mine")
     for place in (tmp_path / "file", tmp_path / "file" / "below" / "it"):
         with pytest.raises(ResultsError, match="file is not a folder; give a new folder for the suite"):
@@ -102,7 +102,7 @@ def test_results_go_into_a_folder(tmp_path: Path):
 
 
 @pytest.mark.parametrize(("damaged", "said"), DAMAGED, ids=[said for _, said in DAMAGED])
-def test_results_with_a_damaged_record_are_not_gone_on_with(tmp_path: Path, damaged: Any, said: str):
+def test_results_with_a_damaged_record_are_not_resumed(tmp_path: Path, damaged: Any, said: str):
     (tmp_path / "suite.json").write_text(json.dumps(damaged))
     place = SmallBackend()
     with pytest.raises(ResultsError) as refused:
@@ -111,7 +111,7 @@ def test_results_with_a_damaged_record_are_not_gone_on_with(tmp_path: Path, dama
     assert place.calls == []
 
 
-def test_a_long_value_is_named_by_its_beginning(tiny_results: Path):
+def test_a_long_value_is_shortened_in_the_message(tiny_results: Path):
     (tiny_results / "suite.json").write_text(json.dumps(BASE | {"arms": {"PPO": "x" * 1000}}))
     (line,) = read_results(tiny_results).skipped
     assert line == f'{NO_RECORD}arms must be a list, got {{"PPO": "{"x" * 71}...'
@@ -121,13 +121,13 @@ def test_a_long_value_is_named_by_its_beginning(tiny_results: Path):
     ("content", "said"),
     [(b"{", "Expecting property name"), (b"\xff", "'utf-8' codec"), (b"[" * 100_000, "maximum recursion depth")],
 )
-def test_what_is_no_json_is_not_used(tiny_results: Path, content: bytes, said: str):
+def test_a_file_that_is_not_json_is_ignored(tiny_results: Path, content: bytes, said: str):
     (tiny_results / "suite.json").write_bytes(content)
     (line,) = read_results(tiny_results).skipped
     assert line.startswith(f"suite.json cannot be read: {said}")
 
 
-def test_a_record_without_arms_is_not_that_of_runs_that_were_trained(tiny_results: Path):
+def test_a_record_without_arms_does_not_fit_trained_runs(tiny_results: Path):
     (tiny_results / "suite.json").write_text(json.dumps(BASE | {"arms": []}))
     found = read_results(tiny_results)
     assert found.suite == {}
@@ -138,11 +138,11 @@ def test_a_record_without_arms_is_not_that_of_runs_that_were_trained(tiny_result
 @pytest.mark.parametrize(
     "folder", ["benchmarks/paper", "benchmarks/open", "benchmarks/easy", "tests/bench/tiny_results"]
 )
-def test_a_record_of_ours_is_taken_as_it_stands(folder: str):
+def test_the_committed_records_are_valid(folder: str):
     assert read_suite(ROOT / folder) == json.loads((ROOT / folder / "suite.json").read_text())
 
 
-def test_what_a_later_version_may_add_is_no_damage(tmp_path: Path):
+def test_unknown_keys_of_a_record_are_kept(tmp_path: Path):
     record = BASE | {"arms": [ARM | {"colour": 3}], "new": None}
     (tmp_path / "suite.json").write_text(json.dumps(record))
     assert read_suite(tmp_path) == record

@@ -1,6 +1,6 @@
-"""Which policies need no training? Four yardsticks behind the same interface as a trained policy.
+"""Baselines: four policies that need no training, with the interface of a trained policy.
 
-They see no frames, so nothing is drawn for them. `sees` says what `act` is given as its observation.
+They see no frames, so none are rendered for them. Their attribute `sees` names the observation that `act` takes.
 """
 
 from typing import Literal, Protocol, runtime_checkable
@@ -11,41 +11,42 @@ import torch
 from thalweg.algos.policy.policy import Player
 
 Sight = Literal["nothing", "pilot", "frames"]
-"""What a policy acts on: nothing, the scripted pilot's actions, or (if it does not say) the latents of frames."""
+"""Observation of a policy: nothing, the scripted pilot's actions, or latents of frames (the default)."""
 
 NONE, FORWARD = 1, 0
 """Values of an action branch: 0 up, left or forward; 1 none; 2 down, right or backward."""
 
 
 @runtime_checkable
-class Remembering(Protocol):
-    """A policy that may remember its episodes: each is flown by a player of its own."""
+class RecurrentPolicy(Protocol):
+    """A policy that may have a memory: a player of its own acts in each episode."""
 
     def player(self, num_envs: int, *, deterministic: bool, generator: torch.Generator) -> Player:
-        """The policy in so many environments."""
+        """Return a player for a number of environments."""
         ...
 
 
 class Policy(Protocol):
-    """A policy that acts on what it sees alone."""
+    """A policy without memory."""
 
     def act(self, obs: np.ndarray, *, deterministic: bool, generator: torch.Generator) -> np.ndarray:
-        """Actions int [N, 4] for observations float32 [N, D]."""
+        """Return actions int [N, 4] for observations float32 [N, D]."""
         ...
 
 
 class Random:
-    """Every branch of every action at random, all values alike."""
+    """Samples every branch of every action uniformly."""
 
     sees: Sight = "nothing"
 
     def act(self, obs: np.ndarray, *, deterministic: bool, generator: torch.Generator) -> np.ndarray:
-        """Actions int [N, 4]; there is no deterministic form of this policy, so it samples in any case."""
+        """Return actions int [N, 4]; they are sampled even if `deterministic`, since the most probable action is not
+        unique."""
         return torch.randint(3, (len(obs), 4), generator=generator).numpy()
 
 
 class Constant:
-    """The same action in every step."""
+    """Takes the same action in every step."""
 
     sees: Sight = "nothing"
 
@@ -53,17 +54,17 @@ class Constant:
         self.action = np.asarray(action)
 
     def act(self, obs: np.ndarray, *, deterministic: bool, generator: torch.Generator) -> np.ndarray:
-        """Actions int [N, 4]."""
+        """Return actions int [N, 4]."""
         return np.tile(self.action, (len(obs), 1))
 
 
 class Pilot:
-    """The scripted pilot, which knows the map: what can be reached, not what can be learnt."""
+    """The scripted pilot, which knows the map: it shows what is possible, not what can be learned from frames."""
 
     sees: Sight = "pilot"
 
     def act(self, obs: np.ndarray, *, deterministic: bool, generator: torch.Generator) -> np.ndarray:
-        """The actions int [N, 4] that `obs` already is."""
+        """Return `obs`, which are the pilot's actions int [N, 4]."""
         return np.asarray(obs)
 
 

@@ -1,4 +1,4 @@
-"""What is a result? One row per evaluated episode; every figure of a report is computed from such rows."""
+"""Records of evaluated episodes and their CSV files; every figure of a report is computed from them."""
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
@@ -10,31 +10,31 @@ from thalweg.core.atomic_io import write_atomic
 from thalweg.env import DoneReason
 
 REASONS = tuple(reason.label for reason in DoneReason if reason >= 0)
-"""Why an episode ended, in the order of the codes of `thalweg.env.DoneReason`."""
-WORDS = dict(
+"""Reasons for the end of an episode, in the order of the codes of `thalweg.env.DoneReason`."""
+REASON_TEXT = dict(
     zip(
         REASONS,
         ("collision", "left the river", "too low or high", "faced backwards", "idle", "out of steps", "success"),
         strict=True,
     )
 )
-"""The same for people: files keep the paper's names, pages and pictures have these."""
+"""Plain words for each reason, shown on pages and pictures; files have the paper's names."""
 
 
 @dataclass(frozen=True)
 class Episode:
-    """One flight from a given start to its end."""
+    """One episode from a given start to its end."""
 
     algorithm: str
-    """As in the registry of algorithms, or the name of a baseline."""
+    """Name of the algorithm in the registry, or of a baseline."""
     seed: int
-    """Seed of the training run, and of the sampled actions."""
+    """Seed of the training run, and of action sampling."""
     level: str
     world_seed: int
     episode: int
-    """Place of the start in the level's fixed list."""
+    """Index of the start in the level's fixed list."""
     x: float
-    """Start in metres, and the heading in radians."""
+    """Start position in metres, and the heading in radians."""
     y: float
     z: float
     yaw: float
@@ -45,39 +45,40 @@ class Episode:
     tight: float
     loose: float
     length: int
-    """Steps flown."""
+    """Number of steps."""
     reason: str
     """One of `REASONS`."""
     success: bool
     progress: float
     """Share of the course's segments that were visited."""
     end_x: float = float("nan")
-    """Where it ended, in metres; NaN in results from before this was kept."""
+    """End position in metres; NaN in results from before it was recorded."""
     end_y: float = float("nan")
     end_z: float = float("nan")
 
 
-ENDS = ("end_x", "end_y", "end_z")
-"""Columns that older results lack."""
+END_COLUMNS = ("end_x", "end_y", "end_z")
+"""Columns of the end position, which older results lack."""
 COLUMNS = tuple(field.name.rstrip("_") for field in fields(Episode))
 
 
 def write_episodes(path: Path, episodes: Sequence[Episode]) -> None:
-    """Write the rows as CSV, whole or not at all."""
+    """Write the rows as CSV, atomically."""
     rows = [[int(value) if isinstance(value, bool) else value for value in astuple(row)] for row in episodes]
     write_atomic(path, csv_text(COLUMNS, rows))
 
 
 def read_episodes(path: Path) -> list[Episode]:
-    """The rows of a file; raises `ResultsError` for one that is half-written or not of this kind."""
+    """Return the rows of a file; raises `ResultsError` for a file that is half-written or of another kind."""
     parse = {"int": int, "float": float, "str": str, "bool": lambda text: bool(int(text))}
     episodes = []
-    unknown = dict.fromkeys(ENDS, "nan")
-    for number, row in enumerate(read_csv(path, [name for name in COLUMNS if name not in ENDS]), start=2):
-        said = unknown | row
+    defaults = dict.fromkeys(END_COLUMNS, "nan")
+    for number, row in enumerate(read_csv(path, [name for name in COLUMNS if name not in END_COLUMNS]), start=2):
+        texts = defaults | row
         try:
             values = [
-                parse[getattr(field.type, "__name__", "str")](said[field.name.rstrip("_")]) for field in fields(Episode)
+                parse[getattr(field.type, "__name__", "str")](texts[field.name.rstrip("_")])
+                for field in fields(Episode)
             ]
         except ValueError as error:
             raise ResultsError(f"{path.name} line {number}: {error}") from error

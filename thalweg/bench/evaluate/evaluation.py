@@ -1,8 +1,8 @@
-"""How good is a policy? Every start of a fixed list is flown to its end exactly once.
+"""Evaluation of a policy: one episode from each start of a fixed list.
 
-The list belongs to the level, so that it is the same for every algorithm and seed. Nothing here is first-to-finish:
-counting whichever episodes end first would favour short ones. Each episode has its own random generator, and
-actions are drawn for one episode at a time, so that a row does not depend on what is flown beside it.
+The list belongs to the level, so it is the same for every algorithm and seed. Every episode is run to its end; counting
+the episodes that end first would favour short ones. Each episode has its own random generator, and actions are sampled
+for one episode at a time, so a row does not depend on the other episodes of the batch.
 """
 
 import zlib
@@ -16,8 +16,8 @@ from pydantic import Field, InstanceOf
 
 from thalweg.algos.policy.policy import Player
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.evaluate.baselines import Policy, Remembering, Sight
-from thalweg.bench.evaluate.episodes import ENDS, REASONS, Episode
+from thalweg.bench.evaluate.baselines import Policy, RecurrentPolicy, Sight
+from thalweg.bench.evaluate.episodes import END_COLUMNS, REASONS, Episode
 from thalweg.core.config import frozen_config
 from thalweg.encoder import Encoder
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
@@ -30,10 +30,10 @@ from thalweg.train.build_notice import announce_build
 from thalweg.world import World, level_named, load_or_build
 
 EVALUATION, CLOCKS, LOOKS = zlib.crc32(b"evaluation"), zlib.crc32(b"clocks"), zlib.crc32(b"looks")
-"""Streams of random numbers of the evaluation, so that nothing that is trained on comes from the same seed as a start:
-neither the frames of the encoder nor the episodes of a policy."""
+"""Random streams of the evaluation. Nothing in training draws from them: neither the frames of the encoder nor the
+episodes of a policy share a seed with a start."""
 UNSEEN = 100_000
-"""Seed of the first of a level's rivers that nothing is trained on."""
+"""Seed of the first unseen river of a level; nothing is trained on it or on later seeds."""
 
 
 @frozen_config(ResultsError)
@@ -55,7 +55,7 @@ DEFAULT_EVALUATION = EvaluationConfig()
 
 @dataclass(frozen=True)
 class Label:
-    """What the rows of an evaluation are called."""
+    """Algorithm, seed and level that the rows of an evaluation are labelled with."""
 
     algorithm: str
     seed: int
@@ -64,32 +64,33 @@ class Label:
 
 @dataclass(frozen=True)
 class Course:
-    """A world and the starts to fly on it; K starts."""
+    """A world and K starts on it."""
 
     world: World
     starts: np.ndarray
     """[K, 4] float64: x, y, z in metres and the heading in radians."""
     clocks_s: np.ndarray
-    """[K] float64, where the water's clock stands at each start: its ripples are the same for every policy too."""
-    places: np.ndarray
-    """[K] int64, the place of each start in the level's list."""
+    """[K] float64, the water's clock at each start, so that every policy sees the same ripples."""
+    indices: np.ndarray
+    """[K] int64, the index of each start in the level's list."""
     looks: np.ndarray | None = None
-    """[K, P] float64, how each is seen (see `thalweg.render.records.appearance.PARAMETERS`); None for the usual day."""
+    """[K, P] float64, appearance of each episode (see `thalweg.render.records.appearance.PARAMETERS`); None for the
+    default one."""
     lights: tuple[World, ...] = ()
-    """The world under each sun that starts are drawn from; none: under its own."""
+    """The world under each sun; empty if only its own sun is used."""
     suns: np.ndarray | None = None
-    """[K] int64, which of the lights each start has."""
+    """[K] int64, the index into `lights` of each start."""
 
     @classmethod
     def of_level(cls, level: str, config: EvaluationConfig) -> "Course":
-        """The level's fixed river and its fixed list of starts."""
+        """Return the course of a level: its fixed river and fixed list of starts."""
         chosen = level_named(level)
         announce_build(chosen, chosen.default_seed)
         return cls.on(load_or_build(chosen, chosen.default_seed), config)
 
     @classmethod
     def on(cls, world: World, config: EvaluationConfig) -> "Course":
-        """A world and its fixed list of starts."""
+        """Return the course of a world with its fixed list of starts."""
         seed = EVALUATION + config.starts_seed
         starts = sample_starts(world, config.episodes, seed, config=config.env)
         clocks = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(CLOCKS,)))
@@ -97,32 +98,34 @@ class Course:
 
     @classmethod
     def unseen(cls, level: str, config: EvaluationConfig) -> list["Course"]:
-        """As many rivers of the level as there are episodes, on which nothing is trained, and on each another place of
-        its own list of starts: the first on the first, the second on the second, and so on."""
+        """Return one course per episode, each on another unseen river of the level and with one start.
+
+        The start on the i-th river is the i-th of that river's own list.
+        """
         chosen, courses = level_named(level), []
-        for place in range(config.episodes):
-            announce_build(chosen, UNSEEN + place)
-            courses.append(cls.on(load_or_build(chosen, UNSEEN + place), config).only(place))
+        for index in range(config.episodes):
+            announce_build(chosen, UNSEEN + index)
+            courses.append(cls.on(load_or_build(chosen, UNSEEN + index), config).only(index))
         return courses
 
     def varied(self, randomisation: Randomisation, config: EvaluationConfig) -> "Course":
-        """The same starts, each seen in a way of its own, which is the same for every policy."""
+        """Return the course with a random appearance for each start, the same for every policy."""
         seeds = np.random.SeedSequence(EVALUATION + config.starts_seed, spawn_key=(LOOKS,))
         generator = np.random.default_rng(seeds)
-        drawn = [randomisation.draw(generator) for _ in self.places]
+        drawn = [randomisation.draw(generator) for _ in self.indices]
         lights = relit_worlds([self.world], randomisation) if randomisation.suns else []
         looks, suns = np.array([look for look, _ in drawn]), np.array([sun for _, sun in drawn])
         return replace(self, looks=looks, lights=tuple(lights), suns=suns)
 
-    def only(self, place: int) -> "Course":
-        """The course with but one start of its list; flown alone it gives the same flight."""
-        row = np.flatnonzero(self.places == place)
+    def only(self, index: int) -> "Course":
+        """Return the course with a single start of its list; the episode from it is the same as in the full course."""
+        row = np.flatnonzero(self.indices == index)
         looks, suns = (None if each is None else each[row] for each in (self.looks, self.suns))
         return replace(
             self,
             starts=self.starts[row],
             clocks_s=self.clocks_s[row],
-            places=self.places[row],
+            indices=self.indices[row],
             looks=looks,
             suns=suns,
         )
@@ -130,103 +133,104 @@ class Course:
 
 @dataclass(frozen=True)
 class Step:
-    """What is about to be flown, as `on_step` is told: K episodes are still in the air."""
+    """State before a step of the evaluation; K episodes are running."""
 
     flying: np.ndarray
-    """[K] int64, rows of the course."""
+    """[K] int64, row of the course of each running episode."""
     poses: np.ndarray
-    """[K, 4] float64, before the step."""
+    """[K, 4] float64, poses before the step."""
     time_s: np.ndarray
     """[K] float64."""
     returns: np.ndarray
-    """[K] float64, so far."""
+    """[K] float64, returns so far."""
     waiting: int = 0
-    """Episodes on other rivers that are still to be begun."""
+    """Number of episodes on other rivers that have not started."""
 
 
-Look = Callable[[Step], np.ndarray]
-"""From what is about to be flown to observations [K, D], each row on its own."""
+Observe = Callable[[Step], np.ndarray]
+"""A function from the state before a step to observations [K, D]; rows do not depend on one another."""
 
 
-def episode_generator(label: Label, place: int) -> torch.Generator:
-    """The generator of one episode's sampled actions, given by the seed, the level and the place in the list alone."""
-    entropy = np.random.SeedSequence([label.seed, zlib.crc32(label.level.encode()), place])
+def episode_generator(label: Label, index: int) -> torch.Generator:
+    """Return the generator that samples the actions of one episode; it depends on seed, level and start index alone."""
+    entropy = np.random.SeedSequence([label.seed, zlib.crc32(label.level.encode()), index])
     return torch.Generator().manual_seed(int(entropy.generate_state(1, np.uint64)[0] >> np.uint64(1)))
 
 
-def through_encoder(place: World | Course, encoder: Encoder, renderer: Renderer | None = None) -> Look:
-    """What a trained policy sees: the latents float32 [K, Z] of the frames at each step's poses and times.
+def encoded_frames(scene: World | Course, encoder: Encoder, renderer: Renderer | None = None) -> Observe:
+    """Return the observation function of a trained policy: latents float32 [K, Z] of the frames at each step.
 
-    Of a course every start is seen in its own way, of a world all are on the usual day. Frames are drawn on the
-    encoder's device, where a renderer that is given must be, and stay there.
+    On a course, each start has its own appearance; on a world, all have the default one. Frames are rendered on the
+    encoder's device and stay there; a renderer that is given must be on that device too.
     """
-    course = place if isinstance(place, Course) else None
-    worlds = [place] if isinstance(place, World) else place.lights or [place.world]
-    drawn = renderer or Renderer(worlds, device=str(encoder.device))
-    camera, device = drawn.camera, encoder.device
+    course = scene if isinstance(scene, Course) else None
+    worlds = [scene] if isinstance(scene, World) else scene.lights or [scene.world]
+    renderer = renderer or Renderer(worlds, device=str(encoder.device))
+    camera, device = renderer.camera, encoder.device
 
-    def given(array: np.ndarray | None, rows: np.ndarray, usual: np.ndarray) -> np.ndarray:
-        return np.repeat(usual, len(rows), axis=0) if array is None else array[rows]
+    def select(array: np.ndarray | None, rows: np.ndarray, default: np.ndarray) -> np.ndarray:
+        return np.repeat(default, len(rows), axis=0) if array is None else array[rows]
 
-    def look(step: Step) -> np.ndarray:
+    def observe(step: Step) -> np.ndarray:
         rows = step.flying
-        looks = given(course.looks if course else None, rows, look_values(None, 1))
-        suns = given(course.suns if course else None, rows, np.zeros(1, np.int64))
-        views = (suns, step.poses, step.time_s, look_rows(looks, camera))
+        looks = select(course.looks if course else None, rows, look_values(None, 1))
+        suns = select(course.suns if course else None, rows, np.zeros(1, np.int64))
+        arrays = (suns, step.poses, step.time_s, look_rows(looks, camera))
         frames = torch.empty(len(rows), camera.height_px, camera.width_px, 4, dtype=torch.uint8, device=device)
-        drawn.render_tensors(tuple(torch.from_numpy(np.ascontiguousarray(view)).to(device) for view in views), frames)
+        views = tuple(torch.from_numpy(np.ascontiguousarray(array)).to(device) for array in arrays)
+        renderer.render_tensors(views, frames)
         return encoder.of_tensor(frames).cpu().numpy()
 
-    return look
+    return observe
 
 
 def evaluate(
-    policy: Policy | Remembering,
+    policy: Policy | RecurrentPolicy,
     course: Course,
     label: Label,
     config: EvaluationConfig = DEFAULT_EVALUATION,
     *,
-    look: Look | None = None,
+    observe: Observe | None = None,
     on_step: Callable[[Step], None] | None = None,
 ) -> list[Episode]:
-    """One row per start of the course, in the order of the list.
+    """Return one row per start of the course, in the order of the list.
 
-    `look` gives the observations of policies that see frames (see `through_encoder`); `on_step` is called before every
-    step. Raises `ValueError` for a policy that sees frames where there is no `look`.
+    `observe` gives the observations of policies that see frames, such as `encoded_frames`; `on_step` is called before
+    every step. Raises `ValueError` for a policy that sees frames if `observe` is None.
     """
     sees: Sight = getattr(policy, "sees", "frames")
-    if sees == "frames" and look is None:
-        raise ValueError("this policy looks at frames: give `look`, such as through_encoder(world, load_encoder())")
-    env = _begin(course, config)
-    players = [_player(policy, episode_generator(label, int(place)), config) for place in course.places]
-    tally = _Tally(len(course.starts))
+    if sees == "frames" and observe is None:
+        raise ValueError("this policy sees frames: give `observe`, such as encoded_frames(world, load_encoder())")
+    env = _make_env(course, config)
+    players = [_player(policy, episode_generator(label, int(index)), config) for index in course.indices]
+    totals = _EpisodeTotals(len(course.starts))
     actions = np.ones((len(course.starts), 4), dtype=np.int64)
-    while len(flying := np.flatnonzero(tally.reason < 0)):
+    while len(flying := np.flatnonzero(totals.reason < 0)):
         state = env.get_state()
-        step = Step(flying, state["pose"][flying], state["time_s"][flying], tally.return_[flying])
+        step = Step(flying, state["pose"][flying], state["time_s"][flying], totals.return_[flying])
         if on_step is not None:
             on_step(step)
-        if sees == "frames" and look is not None:
-            obs = look(step)
+        if sees == "frames" and observe is not None:
+            obs = observe(step)
         else:
             obs = env.pilot_actions()[flying] if sees == "pilot" else np.zeros((len(flying), 0), np.float32)
         for row, index in enumerate(flying):
-            actions[index] = players[index](obs[row : row + 1], tally.length[index : index + 1] == 0)[0]
+            actions[index] = players[index](obs[row : row + 1], totals.length[index : index + 1] == 0)[0]
         _, reward, _, _, info = env.step(actions)
-        tally.add(flying, reward, info)
+        totals.add(flying, reward, info)
     env.close()
-    return tally.rows(course, label)
+    return totals.rows(course, label)
 
 
-def _player(policy: Policy | Remembering, generator: torch.Generator, config: EvaluationConfig) -> Player:
-    """The policy in one episode, with a memory of its own."""
-    if isinstance(policy, Remembering):
+def _player(policy: Policy | RecurrentPolicy, generator: torch.Generator, config: EvaluationConfig) -> Player:
+    """Return the policy in one episode, with its own memory if it has one."""
+    if isinstance(policy, RecurrentPolicy):
         return policy.player(1, deterministic=config.deterministic, generator=generator)
     return lambda obs, fresh: policy.act(obs, deterministic=config.deterministic, generator=generator)
 
 
-def _begin(course: Course, config: EvaluationConfig) -> RiverVectorEnv:
-    """The rules, with every start of the course set. An episode that ends is begun anew elsewhere and not looked at."""
+def _make_env(course: Course, config: EvaluationConfig) -> RiverVectorEnv:
+    """Return an environment with one slot per start. A slot whose episode has ended resets itself and is ignored."""
     env = RiverVectorEnv([course.world], len(course.starts), config=config.env)
     env.reset(seed=config.starts_seed, options={"pose": course.starts})
     state = env.get_state()
@@ -235,8 +239,8 @@ def _begin(course: Course, config: EvaluationConfig) -> RiverVectorEnv:
     return env
 
 
-class _Tally:
-    """Sums over each episode until its first end; what the slot flies after that is not counted."""
+class _EpisodeTotals:
+    """Totals of each episode until its first end; later steps of its slot do not count."""
 
     def __init__(self, count: int) -> None:
         self.return_ = np.zeros(count)
@@ -263,7 +267,7 @@ class _Tally:
                 label.seed,
                 label.level,
                 course.world.seed,
-                int(course.places[index]),
+                int(course.indices[index]),
                 *(float(value) for value in course.starts[index]),
                 return_=float(self.return_[index]),
                 cost=float(self.cost[index]),
@@ -273,7 +277,7 @@ class _Tally:
                 reason=REASONS[self.reason[index]],
                 success=REASONS[self.reason[index]] == "Success",
                 progress=float(self.progress[index]),
-                **dict(zip(ENDS, map(float, self.ends[index]), strict=True)),
+                **dict(zip(END_COLUMNS, map(float, self.ends[index]), strict=True)),
             )
             for index in range(len(course.starts))
         ]

@@ -1,4 +1,4 @@
-"""How far is an evaluation, or a film? Bars for people to watch; nothing depends on them."""
+"""Progress bars of evaluations and films."""
 
 import time
 from collections.abc import Callable
@@ -9,8 +9,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from thalweg.bench.evaluate.evaluation import Step
 
 
-def bar(console: Console, unit: str) -> Progress:
-    """A bar that counts units such as episodes, with a rate beside it; its tasks have a field `rate`."""
+def progress_bar(console: Console, unit: str) -> Progress:
+    """Return a progress bar that counts units such as episodes, with a rate; its tasks have a field `rate`."""
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -21,38 +21,38 @@ def bar(console: Console, unit: str) -> Progress:
     )
 
 
-def progress_of_flights(progress: Progress, name: str, episodes: int) -> Callable[[Step], None]:
-    """What `evaluate` calls before every step, to move the bar."""
+def track_episodes(progress: Progress, name: str, episodes: int) -> Callable[[Step], None]:
+    """Return the `on_step` of `evaluate` that advances a progress bar."""
     task = progress.add_task(name, total=episodes, rate="")
-    begun = time.perf_counter()
-    flown = 0
+    started_at = time.perf_counter()
+    steps = 0
 
     def on_step(step: Step) -> None:
-        nonlocal flown
-        flown += len(step.flying)
-        rate = flown / max(time.perf_counter() - begun, 1e-9)
-        left = len(step.flying) + step.waiting
-        progress.update(task, completed=episodes - left, rate=f"{rate:,.0f} steps/s")
+        nonlocal steps
+        steps += len(step.flying)
+        rate = steps / max(time.perf_counter() - started_at, 1e-9)
+        remaining = len(step.flying) + step.waiting
+        progress.update(task, completed=episodes - remaining, rate=f"{rate:,.0f} steps/s")
 
     return on_step
 
 
-def all_landed(progress: Progress) -> None:
-    """Fill the bars: `on_step` is not told of the last landing."""
+def complete(progress: Progress) -> None:
+    """Fill the bars: `on_step` is not called after the last step."""
     for task in progress.tasks:
         progress.update(task.id, completed=task.total)
 
 
-def progress_of_frames(progress: Progress, name: str, frames: int) -> Callable[[], None]:
-    """What filming calls after every frame, to move the bar."""
+def track_frames(progress: Progress, name: str, frames: int) -> Callable[[], None]:
+    """Return a callback for each frame of a film that advances a progress bar."""
     task = progress.add_task(name, total=frames, rate="")
-    begun = time.perf_counter()
-    drawn = 0
+    started_at = time.perf_counter()
+    rendered = 0
 
     def on_frame() -> None:
-        nonlocal drawn
-        drawn += 1
-        rate = drawn / max(time.perf_counter() - begun, 1e-9)
-        progress.update(task, completed=drawn, rate=f"{rate:,.1f} frames/s")
+        nonlocal rendered
+        rendered += 1
+        rate = rendered / max(time.perf_counter() - started_at, 1e-9)
+        progress.update(task, completed=rendered, rate=f"{rate:,.1f} frames/s")
 
     return on_frame

@@ -13,7 +13,7 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES, Policy
 from thalweg.bench.evaluate.conditions import MAIN, RIVERS, Trial
 from thalweg.bench.evaluate.episodes import Episode
-from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Look, Step, evaluate, through_encoder
+from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Observe, Step, encoded_frames, evaluate
 from thalweg.bench.pictures.film_format import FilmFormat
 from thalweg.bench.suite.config import Arm, Run, Stage, Suite
 from thalweg.core import versions
@@ -68,7 +68,7 @@ class RiverBackend:
 
     def __init__(self, suite: Suite) -> None:
         self.suite = suite
-        self._looks: dict[str, Look] = {}
+        self._observers: dict[str, Observe] = {}
 
     @cached_property
     def encoder(self) -> Encoder:
@@ -115,29 +115,29 @@ class RiverBackend:
             return BASELINES[run.algorithm]
         return load_policy(PACKAGED_POLICY if run.kind == "packaged" else folder)
 
-    def looks(self, trial: Trial, courses: Sequence[Course], policy: Policy) -> list[Look] | list[None]:
-        """The observations of the policy on each course; None for a policy that sees no frames."""
+    def observers(self, trial: Trial, courses: Sequence[Course], policy: Policy) -> list[Observe] | list[None]:
+        """Return the observation function for each course; None for a policy that sees no frames."""
         if hasattr(policy, "sees"):
             return [None] * len(courses)
         check_policy_fits(policy, self.encoder)
         if trial.condition != MAIN:
-            return [through_encoder(course, self.encoder) for course in courses]
-        if trial.level not in self._looks:
-            self._looks[trial.level] = through_encoder(courses[0].world, self.encoder)
-        return [self._looks[trial.level]]
+            return [encoded_frames(course, self.encoder) for course in courses]
+        if trial.level not in self._observers:
+            self._observers[trial.level] = encoded_frames(courses[0].world, self.encoder)
+        return [self._observers[trial.level]]
 
     def evaluate(self, run: Run, folder: Path, trial: Trial, on_step: Callable[[Step], None]) -> list[Episode]:
         """The evaluated episodes of the run's policy in a trial."""
         policy, courses, rows = self.policy(run, folder), self.courses(trial), []
         label, config = Label(run.algorithm, run.seed, trial.level), self.config(trial)
         waiting = sum(len(course.starts) for course in courses)
-        for course, look in zip(courses, self.looks(trial, courses, policy), strict=True):
+        for course, observe in zip(courses, self.observers(trial, courses, policy), strict=True):
             waiting -= len(course.starts)
 
             def report(step: Step, waiting: int = waiting) -> None:
                 on_step(replace(step, waiting=waiting))
 
-            rows += evaluate(policy, course, label, config, look=look, on_step=report)
+            rows += evaluate(policy, course, label, config, observe=observe, on_step=report)
         return rows
 
     def title(self, run: Run, folder: Path) -> str:
@@ -160,8 +160,8 @@ class RiverBackend:
         course = full_course.only(episode.episode)
         label = Label(run.algorithm, run.seed, episode.level)
         steps: list[Step] = []
-        (look,) = self.looks(trial, [course], policy)
-        (repeated,) = evaluate(policy, course, label, self.config(trial), look=look, on_step=steps.append)
+        (observe,) = self.observers(trial, [course], policy)
+        (repeated,) = evaluate(policy, course, label, self.config(trial), observe=observe, on_step=steps.append)
         _require_same(repeated, episode)
         title = self.title(run, folder)
         write_film(path, course.world, Flight.from_steps(repeated, steps), title, shape=shape, on_frame=on_frame)

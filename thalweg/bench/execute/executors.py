@@ -22,7 +22,7 @@ from rich.console import Console
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.evaluate.episodes import read_episodes, write_episodes
-from thalweg.bench.evaluate.progress import all_landed, bar, progress_of_flights
+from thalweg.bench.evaluate.progress import complete, progress_bar, track_episodes
 from thalweg.bench.execute.backend import PACKAGED_POLICY, Backend
 from thalweg.bench.results.results import RunRow, evaluation_path
 from thalweg.bench.suite.config import Run, Suite
@@ -214,8 +214,8 @@ def _evaluate(run: Run, run_folder: Path, trial: Trial, context: ExecutionContex
     episodes = context.suite.episodes
     if is_evaluated(context.folder, run, trial, episodes):
         return
-    with bar(context.console, "episodes") as progress:
-        on_step = progress_of_flights(progress, f"{run.name} on {trial}", episodes)
+    with progress_bar(context.console, "episodes") as progress:
+        on_step = track_episodes(progress, f"{run.name} on {trial}", episodes)
         rows = context.backend.evaluate(run, run_folder, trial, on_step)
-        all_landed(progress)
+        complete(progress)
     write_episodes(evaluation_path(context.folder, run.name, trial), rows)

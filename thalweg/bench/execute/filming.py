@@ -11,8 +11,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from thalweg.bench.evaluate.episodes import REASONS, WORDS, Episode
-from thalweg.bench.evaluate.progress import bar, progress_of_frames
+from thalweg.bench.evaluate.episodes import REASON_TEXT, REASONS, Episode
+from thalweg.bench.evaluate.progress import progress_bar, track_frames
 from thalweg.bench.execute.backend import Backend
 from thalweg.bench.pictures.film_format import LARGE, SMALL
 from thalweg.bench.results.results import FILMS, KINDS, MAIN_FILM, FilmFiles, Results
@@ -40,7 +40,7 @@ class Shot:
         row = self.episode
         return (
             f"{title} on {row.level}, start {row.episode} of the list: {row.length} steps, return {row.return_:.2f}, "
-            f"cost {row.cost:.1f}, {WORDS[row.reason]}. {self.why}\n"
+            f"cost {row.cost:.1f}, {REASON_TEXT[row.reason]}. {self.why}\n"
         )
 
 
@@ -70,8 +70,8 @@ def _film(shot: Shot, folder: Path, backend: Backend, console: Console) -> None:
             return
         files.film.parent.mkdir(exist_ok=True)
         files.caption.unlink(missing_ok=True)
-        with bar(console, "frames") as progress:
-            on_frame = progress_of_frames(progress, files.film.stem, len(shape.shown_steps(shot.episode.length)))
+        with progress_bar(console, "frames") as progress:
+            on_frame = track_frames(progress, files.film.stem, len(shape.shown_steps(shot.episode.length)))
             backend.film(shot.run, run_folder, shot.episode, files.film, on_frame, shape=shape)
         write_atomic(files.caption, caption)
         files.failure.unlink(missing_ok=True)

@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.evaluate.episodes import WORDS, Episode
+from thalweg.bench.evaluate.episodes import REASON_TEXT, Episode
 from thalweg.bench.evaluate.evaluation import Step
 from thalweg.bench.pictures.film_format import LARGE, MARGIN_PX, FilmFormat
 from thalweg.core.atomic_io import atomic_path
@@ -108,7 +108,7 @@ def _caption(world: World, flight: Flight, index: int) -> tuple[str, str, str]:
     return (
         f"{episode.level}   step {index + 1}   height {pose[2] - river.level_m[nearest]:.1f} m",
         f"return {episode.return_ if last else flight.returns[index]:.2f} of 10",
-        f"{WORDS[episode.reason]}   cost {episode.cost:.1f}" if last else "",
+        f"{REASON_TEXT[episode.reason]}   cost {episode.cost:.1f}" if last else "",
     )
 
 

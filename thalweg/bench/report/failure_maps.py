@@ -11,7 +11,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from thalweg.bench.evaluate.episodes import REASONS, WORDS, Episode
+from thalweg.bench.evaluate.episodes import REASON_TEXT, REASONS, Episode
 from thalweg.bench.report.figures import REASON_COLOURS, STYLE
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
@@ -48,7 +48,7 @@ def failure_maps(results: Results, level: str, world: World) -> Figure | None:
             failed = sum(not row.success for row in rows)
             axis.set_title(f"{name}: {failed} of {len(rows)} failed", fontsize=8)
         handles = [Line2D([], [], marker="o", markersize=4, linestyle="", color=COLOURS[reason]) for reason in FAILED]
-        labels = [WORDS[reason] for reason in FAILED]
+        labels = [REASON_TEXT[reason] for reason in FAILED]
         figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False, fontsize=8)
     return figure
 

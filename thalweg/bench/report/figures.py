@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from thalweg.algos.interface import MEAN_EPISODES
-from thalweg.bench.evaluate.episodes import REASONS, WORDS
+from thalweg.bench.evaluate.episodes import REASON_TEXT, REASONS
 from thalweg.bench.report.policies import seeds_text
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import Summary, TrainingCurve, mean_and_std, summaries, training_curve
@@ -123,7 +123,7 @@ def failure_bars(results: Results) -> Figure:
             left = np.zeros(len(names))
             for reason, colour in zip(REASONS, REASON_COLOURS, strict=True):
                 shares = [cell.reasons[reason] / cell.episodes if cell else 0.0 for cell in level_cells]
-                axis.barh(names, shares, left=left, color=colour, label=WORDS[reason], height=0.7)
+                axis.barh(names, shares, left=left, color=colour, label=REASON_TEXT[reason], height=0.7)
                 left += shares
             for row, (name, cell) in enumerate(zip(names, level_cells, strict=True)):
                 _label_gap(axis, row, results, name, cell)

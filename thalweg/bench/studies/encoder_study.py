@@ -1,7 +1,7 @@
-"""Encoder study: code sizes and inputs compared, as in the paper, with what a linear probe reads from the codes.
+"""Encoder study: a comparison of code sizes and inputs, as in the paper, with linear probes of the codes.
 
-Each case is trained in a folder of its own; the same call resumes an interrupted study. Its measures are written once
-it is trained; the tables are computed from them and from the codes of the encoders.
+Each case is trained in a folder of its own; the same call resumes an interrupted study. The measures of a case are
+written after its training; the tables are computed from them and from the codes of the encoders.
 """
 
 import json
@@ -45,12 +45,12 @@ from thalweg.train.encoder.frames import level_worlds, render_frames, sample_vie
 from thalweg.world import level_named
 
 SIZES = (1024, 512, 256, 128, 64, 32, 16, 8)
-"""Numbers in a code that are compared."""
+"""Code sizes that are compared."""
 INPUTS = ("rgb", "mask", "rgb+mask")
 CODE = 16
-"""Numbers in the codes of different inputs."""
+"""Code size at which inputs are compared."""
 SHOWN = 8
-"""Images of the figure."""
+"""Number of images in the figure."""
 RECORD, MEASURES, SEGMENTER = "study.json", "measures.json", "finder.safetensors"
 STUDY_FOLDER = FolderKind("study", RECORD, ResultsError)
 
@@ -61,7 +61,7 @@ CASES = tuple(dict.fromkeys((*COMPARED, *SWEEP, *PAPERS)))
 
 
 def current_versions() -> dict[str, int]:
-    """Versions that the measures of a case depend on."""
+    """Return the versions that the measures of a case depend on."""
     return {"world": versions.WORLD, "render": versions.RENDER, "rules": versions.RULES, "encoder": versions.ENCODER}
 
 
@@ -94,7 +94,7 @@ DEFAULT_STUDY = StudyConfig()
 
 @dataclass(frozen=True)
 class Scenes:
-    """Frames, and what is true where they were taken; K images."""
+    """K frames, and the privileged state at their poses."""
 
     frames: np.ndarray
     """[K, H, W, 4] uint8."""
@@ -103,9 +103,9 @@ class Scenes:
 
 
 def run_study(folder: Path, config: StudyConfig = DEFAULT_STUDY, *, command: str = "", progress: bool = True) -> Path:
-    """Train what is not trained yet, measure it, and write the tables; returns the page.
+    """Train and measure the cases that are not finished, write the tables, and return the path of the page.
 
-    `command` is written into the encoders' files.
+    `command` is recorded in the encoders' files.
 
     Raises `ResultsError` for a folder of another study, and the errors of `train_encoder`.
     """
@@ -140,14 +140,14 @@ def run_study(folder: Path, config: StudyConfig = DEFAULT_STUDY, *, command: str
 
 
 def _segmenter(path: Path, config: StudyConfig, images: np.ndarray, progress: bool) -> WaterSegmenter:
-    """The study's segmenter of water, trained on `images` unless it is there."""
+    """Return the study's water segmenter, trained on `images` if its file does not exist."""
     if not path.exists():
         save_segmenter(path, train_segmenter(images, config.seed, precision=config.precision, progress=progress))
     return load_segmenter(path)
 
 
 def collect(config: StudyConfig, progress: bool = True) -> Scenes:
-    """The study's frames, of the level's fixed river, with what is true there."""
+    """Return the frames of the study, on the fixed river of the level, with the privileged state."""
     worlds = level_worlds(config.level, 1)
     poses, index, clocks = sample_views(worlds, config.images + config.held_out, config.seed)
     frames = render_frames(Renderer(worlds), poses, index, clocks, progress=progress)
@@ -157,9 +157,9 @@ def collect(config: StudyConfig, progress: bool = True) -> Scenes:
 def measures(
     encoder: Encoder, segmenter: WaterSegmenter, scenes: Scenes, train: np.ndarray, held_out: np.ndarray
 ) -> dict[str, Any]:
-    """How well an encoder keeps the river in images held out, and what a line reads from their codes.
+    """Return how well an encoder preserves the river in held-out images, and the R² of linear probes of the codes.
 
-    `iou_ceiling` is what the segmenter of water makes of the frames themselves.
+    `iou_ceiling` is the IoU of the water segmenter on the frames themselves.
     """
     frames, truth = scenes.frames[held_out], scenes.frames[held_out, ..., 3] > 0
     pictures = reconstruct(encoder.vae, frames)
@@ -175,7 +175,7 @@ def measures(
 
 
 def write_tables(folder: Path, config: StudyConfig, scenes: Scenes, train: np.ndarray, held_out: np.ndarray) -> Path:
-    """sizes.csv, entropy.csv, sizes.png, inputs.png and study.md, once every case has its measures."""
+    """Write sizes.csv, entropy.csv, sizes.png, inputs.png and study.md; every case must have its measures."""
     known = {case: _read(folder / case.name / MEASURES) for case in config.cases}
     rows = [size_row(case, found) for case, found in known.items()]
     write_atomic(folder / "sizes.csv", csv_text(SIZE_COLUMNS, ([row[name] for name in SIZE_COLUMNS] for row in rows)))
@@ -198,8 +198,10 @@ def write_tables(folder: Path, config: StudyConfig, scenes: Scenes, train: np.nd
 
 
 def _claim(folder: Path, config: StudyConfig) -> StudyConfig:
-    """The config in the precision that its folder began with, once the folder is this study's; raises `ResultsError`
-    that names what differs."""
+    """Claim the folder for the study; return the config with the precision that the folder started with.
+
+    Raises `ResultsError` that names the differences for a folder of another study.
+    """
     path = folder / RECORD
     recorded = _read(path) if path.exists() else {}
     if config.precision == "auto":

@@ -18,7 +18,7 @@ from thalweg.encoder.entropy import SMOOTHING, relative_entropy
 from thalweg.env.privileged_state import PRIVILEGED_NAMES
 
 OTHER_SMOOTHINGS = (1e-9, 1e-4, 1e-3)
-"""What else could be added to each bin, to see how much the choice matters."""
+"""Alternative smoothing constants, which show how much the choice matters."""
 CASE = ("architecture", "inputs", "numbers")
 ERRORS = ("train_mse", "held_out_mse", "mean_image_mse")
 RIVER = ("iou_mask", "iou_colours", "iou_ceiling")
@@ -51,7 +51,7 @@ class Case:
 
 
 def size_row(case: Case, found: Measures) -> dict[str, str]:
-    """A row of sizes.csv; what an input does not have is empty."""
+    """Return a row of sizes.csv; measures that an input does not have are empty."""
     values = {name: found[name] for name in (*ERRORS, *RIVER)}
     values |= {column: found["read"][name] for column, name in zip(READ, PRIVILEGED_NAMES, strict=True)}
     cells = {name: "" if value is None or math.isnan(value) else f"{value:.5f}" for name, value in values.items()}
@@ -59,7 +59,7 @@ def size_row(case: Case, found: Measures) -> dict[str, str]:
 
 
 def entropy_rows(codes: dict[str, np.ndarray]) -> Iterator[list[str]]:
-    """A row of entropy.csv for each pair of inputs, the paper's figure beside ours."""
+    """Yield a row of entropy.csv for each pair of inputs, with the paper's value and ours."""
     for (first, second), published in RELATIVE_ENTROPY.items():
         if first in codes and second in codes:
             ours = [
@@ -69,7 +69,7 @@ def entropy_rows(codes: dict[str, np.ndarray]) -> Iterator[list[str]]:
 
 
 def page(about: str, rows: Sequence[Mapping[str, str]], entropies: Sequence[list[str]]) -> str:
-    """The tables, with what their columns mean; `about` says what was trained and measured."""
+    """Return the page in Markdown: the tables and the meaning of their columns; `about` describes the training."""
     parts = [
         f"# The encoder study\n\n{about}\n\n## Size, river and what a line reads\n",
         table(rows, (*CASE, *ERRORS, *RIVER)),
@@ -91,13 +91,13 @@ def page(about: str, rows: Sequence[Mapping[str, str]], entropies: Sequence[list
 
 
 def table(rows: Sequence[Mapping[str, str]], columns: Sequence[str]) -> str:
-    """Some columns of rows in Markdown, named for people."""
+    """Return some columns of rows as a Markdown table with readable headings."""
     names = [name.removeprefix("read_").replace("_", " ") for name in columns]
     return markdown(frame(names, ([row[name] for name in columns] for row in rows)))
 
 
 def size_figure(known: Mapping[Case, Measures]) -> Figure:
-    """Error against the size of the code."""
+    """Return the figure of the reconstruction error against the code size."""
     with rc_context(STYLE):
         figure = Figure(figsize=(6, 3.6))
         axis = figure.subplots()

@@ -24,18 +24,18 @@ from thalweg.encoder.reconstruction import CHUNK
 from thalweg.encoder.training import resolve_precision
 
 BLOCK = 2
-"""Pixels along a side of the blocks that the network begins with."""
+"""Side in pixels of the blocks that are the network's first layer."""
 WIDTHS = (24, 48, 64, 96)
 """Channels, from blocks of 2 x 2 pixels to those of 16 x 16."""
 SIDES = BLOCK * 2 ** (len(WIDTHS) - 1)
-"""Pixels of which the sides of an image must be multiples."""
+"""The sides of an image must be multiples of this number of pixels."""
 EPOCHS, BATCH, RATE = 16, 32, 3e-3
-"""Of training; the rate is the greatest of AdamW's, which rises and falls once."""
+"""Epochs, batch size and maximum learning rate of training (AdamW, one cycle)."""
 KIND = "finder of water"
 
 
 def mean_iou(found: np.ndarray, truth: np.ndarray) -> float:
-    """Mean over images of the IoU of two masks, bool [K, H, W]; raises `EncoderInputError` for anything else."""
+    """Return the mean over images of the IoU of two masks, bool [K, H, W]; raises `EncoderInputError` for others."""
     if found.shape != truth.shape or found.ndim != 3 or found.dtype != bool or truth.dtype != bool:
         kinds = " and ".join(f"{mask.dtype} {list(mask.shape)}" for mask in (found, truth))
         raise EncoderInputError(f"masks must be bool [K, H, W], both, not {kinds}")
@@ -54,7 +54,7 @@ class WaterSegmenter(nn.Module):
         self.last = nn.Conv2d(WIDTHS[0], BLOCK**2, 1)
 
     def forward(self, colours: Tensor) -> Tensor:
-        """Logits [N, H, W] of colours [N, 3, H, W] in 0..1."""
+        """Return logits [N, H, W] of colours [N, 3, H, W] in 0..1."""
         here = nn.functional.pixel_unshuffle(colours - 0.5, BLOCK)
         kept: list[Tensor] = []
         for block in self.down:
@@ -75,7 +75,9 @@ def _block(before: int, after: int) -> nn.Sequential:
 def train_segmenter(
     images: np.ndarray, seed: int = 0, epochs: int = EPOCHS, *, precision: str = "float32", progress: bool = False
 ) -> WaterSegmenter:
-    """A segmenter for images uint8 [K, H, W, 4], whose fourth channel is the truth; each batch is mirrored by chance.
+    """Train a segmenter on images uint8 [K, H, W, 4], whose fourth channel is the truth.
+
+    Batches are mirrored at random.
 
     `precision` is "float32" or "bfloat16", that of the convolutions in training, or "auto"; the result is in float32.
 
@@ -109,12 +111,12 @@ def train_segmenter(
 
 
 def save_segmenter(path: Path, segmenter: WaterSegmenter) -> None:
-    """Write a segmenter to a file, whole or not at all."""
+    """Write a segmenter to a file, atomically."""
     write_tensors(path, segmenter.state_dict(), {"kind": KIND, "format": FORMAT})
 
 
 def load_segmenter(path: Path) -> WaterSegmenter:
-    """The segmenter of a file; raises `EncoderFileError` for any other file."""
+    """Return the segmenter of a file; raises `EncoderFileError` for any other file."""
     segmenter = WaterSegmenter()
     try:
         segmenter.load_state_dict(read_tensors(path, KIND)[0])
@@ -125,7 +127,7 @@ def load_segmenter(path: Path) -> WaterSegmenter:
 
 @torch.inference_mode()
 def water_in(segmenter: WaterSegmenter, colours: np.ndarray) -> np.ndarray:
-    """Water bool [K, H, W] in colours [K, H, W, 3], uint8 or 0..1."""
+    """Return the water mask bool [K, H, W] of colours [K, H, W, 3], uint8 or 0..1."""
     parts = [
         (segmenter(_colours_of(colours[start : start + CHUNK])) > 0).numpy() for start in range(0, len(colours), CHUNK)
     ]
@@ -133,6 +135,6 @@ def water_in(segmenter: WaterSegmenter, colours: np.ndarray) -> np.ndarray:
 
 
 def _colours_of(images: np.ndarray) -> Tensor:
-    """[N, 3, H, W] in 0..1 of images [N, H, W, 3 or more], uint8 or 0..1."""
+    """Return [N, 3, H, W] in 0..1 of images [N, H, W, 3 or more], uint8 or 0..1."""
     colours = torch.from_numpy(np.ascontiguousarray(images[..., :3])).permute(0, 3, 1, 2)
     return colours.float() / 255 if colours.dtype == torch.uint8 else colours.float()

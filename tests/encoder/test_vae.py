@@ -72,9 +72,9 @@ def test_loss_is_the_mean_square_and_the_weighted_kl():
     [
         ({"inputs": "depth"}, r"unknown inputs 'depth'; known: rgb, mask, rgb\+mask"),
         ({"architecture": "huge"}, "unknown architecture 'huge'; known: lean, paper"),
-        ({"latent": 0}, "latent must be at least 1, not 0"),
-        ({"size_px": 100}, "size_px must be a multiple of 64 for the lean architecture, not 100"),
-        ({"learning_rate": 0.0}, "learning_rate above 0, not 0.00025 and 0.0"),
+        ({"latent": 0}, "latent must be a whole number above 0, got 0"),
+        ({"size_px": 100}, "size_px must be a multiple of 64 for the lean architecture, got 100"),
+        ({"learning_rate": 0.0}, "learning_rate must be a finite number above 0, got 0.0"),
     ],
 )
 def test_bad_settings_name_the_value(settings, message):

@@ -15,11 +15,11 @@ from thalweg.algos.policy.policy import Policy
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.encoder import VAE, EncoderFileError, EncoderInputError, VAEConfig, load_encoder, save_vae
 from thalweg.env import EnvConfig, RiverVectorEnv
-from thalweg.render import RENDER_VERSION, Camera
+from thalweg.render import RENDER_VERSION, Camera, compilation
 from thalweg.train import river, run
 from thalweg.train.errors import TrainingError
 from thalweg.train.river import RiverTraining, check_policy_fits, encoder_hash, load_compatible_encoder
-from thalweg.world import Reach
+from thalweg.world import LEVELS, Reach
 
 
 def encoder_file(path: Path, seed: int, version: int = RENDER_VERSION) -> Path:
@@ -209,3 +209,32 @@ def test_wide_networks_learn_in_two_threads_unless_fewer_are_asked_for_or_others
     encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
     RiverTraining("Easy", 4).train(algorithm, encoder, steps=1, seed=0, folder=tmp_path / "run", threads=given)
     assert found["threads"] == threads
+
+
+BUILDING = "building the river Easy, seed 3: a few seconds\n"
+
+
+def test_a_river_to_be_built_is_announced_once_and_compilation_starts(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture
+):
+    world, started = tmp_path / "world.npz", []
+    monkeypatch.setattr(river, "cache_path", lambda level, seed: world)
+    monkeypatch.setattr(compilation, "begin", lambda: started.append(True))
+    river._print_once.cache_clear()
+    for _ in range(2):
+        river.announce_build(LEVELS["Easy"], 3)
+    assert capsys.readouterr().err == BUILDING
+    river._print_once.cache_clear()
+    world.write_bytes(b"")
+    river.announce_build(LEVELS["Easy"], 3)
+    assert capsys.readouterr().err == ""
+    assert len(started) == 3
+
+
+def test_the_river_of_a_file_is_always_announced_because_it_is_never_cached(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    monkeypatch.setattr(compilation, "begin", lambda: None)
+    river._print_once.cache_clear()
+    river.announce_build(Reach(Path("rivers/brook.geojson")), 5)
+    assert capsys.readouterr().err == "building the river brook.geojson, seed 5: a few seconds\n"

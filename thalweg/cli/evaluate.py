@@ -122,7 +122,7 @@ def load_named_policy(name: str) -> "Policy":
 def _courses(command: Evaluate, river: "str | Reach") -> "tuple[list[Course], str]":
     """The courses of a level or of a real river, and the name of their rows."""
     from thalweg.bench.evaluate.evaluation import Course
-    from thalweg.train.build_notice import announce_build
+    from thalweg.train.river import announce_build
 
     if isinstance(river, str):
         unseen = command.unseen

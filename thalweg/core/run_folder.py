@@ -55,6 +55,18 @@ class FolderKind:
                 " Choose another folder."
             )
 
+    def require_same_file(self, folder: Path, theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> None:
+        """Raise the kind's error if the input file of the folder's owner has changed since then.
+
+        Both records have the keys `file`, its name, and `content`, the hash of its content, or neither.
+        """
+        if theirs.get("file") == ours.get("file") and theirs.get("content") != ours.get("content"):
+            raise self.error(
+                f"{ours['file']} has changed since the {self.owner} in {folder} was started: its content was"
+                f" {theirs['content']} and is {ours['content']} now. Restore the old file to resume, or choose another"
+                " folder."
+            )
+
     def write_json(self, folder: Path, record: Mapping[str, Any]) -> None:
         """Write the record as JSON, atomically."""
         write_atomic(folder / self.record, json.dumps(record, indent=2) + "\n")

@@ -15,6 +15,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as serialize
 
 from thalweg.core.atomic_io import write_atomic
+from thalweg.core.config import parse_config
 from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig
 
 FORMAT = 1
@@ -89,6 +90,6 @@ def config_of(path: str | Path, about: Mapping[str, Any]) -> VAEConfig:
         names = ", ".join(sorted(found)) if isinstance(found, dict) else found
         raise EncoderFileError(f"{path}: the configuration has {names}, not {', '.join(sorted(known))}")
     try:
-        return VAEConfig(**found)
-    except (EncoderInputError, TypeError) as error:
+        return parse_config(VAEConfig, found)
+    except EncoderInputError as error:
         raise EncoderFileError(f"{path}: bad configuration: {error}") from error

@@ -8,9 +8,13 @@ the KL and the sizes of `paper` as in Wang and Mahmoudian 2024.
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import torch
+from pydantic import PositiveInt, model_validator
 from torch import nn
+
+from thalweg.core.config import FiniteNonNegative, FinitePositive, frozen_config
 
 CHANNELS = {"rgb": (0, 1, 2), "mask": (3,), "rgb+mask": (0, 1, 2, 3)}
 """Which channels of a frame [H, W, 4] each kind of input takes."""
@@ -54,40 +58,36 @@ class EncoderInputError(ValueError):
     """Error for invalid frames, codes or settings of an encoder; the message names the values."""
 
 
-@dataclass(frozen=True)
+@frozen_config(EncoderInputError)
 class VAEConfig:
     """Inputs, code size, architecture and training settings of the autoencoder."""
 
     inputs: str = "rgb+mask"
     """Channels that are encoded: "rgb", "mask" or "rgb+mask"."""
-    latent: int = 16
-    """Numbers in a code, Z."""
+    latent: PositiveInt = 16
+    """Z, the number of dimensions of a code."""
     architecture: str = "lean"
     """"lean" (fast on a CPU) or "paper" (the layers of the paper)."""
     size_px: int = 128
     """Height and width of a frame."""
-    kl_weight: float = 0.00025
+    kl_weight: FiniteNonNegative = 0.00025
     """Weight of the KL divergence relative to the mean squared error."""
-    learning_rate: float = 1e-3
+    learning_rate: FinitePositive = 1e-3
     """Step size of Adam."""
 
-    def __post_init__(self) -> None:
+    @model_validator(mode="after")
+    def _names_are_known_and_the_size_fits(self) -> Self:
         if self.inputs not in CHANNELS:
-            raise EncoderInputError(f"unknown inputs {self.inputs!r}; known: {', '.join(CHANNELS)}")
+            raise ValueError(f"unknown inputs {self.inputs!r}; known: {', '.join(CHANNELS)}")
         if self.architecture not in ARCHITECTURES:
-            raise EncoderInputError(f"unknown architecture {self.architecture!r}; known: {', '.join(ARCHITECTURES)}")
-        if self.latent < 1:
-            raise EncoderInputError(f"latent must be at least 1, not {self.latent}")
-        if self.kl_weight < 0 or self.learning_rate <= 0:
-            raise EncoderInputError(
-                f"kl_weight must be 0 or more and learning_rate above 0, not {self.kl_weight} and {self.learning_rate}"
-            )
+            raise ValueError(f"unknown architecture {self.architecture!r}; known: {', '.join(ARCHITECTURES)}")
         shape = ARCHITECTURES[self.architecture]
         step = max(shape.stride, shape.growth)
         if self.size_px < step or self.size_px % step:
-            raise EncoderInputError(
-                f"size_px must be a multiple of {step} for the {self.architecture} architecture, not {self.size_px}"
+            raise ValueError(
+                f"size_px must be a multiple of {step} for the {self.architecture} architecture, got {self.size_px}"
             )
+        return self
 
     @property
     def channels(self) -> tuple[int, ...]:

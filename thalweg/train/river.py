@@ -3,8 +3,9 @@
 Other environments are passed to `thalweg.train.run` directly, which does not depend on rivers.
 """
 
-from collections.abc import Mapping
+import sys
 from dataclasses import asdict, dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +16,13 @@ from thalweg.core.device import resolve_device
 from thalweg.core.torch_threads import default_torch_threads
 from thalweg.encoder import Encoder, check_render_version, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
-from thalweg.render import RENDER_VERSION
-from thalweg.train.build_notice import announce_build
+from thalweg.render import RENDER_VERSION, compilation
 from thalweg.train.errors import TrainingError
-from thalweg.train.folder.run_record import read_config
+from thalweg.train.folder.run_record import RUN_FOLDER, read_config
 from thalweg.train.latent import LatentTensorEnv, LatentVectorEnv
 from thalweg.train.run import RunResult, load_policy, run
-from thalweg.world import Reach, World, level_named, load_or_build
+from thalweg.world import Level, Reach, World, level_named, load_or_build
+from thalweg.world.store.world_cache import cache_path
 
 BRANCHES = (3, 3, 3, 3)
 """Number of options of each branch of an action: vertical, yaw, longitudinal, lateral."""
@@ -63,19 +64,17 @@ def check_policy_fits(policy: Any, encoder: Encoder) -> None:
         )
 
 
-def check_river_file(folder: Path, context: Mapping[str, Any]) -> None:
-    """Raise `TrainingError` if the file of a real river has changed since the run in a folder was started.
+def announce_build(level: Level | Reach, seed: int) -> None:
+    """Print a line if the river of a level or a file and a seed is not cached, and start compiling the renderer."""
+    compilation.begin()
+    if isinstance(level, Reach) or not cache_path(level, seed).is_file():
+        _print_once(f"building the river {level.name}, seed {seed}: a few seconds")
 
-    `context` is that of the new run. `thalweg.train.run` finds all other differences.
-    """
-    existing = read_config(folder) or {"run": {}}
-    before = existing["run"].get("context", {}).get("river", {})
-    now = context.get("river", {})
-    if before.get("file") == now.get("file") and before.get("content") != now.get("content"):
-        raise TrainingError(
-            f"{now['file']} has changed since the run in {folder} was started: its content was {before['content']} and "
-            f"is {now['content']} now. Restore the old file to resume, or choose another folder."
-        )
+
+@cache
+def _print_once(line: str) -> None:
+    """Print each line once, to stderr: stdout is for results."""
+    print(line, file=sys.stderr, flush=True)
 
 
 @dataclass(frozen=True)
@@ -152,7 +151,8 @@ class RiverTraining:
             "render_version": RENDER_VERSION,
             "env": asdict(self.config),
         }
-        check_river_file(folder, context)
+        existing = (read_config(folder) or {"run": {}})["run"].get("context", {})
+        RUN_FOLDER.require_same_file(folder, existing.get("river", {}), context.get("river", {}))
         if begin_with is not None:
             check_policy_fits(load_policy(begin_with), encoder)
         device = resolve_device(device)

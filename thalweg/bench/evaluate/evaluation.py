@@ -26,7 +26,7 @@ from thalweg.env.initial_poses import CLOCK_RANGE_S
 from thalweg.render import Renderer
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.randomisation import Randomisation
-from thalweg.train.build_notice import announce_build
+from thalweg.train.river import announce_build
 from thalweg.world import World, level_named, load_or_build
 
 EVALUATION, CLOCKS, LOOKS = zlib.crc32(b"evaluation"), zlib.crc32(b"clocks"), zlib.crc32(b"looks")

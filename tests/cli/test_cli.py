@@ -153,7 +153,7 @@ def test_what_cannot_be_drawn_or_written_is_said_in_one_line(tmp_path: Path, eas
     for arguments, said in (
         ([*render, "--pose", "5000", "5000", "3", "0"], "x = 5000, y = 5000 is outside the map of Easy"),
         ([*render, "--pose", "nan", "0", "3", "0"], "is outside the map"),
-        ([*render, "--size", "4"], "height_px = 4: an image has 16 to 2048"),
+        ([*render, "--size", "4"], "height_px must be a whole number from 16 to 2048, got 4"),
         ([*render[:-1], str(file / "x.png"), "--size", "16"], f"{file} is not a folder"),
         (["world", "--level", "easy", "--out", str(tmp_path)], f"{tmp_path} is a folder; name a file in it, such as"),
     ):

@@ -18,20 +18,20 @@ def test_defaults_are_those_of_the_original_task():
 
 @pytest.mark.parametrize(("scheme", "loose"), [("paper", 0.2), ("package", 0.5)])
 def test_loose_cost_follows_the_scheme(scheme: str, loose: float):
-    config = EnvConfig(reward_scheme=scheme)
+    config = EnvConfig(reward_scheme=scheme)  # pyright: ignore[reportArgumentType]
     assert (config.limits.tight_cost, config.limits.loose_cost) == (1.0, loose)
 
 
 @pytest.mark.parametrize(
     ("field", "known"),
     [
-        ("observation", "rgb+mask, rgb, mask, dict, none"),
+        ("observation", "'rgb+mask', 'rgb', 'mask', 'dict', 'none'"),
         ("action", "multidiscrete"),
-        ("reward_scheme", "paper, package"),
+        ("reward_scheme", "'paper', 'package'"),
     ],
 )
 def test_an_unknown_value_lists_the_known_ones(field: str, known: str):
-    with pytest.raises(ConfigError, match="'sonar'.*" + known.replace("+", r"\+")):
+    with pytest.raises(ConfigError, match="must be one of .*" + known.replace("+", r"\+") + ".*, got 'sonar'"):
         EnvConfig().with_options(**{field: "sonar"})
 
 

@@ -149,5 +149,5 @@ def test_an_open_course_never_starts_at_its_goal():
 
 
 def test_an_unknown_reset_option_lists_the_known_ones():
-    with pytest.raises(ConfigError, match="'poes'; known: pose, reset_mask"):
+    with pytest.raises(ConfigError, match=r"'poes' \(did you mean 'pose'\?\); known: pose, reset_mask"):
         RiverVectorEnv(canal(), 1, EnvConfig(observation="none")).reset(options={"poes": [0, 0, 0, 0]})

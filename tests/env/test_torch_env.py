@@ -109,7 +109,7 @@ def test_an_episode_that_has_ended_begins_anew_elsewhere_and_is_paid_nothing():
 
 @pytest.mark.parametrize("kind", ["rgb+mask", "rgb", "mask", "dict"])
 def test_frames_are_those_of_the_gymnasium_environment(kind: str):
-    config = EnvConfig(observation=kind)
+    config = EnvConfig(observation=kind)  # pyright: ignore[reportArgumentType]
     tensors = TensorRiverEnv(worlds(), 2, config, device="cpu")
     frames, info = tensors.reset(seed=1)
     state = tensors.get_state()

@@ -151,7 +151,7 @@ def test_seeds_may_be_listed():
     ("kind", "shape"), [("rgb+mask", (8, 8, 4)), ("rgb", (8, 8, 3)), ("mask", (8, 8, 1)), ("none", (4,))]
 )
 def test_what_is_seen_is_chosen_by_the_config(kind: str, shape):
-    env = RiverVectorEnv(ring(), 2, EnvConfig(observation=kind), renderer=BlankRenderer())
+    env = RiverVectorEnv(ring(), 2, EnvConfig(observation=kind), renderer=BlankRenderer())  # pyright: ignore[reportArgumentType]
     observations, _ = env.reset(seed=0)
     assert observations.shape == (2, *shape)
     assert observations in env.observation_space

@@ -3,7 +3,7 @@
 `@frozen_config(SomeError)` makes a class a frozen dataclass. The annotation of a field gives its valid values; a
 rule about several fields is a method under `pydantic.model_validator(mode="after")` that raises `ValueError`. A wrong
 value raises the given error with the message `path must be what is right, got value`. Types are strict: "3" is not a
-number, and 1 is not a bool.
+number, 1 is not a bool, and NumPy's scalars are refused unless a config asks for them.
 """
 
 import dataclasses
@@ -19,6 +19,7 @@ import pydantic.dataclasses
 from annotated_types import Ge, Le
 from pydantic import AllowInfNan, BeforeValidator, ConfigDict, Field, InstanceOf, ValidationError
 from pydantic.fields import FieldInfo
+from pydantic_core import PydanticCustomError, core_schema
 
 C = TypeVar("C")
 T = TypeVar("T")
@@ -59,16 +60,19 @@ FinitePositive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 @dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field, Field))
 def frozen_config(
-    error: type[ValueError], *, extra: Literal["forbid", "ignore"] = "forbid"
+    error: type[ValueError], *, extra: Literal["forbid", "ignore"] = "forbid", numpy_scalars: bool = False
 ) -> Callable[[type[C]], type[C]]:
     """Return a decorator for frozen dataclasses that raise `error` for an unknown key or a wrong value.
 
-    With `extra="ignore"`, unknown keys are ignored: another version may have written more. NumPy's scalars
-    become Python's; an integer given for a float becomes one.
+    An integer given for a float becomes one. With `extra="ignore"`, unknown keys are ignored: another version may have
+    written more. With `numpy_scalars`, NumPy's scalars become Python's; otherwise only those that are
+    Python's too are accepted: `np.float64` and `np.str_`.
     """
+    accepted = np.generic if numpy_scalars else (np.float64, np.str_)
+    schema_of = functools.partial(_config_schema, accepted)
 
     def decorate(cls: type[C]) -> type[C]:
-        cls.__get_pydantic_core_schema__ = classmethod(_from_mapping)  # pyright: ignore[reportAttributeAccessIssue]
+        cls.__get_pydantic_core_schema__ = staticmethod(schema_of)  # pyright: ignore[reportAttributeAccessIssue]
         settings = ConfigDict(strict=True, extra=extra)
         made: Any = pydantic.dataclasses.dataclass(frozen=True, config=settings)(cls)
         checked = made.__init__
@@ -77,7 +81,9 @@ def frozen_config(
         def init(self: Any, *args: Any, **kwargs: Any) -> None:
             try:
                 checked(
-                    self, *map(_python_scalar, args), **{key: _python_scalar(value) for key, value in kwargs.items()}
+                    self,
+                    *(_python_scalar(accepted, value) for value in args),
+                    **{key: _python_scalar(accepted, value) for key, value in kwargs.items()},
                 )
             except ValidationError as found:
                 raise error(describe(type(self), found)) from None
@@ -146,18 +152,47 @@ def bounds(kind: type, name: str) -> tuple[float, float]:
     return low, high  # pyright: ignore[reportReturnType]
 
 
-def _python_scalar(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
+def _python_scalar(accepted: Any, value: Any) -> Any:
+    """Return the Python equivalent of a NumPy scalar of the accepted types, and anything else unchanged.
+
+    `np.bool_` is left unchanged, because only a bool field accepts it: see `_flag`.
+    """
+    return value.item() if isinstance(value, accepted) and not isinstance(value, np.bool_) else value
 
 
-def _from_mapping(cls: type, source: Any, handler: pydantic.GetCoreSchemaHandler) -> Any:
+def _flag(accepted: Any, value: Any) -> Any:
+    """Return the bool of a `np.bool_` if NumPy's scalars are accepted, and anything else unchanged."""
+    return bool(value) if isinstance(value, np.bool_) and accepted is np.generic else value
+
+
+def _number(accepted: Any, value: Any) -> Any:
+    """Return an int or a float; anything else fails, whereas pydantic accepts whatever has `__float__`."""
+    value = _python_scalar(accepted, value)
+    if not isinstance(value, int | float):
+        raise PydanticCustomError("float_type", "a number is needed")
+    return value
+
+
+def _config_schema(accepted: Any, source: Any, handler: pydantic.GetCoreSchemaHandler) -> Any:
     """Return the schema of a config, which accepts mappings as well as instances, because files contain mappings."""
-    schema = handler(source)
+    checks = {"float": functools.partial(_number, accepted), "bool": functools.partial(_flag, accepted)}
+    schema = _with_checks(handler(source), checks)
     inner: Any = handler.resolve_ref_schema(schema)
     while inner["type"] != "dataclass":  # the class's own validators stand around it
         inner = inner["schema"]
     inner["strict"] = False
     return schema
+
+
+def _with_checks(schema: Any, checks: Mapping[str, Callable[[Any], Any]]) -> Any:
+    """Return a copy of a schema that applies `checks[type]` before each part of that type."""
+    if isinstance(schema, list):
+        return [_with_checks(part, checks) for part in schema]
+    if not isinstance(schema, dict):
+        return schema
+    copy: Any = {key: _with_checks(part, checks) for key, part in schema.items()}
+    check = checks.get(copy["type"]) if isinstance(copy.get("type"), str) else None
+    return copy if check is None else core_schema.no_info_before_validator_function(check, copy)
 
 
 class _Annotation(NamedTuple):

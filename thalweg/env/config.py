@@ -5,21 +5,21 @@ Quantities that follow from a world, such as its length, are in `thalweg.env.tas
 
 import math
 import operator
-from collections.abc import Iterable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from enum import IntEnum
-from numbers import Real
-from typing import Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
+from pydantic import BeforeValidator, Field, InstanceOf, PositiveInt, model_validator
 
+from thalweg.core.config import FiniteNonNegative, FinitePositive, Hint, frozen_config, refuse_unknown
 from thalweg.render.records.camera import Camera
-from thalweg.render.records.quality import QUALITIES, Quality
+from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
 
-OBSERVATIONS = ("rgb+mask", "rgb", "mask", "dict", "none")
-ACTIONS = ("multidiscrete", "continuous")
-REWARD_SCHEMES = ("paper", "package")
+Observation = Literal["rgb+mask", "rgb", "mask", "dict", "none"]
+ActionSpace = Literal["multidiscrete", "continuous"]
+RewardScheme = Literal["paper", "package"]
 
 
 class ConfigError(ValueError):
@@ -35,14 +35,6 @@ def whole(name: str, value: object, least: int) -> int:
     if number is None or isinstance(value, bool | np.bool_) or number < least:
         raise ConfigError(f"{name} must be a whole number of at least {least}, not {value!r}")
     return number
-
-
-def refuse_unknown(kind: str, given: Iterable[str], known: Iterable[str]) -> None:
-    """Raise `ConfigError` for names that are not known; the message lists the known ones."""
-    known = list(known)
-    unknown = sorted(set(given) - set(known))
-    if unknown:
-        raise ConfigError(f"unknown {kind} {', '.join(map(repr, unknown))}; known: {', '.join(known)}")
 
 
 class DoneReason(IntEnum):
@@ -88,102 +80,84 @@ class Limits(NamedTuple):
     loose_cost: float
 
 
-@dataclass(frozen=True)
+def _default_ranges(value: Any) -> Any:
+    """The ranges that True stands for, and None for False; anything else as it is."""
+    if isinstance(value, bool):
+        return Randomisation() if value else None
+    return value
+
+
+Ranges = Annotated[InstanceOf[Randomisation] | None, BeforeValidator(_default_ranges), Hint("True: the default ranges")]
+
+
+@frozen_config(ConfigError, numpy_scalars=True)
 class EnvConfig:
     """The task: motion, limits, observation, reward, cost and termination."""
 
-    observation: str = "rgb+mask"
+    observation: Observation = "rgb+mask"
     """Observation: `rgb+mask` (4 channels), `rgb`, `mask`, `dict` (keys rgb and mask), or `none`, which renders nothing
     and returns the pose x, y, z, yaw."""
-    action: str = "multidiscrete"
+    action: ActionSpace = "multidiscrete"
     """Action: `multidiscrete` is four branches of 0, 1, 2; `continuous` is four numbers in -1..1, +1 = up, turn left,
     forward, left."""
-    reward_scheme: str = "paper"
+    reward_scheme: RewardScheme = "paper"
     """`paper`: the reward is 10 times the share of newly visited segments and the loose cost is 0.2; `package`: the
     reward is 1 for a step that visits any new segment and the loose cost is 0.5."""
-    vertical_step_m: float = 1.0
+    vertical_step_m: FinitePositive = 1.0
     """Climb or descent in one step."""
-    forward_step_m: float = 1.0
+    forward_step_m: FinitePositive = 1.0
     """Distance forward in one step."""
-    lateral_step_m: float = 0.5
+    lateral_step_m: FinitePositive = 0.5
     """Distance sideways in one step."""
-    yaw_step_deg: float = 10.0
+    yaw_step_deg: FinitePositive = 10.0
     """Turn in one step."""
     allow_backward: bool = False
     """Whether the backward action moves the camera; otherwise it has no effect."""
-    min_height_m: float = 0.5
+    min_height_m: FiniteNonNegative = 0.5
     """Minimum height above the local water level."""
-    max_height_m: float = 15.0
+    max_height_m: FinitePositive = 15.0
     """Maximum height above the local water level."""
-    max_yaw_deviation_deg: float = 90.0
+    max_yaw_deviation_deg: Annotated[float, Field(gt=0, le=180)] = 90.0
     """Maximum angle between the heading and the direction of travel."""
-    max_idle_steps: int = 50
+    max_idle_steps: PositiveInt = 50
     """An episode ends after this many consecutive steps without a new segment."""
-    max_steps: int | None = None
+    max_steps: PositiveInt | None = None
     """Maximum length of an episode. None: the step limit of the levels, or one proportional to the length of the course
     for any other world."""
-    body_m: float = 0.5
+    body_m: FinitePositive = 0.5
     """Edge of the axis-aligned cube that collides with bridges."""
-    start_heading_deg: float = 80.0
+    start_heading_deg: Annotated[float, Field(ge=0, le=90)] = 80.0
     """Maximum angle between the heading of a random initial pose and the direction of travel."""
-    start_clearance_m: float = 0.5
+    start_clearance_m: FiniteNonNegative = 0.5
     """Minimum distance of random initial poses from banks, islands and bridges."""
-    step_s: float = 0.25
+    step_s: FiniteNonNegative = 0.25
     """Time that passes in one step; only the ripples of the water depend on it."""
-    camera: Camera = field(default_factory=Camera)
+    camera: InstanceOf[Camera] = field(default_factory=Camera)
     """Resolution and optics of the frames."""
     quality: Quality = "full"
     """`full`, or `fast`: frames without reflections, with less filtering, and with one ray for four pixels. `thalweg
     speed` measures the difference."""
-    randomisation: Randomisation | None = None
+    randomisation: Ranges = None
     """Ranges in which the appearance varies. None: it does not vary. True: the default ranges."""
 
-    def __post_init__(self) -> None:
-        known = {"observation": OBSERVATIONS, "action": ACTIONS, "reward_scheme": REWARD_SCHEMES, "quality": QUALITIES}
-        for name, values in known.items():
-            value = getattr(self, name)
-            if not isinstance(value, str) or value not in values:
-                raise ConfigError(f"unknown {name} {value!r}; known: {', '.join(values)}")
-        if not isinstance(self.allow_backward, bool | np.bool_):
-            raise ConfigError(f"allow_backward must be True or False, not {self.allow_backward!r}")
-        if not isinstance(self.camera, Camera):
-            raise ConfigError(f"camera must be a Camera, not {self.camera!r}")
-        if isinstance(self.randomisation, bool):
-            object.__setattr__(self, "randomisation", Randomisation() if self.randomisation else None)
-        if not isinstance(self.randomisation, Randomisation | None):
-            raise ConfigError(f"randomisation must be a Randomisation, True or None, not {self.randomisation!r}")
-        whole("max_idle_steps", self.max_idle_steps, 1)
-        if self.max_steps is not None:
-            whole("max_steps", self.max_steps, 1)
-        self._check_numbers()
-
-    def _check_numbers(self) -> None:
-        """Raise `ConfigError` for a quantity that is not a finite number, or is out of range."""
-        for entry in fields(self):
-            value = getattr(self, entry.name)
-            if entry.name.endswith(("_m", "_deg", "_s")) and not (
-                isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-            ):
-                raise ConfigError(f"{entry.name} must be a finite number, not {value!r}")
-        for name in ("vertical_step_m", "forward_step_m", "lateral_step_m", "yaw_step_deg", "body_m"):
-            if not getattr(self, name) > 0:
-                raise ConfigError(f"{name} must be above zero, not {getattr(self, name)}")
-        for name in ("min_height_m", "start_clearance_m", "step_s"):
-            if not getattr(self, name) >= 0:
-                raise ConfigError(f"{name} must not be negative, not {getattr(self, name)}")
+    @model_validator(mode="after")
+    def _maximum_height_is_above_the_minimum(self) -> Self:
         if not self.max_height_m > self.min_height_m:
-            raise ConfigError(f"max_height_m = {self.max_height_m} must be above min_height_m = {self.min_height_m}")
-        if not 0 < self.max_yaw_deviation_deg <= 180:
-            raise ConfigError(f"max_yaw_deviation_deg must be in 0..180, not {self.max_yaw_deviation_deg}")
-        if not 0 <= self.start_heading_deg <= min(self.max_yaw_deviation_deg, 90.0):
-            raise ConfigError(
-                f"start_heading_deg = {self.start_heading_deg} must be in 0..90 and no more than max_yaw_deviation_deg"
-                f" = {self.max_yaw_deviation_deg}"
+            raise ValueError(f"max_height_m must be above min_height_m = {self.min_height_m}, got {self.max_height_m}")
+        return self
+
+    @model_validator(mode="after")
+    def _initial_headings_are_allowed(self) -> Self:
+        if self.start_heading_deg > self.max_yaw_deviation_deg:
+            raise ValueError(
+                f"start_heading_deg must be at most max_yaw_deviation_deg = {self.max_yaw_deviation_deg}, "
+                f"got {self.start_heading_deg}"
             )
+        return self
 
     def with_options(self, **options: Any) -> "EnvConfig":
         """Return a copy with some fields changed; raises `ConfigError` for an unknown key and lists the known ones."""
-        refuse_unknown("option", options, (entry.name for entry in fields(self)))
+        refuse_unknown("option", options, (entry.name for entry in fields(self)), ConfigError)
         return replace(self, **options)
 
     @property

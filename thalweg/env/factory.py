@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from gymnasium.vector import AutoresetMode
 
-from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig, refuse_unknown, whole
+from thalweg.core.config import refuse_unknown
+from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig, whole
 from thalweg.env.env import RiverEnv
 from thalweg.env.vector_env import RiverVectorEnv
 from thalweg.world.record import World
@@ -94,7 +95,7 @@ make_single.metadata = RiverEnv.metadata  # pyright: ignore[reportFunctionMember
 
 def _with_options(config: EnvConfig, options: dict[str, Any], arguments: Sequence[str]) -> EnvConfig:
     """Return the config with some fields changed; raises `ConfigError` for an unknown option."""
-    refuse_unknown("option", options, [*arguments, *(field.name for field in fields(config))])
+    refuse_unknown("option", options, [*arguments, *(field.name for field in fields(config))], ConfigError)
     return config.with_options(**options)
 
 

@@ -13,8 +13,9 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from thalweg.core.config import refuse_unknown
 from thalweg.env import snapshot
-from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, DoneReason, EnvConfig, refuse_unknown, whole
+from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, DoneReason, EnvConfig, whole
 from thalweg.env.frame_renderer import FrameRenderer, Views
 from thalweg.env.initial_poses import check_pose, project_anywhere, random_clock, random_start, travel_direction
 from thalweg.env.spaces import (
@@ -201,7 +202,7 @@ class RiverVectorEnv(VectorEnv):
         `gymnasium.error.ResetNeeded`.
         """
         options = options or {}
-        refuse_unknown("reset option", options, RESET_OPTIONS)
+        refuse_unknown("reset option", options, RESET_OPTIONS, ConfigError)
         mask = options.get("reset_mask")
         if mask is None:
             mask = np.ones(self.num_envs, dtype=bool)

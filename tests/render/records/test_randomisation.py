@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from thalweg.core.config import bounds
 from thalweg.render import Look, Randomisation
 from thalweg.render.records.appearance import LIMITS, PARAMETERS, look_values
-from thalweg.render.records.randomisation import MOST_SUNS, SUN_LIMITS
+from thalweg.render.records.randomisation import MAX_SUNS, SUN_PARAMETERS
 from thalweg.world.record import World
 
 
@@ -34,7 +35,7 @@ def test_only_what_is_named_varies():
     assert sun == 0
     assert Randomisation.only(haze=(2.0, 3.0)).suns == 0
     assert Randomisation.only(sun_elevation_deg=(30.0, 40.0)).suns == 4
-    with pytest.raises(ValueError, match=r"nothing called fog can vary; known: .*haze"):
+    with pytest.raises(ValueError, match=r"unknown range 'fog'.*; known: .*haze"):
         Randomisation.only(fog=(0.0, 1.0))
 
 
@@ -48,27 +49,27 @@ def test_suns_lie_in_separate_parts_of_their_ranges_and_differ_between_worlds():
     assert Randomisation(suns=0).lights(3) == []
 
 
-@pytest.mark.parametrize("name", [*LIMITS, *SUN_LIMITS])
+@pytest.mark.parametrize("name", [*LIMITS, *SUN_PARAMETERS])
 def test_a_range_that_is_none_is_refused_by_name(name: str):
-    low, high = (LIMITS | SUN_LIMITS)[name]
+    low, high = bounds(Randomisation, name)
     for value, fault in (
-        ((high, low), "upside down"),
-        ((low - 1.0, high), "physical: from"),
-        ((low, high + 1.0), "physical: from"),
-        (1.0, "two numbers"),
-        ((low, "high"), "two numbers"),
-        ((low, float("nan")), "physical"),
+        ((high, low), "must have its lower end first"),
+        ((low - 1.0, high), f"must be a number from {low:g} to {high:g}"),
+        ((low, high + 1.0), f"must be a number from {low:g} to {high:g}"),
+        (1.0, "must be a pair, each a number from"),
+        ((low, "high"), "must be a number from"),
+        ((low, float("nan")), "must be a number from .*, got nan"),
     ):
-        with pytest.raises(ValueError, match=f"{name} = .*{fault}"):
+        with pytest.raises(ValueError, match=rf"^{name}(\[[01]\])? {fault}"):
             Randomisation.only(**{name: value})
 
 
 def test_suns_and_period_are_checked():
-    for suns in (-1, 1.5, MOST_SUNS + 1, True):
-        with pytest.raises(ValueError, match=f"suns = {suns}: .* from 0 to {MOST_SUNS}"):
+    for suns in (-1, 1.5, MAX_SUNS + 1, True):
+        with pytest.raises(ValueError, match=f"suns must be a whole number from 0 to {MAX_SUNS}, got {suns}"):
             Randomisation(suns=suns)  # pyright: ignore
-    with pytest.raises(ValueError, match="per = 'step': choose episode or environment"):
-        Randomisation(per="step")
+    with pytest.raises(ValueError, match="per must be one of 'episode', 'environment', got 'step'"):
+        Randomisation(per="step")  # pyright: ignore
 
 
 @pytest.mark.slow

@@ -5,10 +5,13 @@ rows that the kernels read. Absent on purpose: the sun, which is baked into a wo
 """
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, fields
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
+from thalweg.core.config import bounds, frozen_config
 from thalweg.render.errors import RenderError
 from thalweg.render.records.camera import Camera
 
@@ -33,55 +36,52 @@ GREEN_SCATTER, BROWN_SCATTER = (0.45, 1.55, 1.60), (2.60, 1.65, 0.55)
 WARM, COLD = (1.16, 1.0, 0.80), (0.86, 1.0, 1.22)
 """Gains of red, green, blue at the ends of the white balance."""
 
-LIMITS = {
-    "haze": (0.0, 40.0),
-    "exposure_ev": (-4.0, 4.0),
-    "warmth": (-1.0, 1.0),
-    "water_tint": (-1.0, 1.0),
-    "turbidity": (0.0, 20.0),
-    "ripple": (0.0, 4.0),
-    "season": (0.0, 1.0),
-    "plant_density": (0.0, 1.0),
-    "pitch_deg": (-60.0, 60.0),
-    "fov_deg": (-50.0, 60.0),
-    "noise": (0.0, 64.0),
-}
-"""The least and the greatest value of each field of `Look`: beyond them nothing physical is meant."""
+# Physical limits of each field of `Look`, and of each range of `Randomisation`.
+Haze = Annotated[float, Field(ge=0, le=40)]
+ExposureEV = Annotated[float, Field(ge=-4, le=4)]
+Warmth = Annotated[float, Field(ge=-1, le=1)]
+WaterTint = Annotated[float, Field(ge=-1, le=1)]
+Turbidity = Annotated[float, Field(ge=0, le=20)]
+Ripple = Annotated[float, Field(ge=0, le=4)]
+Season = Annotated[float, Field(ge=0, le=1)]
+PlantDensity = Annotated[float, Field(ge=0, le=1)]
+PitchDeg = Annotated[float, Field(ge=-60, le=60)]
+FovDeg = Annotated[float, Field(ge=-50, le=60)]
+Noise = Annotated[float, Field(ge=0, le=64)]
 
 
-@dataclass(frozen=True)
+@frozen_config(RenderError, numpy_scalars=True)
 class Look:
     """One way of seeing a world."""
 
-    haze: float = 1.0
+    haze: Haze = 1.0
     """Factor on the density of the haze; at 1 a kilometre lets half of the light through."""
-    exposure_ev: float = 0.0
+    exposure_ev: ExposureEV = 0.0
     """Exposure compensation in stops, on top of the automatic exposure."""
-    warmth: float = 0.0
+    warmth: Warmth = 0.0
     """White balance from -1 (cold, blue) to 1 (warm, orange)."""
-    water_tint: float = 0.0
+    water_tint: WaterTint = 0.0
     """Colour of the water from -1 (green-blue, as of melting snow) to 1 (brown, as of a bog)."""
-    turbidity: float = 1.0
+    turbidity: Turbidity = 1.0
     """Factor on how much light a metre of water absorbs and scatters; at 0 the water is as clear as air."""
-    ripple: float = 1.0
+    ripple: Ripple = 1.0
     """Factor on the slopes of the ripples; at 0 the water is a mirror."""
-    season: float = 0.0
+    season: Season = 0.0
     """From 0 (summer) to 1 (autumn): leaves turn yellow, needles and reeds a little."""
-    plant_density: float = 1.0
+    plant_density: PlantDensity = 1.0
     """Share of the plants that are drawn. Their shadows stay."""
-    pitch_deg: float = 0.0
+    pitch_deg: PitchDeg = 0.0
     """Added to the camera's pitch; positive looks further down."""
-    fov_deg: float = 0.0
+    fov_deg: FovDeg = 0.0
     """Added to the camera's vertical field of view."""
-    noise: float = 0.0
+    noise: Noise = 0.0
     """Standard deviation of the sensor's noise in 255ths of white, in each channel and pixel anew."""
-
-    def __post_init__(self) -> None:
-        check_values(np.array([astuple(self)], np.float64))
 
 
 PARAMETERS = tuple(field.name for field in fields(Look))
 """The columns of looks as arrays [N, P]."""
+LIMITS = {name: bounds(Look, name) for name in PARAMETERS}
+"""The minimum and the maximum of each field of `Look`."""
 
 
 def look_values(look: "Look | Sequence[Look] | np.ndarray | None", count: int) -> np.ndarray:
@@ -108,7 +108,7 @@ def check_values(values: np.ndarray) -> None:
         wrong = ~((values[:, column] >= low) & (values[:, column] <= high))
         if wrong.any():
             value = values[np.argmax(wrong), column]
-            raise RenderError(f"{name} = {value:g}: choose a value from {low:g} to {high:g}")
+            raise RenderError(f"{name} must be a number from {low:g} to {high:g}, got {value:g}")
 
 
 def look_rows(values: np.ndarray, camera: Camera) -> np.ndarray:

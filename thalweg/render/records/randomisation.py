@@ -5,75 +5,75 @@ later (Tobin et al. 2017, "Domain Randomization for Transferring Deep Neural Net
 World"). The suns are baked into the worlds beforehand, a few for each, so that drawing costs nothing.
 """
 
-from dataclasses import dataclass, fields
-from numbers import Real
-from typing import Any
+from dataclasses import fields
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 
+from thalweg.core.config import PairOf, WholeNumber, frozen_config, refuse_unknown
 from thalweg.render.errors import RenderError
-from thalweg.render.records.appearance import LIMITS, PARAMETERS, Look
+from thalweg.render.records import appearance
+from thalweg.render.records.appearance import PARAMETERS, Look
 
-Range = tuple[float, float]
-SUN_LIMITS = {"sun_azimuth_deg": (-360.0, 720.0), "sun_elevation_deg": (5.0, 90.0)}
-MOST_SUNS = 64
+SUN_PARAMETERS = ("sun_azimuth_deg", "sun_elevation_deg")
+SunAzimuthDeg = Annotated[float, Field(ge=-360, le=720)]
+SunElevationDeg = Annotated[float, Field(ge=5, le=90)]
+Period = Literal["episode", "environment"]
+MAX_SUNS = 64
 """Each sun of each world takes about 25 MB of tables."""
-PERIODS = ("episode", "environment")
 
 
-@dataclass(frozen=True)
+@frozen_config(RenderError, numpy_scalars=True)
 class Randomisation:
     """From where to where each part of a look is drawn, uniformly; the meaning of each is that of `Look`."""
 
-    haze: Range = (0.3, 6.0)
+    haze: PairOf[appearance.Haze] = (0.3, 6.0)
     """Factor on the density of the haze."""
-    exposure_ev: Range = (-0.7, 0.7)
+    exposure_ev: PairOf[appearance.ExposureEV] = (-0.7, 0.7)
     """Exposure compensation in stops."""
-    warmth: Range = (-0.6, 0.6)
+    warmth: PairOf[appearance.Warmth] = (-0.6, 0.6)
     """White balance, cold to warm."""
-    water_tint: Range = (-0.8, 0.8)
+    water_tint: PairOf[appearance.WaterTint] = (-0.8, 0.8)
     """Colour of the water, green-blue to brown."""
-    turbidity: Range = (0.4, 3.0)
+    turbidity: PairOf[appearance.Turbidity] = (0.4, 3.0)
     """Factor on what a metre of water absorbs and scatters."""
-    ripple: Range = (0.3, 1.8)
+    ripple: PairOf[appearance.Ripple] = (0.3, 1.8)
     """Factor on the slopes of the ripples."""
-    season: Range = (0.0, 1.0)
+    season: PairOf[appearance.Season] = (0.0, 1.0)
     """Summer to autumn."""
-    plant_density: Range = (0.6, 1.0)
+    plant_density: PairOf[appearance.PlantDensity] = (0.6, 1.0)
     """Share of the plants that are drawn."""
-    pitch_deg: Range = (-5.0, 5.0)
+    pitch_deg: PairOf[appearance.PitchDeg] = (-5.0, 5.0)
     """Added to the camera's pitch."""
-    fov_deg: Range = (-6.0, 6.0)
+    fov_deg: PairOf[appearance.FovDeg] = (-6.0, 6.0)
     """Added to the camera's field of view."""
-    noise: Range = (0.0, 6.0)
+    noise: PairOf[appearance.Noise] = (0.0, 6.0)
     """Standard deviation of the sensor's noise in 255ths."""
-    sun_azimuth_deg: Range = (0.0, 360.0)
+    sun_azimuth_deg: PairOf[SunAzimuthDeg] = (0.0, 360.0)
     """Direction towards the sun, counter-clockwise from east."""
-    sun_elevation_deg: Range = (25.0, 70.0)
+    sun_elevation_deg: PairOf[SunElevationDeg] = (25.0, 70.0)
     """Height of the sun."""
-    suns: int = 4
+    suns: Annotated[WholeNumber, Field(ge=0, le=MAX_SUNS)] = 4
     """Lights baked for each world, one of which is drawn; 0 keeps the world's own."""
-    per: str = "episode"
+    per: Period = "episode"
     """`episode`: drawn anew at each start; `environment`: once, when an environment is seeded."""
 
-    def __post_init__(self) -> None:
-        for name, (low, high) in (LIMITS | SUN_LIMITS).items():
-            check_range(name, getattr(self, name), low, high)
-        if isinstance(self.suns, bool) or self.suns != int(self.suns) or not 0 <= self.suns <= MOST_SUNS:
-            raise RenderError(f"suns = {self.suns!r}: choose a whole number from 0 to {MOST_SUNS}")
-        if self.per not in PERIODS:
-            raise RenderError(f"per = {self.per!r}: choose {' or '.join(PERIODS)}")
+    @model_validator(mode="after")
+    def _lower_ends_are_first(self) -> Self:
+        for name in (*PARAMETERS, *SUN_PARAMETERS):
+            low, high = getattr(self, name)
+            if low > high:
+                raise ValueError(f"{name} must have its lower end first, got {(low, high)}")
+        return self
 
     @classmethod
     def only(cls, **ranges: Any) -> "Randomisation":
         """Ranges for the named parts only; the others keep the default look, and no sun is baked unless it is named."""
-        known = {field.name for field in fields(cls)}
-        unknown = sorted(set(ranges) - known)
-        if unknown:
-            raise RenderError(f"nothing called {', '.join(unknown)} can vary; known: {', '.join(sorted(known))}")
+        refuse_unknown("range", ranges, sorted(field.name for field in fields(cls)), RenderError)
         usual = Look()
         fixed = {name: (getattr(usual, name),) * 2 for name in PARAMETERS}
-        suns = {} if ranges.keys() & SUN_LIMITS.keys() else {"suns": 0}
+        suns = {} if ranges.keys() & set(SUN_PARAMETERS) else {"suns": 0}
         return cls(**{**fixed, **suns, **ranges})
 
     @property
@@ -99,17 +99,3 @@ class Randomisation:
         ranges = np.array([self.sun_azimuth_deg, self.sun_elevation_deg], np.float64)
         angles = np.radians(ranges[:, :1] + (ranges[:, 1:] - ranges[:, :1]) * places)
         return [(float(azimuth), float(elevation)) for azimuth, elevation in angles.T]
-
-
-def check_range(name: str, value: Any, low: float, high: float) -> None:
-    """Raise `RenderError` unless the value is a pair of numbers in order, within low..high."""
-    try:
-        first, last = value
-    except (TypeError, ValueError):
-        raise RenderError(f"{name} = {value!r}: a range is two numbers, such as ({low:g}, {high:g})") from None
-    if not all(isinstance(end, Real) and not isinstance(end, bool) for end in (first, last)):
-        raise RenderError(f"{name} = {value!r}: a range is two numbers, such as ({low:g}, {high:g})")
-    if first > last:
-        raise RenderError(f"{name} = {value!r} is upside down: write the lower end first")
-    if not (low <= first and last <= high):
-        raise RenderError(f"{name} = {value!r} leaves what is physical: from {low:g} to {high:g}")

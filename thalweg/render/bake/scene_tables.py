@@ -64,7 +64,7 @@ from thalweg.render.records.layout import (
     TOP_MAX,
 )
 from thalweg.render.records.scene import NO_CANOPY_M, Scene
-from thalweg.world.light.bake import deck_heights
+from thalweg.world.light.canopy import deck_heights
 from thalweg.world.record import World
 from thalweg.world.species import KINDS
 

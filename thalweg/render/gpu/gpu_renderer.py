@@ -167,6 +167,7 @@ class GpuRenderer:
                 postprocess.adder(reduced), count, postprocess.THREADS, device,
                 scene, views, cameras, planes, softened, gains,
             )  # fmt: skip
+            # Without softened edges the planes hold the final colours.
             colours = (
                 Radiance(planes.red, planes.green, planes.blue)
                 if reduced

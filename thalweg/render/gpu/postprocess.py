@@ -96,6 +96,7 @@ def write_layers(planes, depths, kinds, masks):
     height, width = planes.kind.shape[1:]
     if k >= height * width:
         return
+    # Pixels are numbered row by row, so that a block of threads writes one stretch of memory.
     r = k // width
     c = k % width
     kind = planes.kind[n, r, c]

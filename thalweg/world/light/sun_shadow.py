@@ -29,6 +29,11 @@ BRIDGE_STEP_M = 0.08
 """Step of the ray march through a bridge."""
 
 
+def band_count(rows: int) -> int:
+    """Return the number of bands of `BAND_ROWS` rows."""
+    return -(-rows // BAND_ROWS)
+
+
 @kernel(inlined=True, fastmath=False)
 def terrain_share(surface, cell, x, y, z, ray, top):
     """Return the share of the sun's disc that the terrain leaves free, from height z at node coordinates (x, y).

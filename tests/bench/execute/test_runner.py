@@ -67,7 +67,7 @@ def test_killed_at_any_point_the_same_command_ends_with_the_same_tables(
     assert len(rest.calls) == WHOLE - die_at  # nothing that was finished was done again
 
 
-def test_a_failed_run_is_a_row_with_its_error_and_the_others_go_on(tmp_path: Path):
+def test_a_failed_run_is_a_row_with_its_error_and_the_others_continue(tmp_path: Path):
     outcome = run_suite(SUITE, tmp_path, SmallBackend(broken=("PPO-1",)))
     rows = {row.run: row for row in read_runs(tmp_path)}
     assert list(rows) == ["hover-0", "PPO-0", "PPO-1", "FOCOPS-0", "FOCOPS-1"]
@@ -88,7 +88,7 @@ def test_a_failed_run_is_tried_again_and_nothing_else(tmp_path: Path, undisturbe
     assert not (tmp_path / "runs" / "PPO-1" / "error.txt").exists()
 
 
-def test_a_run_that_is_tried_again_finds_its_folder_free_of_the_old_error(tmp_path: Path):
+def test_a_run_that_is_tried_again_starts_without_the_old_error_file(tmp_path: Path):
     """A trainer refuses a folder that holds anything but its own run."""
     run_suite(SUITE, tmp_path, SmallBackend(broken=("PPO-1",)))
     found: list[str] = []
@@ -169,7 +169,7 @@ def test_a_full_disk_stops_the_suite_and_keeps_what_was_finished(tmp_path: Path,
         ({"starts_seed": -3}, "starts_seed must be a whole number of at least 0, got -3"),
     ],
 )
-def test_a_misspelt_suite_fails_before_anything_is_done(tmp_path: Path, change: dict, message: str):
+def test_an_invalid_suite_is_refused_before_anything_runs(tmp_path: Path, change: dict, message: str):
     place = SmallBackend()
     with pytest.raises(ResultsError, match=message):
         run_suite(replace(SUITE, **change), tmp_path / "new", place)
@@ -207,7 +207,7 @@ def test_a_folder_with_something_else_in_it_is_refused(tmp_path: Path):
         run_suite(SUITE, tmp_path, SmallBackend())
 
 
-def test_without_a_packaged_policy_the_rest_is_done_and_it_is_said(
+def test_without_a_packaged_policy_the_other_runs_are_executed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ):
     monkeypatch.setattr("thalweg.bench.execute.executors.PACKAGED_POLICY", tmp_path / "nothing")
@@ -234,7 +234,7 @@ def test_the_film_shows_the_best_flight_of_a_trained_policy_and_says_so(tmp_path
     )
 
 
-def test_another_best_flight_is_filmed_anew(tmp_path: Path):
+def test_another_best_flight_is_filmed_again(tmp_path: Path):
     run_suite(SUITE, tmp_path, SmallBackend(broken=("PPO-0", "PPO-1", "FOCOPS-1")))
     assert "The best of 3 flights" in (tmp_path / "film.txt").read_text()
     again = SmallBackend()
@@ -339,9 +339,16 @@ def test_the_suites_are_found_by_name_and_an_unknown_one_lists_them():
         suite_named("papr")
 
 
+@pytest.mark.parametrize(("name", "meant"), [("hovr", "hover"), ("FOCOPS-9", "FOCOPS-"), ("pakaged", "packaged")])
+def test_an_unknown_name_in_only_is_refused_with_a_suggestion_and_the_known_names(name: str, meant: str):
+    known = "name one of random, hover, forward, pilot, packaged, PPO, FOCOPS, or one run, such as FOCOPS-0"
+    with pytest.raises(ResultsError, match=f"suite quick has no '{name}' .did you mean '{meant}.*'.*; {known}"):
+        selected_runs(SUITES["quick"], (name,))
+
+
 @pytest.mark.parametrize("name", SUITES)
-def test_a_suite_that_comes_with_the_package_names_only_what_there_is(name: str, tmp_path: Path):
-    """Nothing of it is done: that there is no run called so is found after the suite itself has been checked."""
+def test_a_builtin_suite_can_be_started(name: str, tmp_path: Path):
+    """Nothing runs: `only` is checked first, and holds an unknown name."""
     with pytest.raises(ResultsError, match=f"suite {name} has no 'nobody'; name one of "):
         run_suite(SUITES[name], tmp_path / "new", SmallBackend(), only=("nobody",))
 

@@ -5,6 +5,7 @@ a row with its error in `runs.csv`; the other runs continue, and the same comman
 were made with other versions are outdated and done again.
 """
 
+import difflib
 import json
 from collections import Counter
 from collections.abc import Sequence
@@ -96,8 +97,11 @@ def selected_runs(suite: Suite, only: tuple[str, ...]) -> list[Run]:
     for name in only:
         if name not in known:
             policies = ", ".join(dict.fromkeys(run.algorithm for run in runs))
+            near = difflib.get_close_matches(name, sorted(known), 1)
+            meant = f" (did you mean {near[0]!r}?)" if near else ""
             raise ResultsError(
-                f"suite {suite.name} has no {name!r}; name one of {policies}, or one run, such as {runs[-1].name}"
+                f"suite {suite.name} has no {name!r}{meant}; name one of {policies}, or one run,"
+                f" such as {runs[-1].name}"
             )
     return [run for run in runs if not only or {run.name, run.algorithm} & set(only)]
 

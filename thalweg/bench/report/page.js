@@ -1,8 +1,8 @@
-// How does a reader find a figure? Tables sort by a click on a column's head and are filtered by policies and levels;
-// pictures can be enlarged where they are small. Without any of this the page says the same.
+// Script of the report: sorts tables by a column, filters them by policies and levels, and enlarges pictures.
+// The page shows the same content without it.
 "use strict";
 
-/** The number that a cell begins with, as "8.30 ± 3.39", "83% [70, 92]", "1,234" or "< 0.01"; NaN for words. */
+/** Returns the number that a cell begins with, as in "8.30 ± 3.39", "83% [70, 92]", "1,234" or "< 0.01"; NaN for words. */
 function leadingNumber(text) {
   const found = text.replace("−", "-").match(/^[<>≤≥≈~\s]*([-+]?(?:\d[\d,]*\.?\d*|\.\d+)(?:e[-+]?\d+)?)/i);
   return found ? Number(found[1].replaceAll(",", "")) : NaN;
@@ -10,7 +10,7 @@ function leadingNumber(text) {
 
 const wordOf = (cell) => cell.textContent.trim();
 
-/** The rows of a table in groups that stay together: a row, and the published ones that belong to it. */
+/** Returns the rows of a table in groups that stay together: a row and the published rows that belong to it. */
 function groupsOf(body) {
   const groups = [];
   for (const row of body.rows) {
@@ -20,7 +20,7 @@ function groupsOf(body) {
   return groups;
 }
 
-/** The groups in the order of a column: numbers by value, with words last both ways; words by the alphabet. */
+/** Returns the groups sorted by a column: numbers by value, with words last in both directions; words alphabetically. */
 function inOrder(groups, column, direction) {
   const keyed = groups.map((group) => {
     const word = wordOf(group[0].cells[column]);
@@ -36,7 +36,7 @@ function inOrder(groups, column, direction) {
   return keyed.sort(compare).map(({ group }) => group);
 }
 
-/** Puts a button into each head that sorts the rows up, then down, then as they were. */
+/** Adds a button to each heading that sorts the rows ascending, then descending, then in the original order. */
 function makeSortable({ heads, body, groups }) {
   heads.forEach((head, column) => {
     const button = document.createElement("button");
@@ -56,7 +56,7 @@ function makeSortable({ heads, body, groups }) {
   });
 }
 
-/** What of a table names policies and levels: columns by their heads, and columns that are of one level each. */
+/** Finds the columns of a table that name policies or levels, and the columns that belong to one level each. */
 function readTable(table, levels) {
   const heads = [...table.tHead.rows[0].cells];
   const columns = (pattern) => heads.flatMap((head, column) => (pattern.test(wordOf(head)) ? [column] : []));
@@ -68,7 +68,7 @@ function readTable(table, levels) {
   };
 }
 
-/** Shows of a table what matches, and returns how many rows are shown, and of how many. */
+/** Shows the matching rows of a table; returns the number of shown rows and of all rows. */
 function filterTable({ table, heads, groups, policyColumns, levelColumns, columnLevels }, policies, levels) {
   const matches = (text, words) => !words.length || words.some((word) => text.toLowerCase().includes(word));
   const matchesIn = (row, columns, words) =>
@@ -91,7 +91,7 @@ function filterTable({ table, heads, groups, policyColumns, levelColumns, column
   return [shown, groups.flat().length];
 }
 
-/** Filters the tables that name policies or levels by the words in the form, and says how many rows are left. */
+/** Filters the tables that name policies or levels by the words in the form, and shows the number of rows left. */
 function makeFilter(form, tables) {
   const named = tables.filter(({ policyColumns, levelColumns }) => policyColumns.length || levelColumns.length);
   const words = (field) => field.value.toLowerCase().split(/[\s,]+/).filter(Boolean);
@@ -107,7 +107,7 @@ function makeFilter(form, tables) {
   filter();
 }
 
-/** Puts a button under each picture that shows it large, to be scrolled; the style shows it on narrow screens. */
+/** Adds a button under each picture that enlarges it for scrolling; the style shows the button on narrow screens. */
 function makeLarger(picture) {
   const button = document.createElement("button");
   button.type = "button";

@@ -26,7 +26,7 @@ class ConfigError(ValueError):
     """An unknown key of a config, or a value that is unknown or out of range."""
 
 
-def whole(name: str, value: object, least: int) -> int:
+def integer_at_least(name: str, value: object, least: int) -> int:
     """Return a value as an integer of at least `least`; raises `ConfigError` with its name for anything else."""
     try:
         number = operator.index(value)  # pyright: ignore[reportArgumentType]

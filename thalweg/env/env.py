@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, EnvConfig, whole
+from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, EnvConfig, integer_at_least
 from thalweg.env.spaces import batch_of_one, observation_at
 from thalweg.env.vector_env import RiverVectorEnv
 from thalweg.world.record import World
@@ -40,7 +40,7 @@ class RiverEnv(gymnasium.Env):
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start a new episode, at `options["pose"]` [4] if given; returns observation and info."""
         rows, poses = self.vector.validate_options(options)
-        super().reset(seed=None if seed is None else whole("seed", seed, 0))
+        super().reset(seed=None if seed is None else integer_at_least("seed", seed, 0))
         first = self.vector.generators[0] is None
         self.vector.generators[0] = self.np_random
         if first or seed is not None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from gymnasium.vector import AutoresetMode
 
 from thalweg.core.config import refuse_unknown
-from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig, whole
+from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig, integer_at_least
 from thalweg.env.env import RiverEnv
 from thalweg.env.vector_env import RiverVectorEnv
 from thalweg.world.record import World
@@ -32,7 +32,7 @@ def make_single(
     """
     config = _with_options(config, options, ("world", "world_seed", "renderer", "render_mode", "config"))
     _start_compilation(config)
-    seeds = None if world_seed is None else [whole("world_seed", world_seed, 0)]
+    seeds = None if world_seed is None else [integer_at_least("world_seed", world_seed, 0)]
     worlds = _worlds(level, None if world is None else [world], seeds)
     return RiverEnv(worlds[0], config, renderer=renderer, render_mode=render_mode)
 
@@ -127,7 +127,7 @@ def _seeds(given: Sequence[int]) -> list[int]:
     """Return seeds of worlds as integers; raises `ConfigError` for anything else."""
     if isinstance(given, str) or not hasattr(given, "__iter__"):
         raise ConfigError(f"world_seeds must be a list of whole numbers, not {given!r}")
-    seeds = [whole("each of world_seeds", seed, 0) for seed in given]
+    seeds = [integer_at_least("each of world_seeds", seed, 0) for seed in given]
     if not seeds:
         raise ConfigError("world_seeds needs at least one seed")
     return seeds

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from thalweg.core import gpu
 from thalweg.core.device import resolve_device
-from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, DoneReason, EnvConfig, whole
+from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, DoneReason, EnvConfig, integer_at_least
 from thalweg.env.device.memory import bytes_per_env, check_memory, free_bytes
 from thalweg.env.device.step import advance_all, reset_arguments
 from thalweg.env.frame_renderer import lights_per_world, relit_worlds
@@ -65,7 +65,7 @@ class TensorRiverEnv:
         than that, `DeviceError`, and `UnsafePoseError` for a world without a safe start.
         """
         self.worlds = (worlds,) if isinstance(worlds, World) else tuple(worlds)
-        self.num_envs, self.config = whole("num_envs", num_envs, 1), config
+        self.num_envs, self.config = integer_at_least("num_envs", num_envs, 1), config
         self.device = torch.device(resolve_device(device))
         courses = pack_courses(self.worlds, config)
         shared = 0
@@ -133,7 +133,7 @@ class TensorRiverEnv:
 
     def reset(self, *, seed: int = 0) -> tuple[Any, Info]:
         """Start the first episodes of new seeds in all environments; returns observations and info."""
-        first = whole("seed", seed, 0)
+        first = integer_at_least("seed", seed, 0)
         self._tensors["seed"].copy_(torch.arange(first, first + self.num_envs))
         self._tensors["episode"].zero_()
         self._tensors["ended"].fill_(1)

@@ -15,7 +15,7 @@ from gymnasium.vector.utils import batch_space
 
 from thalweg.core.config import refuse_unknown
 from thalweg.env import snapshot
-from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, DoneReason, EnvConfig, whole
+from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, DoneReason, EnvConfig, integer_at_least
 from thalweg.env.frame_renderer import FrameRenderer, Views
 from thalweg.env.initial_poses import check_pose, project_anywhere, random_clock, random_start, travel_direction
 from thalweg.env.spaces import (
@@ -69,7 +69,7 @@ class RiverVectorEnv(VectorEnv):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(f"unknown render_mode {render_mode!r}; known: {', '.join(self.metadata['render_modes'])}")
         self.worlds = (worlds,) if isinstance(worlds, World) else tuple(worlds)
-        self.num_envs = whole("num_envs", num_envs, 1)
+        self.num_envs = integer_at_least("num_envs", num_envs, 1)
         self.config = config
         self.autoreset_mode = _mode(autoreset_mode)
         frames_per_s = 1.0 / config.step_s if config.step_s > 0 else self.metadata["render_fps"]
@@ -227,12 +227,12 @@ class RiverVectorEnv(VectorEnv):
         if seed is None:
             return [None] * self.num_envs
         if isinstance(seed, str) or not hasattr(seed, "__len__"):
-            first = whole("seed", seed, 0)
+            first = integer_at_least("seed", seed, 0)
             return [first + row for row in range(self.num_envs)]
         assert not isinstance(seed, int)
         if len(seed) != self.num_envs:
             raise ConfigError(f"{len(seed)} seeds for {self.num_envs} environments")
-        return [None if one is None else whole("each seed", one, 0) for one in seed]
+        return [None if one is None else integer_at_least("each seed", one, 0) for one in seed]
 
     def _start_episode(self, row: int, pose: np.ndarray | None = None) -> None:
         """Start an episode in one environment, at a pose [4] or a random one."""

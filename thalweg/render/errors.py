@@ -1,4 +1,4 @@
-"""What goes wrong in asking for frames?"""
+"""`RenderError`, raised for frames that cannot be rendered."""
 
 
 class RenderError(ValueError):

@@ -1,9 +1,9 @@
-"""What picture stands for a plant? An atlas of every kind from eight sides, lit by the sun, with mip levels.
+"""Plant impostors: an atlas of pictures of every kind of plant from eight sides, lit by the sun, with mip levels.
 
-A view is named by the light, not by the plant: view v shows the plant to a camera whose horizontal look direction makes
-the angle 2π·v/VIEWS, counter-clockwise, with the direction towards the sun. View 0 looks into the sun and shows the
-plant back-lit, view VIEWS/2 shows it front-lit. So the atlas depends on the height of the sun only; its azimuth enters
-at look-up (`view_of`). The camera looks down by `LOOK_DOWN` and the picture plane is upright, as a billboard is.
+Views are numbered relative to the sun: view v shows the plant to a camera whose horizontal look direction makes the
+angle 2π·v/VIEWS, counter-clockwise, with the direction towards the sun. View 0 looks into the sun and shows the plant
+back-lit, view VIEWS/2 shows it front-lit. Therefore the atlas depends only on the height of the sun; its azimuth is
+used at look-up (`view_of`). The camera looks down by `LOOK_DOWN`, and the picture plane is upright, as a billboard is.
 """
 
 import contextlib
@@ -31,14 +31,15 @@ LOOK_DOWN = math.radians(10)
 ELEVATION_STEP = math.radians(5)
 """The sun's elevation is rounded to this, so that worlds with almost the same sun share an atlas."""
 SHARPER = 1.6
-"""Factor on the contrast of single leaves: looking up between texels takes about as much of it away."""
+"""Factor on the contrast of single leaves, which compensates for the interpolation between texels."""
 MOST_GAIN = 1.8
-"""Averaging takes the sparkle of leaves out of far levels; at most this factor on their detail puts it back."""
+"""Upper limit of the factor that restores the contrast that averaging removes from coarse levels."""
 FINE = 4
 """Samples along each side of a texel of level 0."""
 SOURCES = (PACKAGE / "core" / "jit.py", PACKAGE / "world" / "species.py", *Path(__file__).parent.glob("*.py"))
-STAMP = code_hash(SOURCES)
-"""Taken on import: a process older than the sources on the disk must not store its atlas under their name."""
+SOURCE_HASH = code_hash(SOURCES)
+"""Computed on import, so that a process that runs older code than the files hold does not store its atlas under their
+hash."""
 
 
 @dataclass(frozen=True)
@@ -62,29 +63,29 @@ class Atlas:
         return self.texels.view(np.uint32).ravel()
 
     def picture(self, kind: int, view: int, level: int = 0) -> np.ndarray:
-        """The texels [rows, columns, 4] uint8 of one picture, foot first."""
+        """Return the texels [rows, columns, 4] uint8 of one picture; row 0 is the foot."""
         size = rows(level) * cols(level)
         start = int(self.offset[level]) + (kind * VIEWS + view) * size
         return self.texels[start : start + size].reshape(rows(level), cols(level), 4)
 
 
 def rows(level: int) -> int:
-    """Rows of a picture on a level."""
+    """Return the number of rows of a picture on a level."""
     return ROWS >> level
 
 
 def cols(level: int) -> int:
-    """Columns of a picture on a level."""
+    """Return the number of columns of a picture on a level."""
     return COLS >> level
 
 
 def view_of(look: float, sun_azimuth: float) -> int:
-    """The view nearest to the horizontal look direction `look`, with the sun towards `sun_azimuth`; both in radians."""
+    """Return the view nearest to the look direction `look` for a sun at `sun_azimuth`; both in radians."""
     return round((look - sun_azimuth) * VIEWS / (2 * math.pi)) % VIEWS
 
 
 def atlas(sun_elevation: float) -> Atlas:
-    """The atlas for a height of the sun in radians, from memory, from the disk, or made now.
+    """Return the atlas for a height of the sun in radians, from memory or the disk if it is there.
 
     Raises `ValueError` for a sun that is not between the horizon and the zenith.
     """
@@ -95,8 +96,8 @@ def atlas(sun_elevation: float) -> Atlas:
 
 @cache
 def remembered(steps: int) -> Atlas:
-    """The atlas for a sun `steps` times ELEVATION_STEP high, read-only and shared by all who ask."""
-    path = cache_dir() / f"atlas-{STAMP}-{steps}.npz"
+    """Return the read-only, shared atlas for a sun `steps` times ELEVATION_STEP high."""
+    path = cache_dir() / f"atlas-{SOURCE_HASH}-{steps}.npz"
     made = stored(path)
     if made is None:
         made = build(steps * ELEVATION_STEP)
@@ -107,8 +108,8 @@ def remembered(steps: int) -> Atlas:
 
 
 def build(sun_elevation: float) -> Atlas:
-    """Grow, light and draw every kind; the same bytes every time."""
-    with ThreadPoolExecutor() as pool:  # the kernels let go of Python's lock
+    """Grow, light and draw every kind. The result is deterministic."""
+    with ThreadPoolExecutor() as pool:  # the kernels release the GIL
         drawn = list(pool.map(lambda kind: draw_kind(kind, sun_elevation), KINDS))
     full = np.stack([picture for picture, _ in drawn]).reshape(-1, ROWS, COLS, 4)
     shade = np.stack([share for _, share in drawn]).astype(np.float32)
@@ -119,7 +120,7 @@ def build(sun_elevation: float) -> Atlas:
 
 
 def draw_kind(kind: Kind, sun_elevation: float) -> tuple[np.ndarray, np.ndarray]:
-    """All views of a kind: RGB times coverage, and coverage [VIEWS, ROWS, COLS, 4]; and its `shade` [VIEWS, 3]."""
+    """Return all views of a kind [VIEWS, ROWS, COLS, 4] (RGB times coverage, coverage) and `shade` [VIEWS, 3]."""
     model = grow(kind)
     sun_share, sky_share = sprites.light(model, sun_elevation)
     if kind.group == "rock":  # convex: it shades itself by turning away, and by nothing else
@@ -143,17 +144,17 @@ def draw_kind(kind: Kind, sun_elevation: float) -> tuple[np.ndarray, np.ndarray]
 
 
 def extent(model: Model, looks: list[tuple[float, float]]) -> tuple[float, float]:
-    """Greatest height in the picture plane over all views, and greatest distance from its middle line."""
+    """Return the greatest height in the picture plane over all views, and the greatest distance from its axis."""
     look = np.array(looks)
     depth = model.centre[:, :2] @ look.T
-    aside = model.centre[:, :2] @ np.column_stack([look[:, 1], -look[:, 0]]).T
+    sideways = model.centre[:, :2] @ np.column_stack([look[:, 1], -look[:, 0]]).T
     high = model.centre[:, 2:] + depth * math.tan(LOOK_DOWN)
     leaf = float(np.median(np.linalg.norm(model.along, axis=1)))
-    return float(np.quantile(high, 0.9995)) + leaf, float(np.quantile(np.abs(aside), 0.9985)) + leaf
+    return float(np.quantile(high, 0.9995)) + leaf, float(np.quantile(np.abs(sideways), 0.9985)) + leaf
 
 
 def mip_levels(full: np.ndarray) -> list[np.ndarray]:
-    """Pictures [P, rows, cols, 4] (RGB times coverage, and coverage) on each level, with coverage kept."""
+    """Return pictures [P, rows, cols, 4] (RGB times coverage, and coverage) on each level; coverage is preserved."""
     levels = [full]
     for _ in range(LEVELS - 1):
         fine = levels[-1]
@@ -175,10 +176,10 @@ def mip_levels(full: np.ndarray) -> list[np.ndarray]:
 
 
 def detail(level: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Mean colour of the 4 x 4 block round each texel, the texel's distance from it, and the size of that distance.
+    """Return the mean colour of the 4 x 4 block round each texel, each texel's difference from it, and its contrast.
 
-    Of pictures [P, rows, cols, 4] (RGB times coverage, and coverage); the first two [P, rows, cols, 3], the last as a
-    share of the mean colour.
+    level: pictures [P, rows, cols, 4] (RGB times coverage, and coverage). The first two are [P, rows, cols, 3]; the
+    contrast is the standard deviation of the differences as a share of the mean colour.
     """
     p, r, c, _ = level.shape
     block = level.reshape(p, r // 4, 4, c // 4, 4, 4).sum((2, 4))
@@ -190,10 +191,10 @@ def detail(level: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def keep_coverage(cover: np.ndarray, solid: float, mean: float) -> np.ndarray:
-    """Coverage [...] bent so that a share `solid` of it is at least one half, and its mean is nearest to `mean`.
+    """Return coverage [...] remapped: a share `solid` of it is at least one half, and its mean is close to `mean`.
 
-    Averaging alone lets thin foliage fall under the half and thick foliage close its gaps (Castaño 2010, "Computing
-    alpha mipmaps"). The bend maps 0, the threshold and 1 to 0, 1/2 and 1, with a power on either side.
+    Averaging alone makes thin foliage vanish and closes the gaps of thick foliage (Castaño 2010, "Computing
+    alpha mipmaps"). The remapping takes 0, the threshold and 1 to 0, 1/2 and 1, with a power function on either side.
     """
     count = round(solid * cover.size)
     ranked = np.sort(cover, axis=None)[::-1]
@@ -210,7 +211,7 @@ def keep_coverage(cover: np.ndarray, solid: float, mean: float) -> np.ndarray:
 
 
 def dilated(levels: list[np.ndarray]) -> list[np.ndarray]:
-    """The levels with RGB divided by coverage; an empty texel takes the colour of its parent on the next level."""
+    """Return the levels with RGB divided by coverage; an empty texel has the colour of its parent level."""
     result = []
     parent = None
     for level in reversed(levels):
@@ -227,19 +228,19 @@ def dilated(levels: list[np.ndarray]) -> list[np.ndarray]:
 
 
 def coded(level: np.ndarray) -> np.ndarray:
-    """Linear RGB and coverage [..., 4] as uint8: RGB square-root coded, coverage linear."""
+    """Return linear RGB and coverage [..., 4] as uint8: RGB square-root coded, coverage linear."""
     roots = np.sqrt(np.clip(level[..., :3], 0, 1))
     return np.rint(255 * np.concatenate([roots, np.clip(level[..., 3:], 0, 1)], -1)).astype(np.uint8)
 
 
 def store(made: Atlas, path: Path) -> None:
-    """Write an atlas whole or not at all; a folder that can't be written to only costs the time to make it again."""
+    """Write an atlas atomically; if the folder is not writable, nothing is stored."""
     with contextlib.suppress(OSError), atomic_path(path) as draft, draft.open("wb") as file:
         np.savez_compressed(file, texels=made.texels, offset=made.offset, shade=made.shade)
 
 
 def stored(path: Path) -> Atlas | None:
-    """The atlas in a file, or None if there is none or it is damaged."""
+    """Return the atlas in a file, or None if the file is missing or damaged."""
     total = len(KINDS) * VIEWS * sum(rows(level) * cols(level) for level in range(LEVELS))
     try:
         with np.load(path) as file:

@@ -1,8 +1,8 @@
-"""What does small detail look like? One tile of water ripples and ground grain, prefiltered for every distance.
+"""Small detail: one tile of water ripples and ground grain, with mip levels.
 
 A tile holds four channels: the two slopes of the water's ripples, the share of their mean square slope that filtering
-has removed (so that far water is rougher instead of flatter), and a grain that breaks up the ground near the camera.
-Source of the idea that slopes are filtered together with their squares: Olano, Baker: LEAN Mapping, I3D 2010.
+has removed (which makes far water rougher instead of flatter), and a grain that breaks up the ground near the camera.
+Slopes are filtered together with their squares: Olano, Baker: LEAN Mapping, I3D 2010.
 """
 
 import numpy as np
@@ -10,16 +10,16 @@ import numpy as np
 SIZE = 256
 LEVELS = 8
 SLOPE_RANGE = 0.5
-"""Slopes between minus and plus this are kept."""
+"""Slopes are stored from minus to plus this."""
 VARIANCE_RANGE = 0.04
 GRAIN_SPREAD = 0.18
 """Standard deviation of the grain on the finest level."""
 
 
 def _spectrum_noise(rng: np.random.Generator, low: float, high: float, power: float, wind: float) -> np.ndarray:
-    """A periodic random field [SIZE, SIZE], unit variance, between two frequencies, falling as frequency**-power.
+    """Return a periodic random field [SIZE, SIZE] of unit variance between two frequencies.
 
-    `wind` in 0..1 stretches its crests along the second axis.
+    Its amplitude falls as frequency**-power. `wind` in 0..1 stretches its crests along the second axis.
     """
     frequency = np.fft.fftfreq(SIZE) * SIZE
     fy, fx = np.meshgrid(frequency, frequency, indexing="ij")
@@ -32,7 +32,7 @@ def _spectrum_noise(rng: np.random.Generator, low: float, high: float, power: fl
 
 
 def tile(seed: int = 0) -> list[np.ndarray]:
-    """The tile's levels k < LEVELS [SIZE >> k, SIZE >> k, 4] float64: slope x, slope y, lost variance, grain (0..1)."""
+    """Return the levels [SIZE >> k, SIZE >> k, 4] float64: slope x, slope y, lost variance, grain (0..1)."""
     rng = np.random.default_rng(np.random.SeedSequence([0x717, seed]))
     height = _spectrum_noise(rng, 3, 90, 2.2, 0.55)
     slope_x = np.roll(height, -1, 1) - np.roll(height, 1, 1)
@@ -56,7 +56,7 @@ def _halve(a: np.ndarray) -> np.ndarray:
 
 
 def packed(levels: list[np.ndarray]) -> np.ndarray:
-    """All levels as one flat uint32 array, eight bits a channel."""
+    """Return all levels as one flat uint32 array, eight bits per channel."""
     flat = []
     for level in levels:
         coded = np.stack(

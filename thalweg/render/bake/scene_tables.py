@@ -1,6 +1,6 @@
 """Baking of the tables of a `Scene`: maps, prefiltered paint, canopies, plants and bridges of each world.
 
-Every table is made once per world, so that a pixel needs only look-ups.
+Tables are built once per world, so that shading a pixel only needs look-ups.
 """
 
 from collections import defaultdict
@@ -70,7 +70,7 @@ from thalweg.world.species import KINDS
 
 
 def sun_vector(world: World) -> np.ndarray:
-    """Unit vector [3] to the sun."""
+    """Return the unit vector [3] towards the sun."""
     level = np.cos(world.sun_elevation)
     return np.array([level * np.cos(world.sun_azimuth), level * np.sin(world.sun_azimuth), np.sin(world.sun_elevation)])
 
@@ -91,12 +91,12 @@ class TableWriter:
         return begin
 
     def joined(self) -> dict[str, np.ndarray]:
-        """Each table as one contiguous array."""
+        """Return each table as one contiguous array."""
         return {name: np.ascontiguousarray(np.concatenate(parts)) for name, parts in self._parts.items()}
 
 
 def build_scene(worlds: Sequence[World]) -> Scene:
-    """The tables of the worlds, in their order."""
+    """Return the tables of the worlds, in the same order."""
     extents = np.zeros((len(worlds), EXTENT_COLUMNS), np.int64)
     constants = np.zeros((len(worlds), CONSTANT_COLUMNS), np.float32)
     tables = TableWriter()
@@ -155,14 +155,14 @@ def add_maps(tables: TableWriter, world: World, sun: np.ndarray, extent: np.ndar
 
 
 def pack_colour(radiance: np.ndarray, scale: float, fourth: np.ndarray | None = None) -> np.ndarray:
-    """Radiance [..., 3] square-root coded over 0..scale, with a fourth byte [...] uint8, as uint32 [...]."""
+    """Return radiance [..., 3] square-root coded over 0..scale, with a fourth byte [...] uint8, as uint32 [...]."""
     coded = np.rint(np.sqrt(np.clip(radiance / scale, 0.0, 1.0)) * 255).astype(np.uint32)
     packed = coded[..., 0] | coded[..., 1] << 8 | coded[..., 2] << 16
     return packed if fourth is None else packed | fourth.astype(np.uint32) << 24
 
 
 def ground_radiance(world: World, sun: np.ndarray) -> np.ndarray:
-    """What the ground (or the bed, as seen without water) sends out under its baked light [GY, GX, 3]."""
+    """Return the radiance [GY, GX, 3] of the ground (the bed, where there is water) under its baked light."""
     slope_y, slope_x = np.gradient(world.ground_m.astype(np.float64), world.grid.cell_m)
     facing = (-slope_x * sun[0] - slope_y * sun[1] + sun[2]) / np.sqrt(1 + slope_x**2 + slope_y**2)
     direct = np.maximum(facing, 0.0) * (world.sun / 255.0)
@@ -171,7 +171,7 @@ def ground_radiance(world: World, sun: np.ndarray) -> np.ndarray:
 
 
 def paint_levels(lit: np.ndarray, sun_share: np.ndarray) -> list[np.ndarray]:
-    """The packed paint at each level, uint32: box-filtered in linear light, the first padded to a multiple of 128."""
+    """Return the packed paint at each level, uint32: box-filtered in linear light, padded to a multiple of 128."""
     block = 1 << (PAINT_LEVELS - 1)
     pad = [(0, -lit.shape[0] % block), (0, -lit.shape[1] % block)]
     colour = np.pad(lit, [*pad, (0, 0)], mode="edge").astype(np.float32)
@@ -192,8 +192,10 @@ STONE_RADIANCE = np.array([0.135, 0.120, 0.092])
 
 
 def canopy_map(world: World, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tops of plants and bridges [Y, X] float32, `NO_CANOPY_M` over open water, and what a reflection sees there [Y, X]
-    packed, in cells of `CANOPY_CELL` nodes."""
+    """Return the tops of plants and bridges [Y, X] float32, and their packed radiance in reflections [Y, X].
+
+    A cell is `CANOPY_CELL` nodes wide; the top is `NO_CANOPY_M` over open water.
+    """
     top = np.maximum(world.ground_m, world.water_m)
     rows, columns = (s // CANOPY_CELL * CANOPY_CELL for s in top.shape)
 
@@ -201,7 +203,7 @@ def canopy_map(world: World, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return a[:rows, :columns].reshape(rows // CANOPY_CELL, CANOPY_CELL, columns // CANOPY_CELL, CANOPY_CELL, -1)
 
     canopy = blocks(world.canopy_m).max(axis=(1, 3))[..., 0]
-    # Sloping water does not mirror itself: open water is put where no mirrored ray gets to.
+    # Sloping water must not mirror itself, so the height of open water is below every mirrored ray.
     closed = (world.water_m <= world.ground_m) | (world.canopy_m > world.water_m + 0.01)
     canopy[blocks(closed).max(axis=(1, 3))[..., 0] == 0] = NO_CANOPY_M
     ground = blocks(lit).mean(axis=(1, 3))
@@ -215,7 +217,7 @@ def canopy_map(world: World, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def plant_rows(world: World) -> np.ndarray:
-    """[M, PLANT_COLUMNS] float32."""
+    """Return the plants as rows [M, PLANT_COLUMNS] float32."""
     plants = world.plants
     rows = np.empty((len(plants.kind), PLANT_COLUMNS), np.float32)
     rows[:, [P_X, P_Y, P_Z]] = plants.position_m
@@ -229,7 +231,7 @@ def plant_rows(world: World) -> np.ndarray:
 
 
 def plant_ranks(count: int) -> np.ndarray:
-    """[count] in 0..1: multiples of the golden ratio, so that any share of the plants is spread evenly over them."""
+    """Return ranks [count] in 0..1, multiples of the golden ratio: any share of the plants is spread evenly."""
     return np.arange(count) * ((np.sqrt(5) - 1) / 2) % 1.0
 
 
@@ -241,16 +243,16 @@ AUTUMN = {
     "grass": (1.9, 1.35, 0.75),
     "pine": (1.10, 1.0, 0.95),
 }
-"""Factors on the colour of a species in full autumn; what is not named keeps its own."""
+"""Factors on the colour of a species in full autumn; other species do not change."""
 
 
 def autumn() -> np.ndarray:
-    """[kinds, 3] float32."""
+    """Return the colour factors [kinds, 3] float32 of full autumn."""
     return np.array([AUTUMN.get(kind.species, (1.0, 1.0, 1.0)) for kind in KINDS], np.float32)
 
 
 def bridge_rows(world: World) -> np.ndarray:
-    """[B, BRIDGE_COLUMNS] float32."""
+    """Return the bridges as rows [B, BRIDGE_COLUMNS] float32."""
     rows = np.empty((len(world.bridges), BRIDGE_COLUMNS), np.float32)
     for row, (x, y, angle, length, width, span, spring, rise, deck, hump, parapet) in zip(
         rows, world.bridges, strict=True

@@ -1,7 +1,7 @@
-"""What light comes from the sky in each direction? Daylight after Preetham, distant wooded hills along the horizon.
+"""Radiance of the sky in each direction: Preetham's daylight model, and distant wooded hills along the horizon.
 
-The sky is baked once per world into a small map, so that a pixel of sky or of its reflection is one look-up. Absent on
-purpose: clouds and the disc of the sun, whose glitter the water adds itself.
+The sky is baked once per world into a small map, so that a pixel of sky or of its reflection is one look-up. There are
+no clouds and no disc of the sun; the shading of water adds the sun's glitter.
 
 Source: Preetham, Shirley, Smits: A Practical Analytic Model for Daylight, SIGGRAPH 1999, section 3 and appendix A.2.
 """
@@ -17,7 +17,7 @@ SCALE_KCD = 40.0
 """Luminance in kcd/m² that counts as radiance one: a white surface in full sun has about 25, and the original's sky is
 dimmer beside its sand than nature's."""
 CODE_RANGE = 2.0
-"""Radiances up to this are kept in the map, square-root coded."""
+"""Radiances up to this are stored in the map, square-root coded."""
 
 _PEREZ_SLOPE = np.array(
     [
@@ -51,7 +51,10 @@ _XYZ_TO_RGB = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [
 
 
 def daylight(directions: np.ndarray, sun: np.ndarray, turbidity: float = TURBIDITY) -> np.ndarray:
-    """Clear-sky radiance [..., 3], linear RGB, see `SCALE_KCD`, from unit directions [..., 3]; sun: unit vector [3]."""
+    """Return the clear-sky radiance [..., 3] from unit directions [..., 3], linear RGB in units of `SCALE_KCD`.
+
+    sun: unit vector [3].
+    """
     cos_zenith = np.maximum(directions[..., 2], 0.02)
     gamma = np.arccos(np.clip(directions @ sun, -1.0, 1.0))
     theta_sun = math.acos(float(np.clip(sun[2], -1.0, 1.0)))
@@ -74,8 +77,9 @@ def daylight(directions: np.ndarray, sun: np.ndarray, turbidity: float = TURBIDI
 
 
 def map_directions() -> np.ndarray:
-    """Unit vectors [ROWS, COLUMNS, 3] at the centres of the sky map's cells;
-    `thalweg.render.kernels.table_lookup.sky_at` looks it up.
+    """Return unit vectors [ROWS, COLUMNS, 3] towards the texels of the sky map.
+
+    `thalweg.render.kernels.table_lookup.sky_at` is the look-up.
 
     Rows are spaced as the root of the height's sine, so that the horizon is finest; columns as the diamond angle.
     """
@@ -93,7 +97,7 @@ def map_directions() -> np.ndarray:
 
 
 def haze(sun: np.ndarray) -> np.ndarray:
-    """Colour [3] that distance fades to: the sky a little above the horizon, averaged around."""
+    """Return the colour [3] of distant haze: the mean of the sky a little above the horizon."""
     turn = np.linspace(0, 2 * np.pi, 64, endpoint=False)
     height = 0.06
     level = math.sqrt(1 - height**2)
@@ -102,11 +106,14 @@ def haze(sun: np.ndarray) -> np.ndarray:
 
 
 def sky_map(sun: np.ndarray, seed: int) -> np.ndarray:
-    """Radiance [ROWS, COLUMNS, 3] float64 of the sky and of the hills along its horizon; sun: unit vector [3]."""
+    """Return the radiance [ROWS, COLUMNS, 3] float64 of the sky and of the hills along its horizon.
+
+    sun: unit vector [3].
+    """
     directions = map_directions()
     sky = daylight(directions, sun)
     fog = haze(sun)
-    # Towards the horizon the sky pales into the haze.
+    # The sky fades into the haze towards the horizon.
     pale = np.exp(-np.maximum(directions[..., 2], 0.0) / 0.05)[..., None] * 0.6
     sky = sky * (1 - pale) + fog * pale
 
@@ -124,7 +131,7 @@ def sky_map(sun: np.ndarray, seed: int) -> np.ndarray:
 
 
 def _crest(rng: np.random.Generator, detail: int) -> np.ndarray:
-    """A closed outline [COLUMNS] in 0..1, of `detail` harmonics falling off as their frequency."""
+    """Return a closed outline [COLUMNS] in 0..1, a sum of `detail` harmonics with falling amplitudes."""
     turn = np.arange(COLUMNS) / COLUMNS * 2 * np.pi
     frequency = np.arange(1, detail + 1)
     phase = rng.uniform(0, 2 * np.pi, detail)

@@ -1,7 +1,7 @@
-"""How does a kind of plant grow? A model is a heap of small ellipses: leaves, needle tufts, bark, blades, stone.
+"""Procedural models of plants and rocks: sets of small ellipses for leaves, needle tufts, bark, blades and stone.
 
-Lengths are shares of the plant's height; the foot is at the origin, z is up. Growth is seeded by the kind alone. How a
-model is lit and drawn is in `thalweg.render.bake.sprites`.
+Lengths are shares of the plant's height; the foot is at the origin, z is up. Growth is seeded by the kind alone.
+`thalweg.render.bake.sprites` lights and draws models.
 """
 
 from collections.abc import Callable
@@ -35,24 +35,24 @@ class Model:
 
 
 def grow(kind: Kind) -> Model:
-    """The grown model of a kind; the same arrays every time."""
+    """Return the model of a kind. The result is deterministic."""
     return GROWERS[kind.form](kind, np.random.default_rng(kind.seed))
 
 
 def joined(*models: Model) -> Model:
-    """All ellipses of several models in one."""
+    """Return one model with the ellipses of several."""
     return Model(*(np.concatenate([getattr(m, f.name) for m in models]) for f in fields(Model)))
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors [..., 3] made one long."""
+    """Return vectors [..., 3] normalised to length one."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9)
 
 
 def ellipses(
     centre: np.ndarray, along: np.ndarray, normal: np.ndarray, width: float, size: np.ndarray, colours: tuple
 ) -> Model:
-    """Ellipses at centre [L, 3] of half length size [L] in the direction `along` [L, 3], `width` times as wide.
+    """Return ellipses at centre [L, 3] of half length size [L] in the direction `along` [L, 3], `width` times as wide.
 
     They lie as flat to `normal` [L, 3] as their direction allows. `colours`: reflectance and transmittance, each
     [L, 3] or [3].
@@ -65,7 +65,7 @@ def ellipses(
 
 
 def lobes(rng: np.random.Generator, strength: float) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """An irregular outline: a factor [...] about 1 for azimuth [...] and share of the crown's height [...]."""
+    """Return an irregular outline: a function from azimuth and share of the crown's height [...] to factors about 1."""
     around = np.array([1, 2, 3, 2, 3])
     upward = np.array([2.0, 3.0, 4.0, 7.0, 8.0])
     phase = rng.uniform(0, 2 * np.pi, (2, 5))
@@ -79,7 +79,7 @@ def lobes(rng: np.random.Generator, strength: float) -> Callable[[np.ndarray, np
 
 
 def stem(path: np.ndarray, radius: np.ndarray, bark: Colour, rng: np.random.Generator) -> Model:
-    """Bark round a path [P, 3] of radius [P]: rings of ellipses, overlapping along the path."""
+    """Return the bark round a path [P, 3] of radius [P]: rings of ellipses, overlapping along the path."""
     direction = np.gradient(path, axis=0)
     step = np.linalg.norm(direction, axis=1)
     direction = unit(direction)
@@ -99,13 +99,13 @@ def stem(path: np.ndarray, radius: np.ndarray, bark: Colour, rng: np.random.Gene
 
 
 def curve(start: np.ndarray, end: np.ndarray, sag: float, points: int) -> np.ndarray:
-    """A branch [points, 3] from start to end [3] whose middle is `sag` lower (or, if negative, higher)."""
+    """Return a branch [points, 3] from start to end [3] whose middle is `sag` lower (or, if negative, higher)."""
     t = np.linspace(0, 1, points)[:, None]
     return start * (1 - t) + end * t - np.array([0, 0, sag]) * (4 * t * (1 - t))
 
 
 def trunk(kind: Kind, rng: np.random.Generator, top: float, sway: float) -> tuple[np.ndarray, Model]:
-    """The trunk's path [P, 3] up to `top`, and its bark."""
+    """Return the trunk's path [P, 3] up to `top`, and its bark."""
     z = np.linspace(-0.01, top, 90)
     phase = rng.uniform(0, 2 * np.pi, 2)
     sideways = sway * (np.sin(3.1 * z[:, None] + phase) - np.sin(phase)) * np.minimum(z, 1)[:, None]
@@ -116,7 +116,7 @@ def trunk(kind: Kind, rng: np.random.Generator, top: float, sway: float) -> tupl
 
 
 def clump_centres(kind: Kind, rng: np.random.Generator, strength: float) -> tuple[np.ndarray, np.ndarray]:
-    """Centres [clumps, 3] and radii [clumps] of the leaf clumps, spread evenly through the crown's envelope."""
+    """Return centres [clumps, 3] and radii [clumps] of the leaf clumps, spread evenly through the crown's envelope."""
     half_width = kind.aspect / 2
     share = np.linspace(0.02, 0.97, 400)
     outline = kind.crown_radius(kind.clear_trunk + (1 - kind.clear_trunk) * share)
@@ -144,10 +144,10 @@ def leafy(
     width: float,
     aligned: float,
 ) -> Model:
-    """The leaves of all clumps: most of them near each clump's upper surface, so that its inside stays dark.
+    """Return the leaves of all clumps, most of them near each clump's upper surface, which keeps its inside dark.
 
     `flat`: height over width of a clump; `width`: of a leaf over its length; `aligned`: 1 = leaves point outwards like
-    needles, 0 = any way.
+    needles, 0 = in random directions.
     """
     clump = np.repeat(np.arange(len(centres)), leaves)
     count = len(clump)
@@ -174,7 +174,7 @@ def leafy(
 def branches(
     kind: Kind, rng: np.random.Generator, path: np.ndarray, centres: np.ndarray, sag: float, steep: float
 ) -> Model:
-    """A branch from the trunk's path [P, 3] to every clump; `steep`: its rise over its run."""
+    """Return branches from the trunk's path [P, 3] to every clump; `steep`: its rise over its run."""
     made = []
     for centre in centres:
         away = np.hypot(centre[0], centre[1])

@@ -1,7 +1,7 @@
-"""How is a frame seen? Haze, exposure, water, season, lens and sensor: all that may change without another world.
+"""`Look`: haze, exposure, water, season, lens and sensor, which can change without rebuilding the world.
 
-A `Look` is one setting; its defaults are the day that the levels are tuned for. `look_rows` turns settings into the
-rows that the kernels read. Absent on purpose: the sun, which is baked into a world (`World.relit` makes another light).
+The defaults are the conditions that the levels are tuned for. `look_rows` converts looks to the rows that the kernels
+read. The sun is not part of a look, because it is baked into a world (`World.relit` changes it).
 """
 
 from collections.abc import Sequence
@@ -52,7 +52,7 @@ Noise = Annotated[float, Field(ge=0, le=64)]
 
 @frozen_config(RenderError, numpy_scalars=True)
 class Look:
-    """One way of seeing a world."""
+    """Appearance of a world in a frame."""
 
     haze: Haze = 1.0
     """Factor on the density of the haze; at 1 a kilometre lets half of the light through."""
@@ -85,9 +85,9 @@ LIMITS = {name: bounds(Look, name) for name in PARAMETERS}
 
 
 def look_values(look: "Look | Sequence[Look] | np.ndarray | None", count: int) -> np.ndarray:
-    """Looks for `count` frames as [N, P] float64; one look stands for all of them, None for the default day.
+    """Return looks for `count` frames as [N, P] float64; one look applies to all frames, None is the default look.
 
-    Raises `RenderError` for another number of looks, or a value beyond `LIMITS`.
+    Raises `RenderError` for another number of looks, or a value outside `LIMITS`.
     """
     if look is None:
         look = Look()
@@ -103,7 +103,7 @@ def look_values(look: "Look | Sequence[Look] | np.ndarray | None", count: int) -
 
 
 def check_values(values: np.ndarray) -> None:
-    """Raise `RenderError` for looks [N, P] with a value beyond `LIMITS`, naming it."""
+    """Raise `RenderError` that names the first value of looks [N, P] outside `LIMITS`."""
     for column, (name, (low, high)) in enumerate(LIMITS.items()):
         wrong = ~((values[:, column] >= low) & (values[:, column] <= high))
         if wrong.any():
@@ -112,9 +112,9 @@ def check_values(values: np.ndarray) -> None:
 
 
 def look_rows(values: np.ndarray, camera: Camera) -> np.ndarray:
-    """What the kernels read [N, LOOK_COLUMNS] float32, of looks [N, P] through a camera.
+    """Return the rows [N, LOOK_COLUMNS] float32 that the kernels read, for looks [N, P] and a camera.
 
-    Raises `RenderError` where camera and look together leave the limits of a camera.
+    Raises `RenderError` if camera and look together exceed the limits of a camera.
     """
     value = dict(zip(PARAMETERS, values.T, strict=True))
     pitch, fov = camera.pitch_deg + value["pitch_deg"], camera.fov_deg + value["fov_deg"]
@@ -143,6 +143,6 @@ def look_rows(values: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def between(share: np.ndarray, low: Sequence[float], high: Sequence[float]) -> np.ndarray:
-    """Factors [N, 3] for shares [N]: those of `low` at -1, one at 0, those of `high` at 1, geometric between."""
+    """Return factors [N, 3] for shares [N]: those of `low` at -1, one at 0, those of `high` at 1, geometric between."""
     ends = np.where(share[:, None] < 0, np.log(low), np.log(high))
     return np.exp(np.abs(share)[:, None] * ends)

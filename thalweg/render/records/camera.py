@@ -1,4 +1,4 @@
-"""Through what eye is the world seen? One pinhole camera, pitched down by a fixed angle, without roll."""
+"""`Camera`: a pinhole camera, pitched down by a fixed angle, without roll."""
 
 import math
 from typing import Annotated

@@ -1,3 +1,3 @@
-"""What can a pixel show? The ids that frames carry in their class layer."""
+"""Class ids of the pixels in the class layer of a frame."""
 
 SKY, WATER, GROUND, PLANT, BRIDGE = range(5)

@@ -1,4 +1,4 @@
-"""How much is drawn? All of it, or what `thalweg.render.kernels.shading.reduced_quality` leaves."""
+"""`Quality`: full, or the reduced quality called fast."""
 
 from typing import Literal, get_args
 

@@ -1,8 +1,8 @@
-"""How much may the look of a river change between episodes? Domain randomisation: a range for each part of a `Look`.
+"""`Randomisation`: ranges from which domain randomisation draws the fields of a `Look`.
 
-The original environment has none of it. A policy that meets every look in training should not mind which one it meets
-later (Tobin et al. 2017, "Domain Randomization for Transferring Deep Neural Networks from Simulation to the Real
-World"). The suns are baked into the worlds beforehand, a few for each, so that drawing costs nothing.
+The original environment has no domain randomisation. A policy that was trained under many looks should transfer to
+others (Tobin et al. 2017, "Domain Randomization for Transferring Deep Neural Networks from Simulation to the Real
+World"). The suns are baked into the worlds beforehand, a few for each, so that drawing a look is free.
 """
 
 from dataclasses import fields
@@ -26,7 +26,7 @@ MAX_SUNS = 64
 
 @frozen_config(RenderError, numpy_scalars=True)
 class Randomisation:
-    """From where to where each part of a look is drawn, uniformly; the meaning of each is that of `Look`."""
+    """Ranges of uniform distributions of the fields of a look; see `Look` for their meaning."""
 
     haze: PairOf[appearance.Haze] = (0.3, 6.0)
     """Factor on the density of the haze."""
@@ -69,7 +69,7 @@ class Randomisation:
 
     @classmethod
     def only(cls, **ranges: Any) -> "Randomisation":
-        """Ranges for the named parts only; the others keep the default look, and no sun is baked unless it is named."""
+        """Return ranges for the named fields only; the others keep their defaults, and suns vary only if named."""
         refuse_unknown("range", ranges, sorted(field.name for field in fields(cls)), RenderError)
         usual = Look()
         fixed = {name: (getattr(usual, name),) * 2 for name in PARAMETERS}
@@ -78,24 +78,24 @@ class Randomisation:
 
     @property
     def ends(self) -> np.ndarray:
-        """The looks at the lower and the upper ends of all ranges [2, P] (see
+        """Looks at the lower and the upper ends of all ranges [2, P] (see
         `thalweg.render.records.appearance.PARAMETERS`)."""
         return np.array([getattr(self, name) for name in PARAMETERS], np.float64).T
 
     def draw(self, generator: np.random.Generator) -> tuple[np.ndarray, int]:
-        """A look [P] float64, and which sun."""
+        """Return a look [P] float64 and the index of a sun."""
         low, high = self.ends
         look = low + (high - low) * generator.random(len(PARAMETERS))
         return look, int(generator.integers(max(self.suns, 1)))
 
     def lights(self, seed: int) -> list[tuple[float, float]]:
-        """Azimuth and elevation in radians of each sun of the world with this seed.
+        """Return azimuth and elevation in radians of each sun of the world with this seed.
 
-        Each lies in a part of its own of either range, so that few suns cover it.
+        The suns are stratified: each lies in a different part of either range.
         """
         generator = np.random.default_rng([seed, self.suns])
-        places = (np.arange(self.suns) + generator.random((2, self.suns))) / max(self.suns, 1)
-        places[1] = generator.permuted(places[1])
+        strata = (np.arange(self.suns) + generator.random((2, self.suns))) / max(self.suns, 1)
+        strata[1] = generator.permuted(strata[1])
         ranges = np.array([self.sun_azimuth_deg, self.sun_elevation_deg], np.float64)
-        angles = np.radians(ranges[:, :1] + (ranges[:, 1:] - ranges[:, :1]) * places)
+        angles = np.radians(ranges[:, :1] + (ranges[:, 1:] - ranges[:, :1]) * strata)
         return [(float(azimuth), float(elevation)) for azimuth, elevation in angles.T]

@@ -26,7 +26,7 @@ def test_settings_are_set_on_top_of_a_preset(algorithm: str):
     assert config == dataclasses.replace(paper, hidden=(7,)) and config != paper
 
 
-def test_a_whole_config_stands_for_itself():
+def test_a_complete_config_is_used_unchanged():
     entry = ALGORITHMS["FOCOPS"]
     assert entry.configure(entry.config(passes=3)) == entry.config(passes=3)
     with pytest.raises(AlgorithmError, match="a whole FOCOPSConfig leaves nothing to the preset 'paper'"):

@@ -182,6 +182,6 @@ def test_a_figure_needs_an_image(images, tmp_path):
         draw_reconstructions(images[:0], encoder, tmp_path / "sheet.png")
 
 
-def test_explicit_precision_is_kept():
+def test_an_explicit_precision_is_used():
     assert resolve_precision("float32") == "float32" and resolve_precision("bfloat16") == "bfloat16"
     assert resolve_precision("auto") in ("float32", "bfloat16")

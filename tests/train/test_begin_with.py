@@ -35,7 +35,9 @@ def shown(folder: Path) -> np.ndarray:
 
 
 @pytest.mark.parametrize("algorithm", ["PPOLag", "FOCOPS", "P3O", "CUP"])
-def test_the_policy_begins_as_the_other(algorithm: str, first: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_policy_starts_from_the_given_one(
+    algorithm: str, first: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     begun = {}
     start = Trainer.start
 
@@ -107,7 +109,7 @@ def test_a_policy_of_another_kind_is_refused_before_anything_is_written(
     assert not (tmp_path / "run").exists()
 
 
-def test_a_planner_is_nothing_to_begin_with(tmp_path: Path):
+def test_a_planner_cannot_initialise_a_policy(tmp_path: Path):
     train(tmp_path / "planner", "CCEPETS", steps=256)
     with pytest.raises(AlgorithmError, match="CCEPETS is a planner: it has no policy network to start from"):
         train(tmp_path / "run", "FOCOPS", begin_with=tmp_path / "planner")

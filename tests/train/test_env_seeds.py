@@ -23,7 +23,7 @@ def test_an_environment_keeps_its_seed_whatever_their_number():
     assert env_seeds(3, 0, 16)[:4] == env_seeds(3, 0, 4)
 
 
-def test_a_run_begins_with_a_list_of_seeds():
+def test_a_run_starts_with_a_list_of_seeds():
     asked = []
 
     class Asked(Walk):

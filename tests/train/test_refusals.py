@@ -122,7 +122,7 @@ def test_a_folder_without_a_policy_is_refused(tmp_path):
         load_policy(tmp_path)
 
 
-def test_limits_of_costs_that_are_not_told_apart_are_refused(tmp_path):
+def test_separate_limits_without_separate_costs_are_refused(tmp_path):
     class Together(Walk):
         def step(self, actions):
             *rest, info = super().step(actions)

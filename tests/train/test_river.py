@@ -36,7 +36,7 @@ def test_a_policy_flies_only_through_the_encoder_it_was_trained_with(tmp_path: P
         check_policy_fits(policy, other)
 
 
-def test_a_policy_that_tells_nothing_of_its_encoder_is_taken_at_its_word(tmp_path: Path):
+def test_a_policy_without_an_encoder_hash_is_accepted(tmp_path: Path):
     encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
     check_policy_fits(BASELINES["hover"], encoder)
 

@@ -93,7 +93,7 @@ def test_the_same_seed_gives_the_same_numbers(finished, tmp_path):
     assert numbers(tmp_path) == numbers(folder)
 
 
-def test_a_run_begins_alike_however_many_threads_torch_was_left_with(tmp_path):
+def test_a_run_starts_the_same_for_any_number_of_threads(tmp_path):
     """As kernels on OpenMP leave it with others; of 64 x 64 weights the last bits would differ."""
     for threads in (1, 2):
         with torch_threads(threads):
@@ -236,7 +236,7 @@ def test_nan_in_the_first_observation_is_a_failed_run_too(tmp_path):
     assert train(tmp_path).resumed_from is None
 
 
-def test_the_status_of_a_run_that_goes_on_is_that_of_its_last_checkpoint(tmp_path):
+def test_the_status_of_a_resumed_run_is_that_of_its_last_checkpoint(tmp_path):
     seen = []
 
     class Watched(Walk):
@@ -263,7 +263,7 @@ def test_a_loss_that_turns_nan_stops_the_run_and_leaves_the_last_good_checkpoint
     assert train(tmp_path).resumed_from == 384
 
 
-def test_a_limit_that_never_binds_is_said_once_and_kept(tmp_path):
+def test_a_limit_that_never_binds_is_warned_of_once_and_stored(tmp_path):
     with pytest.warns(LimitWarning, match="has not bound anything") as caught:
         result = train(tmp_path, config=SMALL | {"cost_limit": 25.0})
     assert len([w for w in caught if w.category is LimitWarning]) == 1
@@ -299,7 +299,7 @@ def test_every_adapter_trains(tmp_path, adapter):
     )
 
 
-def test_the_policy_of_a_run_remembers_as_it_learnt_to(tmp_path):
+def test_the_policy_of_a_run_has_the_memory_it_was_trained_with(tmp_path):
     result = train(tmp_path, config=SMALL | REMEMBERING["gru"] | REMEMBERING["frames"], steps=300)
     policy = result.policy
     assert (policy.frames, policy.shape.memory, policy.obs_size) == (3, 8, 3)

@@ -78,7 +78,7 @@ def test_fresh_costs_are_those_of_the_episodes_since_the_last_update():
     assert [told.fresh_costs[:, 0].tolist() for told in learner.told] == [[e.cost for e in each] for each in ended]
 
 
-def test_where_nothing_is_reported_the_feedback_goes_on_collecting():
+def test_feedback_accumulates_until_a_report():
     learner, ended, trainer = trained(period=3)
     collected = [
         [e.cost for each in ended[update - update % 3 : update + 1] for e in each] for update in range(len(ended))
@@ -121,7 +121,7 @@ def test_an_environment_that_tells_no_costs_apart_is_refused_at_its_first_step()
         trained(env, steps=20, separate=True)
 
 
-def test_a_learner_that_asks_for_it_begins_every_rollout_with_new_episodes():
+def test_a_learner_with_resets_starts_every_rollout_with_new_episodes():
     learner, _, _ = trained(resets=True)
     for seen in learner.seen:
         assert seen["fresh"][0].all() and not seen["obs"][0, :, 2].any()  # the walkers' clocks
@@ -131,7 +131,7 @@ def test_a_learner_that_asks_for_it_begins_every_rollout_with_new_episodes():
     assert len(starts.unique()) == starts.numel()  # from new seeds each time
 
 
-def test_episodes_cut_off_by_a_reset_count_for_nothing():
+def test_episodes_discarded_by_a_reset_are_not_counted():
     learner, ended, trainer = trained(resets=True)
     episodes = [e for each in ended for e in each]
     assert trainer.statistics.count == len(episodes) == learner.told[-1].episodes
@@ -143,7 +143,7 @@ def test_episodes_cut_off_by_a_reset_count_for_nothing():
     assert sum(e.return_ for e in episodes) < sum(paid) - 1.0
 
 
-def test_nothing_is_reset_where_nothing_was_reported():
+def test_no_environment_is_reset_without_a_report():
     learner, _, _ = trained(resets=True, period=2)
     begun = [bool(seen["fresh"][0].all()) for seen in learner.seen]
     assert begun == [update % 2 == 0 for update in range(10)]

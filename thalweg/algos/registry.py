@@ -39,10 +39,10 @@ class Entry:
     """PyTorch threads on the CPU: a second one slows small networks down and speeds wide ones up."""
 
     def configure(self, given: Any = None, preset: str = "default", num_envs: int = 1) -> Any:
-        """Return the config of a preset with the given values on top; a complete config is returned as it is.
+        """Return the config of a preset with the given values on top; a complete config is returned unchanged.
 
-        What is not given follows the number of environments (`settings_for_envs`), but never in the
-        study's preset.
+        Values that are not given may depend on the number of environments (`settings_for_envs`), but not in the study's
+        preset.
 
         Raises `AlgorithmError` for an unknown preset or key, listing the known ones, for a value of the wrong type, and
         for a preset beside a whole config.

@@ -58,7 +58,7 @@ def test_without_a_gradient_nothing_moves():
     assert all(torch.equal(a, b) for a, b in zip(before, parameters, strict=True))
 
 
-def test_from_its_state_it_goes_on_to_the_last_bit():
+def test_it_resumes_from_its_state_bit_for_bit():
     ours, theirs = pair(), pair()
     one = Adam(ours, 0.01)
     for seed in range(3):

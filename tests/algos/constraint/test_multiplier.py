@@ -98,7 +98,7 @@ def test_without_an_episode_it_stays():
 
 
 @pytest.mark.parametrize("rule", ["gradient", "adam"])
-def test_it_goes_on_from_its_state_to_the_last_bit(rule: Any):
+def test_it_resumes_from_its_state_bit_for_bit(rule: Any):
     settings = {
         "multiplier_rule": rule,
         "multiplier_gain": 1.0,
@@ -182,7 +182,7 @@ def test_a_window_takes_the_mean_of_the_last_episodes_whenever_they_ended():
         assert one.values == pytest.approx((value,))
 
 
-def test_each_of_several_goes_on_from_its_state():
+def test_each_of_several_resumes_from_its_state():
     both, other = Multipliers(CONFIG, (0.1, 0.3)), Multipliers(CONFIG, (0.1, 0.3))
     both.update(feedback(0.5, 0.9))
     other.load_state(both.state())

@@ -66,7 +66,7 @@ def test_a_kl_with_an_axis_too_many_is_refused():
         losses.focops(torch.zeros(5), torch.zeros(5), torch.zeros(5, 1), torch.zeros(5), temperature=1.5, radius=0.02)
 
 
-def test_critic_errors_are_kept_apart():
+def test_losses_of_critics_are_reported_separately():
     found = losses.squared_error(torch.tensor([[1.0, 2.0], [0.0, 0.0]]), torch.tensor([[1.0, 4.0], [1.0, 1.0]]))
     assert found.tolist() == [1.0, 0.5]
 

@@ -15,7 +15,7 @@ def test_the_multiplier_rises_over_the_limit_and_falls_under_it_within_its_bound
     assert projected_gradient(1.9, 1.0, 0.1, 0.5, 2.0) == 2.0
 
 
-def test_adam_begins_with_steps_of_its_rate_whatever_the_violation():
+def test_first_steps_of_adam_equal_its_rate_for_any_violation():
     for cost in (0.2, 25.0):
         value, moments = adam(0.001, (0.0, 0.0), 1, cost, 0.1, 0.035, 10.0)
         assert value == pytest.approx(0.036, abs=1e-6)

@@ -157,7 +157,7 @@ def test_critics_learn_beside_the_policy_as_they_would_after_it():
     assert not torch.equal(weights(both[0].policy.actor), weights(both[1].policy.actor))
 
 
-def test_what_goes_wrong_with_the_critics_is_told():
+def test_an_error_in_the_thread_of_the_critics_is_raised():
     one, steps = agent(), rollout(observations(1))
     found = samples(one, steps)
     broken = type(found)(**{**vars(found), "targets": found.targets[:, :3]})

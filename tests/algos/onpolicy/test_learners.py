@@ -84,7 +84,7 @@ class TestEveryAlgorithm:
             learner.update(rollout_of(learner, seed), FEEDBACK)
         assert share_of_good(learner) > before + 0.2
 
-    def test_from_its_state_it_goes_on_to_the_last_bit(self, name: str, space: gym.Space):
+    def test_it_resumes_from_its_state_bit_for_bit(self, name: str, space: gym.Space):
         goes_on_to_the_last_bit(name, space)
 
     def test_a_nan_in_the_rewards_stops_it(self, name: str, space: gym.Space):
@@ -136,7 +136,7 @@ class TestEveryVariant:
             learner.update(rollout_of(learner, seed), FEEDBACK)
         assert share_of_good(learner) > before + 0.2
 
-    def test_from_its_state_it_goes_on_to_the_last_bit(self, name: str, settings: dict[str, Any]):
+    def test_it_resumes_from_its_state_bit_for_bit(self, name: str, settings: dict[str, Any]):
         goes_on_to_the_last_bit(name, SPACES["MultiDiscrete"], **settings)
 
     def test_steps_that_only_reset_change_nothing(self, name: str, settings: dict[str, Any]):
@@ -183,7 +183,7 @@ def test_a_multiplier_that_can_not_get_anywhere_is_named():
     assert not focops().warnings(FEEDBACK)
 
 
-def test_too_few_episodes_say_nothing_about_the_limit():
+def test_too_few_episodes_give_no_warning_about_the_limit():
     assert not focops(cost_limit=25.0).warnings(feedback(0.5, episodes=5))
 
 

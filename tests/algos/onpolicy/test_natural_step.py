@@ -150,7 +150,7 @@ def test_steps_that_only_reset_do_not_shorten_the_step():
 @pytest.mark.parametrize(
     ("progress", "settles", "share"), [(0.0, True, 1.0), (0.75, True, 1.0), (0.9, True, 0.4), (0.9, False, 1.0)]
 )
-def test_over_the_last_quarter_of_a_run_the_step_shrinks_to_nothing(progress: float, settles: bool, share: float):
+def test_the_step_shrinks_to_zero_over_the_last_quarter_of_a_run(progress: float, settles: bool, share: float):
     agent, monitor, natural, _ = place(SPACES["MultiDiscrete"])
     config = NaturalConfig(radius_settles=settles)
     later = NaturalStep(agent, natural._samples, monitor, config, progress)

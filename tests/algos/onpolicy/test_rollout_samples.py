@@ -221,7 +221,7 @@ class TestRecurrentSamples:
         assert len(batches) > 1 or length >= T
 
 
-def test_a_player_ends_a_rollout_where_the_memory_begins_the_next():
+def test_a_player_ends_a_rollout_in_the_state_that_starts_the_next():
     one = recurrent()
     rollout, memory = one.rollouts[0], one.memory(4)
     player = one.policy.player(N, generator=torch.Generator().manual_seed(0))
@@ -233,7 +233,7 @@ def test_a_player_ends_a_rollout_where_the_memory_begins_the_next():
     assert np.allclose(memory.starts["actor"].numpy(), player.hidden.numpy(), atol=1e-6)
 
 
-def test_the_memory_goes_on_from_its_state():
+def test_the_memory_resumes_from_its_state():
     one = recurrent()
     memory, other = one.memory(4), one.memory(4)
     one.samples(one.rollouts[0], memory)

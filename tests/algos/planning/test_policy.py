@@ -140,7 +140,7 @@ class TestEveryPlanner:
             )
 
 
-def test_a_plan_is_kept_until_its_episode_ends(monkeypatch):
+def test_a_plan_persists_until_its_episode_ends(monkeypatch):
     policy, guesses = policy_for(), []
     before = Planner.decide
 

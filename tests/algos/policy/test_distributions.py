@@ -78,7 +78,7 @@ def test_drawing_carries_the_gradient_of_mean_and_deviation():
     assert torch.autograd.gradcheck(drawn, (mean, log_std))
 
 
-def test_slopes_of_a_draw_are_those_which_torch_finds():
+def test_gradients_of_a_sample_agree_with_autograd():
     mean, log_std, of_actions = torch.randn(3, 6, 2, dtype=F64, generator=torch.Generator().manual_seed(1))
     log_std[0, 0], of_log_prob = 2.5, torch.linspace(-1.0, 2.0, 6, dtype=F64)  # the first is held at its bound
     actions, log_prob, back = SquashedGaussian(mean, log_std).rsample_and_backward(torch.Generator().manual_seed(0))
@@ -122,7 +122,7 @@ def test_the_most_probable_action_lies_within_the_bounds():
     assert squashed(0.4, -1.0).mode().item() == pytest.approx(math.tanh(0.4))
 
 
-def test_a_point_is_what_it_draws_and_has_no_density():
+def test_a_deterministic_distribution_samples_its_point_and_has_no_density():
     point = Deterministic(torch.tensor([[0.25, -0.5]]))
     assert point.sample(None).tolist() == point.mode().tolist() == [[0.25, -0.5]]
     for ask in (lambda: point.log_prob(point.mode()), point.entropy, lambda: point.kl(point)):

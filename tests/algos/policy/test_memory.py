@@ -51,7 +51,7 @@ def test_what_was_returned_is_not_changed_by_later_frames():
     assert first.tolist() == [[1, 1]]
 
 
-def test_a_stack_goes_on_from_its_state():
+def test_a_frame_stack_resumes_from_its_state():
     stack, other = FrameStack(1, 1, 3), FrameStack(1, 1, 3)
     for number, fresh in ((1, YES), (2, NO)):
         stack.push(column(float(number)), torch.tensor([fresh]))
@@ -84,7 +84,7 @@ def test_a_step_is_that_of_torchs_cell():
     assert torch.allclose(one.step(obs, state, never), torchs(one)(obs, state), atol=1e-6)
 
 
-def test_where_an_episode_begins_the_state_is_cleared_first():
+def test_the_state_is_cleared_at_the_start_of_an_episode():
     one, obs, state = gru(), numbers(4, D), numbers(4, M, seed=2)
     fresh = torch.tensor([True, False, True, False])
     expected = torchs(one)(obs, torch.where(fresh[:, None], 0.0, state))
@@ -125,7 +125,7 @@ def test_an_empty_batch_has_no_states():
 
 
 @pytest.mark.parametrize("cut", [1, 2])
-def test_the_gradient_goes_back_through_the_steps_of_an_episode_and_not_beyond(cut: int):
+def test_the_gradient_flows_back_through_an_episode_but_not_into_the_one_before(cut: int):
     one, obs = gru(), numbers(4, 1, D).requires_grad_()
     fresh = torch.zeros(4, 1, dtype=torch.bool)
     fresh[cut] = True

@@ -24,7 +24,7 @@ def test_they_are_frames_of_water_and_land(frames):
     assert len(np.unique(frames.reshape(20, -1), axis=0)) == 20
 
 
-def test_a_longer_collection_begins_with_the_shorter(frames):
+def test_a_longer_collection_starts_with_the_shorter(frames):
     assert np.array_equal(collect_frames(7, "Easy", seed=1, camera=SMALL, progress=False), frames[:7])
 
 

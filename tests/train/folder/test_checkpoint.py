@@ -28,7 +28,7 @@ def test_a_state_comes_back_to_the_bit(tmp_path):
     assert np.isnan(state["rows"][0]["cost"]) and state["rows"][1]["cost"] == 0.1
 
 
-def test_the_newest_is_loaded_and_one_before_it_kept(tmp_path):
+def test_the_newest_checkpoint_is_loaded_and_the_one_before_remains(tmp_path):
     for step in (5, 10, 200):
         save_checkpoint(tmp_path, step, {"at": step})
     assert load_checkpoint(tmp_path) == (200, {"at": 200})

@@ -73,7 +73,7 @@ def test_frames_side_by_side_never_mix_episodes_whichever_way_of_resetting(mode:
 
 
 @pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
-def test_an_observation_is_fresh_where_an_episode_begins_and_only_there(mode: AutoresetMode):
+def test_an_observation_is_fresh_at_the_start_of_an_episode_only(mode: AutoresetMode):
     stream = EnvStepper(counting(mode), 2)
     stream.reset(0)
     begun = 0
@@ -86,7 +86,7 @@ def test_an_observation_is_fresh_where_an_episode_begins_and_only_there(mode: Au
 
 
 @pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
-def test_a_stream_goes_on_from_its_state_with_the_frames_before(mode: AutoresetMode):
+def test_a_stream_resumes_from_its_state_with_earlier_frames(mode: AutoresetMode):
     stream, again = (EnvStepper(counting(mode), 3) for _ in range(2))
     for one in (stream, again):
         one.reset(0)

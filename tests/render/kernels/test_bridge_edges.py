@@ -39,7 +39,7 @@ def test_antialiased_edges_of_bridges_are_nearer_to_the_reference_and_feet_stay_
     np.testing.assert_array_equal(soft[foot | ~edge], hard[foot | ~edge])
     changed = (soft != hard).any(axis=-1)
     assert changed.sum() > 40
-    camera_rays = reference._Valley(world, look.astype(np.float64)).trace(pose, camera, 8, 0.0)[0]
+    camera_rays = reference.trace(reference.Materials(world, look.astype(np.float64)), pose, camera, 8, 0.0)[0]
     truth = camera_rays.reshape(height, 8, 64, 8, 3).mean(axis=(1, 3))
     before, after = (np.abs(each - truth)[changed].mean() for each in (hard, soft))
     assert after < 0.7 * before

@@ -28,7 +28,7 @@ def test_bundles_of_rays_start_no_farther_than_the_nearest_surface(hard_world):
             camera.z,
         )
         spread = heightfield_march.bundle_spread(camera)
-        depth = reference._Valley(world, look).meet_ground(pose[:3], rays(renderer.camera, pose[3]), 0.3)
+        depth = reference.meet_ground(reference.Materials(world, look), pose[:3], rays(renderer.camera, pose[3]), 0.3)
         nearest = depth.reshape(8, TILE, 8, TILE).min(axis=(1, 3))
         for row in range(8):
             square_rays(camera, row * TILE, TILE, inv_cell, rays_of_tiles, 0, 8)

@@ -8,6 +8,7 @@ from tests.render.plain import plane, plants_at
 from thalweg.render import Camera, Renderer
 from thalweg.render.records.classes import PLANT
 from thalweg.render.reference import frame as reference
+from thalweg.render.reference import plants as reference_plants
 
 
 @pytest.mark.parametrize(("quality", "apart"), [("full", 1e-4), ("fast", 5e-3)])
@@ -17,7 +18,7 @@ def test_a_plant_covers_only_its_window_and_hides_what_is_behind(quality, apart)
     pose = np.array([0.0, 0.0, 3.0, 0.0])
     frame = Renderer([world], camera, quality).render_layers(pose[None])
     seen = frame.class_id[0] == PLANT
-    box = reference.window(
+    box = reference_plants.window(
         np.array([10.0, 0.0, -3.0]),
         8.0,
         2.0,

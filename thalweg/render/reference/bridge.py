@@ -24,13 +24,13 @@ def masonry(along: np.ndarray, courses: np.ndarray) -> np.ndarray:
 
 
 def meet_bridge(
-    bridge: np.ndarray, eye: np.ndarray, ray: np.ndarray, near: float, far: np.ndarray
+    bridge: np.ndarray, origin: np.ndarray, ray: np.ndarray, near: float, far: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Depth [R, C] (inf: miss), normal [R, C, 3] and point [R, C, 3] in the bridge's frame, by dense sampling."""
     x, y, angle, length, width, span, spring, rise, deck, hump, parapet = bridge
     cos, sin = np.cos(angle), np.sin(angle)
     turn = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1.0]])
-    start, step = turn @ (eye - [x, y, 0]), ray @ turn.T
+    start, step = turn @ (origin - [x, y, 0]), ray @ turn.T
 
     def filled(p: np.ndarray) -> np.ndarray:
         u, v, z = p[..., 0], p[..., 1], p[..., 2]
@@ -48,10 +48,10 @@ def meet_bridge(
     reach = np.linalg.norm([length / 2, width / 2, (deck + parapet - spring + bridges.FOOT_M) / 2 + 1])
     square = (flat**2).sum(1)
     middle = (flat @ (centre - start)) / square
-    room = reach**2 - ((start + flat * middle[:, None] - centre) ** 2).sum(1)
-    half = np.sqrt(np.maximum(room, 0) / square)
+    reach_left = reach**2 - ((start + flat * middle[:, None] - centre) ** 2).sum(1)
+    half = np.sqrt(np.maximum(reach_left, 0) / square)
     begin, end = np.maximum(middle - half, near), np.minimum(middle + half, limit)
-    live = np.flatnonzero((room > 0) & (begin < end))
+    live = np.flatnonzero((reach_left > 0) & (begin < end))
     found = np.full(len(flat), np.inf)
     t = begin.copy()
     while len(live):

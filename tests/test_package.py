@@ -1,5 +1,6 @@
-"""Tests that the wheel includes all data files of the package."""
+"""Tests that the wheel includes all data files of the package, and that module docstrings are statements."""
 
+import ast
 import tomllib
 from pathlib import Path
 
@@ -14,3 +15,13 @@ def test_every_file_of_the_package_goes_into_the_wheel():
     others = {path for path in package.rglob("*") if path.is_file() and path.suffix not in (".py", ".pyc")}
     assert others - taken == set()
     assert {"page.html", "page.css", "page.js"} <= {path.name for path in taken}
+
+
+def test_module_docstrings_are_statements():
+    folders = ("thalweg", "tests", "benchmarks", "docs", "examples")
+    questions = []
+    for path in (path for folder in folders for path in (ROOT / folder).rglob("*.py")):
+        docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+        if "?" in docstring.split("\n\n")[0]:
+            questions.append(str(path.relative_to(ROOT)))
+    assert sorted(questions) == []

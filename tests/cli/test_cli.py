@@ -1,3 +1,5 @@
+"""Tests of the command line: help, error messages and exit codes."""
+
 import csv
 import subprocess
 import sys

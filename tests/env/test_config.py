@@ -1,3 +1,5 @@
+"""Tests of the environment's configuration: defaults, and the values it refuses."""
+
 import dataclasses
 import math
 

@@ -1,3 +1,5 @@
+"""Tests of the poses at which episodes start: random ones and given ones."""
+
 import math
 
 import gymnasium

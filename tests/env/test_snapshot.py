@@ -1,3 +1,5 @@
+"""Tests that an environment resumes from its saved state, bit for bit."""
+
 from dataclasses import replace
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Tests of the vector environment: autoreset modes, infos and masked resets."""
+
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded

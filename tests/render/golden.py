@@ -1,8 +1,8 @@
-"""What did frames look like when they were last looked at? Six of them, kept beside this file, and how near is near.
+"""The six golden frames kept beside this file, and the tolerance within which a frame equals one of them.
 
-`python tests/render/golden.py` compares the frames of this machine with the kept ones; `--write` draws them anew after
-a change that is meant to be seen. It refuses while `RENDER_VERSION` is the one that the kept frames were drawn by,
-since what was trained on the older picture could not tell, unless the rivers themselves are others by now.
+`python tests/render/golden.py` compares the frames of this machine with the golden ones; `--write` renders them again
+after a change that is meant to be visible. It refuses while `RENDER_VERSION` is still the version of the golden frames,
+because policies trained on the older frames could not notice the change, unless the rivers themselves have changed.
 """
 
 import argparse

@@ -1,3 +1,5 @@
+"""Tests of the wrapper that replaces frames with the latents of an encoder."""
+
 import numpy as np
 import pytest
 

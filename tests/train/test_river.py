@@ -1,3 +1,5 @@
+"""Tests of training on rivers: which policies, encoders and worlds fit one another."""
+
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path

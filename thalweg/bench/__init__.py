@@ -1,1 +1,1 @@
-
+"""Evaluation of policies, suites of runs, and the reports on their results."""

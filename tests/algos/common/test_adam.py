@@ -1,3 +1,5 @@
+"""Tests of the Adam optimiser against PyTorch's."""
+
 import math
 
 import numpy as np

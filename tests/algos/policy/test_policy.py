@@ -1,3 +1,5 @@
+"""Tests of the policy: the actions it samples, and its deterministic ones."""
+
 from typing import Any
 
 import gymnasium as gym

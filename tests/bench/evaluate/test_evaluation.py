@@ -1,3 +1,5 @@
+"""Tests of the evaluation of policies over a list of episodes."""
+
 import zlib
 from dataclasses import replace
 from pathlib import Path

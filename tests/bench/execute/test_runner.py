@@ -1,3 +1,5 @@
+"""Tests of the suite runner: interruption, failed runs and resumption."""
+
 import errno
 import json
 import subprocess

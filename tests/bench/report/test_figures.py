@@ -1,3 +1,5 @@
+"""Tests of the figures: which curves, bands and bars they draw."""
+
 from itertools import pairwise
 from pathlib import Path
 

@@ -1,3 +1,5 @@
+"""Tests of the motion model, for discrete and continuous actions."""
+
 import math
 
 import numpy as np

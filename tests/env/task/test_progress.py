@@ -1,3 +1,5 @@
+"""Tests of the segments of the river that a flight is credited with."""
+
 import math
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Tests of the volume a flight must stay in: the banks and the band of heights."""
+
 import itertools
 import math
 

@@ -1,3 +1,5 @@
+"""Tests of the reasons for which an episode ends, their order and their cost."""
+
 import math
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Tests of the checkpoint files: exact contents, damage, and interrupted writes."""
+
 import json
 
 import numpy as np

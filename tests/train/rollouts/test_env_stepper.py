@@ -1,3 +1,5 @@
+"""Tests of the stepper, which gives the same transitions in every autoreset mode."""
+
 import math
 
 import gymnasium as gym

@@ -1,4 +1,4 @@
-"""`thalweg bench`: a whole suite trained, evaluated and reported."""
+"""`thalweg bench`: training, evaluation and report of a suite."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Bench:
-    """Train, evaluate and report a whole suite; the same command resumes."""
+    """Train, evaluate and report a suite of runs; the same command resumes."""
 
     suite: Positional[str]
     """`quick`, `easy`, `open`, `protocols`, `paper`, or a YAML file of your own."""
@@ -51,7 +51,7 @@ def run_and_print(name: str, folder: Path, only: tuple[str, ...], executor: "Exe
 
 
 def executor_for(jobs: int | None, cluster: str | None, cpus: int | None) -> "Executor":
-    """The executor that the options of the command ask for; raises `ResultsError` where they do not go together."""
+    """Return the executor for the options of the command; raises `ResultsError` for options that do not go together."""
     from thalweg.bench.csv_files import ResultsError
     from thalweg.bench.execute.cluster.ray_executor import RayExecutor
     from thalweg.bench.execute.executors import ProcessPoolExecutor, SerialExecutor

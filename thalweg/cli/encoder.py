@@ -83,7 +83,7 @@ class EncoderShow:
 
 @dataclass(frozen=True)
 class EncoderStudy:
-    """Compare encoders by size of code and by input, and by what a linear probe reads; the same command resumes."""
+    """Compare encoders of several code sizes and inputs, and probe their codes linearly; the same command resumes."""
 
     out: Path
     """Folder of the study."""

@@ -1,4 +1,4 @@
-"""`thalweg evaluate`: a policy flown from the fixed starts of levels, or on a real river."""
+"""`thalweg evaluate`: evaluation of a policy from the fixed starts of levels, or on a real river."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class Evaluate:
     """Levels to fly on; by default Easy, Medium and Hard."""
     river: River = NO_FILE
     world_seed: int | None = None
-    """With --geojson: seed of the plants and hills."""
+    """Seed of the plants and hills; only with --geojson."""
     episodes: int = 20
     """Number of starts per level, each flown once."""
     starts_seed: int = 0
@@ -103,7 +103,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
 
 
 def load_named_policy(name: str) -> "Policy":
-    """A baseline, the packaged policy, or the policy of a run's folder or of a file; raises `ResultsError`."""
+    """Return a baseline, the packaged policy, or the policy of a run's folder or a file; raises `ResultsError`."""
     from thalweg.bench.csv_files import ResultsError
     from thalweg.bench.evaluate.baselines import BASELINES
     from thalweg.bench.execute.backend import PACKAGED_POLICY
@@ -120,7 +120,7 @@ def load_named_policy(name: str) -> "Policy":
 
 
 def _courses(command: Evaluate, river: "str | Reach") -> "tuple[list[Course], str]":
-    """The courses of a level or of a real river, and the name of their rows."""
+    """Return the courses of a level or of a real river, and the name that their rows have."""
     from thalweg.bench.evaluate.evaluation import Course
     from thalweg.train.river import announce_build
 

@@ -20,21 +20,21 @@ class UsageError(ValueError):
 
 @dataclass(frozen=True)
 class RiverFile:
-    """A real river instead of that of a level."""
+    """Options for a real river, used instead of a level."""
 
     geojson: Path | None = None
     """GeoJSON file of a real river's centre line, used instead of a level; the width is a property of the line."""
     width_m: float | None = None
-    """Width where the file has none."""
+    """Width in metres, used where the file has none."""
     start_m: float | None = None
-    """Where the reach begins along the line; by default at its start."""
+    """Distance in metres along the line at which the reach begins; by default 0."""
     length_m: float | None = None
-    """Length of the reach; by default to the end of the line."""
+    """Length of the reach in metres; by default to the end of the line."""
     smooth_m: float | None = None
-    """Smooth the line by a Gaussian of this standard deviation."""
+    """Smooth the line by a Gaussian with this standard deviation in metres."""
 
     def reach(self, level_option: str, level: str | Sequence[str] | None) -> Any:
-        """The reach that is meant, a `thalweg.world.Reach`; None where no file is given.
+        """Return the selected `thalweg.world.Reach`, or None if no file is given.
 
         Raises `UsageError` for a file beside a level, which the option of that name gave, and for options of a file
         where there is none.
@@ -52,7 +52,7 @@ class RiverFile:
         return Reach(self.geojson, **options)
 
     def words(self) -> list[str]:
-        """The same options as they are typed; none where no file is given."""
+        """Return the options as command line arguments; empty if no file is given."""
         if self.geojson is None:
             return []
         given = [
@@ -62,7 +62,7 @@ class RiverFile:
         return ["--geojson", str(self.geojson), *(word for pair in given for word in pair)]
 
     def _given(self) -> dict[str, float]:
-        """The options beside the file itself that are given."""
+        """Return the options that are given besides the file itself."""
         values = {field.name: getattr(self, field.name) for field in fields(self)[1:]}
         return {name: value for name, value in values.items() if value is not None}
 
@@ -73,7 +73,7 @@ NO_FILE = RiverFile()
 
 
 def load_world(river: RiverFile, level: str | None, seed: int | None) -> Any:
-    """The world of the file, or that of the level and seed."""
+    """Return the world of the file, or that of the level and seed."""
     from thalweg.world import level_named, load_or_build
 
     if (reach := river.reach("--level", level)) is not None:
@@ -97,7 +97,7 @@ def check_file(option: str, path: Path, *endings: str) -> None:
 
 
 def whole_number(text: str) -> int:
-    """A whole number as people write it, such as 200000, 200_000 or 2e5; raises `UsageError` for anything else."""
+    """Return a whole number from text such as 200000, 200_000 or 2e5; raises `UsageError` for anything else."""
     try:
         return int(text)
     except ValueError:
@@ -112,7 +112,7 @@ def whole_number(text: str) -> int:
 
 
 def number(text: str) -> float:
-    """A number; raises `UsageError` for anything else."""
+    """Return a number from text; raises `UsageError` for anything else."""
     try:
         return float(text)
     except ValueError:
@@ -120,7 +120,7 @@ def number(text: str) -> float:
 
 
 def settings_from(given: Sequence[str]) -> dict[str, Any]:
-    """`key=value` pairs, the values read as YAML: numbers, words, true and false, lists."""
+    """Return the settings in `key=value` pairs, whose values are YAML: numbers, words, true and false, lists."""
     import yaml
 
     from thalweg.core.yaml12 import load
@@ -138,7 +138,7 @@ def settings_from(given: Sequence[str]) -> dict[str, Any]:
 
 
 def _spec(read: Callable[[str], Any], metavar: str, count: Any) -> PrimitiveConstructorSpec:
-    """How one option that holds a number, or several, is read; where its default is None that stays."""
+    """Return tyro's description of an option that holds one or several numbers; a default of None stays None."""
 
     def instance(texts: list[str]) -> Any:
         values = tuple(read(text) for text in texts)
@@ -157,12 +157,12 @@ NUMBERS = (
     ((tuple[int, ...],), _spec(whole_number, "[INT [INT ...]]", "*")),
     ((POSE, POSE | None), _spec(number, "X Y Z YAW", 4)),
 )
-"""Types of fields, and how each is read. Tyro's own readers say of a wrong number what Python says of it."""
+"""Types of fields, and how each is read. Tyro's own readers would report a wrong number in Python's words."""
 
 REGISTRY = ConstructorRegistry()
 
 
 @REGISTRY.primitive_rule
 def read_number(info: Any) -> PrimitiveConstructorSpec | None:
-    """How a field of some type is read, if it is a number or several."""
+    """Return tyro's description of a field that holds one or several numbers; None for other fields."""
     return next((spec for types, spec in NUMBERS if info.type in types), None)

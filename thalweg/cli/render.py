@@ -20,14 +20,13 @@ class RenderFrames:
     """Seed of the river; by default the fixed river of the level. With --geojson: of its plants and hills."""
     river: River = NO_FILE
     pose: POSE | None = None
-    """x y z in metres and yaw in radians; random poses by default."""
+    """Pose of the camera: x, y, z in metres and yaw in radians; random poses by default."""
     poses: Literal["random", "pilot"] = "random"
-    """Where the camera is if no pose is given: at random safe starts, or along flights of the scripted pilot, 50 steps
-    each."""
+    """Source of the poses if none is given: random safe starts, or flights of the scripted pilot, 50 steps each."""
     count: int = 8
     """Number of poses."""
     poses_seed: int = 0
-    """Seed of the random poses."""
+    """Seed of the random poses, or of the pilot's flights."""
     size: int = 128
     """Height and width of a frame in pixels."""
     quality: Literal["full", "fast"] = "full"
@@ -35,7 +34,7 @@ class RenderFrames:
     frames: Path | None = None
     """Also write each frame as a PNG into this folder."""
     gallery: bool = False
-    """Instead, draw one view at both ends of each range of domain randomisation."""
+    """Draw a gallery instead: one view at both ends of each range of domain randomisation."""
     out: Path = Path("frames.png")
     """Picture to write, .png, .jpg or .webp; an existing one is replaced."""
 
@@ -62,7 +61,7 @@ class RenderFrames:
         check_file("--out", self.out, *PICTURES)
 
     def _poses(self, world: Any) -> Any:
-        """Camera poses [K, 4]."""
+        """Return the camera poses [K, 4]."""
         import numpy as np
 
         from thalweg.env import sample_starts

@@ -13,9 +13,9 @@ class Speed:
     json: bool = False
     """Print JSON instead of a table."""
     quick: bool = False
-    """Fewer repetitions, and no training."""
+    """Measure with fewer repetitions and without training."""
     stages: bool = False
-    """Instead, measure the stages of a frame: milliseconds of each on one thread."""
+    """Measure the stages of a frame instead: milliseconds of each on one thread."""
     out: Path | None = None
     """Also write the JSON to this .json file, replacing it."""
 

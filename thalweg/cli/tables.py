@@ -13,7 +13,7 @@ WIDTH = 120
 
 
 def make_console() -> Console:
-    """The terminal; a pipe has no width of its own, and a wrapped number is hard to read."""
+    """Return a console for the terminal. A pipe has no width of its own, and a wrapped number is hard to read."""
     return Console() if Console().is_terminal else Console(width=WIDTH)
 
 

@@ -1,4 +1,4 @@
-"""`thalweg train`: a policy on a river, seen through an encoder."""
+"""`thalweg train`: training of a policy on a river, from the codes of an encoder."""
 
 import shlex
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from thalweg.cli.options import NO_FILE, River, settings_from
 
 @dataclass(frozen=True)
 class Train:
-    """Train a policy on a river, seen through an encoder; the same command resumes."""
+    """Train a policy on a river from the codes of an encoder; the same command resumes."""
 
     out: Path
     """Folder of the run."""

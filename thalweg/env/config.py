@@ -81,7 +81,7 @@ class Limits(NamedTuple):
 
 
 def _default_ranges(value: Any) -> Any:
-    """The ranges that True stands for, and None for False; anything else as it is."""
+    """Return the default ranges for True, None for False, and anything else unchanged."""
     if isinstance(value, bool):
         return Randomisation() if value else None
     return value

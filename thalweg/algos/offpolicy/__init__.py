@@ -1,2 +1,2 @@
 """Off-policy algorithms, and what they share: a replay buffer, critics of actions with target networks, and the update
-schedule. Losses and updates stand in each algorithm's own file."""
+schedule. Losses and updates are in each algorithm's own file."""

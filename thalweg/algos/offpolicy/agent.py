@@ -47,7 +47,7 @@ ROUNDING = 1e-9
 
 
 class AgentSpec(NamedTuple):
-    """What the networks of one algorithm have of their own."""
+    """Algorithm-specific properties of an agent's networks."""
 
     algorithm: str
     """Name in the registry."""

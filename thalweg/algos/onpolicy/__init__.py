@@ -1,2 +1,1 @@
-"""What algorithms that learn from their latest rollout alone have in common. Losses and updates stand in the
-algorithms' own files."""
+"""On-policy algorithms, and the components that they share. Losses and updates are in each algorithm's own file."""

@@ -1,5 +1,5 @@
 """Constrained policy optimisation (Achiam et al. 2017): the best natural step that keeps the cost limit to first order,
-in closed form; not among the study's ten, and the reference that they are compared with elsewhere."""
+in closed form. It is not one of the study's ten algorithms, but a common reference in the field."""
 
 from typing import Any, Self
 

@@ -1,5 +1,5 @@
-"""Constraint-rectified policy optimisation (Xu, Liang, Lan 2021), on-policy: a natural step for the reward while the
-cost is within its limit, and one against the cost as soon as it is not."""
+"""Constraint-rectified policy optimisation (Xu, Liang, Lan 2021), on-policy: each natural step raises the
+return while the cost is within its limit, and lowers the cost otherwise."""
 
 from typing import Any
 

@@ -1,5 +1,5 @@
-"""Penalised proximal policy optimisation (Zhang L. et al. 2022): the clipped surrogate of the reward, and an exact
-penalty that is there only while the cost's own surrogate says that the limit would be broken."""
+"""Penalised proximal policy optimisation (Zhang L. et al. 2022): the clipped surrogate of the reward with an
+exact penalty, which is active only while the surrogate of the cost predicts that the limit is exceeded."""
 
 from typing import Any, Literal, Self
 

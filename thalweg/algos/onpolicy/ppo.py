@@ -1,4 +1,4 @@
-"""Proximal policy optimisation (Schulman et al. 2017) for the reward alone: the baseline that knows no cost."""
+"""Proximal policy optimisation (Schulman et al. 2017) for the reward alone: the baseline, which ignores costs."""
 
 from typing import Any
 

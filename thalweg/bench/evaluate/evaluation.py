@@ -38,7 +38,7 @@ UNSEEN = 100_000
 
 @frozen_config(ResultsError)
 class EvaluationConfig:
-    """How policies are evaluated; the same for all that are to be compared."""
+    """Settings of an evaluation; they are the same for all policies that are compared."""
 
     episodes: Annotated[int, Field(ge=1)] = 20
     """Starts per level."""

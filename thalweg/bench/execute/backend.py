@@ -28,7 +28,7 @@ STAGES = ".before"
 
 
 def installed_versions() -> dict[str, int | None]:
-    """All versions that results can depend on; None for a packaged policy that this copy lacks."""
+    """Return all versions that results can depend on; None for a packaged policy that this copy lacks."""
     return {
         "world": versions.WORLD,
         "render": versions.RENDER,
@@ -49,11 +49,11 @@ class Backend(Protocol):
         ...
 
     def evaluate(self, run: Run, folder: Path, trial: Trial, on_step: Callable[[Step], None]) -> list[Episode]:
-        """The evaluated episodes of the run's policy in a trial."""
+        """Return the evaluated episodes of the run's policy in a trial."""
         ...
 
     def title(self, run: Run, folder: Path) -> str:
-        """The name of the run's policy for people."""
+        """Return the name of the run's policy for people."""
         ...
 
     def film(
@@ -75,12 +75,12 @@ class RiverBackend:
         return load_compatible_encoder()
 
     def config(self, trial: Trial) -> EvaluationConfig:
-        """The configuration of a trial's evaluation."""
+        """Return the configuration of a trial's evaluation."""
         suite = self.suite
         return EvaluationConfig(suite.episodes, suite.starts_seed, trial.condition.deterministic)
 
     def courses(self, trial: Trial) -> list[Course]:
-        """The rivers of a trial and the starts on each."""
+        """Return the rivers of a trial and the starts on each."""
         condition, level, config = trial.condition, trial.level, self.config(trial)
         if condition.unseen:
             return Course.unseen(level, config)
@@ -110,7 +110,7 @@ class RiverBackend:
         )
 
     def policy(self, run: Run, folder: Path) -> Policy:
-        """The run's policy."""
+        """Return the run's policy."""
         if run.kind == "baseline":
             return BASELINES[run.algorithm]
         return load_policy(PACKAGED_POLICY if run.kind == "packaged" else folder)
@@ -127,7 +127,7 @@ class RiverBackend:
         return [self._observers[trial.level]]
 
     def evaluate(self, run: Run, folder: Path, trial: Trial, on_step: Callable[[Step], None]) -> list[Episode]:
-        """The evaluated episodes of the run's policy in a trial."""
+        """Return the evaluated episodes of the run's policy in a trial."""
         policy, courses, rows = self.policy(run, folder), self.courses(trial), []
         label, config = Label(run.algorithm, run.seed, trial.level), self.config(trial)
         waiting = sum(len(course.starts) for course in courses)
@@ -141,7 +141,7 @@ class RiverBackend:
         return rows
 
     def title(self, run: Run, folder: Path) -> str:
-        """The name of the run's policy for people."""
+        """Return the name of the run's policy for people."""
         if run.kind == "baseline":
             return run.algorithm
         if run.kind == "train":

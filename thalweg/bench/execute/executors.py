@@ -113,7 +113,7 @@ def _start(run: Run, context: ExecutionContext, threads: int) -> tuple[Connectio
 
 
 def _receive_row(receiver: Connection, run: Run, process: BaseProcess, context: ExecutionContext) -> RunRow:
-    """The row that a run's process sent, or that of a failed run if it ended without sending one."""
+    """Return the row that a run's process sent, or that of a failed run if it ended without sending one."""
     try:
         message = receiver.recv()
     except EOFError:
@@ -150,7 +150,7 @@ def _exit_with(sentinel: int) -> None:
 
 
 def execute_run_logged(run: Run, suite: Suite, folder: Path, backend: Backend) -> RunRow:
-    """`execute_run`, with everything that this process prints meanwhile appended to the run's log."""
+    """Call `execute_run`, and append everything that this process prints meanwhile to the run's log."""
     log = folder / LOGS / f"{run.name}.txt"
     log.parent.mkdir(parents=True, exist_ok=True)
     with open(log, "a", buffering=1, encoding="utf-8") as file, redirect_stdout(file), redirect_stderr(file):
@@ -187,13 +187,13 @@ def execute_run(run: Run, context: ExecutionContext) -> RunRow:
 
 
 def _stages(run: Run, suite: Suite) -> list[tuple[int, str]]:
-    """Steps and level of each stage of training, in order."""
+    """Return the steps and level of each stage of training, in order."""
     arm = suite.arm(run.algorithm)
     return [*((stage.steps, stage.level) for stage in arm.before), (arm.steps, suite.level_of(arm))]
 
 
 def run_row(run: Run, context: ExecutionContext, error: str) -> RunRow:
-    """The row of a run that ended, with what its folder says; failed if `error` is not empty."""
+    """Return the row of a run that ended, with what its folder says; failed if `error` is not empty."""
     status = read_status(context.folder / "runs" / run.name)
     steps, seconds = int(status.get("steps", 0)), float(status.get("seconds", 0.0))
     row = RunRow(run.name, run.kind, run.algorithm, run.seed, steps, "finished", "", seconds, 0.0)
@@ -202,7 +202,7 @@ def run_row(run: Run, context: ExecutionContext, error: str) -> RunRow:
 
 
 def is_evaluated(folder: Path, run: Run, trial: Trial, episodes: int) -> bool:
-    """Whether the evaluation file of a trial is complete."""
+    """Return whether the evaluation file of a trial is complete."""
     try:
         return len(read_episodes(evaluation_path(folder, run.name, trial))) == episodes
     except (ResultsError, OSError):

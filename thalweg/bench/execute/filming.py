@@ -36,7 +36,7 @@ class Shot:
     """What distinguishes this flight from those that it was chosen from."""
 
     def caption(self, title: str) -> str:
-        """Caption of the film, for a policy with this title."""
+        """Return the caption of the film, for a policy with this title."""
         row = self.episode
         return (
             f"{title} on {row.level}, start {row.episode} of the list: {row.length} steps, return {row.return_:.2f}, "
@@ -84,7 +84,7 @@ def _film(shot: Shot, folder: Path, backend: Backend, console: Console) -> None:
 
 
 def best_of_all(suite: Suite, results: Results) -> Shot | None:
-    """The best flight on the training level, of the packaged policy if it flew there, else of a trained policy."""
+    """Return the best flight on the training level of the packaged policy, else of a trained one, else a baseline."""
     level = suite.train_level if suite.train_level in suite.test_levels else suite.test_levels[0]
     for kind in ("packaged", "train", "baseline"):
         flights = _flights([run for run in suite.runs() if run.kind == kind], level, results)
@@ -102,8 +102,10 @@ def best_of_all(suite: Suite, results: Results) -> Shot | None:
 
 
 def policy_shots(suite: Suite, results: Results) -> list[Shot]:
-    """For each trained policy that flew on its training level, its best flight and its typical failure: the one with
-    the median return among those that ended for the most frequent reason of failure."""
+    """Return the best flight and the typical failure of each trained policy that flew on its training level.
+
+    The typical failure has the median return among the flights that ended for the most frequent reason of failure.
+    """
     shots = []
     for arm in suite.arms:
         runs = [run for run in suite.runs() if run.algorithm == arm.label]
@@ -125,7 +127,7 @@ def policy_shots(suite: Suite, results: Results) -> list[Shot]:
 
 
 def _flights(runs: list[Run], level: str, results: Results) -> list[tuple[Run, Episode]]:
-    """All flights of some runs on a level, with current versions."""
+    """Return all flights of some runs on a level, with current versions."""
     return [
         (run, episode)
         for run in runs
@@ -135,12 +137,12 @@ def _flights(runs: list[Run], level: str, results: Results) -> list[tuple[Run, E
 
 
 def _best(flights: list[tuple[Run, Episode]]) -> tuple[Run, Episode]:
-    """The flight with the greatest return, then the least cost."""
+    """Return the flight with the greatest return; of equal ones, that with the least cost."""
     return max(flights, key=lambda flight: (flight[1].return_, -flight[1].cost, -flight[1].episode))
 
 
 def _most_frequent(failed: list[Episode]) -> tuple[str, int]:
-    """The most frequent reason of the ends, and how often it occurs."""
+    """Return the most frequent reason for the ends of flights, and its number of occurrences."""
     counts = Counter(episode.reason for episode in failed)
     reason = max(REASONS, key=lambda reason: counts[reason])
     return reason, counts[reason]

@@ -90,8 +90,11 @@ def run_suite(
 
 
 def selected_runs(suite: Suite, only: tuple[str, ...]) -> list[Run]:
-    """The runs of a suite named by their own name (`FOCOPS-0`) or by their policy's: an arm's, a baseline's or
-    `packaged`; all runs for no names. Raises `ResultsError` for an unknown name."""
+    """Return the runs of a suite with these names, or all of its runs if no names are given.
+
+    A name is that of a run (`FOCOPS-0`) or of a policy: an arm, a baseline or `packaged`. Raises `ResultsError` for an
+    unknown name.
+    """
     runs = suite.runs()
     known = {name for run in runs for name in (run.name, run.algorithm)}
     for name in only:
@@ -107,7 +110,7 @@ def selected_runs(suite: Suite, only: tuple[str, ...]) -> list[Run]:
 
 
 def claim(folder: Path, suite: Suite) -> None:
-    """Make the folder this suite's; raises `ResultsError` if it holds anything but results of the same suite."""
+    """Claim the folder for this suite; raises `ResultsError` if it holds anything but results of the same suite."""
     if RESULTS_FOLDER.is_new(folder):
         about = {"env": asdict(EnvConfig()), "versions": package_versions(), "machine": machine_info()}
         RESULTS_FOLDER.write_json(folder, suite.as_data() | about)
@@ -122,12 +125,12 @@ def claim(folder: Path, suite: Suite) -> None:
 
 
 def _arms_by_name(record: dict[str, Any]) -> dict[str, Any]:
-    """A suite's record with its arms by name, so that differences name the arm."""
+    """Return a suite's record with its arms by name, so that differences name the arm."""
     return record | {"arms": {arm["name"]: arm for arm in record.get("arms", [])}}
 
 
 def _versions_of(suite: Suite, run: Run) -> dict[str, int | None]:
-    """The versions that a run has now."""
+    """Return the current versions of what a run depends on."""
     if run.kind != "train":
         return current_versions(run.kind, ())
     arm = suite.arm(run.algorithm)
@@ -147,7 +150,7 @@ def _prepare(suite: Suite, folder: Path, runs: Sequence[Run], console: Console) 
 
 
 def _is_finished(run: Run, suite: Suite, folder: Path, row: RunRow | None) -> bool:
-    """Whether all episodes of the run exist, with the current versions."""
+    """Return whether all episodes of the run exist, with the current versions."""
     if row is None or row.status != "finished" or not is_current(folder, run, _versions_of(suite, run)):
         return False
     finished = all(is_evaluated(folder, run, trial, suite.episodes) for trial in suite.trials(run))

@@ -101,7 +101,7 @@ def film_frames(
 
 
 def _caption(world: World, flight: Flight, index: int) -> tuple[str, str, str]:
-    """Lines of text about a step; those of the last step say how the episode ended."""
+    """Return the lines of text about a step; those of the last step say how the episode ended."""
     river, pose, episode = world.river, flight.poses[index], flight.episode
     nearest = np.argmin(((river.position_m - pose[:2]) ** 2).sum(axis=1))
     last = index == len(flight.poses) - 1

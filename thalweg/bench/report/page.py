@@ -53,7 +53,7 @@ def page(results: Results, tables: Mapping[str, Table], files: Mapping[str, byte
 
 
 def _introduction(results: Results) -> str:
-    """Sentences on what was trained and evaluated."""
+    """Return the introductory sentences: what was trained and evaluated."""
     arms = arms_of(results.suite)
     trained = [row for row in results.runs if row.kind == "train"]
     sentences = [f"{len(results.episodes)} evaluated episodes on {', '.join(results.levels)}."]
@@ -91,7 +91,7 @@ def _contents(
 
 
 def _table(table: Table) -> dict[str, Any]:
-    """Columns of a table, each with whether it is numeric, and rows, each with whether it is published."""
+    """Return columns and rows of a table; a column with whether it is numeric, a row with whether it is published."""
     if table.text.empty:
         return {}
     rows = table.text.itertuples(index=False, name=None)
@@ -102,7 +102,7 @@ def _table(table: Table) -> dict[str, Any]:
 
 
 def _films(section: FilmSection, results: Results) -> list[dict[str, Any]]:
-    """The films of a section, each with its label and its caption."""
+    """Return the films of a section, each with its label and its caption."""
     films = []
     for name, film in results.films.items():
         if section.includes(name) and film.path is not None:

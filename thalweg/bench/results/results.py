@@ -44,7 +44,7 @@ class FilmFiles:
 
     @classmethod
     def of(cls, folder: Path, name: str) -> "FilmFiles":
-        """The paths for a film's name in a results folder."""
+        """Return the paths for a film's name in a results folder."""
         return cls(folder / f"{name}.mp4", folder / f"{name}.txt", folder / f"{name}-error.txt")
 
     @property
@@ -155,7 +155,7 @@ class Results:
         return {(name, row.algorithm, row.seed, row.level) for name, rows in every.items() for row in rows}
 
     def planned_seeds(self, algorithm: str) -> int:
-        """Number of seeds that the suite asks for of a policy."""
+        """Return the number of seeds that the suite asks for of a policy."""
         planned = sum(len(arm["seeds"]) for arm in arms_of(self.suite) if arm["name"] == algorithm)
         return max(planned, sum(row.algorithm == algorithm for row in self.runs), 1)
 
@@ -165,13 +165,13 @@ class Results:
         return max((arm["steps"] for arm in arms_of(self.suite)), default=0)
 
     def gap(self, algorithm: str) -> str:
-        """Why there are no episodes of a policy: `failed`, `absent`, or else `missing`."""
+        """Return the reason why there are no episodes of a policy: `failed`, `absent`, or else `missing`."""
         statuses = {row.status for row in self.runs if row.algorithm == algorithm}
         return next((status for status in ("failed", "absent") if status in statuses), "missing")
 
 
 def evaluation_path(folder: Path, run: str, trial: Trial) -> Path:
-    """Path of the episodes of a run in a trial."""
+    """Return the path of the episodes of a run in a trial."""
     return folder / "evaluation" / trial.condition.name / f"{run}-{trial.level}.csv"
 
 
@@ -181,12 +181,12 @@ def write_runs(folder: Path, rows: list[RunRow]) -> None:
 
 
 def runs_text(rows: list[RunRow]) -> str:
-    """The runs as CSV."""
+    """Return the runs as CSV."""
     return csv_text(RUN_COLUMNS, [[getattr(row, name) for name in RUN_COLUMNS] for row in rows])
 
 
 def read_runs(folder: Path) -> list[RunRow]:
-    """The rows of `runs.csv`; none if there is no such file. Raises `ResultsError` for a file of another kind."""
+    """Return the rows of `runs.csv`; none without such a file. Raises `ResultsError` for a file of another kind."""
     path = folder / "runs.csv"
     if not path.exists():
         return []

@@ -12,7 +12,8 @@ f32 = np.float32
 
 
 def cone_map(top: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Height and slope [CY, CX] float32 of the cone above each cell that no surface of `top` [GY, GX] pierces.
+    """Return the height and slope [CY, CX] float32 of the cone above each cell that no surface of `top` [GY, GX]
+    pierces.
 
     Source: cone step mapping (Dummer 2006), here per cell instead of per node: conservative between nodes too.
     """

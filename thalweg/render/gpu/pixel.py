@@ -42,7 +42,7 @@ SHARED_FLOATS, SHARED_INTS = 17, 3
 
 @cache
 def tracer(reduced: bool, coloured: bool) -> Callable:
-    """The kernel for a quality; without colours only depth, class and mask are found."""
+    """Return the kernel for a quality; without colours, it finds only depth, class and mask."""
 
     def trace(scene, views, cameras, moments, plants, planes):
         """One block a tile (x) of a camera (y): fill `Planes` [N, H, W].
@@ -95,7 +95,7 @@ def tracer(reduced: bool, coloured: bool) -> Callable:
 
 @kernel(inlined=True)
 def primary_hit(scene, view, tile_r, tile_c, r, c, reduced, rays, depth):
-    """The class of what the ray of pixel (r, c) meets, bridges and plants apart; fills its ray and depth [1]."""
+    """Return the class that the ray of pixel (r, c) meets, except for bridges and plants; fills ray and depth [1]."""
     camera = view.camera
     inv_cell = scene.constants[view.world, layout.INV_CELL]
     origin = map_origin(scene, view)
@@ -141,7 +141,7 @@ def primary_hit(scene, view, tile_r, tile_c, r, c, reduced, rays, depth):
 
 @kernel(inlined=True)
 def nearest_bridge(scene, view, rays, depth, kind, coloured):
-    """The class of a pixel and the radiance of its stone, once bridges are drawn; depth [1] becomes the nearest one."""
+    """Return the class of a pixel and the radiance of its stone with bridges drawn; depth [1] becomes the nearest."""
     cell = f32(1) / scene.constants[view.world, layout.INV_CELL]
     dx = rays.x[0] * cell
     dy = rays.y[0] * cell
@@ -177,7 +177,7 @@ def share_billboard(board, floats, ints, thread):
 
 @kernel(inlined=True)
 def shared_billboard(floats, ints, j):
-    """The `Billboard` in column j of shared memory."""
+    """Return the `Billboard` in column j of shared memory."""
     return Billboard(
         floats[0, j], floats[1, j], floats[2, j], floats[3, j], floats[4, j], floats[5, j],
         ints[0, j], ints[1, j], ints[2, j], floats[6, j], floats[7, j], floats[8, j], floats[9, j], floats[10, j],
@@ -187,7 +187,7 @@ def shared_billboard(floats, ints, j):
 
 @kernel(inlined=True)
 def blend_plants(scene, view, plants, n, corner, r, inside, reduced, rays, depth):
-    """Red, green, blue that the plants add to a pixel, the light that they let through, and their depth.
+    """Return the red, green and blue that plants add to a pixel, the light that they let through, and their depth.
 
     corner: row and column of the tile's first pixel; inside: whether the pixel is one of the image.
     """
@@ -249,7 +249,7 @@ def blend_plants(scene, view, plants, n, corner, r, inside, reduced, rays, depth
 
 @kernel(inlined=True)
 def billboard_light(atlas, board, dx, dy, dz, near, ground_depth, light, reduced):
-    """As `billboard.billboard_pixel`, in either quality."""
+    """Return what `billboard.billboard_pixel` does, in either quality."""
     if reduced:
         ink_r, ink_g, ink_b, ink, t = reduced_quality.billboard_pixel(atlas, board, dx, dy, dz, near)
         # The reduced pixel leaves visibility to its caller, because on the CPU two rows share it.
@@ -260,7 +260,7 @@ def billboard_light(atlas, board, dx, dy, dz, near, ground_depth, light, reduced
 
 @kernel(inlined=True)
 def touches_tile(boxes, n, k, tile_r, tile_c):
-    """Whether the box of the k-th plant of camera n overlaps a tile."""
+    """Return whether the box of the k-th plant of camera n overlaps a tile."""
     return (
         boxes[n, k, 0] < tile_c + TILE
         and boxes[n, k, 1] > tile_c

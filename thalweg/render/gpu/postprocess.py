@@ -23,7 +23,7 @@ THREADS = 128
 
 @cache
 def adder(reduced: bool) -> Callable:
-    """The kernel that adds up a frame's light for the exposure; in the full quality it antialiases bridges first."""
+    """Return the kernel that adds up a frame's light for the exposure; in full quality it antialiases bridges first."""
 
     def add_up(scene, views, cameras, planes, softened, gains):
         """One block a camera: radiance [3, N, H, W] with antialiased edges, and the factor of the exposure [N].
@@ -109,5 +109,5 @@ def write_layers(planes, depths, kinds, masks):
 
 @kernel(inlined=True)
 def mask_of(kind, light):
-    """255 where water is seen, else 0."""
+    """Return 255 where water is seen, else 0."""
     return uint32(255) if kind == classes.WATER and light > f32(0.5) else uint32(0)

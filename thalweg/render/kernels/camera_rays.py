@@ -56,7 +56,7 @@ class Radiance(NamedTuple):
 
 @kernel(allocates=False)
 def pose_camera(pose, look, settings):
-    """The `PosedCamera` at a pose [4]: x, y, z in metres, yaw in radians."""
+    """Return the `PosedCamera` at a pose [4]: x, y, z in metres, yaw in radians."""
     pitch = look[PITCH]
     half_w = look[HALF_W]
     cos_p = f32(math.cos(pitch))
@@ -77,13 +77,13 @@ def pose_camera(pose, look, settings):
 
 @kernel(inlined=True, allocates=False)
 def row_step(camera):
-    """Height of a pixel on the image plane at distance one."""
+    """Return the height of a pixel on the image plane at distance one."""
     return f32(2) * camera.half_h / f32(camera.height)
 
 
 @kernel(inlined=True, allocates=False)
 def map_origin(scene, view):
-    """Where the rays of a view begin, in the coordinates of its world's map."""
+    """Return the point where the rays of a view begin, in the coordinates of its world's map."""
     inv_cell = scene.constants[view.world, layout.INV_CELL]
     return Origin(
         (view.camera.x - scene.constants[view.world, layout.ORIGIN_X]) * inv_cell,

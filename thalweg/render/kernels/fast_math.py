@@ -1,7 +1,8 @@
 """Fast exp, log and floor for the arithmetic of pixels: bit tricks and short polynomials, which LLVM vectorises.
 
-A test holds `exp` and `log2` to the errors that their docstrings name; neither is for positions or geometry. `floor` is
-exact. NumPy's does not exist on a GPU, and Python's gives a 64-bit integer, which does not vectorise.
+Tests check that the errors of `exp` and `log2` are within those that their docstrings name; neither is for positions or
+geometry. `floor` is exact. NumPy's does not exist on a GPU, and Python's gives a 64-bit integer, which does not
+vectorise.
 """
 
 import numpy as np
@@ -14,7 +15,7 @@ f32 = np.float32
 
 @kernel(inlined=True, allocates=False)
 def floor(x):
-    """The largest whole number not above x, for x in -2e9..2e9."""
+    """Return the largest whole number not above x, for x in -2e9..2e9."""
     # Conversion rounds towards zero, which is one too high below zero.
     truncated = f32(int32(x))
     return truncated - f32(1) if x < truncated else truncated
@@ -22,7 +23,7 @@ def floor(x):
 
 @kernel(inlined=True, allocates=False)
 def log2(x):
-    """The binary logarithm of x > 0, within 0.009."""
+    """Return the binary logarithm of x > 0, within 0.009."""
     # The exponent's bits are the whole part; the mantissa, read as a number in 1..2, gives the rest by a parabola.
     bits = np.float32(x).view(np.int32)
     exponent = f32((bits >> int32(23)) - int32(127))
@@ -33,7 +34,7 @@ def log2(x):
 
 @kernel(inlined=True, allocates=False)
 def exp2(x):
-    """Two to the power of x in -120..120, within a relative error of 2e-4."""
+    """Return two to the power of x in -120..120, within a relative error of 2e-4."""
     x = min(max(x, f32(-120)), f32(120))
     whole = floor(x)
     part = x - whole
@@ -44,5 +45,5 @@ def exp2(x):
 
 @kernel(inlined=True, allocates=False)
 def exp(x):
-    """e to the power of x in -80..80, within a relative error of 2e-4."""
+    """Return e to the power of x in -80..80, within a relative error of 2e-4."""
     return exp2(x * f32(1.4426950408889634))

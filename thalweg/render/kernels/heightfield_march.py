@@ -69,7 +69,7 @@ class TangentPlanes(NamedTuple):
 
 @kernel(inlined=True, allocates=False)
 def bundle_spread(camera):
-    """How far a ray of a tile strays from the one through the tile's middle, in metres per metre along the axis."""
+    """Return the greatest distance between a ray of a tile and that through its middle, in metres per metre of axis."""
     per_row = row_step(camera)
     # Half of a tile's diagonal, and a little more for the rounding of float32.
     return f32(0.501 * TILE) * math.sqrt(per_row * per_row + camera.column_step * camera.column_step)
@@ -142,7 +142,7 @@ def march(scene, world, origin, rays, t, hit, track, n):
 
 @kernel(inlined=True, allocates=False)
 def step_rays(scene, world, origin, rays, t, hit, track, n):
-    """Advance n rays of a march by one step each; whether any of them goes on.
+    """Advance n rays of a march by one step each; returns whether any of them continues.
 
     There are no branches but selects, so that rays which have arrived cost nothing but their place in the vector.
     """

@@ -19,13 +19,13 @@ f32 = np.float32
 
 @kernel(inlined=True, allocates=False)
 def clamp(value, low, high):
-    """The value limited to low..high."""
+    """Return the value limited to low..high."""
     return min(max(value, low), high)
 
 
 @kernel(inlined=True, allocates=False)
 def bilinear(table, at, columns, rows, x, y):
-    """The value of a float table at node coordinates x, y, between its four nearest nodes.
+    """Return the value of a float table at node coordinates x, y, interpolated between its four nearest nodes.
 
     at: the index where the table's columns x rows begin.
     """
@@ -48,7 +48,7 @@ def bilinear(table, at, columns, rows, x, y):
 
 @kernel(inlined=True, allocates=False)
 def sloped(table, at, columns, rows, x, y):
-    """As `bilinear`, and the table's rise per node in x and in y. The table is level outside its edges."""
+    """Return the value of `bilinear` and its rise per node in x and in y; the table is level outside its edges."""
     # The clamped coordinate does not move outside, so the slope there must be zero.
     within_x = f32(1) if (x >= f32(0)) & (x <= f32(columns) - f32(1.001)) else f32(0)
     within_y = f32(1) if (y >= f32(0)) & (y <= f32(rows) - f32(1.001)) else f32(0)
@@ -70,13 +70,13 @@ def sloped(table, at, columns, rows, x, y):
 
 @kernel(inlined=True, allocates=False)
 def channel(packed, shift):
-    """One byte of a packed texel as a float in 0..255."""
+    """Return one byte of a packed texel as a float in 0..255."""
     return f32(int32((packed >> uint32(shift)) & uint32(255)))
 
 
 @kernel(inlined=True, allocates=False)
 def mix_texels(a, b, c, d, u, v):
-    """Four channels (0..255) interpolated between four packed texels."""
+    """Return four channels (0..255) interpolated between four packed texels."""
     wa = (f32(1) - u) * (f32(1) - v)
     wb = u * (f32(1) - v)
     wc = (f32(1) - u) * v
@@ -90,7 +90,7 @@ def mix_texels(a, b, c, d, u, v):
 
 @kernel(inlined=True, allocates=False)
 def paint_level(paint, begin, columns, rows, x, y, level):
-    """Four channels (0..255) of the paint on one mip level; columns and rows are those of level 0."""
+    """Return four channels (0..255) of the paint on one mip level; columns and rows are those of level 0."""
     # Texels of level 0 have their middles on nodes; half a texel is added and taken off around the change of size.
     shrink = f32(1) / f32(int32(1) << level)
     wide = int32(columns) >> level
@@ -112,7 +112,7 @@ def paint_level(paint, begin, columns, rows, x, y, level):
 
 @kernel(inlined=True, allocates=False)
 def tile_level(tile, x, y, level):
-    """Four channels (0..255) of the repeating ripple tile on one mip level, at texel coordinates of level 0."""
+    """Return four channels (0..255) of the repeating ripple tile on one mip level, at texel coordinates of level 0."""
     size = int32(ripples.SIZE) >> level
     # Levels follow one another: the sum of the geometric series of their sizes.
     begin = (int32(ripples.SIZE * ripples.SIZE) - size * size) * int32(4) // int32(3)
@@ -139,7 +139,7 @@ def tile_level(tile, x, y, level):
 
 @kernel(inlined=True, allocates=False)
 def sky_at(table, begin, dx, dy, dz):
-    """Radiance of the sky in a direction of any length: red, green, blue. See `thalweg.render.bake.sky`."""
+    """Return the radiance of the sky in a direction of any length: red, green, blue. See `thalweg.render.bake.sky`."""
     # The azimuth is measured along the unit diamond instead of the circle, which needs no arc tangent.
     flat = abs(dx) + abs(dy) + f32(1e-12)
     sine = dz / math.sqrt(dx * dx + dy * dy + dz * dz)

@@ -53,7 +53,7 @@ class Scene(NamedTuple):
 
 
 def blank_scene() -> Scene:
-    """A scene of empty tables, with the types of every other scene: kernels compile from it before a world exists."""
+    """Return a scene of empty tables with the types of any scene, so that kernels can compile before a world exists."""
     types = {"extents": (np.int64, 2), "atlas_level": (np.int64, 1)}
     types |= dict.fromkeys(("constants", "plants", "bridges", "shade", "autumn"), (f32, 2))
     types |= dict.fromkeys(("paint", "canopy_paint", "sky", "ripples", "atlas"), (np.uint32, 1))

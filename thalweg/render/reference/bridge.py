@@ -7,7 +7,7 @@ from thalweg.world.record import PARAPET_THICKNESS_M
 
 
 def masonry(along: np.ndarray, courses: np.ndarray) -> np.ndarray:
-    """Brightness [K] of blocks and joints."""
+    """Return the brightness [K] of blocks and joints."""
     course = np.floor(courses / bridges.COURSE_M)
     shifted = along / bridges.BLOCK_M + 0.5 * course
     block = np.floor(shifted)
@@ -26,7 +26,7 @@ def masonry(along: np.ndarray, courses: np.ndarray) -> np.ndarray:
 def meet_bridge(
     bridge: np.ndarray, origin: np.ndarray, ray: np.ndarray, near: float, far: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Depth [R, C] (inf: miss), normal [R, C, 3] and point [R, C, 3] in the bridge's frame, by dense sampling."""
+    """Return depth [R, C] (inf: miss), normal and point [R, C, 3] in the bridge's frame, by dense sampling."""
     x, y, angle, length, width, span, spring, rise, deck, hump, parapet = bridge
     cos, sin = np.cos(angle), np.sin(angle)
     turn = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1.0]])

@@ -45,7 +45,7 @@ def draw(
     time_s: float = 0.0,
     look: Look | None = None,
 ) -> ReferenceFrame:
-    """The frame of a pose [4] (x, y, z, yaw) with samples x samples rays a pixel, without the sensor's noise."""
+    """Return the frame of a pose [4] (x, y, z, yaw) with samples x samples rays per pixel, without sensor noise."""
     seen = look or Look()
     row = look_rows(look_values(seen, 1), camera)[0].astype(np.float64)
     camera = replace(camera, pitch_deg=camera.pitch_deg + seen.pitch_deg, fov_deg=camera.fov_deg + seen.fov_deg)
@@ -65,7 +65,7 @@ def draw(
 def trace(
     materials: Materials, pose: np.ndarray, camera: Camera, samples: int, time_s: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Radiance [R, C, 3], depth [R, C] (inf: sky) and class [R, C] of samples x samples rays a pixel."""
+    """Return radiance [R, C, 3], depth [R, C] (inf: sky) and class [R, C] of samples x samples rays per pixel."""
     rows, columns = camera.height_px * samples, camera.width_px * samples
     sy = camera.half_height * (1 - 2 * (np.arange(rows) + 0.5) / rows)
     sx = camera.half_width * (2 * (np.arange(columns) + 0.5) / columns - 1)
@@ -106,7 +106,7 @@ def trace(
 
 
 def meet_ground(materials: Materials, origin: np.ndarray, ray: np.ndarray, near: float) -> np.ndarray:
-    """Depth [R, C] at which each ray meets the surface, inf where it leaves."""
+    """Return the depth [R, C] at which each ray meets the surface; inf where it leaves the map."""
     flat = ray.reshape(-1, 3)
     t = np.full(len(flat), near)
     before, found = t.copy(), np.full(len(flat), np.inf)
@@ -137,7 +137,7 @@ def meet_ground(materials: Materials, origin: np.ndarray, ray: np.ndarray, near:
 
 
 def axes(yaw: float, pitch: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Forward, right and up unit vectors of a camera."""
+    """Return the forward, right and up unit vectors of a camera."""
     level = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     up = np.array([0.0, 0.0, 1.0])
     forward = level * np.cos(pitch) - up * np.sin(pitch)

@@ -41,7 +41,7 @@ class Materials:
         return (x - grid.origin_x_m) / grid.cell_m, (y - grid.origin_y_m) / grid.cell_m
 
     def sky(self, sight: np.ndarray) -> np.ndarray:
-        """Radiance [..., 3] of the sky in unit directions [..., 3]."""
+        """Return the radiance [..., 3] of the sky in unit directions [..., 3]."""
         sine = sight[..., 2]
         v = (0.5 + 0.5 * np.sign(sine) * np.sqrt(np.abs(sine))) * sky.ROWS - 0.5
         east = sight[..., 0] / (np.abs(sight[..., 0]) + np.abs(sight[..., 1]) + 1e-12)
@@ -57,7 +57,7 @@ class Materials:
         return low * (1 - b) + high * b
 
     def ground(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Radiance [..., 3] of the ground at node coordinates."""
+        """Return the radiance [..., 3] of the ground at node coordinates."""
         cell = self.world.grid.cell_m
         xm, ym = x * cell, y * cell
         small, large = ripples.SIZE / ground.GRAIN_M, ripples.SIZE / ground.PATCH_M
@@ -71,7 +71,7 @@ class Materials:
         return bilinear(self.lit, x, y) * grain[..., None]
 
     def water(self, point: np.ndarray, sight: np.ndarray, time_s: float) -> np.ndarray:
-        """Radiance [K, 3] of the water at points [K, 3] (world metres) in directions of sight [K, 3]."""
+        """Return the radiance [K, 3] of the water at points [K, 3] (world metres) in directions of sight [K, 3]."""
         cell = self.world.grid.cell_m
         x, y = self.node(point[:, 0], point[:, 1])
         slope = self.ripple(x * cell, y * cell, time_s)
@@ -114,7 +114,7 @@ class Materials:
         )
 
     def ripple(self, x: np.ndarray, y: np.ndarray, time_s: float) -> np.ndarray:
-        """Slopes [K, 2] of the water at map metres."""
+        """Return the slopes [K, 2] of the water at map metres."""
         a_scale, b_scale = ripples.SIZE / water.TILE_A_M, ripples.SIZE / water.TILE_B_M
         a_x, a_y = water.DRIFT_A_M_PER_S
         b_x, b_y = water.DRIFT_B_M_PER_S
@@ -125,7 +125,7 @@ class Materials:
         return self.look[appearance.RIPPLE] * slope
 
     def mirrored(self, point: np.ndarray, mirror_ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What reflected rays see [K, 3], and the share [K] of the sky in it: canopies met in growing steps."""
+        """Return what reflected rays see [K, 3], and the share [K] of sky in it: canopies are met in growing steps."""
         x, y = self.node(point[:, 0], point[:, 1])
         cells = self.world.grid.cell_m * layout.CANOPY_CELL
         cx, cy = x / layout.CANOPY_CELL, y / layout.CANOPY_CELL
@@ -145,7 +145,7 @@ class Materials:
         return wood * clear + self.fog * haze + self.sky(mirror_ray) * passing[:, None], passing
 
     def stone(self, bridge: np.ndarray, normal: np.ndarray, local: np.ndarray) -> np.ndarray:
-        """Radiance [K, 3] of masonry for normals [K, 3] and points [K, 3] in the bridge's frame (u, v, z)."""
+        """Return the radiance [K, 3] of masonry for normals and points [K, 3] in the bridge's frame (u, v, z)."""
         angle, span, spring, rise = bridge[2], bridge[5] / 2, bridge[6], bridge[7]
         world_normal = np.stack(
             [
@@ -173,7 +173,9 @@ class Materials:
 
 
 def bilinear(table_2d: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Values [...] or [..., C] of a map [R, C] or [R, C, channels] at node coordinates, its border continued."""
+    """Return the values [...] or [..., C] of a map [R, C] or [R, C, channels] at node coordinates, its border
+    continued.
+    """
     x = np.clip(x, 0, table_2d.shape[1] - 1.001)
     y = np.clip(y, 0, table_2d.shape[0] - 1.001)
     column, row = x.astype(int), y.astype(int)
@@ -186,7 +188,7 @@ def bilinear(table_2d: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def repeating(tile: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Values [..., C] of a tile [R, R, C] that repeats, at its own texel coordinates."""
+    """Return the values [..., C] of a tile [R, R, C] that repeats, at its own texel coordinates."""
     column, row = np.floor(x).astype(int), np.floor(y).astype(int)
     u, v = (x - column)[..., None], (y - row)[..., None]
     size = len(tile)

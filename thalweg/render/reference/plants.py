@@ -21,7 +21,9 @@ def blend_plants(
     camera: Camera,
     depth: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What plants add [R, C, 3], what they let through [R, C], and the depth [R, C] at which half is stopped."""
+    """Return the light [R, C, 3] that plants add, the share [R, C] that they let through, and the depth [R, C] at which
+    half is stopped.
+    """
     rows, columns = depth.shape
     added, light, solid = np.zeros((rows, columns, 3)), np.ones((rows, columns)), np.full((rows, columns), np.inf)
     trees = materials.world.plants
@@ -69,7 +71,7 @@ def blend_plants(
 def window(
     offset: np.ndarray, tall: float, half: float, basis: tuple[np.ndarray, ...], camera: Camera, rows: int, columns: int
 ) -> tuple[slice, slice] | None:
-    """The rows and columns that the upright picture of a plant at `offset` [3] may touch, or None."""
+    """Return the rows and columns that the upright picture of a plant at `offset` [3] may touch, or None."""
     forward, right, up = basis
     look = offset[:2] / np.hypot(offset[0], offset[1])
     aside = np.array([-look[1], look[0], 0.0]) * half

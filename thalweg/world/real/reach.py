@@ -15,7 +15,7 @@ class Reach:
 
     path: Path
     width_m: float | None = None
-    """Width where the file gives none."""
+    """Width in metres where the file gives none."""
     start_m: float = 0.0
     """Distance along the file's line at which the reach begins."""
     length_m: float | None = None

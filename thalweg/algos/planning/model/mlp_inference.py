@@ -18,7 +18,7 @@ FEW_ROWS = 64
 
 
 def _supports_bfloat16() -> bool:
-    """Whether oneDNN supports bfloat16 on this processor, which needs AVX-512."""
+    """Return whether oneDNN supports bfloat16 on this processor, which needs AVX-512."""
     return bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())
 
 

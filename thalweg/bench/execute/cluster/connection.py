@@ -103,7 +103,9 @@ def _require_reachable(address: str) -> None:
 
 
 def _required_environment(address: str) -> dict[str, str]:
-    """Environment variables with which a process of this machine can join; raises `ResultsError` if none can."""
+    """Return the environment variables with which a process of this machine can join; raises `ResultsError` if none
+    can.
+    """
     output = _try(address, {})
     if output is None:
         return {}
@@ -119,7 +121,7 @@ def _required_environment(address: str) -> dict[str, str]:
 
 
 def _try(address: str, environment: dict[str, str]) -> str | None:
-    """None if a new process can join with these environment variables, else what Ray says.
+    """Return None if a new process can join with these environment variables, else Ray's error message.
 
     Raises `ResultsError` if there is no answer in time.
     """

@@ -84,12 +84,12 @@ class _RunThread:
         self._thread.start()
 
     def has_ended(self) -> bool:
-        """Whether the run has ended; waits for at most `POLL_S`."""
+        """Wait for at most `POLL_S`, and return whether the run has ended."""
         self._thread.join(POLL_S)
         return not self._thread.is_alive()
 
     def row(self) -> RunRow:
-        """The row of the run, which has ended; raises the error that ended it."""
+        """Return the row of the run, which has ended; raises the error that ended it."""
         if isinstance(self._outcome, RunRow):
             return self._outcome
         raise self._outcome or RuntimeError("the run has not ended")

@@ -87,7 +87,7 @@ class RayExecutor:
                         pending.insert(0, state)
 
     def _task(self, ray: Any) -> Callable[[bytes], Any]:
-        """A function that submits a request to a node and returns the stream of its updates."""
+        """Return a function that submits a request to a node and returns the stream of its updates."""
         return ray.remote(
             num_cpus=self.cpus,
             max_calls=1,  # a new process for each run
@@ -97,7 +97,7 @@ class RayExecutor:
         )(_node_function()).remote
 
     def _request(self, ray: Any, state: _RunState, context: ExecutionContext) -> bytes:
-        """The pickled request for a run."""
+        """Return the pickled request for a run."""
         files = pack(context.folder, state.run.name, context.suite.trials(state.run))
         state.reached |= milestones(files)
         request = RunRequest(
@@ -114,7 +114,7 @@ class RayExecutor:
 
 
 def _node_function() -> Callable[[bytes], Iterator[Any]]:
-    """The function that Ray executes on a node: `run_on_node`, or an error that names a node without Thalweg.
+    """Return the function that Ray executes on a node: `run_on_node`, or an error that names a node without Thalweg.
 
     Ray sends a nested function by value; one at module level would have to exist on the node.
     """
@@ -154,7 +154,7 @@ def _process_update(ray: Any, stream: Any, state: _RunState, context: ExecutionC
 
 
 def _failed_row(cause: BaseException, state: _RunState, context: ExecutionContext) -> RunRow:
-    """The row of a run that failed with an error on its node; raises an error that concerns all nodes."""
+    """Return the row of a run that failed with an error on its node; raises an error that concerns all nodes."""
     if isinstance(cause, ResultsError | ImportError):
         raise ResultsError(f"{cause}; install the same Thalweg on every node") from cause
     error = f"{type(cause).__name__}: {cause} (on {state.node or 'a node'})"
@@ -162,7 +162,7 @@ def _failed_row(cause: BaseException, state: _RunState, context: ExecutionContex
 
 
 def _handle_interruption(error: Exception, state: _RunState, context: ExecutionContext) -> RunRow | None:
-    """The row of a run that was interrupted too often; otherwise None, and the run has no node any more."""
+    """Free the run of its node; returns its row if it was interrupted too often, otherwise None."""
     kind = type(error).__name__
     reasons = {"NodeDiedError": "{} was lost", "OutOfMemoryError": "{} ran out of memory"}
     reason = reasons.get(kind, f"the process that did it on {{}} ended ({kind})").format(state.node or "a node")

@@ -23,8 +23,9 @@ Files = dict[str, bytes]
 
 
 def archive_names(folder: Path, run: str, trials: Sequence[Trial]) -> list[str]:
-    """Names of all files of a run in a results folder, in the order in which they must be read: newest checkpoint, rest
-    of the run's folder, evaluations and log."""
+    """Return the names of all files of a run in a results folder, in the order in which they must be read: newest
+    checkpoint, rest of the run's folder, evaluations and log.
+    """
     run_folder = folder / "runs" / run
     newest = max((path for path in (run_folder / CHECKPOINTS).glob("[0-9]*") if path.is_dir()), default=None)
     paths = [] if newest is None else sorted(newest.iterdir())
@@ -35,12 +36,12 @@ def archive_names(folder: Path, run: str, trials: Sequence[Trial]) -> list[str]:
 
 
 def milestones(names: Iterable[str]) -> frozenset[str]:
-    """The names that mark a run's progress: checkpoints, policies and evaluations."""
+    """Return the names that mark a run's progress: checkpoints, policies and evaluations."""
     return frozenset(name for name in names if _is_checkpoint(name) or _is_policy(name) or _is_evaluation(name))
 
 
 def pack(folder: Path, run: str, trials: Sequence[Trial]) -> Files:
-    """The files of `archive_names`; raises `FileNotFoundError` if the run removes one meanwhile."""
+    """Return the files of `archive_names`; raises `FileNotFoundError` if the run removes one meanwhile."""
     return {name: (folder / name).read_bytes() for name in archive_names(folder, run, trials)}
 
 

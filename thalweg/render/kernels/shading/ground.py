@@ -30,7 +30,9 @@ SKY_SHARE = 0.09
 
 @kernel(inlined=True, allocates=False)
 def tile_grain(tile, x_m, y_m, footprint, side_m):
-    """Grain of unit deviation about 0 at a point in metres, filtered to a footprint; the tile is side_m wide."""
+    """Return the grain of unit deviation about 0 at a point in metres, filtered to a footprint; the tile is side_m
+    wide.
+    """
     level = clamp(log2(footprint * f32(ripples.SIZE) / side_m) - f32(SHARPEN), f32(0), f32(ripples.LEVELS - 1))
     scale = f32(ripples.SIZE) / side_m
     # The nearest level is enough here: a step in the contrast of grain does not show.

@@ -32,18 +32,18 @@ NOISE_UNIT = 147.80
 
 
 def curve(radiance: np.ndarray) -> np.ndarray:
-    """Display light 0..1 for exposed radiance."""
+    """Return the display light 0..1 of exposed radiance."""
     x = radiance
     return np.clip(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 0.0, 1.0)
 
 
 def encode(light: np.ndarray) -> np.ndarray:
-    """sRGB 0..1 for display light 0..1."""
+    """Return the sRGB value 0..1 of display light 0..1."""
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
 
 
 def code_table() -> np.ndarray:
-    """[CODES] uint8 for exposed radiance spaced as its square root over 0..4."""
+    """Return the code [CODES] uint8 of exposed radiance, spaced as its square root over 0..4."""
     root = np.arange(CODES) / (CODES - 1) * 2
     return np.rint(encode(curve(root**2)) * 255).astype(np.uint8)
 
@@ -54,20 +54,20 @@ CODE_TABLE = code_table().astype(np.uint32)
 
 @kernel(inlined=True, allocates=False)
 def luminance(red, green, blue):
-    """Luminance of a radiance."""
+    """Return the luminance of a radiance."""
     return f32(LUMA[0]) * red + f32(LUMA[1]) * green + f32(LUMA[2]) * blue
 
 
 @kernel(inlined=True, allocates=False)
 def exposure(mean):
-    """The factor on radiance in a frame of this mean luminance."""
+    """Return the factor on radiance in a frame of this mean luminance."""
     # A dark frame stays darker and a bright one brighter than the key, as an eye that adapts in part.
     return (f32(KEY) / max(mean, f32(1e-4))) ** f32(ADAPTATION)
 
 
 @kernel(inlined=True, allocates=False)
 def tone_pixel(table, red, green, blue, gain_r, gain_g, gain_b, top_byte):
-    """Radiance as a packed pixel: sRGB by the table of codes, and one byte more on top."""
+    """Return radiance as a packed pixel: sRGB by the table of codes, with one more byte on top."""
     # Saturation moves each colour away from grey, before the curve, which pales colours.
     grey = luminance(red, green, blue) * f32(1 - SATURATION)
     x = max(red * f32(SATURATION) + grey, f32(0)) * gain_r
@@ -84,7 +84,7 @@ def tone_pixel(table, red, green, blue, gain_r, gain_g, gain_b, top_byte):
 
 @kernel(inlined=True, allocates=False)
 def scramble(key):
-    """A 32-bit hash of a 32-bit key. Source: Wellons, "Prospecting for Hash Functions", 2018, lowbias32."""
+    """Return a 32-bit hash of a 32-bit key. Source: Wellons, "Prospecting for Hash Functions", 2018, lowbias32."""
     key = uint32((key ^ (key >> uint32(16))) * uint32(0x7FEB352D))
     key = uint32((key ^ (key >> uint32(15))) * uint32(0x846CA68B))
     return uint32(key ^ (key >> uint32(16)))
@@ -92,7 +92,7 @@ def scramble(key):
 
 @kernel(inlined=True, allocates=False)
 def noisy(pixel, spread, key):
-    """A packed pixel with sensor noise of a standard deviation `spread` in 255ths added to red, green and blue.
+    """Return a packed pixel with sensor noise of a standard deviation `spread` in 255ths added to red, green and blue.
 
     The noise is the sum of the four bytes of a hash, which is nearly Gaussian.
     """

@@ -101,7 +101,7 @@ class WaterScratch(NamedTuple):
 
 @kernel(inlined=True)
 def empty_scratch(n):
-    """A `WaterScratch` for up to n pixels."""
+    """Return a `WaterScratch` for up to n pixels."""
     rows = np.empty((11, n), np.float32)
     return WaterScratch(
         Surface(rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6]),
@@ -111,7 +111,7 @@ def empty_scratch(n):
 
 @kernel(inlined=True, allocates=False)
 def ripple_layer(tile, x, y, level):
-    """Slopes and lost mean square slope of one layer at tile coordinates, filtered to a (fractional) level."""
+    """Return slopes and lost mean square slope of a layer at tile coordinates, filtered to a (fractional) level."""
     level = clamp(level, f32(0), f32(ripples.LEVELS - 1.01))
     low = int32(level)
     share = level - f32(low)
@@ -228,7 +228,7 @@ def mirror_canopy(scene, view, points, surface, mirrored, met_at, n):
 
 @kernel(inlined=True, allocates=False)
 def bed_paint(scene, world, x, y, foot):
-    """The bed's paint at node coordinates: red, green and blue codes, share of sun, and the stones' deviation.
+    """Return the bed's paint at node coordinates: red, green, blue codes, share of sun, and the stones' deviation.
 
     foot: side of a pixel there in metres. Codes are 0..255; the deviation has unit spread.
     """

@@ -214,15 +214,17 @@ def leaderboard(folders: Sequence[Path]) -> str:
 
 INTRODUCTION = f"""# Leaderboard
 
-Computed by the command below from results folders, and from nothing else. First come policies whose mean cost per
-episode on {LEVEL} is within {COST_LIMIT} for the whole confidence interval (*yes*), then those of which that is
-*unsure*, then the others; within each group, the greater return on {LEVEL} comes first. Returns are means, of at most
-10; in brackets stand intervals of {CONFIDENCE:.0%} over training seeds. With fewer than {MIN_SEEDS} seeds there is no
-interval, and *below, unsure* or *above, unsure* says on which side the mean cost lies.
+The command below computes this page from the files of results folders. A policy meets the cost limit (*yes*) if the
+whole confidence interval of its mean cost per episode on {LEVEL} is within {COST_LIMIT}. These policies come first,
+then those for which this is *unsure*, then the others. Within each group, policies are ranked by their return on
+{LEVEL}. Returns are means, of at most 10. Brackets hold {CONFIDENCE:.0%} confidence intervals over training seeds. With
+fewer than {MIN_SEEDS} seeds there is no interval, and *below, unsure* or *above, unsure* says on which side of the
+limit the mean cost lies.
 
-*Unseen*: rivers of {LEVEL} that nothing is trained on. *Regret*: the cost of training above the limit, per episode of
-the last stage. *Versions*: *current* if the row was made with today's versions of everything that results depend on,
-otherwise those that differ; such a row is not ranked until it has been run again.
+*Unseen* is the return on rivers of {LEVEL} that nothing is trained on. *Regret* is the cost of training above the
+limit, per episode of the last stage. *Versions* is *current* if the row was made with the current versions of
+everything that results depend on. Otherwise it names the versions that differ, and the row is not ranked until it has
+been run again.
 """
 OTHER_LEVELS = tuple(level for level in LEVELS if level != LEVEL)
 COLUMNS = (

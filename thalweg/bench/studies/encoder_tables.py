@@ -71,21 +71,23 @@ def entropy_rows(codes: dict[str, np.ndarray]) -> Iterator[list[str]]:
 def page(about: str, rows: Sequence[Mapping[str, str]], entropies: Sequence[list[str]]) -> str:
     """Return the page in Markdown: the tables and the meaning of their columns; `about` describes the training."""
     parts = [
-        f"# The encoder study\n\n{about}\n\n## Size, river and what a line reads\n",
+        f"# The encoder study\n\n{about}\n\n## Code size, preservation of the river, and linear probes\n",
         table(rows, (*CASE, *ERRORS, *RIVER)),
-        "Mean squared errors of values in 0..1. IoU of the water, on images held out: of the reconstructed mask, and of"
-        " the water that a network trained on frames finds in the reconstructed colours; `iou ceiling` is what it finds"
-        " in the frames themselves.\n",
+        "The errors are mean squared errors of values in 0..1. The other columns are the IoU of the water on held-out"
+        " images: in the reconstructed mask, and in the reconstructed colours, as segmented by a network that was"
+        " trained on frames. `iou ceiling` is what this network reaches on the frames themselves.\n",
         table(rows, (*CASE, *READ)),
-        "R² on images held out of a linear regression on the code: distances to the banks, heading error, height above"
-        " the water, way to the middle of the next bridge within 60 m.\n",
+        "R² on held-out images of a linear regression on the code. It predicts the distances to the banks, heading"
+        " error, height above the water, and the distance along the course to the middle of the next bridge within"
+        " 60 m.\n",
     ]
     if entropies:
         parts += [
             "## Inputs: relative entropy of the codes\n",
             markdown(frame(ENTROPY_COLUMNS, entropies)),
-            f"In nats, mean over the numbers of the codes, {SMOOTHING:g} or what a column says added to the share of"
-            " each bin; `paper` is the paper's figure, of another simulator, for which that is not known.\n",
+            f"In nats, mean over the numbers of the codes. {SMOOTHING:g}, or the value that a column names, is added to"
+            " the share of each bin. `paper` is the paper's figure, which was measured in another simulator with an"
+            " unknown value.\n",
         ]
     return "\n".join(parts)
 

@@ -148,12 +148,12 @@ def page(rows: Table, seeds: int) -> str:
         " shown for comparison only. The optimum of PPO has no limit, that of DDPG and TD3 is the best deterministic"
         " policy, and that of planners a perfect planner with their horizon."
     )
-    parts = [introduction]
+    sections = [introduction]
     for name, problem in PROBLEMS.items():
         limits = " and ".join(f"{limit:g}" for limit in problem.limits)
         table = markdown(_problem_table(rows, name, seeds)).rstrip()
-        parts.append(f"## {name}: limit {limits}\n\n{table}")
-    return "\n\n".join(parts) + "\n"
+        sections.append(f"## {name}: limit {limits}\n\n{table}")
+    return "\n\n".join(sections) + "\n"
 
 
 def _problem_table(rows: Table, problem: str, seeds: int) -> pd.DataFrame:

@@ -73,8 +73,8 @@ def find_python(recipe: Recipe, named: str | None) -> tuple[str, str]:
     candidates = [named] if named else [f"python{major}.{minor}" for major, minor in recipe.pythons]
     for candidate in candidates:
         path = shutil.which(candidate)
-        asked = ["-I", "-c", "import platform; print(platform.python_version())"]
-        found = subprocess.run([path, *asked], capture_output=True, text=True, check=False) if path else None
+        arguments = ["-I", "-c", "import platform; print(platform.python_version())"]
+        found = subprocess.run([path, *arguments], capture_output=True, text=True, check=False) if path else None
         if found is None or found.returncode:
             continue
         version = found.stdout.strip()

@@ -61,10 +61,10 @@ class Contest:
     """PyTorch threads of each side: one or two, whichever is faster."""
 
 
-def merged(*parts: Mapping[str, Any]) -> dict[str, Any]:
+def merged(*settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return the union of nested mappings; later ones take precedence."""
     result: dict[str, Any] = {}
-    for part in parts:
+    for part in settings:
         for key, value in part.items():
             both = isinstance(value, Mapping) and isinstance(result.get(key), Mapping)
             result[key] = merged(result[key], value) if both else deepcopy(value)

@@ -197,10 +197,10 @@ def leaderboard(folders: Sequence[Path]) -> str:
             )
     found = sorted((entry for folder in folders for entry in entries(folder)), key=lambda entry: entry.sort_key)
     complete = [entry for entry in found if not entry.missing]
-    ranked = [[str(rank), *_cells(entry)] for rank, entry in enumerate(complete, start=1)]
-    unranked = [[*_cells(entry), "; ".join(entry.missing)] for entry in found if entry.missing]
+    ranked = [[str(rank), *_row(entry)] for rank, entry in enumerate(complete, start=1)]
+    unranked = [[*_row(entry), "; ".join(entry.missing)] for entry in found if entry.missing]
     requirements = "\n".join(f"- {line};" for line in REQUIREMENTS).removesuffix(";") + "."
-    parts = [
+    paragraphs = [
         INTRODUCTION,
         f"```sh\n{shlex.join(['thalweg', 'leaderboard', *map(str, folders)])}\n```\n",
         markdown(frame(["", *COLUMNS], ranked)) if ranked else "No row is complete yet.\n",
@@ -208,8 +208,8 @@ def leaderboard(folders: Sequence[Path]) -> str:
     ]
     if unranked:
         table = markdown(frame([*COLUMNS, "lacks"], unranked))
-        parts.append(f"## Not ranked\n\nThe last column names what these rows lack.\n\n{table}")
-    return "\n".join(parts)
+        paragraphs.append(f"## Not ranked\n\nThe last column names what these rows lack.\n\n{table}")
+    return "\n".join(paragraphs)
 
 
 INTRODUCTION = f"""# Leaderboard
@@ -233,7 +233,7 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def _cells(entry: Entry) -> list[str]:
+def _row(entry: Entry) -> list[str]:
     """A row of `COLUMNS` as text."""
     returns = [str(entry.returns.get(river, "missing")) for river in (LEVEL, *OTHER_LEVELS, UNSEEN.name)]
     cost = "missing" if entry.cost is None else str(entry.cost)

@@ -65,9 +65,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"\nInterrupted. {_after_interrupt(command)}", file=sys.stderr)
         return 130
     except Exception as error:
-        if debug or not _ours(error):
+        if debug or not _is_expected(error):
             traceback.print_exc()
-            return 2 if _ours(error) else 1
+            return 2 if _is_expected(error) else 1
         print(f"thalweg: {error}", file=sys.stderr)
         return 2
 
@@ -94,7 +94,7 @@ def _after_interrupt(command: Any) -> str:
     return "Nothing was saved; the same command starts from the beginning."
 
 
-def _ours(error: Exception) -> bool:
+def _is_expected(error: Exception) -> bool:
     """Whether an error says what is wrong with what it was given: our own, or the system's of a file."""
     known = isinstance(error, UsageError) or (isinstance(error, OSError) and error.filename is not None)
     return known or type(error).__module__.split(".")[0] == "thalweg"

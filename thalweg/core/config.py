@@ -74,8 +74,8 @@ def frozen_config(
     def decorate(cls: type[C]) -> type[C]:
         cls.__get_pydantic_core_schema__ = staticmethod(schema_of)  # pyright: ignore[reportAttributeAccessIssue]
         settings = ConfigDict(strict=True, extra=extra)
-        made: Any = pydantic.dataclasses.dataclass(frozen=True, config=settings)(cls)
-        checked = made.__init__
+        dataclass_type: Any = pydantic.dataclasses.dataclass(frozen=True, config=settings)(cls)
+        checked = dataclass_type.__init__
 
         @functools.wraps(checked)
         def init(self: Any, *args: Any, **kwargs: Any) -> None:
@@ -88,8 +88,8 @@ def frozen_config(
             except ValidationError as found:
                 raise error(describe(type(self), found)) from None
 
-        made.__init__, made.__config_error__ = init, error
-        return made
+        dataclass_type.__init__, dataclass_type.__config_error__ = init, error
+        return dataclass_type
 
     return decorate
 
@@ -147,8 +147,8 @@ def bounds(kind: type, name: str) -> tuple[float, float]:
     """Return the least and the greatest value that the annotation of a number, or of each of a pair, allows."""
     field = _unpack(typing.get_type_hints(kind, include_extras=True)[name])
     limits = _unpack(get_args(field.type)[0]) if get_origin(field.type) is tuple else field
-    low = next(mark.ge for mark in limits.marks if isinstance(mark, Ge))
-    high = next(mark.le for mark in limits.marks if isinstance(mark, Le))
+    low = next(constraint.ge for constraint in limits.constraints if isinstance(constraint, Ge))
+    high = next(constraint.le for constraint in limits.constraints if isinstance(constraint, Le))
     return low, high  # pyright: ignore[reportReturnType]
 
 
@@ -199,25 +199,25 @@ class _Annotation(NamedTuple):
     """An annotation taken apart."""
 
     type: Any
-    marks: list[Any]
+    constraints: list[Any]
     """Constraints on the value besides its type."""
     optional: bool
     """Whether None is allowed."""
 
 
 def _unpack(kind: Any) -> _Annotation:
-    marks: list[Any] = []
+    constraints: list[Any] = []
     optional = False
     while True:
         options = get_args(kind)
         if get_origin(kind) is Annotated:
-            for mark in options[1:]:
-                marks.extend(mark.metadata if isinstance(mark, FieldInfo) else [mark])
+            for constraint in options[1:]:
+                constraints.extend(constraint.metadata if isinstance(constraint, FieldInfo) else [constraint])
             kind = options[0]
         elif get_origin(kind) in (Union, UnionType) and len(options) == 2 and options[1] is NoneType:
             kind, optional = options[0], True
         else:
-            return _Annotation(kind, marks, optional)
+            return _Annotation(kind, constraints, optional)
 
 
 def _locate(kind: Any, loc: tuple[Any, ...]) -> tuple[str, Any]:
@@ -268,35 +268,35 @@ def _wrong_value(kind: type, error: Any, show: Callable[[Any], str]) -> str:
     value = value if len(value) <= MAX_VALUE_CHARS else value[:MAX_VALUE_CHARS] + "..."
     if is_key:
         return f"{prefix}a key must be a string, got {value}"
-    hint = "".join(f" ({mark.text})" for mark in _unpack(inner).marks if isinstance(mark, Hint))
+    hint = "".join(f" ({constraint.text})" for constraint in _unpack(inner).constraints if isinstance(constraint, Hint))
     return f"{path or kind.__name__} must be {_expected(inner)}{hint}, got {value}"
 
 
 def _expected(kind: Any) -> str:
     """Return what a value must be, in words."""
-    outer, marks, optional = _unpack(kind)
+    outer, constraints, optional = _unpack(kind)
     options = get_args(outer)
     if get_origin(outer) is Literal:
         words = f"one of {', '.join(map(repr, options))}"
     elif get_origin(outer) is tuple:
         words = "a list" if Ellipsis in options else f"a pair, each {_expected(options[0])}"
     elif outer in (int, float):
-        whole, finite = "whole " * (outer is int), "finite " * (AllowInfNan(False) in marks)
-        words = f"a {finite}{whole}number{_range(marks)}"
-    elif any(type(mark) is InstanceOf for mark in marks):
+        whole_word, finite = "whole " * (outer is int), "finite " * (AllowInfNan(False) in constraints)
+        words = f"a {finite}{whole_word}number{_range(constraints)}"
+    elif any(type(constraint) is InstanceOf for constraint in constraints):
         words = f"{'an' if outer.__name__[0] in 'AEIOU' else 'a'} {outer.__name__}"
     else:
         words = {bool: "true or false", str: "a string"}.get(outer, "a mapping")
     return words + " or None" * optional
 
 
-def _range(marks: list[Any]) -> str:
+def _range(constraints: list[Any]) -> str:
     """Return the limits of a number in words, after a space."""
     limits = {
         name: f"{value:g}" if isinstance(value, float) else str(value)
-        for mark in marks
+        for constraint in constraints
         for name in ("ge", "gt", "le", "lt")
-        if (value := getattr(mark, name, None)) is not None
+        if (value := getattr(constraint, name, None)) is not None
     }
     if limits.keys() >= {"ge", "le"}:
         return f" from {limits['ge']} to {limits['le']}"

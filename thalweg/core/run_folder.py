@@ -45,9 +45,9 @@ class FolderKind:
             )
         return True
 
-    def require_same(self, folder: Path, theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> None:
+    def require_same(self, folder: Path, recorded: Mapping[str, Any], requested: Mapping[str, Any]) -> None:
         """Raise the kind's error, naming the first differences, unless the folder's owner is the requested one."""
-        found = list(differences(theirs, ours))
+        found = list(differences(recorded, requested))
         if found:
             named = "; ".join(found[:MAX_NAMED])
             raise self.error(
@@ -55,16 +55,16 @@ class FolderKind:
                 " Choose another folder."
             )
 
-    def require_same_file(self, folder: Path, theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> None:
+    def require_same_file(self, folder: Path, recorded: Mapping[str, Any], requested: Mapping[str, Any]) -> None:
         """Raise the kind's error if the input file of the folder's owner has changed since then.
 
         Both records have the keys `file`, its name, and `content`, the hash of its content, or neither.
         """
-        if theirs.get("file") == ours.get("file") and theirs.get("content") != ours.get("content"):
+        if recorded.get("file") == requested.get("file") and recorded.get("content") != requested.get("content"):
             raise self.error(
-                f"{ours['file']} has changed since the {self.owner} in {folder} was started: its content was"
-                f" {theirs['content']} and is {ours['content']} now. Restore the old file to resume, or choose another"
-                " folder."
+                f"{requested['file']} has changed since the {self.owner} in {folder} was started: its content was"
+                f" {recorded['content']} and is {requested['content']} now. Restore the old file to resume, or choose"
+                " another folder."
             )
 
     def write_json(self, folder: Path, record: Mapping[str, Any]) -> None:
@@ -72,15 +72,15 @@ class FolderKind:
         write_atomic(folder / self.record, json.dumps(record, indent=2) + "\n")
 
 
-def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+def differences(recorded: Mapping[str, Any], requested: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
     """Yield each key whose value differs, with both values; keys of nested mappings are joined by dots."""
-    for key in {**theirs, **ours}:
+    for key in {**recorded, **requested}:
         name = f"{prefix}{key}"
-        there, here = theirs.get(key), ours.get(key)
+        there, here = recorded.get(key), requested.get(key)
         if isinstance(there, Mapping) and isinstance(here, Mapping):
             yield from differences(there, here, f"{name}.")
-        elif key not in ours or key not in theirs:
-            there, here = (_shown(key, record) for record in (theirs, ours))
+        elif key not in requested or key not in recorded:
+            there, here = (_shown(key, record) for record in (recorded, requested))
             yield f"{name} is {there} there and {here} here"
         elif there != here:
             yield f"{name} is {there!r} there and {here!r} here"

@@ -30,10 +30,10 @@ def histograms(codes: np.ndarray) -> np.ndarray:
     codes = codes.astype(np.float64)
     low, high = codes.min(0), codes.max(0)
     width = np.where(high > low, high - low, 1.0)
-    places = np.where(high > low, (codes - low) / width, 0.5)
+    share = np.where(high > low, (codes - low) / width, 0.5)
     bins = math.ceil(math.sqrt(len(codes)))
     edges = np.linspace(-REACH, REACH, bins + 1)
-    stretched = (2.0 * places - 1.0) * REACH
+    stretched = (2.0 * share - 1.0) * REACH
     return np.stack([np.histogram(column, edges)[0] for column in stretched.T]) / len(codes)
 
 

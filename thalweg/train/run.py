@@ -193,7 +193,7 @@ def _train(folder: Path, algorithm: str, trainer: Trainer, identity: dict[str, A
     else:
         step, state = checkpoint
         run_record.require_same(folder, state["identity"], identity)
-        log = RunLog(folder, kept=state["bytes"], step=step)
+        log = RunLog(folder, kept_bytes=state["bytes"], step=step)
     status_file = StatusFile(folder, algorithm, trainer)
     try:
         trainer.start(state)
@@ -235,10 +235,10 @@ def policy_file(path: str | Path) -> Path:
 
 def _initialise_policy(learner: Learner, file: Path) -> dict[str, str]:
     """Initialise a learner's policy from a policy file; returns what identifies that file."""
-    other, own = policies.load_policy(file, CPU), learner.policy
-    if not isinstance(own, policies.Policy):
-        raise AlgorithmError(f"{own.about.algorithm} is a planner and can't start from the policy of another run")
-    own.initialise_from(other)
+    other, started = policies.load_policy(file, CPU), learner.policy
+    if not isinstance(started, policies.Policy):
+        raise AlgorithmError(f"{started.about.algorithm} is a planner and can't start from the policy of another run")
+    started.initialise_from(other)
     return {"algorithm": other.about.algorithm, "content": file_hash(file)}
 
 

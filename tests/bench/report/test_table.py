@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from thalweg.bench.report.report import write_report
-from thalweg.bench.report.table import PAPER, escape_latex, frame, latex, markdown, numeric_columns, table_of_cells
+from thalweg.bench.report.table import PAPER, escape_latex, frame, latex, markdown, numeric_columns, table_from_cells
 from thalweg.bench.results.inference import Proportion
 
 
@@ -61,7 +61,7 @@ def test_a_column_is_numeric_where_a_cell_begins_with_a_number():
 
 
 def test_cells_have_a_text_for_people_and_figures_for_programs():
-    table = table_of_cells(("name", "share", "hours"), [["a", Proportion(2 / 3, 0.5, 0.75), 1 / 3], ["b", "none", 2]])
+    table = table_from_cells(("name", "share", "hours"), [["a", Proportion(2 / 3, 0.5, 0.75), 1 / 3], ["b", "none", 2]])
     assert table.text.to_numpy().tolist() == [["a", "67% [50, 75]", "0.33"], ["b", "none", "2"]]
     assert list(csv.reader(table.csv.splitlines())) == [
         ["name", "share", "share, low", "share, high", "hours"],
@@ -71,7 +71,7 @@ def test_cells_have_a_text_for_people_and_figures_for_programs():
 
 
 def test_a_table_without_rows_has_its_columns():
-    table = table_of_cells(("name", "share"), [])
+    table = table_from_cells(("name", "share"), [])
     assert table.text.empty and table.csv == "name,share\n"
 
 

@@ -18,9 +18,9 @@ WARM = 2
 class CudaGraphs:
     """Recorded gradient steps, one for each kind of step and shape of its rows."""
 
-    def __init__(self, asked: bool, generators: Sequence[torch.Generator]) -> None:
-        """`asked` enables recording; `generators` are all sources of random numbers within steps."""
-        self.asked, self._generators = asked, list(generators)
+    def __init__(self, enabled: bool, generators: Sequence[torch.Generator]) -> None:
+        """`enabled` switches recording on; `generators` are all sources of random numbers within steps."""
+        self.enabled, self._generators = enabled, list(generators)
         self._numbers: Hashable = None
         self._taken: dict[Hashable, int] = {}
         self._replays: dict[Hashable, tuple[Tensor, Callable[[], None]]] = {}
@@ -34,24 +34,24 @@ class CudaGraphs:
             kind: Kind of the step.
             numbers: Python numbers that the step uses; a change of them discards all recordings.
         """
-        if not self.asked:
+        if not self.enabled:
             step(rows)
             return
         moved, self._numbers = numbers != self._numbers, numbers
-        place = (kind, tuple(rows.shape))
+        key = (kind, tuple(rows.shape))
         if moved:  # it may change in every step, and recording then would only cost time
             self._replays.clear()
             beside(step, rows)
-        elif place in self._replays:
-            kept, replay = self._replays[place]
-            kept.copy_(rows)
+        elif key in self._replays:
+            static_rows, replay = self._replays[key]
+            static_rows.copy_(rows)
             replay()
-        elif self._taken.get(place, 0) < WARM:
-            self._taken[place] = self._taken.get(place, 0) + 1
+        elif self._taken.get(key, 0) < WARM:
+            self._taken[key] = self._taken.get(key, 0) + 1
             beside(step, rows)
         else:
-            kept = rows.clone()
-            self._replays[place] = kept, recorded(lambda: step(kept), self._generators)
+            static_rows = rows.clone()
+            self._replays[key] = static_rows, recorded(lambda: step(static_rows), self._generators)
 
 
 def beside(step: Step, rows: Tensor) -> None:

@@ -98,11 +98,11 @@ class FOCOPS:
                     log.append(self._step(inputs, *rows))
             monitor.measure()
         inside = float((monitor.kl_per_state <= config.trust_radius).float().mean())
-        left = agent.updates_left(feedback)
+        remaining = agent.updates_left(feedback)
         return (
             metrics_of(agent, samples, log, monitor)
             | {"learning_rate": rate, "inside_fraction": inside}
-            | self.multipliers.metrics(feedback, left)
+            | self.multipliers.metrics(feedback, remaining)
             | cost_metrics(feedback, config.limits, config.cost_window)
         )
 
@@ -125,8 +125,8 @@ class FOCOPS:
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return warnings about cost limits and multipliers that have no effect in this run."""
-        left = self.agent.updates_left(feedback)
-        return limit_warnings(self.config.limits, feedback) | self.multipliers.warnings(feedback, left)
+        remaining = self.agent.updates_left(feedback)
+        return limit_warnings(self.config.limits, feedback) | self.multipliers.warnings(feedback, remaining)
 
     def state(self) -> dict[str, Any]:
         return self.agent.state() | {"multipliers": self.multipliers.state()}

@@ -92,8 +92,8 @@ class PPOLag:
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return warnings about cost limits and multipliers that have no effect in this run."""
-        left = self.agent.updates_left(feedback)
-        return limit_warnings(self.config.limits, feedback) | self.multipliers.warnings(feedback, left)
+        remaining = self.agent.updates_left(feedback)
+        return limit_warnings(self.config.limits, feedback) | self.multipliers.warnings(feedback, remaining)
 
     def state(self) -> dict[str, Any]:
         return self.agent.state() | {"multipliers": self.multipliers.state()}

@@ -111,9 +111,9 @@ class Policy:
         """
         if not isinstance(other, Policy):
             raise AlgorithmError(f"{other.about.algorithm} is a planner: it has no policy network to start from")
-        own, others = self._kind(), other._kind()
+        mine, others = self._kind(), other._kind()
         differing = [
-            f"{name} is {value} here and {others[name]} there" for name, value in own.items() if value != others[name]
+            f"{name} is {value} here and {others[name]} there" for name, value in mine.items() if value != others[name]
         ]
         if differing:
             raise AlgorithmError(f"a policy can't start from one of another kind: {'; '.join(differing)}")

@@ -90,13 +90,13 @@ def best_of_all(suite: Suite, results: Results) -> Shot | None:
         flights = _flights([run for run in suite.runs() if run.kind == kind], level, results)
         if flights:
             run, episode = _best(flights)
-            own = summarise([other for _, other in flights if other.algorithm == episode.algorithm])
+            summary = summarise([other for _, other in flights if other.algorithm == episode.algorithm])
             return Shot(
                 MAIN_FILM,
                 run,
                 episode,
                 f"The best of {len(flights)} flights of {WHOSE[kind]} there; the return of {episode.algorithm}'s "
-                f"{own.episodes} is {mean_and_std_text(own.return_mean, own.return_std)}.",
+                f"{summary.episodes} is {mean_and_std_text(summary.return_mean, summary.return_std)}.",
             )
     return None
 
@@ -113,15 +113,15 @@ def policy_shots(suite: Suite, results: Results) -> list[Shot]:
         if not flights:
             continue
         count, failed = len(flights), [flight for flight in flights if not flight[1].success]
-        said = f"{arm.label}'s {count} flights there"
-        best = f"The best of {said}, of which {count - len(failed)} succeeded."
+        flights_text = f"{arm.label}'s {count} flights there"
+        best = f"The best of {flights_text}, of which {count - len(failed)} succeeded."
         shots.append(Shot(f"{FILMS}/{arm.label}-{BEST}", *_best(flights), best))
         if failed:
             reason, times = _most_frequent([episode for _, episode in failed])
             alike = [flight for flight in failed if flight[1].reason == reason]
             middle = sorted(alike, key=lambda flight: flight[1].return_)[(len(alike) - 1) // 2]
             middle_of = ", whose return is in their middle" if times > 2 else ""
-            why = f"{len(failed)} of {said} failed, {times} of them like this one{middle_of}."
+            why = f"{len(failed)} of {flights_text} failed, {times} of them like this one{middle_of}."
             shots.append(Shot(f"{FILMS}/{arm.label}-{FAILURE}", *middle, why))
     return shots
 

@@ -74,11 +74,11 @@ def run_suite(
     claim(folder, suite)
     backend = backend or RiverBackend(suite)
     rows = {row.run: row for row in read_runs(folder)}
-    left = [run for run in requested if not _is_finished(run, suite, folder, rows.get(run.name))]
-    _prepare(suite, folder, left, console)
+    pending = [run for run in requested if not _is_finished(run, suite, folder, rows.get(run.name))]
+    _prepare(suite, folder, pending, console)
     rows = {row.run: row for row in read_runs(folder)}
     runs = {run.name: run for run in suite.runs()}
-    for row in (executor or SerialExecutor()).execute(ExecutionContext(suite, folder, backend, console), left):
+    for row in (executor or SerialExecutor()).execute(ExecutionContext(suite, folder, backend, console), pending):
         rows[row.run] = row
         write_runs(folder, [rows[name] for name in runs if name in rows])
         if row.status == "finished":

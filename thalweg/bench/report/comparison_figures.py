@@ -57,15 +57,15 @@ def condition_grid(results: Results) -> Figure | None:
     conditions |= {name: summaries(rows) for name, rows in results.condition_episodes.items()}
     if len(conditions) == 1:
         return None
-    flown = {policy for cells in conditions.values() for policy, _ in cells}
+    flown = {policy for summaries_by_river in conditions.values() for policy, _ in summaries_by_river}
     names = [name for name in results.policies if name in flown]
     returns = np.full((len(names), len(conditions)), np.nan)
-    for column, cells in enumerate(conditions.values()):
-        rivers = {river for _, river in cells}
+    for column, summaries_by_river in enumerate(conditions.values()):
+        rivers = {river for _, river in summaries_by_river}
         river = level if level in rivers else next(iter(rivers))
         for row, name in enumerate(names):
-            if (name, river) in cells:
-                returns[row, column] = cells[name, river].return_mean
+            if (name, river) in summaries_by_river:
+                returns[row, column] = summaries_by_river[name, river].return_mean
     with rc_context(STYLE | {"axes.grid": False}):
         figure = Figure(figsize=(2.2 + 0.48 * len(conditions), 1.5 + 0.3 * len(names)))
         axis = figure.subplots()

@@ -18,7 +18,7 @@ from thalweg.bench.report.policies import (
     trained_policies,
     training_regret,
 )
-from thalweg.bench.report.table import Cell, Table, table_of_cells
+from thalweg.bench.report.table import Cell, Table, table_from_cells
 from thalweg.bench.results.comparison import (
     matched_scores,
     mean_difference,
@@ -55,7 +55,7 @@ def limit_table(results: Results) -> Table:
                 float(np.mean([row.steps_per_s for row in runs])) if runs else "unknown",
             ]
         )
-    return table_of_cells(columns, rows)
+    return table_from_cells(columns, rows)
 
 
 def pairwise_table(results: Results) -> Table:
@@ -65,18 +65,18 @@ def pairwise_table(results: Results) -> Table:
     rows: list[list[Cell]] = []
     current = [name for name in trained_policies(results) if name not in results.outdated]
     for one, other in combinations(current, 2):
-        ours, theirs = groups.get((one, level)), groups.get((other, level))
-        if ours is None or theirs is None:
+        first_rows, second_rows = groups.get((one, level)), groups.get((other, level))
+        if first_rows is None or second_rows is None:
             continue
         try:
-            scores = {field: matched_scores(ours, theirs, field) for field in ("return_", "cost")}
+            scores = {field: matched_scores(first_rows, second_rows, field) for field in ("return_", "cost")}
         except ValueError:
             rows.append([one, other, *["not the same starts"] * (len(columns) - 2)])
             continue
-        seeds = f"{evaluated_seeds(results, one, ours)} and {evaluated_seeds(results, other, theirs)}"
+        seeds = f"{evaluated_seeds(results, one, first_rows)} and {evaluated_seeds(results, other, second_rows)}"
         differences = (mean_difference(*matrices, field) for field, matrices in scores.items())
         rows.append([one, other, seeds, probability_of_improvement(*scores["return_"]), *differences])
-    return table_of_cells(columns, rows)
+    return table_from_cells(columns, rows)
 
 
 def condition_table(results: Results) -> Table:
@@ -100,7 +100,7 @@ def condition_table(results: Results) -> Table:
                 ]
             )
     order = {name: index for index, name in enumerate(results.policies)}
-    return table_of_cells(columns, sorted(rows, key=lambda row: order[str(row[0])]))
+    return table_from_cells(columns, sorted(rows, key=lambda row: order[str(row[0])]))
 
 
 def return_change(after: Sequence[Episode], before: Sequence[Episode]) -> Estimate | str:
@@ -111,8 +111,8 @@ def return_change(after: Sequence[Episode], before: Sequence[Episode]) -> Estima
     seeds = {row.seed for row in after} & {row.seed for row in before}
     if not seeds:
         return "other seeds" if before else "other starts"
-    ours, theirs = ([row for row in rows if row.seed in seeds] for rows in (after, before))
+    first_rows, second_rows = ([row for row in rows if row.seed in seeds] for rows in (after, before))
     try:
-        return paired_difference(*matched_scores(ours, theirs, "return_"), "return_")
+        return paired_difference(*matched_scores(first_rows, second_rows, "return_"), "return_")
     except ValueError:
         return "other starts"

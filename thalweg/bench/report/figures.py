@@ -114,18 +114,18 @@ def _draw_band(axis, curves: list[TrainingCurve], field: str, style: dict[str, A
 
 def failure_bars(results: Results) -> Figure:
     """Draw why episodes ended, as shares of each policy's episodes, one panel per level; gaps are labelled."""
-    cells, names = summaries(results.episodes), results.policies
+    by_policy_and_level, names = summaries(results.episodes), results.policies
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(max(7.0, 3.0 * len(results.levels)), 1.6 + 0.3 * len(names)))
         axes = np.atleast_1d(figure.subplots(1, len(results.levels), sharey=True))
         for axis, level in zip(axes, results.levels, strict=True):
-            level_cells = [cells.get((name, level)) for name in names]
+            level_summaries = [by_policy_and_level.get((name, level)) for name in names]
             left = np.zeros(len(names))
             for reason, colour in zip(REASONS, REASON_COLOURS, strict=True):
-                shares = [cell.reasons[reason] / cell.episodes if cell else 0.0 for cell in level_cells]
+                shares = [cell.reasons[reason] / cell.episodes if cell else 0.0 for cell in level_summaries]
                 axis.barh(names, shares, left=left, color=colour, label=REASON_TEXT[reason], height=0.7)
                 left += shares
-            for row, (name, cell) in enumerate(zip(names, level_cells, strict=True)):
+            for row, (name, cell) in enumerate(zip(names, level_summaries, strict=True)):
                 _label_gap(axis, row, results, name, cell)
             axis.set_title(level)
             axis.set_xlim(0, 1)

@@ -24,21 +24,23 @@ def paper_table(results: Results) -> Table:
     Every algorithm of the results has a row; where it has no episodes, its cells say why. The figures have one row per
     policy and level, with `source` to tell the published ones apart.
     """
-    cells = summaries(results.episodes)
+    by_policy_and_level = summaries(results.episodes)
     columns = ["policy", *(f"{level} {what}" for level in results.levels for what in ("return", "cost"))]
     rows = []
     for algorithm in results.policies:
-        ours = [_own_texts(results, algorithm, cells.get((algorithm, level))) for level in results.levels]
-        rows.append([algorithm, *(text for pair in ours for text in pair)])
+        measured = [
+            _measured_texts(results, algorithm, by_policy_and_level.get((algorithm, level))) for level in results.levels
+        ]
+        rows.append([algorithm, *(text for pair in measured for text in pair)])
         if any((algorithm, level) in PUBLISHED for level in results.levels):
-            theirs = [_published_texts(algorithm, level) for level in results.levels]
-            rows.append([f"{algorithm} ({PAPER})", *(text for pair in theirs for text in pair)])
+            published_values = [_published_texts(algorithm, level) for level in results.levels]
+            rows.append([f"{algorithm} ({PAPER})", *(text for pair in published_values for text in pair)])
     pairs = product(results.policies, results.levels)
-    figures = [row for pair in pairs for row in _paper_figures(results, cells.get(pair), *pair)]
+    figures = [row for pair in pairs for row in _paper_figures(results, by_policy_and_level.get(pair), *pair)]
     return Table(frame(columns, rows), frame(PAPER_FIGURES, figures))
 
 
-def _own_texts(results: Results, algorithm: str, cell: Summary | None) -> tuple[str, str]:
+def _measured_texts(results: Results, algorithm: str, cell: Summary | None) -> tuple[str, str]:
     """Return and cost as text; the return also names missing seeds."""
     if cell is None:
         return results.gap(algorithm), results.gap(algorithm)
@@ -63,9 +65,9 @@ def _paper_figures(results: Results, cell: Summary | None, algorithm: str, level
     counts = [cell.episodes, cell.seeds] if cell else [0, 0]
     rows: list[list[object]] = [["thalweg", algorithm, level, *counts, results.planned_seeds(algorithm), *numbers]]
     if published := PUBLISHED.get((algorithm, level)):
-        theirs = [published.return_mean, published.return_std, published.cost_mean, published.cost_std]
+        published_values = [published.return_mean, published.return_std, published.cost_mean, published.cost_std]
         counts = [PAPER_EPISODES, PAPER_SEEDS, PAPER_SEEDS]
-        rows.append([PAPER, algorithm, level, *counts, *theirs, *blanks[len(theirs) :]])
+        rows.append([PAPER, algorithm, level, *counts, *published_values, *blanks[len(published_values) :]])
     return rows
 
 
@@ -93,10 +95,10 @@ DETAIL_FIGURES = (
 
 def detail_table(results: Results) -> Table:
     """Return the details that the paper's table leaves out, one row per policy and level, with 95 % intervals."""
-    cells, groups = summaries(results.episodes), group_episodes(results.episodes)
+    by_policy_and_level, groups = summaries(results.episodes), group_episodes(results.episodes)
     texts, figures = [], []
     for algorithm, level in product(results.policies, results.levels):
-        cell, planned = cells.get((algorithm, level)), results.planned_seeds(algorithm)
+        cell, planned = by_policy_and_level.get((algorithm, level)), results.planned_seeds(algorithm)
         seeds = seeds_text(results, algorithm, cell.seeds if cell else 0)
         if cell is None:
             gap = results.gap(algorithm)

@@ -5,7 +5,7 @@ from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.onpolicy.config import OnPolicyConfig
 from thalweg.algos.planning.config import PlanningConfig
 from thalweg.algos.registry import ALGORITHMS, Entry
-from thalweg.bench.report.table import Cell, Table, frame, table_of_cells
+from thalweg.bench.report.table import Cell, Table, frame, table_from_cells
 from thalweg.bench.results.results import RUN_COLUMNS, Results
 from thalweg.bench.suite.record import arms_of
 
@@ -32,7 +32,7 @@ def algorithm_table(results: Results) -> Table:
         entry = ALGORITHMS.get(arm["algorithm"])
         rest = ["unknown"] * 3 if entry is None else [domain(entry), constraint_method(entry), entry.about]
         rows.append([arm["name"], *rest])
-    return table_of_cells(("policy", "domain", "limit kept by", "method"), rows)
+    return table_from_cells(("policy", "domain", "limit kept by", "method"), rows)
 
 
 def runs_table(results: Results) -> Table:

@@ -59,20 +59,20 @@ def frame(columns: Iterable[str], rows: Iterable[Sequence[object]]) -> pd.DataFr
     return pd.DataFrame(list(rows), columns=list(columns), dtype=object)
 
 
-def table_of_cells(columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> Table:
+def table_from_cells(columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> Table:
     """Return a table whose text and figures both come from the same cells.
 
     Among the figures, a column that holds an estimate becomes three: `name`, `name, low` and `name, high`.
     """
-    cells = frame(columns, rows)
+    values = frame(columns, rows)
     figures: dict[str, Iterable[object]] = {}
-    for name, column in cells.items():
+    for name, column in values.items():
         if any(isinstance(cell, Estimate) for cell in column):
             split = zip(*map(estimate_figures, column), strict=True)
             figures |= zip((f"{name}", f"{name}, low", f"{name}, high"), split, strict=True)
         else:
             figures[f"{name}"] = column
-    return Table(cells.map(cell_text), pd.DataFrame(figures, dtype=object))
+    return Table(values.map(cell_text), pd.DataFrame(figures, dtype=object))
 
 
 def cell_text(cell: object) -> str:
@@ -112,11 +112,11 @@ def latex(text: pd.DataFrame) -> str:
 
 
 def _latex_row(row: Sequence[str]) -> list[str]:
-    cells = [escape_latex(cell) for cell in row]
+    values = [escape_latex(cell) for cell in row]
     if is_published(row[0]):
-        cells = [f"\\textit{{{cell}}}" for cell in cells]
-        cells[0] = f"\\quad {cells[0]}"
-    return cells
+        values = [f"\\textit{{{cell}}}" for cell in values]
+        values[0] = f"\\quad {values[0]}"
+    return values
 
 
 def escape_latex(text: str) -> str:

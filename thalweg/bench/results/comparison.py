@@ -34,16 +34,16 @@ PROFILE_RETURNS = np.linspace(0.0, FULL_COURSE_REWARD, 101)
 """Returns at which performance profiles are drawn."""
 
 
-def probability_of_improvement(ours: np.ndarray, theirs: np.ndarray) -> Proportion:
-    """Return P(X > Y) + ½ P(X = Y) of returns X of ours [L, M] and Y of theirs [L, K] from the same start."""
-    pairs = _compare_seeds(ours, theirs, lambda x, y: (x - y > TOLERANCE) + 0.5 * (abs(x - y) <= TOLERANCE))
-    return widen_to_wilson(_welch_interval(pairs), len(ours) * min(pairs.shape))
+def probability_of_improvement(first: np.ndarray, second: np.ndarray) -> Proportion:
+    """Return P(X > Y) + ½ P(X = Y) of returns X in `first` [L, M] and Y in `second` [L, K] from the same start."""
+    pairs = _compare_seeds(first, second, lambda x, y: (x - y > TOLERANCE) + 0.5 * (abs(x - y) <= TOLERANCE))
+    return widen_to_wilson(_welch_interval(pairs), len(first) * min(pairs.shape))
 
 
-def mean_difference(ours: np.ndarray, theirs: np.ndarray, field: str) -> Estimate:
-    """Return the mean of a field of ours [L, M] minus that of theirs [L, K], from the same starts."""
-    estimate = _welch_interval(_compare_seeds(ours, theirs, np.subtract))
-    return _widen_to_starts(estimate, ours, theirs, field)
+def mean_difference(first: np.ndarray, second: np.ndarray, field: str) -> Estimate:
+    """Return the mean of a field in `first` [L, M] minus that in `second` [L, K], from the same starts."""
+    estimate = _welch_interval(_compare_seeds(first, second, np.subtract))
+    return _widen_to_starts(estimate, first, second, field)
 
 
 def paired_difference(after: np.ndarray, before: np.ndarray, field: str) -> Estimate:
@@ -58,34 +58,34 @@ def paired_difference(after: np.ndarray, before: np.ndarray, field: str) -> Esti
     return _widen_to_starts(t_interval(float(per_seed.mean()), per_seed), after, before, field)
 
 
-def _widen_to_starts(estimate: Estimate, ours: np.ndarray, theirs: np.ndarray, field: str) -> Estimate:
+def _widen_to_starts(estimate: Estimate, first: np.ndarray, second: np.ndarray, field: str) -> Estimate:
     """Return the estimate of a difference with an interval at least as wide as that over starts, since seeds that
     agree are no evidence of certainty.
 
     Where the starts agree too, or are too few, the interval is at least as wide as the two independent means imply
     (MOVER: Zou and Donner 2008, "Construction of confidence limits about effect measures").
     """
-    per_start = ours.mean(1) - theirs.mean(1)
+    per_start = first.mean(1) - second.mean(1)
     over_starts = t_interval(estimate.value, per_start)
     if np.isnan(over_starts.low) or np.ptp(per_start) <= TOLERANCE:
-        one, other = independent_mean(ours, field), independent_mean(theirs, field)
+        one, other = independent_mean(first, field), independent_mean(second, field)
         below = np.hypot(one.value - one.low, other.high - other.value)
         above = np.hypot(one.high - one.value, other.value - other.low)
         over_starts = Estimate(estimate.value, estimate.value - float(below), estimate.value + float(above))
     return clip(widen(estimate, over_starts), -field_range(field), field_range(field))
 
 
-def matched_scores(ours: Sequence[Episode], theirs: Sequence[Episode], field: str) -> tuple[np.ndarray, np.ndarray]:
+def matched_scores(first: Sequence[Episode], second: Sequence[Episode], field: str) -> tuple[np.ndarray, np.ndarray]:
     """Return a field of both as matrices [L, M] and [L, K] of starts and seeds.
 
     Raises `ValueError` unless every seed of either flew the same starts, each once.
     """
     starts = [
-        {(row.level, row.world_seed, row.episode, row.x, row.y, row.z) for row in rows} for rows in (ours, theirs)
+        {(row.level, row.world_seed, row.episode, row.x, row.y, row.z) for row in rows} for rows in (first, second)
     ]
     if starts[0] != starts[1]:
         raise ValueError(f"{len(starts[0] ^ starts[1])} starts were flown by one of them only")
-    return score_matrix(ours, field), score_matrix(theirs, field)
+    return score_matrix(first, field), score_matrix(second, field)
 
 
 def performance_profile(
@@ -100,10 +100,10 @@ def performance_profile(
 
 
 def _compare_seeds(
-    ours: np.ndarray, theirs: np.ndarray, compare: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    first: np.ndarray, second: np.ndarray, compare: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> np.ndarray:
     """Return the mean over starts of a comparison for each pair of seeds [M, K]."""
-    return compare(ours[:, :, None], theirs[:, None, :]).mean(0)
+    return compare(first[:, :, None], second[:, None, :]).mean(0)
 
 
 def _welch_interval(pairs: np.ndarray) -> Estimate:

@@ -37,11 +37,11 @@ class _Store:
         """The run's versions; None if they are not recorded."""
         return read_versions(self.folder).get(self.run.name)
 
-    def set_versions(self, made: Versions | None) -> None:
+    def set_versions(self, recorded: Versions | None) -> None:
         """Record the run's versions; None removes them."""
         known = read_versions(self.folder)
         others = {name: versions for name, versions in known.items() if name != self.run.name}
-        changed = others if made is None else known | {self.run.name: made}
+        changed = others if recorded is None else known | {self.run.name: recorded}
         if changed != known:
             write_versions(self.folder, changed)
 
@@ -92,35 +92,35 @@ def prepare(folder: Path, run: Run, trials: Iterable[Trial], current: Versions) 
     finished ones are set aside already, later unfinished ones are removed instead. Returns `trained`, `flown` or an
     empty string for a run that is new or continues.
     """
-    active, aside = (_Store(place, run, tuple(trials)) for place in (folder, folder / FOLDER))
-    made, previous = active.versions, aside.versions
+    active, outdated = (_Store(base, run, tuple(trials)) for base in (folder, folder / FOLDER))
+    recorded, previous = active.versions, outdated.versions
     outcome = ""
-    if made != current:
-        with_training = run.kind == "train" and needs_training(made or {}, current)
+    if recorded != current:
+        with_training = run.kind == "train" and needs_training(recorded or {}, current)
         if not active.is_empty():
             outcome = "trained" if with_training else "flown"
-            if previous is None or previous == (made or {}):
-                aside.set_versions(made or {})
-                active.move_to(aside, with_training=with_training)
+            if previous is None or previous == (recorded or {}):
+                outdated.set_versions(recorded or {})
+                active.move_to(outdated, with_training=with_training)
             else:
                 active.remove(with_training=with_training)
         active.set_versions(current)
-    if aside.versions == current:  # the versions of an earlier call are the current ones again
-        aside.move_to(active, with_training=True)
-        aside.set_versions(None)
+    if outdated.versions == current:  # the versions of an earlier call are the current ones again
+        outdated.move_to(active, with_training=True)
+        outdated.set_versions(None)
         outcome = ""
     return outcome
 
 
 def discard(folder: Path, run: Run, trials: Iterable[Trial]) -> None:
     """Remove the outdated files of a run that has been run again."""
-    aside = _Store(folder / FOLDER, run, tuple(trials))
-    if not aside.folder.exists():
+    outdated = _Store(folder / FOLDER, run, tuple(trials))
+    if not outdated.folder.exists():
         return
-    aside.remove(with_training=True)
-    aside.set_versions(None)
-    if not read_versions(aside.folder):
-        shutil.rmtree(aside.folder, ignore_errors=True)
+    outdated.remove(with_training=True)
+    outdated.set_versions(None)
+    if not read_versions(outdated.folder):
+        shutil.rmtree(outdated.folder, ignore_errors=True)
 
 
 def is_current(folder: Path, run: Run, current: Versions) -> bool:

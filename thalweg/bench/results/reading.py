@@ -65,9 +65,9 @@ def read_results(folder: Path) -> Results:
         )
     runs, outdated = _labelled(runs, suite)
     if (folder / OUTDATED).is_dir():
-        aside_rows = reader.attempt(folder / OUTDATED / "runs.csv", lambda: read_runs(folder / OUTDATED), [])
-        aside, more = _labelled(reader.runs(folder / OUTDATED, aside_rows, conditions, unknown), suite)
-        runs, outdated = _joined(runs, aside, more), outdated | more
+        outdated_rows = reader.attempt(folder / OUTDATED / "runs.csv", lambda: read_runs(folder / OUTDATED), [])
+        outdated_runs, more = _labelled(reader.runs(folder / OUTDATED, outdated_rows, conditions, unknown), suite)
+        runs, outdated = _with_outdated(runs, outdated_runs, more), outdated | more
     if not runs.episodes:
         reasons = "".join(f"\n  {line}" for line in reader.skipped)
         raise ResultsError(f"{folder} holds no evaluated episodes{reasons}")
@@ -125,8 +125,8 @@ def _labelled(runs: _Runs, suite: Mapping[str, Any]) -> tuple[_Runs, dict[str, O
     outdated: dict[str, OutdatedPolicy] = {}
 
     def name_of(policy: str, seed: int) -> str:
-        made = runs.versions.get(f"{policy}-{seed}", {})
-        label = version_label(made, _current(suite, policy, made))
+        recorded = runs.versions.get(f"{policy}-{seed}", {})
+        label = version_label(recorded, _current(suite, policy, recorded))
         if not label:
             return policy
         found = OutdatedPolicy(policy, label)
@@ -148,8 +148,8 @@ def _labelled(runs: _Runs, suite: Mapping[str, Any]) -> tuple[_Runs, dict[str, O
     return found, outdated
 
 
-def _current(suite: Mapping[str, Any], policy: str, made: Versions) -> dict[str, int | None]:
-    """The versions that a policy's runs have now; of one that the suite does not name, by what they were made with."""
+def _current(suite: Mapping[str, Any], policy: str, recorded: Versions) -> dict[str, int | None]:
+    """The versions that a policy's runs have now; if the suite does not name it, derived from the recorded ones."""
     if policy in suite.get("baselines", []):
         return current_versions("baseline", ())
     if policy == PACKAGED:
@@ -158,11 +158,13 @@ def _current(suite: Mapping[str, Any], policy: str, made: Versions) -> dict[str,
     if arm is not None:
         stages = [stage["algorithm"] for stage in arm.get("before", []) if "algorithm" in stage]
         return current_versions("train", [*stages, arm["algorithm"]])
-    known = current_versions("train", [name for name in made if name in ALGORITHMS]) | current_versions("packaged", ())
-    return {name: version for name, version in known.items() if name in made or not made}
+    known = current_versions("train", [name for name in recorded if name in ALGORITHMS]) | current_versions(
+        "packaged", ()
+    )
+    return {name: version for name, version in known.items() if name in recorded or not recorded}
 
 
-def _joined(runs: _Runs, aside: _Runs, outdated: Mapping[str, OutdatedPolicy]) -> _Runs:
+def _with_outdated(runs: _Runs, outdated_runs: _Runs, outdated: Mapping[str, OutdatedPolicy]) -> _Runs:
     """The runs with those set aside, except for those that have been run again; rows of a policy stand together."""
     done = {(row.algorithm, row.seed) for row in runs.rows if row.status == "finished"}
 
@@ -174,17 +176,17 @@ def _joined(runs: _Runs, aside: _Runs, outdated: Mapping[str, OutdatedPolicy]) -
         return row.algorithm.partition(" (")[0]
 
     known = {(row.algorithm, row.seed) for row in runs.rows}
-    rows = runs.rows + [row for row in aside.rows if is_shown(row) and (row.algorithm, row.seed) not in known]
+    rows = runs.rows + [row for row in outdated_runs.rows if is_shown(row) and (row.algorithm, row.seed) not in known]
     order = list(dict.fromkeys(map(policy_of, rows)))
-    conditions = dict.fromkeys([*runs.by_condition, *aside.by_condition])
+    conditions = dict.fromkeys([*runs.by_condition, *outdated_runs.by_condition])
     return _Runs(
         sorted(rows, key=lambda row: order.index(policy_of(row))),
-        runs.episodes + list(filter(is_shown, aside.episodes)),
+        runs.episodes + list(filter(is_shown, outdated_runs.episodes)),
         {
-            name: runs.by_condition.get(name, []) + list(filter(is_shown, aside.by_condition.get(name, [])))
+            name: runs.by_condition.get(name, []) + list(filter(is_shown, outdated_runs.by_condition.get(name, [])))
             for name in conditions
         },
-        runs.training + list(filter(is_shown, aside.training)),
+        runs.training + list(filter(is_shown, outdated_runs.training)),
         runs.versions,
     )
 

@@ -36,16 +36,16 @@ def current_versions(kind: str, algorithms: Iterable[str]) -> dict[str, int | No
     return rivers | frames | {"training": versions.TRAINING} | learning
 
 
-def needs_training(made: Versions, current: Versions) -> bool:
-    """Whether a trained policy of the versions `made` is outdated itself, and not only its flights."""
-    return any(made.get(name) != version for name, version in current.items() if name != EVALUATION)
+def needs_training(recorded: Versions, current: Versions) -> bool:
+    """Whether a trained policy of the versions `recorded` is outdated itself, and not only its flights."""
+    return any(recorded.get(name) != version for name, version in current.items() if name != EVALUATION)
 
 
-def version_label(made: Versions, current: Versions) -> str:
+def version_label(recorded: Versions, current: Versions) -> str:
     """The versions of an outdated run that differ from the current ones, such as `render 1, PPO 1`; else empty."""
-    if made == current:
+    if recorded == current:
         return ""
-    differing = [f"{name} {version}" for name, version in made.items() if current.get(name) != version]
+    differing = [f"{name} {version}" for name, version in recorded.items() if current.get(name) != version]
     return ", ".join(differing) or UNKNOWN
 
 
@@ -61,17 +61,17 @@ def read_versions(folder: Path) -> dict[str, Versions]:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         raise ResultsError(f"{FILE} cannot be read: {error}") from error
-    if not isinstance(content, dict) or not all(_are_versions(made) for made in content.values()):
+    if not isinstance(content, dict) or not all(_are_versions(recorded) for recorded in content.values()):
         raise ResultsError(f"{FILE} is not the versions of runs: a mapping of whole numbers is needed for each run")
     return content
 
 
-def _are_versions(made: object) -> bool:
-    numbers = made.values() if isinstance(made, dict) else [""]
+def _are_versions(recorded: object) -> bool:
+    numbers = recorded.values() if isinstance(recorded, dict) else [""]
     return all(number is None or type(number) is int for number in numbers)
 
 
-def write_versions(folder: Path, made: Mapping[str, Versions]) -> None:
+def write_versions(folder: Path, recorded: Mapping[str, Versions]) -> None:
     """Write `versions.json` atomically, one line for each run."""
-    lines = [f" {json.dumps(run)}: {json.dumps(dict(versions))}" for run, versions in made.items()]
+    lines = [f" {json.dumps(run)}: {json.dumps(dict(versions))}" for run, versions in recorded.items()]
     write_atomic(folder / FILE, "{\n" + ",\n".join(lines) + "\n}\n")

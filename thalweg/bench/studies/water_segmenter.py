@@ -56,11 +56,11 @@ class WaterSegmenter(nn.Module):
     def forward(self, colours: Tensor) -> Tensor:
         """Return logits [N, H, W] of colours [N, 3, H, W] in 0..1."""
         here = nn.functional.pixel_unshuffle(colours - 0.5, BLOCK)
-        kept: list[Tensor] = []
+        skips: list[Tensor] = []
         for block in self.down:
-            here = block(nn.functional.max_pool2d(here, 2) if kept else here)
-            kept.append(here)
-        for block, near in zip(self.up, kept[-2::-1], strict=True):
+            here = block(nn.functional.max_pool2d(here, 2) if skips else here)
+            skips.append(here)
+        for block, near in zip(self.up, skips[-2::-1], strict=True):
             here = block(torch.cat([nn.functional.interpolate(here, scale_factor=2), near], 1))
         return nn.functional.pixel_shuffle(self.last(here), BLOCK).squeeze(1)
 
@@ -128,10 +128,10 @@ def load_segmenter(path: Path) -> WaterSegmenter:
 @torch.inference_mode()
 def water_in(segmenter: WaterSegmenter, colours: np.ndarray) -> np.ndarray:
     """Return the water mask bool [K, H, W] of colours [K, H, W, 3], uint8 or 0..1."""
-    parts = [
+    predictions = [
         (segmenter(_colours_of(colours[start : start + CHUNK])) > 0).numpy() for start in range(0, len(colours), CHUNK)
     ]
-    return np.concatenate(parts)
+    return np.concatenate(predictions)
 
 
 def _colours_of(images: np.ndarray) -> Tensor:

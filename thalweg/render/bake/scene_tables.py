@@ -79,20 +79,20 @@ class TableWriter:
     """Collects the tables of the worlds one after another, and the offsets at which they begin."""
 
     def __init__(self) -> None:
-        self._parts: dict[str, list[np.ndarray]] = defaultdict(list)
+        self._tables: dict[str, list[np.ndarray]] = defaultdict(list)
         self.length: dict[str, int] = defaultdict(int)
         """Rows of each table so far."""
 
     def add(self, name: str, table: np.ndarray) -> int:
         """Append to a table; returns the row at which the appended part begins."""
         begin = self.length[name]
-        self._parts[name].append(table)
+        self._tables[name].append(table)
         self.length[name] += len(table)
         return begin
 
     def joined(self) -> dict[str, np.ndarray]:
         """Return each table as one contiguous array."""
-        return {name: np.ascontiguousarray(np.concatenate(parts)) for name, parts in self._parts.items()}
+        return {name: np.ascontiguousarray(np.concatenate(arrays)) for name, arrays in self._tables.items()}
 
 
 def build_scene(worlds: Sequence[World]) -> Scene:

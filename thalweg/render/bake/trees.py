@@ -93,9 +93,11 @@ def stem(path: np.ndarray, radius: np.ndarray, bark: Colour, rng: np.random.Gene
     size = np.broadcast_to((0.9 * step)[:, None], normal.shape[:2]).ravel()
     along = np.broadcast_to(direction[:, None], normal.shape).reshape(shape)
     width = np.broadcast_to(radius[:, None], normal.shape[:2]).ravel() * 0.75
-    made = ellipses(centre.reshape(shape), along, normal.reshape(shape), 1.0, size, (tone.reshape(shape), np.zeros(3)))
-    across = unit(made.across.astype(np.float64)) * width[:, None]
-    return Model(made.centre, made.along, across.astype(np.float32), made.normal, made.reflectance, made.transmittance)
+    model = ellipses(centre.reshape(shape), along, normal.reshape(shape), 1.0, size, (tone.reshape(shape), np.zeros(3)))
+    across = unit(model.across.astype(np.float64)) * width[:, None]
+    return Model(
+        model.centre, model.along, across.astype(np.float32), model.normal, model.reflectance, model.transmittance
+    )
 
 
 def curve(start: np.ndarray, end: np.ndarray, sag: float, points: int) -> np.ndarray:
@@ -175,7 +177,7 @@ def branches(
     kind: Kind, rng: np.random.Generator, path: np.ndarray, centres: np.ndarray, sag: float, steep: float
 ) -> Model:
     """Return branches from the trunk's path [P, 3] to every clump; `steep`: its rise over its run."""
-    made = []
+    models = []
     for centre in centres:
         away = np.hypot(centre[0], centre[1])
         root_z = np.clip(centre[2] - steep * away - 0.01, 0.6 * kind.clear_trunk + 0.02, path[-1, 2])
@@ -183,8 +185,8 @@ def branches(
         points = max(6, int(90 * np.linalg.norm(centre - root)))
         thick = kind.trunk_radius * (0.16 + 0.5 * away)
         line = curve(root, centre, sag * away, points)
-        made.append(stem(line, np.linspace(thick, 0.3 * thick, points), kind.bark_reflectance, rng))
-    return joined(*made)
+        models.append(stem(line, np.linspace(thick, 0.3 * thick, points), kind.bark_reflectance, rng))
+    return joined(*models)
 
 
 def grow_pine(kind: Kind, rng: np.random.Generator) -> Model:

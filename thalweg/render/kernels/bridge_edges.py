@@ -52,25 +52,25 @@ def background(planes, width, r, c):
     """The neighbours across a bridge's edge from pixel (r, c): their number, the sums of their radiance, and the depth
     before which stone can be seen in this pixel."""
     height = planes.kind.shape[0]
-    own = planes.kind[r, c] == np.uint8(BRIDGE)
+    on_bridge = planes.kind[r, c] == np.uint8(BRIDGE)
     count = f32(0)
     other_r = f32(0)
     other_g = f32(0)
     other_b = f32(0)
-    limit = f32(0) if own else planes.depth[r, c]
+    limit = f32(0) if on_bridge else planes.depth[r, c]
     for k in range(4):
         # Up, left, right, down.
         y = min(max(r + (k + 1) // 2 - 1, 0), height - 1)
         x = min(max(c + (k % 3 != 0) * (2 * k - 3), 0), width - 1)
-        across = ((planes.kind[y, x] == np.uint8(BRIDGE)) != own) & (planes.transmittance[y, x] > f32(0.5))
+        across = ((planes.kind[y, x] == np.uint8(BRIDGE)) != on_bridge) & (planes.transmittance[y, x] > f32(0.5))
         # Beside what is nearer, the edge is not the bridge's own, and rays at the bridge can't find it.
-        across = across & ((not own) | (planes.depth[y, x] > planes.depth[r, c]))
+        across = across & ((not on_bridge) | (planes.depth[y, x] > planes.depth[r, c]))
         part = f32(1) if across else f32(0)
         count += part
         other_r += part * planes.red[y, x]
         other_g += part * planes.green[y, x]
         other_b += part * planes.blue[y, x]
-        limit = max(limit, planes.depth[y, x]) if own and across else limit
+        limit = max(limit, planes.depth[y, x]) if on_bridge and across else limit
     return count, other_r, other_g, other_b, limit
 
 
@@ -81,7 +81,7 @@ def edge_colour(scene, view, planes, r, c):
     planes: `Planes` [H, W'] of the whole image. Four rays sample the stone. Behind a pixel of the bridge lies the mean
     of those neighbours across the edge that are farther away.
     """
-    own = planes.kind[r, c] == np.uint8(BRIDGE)
+    on_bridge = planes.kind[r, c] == np.uint8(BRIDGE)
     through = planes.transmittance[r, c]
     red = planes.red[r, c]
     green = planes.green[r, c]
@@ -105,7 +105,7 @@ def edge_colour(scene, view, planes, r, c):
         stone_r += f32(0.25) * a
         stone_g += f32(0.25) * b
         stone_b += f32(0.25) * d
-    if own:
+    if on_bridge:
         # The pixel holds plants in front and the stone at its middle; that stone is replaced by the mixture.
         _, a, b, d = sample_bridge(scene, view, r, c, f32(0), f32(0), f32(FAR_M))
         rest = (f32(1) - share) / count
@@ -136,11 +136,11 @@ def soften_edges(scene, view, planes):
     for r in range(height):
         row_pairs = 0
         for c in range(width):
-            own = kind[r, c] == np.uint8(BRIDGE)
+            on_bridge = kind[r, c] == np.uint8(BRIDGE)
             # Each pair of neighbours is counted once, from its upper or left pixel.
             right = kind[r, min(c + 1, width - 1)] == np.uint8(BRIDGE)
             below = kind[min(r + 1, height - 1), c] == np.uint8(BRIDGE)
-            row_pairs += (1 if own != right else 0) + (1 if own != below else 0)
+            row_pairs += (1 if on_bridge != right else 0) + (1 if on_bridge != below else 0)
         pairs += row_pairs
         top = min(top, r) if row_pairs > 0 else top
         bottom = r + 1 if row_pairs > 0 else bottom

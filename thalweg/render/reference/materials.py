@@ -127,13 +127,13 @@ class Materials:
     def mirrored(self, point: np.ndarray, mirror_ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what reflected rays see [K, 3], and the share [K] of sky in it: canopies are met in growing steps."""
         x, y = self.node(point[:, 0], point[:, 1])
-        cells = self.world.grid.cell_m * layout.CANOPY_CELL
+        canopy_cell_m = self.world.grid.cell_m * layout.CANOPY_CELL
         cx, cy = x / layout.CANOPY_CELL, y / layout.CANOPY_CELL
         passing, wood, met_at = np.ones(len(x)), np.zeros((len(x), 3)), np.zeros(len(x))
         s = water.MIRROR_FIRST_M
         for _ in range(water.MIRROR_STEPS):
-            qx = np.clip(cx + mirror_ray[:, 0] * s / cells, 0, self.canopy.shape[1] - 1).astype(int)
-            qy = np.clip(cy + mirror_ray[:, 1] * s / cells, 0, self.canopy.shape[0] - 1).astype(int)
+            qx = np.clip(cx + mirror_ray[:, 0] * s / canopy_cell_m, 0, self.canopy.shape[1] - 1).astype(int)
+            qy = np.clip(cy + mirror_ray[:, 1] * s / canopy_cell_m, 0, self.canopy.shape[0] - 1).astype(int)
             above = self.canopy[qy, qx] - point[:, 2] - mirror_ray[:, 2] * s
             part = passing * np.clip(above / (water.MIRROR_BLUR_M + water.MIRROR_BLUR * s), 0, 1)
             wood += part[:, None] * self.canopy_colour[qy, qx]

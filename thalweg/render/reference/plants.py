@@ -74,8 +74,8 @@ def window(
     """Return the rows and columns that the upright picture of a plant at `offset` [3] may touch, or None."""
     forward, right, up = basis
     look = offset[:2] / np.hypot(offset[0], offset[1])
-    aside = np.array([-look[1], look[0], 0.0]) * half
-    corners = np.array([offset + s * aside + [0, 0, h] for s in (-1, 1) for h in (0.0, tall)])
+    across = np.array([-look[1], look[0], 0.0]) * half
+    corners = np.array([offset + s * across + [0, 0, h] for s in (-1, 1) for h in (0.0, tall)])
     ahead = corners @ forward
     if ahead.max() < camera.near_m:
         return None

@@ -70,13 +70,13 @@ class CsvTable:
 class RunLog:
     """metrics.csv, episodes.csv and TensorBoard events of one run."""
 
-    def __init__(self, folder: Path, kept: Mapping[str, int] | None = None, step: int = -1) -> None:
-        """Create the logs, or truncate them to a checkpoint: `kept` bytes of each table, and events up to `step`."""
+    def __init__(self, folder: Path, kept_bytes: Mapping[str, int] | None = None, step: int = -1) -> None:
+        """Create the logs, or truncate them to a checkpoint: `kept_bytes` of each table, events up to `step`."""
         from torch.utils.tensorboard import SummaryWriter  # slow to import
 
-        kept = kept or {}
-        self.metrics = CsvTable(folder / "metrics.csv", kept.get("metrics", 0))
-        self.episodes = CsvTable(folder / "episodes.csv", kept.get("episodes", 0), COLUMNS)
+        kept_bytes = kept_bytes or {}
+        self.metrics = CsvTable(folder / "metrics.csv", kept_bytes.get("metrics", 0))
+        self.episodes = CsvTable(folder / "episodes.csv", kept_bytes.get("episodes", 0), COLUMNS)
         self._board = SummaryWriter(str(folder / "tensorboard"), purge_step=step + 1)
 
     def episode(self, episode: Episode) -> None:

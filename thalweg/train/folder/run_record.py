@@ -48,9 +48,9 @@ def read_config(folder: Path) -> dict[str, Any] | None:
     return description
 
 
-def require_same(folder: Path, theirs: dict[str, Any], ours: dict[str, Any]) -> None:
+def require_same(folder: Path, recorded: dict[str, Any], requested: dict[str, Any]) -> None:
     """Raise `TrainingError` naming the first differences between the folder's run and the requested one."""
-    RUN_FOLDER.require_same(folder, theirs, _as_read_from_yaml(ours))
+    RUN_FOLDER.require_same(folder, recorded, _as_read_from_yaml(requested))
 
 
 def write_status(folder: Path, status: dict[str, Any]) -> None:

@@ -51,12 +51,12 @@ def draw_angles(level: Level, rng: np.random.Generator) -> np.ndarray:
     lefts = count - rights
     share = rng.dirichlet(np.full(lefts, 6.0))
     spare = 2 * np.pi + right.sum() - lefts * MIN_BEND
-    left = MIN_BEND + spare * share
+    left_bends = MIN_BEND + spare * share
     # Each bend to the right follows a different bend to the left, so that no two are neighbours.
     slots = rng.permutation(lefts)[:rights]
     angles: list[float] = []
     for i in range(lefts):
-        angles.append(left[i])
+        angles.append(left_bends[i])
         if i in slots:
             angles.append(-right[list(slots).index(i)])
     return np.roll(np.array(angles), int(rng.integers(count)))

@@ -172,13 +172,13 @@ def _make_plants(
     )
     groups = np.array([KINDS[k].group for k in kind], dtype="U8")
     bound = np.isin(groups, ("tree", "shrub"))
-    room = np.where(bound, 2.0 * site.at(site.shore_m, xy), np.inf)
-    keep = room > 0.62 * width
+    free_width = np.where(bound, 2.0 * site.at(site.shore_m, xy), np.inf)
+    keep = free_width > 0.62 * width
     foot = np.column_stack([xy, site.ground_at(xy)])
     plants = Plants(
         position_m=foot.astype(np.float32),
         height_m=height.astype(np.float32),
-        width_m=np.minimum(width, room).astype(np.float32),
+        width_m=np.minimum(width, free_width).astype(np.float32),
         kind=kind,
         turn=rng.uniform(0.0, 2.0 * np.pi, count).astype(np.float32),
         tint=_tints(site, xy, rng),

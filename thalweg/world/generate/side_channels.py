@@ -74,15 +74,15 @@ def pond(
     x, y = np.meshgrid(np.arange(low[0], high[0], 2.0), np.arange(low[1], high[1], 2.0))
     points = np.stack([x.ravel(), y.ravel()], axis=1)
     points = points[winding(line.position_m, points) != 0]
-    room = bank_distance(points, line.position_m, width_m)
+    clearance = bank_distance(points, line.position_m, width_m)
     for branch in branches:
-        room = np.minimum(room, bank_distance(points, branch.position_m, branch.width_m))
+        clearance = np.minimum(clearance, bank_distance(points, branch.position_m, branch.width_m))
     if len(keep_clear_m):
-        room = np.minimum(room, bank_distance(points, keep_clear_m, np.full(len(keep_clear_m), 12.0)))
-    if len(points) == 0 or room.max() < 9.5:
+        clearance = np.minimum(clearance, bank_distance(points, keep_clear_m, np.full(len(keep_clear_m), 12.0)))
+    if len(points) == 0 or clearance.max() < 9.5:
         return None
-    best = int(np.argmax(room))
-    radius = min(room[best] - 6.5, 6.5)
+    best = int(np.argmax(clearance))
+    radius = min(clearance[best] - 6.5, 6.5)
     near = int(np.argmin(np.hypot(*(line.position_m - points[best]).T)))
     along = line.tangent[near]
     offsets = np.linspace(-1.0, 1.0, 7)

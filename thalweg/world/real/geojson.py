@@ -52,7 +52,7 @@ def read_track(path: Path, width_m: float | None) -> Track:
     Raises `WorldError` that says what is wrong with the file, without its name.
     """
     geometry, properties = find_line(read_json(path))
-    positions = join_parts(geometry)
+    positions = join_lines(geometry)
     degrees = np.array([position[:2] for position in positions], dtype=np.float64)
     widths = read_widths(properties, geometry["type"], len(positions), width_m)
     return Track(read_name(properties, path.stem), degrees, widths, read_elevations(positions))
@@ -132,7 +132,7 @@ def _check_crs(crs: Any) -> None:
         )
 
 
-def join_parts(geometry: dict) -> list[Position]:
+def join_lines(geometry: dict) -> list[Position]:
     """Return the positions of a line, or of the parts of a MultiLineString that join end to end, in any order."""
     coordinates = geometry.get("coordinates")
     if geometry["type"] == "LineString":

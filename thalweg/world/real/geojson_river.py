@@ -157,9 +157,9 @@ def _project(reach: Track, closed: bool, smooth_m: float) -> Centerline:
     level = np.zeros(len(position)) if reach.elevation_m is None else monotone_levels(reach.elevation_m, closed)
     datum = float(level.min())
     points = np.column_stack([position, level - datum, reach.width_m])
-    kept = thin_indices(position, closed)
-    _check_crossing(position[kept], reach.degrees[kept], closed)
-    points = points[kept] if smooth_m == 0 else smooth_line(points[kept], closed, smooth_m)
+    indices = thin_indices(position, closed)
+    _check_crossing(position[indices], reach.degrees[indices], closed)
+    points = points[indices] if smooth_m == 0 else smooth_line(points[indices], closed, smooth_m)
     longitude = (origin[0] + 180.0) % 360.0 - 180.0
     return Centerline(reach.name, points, closed, (float(longitude), float(origin[1])), datum)
 
@@ -188,17 +188,17 @@ def thin_indices(position_m: np.ndarray, closed: bool) -> np.ndarray:
 
     The ends are kept; the repeated last position of a closed line is dropped.
     """
-    kept = [0]
+    indices = [0]
     for index in range(1, len(position_m)):
-        if np.hypot(*(position_m[index] - position_m[kept[-1]])) >= SPACING_M:
-            kept.append(index)
+        if np.hypot(*(position_m[index] - position_m[indices[-1]])) >= SPACING_M:
+            indices.append(index)
     last = len(position_m) - 1
     if closed:
-        while len(kept) > 1 and np.hypot(*(position_m[kept[-1]] - position_m[0])) < SPACING_M:
-            kept.pop()
-    elif kept[-1] != last:
-        kept = [*(kept[:-1] or kept), last]
-    return np.array(kept)
+        while len(indices) > 1 and np.hypot(*(position_m[indices[-1]] - position_m[0])) < SPACING_M:
+            indices.pop()
+    elif indices[-1] != last:
+        indices = [*(indices[:-1] or indices), last]
+    return np.array(indices)
 
 
 def smooth_line(points: np.ndarray, closed: bool, smooth_m: float) -> np.ndarray:

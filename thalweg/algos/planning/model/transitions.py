@@ -65,8 +65,8 @@ class TransitionBuilder:
                 next_frames[keep],
                 rollout.terminated[keep],
             )
-        parts = [vars(self._step(rollout, next_frames, over, step)) for step in range(len(rollout.rewards))]
-        return Batch(**{name: torch.cat([part[name] for part in parts]) for name in parts[0]})
+        batches = [vars(self._step(rollout, next_frames, over, step)) for step in range(len(rollout.rewards))]
+        return Batch(**{name: torch.cat([part[name] for part in batches]) for name in batches[0]})
 
     def _step(self, rollout: Rollout, next_frames: Tensor, over: Tensor, step: int) -> Batch:
         """Return the transitions that a step completes.

@@ -91,7 +91,7 @@ def test_each_block_of_python_of_a_page_runs_by_itself(page: Path, tmp_path: Pat
     assert f"block {len(blocks)}\n" in done.stdout
 
 
-def test_there_are_pages_in_every_place():
+def test_every_docs_folder_has_pages():
     names = {page.relative_to(ROOT).as_posix() for page in pages()}
     assert {"README.md", "docs/README.md", "docs/algorithms/ppo.md", "benchmarks/README.md"} <= names
 

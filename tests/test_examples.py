@@ -22,31 +22,31 @@ def run(*arguments: str, cwd: Path) -> str:
 
 @pytest.mark.slow
 def test_the_pilot_of_the_example_saves_what_it_saw(tmp_path: Path):
-    said = run(str(ROOT / "examples" / "fly.py"), "--steps", "20", cwd=tmp_path)
-    assert said.startswith("20 steps, return 0.")
+    output = run(str(ROOT / "examples" / "fly.py"), "--steps", "20", cwd=tmp_path)
+    assert output.startswith("20 steps, return 0.")
     assert (tmp_path / "flight.png").stat().st_size > 10_000
 
 
 @pytest.mark.slow
-def test_a_river_of_ones_own_is_drawn_and_flown(tmp_path: Path):
-    said = run(str(ROOT / "examples" / "own_river.py"), cwd=tmp_path)
-    assert said.count("return 10.00, Success") == 4
+def test_a_custom_river_is_rendered_and_flown(tmp_path: Path):
+    output = run(str(ROOT / "examples" / "own_river.py"), cwd=tmp_path)
+    assert output.count("return 10.00, Success") == 4
     assert (tmp_path / "own_river.png").exists()
 
 
 @pytest.mark.slow
 def test_a_reach_of_the_cam_is_drawn_and_flown(tmp_path: Path):
-    said = run(str(ROOT / "examples" / "real_river.py"), "--start-m", "700", "--length-m", "150", cwd=tmp_path)
-    assert said.startswith("River Cam: 150 m, 13 to 15 m wide")
-    assert "return 10.00, Success" in said
+    output = run(str(ROOT / "examples" / "real_river.py"), "--start-m", "700", "--length-m", "150", cwd=tmp_path)
+    assert output.startswith("River Cam: 150 m, 13 to 15 m wide")
+    assert "return 10.00, Success" in output
     assert (tmp_path / "real_river.png").stat().st_size > 100_000
     assert (tmp_path / "real_river.map.png").exists()
 
 
 @pytest.mark.slow
 def test_training_and_evaluating_by_example(tmp_path: Path):
-    said = run(str(ROOT / "examples" / "train_and_evaluate.py"), "--steps", "2048", "--episodes", "2", cwd=tmp_path)
-    assert re.search(r"Easy: return \d+\.\d\d ± \d+\.\d\d, cost \d\.\d\d", said)
+    output = run(str(ROOT / "examples" / "train_and_evaluate.py"), "--steps", "2048", "--episodes", "2", cwd=tmp_path)
+    assert re.search(r"Easy: return \d+\.\d\d ± \d+\.\d\d, cost \d\.\d\d", output)
     context = load_policy(tmp_path / "runs" / "example").about.context
     assert (context["level"], context["encoder"]) == ("Medium", encoder_hash(load_encoder()))
 
@@ -54,15 +54,15 @@ def test_training_and_evaluating_by_example(tmp_path: Path):
 def test_the_python_of_the_readme_runs(tmp_path: Path):
     (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
     assert len([line for line in block.splitlines() if line.strip()]) <= 7
-    said = run("-c", block, cwd=tmp_path)
-    assert re.fullmatch(r"reward \d\.\d\d, cost [\d.]+, visited \d\.\d% of the river\n", said)
+    output = run("-c", block, cwd=tmp_path)
+    assert re.fullmatch(r"reward \d\.\d\d, cost [\d.]+, visited \d\.\d% of the river\n", output)
 
 
 @pytest.mark.slow
-def test_the_environment_of_ones_own_in_the_docs_is_trained_on(tmp_path: Path):
+def test_the_custom_environment_of_the_docs_can_be_trained_on(tmp_path: Path):
     (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "training.md").read_text(), flags=re.DOTALL)
-    said = run("-c", block, cwd=tmp_path)
-    assert re.fullmatch(r"\d+ episodes, return \d+\.\d, cost \d+\.\d\n", said)
+    output = run("-c", block, cwd=tmp_path)
+    assert re.fullmatch(r"\d+ episodes, return \d+\.\d, cost \d+\.\d\n", output)
     assert (tmp_path / "runs" / "cartpole" / "policy.safetensors").exists()
 
 

@@ -16,7 +16,7 @@ def contract(kind: str) -> dict:
     return next(each for each in CONTRACTS if each["type"] == kind)
 
 
-def test_nothing_imports_ray_before_a_cluster_is_asked_for():
+def test_nothing_imports_ray_before_a_cluster_is_requested():
     found = [
         path.name for path in PACKAGE.rglob("*.py") if re.search(r"^\s*(import|from) ray\b", path.read_text(), re.M)
     ]

@@ -28,9 +28,9 @@ try:
 except SystemExit:
     print("LOADED", [name for name in {heavy!r} if name in sys.modules])
 """
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert "LOADED []" in said
-    assert all(name in said for name in COMMANDS)
+    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert "LOADED []" in output
+    assert all(name in output for name in COMMANDS)
 
 
 def test_the_version_is_that_of_the_package(capsys: pytest.CaptureFixture):
@@ -91,15 +91,15 @@ def no_frames(monkeypatch: pytest.MonkeyPatch):
 
 
 @pytest.mark.usefixtures("no_frames")
-@pytest.mark.parametrize(("arguments", "said"), WRONG, ids=[" ".join(arguments) for arguments, _ in WRONG])
+@pytest.mark.parametrize(("arguments", "message"), WRONG, ids=[" ".join(arguments) for arguments, _ in WRONG])
 def test_a_wrong_value_is_one_line_that_names_the_known_ones(
-    arguments: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+    arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ):
     monkeypatch.chdir(tmp_path)
     assert main(arguments) == 2
     captured = capsys.readouterr()
     assert captured.err.startswith("thalweg: ")
-    assert said in captured.err
+    assert message in captured.err
     assert captured.err.count("\n") == 1
     assert "Traceback" not in captured.err
     assert list(tmp_path.iterdir()) == []
@@ -119,7 +119,7 @@ def test_an_unknown_word_ends_with_status_2(arguments: list[str], capsys: pytest
     assert ended.value.code == 2
 
 
-def test_an_interrupt_says_how_to_go_on(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
+def test_an_interrupt_explains_how_to_resume(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
     def interrupted(*_):
         raise KeyboardInterrupt
 
@@ -131,7 +131,7 @@ def test_an_interrupt_says_how_to_go_on(monkeypatch: pytest.MonkeyPatch, capsys:
     assert capsys.readouterr().err == "\nInterrupted. The same command resumes from the last checkpoint.\n"
 
 
-def test_a_run_told_to_end_warns_and_ends_as_an_interrupted_one():
+def test_a_terminated_run_warns_and_ends_as_an_interrupted_one():
     code = """
 import os, signal, sys, warnings
 from thalweg.cli import main as cli
@@ -144,15 +144,15 @@ sys.argv = ["thalweg", "train", "--out", "x"]
 sys.exit(cli.main())
 """
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    said = "Warning: the limit never binds\n\nInterrupted. The same command resumes from the last checkpoint.\n"
-    assert (ended.returncode, ended.stderr) == (130, said)
+    message = "Warning: the limit never binds\n\nInterrupted. The same command resumes from the last checkpoint.\n"
+    assert (ended.returncode, ended.stderr) == (130, message)
 
 
-def test_what_cannot_be_drawn_or_written_is_said_in_one_line(tmp_path: Path, easy_world, capsys: pytest.CaptureFixture):
+def test_errors_in_rendering_and_writing_are_one_line(tmp_path: Path, easy_world, capsys: pytest.CaptureFixture):
     render = ["render", "--level", "easy", "--out", str(tmp_path / "x.png")]
     file = tmp_path / "file"
     file.write_text("")
-    for arguments, said in (
+    for arguments, message in (
         ([*render, "--pose", "5000", "5000", "3", "0"], "x = 5000, y = 5000 is outside the map of Easy"),
         ([*render, "--pose", "nan", "0", "3", "0"], "is outside the map"),
         ([*render, "--size", "4"], "height_px must be a whole number from 16 to 2048, got 4"),
@@ -161,7 +161,7 @@ def test_what_cannot_be_drawn_or_written_is_said_in_one_line(tmp_path: Path, eas
     ):
         assert main(arguments) == 2
         error = capsys.readouterr().err
-        assert said in error
+        assert message in error
         assert "Traceback" not in error
 
 
@@ -268,7 +268,7 @@ def test_options_of_a_river_are_typed_again_as_they_were_given():
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         (
             ["render", "--geojson", "none.geojson", "--level", "easy"],
@@ -294,18 +294,18 @@ def test_options_of_a_river_are_typed_again_as_they_were_given():
     ids=" ".join,
 )
 def test_a_real_river_and_a_level_are_not_mixed(
-    given: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+    given: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ):
     monkeypatch.chdir(tmp_path)
     assert main(given) == 2
     error = capsys.readouterr().err
-    assert said in error
+    assert message in error
     assert "Traceback" not in error
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         (["--geojson", "none.geojson"], "thalweg: none.geojson: there is no such file"),
         (["--geojson", "none.geojson", "--level", "easy"], "thalweg: give --level or --geojson, not both"),
@@ -314,9 +314,11 @@ def test_a_real_river_and_a_level_are_not_mixed(
         (["--geojson", "none.geojson", "--length-m", "3"], "thalweg: length_m is 3 m; expected 15 to 10400 m"),
     ],
 )
-def test_options_of_a_real_river_that_cannot_be_are_refused(given: list[str], said: str, capsys: pytest.CaptureFixture):
+def test_options_of_a_real_river_that_cannot_be_are_refused(
+    given: list[str], message: str, capsys: pytest.CaptureFixture
+):
     assert main(["world", *given]) == 2
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def test_policies_are_evaluated_on_rivers_that_nothing_is_trained_on(
@@ -363,7 +365,7 @@ def test_a_number_is_read_as_people_write_it(given: list[str], field: str, value
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         (["train", "--out", "x", "--steps", "1e5.5"], "--steps: '1e5.5' is not a whole number; write one such as"),
         (["train", "--out", "x", "--steps", "2.5"], "--steps: '2.5' is not a whole number"),
@@ -382,13 +384,13 @@ def test_a_number_is_read_as_people_write_it(given: list[str], field: str, value
     ids=str,
 )
 def test_what_is_no_number_is_named_with_what_would_be_one(
-    given: list[str], said: str, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+    given: list[str], message: str, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setenv("COLUMNS", "160")
     with pytest.raises(SystemExit) as ended:
         main(given)
     assert ended.value.code == 2
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def test_pictures_are_replaced_and_worlds_only_when_asked(tmp_path: Path, easy_world, capsys: pytest.CaptureFixture):
@@ -407,7 +409,7 @@ def test_pictures_are_replaced_and_worlds_only_when_asked(tmp_path: Path, easy_w
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         (
             ["world", "--geojson", "brook.geojson", "--out", "brook.geojson"],
@@ -420,13 +422,13 @@ def test_pictures_are_replaced_and_worlds_only_when_asked(tmp_path: Path, easy_w
     ],
     ids=" ".join,
 )
-def test_no_picture_takes_the_place_of_another_kind_of_file(
-    given: list[str], said: str, brook: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+def test_no_image_replaces_another_kind_of_file(
+    given: list[str], message: str, brook: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ):
     monkeypatch.chdir(brook.parent)
     before = brook.read_bytes()
     assert main(given) == 2
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert [file.name for file in brook.parent.iterdir()] == ["brook.geojson"]
     assert brook.read_bytes() == before
 
@@ -468,17 +470,17 @@ def test_a_file_that_cannot_be_written_is_named_before_anything_is_done(
     here = Path.cwd()
     (here / "folder").mkdir()
     (here / "file").write_text("")
-    for target, said in (
+    for target, message in (
         ("folder", f"{option} folder is a folder; name a file in it, such as folder/new{ending}"),
         (f"file/new{ending}", f"{option} file/new{ending} cannot be written: {here / 'file'} is not a folder"),
         ("new.tex", f"{option} must end in {ending}"),
     ):
         assert main([*given, option, target]) == 2
-        assert capsys.readouterr().err.startswith(f"thalweg: {said}")
+        assert capsys.readouterr().err.startswith(f"thalweg: {message}")
     monkeypatch.setattr("os.access", lambda path, mode: Path(path) != here / "folder")
     assert main([*given, option, f"folder/a/new{ending}"]) == 2
-    said = f"{option} folder/a/new{ending} cannot be written: no permission to write into {here / 'folder'}"
-    assert capsys.readouterr().err == f"thalweg: {said}\n"
+    message = f"{option} folder/a/new{ending} cannot be written: no permission to write into {here / 'folder'}"
+    assert capsys.readouterr().err == f"thalweg: {message}\n"
     assert sorted(path.name for path in here.rglob("*")) == ["file", "folder"]
 
 
@@ -530,13 +532,13 @@ def test_the_folder_of_another_encoder_is_refused_before_frames_are_drawn(
 
     train_encoder(synthetic_frames(8, 128), VAEConfig(), tmp_path, epochs=1, seed=0, held_out=2, progress=False)
     given = ["encoder", "train", "--out", str(tmp_path), "--images", "6", "--held-out", "2", "--epochs", "1"]
-    for change, said in (
+    for change, message in (
         (["--latent", "8"], "config"),
         (["--epochs", "3"], "epochs is 1 there and 3 here"),
         (["--seed", "4"], "seed is 0 there and 4 here"),
         (["--images", "7"], "images is 8 there and 9 here"),
     ):
         assert main([*given, *change]) == 2
-        assert said in capsys.readouterr().err
+        assert message in capsys.readouterr().err
     with pytest.raises(AssertionError, match="frames were collected"):
         EncoderTrain(tmp_path, images=6, held_out=2, epochs=1).run()

@@ -91,7 +91,7 @@ def test_begins_are_safe_and_depend_on_seed_and_episode_alone():
     np.testing.assert_array_equal(env.reset(seed=7)[0][:2] == poses[:2], False)
 
 
-def test_an_episode_that_has_ended_begins_anew_elsewhere_and_is_paid_nothing():
+def test_a_finished_episode_restarts_at_another_pose_with_zero_reward():
     env = made()
     first, _ = env.reset(seed=0)
     down = torch.tensor([[2, 1, 1, 1]]).repeat(N, 1)
@@ -150,7 +150,7 @@ def test_looks_are_drawn_for_each_episode_or_environment_and_shown():
     assert abs(float(dark[0].float().mean()) - float(dark[1].float().mean())) > 1
 
 
-def test_a_state_goes_on_to_the_bit_in_another_environment():
+def test_a_state_resumes_bit_for_bit_in_another_environment():
     env, other = made(), made()
     env.reset(seed=0)
     some = actions(1, 60)

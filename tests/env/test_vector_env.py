@@ -46,7 +46,7 @@ def test_info_belongs_to_the_action_just_taken_in_every_mode(mode: str):
     assert env.metadata["autoreset_mode"] is AutoresetMode[mode]
 
 
-def test_same_step_begins_anew_at_once_and_hands_out_what_was_last_seen():
+def test_same_step_resets_at_once_and_returns_the_final_observation():
     env = two("SAME_STEP")
     observations, _, _, _, info = forward(env, 9)
     assert info["final_obs"][0] == pytest.approx((59.5, 0.0, 5.0, 0.0))
@@ -134,7 +134,7 @@ def test_the_same_seed_gives_the_same_episodes_and_another_seed_others():
     assert not np.array_equal(flown(1), flown(9))
 
 
-def test_a_reset_without_a_seed_goes_on_drawing():
+def test_a_reset_without_a_seed_continues_the_random_sequence():
     env = RiverVectorEnv(ring(), 2, NONE)
     first, _ = env.reset(seed=0)
     second, _ = env.reset()

@@ -126,8 +126,8 @@ def main(arguments: Sequence[str] | None = None) -> str | None:
             write(name, golden, trace)
         elif kept is None:
             problems.append(f"no golden trace of {name} is kept: python -m tests.golden.store --write")
-        elif said := problem(name, golden, kept, trace):
-            problems.append(said)
+        elif message := problem(name, golden, kept, trace):
+            problems.append(message)
     return "\n".join(problems) or None
 
 

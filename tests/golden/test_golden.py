@@ -34,15 +34,15 @@ OTHER = {"poses": np.array([[1.0, 2.0], [3.03, np.nan]])}
 
 
 def test_a_change_of_behaviour_says_which_version_to_raise(kept: dict):
-    said = store.problem("rules", RULES, kept, OTHER)
-    assert said.startswith("rules behaves differently (poses differs by up to 0.01 of its value), while RULES in")
-    assert "is still 4" in said and said.endswith("python -m tests.golden.store --write rules")
+    message = store.problem("rules", RULES, kept, OTHER)
+    assert message.startswith("rules behaves differently (poses differs by up to 0.01 of its value), while RULES in")
+    assert "is still 4" in message and message.endswith("python -m tests.golden.store --write rules")
     assert store.problem("rules", RULES, kept, SAME) == ""
 
 
 def test_a_raised_version_asks_for_new_traces(kept: dict):
-    said = store.problem("rules", replace(RULES, version=5), kept, OTHER)
-    assert said.startswith("the golden trace of rules is of version 4, and RULES in thalweg/core/versions.py is 5")
+    message = store.problem("rules", replace(RULES, version=5), kept, OTHER)
+    assert message.startswith("the golden trace of rules is of version 4, and RULES in thalweg/core/versions.py is 5")
 
 
 def test_a_known_kind_of_machine_must_give_the_same_bits_and_another_the_same_numbers(kept: dict):
@@ -54,14 +54,14 @@ def test_a_known_kind_of_machine_must_give_the_same_bits_and_another_the_same_nu
 
 
 @pytest.mark.parametrize(
-    ("trace", "said"),
+    ("trace", "message"),
     [
         ({"poses": SAME["poses"][:1]}, r"poses had shape \[2, 2\] and has \[1, 2\]"),
         ({"routes": SAME["poses"]}, "its parts were poses and are routes"),
     ],
 )
-def test_a_trace_of_another_shape_is_no_match(kept: dict, trace: dict, said: str):
-    with pytest.raises(AssertionError, match=said):
+def test_a_trace_of_another_shape_is_no_match(kept: dict, trace: dict, message: str):
+    with pytest.raises(AssertionError, match=message):
         raise AssertionError(store.problem("rules", RULES, kept, trace))
 
 

@@ -56,7 +56,7 @@ def test_two_costs_come_apart_and_summed():
     assert (np.sum([info["costs"].sum(0) for info in infos], axis=0) > 0).all()
 
 
-def test_an_environment_put_back_goes_on_as_before():
+def test_a_restored_environment_continues_as_before():
     env = ProblemEnv(PROBLEMS["dense"], 8, "discrete")
     env.reset(seed=3)
     kept = env.get_state()

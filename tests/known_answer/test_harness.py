@@ -19,12 +19,12 @@ def test_every_algorithm_has_a_row():
     assert set(ALGORITHMS) == set(REQUIREMENTS)
 
 
-def test_cells_are_every_algorithm_in_every_place_on_every_problem():
+def test_cells_are_every_algorithm_on_every_device_and_problem():
     assert len(set(cases())) == len(REQUIREMENTS) * len(ACTION_SETUPS) * len(PROBLEMS)
     assert {case.problem for case in cases(["PPO"], ["end"])} == {"end"}
 
 
-def test_limits_are_told_one_by_one_where_there_are_two():
+def test_two_limits_are_reported_separately():
     assert Case("FOCOPS", "box", "dense").config == {"cost_limit": 0.355}
     assert Case("FOCOPS", "box_scaled", "two").config == {"cost_limits": (0.255, 0.955), "adapter": "box_scaled"}
     assert Case("PPO", "discrete", "two").config == {}
@@ -49,7 +49,7 @@ def test_each_is_held_against_what_its_kind_can_do():
 
 @pytest.mark.parametrize("name", SINGLE)
 @pytest.mark.parametrize("algorithm", ["CPO", "SafeLOOP", "TD3Lag"])
-def test_what_is_asked_for_can_be_had_and_the_unconstrained_optimum_does_not_do(name: str, algorithm: str):
+def test_the_required_return_is_feasible_and_the_unconstrained_optimum_is_not(name: str, algorithm: str):
     case = Case(algorithm, "discrete", name)
     best = reference(case)
     assert Result(case, Score.of(best), best).reached
@@ -67,7 +67,7 @@ def test_the_cost_may_exceed_its_limit_by_a_tenth_or_two_hundredths():
         assert Result(Case("CPO", "discrete", "end"), score, best).reached == reached
 
 
-def test_nine_tenths_of_the_return_are_asked_for():
+def test_nine_tenths_of_the_return_are_required():
     best = optimum(PROBLEMS["end"], 0.1)
     for share, reached in [(0.91, True), (0.89, False)]:
         score = Score.of(replace(best, reward=share * best.reward))

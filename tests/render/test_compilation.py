@@ -29,15 +29,15 @@ print(*(hashlib.sha256(np.ascontiguousarray(a)).hexdigest() for a in (*maps, fra
 @pytest.mark.slow
 def test_worlds_and_frames_are_the_same_in_the_process_that_compiles_and_in_later_ones(tmp_path: Path):
     environment = {**os.environ, "THALWEG_CACHE": str(tmp_path)}
-    said = [
+    messages = [
         subprocess.run(
             [sys.executable, "-c", FIRST_FRAMES], env=environment, capture_output=True, text=True, check=True
         )
         for _ in range(2)
     ]
-    assert len(said[0].stdout.split()) == 8
-    assert said[0].stdout == said[1].stdout
-    assert "Warning" not in said[0].stderr
+    assert len(messages[0].stdout.split()) == 8
+    assert messages[0].stdout == messages[1].stdout
+    assert "Warning" not in messages[0].stderr
 
 
 def test_the_kernel_is_compiled_for_the_types_with_which_it_is_called():
@@ -60,4 +60,4 @@ def test_where_no_process_can_compile_a_warning_says_what_follows(
     with pytest.warns(UserWarning, match=r"no room left.*this one compiles it"):
         compilation.finish()
     compilation.finish()
-    assert capsys.readouterr().err == "thalweg: compiling kernels: first start only, about a minute\n"  # said once
+    assert capsys.readouterr().err == "thalweg: compiling kernels: first start only, about a minute\n"  # printed once

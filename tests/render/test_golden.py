@@ -23,13 +23,13 @@ def frames(worlds: list[World]) -> np.ndarray:
     return golden.draw(worlds, golden.poses_of(golden.load()[0]))
 
 
-def test_the_kept_frames_are_of_this_version():
+def test_the_golden_frames_are_of_this_version():
     assert golden.load()[0]["render_version"] == RENDER_VERSION, AGAIN
 
 
 @pytest.mark.parametrize("name", golden.names())
 @pytest.mark.slow
-def test_a_frame_is_near_the_kept_one(name: str, frames: np.ndarray):
+def test_a_frame_is_near_the_golden_one(name: str, frames: np.ndarray):
     place = golden.names().index(name)
     apart = golden.difference(frames[place], golden.load()[1][place])
     assert apart.near, f"{apart}; {AGAIN}"
@@ -41,7 +41,7 @@ def test_a_slightly_other_exposure_is_not_near_in_any_frame(worlds: list[World])
     assert len(golden.far_off(brighter, kept)) == len(kept) == 6
 
 
-def test_the_kept_frames_show_water_and_take_little_room():
+def test_the_golden_frames_show_water_and_are_small_files():
     kept = golden.load()[1]
     assert kept.shape == (6, 128, 128, 4)
     share = (kept[..., 3] == 255).mean(axis=(1, 2))

@@ -21,7 +21,7 @@ class Means:
         return np.stack([mean, mean**2], 1)
 
 
-def test_latents_take_the_place_of_frames_also_in_final_obs():
+def test_latents_replace_frames_also_in_final_obs():
     env = LatentVectorEnv(Pictures(), Means())
     obs, _ = env.reset(seed=0)
     assert obs[:, 0].tolist() == [0, 10, 20]

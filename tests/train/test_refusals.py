@@ -111,7 +111,7 @@ def test_wrong_arguments_leave_no_folder(tmp_path):
         ({"seed": -1}, "seed must not be negative, got -1"),
     ],
 )
-def test_numbers_out_of_range_are_named_before_the_folder_is_made(tmp_path, changes, words):
+def test_numbers_out_of_range_are_named_before_the_folder_is_created(tmp_path, changes, words):
     with pytest.raises(TrainingError, match=words):
         train(tmp_path / "new", **changes)
     assert not (tmp_path / "new").exists()

@@ -165,7 +165,7 @@ def test_another_reach_of_the_same_file_is_another_run(
         brook_run(RiverTraining(replace(brook, **change), 2), encoder, tmp_path / "run", steps=32)
 
 
-def test_a_run_on_a_level_does_not_go_on_on_a_file(tmp_path: Path, brook: Reach, monkeypatch: pytest.MonkeyPatch):
+def test_a_run_on_a_level_does_not_resume_on_a_file(tmp_path: Path, brook: Reach, monkeypatch: pytest.MonkeyPatch):
     encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
     monkeypatch.setattr(river, "RiverVectorEnv", BlankEnv)
     monkeypatch.setattr(river, "load_or_build", lambda *_: ring())
@@ -200,7 +200,7 @@ def test_a_run_says_on_what_it_was_trained(tmp_path: Path, monkeypatch: pytest.M
         ("PPO", "1", 3, 3),
     ],
 )
-def test_wide_networks_learn_in_two_threads_unless_fewer_are_asked_for_or_others_given(
+def test_wide_networks_learn_in_two_threads_unless_another_number_is_given(
     algorithm: str, asked: str, given: int | None, threads: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     found: dict[str, Any] = {}

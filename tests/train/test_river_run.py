@@ -73,7 +73,7 @@ class Blank:
         return frames
 
 
-def test_a_run_by_sight_goes_through_the_encoder(easy_world: World, tmp_path):
+def test_a_run_on_images_uses_the_encoder(easy_world: World, tmp_path):
     env = LatentVectorEnv(RiverVectorEnv([easy_world], 4, renderer=Blank(EnvConfig().camera)), Colours())
     result = run("FOCOPS", env, steps=300, seed=0, folder=tmp_path, config={"steps_per_update": 128})
     assert result.policy.obs_size == 4 and result.steps == 300

@@ -87,7 +87,7 @@ def test_feedback_accumulates_until_a_report():
     assert trainer.updates == len(ended) // 3
 
 
-def test_recent_costs_and_the_count_go_on_over_updates():
+def test_recent_costs_and_the_count_carry_over_updates():
     learner, ended, _ = trained()
     costs = [e.cost for each in ended for e in each]
     last = learner.told[-1]
@@ -115,7 +115,7 @@ def test_costs_apart_are_tight_and_loose_in_the_rollout_too():
     assert costs.sum((0, 1)).tolist() == total and total[0] > 0
 
 
-def test_an_environment_that_tells_no_costs_apart_is_refused_at_its_first_step():
+def test_an_environment_without_separate_costs_is_refused_at_its_first_step():
     env = SyncVectorEnv([lambda: Count(3)], autoreset_mode=AutoresetMode.SAME_STEP)
     with pytest.raises(TrainingError, match=r"does not report them separately: info\['costs'\] \[N, 2\] is needed"):
         trained(env, steps=20, separate=True)

@@ -101,7 +101,7 @@ def test_an_open_hairpin_crosses_only_where_it_is_closed_over_itself():
     assert len(geometry.self_crossings(hairpin, False)) == 0
 
 
-def test_nearest_place_left_and_right_of_a_segment_and_beyond_the_end():
+def test_nearest_point_left_and_right_of_a_segment_and_past_its_end():
     line = np.array([[0.0, 0.0], [4.0, 0.0], [8.0, 0.0]])
     segment, share, lateral = nearest(line, False, np.array([[1.0, 2.0], [6.0, -3.0], [11.0, 4.0]]))
     np.testing.assert_array_equal(segment, [0, 1, 1])

@@ -119,9 +119,9 @@ def test_the_gradient_of_a_step_is_the_one_that_torch_records(space: str, settin
 
     loss(one.policy.distribution_of(found.inputs)).backward()
     expected = gradients(one)
-    told = one.step(found.inputs, loss)
+    measured = one.step(found.inputs, loss)
     assert torch.allclose(gradients(one), expected, rtol=1e-3, atol=1e-4) and expected.abs().max() > 1.0
-    assert not told.requires_grad
+    assert not measured.requires_grad
 
 
 def test_a_long_gradient_is_shortened():
@@ -135,8 +135,8 @@ def test_a_step_goes_down_at_the_policys_rate_and_leaves_the_critics():
     one = agent(learning_rate=0.01, critic_learning_rate=0.002)
     found = samples(one, rollout(observations(1)))
     before = weights(one.policy.actor), weights(one.critics)
-    told = one.step(found.inputs, lambda new: new.log_prob(found.actions).mean())
-    assert float(told) == pytest.approx(-np.log(3), abs=0.1)
+    measured = one.step(found.inputs, lambda new: new.log_prob(found.actions).mean())
+    assert float(measured) == pytest.approx(-np.log(3), abs=0.1)
     # Adam's first step is as long as the rate, whatever the gradient.
     felt = gradients(one).abs() > 1e-4
     moved = (weights(one.policy.actor) - before[0])[felt]
@@ -184,7 +184,7 @@ def test_critics_go_through_the_samples_as_torch_and_adam_would(settings: dict[s
     found, _ = (samples(each, rollout(observations(1))) for each in both)
     with one.critics_learning(found, 4):
         pass
-    told = []
+    measured = []
     for _ in range(4):
         for inputs, (targets,) in found.minibatches((found.targets.T,), 5, other._critic_generator):
             values = other.critics.stack.reference(inputs).squeeze(-1)  # pyright: ignore[reportArgumentType]
@@ -192,8 +192,8 @@ def test_critics_go_through_the_samples_as_torch_and_adam_would(settings: dict[s
             other.critic_optimiser.zero_grad()
             (errors.sum() + 0.01 * other.critics.stack.flat.square().sum()).backward()
             other.critic_optimiser.step(0.05)
-            told.append(errors.detach())
-    assert torch.allclose(one.critic_losses(), torch.stack(told).mean(0), rtol=1e-4)
+            measured.append(errors.detach())
+    assert torch.allclose(one.critic_losses(), torch.stack(measured).mean(0), rtol=1e-4)
     assert torch.allclose(weights(one.critics), weights(other.critics), atol=2e-5)
     states = [each.critic_optimiser.state()["0"] for each in both]
     assert states[0]["count"] == states[1]["count"] == 4 * 3

@@ -59,7 +59,7 @@ def after(learner: Any, told: Feedback, updates: int = 12, costs: int = 1) -> fl
 @pytest.mark.parametrize("space", SPACES.values(), ids=list(SPACES))
 @pytest.mark.parametrize("name", NAMES)
 class TestEveryConstrainedAlgorithm:
-    def test_it_takes_what_pays_while_the_limit_is_kept(self, name: str, space: gym.Space):
+    def test_the_return_improves_while_the_limit_is_met(self, name: str, space: gym.Space):
         learner = learner_for(name, space)
         before = probability(learner)
         assert after(learner, feedback(KEPT)) > before + 0.15
@@ -95,7 +95,7 @@ def test_each_of_two_costs_has_its_own_metrics(name: str):
 
 
 @pytest.mark.parametrize("name", MULTIPLIED)
-def test_a_kept_limit_leaves_its_multiplier_at_zero_and_a_broken_one_moves_its_own(name: str):
+def test_a_met_limit_leaves_its_multiplier_at_zero_and_an_exceeded_one_raises_its_multiplier(name: str):
     learner = learner_for(name, cost_limits=(0.1, 0.1), multiplier_rate=0.5, multiplier_gain=0.0)
     metrics = learner.update(tempted(learner, 0, 2), feedback(0.0, 0.5))
     assert (metrics["multiplier_tight"], metrics["multiplier_loose"]) == (0.0, pytest.approx(0.2))
@@ -162,7 +162,7 @@ def test_cup_projects_only_where_a_multiplier_is_above_zero():
         assert (metrics["projection_passes"] > 0) == projects and (metrics["projection_kl"] > 0) == projects
 
 
-def test_p3o_has_no_penalty_while_there_is_room():
+def test_p3o_has_no_penalty_while_the_cost_is_below_the_limit():
     for cost, open_ in ((0.0, False), (0.9, True)):
         learner = learner_for("P3O", cost_limit=0.5, limit_scale="none", standardise_cost=False, penalty=20.0)
         metrics = learner.update(tempted(learner, 0), feedback(cost))

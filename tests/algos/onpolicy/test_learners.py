@@ -85,7 +85,7 @@ class TestEveryAlgorithm:
         assert share_of_good(learner) > before + 0.2
 
     def test_it_resumes_from_its_state_bit_for_bit(self, name: str, space: gym.Space):
-        goes_on_to_the_last_bit(name, space)
+        resumes_bit_for_bit(name, space)
 
     def test_a_nan_in_the_rewards_stops_it(self, name: str, space: gym.Space):
         learner = learner_for(name, space)
@@ -98,7 +98,7 @@ class TestEveryAlgorithm:
         reset_steps_change_nothing(name, space)
 
 
-def goes_on_to_the_last_bit(name: str, space: gym.Space, **settings: Any) -> None:
+def resumes_bit_for_bit(name: str, space: gym.Space, **settings: Any) -> None:
     learner, other = learner_for(name, space, **settings), learner_for(name, space, **settings)
     learner.update(rollout_of(learner), FEEDBACK)
     other.load_state(learner.state())
@@ -137,7 +137,7 @@ class TestEveryVariant:
         assert share_of_good(learner) > before + 0.2
 
     def test_it_resumes_from_its_state_bit_for_bit(self, name: str, settings: dict[str, Any]):
-        goes_on_to_the_last_bit(name, SPACES["MultiDiscrete"], **settings)
+        resumes_bit_for_bit(name, SPACES["MultiDiscrete"], **settings)
 
     def test_steps_that_only_reset_change_nothing(self, name: str, settings: dict[str, Any]):
         reset_steps_change_nothing(name, SPACES["MultiDiscrete"], **settings)

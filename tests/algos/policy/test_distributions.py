@@ -152,7 +152,7 @@ def test_the_written_slopes_are_those_that_torch_records(part: str):
         assert torch.allclose(found, expected, atol=1e-12) and expected.any()
 
 
-def test_a_traced_distribution_passes_the_gradient_of_all_that_was_asked_on():
+def test_a_traced_distribution_passes_on_the_gradients_of_all_its_outputs():
     parameters = torch.tensor([[0.5, -0.2, 0.1], [1.0, 0.0, -1.0]], requires_grad=True)
     old, actions = Categoricals.from_logits(torch.zeros(2, 3), (3,)), torch.tensor([[0], [2]])
 

@@ -153,7 +153,7 @@ def test_other_parameters_can_stand_for_its_own():
     assert torch.equal(one.reference(x, other.flat), other.reference(x))
 
 
-def test_the_plain_twin_can_be_differentiated_twice():
+def test_the_autograd_reference_can_be_differentiated_twice():
     one, x = stack(), inputs(shared=True)
     (slope,) = torch.autograd.grad(one.reference(x).sum(), x, create_graph=True)
     (curve,) = torch.autograd.grad(slope.square().sum(), one.flat)

@@ -264,7 +264,7 @@ def test_no_cell_of_the_page_is_blank(tiny_results: Path):
     assert published[-2:] == ["not published", "not published"]
 
 
-def test_a_report_is_replaced_whole_or_left_alone(tiny_results: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_report_is_replaced_completely_or_not_at_all(tiny_results: Path, monkeypatch: pytest.MonkeyPatch):
     report = write_report(tiny_results)
     before = report.page.read_bytes()
 
@@ -287,7 +287,7 @@ def test_a_folder_with_anything_else_in_it_is_refused_and_left_as_it_was(tiny_re
     assert [file.name for file in home.iterdir()] == ["thesis.tex"]
 
 
-def test_the_results_themselves_are_no_place_for_their_report(tiny_results: Path):
+def test_a_report_is_refused_in_the_results_folder(tiny_results: Path):
     before = sorted(file.name for file in tiny_results.iterdir())
     for out in (tiny_results, tiny_results / "report" / ".."):
         with pytest.raises(ResultsError, match="the results themselves"):
@@ -311,7 +311,7 @@ def test_what_a_killed_report_left_is_in_nobodys_way(tiny_results: Path, tmp_pat
     assert write_report(tiny_results, out).table.read_text().startswith("| policy |")
 
 
-def test_what_an_earlier_report_had_and_this_one_has_not_goes(tiny_results: Path):
+def test_files_of_an_earlier_report_that_this_one_lacks_are_removed(tiny_results: Path):
     write_film_of(tiny_results)
     assert write_report(tiny_results).film is not None
     (tiny_results / "film.mp4").unlink()

@@ -33,7 +33,7 @@ def test_every_picture_of_the_page_has_words_beside_it(tiny_results: Path):
 
 
 @pytest.mark.slow
-def test_a_report_goes_to_the_folder_one_stands_in_and_again(
+def test_a_report_is_written_to_the_working_directory_and_can_be_replaced(
     tiny_results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     here = tmp_path / "here"

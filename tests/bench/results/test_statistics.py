@@ -67,7 +67,7 @@ def test_a_curve_ends_at_the_last_step_of_its_run():
     np.testing.assert_allclose(found.loose_rate, [1 / 20, 1 / 25, np.nan, np.nan])
 
 
-def test_a_band_goes_on_with_the_runs_that_do():
+def test_a_band_continues_with_the_longer_runs():
     short, long = np.array([1.0, 2.0, np.nan, np.nan]), np.array([3.0, 4.0, 5.0, np.nan])
     mean, std = mean_and_std([short, long])
     np.testing.assert_allclose(mean, [2, 3, 5, np.nan])

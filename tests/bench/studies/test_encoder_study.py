@@ -71,7 +71,7 @@ def test_the_page_and_the_figures_are_there(study: Path):
 
 
 @pytest.mark.slow
-def test_what_is_finished_is_not_done_again_and_what_was_killed_goes_on(
+def test_finished_work_is_not_repeated_and_killed_work_resumes(
     study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     folder = tmp_path / "cut"
@@ -113,7 +113,7 @@ def test_a_folder_of_another_study_is_refused_with_the_difference(
         run_study(tmp_path, SMALL, progress=False)
 
 
-def test_a_study_goes_on_in_the_precision_that_it_began_with(study: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_study_resumes_in_the_precision_it_started_with(study: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(encoder_study, "resolve_precision", lambda asked: "bfloat16")
     page = (study / "study.md").read_text()
     run_study(study, replace(SMALL, precision="auto"), progress=False)

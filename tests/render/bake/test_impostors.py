@@ -231,7 +231,7 @@ def test_atlas_is_kept_on_the_disk_and_shared_by_nearly_equal_suns(folder, atlas
     assert [file.suffix for file in folder.iterdir()] == [".npz"]
 
 
-def test_damaged_file_is_made_again(folder, atlas, monkeypatch):
+def test_damaged_file_is_rebuilt(folder, atlas, monkeypatch):
     monkeypatch.setattr(impostors, "build", lambda elevation: atlas)
     impostors.atlas(ELEVATION)
     (file,) = folder.iterdir()

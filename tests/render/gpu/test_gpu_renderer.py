@@ -21,7 +21,7 @@ def test_a_pass_has_as_many_cameras_as_fit_and_one_at_least():
     assert gpu_renderer.cameras_of_a_pass(50, 100) == 1
 
 
-def test_too_many_worlds_are_told_how_many_fit():
+def test_the_error_for_too_many_worlds_states_how_many_fit():
     scene = build_scene([plane()] * 8)
     tables, each = gpu_renderer.bytes_of(scene), 1_500_000
     gpu_renderer.check_memory(scene, each, tables + each)

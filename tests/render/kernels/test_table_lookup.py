@@ -53,7 +53,7 @@ def read_slopes(table, columns, rows, xs, ys, found):
         found[i, 0], found[i, 1], found[i, 2] = table_lookup.sloped(table, 0, columns, rows, xs[i], ys[i])
 
 
-def test_slopes_of_a_table_are_the_differences_of_its_values_and_none_beyond_its_edges():
+def test_slopes_of_a_table_are_the_differences_of_its_values_and_zero_outside():
     rng = np.random.default_rng(3)
     table = rng.uniform(-1, 1, (6, 9)).astype(np.float32)
     xs = (rng.integers(0, 8, 200) + rng.uniform(0.1, 0.9, 200)).astype(np.float32)

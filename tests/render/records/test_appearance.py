@@ -57,7 +57,7 @@ def test_each_frame_of_a_batch_has_its_own_look(easy_world: World):
     assert len(np.unique(together.reshape(3, -1), axis=0)) == 3
 
 
-def test_noise_has_the_spread_asked_for_no_bias_and_no_memory():
+def test_noise_has_the_requested_deviation_no_bias_and_no_memory():
     renderer = Renderer([plane(grey=110)], Camera(128, 128, pitch_deg=80.0))
     pose = np.array([[0.0, 0.0, 30.0, 0.3]])
     clean = renderer.render(pose).astype(float)[0, ..., :3]
@@ -122,7 +122,7 @@ def test_autumn_turns_leaves_and_leaves_stones_alone():
 
 
 @pytest.mark.parametrize("name", LIMITS)
-def test_a_look_beyond_its_limits_is_refused_by_name(name: str):
+def test_a_look_outside_its_limits_is_refused_by_name(name: str):
     low, high = LIMITS[name]
     for value in (low - 0.01, high + 0.01, float("nan")):
         with pytest.raises(ValueError, match=f"{name} must be a number from {low:g} to {high:g}, got "):

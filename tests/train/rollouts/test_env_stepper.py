@@ -42,7 +42,7 @@ def trajectory(env: SyncVectorEnv, steps: int, frames: int = 1) -> list[tuple]:
 @pytest.mark.parametrize("names_cost", ["always", "last"])
 @pytest.mark.parametrize("cut", [True, False])
 @pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
-def test_every_way_of_resetting_tells_the_same_story(mode: AutoresetMode, cut: bool, names_cost: str):
+def test_every_autoreset_mode_gives_the_same_transitions(mode: AutoresetMode, cut: bool, names_cost: str):
     expected = [
         (env, (episode, at), 1.0, float(at == length - 1), *ends, (episode, length) if at == length - 1 else None)
         for env, length in ((0, 3), (1, 5))

@@ -43,7 +43,7 @@ def test_octaves_shorter_than_two_nodes_are_left_out():
     assert np.array_equal(few, many)
 
 
-def test_noise_is_correlated_within_a_wavelength_and_not_beyond():
+def test_noise_is_correlated_only_within_a_wavelength():
     field = fractal((600, 600), 0.25, 10.0, 1, np.random.default_rng(1))
     lag = lambda d: float(np.mean(field[:, d:] * field[:, :-d]))  # noqa: E731
     assert lag(4) > 0.85

@@ -72,7 +72,7 @@ def test_the_lock_of_ray_pins_nothing_that_the_project_pins():
 
 
 @pytest.mark.ray
-def test_where_nobody_listens_it_is_said_how_a_cluster_is_started():
+def test_without_a_cluster_the_error_explains_how_to_start_one():
     message = "no cluster at {} .*refused.; start one with `ray start --head`, and `ray start --address=HOST:6379` on"
     with (
         port(listens=False) as address,

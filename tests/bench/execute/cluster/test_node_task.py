@@ -72,7 +72,7 @@ def test_how_far_a_run_is_comes_back_before_the_end():
 
 
 @pytest.mark.slow
-def test_no_more_often_than_it_was_asked_for():
+def test_it_runs_at_most_as_often_as_requested():
     assert kinds(list(run_on_node(request(Slow(), sync_interval_s=60.0)))) == [(False, False), (True, True)]
 
 
@@ -112,7 +112,7 @@ def test_a_node_without_thalweg_says_so(tmp_path: Path):
     )
 
 
-def test_what_is_sent_to_nodes_does_the_errand():
+def test_the_task_sent_to_nodes_executes_the_run():
     news = list(_node_function()(pickle.dumps(request(SmallBackend()))))
     assert news[0] == RunUpdate(NODE)
     assert news[-1].row is not None and news[-1].row.status == "finished"

@@ -66,7 +66,7 @@ def held(note: Path, folder: Path) -> tuple[str, int]:
 
 @pytest.mark.slow
 @pytest.mark.ray
-def test_a_lost_nodes_run_goes_on_elsewhere_and_all_ends_as_here(nodes: Nodes, tmp_path: Path, here: Path):
+def test_a_lost_nodes_run_resumes_elsewhere_and_the_results_equal_local_ones(nodes: Nodes, tmp_path: Path, here: Path):
     note, folder = tmp_path / "note.txt", tmp_path / "results"
     doomed = nodes.add(**{DOOMED: str(note)})
     runs: list[str] = []
@@ -87,7 +87,7 @@ def test_a_lost_nodes_run_goes_on_elsewhere_and_all_ends_as_here(nodes: Nodes, t
 @pytest.mark.slow
 @pytest.mark.ray
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
-def test_after_the_driver_was_killed_its_runs_have_ended_and_the_same_command_goes_on(
+def test_after_the_driver_is_killed_its_runs_end_and_the_same_command_resumes(
     nodes: Nodes, tmp_path: Path, here: Path, capsys: pytest.CaptureFixture
 ):
     note, folder = tmp_path / "note.txt", tmp_path / "results"
@@ -119,7 +119,7 @@ class Troubled(SmallBackend):
 
 @pytest.mark.slow
 @pytest.mark.ray
-def test_runs_that_fail_are_rows_with_their_errors_and_the_others_go_on(
+def test_failed_runs_are_rows_with_their_errors_and_the_others_continue(
     nodes: Nodes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(cluster, "MAX_ATTEMPTS", 2)

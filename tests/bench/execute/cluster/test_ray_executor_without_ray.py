@@ -81,13 +81,15 @@ def joins(monkeypatch: pytest.MonkeyPatch) -> Callable[[StandIn], StandIn]:
 
 
 @pytest.mark.parametrize(("jobs", "most"), [(None, 5), (2, 2)])
-def test_no_more_runs_go_on_than_was_asked_for(joins: Callable, tmp_path: Path, jobs: int | None, most: int):
+def test_at_most_the_requested_number_of_runs_execute_at_once(
+    joins: Callable, tmp_path: Path, jobs: int | None, most: int
+):
     ray = joins(StandIn())
     assert run_suite(SUITE, tmp_path, SmallBackend(), executor=RayExecutor("auto", jobs)).failed == []
     assert ray.most == most
 
 
-def test_what_runs_wait_for_is_said_once(joins: Callable, tmp_path: Path):
+def test_what_runs_wait_for_is_printed_once(joins: Callable, tmp_path: Path):
     class Busy(StandIn):
         """Has no free processor for a while."""
 
@@ -107,7 +109,7 @@ def test_what_runs_wait_for_is_said_once(joins: Callable, tmp_path: Path):
     assert lines == ["waiting for a node with free processors: a run takes 4, the largest node has 2"]
 
 
-def test_nothing_is_joined_where_nothing_is_left(joins: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_no_cluster_is_joined_when_no_runs_remain(joins: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     joins(StandIn())
     run_suite(SUITE, tmp_path, SmallBackend())
     monkeypatch.setattr(cluster, "ray_connection", None)
@@ -130,7 +132,7 @@ def test_a_full_disk_here_stops_all_and_keeps_what_was_finished(
 
 
 @pytest.mark.parametrize(("gets_further", "begun", "status"), [(True, 6, "finished"), (False, 3, "failed")])
-def test_a_run_is_begun_again_as_long_as_it_gets_further(
+def test_a_run_is_restarted_as_long_as_it_makes_progress(
     joins: Callable, tmp_path: Path, gets_further: bool, begun: int, status: str
 ):
     """Each time it goes on from the checkpoint that came back, and its node is lost after the next one."""

@@ -60,7 +60,7 @@ def test_what_comes_out_is_what_went_in_and_nothing_else(tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_killed_at_any_write_the_run_goes_on_from_what_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_run_killed_at_any_write_resumes_from_the_files_present(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     train(tmp_path / "whole")
     earlier = broken_off(tmp_path / "there", 60)
     train(home(tmp_path / "there"))

@@ -11,13 +11,13 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 from unittest import mock
 
 import numba
 import numpy as np
-import nvidia
 from numba import cuda, types
 from numba.cuda import dispatcher
 
@@ -120,7 +120,11 @@ def ptx_of(variant: Variant) -> str:
 def resource_usage(ptx: str) -> dict[str, int]:
     """Return the registers of a thread, the bytes of its stack and spills, and the shared bytes of a block, as reported
     by NVIDIA's assembler."""
-    assembler = next(Path(path) for base in nvidia.__path__ for path in Path(base).glob("*/bin/ptxas"))
+    packages = find_spec("nvidia")  # not imported: type checks run without requirements-cuda.lock
+    folders = packages.submodule_search_locations if packages else None
+    if not folders:
+        raise SystemExit("NVIDIA's assembler is missing: pip install -r requirements-cuda.lock")
+    assembler = next(path for folder in folders for path in Path(folder).glob("*/bin/ptxas"))
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "kernel.ptx"
         source.write_text(ptx)

@@ -55,11 +55,11 @@ def difference(golden: Golden, kept: dict[str, Any], trace: Trace) -> str:
     """
     exact = kept["exact"].get(machine_kind())
     if exact is not None:
-        return "" if exact == trace_hash(trace) else _largest(kept, trace, 0.0) or "bits differ in a last digit"
-    return _largest(kept, trace, golden.tolerance)
+        return "" if exact == trace_hash(trace) else _largest(golden, kept, trace, 0.0) or "bits differ in a last digit"
+    return _largest(golden, kept, trace, golden.tolerance)
 
 
-def _largest(kept: dict[str, Any], trace: Trace, tolerance: float) -> str:
+def _largest(golden: Golden, kept: dict[str, Any], trace: Trace, tolerance: float) -> str:
     """The part of a trace that differs by most, if that is more than the tolerance."""
     if kept["values"].keys() != trace.keys():
         return f"its parts were {', '.join(kept['values'])} and are {', '.join(trace)}"
@@ -69,7 +69,7 @@ def _largest(kept: dict[str, Any], trace: Trace, tolerance: float) -> str:
         if before.shape != np.shape(values):
             return f"{name} had shape {list(before.shape)} and has {list(np.shape(values))}"
         apart = np.abs(np.nan_to_num(values) - np.nan_to_num(before))
-        relative = float((apart / np.maximum(np.abs(np.nan_to_num(before)), 1e-3)).max(initial=0.0))
+        relative = float((apart / np.maximum(np.abs(np.nan_to_num(before)), golden.smallest)).max(initial=0.0))
         if relative > worst:
             worst, where = relative, name
     return f"{where} differs by up to {worst:.2g} of its value" if worst > max(tolerance, 10.0**-DIGITS) else ""

@@ -68,12 +68,12 @@ def test_a_trace_of_another_shape_is_no_match(kept: dict, trace: dict, message: 
 def test_changed_behaviour_is_not_written_over_the_same_version(tmp_path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(store, "FOLDER", tmp_path)
     traces = [SAME]
-    monkeypatch.setattr(store, "GOLDENS", {"rules": replace(RULES, trace=lambda: traces[-1])})
+    monkeypatch.setattr(store, "GOLDENS", {"rules": replace(RULES, function=lambda: traces[-1])})
     assert store.main(["rules", "--write"]) is None
     before = store.path_of("rules").read_text()
     traces.append(OTHER)
     assert "behaves differently" in str(store.main(["rules", "--write"]))
     assert store.path_of("rules").read_text() == before
-    monkeypatch.setattr(store, "GOLDENS", {"rules": replace(RULES, version=5, trace=lambda: OTHER)})
+    monkeypatch.setattr(store, "GOLDENS", {"rules": replace(RULES, version=5, function=lambda: OTHER)})
     assert store.main(["rules", "--write"]) is None
     assert store.load("rules")["version"] == 5 and store.main([]) is None

@@ -129,7 +129,10 @@ def test_only_what_is_named_is_done_and_the_rest_later(tmp_path: Path, one_by_on
 
 def test_what_is_named_is_in_the_order_of_the_suite_and_known():
     assert [run.name for run in selected_runs(SUITE, ())] == ["hover-0", "PPO-0", "PPO-1", "FOCOPS-0", "FOCOPS-1"]
-    said = "suite small has no 'FOCOPS-2'; name one of hover, PPO, FOCOPS, or one run, such as FOCOPS-1$"
+    said = (
+        r"suite small has no 'FOCOPS-2' \(did you mean 'FOCOPS-1'\?\); name one of hover, PPO, FOCOPS, or one run,"
+        " such as FOCOPS-1$"
+    )
     with pytest.raises(ResultsError, match=said):
         selected_runs(SUITE, ("PPO", "FOCOPS-2"))
 

@@ -20,7 +20,7 @@ TURN = 0.65
 """Angle in radians by which each octave is rotated against the one before."""
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, disjoint=True)
 def add_octave(out, origin, across, gradient, amplitude, first, last):
     """Add one octave of gradient noise to the rows first to last of out [GY, GX] float32.
 

@@ -1,7 +1,6 @@
 """Worlds from a custom line: the points are checked, resampled, and built like a generated river, with less in it."""
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from thalweg.world import geometry
 from thalweg.world import validation as checks
@@ -90,6 +89,8 @@ def resample(values: np.ndarray, closed: bool) -> np.ndarray:
     Positions follow a cubic spline over the chord length; level and width follow monotone cubics, which never
     overshoot.
     """
+    from scipy.interpolate import CubicSpline, PchipInterpolator  # slow to import, and only custom lines need it
+
     chord, length = geometry.arc_length(values[:, :2], closed)
     if closed:
         # Some points are repeated on either side, so that the monotone cubics are periodic too.

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
-from scipy.optimize import isotonic_regression
 
 from thalweg.world import geometry
 from thalweg.world import validation as checks
@@ -172,6 +171,8 @@ def monotone_levels(elevation_m: np.ndarray, closed: bool) -> np.ndarray:
     """
     if closed:
         return elevation_m
+    from scipy.optimize import isotonic_regression  # slow to import, and only real rivers need it
+
     level = isotonic_regression(elevation_m, increasing=bool(elevation_m[-1] > elevation_m[0])).x
     error = np.abs(level - elevation_m)
     worst = int(np.argmax(error))

@@ -33,7 +33,7 @@ HERE = Path(__file__).resolve().parent
 STUDY, OPEN, ENCODERS = HERE / "paper", HERE / "open", HERE / "encoders"
 BASE = "PPO"
 """The policy that others are compared with in pairs."""
-NOT_EVALUATED, BLIND = "not flown yet", "sees nothing"
+NOT_EVALUATED, BLIND = "not flown yet", "no camera"
 CONDITIONS = {"sampled": "", "deterministic": "deterministic", "unseen rivers": "unseen", "every look": "all_at_once"}
 """Columns of the table of conditions, and the conditions' names in the results."""
 REAL = "real"
@@ -80,7 +80,7 @@ def training_costs() -> str:
             seeds = seeds_text(results, name, len(logs))
             rows.append([name, seeds, *map(str, costs), _percent(map(early_regret, logs)), _percent(at_bound)])
     quarters = (f"cost, {ordinal} quarter" for ordinal in ("first", "second", "third", "last"))
-    columns = ["policy", "seeds", *quarters, "regret paid in the first quarter", "multiplier at its bound"]
+    columns = ["policy", "seeds", *quarters, "share of regret in the first quarter", "multiplier at its bound"]
     return markdown(frame(columns, rows))
 
 

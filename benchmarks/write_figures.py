@@ -47,15 +47,15 @@ def comparison() -> str:
         ["costs and safe RL algorithms", "costs, twelve algorithms", "costs", "costs; algorithms by OmniSafe", "no"],
         ["same seed, same frames", "to the bit", "not documented", "yes", "not documented"],
         [
-            "steps with a 128 x 128 frame, a second",
+            "steps a second with a 128 x 128 frame",
             f"**{fastest['Thalweg']:,.0f}**",
-            "about 40, as reported",
+            "about 40 (reported)",
             f"{fastest['Safety-Gymnasium']:,.0f}",
-            "10 to 30, as reported",
+            "10 to 30 (reported)",
         ],
     ]
     note = wrap(
-        "The two figures that are not reported were measured in one run on two processor cores without a GPU;"
+        "We measured Thalweg and Safety-Gymnasium in one run on two processor cores without a GPU;"
         " [the benchmarks](benchmarks/README.md) have the details."
     )
     return f"{markdown(frame(header, rows))}\n{note}"

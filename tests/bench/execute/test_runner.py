@@ -231,8 +231,8 @@ def test_the_film_shows_the_best_flight_of_a_trained_policy_and_says_so(tmp_path
     assert (tmp_path / "film.txt").read_text() == (
         f"{found.run.name} on Medium, start {best.episode} of the list: {best.length} steps, "
         f"return {best.return_:.2f}, cost {best.cost:.1f}, {REASON_TEXT[best.reason]}. "
-        f"The best of 12 flights of trained policies there; "
-        f"the return of {best.algorithm}'s 6 is {np.mean(returns):.2f} ± {np.std(returns):.2f}.\n"
+        f"The best of 12 flights of trained policies there. The 6 flights of "
+        f"{best.algorithm} have a mean return of {np.mean(returns):.2f} ± {np.std(returns):.2f}.\n"
     )
 
 

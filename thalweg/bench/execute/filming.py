@@ -91,12 +91,13 @@ def best_of_all(suite: Suite, results: Results) -> Shot | None:
         if flights:
             run, episode = _best(flights)
             summary = summarise([other for _, other in flights if other.algorithm == episode.algorithm])
+            name = WHOSE[kind] if kind == "packaged" else episode.algorithm
             return Shot(
                 MAIN_FILM,
                 run,
                 episode,
-                f"The best of {len(flights)} flights of {WHOSE[kind]} there; the return of {episode.algorithm}'s "
-                f"{summary.episodes} is {mean_and_std_text(summary.return_mean, summary.return_std)}.",
+                f"The best of {len(flights)} flights of {WHOSE[kind]} there. The {summary.episodes} flights of {name}"
+                f" have a mean return of {mean_and_std_text(summary.return_mean, summary.return_std)}.",
             )
     return None
 

@@ -103,7 +103,7 @@ SECTIONS: tuple[Section, ...] = (
         "Training",
         training_curves,
         _describe_training,
-        "Bands: one standard deviation over seeds, where there is more than one. Violations per step: the number of"
+        "Shaded areas: one standard deviation over seeds, where there is more than one. Violations per step: the number of"
         " episodes that ended by a violation so far, divided by the number of steps so far.",
         "Nothing was trained in these results.",
     ),
@@ -148,7 +148,7 @@ SECTIONS: tuple[Section, ...] = (
         "Profiles",
         return_profiles,
         lambda _: "Curves: the share of flights with at least a return of 0 to 10, by policy and level.",
-        "With up to four policies, the bands are pointwise intervals over seeds.",
+        "Shaded areas are pointwise confidence intervals over seeds; they are left out with more than four policies.",
         fallback="",
     ),
     *(
@@ -166,7 +166,7 @@ SECTIONS: tuple[Section, ...] = (
     FilmSection(
         "Each policy's best flight and typical failure",
         lambda name: name != MAIN_FILM,
-        f"On the level that it was trained on, one step in {SMALL.every}.",
+        f"Each policy flies the level that it was trained on. The films show every {SMALL.every}th step.",
         fallback="",
     ),
     FigureSection(

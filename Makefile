@@ -12,7 +12,7 @@ export MPLBACKEND := Agg
 .PHONY: help setup demo test test-slow test-all lint format bench clean
 
 help:
-	@echo "make demo    train, evaluate and report at small scale (under ten minutes on two cores); OUT=folder, default results"
+	@echo "make demo    train, evaluate and report at small scale (about five minutes on two free cores); OUT=folder, default results"
 	@echo "make test    run the tests that take under five minutes on two cores"
 	@echo "make test-slow   run the others, with Ray and the compiler for GPUs; make test-all runs both"
 	@echo "make lint    format check, lint and types, as in CI"

@@ -103,8 +103,8 @@ SECTIONS: tuple[Section, ...] = (
         "Training",
         training_curves,
         _describe_training,
-        "Shaded areas: one standard deviation over seeds, where there is more than one. Violations per step: the number of"
-        " episodes that ended by a violation so far, divided by the number of steps so far.",
+        "Shaded areas: one standard deviation over seeds, where there is more than one. Violations per step: the number"
+        " of episodes that ended by a violation so far, divided by the number of steps so far.",
         "Nothing was trained in these results.",
     ),
     FigureSection(

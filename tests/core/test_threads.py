@@ -78,22 +78,34 @@ def test_an_impossible_number_of_threads_is_refused(threads: int):
     assert get_num_threads() == before
 
 
-def test_building_and_rendering_start_no_threads_of_numba():
-    """Where Numba and PyTorch share OpenMP, starting Numba's threads changes PyTorch's; in a process of its own."""
-    code = """
-import numba
+def printed_after_rendering(before: str, after: str) -> str:
+    """What a process of its own prints that runs `before`, builds a world, draws frames of it, and runs `after`."""
+    code = f"""
+{before}
 from thalweg.env import sample_starts
 from thalweg.render import Camera, Renderer
 from thalweg.world import build
 world = build("Easy", 5)
 Renderer([world], Camera(32, 32)).render(sample_starts(world, 4, 0))
+{after}
+"""
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+
+
+def test_building_and_rendering_start_no_threads_of_numba():
+    """Where Numba and PyTorch share OpenMP, starting Numba's threads changes PyTorch's."""
+    after = """
 try:
     print(numba.threading_layer())
 except ValueError as error:
     print(error)
 """
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout == "Threading layer is not initialized.\n"
+    assert printed_after_rendering("import numba", after) == "Threading layer is not initialized.\n"
+
+
+def test_building_and_rendering_leave_the_threads_of_pytorch():
+    before = "import torch\ntorch.set_num_threads(3)"
+    assert printed_after_rendering(before, "print(torch.get_num_threads())") == "3\n"
 
 
 @pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")

@@ -38,16 +38,25 @@ def test_the_version_is_that_of_the_package(capsys: pytest.CaptureFixture):
     assert capsys.readouterr().out == "thalweg 0.1.0\n"
 
 
+def test_the_package_runs_as_a_module():
+    output = subprocess.run([sys.executable, "-m", "thalweg", "--version"], capture_output=True, text=True, check=True)
+    assert output.stdout == "thalweg 0.1.0\n"
+
+
 WRONG = [
     (["world", "--level", "medum"], "Easy, Medium, Hard"),
     (["render", "--level", "medum"], "Easy, Medium, Hard"),
-    (["render", "--count", "0"], "--count"),
+    (["render", "--count", "-2"], "--count must be at least 1, not -2"),
+    (["render", "--size", "0"], "--size must be at least 1, not 0"),
+    (["render", "--level", "hrad"], "unknown level 'hrad' (did you mean 'Hard'?)"),
     (["render", "--gallery", "--quality", "fast"], "leave out --frames and --quality"),
     (["render", "--gallery", "--frames", "x"], "leave out --frames and --quality"),
     (["render", "--pose", "0", "0", "3", "0", "--poses", "pilot"], "give --pose or --poses pilot, not both"),
     (["train", "--algorithm", "FOCUPS", "--out", "x"], "PPO, PPOLag, FOCOPS"),
+    (["train", "--algorithm", "FOCUPS", "--out", "x"], "(did you mean 'FOCOPS'?)"),
     (["train", "--set", "learning_rate", "--out", "x"], "key=value"),
     (["evaluate", "nothing_here"], "packaged, random, hover, forward, pilot"),
+    (["evaluate", "pilto"], "(did you mean 'pilot'?)"),
     (["evaluate", "hover", "--levels", "medum"], "Easy, Medium, Hard"),
     (["evaluate", "hover", "--levels", "easy", "hard", "Easy"], "--levels names Easy twice; each level is flown once"),
     (["evaluate", "hover", "--episodes", "0"], "episodes must be a whole number of at least 1, got 0"),
@@ -55,6 +64,7 @@ WRONG = [
     (["bench", "quick", "--out", "x", "--cpus", "2"], "--cpus goes with --cluster"),
     (["bench", "quick", "--out", "x", "--cluster", "ray://head:10001"], "Ray's client is not supported"),
     (["report", "nothing_here"], "no results folder nothing_here"),
+    (["report", __file__], "is a file; name the folder"),
     (["encoder", "show", "--path", "nothing_here"], "nothing_here"),
     (["encoder", "train", "--architecture", "huge", "--out", "x"], "lean"),
     (["encoder", "train", "--epochs", "0", "--out", "x"], "epochs must be at least 1"),
@@ -91,7 +101,9 @@ def no_frames(monkeypatch: pytest.MonkeyPatch):
 
 
 @pytest.mark.usefixtures("no_frames")
-@pytest.mark.parametrize(("arguments", "message"), WRONG, ids=[" ".join(arguments) for arguments, _ in WRONG])
+@pytest.mark.parametrize(
+    ("arguments", "message"), WRONG, ids=[" ".join(arguments).replace(__file__, "FILE") for arguments, _ in WRONG]
+)
 def test_a_wrong_value_is_one_line_that_names_the_known_ones(
     arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ):
@@ -108,6 +120,13 @@ def test_a_wrong_value_is_one_line_that_names_the_known_ones(
 def test_debug_shows_where_an_error_came_from(capsys: pytest.CaptureFixture):
     assert main(["--debug", "report", "nothing_here"]) == 2
     assert "Traceback" in capsys.readouterr().err
+
+
+def test_a_misspelt_option_points_to_the_help_of_its_command(capsys: pytest.CaptureFixture):
+    for command in (["world"], ["encoder", "show"]):
+        with pytest.raises(SystemExit):
+            main([*command, "--levle", "easy"])
+        assert f"thalweg {' '.join(command)} --help" in " ".join(capsys.readouterr().err.replace("│", " ").split())
 
 
 @pytest.mark.parametrize(

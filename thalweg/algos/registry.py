@@ -20,6 +20,7 @@ from thalweg.algos.planning.ccepets import CCEPETS, CCEPETSConfig
 from thalweg.algos.planning.safeloop import SafeLOOP, SafeLOOPConfig
 from thalweg.algos.presets import settings_for_envs, settings_of
 from thalweg.core.config import parse_config
+from thalweg.core.suggestion import did_you_mean
 
 WIDE = 2
 """PyTorch threads for wide networks; more were not measured."""
@@ -96,4 +97,6 @@ def algorithm_named(name: str) -> Entry:
     for known, entry in ALGORITHMS.items():
         if known.lower() == name.lower():
             return entry
-    raise AlgorithmError(f"there is no algorithm {name!r}; there are {', '.join(ALGORITHMS)}")
+    raise AlgorithmError(
+        f"there is no algorithm {name!r}{did_you_mean(name, ALGORITHMS)}; there are {', '.join(ALGORITHMS)}"
+    )

@@ -4,9 +4,7 @@ import shlex
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
-
-from tyro.conf import subcommand
+from typing import Literal
 
 from thalweg.cli.options import check_file
 
@@ -58,7 +56,7 @@ class EncoderShow:
     """Describe an encoder, and draw frames, masks and their reconstructions."""
 
     path: Path | None = None
-    """File of the encoder; by default the one that comes with the package."""
+    """Encoder file, such as runs/encoder/encoder.safetensors; by default the one that comes with the package."""
     level: str = "Medium"
     """Level whose river the frames show."""
     count: int = 8
@@ -113,11 +111,6 @@ class EncoderStudy:
 class Encoder:
     """Train, inspect or compare encoders."""
 
-    action: (
-        Annotated[EncoderTrain, subcommand("train", prefix_name=False)]
-        | Annotated[EncoderShow, subcommand("show", prefix_name=False)]
-        | Annotated[EncoderStudy, subcommand("study", prefix_name=False)]
-    )
 
-    def run(self) -> int:
-        return self.action.run()
+ENCODER_COMMANDS = {"train": EncoderTrain, "show": EncoderShow, "study": EncoderStudy}
+"""The commands that follow `thalweg encoder`."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from tyro.conf import Positional
 
 from thalweg.cli.options import NO_FILE, River, UsageError, check_file
+from thalweg.core.suggestion import did_you_mean
 
 if TYPE_CHECKING:
     from thalweg.bench.evaluate.baselines import Policy
@@ -114,8 +115,11 @@ def load_named_policy(name: str) -> "Policy":
         return BASELINES[name]
     path = PACKAGED_POLICY if name == PACKAGED else Path(name)
     if not path.exists():
-        known = ", ".join((PACKAGED, *BASELINES))
-        raise ResultsError(f"no policy at {path}; give a run's folder, a policy file, or one of: {known}")
+        known = (PACKAGED, *BASELINES)
+        raise ResultsError(
+            f"no policy at {path}{did_you_mean(name, known)}; give a run's folder, a policy file, or one of:"
+            f" {', '.join(known)}"
+        )
     return load_policy(path)
 
 

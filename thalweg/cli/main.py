@@ -8,7 +8,7 @@ import signal
 import sys
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from importlib.metadata import version
 from typing import Annotated, Any
@@ -17,7 +17,7 @@ import tyro
 from tyro.conf import OmitSubcommandPrefixes, subcommand
 
 from thalweg.cli.bench import Bench
-from thalweg.cli.encoder import Encoder
+from thalweg.cli.encoder import ENCODER_COMMANDS, Encoder, EncoderStudy, EncoderTrain
 from thalweg.cli.evaluate import Evaluate
 from thalweg.cli.leaderboard import Leaderboard
 from thalweg.cli.options import REGISTRY, UsageError
@@ -78,18 +78,28 @@ def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
 
 
 def _parse(arguments: list[str]) -> Any:
+    """Return the command with its options; a command that is named is parsed alone, so that hints are its own."""
+    if arguments and arguments[0] == "encoder":
+        return _parse_one_of(ENCODER_COMMANDS, "thalweg encoder", str(Encoder.__doc__), arguments[1:])
+    return _parse_one_of(COMMANDS, "thalweg", DESCRIPTION, arguments)
+
+
+def _parse_one_of(commands: Mapping[str, Any], prog: str, description: str, arguments: list[str]) -> Any:
+    if arguments and arguments[0] in commands:
+        kind = commands[arguments[0]]
+        return tyro.cli(kind, prog=f"{prog} {arguments[0]}", args=arguments[1:], registry=REGISTRY)
     kinds: Any = None
-    for name, kind in COMMANDS.items():
+    for name, kind in commands.items():
         one = Annotated[kind, subcommand(name, prefix_name=False)]
         kinds = one if kinds is None else kinds | one
     return tyro.cli(
-        OmitSubcommandPrefixes[kinds], prog="thalweg", description=DESCRIPTION, args=arguments, registry=REGISTRY
+        OmitSubcommandPrefixes[kinds], prog=prog, description=description, args=arguments, registry=REGISTRY
     )
 
 
 def _after_interrupt(command: Any) -> str:
     """What becomes of a command that was interrupted."""
-    if isinstance(command, Train | Bench | Encoder):
+    if isinstance(command, Train | Bench | EncoderTrain | EncoderStudy):
         return "The same command resumes from the last checkpoint."
     return "Nothing was saved; the same command starts from the beginning."
 

@@ -53,7 +53,9 @@ class RenderFrames:
     def _check(self) -> None:
         """Raise `UsageError` for options that do not go together, or a picture that cannot be written."""
         if self.count < 1:
-            raise UsageError("--count must be at least 1")
+            raise UsageError(f"--count must be at least 1, not {self.count}")
+        if self.size < 1:
+            raise UsageError(f"--size must be at least 1, not {self.size}")
         if self.gallery and (self.frames is not None or self.quality != "full"):
             raise UsageError("--gallery draws one view in the full quality: leave out --frames and --quality")
         if self.pose is not None and self.poses != "random":

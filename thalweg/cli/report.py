@@ -5,6 +5,8 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
+from thalweg.cli.options import UsageError
+
 
 @dataclass(frozen=True)
 class Report:
@@ -18,6 +20,8 @@ class Report:
     def run(self) -> int:
         from thalweg.bench.report.report import write_report
 
+        if self.results.is_file():
+            raise UsageError(f"{self.results} is a file; name the folder that `thalweg bench` wrote")
         report = write_report(self.results, self.out)
         print(f"Report: {report.page}\nTable:  {report.table}")
         for line in report.problems:

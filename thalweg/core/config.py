@@ -7,7 +7,6 @@ number, 1 is not a bool, and NumPy's scalars are refused unless a config asks fo
 """
 
 import dataclasses
-import difflib
 import functools
 import typing
 from collections.abc import Callable, Iterable, Mapping
@@ -20,6 +19,8 @@ from annotated_types import Ge, Le
 from pydantic import AllowInfNan, BeforeValidator, ConfigDict, Field, InstanceOf, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError, core_schema
+
+from thalweg.core.suggestion import did_you_mean
 
 C = TypeVar("C")
 T = TypeVar("T")
@@ -247,8 +248,7 @@ def _unknown_keys(kind: type, loc: tuple[Any, ...], keys: list[str]) -> str:
 
 
 def _with_suggestion(unknown: list[str], known: list[str]) -> str:
-    near = difflib.get_close_matches(unknown[0], known, 1)
-    return ", ".join(map(repr, unknown)) + (f" (did you mean {near[0]!r}?)" if near else "")
+    return ", ".join(map(repr, unknown)) + did_you_mean(unknown[0], known)
 
 
 def _wrong_value(kind: type, error: Any, show: Callable[[Any], str]) -> str:

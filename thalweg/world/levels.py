@@ -10,6 +10,7 @@ import re
 from dataclasses import astuple, dataclass, fields
 from typing import Any, NamedTuple
 
+from thalweg.core.suggestion import did_you_mean
 from thalweg.world.errors import WorldError
 from thalweg.world.validation import CLEARANCE_M, MAX_SAMPLES, MIN_LENGTH_M, MIN_SAMPLES
 
@@ -204,4 +205,4 @@ def level_named(name: str) -> Level:
     for known, level in LEVELS.items():
         if known.lower() == name.lower():
             return level
-    raise WorldError(f"unknown level {name!r}; known: {', '.join(LEVELS)}")
+    raise WorldError(f"unknown level {name!r}{did_you_mean(name, LEVELS)}; known: {', '.join(LEVELS)}")

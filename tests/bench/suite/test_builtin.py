@@ -127,3 +127,5 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path):
         load_suite(str(tmp_path / "other.yaml"))
     with pytest.raises(ResultsError, match=r"mine\.yaml is not YAML: .*line 1"):
         load_suite(written(tmp_path, "arms: ["))
+    with pytest.raises(ResultsError, match=r"mine\.yaml is empty: a suite is a mapping with arms"):
+        load_suite(written(tmp_path, ""))

@@ -5,7 +5,6 @@ a row with its error in `runs.csv`; the other runs continue, and the same comman
 were made with other versions are outdated and done again.
 """
 
-import difflib
 import json
 from collections import Counter
 from collections.abc import Sequence
@@ -28,6 +27,7 @@ from thalweg.bench.suite.config import Run, Suite
 from thalweg.bench.suite.record import read_suite
 from thalweg.core.machine import machine_info, package_versions
 from thalweg.core.run_folder import FolderKind
+from thalweg.core.suggestion import did_you_mean
 from thalweg.env import EnvConfig
 
 RESULTS_FOLDER = FolderKind("suite", "suite.json", ResultsError)
@@ -99,9 +99,8 @@ def selected_runs(suite: Suite, only: tuple[str, ...]) -> list[Run]:
     known = {name for run in runs for name in (run.name, run.algorithm)}
     for name in only:
         if name not in known:
+            meant = did_you_mean(name, sorted(known))
             policies = ", ".join(dict.fromkeys(run.algorithm for run in runs))
-            near = difflib.get_close_matches(name, sorted(known), 1)
-            meant = f" (did you mean {near[0]!r}?)" if near else ""
             raise ResultsError(
                 f"suite {suite.name} has no {name!r}{meant}; name one of {policies}, or one run,"
                 f" such as {runs[-1].name}"

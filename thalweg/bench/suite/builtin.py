@@ -3,7 +3,6 @@
 `docs/bench.md` shows such a file; its keys are the fields of `Suite`.
 """
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import CONDITIONS
 from thalweg.bench.suite.config import Arm, Stage, Suite
 from thalweg.core.config import parse_config
+from thalweg.core.suggestion import did_you_mean
 from thalweg.core.yaml12 import load
 
 SUFFIXES = (".yaml", ".yml")
@@ -82,7 +82,10 @@ def load_suite(name: str) -> Suite:
     except OSError as error:
         raise ResultsError(f"{path} can't be read: {error.strerror}") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ResultsError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+        reason = " ".join(str(error).split()).replace('in "<unicode string>", ', "at ")
+        raise ResultsError(f"{path} is not YAML: {reason}") from error
+    if data is None:
+        raise ResultsError(f"{path} is empty: a suite is a mapping with arms")
     if not isinstance(data, Mapping):
         raise ResultsError(f"{path} holds no suite: a mapping with arms is needed, got {type(data).__name__}")
     return parse_config(Suite, {"name": path.stem, **data}, str(path))
@@ -91,7 +94,8 @@ def load_suite(name: str) -> Suite:
 def suite_named(name: str) -> Suite:
     """Return the suite with a name; raises `ResultsError` that lists the known ones."""
     if name.lower() not in SUITES:
-        near = difflib.get_close_matches(name.lower(), SUITES, 1)
-        meant = f" (did you mean {near[0]!r}?)" if near else ""
-        raise ResultsError(f"unknown suite {name!r}{meant}; known: {', '.join(SUITES)}, or a YAML file such as my.yaml")
+        raise ResultsError(
+            f"unknown suite {name!r}{did_you_mean(name, SUITES)}; known: {', '.join(SUITES)}, or a YAML file such as"
+            " my.yaml"
+        )
     return SUITES[name.lower()]

@@ -1,0 +1,8 @@
+"""Runs the `thalweg` command for `python -m thalweg`."""
+
+import sys
+
+from thalweg.cli.main import main
+
+if __name__ == "__main__":
+    sys.exit(main())

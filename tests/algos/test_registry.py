@@ -11,7 +11,7 @@ from thalweg.core.config import parse_config, to_plain
 
 
 def test_an_unknown_algorithm_lists_the_known_ones():
-    with pytest.raises(AlgorithmError, match=r"'TRPO' \(did you mean 'OnCRPO'\?\); there are PPO, PPOLag, FOCOPS"):
+    with pytest.raises(AlgorithmError, match=r"there is no algorithm 'TRPO'; there are PPO, PPOLag, FOCOPS"):
         algorithm_named("TRPO")
 
 

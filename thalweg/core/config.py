@@ -243,8 +243,12 @@ def _locate(kind: Any, loc: tuple[Any, ...]) -> tuple[str, Any]:
 def _unknown_keys(kind: type, loc: tuple[Any, ...], keys: list[str]) -> str:
     path, inner = _locate(kind, loc)
     cls = _unpack(inner).type
-    known = [field.name for field in dataclasses.fields(cls)]
+    known = _field_names(cls)
     return f"{path or cls.__name__} has no {_with_suggestion(keys, known)}; it has {', '.join(known)}"
+
+
+def _field_names(cls: Any) -> list[str]:
+    return [field.name for field in dataclasses.fields(cls)]
 
 
 def _with_suggestion(unknown: list[str], known: list[str]) -> str:
@@ -267,7 +271,9 @@ def _wrong_value(kind: type, error: Any, show: Callable[[Any], str]) -> str:
     value = show(error["input"])
     value = value if len(value) <= MAX_VALUE_CHARS else value[:MAX_VALUE_CHARS] + "..."
     if is_key:
-        return f"{prefix}a key must be a string, got {value}"
+        outer = _unpack(inner).type
+        known = f"; it has {', '.join(_field_names(outer))}" if dataclasses.is_dataclass(outer) else ""
+        return f"{prefix}a key must be a string, got {value}{known}"
     hint = "".join(f" ({constraint.text})" for constraint in _unpack(inner).constraints if isinstance(constraint, Hint))
     return f"{path or kind.__name__} must be {_expected(inner)}{hint}, got {value}"
 

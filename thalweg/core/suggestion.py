@@ -3,9 +3,21 @@
 import difflib
 from collections.abc import Iterable
 
+NEAR = 0.75
+"""Least similarity of a suggestion, by `difflib`: one wrong letter in four, or two swapped ones, are near."""
+MIN_PART = 3
+"""Least number of letters of a part, such as SAC, by which a whole name, such as SACLag, is suggested."""
+
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return ` (did you mean 'X'?)` for the known name closest to `name`, ignoring case; empty if none is close."""
+    """Return ` (did you mean 'X'?)` for the known name closest to `name`, ignoring case; empty if none is near.
+
+    A part of just one known name counts as near to that one.
+    """
     by_lower = {each.lower(): each for each in known}
-    near = difflib.get_close_matches(name.lower(), by_lower, 1)
+    given = name.lower()
+    near = difflib.get_close_matches(given, by_lower, 1, NEAR)
+    if not near and len(given) >= MIN_PART:
+        wholes = [each for each in by_lower if given in each]
+        near = wholes if len(wholes) == 1 else []
     return f" (did you mean {by_lower[near[0]]!r}?)" if near else ""

@@ -77,7 +77,11 @@ def test_each_builtin_suite_can_be_written_as_a_file(name: str, tmp_path: Path):
             {"arms": [{"algorithm": "PPO", "stpes": 3}]},
             r"arms\[0\] has no 'stpes' \(did you mean 'steps'\?\); it has",
         ),
-        ({1: 2, "arms": []}, ": a key must be a string, got 1"),
+        ({1: 2, "arms": []}, ": a key must be a string, got 1; it has name, arms, "),
+        (
+            {"arms": [{"algorithm": "PPO", 1: 2}]},
+            r"arms\[0\]: a key must be a string, got 1; it has algorithm, ",
+        ),
         (
             {"arms": [{"algorithm": "PPO", "seeds": [True]}]},
             r"seeds\[0\] must be a whole number .*, got True",

@@ -75,7 +75,12 @@ WRONG = [
     (["train", "--set", "hidden=[64", "--out", "x"], "'hidden=[64' cannot be understood"),
     (
         ["train", "--set", "learning_rate=fast", "--out", "x"],
-        "learning_rate must be a number of at least 0, got 'fast'",
+        "--set learning_rate=fast: learning_rate must be a number of at least 0, got 'fast'",
+    ),
+    (
+        ["train", "--set", "learing_rate=1", "passes=2", "--out", "x"],
+        "--set learing_rate=1 passes=2: unknown setting of FOCOPS 'learing_rate' (did you mean 'learning_rate'?);"
+        " known: steps_per_update, passes, minibatch, ",
     ),
     (["train", "--preset", "study", "--out", "x"], "no preset 'study'; there are default, paper"),
     (["train", "--num-envs", "0", "--out", "x"], "num_envs must be at least 1"),

@@ -1,7 +1,7 @@
 """The registry of algorithms: one dictionary that everything which runs, lists or documents algorithms reads."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 from thalweg.algos.common.errors import AlgorithmError
@@ -19,7 +19,7 @@ from thalweg.algos.onpolicy.ppolag import PPOLag, PPOLagConfig
 from thalweg.algos.planning.ccepets import CCEPETS, CCEPETSConfig
 from thalweg.algos.planning.safeloop import SafeLOOP, SafeLOOPConfig
 from thalweg.algos.presets import settings_for_envs, settings_of
-from thalweg.core.config import parse_config
+from thalweg.core.config import parse_config, refuse_unknown
 from thalweg.core.suggestion import did_you_mean
 
 WIDE = 2
@@ -50,6 +50,9 @@ class Entry:
         """
         base = settings_of(self.name, preset)
         if given is None or isinstance(given, Mapping):
+            names = [name for name in given or () if isinstance(name, str)]  # `parse_config` refuses others
+            known = [field.name for field in fields(self.config)]
+            refuse_unknown(f"setting of {self.name}", names, known, AlgorithmError)
             followed = settings_for_envs(self.config, num_envs) if preset == "default" else {}
             return parse_config(self.config, {**followed, **base, **(given or {})})
         if preset != "default":

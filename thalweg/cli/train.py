@@ -3,8 +3,12 @@
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from thalweg.cli.options import NO_FILE, River, settings_from
+from thalweg.cli.options import NO_FILE, River, UsageError, settings_from
+
+if TYPE_CHECKING:
+    from thalweg.algos.registry import Entry
 
 
 @dataclass(frozen=True)
@@ -48,11 +52,12 @@ class Train:
         from thalweg.train.river import RiverTraining, load_compatible_encoder
 
         settings = settings_from(self.set)
-        algorithm = algorithm_named(self.algorithm).name
+        algorithm = algorithm_named(self.algorithm)
         river = self.river.reach("--level", self.level) or self.level or "Medium"
         training = RiverTraining(river, self.num_envs, self.world_seeds)
+        self._check_settings(algorithm, settings)
         result = training.train(
-            algorithm,
+            algorithm.name,
             load_compatible_encoder(self.encoder, self.device),
             steps=self.steps,
             seed=self.seed,
@@ -78,3 +83,13 @@ class Train:
         encoder = ["--encoder", str(self.encoder)] if self.encoder else []
         print(f"Evaluate it: {shlex.join(['thalweg', 'evaluate', str(self.out), *self.river.words(), *encoder])}")
         return 0
+
+    def _check_settings(self, algorithm: "Entry", settings: dict[str, Any]) -> None:
+        """Raise `UsageError`, repeating what --set was given, for a setting that the algorithm does not accept."""
+        from thalweg.algos import AlgorithmError
+
+        algorithm.configure({}, self.preset, self.num_envs)  # an error of the preset is not one of --set
+        try:
+            algorithm.configure(settings, self.preset, self.num_envs)
+        except AlgorithmError as error:
+            raise UsageError(f"--set {shlex.join(self.set)}: {error}") from error

@@ -132,5 +132,6 @@ def _courses(command: Evaluate, river: "str | Reach") -> "tuple[list[Course], st
         unseen = command.unseen
         return (Course.unseen(river, command.config) if unseen else [Course.of_level(river, command.config)]), river
     world_seed = command.world_seed or 0
+    river.check()
     announce_build(river, world_seed)
     return [Course.on(river.build(world_seed), command.config)], river.name

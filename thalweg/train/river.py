@@ -111,8 +111,13 @@ class RiverTraining:
         return {**name, "world_seeds": list(self.seeds)}
 
     def worlds(self) -> list[World]:
-        """Return the rivers, built or loaded from the cache; a build is announced on the terminal."""
+        """Return the rivers, built or loaded from the cache; a build is announced on the terminal.
+
+        Raises `WorldError` for a file from which no river can be made, before anything is announced.
+        """
         river = self.river if isinstance(self.river, Reach) else level_named(self.river)
+        if isinstance(river, Reach):
+            river.check()
         for seed in self.seeds:
             announce_build(river, seed)
         if isinstance(river, Reach):

@@ -127,6 +127,7 @@ def read_river(points: np.ndarray, closed: bool, plant_density: float) -> River:
     depth = np.minimum(np.clip(0.3 + 0.09 * width, *DEPTH_M), MAX_DEPTH_TO_WIDTH * width)
     river = make_river(even[:, :2], closed, width, depth, even[:, 2])
     checks.check_river(river)
+    checks.check_safe_poses(river, np.zeros((0, 5)), np.zeros((0, 11)))
     return river
 
 
@@ -144,7 +145,6 @@ def from_centerline(points: np.ndarray, closed: bool = True, *, seed: int = 0, p
     seed = resolve_level("Easy", seed)[1]
     river = read_river(points, closed, float(plants))
     islands, bridges = np.zeros((0, 5)), np.zeros((0, 11))
-    checks.check_safe_poses(river, islands, bridges)
     streams = [np.random.Generator(np.random.PCG64(s)) for s in np.random.SeedSequence(seed).spawn(4)]
     terrain = build_terrain(river, islands, bridges, (), Relief(), streams[0])
     if not plants:

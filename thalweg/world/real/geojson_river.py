@@ -6,6 +6,8 @@ elevation models have along every river, are removed by isotonic regression: the
 squares. Without elevations the water is level.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,7 +19,7 @@ from thalweg.world import validation as checks
 from thalweg.world.errors import ShapeError, WorldError, WorldFileError
 from thalweg.world.generate.terrain import check_area
 from thalweg.world.real import geodesy
-from thalweg.world.real.centerline import SPACING_M, from_centerline
+from thalweg.world.real.centerline import SPACING_M, from_centerline, read_river
 from thalweg.world.real.geojson import Track, read_track
 from thalweg.world.record import World
 
@@ -71,14 +73,35 @@ def from_geojson(
     made, and `WorldError` for an argument out of its range.
     """
     line = read_centerline(path, width_m=width_m, start_m=start_m, length_m=length_m, smooth_m=smooth_m)
-    try:
+    with _errors_naming(path, smooth_m):
         world = from_centerline(line.points, line.closed, seed=seed, plants=plants)
+    return replace(world, name=line.name)
+
+
+def check_geojson(
+    path: str | Path,
+    *,
+    width_m: float | None = None,
+    start_m: float = 0.0,
+    length_m: float | None = None,
+    smooth_m: float = 0.0,
+) -> None:
+    """Raise what `from_geojson` raises for a file or an argument, without building the world."""
+    line = read_centerline(path, width_m=width_m, start_m=start_m, length_m=length_m, smooth_m=smooth_m)
+    with _errors_naming(path, smooth_m):
+        read_river(line.points, line.closed, plant_density=1.0)
+
+
+@contextmanager
+def _errors_naming(path: str | Path, smooth_m: float) -> Iterator[None]:
+    """Raise errors about a line as `WorldFileError` with the file's name, and a hint for those that smoothing mends."""
+    try:
+        yield
     except ShapeError as reason:
         hint = f"smoothing the line with smooth_m above {smooth_m:g} m may help"
         raise WorldFileError(f"{path}: {reason}; {hint}") from None
     except WorldError as reason:
         raise WorldFileError(f"{path}: {reason}") from None
-    return replace(world, name=line.name)
 
 
 def read_centerline(

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from thalweg.world.errors import WorldFileError
+from thalweg.world.real.geojson_river import check_geojson
 from thalweg.world.record import World
 
 
@@ -30,8 +31,11 @@ class Reach:
 
     def build(self, seed: int = 0) -> World:
         """Return the world around the reach, with plants and hills from the seed; raises as `World.from_geojson`."""
-        options = {field.name: getattr(self, field.name) for field in fields(self)[1:]}
-        return World.from_geojson(self.path, seed=seed, **options)
+        return World.from_geojson(self.path, seed=seed, **self._options())
+
+    def check(self) -> None:
+        """Raise what `build` raises for the file or a field, without building the world."""
+        check_geojson(self.path, **self._options())
 
     def as_data(self) -> dict[str, Any]:
         """Return plain data that identifies the reach; the file counts by name and content, not by its folder.
@@ -42,4 +46,7 @@ class Reach:
             raise WorldFileError(f"{self.path}: there is no such file")
         content = hashlib.sha256(self.path.read_bytes()).hexdigest()[:16]
         data = {"file": self.name, "content": content}
-        return data | {field.name: getattr(self, field.name) for field in fields(self)[1:]}
+        return data | self._options()
+
+    def _options(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(self)[1:]}

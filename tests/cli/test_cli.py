@@ -1,6 +1,7 @@
 """Tests of the command line: help, error messages and exit codes."""
 
 import csv
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -12,7 +13,7 @@ import pytest
 from PIL import Image
 
 from thalweg.bench.evaluate import evaluation
-from thalweg.cli.encoder import EncoderTrain
+from thalweg.cli.encoder import ENCODER_COMMANDS, EncoderTrain
 from thalweg.cli.main import COMMANDS, _parse, main
 from thalweg.cli.options import RiverFile, settings_from
 from thalweg.world import World
@@ -31,6 +32,67 @@ except SystemExit:
     output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert "LOADED []" in output
     assert all(name in output for name in COMMANDS)
+
+
+HELPS = [
+    [],
+    ["encoder"],
+    *([name] for name in COMMANDS if name != "encoder"),
+    *(["encoder", n] for n in ENCODER_COMMANDS),
+]
+
+
+def help_lines(command: list[str], columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    with pytest.raises(SystemExit) as ended:
+        main([*command, "--help"])
+    assert ended.value.code == 0
+    return capsys.readouterr().out.splitlines()
+
+
+@pytest.mark.parametrize("columns", [80, 120])
+@pytest.mark.parametrize("command", HELPS, ids=" ".join)
+def test_no_line_of_a_help_is_wider_than_the_terminal(
+    command: list[str], columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    lines = help_lines(command, columns, monkeypatch, capsys)
+    assert [line for line in lines if len(line) > columns] == []
+
+
+@pytest.mark.parametrize("command", [each for each in HELPS if each not in ([], ["encoder"])], ids=" ".join)
+def test_the_help_of_an_option_is_broken_nowhere_but_at_the_width(
+    command: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    lines = help_lines(command, 1000, monkeypatch, capsys)
+    inside = [line.strip("│ ") for line in lines if line.startswith(("│ ", "  ")) and line.strip("│ ")]
+    texts = [line for line in inside if ("  " in line or not line.startswith("-")) and not line.startswith("-h")]
+    assert texts
+    assert [text for text in texts if not text.endswith(")")] == []  # a text ends with its default, or (required)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGPIPE")
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["report", "nothing_here"]], ids=" ".join)
+def test_a_closed_pipe_ends_a_command_quietly(arguments: list[str], unbuffered: str):
+    read, write = os.pipe()
+    os.close(read)
+    environment = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
+    command = [sys.executable, "-m", "thalweg", *arguments]
+    both = arguments[0] == "report"  # its only line goes to stderr
+    ended = subprocess.run(
+        command, stdout=write, stderr=write if both else subprocess.PIPE, env=environment, text=True, check=False
+    )
+    os.close(write)
+    assert (ended.returncode, ended.stderr or "") == (141, "")
+
+
+def test_a_pipe_that_breaks_elsewhere_is_an_error(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture):
+    def broken(*_):
+        raise BrokenPipeError
+
+    monkeypatch.setattr("thalweg.bench.report.report.write_report", broken)
+    with pytest.raises(BrokenPipeError):
+        main(["report", "x"])
 
 
 def test_the_version_is_that_of_the_package(capsys: pytest.CaptureFixture):
@@ -326,6 +388,36 @@ def test_a_real_river_and_a_level_are_not_mixed(
     assert message in error
     assert "Traceback" not in error
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", [["train", "--out", "run"], ["evaluate", "hover"]], ids=" ".join)
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "brook.geojson: not JSON"),
+        ('{"type": "LineString", "coordinates": [[9, 48], [9.0004, 48]]}', "brook.geojson: "),
+        (
+            '{"type": "LineString", "coordinates": [[9, 48], [9.0008, 48], [9.0008, 48.00002], [9, 48.00002]]}',
+            "the banks of two arms overlap",
+        ),
+    ],
+)
+def test_a_file_without_a_river_is_refused_before_a_river_is_announced(
+    command: list[str],
+    text: str,
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("thalweg.render.compilation.begin", lambda: None)
+    monkeypatch.setattr("thalweg.train.river._print_once", print)
+    Path("brook.geojson").write_text(text)
+    assert main([*command, "--geojson", "brook.geojson", "--width-m", "6"]) == 2
+    output = capsys.readouterr()
+    assert message in output.err
+    assert (output.out, output.err.count("\n")) == ("", 1)
 
 
 @pytest.mark.parametrize(

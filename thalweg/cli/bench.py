@@ -19,15 +19,13 @@ class Bench:
     out: Path
     """Folder of the results."""
     jobs: int | None = None
-    """Number of runs at a time, each in its own process with a share of the cores; by default one per core. With 1 they
-    run one after another, with progress bars. On a cluster: the maximum."""
+    """Runs at a time, each a process with its share of the cores; one per core by default. 1 shows progress bars."""
     cluster: str | None = None
-    """Run on a Ray cluster: auto for the one that this machine belongs to, or HOST:PORT of its head."""
+    """Run on a Ray cluster, at most --jobs runs at a time: auto for this machine's, or HOST:PORT of its head."""
     cpus: int | None = None
     """Processors and threads of each run on a cluster; by default 1."""
     only: tuple[str, ...] = ()
-    """Policies (FOCOPS, FOCOPS-paper, hover, packaged), each with all its seeds, or single runs (FOCOPS-0), to run now,
-    such as --only FOCOPS PPO-0; all by default. FOCOPS does not include FOCOPS-paper."""
+    """Policies, with all their seeds, or single runs to run now, such as FOCOPS hover PPO-0; all by default."""
 
     def run(self) -> int:
         return run_and_print(self.suite, self.out, self.only, executor_for(self.jobs, self.cluster, self.cpus))

@@ -4,6 +4,11 @@ Each command is a dataclass in a file of its own. Its fields are the options, th
 the work. What a command needs is imported when it runs, so that `thalweg --help` answers at once.
 """
 
+import contextlib
+import os
+import re
+import select
+import shutil
 import signal
 import sys
 import traceback
@@ -11,7 +16,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from importlib.metadata import version
-from typing import Annotated, Any
+from typing import Annotated, Any, TextIO
 
 import tyro
 from tyro.conf import OmitSubcommandPrefixes, subcommand
@@ -45,8 +50,30 @@ COMMANDS = {
 }
 
 
+COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+"""A code that sets a colour on a terminal."""
+CLOSED_PIPE = 128 + 13
+"""Exit status where nobody reads the output any more: that which a shell gives to a process ended by SIGPIPE."""
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command line; returns the exit status: 2 for an error that the user can mend."""
+    try:
+        try:
+            return _run(arguments)
+        finally:
+            sys.stdout.flush()  # here, because Python's own flush at exit can't be caught
+    except BrokenPipeError:
+        closed = [stream for stream in (sys.stdout, sys.stderr) if _is_closed_pipe(stream)]
+        if not closed:
+            raise
+        for stream in closed:  # what is still buffered is flushed at exit
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        return CLOSED_PIPE
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    """Run a command line, and print errors; returns the exit status. Raises `BrokenPipeError`."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in given
     given = [argument for argument in given if argument != "--debug"]
@@ -64,12 +91,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"\nInterrupted. {_after_interrupt(command)}", file=sys.stderr)
         return 130
+    except BrokenPipeError:
+        raise
     except Exception as error:
         if debug or not _is_expected(error):
             traceback.print_exc()
             return 2 if _is_expected(error) else 1
         print(f"thalweg: {error}", file=sys.stderr)
         return 2
+
+
+def _is_closed_pipe(stream: TextIO) -> bool:
+    """Return whether a stream is a pipe that nobody reads any more; other pipes can break too, such as a worker's."""
+    poll = select.poll()
+    poll.register(stream.fileno(), 0)
+    return any(event & select.POLLERR for _, event in poll.poll(0))
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
@@ -87,14 +123,48 @@ def _parse(arguments: list[str]) -> Any:
 def _parse_one_of(commands: Mapping[str, Any], prog: str, description: str, arguments: list[str]) -> Any:
     if arguments and arguments[0] in commands:
         kind = commands[arguments[0]]
-        return tyro.cli(kind, prog=f"{prog} {arguments[0]}", args=arguments[1:], registry=REGISTRY)
+        with contextlib.redirect_stdout(_WrappedLines(sys.stdout)):
+            return tyro.cli(kind, prog=f"{prog} {arguments[0]}", args=arguments[1:], registry=REGISTRY)
     kinds: Any = None
     for name, kind in commands.items():
         one = Annotated[kind, subcommand(name, prefix_name=False)]
         kinds = one if kinds is None else kinds | one
-    return tyro.cli(
-        OmitSubcommandPrefixes[kinds], prog=prog, description=description, args=arguments, registry=REGISTRY
-    )
+    with contextlib.redirect_stdout(_WrappedLines(sys.stdout)):
+        return tyro.cli(
+            OmitSubcommandPrefixes[kinds], prog=prog, description=description, args=arguments, registry=REGISTRY
+        )
+
+
+class _WrappedLines:
+    """A stream that wraps long lines at the terminal's width: tyro prints a usage and a description as one line."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        self._stream.write("\n".join(map(_wrapped, text.split("\n"))))
+        return len(text)
+
+    def flush(self) -> None:
+        self._stream.flush()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+def _wrapped(line: str) -> str:
+    """Return a line with breaks between words where it would be wider than the terminal; colours have no width."""
+    width = shutil.get_terminal_size().columns
+    if len(COLOUR.sub("", line)) <= width:
+        return line
+    lines = [""]
+    for word in line.split(" "):
+        longer = f"{lines[-1]} {word}" if lines[-1] else word
+        if len(COLOUR.sub("", longer)) <= width or not lines[-1]:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    return "\n".join(lines)
 
 
 def _after_interrupt(command: Any) -> str:

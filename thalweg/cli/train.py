@@ -35,11 +35,9 @@ class Train:
     preset: str = "default"
     """`default`, or `paper` for the settings of the study, as far as they are known."""
     set: tuple[str, ...] = ()
-    """Settings of the algorithm on top of the preset, such as learning_rate=1e-4.
-    An unknown one is an error that lists the known ones."""
+    """Settings on top of the preset, such as learning_rate=1e-4; an unknown one is an error that lists the known."""
     threads: int | None = None
-    """Threads for acting and learning; by default two for wide networks and one for small ones, within OMP_NUM_THREADS.
-    Give 1 to each of several runs that share the cores."""
+    """Threads for acting and learning; by default, within OMP_NUM_THREADS, 2 for wide networks and 1 for others."""
     begin_with: Path | None = None
     """Run folder or policy file whose policy the run starts from, such as one trained by PPO or on an easier river."""
     device: str = "cpu"

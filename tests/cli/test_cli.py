@@ -16,6 +16,7 @@ from thalweg.bench.evaluate import evaluation
 from thalweg.cli.encoder import ENCODER_COMMANDS, EncoderTrain
 from thalweg.cli.main import COMMANDS, _parse, main
 from thalweg.cli.options import RiverFile, settings_from
+from thalweg.cli.render import RenderFrames
 from thalweg.world import World
 
 
@@ -260,6 +261,21 @@ def test_frames_are_drawn_from_a_given_pose(tmp_path: Path, easy_world, capsys: 
     assert picture.shape == (2 * 32 + 4, 32, 3)
     assert set(np.unique(picture[-32:])) <= {0, 255}
     assert f"--pose {' '.join(pose[:3])}" in capsys.readouterr().out
+
+
+def test_a_pose_under_water_is_warned_of_and_drawn(
+    tmp_path: Path, easy_world: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    drawn = []
+    monkeypatch.setattr(RenderFrames, "_write_frames", lambda _, __, poses: drawn.append(poses))
+    x, y = easy_world.river.position_m[0]
+    level = easy_world.river.level_m[0]
+    given = ["render", "--level", "easy", "--out", str(tmp_path / "x.png"), "--pose", f"{x}", f"{y}"]
+    assert main([*given, f"{level - 0.05}", "0"]) == 0
+    assert f"z = {level - 0.05:g} is under water; there, z above " in capsys.readouterr().err
+    assert main([*given, f"{level + 3}", "0"]) == 0
+    assert capsys.readouterr().err == ""
+    assert len(drawn) == 2
 
 
 def test_a_world_is_drawn_and_saved(tmp_path: Path, easy_world):

@@ -1,5 +1,6 @@
 """`thalweg render`: what the camera sees at chosen poses."""
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -43,6 +44,7 @@ class RenderFrames:
         world = load_world(self.river, self.level, self.seed)
         if self.pose is not None and not world.covers(*self.pose[:2]):
             raise UsageError(f"--pose: x = {self.pose[0]:g}, y = {self.pose[1]:g} is outside the map of {world.name}")
+        self._warn_of_enclosure(world)
         poses = self._poses(world)
         if self.gallery:
             self._write_gallery(world, poses[0])
@@ -61,6 +63,17 @@ class RenderFrames:
         if self.pose is not None and self.poses != "random":
             raise UsageError(f"give --pose or --poses {self.poses}, not both")
         check_file("--out", self.out, *PICTURES)
+
+    def _warn_of_enclosure(self, world: Any) -> None:
+        """Warn of a given pose that is under the ground or water, or inside something; it is drawn all the same."""
+        from thalweg.world.enclosure import enclosure_of
+
+        if self.pose is not None and (around := enclosure_of(world, *self.pose[:3])) is not None:
+            print(
+                f"Warning: --pose: z = {self.pose[2]:g} is {around.name}; there, z above {around.top_m:.2f} is in the"
+                " open",
+                file=sys.stderr,
+            )
 
     def _poses(self, world: Any) -> Any:
         """Return the camera poses [K, 4]."""

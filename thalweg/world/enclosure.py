@@ -44,7 +44,7 @@ def _height(world: World, heights: np.ndarray, x: float, y: float) -> float:
 def _stone_top(row: np.ndarray, x: float, y: float, z: float) -> float | None:
     """Return the top of a bridge's stone over a point in it; None for a point beside, above or under its arch."""
     bridge = Bridge(*row)
-    u, v = (abs(float(value)) for value in local_coordinates(row, np.float64(x), np.float64(y)))
+    u, v = (abs(float(value)) for value in local_coordinates(row, np.asarray(x), np.asarray(y)))
     if u > bridge.length / 2 or v > bridge.width / 2:
         return None
     top = bridge.deck_z - bridge.hump * (2 * u / bridge.length) ** 2

@@ -7,7 +7,7 @@ knows of water.
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+import scipy
 
 BEND_SMOOTHING_M = 4.0
 """Standard deviation of the Gaussian that smooths a line before its bends are counted."""
@@ -86,7 +86,9 @@ def bends(line: np.ndarray, closed: bool) -> np.ndarray:
     """
     length = arc_length(line, closed)[1]
     spacing = length / (len(line) if closed else len(line) - 1)
-    smooth = gaussian_filter1d(line, BEND_SMOOTHING_M / spacing, axis=0, mode="wrap" if closed else "nearest")
+    smooth = scipy.ndimage.gaussian_filter1d(
+        line, BEND_SMOOTHING_M / spacing, axis=0, mode="wrap" if closed else "nearest"
+    )
     turn = turning(smooth, closed)
     # Vertices of a straight stretch get sign 0, so that a run of equal signs is a bend or a straight.
     sign = np.where(np.abs(turn) > spacing / STRAIGHT_RADIUS_M, np.sign(turn), 0.0)

@@ -4,7 +4,7 @@ Every world passes all of them, whether it comes from a seed or from a custom li
 """
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+import scipy
 
 from thalweg.world import bridges as bridge_shapes
 from thalweg.world import geometry, islands
@@ -92,7 +92,7 @@ def check_crossing(river: River) -> None:
 def smoothed_curvature(river: River) -> np.ndarray:
     """Return [S] the curvature in 1/m, smoothed over about one sample against kinks of single samples."""
     kappa = geometry.curvature(river.position_m, river.closed)
-    return gaussian_filter1d(kappa, 0.8, mode="wrap" if river.closed else "nearest")
+    return scipy.ndimage.gaussian_filter1d(kappa, 0.8, mode="wrap" if river.closed else "nearest")
 
 
 def check_bends(river: River) -> None:

@@ -13,7 +13,7 @@ from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import ConvexHull, HalfspaceIntersection
+import scipy
 
 from thalweg.env.config import EnvConfig
 from thalweg.world.record import World
@@ -113,12 +113,12 @@ def grown_hull(row: np.ndarray, body_m: float) -> tuple[np.ndarray, np.ndarray]:
     from thalweg.world.bridges import hull_planes
 
     planes = np.asarray(hull_planes(row), dtype=np.float64)
-    vertices = HalfspaceIntersection(
+    vertices = scipy.spatial.HalfspaceIntersection(
         np.column_stack([planes[:, :3], -planes[:, 3]]), _inner_point(planes)
     ).intersections
     corners = np.array(list(itertools.product((-0.5, 0.5), repeat=3))) * body_m
     grown = (vertices[:, None, :] + corners[None, :, :]).reshape(-1, 3)
-    hull = ConvexHull(grown)
+    hull = scipy.spatial.ConvexHull(grown)
     equations = hull.equations
     # Qhull returns a plane for each triangle; faces of more corners appear more than once.
     _, first = np.unique(np.round(equations, 7), axis=0, return_index=True)

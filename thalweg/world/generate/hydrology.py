@@ -7,7 +7,7 @@ on the inside of a bend nor come near another arm.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, minimum_filter1d
+import scipy
 
 from thalweg.world import geometry
 from thalweg.world.levels import Level
@@ -49,13 +49,13 @@ class Line:
     def max_curvature_within(self, reach_m: float) -> np.ndarray:
         """Return [S] the largest absolute curvature in 1/m within `reach_m` up or down the course."""
         size = 2 * round(reach_m * len(self.arc_m) / self.length_m) + 1
-        return -minimum_filter1d(-np.abs(self.curvature), size, mode="wrap")
+        return -scipy.ndimage.minimum_filter1d(-np.abs(self.curvature), size, mode="wrap")
 
 
 def describe_line(position_m: np.ndarray) -> Line:
     """Return the `Line` of a closed line [S, 2] of evenly spaced vertices."""
     arc, length = geometry.arc_length(position_m, True)
-    kappa = gaussian_filter1d(geometry.curvature(position_m, True), 1.0, mode="wrap")
+    kappa = scipy.ndimage.gaussian_filter1d(geometry.curvature(position_m, True), 1.0, mode="wrap")
     other = np.empty(len(arc))
     for rows in geometry.blocks(len(arc)):
         apart = geometry.distances(position_m, rows)
@@ -74,7 +74,7 @@ def width_limit(line: Line, level: Level) -> np.ndarray:
 def smooth_noise(line: Line, scale_m: float, rng: np.random.Generator) -> np.ndarray:
     """Return [S] periodic noise along the course with minimum 0 and maximum 1."""
     spacing = line.length_m / len(line.arc_m)
-    noise = gaussian_filter1d(rng.standard_normal(len(line.arc_m)), scale_m / spacing, mode="wrap")
+    noise = scipy.ndimage.gaussian_filter1d(rng.standard_normal(len(line.arc_m)), scale_m / spacing, mode="wrap")
     return (noise - noise.min()) / (noise.max() - noise.min())
 
 
@@ -108,7 +108,7 @@ def widths(
     ]
     width = np.concatenate(envelope)
     spacing = line.length_m / len(line.arc_m)
-    width = gaussian_filter1d(width, 2.0 / spacing, mode="wrap")
+    width = scipy.ndimage.gaussian_filter1d(width, 2.0 / spacing, mode="wrap")
     return np.clip(np.minimum(width, limit), low, high)
 
 
@@ -120,9 +120,9 @@ def spans_width_range(width_m: np.ndarray, level: Level) -> bool:
 
 def depths(line: Line, width_m: np.ndarray, level: Level, rng: np.random.Generator) -> np.ndarray:
     """Return [S] the depth in metres on the centre line: pools in bends and narrows, shallows in wide reaches."""
-    bend = gaussian_filter1d(np.abs(line.curvature), 4.0, mode="wrap")
+    bend = scipy.ndimage.gaussian_filter1d(np.abs(line.curvature), 4.0, mode="wrap")
     shape = 1.2 * smooth_noise(line, 7.0, rng) + 0.8 * bend / bend.max() - 0.6 * width_m / width_m.max()
-    shape = gaussian_filter1d(shape, 2.0, mode="wrap")
+    shape = scipy.ndimage.gaussian_filter1d(shape, 2.0, mode="wrap")
     shape = 2 * (shape - shape.min()) / (shape.max() - shape.min()) - 1
     return np.minimum(level.depth_m * (1 + level.depth_variation * shape), MAX_DEPTH_TO_WIDTH * width_m)
 

@@ -8,7 +8,7 @@ plan.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import minimum_filter1d
+import scipy
 
 from thalweg.world import bridges, islands
 from thalweg.world import validation as checks
@@ -128,7 +128,7 @@ def choose_feature_samples(level: Level, line: Line, rng: np.random.Generator) -
             return None
         occupied.append((rapid[0], 9.0))
 
-    roomy = minimum_filter1d(limit, 11, mode="wrap")
+    roomy = scipy.ndimage.minimum_filter1d(limit, 11, mode="wrap")
     wide = choose_samples((roomy >= high) & (line.max_curvature_within(5.0) < 1 / 14.0), line, occupied, 1, 13.0, rng)
     if not wide:
         return None

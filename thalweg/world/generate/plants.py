@@ -7,7 +7,7 @@ here and baked later, by `thalweg.world.light.bake`.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+import scipy
 
 from thalweg.core.jit import kernel
 from thalweg.world.generate.surface import forest_edge_m
@@ -53,7 +53,7 @@ class Site:
         """Return the height of the ground [K] at positions [K, 2], linear between the nodes, all in metres."""
         column = (xy[:, 0] - self.grid.origin_x_m) / self.grid.cell_m
         row = (xy[:, 1] - self.grid.origin_y_m) / self.grid.cell_m
-        return map_coordinates(self.ground_m, [row, column], order=1, mode="nearest")
+        return scipy.ndimage.map_coordinates(self.ground_m, [row, column], order=1, mode="nearest")
 
     def nodes(self, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return row and column [K] of the node nearest to each position [K, 2] in metres."""

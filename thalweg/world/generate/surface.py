@@ -8,7 +8,7 @@ nowhere else.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
+import scipy
 
 from thalweg.world.noise import fractal, smooth_step
 from thalweg.world.record import Grid
@@ -172,7 +172,7 @@ def _steepness(grid: Grid, ground_m: np.ndarray, fields: NoiseFields) -> np.ndar
 
     It rises from 32 to 45 degrees.
     """
-    down, right = np.gradient(gaussian_filter(ground_m, 1.0), f4(grid.cell_m))
+    down, right = np.gradient(scipy.ndimage.gaussian_filter(ground_m, 1.0), f4(grid.cell_m))
     slope = np.hypot(down, right) + f4(0.06) * fields.clump
     return smooth_step(0.62, 1.0, slope.astype(np.float32))
 

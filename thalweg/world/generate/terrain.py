@@ -8,7 +8,7 @@ rules agree on where the water ends.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+import scipy
 
 from thalweg.core.jit import kernel
 from thalweg.world import bridges, islands
@@ -119,7 +119,7 @@ def water_surface(grid: Grid, course_shore: Shore, river: River) -> np.ndarray:
     valley = shore.valley_levels(coarse_x, coarse_y, river)
     rows = np.broadcast_to(((y - y[0]) / coarse)[:, None], shape)
     columns = np.broadcast_to(((x - x[0]) / coarse)[None, :], shape)
-    smooth = map_coordinates(valley, [rows, columns], order=2, output=np.float32)
+    smooth = scipy.ndimage.map_coordinates(valley, [rows, columns], order=2, output=np.float32)
     return local + (smooth - local) * smooth_step(0.0, LEVEL_BLEND_M, course_shore.edge_m)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.ndimage import minimum_filter
+import scipy
 
 from thalweg.core.threads import run_in_threads
 from thalweg.world.light.canopy import crown_roof, raise_bridges
@@ -155,7 +155,7 @@ def _low_ground(grid: Grid, surface: np.ndarray, table: np.ndarray, ray: np.ndar
     reach = (float(table[:, HEIGHT].max()) + relief) * math.hypot(ray[0], ray[1]) / ray[2]
     # One block more on each side: a plant may stand at the edge of its block.
     span = 2 * math.ceil(reach / (block * grid.cell_m)) + 3
-    low = minimum_filter(coarse, size=span, mode="nearest")
+    low = scipy.ndimage.minimum_filter(coarse, size=span, mode="nearest")
     row = np.clip((table[:, Y] - grid.origin_y_m) / grid.cell_m / block, 0, len(coarse) - 1).astype(int)
     column = np.clip((table[:, X] - grid.origin_x_m) / grid.cell_m / block, 0, coarse.shape[1] - 1).astype(int)
     return low[row, column]

@@ -3,7 +3,7 @@
 from functools import partial
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
+import scipy
 
 from thalweg.core.jit import kernel
 from thalweg.core.threads import run_in_threads
@@ -32,7 +32,7 @@ def sky_share(surface: np.ndarray, tall: np.ndarray, cover: np.ndarray, cell_m: 
     scan = _scan_steps(cell_m * stride), _scan_directions()
     run_in_threads(len(solid), partial(horizon_sky, scanned, solid, leafy, cell, *scan))
     # Light comes from the side too, so the cover overhead counts with its surroundings (0.8 m).
-    roof = gaussian_filter(cover, 0.8 / cell_m)
+    roof = scipy.ndimage.gaussian_filter(cover, 0.8 / cell_m)
     return _upsampled(scanned, surface.shape, stride) * (f4(1.0) - f4(COVER_SHADE) * roof)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+import scipy
 
 from thalweg.world import geometry
 from thalweg.world import validation as checks
@@ -240,10 +240,10 @@ def smooth_line(points: np.ndarray, closed: bool, smooth_m: float) -> np.ndarray
     sigma = smooth_m * count / length
     pad = int(4 * sigma) + 1
     if closed:
-        rounded = gaussian_filter1d(fine, sigma, axis=0, mode="wrap")
+        rounded = scipy.ndimage.gaussian_filter1d(fine, sigma, axis=0, mode="wrap")
     else:
         padded = np.pad(fine, ((pad, pad), (0, 0)), mode="reflect", reflect_type="odd")
-        rounded = gaussian_filter1d(padded, sigma, axis=0)[pad:-pad]
+        rounded = scipy.ndimage.gaussian_filter1d(padded, sigma, axis=0)[pad:-pad]
     keep = np.arange(0, len(rounded), max(int(min(sigma / 2, count / 8)), 1))
     if not closed:
         keep = np.unique(np.append(keep, len(rounded) - 1))

@@ -26,7 +26,7 @@ from thalweg.env.device import cuda_step as rules
 from thalweg.env.device.step import reset_arguments
 from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.task.rules import empty_outcome, empty_state
-from thalweg.render.gpu import pixel, postprocess, visible_plants
+from thalweg.render.gpu import ground_profiles, pixel, postprocess, visible_plants
 from thalweg.render.kernels.camera_rays import Radiance
 from thalweg.render.records.scene import Scene
 from thalweg.render.records.view import FrameSettings, Planes, Views
@@ -78,11 +78,14 @@ def rule_types() -> tuple[Any, ...]:
 
 def variants() -> dict[str, Variant]:
     """Return every kernel of a frame, in every form that `GpuRenderer` launches, and that of the rules."""
-    trace = (SCENE, VIEWS, PLANE, LINE, types.Tuple(FOUND), PLANES)
+    trace = (SCENE, VIEWS, PLANE, LINE, SPACE, types.Tuple(FOUND), PLANES)
     add = (SCENE, VIEWS, PLANE, PLANES, FOUR, LINE)
     kernels = {
         "place_cameras": Variant(
             visible_plants.place_cameras, (VIEWS, SETTINGS, PLANE, LINE, UINT[::1]), visible_plants.THREADS
+        ),
+        "find_distances": Variant(
+            ground_profiles.find_distances, (SCENE, VIEWS, SETTINGS, PLANE, SPACE), ground_profiles.THREADS
         ),
         "find": Variant(visible_plants.find, (SCENE, VIEWS, SETTINGS, PLANE, *FOUND), visible_plants.THREADS),
     }

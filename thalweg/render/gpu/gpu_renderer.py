@@ -1,7 +1,8 @@
-"""`GpuRenderer`: frames drawn on a GPU by five kernels a pass: cameras, plants in view, pixels, exposure, tone mapping.
+"""`GpuRenderer`: frames drawn on a GPU by six kernels a pass.
 
-A pass draws as many cameras as the scratch is large enough for. Everything lies in torch's memory on the device and is
-allocated once; nothing waits for the device, and nothing is copied from it.
+They place cameras, walk over the ground in vertical planes, find the plants in view, draw pixels, add up their light
+for the exposure, and map tones. A pass draws as many cameras as the scratch is large enough for. Everything lies in
+torch's memory on the device and is allocated once; nothing waits for the device, and nothing is copied from it.
 """
 
 from collections.abc import Sequence
@@ -11,7 +12,8 @@ import numpy as np
 
 from thalweg.core import gpu
 from thalweg.render.errors import RenderError
-from thalweg.render.gpu import pixel, postprocess, visible_plants
+from thalweg.render.gpu import ground_profiles, pixel, postprocess, visible_plants
+from thalweg.render.kernels.azimuth_planes import most_planes
 from thalweg.render.kernels.camera_rays import Radiance
 from thalweg.render.kernels.shading.tone import CODE_TABLE
 from thalweg.render.records.layout import PLANT_FROM, PLANT_TO
@@ -33,7 +35,7 @@ def bytes_each(scene: Scene, height: int, width: int, reduced: bool) -> int:
     """Scratch that a camera of a pass takes on a device."""
     plants = most_plants(scene)
     # Order and distance take four bytes each, a box four times two.
-    planes = height * width * (PLANE_BYTES + (0 if reduced else 3 * 4))
+    planes = height * width * (PLANE_BYTES + (0 if reduced else 3 * 4)) + height * most_planes(width) * 4
     return planes + plants * (4 + 4 + 4 * 2) + 4 * (visible_plants.CAMERA_COLUMNS + 4)
 
 
@@ -127,6 +129,7 @@ class GpuRenderer:
         shapes = {
             "cameras": ((cameras, visible_plants.CAMERA_COLUMNS), np.float32),
             "moments": ((cameras,), np.float32),
+            "distances": ((cameras, height, most_planes(width)), np.float32),
             "keys": ((cameras,), np.uint32),
             "counts": ((cameras,), np.int32),
             "gains": ((cameras,), np.float32),
@@ -156,10 +159,15 @@ class GpuRenderer:
         gpu.launch(
             visible_plants.find, count, visible_plants.THREADS, device, scene, views, settings, cameras, *plants
         )  # fmt: skip
+        distances = self._scratch["distances"]
+        gpu.launch(
+            ground_profiles.find_distances, count, ground_profiles.THREADS, device,
+            scene, views, settings, cameras, distances,
+        )  # fmt: skip
         tiles = -(-height // pixel.TILE) * -(-width // pixel.TILE)
         gpu.launch(
             pixel.tracer(reduced, images is not None), (tiles, count), pixel.THREADS, device,
-            scene, views, cameras, moments, plants, planes,
+            scene, views, cameras, moments, distances, plants, planes,
         )  # fmt: skip
         if images is not None:
             softened = self._scratch["softened"]

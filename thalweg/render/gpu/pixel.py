@@ -14,7 +14,7 @@ from numba import cuda, float32, int32, uint8
 
 from thalweg.core.jit import kernel
 from thalweg.render.gpu.visible_plants import stored_camera
-from thalweg.render.kernels import billboard, bridges, heightfield_march
+from thalweg.render.kernels import azimuth_planes, billboard, bridges, heightfield_march
 from thalweg.render.kernels.billboard import Billboard, make_billboard, nearest_depth
 from thalweg.render.kernels.camera_rays import (
     HitPoints,
@@ -44,10 +44,11 @@ SHARED_FLOATS, SHARED_INTS = 17, 3
 def tracer(reduced: bool, coloured: bool) -> Callable:
     """Return the kernel for a quality; without colours, it finds only depth, class and mask."""
 
-    def trace(scene, views, cameras, moments, plants, planes):
+    def trace(scene, views, cameras, moments, distances, plants, planes):
         """One block a tile (x) of a camera (y): fill `Planes` [N, H, W].
 
-        moments: of `visible_plants.place_cameras`; plants: order, distance, boxes, counts of `visible_plants.find`.
+        moments: of `visible_plants.place_cameras`; distances: of `ground_profiles.find_distances`; plants: order,
+        distance, boxes, counts of `visible_plants.find`.
         """
         n = cuda.blockIdx.y
         height, width = planes.kind.shape[1:]
@@ -60,7 +61,7 @@ def tracer(reduced: bool, coloured: bool) -> Callable:
         view = View(views.world_index[n], views.looks[n], camera, moments[n])
         depth = cuda.local.array(1, float32)
         rays = Rays(cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32))
-        kind = primary_hit(scene, view, tile_r, tile_c, r, c, reduced, rays, depth)
+        kind = primary_hit(scene, view, tile_r, tile_c, r, c, reduced, distances[n], rays, depth)
         kind, stone_r, stone_g, stone_b = nearest_bridge(scene, view, rays, depth, kind, coloured)
         # Threads outside the image stay alive: they still load plants and meet the barriers.
         inside = r < height and c < width
@@ -94,18 +95,66 @@ def tracer(reduced: bool, coloured: bool) -> Callable:
 
 
 @kernel(inlined=True)
-def primary_hit(scene, view, tile_r, tile_c, r, c, reduced, rays, depth):
-    """Return the class that the ray of pixel (r, c) meets, except for bridges and plants; fills ray and depth [1]."""
+def primary_hit(scene, view, tile_r, tile_c, r, c, reduced, distances, rays, depth):
+    """Return the class that the ray of pixel (r, c) meets, except for bridges and plants; fills ray and depth [1].
+
+    distances [H, planes]: of `ground_profiles.find_distances`.
+    """
+    inv_cell = scene.constants[view.world, layout.INV_CELL]
+    origin = map_origin(scene, view)
+    row_rays(view.camera, r, c, inv_cell, rays, 1)
+    # The same branch for all threads of the block: it depends on the camera alone.
+    if azimuth_planes.can_serve(view.camera):
+        met = hit_by_planes(scene, view, r, c, reduced, distances, rays, depth)
+    else:
+        met = hit_by_march(scene, view, tile_r, tile_c, r, c, reduced, rays, depth)
+    wet = cuda.local.array(1, float32)
+    heightfield_march.water_depths(scene, view.world, origin, rays, depth, wet, 1)
+    kind = int32(classes.SKY)
+    if met:
+        kind = int32(classes.WATER) if wet[0] > f32(0) else int32(classes.GROUND)
+    else:
+        depth[0] = f32(MISS)
+    return kind
+
+
+@kernel(inlined=True)
+def empty_track():
+    """Return the `Track` of one ray, in registers."""
+    return Track(
+        cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32),
+        cuda.local.array(1, float32), cuda.local.array(1, float32),
+    )  # fmt: skip
+
+
+@kernel(inlined=True)
+def hit_by_planes(scene, view, r, c, reduced, distances, rays, depth):
+    """Return whether a ray meets ground or water, and fill depth [1], from where the two planes beside it meet it."""
+    origin = map_origin(scene, view)
+    fan = azimuth_planes.fan_of(view.camera, scene.constants[view.world, layout.INV_CELL])
+    # Threads outside the image compute with the last row.
+    own = distances[min(r, view.camera.height - 1)]
+    if reduced:
+        azimuth_planes.interpolate_row(view, fan, r, c, own, depth, 1)
+        return depth[0] < f32(heightfield_march.FAR_M)
+    doubt = cuda.local.array(1, uint8)
+    azimuth_planes.settle_row(scene, view, origin, fan, r, c, rays, own, depth, doubt, 1)
+    if doubt[0] == uint8(1):
+        hit = cuda.local.array(1, float32)
+        heightfield_march.march(scene, view.world, origin, rays, depth, hit, empty_track(), 1)
+        return hit[0] > f32(0)
+    return depth[0] < f32(heightfield_march.FAR_M)
+
+
+@kernel(inlined=True)
+def hit_by_march(scene, view, tile_r, tile_c, r, c, reduced, rays, depth):
+    """Return whether a ray meets ground or water, and fill depth [1], by a march; all threads of a block call it."""
     camera = view.camera
     inv_cell = scene.constants[view.world, layout.INV_CELL]
     origin = map_origin(scene, view)
     middle = Rays(cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32))
     hit = cuda.local.array(1, float32)
-    wet = cuda.local.array(1, float32)
-    track = Track(
-        cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32),
-        cuda.local.array(1, float32), cuda.local.array(1, float32),
-    )  # fmt: skip
+    track = empty_track()
     # All rays of a tile start where its bundle gets to.
     start = cuda.shared.array(1, float32)
     # One thread marches for the tile; the others wait at the barrier below for its result.
@@ -116,7 +165,6 @@ def primary_hit(scene, view, tile_r, tile_c, r, c, reduced, rays, depth):
         heightfield_march.advance_bundles(scene, view.world, origin, spread, middle, depth, 1)
         start[0] = depth[0]
     cuda.syncthreads()
-    row_rays(camera, r, c, inv_cell, rays, 1)
     depth[0] = start[0]
     if reduced:
         tangent = TangentPlanes(
@@ -130,13 +178,7 @@ def primary_hit(scene, view, tile_r, tile_c, r, c, reduced, rays, depth):
         heightfield_march.meet_planes(tangent, met, rays, depth, 1)
     else:
         heightfield_march.march(scene, view.world, origin, rays, depth, hit, track, 1)
-    heightfield_march.water_depths(scene, view.world, origin, rays, depth, wet, 1)
-    kind = int32(classes.SKY)
-    if hit[0] > f32(0):
-        kind = int32(classes.WATER) if wet[0] > f32(0) else int32(classes.GROUND)
-    else:
-        depth[0] = f32(MISS)
-    return kind
+    return hit[0] > f32(0)
 
 
 @kernel(inlined=True)

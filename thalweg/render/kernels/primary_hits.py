@@ -1,12 +1,18 @@
-"""The kernel that finds what each pixel's ray meets first: ground, water or sky. Bridges and plants come later."""
+"""The kernel that finds what each pixel's ray meets first: ground, water or sky. Bridges and plants come later.
+
+Rays that `azimuth_planes` can serve are found by its planes; the march of `heightfield_march` takes the pixels that are
+doubtful there, and whole frames of cameras that look too steeply up or down.
+"""
+
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import uint32
 
 from thalweg.core.jit import kernel
-from thalweg.render.kernels import heightfield_march
+from thalweg.render.kernels import azimuth_planes, heightfield_march
 from thalweg.render.kernels.camera_rays import Rays, map_origin, row_rays, square_rays
-from thalweg.render.kernels.heightfield_march import SPAN, SQUARE, TILE, TangentPlanes, Track
+from thalweg.render.kernels.heightfield_march import FAR_M, SPAN, SQUARE, TILE, TangentPlanes, Track
 from thalweg.render.records import layout
 from thalweg.render.records.classes import GROUND, SKY, WATER
 
@@ -16,13 +22,150 @@ MISS = 1e9
 """Depth of a ray that meets nothing."""
 
 
-@kernel(disjoint=True)
+class Doubtful(NamedTuple):
+    """Pixels that wait for a march, [SPAN] each, and scratch for it."""
+
+    row: Any
+    """int32."""
+    column: Any
+    """int32."""
+    rays: Any
+    """`Rays` of float32."""
+    t: Any
+    """float32, as the next two: depth, whether it is a hit, and depth of the water there."""
+    hit: Any
+    water: Any
+    track: Any
+    """A `Track`."""
+
+
+@kernel
 def find_primary_hits(scene, view, top, reduced, depth, kind):
     """Fill depth [R, W'] along the axis (MISS for the sky) and kind [R, W'] uint8 with what every ray meets.
 
-    Rows are those from `top` on of the image, as in all functions of a frame. In the reduced quality R is even, and a
-    square of `SQUARE` pixels a side shares one march: its rays end on the plane that touches the surface where the
-    march ends.
+    Rows are those from `top` on of the image, as in all functions of a frame. In the reduced quality R is even.
+    """
+    if azimuth_planes.can_serve(view.camera):
+        find_by_planes(scene, view, top, reduced, depth, kind)
+    else:
+        find_by_march(scene, view, top, reduced, depth, kind)
+
+
+@kernel
+def find_by_planes(scene, view, top, reduced, depth, kind):
+    """As `find_primary_hits`, by the profiles of vertical planes, between which the reduced quality only interpolates."""
+    camera = view.camera
+    rows, wide = depth.shape
+    inv_cell = scene.constants[view.world, layout.INV_CELL]
+    cell = f32(1) / inv_cell
+    origin = map_origin(scene, view)
+    fan = azimuth_planes.fan_of(camera, inv_cell)
+    rays = Rays(np.empty(wide, np.float32), np.empty(wide, np.float32), np.empty(wide, np.float32))
+    t = np.empty(wide, np.float32)
+    water = np.empty(wide, np.float32)
+    doubt = np.empty(wide, np.uint8)
+    distance = np.empty(fan.planes, np.float32)
+    scratch = np.empty((11, SPAN), np.float32)
+    places = np.empty((2, SPAN), np.int32)
+    waiting = Doubtful(
+        places[0], places[1], Rays(scratch[0], scratch[1], scratch[2]), scratch[3], scratch[4], scratch[5],
+        Track(scratch[6], scratch[7], scratch[8], scratch[9], scratch[10]),
+    )  # fmt: skip
+
+    start = first_distance(scene, view, origin, rays, t)
+    # Bands of rows use the same samples as the whole image.
+    samples = azimuth_planes.count_samples(start, azimuth_planes.far_distance(camera), cell, camera.height)
+    profiles = azimuth_planes.empty_profiles(fan, samples, rows)
+    azimuth_planes.place_samples(profiles.distance, start, cell, camera.height)
+    azimuth_planes.sample_slopes(scene, view.world, origin, fan, profiles.distance, profiles.slope)
+    azimuth_planes.find_visible(fan, profiles, top, top + rows)
+
+    count = 0
+    for r in range(rows):
+        slope = azimuth_planes.ray_slope(camera, top + r)
+        azimuth_planes.meet_profiles(fan, profiles, r, slope, distance)
+        row_rays(camera, top + r, 0, inv_cell, rays, wide)
+        if reduced:
+            azimuth_planes.interpolate_row(view, fan, top + r, 0, distance, t, wide)
+        else:
+            azimuth_planes.settle_row(scene, view, origin, fan, top + r, 0, rays, distance, t, doubt, wide)
+        heightfield_march.water_depths(scene, view.world, origin, rays, t, water, wide)
+        classify_row(t, water, depth[r], kind[r], wide)
+        if not reduced:
+            for c in range(wide):
+                if doubt[c] == np.uint8(1):
+                    count = hold_back(waiting, count, r, c, rays, t[c])
+                    if count == SPAN:
+                        march_doubtful(scene, view.world, origin, waiting, count, depth, kind)
+                        count = 0
+    march_doubtful(scene, view.world, origin, waiting, count, depth, kind)
+
+
+@kernel(allocates=False)
+def first_distance(scene, view, origin, rays, t):
+    """Distance of the first sample of all profiles, before which no ray of the image meets anything.
+
+    rays, t: scratch.
+    """
+    camera = view.camera
+    tiles = (camera.width + TILE - 1) // TILE
+    inv_cell = scene.constants[view.world, layout.INV_CELL]
+    # In one plane a lower ray meets the surface no farther away: the lowest tiles stand for all rows.
+    square_rays(camera, (camera.height - 1) // TILE * TILE, TILE, inv_cell, rays, 0, tiles)
+    for k in range(tiles):
+        t[k] = camera.near_m
+    heightfield_march.advance_bundles(
+        scene, view.world, origin, heightfield_march.bundle_spread(camera), rays, t, tiles
+    )
+    least = f32(FAR_M)
+    for k in range(tiles):
+        least = min(least, t[k])
+    return least * azimuth_planes.least_reach(camera)
+
+
+@kernel(inlined=True, allocates=False)
+def hold_back(waiting, count, r, c, rays, t):
+    """Add a pixel to those that wait, with a depth t before the surface; returns their number."""
+    waiting.row[count] = r
+    waiting.column[count] = c
+    waiting.rays.x[count] = rays.x[c]
+    waiting.rays.y[count] = rays.y[c]
+    waiting.rays.z[count] = rays.z[c]
+    waiting.t[count] = t
+    return count + 1
+
+
+@kernel(allocates=False)
+def march_doubtful(scene, world, origin, waiting, count, depth, kind):
+    """March the first `count` pixels that wait, and write what they meet to depth and kind [R, W']."""
+    rays, t, hit, water = waiting.rays, waiting.t, waiting.hit, waiting.water
+    heightfield_march.march(scene, world, origin, rays, t, hit, waiting.track, count)
+    heightfield_march.water_depths(scene, world, origin, rays, t, water, count)
+    for k in range(count):
+        r = waiting.row[k]
+        c = waiting.column[k]
+        depth[r, c] = t[k] if hit[k] > f32(0) else f32(MISS)
+        surface = np.uint8(WATER) if water[k] > f32(0) else np.uint8(GROUND)
+        kind[r, c] = surface if hit[k] > f32(0) else np.uint8(SKY)
+
+
+@kernel(disjoint=True, allocates=False)
+def classify_row(t, water, depth, kind, n):
+    """Fill depth and kind [n] from t [n] and the depth of the water there; what is too far away is sky."""
+    for c in range(n):
+        met = t[c] < f32(FAR_M)
+        depth[c] = t[c] if met else f32(MISS)
+        # The upper surface is water wherever the water is deeper than zero, so no second search is needed.
+        surface = np.uint8(WATER) if water[c] > f32(0) else np.uint8(GROUND)
+        kind[c] = surface if met else np.uint8(SKY)
+
+
+@kernel(disjoint=True)
+def find_by_march(scene, view, top, reduced, depth, kind):
+    """As `find_primary_hits`, by the march of every ray.
+
+    In the reduced quality a square of `SQUARE` pixels a side shares one march: its rays end on the plane that touches
+    the surface where the march ends.
     """
     camera = view.camera
     rows, wide = depth.shape

@@ -1,0 +1,153 @@
+"""Tests of ground found by vertical planes: against hand-made worlds, the reference renderer and the march."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from tests.render.frames import on_river, posed, rays
+from tests.render.plain import CELL_M, HALF_M, NODES, plane
+from thalweg.bench.speed.frame_profile import FrameStages
+from thalweg.render import Camera, Renderer
+from thalweg.render.kernels import azimuth_planes, primary_hits
+from thalweg.render.records.appearance import look_rows, look_values
+from thalweg.render.records.classes import SKY
+from thalweg.render.reference import frame as reference
+from thalweg.world import World
+
+f32 = np.float32
+
+
+def planes_and_march(renderer: Renderer, pose: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Depth and kind of a view by planes, then by the march."""
+    stages = FrameStages(renderer, pose)
+    found = []
+    for find in (primary_hits.find_by_planes, primary_hits.find_by_march):
+        depth, kind = np.zeros_like(stages.planes.depth), np.zeros_like(stages.planes.kind)
+        find(stages.scene, stages.view, 0, renderer.quality == "fast", depth, kind)
+        found.append((depth, kind))
+    return found
+
+
+def camera_at(pitch_deg: float, fov_deg: float = 60.0):
+    camera = Camera(64, 64, pitch_deg=pitch_deg, fov_deg=fov_deg)
+    return posed(np.array([0.0, 0.0, 5.0, 0.7]), look_rows(look_values(None, 1), camera)[0], camera)
+
+
+@pytest.mark.parametrize("pitch", [-20.0, 0.0, 20.0, 40.0])
+def test_the_row_of_a_slope_is_the_row_whose_rays_rise_by_it(pitch: float):
+    camera = camera_at(pitch)
+    assert azimuth_planes.can_serve(camera)
+    fan = azimuth_planes.fan_of(camera, f32(2))
+    for row in range(64):
+        slope = f32(azimuth_planes.ray_slope(camera, row))
+        ray = rays(Camera(64, 64, pitch_deg=pitch), 0.7)[row, 31]
+        across = (31.5 / 32 - 1) * np.tan(np.radians(30))
+        ahead = np.sqrt(ray[0] ** 2 + ray[1] ** 2 - across**2)
+        assert slope == pytest.approx(ray[2] / ahead, rel=1e-5, abs=1e-6)
+        # A surface a little higher is met by this row too, one a little lower only by the next.
+        assert azimuth_planes.first_row_below(fan, slope + f32(1e-4), 0, 64) == row
+        assert azimuth_planes.first_row_below(fan, slope - f32(1e-4), 0, 64) == row + 1
+
+
+def test_slopes_outside_the_image_belong_to_its_first_row_or_to_none():
+    camera = camera_at(20.0)
+    fan = azimuth_planes.fan_of(camera, f32(2))
+    # Straight above the camera the tangent of the angle in the image has turned over.
+    for steep in (1.0, 3.0, 100.0):
+        assert azimuth_planes.first_row_below(fan, f32(steep), 0, 64) == 0
+    assert azimuth_planes.first_row_below(fan, f32(-100.0), 0, 64) == 64
+    assert azimuth_planes.first_row_below(fan, f32(-100.0), 16, 32) == 32
+    upwards = azimuth_planes.fan_of(camera_at(-40.0), f32(2))
+    assert azimuth_planes.first_row_below(upwards, f32(-100.0), 0, 64) == 64
+
+
+def test_planes_serve_no_camera_that_looks_nearly_straight_down_or_up():
+    served = [azimuth_planes.can_serve(camera_at(pitch)) for pitch in (-80.0, -30.0, 0.0, 20.0, 40.0, 60.0, 85.0)]
+    assert served == [False, True, True, True, True, False, False]
+    assert not azimuth_planes.can_serve(camera_at(20.0, fov_deg=130.0))
+    for pitch in (-30.0, 0.0, 20.0, 40.0):
+        assert azimuth_planes.fan_of(camera_at(pitch), f32(2)).planes <= azimuth_planes.most_planes(64)
+
+
+@pytest.fixture
+def wall() -> World:
+    """Level ground with a wall of 2 m from 6 m to 7 m ahead of the origin, and ground 1 m lower behind it."""
+    world = plane()
+    x = np.arange(NODES) * CELL_M - HALF_M
+    profile = np.where(x < 6, 0.0, np.where(x <= 7, 2.0, -1.0)).astype(np.float32)
+    return replace(world, ground_m=np.broadcast_to(profile, (NODES, NODES)).copy())
+
+
+@pytest.mark.parametrize("quality", ["full", "fast"])
+def test_a_wall_hides_the_ground_behind_it(wall: World, quality):
+    camera = Camera(96, 96)
+    frame = Renderer([wall], camera, quality).render_layers([[0.0, 0.0, 3.0, 0.0]])
+    ray = rays(camera, 0.0)[:, 48]
+    depth = frame.depth_m[0][:, 48]
+    # The wall's face rises from 5.5 m to 6 m, its top reaches to 7 m, and the ground behind begins at 7.5 m.
+    ahead = depth * ray[:, 0]
+    height = 3.0 + depth * ray[:, 2]
+    front = (-3.0 / ray[:, 2] < 5.4 / ray[:, 0]) & (ray[:, 2] < 0)
+    # The reduced quality interpolates between samples, one of which may lie beyond the foot of the wall.
+    np.testing.assert_allclose(height[front], 0.0, atol=2e-3 if quality == "full" else 0.05)
+    slope = ray[:, 2] / ray[:, 0]
+    on_wall = (slope > -3.0 / 5.6) & (slope < -1.0 / 7.0 - 0.01)
+    assert on_wall.sum() > 20
+    assert ((ahead[on_wall] > 5.49) & (ahead[on_wall] < 7.05)).all()
+    behind = (slope > -1.0 / 7.0 + 0.02) & (slope < -0.09)
+    assert behind.sum() >= 2
+    np.testing.assert_allclose(ahead[behind], -4.0 / slope[behind], rtol=0.01)
+
+
+@pytest.mark.slow
+def test_depths_are_those_of_the_reference(hard_world: World):
+    camera = Camera(64, 64)
+    renderer = Renderer([hard_world], camera)
+    materials = reference.Materials(hard_world, look_rows(look_values(None, 1), camera)[0])
+    agree, near = [], []
+    for pose in on_river(hard_world, 8, 5):
+        (depth, kind), (marched, _) = planes_and_march(renderer, pose)
+        truth = reference.meet_ground(materials, pose[:3], rays(camera, pose[3]), 0.3)
+        met = (kind != SKY) & (truth < 300)
+        agree.append(((kind != SKY) == (truth < 320)).mean())
+        off = [np.abs(found - truth)[met] / truth[met] for found in (depth, marched)]
+        near.append([(each < 0.01).mean() for each in off])
+    assert np.mean(agree) > 0.998
+    by_planes, by_march = np.mean(near, axis=0)
+    assert by_planes > 0.99
+    assert by_planes > by_march - 0.002
+
+
+@pytest.mark.parametrize("quality", ["full", "fast"])
+@pytest.mark.slow
+def test_planes_and_march_agree(hard_world: World, quality):
+    renderer = Renderer([hard_world], Camera(96, 96), quality)
+    for pose in on_river(hard_world, 6, 1):
+        (depth, kind), (marched, marched_kind) = planes_and_march(renderer, pose)
+        assert (kind == marched_kind).mean() > 0.995
+        both = (kind != SKY) & (marched_kind != SKY)
+        off = np.abs(depth - marched)[both] / marched[both]
+        assert np.median(off) < (1e-5 if quality == "full" else 2e-3)
+        assert (off < 0.02).mean() > 0.99
+
+
+@pytest.mark.slow
+def test_no_seam_where_the_march_takes_over(hard_world: World):
+    pose = on_river(hard_world, 1, 3)[0]
+    served, frames = [], []
+    pitches = np.arange(44.0, 48.0, 0.25)
+    for pitch in pitches:
+        camera = Camera(64, 64, pitch_deg=float(pitch))
+        renderer = Renderer([hard_world], camera)
+        served.append(bool(azimuth_planes.can_serve(FrameStages(renderer, pose).view.camera)))
+        frames.append(renderer.render(pose[None])[0].astype(int))
+    change = served.index(False)
+    assert served == [True] * change + [False] * (len(pitches) - change) and 0 < change < len(pitches)
+    apart = [np.abs(after - before)[..., :3].mean() for before, after in pairwise(frames)]
+    # The step across the change is no larger than those beside it, which only turn the camera by a quarter degree.
+    others = apart[: change - 1] + apart[change:]
+    assert apart[change - 1] < 1.15 * max(others)
+    wet = [abs(float((after[..., 3] - before[..., 3]).mean())) for before, after in pairwise(frames)]
+    assert wet[change - 1] <= 1.5 * max(wet[: change - 1] + wet[change:])

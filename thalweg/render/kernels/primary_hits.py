@@ -53,7 +53,7 @@ def find_primary_hits(scene, view, top, reduced, depth, kind):
 
 @kernel
 def find_by_planes(scene, view, top, reduced, depth, kind):
-    """As `find_primary_hits`, by the profiles of vertical planes, between which the reduced quality only interpolates."""
+    """As `find_primary_hits`, by the profiles of vertical planes; the reduced quality does not refine their distances."""
     camera = view.camera
     rows, wide = depth.shape
     inv_cell = scene.constants[view.world, layout.INV_CELL]

@@ -84,8 +84,8 @@ def variants() -> dict[str, Variant]:
         "place_cameras": Variant(
             visible_plants.place_cameras, (VIEWS, SETTINGS, PLANE, LINE, UINT[::1]), visible_plants.THREADS
         ),
-        "find_distances": Variant(
-            ground_profiles.find_distances, (SCENE, VIEWS, SETTINGS, PLANE, SPACE), ground_profiles.THREADS
+        "find_nearness": Variant(
+            ground_profiles.find_nearness, (SCENE, VIEWS, SETTINGS, PLANE, SPACE), ground_profiles.THREADS
         ),
         "find": Variant(visible_plants.find, (SCENE, VIEWS, SETTINGS, PLANE, *FOUND), visible_plants.THREADS),
     }

@@ -91,46 +91,34 @@ def test_a_wall_hides_the_ground_behind_it(wall: World, quality):
     height = 3.0 + depth * ray[:, 2]
     front = (-3.0 / ray[:, 2] < 5.4 / ray[:, 0]) & (ray[:, 2] < 0)
     # The reduced quality interpolates between samples, one of which may lie beyond the foot of the wall.
-    np.testing.assert_allclose(height[front], 0.0, atol=2e-3 if quality == "full" else 0.05)
+    np.testing.assert_allclose(height[front], 0.0, atol=2e-3 if quality == "full" else 0.03)
     slope = ray[:, 2] / ray[:, 0]
     on_wall = (slope > -3.0 / 5.6) & (slope < -1.0 / 7.0 - 0.01)
     assert on_wall.sum() > 20
-    assert ((ahead[on_wall] > 5.49) & (ahead[on_wall] < 7.05)).all()
+    assert ((ahead[on_wall] > 5.4) & (ahead[on_wall] < 7.05)).all()
     behind = (slope > -1.0 / 7.0 + 0.02) & (slope < -0.09)
     assert behind.sum() >= 2
     np.testing.assert_allclose(ahead[behind], -4.0 / slope[behind], rtol=0.01)
 
 
+@pytest.mark.parametrize(("quality", "share_met", "share_near"), [("full", 0.999, 0.995), ("fast", 0.997, 0.97)])
 @pytest.mark.slow
-def test_depths_are_those_of_the_reference(hard_world: World):
+def test_depths_are_those_of_the_reference(hard_world: World, quality, share_met: float, share_near: float):
     camera = Camera(64, 64)
-    renderer = Renderer([hard_world], camera)
+    renderer = Renderer([hard_world], camera, quality)
     materials = reference.Materials(hard_world, look_rows(look_values(None, 1), camera)[0])
     agree, near = [], []
     for pose in on_river(hard_world, 8, 5):
         (depth, kind), (marched, _) = planes_and_march(renderer, pose)
         truth = reference.meet_ground(materials, pose[:3], rays(camera, pose[3]), 0.3)
-        met = (kind != SKY) & (truth < 300)
         agree.append(((kind != SKY) == (truth < 320)).mean())
-        off = [np.abs(found - truth)[met] / truth[met] for found in (depth, marched)]
-        near.append([(each < 0.01).mean() for each in off])
-    assert np.mean(agree) > 0.998
+        met = (kind != SKY) & (truth < 300)
+        near.append([(np.abs(found - truth)[met] < 0.01 * truth[met]).mean() for found in (depth, marched)])
+    assert np.mean(agree) > share_met
     by_planes, by_march = np.mean(near, axis=0)
-    assert by_planes > 0.99
-    assert by_planes > by_march - 0.002
-
-
-@pytest.mark.parametrize("quality", ["full", "fast"])
-@pytest.mark.slow
-def test_planes_and_march_agree(hard_world: World, quality):
-    renderer = Renderer([hard_world], Camera(96, 96), quality)
-    for pose in on_river(hard_world, 6, 1):
-        (depth, kind), (marched, marched_kind) = planes_and_march(renderer, pose)
-        assert (kind == marched_kind).mean() > 0.995
-        both = (kind != SKY) & (marched_kind != SKY)
-        off = np.abs(depth - marched)[both] / marched[both]
-        assert np.median(off) < (1e-5 if quality == "full" else 2e-3)
-        assert (off < 0.02).mean() > 0.99
+    assert by_planes > share_near
+    # Here and there something small between two planes is missed, which the march of every ray would meet.
+    assert by_planes > by_march - (0.004 if quality == "full" else 0.0)
 
 
 @pytest.mark.slow

@@ -18,9 +18,9 @@ def test_depth_on_a_plane_is_where_each_ray_meets_it(slope, quality):
     ray = rays(camera, pose[3])
     expected = 3.0 / np.maximum(ray[..., :2] @ slope - ray[..., 2], 1e-9)
     x, y = pose[0] + ray[..., 0] * expected, pose[1] + ray[..., 1] * expected
-    inside = (expected < 100) & (np.abs(x) < 49) & (np.abs(y) < 49)
-    if quality == "fast":  # there the edge of the plane goes by squares of four pixels
-        inside &= inside.reshape(24, 2, 24, 2).all(axis=(1, 3)).repeat(2, axis=0).repeat(2, axis=1)
+    # The reduced quality interpolates over the edge of the plane, where the ground turns level.
+    edge = 49 if quality == "full" else 45
+    inside = (expected < 100) & (np.abs(x) < edge) & (np.abs(y) < edge)
     assert inside.sum() > 800
     np.testing.assert_allclose(frame.depth_m[0][inside], expected[inside], rtol=2e-3, atol=2e-3)
 

@@ -129,7 +129,7 @@ class GpuRenderer:
         shapes = {
             "cameras": ((cameras, visible_plants.CAMERA_COLUMNS), np.float32),
             "moments": ((cameras,), np.float32),
-            "distances": ((cameras, height, most_planes(width)), np.float32),
+            "nearness": ((cameras, height, most_planes(width)), np.float32),
             "keys": ((cameras,), np.uint32),
             "counts": ((cameras,), np.int32),
             "gains": ((cameras,), np.float32),
@@ -159,15 +159,15 @@ class GpuRenderer:
         gpu.launch(
             visible_plants.find, count, visible_plants.THREADS, device, scene, views, settings, cameras, *plants
         )  # fmt: skip
-        distances = self._scratch["distances"]
+        nearness = self._scratch["nearness"]
         gpu.launch(
-            ground_profiles.find_distances, count, ground_profiles.THREADS, device,
-            scene, views, settings, cameras, distances,
+            ground_profiles.find_nearness, count, ground_profiles.THREADS, device,
+            scene, views, settings, cameras, nearness,
         )  # fmt: skip
         tiles = -(-height // pixel.TILE) * -(-width // pixel.TILE)
         gpu.launch(
             pixel.tracer(reduced, images is not None), (tiles, count), pixel.THREADS, device,
-            scene, views, cameras, moments, distances, plants, planes,
+            scene, views, cameras, moments, nearness, plants, planes,
         )  # fmt: skip
         if images is not None:
             softened = self._scratch["softened"]

@@ -6,7 +6,7 @@ from numba import cuda, float32, int32
 from thalweg.core.jit import kernel
 from thalweg.render.gpu.visible_plants import stored_camera
 from thalweg.render.kernels import azimuth_planes
-from thalweg.render.kernels.azimuth_planes import NOTHING_M, first_row_below, ray_slope, secant
+from thalweg.render.kernels.azimuth_planes import first_row_below, ray_slope, secant
 from thalweg.render.kernels.camera_rays import Rays, map_origin, square_rays
 from thalweg.render.kernels.heightfield_march import FAR_M, TILE, advance_bundles, bundle_spread
 from thalweg.render.kernels.table_lookup import bilinear
@@ -19,8 +19,8 @@ THREADS = 128
 """Threads of a block."""
 
 
-def find_distances(scene, views, settings, cameras, distances):
-    """One block a camera: distances [N, H, planes] at which the rays of each row meet the ground in each plane.
+def find_nearness(scene, views, settings, cameras, nearness):
+    """One block a camera: nearness [N, H, planes] of the ground that the rays of each row meet in each plane.
 
     As `azimuth_planes.meet_profiles`; planes are as many as `azimuth_planes.most_planes`. Cameras that planes can't
     serve are left out.
@@ -31,16 +31,16 @@ def find_distances(scene, views, settings, cameras, distances):
     view = View(views.world_index[n], views.looks[n], camera, f32(0))
     if not azimuth_planes.can_serve(camera):
         return
-    nearest = cuda.shared.array(THREADS, float32)
-    nearest[thread] = nearest_bundle(scene, view, thread)
+    starts = cuda.shared.array(THREADS, float32)
+    starts[thread] = nearest_bundle(scene, view, thread)
     cuda.syncthreads()
     start = f32(FAR_M)
     for k in range(THREADS):
-        start = min(start, nearest[k])
+        start = min(start, starts[k])
     start = start * azimuth_planes.least_reach(camera)
     fan = azimuth_planes.fan_of(camera, scene.constants[view.world, layout.INV_CELL])
     for plane in range(thread, fan.planes, THREADS):
-        walk_plane(scene, view, fan, plane, start, distances[n])
+        walk_plane(scene, view, fan, plane, start, nearness[n])
 
 
 @kernel(inlined=True)
@@ -61,8 +61,8 @@ def nearest_bundle(scene, view, thread):
 
 
 @kernel(inlined=True)
-def walk_plane(scene, view, fan, plane, start, distances):
-    """Fill column `plane` of distances [H, planes] with where each row meets the ground, from near to far."""
+def walk_plane(scene, view, fan, plane, start, nearness):
+    """Fill column `plane` of nearness [H, planes] with where each row meets the ground, from near to far."""
     camera = view.camera
     origin = map_origin(scene, view)
     columns = int32(scene.extents[view.world, layout.GX])
@@ -85,7 +85,7 @@ def walk_plane(scene, view, fan, plane, start, distances):
         row = first_row_below(fan, slope, 0, camera.height)
         while free > row:
             free -= 1
-            distances[free, plane] = secant(ray_slope(camera, free), before, slope_before, ahead, slope)
+            nearness[free, plane] = f32(1) / secant(ray_slope(camera, free), before, slope_before, ahead, slope)
         # The last sample is the first that is not before `far`.
         walking = ahead < far
         before = ahead
@@ -93,4 +93,4 @@ def walk_plane(scene, view, fan, plane, start, distances):
         ahead = azimuth_planes.next_distance(ahead, cell, camera.height)
     while free > 0:
         free -= 1
-        distances[free, plane] = f32(NOTHING_M)
+        nearness[free, plane] = f32(0)

@@ -44,10 +44,10 @@ SHARED_FLOATS, SHARED_INTS = 17, 3
 def tracer(reduced: bool, coloured: bool) -> Callable:
     """Return the kernel for a quality; without colours, it finds only depth, class and mask."""
 
-    def trace(scene, views, cameras, moments, distances, plants, planes):
+    def trace(scene, views, cameras, moments, nearness, plants, planes):
         """One block a tile (x) of a camera (y): fill `Planes` [N, H, W].
 
-        moments: of `visible_plants.place_cameras`; distances: of `ground_profiles.find_distances`; plants: order,
+        moments: of `visible_plants.place_cameras`; nearness: of `ground_profiles.find_nearness`; plants: order,
         distance, boxes, counts of `visible_plants.find`.
         """
         n = cuda.blockIdx.y
@@ -61,7 +61,7 @@ def tracer(reduced: bool, coloured: bool) -> Callable:
         view = View(views.world_index[n], views.looks[n], camera, moments[n])
         depth = cuda.local.array(1, float32)
         rays = Rays(cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32))
-        kind = primary_hit(scene, view, tile_r, tile_c, r, c, reduced, distances[n], rays, depth)
+        kind = primary_hit(scene, view, tile_r, tile_c, r, c, reduced, nearness[n], rays, depth)
         kind, stone_r, stone_g, stone_b = nearest_bridge(scene, view, rays, depth, kind, coloured)
         # Threads outside the image stay alive: they still load plants and meet the barriers.
         inside = r < height and c < width
@@ -95,17 +95,17 @@ def tracer(reduced: bool, coloured: bool) -> Callable:
 
 
 @kernel(inlined=True)
-def primary_hit(scene, view, tile_r, tile_c, r, c, reduced, distances, rays, depth):
+def primary_hit(scene, view, tile_r, tile_c, r, c, reduced, nearness, rays, depth):
     """Return the class that the ray of pixel (r, c) meets, except for bridges and plants; fills ray and depth [1].
 
-    distances [H, planes]: of `ground_profiles.find_distances`.
+    nearness [H, planes]: of `ground_profiles.find_nearness`.
     """
     inv_cell = scene.constants[view.world, layout.INV_CELL]
     origin = map_origin(scene, view)
     row_rays(view.camera, r, c, inv_cell, rays, 1)
     # The same branch for all threads of the block: it depends on the camera alone.
     if azimuth_planes.can_serve(view.camera):
-        met = hit_by_planes(scene, view, r, c, reduced, distances, rays, depth)
+        met = hit_by_planes(scene, view, r, c, reduced, nearness, rays, depth)
     else:
         met = hit_by_march(scene, view, tile_r, tile_c, r, c, reduced, rays, depth)
     wet = cuda.local.array(1, float32)
@@ -128,12 +128,12 @@ def empty_track():
 
 
 @kernel(inlined=True)
-def hit_by_planes(scene, view, r, c, reduced, distances, rays, depth):
+def hit_by_planes(scene, view, r, c, reduced, nearness, rays, depth):
     """Return whether a ray meets ground or water, and fill depth [1], from where the two planes beside it meet it."""
     origin = map_origin(scene, view)
     fan = azimuth_planes.fan_of(view.camera, scene.constants[view.world, layout.INV_CELL])
     # Threads outside the image compute with the last row.
-    own = distances[min(r, view.camera.height - 1)]
+    own = nearness[min(r, view.camera.height - 1)]
     if reduced:
         azimuth_planes.interpolate_row(view, fan, r, c, own, depth, 1)
         return depth[0] < f32(heightfield_march.FAR_M)

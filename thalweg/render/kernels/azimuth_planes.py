@@ -33,10 +33,12 @@ STEP_NODES = 0.5
 """Least distance between samples, in nodes of the map."""
 LEAST_ASPECT = 0.25
 """The planes serve a view whose rays, per metre of depth, get horizontally at least this share of the farthest."""
-NOTHING_M = 1e6
-"""Distance in a plane where a row meets nothing."""
+NEARNESS_LEAST = 1e-6
+"""Nearness, in a metre's inverse, below which nothing is met."""
 APART = 0.06
-"""A pixel is doubtful where the distances of its two planes differ by more than this share: an edge lies between."""
+"""A pixel is doubtful where the nearness of its two planes differs by more than this share: an edge may lie between."""
+APART_REDUCED = 0.3
+"""The same for the reduced quality, which then shows the nearer of the two."""
 SETTLE_M = 0.08
 SETTLE_SHARE = 0.02
 """A pixel is doubtful where the Newton step is longer than SETTLE_M plus this share of its depth."""
@@ -258,11 +260,13 @@ def secant(slope, s0, m0, s1, m1):
 
 
 @kernel(disjoint=True, allocates=False)
-def meet_profiles(fan, profiles, row, slope, distance):
-    """Fill distance [planes] with where the rays of a row, which rise by `slope`, meet each profile.
+def meet_profiles(fan, profiles, row, slope, nearness):
+    """Fill nearness [planes] with one over the distance at which the rays of a row, which rise by `slope`, meet each
+    profile; 0 where they meet nothing.
 
-    row: its number in `first`; `NOTHING_M` where nothing is met.
+    row: its number in `first`.
     """
+    # Nearness and not distance, because on level or sloping ground it is linear from plane to plane.
     own, samples, slopes = profiles.first[row], profiles.distance, profiles.slope
     last = int32(len(samples)) - int32(1)
     for i in range(fan.planes):
@@ -275,21 +279,21 @@ def meet_profiles(fan, profiles, row, slope, distance):
             samples[uint32(after)],
             slopes[uint32(after * fan.planes + int32(i))],
         )
-        distance[i] = met if own[i] <= last else f32(NOTHING_M)
+        nearness[i] = f32(1) / met if own[i] <= last else f32(0)
 
 
 @kernel(inlined=True, allocates=False)
-def between_planes(fan, distance, position):
-    """The distance at a place between two planes, the nearer of the two, and whether they differ as beside an edge.
+def between_planes(fan, nearness, position):
+    """The nearness at a place between two planes, the greater of the two, and by how much they differ.
 
-    position: counted in planes; distance [planes]: of `meet_profiles`.
+    position: counted in planes; nearness [planes]: of `meet_profiles`.
     """
     position = clamp(position, f32(0), f32(fan.planes) - f32(1.001))
     i = int32(position)
-    left = distance[uint32(i)]
-    right = distance[uint32(i + int32(1))]
+    left = nearness[uint32(i)]
+    right = nearness[uint32(i + int32(1))]
     middle = left + (right - left) * (position - f32(i))
-    return middle, min(left, right), abs(right - left) > f32(APART) * middle
+    return middle, max(left, right), abs(right - left)
 
 
 @kernel(inlined=True, allocates=False)
@@ -301,10 +305,10 @@ def plane_position(camera, fan, row):
 
 
 @kernel(disjoint=True, allocates=False)
-def settle_row(scene, view, origin, fan, row, column, rays, distance, t, doubt, n):
-    """Fill t [n] with the depths at which the rays of a row meet the surface, `NOTHING_M` for none.
+def settle_row(scene, view, origin, fan, row, column, rays, nearness, t, doubt, n):
+    """Fill t [n] with the depths at which the rays of a row meet the surface, more than `FAR_M` for none.
 
-    rays: from `column` on; distance [planes]: of `meet_profiles`. doubt [n] uint8: 1 where t is only a depth before the
+    rays: from `column` on; nearness [planes]: of `meet_profiles`. doubt [n] uint8: 1 where t is only a depth before the
     surface, from which a march has to look for it.
     """
     dx, dy, dz = rays
@@ -317,29 +321,28 @@ def settle_row(scene, view, origin, fan, row, column, rays, distance, t, doubt, 
     inverse = f32(1) / horizontal_reach(view.camera, row)
     first, per_column = plane_position(view.camera, fan, row)
     for c in range(n):
-        middle, nearer, apart = between_planes(fan, distance, first + f32(column + c) * per_column)
-        ti = middle * inverse
+        middle, nearer, apart = between_planes(fan, nearness, first + f32(column + c) * per_column)
+        ti = inverse / max(middle, f32(NEARNESS_LEAST))
         # Newton: the height above the surface, by the rate at which the ray sinks towards it.
         height, across, along = sloped(top, at, columns, rows, origin.x + dx[c] * ti, origin.y + dy[c] * ti)
         rate = across * dx[c] + along * dy[c] - dz[c]
         move = (origin.z + dz[c] * ti - height) / max(rate, f32(1e-3))
         room = f32(SETTLE_M) + f32(SETTLE_SHARE) * ti
-        nothing = nearer >= f32(NOTHING_M)
-        unsure = (apart | (abs(move) > room)) & (not nothing)
+        unsure = ((apart > f32(APART) * middle) | (abs(move) > room)) & (nearer > f32(0))
         # Two samples before the nearer plane's: the surface may be nearer between the planes.
-        before = max((nearer * f32(1 - 2 * STEP_SHARE) - margin) * inverse, near)
-        settled = max(ti + clamp(move, -room, room), near)
-        t[c] = before if unsure else (f32(NOTHING_M) if nothing else settled)
+        before = max((f32(1 - 2 * STEP_SHARE) / max(nearer, f32(NEARNESS_LEAST)) - margin) * inverse, near)
+        t[c] = before if unsure else max(ti + clamp(move, -room, room), near)
         doubt[c] = np.uint8(1) if unsure else np.uint8(0)
 
 
 @kernel(disjoint=True, allocates=False)
-def interpolate_row(view, fan, row, column, distance, t, n):
+def interpolate_row(view, fan, row, column, nearness, t, n):
     """As `settle_row`, without the step onto the surface and without doubt, for the reduced quality."""
     near = view.camera.near_m
     inverse = f32(1) / horizontal_reach(view.camera, row)
     first, per_column = plane_position(view.camera, fan, row)
     for c in range(n):
-        middle, nearer, apart = between_planes(fan, distance, first + f32(column + c) * per_column)
+        middle, nearer, apart = between_planes(fan, nearness, first + f32(column + c) * per_column)
         # Between planes that meet different things the nearer one is shown.
-        t[c] = max((nearer if apart else middle) * inverse, near)
+        shown = nearer if apart > f32(APART_REDUCED) * middle else middle
+        t[c] = max(inverse / max(shown, f32(NEARNESS_LEAST)), near)

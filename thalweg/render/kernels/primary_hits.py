@@ -53,7 +53,7 @@ def find_primary_hits(scene, view, top, reduced, depth, kind):
 
 @kernel
 def find_by_planes(scene, view, top, reduced, depth, kind):
-    """As `find_primary_hits`, by the profiles of vertical planes; the reduced quality does not refine their distances."""
+    """As `find_primary_hits`, by the profiles of vertical planes; the reduced quality interpolates only."""
     camera = view.camera
     rows, wide = depth.shape
     inv_cell = scene.constants[view.world, layout.INV_CELL]
@@ -64,7 +64,7 @@ def find_by_planes(scene, view, top, reduced, depth, kind):
     t = np.empty(wide, np.float32)
     water = np.empty(wide, np.float32)
     doubt = np.empty(wide, np.uint8)
-    distance = np.empty(fan.planes, np.float32)
+    nearness = np.empty(fan.planes, np.float32)
     scratch = np.empty((11, SPAN), np.float32)
     places = np.empty((2, SPAN), np.int32)
     waiting = Doubtful(
@@ -83,12 +83,12 @@ def find_by_planes(scene, view, top, reduced, depth, kind):
     count = 0
     for r in range(rows):
         slope = azimuth_planes.ray_slope(camera, top + r)
-        azimuth_planes.meet_profiles(fan, profiles, r, slope, distance)
+        azimuth_planes.meet_profiles(fan, profiles, r, slope, nearness)
         row_rays(camera, top + r, 0, inv_cell, rays, wide)
         if reduced:
-            azimuth_planes.interpolate_row(view, fan, top + r, 0, distance, t, wide)
+            azimuth_planes.interpolate_row(view, fan, top + r, 0, nearness, t, wide)
         else:
-            azimuth_planes.settle_row(scene, view, origin, fan, top + r, 0, rays, distance, t, doubt, wide)
+            azimuth_planes.settle_row(scene, view, origin, fan, top + r, 0, rays, nearness, t, doubt, wide)
         heightfield_march.water_depths(scene, view.world, origin, rays, t, water, wide)
         classify_row(t, water, depth[r], kind[r], wide)
         if not reduced:

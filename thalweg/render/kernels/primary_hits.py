@@ -39,6 +39,22 @@ class Doubtful(NamedTuple):
     """A `Track`."""
 
 
+class PlaneScratch(NamedTuple):
+    """Scratch of `meet_rows` for a row [W']."""
+
+    rays: Any
+    """`Rays` of float32."""
+    t: Any
+    """float32, as the next."""
+    water: Any
+    doubt: Any
+    """uint8."""
+    nearness: Any
+    """[planes] float32."""
+    waiting: Any
+    """`Doubtful` pixels."""
+
+
 @kernel
 def find_primary_hits(scene, view, top, reduced, depth, kind):
     """Fill depth [R, W'] along the axis (MISS for the sky) and kind [R, W'] uint8 with what every ray meets.
@@ -57,48 +73,56 @@ def find_by_planes(scene, view, top, reduced, depth, kind):
     camera = view.camera
     rows, wide = depth.shape
     inv_cell = scene.constants[view.world, layout.INV_CELL]
-    cell = f32(1) / inv_cell
     origin = map_origin(scene, view)
     fan = azimuth_planes.fan_of(camera, inv_cell)
-    rays = Rays(np.empty(wide, np.float32), np.empty(wide, np.float32), np.empty(wide, np.float32))
-    t = np.empty(wide, np.float32)
-    water = np.empty(wide, np.float32)
-    doubt = np.empty(wide, np.uint8)
-    nearness = np.empty(fan.planes, np.float32)
+    line = np.empty((5, wide), np.float32)
     scratch = np.empty((11, SPAN), np.float32)
     places = np.empty((2, SPAN), np.int32)
-    waiting = Doubtful(
-        places[0], places[1], Rays(scratch[0], scratch[1], scratch[2]), scratch[3], scratch[4], scratch[5],
-        Track(scratch[6], scratch[7], scratch[8], scratch[9], scratch[10]),
+    work = PlaneScratch(
+        Rays(line[0], line[1], line[2]), line[3], line[4], np.empty(wide, np.uint8), np.empty(fan.planes, np.float32),
+        Doubtful(
+            places[0], places[1], Rays(scratch[0], scratch[1], scratch[2]), scratch[3], scratch[4], scratch[5],
+            Track(scratch[6], scratch[7], scratch[8], scratch[9], scratch[10]),
+        ),
     )  # fmt: skip
-
-    start = first_distance(scene, view, origin, rays, t)
+    start = first_distance(scene, view, origin, work.rays, work.t)
     # Bands of rows use the same samples as the whole image.
-    samples = azimuth_planes.count_samples(start, azimuth_planes.far_distance(camera), cell, camera.height)
+    far = azimuth_planes.far_distance(camera)
+    samples = azimuth_planes.count_samples(start, far, f32(1) / inv_cell, camera.height)
     profiles = azimuth_planes.empty_profiles(fan, samples, rows)
-    azimuth_planes.place_samples(profiles.distance, start, cell, camera.height)
+    azimuth_planes.place_samples(profiles.distance, start, f32(1) / inv_cell, camera.height)
     azimuth_planes.sample_slopes(scene, view.world, origin, fan, profiles.distance, profiles.slope)
     azimuth_planes.find_visible(fan, profiles, top, top + rows)
+    meet_rows(scene, view, top, reduced, fan, profiles, work, depth, kind)
 
+
+@kernel(allocates=False)
+def meet_rows(scene, view, top, reduced, fan, profiles, work, depth, kind):
+    """Fill depth and kind [R, W'] of the rows from `top` on from `Profiles`, with `PlaneScratch`."""
+    origin = map_origin(scene, view)
+    inv_cell = scene.constants[view.world, layout.INV_CELL]
+    rays, t, doubt, nearness = work.rays, work.t, work.doubt, work.nearness
+    rows, wide = depth.shape
     count = 0
     for r in range(rows):
-        slope = azimuth_planes.ray_slope(camera, top + r)
-        azimuth_planes.meet_profiles(fan, profiles, r, slope, nearness)
-        row_rays(camera, top + r, 0, inv_cell, rays, wide)
+        row = top + r
+        azimuth_planes.meet_profiles(fan, profiles, r, azimuth_planes.ray_slope(view.camera, row), nearness)
+        row_rays(view.camera, row, 0, inv_cell, rays, wide)
         if reduced:
-            azimuth_planes.interpolate_row(view, fan, top + r, 0, nearness, t, wide)
+            azimuth_planes.interpolate_row(view, fan, row, 0, nearness, t, wide)
         else:
-            azimuth_planes.settle_row(scene, view, origin, fan, top + r, 0, rays, nearness, t, doubt, wide)
-        heightfield_march.water_depths(scene, view.world, origin, rays, t, water, wide)
-        classify_row(t, water, depth[r], kind[r], wide)
-        if not reduced:
-            for c in range(wide):
-                if doubt[c] == np.uint8(1):
-                    count = hold_back(waiting, count, r, c, rays, t[c])
-                    if count == SPAN:
-                        march_doubtful(scene, view.world, origin, waiting, count, depth, kind)
-                        count = 0
-    march_doubtful(scene, view.world, origin, waiting, count, depth, kind)
+            azimuth_planes.settle_row(scene, view, origin, fan, row, 0, rays, nearness, t, doubt, wide)
+        heightfield_march.water_depths(scene, view.world, origin, rays, t, work.water, wide)
+        classify_row(t, work.water, depth[r], kind[r], wide)
+        if reduced:
+            continue
+        for c in range(wide):
+            if doubt[c] == np.uint8(1):
+                count = hold_back(work.waiting, count, r, c, rays, t[c])
+                if count == SPAN:
+                    march_doubtful(scene, view.world, origin, work.waiting, count, depth, kind)
+                    count = 0
+    march_doubtful(scene, view.world, origin, work.waiting, count, depth, kind)
 
 
 @kernel(allocates=False)

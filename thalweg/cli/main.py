@@ -103,6 +103,8 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 def _is_closed_pipe(stream: TextIO) -> bool:
     """Return whether a stream is a pipe that nobody reads any more; other pipes can break too, such as a worker's."""
+    if not hasattr(select, "poll"):  # Windows, where a closed pipe is an OSError of another kind
+        return False
     poll = select.poll()
     poll.register(stream.fileno(), 0)
     return any(event & select.POLLERR for _, event in poll.poll(0))

@@ -31,7 +31,7 @@ class RenderFrames:
     size: int = 128
     """Height and width of a frame in pixels."""
     quality: Literal["full", "fast"] = "full"
-    """`fast` leaves out reflections, filters less, and marches one ray for four pixels."""
+    """`fast` leaves out reflections, filters less, and interpolates the ground."""
     frames: Path | None = None
     """Also write each frame as a PNG into this folder."""
     gallery: bool = False

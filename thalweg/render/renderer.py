@@ -50,8 +50,8 @@ class Renderer:
     ) -> None:
         """Prepare the tables of the worlds.
 
-        `quality`: "full", or "fast" for frames without reflections, with less filtering, and with one march for four
-        pixels. `device`: where frames are drawn, see `thalweg.core.device`. Frames are arrays of the host in either
+        `quality`: "full", or "fast" for frames without reflections, with less filtering, and with interpolated
+        ground. `device`: where frames are drawn, see `thalweg.core.device`. Frames are arrays of the host in either
         case, and those of two devices differ by at most 2/255.
 
         Raises `RenderError` for no world, an unknown quality, or too little memory on the GPU, and `DeviceError` for a

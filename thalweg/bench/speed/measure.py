@@ -37,7 +37,7 @@ VIEWS = 64
 FRAME_FEATURES = "RGB, water mask, everything drawn"
 FEATURES: dict[Quality, str] = {
     "full": FRAME_FEATURES,
-    "fast": "RGB, water mask; no reflection, nearest look-ups, a march for four pixels",
+    "fast": "RGB, water mask; no reflection, nearest look-ups, interpolated ground",
 }
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from thalweg.render.bake import impostors, ripples, sky
+from thalweg.render.bake import impostors, outlines, ripples, sky
 from thalweg.render.bake.cone_map import cone_map
 from thalweg.render.records.layout import (
     ATLAS_AT,
@@ -19,6 +19,8 @@ from thalweg.render.records.layout import (
     CANOPY_CELL,
     CANOPY_X,
     CANOPY_Y,
+    CHUNK,
+    CHUNK_AT,
     CONE_AT,
     CONE_X,
     CONSTANT_COLUMNS,
@@ -105,7 +107,9 @@ def build_scene(worlds: Sequence[World]) -> Scene:
     for world, extent, constant in zip(worlds, extents, constants, strict=True):
         sun = sun_vector(world)
         add_maps(tables, world, sun, extent)
-        extent[PLANT_FROM] = tables.add("plants", plant_rows(world))
+        plants = in_chunks(plant_rows(world))
+        extent[PLANT_FROM] = tables.add("plants", plants)
+        extent[CHUNK_AT] = tables.add("chunks", chunk_spheres(plants))
         extent[PLANT_TO] = tables.length["plants"]
         extent[BRIDGE_FROM] = tables.add("bridges", bridge_rows(world))
         extent[BRIDGE_TO] = tables.length["bridges"]
@@ -115,6 +119,7 @@ def build_scene(worlds: Sequence[World]) -> Scene:
         if id(atlas) not in atlases:
             atlas_level = atlas.offset
             atlases[id(atlas)] = tables.add("atlas", atlas.packed), tables.add("shade", atlas.shade.reshape(-1, 3))
+            tables.add("outlines", outlines.of_atlas(atlas))
         extent[ATLAS_AT], extent[SHADE_AT] = atlases[id(atlas)]
         constant[[ORIGIN_X, ORIGIN_Y, INV_CELL]] = world.grid.origin_x_m, world.grid.origin_y_m, 1 / world.grid.cell_m
         constant[TOP_MAX] = np.maximum(world.ground_m, world.water_m).max()
@@ -228,6 +233,36 @@ def plant_rows(world: World) -> np.ndarray:
     rows[:, [P_LOW, P_HIGH]] = plants.light
     rows[:, P_RANK] = plant_ranks(len(rows))
     return rows
+
+
+def in_chunks(rows: np.ndarray) -> np.ndarray:
+    """Return plants [M, PLANT_COLUMNS] in an order in which those that stand close together are close together.
+
+    The order is that of a Morton curve (Morton 1966) over squares of two metres.
+    """
+    cell = np.floor((rows[:, [P_X, P_Y]] - rows[:, [P_X, P_Y]].min(0, initial=np.inf)) / 2.0).astype(np.uint64)
+    code = np.zeros(len(rows), np.uint64)
+    for bit in range(16):
+        for axis in range(2):
+            code |= (cell[:, axis] >> np.uint64(bit) & np.uint64(1)) << np.uint64(2 * bit + axis)
+    return rows[np.argsort(code, kind="stable")]
+
+
+def chunk_spheres(rows: np.ndarray) -> np.ndarray:
+    """Return a sphere around each chunk of plants [M, PLANT_COLUMNS]: middle and radius in metres [C, 4] float32.
+
+    It holds the spheres around its plants that `kernels.plants.distance_in_view` looks at.
+    """
+    spheres = np.empty((-(-len(rows) // CHUNK), 4), np.float32)
+    for sphere, first in zip(spheres, range(0, len(rows), CHUNK), strict=True):
+        part = rows[first : first + CHUNK].astype(np.float64)
+        centre = part[:, [P_X, P_Y, P_Z]] + [0.0, 0.0, 0.5] * part[:, [P_HEIGHT]]
+        radius = part[:, P_HEIGHT] / 2 + part[:, P_HALF]
+        middle = ((centre - radius[:, None]).min(0) + (centre + radius[:, None]).max(0)) / 2
+        # A centimetre more than all rounding in single precision.
+        reach = (np.linalg.norm(centre - middle, axis=1) + radius).max() + 0.01
+        sphere[:] = *middle, reach
+    return spheres
 
 
 def plant_ranks(count: int) -> np.ndarray:

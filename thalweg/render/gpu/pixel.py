@@ -213,7 +213,7 @@ def share_billboard(board, floats, ints, thread):
         floats[0, thread], floats[1, thread], floats[2, thread], floats[3, thread], floats[4, thread],
         floats[5, thread], ints[0, thread], ints[1, thread], ints[2, thread], floats[6, thread], floats[7, thread],
         floats[8, thread], floats[9, thread], floats[10, thread], floats[11, thread], floats[12, thread],
-        floats[13, thread], floats[14, thread], floats[15, thread], floats[16, thread],
+        floats[13, thread], floats[14, thread], floats[15, thread], floats[16, thread], _,
     ) = board  # fmt: skip
 
 
@@ -224,6 +224,8 @@ def shared_billboard(floats, ints, j):
         floats[0, j], floats[1, j], floats[2, j], floats[3, j], floats[4, j], floats[5, j],
         ints[0, j], ints[1, j], ints[2, j], floats[6, j], floats[7, j], floats[8, j], floats[9, j], floats[10, j],
         floats[11, j], floats[12, j], floats[13, j], floats[14, j], floats[15, j], floats[16, j],
+        # A pixel needs no outline: it looks at its own texel.
+        int32(0),
     )  # fmt: skip
 
 
@@ -260,7 +262,7 @@ def blend_plants(scene, view, plants, n, corner, r, inside, reduced, rays, depth
     for first in range(0, total, THREADS):
         # The whole block stops together: a vote says whether any of its pixels still shows plants.
         nearest = nearest_depth(distance[n, order[n, first]], camera)
-        if cuda.syncthreads_or(int32(inside and light > closed and depth[0] > nearest)) == 0:
+        if cuda.syncthreads_or(int32(inside and light > f32(0) and depth[0] > nearest)) == 0:
             break
         k = first + thread
         touching = k < total and touches_tile(boxes, n, k, tile_r, tile_c)
@@ -276,7 +278,7 @@ def blend_plants(scene, view, plants, n, corner, r, inside, reduced, rays, depth
                 continue
             board = shared_billboard(floats, ints, j)
             add_r, add_g, add_b, part, t = billboard_light(
-                scene.atlas, board, dx, dy, dz, camera.near_m, depth[0], light, reduced
+                scene.atlas, board, dx, dy, dz, camera.near_m, depth[0], light, closed, reduced
             )  # fmt: skip
             red += add_r
             green += add_g
@@ -290,14 +292,14 @@ def blend_plants(scene, view, plants, n, corner, r, inside, reduced, rays, depth
 
 
 @kernel(inlined=True)
-def billboard_light(atlas, board, dx, dy, dz, near, ground_depth, light, reduced):
+def billboard_light(atlas, board, dx, dy, dz, near, ground_depth, light, closed, reduced):
     """Return what `billboard.billboard_pixel` does, in either quality."""
     if reduced:
         ink_r, ink_g, ink_b, ink, t = reduced_quality.billboard_pixel(atlas, board, dx, dy, dz, near)
         # The reduced pixel leaves visibility to its caller, because on the CPU two rows share it.
-        part = light * ink if t < ground_depth else f32(0)
+        part = billboard.stopped(light, ink if t < ground_depth else f32(0), closed)
         return part * ink_r, part * ink_g, part * ink_b, part, t
-    return billboard.billboard_pixel(atlas, board, dx, dy, dz, near, ground_depth, light)
+    return billboard.billboard_pixel(atlas, board, dx, dy, dz, near, ground_depth, light, closed)
 
 
 @kernel(inlined=True)

@@ -4,7 +4,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import int32, uint32, uint64
+from numba import int32, uint32
 
 from thalweg.core.jit import kernel
 from thalweg.render.bake import impostors
@@ -17,11 +17,16 @@ from thalweg.render.records.appearance import HAZE_PER_M, SEASON
 f32 = np.float32
 
 BLOCK = 16
-"""Pixels of a row that are drawn together, and closed together."""
+"""The planes of a frame are this many pixels wide, or a multiple of it."""
+SHIFT = 2
+SIDE = 1 << SHIFT
+"""Samples along each side of a tile, a power of two."""
+SAMPLES = SIDE * SIDE
+"""Samples of a tile. In the reduced quality a sample stands for two pixels, one below the other."""
 SHARPEN = 0.35
 """Levels by which billboards are sampled finer than their size asks for: the original's frames are as crisp."""
 CLOSED = 0.02
-"""A block is closed once each of its pixels lets less light through than this, or shows ground before the plant."""
+"""What is left once less light than this passes through a pixel's plants is stopped by the last of them."""
 EDGE = math.tan(math.pi / 8)
 """Slope of the line between two of the eight views."""
 assert impostors.VIEWS == 8
@@ -59,6 +64,8 @@ class Billboard(NamedTuple):
     """Radiance without direct sun as a share of that in full sun."""
     shade_g: Any
     shade_b: Any
+    outline: Any
+    """Index of its picture's outline in `Scene.outlines`, an integer."""
 
 
 @kernel(inlined=True, allocates=False)
@@ -123,15 +130,26 @@ def make_billboard(scene, view, p, distance, sharpen):
         distance, nx, ny, foot, per_height, per_half_width, begin, columns, rows,
         tint_r, tint_g, tint_b, haze_r, haze_g, haze_b, sun_low, plant[layout.P_HIGH] - sun_low,
         scene.shade[shade, 0], scene.shade[shade, 1], scene.shade[shade, 2],
+        int32(shade * int32(impostors.LEVELS) + level),
     )  # fmt: skip
 
 
 @kernel(inlined=True, allocates=False)
-def billboard_pixel(atlas, board, dx, dy, dz, near, ground, passing):
+def stopped(passing, cover, closed):
+    """The part of the passing light that a plant stops: as much as it covers, and all if less than `closed` is left.
+
+    So a pixel has an end, and what it shows does not depend on which pixels are drawn together.
+    """
+    part = passing * cover
+    return passing if passing - part < closed else part
+
+
+@kernel(inlined=True, allocates=False)
+def billboard_pixel(atlas, board, dx, dy, dz, near, ground, passing, closed):
     """What a billboard adds to one pixel: red, green, blue, the share of `passing` that it stops, and its depth.
 
     dx, dy, dz: the ray in metres per metre along the axis; ground: depth of what lies behind; passing: share of light
-    that nearer plants let through.
+    that nearer plants let through; closed: of which this one stops all if it lets less than this through.
     """
     # Where the ray meets the upright plane: v from 0 at the foot to 1 at the top, u from -1 to 1 across.
     towards = dx * board.sight_x + dy * board.sight_y
@@ -168,7 +186,7 @@ def billboard_pixel(atlas, board, dx, dy, dz, near, ground, passing):
     cb *= share
     sun = clamp(board.sun_low + board.sun_rise * v, f32(0), f32(1))
     # Front-to-back compositing (Porter, Duff 1984): what is stopped here takes its share of what still passes.
-    part = passing * cover * f32(1 / 255.0) if inside else f32(0)
+    part = stopped(passing, cover * f32(1 / 255.0) if inside else f32(0), closed)
     red = part * (cr * cr * board.tint_r * (board.shade_r + (f32(1) - board.shade_r) * sun) + board.haze_r)
     green = part * (cg * cg * board.tint_g * (board.shade_g + (f32(1) - board.shade_g) * sun) + board.haze_g)
     blue = part * (cb * cb * board.tint_b * (board.shade_b + (f32(1) - board.shade_b) * sun) + board.haze_b)
@@ -185,48 +203,3 @@ def nearest_depth(distance, camera):
     rise = math.sqrt(camera.up_x * camera.up_x + camera.up_y * camera.up_y)
     spread = level + camera.half_h * rise
     return distance / math.sqrt(spread * spread + camera.half_w * camera.half_w)
-
-
-@kernel(disjoint=True, allocates=False)
-def draw_billboard(atlas, board, nearest, camera, box, top, deepest, planes):
-    """Draw a `Billboard` into the blocks of its box that are not closed.
-
-    nearest: see `nearest_depth`; box: the columns from, to and rows from, to, where row 0 is row `top` of the image.
-    deepest [R, W' / BLOCK]: the greatest depth of a block's pixels, 0 once it is closed; planes: `Planes` of flat views
-    [R * W'], as in `plants.draw_plants`.
-    """
-    depth, _, red, green, blue, light, plant_depth = planes
-    c0, c1, r0, r1 = box
-    columns = deepest.shape[1] * BLOCK
-    per_row = row_step(camera)
-    for r in range(r0, r1):
-        sy = camera.half_h - (f32(top + r) + f32(0.5)) * per_row
-        base_x = camera.forward_x + sy * camera.up_x
-        base_y = camera.forward_y + sy * camera.up_y
-        base_z = camera.forward_z + sy * camera.up_z
-        for bx in range(c0 // BLOCK, (c1 - 1) // BLOCK + 1):
-            # A closed block has depth 0; one whose ground is nearer than the plant shows none of it.
-            if deepest[r, bx] < nearest:
-                continue
-            # An unsigned index needs no test for negative ones, which would break up the vectors.
-            first = uint64(r * columns + bx * BLOCK)
-            left = (f32(bx * BLOCK) + f32(0.5)) * camera.column_step - camera.half_w
-            still = f32(0)
-            for i in range(BLOCK):
-                k = first + uint64(i)
-                sx = left + f32(i) * camera.column_step
-                passing = light[k]
-                add_r, add_g, add_b, part, t = billboard_pixel(
-                    atlas, board, base_x + sx * camera.right_x, base_y + sx * camera.right_y, base_z,
-                    camera.near_m, depth[k], passing,
-                )  # fmt: skip
-                red[k] += add_r
-                green[k] += add_g
-                blue[k] += add_b
-                rest = passing - part
-                light[k] = rest
-                crossed = (passing >= f32(0.5)) & (rest < f32(0.5))
-                plant_depth[k] = t if crossed else plant_depth[k]
-                # Later plants are no nearer: ground before this one hides them too.
-                still += max(rest - f32(CLOSED), f32(0)) if depth[k] > nearest else f32(0)
-            deepest[r, bx] = deepest[r, bx] if still > f32(0) else f32(0)

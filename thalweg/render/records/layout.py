@@ -24,7 +24,8 @@ PAINT_RANGE = 1.25
 # Columns of Scene.extents: where each world's tables begin, and their sizes.
 GX, GY, MAP_AT, CONE_X, CONE_AT, PAINT_X, PAINT_Y, CANOPY_X, CANOPY_Y, CANOPY_AT = range(10)
 PLANT_FROM, PLANT_TO, BRIDGE_FROM, BRIDGE_TO, SKY_AT, ATLAS_AT, SHADE_AT = range(10, 17)
-PAINT_AT = 17
+CHUNK_AT = 17
+PAINT_AT = 18
 EXTENT_COLUMNS = PAINT_AT + PAINT_LEVELS
 # Columns of Scene.constants.
 ORIGIN_X, ORIGIN_Y, INV_CELL, TOP_MAX, SUN_X, SUN_Y, SUN_Z, FOG_R, FOG_G, FOG_B, SUN_EAST, SUN_NORTH = range(12)
@@ -32,6 +33,8 @@ CONSTANT_COLUMNS = 12
 # Columns of Scene.plants: foot in metres, height, half width, kind, tint, share of sun at foot and top, rank in 0..1.
 P_X, P_Y, P_Z, P_HEIGHT, P_HALF, P_KIND, P_R, P_G, P_B, P_LOW, P_HIGH, P_RANK = range(12)
 PLANT_COLUMNS = 12
+CHUNK = 16
+"""Plants of a chunk: those of a world lie in its table by chunks that stand close together."""
 # Columns of Scene.bridges: middle, direction of the axis, then lengths and heights in metres.
 B_X, B_Y, B_COS, B_SIN, B_HALF_LENGTH, B_HALF_WIDTH, B_SPAN, B_SPRING, B_RISE, B_DECK, B_HUMP, B_PARAPET = range(12)
 BRIDGE_COLUMNS = 12

@@ -48,6 +48,10 @@ class Scene(NamedTuple):
     """[levels] int64, where each level of an atlas begins."""
     shade: np.ndarray
     """[kinds * views, 3] float32, see `thalweg.render.bake.impostors.Atlas.shade`."""
+    outlines: np.ndarray
+    """[kinds * views * levels, 2 * BANDS] float32, see `thalweg.render.bake.outlines`."""
+    chunks: np.ndarray
+    """[C, 4] float32, spheres around `layout.CHUNK` plants each: middle and radius in metres."""
     autumn: np.ndarray
     """[kinds, 3] float32, factors on a plant's colour in full autumn."""
 
@@ -55,7 +59,7 @@ class Scene(NamedTuple):
 def blank_scene() -> Scene:
     """Return a scene of empty tables with the types of any scene, so that kernels can compile before a world exists."""
     types = {"extents": (np.int64, 2), "atlas_level": (np.int64, 1)}
-    types |= dict.fromkeys(("constants", "plants", "bridges", "shade", "autumn"), (f32, 2))
+    types |= dict.fromkeys(("constants", "plants", "bridges", "shade", "outlines", "chunks", "autumn"), (f32, 2))
     types |= dict.fromkeys(("paint", "canopy_paint", "sky", "ripples", "atlas"), (np.uint32, 1))
     blank = {name: np.zeros((1,) * rank, kind) for name, (kind, rank) in types.items()}
     # The atlas is read-only, which is part of the type that kernels are compiled for.

@@ -13,7 +13,7 @@ from numba import int32, uint32, uint64
 
 from thalweg.core.jit import kernel
 from thalweg.render.bake import ripples, sky
-from thalweg.render.kernels.billboard import BLOCK
+from thalweg.render.kernels.billboard import SAMPLES, SHIFT, SIDE, stopped
 from thalweg.render.kernels.camera_rays import row_step
 from thalweg.render.kernels.fast_math import floor, log2
 from thalweg.render.kernels.shading.ground import GRAIN_DEPTH, GRAIN_M
@@ -219,48 +219,37 @@ def billboard_pixel(atlas, board, dx, dy, dz, near):
     return red, green, blue, cover, t
 
 
-@kernel(disjoint=True, allocates=False)
-def draw_billboard(atlas, board, nearest, camera, box, top, deepest, scratch, planes):
-    """As `billboard.draw_billboard`, two rows at a time, which share their texels.
+@kernel(inlined=True, disjoint=True, allocates=False)
+def draw_tile(atlas, board, nearest, camera, left, height, first, scratch, tiles):
+    """As `plant_tiles.draw_tile`, where a sample stands for two pixels, one below the other.
 
-    A block has two rows, and the number of the upper one. scratch: [SCRATCH_ROWS, BLOCK].
+    scratch: [SCRATCH_ROWS, SAMPLES].
     """
-    depth, _, red, green, blue, light, plant_depth = planes
     ink_r, ink_g, ink_b, ink, ink_t = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]
-    c0, c1, r0, r1 = box
-    columns = deepest.shape[1] * BLOCK
-    per_row = row_step(camera)
-    for r in range(r0 // ROWS * ROWS, r1, ROWS):
-        # The ray between the two rows stands for both.
-        sy = camera.half_h - (f32(top + r) + f32(0.5 * ROWS)) * per_row
-        base_x = camera.forward_x + sy * camera.up_x
-        base_y = camera.forward_y + sy * camera.up_y
-        base_z = camera.forward_z + sy * camera.up_z
-        for bx in range(c0 // BLOCK, (c1 - 1) // BLOCK + 1):
-            # Closed, or ground in front of the plant in both rows.
-            if deepest[r, bx] < nearest:
-                continue
-            left = (f32(bx * BLOCK) + f32(0.5)) * camera.column_step - camera.half_w
-            for i in range(BLOCK):
-                sx = left + f32(i) * camera.column_step
-                # Texels are read once into scratch; the rows below then differ only in depth and light.
-                ink_r[i], ink_g[i], ink_b[i], ink[i], ink_t[i] = billboard_pixel(
-                    atlas, board, base_x + sx * camera.right_x, base_y + sx * camera.right_y, base_z, camera.near_m
-                )
-            still = f32(0)
-            for below in range(ROWS):
-                first = uint64((r + below) * columns + bx * BLOCK)
-                for i in range(BLOCK):
-                    k = first + uint64(i)
-                    passing = light[k]
-                    # Front-to-back compositing (Porter, Duff 1984), for each row with its own depth and light.
-                    part = passing * ink[i] if ink_t[i] < depth[k] else f32(0)
-                    red[k] += part * ink_r[i]
-                    green[k] += part * ink_g[i]
-                    blue[k] += part * ink_b[i]
-                    rest = passing - part
-                    light[k] = rest
-                    crossed = (passing >= f32(0.5)) & (rest < f32(0.5))
-                    plant_depth[k] = ink_t[i] if crossed else plant_depth[k]
-                    still += max(rest - f32(CLOSED), f32(0)) if depth[k] > nearest else f32(0)
-            deepest[r, bx] = deepest[r, bx] if still > f32(0) else f32(0)
+    per_row = row_step(camera) * f32(ROWS)
+    for i in range(SAMPLES):
+        sx = left + f32(i & (SIDE - 1)) * camera.column_step
+        sy = height - f32(i >> SHIFT) * per_row
+        # Texels are read once into scratch; the two pixels below then differ only in depth and light.
+        ink_r[i], ink_g[i], ink_b[i], ink[i], ink_t[i] = billboard_pixel(
+            atlas, board,
+            camera.forward_x + sy * camera.up_x + sx * camera.right_x,
+            camera.forward_y + sy * camera.up_y + sx * camera.right_y,
+            camera.forward_z + sy * camera.up_z, camera.near_m,
+        )  # fmt: skip
+    still = f32(0)
+    for below in range(ROWS):
+        for i in range(SAMPLES):
+            k = first + uint64(below * SAMPLES + i)
+            passing = tiles.light[k]
+            # Front-to-back compositing (Porter, Duff 1984), for each pixel with its own depth and light.
+            part = stopped(passing, ink[i] if ink_t[i] < tiles.depth[k] else f32(0), f32(CLOSED))
+            tiles.red[k] += part * ink_r[i]
+            tiles.green[k] += part * ink_g[i]
+            tiles.blue[k] += part * ink_b[i]
+            rest = passing - part
+            tiles.light[k] = rest
+            crossed = (passing >= f32(0.5)) & (rest < f32(0.5))
+            tiles.plant_depth[k] = ink_t[i] if crossed else tiles.plant_depth[k]
+            still += rest if tiles.depth[k] > nearest else f32(0)
+    return still

@@ -134,11 +134,25 @@ def make_billboard(scene, view, p, distance, sharpen):
     )  # fmt: skip
 
 
-@kernel(inlined=True, allocates=False)
+@kernel(inlined=True, allocates=False, fastmath=False)
+def texel_cover(a, b, t00, t10, t01, t11):
+    """The coverage, 0..255, that each of four texels adds at a point a, b between them, and their sum.
+
+    Without fastmath, so that masks that are drawn without colours have the same bits.
+    """
+    w00 = (f32(1) - a) * (f32(1) - b) * channel(t00, 24)
+    w10 = a * (f32(1) - b) * channel(t10, 24)
+    w01 = (f32(1) - a) * b * channel(t01, 24)
+    w11 = a * b * channel(t11, 24)
+    return w00, w10, w01, w11, w00 + w10 + w01 + w11
+
+
+@kernel(inlined=True, allocates=False, fastmath=False)
 def stopped(passing, cover, closed):
     """The part of the passing light that a plant stops: as much as it covers, and all if less than `closed` is left.
 
-    So a pixel has an end, and what it shows does not depend on which pixels are drawn together.
+    So a pixel has an end, and what it shows does not depend on which pixels are drawn together. Without fastmath, for
+    the same bits wherever it is inlined.
     """
     part = passing * cover
     return passing if passing - part < closed else part
@@ -172,11 +186,7 @@ def billboard_pixel(atlas, board, dx, dy, dz, near, ground, passing, closed):
     t01 = atlas[uint32(k + board.columns)]
     t11 = atlas[uint32(k + board.columns + 1)]
     # Colours are weighted by coverage, so that empty texels do not bleed in.
-    w00 = (f32(1) - a) * (f32(1) - b) * channel(t00, 24)
-    w10 = a * (f32(1) - b) * channel(t10, 24)
-    w01 = (f32(1) - a) * b * channel(t01, 24)
-    w11 = a * b * channel(t11, 24)
-    cover = w00 + w10 + w01 + w11
+    w00, w10, w01, w11, cover = texel_cover(a, b, t00, t10, t01, t11)
     share = f32(1) / max(cover, f32(1e-3))
     cr = channel(t00, 0) * w00 + channel(t10, 0) * w10 + channel(t01, 0) * w01 + channel(t11, 0) * w11
     cg = channel(t00, 8) * w00 + channel(t10, 8) * w10 + channel(t01, 8) * w01 + channel(t11, 8) * w11

@@ -29,7 +29,7 @@ from thalweg.env.task.rules import empty_outcome, empty_state
 from thalweg.render.gpu import ground_profiles, pixel, postprocess, visible_plants
 from thalweg.render.kernels.camera_rays import Radiance
 from thalweg.render.records.scene import Scene
-from thalweg.render.records.view import FrameSettings, Planes, Views
+from thalweg.render.records.view import COLOURS, LAYERS, MASK, FrameSettings, Planes, Views
 from thalweg.world import load_or_build
 
 TABLE = Path(__file__).resolve().parent / "registers.csv"
@@ -91,9 +91,8 @@ def variants() -> dict[str, Variant]:
     }
     for fast in (False, True):
         quality = "fast" if fast else "full"
-        for coloured in (True, False):
-            name = f"trace, {quality}" + ("" if coloured else ", no colours")
-            kernels[name] = Variant(pixel.tracer(fast, coloured), trace, pixel.THREADS)
+        for drawn, what in ((COLOURS, ""), (LAYERS, ", no colours"), (MASK, ", mask")):
+            kernels[f"trace, {quality}{what}"] = Variant(pixel.tracer(fast, drawn), trace, pixel.THREADS)
         kernels[f"add_up, {quality}"] = Variant(postprocess.adder(fast), add, postprocess.THREADS)
     kernels["tone_map"] = Variant(
         postprocess.tone_map,
@@ -102,6 +101,7 @@ def variants() -> dict[str, Variant]:
     )
     kernels["advance"] = Variant(rules.advance, rule_types(), rules.THREADS, fastmath=False)
     kernels["write_layers"] = Variant(postprocess.write_layers, (PLANES, SPACE, KINDS, KINDS), postprocess.THREADS)
+    kernels["write_mask"] = Variant(postprocess.write_mask, (PLANES, KINDS), postprocess.THREADS)
     return kernels
 
 

@@ -27,12 +27,15 @@ def main(path: str, quality: str) -> None:
     renderer.draw(views, images, layers)
     alone = np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
     renderer.draw(views, None, alone)
+    masks = np.zeros(shape, np.uint8)
+    renderer.draw(views, masks=masks)
     found = {"images": images, "depth": layers[0], "kind": layers[1], "mask": layers[2]}
-    found |= {"alone_depth": alone[0], "alone_kind": alone[1], "alone_mask": alone[2]}
+    found |= {"alone_depth": alone[0], "alone_kind": alone[1], "alone_mask": alone[2], "only_mask": masks}
     if quality == "fast":  # which takes a simulator less time
         public = Renderer(cases.worlds(), cases.CAMERA, quality, simulated.DEVICE)
         frame = public.render_layers(cases.POSES[:1], look=cases.LOOKS[:1])
         found |= {"rgb": frame.rgb, "depth_m": frame.depth_m, "class_id": frame.class_id}
+        found["public_mask"] = public.render_mask(cases.POSES[:1], look=cases.LOOKS[:1])
     np.savez(path, **found)
 
 

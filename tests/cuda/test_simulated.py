@@ -14,7 +14,7 @@ from thalweg.render.bake.scene_tables import build_scene
 from thalweg.render.batch import bands_of, draw
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.classes import BRIDGE, GROUND, PLANT, SKY, WATER
-from thalweg.render.records.view import FrameSettings, Output, Views
+from thalweg.render.records.view import COLOURS, FrameSettings, Views, output
 
 ROOT = Path(__file__).parents[2]
 
@@ -37,7 +37,7 @@ def frames_of_the_cpu(quality: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     scene = build_scene(cases.worlds())  # also leaves the atlas in the cache, which the simulator is too slow to grow
     bands = bands_of(side, 1, count)
     views = Views(cases.WORLD_INDEX, cases.POSES, cases.TIMES, looks)
-    draw(scene, views, settings, Output(images, True, *layers), bands)
+    draw(scene, views, settings, output(COLOURS, images, None, layers), bands)
     return images, *layers
 
 
@@ -60,6 +60,8 @@ def test_frames_and_layers_equal_those_of_the_cpu(tmp_path: Path, quality: str):
         assert np.abs(found["rgb"].astype(int) - wanted.rgb).max() <= 8
         np.testing.assert_array_equal(found["class_id"], wanted.class_id)
         np.testing.assert_allclose(found["depth_m"], wanted.depth_m, rtol=1e-5)
+        np.testing.assert_array_equal(found["public_mask"] > 0, wanted.mask)
+    np.testing.assert_array_equal(found["only_mask"], ours[..., 3])
     for alone in ("", "alone_"):
         np.testing.assert_array_equal(found[f"{alone}mask"], ours[..., 3])
         np.testing.assert_array_equal(found[f"{alone}kind"], classes)

@@ -7,6 +7,7 @@ from tests.render.frames import on_river
 from tests.render.plain import plane
 from thalweg.render import Camera, Renderer
 from thalweg.render.records.classes import SKY, WATER
+from thalweg.render.renderer import Layer
 
 
 @pytest.mark.slow
@@ -21,6 +22,21 @@ def test_layers_do_not_change_the_picture(easy_world):
     np.testing.assert_array_equal(layers.depth_m == -1, layers.class_id == SKY)
 
 
+@pytest.mark.slow
+def test_layers_that_are_not_asked_for_are_none_and_the_others_those_of_the_frame(easy_world):
+    renderer = Renderer([easy_world], Camera(64, 64))
+    poses = on_river(easy_world, 2, 4)
+    whole = renderer.render_layers(poses)
+    choices: list[tuple[Layer, ...]] = [("mask",), ("depth_m",), ("class_id", "mask"), ("rgb",), ("rgb", "depth_m")]
+    for layers in choices:
+        some = renderer.render_layers(poses, layers=layers)
+        for name in ("rgb", "mask", "depth_m", "class_id"):
+            if name in layers:
+                np.testing.assert_array_equal(getattr(some, name), getattr(whole, name))
+            else:
+                assert getattr(some, name) is None
+
+
 def test_bad_requests_name_the_value_and_what_would_be_right():
     renderer = Renderer([plane()], Camera(32, 32))
     with pytest.raises(ValueError, match=r"shape \[3\].*\[N, 4\]"):
@@ -31,6 +47,12 @@ def test_bad_requests_name_the_value_and_what_would_be_right():
         renderer.render([[0, 0, 2, 0]], [1])
     with pytest.raises(ValueError, match=r"must be contiguous uint8 \[1, 32, 32, 4\]"):
         renderer.render([[0, 0, 2, 0]], out=np.zeros((1, 32, 32, 3), np.uint8))
+    with pytest.raises(ValueError, match=r"must be contiguous uint8 \[1, 32, 32\]"):
+        renderer.render_mask([[0, 0, 2, 0]], out=np.zeros((1, 32, 32, 1), np.uint8))
+    with pytest.raises(ValueError, match=r"unknown layer 'depth'.*; known: rgb, mask, depth_m, class_id"):
+        renderer.render_layers([[0, 0, 2, 0]], layers=("depth",))  # pyright: ignore[reportArgumentType]
+    with pytest.raises(ValueError, match="name at least one of the layers rgb, mask, depth_m, class_id"):
+        renderer.render_layers([[0, 0, 2, 0]], layers=())
     with pytest.raises(ValueError, match="at least one world"):
         Renderer([])
     with pytest.raises(ValueError, match="quality = 'quick': choose one of full, fast"):

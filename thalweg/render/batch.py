@@ -11,8 +11,9 @@ from thalweg.core.jit import kernel
 from thalweg.core.threads import run_in_threads
 from thalweg.render.kernels.camera_rays import pose_camera
 from thalweg.render.kernels.frame import ROWS_TOGETHER, draw_rows, empty_planes, finish_frame
+from thalweg.render.kernels.layers.draw import colourless_planes
 from thalweg.render.records.scene import Scene
-from thalweg.render.records.view import FrameSettings, Output, Planes, View, Views
+from thalweg.render.records.view import COLOURS, FrameSettings, Output, Planes, View, Views
 
 f32 = np.float32
 
@@ -27,15 +28,22 @@ def draw(scene: Scene, views: Views, settings: FrameSettings, output: Output, ba
     are for fewer frames than threads.
     """
     whole_frames = len(bands) == 1
-    planes = shared_planes(0 if whole_frames else len(views.poses), settings.height, settings.width)
+    count = 0 if whole_frames else len(views.poses)
+    planes = shared_planes(count, settings.height, settings.width, output.drawn)
     for stage in (FRAMES,) if whole_frames else (BANDS, FINISH):
         jobs = len(views.poses) * (len(bands) if stage == BANDS else 1)
         run_in_threads(jobs, partial(draw_jobs, scene, views, settings, output, bands, planes, stage))
 
 
-def shared_planes(count: int, height: int, width: int) -> Planes:
-    """The planes of `empty_planes` for each of `count` frames, [count, H', W']."""
-    return Planes(*(np.repeat(plane[None], count, axis=0) for plane in empty_planes(height, width)))
+def shared_planes(count: int, height: int, width: int, drawn: int) -> Planes:
+    """The planes of `planes_for` for each of `count` frames, [count, H', W']."""
+    return Planes(*(np.repeat(plane[None], count, axis=0) for plane in planes_for(height, width, drawn)))
+
+
+@kernel
+def planes_for(height, width, drawn):
+    """Fresh `Planes` of a frame of which `drawn` is asked for (see `Output`)."""
+    return empty_planes(height, width) if drawn == COLOURS else colourless_planes(height, width)
 
 
 @kernel(inlined=True)
@@ -64,9 +72,12 @@ def draw_jobs(scene, views, settings, output, bands, planes, stage, first, last)
         look = views.looks[n]
         camera = pose_camera(views.poses[n], look, settings)
         view = View(views.world_index[n], look, camera, f32(views.times[n]))
-        frame_planes = empty_planes(settings.height, settings.width) if stage == FRAMES else planes_of(planes, n)
+        if stage == FRAMES:
+            frame_planes = planes_for(settings.height, settings.width, output.drawn)
+        else:
+            frame_planes = planes_of(planes, n)
         if stage != FINISH:
-            draw_rows(scene, view, settings.reduced, bands[band, 0], bands[band, 1], frame_planes)
+            draw_rows(scene, view, settings.reduced, output.drawn, bands[band, 0], bands[band, 1], frame_planes)
         if stage != BANDS:
             finish_frame(scene, view, settings, frame_planes, n, output)
 

@@ -18,7 +18,7 @@ from thalweg.core.jit import config, kernel_cache_dir
 from thalweg.render.batch import FRAMES, draw_jobs, shared_planes
 from thalweg.render.records.appearance import LOOK_COLUMNS
 from thalweg.render.records.scene import blank_scene
-from thalweg.render.records.view import FrameSettings, Output, Views
+from thalweg.render.records.view import COLOURS, FrameSettings, Views, output
 
 DONE = "frames.compiled"
 """File beside the compiled kernels that says they are complete."""
@@ -74,11 +74,10 @@ def finish() -> None:
 def arguments() -> tuple:
     """Arguments for `draw_jobs` of the types with which it is called."""
     settings = FrameSettings(8, 8, np.float32(0.3), False)
-    images, depths, classes = (np.zeros((1, 8, 8), kind) for kind in (np.uint32, np.float32, np.uint8))
     views = Views(np.zeros(1, np.int64), np.zeros((1, 4)), np.zeros(1), np.zeros((1, LOOK_COLUMNS), np.float32))
     bands = np.zeros((1, 2), np.int32)
-    planes = shared_planes(0, 8, 8)
-    return blank_scene(), views, settings, Output(images, False, depths, classes), bands, planes, FRAMES, 0, 1
+    planes = shared_planes(0, 8, 8, COLOURS)
+    return blank_scene(), views, settings, output(COLOURS), bands, planes, FRAMES, 0, 1
 
 
 def main() -> None:

@@ -1,13 +1,14 @@
 """`Renderer`: frames of worlds, for any number of cameras in any of its worlds."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from thalweg.core import versions
+from thalweg.core.config import refuse_unknown
 from thalweg.core.device import resolve_device
 from thalweg.core.threads import get_num_threads
 from thalweg.render import compilation
@@ -17,16 +18,20 @@ from thalweg.render.errors import RenderError
 from thalweg.render.records.appearance import Look, look_rows, look_values
 from thalweg.render.records.camera import Camera
 from thalweg.render.records.quality import QUALITIES, Quality
-from thalweg.render.records.view import FrameSettings, Output, Views
+from thalweg.render.records.view import COLOURS, LAYERS, MASK, FrameSettings, Output, Views, output
 from thalweg.world.record import World
 
 RENDER_VERSION = versions.RENDER
 """Version of the frames: it changes whenever the same world looks different."""
 
 
+Layer = Literal["rgb", "mask", "depth_m", "class_id"]
+ALL_LAYERS: tuple[Layer, ...] = get_args(Layer)
+
+
 @dataclass(frozen=True)
 class Frame:
-    """Frames with all their layers."""
+    """Frames with all their layers, or with those that were asked for; the others are None."""
 
     rgb: np.ndarray
     """[N, H, W, 3] uint8, sRGB."""
@@ -95,12 +100,24 @@ class Renderer:
         Raises `RenderError` for poses, indices, looks or an `out` that do not fit.
         """
         views = self._checked(poses, world_index, time_s, look)
-        shape = (len(views.poses), self.camera.height_px, self.camera.width_px, 4)
-        if out is None:
-            out = np.empty(shape, np.uint8)
-        elif out.shape != shape or out.dtype != np.uint8 or not out.flags.c_contiguous:
-            raise RenderError(f"out is {out.dtype} {list(out.shape)}; it must be contiguous uint8 {list(shape)}")
-        self._draw(views, out)
+        out = _checked_out(out, (len(views.poses), self.camera.height_px, self.camera.width_px, 4))
+        self._draw(views, output(COLOURS, _packed(out)))
+        return out
+
+    def render_mask(
+        self,
+        poses: ArrayLike,
+        world_index: ArrayLike | None = None,
+        out: np.ndarray | None = None,
+        look: Look | Sequence[Look] | np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Water masks [N, H, W] uint8, 0 or 255: the fourth channel of `render`, without drawing colours.
+
+        Arguments and errors as in `render`. Masks do not depend on the time, which only moves the ripples.
+        """
+        views = self._checked(poses, world_index, None, look)
+        out = _checked_out(out, (len(views.poses), self.camera.height_px, self.camera.width_px))
+        self._draw(views, output(MASK, masks=out))
         return out
 
     def render_layers(
@@ -109,41 +126,66 @@ class Renderer:
         world_index: ArrayLike | None = None,
         time_s: ArrayLike | None = None,
         look: Look | Sequence[Look] | np.ndarray | None = None,
+        layers: Collection[Layer] = ALL_LAYERS,
     ) -> Frame:
-        """Frames with depth and class; arguments and errors as in `render`."""
+        """Frames with depth and class; arguments and errors as in `render`.
+
+        layers: names of the fields of `Frame` that are wanted. Nothing is drawn that they do not need: a mask alone
+        takes a fraction of the time of a frame, and depth and class without colours about half of it. Raises
+        `RenderError` for another name, or none.
+        """
+        refuse_unknown("layer", layers, ALL_LAYERS, RenderError)
+        if not layers:
+            raise RenderError(f"name at least one of the layers {', '.join(ALL_LAYERS)}")
         views = self._checked(poses, world_index, time_s, look)
         shape = (len(views.poses), self.camera.height_px, self.camera.width_px)
-        image, depth, kind = np.empty((*shape, 4), np.uint8), np.empty(shape, np.float32), np.empty(shape, np.uint8)
-        self._draw(views, image, (depth, kind))
-        return Frame(np.ascontiguousarray(image[..., :3]), image[..., 3] > 0, depth, kind)
+        image = np.empty((*shape, 4), np.uint8) if "rgb" in layers else None
+        mask = np.empty(shape, np.uint8) if image is None else image[..., 3]
+        pair = None
+        if "depth_m" in layers or "class_id" in layers:
+            pair = np.empty(shape, np.float32), np.empty(shape, np.uint8)
+        if image is not None:
+            self._draw(views, output(COLOURS, _packed(image), layers=pair))
+        else:
+            self._draw(views, output(MASK if pair is None else LAYERS, masks=mask, layers=pair))
+        drawn: dict[str, Any] = {} if pair is None else {"depth_m": pair[0], "class_id": pair[1]}
+        drawn["mask"] = mask > 0
+        if image is not None:
+            drawn["rgb"] = np.ascontiguousarray(image[..., :3])
+        wanted: dict[str, Any] = {name: drawn[name] if name in layers else None for name in ALL_LAYERS}
+        return Frame(**wanted)
 
     def render_tensors(self, views: Sequence[Any], out: Any) -> None:
-        """`render` without checks and without copies, from torch's tensors on this renderer's device into one.
+        """`render` or `render_mask` without checks and copies, from torch's tensors on this renderer's device into one.
 
         views: world_index [N] int64, poses [N, 4] and times [N] float64, and looks as rows [N, LOOK_COLUMNS] float32 of
-        `thalweg.render.records.appearance.look_rows`; out: [N, H, W, 4] uint8.
+        `thalweg.render.records.appearance.look_rows`; out: [N, H, W, 4] uint8, or [N, H, W, 1] for the mask alone.
         """
         if self._gpu is not None:
             self._gpu.draw_tensors(views, out)
             return
-        self._draw(Views(*(tensor.numpy() for tensor in views)), out.numpy())
+        array = out.numpy()
+        wanted = output(MASK, masks=array[..., 0]) if array.shape[-1] == 1 else output(COLOURS, _packed(array))
+        self._draw(Views(*(tensor.numpy() for tensor in views)), wanted)
 
     @property
     def scratch_bytes(self) -> int:
         """Least memory of the GPU that drawing takes, beside the worlds' tables and the frames; 0 on the CPU."""
         return 0 if self._gpu is None else self._gpu.scratch_bytes
 
-    def _draw(self, views: Views, out: np.ndarray, layers: tuple[np.ndarray, np.ndarray] | None = None) -> None:
-        """Draw into out [N, H, W, 4] uint8, and into depths and classes [N, H, W] if given."""
-        packed = out.view(np.uint32)[..., 0]
+    def _draw(self, views: Views, wanted: Output) -> None:
+        """Draw into the arrays of an `Output`."""
         if self._gpu is not None:
-            self._gpu.draw_for_host(views, packed, layers)
+            self._gpu.draw_for_host(views, wanted)
             return
         compilation.finish()
-        bands = bands_of(self.camera.height_px, get_num_threads(), len(views.poses))
-        # The kernel has one signature, with or without layers.
-        depths, classes = layers or (np.empty((1, 1, 1), np.float32), np.empty((1, 1, 1), np.uint8))
-        draw(self.scene, views, self._settings, Output(packed, layers is not None, depths, classes), bands)
+        draw(
+            self.scene,
+            views,
+            self._settings,
+            wanted,
+            bands_of(self.camera.height_px, get_num_threads(), len(views.poses)),
+        )
 
     def _checked(
         self,
@@ -165,3 +207,17 @@ class Renderer:
             raise RenderError(f"world_index must be in 0..{len(self.worlds) - 1}; got {index.min()}..{index.max()}")
         times = np.ascontiguousarray(np.broadcast_to(np.float64(0.0) if time_s is None else time_s, count), np.float64)
         return Views(index, poses, times, look_rows(look_values(look, count), self.camera))
+
+
+def _checked_out(out: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
+    """Return `out`, or a new array of uint8 if it is None; raises `RenderError` for one that does not fit."""
+    if out is None:
+        return np.empty(shape, np.uint8)
+    if out.shape != shape or out.dtype != np.uint8 or not out.flags.c_contiguous:
+        raise RenderError(f"out is {out.dtype} {list(out.shape)}; it must be contiguous uint8 {list(shape)}")
+    return out
+
+
+def _packed(image: np.ndarray) -> np.ndarray:
+    """Return the pixels of an image [N, H, W, 4] uint8 as [N, H, W] uint32, without a copy."""
+    return image.view(np.uint32)[..., 0]

@@ -10,7 +10,7 @@ from thalweg.render.kernels.bridge_edges import soften_edges
 from thalweg.render.kernels.frame import draw_rows, empty_planes
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.classes import BRIDGE
-from thalweg.render.records.view import Planes, View
+from thalweg.render.records.view import COLOURS, Planes, View
 from thalweg.render.reference import frame as reference
 
 
@@ -23,7 +23,7 @@ def test_antialiased_edges_of_bridges_are_nearer_to_the_reference_and_feet_stay_
     look = look_rows(look_values(None, 1), camera)[0]
     view = View(0, look, posed(pose, look, camera), np.float32(0))
     planes = empty_planes(height, 64)
-    draw_rows(renderer.scene, view, False, 0, height, planes)
+    draw_rows(renderer.scene, view, False, COLOURS, 0, height, planes)
     planes = Planes(*(np.ascontiguousarray(plane[:height]) for plane in planes))
     hard = np.stack([planes.red, planes.green, planes.blue], axis=-1)
     soften_edges(renderer.scene, view, planes)

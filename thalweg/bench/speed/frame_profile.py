@@ -19,7 +19,7 @@ from thalweg.render.kernels.primary_hits import find_primary_hits
 from thalweg.render.kernels.shading import tone, water
 from thalweg.render.records import classes, layout
 from thalweg.render.records.appearance import look_rows, look_values
-from thalweg.render.records.view import FrameSettings, Planes, PosedCamera, View
+from thalweg.render.records.view import COLOURS, FrameSettings, Planes, PosedCamera, View
 from thalweg.world import World
 
 f32 = np.float32
@@ -61,7 +61,7 @@ class FrameStages:
         yield (
             "bridges",
             lambda: (np.copyto(planes.depth, ground[0]), np.copyto(planes.kind, ground[1])),
-            lambda: frame.draw_bridges(scene, view, 0, planes.depth, planes.kind),
+            lambda: frame.draw_bridges(scene, view, 0, COLOURS, planes.depth, planes.kind),
         )
         colours = Radiance(planes.red, planes.green, planes.blue)
         yield (

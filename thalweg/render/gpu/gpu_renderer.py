@@ -18,7 +18,7 @@ from thalweg.render.kernels.camera_rays import Radiance
 from thalweg.render.kernels.shading.tone import CODE_TABLE
 from thalweg.render.records.layout import PLANT_FROM, PLANT_TO
 from thalweg.render.records.scene import Scene
-from thalweg.render.records.view import FrameSettings, Planes, Views
+from thalweg.render.records.view import COLOURS, LAYERS, MASK, FrameSettings, Output, Planes, Views
 
 MOST_CAMERAS = 1024
 """Most cameras of a pass: more do not make a GPU faster, but take memory."""
@@ -79,14 +79,17 @@ class GpuRenderer:
         self._capacity = 0
         self._scratch: dict[str, Any] = {}
 
-    def draw(self, views: Views, images: Any = None, layers: tuple[Any, Any, Any] | None = None) -> None:
-        """Draw one frame per view into arrays on the device.
+    def draw(
+        self, views: Views, images: Any = None, layers: tuple[Any, Any, Any] | None = None, masks: Any = None
+    ) -> None:
+        """Draw one frame per view into arrays on the device; what is not asked for is not computed.
 
         Args:
             views: N of them, on the device.
             images: [N, H, W] uint32, red, green, blue from the lowest byte up and the water mask on top; if None,
                 nothing is shaded.
             layers: [N, H, W] each: float32 depths, uint8 classes, and uint8 masks of 0 or 255; None for none.
+            masks: [N, H, W] uint8, for masks without images and layers.
         """
         count = len(views.poses)
         if not count:
@@ -101,23 +104,40 @@ class GpuRenderer:
                 Views(*(values[part] for values in views)),
                 None if images is None else images[part],
                 None if layers is None else tuple(layer[part] for layer in layers),
+                None if masks is None else masks[part],
             )
 
     def draw_tensors(self, views: Sequence[Any], out: Any) -> None:
-        """Draw frames from torch's tensors into one [N, H, W, 4] uint8, all on this device."""
+        """Draw frames from torch's tensors into one [N, H, W, 4] uint8, or masks into one [N, H, W, 1], all on this
+        device."""
+        if out.shape[-1] == 1:
+            masks = gpu.as_kernel_array(out, np.uint8).reshape(out.shape[:3])
+            self.draw(Views(*(gpu.as_kernel_array(tensor) for tensor in views)), masks=masks)
+            return
         images = gpu.as_kernel_array(out, np.uint32).reshape(out.shape[:3])
         self.draw(Views(*(gpu.as_kernel_array(tensor) for tensor in views)), images)
 
-    def draw_for_host(self, views: Views, images: np.ndarray, layers: tuple[np.ndarray, np.ndarray] | None) -> None:
-        """Draw frames into arrays of the host: images [N, H, W] uint32, and depths and classes where wanted."""
+    def draw_for_host(self, views: Views, output: Output) -> None:
+        """Draw frames into the arrays of an `Output` on the host."""
+        shape = len(views.poses), self._settings.height, self._settings.width
         views = Views(*(gpu.to_device(values, self.device) for values in views))
-        shape = images.shape
-        drawn = gpu.empty(shape, np.uint32, self.device)
-        found = tuple(gpu.empty(shape, kind, self.device) for kind in (np.float32, np.uint8, np.uint8))
-        self.draw(views, drawn, found if layers else None)
-        images[...] = gpu.to_host(drawn, self.device)
-        for target, values in zip(layers or (), found, strict=False):
-            target[...] = gpu.to_host(values, self.device)
+        images, depths, classes, masks = (
+            gpu.empty(shape, kind, self.device) if wanted else None
+            for kind, wanted in (
+                (np.uint32, output.drawn == COLOURS),
+                (np.float32, output.want_layers),
+                (np.uint8, output.want_layers),
+                (np.uint8, output.drawn != COLOURS or output.want_layers),
+            )
+        )
+        layers = (depths, classes, masks) if output.want_layers else None
+        self.draw(views, images, layers, masks if output.drawn == MASK else None)
+        targets = [(output.images, images), (output.depths, depths), (output.classes, classes)]
+        if output.drawn != COLOURS:
+            targets.append((output.masks, masks))
+        for target, values in targets:
+            if values is not None:
+                target[...] = gpu.to_host(values, self.device)
 
     def _allocate(self, cameras: int) -> None:
         """Make scratch for so many cameras of a pass, unless there is enough."""
@@ -144,12 +164,13 @@ class GpuRenderer:
         self._scratch = {name: gpu.empty(shape, kind, self.device) for name, (shape, kind) in shapes.items()}
         self._capacity = cameras
 
-    def _draw_pass(self, views: Views, images: Any, layers: Any) -> None:
+    def _draw_pass(self, views: Views, images: Any, layers: Any, masks: Any) -> None:
         count, (height, width, _, reduced) = len(views.poses), self._settings
         cameras, moments, keys, gains = (self._scratch[name] for name in ("cameras", "moments", "keys", "gains"))
         plants = tuple(self._scratch[name] for name in ("order", "distance", "boxes", "counts"))
         planes = Planes(*(self._scratch[name] for name in Planes._fields))
         scene, device, settings = self._scene, self.device, self._settings
+        drawn = COLOURS if images is not None else LAYERS if layers is not None else MASK
         # Rounded up: the last block of a camera may have idle threads.
         pixels = -(-height * width // postprocess.THREADS), count
         gpu.launch(
@@ -166,7 +187,7 @@ class GpuRenderer:
         )  # fmt: skip
         tiles = -(-height // pixel.TILE) * -(-width // pixel.TILE)
         gpu.launch(
-            pixel.tracer(reduced, images is not None), (tiles, count), pixel.THREADS, device,
+            pixel.tracer(reduced, drawn), (tiles, count), pixel.THREADS, device,
             scene, views, cameras, moments, nearness, plants, planes,
         )  # fmt: skip
         if images is not None:
@@ -188,3 +209,5 @@ class GpuRenderer:
         # Last, because all stages before only read the planes.
         if layers is not None:
             gpu.launch(postprocess.write_layers, pixels, postprocess.THREADS, device, planes, *layers)
+        elif masks is not None:
+            gpu.launch(postprocess.write_mask, pixels, postprocess.THREADS, device, planes, masks)

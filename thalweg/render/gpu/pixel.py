@@ -31,18 +31,25 @@ from thalweg.render.kernels.heightfield_march import SQUARE, TILE, TangentPlanes
 from thalweg.render.kernels.primary_hits import MISS
 from thalweg.render.kernels.shading import ground, reduced_quality, sky, water
 from thalweg.render.records import classes, layout
-from thalweg.render.records.view import View
+from thalweg.render.records.view import COLOURS, MASK, View
 
 f32 = np.float32
 
 THREADS = TILE * TILE
 SHARED_FLOATS, SHARED_INTS = 17, 3
 """Numbers of a billboard that all its pixels share."""
+LESS_THAN_HALF = float(np.nextafter(f32(0.5), f32(0)))
+"""Greatest number below a half: light above it is at least a half, and a pixel below it is one of plants for good."""
 
 
 @cache
-def tracer(reduced: bool, coloured: bool) -> Callable:
-    """Return the kernel for a quality; without colours, it finds only depth, class and mask."""
+def tracer(reduced: bool, drawn: int) -> Callable:
+    """Return the kernel for a quality and for what is drawn (see `Output`): without colours, it finds only depth, class
+    and mask; for the mask alone, bridges and plants only where they hide water."""
+    coloured, only_mask = drawn == COLOURS, drawn == MASK
+    closed = LESS_THAN_HALF
+    if coloured:
+        closed = reduced_quality.CLOSED if reduced else billboard.CLOSED
 
     def trace(scene, views, cameras, moments, nearness, plants, planes):
         """One block a tile (x) of a camera (y): fill `Planes` [N, H, W].
@@ -62,12 +69,17 @@ def tracer(reduced: bool, coloured: bool) -> Callable:
         depth = cuda.local.array(1, float32)
         rays = Rays(cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32))
         kind = primary_hit(scene, view, tile_r, tile_c, r, c, reduced, nearness[n], rays, depth)
-        kind, stone_r, stone_g, stone_b = nearest_bridge(scene, view, rays, depth, kind, coloured)
+        stone_r = f32(0)
+        stone_g = f32(0)
+        stone_b = f32(0)
+        if not only_mask or kind == classes.WATER:
+            kind, stone_r, stone_g, stone_b = nearest_bridge(scene, view, rays, depth, kind, coloured)
         # Threads outside the image stay alive: they still load plants and meet the barriers.
         inside = r < height and c < width
+        asked = inside and (not only_mask or kind == classes.WATER)
         corner = tile_r, tile_c
         red, green, blue, light, plant_depth = blend_plants(
-            scene, view, plants, n, corner, r, inside, reduced, rays, depth
+            scene, view, plants, n, corner, r, asked, f32(closed), reduced, rays, depth
         )
         # As on the CPU, what dense foliage hides is not shaded.
         if coloured and light > f32(SEEN):
@@ -230,17 +242,17 @@ def shared_billboard(floats, ints, j):
 
 
 @kernel(inlined=True)
-def blend_plants(scene, view, plants, n, corner, r, inside, reduced, rays, depth):
+def blend_plants(scene, view, plants, n, corner, r, asked, closed, reduced, rays, depth):
     """Return the red, green and blue that plants add to a pixel, the light that they let through, and their depth.
 
-    corner: row and column of the tile's first pixel; inside: whether the pixel is one of the image.
+    corner: row and column of the tile's first pixel; asked: whether the pixel counts; closed: light at which it no
+    longer does.
     """
     order, distance, boxes, counts = plants
     tile_r, tile_c = corner
     camera = view.camera
     thread = cuda.threadIdx.x
     sharpen = f32(reduced_quality.SHARPEN) if reduced else f32(billboard.SHARPEN)
-    closed = f32(reduced_quality.CLOSED) if reduced else f32(billboard.CLOSED)
     cell = f32(1) / scene.constants[view.world, layout.INV_CELL]
     # In the reduced quality two rows share their texels and look through the middle between them.
     off = f32(0)
@@ -262,7 +274,7 @@ def blend_plants(scene, view, plants, n, corner, r, inside, reduced, rays, depth
     for first in range(0, total, THREADS):
         # The whole block stops together: a vote says whether any of its pixels still shows plants.
         nearest = nearest_depth(distance[n, order[n, first]], camera)
-        if cuda.syncthreads_or(int32(inside and light > f32(0) and depth[0] > nearest)) == 0:
+        if cuda.syncthreads_or(int32(asked and light > f32(0) and depth[0] > nearest)) == 0:
             break
         k = first + thread
         touching = k < total and touches_tile(boxes, n, k, tile_r, tile_c)

@@ -107,6 +107,18 @@ def write_layers(planes, depths, kinds, masks):
     masks[n, r, c] = mask_of(kind, light)
 
 
+def write_mask(planes, masks):
+    """One thread a pixel (x) of a camera (y): 255 for water, else 0, in masks [N, H, W] uint8."""
+    n = cuda.blockIdx.y
+    k = cuda.blockIdx.x * THREADS + cuda.threadIdx.x
+    height, width = planes.kind.shape[1:]
+    if k >= height * width:
+        return
+    r = k // width
+    c = k % width
+    masks[n, r, c] = mask_of(planes.kind[n, r, c], planes.transmittance[n, r, c])
+
+
 @kernel(inlined=True)
 def mask_of(kind, light):
     """Return 255 where water is seen, else 0."""

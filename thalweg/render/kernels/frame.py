@@ -15,12 +15,13 @@ from thalweg.render.kernels.billboard import BLOCK
 from thalweg.render.kernels.bridge_edges import soften_edges
 from thalweg.render.kernels.camera_rays import HitPoints, Radiance, Rays, hit_points, map_origin, row_rays, row_step
 from thalweg.render.kernels.heightfield_march import TILE
+from thalweg.render.kernels.layers.draw import draw_layers
 from thalweg.render.kernels.plants import draw_plants
 from thalweg.render.kernels.primary_hits import MISS, find_primary_hits
 from thalweg.render.kernels.shading import ground, reduced_quality, sky, tone, water
 from thalweg.render.records import layout
 from thalweg.render.records.classes import BRIDGE, GROUND, PLANT, SKY, WATER
-from thalweg.render.records.view import Planes
+from thalweg.render.records.view import COLOURS, MASK, Planes
 
 f32 = np.float32
 
@@ -66,16 +67,21 @@ def rows_of(planes, top, bottom):
 
 
 @kernel
-def draw_rows(scene, view, reduced, top, bottom, planes):
+def draw_rows(scene, view, reduced, drawn, top, bottom, planes):
     """Draw the rows from top to bottom into the `Planes` of their frame; top is a multiple of `ROWS_TOGETHER`.
 
-    What a row shows depends on no other rows than those of its tile.
+    What a row shows depends on no other rows than those of its tile. drawn: see `Output`; what is not asked for is not
+    computed.
     """
     # The reduced quality draws rows by twos; the one past an odd height is never shown.
     bottom += bottom % 2
     rows = rows_of(planes, top, bottom)
+    # One call of each for all that may be drawn, so that masks and layers have the depths of the frame to the bit.
     find_primary_hits(scene, view, top, reduced, rows.depth, rows.kind)
-    stone = draw_bridges(scene, view, top, rows.depth, rows.kind)
+    stone = draw_bridges(scene, view, top, drawn, rows.depth, rows.kind)
+    if drawn != COLOURS:
+        draw_layers(scene, view, top, reduced, drawn == MASK, rows)
+        return
     draw_plants(scene, view, top, reduced, rows)
     shade(scene, view, top, reduced, rows)
     for k in range(len(stone)):
@@ -90,14 +96,17 @@ def draw_rows(scene, view, reduced, top, bottom, planes):
 
 @kernel
 def finish_frame(scene, view, settings, planes, n, output):
-    """Turn the drawn `Planes` of a frame into number n of the images of `Output`, and of its layers where wanted."""
-    if not settings.reduced:
+    """Turn the drawn `Planes` of a frame into number n of the arrays of `Output`."""
+    if output.drawn == COLOURS and not settings.reduced:
         # Without the row by which an odd height is rounded up: rays are aimed by the number of rows.
         soften_edges(scene, view, rows_of(planes, 0, settings.height))
     # Layers are written first, because the mask replaces the classes in place.
     if output.want_layers:
         write_layers(planes, output.depths[n], output.classes[n])
     mask_water(planes.kind, planes.transmittance)
+    if output.drawn != COLOURS:
+        copy_mask(planes.kind, output.masks[n])
+        return
     tone.write_image(
         Radiance(planes.red, planes.green, planes.blue), planes.kind, view.look, noise_key(view), output.images[n]
     )  # fmt: skip
@@ -113,10 +122,11 @@ def noise_key(view):
 
 
 @kernel
-def draw_bridges(scene, view, top, depth, kind):
+def draw_bridges(scene, view, top, drawn, depth, kind):
     """Set depth and kind [R, W'] where a bridge is nearest; returns the stone that rays meet.
 
-    The stone [K, 6]: row, column, red, green, blue, depth. It is added to the frame only after the plants.
+    The stone [K, 6]: row, column, red, green, blue, depth. It is added to the frame only after the plants. drawn: see
+    `Output`; without colours there is no stone, and for a mask only rays that meet water count.
     """
     camera = view.camera
     per_row = row_step(camera)
@@ -128,13 +138,15 @@ def draw_bridges(scene, view, top, depth, kind):
         boxes[b, 2] = max(boxes[b, 2] - top, 0)
         boxes[b, 3] = min(boxes[b, 3] - top, len(depth))
         pixels += max(boxes[b, 1] - boxes[b, 0], 0) * max(boxes[b, 3] - boxes[b, 2], 0)
-    stone = np.empty((pixels, 6), np.float32)
+    stone = np.empty((pixels if drawn == COLOURS else 0, 6), np.float32)
     n = 0
     for b in range(len(boxes)):
         row = scene.bridges[first + b]
         for r in range(boxes[b, 2], boxes[b, 3]):
             sy = camera.half_h - (f32(top + r) + f32(0.5)) * per_row
             for c in range(boxes[b, 0], boxes[b, 1]):
+                if drawn == MASK and kind[r, c] != WATER:
+                    continue
                 sx = (f32(c) + f32(0.5)) * camera.column_step - camera.half_w
                 dx = camera.forward_x + sy * camera.up_x + sx * camera.right_x
                 dy = camera.forward_y + sy * camera.up_y + sx * camera.right_y
@@ -144,6 +156,8 @@ def draw_bridges(scene, view, top, depth, kind):
                 if hit.t > f32(0):
                     depth[r, c] = hit.t
                     kind[r, c] = np.uint8(BRIDGE)
+                    if drawn != COLOURS:
+                        continue
                     slant = math.sqrt(f32(1) + sx * sx + sy * sy)
                     stone[n, 0] = f32(r)
                     stone[n, 1] = f32(c)
@@ -237,3 +251,11 @@ def mask_water(kind, light):
         for c in range(kind.shape[1]):
             wet = (kind[r, c] == np.uint8(WATER)) & (light[r, c] > f32(0.5))
             kind[r, c] = np.uint8(255) if wet else np.uint8(0)
+
+
+@kernel(disjoint=True, allocates=False)
+def copy_mask(mask, out):
+    """Copy the mask of the image's pixels [H, W] out of one of whole blocks [H', W']."""
+    for r in range(out.shape[0]):
+        for c in range(out.shape[1]):
+            out[r, c] = mask[r, c]

@@ -7,6 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+COLOURS, LAYERS, MASK = range(3)
+"""What is drawn of a frame: its colours and its mask; depth, class and mask; or the mask alone."""
+
 
 class FrameSettings(NamedTuple):
     """What all frames of a renderer share."""
@@ -95,13 +98,31 @@ class Planes(NamedTuple):
 
 
 class Output(NamedTuple):
-    """Arrays of N frames that drawing fills."""
+    """Arrays of N frames that drawing fills; [1, 1, 1] where they are not asked for."""
 
+    drawn: Any
+    """`COLOURS`, `LAYERS` or `MASK`."""
     images: Any
-    """[N, H, W] uint32: red, green, blue from the lowest byte up, and the water mask in the highest."""
+    """[N, H, W] uint32, with `COLOURS`: red, green, blue from the lowest byte up, and the water mask in the highest."""
+    masks: Any
+    """[N, H, W] uint8, with `LAYERS` and `MASK`: 255 where water is seen, else 0."""
     want_layers: Any
-    """Whether the next two are filled; they are [1, 1, 1] where not."""
+    """Whether the next two are filled, with `COLOURS` or `LAYERS`."""
     depths: Any
     """[N, H, W] float32, metres along the axis; -1 for the sky."""
     classes: Any
     """[N, H, W] uint8."""
+
+
+def output(
+    drawn: int,
+    images: np.ndarray | None = None,
+    masks: np.ndarray | None = None,
+    layers: tuple[np.ndarray, np.ndarray] | None = None,
+) -> Output:
+    """Return an `Output` of the arrays that are given; layers: depths and classes."""
+    # Kernels have one signature, whatever is asked for.
+    images = np.empty((1, 1, 1), np.uint32) if images is None else images
+    masks = np.empty((1, 1, 1), np.uint8) if masks is None else masks
+    depths, classes = layers or (np.empty((1, 1, 1), np.float32), np.empty((1, 1, 1), np.uint8))
+    return Output(drawn, images, masks, layers is not None, depths, classes)

@@ -1,0 +1,79 @@
+"""Tests of plants as coverage: the light and the depth of `plants.draw_plants`, in the pixels that are asked for."""
+
+import numpy as np
+import pytest
+
+from tests.render.frames import posed
+from tests.render.plain import plane, plants_at
+from thalweg.render import Camera, Look, Renderer
+from thalweg.render.kernels.frame import empty_planes
+from thalweg.render.kernels.layers.plant_cover import asked_rows, cover_plants
+from thalweg.render.kernels.plants import draw_plants
+from thalweg.render.kernels.primary_hits import MISS
+from thalweg.render.records.appearance import look_rows, look_values
+from thalweg.render.records.view import Planes, View
+
+CAMERA = Camera(64, 64)
+ROW = 30
+"""A row of the image on which all plants of `wood` lie one behind another."""
+
+
+def wood(kind: int) -> tuple:
+    """Scene and view of nine wide plants one behind another, of one kind, before ground at 60 m."""
+    places = [(8.0 + 2.0 * k, 0.4 * k) for k in range(9)]
+    renderer = Renderer([plane(plants=plants_at(places, kind, width=12.0))], CAMERA)
+    look = look_rows(look_values(Look(), 1), CAMERA)[0]
+    camera = posed(np.array([0.0, 0.0, 3.0, 0.0]), look, CAMERA)
+    return renderer.scene, View(0, look, camera, np.float32(0))
+
+
+def drawn(scene, view, reduced: bool) -> Planes:
+    planes = Planes(*empty_planes(64, 64))
+    planes.depth[:] = 60.0
+    draw_plants(scene, view, 0, reduced, planes)
+    return planes
+
+
+def covered(scene, view, reduced: bool, behind: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    light, depth = np.ones_like(behind), np.full_like(behind, MISS)
+    cover_plants(scene, view, 0, reduced, behind, light, depth)
+    return light, depth
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("reduced", [False, True])
+@pytest.mark.parametrize("kind", [0, 7, 13])
+def test_light_is_that_of_drawn_plants_until_half_of_it_is_gone(kind, reduced):
+    scene, view = wood(kind)
+    planes = drawn(scene, view, reduced)
+    light, depth = covered(scene, view, reduced, np.full((64, 64), 60.0, np.float32))
+    seen = planes.transmittance >= 0.5
+    assert 0.02 < (~seen).mean() < 0.9 and ((planes.transmittance < 1) & seen).sum() > 20
+    np.testing.assert_array_equal(light >= 0.5, seen)
+    np.testing.assert_array_equal(light[seen], planes.transmittance[seen])
+    np.testing.assert_array_equal(depth, planes.plant_depth)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("reduced", [False, True])
+def test_blocks_that_nobody_asks_for_and_plants_behind_what_is_asked_for_are_left_out(reduced):
+    scene, view = wood(0)
+    everywhere = np.full((64, 64), 60.0, np.float32)
+    light, _ = covered(scene, view, reduced, everywhere)
+    some = everywhere.copy()
+    some[: ROW + 2], some[ROW + 4 :] = 0.0, 0.0
+    narrow, _ = covered(scene, view, reduced, some)
+    assert (light[: ROW + 2] < 0.5).any() and (narrow[: ROW + 2] == 1).all() and (narrow[ROW + 4 :] == 1).all()
+    np.testing.assert_array_equal(narrow[ROW + 2 : ROW + 4] >= 0.5, light[ROW + 2 : ROW + 4] >= 0.5)
+    near, _ = covered(scene, view, reduced, np.minimum(everywhere, np.float32(5.0)))
+    assert (near == 1).all()
+
+
+def test_rows_without_a_block_that_is_asked_for_are_cut_off():
+    deepest = np.zeros((9, 2), np.float32)
+    deepest[3, 1], deepest[6, 0] = 4.0, 9.0
+    assert asked_rows(deepest, 1) == (3, 7, 9.0)
+    # Blocks of two rows have the number of the first; what the second holds does not count.
+    assert asked_rows(deepest, 2) == (6, 8, 9.0)
+    high, low, farthest = asked_rows(np.zeros((9, 2), np.float32), 1)
+    assert low <= high and farthest == 0

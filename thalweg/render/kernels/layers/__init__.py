@@ -1,0 +1,1 @@
+"""Kernels for depth, class and water mask without colours."""

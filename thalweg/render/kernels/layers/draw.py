@@ -1,0 +1,50 @@
+"""The kernel that draws plants over rows without colours, or only as much of them as a water mask needs."""
+
+import numpy as np
+
+from thalweg.core.jit import kernel
+from thalweg.render.kernels.billboard import BLOCK
+from thalweg.render.kernels.layers.plant_cover import cover_plants
+from thalweg.render.kernels.primary_hits import MISS
+from thalweg.render.records.classes import WATER
+from thalweg.render.records.view import Planes
+
+f32 = np.float32
+
+
+@kernel
+def colourless_planes(height, width):
+    """Fresh `Planes` of a frame as those of `frame.empty_planes`, but with no pixels of radiance."""
+    height += height % 2
+    wide = (width + BLOCK - 1) // BLOCK * BLOCK
+    return Planes(
+        np.empty((height, wide), np.float32),
+        np.empty((height, wide), np.uint8),
+        np.empty((0, 0), np.float32),
+        np.empty((0, 0), np.float32),
+        np.empty((0, 0), np.float32),
+        np.ones((height, wide), np.float32),
+        np.full((height, wide), f32(MISS), np.float32),
+    )
+
+
+@kernel
+def draw_layers(scene, view, top, reduced, only_mask, planes):
+    """Add the plants to transmittance and plant depth of `Planes` [R, W'] of rows from `top` on.
+
+    Depth and kind must already hold what lies behind the plants. With only_mask, just what hides water is drawn: the
+    rest keeps its light.
+    """
+    behind = np.empty(planes.depth.shape, np.float32)
+    asked_depth(planes.depth, planes.kind, view.camera.width, only_mask, behind)
+    cover_plants(scene, view, top, reduced, behind, planes.transmittance, planes.plant_depth)
+
+
+@kernel(disjoint=True, allocates=False)
+def asked_depth(depth, kind, width, only_mask, behind):
+    """Fill behind [R, W'] with the depth of the pixels that are asked for, 0 at the others."""
+    for r in range(depth.shape[0]):
+        for c in range(depth.shape[1]):
+            # The columns by which the width is rounded up would keep blocks open that nobody sees.
+            asked = (c < width) & ((kind[r, c] == np.uint8(WATER)) | (not only_mask))
+            behind[r, c] = depth[r, c] if asked else f32(0)

@@ -89,6 +89,26 @@ def hairpin(arm_m: float = 30.0, gap_m: float = 10.0, **options) -> World:
     return world_of(np.concatenate([there, bend, back, close]), **options)
 
 
+class BlankMaskRenderer:
+    """Masks that hold the pose in their first pixels, and frames of nothing; counts the calls of each."""
+
+    def __init__(self) -> None:
+        self.camera = SimpleNamespace(height_px=8, width_px=8)
+        self.mask_calls = self.frame_calls = 0
+
+    def render_mask(self, poses, world_index=None, out=None, look=None):
+        """Masks [N, H, W] uint8."""
+        self.mask_calls += 1
+        masks = np.zeros((len(poses), 8, 8), np.uint8)
+        masks[:, 0, :4] = np.mod(np.asarray(poses) * 16.0, 256.0).astype(np.uint8)
+        return masks
+
+    def render(self, poses, world_index=None, time_s=None, out=None):
+        """Frames [N, H, W, 4] uint8, all 7."""
+        self.frame_calls += 1
+        return np.full((len(poses), 8, 8, 4), 7, np.uint8)
+
+
 class BlankRenderer:
     """Frames that hold the pose and the world's number in their first pixels, so that tests see what was drawn."""
 
@@ -99,7 +119,8 @@ class BlankRenderer:
     def render_tensors(self, views, out):
         """The same of tensors: world_index, poses, times and looks."""
         world_index, poses, times = (tensor.numpy() for tensor in views[:3])
-        self.render(poses, world_index, times, out.numpy())
+        frames = self.render(poses, world_index, times)
+        out.numpy()[...] = frames[..., 3:] if out.shape[-1] == 1 else frames
 
     def render(self, poses, world_index=None, time_s=None, out=None):
         """Frames [N, H, W, 4] uint8."""

@@ -7,7 +7,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 
 from tests.env.flights import FORWARD, HOVER, at
-from tests.env.handmade import BlankRenderer, canal, hairpin, ring
+from tests.env.handmade import BlankMaskRenderer, BlankRenderer, canal, hairpin, ring
 from thalweg.env import ConfigError, EnvConfig, RiverEnv, RiverVectorEnv
 from thalweg.render.records.camera import Camera
 
@@ -203,6 +203,21 @@ def test_render_gives_the_frames_now_seen():
     assert [frame.shape for frame in frames] == [(8, 8, 3)] * 2
     assert np.array_equal(frames[1][0, :4, 0], np.mod(env.state.pose[1] * 16, 256).astype(np.uint8))
     assert RiverVectorEnv(ring(), 2, NONE).render() is None
+
+
+def test_masks_are_drawn_without_frames_until_a_frame_is_asked_for():
+    blank = BlankMaskRenderer()
+    config = EnvConfig(observation="mask", max_steps=1)
+    env = RiverVectorEnv(ring(), 2, config, renderer=blank, render_mode="rgb_array")
+    env.reset(seed=0)
+    observations, _, _, _, info = env.step(np.array([HOVER, HOVER]))
+    assert observations in env.observation_space
+    for shown, poses in ((observations, env.state.pose), (info["final_obs"], info["pose"])):
+        assert np.array_equal(shown[1][0, :4, 0], np.mod(poses[1] * 16.0, 256.0).astype(np.uint8))
+    assert (blank.mask_calls, blank.frame_calls) == (2, 0)
+    frames = env.render()
+    assert frames is not None and (frames[1] == 7).all()
+    assert (blank.mask_calls, blank.frame_calls) == (2, 1)
 
 
 def test_the_water_moves_by_one_tick_a_step():

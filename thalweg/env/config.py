@@ -95,8 +95,8 @@ class EnvConfig:
     """The task: motion, limits, observation, reward, cost and termination."""
 
     observation: Observation = "rgb+mask"
-    """Observation: `rgb+mask` (4 channels), `rgb`, `mask`, `dict` (keys rgb and mask), or `none`, which renders nothing
-    and returns the pose x, y, z, yaw."""
+    """Observation: `rgb+mask` (4 channels), `rgb`, `mask`, which draws no colours and is several times as fast, `dict`
+    (keys rgb and mask), or `none`, which renders nothing and returns the pose x, y, z, yaw."""
     action: ActionSpace = "multidiscrete"
     """Action: `multidiscrete` is four branches of 0, 1, 2; `continuous` is four numbers in -1..1, +1 = up, turn left,
     forward, left."""
@@ -159,6 +159,16 @@ class EnvConfig:
         """Return a copy with some fields changed; raises `ConfigError` for an unknown key and lists the known ones."""
         refuse_unknown("option", options, (entry.name for entry in fields(self)), ConfigError)
         return replace(self, **options)
+
+    @property
+    def channels(self) -> int:
+        """Channels that are drawn for an observation: 4, 1 of a mask, or 0."""
+        return {"mask": 1, "none": 0}.get(self.observation, 4)
+
+    def seen_through(self, inputs: str) -> "EnvConfig":
+        """Return the config for an encoder of `inputs`, such as "mask": nothing is drawn that it does not see."""
+        narrower = inputs == "mask" and self.observation == "rgb+mask"
+        return replace(self, observation="mask") if narrower else self
 
     @property
     def loose_cost(self) -> float:

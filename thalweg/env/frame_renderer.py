@@ -74,17 +74,31 @@ class FrameRenderer:
         """Return copies of what the environments `rows` see in a state."""
         return Views(*(a[rows].copy() for a in (state.pose, state.world, state.time_s, self.look, self.sun)))
 
+    def render_masks(self, views: Views) -> np.ndarray:
+        """Return new masks [M, H, W, 1] uint8 of the views, the fourth channel of their frames."""
+        # A renderer of someone else's may draw nothing but whole frames.
+        if not hasattr(self._drawer(), "render_mask"):
+            return self.render(views)[..., 3:].copy()
+        if self.randomisation is None:
+            return self._drawer().render_mask(views.pose, views.world)[..., None]
+        lit_world = views.world * self.lights + views.sun
+        return self._drawer().render_mask(views.pose, lit_world, look=views.look)[..., None]
+
     def render(self, views: Views) -> np.ndarray:
         """Return new frames [M, H, W, 4] uint8 of the views."""
+        out = np.empty((len(views.pose), self.camera.height_px, self.camera.width_px, 4), dtype=np.uint8)
+        if self.randomisation is None:
+            return self._drawer().render(views.pose, views.world, views.time_s, out)
+        lit_world = views.world * self.lights + views.sun
+        return self._drawer().render(views.pose, lit_world, views.time_s, out, look=views.look)
+
+    def _drawer(self) -> Any:
+        """Return the renderer, which is created when it is first needed."""
         if self._renderer is None:
             from thalweg.render import Renderer
 
             self._renderer = Renderer(relit_worlds(self.worlds, self.randomisation), self.camera, self._quality)
-        out = np.empty((len(views.pose), self.camera.height_px, self.camera.width_px, 4), dtype=np.uint8)
-        if self.randomisation is None:
-            return self._renderer.render(views.pose, views.world, views.time_s, out)
-        lit_world = views.world * self.lights + views.sun
-        return self._renderer.render(views.pose, lit_world, views.time_s, out, look=views.look)
+        return self._renderer
 
 
 def _check_renderer(renderer: Any, worlds: Sequence[World], config: EnvConfig) -> None:

@@ -76,13 +76,13 @@ def observation_space(kind: str, height_px: int, width_px: int) -> gymnasium.spa
 
 
 def frames_to_observations(kind: str, frames: np.ndarray) -> Any:
-    """Return observations [N, ...] of frames [N, H, W, 4] uint8 (red, green, blue, mask); copies except for
-    `rgb+mask`."""
+    """Return observations [N, ...] that have colours, of frames [N, H, W, 4] uint8 (red, green, blue, mask); copies
+    except for `rgb+mask`."""
     if kind == "rgb+mask":
         return frames
     if kind == "dict":
         return {"rgb": frames[..., :3].copy(), "mask": frames[..., 3:].copy()}
-    return frames[..., :3].copy() if kind == "rgb" else frames[..., 3:].copy()
+    return frames[..., :3].copy()
 
 
 def observation_at(batch: Any, row: int) -> Any:

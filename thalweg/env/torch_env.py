@@ -191,9 +191,9 @@ class TensorRiverEnv:
 
     @cached_property
     def _frames(self) -> list[Tensor]:
-        """Frame buffers [N, H, W, 4] uint8."""
+        """Frame buffers [N, H, W, 4] uint8, or [N, H, W, 1] of masks."""
         camera = self.config.camera
-        shape = self.num_envs, camera.height_px, camera.width_px, 4
+        shape = self.num_envs, camera.height_px, camera.width_px, self.config.channels
         return [torch.zeros(shape, dtype=torch.uint8, device=self.device) for _ in range(BUFFERS)]
 
     @cached_property
@@ -243,8 +243,9 @@ class TensorRiverEnv:
         lit_world = tensors["world"] * self._lights + self._look_lights[look]
         views = lit_world, tensors["pose"], tensors["time_s"], self._look_rows[look]
         self._renderer.render_tensors(views, frames)
-        channels = {"rgb": frames[..., :3], "mask": frames[..., 3:]}
-        return frames if kind == "rgb+mask" else channels if kind == "dict" else channels[kind]
+        if kind == "dict":
+            return {"rgb": frames[..., :3], "mask": frames[..., 3:]}
+        return frames[..., :3] if kind == "rgb" else frames
 
     def _info(self) -> Info:
         tensors = self._tensors

@@ -63,8 +63,9 @@ class RiverVectorEnv(VectorEnv):
         """Create the environments; raises `ConfigError` for arguments out of range or that contradict one another.
 
         `renderer` is any object with `.camera` and `.render(poses, world_index, time_s, out)`; None creates a
-        `thalweg.render.Renderer` when it is needed. If it has `.worlds`, they must be those of this environment. A
-        `config.camera` other than the default must be that of the renderer.
+        `thalweg.render.Renderer` when it is needed. If it has `.render_mask(poses, world_index)`, observations that are
+        masks come from there. If it has `.worlds`, they must be those of this environment. A `config.camera` other than
+        the default must be that of the renderer.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(f"unknown render_mode {render_mode!r}; known: {', '.join(self.metadata['render_modes'])}")
@@ -293,6 +294,9 @@ class RiverVectorEnv(VectorEnv):
         self._rendered = None
         if self.config.observation == "none":
             return views.pose
+        if self.config.observation == "mask":
+            # Colours are drawn only if `render` asks for them.
+            return self.frames.render_masks(views)
         frames = self.frames.render(views)
         if self.render_mode is not None:
             self._rendered = frames[: self.num_envs, ..., :3].copy()

@@ -14,8 +14,10 @@ import yaml
 from tests.env.handmade import BlankRenderer, ring
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.policy import Policy
+from thalweg.bench.evaluate import evaluation
 from thalweg.bench.evaluate.baselines import BASELINES
-from thalweg.encoder import VAE, EncoderFileError, EncoderInputError, VAEConfig, load_encoder, save_vae
+from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate
+from thalweg.encoder import VAE, Encoder, EncoderFileError, EncoderInputError, VAEConfig, load_encoder, save_vae
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import RENDER_VERSION, Camera, compilation
 from thalweg.train import river, run
@@ -216,12 +218,41 @@ def test_wide_networks_learn_in_two_threads_unless_another_number_is_given(
 BUILDING = "building the river Easy, seed 3: a few seconds\n"
 
 
-def test_a_river_to_be_built_is_announced_once_and_compilation_starts(
+def test_compilation_starts_with_an_encoder_and_not_for_those_who_see_nothing(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    started = []
+    monkeypatch.setattr(compilation, "begin", lambda: started.append(True))
+    world = ring()
+    monkeypatch.setattr(evaluation, "load_or_build", lambda *_: world)
+    course = Course.of_level("Easy", EvaluationConfig(episodes=2))
+    evaluate(BASELINES["hover"], course, Label("hover", 0, "Easy"), EvaluationConfig(episodes=2))
+    assert not started
+    load_compatible_encoder(encoder_file(tmp_path / "0.safetensors", 0))
+    assert started == [True]
+
+
+@pytest.mark.parametrize(("inputs", "observation"), [("mask", "mask"), ("rgb", "rgb+mask"), ("rgb+mask", "rgb+mask")])
+def test_environments_draw_no_more_than_the_encoder_sees(
+    monkeypatch: pytest.MonkeyPatch, inputs: str, observation: str
+):
+    monkeypatch.setattr(river, "RiverVectorEnv", BlankEnv)
+    monkeypatch.setattr(RiverTraining, "worlds", lambda self: [ring()])
+    encoder = Encoder(VAE(VAEConfig(inputs=inputs, latent=4)))
+    env = RiverTraining("Easy", 2)._encoded_envs(encoder, "cpu")
+    assert env.env.config.observation == observation
+    assert env.reset(seed=0)[0].shape == (2, 4)
+
+
+def test_an_observation_that_was_chosen_is_kept():
+    assert EnvConfig(observation="dict").seen_through("mask").observation == "dict"
+
+
+def test_a_river_to_be_built_is_announced_once(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture
 ):
-    world, started = tmp_path / "world.npz", []
+    world = tmp_path / "world.npz"
     monkeypatch.setattr(river, "cache_path", lambda level, seed: world)
-    monkeypatch.setattr(compilation, "begin", lambda: started.append(True))
     river._print_once.cache_clear()
     for _ in range(2):
         river.announce_build(LEVELS["Easy"], 3)
@@ -230,13 +261,11 @@ def test_a_river_to_be_built_is_announced_once_and_compilation_starts(
     world.write_bytes(b"")
     river.announce_build(LEVELS["Easy"], 3)
     assert capsys.readouterr().err == ""
-    assert len(started) == 3
 
 
 def test_the_river_of_a_file_is_always_announced_because_it_is_never_cached(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+    capsys: pytest.CaptureFixture,
 ):
-    monkeypatch.setattr(compilation, "begin", lambda: None)
     river._print_once.cache_clear()
     river.announce_build(Reach(Path("rivers/brook.geojson")), 5)
     assert capsys.readouterr().err == "building the river brook.geojson, seed 5: a few seconds\n"

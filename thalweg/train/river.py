@@ -29,12 +29,15 @@ BRANCHES = (3, 3, 3, 3)
 
 
 def load_compatible_encoder(path: Path | None = None, device: str = "cpu") -> Encoder:
-    """Load an encoder that was trained on frames of this version of the renderer.
+    """Load an encoder that was trained on frames of this version of the renderer, and start compiling the renderer.
 
     Raises `EncoderFileError` or `EncoderInputError` for another one.
     """
     encoder = load_encoder(path, device=resolve_device(device))
     check_render_version(encoder, RENDER_VERSION)
+    # Only who has an encoder looks at frames: baselines compile no renderer.
+    if encoder.device.type == "cpu":
+        compilation.begin()
     return encoder
 
 
@@ -65,8 +68,7 @@ def check_policy_fits(policy: Any, encoder: Encoder) -> None:
 
 
 def announce_build(level: Level | Reach, seed: int) -> None:
-    """Print a line if the river of a level or a file and a seed is not cached, and start compiling the renderer."""
-    compilation.begin()
+    """Print a line if the river of a level or a file and a seed is not cached."""
     if isinstance(level, Reach) or not cache_path(level, seed).is_file():
         _print_once(f"building the river {level.name}, seed {seed}: a few seconds")
 
@@ -182,9 +184,10 @@ class RiverTraining:
             env.close()
 
     def _encoded_envs(self, encoder: Encoder, device: str) -> Any:
-        """Return the environments on a device, with codes as observations."""
+        """Return the environments on a device, with codes as observations; only what the encoder sees is drawn."""
+        config = self.config.seen_through(encoder.inputs)
         if device == "cpu":
-            return LatentVectorEnv(RiverVectorEnv(self.worlds(), self.num_envs, self.config), encoder)
+            return LatentVectorEnv(RiverVectorEnv(self.worlds(), self.num_envs, config), encoder)
         from thalweg.env.torch_env import TensorRiverEnv
 
-        return LatentTensorEnv(TensorRiverEnv(self.worlds(), self.num_envs, self.config, device=device), encoder)
+        return LatentTensorEnv(TensorRiverEnv(self.worlds(), self.num_envs, config, device=device), encoder)

@@ -11,7 +11,7 @@ import torch
 from tests.bench.small_backend import SUITE, SmallBackend
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import APPEARANCE, CONDITIONS, MAIN, SUN, Condition, Trial
-from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, encoded_frames, evaluate
+from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Step, encoded_frames, evaluate
 from thalweg.bench.execute.backend import RiverBackend
 from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.report.report import problems
@@ -35,7 +35,8 @@ class RecordingEncoder:
 
     device = torch.device("cpu")
 
-    def __init__(self) -> None:
+    def __init__(self, inputs: str = "rgb+mask") -> None:
+        self.inputs = inputs
         self.frames: list[np.ndarray] = []
 
     def of_tensor(self, frames: torch.Tensor) -> torch.Tensor:
@@ -64,6 +65,18 @@ def test_each_start_has_its_own_appearance_and_sun(easy_world: World):
     np.testing.assert_array_equal(encoder.frames[0], drawn)
     plain = Renderer([easy_world]).render(course.starts, time_s=course.clocks_s)
     assert (np.abs(drawn.astype(int) - plain)[..., :3].mean((1, 2, 3)) > 1.0).all()
+
+
+@pytest.mark.slow
+def test_for_an_encoder_of_masks_nothing_else_is_drawn(easy_world: World):
+    course = Course.on(easy_world, CONFIG).varied(Randomisation.only(plant_density=(0.0, 0.5)), CONFIG)
+    seeing, masked = RecordingEncoder(), RecordingEncoder("mask")
+    for encoder in (seeing, masked):
+        observe = encoded_frames(course, encoder)  # pyright: ignore[reportArgumentType]
+        observe(Step(np.array([0, 2]), course.starts[[0, 2]], course.clocks_s[[0, 2]], np.zeros(2)))
+    assert masked.frames[0].shape == (2, 128, 128, 1)
+    np.testing.assert_array_equal(masked.frames[0], seeing.frames[0][..., 3:])
+    assert 0 < masked.frames[0].mean() < 255
 
 
 def test_only_the_named_parameter_varies_and_equally_for_every_policy(easy_world: World):

@@ -161,12 +161,14 @@ def encoded_frames(scene: World | Course, encoder: Encoder, renderer: Renderer |
     """Return the observation function of a trained policy: latents float32 [K, Z] of the frames at each step.
 
     On a course, each start has its own appearance; on a world, all have the default one. Frames are rendered on the
-    encoder's device and stay there; a renderer that is given must be on that device too.
+    encoder's device and stay there, and only masks if it sees no more; a renderer that is given must be on that device
+    too.
     """
     course = scene if isinstance(scene, Course) else None
     worlds = [scene] if isinstance(scene, World) else scene.lights or [scene.world]
     renderer = renderer or Renderer(worlds, device=str(encoder.device))
     camera, device = renderer.camera, encoder.device
+    channels = 1 if encoder.inputs == "mask" else 4
 
     def select(array: np.ndarray | None, rows: np.ndarray, default: np.ndarray) -> np.ndarray:
         return np.repeat(default, len(rows), axis=0) if array is None else array[rows]
@@ -176,7 +178,8 @@ def encoded_frames(scene: World | Course, encoder: Encoder, renderer: Renderer |
         looks = select(course.looks if course else None, rows, look_values(None, 1))
         suns = select(course.suns if course else None, rows, np.zeros(1, np.int64))
         arrays = (suns, step.poses, step.time_s, look_rows(looks, camera))
-        frames = torch.empty(len(rows), camera.height_px, camera.width_px, 4, dtype=torch.uint8, device=device)
+        size = len(rows), camera.height_px, camera.width_px, channels
+        frames = torch.empty(size, dtype=torch.uint8, device=device)
         views = tuple(torch.from_numpy(np.ascontiguousarray(array)).to(device) for array in arrays)
         renderer.render_tensors(views, frames)
         return encoder.of_tensor(frames).cpu().numpy()

@@ -8,6 +8,7 @@ import pytest
 from thalweg.bench.speed import measure as speed
 from thalweg.bench.speed.frame_profile import REFLECTION, STAGES, FrameStages
 from thalweg.bench.speed.measure import Plan, rates
+from thalweg.encoder import VAE, Encoder, VAEConfig
 from thalweg.env import sample_starts
 from thalweg.render import Camera, Renderer
 from thalweg.render.records.classes import BRIDGE
@@ -74,6 +75,17 @@ def test_the_slowest_is_the_lowest_rate_or_the_longest_time():
 
 
 @pytest.mark.slow
+def test_masks_are_measured_with_an_encoder_of_masks():
+    def encoder(inputs: str) -> Encoder:
+        return Encoder(VAE(VAEConfig(inputs=inputs, latent=6, architecture="paper")))
+
+    own = encoder("mask")
+    assert speed._mask_encoder(own) == (own, "mask to 6 numbers, paper architecture")
+    untrained, words = speed._mask_encoder(encoder("rgb+mask"))
+    assert (untrained.inputs, untrained.latent, untrained.config.architecture) == ("mask", 6, "paper")
+    assert words == "mask to 6 numbers, paper architecture, untrained"
+
+
 def test_the_stages_together_draw_the_frame(easy_world):
     """The buffers after all stages hold what the renderer draws from the same pose."""
     renderer = Renderer([easy_world], Camera(32, 48))

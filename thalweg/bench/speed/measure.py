@@ -23,6 +23,7 @@ from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.policy import Policy
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.speed.frame_profile import REFLECTION, STAGES, profile_frame
+from thalweg.encoder import VAE, Encoder, VAEConfig
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.render import Camera, Renderer
 from thalweg.render.records.quality import Quality
@@ -35,6 +36,7 @@ BATCH, WORLDS = 16, 4
 VIEWS = 64
 """Number of views over which the stages of a frame are measured."""
 FRAME_FEATURES = "RGB, water mask, everything drawn"
+MASK_FEATURES = "water mask alone; no colours, plants only where they hide water"
 FEATURES: dict[Quality, str] = {
     "full": FRAME_FEATURES,
     "fast": "RGB, water mask; no reflection, nearest look-ups, interpolated ground",
@@ -136,6 +138,15 @@ def _rendering(plan: Plan, worlds: list[World]) -> Iterator[Measurement]:
 
         name = "render" if quality == "full" else f"render, {quality}"
         yield _measurement(name, "frames/s", rates(draw, plan), resolution=f"{size}x{size}", features=FEATURES[quality])
+    masking, masks = Renderer(worlds, Camera()), np.empty((BATCH, 128, 128), np.uint8)
+
+    def draw_masks() -> int:
+        masking.render_mask(poses, index, masks)
+        return BATCH
+
+    yield _measurement(
+        "render, mask", "frames/s", rates(draw_masks, plan), resolution="128x128", features=MASK_FEATURES
+    )
     single = Renderer(worlds[:1], Camera())
 
     def draw_one() -> int:
@@ -173,6 +184,9 @@ def _stepping(plan: Plan, worlds: list[World]) -> Iterator[Measurement]:
     yield _measurement("step, rules only", "steps/s", rates(_steps(rules, random), plan), features="random actions")
     features = f"{FRAME_FEATURES}; random actions"
     yield _measurement("step", "steps/s", rates(_steps(full, random), plan), resolution=size, features=features)
+    masked = RiverVectorEnv(worlds, BATCH, EnvConfig(observation="mask"))
+    features = f"{MASK_FEATURES}; random actions"
+    yield _measurement("step, mask", "steps/s", rates(_steps(masked, random), plan), resolution=size, features=features)
     encoder = load_compatible_encoder()
     latent = LatentVectorEnv(full, encoder)
     frames = full.reset(seed=0)[0]
@@ -186,10 +200,22 @@ def _stepping(plan: Plan, worlds: list[World]) -> Iterator[Measurement]:
     yield _measurement("step + encode", "steps/s", rates(_steps(latent, random), plan), resolution=size, features=kind)
     policy = Policy(encoder.latent, actions_of(full.single_action_space))
     act = partial(policy.act, deterministic=False, generator=torch.Generator().manual_seed(0))
-    features = f"{kind}; policy of 2 x 64 units, sampled"
-    yield _measurement(
-        "step + encode + policy", "steps/s", rates(_steps(latent, act), plan), resolution=size, features=features
-    )
+    mask_encoder, mask_kind = _mask_encoder(encoder)
+    masked_latent = LatentVectorEnv(masked, mask_encoder)
+    for name, env, what in (("", latent, kind), (", mask", masked_latent, mask_kind)):
+        speeds = rates(_steps(env, act), plan)
+        features = f"{what}; policy of 2 x 64 units, sampled"
+        yield _measurement(f"step + encode + policy{name}", "steps/s", speeds, resolution=size, features=features)
+
+
+def _mask_encoder(packaged: Encoder) -> tuple[Encoder, str]:
+    """Return an encoder of masks, with its description: the packaged one, or an untrained one of its architecture."""
+    architecture = packaged.config.architecture
+    words = f"mask to {packaged.latent} numbers, {architecture} architecture"
+    if packaged.inputs == "mask":
+        return packaged, words
+    config = VAEConfig(inputs="mask", latent=packaged.latent, architecture=architecture)
+    return Encoder(VAE(config)), f"{words}, untrained"
 
 
 def _worlds_and_starts(plan: Plan) -> Iterator[Measurement]:

@@ -11,7 +11,7 @@ from thalweg.core.jit import kernel
 from thalweg.core.threads import run_in_threads
 from thalweg.render.kernels.camera_rays import pose_camera
 from thalweg.render.kernels.frame import ROWS_TOGETHER, draw_rows, empty_planes, finish_frame
-from thalweg.render.kernels.layers.draw import colourless_planes
+from thalweg.render.kernels.layers import colourless_planes
 from thalweg.render.records.scene import Scene
 from thalweg.render.records.view import COLOURS, FrameSettings, Output, Planes, View, Views
 

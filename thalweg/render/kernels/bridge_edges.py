@@ -127,9 +127,15 @@ def edge_colour(scene, view, planes, r, c):
 @kernel
 def soften_edges(scene, view, planes):
     """Antialias the radiance of `Planes` [H, W'] along the edges of bridges."""
-    kind = planes.kind
+    pairs, top, bottom = edge_rows(planes.kind, view.camera.width)
+    if pairs > 0:
+        mix_edges(scene, view, planes, top, bottom, np.empty((2 * pairs, 5), np.float32))
+
+
+@kernel(allocates=False)
+def edge_rows(kind, width):
+    """Pairs of neighbours of which one is on a bridge, and the rows from, to that hold their upper or left pixels."""
     height = kind.shape[0]
-    width = view.camera.width
     pairs = 0
     top = height
     bottom = 0
@@ -144,10 +150,15 @@ def soften_edges(scene, view, planes):
         pairs += row_pairs
         top = min(top, r) if row_pairs > 0 else top
         bottom = r + 1 if row_pairs > 0 else bottom
-    if pairs == 0:
-        return
+    return pairs, top, bottom
+
+
+@kernel(allocates=False)
+def mix_edges(scene, view, planes, top, bottom, mixed):
+    """Antialias the radiance of the rows from top to bottom and one more; mixed [2 * pairs, 5] is scratch."""
+    height = planes.kind.shape[0]
+    width = view.camera.width
     # Colours are written only after all are known, because each pixel reads its neighbours.
-    mixed = np.empty((2 * pairs, 5), np.float32)
     n = 0
     for r in range(top, min(bottom + 1, height)):
         for c in range(width):

@@ -15,7 +15,7 @@ from thalweg.render.kernels.billboard import BLOCK
 from thalweg.render.kernels.bridge_edges import soften_edges
 from thalweg.render.kernels.camera_rays import HitPoints, Radiance, Rays, hit_points, map_origin, row_rays, row_step
 from thalweg.render.kernels.heightfield_march import TILE
-from thalweg.render.kernels.layers.draw import draw_layers
+from thalweg.render.kernels.layers import draw_layers
 from thalweg.render.kernels.plants import draw_plants
 from thalweg.render.kernels.primary_hits import MISS, find_primary_hits
 from thalweg.render.kernels.shading import ground, reduced_quality, sky, tone, water
@@ -84,6 +84,12 @@ def draw_rows(scene, view, reduced, drawn, top, bottom, planes):
         return
     draw_plants(scene, view, top, reduced, rows)
     shade(scene, view, top, reduced, rows)
+    add_stone(stone, rows)
+
+
+@kernel(allocates=False)
+def add_stone(stone, rows):
+    """Add the stone [K, 6] of `draw_bridges` to `Planes` [R, W'], as much as the plants let through."""
     for k in range(len(stone)):
         r = int32(stone[k, 0])
         c = int32(stone[k, 1])
@@ -128,17 +134,39 @@ def draw_bridges(scene, view, top, drawn, depth, kind):
     The stone [K, 6]: row, column, red, green, blue, depth. It is added to the frame only after the plants. drawn: see
     `Output`; without colours there is no stone, and for a mask only rays that meet water count.
     """
+    count = scene.extents[view.world, layout.BRIDGE_TO] - scene.extents[view.world, layout.BRIDGE_FROM]
+    boxes = np.empty((count, 4), np.int32)
+    pixels = find_boxes(scene, view, top, len(depth), boxes)
+    stone = np.empty((pixels if drawn == COLOURS else 0, 6), np.float32)
+    met = meet_bridges(scene, view, top, drawn, boxes, depth, kind, stone)
+    return stone[:met]
+
+
+@kernel(allocates=False)
+def find_boxes(scene, view, top, rows, boxes):
+    """Fill boxes [B, 4] with the columns from, to and rows from, to that each bridge may touch; returns their pixels.
+
+    Rows count from `top`, and there are `rows` of them.
+    """
+    first = scene.extents[view.world, layout.BRIDGE_FROM]
+    pixels = 0
+    for b in range(len(boxes)):
+        c0, c1, r0, r1 = bridges.bridge_box(scene.bridges[first + b], view.camera)
+        boxes[b, 0] = c0
+        boxes[b, 1] = c1
+        boxes[b, 2] = max(r0 - top, 0)
+        boxes[b, 3] = min(r1 - top, rows)
+        pixels += max(boxes[b, 1] - boxes[b, 0], 0) * max(boxes[b, 3] - boxes[b, 2], 0)
+    return pixels
+
+
+@kernel(allocates=False)
+def meet_bridges(scene, view, top, drawn, boxes, depth, kind, stone):
+    """Fill stone [K, 6], of `draw_bridges`, and set depth and kind [R, W'], within boxes [B, 4]; returns how many rays
+    found stone to be shaded."""
     camera = view.camera
     per_row = row_step(camera)
     first = scene.extents[view.world, layout.BRIDGE_FROM]
-    boxes = np.empty((scene.extents[view.world, layout.BRIDGE_TO] - first, 4), np.int32)
-    pixels = 0
-    for b in range(len(boxes)):
-        boxes[b] = bridges.bridge_box(scene.bridges[first + b], camera)
-        boxes[b, 2] = max(boxes[b, 2] - top, 0)
-        boxes[b, 3] = min(boxes[b, 3] - top, len(depth))
-        pixels += max(boxes[b, 1] - boxes[b, 0], 0) * max(boxes[b, 3] - boxes[b, 2], 0)
-    stone = np.empty((pixels if drawn == COLOURS else 0, 6), np.float32)
     n = 0
     for b in range(len(boxes)):
         row = scene.bridges[first + b]
@@ -166,12 +194,24 @@ def draw_bridges(scene, view, top, drawn, depth, kind):
                     )
                     stone[n, 5] = hit.t
                     n += 1
-    return stone[:n]
+    return n
 
 
-@kernel(disjoint=True)
+@kernel
 def shade(scene, view, top, reduced, planes):
-    """Add the radiance of sky, water and ground to `Planes` [R, W'], as much as the plants let through.
+    """Add the radiance of sky, water and ground to `Planes` [R, W'], as much as the plants let through."""
+    wide = planes.depth.shape[1]
+    span = np.empty((10, wide), np.float32)
+    points = HitPoints(span[0], span[1], span[2], span[3], span[4], span[5], span[6])
+    out = Radiance(span[7], span[8], span[9])
+    rays = Rays(np.empty(wide, np.float32), np.empty(wide, np.float32), np.empty(wide, np.float32))
+    chosen = np.empty(wide, np.int32)
+    shade_rows(scene, view, top, reduced, planes, rays, chosen, points, water.empty_scratch(wide), out)
+
+
+@kernel(disjoint=True, allocates=False)
+def shade_rows(scene, view, top, reduced, planes, rays, chosen, points, work, out):
+    """As `shade`, with scratch for a row [W']: rays, numbers of pixels, `HitPoints`, `WaterScratch` and `Radiance`.
 
     Pixels of a row are gathered by what they show, so that each kind is shaded in one vectorised loop.
     """
@@ -181,12 +221,6 @@ def shade(scene, view, top, reduced, planes):
     origin = map_origin(scene, view)
     # Computed here and passed on: inside their loops, fastmath would turn it into a division for each pixel.
     pixel = row_step(view.camera)
-    span = np.empty((10, wide), np.float32)
-    points = HitPoints(span[0], span[1], span[2], span[3], span[4], span[5], span[6])
-    out = Radiance(span[7], span[8], span[9])
-    work = water.empty_scratch(wide)
-    chosen = np.empty(wide, np.int32)
-    rays = Rays(np.empty(wide, np.float32), np.empty(wide, np.float32), np.empty(wide, np.float32))
     for r in range(rows):
         row_rays(view.camera, top + r, 0, inv_cell, rays, wide)
         # Sky, water, ground: classes 0 to 2.

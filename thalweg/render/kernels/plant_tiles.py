@@ -14,6 +14,7 @@ from thalweg.core.jit import kernel
 from thalweg.render.bake.outlines import BANDS
 from thalweg.render.kernels.billboard import CLOSED, SAMPLES, SHIFT, SIDE, billboard_pixel
 from thalweg.render.kernels.camera_rays import row_step
+from thalweg.render.kernels.plant_cover import cover_tile, cover_tile_by_twos
 from thalweg.render.kernels.shading import reduced_quality
 from thalweg.render.kernels.table_lookup import clamp
 
@@ -72,6 +73,19 @@ def empty_tiles(rows, columns, together):
     )  # fmt: skip
 
 
+@kernel
+def empty_cover(rows, columns, together):
+    """Fresh `Tiles` as those of `empty_tiles`, but with no radiance."""
+    high = (rows + SIDE * together - 1) // (SIDE * together)
+    wide = (columns + SIDE - 1) // SIDE
+    size = high * wide * SAMPLES * together
+    none = np.empty(0, np.float32)
+    return Tiles(
+        np.zeros(size, np.float32), none, none, none, np.ones(size, np.float32), np.zeros(size, np.float32),
+        np.zeros((high, wide), np.float32), np.zeros((high, wide), np.uint8),
+    )  # fmt: skip
+
+
 @kernel(inlined=True, allocates=False)
 def pixel_of(ty, tx, wide, together, row, column):
     """Index in `Tiles` of the pixel `row`, `column` of a tile; `wide`: tiles in a row; `together`: 1 or 2."""
@@ -123,6 +137,26 @@ def store_tiles(tiles, together, planes):
                     planes.blue[r, first + c] += tiles.blue[k + c]
                     planes.transmittance[r, first + c] = tiles.light[k + c]
                     # A depth of 0 stands for no plant.
+                    found = tiles.plant_depth[k + c]
+                    planes.plant_depth[r, first + c] = found if found > f32(0) else planes.plant_depth[r, first + c]
+
+
+@kernel(disjoint=True, allocates=False)
+def store_cover(tiles, together, planes):
+    """As `store_tiles`, without radiance."""
+    rows = planes.depth.shape[0]
+    high, wide = tiles.deepest.shape
+    for ty in range(high):
+        for row in range(min(SIDE * together, rows - ty * SIDE * together)):
+            r = uint64(ty * SIDE * together + row)
+            for tx in range(wide):
+                if tiles.touched[ty, tx] == 0:
+                    continue
+                k = pixel_of(ty, tx, wide, together, row, 0)
+                first = uint64(tx * SIDE)
+                for column in range(SIDE):
+                    c = uint64(column)
+                    planes.transmittance[r, first + c] = tiles.light[k + c]
                     found = tiles.plant_depth[k + c]
                     planes.plant_depth[r, first + c] = found if found > f32(0) else planes.plant_depth[r, first + c]
 
@@ -248,11 +282,11 @@ def draw_tile(atlas, board, nearest, camera, left, height, first, tiles):
 
 
 @kernel(inlined=True, disjoint=True, allocates=False)
-def draw_billboard(scene, board, nearest, camera, box, top, reduced, scratch, rows, tiles):
+def draw_billboard(scene, board, nearest, camera, box, top, reduced, coloured, scratch, rows, tiles):
     """Draw a `Billboard` into the tiles of its box that are not closed, where its outline says that it shows anything.
 
-    box: the columns from, to and the rows of tiles from, to; row 0 is row `top` of the image; scratch:
-    [reduced_quality.SCRATCH_ROWS, SAMPLES]; rows: `TileRows`.
+    box: the columns from, to and the rows of tiles from, to; row 0 is row `top` of the image; coloured: with radiance;
+    scratch: [reduced_quality.SCRATCH_ROWS, SAMPLES]; rows: `TileRows`.
     """
     c0, c1, y0, y1 = box
     deepest = tiles.deepest
@@ -271,11 +305,15 @@ def draw_billboard(scene, board, nearest, camera, box, top, reduced, scratch, ro
                 continue
             left = (f32(tx * SIDE) + f32(0.5)) * camera.column_step - camera.half_w
             first = uint64((ty * wide + tx) * SAMPLES * together)
-            if reduced:
+            if coloured and reduced:
                 still = reduced_quality.draw_tile(
                     scene.atlas, board, nearest, camera, left, height, first, scratch, tiles
                 )
-            else:
+            elif coloured:
                 still = draw_tile(scene.atlas, board, nearest, camera, left, height, first, tiles)
+            elif reduced:
+                still = cover_tile_by_twos(scene.atlas, board, nearest, camera, left, height, first, scratch, tiles)
+            else:
+                still = cover_tile(scene.atlas, board, nearest, camera, left, height, first, tiles)
             tiles.touched[ty, tx] = np.uint8(1)
             deepest[ty, tx] = deepest[ty, tx] if still > f32(0) else f32(0)

@@ -101,12 +101,33 @@ def chunk_in_view(chunks, chunk, camera, frustum):
     return inside & (above <= ahead * frustum.half_h + radius * frustum.slant_h)
 
 
-@kernel
-def visible_plants(scene, view, frustum, order, distance):
-    """Sort the plants that may be in view by distance; returns how many there are.
+class PlantOrder(NamedTuple):
+    """The plants in view in their order, and scratch for sorting them; M is the number of plants in the world."""
 
-    order [M]: receives their numbers within their world, near to far; distance [M]: receives metres by number.
-    """
+    order: Any
+    """[M] int32, numbers within the world, near to far."""
+    distance: Any
+    """[M] float32, horizontal metres from the camera, by number."""
+    found: Any
+    """[M] int32, scratch."""
+    heads: Any
+    """[BUCKETS + 1] int32, scratch."""
+
+
+@kernel(inlined=True)
+def empty_order(scene, world):
+    """Return a `PlantOrder` without values for the plants of a world."""
+    total = scene.extents[world, layout.PLANT_TO] - scene.extents[world, layout.PLANT_FROM]
+    return PlantOrder(
+        np.empty(total, np.int32), np.empty(total, np.float32), np.empty(total, np.int32),
+        np.empty(BUCKETS + 1, np.int32),
+    )  # fmt: skip
+
+
+@kernel(allocates=False)
+def visible_plants(scene, view, frustum, plant_order):
+    """Sort the plants that may be in view by distance into a `PlantOrder`; returns how many there are."""
+    order, distance, found, heads = plant_order
     first = scene.extents[view.world, layout.PLANT_FROM]
     last = scene.extents[view.world, layout.PLANT_TO]
     plants = scene.plants
@@ -114,8 +135,8 @@ def visible_plants(scene, view, frustum, order, distance):
     camera = view.camera
     count = 0
     # One more bucket than needed: counts are stored one ahead, so that their running sum is where each begins.
-    found = np.empty(last - first, np.int32)
-    heads = np.zeros(BUCKETS + 1, np.int32)
+    for b in range(BUCKETS + 1):
+        heads[b] = 0
     chunk = scene.extents[view.world, layout.CHUNK_AT]
     for begin in range(first, last, layout.CHUNK):
         seen = chunk_in_view(scene.chunks, chunk, camera, frustum)
@@ -152,48 +173,90 @@ def visible_plants(scene, view, frustum, order, distance):
     return count
 
 
-@kernel(disjoint=True)
+class PlantScratch(NamedTuple):
+    """What plants are drawn with, beside `Tiles`."""
+
+    plants: Any
+    """A `PlantOrder`."""
+    rows: Any
+    """`TileRows`."""
+    samples: Any
+    """[SCRATCH_ROWS, SAMPLES] float32, scratch for a tile of the reduced quality."""
+
+
+@kernel(inlined=True)
+def empty_scratch(scene, world, tile_rows):
+    """Return a `PlantScratch` without values for the plants of a world and so many rows of tiles."""
+    table = np.empty((4, tile_rows), np.float32)
+    return PlantScratch(
+        empty_order(scene, world),
+        TileRows(table[0], table[1], table[2], table[3]),
+        np.empty((reduced_quality.SCRATCH_ROWS, SAMPLES), np.float32),
+    )
+
+
+@kernel
 def draw_plants(scene, view, top, reduced, planes):
     """Add the plants in view to the radiance of `Planes` [R, W'], and reduce the transmittance by what they cover.
 
     Rows are those from `top` on of the image; in the reduced quality R is even. Depth must already hold what lies
     behind the plants.
     """
-    camera = view.camera
-    rows = planes.depth.shape[0]
-    first = scene.extents[view.world, layout.PLANT_FROM]
-    total = scene.extents[view.world, layout.PLANT_TO] - first
     together = reduced_quality.ROWS if reduced else 1
-    sharpen = f32(reduced_quality.SHARPEN) if reduced else f32(SHARPEN)
-    tiles = empty_tiles(rows, camera.width, together)
-    load_depths(planes.depth, camera.width, together, tiles)
-    table = np.empty((4, len(tiles.deepest)), np.float32)
-    tile_rows = TileRows(table[0], table[1], table[2], table[3])
-    fill_tile_rows(camera, top, together, tile_rows)
-    scratch = np.empty((reduced_quality.SCRATCH_ROWS, SAMPLES), np.float32)
+    tiles = empty_tiles(planes.depth.shape[0], view.camera.width, together)
+    load_depths(planes.depth, view.camera.width, together, tiles)
+    work = empty_scratch(scene, view.world, len(tiles.deepest))
+    draw_in_order(scene, view, top, reduced, True, tiles, work)
+    store_tiles(tiles, together, planes)
 
-    order = np.empty(total, np.int32)
-    distance = np.empty(total, np.float32)
-    count = visible_plants(scene, view, frustum_of(camera.half_w, camera.half_h), order, distance)
+
+@kernel(disjoint=True, allocates=False)
+def draw_in_order(scene, view, top, reduced, coloured, tiles, work):
+    """Draw the plants in view, from near to far, into `Tiles` that hold the depths behind; row 0 is row `top`.
+
+    coloured: with their radiance, else only as coverage (see `plant_cover`); work: a `PlantScratch`.
+    """
+    camera = view.camera
+    first = scene.extents[view.world, layout.PLANT_FROM]
+    together = reduced_quality.ROWS if reduced else 1
+    high = SIDE * together
+    sharpen = f32(reduced_quality.SHARPEN) if reduced else f32(SHARPEN)
+    farthest = deepest_of(tiles.deepest)
+    if farthest == f32(0):
+        return
+    fill_tile_rows(camera, top, together, work.rows)
+    count = visible_plants(scene, view, frustum_of(camera.half_w, camera.half_h), work.plants)
     for k in range(count):
-        p = first + order[k]
-        far = distance[order[k]]
+        number = work.plants.order[k]
+        far = work.plants.distance[number]
+        nearest = nearest_depth(far, camera)
+        # All plants that are left stand behind whatever is seen.
+        if nearest > farthest:
+            break
+        p = first + number
         c0, c1, r0, r1 = billboard_box(scene.plants[p], far, camera, camera.width)
-        # The box is in rows of the image, the planes in rows of this band.
+        # The box is in rows of the image, the tiles in rows of this band.
         r0 = max(r0 - int32(top), int32(0))
-        r1 = min(r1 - int32(top), int32(rows))
+        r1 = min(r1 - int32(top), int32(len(tiles.deepest) * high))
         if c0 >= c1 or r0 >= r1:
             continue
-        high = SIDE * together
         y1 = (r1 - 1) // high + 1
-        nearest = nearest_depth(far, camera)
         # Most plants stand behind others; those that no tile shows are not prepared.
         y0 = first_open_row(tiles.deepest, nearest, (c0 // SIDE, (c1 - 1) // SIDE + 1, r0 // high, y1))
         if y0 < y1:
             board = make_billboard(scene, view, p, far, sharpen)
             box = c0, c1, y0, y1
-            draw_billboard(scene, board, nearest, camera, box, top, reduced, scratch, tile_rows, tiles)
-    store_tiles(tiles, together, planes)
+            draw_billboard(scene, board, nearest, camera, box, top, reduced, coloured, work.samples, work.rows, tiles)
+
+
+@kernel(inlined=True, allocates=False)
+def deepest_of(deepest):
+    """The greatest depth of all tiles [Y, X], 0 if all are closed."""
+    most = f32(0)
+    for ty in range(deepest.shape[0]):
+        for tx in range(deepest.shape[1]):
+            most = max(most, deepest[ty, tx])
+    return most
 
 
 @kernel(inlined=True, allocates=False)

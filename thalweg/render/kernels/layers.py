@@ -4,8 +4,10 @@ import numpy as np
 
 from thalweg.core.jit import kernel
 from thalweg.render.kernels.billboard import BLOCK
-from thalweg.render.kernels.layers.plant_cover import cover_plants
+from thalweg.render.kernels.plant_tiles import empty_cover, load_depths, store_cover
+from thalweg.render.kernels.plants import draw_in_order, empty_scratch
 from thalweg.render.kernels.primary_hits import MISS
+from thalweg.render.kernels.shading.reduced_quality import ROWS
 from thalweg.render.records.classes import WATER
 from thalweg.render.records.view import Planes
 
@@ -36,15 +38,19 @@ def draw_layers(scene, view, top, reduced, only_mask, planes):
     rest keeps its light.
     """
     behind = np.empty(planes.depth.shape, np.float32)
-    asked_depth(planes.depth, planes.kind, view.camera.width, only_mask, behind)
-    cover_plants(scene, view, top, reduced, behind, planes.transmittance, planes.plant_depth)
+    asked_depth(planes.depth, planes.kind, only_mask, behind)
+    together = ROWS if reduced else 1
+    tiles = empty_cover(len(behind), view.camera.width, together)
+    load_depths(behind, view.camera.width, together, tiles)
+    work = empty_scratch(scene, view.world, len(tiles.deepest))
+    draw_in_order(scene, view, top, reduced, False, tiles, work)
+    store_cover(tiles, together, planes)
 
 
 @kernel(disjoint=True, allocates=False)
-def asked_depth(depth, kind, width, only_mask, behind):
+def asked_depth(depth, kind, only_mask, behind):
     """Fill behind [R, W'] with the depth of the pixels that are asked for, 0 at the others."""
     for r in range(depth.shape[0]):
         for c in range(depth.shape[1]):
-            # The columns by which the width is rounded up would keep blocks open that nobody sees.
-            asked = (c < width) & ((kind[r, c] == np.uint8(WATER)) | (not only_mask))
+            asked = (kind[r, c] == np.uint8(WATER)) | (not only_mask)
             behind[r, c] = depth[r, c] if asked else f32(0)

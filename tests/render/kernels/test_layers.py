@@ -8,7 +8,7 @@ from tests.render.plain import plane, plants_at
 from thalweg.core.threads import get_num_threads, set_num_threads
 from thalweg.render import Camera, Look, Renderer
 from thalweg.render.batch import bands_of
-from thalweg.render.kernels.layers.draw import asked_depth
+from thalweg.render.kernels.layers import asked_depth
 from thalweg.render.records.classes import BRIDGE, GROUND, PLANT, SKY, WATER
 
 LOOKS = [
@@ -91,11 +91,11 @@ def test_bridges_hide_water_in_a_mask():
     assert not (with_bridge & ~without).any()
 
 
-def test_only_water_of_the_image_is_asked_for_in_a_mask():
+def test_only_water_is_asked_for_in_a_mask():
     depth = np.arange(1, 9, dtype=np.float32).reshape(2, 4)
     kind = np.array([[WATER, SKY, WATER, WATER], [GROUND, WATER, BRIDGE, WATER]], np.uint8)
     behind = np.empty((2, 4), np.float32)
-    asked_depth(depth, kind, 3, True, behind)
-    np.testing.assert_array_equal(behind, [[1, 0, 3, 0], [0, 6, 0, 0]])
-    asked_depth(depth, kind, 3, False, behind)
-    np.testing.assert_array_equal(behind, [[1, 2, 3, 0], [5, 6, 7, 0]])
+    asked_depth(depth, kind, True, behind)
+    np.testing.assert_array_equal(behind, [[1, 0, 3, 4], [0, 6, 0, 8]])
+    asked_depth(depth, kind, False, behind)
+    np.testing.assert_array_equal(behind, depth)

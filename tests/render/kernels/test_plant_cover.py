@@ -7,10 +7,10 @@ from tests.render.frames import posed
 from tests.render.plain import plane, plants_at
 from thalweg.render import Camera, Look, Renderer
 from thalweg.render.kernels.frame import empty_planes
-from thalweg.render.kernels.layers.plant_cover import asked_rows, cover_plants
+from thalweg.render.kernels.layers import colourless_planes, draw_layers
 from thalweg.render.kernels.plants import draw_plants
-from thalweg.render.kernels.primary_hits import MISS
 from thalweg.render.records.appearance import look_rows, look_values
+from thalweg.render.records.classes import GROUND, WATER
 from thalweg.render.records.view import Planes, View
 
 CAMERA = Camera(64, 64)
@@ -35,9 +35,11 @@ def drawn(scene, view, reduced: bool) -> Planes:
 
 
 def covered(scene, view, reduced: bool, behind: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    light, depth = np.ones_like(behind), np.full_like(behind, MISS)
-    cover_plants(scene, view, 0, reduced, behind, light, depth)
-    return light, depth
+    """Light and depth of the plants before water at depths `behind`; 0 where there is none."""
+    planes = Planes(*colourless_planes(64, 64))
+    planes.depth[:], planes.kind[:] = behind, np.where(behind > 0, WATER, GROUND)
+    draw_layers(scene, view, 0, reduced, True, planes)
+    return planes.transmittance, planes.plant_depth
 
 
 @pytest.mark.slow
@@ -56,7 +58,7 @@ def test_light_is_that_of_drawn_plants_until_half_of_it_is_gone(kind, reduced):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("reduced", [False, True])
-def test_blocks_that_nobody_asks_for_and_plants_behind_what_is_asked_for_are_left_out(reduced):
+def test_pixels_that_nobody_asks_for_and_plants_behind_what_is_asked_for_are_left_out(reduced):
     scene, view = wood(0)
     everywhere = np.full((64, 64), 60.0, np.float32)
     light, _ = covered(scene, view, reduced, everywhere)
@@ -67,13 +69,3 @@ def test_blocks_that_nobody_asks_for_and_plants_behind_what_is_asked_for_are_lef
     np.testing.assert_array_equal(narrow[ROW + 2 : ROW + 4] >= 0.5, light[ROW + 2 : ROW + 4] >= 0.5)
     near, _ = covered(scene, view, reduced, np.minimum(everywhere, np.float32(5.0)))
     assert (near == 1).all()
-
-
-def test_rows_without_a_block_that_is_asked_for_are_cut_off():
-    deepest = np.zeros((9, 2), np.float32)
-    deepest[3, 1], deepest[6, 0] = 4.0, 9.0
-    assert asked_rows(deepest, 1) == (3, 7, 9.0)
-    # Blocks of two rows have the number of the first; what the second holds does not count.
-    assert asked_rows(deepest, 2) == (6, 8, 9.0)
-    high, low, farthest = asked_rows(np.zeros((9, 2), np.float32), 1)
-    assert low <= high and farthest == 0

@@ -1,1 +1,0 @@
-"""Kernels for depth, class and water mask without colours."""

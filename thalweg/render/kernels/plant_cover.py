@@ -1,0 +1,110 @@
+"""Kernels that draw how much light a plant lets through in a tile of pixels, and its depth, without colours.
+
+Only pixels that are asked for count: all of them for depth and class, those of water for a mask. A pixel belongs to the
+plants once they stop more than half of its light, and later plants only stop more. So a tile is closed as soon as each
+of its pixels has reached half: what is left of the light is not that of coloured plants, but it is on the same side of
+a half.
+"""
+
+import numpy as np
+from numba import int32, uint32, uint64
+
+from thalweg.core.jit import kernel
+from thalweg.render.kernels.billboard import SAMPLES, SHIFT, SIDE, stopped, texel_cover
+from thalweg.render.kernels.camera_rays import row_step
+from thalweg.render.kernels.shading import reduced_quality
+from thalweg.render.kernels.table_lookup import channel, clamp
+
+f32 = np.float32
+
+
+@kernel(inlined=True, allocates=False)
+def billboard_cover(atlas, board, dx, dy, dz, near, ground, passing):
+    """The share of `passing` that a billboard stops at one pixel, and its depth there: as `billboard.billboard_pixel`,
+    without colours."""
+    towards = dx * board.sight_x + dy * board.sight_y
+    t = board.distance / max(towards, f32(1e-4))
+    v = (dz * t - board.foot) * board.per_height
+    u = (dy * board.sight_x - dx * board.sight_y) * t * board.per_half_width
+    inside = (towards > f32(1e-3)) & (t > near) & (t < ground)
+    inside = inside & (v >= f32(0)) & (v < f32(1)) & (abs(u) < f32(1))
+    tu = clamp((f32(1) - u) * f32(0.5) * f32(board.columns) - f32(0.5), f32(0), f32(board.columns) - f32(1.001))
+    tv = clamp(v * f32(board.rows) - f32(0.5), f32(0), f32(board.rows) - f32(1.001))
+    column = int32(tu)
+    row = int32(tv)
+    a = tu - f32(column)
+    b = tv - f32(row)
+    k = board.begin + row * board.columns + column
+    _, _, _, _, cover = texel_cover(
+        a, b, atlas[uint32(k)], atlas[uint32(k + 1)],
+        atlas[uint32(k + board.columns)], atlas[uint32(k + board.columns + 1)],
+    )  # fmt: skip
+    return stopped(passing, cover * f32(1 / 255.0) if inside else f32(0), f32(0)), t
+
+
+@kernel(inlined=True, allocates=False)
+def nearest_cover(atlas, board, dx, dy, dz, near):
+    """The share of light that a billboard stops by its nearest texel, and its depth: as
+    `reduced_quality.billboard_pixel`, without colours."""
+    towards = dx * board.sight_x + dy * board.sight_y
+    t = board.distance / max(towards, f32(1e-4))
+    v = (dz * t - board.foot) * board.per_height
+    u = (dy * board.sight_x - dx * board.sight_y) * t * board.per_half_width
+    inside = (towards > f32(1e-3)) & (t > near) & (v >= f32(0)) & (v < f32(1)) & (abs(u) < f32(1))
+    column = int32(clamp((f32(1) - u) * f32(0.5) * f32(board.columns), f32(0), f32(board.columns) - f32(1)))
+    row = int32(clamp(v * f32(board.rows), f32(0), f32(board.rows) - f32(1)))
+    texel = atlas[uint32(board.begin + row * board.columns + column)]
+    return channel(texel, 24) * f32(1 / 255.0) if inside else f32(0), t
+
+
+@kernel(inlined=True, disjoint=True, allocates=False)
+def cover_tile(atlas, board, nearest, camera, left, height, first, tiles):
+    """As `plant_tiles.draw_tile`, without radiance; returns how many pixels still have half of their light or more."""
+    per_row = row_step(camera)
+    still = f32(0)
+    for i in range(SAMPLES):
+        k = first + uint64(i)
+        sx = left + f32(i & (SIDE - 1)) * camera.column_step
+        sy = height - f32(i >> SHIFT) * per_row
+        passing = tiles.light[k]
+        part, t = billboard_cover(
+            atlas, board,
+            camera.forward_x + sy * camera.up_x + sx * camera.right_x,
+            camera.forward_y + sy * camera.up_y + sx * camera.right_y,
+            camera.forward_z + sy * camera.up_z,
+            camera.near_m, tiles.depth[k], passing,
+        )  # fmt: skip
+        rest = passing - part
+        tiles.light[k] = rest
+        crossed = (passing >= f32(0.5)) & (rest < f32(0.5))
+        tiles.plant_depth[k] = t if crossed else tiles.plant_depth[k]
+        # A pixel with exactly half of its light still lacks its depth.
+        still += f32(1) if (rest >= f32(0.5)) & (tiles.depth[k] > nearest) else f32(0)
+    return still
+
+
+@kernel(inlined=True, disjoint=True, allocates=False)
+def cover_tile_by_twos(atlas, board, nearest, camera, left, height, first, scratch, tiles):
+    """As `cover_tile`, where a sample stands for two pixels, one below the other; see `reduced_quality.draw_tile`."""
+    part, met = scratch[0], scratch[1]
+    per_row = row_step(camera) * f32(reduced_quality.ROWS)
+    for i in range(SAMPLES):
+        sx = left + f32(i & (SIDE - 1)) * camera.column_step
+        sy = height - f32(i >> SHIFT) * per_row
+        part[i], met[i] = nearest_cover(
+            atlas, board,
+            camera.forward_x + sy * camera.up_x + sx * camera.right_x,
+            camera.forward_y + sy * camera.up_y + sx * camera.right_y,
+            camera.forward_z + sy * camera.up_z, camera.near_m,
+        )  # fmt: skip
+    still = f32(0)
+    for below in range(reduced_quality.ROWS):
+        for i in range(SAMPLES):
+            k = first + uint64(below * SAMPLES + i)
+            passing = tiles.light[k]
+            rest = passing - stopped(passing, part[i] if met[i] < tiles.depth[k] else f32(0), f32(0))
+            tiles.light[k] = rest
+            crossed = (passing >= f32(0.5)) & (rest < f32(0.5))
+            tiles.plant_depth[k] = met[i] if crossed else tiles.plant_depth[k]
+            still += f32(1) if (rest >= f32(0.5)) & (tiles.depth[k] > nearest) else f32(0)
+    return still

@@ -242,14 +242,22 @@ def draw_tile(atlas, board, nearest, camera, left, height, first, scratch, tiles
         for i in range(SAMPLES):
             k = first + uint64(below * SAMPLES + i)
             passing = tiles.light[k]
-            # Front-to-back compositing (Porter, Duff 1984), for each pixel with its own depth and light.
-            part = stopped(passing, ink[i] if ink_t[i] < tiles.depth[k] else f32(0), f32(CLOSED))
-            tiles.red[k] += part * ink_r[i]
-            tiles.green[k] += part * ink_g[i]
-            tiles.blue[k] += part * ink_b[i]
+            # Front-to-back compositing (Porter, Duff 1984), for each pixel with its own depth and light. All is loaded
+            # before a choice is made: a load within one would break up the vectors.
+            cover = ink[i]
+            t = ink_t[i]
+            red = tiles.red[k]
+            green = tiles.green[k]
+            blue = tiles.blue[k]
+            found = tiles.plant_depth[k]
+            behind = tiles.depth[k]
+            part = stopped(passing, cover if t < behind else f32(0), f32(CLOSED))
+            tiles.red[k] = red + part * ink_r[i]
+            tiles.green[k] = green + part * ink_g[i]
+            tiles.blue[k] = blue + part * ink_b[i]
             rest = passing - part
             tiles.light[k] = rest
             crossed = (passing >= f32(0.5)) & (rest < f32(0.5))
-            tiles.plant_depth[k] = ink_t[i] if crossed else tiles.plant_depth[k]
-            still += rest if tiles.depth[k] > nearest else f32(0)
+            tiles.plant_depth[k] = t if crossed else found
+            still += rest if behind > nearest else f32(0)
     return still

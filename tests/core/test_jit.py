@@ -1,16 +1,28 @@
 """Tests of compiled kernels: vectorised loops, the cache folder, and the sources that key it."""
 
 import os
+import platform
+import shutil
 import subprocess
 import sys
+import venv
+from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 from numba.core.errors import NumbaError
 
 from thalweg.core import jit
 from thalweg.core.cache import PACKAGE
-from thalweg.core.jit import kernel, kernel_sources
+from thalweg.core.jit import kernel, kernel_sources, machine_hash, preferred_vector_bits, vector_bits
+
+X86 = platform.machine() in ("x86_64", "AMD64")
+INTEL = {
+    "NUMBA_CPU_NAME": "icelake-server",
+    "NUMBA_CPU_FEATURES": "+avx,+avx2,+fma,+avx512f,+avx512vl,+avx512dq,+avx512bw,+avx512cd",
+}
+"""Settings of Numba for a processor on which LLVM prefers vectors of 256 bits to those of 512."""
 
 
 def gather(table, at, out):
@@ -107,3 +119,105 @@ def test_kernel_sources_include_direct_and_indirect_imports():
 )
 def test_every_form_of_import_is_found(line: str):
     assert PACKAGE / "world" / "noise.py" in set(jit._imported_paths(f"import os\n{line}\n"))
+
+
+WIDEST_REGISTERS = """
+import numba, numpy as np
+from thalweg.core import jit
+jit.kernel_cache_dir = lambda: None
+def halve(a, b):
+    for i in range(len(a)):
+        b[i] = a[i] * np.float32(0.5) + np.float32(1)
+array = numba.float32[::1]
+for compiled in (jit.kernel(halve, disjoint=True), numba.njit(fastmath=True)(halve)):
+    compiled.compile((array, array))
+    (code,) = compiled.inspect_asm().values()
+    print(next(name for name in ("zmm", "ymm", "xmm") if name in code), end=" ")
+print(jit.vector_bits())
+"""
+
+
+def widest_registers(**environment: str) -> tuple[str, str, int]:
+    """The widest registers in the code of a kernel and in that of a function of plain Numba, and `vector_bits()`.
+
+    The code is compiled for the processor that the environment names, and does not run.
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", WIDEST_REGISTERS],
+        env={**os.environ, "THALWEG_VECTOR_BITS": "", **environment},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    ours, plain, bits = done.stdout.split()
+    return ours, plain, int(bits)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not X86, reason="registers of x86")
+@pytest.mark.parametrize(("setting", "expected"), [("", ("zmm", 512)), ("256", ("ymm", 256))])
+def test_kernels_use_the_vectors_that_llvm_holds_back_on_intel_and_no_other_function_does(setting, expected):
+    ours, plain, bits = widest_registers(**INTEL, THALWEG_VECTOR_BITS=setting)
+    assert (ours, bits) == expected
+    assert plain == "ymm"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not X86, reason="registers of x86")
+def test_the_stated_width_is_that_of_the_code_on_this_processor():
+    ours, _, bits = widest_registers()
+    assert {"zmm": 512, "ymm": 256, "xmm": 128}[ours] == bits == vector_bits()
+
+
+def test_an_unknown_width_of_vectors_is_refused(monkeypatch):
+    monkeypatch.setenv("THALWEG_VECTOR_BITS", "333")
+    with pytest.raises(ValueError, match="THALWEG_VECTOR_BITS = '333': choose one of 256, 512"):
+        preferred_vector_bits()
+
+
+@pytest.mark.parametrize("change", ["width", "numba", "python"])
+def test_the_hash_of_the_machine_follows_what_compiled_code_depends_on(monkeypatch, change):
+    monkeypatch.setenv("THALWEG_VECTOR_BITS", "512")
+    before = machine_hash()
+    if change == "width":
+        monkeypatch.setenv("THALWEG_VECTOR_BITS", "256")
+    elif change == "numba":
+        monkeypatch.setattr(numba, "__version__", "9.9.9")
+    else:
+        monkeypatch.setattr(sys, "version", "9.9.9")
+    assert machine_hash() != before
+
+
+CACHE_USE = """
+import numpy as np
+from thalweg.core import jit
+from thalweg.render.kernels.camera_rays import Rays, row_rays
+from thalweg.render.records.view import PosedCamera
+camera = PosedCamera(*(np.float32(1) for _ in range(15)), 4, 4)
+row_rays(camera, 0, 0, np.float32(1), Rays(*np.empty((3, 4), np.float32)), 4)
+hits, misses = row_rays.stats.cache_hits, row_rays.stats.cache_misses
+print(jit.PACKAGE, jit.kernel_cache_dir(), sum(hits.values()), sum(misses.values()), sep="\\n")
+"""
+
+
+def cache_use(python: Path | str, package: Path, cache: Path) -> list[str]:
+    """The folders of the package and of its kernels, and how many kernels were found and how many compiled."""
+    others = [path for path in sys.path if path and Path(path) != PACKAGE.parent]
+    env = {**os.environ, "THALWEG_CACHE": str(cache), "PYTHONPATH": os.pathsep.join([str(package.parent), *others])}
+    done = subprocess.run([python, "-c", CACHE_USE], env=env, capture_output=True, text=True, check=True, cwd=cache)
+    return done.stdout.split()
+
+
+@pytest.mark.slow
+def test_another_clone_in_another_virtual_environment_uses_the_compiled_kernels(tmp_path):
+    cache, clone, environment = tmp_path / "cache", tmp_path / "clone" / "thalweg", tmp_path / "environment"
+    cache.mkdir()
+    shutil.copytree(PACKAGE, clone, ignore=shutil.ignore_patterns("__pycache__"))
+    first = clone / "render" / "kernels" / "camera_rays.py"
+    first.write_text("# A comment moves every line.\n" + first.read_text(encoding="utf-8"), encoding="utf-8")
+    venv.create(environment, symlinks=os.name != "nt")
+    python = environment / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    here = cache_use(sys.executable, PACKAGE, cache)
+    there = cache_use(python, clone, cache)
+    assert (here[0], there[0]) == (str(PACKAGE), str(clone))
+    assert here[1] == there[1]
+    assert here[2:] == ["0", "1"]
+    assert there[2:] == ["1", "0"]

@@ -9,6 +9,7 @@ conditions in inner loops, and never use NaN or infinity as special values, beca
 """
 
 import hashlib
+import os
 import re
 import sys
 import tempfile
@@ -18,10 +19,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import llvmlite
 import numba
 from llvmlite import binding
-from numba.core import caching
+from numba.core import caching, codegen, compiler, lowering, typed_passes
 from numba.core import config as numba_config
+from numba.core.compiler_machinery import PassManager, register_pass
 
 from thalweg.core.cache import PACKAGE, cache_dir, code_hash
 
@@ -30,6 +33,9 @@ config: Any = numba_config
 IMPORT = re.compile(r"^ *(?:from|import) (thalweg[.\w]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
 USES_KERNELS = re.compile(r"^from thalweg\.core\.jit import", re.MULTILINE)
 """Matches the import that every module with kernels has."""
+VECTOR_SETTING = "THALWEG_VECTOR_BITS"
+"""Environment variable with the widest vectors that kernels may use, one of `VECTOR_WIDTHS`."""
+VECTOR_WIDTHS = (256, 512)
 
 
 def kernel(
@@ -61,6 +67,7 @@ def kernel(
             error_model="numpy",
             boundscheck=False,
             nogil=True,
+            pipeline_class=_Compiler,
         )(python_function)
         if folder is not None and not config.DISABLE_JIT:
             dispatcher._cache = _Cache(dispatcher.py_func)
@@ -91,9 +98,31 @@ def kernel_cache_dir() -> Path | None:
 
 
 def machine_hash() -> str:
-    """Return a hash of what compiled code depends on besides its source: the processor, Numba and Python."""
-    cpu = binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
-    return hashlib.sha256("\n".join((*cpu, numba.__version__, sys.version)).encode()).hexdigest()[:8]
+    """Return a hash of what compiled code depends on besides its source: processor, vector width, Numba and Python.
+
+    It names no folder, so that another virtual environment or clone with the same versions uses the same kernels.
+    """
+    cpu = binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten(), str(preferred_vector_bits())
+    versions = numba.__version__, llvmlite.__version__, sys.version
+    return hashlib.sha256("\n".join((*cpu, *versions)).encode()).hexdigest()[:8]
+
+
+def preferred_vector_bits() -> int:
+    """Return the widest vectors in bits that kernels may use: 512, or `$THALWEG_VECTOR_BITS`.
+
+    Raises `ValueError` for a setting that is not one of `VECTOR_WIDTHS`.
+    """
+    setting = os.environ.get(VECTOR_SETTING, "") or str(VECTOR_WIDTHS[-1])
+    if setting not in map(str, VECTOR_WIDTHS):
+        raise ValueError(f"{VECTOR_SETTING} = {setting!r}: choose one of {', '.join(map(str, VECTOR_WIDTHS))}")
+    return int(setting)
+
+
+def vector_bits() -> int:
+    """Return the width in bits of the vectors in compiled kernels: the processor's, up to the preferred one."""
+    features = (config.CPU_FEATURES or codegen.get_host_cpu_features()).split(",")
+    widest = 512 if "+avx512f" in features else 256 if "+avx" in features else 128
+    return min(widest, preferred_vector_bits())
 
 
 def kernel_sources() -> list[Path]:
@@ -152,6 +181,40 @@ class _CacheImpl(caching.CompileResultCacheImpl):
 
 class _Cache(caching.FunctionCache):
     _impl_class = _CacheImpl
+
+
+class _Lower(lowering.Lower):
+    """Writes LLVM's code of a kernel, and lets it use the preferred width of vectors.
+
+    For most of Intel's processors with AVX-512, LLVM prefers vectors of 256 bits, which suits programs with few vector
+    loops. The attribute belongs to the function, so that other users of Numba in the process keep their code.
+    """
+
+    def setup_function(self, fndesc: Any) -> None:
+        super().setup_function(fndesc)
+        # Not by the method of the same name, which refuses attributes that depend on the processor.
+        set.add(self.function.attributes, f'"prefer-vector-width"="{preferred_vector_bits()}"')
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _NativeLowering(typed_passes.NativeLowering):
+    _name = "kernel_lowering"
+
+    @property
+    def lowering_class(self) -> type[lowering.Lower]:
+        return _Lower
+
+
+class _Compiler(compiler.CompilerBase):
+    """Numba's compiler, with `_Lower`."""
+
+    def define_pipelines(self) -> list[Any]:
+        pipeline = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
+        swapped = PassManager(pipeline.pipeline_name)
+        for one, description in pipeline.passes:
+            swapped.add_pass(_NativeLowering if one is typed_passes.NativeLowering else one, description)
+        swapped.finalize()
+        return [swapped]
 
 
 def _set_flags(dispatcher: Any, disjoint: bool, allocates: bool) -> None:

@@ -4,7 +4,9 @@ import multiprocessing
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AsyncVectorEnv
@@ -108,6 +110,34 @@ def test_building_and_rendering_leave_the_threads_of_pytorch():
     assert printed_after_rendering(before, "print(torch.get_num_threads())") == "3\n"
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are counted on Linux")
+def test_collecting_starts_no_threads_but_those_of_the_pool():
+    """Threads of OpenMP would wait in a loop, and take the cores that draw frames."""
+    before = """
+import os
+os.environ.pop("OMP_NUM_THREADS", None)
+import torch
+from thalweg.core.threads import get_num_threads
+from thalweg.encoder import load_encoder
+encoder = load_encoder()
+torch.set_num_threads(3)
+before = len(os.listdir("/proc/self/task"))
+"""
+    after = """
+from thalweg.env import RiverVectorEnv
+from thalweg.train.latent import LatentVectorEnv
+env = LatentVectorEnv(RiverVectorEnv([world], 16), encoder)
+env.reset(seed=0)
+for _ in range(2):
+    env.step(env.action_space.sample())
+world.relit(1.0, 0.6)
+print(len(os.listdir("/proc/self/task")) - before, get_num_threads() - 1, torch.get_num_threads())
+"""
+    started, others, threads = map(int, printed_after_rendering(before, after).split())
+    assert (started, threads) == (others, 3)
+
+
 @pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_a_forked_worker_draws_the_same_frames(easy_world: World):
@@ -122,3 +152,25 @@ def test_a_forked_worker_draws_the_same_frames(easy_world: World):
         workers.close()
     assert expected.std() > 1.0
     np.testing.assert_array_equal(observation[0], expected)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_forked_workers_of_a_registered_id_step_as_the_environment_does_here():
+    single = gymnasium.make("thalweg/Easy-v0")
+    first, _ = single.reset(seed=3)
+    action = np.array([1, 2, 2, 1])
+    second, reward, *_ = single.step(action)
+    workers = gymnasium.make_vec(
+        "thalweg/Easy-v0", num_envs=2, vectorization_mode="async", vector_kwargs={"context": "fork"}
+    )
+    try:
+        reset, _ = workers.reset(seed=[3, 4])
+        stepped, rewards, *_ = workers.step(np.stack([action, action]))
+    finally:
+        workers.close()
+    assert (first != second).any()
+    np.testing.assert_array_equal(reset[0], first)
+    np.testing.assert_array_equal(stepped[0], second)
+    assert rewards[0] == reward

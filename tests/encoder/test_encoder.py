@@ -1,10 +1,13 @@
 """Tests of the frozen encoder: equality with its model, bit-identical codes in any batch, and errors."""
 
+import threading
+
 import numpy as np
 import pytest
 import torch
 
 from tests.encoder.synthetic_frames import synthetic_frames
+from thalweg.core.threads import get_num_threads
 from thalweg.encoder import (
     VAE,
     Encoder,
@@ -141,15 +144,26 @@ def test_an_unknown_precision_is_named():
         Encoder(VAE(VAEConfig(size_px=64)), precision="float8")
 
 
-def test_runs_in_the_configured_number_of_threads(encoder, frames, monkeypatch):
+@pytest.mark.parametrize(("setting", "count", "batches"), [("1", 12, [12]), ("2", 12, [6, 6]), ("2", 7, [7])])
+def test_each_of_the_configured_threads_uses_one_thread_of_pytorch(
+    encoder, frames, monkeypatch, setting, count, batches
+):
+    if int(setting) > get_num_threads():
+        pytest.skip("one core")
     seen = []
-    hook = encoder._head.register_forward_hook(lambda *_: seen.append(torch.get_num_threads()))
+    hook = encoder._convolutions.register_forward_hook(
+        lambda _, inputs, __: seen.append((threading.get_ident(), torch.get_num_threads(), len(inputs[0])))
+    )
     before = torch.get_num_threads()
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    monkeypatch.setenv("OMP_NUM_THREADS", setting)
     try:
-        torch.set_num_threads(2)  # as another library on OpenMP may do
-        encoder(frames[:4])
-        assert seen and set(seen) == {1} and torch.get_num_threads() == 2
+        torch.set_num_threads(3)  # as a user or another library may do
+        codes = encoder(np.resize(frames, (count, *frames.shape[1:])))
+        assert torch.get_num_threads() == 3
     finally:
         hook.remove()
         torch.set_num_threads(before)
+    assert len({thread for thread, _, _ in seen}) == len(batches)
+    assert [threads for _, threads, _ in seen] == [1] * len(batches)
+    assert [size for _, _, size in seen] == batches
+    np.testing.assert_array_equal(codes, encoder(np.resize(frames, (count, *frames.shape[1:]))))

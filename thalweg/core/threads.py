@@ -31,13 +31,13 @@ def set_num_threads(threads: int) -> None:
     _threads = threads
 
 
-def run_in_threads(jobs: int, work: Callable[[int, int], object]) -> None:
-    """Call `work(first, last)` for ranges that cover 0 to `jobs`, in `get_num_threads` threads.
+def run_in_threads(jobs: int, work: Callable[[int, int], object], most: int | None = None) -> None:
+    """Call `work(first, last)` for ranges that cover 0 to `jobs`, in `get_num_threads` threads, or `most` if fewer.
 
     The calling thread takes the first range. An error in any range is raised here after all ranges have ended.
     """
     global _pool
-    threads = min(_threads, jobs)
+    threads = min(_threads, jobs, jobs if most is None else most)
     if threads <= 1:
         work(0, jobs)
         return

@@ -5,10 +5,12 @@ This is apart from `thalweg.core.threads` so that rendering on the CPU does not 
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import torch
+
+from thalweg.core.threads import run_in_threads
 
 INITIAL_THREADS = torch.get_num_threads()
 """The number PyTorch chose on import."""
@@ -29,3 +31,21 @@ def default_torch_threads() -> int:
     """Return `OMP_NUM_THREADS` if it is set to a positive number, else the number PyTorch chose on import."""
     value = os.environ.get("OMP_NUM_THREADS", "")
     return int(value) if value.isdigit() and int(value) > 0 else INITIAL_THREADS
+
+
+def run_in_torch_threads(jobs: int, work: Callable[[int, int], object], least: int = 1) -> None:
+    """Call `work(first, last)` for ranges of at least `least` jobs in the threads of kernels, up to
+    `default_torch_threads()`; each computes with one thread of PyTorch.
+
+    PyTorch's threads on OpenMP wait for their next task in a loop for milliseconds, in which they take the cores from
+    kernels. These threads sleep.
+    """
+
+    def with_one_thread(first: int, last: int) -> None:
+        # OpenMP keeps the number for each thread. Threads of the pool keep it for good.
+        if torch.get_num_threads() != 1:
+            torch.set_num_threads(1)
+        work(first, last)
+
+    with torch_threads(1):
+        run_in_threads(jobs, with_one_thread, min(default_torch_threads(), max(jobs // least, 1)))

@@ -19,7 +19,7 @@ import torch
 from torch import Tensor, nn
 
 from thalweg.core.device import resolve_device
-from thalweg.core.torch_threads import default_torch_threads, torch_threads
+from thalweg.core.torch_threads import run_in_torch_threads
 from thalweg.encoder.files import EncoderFileError, load_vae
 from thalweg.encoder.vae import LEAK, VAE, EncoderInputError
 
@@ -29,6 +29,8 @@ ROWS = 16
 """The rows of the linear layer are padded with zeros to a multiple of this number."""
 CHUNKS = {"cpu": 64, "cuda": 1024}
 """Frames per batch on each device, which bounds the memory that many frames need."""
+LEAST_FRAMES = 4
+"""Least frames for each thread: fewer are encoded sooner by one."""
 PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16}
 
 
@@ -86,15 +88,27 @@ class Encoder:
         if frames.shape[3] != len(channels):
             frames = frames[..., channels[0] : channels[-1] + 1]
         codes = torch.empty(len(frames), self.latent, device=self._device)
-        with torch_threads(default_torch_threads()), torch.inference_mode():
-            for start in range(0, len(frames), chunk):
-                part = frames[start : start + chunk]
-                padded_frames = part.repeat(2, 1, 1, 1) if len(part) == 1 else part
-                # Converting after the cut keeps the big tensor uint8; H, W, C in memory is what "channels last" means.
-                images = padded_frames.to(self._device).to(self._dtype).permute(0, 3, 1, 2)
-                features = self._convolutions(images).flatten(1)
-                codes[start : start + chunk] = self._linear(features)[: len(part)].float()
+
+        def encode(first: int, last: int) -> None:
+            with torch.inference_mode():
+                for start in range(first, last, chunk):
+                    end = min(start + chunk, last)
+                    codes[start:end] = self._codes_of(frames[start:end])
+
+        if self._device.type == "cpu":
+            # PyTorch's own threads wait for their next task in a loop that takes cores from the renderer.
+            run_in_torch_threads(len(frames), encode, LEAST_FRAMES)
+        else:
+            encode(0, len(frames))
         return codes
+
+    def _codes_of(self, frames: Tensor) -> Tensor:
+        """Return codes float32 [K, Z] of at most a chunk of frames."""
+        padded_frames = frames.repeat(2, 1, 1, 1) if len(frames) == 1 else frames
+        # Converting after the cut keeps the big tensor uint8; H, W, C in memory is what "channels last" means.
+        images = padded_frames.to(self._device).to(self._dtype).permute(0, 3, 1, 2)
+        features = self._convolutions(images).flatten(1)
+        return self._linear(features)[: len(frames)].float()
 
     def decode(self, codes: np.ndarray) -> np.ndarray:
         """Return reconstructed frames uint8 [N, H, W, C] from codes [N, Z]; C is the number of channels of `inputs`."""

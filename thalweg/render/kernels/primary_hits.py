@@ -184,28 +184,53 @@ def classify_row(t, water, depth, kind, n):
         kind[c] = surface if met else np.uint8(SKY)
 
 
-@kernel(disjoint=True)
+class MarchScratch(NamedTuple):
+    """Scratch of `march_rows` for a row [W'], float32."""
+
+    rays: Any
+    """`Rays`."""
+    planes: Any
+    """`TangentPlanes`."""
+    t: Any
+    """Of the pixels, as the next two: depth, whether it is a hit, and depth of the water there."""
+    hit: Any
+    water: Any
+    march_t: Any
+    """Of the rays that march, as the next."""
+    march_hit: Any
+    start: Any
+    """[tiles]."""
+    track: Any
+    """A `Track` of `SPAN` rays."""
+
+
+@kernel
 def find_by_march(scene, view, top, reduced, depth, kind):
     """As `find_primary_hits`, by the march of every ray.
 
     In the reduced quality a square of `SQUARE` pixels a side shares one march: its rays end on the plane that touches
     the surface where the march ends.
     """
+    wide = depth.shape[1]
+    line = np.empty((11, wide), np.float32)
+    scratch = np.empty((5, SPAN), np.float32)
+    work = MarchScratch(
+        Rays(line[0], line[1], line[2]), TangentPlanes(line[3], line[4], line[5]), line[6], line[7], line[8], line[9],
+        line[10], np.empty((wide + TILE - 1) // TILE, np.float32),
+        Track(scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]),
+    )  # fmt: skip
+    march_rows(scene, view, top, reduced, work, depth, kind)
+
+
+@kernel(disjoint=True, allocates=False)
+def march_rows(scene, view, top, reduced, work, depth, kind):
+    """As `find_by_march`, with `MarchScratch`."""
     camera = view.camera
     rows, wide = depth.shape
     inv_cell = scene.constants[view.world, layout.INV_CELL]
     origin = map_origin(scene, view)
-    rays = Rays(np.empty(wide, np.float32), np.empty(wide, np.float32), np.empty(wide, np.float32))
-    planes = TangentPlanes(np.empty(wide, np.float32), np.empty(wide, np.float32), np.empty(wide, np.float32))
-    t = np.empty(wide, np.float32)
-    hit = np.empty(wide, np.float32)
-    water = np.empty(wide, np.float32)
-    march_t = np.empty(wide, np.float32)
-    march_hit = np.empty(wide, np.float32)
-    scratch = np.empty((5, SPAN), np.float32)
-    track = Track(scratch[0], scratch[1], scratch[2], scratch[3], scratch[4])
-    tiles = (wide + TILE - 1) // TILE
-    start = np.empty(tiles, np.float32)
+    rays, planes, t, hit, water, march_t, march_hit, start, track = work
+    tiles = len(start)
     spread = heightfield_march.bundle_spread(camera)
     size = SQUARE if reduced else 1
     for r in range(rows):

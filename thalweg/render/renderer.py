@@ -131,7 +131,7 @@ class Renderer:
         """Frames with depth and class; arguments and errors as in `render`.
 
         layers: names of the fields of `Frame` that are wanted. Nothing is drawn that they do not need: a mask alone
-        takes a fraction of the time of a frame, and depth and class without colours about half of it. Raises
+        takes a fraction of the time of a frame, and depth and class without colours are in between. Raises
         `RenderError` for another name, or none.
         """
         refuse_unknown("layer", layers, ALL_LAYERS, RenderError)

@@ -4,6 +4,7 @@ from importlib.metadata import version
 
 import pytest
 import torch
+from llvmlite import binding
 
 from thalweg.core import machine
 from thalweg.core.machine import machine_info, package_versions
@@ -22,8 +23,15 @@ def test_a_package_that_is_not_installed_is_unknown(monkeypatch: pytest.MonkeyPa
 
 
 def test_machine_info_has_processor_and_memory():
-    assert set(machine_info()) == {"cpu", "cores", "memory_gib", "system"}
-    assert int(machine_info()["cores"]) >= 1
+    found = machine_info()
+    assert set(found) == {"cpu", "cpu_type", "vector_bits", "cores", "memory_gib", "system"}
+    assert int(found["cores"]) >= 1
+    assert found["cpu_type"] == binding.get_host_cpu_name()
+
+
+def test_the_width_of_vectors_follows_its_setting(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("THALWEG_VECTOR_BITS", "256")
+    assert int(machine_info()["vector_bits"]) <= 256
 
 
 def test_a_run_on_a_gpu_records_the_gpu(monkeypatch: pytest.MonkeyPatch):

@@ -22,9 +22,16 @@ def gpu_info() -> dict[str, str]:
 
 
 def machine_info() -> dict[str, str | int]:
-    """Return the processor, the cores this process may use, the memory in GiB and the system."""
+    """Return the processor, its type as LLVM names it, the width in bits of the vectors in compiled kernels, the cores
+    this process may use, the memory in GiB and the system."""
+    from llvmlite import binding
+
+    from thalweg.core.jit import vector_bits  # takes a second to import
+
     return {
         "cpu": _cpu(),
+        "cpu_type": binding.get_host_cpu_name(),
+        "vector_bits": vector_bits(),
         "cores": usable_cores(),
         "memory_gib": _memory_gib(),
         "system": f"{platform.system()} {platform.machine()}",

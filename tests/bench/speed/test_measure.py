@@ -5,13 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from thalweg.bench.speed import frame_profile
 from thalweg.bench.speed import measure as speed
-from thalweg.bench.speed.frame_profile import REFLECTION, STAGES, FrameStages
+from thalweg.bench.speed.frame_profile import REFLECTION, STAGES, draw_and_mark
 from thalweg.bench.speed.measure import Plan, rates
+from thalweg.bench.speed.stage_marks import MARKS
 from thalweg.encoder import VAE, Encoder, VAEConfig
 from thalweg.env import sample_starts
 from thalweg.render import Camera, Renderer
-from thalweg.render.records.classes import BRIDGE
 
 
 class Clock:
@@ -86,22 +87,32 @@ def test_masks_are_measured_with_an_encoder_of_masks():
     assert words == "mask to 6 numbers, paper architecture, untrained"
 
 
+@pytest.mark.slow
 def test_the_stages_together_draw_the_frame(easy_world):
-    """The buffers after all stages hold what the renderer draws from the same pose."""
+    """The kernel that times the stages draws what the renderer draws, and its marks follow one another."""
     renderer = Renderer([easy_world], Camera(32, 48))
-    (pose,) = sample_starts(easy_world, 1, 3)
-    stages = FrameStages(renderer, pose)
-    names = []
-    for name, prepare, stage in stages.calls():
-        prepare()
-        stage()
-        names.append(name)
-    assert tuple(names) == STAGES
-    assert BRIDGE not in stages.planes.kind  # their stone is not among the stages
-    (frame,) = renderer.render(pose[None])
-    apart = np.abs(stages.image.view(np.uint8).reshape(32, 48, 4).astype(int) - frame)
-    assert apart.max() <= 1  # functions compiled alone may round a last bit otherwise
+    poses = sample_starts(easy_world, 3, 3)
+    images, marks = draw_and_mark(renderer, poses)
+    frames = renderer.render(poses)
+    apart = np.abs(images.view(np.uint8).reshape(frames.shape).astype(int) - frames)
+    assert apart.max() <= 1  # kernels compiled into another may round a last bit otherwise
     assert (apart == 0).mean() > 0.999
+    assert (np.diff(marks.ravel()) >= 0).all() and (marks[:, -1] > marks[:, 0]).all()
+
+
+@pytest.mark.slow
+def test_the_stages_and_the_rest_add_up_to_the_frame_of_the_renderer(easy_world, monkeypatch: pytest.MonkeyPatch):
+    clock = {"whole": 0.008, "ours": 0.006}
+    marks = np.arange(2 * MARKS).reshape(2, MARKS)  # one tick between any two marks: 12 a frame, 25 in all
+    now = iter(np.cumsum([0, clock["whole"], 0, clock["ours"]] * 3))
+    monkeypatch.setattr(frame_profile.time, "perf_counter", lambda: next(now))
+    monkeypatch.setattr(frame_profile, "draw_and_mark", lambda *_: (None, marks))
+    monkeypatch.setattr(frame_profile, "_median_ms", lambda *_: 0.5)
+    times = frame_profile.profile_frame(easy_world, Camera(16, 16), views=2, repeats=2)
+    assert times["plants"] == pytest.approx([6 / 25] * 2)
+    assert times["bridges"] == pytest.approx([12 / 25] * 2)
+    total = sum(np.array(times[name]) for name in STAGES if name != REFLECTION)
+    assert total == pytest.approx([4.0, 4.0])  # 8 ms for two frames
 
 
 def test_the_shares_of_the_stages_add_up(monkeypatch: pytest.MonkeyPatch):

@@ -22,7 +22,7 @@ def test_json_is_all_that_is_printed_and_names_machine_and_versions(
     assert (tmp_path / "speed.json").read_text() == text
     found = json.loads(text)
     assert found["measurements"][0]["median"] == 1234.5
-    assert set(found["machine"]) == {"cpu", "cores", "memory_gib", "system"}
+    assert set(found["machine"]) == {"cpu", "cpu_type", "vector_bits", "cores", "memory_gib", "system"}
     assert {"torch", "numba", "python", "thalweg"} <= set(found["versions"])
 
 
@@ -36,3 +36,11 @@ def test_a_row_names_everything_that_a_figure_depends_on():
     shown = console.export_text()
     assert "everything drawn" in shown
     assert f"{found['machine']['cores']} cores" in describe(found)
+
+
+def test_the_machine_is_described_by_processor_and_vectors_where_they_are_recorded():
+    machine = {"cpu": "Maker's Chip", "cores": 2, "memory_gib": 8, "system": "Linux x86_64"}
+    found = {"machine": machine, "versions": {"python": "3.11"}}
+    assert describe(found) == "Maker's Chip, 2 cores, 8 GiB, Linux x86_64; python 3.11"
+    found["machine"] = {**machine, "cpu_type": "znver4", "vector_bits": 512}
+    assert describe(found) == "Maker's Chip (znver4, vectors of 512 bits), 2 cores, 8 GiB, Linux x86_64; python 3.11"

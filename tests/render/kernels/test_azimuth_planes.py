@@ -8,24 +8,31 @@ import pytest
 
 from tests.render.frames import on_river, posed, rays
 from tests.render.plain import CELL_M, HALF_M, NODES, plane
-from thalweg.bench.speed.frame_profile import FrameStages
 from thalweg.render import Camera, Renderer
 from thalweg.render.kernels import azimuth_planes, primary_hits
+from thalweg.render.kernels.billboard import BLOCK
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.classes import SKY
+from thalweg.render.records.view import View
 from thalweg.render.reference import frame as reference
 from thalweg.world import World
 
 f32 = np.float32
 
 
+def view_at(renderer: Renderer, pose: np.ndarray) -> View:
+    look = look_rows(look_values(None, 1), renderer.camera)[0]
+    return View(0, look, posed(pose, look, renderer.camera), f32(0))
+
+
 def planes_and_march(renderer: Renderer, pose: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Depth and kind of a view by planes, then by the march."""
-    stages = FrameStages(renderer, pose)
+    view = view_at(renderer, pose)
+    shape = view.camera.height, -(-view.camera.width // BLOCK) * BLOCK
     found = []
     for find in (primary_hits.find_by_planes, primary_hits.find_by_march):
-        depth, kind = np.zeros_like(stages.planes.depth), np.zeros_like(stages.planes.kind)
-        find(stages.scene, stages.view, 0, renderer.quality == "fast", depth, kind)
+        depth, kind = np.zeros(shape, f32), np.zeros(shape, np.uint8)
+        find(renderer.scene, view, 0, renderer.quality == "fast", depth, kind)
         found.append((depth, kind))
     return found
 
@@ -129,7 +136,7 @@ def test_no_seam_where_the_march_takes_over(hard_world: World):
     for pitch in pitches:
         camera = Camera(64, 64, pitch_deg=float(pitch))
         renderer = Renderer([hard_world], camera)
-        served.append(bool(azimuth_planes.can_serve(FrameStages(renderer, pose).view.camera)))
+        served.append(bool(azimuth_planes.can_serve(view_at(renderer, pose).camera)))
         frames.append(renderer.render(pose[None])[0].astype(int))
     change = served.index(False)
     assert served == [True] * change + [False] * (len(pitches) - change) and 0 < change < len(pitches)

@@ -1,46 +1,41 @@
-"""The time of each stage of a frame, on one thread, over many views.
+"""The time of each stage of a frame, on one thread, over many views, and of the whole frame.
 
-The stages are the functions of `thalweg.render` themselves, called one after another. What they share, such as the
-camera, is computed before the clock starts; a call from Python costs some microseconds, which shows in the smallest
-stages.
+The stages are timed in the order of a frame, one view after another, as the renderer draws them, so that none finds its
+tables in a warmer cache than in a frame. The whole frame is timed by `Renderer.render`; what stages leave is "rest".
 """
 
 import statistics
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 
+from thalweg.bench.speed.stage_marks import INTERVALS, MARKS, time_frames
+from thalweg.core.threads import get_num_threads, set_num_threads
 from thalweg.env import sample_starts
 from thalweg.render import Camera, Renderer
-from thalweg.render.kernels import frame, plants
-from thalweg.render.kernels.camera_rays import HitPoints, Origin, Radiance, Rays, hit_points, pose_camera, row_rays
+from thalweg.render.kernels import frame
+from thalweg.render.kernels.camera_rays import HitPoints, Origin, Rays, hit_points, pose_camera, row_rays
+from thalweg.render.kernels.plants import draw_plants
 from thalweg.render.kernels.primary_hits import find_primary_hits
-from thalweg.render.kernels.shading import tone, water
+from thalweg.render.kernels.shading import water
 from thalweg.render.records import classes, layout
 from thalweg.render.records.appearance import look_rows, look_values
-from thalweg.render.records.view import COLOURS, FrameSettings, Planes, PosedCamera, View
+from thalweg.render.records.view import COLOURS, FrameSettings, Planes, PosedCamera, View, Views
 from thalweg.world import World
 
 f32 = np.float32
 REFLECTION = "shading: water, its reflection"
-STAGES = (
-    "ground",
-    "bridges",
-    "plants",
-    "shading: sky",
-    "shading: ground",
-    "shading: water",
-    REFLECTION,
-    "tone",
-)
-"""Stages in the order in which a frame is drawn; the reflection is part of the shading of water."""
+REST = "rest"
+STAGES = (*INTERVALS, REFLECTION, REST)
+"""Parts of a frame, of which the reflection is one of the shading of water; the others add up to the whole."""
 
 
-class FrameStages:
-    """The planes of one frame of full quality, and the stages that draw it as calls without arguments."""
+class Reflection:
+    """The reflection in the water of one view of a drawn frame, to be timed alone."""
 
     def __init__(self, renderer: Renderer, pose: np.ndarray) -> None:
+        """Find what the view's pixels show by the renderer."""
         camera = renderer.camera
         self.scene = renderer.scene
         look = look_rows(look_values(None, 1), camera)[0]
@@ -49,37 +44,11 @@ class FrameStages:
         *numbers, height, width = pose_camera(pose, look, settings)
         self.view = View(0, look, PosedCamera._make((*(f32(number) for number in numbers), height, width)), f32(0))
         self.planes = Planes(*frame.empty_planes(camera.height_px, camera.width_px))
-        self.planes = Planes(*(plane[: camera.height_px] for plane in self.planes))
-        self.image = np.zeros((camera.height_px, camera.width_px), np.uint32)
+        find_primary_hits(self.scene, self.view, 0, False, self.planes.depth, self.planes.kind)
+        frame.draw_bridges(self.scene, self.view, 0, COLOURS, self.planes.depth, self.planes.kind)
+        draw_plants(self.scene, self.view, 0, False, self.planes)
 
-    def calls(self) -> Iterator[tuple[str, Callable[[], object], Callable[[], object]]]:
-        """Yield name, preparation of the planes, and call of each stage, to be run in this order."""
-        scene, view, planes = self.scene, self.view, self.planes
-        no_preparation = lambda: None  # noqa: E731
-        yield "ground", no_preparation, lambda: find_primary_hits(scene, view, 0, False, planes.depth, planes.kind)
-        ground = planes.depth.copy(), planes.kind.copy()
-        yield (
-            "bridges",
-            lambda: (np.copyto(planes.depth, ground[0]), np.copyto(planes.kind, ground[1])),
-            lambda: frame.draw_bridges(scene, view, 0, COLOURS, planes.depth, planes.kind),
-        )
-        colours = Radiance(planes.red, planes.green, planes.blue)
-        yield (
-            "plants",
-            lambda: ([plane.fill(0) for plane in colours], planes.transmittance.fill(1)),
-            lambda: plants.draw_plants(scene, view, 0, False, planes),
-        )
-        for name, wanted in (("sky", classes.SKY), ("ground", classes.GROUND), ("water", classes.WATER)):
-            only = np.where(planes.kind == wanted, planes.kind, np.uint8(classes.BRIDGE))
-            shown = planes._replace(kind=only)
-            yield f"shading: {name}", no_preparation, lambda shown=shown: frame.shade(scene, view, 0, False, shown)
-        yield REFLECTION, no_preparation, self._reflection()
-        mask = planes.kind.copy()
-        frame.mask_water(mask, planes.transmittance)
-        key = frame.noise_key(view)
-        yield "tone", no_preparation, lambda: tone.write_image(colours, mask, view.look, key, self.image)
-
-    def _reflection(self) -> Callable[[], None]:
+    def march(self) -> Callable[[], None]:
         """Return the march of the reflected rays of all lit water pixels as a call, with its inputs computed."""
         scene, view, planes = self.scene, self.view, self.planes
         height, wide = planes.depth.shape
@@ -106,16 +75,62 @@ class FrameStages:
 
 
 def profile_frame(world: World, camera: Camera, views: int, repeats: int) -> dict[str, list[float]]:
-    """Return the milliseconds of each stage in each of `views` random views: medians of `repeats` runs, one thread."""
+    """Return the milliseconds of each of `STAGES` in each of `views` random views: medians of `repeats` runs.
+
+    The first run, which may compile, does not count.
+    """
     renderer = Renderer([world], camera)
-    times_ms: dict[str, list[float]] = {name: [] for name in STAGES}
-    for pose in sample_starts(world, views, 0):
-        for name, prepare, stage in FrameStages(renderer, pose).calls():
-            seconds = []
-            for _ in range(repeats + 1):
-                prepare()
-                start = time.perf_counter()
-                stage()
-                seconds.append(time.perf_counter() - start)
-            times_ms[name].append(1e3 * statistics.median(seconds[1:]))  # the first run may compile
-    return times_ms
+    poses = sample_starts(world, views, 0)
+    threads = get_num_threads()
+    set_num_threads(1)
+    try:
+        runs = [_run(renderer, poses) for _ in range(repeats + 1)][1:]
+    finally:
+        set_num_threads(threads)
+    times_ms = {name: np.median([run[name] for run in runs], axis=0) for name in (*INTERVALS, "drawn", "whole")}
+    # What a frame takes beside its stages: in the kernel of this module by view, and beyond it in the mean.
+    inside = times_ms["drawn"] - sum(times_ms[name] for name in INTERVALS)
+    rest = inside + np.mean(times_ms["whole"]) - np.mean(times_ms["drawn"])
+    reflections = [_median_ms(Reflection(renderer, pose).march(), repeats) for pose in poses]
+    stages = {name: times_ms[name].tolist() for name in INTERVALS}
+    return {**stages, REFLECTION: reflections, REST: rest.tolist()}
+
+
+def draw_and_mark(renderer: Renderer, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return frames [N, H, W] uint32 of poses [N, 4], as `Renderer.render` draws them, and their marks [N, MARKS]."""
+    camera, count = renderer.camera, len(poses)
+    settings = FrameSettings(camera.height_px, camera.width_px, f32(camera.near_m), False)
+    looks = look_rows(look_values(None, count), camera)
+    views = Views(np.zeros(count, np.int64), np.ascontiguousarray(poses, np.float64), np.zeros(count), looks)
+    images, marks = np.zeros((count, camera.height_px, camera.width_px), np.uint32), np.zeros((count, MARKS), np.int64)
+    time_frames(renderer.scene, views, settings, images, marks)
+    return images, marks
+
+
+def _run(renderer: Renderer, poses: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the milliseconds [N] of each stage, of the stages with all between them, and of the renderer's frame."""
+    start = time.perf_counter()
+    renderer.render(poses)
+    whole = (time.perf_counter() - start) / len(poses)
+    start = time.perf_counter()
+    _, marks = draw_and_mark(renderer, poses)
+    # The clock's unit follows from its whole span, beside which the call is short.
+    tick_ms = 1e3 * (time.perf_counter() - start) / (marks[-1, -1] - marks[0, 0])
+    spent = {
+        name: tick_ms * sum(marks[:, last] - marks[:, first] for first, last in intervals)
+        for name, intervals in INTERVALS.items()
+    }
+    # Classes are separated only here.
+    separated = sum(marks[:, 4 + 2 * what] - marks[:, 3 + 2 * what] for what in range(3))
+    drawn = tick_ms * (marks[:, -1] - marks[:, 0] - separated)
+    return spent | {"drawn": drawn, "whole": np.full(len(poses), 1e3 * whole)}
+
+
+def _median_ms(call: Callable[[], object], repeats: int) -> float:
+    """Return the median milliseconds of a call, without its first, which may compile."""
+    seconds = []
+    for _ in range(repeats + 1):
+        start = time.perf_counter()
+        call()
+        seconds.append(time.perf_counter() - start)
+    return 1e3 * statistics.median(seconds[1:])

@@ -65,10 +65,13 @@ def speed_frame(found: dict) -> pd.DataFrame:
 
 
 def describe(found: dict) -> str:
-    """Return the machine and the versions in one line."""
+    """Return the machine and the versions in one line; older records name no type of processor and no vectors."""
     about = found["machine"]
     versions_text = ", ".join(f"{name} {number}" for name, number in found["versions"].items())
-    return f"{about['cpu']}, {about['cores']} cores, {about['memory_gib']} GiB, {about['system']}; {versions_text}"
+    kind = f" ({about['cpu_type']}, vectors of {about['vector_bits']} bits)" if "vector_bits" in about else ""
+    return (
+        f"{about['cpu']}{kind}, {about['cores']} cores, {about['memory_gib']} GiB, {about['system']}; {versions_text}"
+    )
 
 
 def print_table(found: dict, console: Console) -> None:

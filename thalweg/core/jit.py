@@ -56,7 +56,8 @@ def kernel(
         disjoint: Promise that no array that is written overlaps another argument. Without this promise LLVM does not
             vectorise a loop that writes to one array and gathers from another.
         allocates: False for a function that neither allocates nor returns an array. Its arrays belong to the caller,
-            so no references are counted, which would be an atomic operation for each array of a record.
+            so no references are counted, which would be an atomic operation for each array of a record. Kernels of a
+            frame that need scratch are therefore two: a wrapper without loops that allocates, and one that computes.
     """
 
     def compile_lazily(python_function: Callable[..., Any]) -> Any:

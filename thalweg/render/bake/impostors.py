@@ -23,9 +23,9 @@ from thalweg.render.bake.trees import Model, grow
 from thalweg.world.species import KINDS, Kind
 
 VIEWS = 8
-ROWS, COLS = 128, 64
+ROWS, COLS = 256, 128
 """Texels of a picture on level 0: row 0 is the foot, the last row the top; column 0 is on the camera's left."""
-LEVELS = 6
+LEVELS = 7
 """Mip levels, each half as high and wide as the one before; the last is 4 x 2."""
 LOOK_DOWN = math.radians(10)
 ELEVATION_STEP = math.radians(5)
@@ -34,7 +34,7 @@ SHARPER = 1.6
 """Factor on the contrast of single leaves, which compensates for the interpolation between texels."""
 MOST_GAIN = 1.8
 """Upper limit of the factor that restores the contrast that averaging removes from coarse levels."""
-FINE = 4
+FINE = 2
 """Samples along each side of a texel of level 0."""
 SOURCES = (PACKAGE / "core" / "jit.py", PACKAGE / "world" / "species.py", *Path(__file__).parent.glob("*.py"))
 SOURCE_HASH = code_hash(SOURCES)
@@ -154,25 +154,42 @@ def extent(model: Model, looks: list[tuple[float, float]]) -> tuple[float, float
 
 
 def mip_levels(full: np.ndarray) -> list[np.ndarray]:
-    """Return pictures [P, rows, cols, 4] (RGB times coverage, and coverage) on each level; coverage is preserved."""
-    levels = [full]
-    for _ in range(LEVELS - 1):
-        fine = levels[-1]
-        p, r, c, _ = fine.shape
-        levels.append(fine.reshape(p, r // 2, 2, c // 2, 2, 4).mean((2, 4)))
-    wanted_solid = (full[..., 3] >= 0.5).mean((1, 2))
-    wanted_mean = full[..., 3].mean((1, 2))
+    """Return pictures [P, rows, cols, 4] (RGB times coverage, and coverage) on each level; coverage is preserved.
+
+    Level 0 is only seen where a plant fills the view. Its few samples a texel are too rough to measure by, so all
+    farther levels follow level 1.
+    """
+    levels = [halved(full)]
+    for _ in range(LEVELS - 2):
+        levels.append(halved(levels[-1]))
+    wanted_solid = (levels[0][..., 3] >= 0.5).mean((1, 2))
+    wanted_mean = levels[0][..., 3].mean((1, 2))
     for level in levels[1:]:
         for picture, solid, mean in zip(level, wanted_solid, wanted_mean, strict=True):
             cover = picture[..., 3].copy()
             picture[..., 3] = keep_coverage(cover, float(solid), float(mean))
             picture[..., :3] *= (picture[..., 3] / np.maximum(cover, 1e-6))[..., None]
-    wanted_contrast = SHARPER * detail(full)[2]
+    wanted_contrast = SHARPER * detail(levels[0])[2]
     for level in levels[:-1]:
         coarse, fine, contrast = detail(level)
         gain = min(max(wanted_contrast / contrast, 1.0), MOST_GAIN)
-        level[..., :3] = np.maximum(coarse + gain * fine, 0.12 * coarse) * level[..., 3:]
-    return levels
+        level[..., :3] = sharpened(coarse, fine, gain) * level[..., 3:]
+    nearest = full.copy()
+    for picture in nearest:  # one at a time, because this level is large
+        coarse, fine, _ = detail(picture[None])
+        picture[..., :3] = (sharpened(coarse, fine, SHARPER) * picture[None, ..., 3:])[0]
+    return [nearest, *levels]
+
+
+def halved(level: np.ndarray) -> np.ndarray:
+    """Return pictures [P, rows, cols, 4] at half their height and width, by means of 2 x 2 texels."""
+    p, r, c, _ = level.shape
+    return level.reshape(p, r // 2, 2, c // 2, 2, 4).mean((2, 4))
+
+
+def sharpened(coarse: np.ndarray, fine: np.ndarray, gain: float) -> np.ndarray:
+    """Return colours whose differences `fine` from their surroundings `coarse` are `gain` times as large."""
+    return np.maximum(coarse + gain * fine, 0.12 * coarse)
 
 
 def detail(level: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

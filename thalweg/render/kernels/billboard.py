@@ -27,6 +27,8 @@ SHARPEN = 0.35
 """Levels by which billboards are sampled finer than their size asks for: the original's frames are as crisp."""
 CLOSED = 0.02
 """What is left once less light than this passes through a pixel's plants is stopped by the last of them."""
+MOST_SHARP = 8.0
+"""Upper limit of the sharpness of a near plant's edges."""
 EDGE = math.tan(math.pi / 8)
 """Slope of the line between two of the eight views."""
 assert impostors.VIEWS == 8
@@ -64,6 +66,8 @@ class Billboard(NamedTuple):
     """Radiance without direct sun as a share of that in full sun."""
     shade_g: Any
     shade_b: Any
+    sharp: Any
+    """Sharpness of its edges: the height of a texel in pixels, at least 1."""
     outline: Any
     """Index of its picture's outline in `Scene.outlines`, an integer."""
 
@@ -130,7 +134,7 @@ def make_billboard(scene, view, p, distance, sharpen):
         distance, nx, ny, foot, per_height, per_half_width, begin, columns, rows,
         tint_r, tint_g, tint_b, haze_r, haze_g, haze_b, sun_low, plant[layout.P_HIGH] - sun_low,
         scene.shade[shade, 0], scene.shade[shade, 1], scene.shade[shade, 2],
-        int32(shade * int32(impostors.LEVELS) + level),
+        clamp(height_px / f32(rows), f32(1), f32(MOST_SHARP)), int32(shade * int32(impostors.LEVELS) + level),
     )  # fmt: skip
 
 
@@ -196,7 +200,10 @@ def billboard_pixel(atlas, board, dx, dy, dz, near, ground, passing, closed):
     cb *= share
     sun = clamp(board.sun_low + board.sun_rise * v, f32(0), f32(1))
     # Front-to-back compositing (Porter, Duff 1984): what is stopped here takes its share of what still passes.
-    part = stopped(passing, cover * f32(1 / 255.0) if inside else f32(0), closed)
+    # Where a texel is larger than a pixel, the edge lies where half is covered and is a pixel wide (Green 2007,
+    # "Improved alpha-tested magnification for vector textures and special effects").
+    solid = clamp((cover * f32(1 / 255.0) - f32(0.5)) * board.sharp + f32(0.5), f32(0), f32(1))
+    part = stopped(passing, solid if inside else f32(0), closed)
     red = part * (cr * cr * board.tint_r * (board.shade_r + (f32(1) - board.shade_r) * sun) + board.haze_r)
     green = part * (cg * cg * board.tint_g * (board.shade_g + (f32(1) - board.shade_g) * sun) + board.haze_g)
     blue = part * (cb * cb * board.tint_b * (board.shade_b + (f32(1) - board.shade_b) * sun) + board.haze_b)

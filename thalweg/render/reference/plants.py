@@ -7,7 +7,7 @@ from thalweg.render.bake.scene_tables import (
     autumn,
     plant_ranks,
 )
-from thalweg.render.kernels import plants
+from thalweg.render.kernels import billboard, plants
 from thalweg.render.records import appearance
 from thalweg.render.records.camera import Camera
 from thalweg.render.reference.materials import Materials, bilinear
@@ -54,7 +54,11 @@ def blend_plants(
         picture = materials.atlas.picture(kind, view).astype(np.float64)
         weighted = np.concatenate([picture[..., :3] * picture[..., 3:], picture[..., 3:]], axis=-1)
         texel = bilinear(weighted, (1 - u) / 2 * impostors.COLS - 0.5, v * impostors.ROWS - 0.5)
-        cover = np.where(inside, texel[..., 3] / 255, 0.0)
+        # A texel that is larger than a pixel has edges as sharp as a pixel.
+        ahead = offset[m] @ basis[0] + tall / 2 * basis[0][2]
+        texel_px = tall / max(ahead, camera.near_m) / (2 * camera.half_height / camera.height_px) / impostors.ROWS
+        sharp = np.clip(texel_px, 1.0, billboard.MOST_SHARP)
+        cover = np.where(inside, np.clip((texel[..., 3] / 255 - 0.5) * sharp + 0.5, 0.0, 1.0), 0.0)
         colour = (texel[..., :3] / np.maximum(texel[..., 3:], 1e-3) / 255) ** 2
         low, high = trees.light[m].astype(np.float64)
         sun = np.clip(low + (high - low) * v, 0, 1)[..., None]

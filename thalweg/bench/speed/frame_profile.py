@@ -18,7 +18,7 @@ from thalweg.render.kernels import frame
 from thalweg.render.kernels.camera_rays import HitPoints, Origin, Rays, hit_points, pose_camera, row_rays
 from thalweg.render.kernels.plants import draw_plants
 from thalweg.render.kernels.primary_hits import find_primary_hits
-from thalweg.render.kernels.shading import water
+from thalweg.render.kernels.shading import mirror, water
 from thalweg.render.records import classes, layout
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.view import COLOURS, FrameSettings, Planes, PosedCamera, View, Views
@@ -67,11 +67,11 @@ class Reflection:
             view.camera.z,
         )
         hit_points(origin, inv_cell, flat, planes.depth.ravel(), chosen, points, count)
-        surface, mirrored = water.Surface(*np.empty((7, size), f32)), water.Mirrored(*np.empty((4, size), f32))
+        surface, mirrored = water.Surface(*np.empty((7, size), f32)), mirror.Mirrored(*np.empty((4, size), f32))
         pixel = f32(2) * view.camera.half_h / f32(height)
         water.ripple_surface(scene, view, points, pixel, surface, count)
         met_at = np.empty(size, f32)
-        return lambda: water.mirror_canopy(scene, view, points, surface, mirrored, met_at, count)
+        return lambda: mirror.mirror_canopy(scene, view, points, pixel, surface, mirrored, met_at, count)
 
 
 def profile_frame(world: World, camera: Camera, views: int, repeats: int) -> dict[str, list[float]]:

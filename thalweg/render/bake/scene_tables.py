@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from thalweg.render.bake import impostors, outlines, ripples, sky
+from thalweg.render.bake.canopy import canopy_map
 from thalweg.render.bake.cone_map import cone_map
 from thalweg.render.records.layout import (
     ATLAS_AT,
@@ -16,7 +17,6 @@ from thalweg.render.records.layout import (
     BRIDGE_FROM,
     BRIDGE_TO,
     CANOPY_AT,
-    CANOPY_CELL,
     CANOPY_X,
     CANOPY_Y,
     CHUNK,
@@ -65,8 +65,7 @@ from thalweg.render.records.layout import (
     SUN_Z,
     TOP_MAX,
 )
-from thalweg.render.records.scene import NO_CANOPY_M, Scene
-from thalweg.world.light.canopy import deck_heights
+from thalweg.render.records.scene import Scene
 from thalweg.world.record import World
 from thalweg.world.species import KINDS
 
@@ -153,7 +152,7 @@ def add_maps(tables: TableWriter, world: World, sun: np.ndarray, extent: np.ndar
     for k, level in enumerate(levels):
         extent[PAINT_AT + k] = tables.add("paint", level.ravel())
 
-    canopy, colour = canopy_map(world, lit)
+    canopy, colour = canopy_map(world, lit, impostors.atlas(world.sun_elevation), sun)
     extent[CANOPY_Y], extent[CANOPY_X] = canopy.shape
     extent[CANOPY_AT] = tables.add("canopy", canopy.ravel())
     tables.add("canopy_paint", colour.ravel())
@@ -188,37 +187,6 @@ def paint_levels(lit: np.ndarray, sun_share: np.ndarray) -> list[np.ndarray]:
             share = share.reshape(share.shape[0] // 2, 2, share.shape[1] // 2, 2).mean(axis=(1, 3))
         levels.append(pack_colour(colour, PAINT_RANGE, np.rint(share).astype(np.uint8)))
     return levels
-
-
-FOLIAGE_RADIANCE = np.array([0.040, 0.050, 0.018])
-"""Mean radiance of the side of a wood in the sun."""
-STONE_RADIANCE = np.array([0.135, 0.120, 0.092])
-"""Mean radiance of the sides of a bridge, one in the sun and one in the shade."""
-
-
-def canopy_map(world: World, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the tops of plants and bridges [Y, X] float32, and their packed radiance in reflections [Y, X].
-
-    A cell is `CANOPY_CELL` nodes wide; the top is `NO_CANOPY_M` over open water.
-    """
-    top = np.maximum(world.ground_m, world.water_m)
-    rows, columns = (s // CANOPY_CELL * CANOPY_CELL for s in top.shape)
-
-    def blocks(a: np.ndarray) -> np.ndarray:
-        return a[:rows, :columns].reshape(rows // CANOPY_CELL, CANOPY_CELL, columns // CANOPY_CELL, CANOPY_CELL, -1)
-
-    canopy = blocks(world.canopy_m).max(axis=(1, 3))[..., 0]
-    # Sloping water must not mirror itself, so the height of open water is below every mirrored ray.
-    closed = (world.water_m <= world.ground_m) | (world.canopy_m > world.water_m + 0.01)
-    canopy[blocks(closed).max(axis=(1, 3))[..., 0] == 0] = NO_CANOPY_M
-    ground = blocks(lit).mean(axis=(1, 3))
-    wooded = np.clip(blocks(world.canopy_m - top).max(axis=(1, 3)) - 0.5, 0.0, 1.0)
-    shade = 0.35 + 0.65 * blocks(world.sun / 255.0).mean(axis=(1, 3))
-    colour = ground * (1 - wooded) + FOLIAGE_RADIANCE * shade * wooded
-    for bridge in world.bridges:
-        on, _ = deck_heights(world.grid, top.shape, bridge)
-        colour[blocks(on).max(axis=(1, 3))[..., 0] > 0] = STONE_RADIANCE
-    return canopy.astype(np.float32), pack_colour(colour, PAINT_RANGE)
 
 
 def plant_rows(world: World) -> np.ndarray:

@@ -26,10 +26,11 @@ from thalweg.render.kernels.camera_rays import (
     row_step,
     square_rays,
 )
-from thalweg.render.kernels.frame import SEEN
+from thalweg.render.kernels.frame import SEEN, covered_share
 from thalweg.render.kernels.heightfield_march import SQUARE, TILE, TangentPlanes, Track
 from thalweg.render.kernels.primary_hits import MISS
-from thalweg.render.kernels.shading import ground, reduced_quality, sky, water
+from thalweg.render.kernels.shading import ground, mirror, reduced_quality, sky, water
+from thalweg.render.kernels.shading.shore import water_shares
 from thalweg.render.records import classes, layout
 from thalweg.render.records.view import COLOURS, MASK, View
 
@@ -345,24 +346,51 @@ def shade_background(scene, view, kind, reduced, rays, depth, out):
             reduced_quality.shade_sky(scene, view, points, out, 1)
         else:
             sky.shade_sky(scene, view, points, out, 1)
-    elif kind == classes.WATER:
+        # The sky map holds its own haze.
+        return
+    wet = f32(1) if kind == classes.WATER else f32(0)
+    if not reduced:
+        share = cuda.local.array(1, float32)
+        kinds = cuda.local.array(1, uint8)
+        kinds[0] = kind
+        water_shares(scene, view, map_origin(scene, view), rays, depth, kinds, share, 1)
+        wet = covered_share(classes.WATER, share[0])
+    # A pixel on the shore is the mean of water and ground.
+    red = f32(0)
+    green = f32(0)
+    blue = f32(0)
+    if wet > f32(0):
+        shade_water(scene, view, points, pixel, reduced, out)
+        red = wet * out.red[0]
+        green = wet * out.green[0]
+        blue = wet * out.blue[0]
+    if wet < f32(1):
         if reduced:
-            reduced_quality.shade_water(scene, view, points, pixel, out, 1)
+            reduced_quality.shade_ground(scene, view, points, pixel, out, 1)
         else:
-            surface = water.Surface(
-                cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32),
-                cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32),
-                cuda.local.array(1, float32),
-            )  # fmt: skip
-            mirrored = water.Mirrored(
-                cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32),
-                cuda.local.array(1, float32),
-            )  # fmt: skip
-            water.shade_water(scene, view, points, pixel, water.WaterScratch(surface, mirrored), out, 1)
-    elif reduced:
-        reduced_quality.shade_ground(scene, view, points, pixel, out, 1)
+            ground.shade_ground(scene, view, points, pixel, out, 1)
+        red += (f32(1) - wet) * out.red[0]
+        green += (f32(1) - wet) * out.green[0]
+        blue += (f32(1) - wet) * out.blue[0]
+    out.red[0] = red
+    out.green[0] = green
+    out.blue[0] = blue
+    sky.add_haze(scene, view, points, out, 1)
+
+
+@kernel(inlined=True)
+def shade_water(scene, view, points, pixel, reduced, out):
+    """Fill `Radiance` [1] with that of water."""
+    if reduced:
+        reduced_quality.shade_water(scene, view, points, pixel, out, 1)
     else:
-        ground.shade_ground(scene, view, points, pixel, out, 1)
-    # The sky map holds its own haze; stone was given its haze with its colour.
-    if kind == classes.WATER or kind == classes.GROUND:
-        sky.add_haze(scene, view, points, out, 1)
+        surface = water.Surface(
+            cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32),
+            cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32),
+            cuda.local.array(1, float32),
+        )  # fmt: skip
+        mirrored = mirror.Mirrored(
+            cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32),
+            cuda.local.array(1, float32),
+        )  # fmt: skip
+        water.shade_water(scene, view, points, pixel, water.WaterScratch(surface, mirrored), out, 1)

@@ -19,6 +19,7 @@ from thalweg.render.kernels.layers import draw_layers
 from thalweg.render.kernels.plants import draw_plants
 from thalweg.render.kernels.primary_hits import MISS, find_primary_hits
 from thalweg.render.kernels.shading import ground, reduced_quality, sky, tone, water
+from thalweg.render.kernels.shading.shore import water_shares
 from thalweg.render.records import layout
 from thalweg.render.records.classes import BRIDGE, GROUND, PLANT, SKY, WATER
 from thalweg.render.records.view import COLOURS, MASK, Planes
@@ -27,6 +28,8 @@ f32 = np.float32
 
 SEEN = 0.004
 """Pixels whose plants let through less than this are not shaded."""
+SHORE = 0.02
+"""Least share of a pixel on the shore that is shaded by itself."""
 ROWS_TOGETHER = TILE
 """Bands of rows begin at multiples of this, the height of a tile of rays; rows drawn by twos divide it."""
 
@@ -206,12 +209,14 @@ def shade(scene, view, top, reduced, planes):
     out = Radiance(span[7], span[8], span[9])
     rays = Rays(np.empty(wide, np.float32), np.empty(wide, np.float32), np.empty(wide, np.float32))
     chosen = np.empty(wide, np.int32)
-    shade_rows(scene, view, top, reduced, planes, rays, chosen, points, water.empty_scratch(wide), out)
+    wet = np.empty(wide, np.float32)
+    shade_rows(scene, view, top, reduced, planes, rays, wet, chosen, points, water.empty_scratch(wide), out)
 
 
 @kernel(disjoint=True, allocates=False)
-def shade_rows(scene, view, top, reduced, planes, rays, chosen, points, work, out):
-    """As `shade`, with scratch for a row [W']: rays, numbers of pixels, `HitPoints`, `WaterScratch` and `Radiance`.
+def shade_rows(scene, view, top, reduced, planes, rays, wet, chosen, points, work, out):
+    """As `shade`, with scratch for a row [W']: rays, shares of water, numbers of pixels, `HitPoints`, `WaterScratch`
+    and `Radiance`.
 
     Pixels of a row are gathered by what they show, so that each kind is shaded in one vectorised loop.
     """
@@ -223,23 +228,50 @@ def shade_rows(scene, view, top, reduced, planes, rays, chosen, points, work, ou
     pixel = row_step(view.camera)
     for r in range(rows):
         row_rays(view.camera, top + r, 0, inv_cell, rays, wide)
+        if not reduced:
+            water_shares(scene, view, origin, rays, planes.depth[r], kind[r], wet, wide)
         # Sky, water, ground: classes 0 to 2.
         for what in range(3):
-            n = 0
-            for c in range(view.camera.width):
-                # Pixels behind dense foliage are left out: their colour would not show.
-                if kind[r, c] == what and light[r, c] > f32(SEEN):
-                    chosen[n] = c
-                    n += 1
+            n = choose_pixels(what, reduced, kind[r], light[r], wet, chosen, view.camera.width)
             if n == 0:
                 continue
             hit_points(origin, inv_cell, rays, planes.depth[r], chosen, points, n)
             shade_points(scene, view, what, reduced, points, pixel, work, out, n)
             for k in range(n):
                 c = chosen[k]
-                planes.red[r, c] += light[r, c] * out.red[k]
-                planes.green[r, c] += light[r, c] * out.green[k]
-                planes.blue[r, c] += light[r, c] * out.blue[k]
+                share = light[r, c]
+                if not reduced and what != SKY:
+                    share *= covered_share(what, wet[c])
+                planes.red[r, c] += share * out.red[k]
+                planes.green[r, c] += share * out.green[k]
+                planes.blue[r, c] += share * out.blue[k]
+
+
+@kernel(inlined=True, allocates=False)
+def covered_share(what, wet):
+    """Return the share of a pixel that water, or ground, covers, of which a share `wet` is water."""
+    # Slivers are not shaded; what covers nearly all of a pixel then covers all of it.
+    wet = f32(0) if wet < f32(SHORE) else (f32(1) if wet > f32(1 - SHORE) else wet)
+    return wet if what == WATER else f32(1) - wet
+
+
+@kernel(inlined=True, allocates=False)
+def choose_pixels(what, reduced, kind, light, wet, chosen, width):
+    """Fill chosen with the columns of a row that show sky, water or ground, and return their number.
+
+    kind, light and wet [W'] are class, transmittance and share of water of its pixels. Pixels on the shore show both
+    water and ground.
+    """
+    n = 0
+    for c in range(width):
+        # Pixels behind dense foliage are left out: their colour would not show.
+        shown = kind[c] == what
+        if not reduced and what != SKY:
+            shown = ((kind[c] == WATER) | (kind[c] == GROUND)) & (covered_share(what, wet[c]) > f32(0))
+        if shown and light[c] > f32(SEEN):
+            chosen[n] = c
+            n += 1
+    return n
 
 
 @kernel(disjoint=True, allocates=False)

@@ -26,7 +26,7 @@ HAZE_1_PER_M = 1 / 1500.0
 """Share of the light that a metre of air takes away on the default day."""
 ABSORB = (1.25, 1.35, 1.55)
 """Share of red, green, blue lost per metre of water (as exponents) on the default day."""
-SCATTER = (0.0080, 0.0084, 0.0080)
+SCATTER = (0.0170, 0.0153, 0.0128)
 """Radiance that deep water sends up in full sun."""
 RIPPLE_1 = 0.42
 """Factor on the slopes of each ripple layer, whose mean square in the tile is fixed."""

@@ -11,6 +11,8 @@ CONE_CELL = 4
 """Nodes a side of a cell of the cone map."""
 CANOPY_CELL = 2
 """Nodes a side of a cell of the canopy map that reflections see."""
+CANOPY_RANGE_M = 40.0
+"""Greatest height above the water that the canopy map holds."""
 
 SUN_RADIANCE = np.array([1.0, 0.945, 0.845])
 """Radiance of a white surface that faces the sun: warm white, which sets the unit of all radiances."""

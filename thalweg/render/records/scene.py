@@ -9,8 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 f32 = np.float32
-NO_CANOPY_M = -1e6
-"""Height of the canopy where there is only open water."""
 
 
 class Scene(NamedTuple):
@@ -31,9 +29,10 @@ class Scene(NamedTuple):
     paint: np.ndarray
     """[texels] uint32, radiance of the lit ground and, in the top byte, the share of sun; all levels."""
     canopy: np.ndarray
-    """[cells] float32, tops of plants and bridges, the ground elsewhere; `NO_CANOPY_M` over open water."""
+    """[cells] uint32, heights of plants, bridges and ground above the water: of a cell and the next ones in x, in y and
+    in both; see `thalweg.render.bake.canopy`."""
     canopy_paint: np.ndarray
-    """[cells] uint32, radiance of what a reflection meets there."""
+    """[cells] uint32, radiance of what a reflection meets there, and the height of the plant there in the top byte."""
     plants: np.ndarray
     """[M, PLANT_COLUMNS] float32."""
     bridges: np.ndarray
@@ -60,7 +59,7 @@ def blank_scene() -> Scene:
     """Return a scene of empty tables with the types of any scene, so that kernels can compile before a world exists."""
     types = {"extents": (np.int64, 2), "atlas_level": (np.int64, 1)}
     types |= dict.fromkeys(("constants", "plants", "bridges", "shade", "outlines", "chunks", "autumn"), (f32, 2))
-    types |= dict.fromkeys(("paint", "canopy_paint", "sky", "ripples", "atlas"), (np.uint32, 1))
+    types |= dict.fromkeys(("paint", "canopy", "canopy_paint", "sky", "ripples", "atlas"), (np.uint32, 1))
     blank = {name: np.zeros((1,) * rank, kind) for name, (kind, rank) in types.items()}
     # The atlas is read-only, which is part of the type that kernels are compiled for.
     blank["atlas_level"].setflags(write=False)

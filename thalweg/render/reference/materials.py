@@ -3,13 +3,10 @@
 import numpy as np
 
 from thalweg.render.bake import impostors, ripples, sky
-from thalweg.render.bake.scene_tables import (
-    canopy_map,
-    ground_radiance,
-    sun_vector,
-)
+from thalweg.render.bake.canopy import canopy_map
+from thalweg.render.bake.scene_tables import ground_radiance, sun_vector
 from thalweg.render.kernels import bridges
-from thalweg.render.kernels.shading import ground, water, water_optics
+from thalweg.render.kernels.shading import ground, mirror, water, water_optics
 from thalweg.render.records import appearance, layout
 from thalweg.render.reference import bridge as reference_bridge
 from thalweg.world.record import World
@@ -30,10 +27,10 @@ class Materials:
         self.tile = ripples.tile()[0]
         self.sky_map = sky.sky_map(self.sun, world.seed)
         self.fog = sky.haze(self.sun)
-        self.canopy, packed = canopy_map(world, self.lit)
-        coded = np.stack([packed >> shift & 255 for shift in (0, 8, 16)], axis=-1) / 255.0
-        self.canopy_colour = coded**2 * layout.PAINT_RANGE
         self.atlas = impostors.atlas(world.sun_elevation)
+        four, packed = canopy_map(world, self.lit, self.atlas, self.sun)
+        self.canopy_code = (four & 255).astype(np.float64)
+        self.canopy_paint = np.stack([packed >> shift & 255 for shift in (0, 8, 16, 24)], axis=-1).astype(np.float64)
 
     def node(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return node coordinates of points in metres."""
@@ -96,7 +93,9 @@ class Materials:
         path = (path + depth * sun_path) * np.maximum(1 + water.BED_ROUGH * pebbles, 0)
         through = np.exp(-self.look[appearance.ABSORB_R : appearance.ABSORB_B + 1] * path[:, None])
         glow = water_optics.SHADE_GLOW + (1 - water_optics.SHADE_GLOW) * sunlit
-        under = lit * through + self.look[appearance.SCATTER_R : appearance.SCATTER_B + 1] * glow * (1 - through)
+        silt = np.maximum(1 + water.SILT * pebbles, 0)[:, None]
+        scatter = self.look[appearance.SCATTER_R : appearance.SCATTER_B + 1] * silt
+        under = lit * through + scatter * glow * (1 - through)
 
         mirror_ray = sight + 2 * facing[:, None] * up
         mirror_ray[:, 2] = np.maximum(mirror_ray[:, 2], 0.02)
@@ -126,23 +125,47 @@ class Materials:
 
     def mirrored(self, point: np.ndarray, mirror_ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what reflected rays see [K, 3], and the share [K] of sky in it: canopies are met in growing steps."""
-        x, y = self.node(point[:, 0], point[:, 1])
-        canopy_cell_m = self.world.grid.cell_m * layout.CANOPY_CELL
-        cx, cy = x / layout.CANOPY_CELL, y / layout.CANOPY_CELL
-        passing, wood, met_at = np.ones(len(x)), np.zeros((len(x), 3)), np.zeros(len(x))
-        s = water.MIRROR_FIRST_M
-        for _ in range(water.MIRROR_STEPS):
-            qx = np.clip(cx + mirror_ray[:, 0] * s / canopy_cell_m, 0, self.canopy.shape[1] - 1).astype(int)
-            qy = np.clip(cy + mirror_ray[:, 1] * s / canopy_cell_m, 0, self.canopy.shape[0] - 1).astype(int)
-            above = self.canopy[qy, qx] - point[:, 2] - mirror_ray[:, 2] * s
-            part = passing * np.clip(above / (water.MIRROR_BLUR_M + water.MIRROR_BLUR * s), 0, 1)
-            wood += part[:, None] * self.canopy_colour[qy, qx]
-            met_at += part * s
-            passing = passing - part
-            s *= water.MIRROR_GROWTH
+        passing, met_at = np.ones(len(point)), np.full(len(point), mirror.FIRST_M)
+        # Twice as many steps as the kernel takes.
+        s = mirror.FIRST_M
+        for _ in range(2 * mirror.STEPS):
+            left = 1 - np.clip(self.canopy_share(point, mirror_ray, s), 0, 1)
+            met_at = np.where(left < passing, s, met_at)
+            passing = np.minimum(left, passing)
+            s *= mirror.GROWTH**0.5
+        full = passing <= 0
+        before = np.where(full, met_at / mirror.GROWTH**0.5, met_at)
+        for _ in range(8):
+            middle = (before + met_at) / 2
+            inside = full & (self.canopy_share(point, mirror_ray, middle) >= 1)
+            before, met_at = np.where(inside | ~full, before, middle), np.where(inside, middle, met_at)
+        met = point + mirror_ray * met_at[:, None]
         clear = np.exp(-met_at * self.look[appearance.HAZE_PER_M])[:, None]
-        haze = (1 - passing)[:, None] * (1 - clear)
-        return wood * clear + self.fog * haze + self.sky(mirror_ray) * passing[:, None], passing
+        wood = self.canopy_radiance(met, mirror_ray[:, 2] * met_at, met_at) * clear + self.fog * (1 - clear)
+        return wood * (1 - passing)[:, None] + self.sky(mirror_ray) * passing[:, None], passing
+
+    def canopy_share(self, point: np.ndarray, mirror_ray: np.ndarray, s: np.ndarray | float) -> np.ndarray:
+        """Return how far the canopy rises above reflected rays [K] at the distance s, by its soft edge."""
+        cell = layout.CANOPY_CELL
+        x, y = self.node(point[:, 0] + mirror_ray[:, 0] * s, point[:, 1] + mirror_ray[:, 1] * s)
+        code = bilinear(self.canopy_code, (x + 0.5) / cell - 0.5, (y + 0.5) / cell - 0.5) / 255
+        rough = np.sqrt(water_optics.ROUGHNESS)
+        above = code**2 * layout.CANOPY_RANGE_M - mirror_ray[:, 2] * s
+        return above / (mirror.BLUR_M + mirror.BLUR * rough * s)
+
+    def canopy_radiance(self, met: np.ndarray, z: np.ndarray, s: np.ndarray) -> np.ndarray:
+        """Return the radiance [K, 3] of the canopy at points [K, 3], z [K] above the water and s [K] from it."""
+        cell = layout.CANOPY_CELL
+        x, y = self.node(met[:, 0], met[:, 1])
+        texel = bilinear(self.canopy_paint, (x + 0.5) / cell - 0.5, (y + 0.5) / cell - 0.5)
+        tall = (texel[:, 3] / 255) ** 2 * layout.CANOPY_RANGE_M
+        size = ripples.SIZE / mirror.LEAVES_M
+        across, along = x * self.world.grid.cell_m + 0.5 * z, y * self.world.grid.cell_m + 0.8 * z
+        grain = (repeating(self.tile, across * size, along * size)[..., 3] - 0.5) / ripples.GRAIN_SPREAD
+        contrast = mirror.LEAVES * np.minimum(texel[:, 3] * mirror.LEAFY, 1) / (1 + s / mirror.LEAVES_FADE_M)
+        rise = np.minimum((z + 1e-3) / (tall + 1e-3), 1)
+        light = np.maximum(1 + contrast * grain, 0.2) * (mirror.FOOT_LIGHT + (1 - mirror.FOOT_LIGHT) * rise)
+        return (texel[:, :3] / 255) ** 2 * layout.PAINT_RANGE * light[:, None]
 
     def stone(self, bridge: np.ndarray, normal: np.ndarray, local: np.ndarray) -> np.ndarray:
         """Return the radiance [K, 3] of masonry for normals and points [K, 3] in the bridge's frame (u, v, z)."""

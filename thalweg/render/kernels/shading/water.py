@@ -4,9 +4,9 @@
 and their sources are in `thalweg.render.kernels.shading.water_optics`.
 
 * Ripples: two layers of one prefiltered tile drifting apart (`thalweg.render.bake.ripples`).
-* The mirrored image: the reflected ray marched over the map of canopies in growing steps.
+* The mirrored image: `thalweg.render.kernels.shading.mirror`.
 
-Absent on purpose: waves that move the surface, foam, and the mirror image of single trees.
+Absent on purpose: waves that move the surface, and foam.
 """
 
 import math
@@ -17,8 +17,9 @@ from numba import int32, uint32
 
 from thalweg.core.jit import kernel
 from thalweg.render.bake import ripples
-from thalweg.render.kernels.fast_math import exp, log2
+from thalweg.render.kernels.fast_math import log2
 from thalweg.render.kernels.shading.ground import tile_grain
+from thalweg.render.kernels.shading.mirror import Mirrored, mirror_canopy
 from thalweg.render.kernels.shading.water_optics import (
     GLITTER_TINT,
     INDEX,
@@ -30,13 +31,12 @@ from thalweg.render.kernels.shading.water_optics import (
     mirrored_share,
     refracted_slant,
 )
-from thalweg.render.kernels.table_lookup import bilinear, channel, clamp, paint_level, sky_at, tile_level
+from thalweg.render.kernels.table_lookup import bilinear, clamp, paint_level, sky_at, tile_level
 from thalweg.render.records import layout
 from thalweg.render.records.appearance import (
     ABSORB_B,
     ABSORB_G,
     ABSORB_R,
-    HAZE_PER_M,
     RIPPLE,
     SCATTER_B,
     SCATTER_G,
@@ -57,13 +57,8 @@ BED_DEPTH = 0.16
 """Contrast of the stones' brightness."""
 BED_ROUGH = 0.22
 """Share by which stones and holes change the depth."""
-MIRROR_STEPS = 14
-MIRROR_FIRST_M = 0.4
-MIRROR_GROWTH = 1.45
-"""Steps of a mirrored ray: their number, the first distance, and the factor from one to the next (50 m in all)."""
-MIRROR_BLUR_M = 0.25
-MIRROR_BLUR = 0.18
-"""The edge of a canopy is softened over this, and this times the distance, because a step may pass over it."""
+SILT = 0.14
+"""Contrast of the clouds of silt that scatter the light of deep water."""
 
 
 class Surface(NamedTuple):
@@ -79,17 +74,6 @@ class Surface(NamedTuple):
     """Unit direction of the mirrored ray, as the next two."""
     mirror_y: Any
     mirror_z: Any
-
-
-class Mirrored(NamedTuple):
-    """What mirrored rays meet below the sky, arrays [n] float32."""
-
-    passing: Any
-    """Share of the sky behind the canopies."""
-    red: Any
-    """Radiance of the canopies, haze included, as the next two."""
-    green: Any
-    blue: Any
 
 
 class WaterScratch(NamedTuple):
@@ -133,7 +117,7 @@ def shade_water(scene, view, points, pixel, work, out, n):
     """
     ripple_surface(scene, view, points, pixel, work.surface, n)
     # `out.red` is free until the last pass.
-    mirror_canopy(scene, view, points, work.surface, work.mirrored, out.red, n)
+    mirror_canopy(scene, view, points, pixel, work.surface, work.mirrored, out.red, n)
     compose(scene, view, points, pixel, work.surface, work.mirrored, out, n)
 
 
@@ -171,59 +155,6 @@ def ripple_surface(scene, view, points, pixel, surface, n):
         slope_y[i] = lean_y
         spread[i] = amplitude * amplitude * (a_lost + b_lost) + f32(ROUGHNESS)
         facing[i], rx[i], ry[i], rz[i] = mirrored_ray(dx[i], dy[i], dz[i], lean_x, lean_y)
-
-
-@kernel(disjoint=True, allocates=False)
-def mirror_canopy(scene, view, points, surface, mirrored, met_at, n):
-    """Fill `Mirrored` [n] with what the mirrored rays of a `Surface` at `HitPoints` meet. met_at [n] is scratch."""
-    x, y, z, _, _, _, _ = points
-    _, _, _, _, rx, ry, rz = surface
-    passing, red, green, blue = mirrored
-    look = view.look
-    columns = int32(scene.extents[view.world, layout.CANOPY_X])
-    rows = int32(scene.extents[view.world, layout.CANOPY_Y])
-    at = int32(scene.extents[view.world, layout.CANOPY_AT])
-    fog_r = scene.constants[view.world, layout.FOG_R]
-    fog_g = scene.constants[view.world, layout.FOG_G]
-    fog_b = scene.constants[view.world, layout.FOG_B]
-    step = scene.constants[view.world, layout.INV_CELL] * f32(1 / layout.CANOPY_CELL)
-    code = f32(layout.PAINT_RANGE / 255.0**2)
-    canopy = scene.canopy
-    paint = scene.canopy_paint
-    for i in range(n):
-        met_at[i] = f32(0)
-        passing[i] = f32(1)
-        red[i] = f32(0)
-        green[i] = f32(0)
-        blue[i] = f32(0)
-    # All pixels take the same steps together, so that the inner loop vectorises.
-    s = f32(MIRROR_FIRST_M)
-    for _ in range(MIRROR_STEPS):
-        blur = f32(1) / (f32(MIRROR_BLUR_M) + f32(MIRROR_BLUR) * s)
-        for i in range(n):
-            column = int32(clamp(x[i] * f32(1 / layout.CANOPY_CELL) + rx[i] * s * step, f32(0), f32(columns - 1)))
-            row = int32(clamp(y[i] * f32(1 / layout.CANOPY_CELL) + ry[i] * s * step, f32(0), f32(rows - 1)))
-            k = uint32(at + row * columns + column)
-            # How far the canopy rises above the ray is how much of it is met: its edge is soft.
-            above = canopy[k] - z[i] - rz[i] * s
-            part = passing[i] * clamp(above * blur, f32(0), f32(1))
-            seen = paint[k]
-            a = channel(seen, 0)
-            b = channel(seen, 8)
-            c = channel(seen, 16)
-            red[i] += part * a * a
-            green[i] += part * b * b
-            blue[i] += part * c * c
-            met_at[i] += part * s
-            passing[i] -= part
-        s = s * f32(MIRROR_GROWTH)
-    # Haze by the mean distance of what was met.
-    for i in range(n):
-        clear = exp(-met_at[i] * look[HAZE_PER_M])
-        haze = (f32(1) - passing[i]) * (f32(1) - clear)
-        red[i] = red[i] * code * clear + fog_r * haze
-        green[i] = green[i] * code * clear + fog_g * haze
-        blue[i] = blue[i] * code * clear + fog_b * haze
 
 
 @kernel(inlined=True, allocates=False)
@@ -286,9 +217,10 @@ def compose(scene, view, points, pixel, surface, mirrored, out, n):
         )
         # Sunlight has come down through the water before it goes up again.
         path = (path + depth * sun_path) * max(f32(1) + f32(BED_ROUGH) * pebbles, f32(0))
-        under_r = from_below(bed_r, path, look[ABSORB_R], look[SCATTER_R], sunlit)
-        under_g = from_below(bed_g, path, look[ABSORB_G], look[SCATTER_G], sunlit)
-        under_b = from_below(bed_b, path, look[ABSORB_B], look[SCATTER_B], sunlit)
+        silt = max(f32(1) + f32(SILT) * pebbles, f32(0))
+        under_r = from_below(bed_r, path, look[ABSORB_R], look[SCATTER_R] * silt, sunlit)
+        under_g = from_below(bed_g, path, look[ABSORB_G], look[SCATTER_G] * silt, sunlit)
+        under_b = from_below(bed_b, path, look[ABSORB_B], look[SCATTER_B] * silt, sunlit)
         # The bed's share of the sun stands for the surface's; where a canopy is mirrored, the sun is hidden too.
         glitter = glints(sun, dx[i], dy[i], dz[i], slope_x[i], slope_y[i], spread[i], sunlit * passing[i])
         # Canopies were met before the sky, so the sky is seen by the share of light that passed them.

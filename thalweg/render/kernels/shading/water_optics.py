@@ -22,7 +22,7 @@ f32 = np.float32
 
 INDEX = 1.333
 """Refractive index of water."""
-ROUGHNESS = 0.0020
+ROUGHNESS = 0.0008
 """Mean square slope of the ripples too small for the tile."""
 SHADE_GLOW = 0.12
 """Share of the scattered light that is left in the shade."""
@@ -32,6 +32,8 @@ GLITTER = 0.014
 """Radiance of a glint, as a share of the density of slopes that mirror the sun."""
 GLITTER_MOST = 0.7
 """Greatest radiance of a glint."""
+GLITTER_FADES = 40.0
+"""Greatest exponent of that density: 4e-18 of its peak."""
 GLITTER_TINT = (1.0, 0.95, 0.86)
 """Colour of a glint: factors on its radiance in red, green and blue."""
 
@@ -87,7 +89,9 @@ def glints(sun, dx, dy, dz, lean_x, lean_y, spread, sunlit):
     off_x = -(sun_x - dx) / half_z - lean_x
     off_y = -(sun_y - dy) / half_z - lean_y
     width = spread + f32(SUN_WIDTH)
-    density = exp(-(off_x * off_x + off_y * off_y) / (f32(2) * width)) / (f32(6.2832) * width)
+    # Far from the sun's image a glint is nothing; without the limit it would be a subnormal number, which is slow.
+    away = min((off_x * off_x + off_y * off_y) / (f32(2) * width), f32(GLITTER_FADES))
+    density = exp(-away) / (f32(6.2832) * width)
     return min(f32(GLITTER) * density * sunlit, f32(GLITTER_MOST))
 
 

@@ -1,0 +1,60 @@
+"""Kernel for the shore line: the share of water in each pixel that the line between water and ground crosses.
+
+The map of depths is positive in the water and negative on land. Its change over the footprint of a pixel says how much
+of the pixel lies on either side, as if the line were straight. Class and mask stay those of the pixel's centre.
+"""
+
+import numpy as np
+from numba import int32
+
+from thalweg.core.jit import kernel
+from thalweg.render.kernels.camera_rays import row_step
+from thalweg.render.kernels.table_lookup import clamp, sloped
+from thalweg.render.records import layout
+from thalweg.render.records.classes import GROUND, WATER
+
+f32 = np.float32
+
+DEEPEST_M = 0.4
+"""Greatest change of depth over a pixel that counts: far away, where a pixel is longer than the shore is straight, the
+line stays sharp."""
+STEEPEST = 0.02
+"""Least sine of the angle between sight and surface."""
+
+
+@kernel(disjoint=True, allocates=False)
+def water_shares(scene, view, origin, rays, depth, kind, share, n):
+    """Fill share [n] float32 with the share of water in each pixel: 0 or 1 away from the shore and for other classes.
+
+    depth and kind [n] are those of the rays [n].
+    """
+    ray_x, ray_y, ray_z = rays
+    camera = view.camera
+    inv_cell = scene.constants[view.world, layout.INV_CELL]
+    cell = f32(1) / inv_cell
+    columns = int32(scene.extents[view.world, layout.GX])
+    rows = int32(scene.extents[view.world, layout.GY])
+    at = int32(scene.extents[view.world, layout.MAP_AT])
+    per_row = row_step(camera)
+    table = scene.depth
+    for c in range(n):
+        t = depth[c]
+        wet = kind[c] == np.uint8(WATER)
+        surface = wet | (kind[c] == np.uint8(GROUND))
+        # The sky has no depth; any point will do.
+        t = t if surface else f32(0)
+        w, slope_x, slope_y = sloped(table, at, columns, rows, origin.x + ray_x[c] * t, origin.y + ray_y[c] * t)
+        slope_x *= inv_cell
+        slope_y *= inv_cell
+        along = (slope_x * ray_x[c] + slope_y * ray_y[c]) * cell
+        # Water is level; the ground falls as the depth rises. The ray meets the surface at the rate `sink`.
+        sink = ray_z[c] + (f32(0) if wet else along)
+        sink = min(sink, f32(-STEEPEST))
+        # The change of depth from one pixel to the next, to the right and up, along the surface.
+        right = (slope_x * camera.right_x + slope_y * camera.right_y) * camera.column_step
+        up = (slope_x * camera.up_x + slope_y * camera.up_y) * per_row
+        across = right * ray_z[c] / sink
+        upwards = (up * ray_z[c] - along * camera.up_z * per_row) / sink
+        change = min((abs(across) + abs(upwards)) * t, f32(DEEPEST_M)) + f32(1e-6)
+        part = clamp(f32(0.5) + w / change, f32(0), f32(1))
+        share[c] = part if surface else f32(0)

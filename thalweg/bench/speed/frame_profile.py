@@ -70,8 +70,8 @@ class Reflection:
         surface, mirrored = water.Surface(*np.empty((7, size), f32)), mirror.Mirrored(*np.empty((4, size), f32))
         pixel = f32(2) * view.camera.half_h / f32(height)
         water.ripple_surface(scene, view, points, pixel, surface, count)
-        met_at = np.empty(size, f32)
-        return lambda: mirror.mirror_canopy(scene, view, points, pixel, surface, mirrored, met_at, count)
+        scratch = Radiance(*np.empty((3, size), f32))
+        return lambda: mirror.mirror_canopy(scene, view, points, pixel, surface, mirrored, scratch, count)
 
 
 def profile_frame(world: World, camera: Camera, views: int, repeats: int) -> dict[str, list[float]]:

@@ -24,6 +24,10 @@ RAGGED_M = 0.9
 """Limit of that depth."""
 CLUMPS_M = 19.0
 """Side of the tile of grain that shapes the clumps."""
+WET = 0.5
+"""Factor on the radiance of ground at the water's edge, which is wet."""
+DRY_M = 0.7
+"""Height above the water from which ground is dry."""
 FACING = (0.50, 1.40)
 """Factors on the colour of a crown's side that faces away from the sun, and of one that faces it."""
 SHADED = 0.40
@@ -55,7 +59,9 @@ def canopy_map(world: World, lit: np.ndarray, atlas: Atlas, sun: np.ndarray) -> 
     plants = crown_colours(world, atlas)
     owner = owners(world, tops.shape)
     green = (owner >= 0) & (blocks(crown).max(axis=(1, 3)) > 0.1) & ~stony
-    colour = blocks(lit).mean(axis=(1, 3))
+    # Rays low over the water see the wet edge, which the map of the ground has not.
+    dry = np.clip(blocks(rise).mean(axis=(1, 3)) / DRY_M, 0.0, 1.0)[..., None]
+    colour = blocks(lit).mean(axis=(1, 3)) * (WET + (1 - WET) * dry)
     leaves = plants[np.where(green, owner, 0)] if len(plants) else np.zeros_like(colour)
     facing = sunward(blocks(rise).mean(axis=(1, 3)), world.grid.cell_m * CANOPY_CELL, sun)
     colour = np.where(green[..., None], leaves * facing[..., None], colour)

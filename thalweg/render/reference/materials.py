@@ -125,33 +125,43 @@ class Materials:
 
     def mirrored(self, point: np.ndarray, mirror_ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what reflected rays see [K, 3], and the share [K] of sky in it: canopies are met in growing steps."""
-        passing, met_at = np.ones(len(point)), np.full(len(point), mirror.FIRST_M)
+        near, far = np.zeros(len(point)), np.full(len(point), -1.0)
+        near_at, far_at = np.full(len(point), mirror.FIRST_M), np.full(len(point), mirror.FIRST_M)
         # Twice as many steps as the kernel takes.
         s = mirror.FIRST_M
         for _ in range(2 * mirror.STEPS):
-            left = 1 - np.clip(self.canopy_share(point, mirror_ray, s), 0, 1)
-            met_at = np.where(left < passing, s, met_at)
-            passing = np.minimum(left, passing)
+            above, height = self.canopy_above(point, mirror_ray, s)
+            soft = np.minimum(mirror.BLUR_M + mirror.BLUR * s, 2 * height) + 1e-3
+            share = np.clip(0.5 + above / soft, 0, 1)
+            # The first canopy ends where the ray leaves it again.
+            first = far < 0
+            to_near = first & (share > near)
+            to_far = np.where(first, share < near, share > far)
+            near, near_at = np.where(to_near, share, near), np.where(to_near, s, near_at)
+            far, far_at = np.where(to_far, share, far), np.where(to_far, s, far_at)
             s *= mirror.GROWTH**0.5
-        full = passing <= 0
-        before = np.where(full, met_at / mirror.GROWTH**0.5, met_at)
-        for _ in range(8):
-            middle = (before + met_at) / 2
-            inside = full & (self.canopy_share(point, mirror_ray, middle) >= 1)
-            before, met_at = np.where(inside | ~full, before, middle), np.where(inside, middle, met_at)
-        met = point + mirror_ray * met_at[:, None]
-        clear = np.exp(-met_at * self.look[appearance.HAZE_PER_M])[:, None]
-        wood = self.canopy_radiance(met, mirror_ray[:, 2] * met_at, met_at) * clear + self.fog * (1 - clear)
-        return wood * (1 - passing)[:, None] + self.sky(mirror_ray) * passing[:, None], passing
+        above, passing = np.zeros((len(point), 3)), np.ones(len(point))
+        for share, met_at in ((near, near_at), (np.maximum(far, 0), far_at)):
+            before = np.where(share >= 0.5, met_at / mirror.GROWTH**0.5, met_at)
+            for _ in range(8):
+                middle = (before + met_at) / 2
+                inside = self.canopy_above(point, mirror_ray, middle)[0] >= 0
+                before, met_at = np.where(inside, before, middle), np.where(inside, middle, met_at)
+            clear = np.exp(-met_at * self.look[appearance.HAZE_PER_M])[:, None]
+            seen = self.canopy_radiance(point + mirror_ray * met_at[:, None], mirror_ray[:, 2] * met_at, met_at)
+            above += (passing * share)[:, None] * (seen * clear + self.fog * (1 - clear))
+            passing *= 1 - share
+        return above + self.sky(mirror_ray) * passing[:, None], passing
 
-    def canopy_share(self, point: np.ndarray, mirror_ray: np.ndarray, s: np.ndarray | float) -> np.ndarray:
-        """Return how far the canopy rises above reflected rays [K] at the distance s, by its soft edge."""
+    def canopy_above(
+        self, point: np.ndarray, mirror_ray: np.ndarray, s: np.ndarray | float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the height [K] of the canopy above reflected rays at the distance s, and that above the water."""
         cell = layout.CANOPY_CELL
         x, y = self.node(point[:, 0] + mirror_ray[:, 0] * s, point[:, 1] + mirror_ray[:, 1] * s)
         code = bilinear(self.canopy_code, (x + 0.5) / cell - 0.5, (y + 0.5) / cell - 0.5) / 255
-        rough = np.sqrt(water_optics.ROUGHNESS)
-        above = code**2 * layout.CANOPY_RANGE_M - mirror_ray[:, 2] * s
-        return above / (mirror.BLUR_M + mirror.BLUR * rough * s)
+        height = code**2 * layout.CANOPY_RANGE_M
+        return height - mirror_ray[:, 2] * s, height
 
     def canopy_radiance(self, met: np.ndarray, z: np.ndarray, s: np.ndarray) -> np.ndarray:
         """Return the radiance [K, 3] of the canopy at points [K, 3], z [K] above the water and s [K] from it."""

@@ -18,6 +18,8 @@ f32 = np.float32
 DEEPEST_M = 0.4
 """Greatest change of depth over a pixel that counts: far away, where a pixel is longer than the shore is straight, the
 line stays sharp."""
+CORNER = 0.35
+"""Share of the smaller of two changes over a pixel by which an oblique line takes longer to cross it."""
 STEEPEST = 0.02
 """Least sine of the angle between sight and surface."""
 
@@ -53,8 +55,10 @@ def water_shares(scene, view, origin, rays, depth, kind, share, n):
         # The change of depth from one pixel to the next, to the right and up, along the surface.
         right = (slope_x * camera.right_x + slope_y * camera.right_y) * camera.column_step
         up = (slope_x * camera.up_x + slope_y * camera.up_y) * per_row
-        across = right * ray_z[c] / sink
-        upwards = (up * ray_z[c] - along * camera.up_z * per_row) / sink
-        change = min((abs(across) + abs(upwards)) * t, f32(DEEPEST_M)) + f32(1e-6)
+        across = abs(right * ray_z[c] / sink)
+        upwards = abs((up * ray_z[c] - along * camera.up_z * per_row) / sink)
+        # The share is a ramp: right for a line along rows or columns, near to it for an oblique one, whose corners the
+        # ramp leaves out.
+        change = min((max(across, upwards) + f32(CORNER) * min(across, upwards)) * t, f32(DEEPEST_M)) + f32(1e-6)
         part = clamp(f32(0.5) + w / change, f32(0), f32(1))
         share[c] = part if surface else f32(0)

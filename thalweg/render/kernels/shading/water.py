@@ -116,8 +116,8 @@ def shade_water(scene, view, points, pixel, work, out, n):
     pixel: height of a pixel at distance one; work: a `WaterScratch`.
     """
     ripple_surface(scene, view, points, pixel, work.surface, n)
-    # `out.red` is free until the last pass.
-    mirror_canopy(scene, view, points, pixel, work.surface, work.mirrored, out.red, n)
+    # `out` is free until the last pass.
+    mirror_canopy(scene, view, points, pixel, work.surface, work.mirrored, out, n)
     compose(scene, view, points, pixel, work.surface, work.mirrored, out, n)
 
 

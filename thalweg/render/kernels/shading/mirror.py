@@ -36,9 +36,9 @@ BLUR_M = 0.12
 BLUR = 0.068
 """The edge of a canopy is softened over this height, and this times the distance from the water: ripples too small for
 the tile."""
-SPREAD_BLUR = 6.9
-"""Height of the edge at distance one per root mean square slope of the ripples that filtering took away: a slope turns
-the mirrored ray by twice itself, and a ramp is the root of 12 times as wide as its standard deviation."""
+SPREAD_BLUR = 4.9
+"""Height of the edge at distance one per root mean square slope, of both axes, of the ripples that filtering took away:
+a slope turns the mirrored ray by twice itself, and a ramp is the root of 12 times as wide as its deviation."""
 FOOT_LIGHT = 0.50
 """Share of its radiance that is left at the foot of a plant."""
 LEAVES_M = 4.1

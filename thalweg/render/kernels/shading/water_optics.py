@@ -30,7 +30,7 @@ SUN_WIDTH = 0.0006
 """Mean square slope that the sun's own width adds to a glint."""
 GLITTER = 0.014
 """Radiance of a glint, as a share of the density of slopes that mirror the sun."""
-GLITTER_MOST = 0.7
+GLITTER_MOST = 1.1
 """Greatest radiance of a glint."""
 GLITTER_FADES = 40.0
 """Greatest exponent of that density: 4e-18 of its peak."""
@@ -88,7 +88,8 @@ def glints(sun, dx, dy, dz, lean_x, lean_y, spread, sunlit):
     half_z = sun_z - dz
     off_x = -(sun_x - dx) / half_z - lean_x
     off_y = -(sun_y - dy) / half_z - lean_y
-    width = spread + f32(SUN_WIDTH)
+    # The spread that filtering took away is that of both axes together; the density is that of each.
+    width = f32(0.5) * (spread + f32(ROUGHNESS)) + f32(SUN_WIDTH)
     # Far from the sun's image a glint is nothing; without the limit it would be a subnormal number, which is slow.
     away = min((off_x * off_x + off_y * off_y) / (f32(2) * width), f32(GLITTER_FADES))
     density = exp(-away) / (f32(6.2832) * width)

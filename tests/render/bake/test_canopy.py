@@ -82,6 +82,13 @@ def test_a_bridge_is_mirrored_as_stone():
     assert heights[cell(12.0, 12.0)][0] == 0
 
 
+def test_ground_at_the_edge_of_the_water_is_wet_and_dark():
+    heights, colour, _ = baked(plane(slope_x=0.1, water_level=0.0))
+    wet, dry = cell(0.6, 0.0), cell(30.0, 0.0)
+    assert heights[dry][0] > canopy.DRY_M
+    assert colour[wet][0] / colour[dry][0] == pytest.approx(canopy.WET, abs=0.08)
+
+
 def test_a_side_that_faces_the_sun_is_brighter():
     rise = np.repeat(np.abs(np.arange(20) - 10)[None, :] * -1.0 + 10.0, 20, axis=0)
     factor = canopy.sunward(rise, 1.0, np.array([0.8, 0.0, 0.6]))

@@ -24,9 +24,9 @@ RAGGED_M = 0.9
 """Limit of that depth."""
 CLUMPS_M = 19.0
 """Side of the tile of grain that shapes the clumps."""
-WET = 0.5
+WET = 0.4
 """Factor on the radiance of ground at the water's edge, which is wet."""
-DRY_M = 0.7
+DRY_M = 1.2
 """Height above the water from which ground is dry."""
 FACING = (0.50, 1.40)
 """Factors on the colour of a crown's side that faces away from the sun, and of one that faces it."""

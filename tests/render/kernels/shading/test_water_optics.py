@@ -23,7 +23,8 @@ def test_glitter_is_brightest_where_the_slope_mirrors_the_sun_and_never_subnorma
     out = np.empty(len(leans), f32)
     for spread, sunlit in ((0.0008, 1.0), (0.0008, 1e-3), (0.02, 0.3)):
         glitter(sun, leans, f32(spread), f32(sunlit), out)
-        width = spread + water_optics.SUN_WIDTH
+        # What filtering took away is the spread of both axes together.
+        width = 0.5 * (spread + water_optics.ROUGHNESS) + water_optics.SUN_WIDTH
         # tan(0.25) tilts the surface's normal half way to the sun.
         off = leans.astype(float) + math.tan(0.25)
         exact = water_optics.GLITTER * sunlit * np.exp(-(off**2) / (2 * width)) / (2 * math.pi * width)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tests.render.plain import CELL_M, HALF_M, NODES, plane
-from thalweg.render import Camera, Renderer
+from thalweg.render import Camera
+from thalweg.render.bake.scene_tables import build_scene
 from thalweg.render.kernels.camera_rays import HitPoints, Radiance
 from thalweg.render.kernels.shading.mirror import Mirrored, mirror_canopy
 from thalweg.render.kernels.shading.water import Surface
@@ -29,7 +30,7 @@ def wall(height=6.0, at=10.0):
 
 def mirrored(world, points, rays):
     """The kernel's radiance of canopies [n, 3] and passing share [n], for points [n, 2] in metres and unit rays."""
-    scene = Renderer([world], Camera(16, 16)).scene
+    scene = build_scene([world])
     n = len(points)
     node = ((points + HALF_M) / CELL_M).T.astype(f32)
     zero = np.zeros(n, f32)

@@ -14,6 +14,7 @@ from thalweg.core.jit import kernel
 from thalweg.world import bridges, islands
 from thalweg.world.errors import WorldError
 from thalweg.world.generate import shore
+from thalweg.world.generate.continuation import continued
 from thalweg.world.generate.shore import Shore
 from thalweg.world.generate.side_channels import Branch
 from thalweg.world.noise import fractal, smooth_step
@@ -214,9 +215,12 @@ def build_terrain(
 ) -> Terrain:
     """Return the maps of a river [S] with islands [I, 5], bridges [B, 11] and side channels.
 
+    The channel of an open river goes on to the edges of the map.
+
     Raises `WorldError` for a course whose map would be too large.
     """
     grid, shape = make_grid(river.position_m)
+    river = continued(river, grid, shape)
     course_shore = shore.measure(grid, shape, river)
     water = water_surface(grid, course_shore, river)
     rough_bed = fractal(shape, grid.cell_m, 7.0, 3, rng)

@@ -103,6 +103,7 @@ APPEARANCE = (
     "pitch_deg",
     "fov_deg",
     "noise",
+    "clouds",
 )
 """Parameters of the appearance that vary one at a time; both of the sun vary together."""
 CONDITIONS = (

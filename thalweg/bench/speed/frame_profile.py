@@ -15,7 +15,7 @@ from thalweg.core.threads import get_num_threads, set_num_threads
 from thalweg.env import sample_starts
 from thalweg.render import Camera, Renderer
 from thalweg.render.kernels import frame
-from thalweg.render.kernels.camera_rays import HitPoints, Origin, Rays, hit_points, pose_camera, row_rays
+from thalweg.render.kernels.camera_rays import HitPoints, Origin, Radiance, Rays, hit_points, pose_camera, row_rays
 from thalweg.render.kernels.plants import draw_plants
 from thalweg.render.kernels.primary_hits import find_primary_hits
 from thalweg.render.kernels.shading import mirror, water

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from thalweg.render.bake import impostors, outlines, ripples, sky
+from thalweg.render.bake import clouds, impostors, outlines, ripples, sky
 from thalweg.render.bake.canopy import canopy_map
 from thalweg.render.bake.cone_map import cone_map
 from thalweg.render.records.layout import (
@@ -21,6 +21,7 @@ from thalweg.render.records.layout import (
     CANOPY_Y,
     CHUNK,
     CHUNK_AT,
+    CLOUD_AT,
     CONE_AT,
     CONE_X,
     CONSTANT_COLUMNS,
@@ -113,6 +114,7 @@ def build_scene(worlds: Sequence[World]) -> Scene:
         extent[BRIDGE_FROM] = tables.add("bridges", bridge_rows(world))
         extent[BRIDGE_TO] = tables.length["bridges"]
         extent[SKY_AT] = tables.add("sky", pack_colour(sky.sky_map(sun, world.seed), sky.CODE_RANGE).ravel())
+        extent[CLOUD_AT] = tables.add("clouds", clouds.packed(clouds.cloud_map(sun, world.seed)))
         # Worlds under a sun of the same height share one atlas.
         atlas = impostors.atlas(world.sun_elevation)
         if id(atlas) not in atlases:

@@ -1,7 +1,7 @@
 """Radiance of the sky in each direction: Preetham's daylight model, and distant wooded hills along the horizon.
 
-The sky is baked once per world into a small map, so that a pixel of sky or of its reflection is one look-up. There are
-no clouds and no disc of the sun; the shading of water adds the sun's glitter.
+The sky is baked once per world into a small map, so that a pixel of sky or of its reflection is one look-up. There is
+no disc of the sun; the shading of water adds the sun's glitter, and `thalweg.render.bake.clouds` has the clouds.
 
 Source: Preetham, Shirley, Smits: A Practical Analytic Model for Daylight, SIGGRAPH 1999, section 3 and appendix A.2.
 """

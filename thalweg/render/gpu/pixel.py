@@ -207,15 +207,14 @@ def nearest_bridge(scene, view, rays, depth, kind, coloured):
     for b in range(scene.extents[view.world, layout.BRIDGE_FROM], scene.extents[view.world, layout.BRIDGE_TO]):
         row = scene.bridges[b]
         # Nearer stone only, so that the last hit is the nearest.
-        hit = bridges.meet_bridge(row, view.camera, dx, dy, dz, min(depth[0], f32(bridges.FAR_M)))
+        ray = bridges.bridge_ray(row, view.camera, dx, dy, dz)
+        hit = bridges.meet_bridge(row, ray, view.camera.near_m, min(depth[0], f32(bridges.FAR_M)))
         if hit.t > f32(0):
             depth[0] = hit.t
             kind = int32(classes.BRIDGE)
             if coloured:
                 slant = f32((dx * dx + dy * dy + dz * dz) ** f32(0.5))
-                red, green, blue = bridges.shade_stone(
-                    scene, view, row, hit, hit.t * slant, hit.t * row_step(view.camera), dz / slant
-                )
+                red, green, blue = bridges.shade_stone(scene, view, row, hit, ray, row_step(view.camera), slant, f32(1))
     return kind, red, green, blue
 
 

@@ -1,16 +1,16 @@
 """Kernels that antialias the edges of bridges: pixels there mix stone and what lies behind, by their shares.
 
 Everything else is drawn through one ray a pixel, which would leave the edge of a bridge in steps. Here its pixels are
-drawn again from four. Edges of plants need no such thing, because billboards are filtered.
+drawn again from four. Pixels are first tested for a neighbour across an edge, which few have. Edges of plants need no
+such thing, because billboards are filtered.
 """
 
 import math
 
 import numpy as np
-from numba import int32
 
 from thalweg.core.jit import kernel
-from thalweg.render.kernels.bridges import FAR_M, meet_bridge, shade_stone
+from thalweg.render.kernels.bridges import FAR_M, bridge_ray, meet_bridge, passing_top, shade_stone
 from thalweg.render.kernels.camera_rays import row_step
 from thalweg.render.records import layout
 from thalweg.render.records.classes import BRIDGE
@@ -19,10 +19,11 @@ f32 = np.float32
 
 
 @kernel(allocates=False)
-def sample_bridge(scene, view, r, c, down, right, limit):
-    """1 and the stone's radiance where a bridge is seen nearer than a depth `limit`, else zeros.
+def sample_bridge(scene, view, r, c, down, right, high, limit):
+    """The share of stone in a part of a pixel, nearer than a depth `limit`, and that share of its radiance.
 
-    The ray is that through the centre of pixel (r, c), moved by shares of a pixel.
+    The ray is that through the centre of pixel (r, c), moved by shares of a pixel; `high` is the share of the pixel's
+    height that it stands for. Where it passes by, only the top of a parapet is seen.
     """
     camera = view.camera
     per_row = row_step(camera)
@@ -39,11 +40,19 @@ def sample_bridge(scene, view, r, c, down, right, limit):
     for b in range(scene.extents[view.world, layout.BRIDGE_FROM], scene.extents[view.world, layout.BRIDGE_TO]):
         row = scene.bridges[b]
         # The limit shrinks with each hit, so that the nearest bridge is the last one shaded.
-        hit = meet_bridge(row, camera, dx, dy, dz, limit)
+        ray = bridge_ray(row, camera, dx, dy, dz)
+        hit = meet_bridge(row, ray, camera.near_m, limit)
         if hit.t > f32(0):
             limit = hit.t
             seen = f32(1)
-            red, green, blue = shade_stone(scene, view, row, hit, hit.t * slant, hit.t * per_row, dz / slant)
+            red, green, blue = shade_stone(scene, view, row, hit, ray, per_row, slant, high)
+        elif seen == f32(0):
+            part, a, b, d = passing_top(scene, view, row, ray, per_row, slant, high, limit)
+            if part > f32(0):
+                seen = part
+                red = part * a
+                green = part * b
+                blue = part * d
     return seen, red, green, blue
 
 
@@ -100,14 +109,14 @@ def edge_colour(scene, view, planes, r, c):
         # Offsets of -3/8, -1/8, 1/8, 3/8 of a pixel, each once a row and once a column: a rotated grid.
         down = (f32(k) - f32(1.5)) * f32(0.25)
         right = (f32((2 * k + 1 - k // 2) & 3) - f32(1.5)) * f32(0.25)
-        seen, a, b, d = sample_bridge(scene, view, r, c, down, right, limit)
+        seen, a, b, d = sample_bridge(scene, view, r, c, down, right, f32(0.25), limit)
         share += f32(0.25) * seen
         stone_r += f32(0.25) * a
         stone_g += f32(0.25) * b
         stone_b += f32(0.25) * d
     if on_bridge:
         # The pixel holds plants in front and the stone at its middle; that stone is replaced by the mixture.
-        _, a, b, d = sample_bridge(scene, view, r, c, f32(0), f32(0), f32(FAR_M))
+        _, a, b, d = sample_bridge(scene, view, r, c, f32(0), f32(0), f32(1), f32(FAR_M))
         rest = (f32(1) - share) / count
         return (
             f32(1),
@@ -124,55 +133,72 @@ def edge_colour(scene, view, planes, r, c):
     )
 
 
-@kernel
-def soften_edges(scene, view, planes):
-    """Antialias the radiance of `Planes` [H, W'] along the edges of bridges."""
-    pairs, top, bottom = edge_rows(planes.kind, view.camera.width)
-    if pairs > 0:
-        mix_edges(scene, view, planes, top, bottom, np.empty((2 * pairs, 5), np.float32))
+@kernel(inlined=True, allocates=False)
+def beside_edge(kind, r, c, width):
+    """1 where one of the four neighbours of pixel (r, c) is stone and the pixel isn't, or the other way round."""
+    stone = kind[r, c] == np.uint8(BRIDGE)
+    above = kind[max(r - 1, 0), c] == np.uint8(BRIDGE)
+    below = kind[min(r + 1, kind.shape[0] - 1), c] == np.uint8(BRIDGE)
+    left = kind[r, max(c - 1, 0)] == np.uint8(BRIDGE)
+    right = kind[r, min(c + 1, width - 1)] == np.uint8(BRIDGE)
+    return 1 if (above != stone) | (below != stone) | (left != stone) | (right != stone) else 0
 
 
 @kernel(allocates=False)
-def edge_rows(kind, width):
-    """Pairs of neighbours of which one is on a bridge, and the rows from, to that hold their upper or left pixels."""
+def stone_rows(kind, width):
+    """The first row that shows stone and the row after the last one; the first is past the second where none does."""
     height = kind.shape[0]
-    pairs = 0
     top = height
     bottom = 0
     for r in range(height):
-        row_pairs = 0
+        stone = 0
+        # A sum over all pixels of a row vectorises, a search that stops at the first does not.
         for c in range(width):
-            on_bridge = kind[r, c] == np.uint8(BRIDGE)
-            # Each pair of neighbours is counted once, from its upper or left pixel.
-            right = kind[r, min(c + 1, width - 1)] == np.uint8(BRIDGE)
-            below = kind[min(r + 1, height - 1), c] == np.uint8(BRIDGE)
-            row_pairs += (1 if on_bridge != right else 0) + (1 if on_bridge != below else 0)
-        pairs += row_pairs
-        top = min(top, r) if row_pairs > 0 else top
-        bottom = r + 1 if row_pairs > 0 else bottom
-    return pairs, top, bottom
+            stone += 1 if kind[r, c] == np.uint8(BRIDGE) else 0
+        top = min(top, r) if stone > 0 else top
+        bottom = r + 1 if stone > 0 else bottom
+    return top, bottom
+
+
+@kernel
+def soften_edges(scene, view, planes):
+    """Antialias the radiance of `Planes` [H, W'] along the edges of bridges."""
+    kind = planes.kind
+    width = view.camera.width
+    top, bottom = stone_rows(kind, width)
+    if top < bottom:
+        # One row more on either side, whose pixels may lie beside stone.
+        top = max(top - 1, 0)
+        bottom = min(bottom + 1, kind.shape[0])
+        count = count_beside_edges(kind, top, bottom, width)
+        mix_edges(scene, view, planes, top, bottom, np.empty((count, 2), np.int32), np.empty((count, 3), np.float32))
 
 
 @kernel(allocates=False)
-def mix_edges(scene, view, planes, top, bottom, mixed):
-    """Antialias the radiance of the rows from top to bottom and one more; mixed [2 * pairs, 5] is scratch."""
-    height = planes.kind.shape[0]
-    width = view.camera.width
-    # Colours are written only after all are known, because each pixel reads its neighbours.
-    n = 0
-    for r in range(top, min(bottom + 1, height)):
+def count_beside_edges(kind, top, bottom, width):
+    """Return the number of pixels beside an edge of a bridge in the rows top to bottom."""
+    count = 0
+    for r in range(top, bottom):
         for c in range(width):
-            edge, a, b, d = edge_colour(scene, view, planes, r, c)
-            if edge > f32(0):
-                mixed[n, 0] = f32(r)
-                mixed[n, 1] = f32(c)
-                mixed[n, 2] = a
-                mixed[n, 3] = b
-                mixed[n, 4] = d
+            count += beside_edge(kind, r, c, width)
+    return count
+
+
+@kernel(allocates=False)
+def mix_edges(scene, view, planes, top, bottom, places, mixed):
+    """Antialias the pixels beside an edge in the rows top to bottom; places [K, 2] and mixed [K, 3] are scratch."""
+    width = view.camera.width
+    n = 0
+    for r in range(top, bottom):
+        for c in range(width):
+            if beside_edge(planes.kind, r, c, width) == 1:
+                places[n, 0] = r
+                places[n, 1] = c
                 n += 1
+    # Colours are written only after all are known, because each pixel reads its neighbours.
     for k in range(n):
-        r = int32(mixed[k, 0])
-        c = int32(mixed[k, 1])
-        planes.red[r, c] = mixed[k, 2]
-        planes.green[r, c] = mixed[k, 3]
-        planes.blue[r, c] = mixed[k, 4]
+        _, mixed[k, 0], mixed[k, 1], mixed[k, 2] = edge_colour(scene, view, planes, places[k, 0], places[k, 1])
+    for k in range(n):
+        planes.red[places[k, 0], places[k, 1]] = mixed[k, 0]
+        planes.green[places[k, 0], places[k, 1]] = mixed[k, 1]
+        planes.blue[places[k, 0], places[k, 1]] = mixed[k, 2]

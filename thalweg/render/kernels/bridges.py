@@ -144,13 +144,17 @@ def meet_extrusion(ray, v_low, v_high, profile, near, far):
 
 @kernel(allocates=False)
 def bridge_box(row, camera):
-    """The columns from, to and rows from, to that a bridge may touch in the image."""
+    """The columns from, to and rows from, to that a bridge may touch in the image, and its least depth in metres.
+
+    The box is empty for a bridge behind the camera, or farther than `FAR_M`.
+    """
     per_row = row_step(camera)
     low_x = f32(1e9)
     high_x = f32(-1e9)
     low_y = f32(1e9)
     high_y = f32(-1e9)
     behind = 0
+    closest = f32(1e9)
     for corner in range(8):
         u = row[layout.B_HALF_LENGTH] if corner & 1 else -row[layout.B_HALF_LENGTH]
         v = row[layout.B_HALF_WIDTH] if corner & 2 else -row[layout.B_HALF_WIDTH]
@@ -160,6 +164,8 @@ def bridge_box(row, camera):
         pz = z - camera.z
         ahead = px * camera.forward_x + py * camera.forward_y + pz * camera.forward_z
         behind += 1 if ahead < camera.near_m else 0
+        # The depth is linear, so that no point of the bridge is nearer than the nearest corner.
+        closest = min(closest, ahead)
         ahead = max(ahead, f32(0.01))
         sx = (px * camera.right_x + py * camera.right_y) / ahead
         sy = (px * camera.up_x + py * camera.up_y + pz * camera.up_z) / ahead
@@ -172,7 +178,7 @@ def bridge_box(row, camera):
     c1 = int32(camera.width)
     r0 = int32(0)
     r1 = int32(camera.height)
-    if behind == 8:
+    if behind == 8 or closest > f32(FAR_M):
         c1 = int32(0)
         r1 = int32(0)
     elif behind == 0:
@@ -180,20 +186,48 @@ def bridge_box(row, camera):
         c1 = int32(clamp((high_x + camera.half_w) / camera.column_step + f32(1), f32(0), f32(camera.width)))
         r0 = int32(clamp((camera.half_h - high_y) / per_row, f32(0), f32(camera.height)))
         r1 = int32(clamp((camera.half_h - low_y) / per_row + f32(1), f32(0), f32(camera.height)))
-    return c0, c1, r0, r1
+    return c0, c1, r0, r1, closest
 
 
 @kernel(inlined=True, allocates=False)
-def meet_bridge(row, camera, dx, dy, dz, far):
-    """The `BridgeHit` of a camera's ray with the bridge of a row of `Scene.bridges`, no farther than `far`.
-
-    dx, dy, dz: the ray in metres per metre along the axis.
-    """
+def bridge_ray(row, camera, dx, dy, dz):
+    """The `BridgeRay` of a camera's ray (metres per metre along the axis) in the frame of a row of `Scene.bridges`."""
     cos = row[layout.B_COS]
     sin = row[layout.B_SIN]
     px = camera.x - row[layout.B_X]
     py = camera.y - row[layout.B_Y]
-    ray = BridgeRay(px * cos + py * sin, py * cos - px * sin, camera.z, dx * cos + dy * sin, dy * cos - dx * sin, dz)
+    return BridgeRay(px * cos + py * sin, py * cos - px * sin, camera.z, dx * cos + dy * sin, dy * cos - dx * sin, dz)
+
+
+@kernel(inlined=True, allocates=False)
+def passes_by(row, ray, near, far):
+    """Whether a ray clearly misses the box around a bridge, parapets included, between near and far."""
+    half = row[layout.B_HALF_WIDTH]
+    length = row[layout.B_HALF_LENGTH]
+    inverse = f32(1) / (ray.dv if abs(ray.dv) > f32(1e-6) else f32(1e-6))
+    ta = (-half - ray.v) * inverse
+    tb = (half - ray.v) * inverse
+    enter = max(min(ta, tb), near)
+    leave = min(max(ta, tb), far)
+    inverse = f32(1) / (ray.du if abs(ray.du) > f32(1e-6) else f32(1e-6))
+    ta = (-length - ray.u) * inverse
+    tb = (length - ray.u) * inverse
+    enter = max(enter, min(ta, tb))
+    leave = min(leave, max(ta, tb))
+    inverse = f32(1) / (ray.dz if abs(ray.dz) > f32(1e-6) else f32(1e-6))
+    ta = (row[layout.B_SPRING] - f32(FOOT_M) - ray.z) * inverse
+    tb = (row[layout.B_DECK] + row[layout.B_PARAPET] - ray.z) * inverse
+    enter = max(enter, min(ta, tb))
+    leave = min(leave, max(ta, tb))
+    # With a margin for rounding: what is left is tested exactly.
+    return enter > leave + f32(1e-3) * (f32(1) + abs(enter))
+
+
+@kernel(inlined=True, allocates=False)
+def meet_bridge(row, ray, near, far):
+    """The `BridgeHit` of a `BridgeRay` with the bridge of a row of `Scene.bridges`, between near and far."""
+    if passes_by(row, ray, near, far):
+        return BridgeHit(f32(-1), f32(0), f32(0), f32(0), f32(0), f32(0), f32(0))
     half = row[layout.B_HALF_WIDTH]
     length = row[layout.B_HALF_LENGTH]
     hump = row[layout.B_HUMP]
@@ -202,7 +236,7 @@ def meet_bridge(row, camera, dx, dy, dz, far):
     deck = row[layout.B_DECK]
     wall = f32(PARAPET_THICKNESS_M)
     body = Profile(spring - f32(FOOT_M), deck, length, hump, span, spring, row[layout.B_RISE])
-    t, by_face = meet_extrusion(ray, -half, half, body, camera.near_m, far)
+    t, by_face = meet_extrusion(ray, -half, half, body, near, far)
     far = t if t > f32(0) else far
     # The parapets' profiles have no arch: its span is put out of reach below them.
     parapet = Profile(
@@ -211,7 +245,7 @@ def meet_bridge(row, camera, dx, dy, dz, far):
     for side in range(2):
         inner = half - wall
         v_low = inner if side == 0 else -half
-        ts, fs = meet_extrusion(ray, v_low, v_low + wall, parapet, camera.near_m, far)
+        ts, fs = meet_extrusion(ray, v_low, v_low + wall, parapet, near, far)
         t = ts if ts > f32(0) else t
         by_face = fs if ts > f32(0) else by_face
         far = ts if ts > f32(0) else far
@@ -270,41 +304,111 @@ def masonry(a, b, footprint):
 
 
 @kernel(inlined=True, allocates=False)
-def shade_stone(scene, view, row, hit, distance, footprint, climb):
-    """Radiance of the stone at a `BridgeHit`: red, green, blue, haze included; distance and footprint in metres.
+def parapet_cover(row, ray, v_low, pixel, near, far):
+    """The share of a pixel that the top of a parapet covers, 1 if that could be told, and the t at which it begins.
 
-    climb: rise of the line of sight, in metres per metre along it.
+    v_low: the parapet's face with the lower v; pixel: height of the pixel in metres at t = 1. The share is that of the
+    vertical line through the pixel, on which the top lies between its two edges.
+    """
+    length = row[layout.B_HALF_LENGTH]
+    crown = row[layout.B_DECK] + row[layout.B_PARAPET]
+    hump = row[layout.B_HUMP]
+    across = abs(ray.dv) > f32(1e-4)
+    inverse = f32(1) / (ray.dv if across else f32(1))
+    ta = (v_low - ray.v) * inverse
+    tb = (v_low + f32(PARAPET_THICKNESS_M) - ray.v) * inverse
+    first = min(ta, tb)
+    second = max(ta, tb)
+    ua = (ray.u + ray.du * first) / length
+    ub = (ray.u + ray.du * second) / length
+    known = across & (first > near) & (first < far) & (abs(ua) < f32(1)) & (abs(ub) < f32(1))
+    # How far the edges lie above the ray, in heights of the pixel.
+    low = (crown - hump * ua * ua - ray.z - ray.dz * first) / (max(first, near) * pixel)
+    high = (crown - hump * ub * ub - ray.z - ray.dz * second) / (max(second, near) * pixel)
+    share = clamp(min(high, f32(0.5)) - max(low, f32(-0.5)), f32(0), f32(1))
+    return share if known else f32(0), f32(1) if known else f32(0), first
+
+
+@kernel(inlined=True, allocates=False)
+def line_height(per_row, climb):
+    """Height in metres at t = 1 of a pixel on an upright plane, for a line of sight that rises by `climb` a metre."""
+    return per_row / math.sqrt(max(f32(1) - climb * climb, f32(0.01)))
+
+
+@kernel(inlined=True, allocates=False)
+def shade_stone(scene, view, row, hit, ray, per_row, slant, high):
+    """Radiance of the stone at a `BridgeHit` of a `BridgeRay`: red, green, blue, haze included.
+
+    per_row: height of a pixel at distance one; slant: length of the ray per unit of t; high: share of the pixel's
+    height that the ray stands for.
     """
     cos = row[layout.B_COS]
     sin = row[layout.B_SIN]
-    nx = hit.normal_u * cos - hit.normal_v * sin
-    ny = hit.normal_u * sin + hit.normal_v * cos
-    nz = hit.normal_z
     number = scene.constants
     w = view.world
-    facing = max(nx * number[w, layout.SUN_X] + ny * number[w, layout.SUN_Y] + nz * number[w, layout.SUN_Z], f32(0))
-    height = hit.z - row[layout.B_SPRING]
-    # No sun gets to the vault: what it does not shade itself the piers do.
-    under = (hit.normal_v == f32(0)) & (nz < f32(0.5)) & (abs(hit.u) < row[layout.B_SPAN] + f32(0.02))
-    open_sky = f32(SKY_UNDER) if under else f32(0.55) + f32(0.45) * max(nz, f32(0))
-    direct = f32(0) if under else facing
-    # The sunlit top of a parapet that looks thinner than a pixel is dimmed by the share of the pixel that it misses.
-    # The reference has enough samples to do without.
+    # The sunlit top of a parapet is mostly thinner than a pixel: through the middles of pixels it would be seen in
+    # dashes. Each pixel near it shows as much of it as it holds; the rest is the parapet's face.
     share = hit.u / row[layout.B_HALF_LENGTH]
     raised = hit.z > row[layout.B_DECK] - row[layout.B_HUMP] * share * share + f32(0.05)
-    thin = min(f32(PARAPET_THICKNESS_M) * abs(climb) / max(footprint, f32(1e-6)), f32(1))
-    direct *= thin if raised and nz > f32(0.9) else f32(1)
-    tone = stone_tone(row, hit, height, footprint)
-    clear = exp(-distance * view.look[HAZE_PER_M])
+    top = raised & (hit.normal_z > f32(0.9))
+    half = row[layout.B_HALF_WIDTH]
+    pixel = line_height(per_row * high, ray.dz / slant)
+    limit = hit.t + f32(0.02)
+    left, left_known, _ = parapet_cover(row, ray, half - f32(PARAPET_THICKNESS_M), pixel, view.camera.near_m, limit)
+    right, right_known, _ = parapet_cover(row, ray, -half, pixel, view.camera.near_m, limit)
+    cover = min(left + right, f32(1))
+    known = (left_known if hit.v > f32(0) else right_known) > f32(0)
+    cover = f32(1) if top and not known else cover
+    nu = f32(0) if top else hit.normal_u
+    nv = (f32(-1) if ray.dv > f32(0) else f32(1)) if top else hit.normal_v
+    nz = f32(0) if top else hit.normal_z
+    nx = nu * cos - nv * sin
+    ny = nu * sin + nv * cos
+    sun_z = number[w, layout.SUN_Z]
+    facing = max(nx * number[w, layout.SUN_X] + ny * number[w, layout.SUN_Y] + nz * sun_z, f32(0))
+    # No sun gets to the vault: what it does not shade itself the piers do.
+    under = (nv == f32(0)) & (nz < f32(0.5)) & (abs(hit.u) < row[layout.B_SPAN] + f32(0.02))
+    open_sky = f32(SKY_UNDER) if under else f32(0.55) + f32(0.45) * max(nz, f32(0))
+    direct = f32(0) if under else facing
+    direct += (sun_z - direct) * cover
+    open_sky += (f32(1) - open_sky) * cover
+    return stone_radiance(scene, view, row, hit, per_row, slant, direct, open_sky)
+
+
+@kernel(inlined=True, allocates=False)
+def stone_radiance(scene, view, row, hit, per_row, slant, direct, open_sky):
+    """Radiance of the stone at a `BridgeHit` under shares of the sun's and of the sky's light, haze included."""
+    height = hit.z - row[layout.B_SPRING]
+    tone = stone_tone(row, hit, height, hit.t * per_row)
+    clear = exp(-hit.t * slant * view.look[HAZE_PER_M])
     bounce = f32(BOUNCE)
     red = f32(STONE[0]) * tone * (direct * f32(layout.SUN_R) + open_sky * f32(layout.SKY_R) + bounce)
     green = f32(STONE[1]) * tone * (direct * f32(layout.SUN_G) + open_sky * f32(layout.SKY_G) + bounce)
     blue = f32(STONE[2]) * tone * (direct * f32(layout.SUN_B) + open_sky * f32(layout.SKY_B) + bounce)
+    number = scene.constants
+    w = view.world
     return (
         red * clear + number[w, layout.FOG_R] * (f32(1) - clear),
         green * clear + number[w, layout.FOG_G] * (f32(1) - clear),
         blue * clear + number[w, layout.FOG_B] * (f32(1) - clear),
     )
+
+
+@kernel(inlined=True, allocates=False)
+def passing_top(scene, view, row, ray, per_row, slant, high, far):
+    """The share of a pixel that parapets' tops cover though its ray passes by the bridge, and their radiance."""
+    half = row[layout.B_HALF_WIDTH]
+    pixel = line_height(per_row * high, ray.dz / slant)
+    left, _, left_t = parapet_cover(row, ray, half - f32(PARAPET_THICKNESS_M), pixel, view.camera.near_m, far)
+    right, _, right_t = parapet_cover(row, ray, -half, pixel, view.camera.near_m, far)
+    t = left_t if left > right else right_t
+    u = ray.u + ray.du * t
+    share = u / row[layout.B_HALF_LENGTH]
+    z = row[layout.B_DECK] + row[layout.B_PARAPET] - row[layout.B_HUMP] * share * share
+    hit = BridgeHit(t, u, ray.v + ray.dv * t, f32(0), f32(0), f32(1), z)
+    sun_z = scene.constants[view.world, layout.SUN_Z]
+    red, green, blue = stone_radiance(scene, view, row, hit, per_row, slant, sun_z, f32(1))
+    return min(left + right, f32(1)), red, green, blue
 
 
 @kernel(inlined=True, allocates=False)

@@ -139,22 +139,23 @@ def draw_bridges(scene, view, top, drawn, depth, kind):
     """
     count = scene.extents[view.world, layout.BRIDGE_TO] - scene.extents[view.world, layout.BRIDGE_FROM]
     boxes = np.empty((count, 4), np.int32)
-    pixels = find_boxes(scene, view, top, len(depth), boxes)
+    closest = np.empty(count, np.float32)
+    pixels = find_boxes(scene, view, top, len(depth), boxes, closest)
     stone = np.empty((pixels if drawn == COLOURS else 0, 6), np.float32)
-    met = meet_bridges(scene, view, top, drawn, boxes, depth, kind, stone)
+    met = meet_bridges(scene, view, top, drawn, boxes, closest, depth, kind, stone)
     return stone[:met]
 
 
 @kernel(allocates=False)
-def find_boxes(scene, view, top, rows, boxes):
+def find_boxes(scene, view, top, rows, boxes, closest):
     """Fill boxes [B, 4] with the columns from, to and rows from, to that each bridge may touch; returns their pixels.
 
-    Rows count from `top`, and there are `rows` of them.
+    Rows count from `top`, and there are `rows` of them. closest [B]: receives the depth before which no bridge is.
     """
     first = scene.extents[view.world, layout.BRIDGE_FROM]
     pixels = 0
     for b in range(len(boxes)):
-        c0, c1, r0, r1 = bridges.bridge_box(scene.bridges[first + b], view.camera)
+        c0, c1, r0, r1, closest[b] = bridges.bridge_box(scene.bridges[first + b], view.camera)
         boxes[b, 0] = c0
         boxes[b, 1] = c1
         boxes[b, 2] = max(r0 - top, 0)
@@ -164,9 +165,9 @@ def find_boxes(scene, view, top, rows, boxes):
 
 
 @kernel(allocates=False)
-def meet_bridges(scene, view, top, drawn, boxes, depth, kind, stone):
+def meet_bridges(scene, view, top, drawn, boxes, closest, depth, kind, stone):
     """Fill stone [K, 6], of `draw_bridges`, and set depth and kind [R, W'], within boxes [B, 4]; returns how many rays
-    found stone to be shaded."""
+    found stone to be shaded. closest [B]: of `find_boxes`."""
     camera = view.camera
     per_row = row_step(camera)
     first = scene.extents[view.world, layout.BRIDGE_FROM]
@@ -176,14 +177,16 @@ def meet_bridges(scene, view, top, drawn, boxes, depth, kind, stone):
         for r in range(boxes[b, 2], boxes[b, 3]):
             sy = camera.half_h - (f32(top + r) + f32(0.5)) * per_row
             for c in range(boxes[b, 0], boxes[b, 1]):
-                if drawn == MASK and kind[r, c] != WATER:
+                # Before all of the bridge lies what is already drawn.
+                if depth[r, c] <= closest[b] or (drawn == MASK and kind[r, c] != WATER):
                     continue
                 sx = (f32(c) + f32(0.5)) * camera.column_step - camera.half_w
                 dx = camera.forward_x + sy * camera.up_x + sx * camera.right_x
                 dy = camera.forward_y + sy * camera.up_y + sx * camera.right_y
                 dz = camera.forward_z + sy * camera.up_z
                 # Only stone nearer than what is already drawn counts, so the order of bridges does not matter.
-                hit = bridges.meet_bridge(row, camera, dx, dy, dz, min(depth[r, c], f32(bridges.FAR_M)))
+                ray = bridges.bridge_ray(row, camera, dx, dy, dz)
+                hit = bridges.meet_bridge(row, ray, camera.near_m, min(depth[r, c], f32(bridges.FAR_M)))
                 if hit.t > f32(0):
                     depth[r, c] = hit.t
                     kind[r, c] = np.uint8(BRIDGE)
@@ -193,7 +196,7 @@ def meet_bridges(scene, view, top, drawn, boxes, depth, kind, stone):
                     stone[n, 0] = f32(r)
                     stone[n, 1] = f32(c)
                     stone[n, 2], stone[n, 3], stone[n, 4] = bridges.shade_stone(
-                        scene, view, row, hit, hit.t * slant, hit.t * per_row, dz / slant
+                        scene, view, row, hit, ray, per_row, slant, f32(1)
                     )
                     stone[n, 5] = hit.t
                     n += 1

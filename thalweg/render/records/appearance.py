@@ -1,4 +1,4 @@
-"""`Look`: haze, exposure, water, season, lens and sensor, which can change without rebuilding the world.
+"""`Look`: haze, exposure, water, season, lens, sensor and clouds, which can change without rebuilding the world.
 
 The defaults are the conditions that the levels are tuned for. `look_rows` converts looks to the rows that the kernels
 read. The sun is not part of a look, because it is baked into a world (`World.relit` changes it).
@@ -18,9 +18,9 @@ from thalweg.render.records.camera import Camera
 # Columns of a row that the kernels read.
 (
     HAZE_PER_M, GAIN_R, GAIN_G, GAIN_B, ABSORB_R, ABSORB_G, ABSORB_B, SCATTER_R, SCATTER_G, SCATTER_B, RIPPLE, SEASON,
-    DENSITY, PITCH, HALF_W, HALF_H, NOISE,
-) = range(17)  # fmt: skip
-LOOK_COLUMNS = 17
+    DENSITY, PITCH, HALF_W, HALF_H, NOISE, CLOUDS,
+) = range(18)  # fmt: skip
+LOOK_COLUMNS = 18
 
 HAZE_1_PER_M = 1 / 1500.0
 """Share of the light that a metre of air takes away on the default day."""
@@ -48,6 +48,7 @@ PlantDensity = Annotated[float, Field(ge=0, le=1)]
 PitchDeg = Annotated[float, Field(ge=-60, le=60)]
 FovDeg = Annotated[float, Field(ge=-50, le=60)]
 Noise = Annotated[float, Field(ge=0, le=64)]
+Clouds = Annotated[float, Field(ge=0, le=1)]
 
 
 @frozen_config(RenderError, numpy_scalars=True)
@@ -76,6 +77,8 @@ class Look:
     """Added to the camera's vertical field of view."""
     noise: Noise = 0.0
     """Standard deviation of the sensor's noise in 255ths of white, in each channel and pixel anew."""
+    clouds: Clouds = 0.2
+    """About the share of the ground under cumulus; at 0 the sky is clear, at 1 overcast. Clouds cast no shadows."""
 
 
 PARAMETERS = tuple(field.name for field in fields(Look))
@@ -139,6 +142,7 @@ def look_rows(values: np.ndarray, camera: Camera) -> np.ndarray:
     rows[:, HALF_H] = np.tan(np.radians(fov) / 2)
     rows[:, HALF_W] = np.tan(np.radians(fov) / 2) * camera.width_px / camera.height_px
     rows[:, NOISE] = value["noise"]
+    rows[:, CLOUDS] = value["clouds"]
     return rows
 
 

@@ -50,6 +50,8 @@ class Randomisation:
     """Added to the camera's field of view."""
     noise: PairOf[appearance.Noise] = (0.0, 6.0)
     """Standard deviation of the sensor's noise in 255ths."""
+    clouds: PairOf[appearance.Clouds] = (0.0, 0.8)
+    """Share of the ground under cumulus."""
     sun_azimuth_deg: PairOf[SunAzimuthDeg] = (0.0, 360.0)
     """Direction towards the sun, counter-clockwise from east."""
     sun_elevation_deg: PairOf[SunElevationDeg] = (25.0, 70.0)

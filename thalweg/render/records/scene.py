@@ -39,6 +39,8 @@ class Scene(NamedTuple):
     """[B, BRIDGE_COLUMNS] float32."""
     sky: np.ndarray
     """[W * sky.ROWS * sky.COLUMNS] uint32, square-root coded over sky.CODE_RANGE."""
+    clouds: np.ndarray
+    """[W * clouds.SIDE²] uint32, see `thalweg.render.bake.clouds`."""
     ripples: np.ndarray
     """[texels] uint32, see `thalweg.render.bake.ripples`."""
     atlas: np.ndarray
@@ -59,7 +61,8 @@ def blank_scene() -> Scene:
     """Return a scene of empty tables with the types of any scene, so that kernels can compile before a world exists."""
     types = {"extents": (np.int64, 2), "atlas_level": (np.int64, 1)}
     types |= dict.fromkeys(("constants", "plants", "bridges", "shade", "outlines", "chunks", "autumn"), (f32, 2))
-    types |= dict.fromkeys(("paint", "canopy", "canopy_paint", "sky", "ripples", "atlas"), (np.uint32, 1))
+    packed = "paint", "canopy", "canopy_paint", "sky", "clouds", "ripples", "atlas"
+    types |= dict.fromkeys(packed, (np.uint32, 1))
     blank = {name: np.zeros((1,) * rank, kind) for name, (kind, rank) in types.items()}
     # The atlas is read-only, which is part of the type that kernels are compiled for.
     blank["atlas_level"].setflags(write=False)

@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from thalweg.render.bake import impostors, ripples, sky
+from thalweg.render.bake import clouds, impostors, ripples, sky
 from thalweg.render.bake.canopy import canopy_map
 from thalweg.render.bake.scene_tables import ground_radiance, sun_vector
 from thalweg.render.kernels import bridges
+from thalweg.render.kernels.shading import clouds as cloud_shading
 from thalweg.render.kernels.shading import ground, mirror, water, water_optics
 from thalweg.render.records import appearance, layout
 from thalweg.render.reference import bridge as reference_bridge
@@ -26,6 +27,7 @@ class Materials:
         self.share = world.sun / 255.0
         self.tile = ripples.tile()[0]
         self.sky_map = sky.sky_map(self.sun, world.seed)
+        self.cloud_map = clouds.cloud_map(self.sun, world.seed).astype(np.float64)
         self.fog = sky.haze(self.sun)
         self.atlas = impostors.atlas(world.sun_elevation)
         four, packed = canopy_map(world, self.lit, self.atlas, self.sun)
@@ -38,7 +40,28 @@ class Materials:
         return (x - grid.origin_x_m) / grid.cell_m, (y - grid.origin_y_m) / grid.cell_m
 
     def sky(self, sight: np.ndarray) -> np.ndarray:
-        """Return the radiance [..., 3] of the sky in unit directions [..., 3]."""
+        """Return the radiance [..., 3] of the sky and its clouds in unit directions [..., 3]."""
+        return self.clouded(sight, self.clear_sky(sight))
+
+    def clouded(self, sight: np.ndarray, behind: np.ndarray) -> np.ndarray:
+        """Return the radiance [..., 3] of clouds before a sky [..., 3] in unit directions [..., 3]."""
+        scale = clouds.SIDE / 2 / (1 + np.maximum(sight[..., 2], 0))
+        texel = bilinear(
+            self.cloud_map,
+            sight[..., 0] * scale + clouds.SIDE / 2 - 0.5,
+            sight[..., 1] * scale + clouds.SIDE / 2 - 0.5,
+        )
+        excess, light, veil, shown = np.moveaxis(texel * (sight[..., 2:] > 0), -1, 0)
+        cover = self.look[appearance.CLOUDS]
+        part = (veil * cloud_shading.CIRRUS * min(3 * cover, 1))[..., None]
+        behind = behind * (1 - part) + np.array(cloud_shading.CIRRUS_RADIANCE) * part
+        part = np.clip((excess - (1 - cover)) / cloud_shading.SOFTNESS, 0, 1)
+        part = (part * part * (3 - 2 * part) * shown)[..., None]
+        dark, bright = np.array(cloud_shading.DARK), np.array(cloud_shading.BRIGHT)
+        return behind * (1 - part) + (dark + (bright - dark) * light[..., None]) * part
+
+    def clear_sky(self, sight: np.ndarray) -> np.ndarray:
+        """Return the radiance [..., 3] of the sky without clouds in unit directions [..., 3]."""
         sine = sight[..., 2]
         v = (0.5 + 0.5 * np.sign(sine) * np.sqrt(np.abs(sine))) * sky.ROWS - 0.5
         east = sight[..., 0] / (np.abs(sight[..., 0]) + np.abs(sight[..., 1]) + 1e-12)

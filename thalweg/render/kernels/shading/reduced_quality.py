@@ -16,6 +16,7 @@ from thalweg.render.bake import ripples, sky
 from thalweg.render.kernels.billboard import SAMPLES, SHIFT, SIDE, stopped
 from thalweg.render.kernels.camera_rays import row_step
 from thalweg.render.kernels.fast_math import floor, log2
+from thalweg.render.kernels.shading.clouds import MIRROR_SOFTNESS, SOFTNESS, add_nearest_clouds, cloud_layer
 from thalweg.render.kernels.shading.ground import GRAIN_DEPTH, GRAIN_M
 from thalweg.render.kernels.shading.water import DRIFT_A_M_PER_S, TILE_A_M
 from thalweg.render.kernels.shading.water_optics import (
@@ -110,9 +111,12 @@ def shade_sky(scene, view, points, out, n):
     _, _, _, dx, dy, dz, _ = points
     red, green, blue = out
     begin = int32(scene.extents[view.world, layout.SKY_AT])
+    layer = cloud_layer(scene, view, f32(SOFTNESS))
     table = scene.sky
+    clouds = scene.clouds
     for i in range(n):
-        red[i], green[i], blue[i] = nearest_sky(table, begin, dx[i], dy[i], dz[i])
+        r, g, b = nearest_sky(table, begin, dx[i], dy[i], dz[i])
+        red[i], green[i], blue[i] = add_nearest_clouds(clouds, layer, dx[i], dy[i], dz[i], r, g, b)
 
 
 @kernel(disjoint=True, allocates=False)
@@ -158,6 +162,7 @@ def shade_water(scene, view, points, pixel, out, n):
     amplitude = look[RIPPLE] * f32(RIPPLE_GAIN)
     slope_scale = amplitude * f32(ripples.SLOPE_RANGE / 127.5)
     lost_scale = amplitude * amplitude * f32(ripples.VARIANCE_RANGE / 255.0)
+    layer = cloud_layer(scene, view, f32(MIRROR_SOFTNESS))
     for i in range(n):
         # One footprint chooses the levels of ripples and bed.
         foot = footprint(distance[i], pixel, dz[i])
@@ -185,6 +190,7 @@ def shade_water(scene, view, points, pixel, out, n):
         # The steeper a mirrored ray, the more likely it clears the banks.
         open_sky = clamp((rz - f32(BANK_RISE)) * f32(1 / BANK_SOFTNESS), f32(0), f32(1))
         sky_r, sky_g, sky_b = nearest_sky(scene.sky, sky_begin, rx, ry, rz)
+        sky_r, sky_g, sky_b = add_nearest_clouds(scene.clouds, layer, rx, ry, rz, sky_r, sky_g, sky_b)
         over_r = sky_r * open_sky + f32(WOOD[0]) * (f32(1) - open_sky)
         over_g = sky_g * open_sky + f32(WOOD[1]) * (f32(1) - open_sky)
         over_b = sky_b * open_sky + f32(WOOD[2]) * (f32(1) - open_sky)

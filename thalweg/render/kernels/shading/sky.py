@@ -5,6 +5,7 @@ from numba import int32
 
 from thalweg.core.jit import kernel
 from thalweg.render.kernels.fast_math import exp
+from thalweg.render.kernels.shading.clouds import SOFTNESS, add_clouds, cloud_layer
 from thalweg.render.kernels.table_lookup import sky_at
 from thalweg.render.records import layout
 from thalweg.render.records.appearance import HAZE_PER_M
@@ -19,9 +20,13 @@ def shade_sky(scene, view, points, out, n):
     red, green, blue = out
     begin = int32(scene.extents[view.world, layout.SKY_AT])
     # A local name: the loop then reads the pointer once, not through the record.
+    layer = cloud_layer(scene, view, f32(SOFTNESS))
+    # Local names: the loop then reads the pointers once, not through the record.
     table = scene.sky
+    clouds = scene.clouds
     for k in range(n):
         r, g, b = sky_at(table, begin, dx[k], dy[k], dz[k])
+        r, g, b = add_clouds(clouds, layer, dx[k], dy[k], dz[k], r, g, b)
         red[k] = r
         green[k] = g
         blue[k] = b

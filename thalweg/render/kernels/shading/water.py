@@ -18,6 +18,7 @@ from numba import int32, uint32
 from thalweg.core.jit import kernel
 from thalweg.render.bake import ripples
 from thalweg.render.kernels.fast_math import log2
+from thalweg.render.kernels.shading.clouds import MIRROR_SOFTNESS, add_clouds, cloud_layer
 from thalweg.render.kernels.shading.ground import tile_grain
 from thalweg.render.kernels.shading.mirror import Mirrored, mirror_canopy
 from thalweg.render.kernels.shading.water_optics import (
@@ -203,6 +204,7 @@ def compose(scene, view, points, pixel, surface, mirrored, out, n):
     sky_begin = int32(scene.extents[w, layout.SKY_AT])
     sun = number[w, layout.SUN_X], number[w, layout.SUN_Y], number[w, layout.SUN_Z]
     sun_path = refracted_slant(sun[2])
+    layer = cloud_layer(scene, view, f32(MIRROR_SOFTNESS))
     for i in range(n):
         mirror = mirrored_share(facing[i], spread[i])
 
@@ -225,6 +227,7 @@ def compose(scene, view, points, pixel, surface, mirrored, out, n):
         glitter = glints(sun, dx[i], dy[i], dz[i], slope_x[i], slope_y[i], spread[i], sunlit * passing[i])
         # Canopies were met before the sky, so the sky is seen by the share of light that passed them.
         sky_r, sky_g, sky_b = sky_at(scene.sky, sky_begin, rx[i], ry[i], rz[i])
+        sky_r, sky_g, sky_b = add_clouds(scene.clouds, layer, rx[i], ry[i], rz[i], sky_r, sky_g, sky_b)
         over_r = (up_r[i] + sky_r * passing[i]) * mirror
         over_g = (up_g[i] + sky_g * passing[i]) * mirror
         over_b = (up_b[i] + sky_b * passing[i]) * mirror

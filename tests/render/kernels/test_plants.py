@@ -79,8 +79,8 @@ def drawn_plants(scene, pose, reduced: bool) -> Planes:
 def test_outlines_and_chunks_save_time_and_change_no_bit(reduced, yaw):
     scene = wooded_scene()
     everything = scene._replace(
-        outlines=np.tile(np.float32([-1, 1]), (len(scene.outlines), scene.outlines.shape[1] // 2)),
-        chunks=scene.chunks * np.float32([1, 1, 1, 0]) + np.float32([0, 0, 0, 1e3]),
+        outlines=np.tile(np.array([-1, 1], np.float32), (len(scene.outlines), scene.outlines.shape[1] // 2)),
+        chunks=scene.chunks * np.array([1, 1, 1, 0], np.float32) + np.array([0, 0, 0, 1e3], np.float32),
     )
     pose = [0.0, 0.0, 2.5, yaw]
     drawn, expected = drawn_plants(scene, pose, reduced), drawn_plants(everything, pose, reduced)

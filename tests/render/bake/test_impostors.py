@@ -135,16 +135,23 @@ def test_shade_is_a_small_bluish_share(atlas):
     assert (front[:, 2] > front[:, 0]).all()
 
 
-@pytest.mark.parametrize("level", range(1, LEVELS))
+@pytest.mark.parametrize("level", range(2, LEVELS))
 def test_foliage_neither_thins_out_nor_fills_up_on_far_levels(atlas, level):
     quantum = 1 / (rows(level) * cols(level))
     for kind in ALL:
         for view in range(VIEWS):
-            full, far = cover(atlas, kind, view), cover(atlas, kind, view, level)
+            full, far = cover(atlas, kind, view, 1), cover(atlas, kind, view, level)
             assert (far >= 0.5).mean() == pytest.approx((full >= 0.5).mean(), abs=0.012 + 1.25 * quantum)
-        mean = np.mean([cover(atlas, kind, v).mean() for v in range(VIEWS)])
+        mean = np.mean([cover(atlas, kind, v, 1).mean() for v in range(VIEWS)])
         far_mean = np.mean([cover(atlas, kind, v, level).mean() for v in range(VIEWS)])
         assert far_mean == pytest.approx(mean, abs=0.01 if level < LEVELS - 1 else 0.05)
+
+
+def test_the_nearest_level_covers_what_the_next_one_does(atlas):
+    for kind in ALL:
+        for view in range(VIEWS):
+            near = cover(atlas, kind, view).reshape(rows(1), 2, cols(1), 2).mean((1, 3))
+            assert near == pytest.approx(cover(atlas, kind, view, 1), abs=0.005)
 
 
 def test_keep_coverage_by_hand():

@@ -29,6 +29,17 @@ CLOSED = 0.02
 """What is left once less light than this passes through a pixel's plants is stopped by the last of them."""
 MOST_SHARP = 8.0
 """Upper limit of the sharpness of a near plant's edges."""
+BLEND_M = 10.0
+"""Within this distance low plants and rocks fade from one of their views to the next, instead of changing at once."""
+BLEND_FADE_M = 3.0
+"""Distance over which that begins, so that it does not begin at once either."""
+BLEND_HEIGHT_M = 4.0
+"""What is higher than this is a tree, whose views do not fade."""
+BLEND_ZONE = 0.25
+"""Part of the angle between two views, to either side of the middle between them, over which they fade."""
+BLEND_SHARP = 6.0
+"""How much sharper edges are per share of a neighbouring view, so that what only one of the views covers is seldom half
+there."""
 EDGE = math.tan(math.pi / 8)
 """Slope of the line between two of the eight views."""
 assert impostors.VIEWS == 8
@@ -67,7 +78,11 @@ class Billboard(NamedTuple):
     shade_g: Any
     shade_b: Any
     sharp: Any
-    """Sharpness of its edges: the height of a texel in pixels, at least 1."""
+    """Sharpness of its edges: the height of a texel in pixels, at least 1; more where two views are seen."""
+    blend: Any
+    """Share of the neighbouring view in what is seen, 0 to 1/2."""
+    step: Any
+    """How many views farther in the atlas that view is, an integer."""
     outline: Any
     """Index of its picture's outline in `Scene.outlines`, an integer."""
 
@@ -90,6 +105,23 @@ def atlas_view(sight_x, sight_y, sun_x, sun_y):
     eighth = int32(4) - eighth if along < f32(0) else eighth
     eighth = -eighth if across < f32(0) else eighth
     return int32(eighth & int32(impostors.VIEWS - 1))
+
+
+@kernel(inlined=True, allocates=False)
+def neighbouring_view(sight_x, sight_y, sun_x, sun_y, view):
+    """The view on the other side of a direction of sight than the nearest one, `view`, and its share of what is seen.
+
+    The share is 0 near the direction of `view` and rises to 1/2 in the middle between the two.
+    """
+    along = sight_x * sun_x + sight_y * sun_y
+    across = sight_y * sun_x - sight_x * sun_y
+    turn = f32(math.atan2(across, along)) * f32(impostors.VIEWS / (2 * math.pi)) - f32(view)
+    # A view is counted from 0 to 7, an angle from -4 to 4.
+    turn = turn + f32(impostors.VIEWS) if turn < f32(-impostors.VIEWS / 2) else turn
+    step = int32(1) if turn > f32(0) else int32(-1)
+    part = clamp((abs(turn) - f32(0.5 - BLEND_ZONE)) * f32(1 / BLEND_ZONE), f32(0), f32(1))
+    # Two parabolas, one from each view, meet in the middle without a bend.
+    return int32((view + step) & int32(impostors.VIEWS - 1)), f32(0.5) * part * part
 
 
 @kernel(inlined=True, allocates=False)
@@ -118,6 +150,12 @@ def make_billboard(scene, view, p, distance, sharpen):
     columns = int32(impostors.COLS) >> level
     begin = int32(scene.extents[view.world, layout.ATLAS_AT] + scene.atlas_level[level])
     begin = int32(begin + (kind * int32(impostors.VIEWS) + side) * rows * columns)
+    blend = f32(0)
+    step = int32(0)
+    if distance < f32(BLEND_M) and height < f32(BLEND_HEIGHT_M):
+        neighbour, blend = neighbouring_view(nx, ny, east, scene.constants[view.world, layout.SUN_NORTH], side)
+        blend *= clamp((f32(BLEND_M) - distance) * f32(1 / BLEND_FADE_M), f32(0), f32(1))
+        step = int32(neighbour - side)
 
     # Haze is the same over the whole billboard (Beer, Lambert); texels are square-root coded in 0..255.
     clear = exp(-distance * view.look[HAZE_PER_M])
@@ -130,11 +168,16 @@ def make_billboard(scene, view, p, distance, sharpen):
     haze_b = scene.constants[view.world, layout.FOG_B] * (f32(1) - clear)
     sun_low = plant[layout.P_LOW]
     shade = scene.extents[view.world, layout.SHADE_AT] + kind * int32(impostors.VIEWS) + side
+    beside = shade + step
+    shade_r = scene.shade[shade, 0] + (scene.shade[beside, 0] - scene.shade[shade, 0]) * blend
+    shade_g = scene.shade[shade, 1] + (scene.shade[beside, 1] - scene.shade[shade, 1]) * blend
+    shade_b = scene.shade[shade, 2] + (scene.shade[beside, 2] - scene.shade[shade, 2]) * blend
     return Billboard(
         distance, nx, ny, foot, per_height, per_half_width, begin, columns, rows,
         tint_r, tint_g, tint_b, haze_r, haze_g, haze_b, sun_low, plant[layout.P_HIGH] - sun_low,
-        scene.shade[shade, 0], scene.shade[shade, 1], scene.shade[shade, 2],
-        clamp(height_px / f32(rows), f32(1), f32(MOST_SHARP)), int32(shade * int32(impostors.LEVELS) + level),
+        shade_r, shade_g, shade_b,
+        clamp(height_px / f32(rows), f32(1), f32(MOST_SHARP)) * (f32(1) + f32(BLEND_SHARP) * blend), blend, step,
+        int32(shade * int32(impostors.LEVELS) + level),
     )  # fmt: skip
 
 
@@ -152,6 +195,22 @@ def texel_cover(a, b, t00, t10, t01, t11):
 
 
 @kernel(inlined=True, allocates=False, fastmath=False)
+def mixed_cover(cover, other, blend):
+    """The coverage between those of two views, of which the other has the share `blend`; without fastmath as well."""
+    return cover * (f32(1) - blend) + other * blend
+
+
+@kernel(inlined=True, allocates=False, fastmath=False)
+def sharp_cover(cover, sharp):
+    """The share of a pixel, 0..1, that a coverage of 0..255 between texels stands for; without fastmath as well.
+
+    Where a texel is larger than a pixel, the edge lies where half is covered and is a pixel wide (Green 2007, "Improved
+    alpha-tested magnification for vector textures and special effects").
+    """
+    return clamp((cover * f32(1 / 255.0) - f32(0.5)) * sharp + f32(0.5), f32(0), f32(1))
+
+
+@kernel(inlined=True, allocates=False, fastmath=False)
 def stopped(passing, cover, closed):
     """The part of the passing light that a plant stops: as much as it covers, and all if less than `closed` is left.
 
@@ -163,11 +222,31 @@ def stopped(passing, cover, closed):
 
 
 @kernel(inlined=True, allocates=False)
-def billboard_pixel(atlas, board, dx, dy, dz, near, ground, passing, closed):
+def filtered(atlas, k, columns, a, b):
+    """Red, green, blue and coverage (0..255) between texel k, its right neighbour and the two above them.
+
+    columns: of the picture; a, b: how far to the right and up.
+    """
+    t00 = atlas[uint32(k)]
+    t10 = atlas[uint32(k + 1)]
+    t01 = atlas[uint32(k + columns)]
+    t11 = atlas[uint32(k + columns + 1)]
+    # Colours are weighted by coverage, so that empty texels do not bleed in.
+    w00, w10, w01, w11, cover = texel_cover(a, b, t00, t10, t01, t11)
+    share = f32(1) / max(cover, f32(1e-3))
+    cr = channel(t00, 0) * w00 + channel(t10, 0) * w10 + channel(t01, 0) * w01 + channel(t11, 0) * w11
+    cg = channel(t00, 8) * w00 + channel(t10, 8) * w10 + channel(t01, 8) * w01 + channel(t11, 8) * w11
+    cb = channel(t00, 16) * w00 + channel(t10, 16) * w10 + channel(t01, 16) * w01 + channel(t11, 16) * w11
+    return cr * share, cg * share, cb * share, cover
+
+
+@kernel(inlined=True, allocates=False)
+def billboard_pixel(atlas, board, dx, dy, dz, near, ground, passing, closed, blended):
     """What a billboard adds to one pixel: red, green, blue, the share of `passing` that it stops, and its depth.
 
     dx, dy, dz: the ray in metres per metre along the axis; ground: depth of what lies behind; passing: share of light
-    that nearer plants let through; closed: of which this one stops all if it lets less than this through.
+    that nearer plants let through; closed: of which this one stops all if it lets less than this through;
+    blended: whether the neighbouring view is looked at too.
     """
     # Where the ray meets the upright plane: v from 0 at the foot to 1 at the top, u from -1 to 1 across.
     towards = dx * board.sight_x + dy * board.sight_y
@@ -185,25 +264,20 @@ def billboard_pixel(atlas, board, dx, dy, dz, near, ground, passing, closed):
     a = tu - f32(column)
     b = tv - f32(row)
     k = board.begin + row * board.columns + column
-    t00 = atlas[uint32(k)]
-    t10 = atlas[uint32(k + 1)]
-    t01 = atlas[uint32(k + board.columns)]
-    t11 = atlas[uint32(k + board.columns + 1)]
-    # Colours are weighted by coverage, so that empty texels do not bleed in.
-    w00, w10, w01, w11, cover = texel_cover(a, b, t00, t10, t01, t11)
-    share = f32(1) / max(cover, f32(1e-3))
-    cr = channel(t00, 0) * w00 + channel(t10, 0) * w10 + channel(t01, 0) * w01 + channel(t11, 0) * w11
-    cg = channel(t00, 8) * w00 + channel(t10, 8) * w10 + channel(t01, 8) * w01 + channel(t11, 8) * w11
-    cb = channel(t00, 16) * w00 + channel(t10, 16) * w10 + channel(t01, 16) * w01 + channel(t11, 16) * w11
-    cr *= share
-    cg *= share
-    cb *= share
+    cr, cg, cb, cover = filtered(atlas, k, board.columns, a, b)
+    if blended:
+        other_r, other_g, other_b, other = filtered(
+            atlas, k + board.step * board.rows * board.columns, board.columns, a, b
+        )
+        whole = mixed_cover(cover, other, board.blend)
+        share = other * board.blend / max(whole, f32(1e-3))
+        cr += (other_r - cr) * share
+        cg += (other_g - cg) * share
+        cb += (other_b - cb) * share
+        cover = whole
     sun = clamp(board.sun_low + board.sun_rise * v, f32(0), f32(1))
     # Front-to-back compositing (Porter, Duff 1984): what is stopped here takes its share of what still passes.
-    # Where a texel is larger than a pixel, the edge lies where half is covered and is a pixel wide (Green 2007,
-    # "Improved alpha-tested magnification for vector textures and special effects").
-    solid = clamp((cover * f32(1 / 255.0) - f32(0.5)) * board.sharp + f32(0.5), f32(0), f32(1))
-    part = stopped(passing, solid if inside else f32(0), closed)
+    part = stopped(passing, sharp_cover(cover, board.sharp) if inside else f32(0), closed)
     red = part * (cr * cr * board.tint_r * (board.shade_r + (f32(1) - board.shade_r) * sun) + board.haze_r)
     green = part * (cg * cg * board.tint_g * (board.shade_g + (f32(1) - board.shade_g) * sun) + board.haze_g)
     blue = part * (cb * cb * board.tint_b * (board.shade_b + (f32(1) - board.shade_b) * sun) + board.haze_b)

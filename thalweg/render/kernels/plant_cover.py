@@ -10,7 +10,7 @@ import numpy as np
 from numba import int32, uint32, uint64
 
 from thalweg.core.jit import kernel
-from thalweg.render.kernels.billboard import SAMPLES, SHIFT, SIDE, stopped, texel_cover
+from thalweg.render.kernels.billboard import SAMPLES, SHIFT, SIDE, mixed_cover, sharp_cover, stopped, texel_cover
 from thalweg.render.kernels.camera_rays import row_step
 from thalweg.render.kernels.shading import reduced_quality
 from thalweg.render.kernels.table_lookup import channel, clamp
@@ -19,7 +19,7 @@ f32 = np.float32
 
 
 @kernel(inlined=True, allocates=False)
-def billboard_cover(atlas, board, dx, dy, dz, near, ground, passing):
+def billboard_cover(atlas, board, dx, dy, dz, near, ground, passing, blended):
     """The share of `passing` that a billboard stops at one pixel, and its depth there: as `billboard.billboard_pixel`,
     without colours."""
     towards = dx * board.sight_x + dy * board.sight_y
@@ -35,11 +35,20 @@ def billboard_cover(atlas, board, dx, dy, dz, near, ground, passing):
     a = tu - f32(column)
     b = tv - f32(row)
     k = board.begin + row * board.columns + column
+    cover = cover_between(atlas, k, board.columns, a, b)
+    if blended:
+        other = cover_between(atlas, k + board.step * board.rows * board.columns, board.columns, a, b)
+        cover = mixed_cover(cover, other, board.blend)
+    return stopped(passing, sharp_cover(cover, board.sharp) if inside else f32(0), f32(0)), t
+
+
+@kernel(inlined=True, allocates=False)
+def cover_between(atlas, k, columns, a, b):
+    """The coverage, 0..255, between texel k, its right neighbour and the two above them, as of `billboard.filtered`."""
     _, _, _, _, cover = texel_cover(
-        a, b, atlas[uint32(k)], atlas[uint32(k + 1)],
-        atlas[uint32(k + board.columns)], atlas[uint32(k + board.columns + 1)],
-    )  # fmt: skip
-    return stopped(passing, cover * f32(1 / 255.0) if inside else f32(0), f32(0)), t
+        a, b, atlas[uint32(k)], atlas[uint32(k + 1)], atlas[uint32(k + columns)], atlas[uint32(k + columns + 1)]
+    )
+    return cover
 
 
 @kernel(inlined=True, allocates=False)
@@ -58,7 +67,7 @@ def nearest_cover(atlas, board, dx, dy, dz, near):
 
 
 @kernel(inlined=True, disjoint=True, allocates=False)
-def cover_tile(atlas, board, nearest, camera, left, height, first, tiles):
+def cover_tile(atlas, board, nearest, camera, left, height, first, blended, tiles):
     """As `plant_tiles.draw_tile`, without radiance; returns how many pixels still have half of their light or more."""
     per_row = row_step(camera)
     still = f32(0)
@@ -72,7 +81,7 @@ def cover_tile(atlas, board, nearest, camera, left, height, first, tiles):
             camera.forward_x + sy * camera.up_x + sx * camera.right_x,
             camera.forward_y + sy * camera.up_y + sx * camera.right_y,
             camera.forward_z + sy * camera.up_z,
-            camera.near_m, tiles.depth[k], passing,
+            camera.near_m, tiles.depth[k], passing, blended,
         )  # fmt: skip
         rest = passing - part
         tiles.light[k] = rest

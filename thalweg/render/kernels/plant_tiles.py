@@ -11,6 +11,7 @@ import numpy as np
 from numba import int32, uint64
 
 from thalweg.core.jit import kernel
+from thalweg.render.bake.impostors import LEVELS
 from thalweg.render.bake.outlines import BANDS
 from thalweg.render.kernels.billboard import CLOSED, SAMPLES, SHIFT, SIDE, billboard_pixel
 from thalweg.render.kernels.camera_rays import row_step
@@ -213,13 +214,15 @@ def columns_filled(outlines, board, camera, rows, ty, c0, c1):
         v1 = (max(high * least, high * most) - board.foot) * board.per_height
         v0 = (min(low * least, low * most) - board.foot) * board.per_height
         # Margins are far above the rounding of single precision: here of a band, below of a column.
+        # A neighbouring view has an outline of its own.
+        beside = board.outline + board.step * int32(LEVELS)
         b0 = int32(clamp(v0 * f32(BANDS) - f32(0.02), f32(0), f32(BANDS - 1)))
         b1 = int32(clamp(v1 * f32(BANDS) + f32(0.02), f32(0), f32(BANDS - 1)))
         u0 = f32(2)
         u1 = f32(-2)
         for band in range(b0, b1 + 1):
-            u0 = min(u0, outlines[board.outline, 2 * band])
-            u1 = max(u1, outlines[board.outline, 2 * band + 1])
+            u0 = min(u0, outlines[board.outline, 2 * band], outlines[beside, 2 * band])
+            u1 = max(u1, outlines[board.outline, 2 * band + 1], outlines[beside, 2 * band + 1])
         if u0 > u1:
             return c0, c0
         right = (across - u0 * half * along) / (along + u0 * half * across)
@@ -248,11 +251,12 @@ def first_open_row(deepest, nearest, box):
 
 
 @kernel(inlined=True, disjoint=True, allocates=False)
-def draw_tile(atlas, board, nearest, camera, left, height, first, tiles):
+def draw_tile(atlas, board, nearest, camera, left, height, first, blended, tiles):
     """Draw a `Billboard` into the tile whose samples begin at index `first`; returns the light that its pixels let
     through to what is farther.
 
-    left, height: where its first sample is on the image plane; nearest: see `billboard.nearest_depth`.
+    left, height: where its first sample is on the image plane; nearest: see `billboard.nearest_depth`;
+    blended: see `billboard.billboard_pixel`.
     """
     per_row = row_step(camera)
     still = f32(0)
@@ -267,7 +271,7 @@ def draw_tile(atlas, board, nearest, camera, left, height, first, tiles):
             camera.forward_x + sy * camera.up_x + sx * camera.right_x,
             camera.forward_y + sy * camera.up_y + sx * camera.right_y,
             camera.forward_z + sy * camera.up_z,
-            camera.near_m, tiles.depth[k], passing, f32(CLOSED),
+            camera.near_m, tiles.depth[k], passing, f32(CLOSED), blended,
         )  # fmt: skip
         tiles.red[k] += add_r
         tiles.green[k] += add_g
@@ -309,11 +313,16 @@ def draw_billboard(scene, board, nearest, camera, box, top, reduced, coloured, s
                 still = reduced_quality.draw_tile(
                     scene.atlas, board, nearest, camera, left, height, first, scratch, tiles
                 )
+            elif coloured and board.blend > f32(0):
+                # Two loops, each without a choice: most plants are far, and have one view.
+                still = draw_tile(scene.atlas, board, nearest, camera, left, height, first, True, tiles)
             elif coloured:
-                still = draw_tile(scene.atlas, board, nearest, camera, left, height, first, tiles)
+                still = draw_tile(scene.atlas, board, nearest, camera, left, height, first, False, tiles)
             elif reduced:
                 still = cover_tile_by_twos(scene.atlas, board, nearest, camera, left, height, first, scratch, tiles)
+            elif board.blend > f32(0):
+                still = cover_tile(scene.atlas, board, nearest, camera, left, height, first, True, tiles)
             else:
-                still = cover_tile(scene.atlas, board, nearest, camera, left, height, first, tiles)
+                still = cover_tile(scene.atlas, board, nearest, camera, left, height, first, False, tiles)
             tiles.touched[ty, tx] = np.uint8(1)
             deepest[ty, tx] = deepest[ty, tx] if still > f32(0) else f32(0)

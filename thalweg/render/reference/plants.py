@@ -51,18 +51,16 @@ def blend_plants(
             continue
         view = impostors.view_of(float(np.arctan2(sight[1], sight[0])), materials.world.sun_azimuth)
         kind = int(trees.kind[m])
-        picture = materials.atlas.picture(kind, view).astype(np.float64)
-        weighted = np.concatenate([picture[..., :3] * picture[..., 3:], picture[..., 3:]], axis=-1)
-        texel = bilinear(weighted, (1 - u) / 2 * impostors.COLS - 0.5, v * impostors.ROWS - 0.5)
+        picture, dark, share = views_of(materials, kind, view, sight, far, tall)
+        texel = bilinear(picture, (1 - u) / 2 * impostors.COLS - 0.5, v * impostors.ROWS - 0.5)
         # A texel that is larger than a pixel has edges as sharp as a pixel.
         ahead = offset[m] @ basis[0] + tall / 2 * basis[0][2]
         texel_px = tall / max(ahead, camera.near_m) / (2 * camera.half_height / camera.height_px) / impostors.ROWS
-        sharp = np.clip(texel_px, 1.0, billboard.MOST_SHARP)
+        sharp = np.clip(texel_px, 1.0, billboard.MOST_SHARP) * (1 + billboard.BLEND_SHARP * share)
         cover = np.where(inside, np.clip((texel[..., 3] / 255 - 0.5) * sharp + 0.5, 0.0, 1.0), 0.0)
         colour = (texel[..., :3] / np.maximum(texel[..., 3:], 1e-3) / 255) ** 2
         low, high = trees.light[m].astype(np.float64)
         sun = np.clip(low + (high - low) * v, 0, 1)[..., None]
-        dark = materials.atlas.shade[kind, view].astype(np.float64)
         colour = colour * trees.tint[m] * season[kind] * (dark + (1 - dark) * sun)
         clear = np.exp(-far * materials.look[appearance.HAZE_PER_M])
         passing = light[box]
@@ -70,6 +68,28 @@ def blend_plants(
         light[box] = passing * (1 - cover)
         solid[box] = np.where((passing > 0.5) & (light[box] <= 0.5), t, solid[box])
     return added, light, solid
+
+
+def views_of(
+    materials: Materials, kind: int, view: int, sight: np.ndarray, far: float, tall: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the picture [rows, columns, 4] (RGB times coverage, and coverage) and the shade [3] of a plant, and the
+    share of the neighbouring view in both.
+
+    A low plant near by shows its nearest view and the neighbouring one, half of each in the middle between them.
+    """
+    turn = (np.arctan2(sight[1], sight[0]) - materials.world.sun_azimuth) * impostors.VIEWS / (2 * np.pi)
+    aside = (turn - view + impostors.VIEWS / 2) % impostors.VIEWS - impostors.VIEWS / 2
+    part = np.clip((abs(aside) - 0.5 + billboard.BLEND_ZONE) / billboard.BLEND_ZONE, 0, 1)
+    fade = np.clip((billboard.BLEND_M - far) / billboard.BLEND_FADE_M, 0, 1)
+    share = float(0.5 * part**2 * fade * (tall < billboard.BLEND_HEIGHT_M))
+    result = []
+    for number in (view, (view + (1 if aside > 0 else -1)) % impostors.VIEWS):
+        picture = materials.atlas.picture(kind, number).astype(np.float64)
+        weighted = np.concatenate([picture[..., :3] * picture[..., 3:], picture[..., 3:]], axis=-1)
+        result.append((weighted, materials.atlas.shade[kind, number].astype(np.float64)))
+    (picture, shade), (other, other_shade) = result
+    return picture + (other - picture) * share, shade + (other_shade - shade) * share, share
 
 
 def window(

@@ -136,7 +136,7 @@ def test_a_look_outside_its_limits_is_refused_by_name(name: str):
 
 def test_looks_that_do_not_fit_frames_or_camera_are_refused():
     renderer = Renderer([plane()], Camera(16, 16, fov_deg=120.0, pitch_deg=70.0))
-    with pytest.raises(ValueError, match=r"looks have shape \[1, 11\]; expected \[2, 11\]"):
+    with pytest.raises(ValueError, match=r"looks have shape \[1, 12\]; expected \[2, 12\]"):
         renderer.render(np.repeat(POSE, 2, axis=0), look=[Look()])
     with pytest.raises(ValueError, match="fov_deg = 160; it must be from 5 to 150"):
         renderer.render(POSE, look=Look(fov_deg=40.0))

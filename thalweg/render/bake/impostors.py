@@ -175,9 +175,13 @@ def mip_levels(full: np.ndarray) -> list[np.ndarray]:
         gain = min(max(wanted_contrast / contrast, 1.0), MOST_GAIN)
         level[..., :3] = sharpened(coarse, fine, gain) * level[..., 3:]
     nearest = full.copy()
-    for picture in nearest:  # one at a time, because this level is large
-        coarse, fine, _ = detail(picture[None])
-        picture[..., :3] = (sharpened(coarse, fine, SHARPER) * picture[None, ..., 3:])[0]
+    for picture, near in zip(nearest, levels[0], strict=True):  # one at a time, because this level is large
+        # Its own detail upon the colours of level 1, so that averages of both are equal.
+        cover = picture[..., 3:]
+        plain, wanted = (part[..., :3] / np.maximum(part[..., 3:], 1e-6) for part in (halved(picture[None])[0], near))
+        plain, wanted = (part.repeat(2, axis=0).repeat(2, axis=1) for part in (plain, wanted))
+        fine = np.where(cover > 1e-3, picture[..., :3] / np.maximum(cover, 1e-6) - plain, 0)
+        picture[..., :3] = sharpened(wanted, fine, 1.0) * cover
     return [nearest, *levels]
 
 

@@ -51,7 +51,7 @@ def blend_plants(
             continue
         view = impostors.view_of(float(np.arctan2(sight[1], sight[0])), materials.world.sun_azimuth)
         kind = int(trees.kind[m])
-        picture, dark, share = views_of(materials, kind, view, sight, far, tall)
+        picture, dark, share = views_of(materials, kind, view, sight, float(far), tall)
         texel = bilinear(picture, (1 - u) / 2 * impostors.COLS - 0.5, v * impostors.ROWS - 0.5)
         # A texel that is larger than a pixel has edges as sharp as a pixel.
         ahead = offset[m] @ basis[0] + tall / 2 * basis[0][2]

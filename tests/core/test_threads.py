@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -162,7 +163,7 @@ def test_forked_workers_of_a_registered_id_step_as_the_environment_does_here():
     first, _ = single.reset(seed=3)
     action = np.array([1, 2, 2, 1])
     second, reward, *_ = single.step(action)
-    workers = gymnasium.make_vec(
+    workers: Any = gymnasium.make_vec(
         "thalweg/Easy-v0", num_envs=2, vectorization_mode="async", vector_kwargs={"context": "fork"}
     )
     try:

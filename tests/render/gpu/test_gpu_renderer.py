@@ -8,6 +8,7 @@ from thalweg.render import Renderer
 from thalweg.render.bake.scene_tables import build_scene
 from thalweg.render.errors import RenderError
 from thalweg.render.gpu import gpu_renderer
+from thalweg.render.kernels.terrain.azimuth_planes import most_planes
 
 
 def test_a_renderer_refuses_a_device_before_it_builds_anything():
@@ -39,4 +40,6 @@ def test_scratch_counts_pixels_plants_and_in_full_quality_the_softened_light():
     assert full - fast == 10 * 20 * 12
     assert gpu_renderer.bytes_of(scene) > scene.top.nbytes + scene.atlas.nbytes
     wide = gpu_renderer.bytes_each(scene, 10, 40, True)
-    assert wide - fast == 10 * 20 * 25
+    # Twenty columns more take their planes, and the nearness of the vertical planes that serve them.
+    assert wide - fast == 10 * 20 * 25 + 10 * (most_planes(40) - most_planes(20)) * 4
+    assert most_planes(20) == 48 + 17

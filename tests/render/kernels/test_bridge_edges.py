@@ -63,7 +63,7 @@ def test_testing_neighbours_first_leaves_out_no_pixel(pose):
     look = look_rows(look_values(None, 1), camera)[0]
     view = View(0, look, posed(np.array(pose), look, camera), np.float32(0))
     planes = empty_planes(height, width)
-    draw_rows(renderer.scene, view, False, 0, height, planes)
+    draw_rows(renderer.scene, view, False, COLOURS, 0, height, planes)
     planes = Planes(*(np.ascontiguousarray(plane[:height]) for plane in planes))
     # Half of the pixels lie behind leaves, some of which hide an edge altogether.
     planes.transmittance[...] = np.random.default_rng(1).choice([0.2, 0.6, 1.0], planes.kind.shape)

@@ -16,9 +16,9 @@ from thalweg.env import sample_starts
 from thalweg.render import Camera, Renderer
 from thalweg.render.kernels import frame
 from thalweg.render.kernels.camera_rays import HitPoints, Origin, Radiance, Rays, hit_points, pose_camera, row_rays
-from thalweg.render.kernels.plants import draw_plants
-from thalweg.render.kernels.primary_hits import find_primary_hits
+from thalweg.render.kernels.plants.draw import draw_plants
 from thalweg.render.kernels.shading import mirror, water
+from thalweg.render.kernels.terrain.primary_hits import find_primary_hits
 from thalweg.render.records import classes, layout
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.view import COLOURS, FrameSettings, Planes, PosedCamera, View, Views

@@ -15,9 +15,9 @@ from thalweg.core.jit import kernel
 from thalweg.render.kernels import frame
 from thalweg.render.kernels.bridge_edges import soften_edges
 from thalweg.render.kernels.camera_rays import Radiance, pose_camera
-from thalweg.render.kernels.plants import draw_plants
-from thalweg.render.kernels.primary_hits import find_primary_hits
+from thalweg.render.kernels.plants.draw import draw_plants
 from thalweg.render.kernels.shading import tone
+from thalweg.render.kernels.terrain.primary_hits import find_primary_hits
 from thalweg.render.records.classes import BRIDGE
 from thalweg.render.records.view import COLOURS, Planes, View
 

@@ -13,9 +13,9 @@ import numpy as np
 from thalweg.core import gpu
 from thalweg.render.errors import RenderError
 from thalweg.render.gpu import ground_profiles, pixel, postprocess, visible_plants
-from thalweg.render.kernels.azimuth_planes import most_planes
 from thalweg.render.kernels.camera_rays import Radiance
 from thalweg.render.kernels.shading.tone import CODE_TABLE
+from thalweg.render.kernels.terrain.azimuth_planes import most_planes
 from thalweg.render.records.layout import PLANT_FROM, PLANT_TO
 from thalweg.render.records.scene import Scene
 from thalweg.render.records.view import COLOURS, LAYERS, MASK, FrameSettings, Output, Planes, Views

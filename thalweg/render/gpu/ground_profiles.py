@@ -5,11 +5,11 @@ from numba import cuda, float32, int32
 
 from thalweg.core.jit import kernel
 from thalweg.render.gpu.visible_plants import stored_camera
-from thalweg.render.kernels import azimuth_planes
-from thalweg.render.kernels.azimuth_planes import first_row_below, ray_slope, secant
 from thalweg.render.kernels.camera_rays import Rays, map_origin, square_rays
-from thalweg.render.kernels.heightfield_march import FAR_M, TILE, advance_bundles, bundle_spread
 from thalweg.render.kernels.table_lookup import bilinear
+from thalweg.render.kernels.terrain import azimuth_planes
+from thalweg.render.kernels.terrain.azimuth_planes import first_row_below, ray_slope, secant
+from thalweg.render.kernels.terrain.heightfield_march import FAR_M, TILE, advance_bundles, bundle_spread
 from thalweg.render.records import layout
 from thalweg.render.records.view import View
 

@@ -14,8 +14,7 @@ from numba import cuda, float32, int32, uint8
 
 from thalweg.core.jit import kernel
 from thalweg.render.gpu.visible_plants import stored_camera
-from thalweg.render.kernels import azimuth_planes, billboard, bridges, heightfield_march
-from thalweg.render.kernels.billboard import Billboard, make_billboard, nearest_depth
+from thalweg.render.kernels import bridges
 from thalweg.render.kernels.camera_rays import (
     HitPoints,
     Radiance,
@@ -27,10 +26,13 @@ from thalweg.render.kernels.camera_rays import (
     square_rays,
 )
 from thalweg.render.kernels.frame import SEEN, covered_share
-from thalweg.render.kernels.heightfield_march import SQUARE, TILE, TangentPlanes, Track
-from thalweg.render.kernels.primary_hits import MISS
+from thalweg.render.kernels.plants import billboard, reduced_billboard
+from thalweg.render.kernels.plants.billboard import Billboard, make_billboard, nearest_depth
 from thalweg.render.kernels.shading import ground, mirror, reduced_quality, sky, water
 from thalweg.render.kernels.shading.shore import water_shares
+from thalweg.render.kernels.terrain import azimuth_planes, heightfield_march
+from thalweg.render.kernels.terrain.heightfield_march import SQUARE, TILE, TangentPlanes, Track
+from thalweg.render.kernels.terrain.primary_hits import MISS
 from thalweg.render.records import classes, layout
 from thalweg.render.records.view import COLOURS, MASK, View
 
@@ -50,7 +52,7 @@ def tracer(reduced: bool, drawn: int) -> Callable:
     coloured, only_mask = drawn == COLOURS, drawn == MASK
     closed = LESS_THAN_HALF
     if coloured:
-        closed = reduced_quality.CLOSED if reduced else billboard.CLOSED
+        closed = reduced_billboard.CLOSED if reduced else billboard.CLOSED
 
     def trace(scene, views, cameras, moments, nearness, plants, planes):
         """One block a tile (x) of a camera (y): fill `Planes` [N, H, W].
@@ -254,12 +256,12 @@ def blend_plants(scene, view, plants, n, corner, r, asked, closed, reduced, rays
     tile_r, tile_c = corner
     camera = view.camera
     thread = cuda.threadIdx.x
-    sharpen = f32(reduced_quality.SHARPEN) if reduced else f32(billboard.SHARPEN)
+    sharpen = f32(reduced_billboard.SHARPEN) if reduced else f32(billboard.SHARPEN)
     cell = f32(1) / scene.constants[view.world, layout.INV_CELL]
     # In the reduced quality two rows share their texels and look through the middle between them.
     off = f32(0)
     if reduced:
-        off = (f32(r % reduced_quality.ROWS) - f32(0.5 * reduced_quality.ROWS - 0.5)) * row_step(camera)
+        off = (f32(r % reduced_billboard.ROWS) - f32(0.5 * reduced_billboard.ROWS - 0.5)) * row_step(camera)
     dx = rays.x[0] * cell + off * camera.up_x
     dy = rays.y[0] * cell + off * camera.up_y
     dz = rays.z[0] + off * camera.up_z
@@ -309,7 +311,7 @@ def blend_plants(scene, view, plants, n, corner, r, asked, closed, reduced, rays
 def billboard_light(atlas, board, dx, dy, dz, near, ground_depth, light, closed, reduced):
     """Return what `billboard.billboard_pixel` does, in either quality."""
     if reduced:
-        ink_r, ink_g, ink_b, ink, t = reduced_quality.billboard_pixel(atlas, board, dx, dy, dz, near)
+        ink_r, ink_g, ink_b, ink, t = reduced_billboard.billboard_pixel(atlas, board, dx, dy, dz, near)
         # The reduced pixel leaves visibility to its caller, because on the CPU two rows share it.
         part = billboard.stopped(light, ink if t < ground_depth else f32(0), closed)
         return part * ink_r, part * ink_g, part * ink_b, part, t

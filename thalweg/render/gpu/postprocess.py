@@ -10,8 +10,8 @@ from thalweg.core.jit import kernel
 from thalweg.render.batch import planes_of
 from thalweg.render.gpu.visible_plants import stored_camera
 from thalweg.render.kernels.bridge_edges import edge_colour
-from thalweg.render.kernels.primary_hits import MISS
 from thalweg.render.kernels.shading import tone
+from thalweg.render.kernels.terrain.primary_hits import MISS
 from thalweg.render.records import classes
 from thalweg.render.records.view import View
 

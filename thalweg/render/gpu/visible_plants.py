@@ -10,7 +10,7 @@ from numba import cuda, int32
 from thalweg.core.jit import kernel
 from thalweg.render.kernels.camera_rays import pose_camera
 from thalweg.render.kernels.frame import noise_key
-from thalweg.render.kernels.plants import BUCKETS, billboard_box, bucket_of, distance_in_view, frustum_of
+from thalweg.render.kernels.plants.draw import BUCKETS, billboard_box, bucket_of, distance_in_view, frustum_of
 from thalweg.render.records import layout
 from thalweg.render.records.appearance import DENSITY
 from thalweg.render.records.view import PosedCamera, View

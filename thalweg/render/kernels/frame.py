@@ -11,15 +11,15 @@ from numba import int32, uint32
 
 from thalweg.core.jit import kernel
 from thalweg.render.kernels import bridges
-from thalweg.render.kernels.billboard import BLOCK
 from thalweg.render.kernels.bridge_edges import soften_edges
 from thalweg.render.kernels.camera_rays import HitPoints, Radiance, Rays, hit_points, map_origin, row_rays, row_step
-from thalweg.render.kernels.heightfield_march import TILE
 from thalweg.render.kernels.layers import draw_layers
-from thalweg.render.kernels.plants import draw_plants
-from thalweg.render.kernels.primary_hits import MISS, find_primary_hits
+from thalweg.render.kernels.plants.billboard import BLOCK
+from thalweg.render.kernels.plants.draw import draw_plants
 from thalweg.render.kernels.shading import ground, reduced_quality, sky, tone, water
 from thalweg.render.kernels.shading.shore import water_shares
+from thalweg.render.kernels.terrain.heightfield_march import TILE
+from thalweg.render.kernels.terrain.primary_hits import MISS, find_primary_hits
 from thalweg.render.records import layout
 from thalweg.render.records.classes import BRIDGE, GROUND, PLANT, SKY, WATER
 from thalweg.render.records.view import COLOURS, MASK, Planes

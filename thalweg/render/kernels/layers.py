@@ -3,11 +3,11 @@
 import numpy as np
 
 from thalweg.core.jit import kernel
-from thalweg.render.kernels.billboard import BLOCK
-from thalweg.render.kernels.plant_tiles import empty_cover, load_depths, store_cover
-from thalweg.render.kernels.plants import draw_in_order, empty_scratch
-from thalweg.render.kernels.primary_hits import MISS
-from thalweg.render.kernels.shading.reduced_quality import ROWS
+from thalweg.render.kernels.plants.billboard import BLOCK
+from thalweg.render.kernels.plants.draw import draw_in_order, empty_scratch
+from thalweg.render.kernels.plants.reduced_billboard import ROWS
+from thalweg.render.kernels.plants.tiles import empty_cover, load_depths, store_cover
+from thalweg.render.kernels.terrain.primary_hits import MISS
 from thalweg.render.records.classes import WATER
 from thalweg.render.records.view import Planes
 

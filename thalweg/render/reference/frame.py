@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thalweg.render.kernels import bridges, heightfield_march
+from thalweg.render.kernels import bridges
 from thalweg.render.kernels.shading import tone
+from thalweg.render.kernels.terrain import heightfield_march
 from thalweg.render.records import appearance, classes
 from thalweg.render.records.appearance import Look, look_rows, look_values
 from thalweg.render.records.camera import Camera

@@ -7,7 +7,7 @@ from thalweg.render.bake.scene_tables import (
     autumn,
     plant_ranks,
 )
-from thalweg.render.kernels import billboard, plants
+from thalweg.render.kernels.plants import billboard, draw
 from thalweg.render.records import appearance
 from thalweg.render.records.camera import Camera
 from thalweg.render.reference.materials import Materials, bilinear
@@ -33,7 +33,7 @@ def blend_plants(
     season = 1 + materials.look[appearance.SEASON] * (autumn().astype(np.float64) - 1)
     for m in np.argsort(distance, kind="stable"):
         far = distance[m]
-        if far < plants.NEAR_M or far > plants.FAR_M or rank[m] >= materials.look[appearance.DENSITY]:
+        if far < draw.NEAR_M or far > draw.FAR_M or rank[m] >= materials.look[appearance.DENSITY]:
             continue
         tall, half = float(trees.height_m[m]), float(trees.width_m[m]) / 2
         box = window(offset[m], tall, half, basis, camera, rows, columns)

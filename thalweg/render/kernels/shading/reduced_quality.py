@@ -1,20 +1,17 @@
-"""Shading and billboard kernels of the reduced quality: no reflections, nearest texels, half of the ripples and texels.
+"""Shading kernels of the reduced quality: no reflections, nearest texels, half of the ripples.
 
 Each function stands in for one of the full quality and takes those of its arguments that it needs. Textures are still
 read at the level that a pixel's footprint asks for, so that ground and water shimmer no more than in the full quality;
-but only the nearest texel is taken. Two rows of a billboard share their texels. Rays are saved in
-`thalweg.render.kernels.primary_hits`.
+but only the nearest texel is taken. Billboards are in `thalweg.render.kernels.plants.reduced_billboard`.
 """
 
 import math
 
 import numpy as np
-from numba import int32, uint32, uint64
+from numba import int32, uint32
 
 from thalweg.core.jit import kernel
 from thalweg.render.bake import ripples, sky
-from thalweg.render.kernels.billboard import SAMPLES, SHIFT, SIDE, stopped
-from thalweg.render.kernels.camera_rays import row_step
 from thalweg.render.kernels.fast_math import floor, log2
 from thalweg.render.kernels.shading.clouds import MIRROR_SOFTNESS, SOFTNESS, add_nearest_clouds, cloud_layer
 from thalweg.render.kernels.shading.ground import GRAIN_DEPTH, GRAIN_M
@@ -43,14 +40,6 @@ from thalweg.render.records.appearance import (
 
 f32 = np.float32
 
-CLOSED = 0.1
-"""As `billboard.CLOSED`, but larger: less of what lies behind foliage is drawn."""
-SHARPEN = -0.3
-"""As `billboard.SHARPEN`, but below zero for coarser texels, from 0.6 to 1.2 pixels high."""
-ROWS = 2
-"""Rows of a billboard that share their texels."""
-SCRATCH_ROWS = 5
-"""Rows of scratch that drawing a billboard needs."""
 RIPPLE_GAIN = 1.4
 """Factor on the slopes of the one layer of ripples, which has to be as steep as two."""
 BANK_RISE = 0.18
@@ -197,73 +186,3 @@ def shade_water(scene, view, points, pixel, out, n):
         red[i] = under_r * (f32(1) - mirror) + over_r * mirror + glitter * f32(GLITTER_TINT[0])
         green[i] = under_g * (f32(1) - mirror) + over_g * mirror + glitter * f32(GLITTER_TINT[1])
         blue[i] = under_b * (f32(1) - mirror) + over_b * mirror + glitter * f32(GLITTER_TINT[2])
-
-
-@kernel(inlined=True, allocates=False)
-def billboard_pixel(atlas, board, dx, dy, dz, near):
-    """As `billboard.billboard_pixel`, from the nearest texel, and before what lies in front or behind is counted.
-
-    Returns red, green, blue, the share of light that it stops, and its depth.
-    """
-    towards = dx * board.sight_x + dy * board.sight_y
-    t = board.distance / max(towards, f32(1e-4))
-    v = (dz * t - board.foot) * board.per_height
-    u = (dy * board.sight_x - dx * board.sight_y) * t * board.per_half_width
-    inside = (towards > f32(1e-3)) & (t > near) & (v >= f32(0)) & (v < f32(1)) & (abs(u) < f32(1))
-    # Column 0 of a billboard is on the camera's left, where u = 1.
-    column = int32(clamp((f32(1) - u) * f32(0.5) * f32(board.columns), f32(0), f32(board.columns) - f32(1)))
-    row = int32(clamp(v * f32(board.rows), f32(0), f32(board.rows) - f32(1)))
-    texel = atlas[uint32(board.begin + row * board.columns + column)]
-    cr = channel(texel, 0)
-    cg = channel(texel, 8)
-    cb = channel(texel, 16)
-    sun = clamp(board.sun_low + board.sun_rise * v, f32(0), f32(1))
-    cover = channel(texel, 24) * f32(1 / 255.0) if inside else f32(0)
-    red = cr * cr * board.tint_r * (board.shade_r + (f32(1) - board.shade_r) * sun) + board.haze_r
-    green = cg * cg * board.tint_g * (board.shade_g + (f32(1) - board.shade_g) * sun) + board.haze_g
-    blue = cb * cb * board.tint_b * (board.shade_b + (f32(1) - board.shade_b) * sun) + board.haze_b
-    return red, green, blue, cover, t
-
-
-@kernel(inlined=True, disjoint=True, allocates=False)
-def draw_tile(atlas, board, nearest, camera, left, height, first, scratch, tiles):
-    """As `plant_tiles.draw_tile`, where a sample stands for two pixels, one below the other.
-
-    scratch: [SCRATCH_ROWS, SAMPLES].
-    """
-    ink_r, ink_g, ink_b, ink, ink_t = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]
-    per_row = row_step(camera) * f32(ROWS)
-    for i in range(SAMPLES):
-        sx = left + f32(i & (SIDE - 1)) * camera.column_step
-        sy = height - f32(i >> SHIFT) * per_row
-        # Texels are read once into scratch; the two pixels below then differ only in depth and light.
-        ink_r[i], ink_g[i], ink_b[i], ink[i], ink_t[i] = billboard_pixel(
-            atlas, board,
-            camera.forward_x + sy * camera.up_x + sx * camera.right_x,
-            camera.forward_y + sy * camera.up_y + sx * camera.right_y,
-            camera.forward_z + sy * camera.up_z, camera.near_m,
-        )  # fmt: skip
-    still = f32(0)
-    for below in range(ROWS):
-        for i in range(SAMPLES):
-            k = first + uint64(below * SAMPLES + i)
-            passing = tiles.light[k]
-            # Front-to-back compositing (Porter, Duff 1984), for each pixel with its own depth and light. All is loaded
-            # before a choice is made: a load within one would break up the vectors.
-            cover = ink[i]
-            t = ink_t[i]
-            red = tiles.red[k]
-            green = tiles.green[k]
-            blue = tiles.blue[k]
-            found = tiles.plant_depth[k]
-            behind = tiles.depth[k]
-            part = stopped(passing, cover if t < behind else f32(0), f32(CLOSED))
-            tiles.red[k] = red + part * ink_r[i]
-            tiles.green[k] = green + part * ink_g[i]
-            tiles.blue[k] = blue + part * ink_b[i]
-            rest = passing - part
-            tiles.light[k] = rest
-            crossed = (passing >= f32(0.5)) & (rest < f32(0.5))
-            tiles.plant_depth[k] = t if crossed else found
-            still += rest if behind > nearest else f32(0)
-    return still

@@ -19,8 +19,8 @@ from numba import int32, uint32
 
 from thalweg.core.jit import kernel
 from thalweg.render.kernels.camera_rays import row_step
-from thalweg.render.kernels.heightfield_march import FAR_M
 from thalweg.render.kernels.table_lookup import bilinear, clamp, sloped
+from thalweg.render.kernels.terrain.heightfield_march import FAR_M
 from thalweg.render.records import layout
 
 f32 = np.float32

@@ -7,10 +7,10 @@ from tests.render.frames import rays
 from tests.render.plain import plane, plants_at
 from thalweg.render import Camera, Renderer
 from thalweg.render.bake.scene_tables import build_scene
-from thalweg.render.kernels.billboard import stopped
 from thalweg.render.kernels.camera_rays import pose_camera
 from thalweg.render.kernels.frame import empty_planes
-from thalweg.render.kernels.plants import draw_plants
+from thalweg.render.kernels.plants.billboard import stopped
+from thalweg.render.kernels.plants.draw import draw_plants
 from thalweg.render.records import layout
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.classes import PLANT

@@ -5,9 +5,9 @@ import pytest
 
 from tests.render.frames import on_river, posed, rays
 from thalweg.render import Camera, Renderer
-from thalweg.render.kernels import heightfield_march
 from thalweg.render.kernels.camera_rays import Origin, Rays, square_rays
-from thalweg.render.kernels.heightfield_march import TILE
+from thalweg.render.kernels.terrain import heightfield_march
+from thalweg.render.kernels.terrain.heightfield_march import TILE
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.reference import frame as reference
 

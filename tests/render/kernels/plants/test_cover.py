@@ -8,7 +8,7 @@ from tests.render.plain import plane, plants_at
 from thalweg.render import Camera, Look, Renderer
 from thalweg.render.kernels.frame import empty_planes
 from thalweg.render.kernels.layers import colourless_planes, draw_layers
-from thalweg.render.kernels.plants import draw_plants
+from thalweg.render.kernels.plants.draw import draw_plants
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.classes import GROUND, WATER
 from thalweg.render.records.view import Planes, View

@@ -12,9 +12,10 @@ import numpy as np
 from numba import int32
 
 from thalweg.core.jit import kernel
-from thalweg.render.kernels.billboard import SAMPLES, SHARPEN, SIDE, make_billboard, nearest_depth
 from thalweg.render.kernels.camera_rays import row_step
-from thalweg.render.kernels.plant_tiles import (
+from thalweg.render.kernels.plants import reduced_billboard
+from thalweg.render.kernels.plants.billboard import SAMPLES, SHARPEN, SIDE, make_billboard, nearest_depth
+from thalweg.render.kernels.plants.tiles import (
     TileRows,
     draw_billboard,
     empty_tiles,
@@ -23,7 +24,6 @@ from thalweg.render.kernels.plant_tiles import (
     load_depths,
     store_tiles,
 )
-from thalweg.render.kernels.shading import reduced_quality
 from thalweg.render.kernels.table_lookup import clamp
 from thalweg.render.records import layout
 from thalweg.render.records.appearance import DENSITY
@@ -191,7 +191,7 @@ def empty_scratch(scene, world, tile_rows):
     return PlantScratch(
         empty_order(scene, world),
         TileRows(table[0], table[1], table[2], table[3]),
-        np.empty((reduced_quality.SCRATCH_ROWS, SAMPLES), np.float32),
+        np.empty((reduced_billboard.SCRATCH_ROWS, SAMPLES), np.float32),
     )
 
 
@@ -202,7 +202,7 @@ def draw_plants(scene, view, top, reduced, planes):
     Rows are those from `top` on of the image; in the reduced quality R is even. Depth must already hold what lies
     behind the plants.
     """
-    together = reduced_quality.ROWS if reduced else 1
+    together = reduced_billboard.ROWS if reduced else 1
     tiles = empty_tiles(planes.depth.shape[0], view.camera.width, together)
     load_depths(planes.depth, view.camera.width, together, tiles)
     work = empty_scratch(scene, view.world, len(tiles.deepest))
@@ -214,13 +214,13 @@ def draw_plants(scene, view, top, reduced, planes):
 def draw_in_order(scene, view, top, reduced, coloured, tiles, work):
     """Draw the plants in view, from near to far, into `Tiles` that hold the depths behind; row 0 is row `top`.
 
-    coloured: with their radiance, else only as coverage (see `plant_cover`); work: a `PlantScratch`.
+    coloured: with their radiance, else only as coverage (see `cover`); work: a `PlantScratch`.
     """
     camera = view.camera
     first = scene.extents[view.world, layout.PLANT_FROM]
-    together = reduced_quality.ROWS if reduced else 1
+    together = reduced_billboard.ROWS if reduced else 1
     high = SIDE * together
-    sharpen = f32(reduced_quality.SHARPEN) if reduced else f32(SHARPEN)
+    sharpen = f32(reduced_billboard.SHARPEN) if reduced else f32(SHARPEN)
     farthest = deepest_of(tiles.deepest)
     if farthest == f32(0):
         return

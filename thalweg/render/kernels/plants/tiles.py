@@ -13,10 +13,10 @@ from numba import int32, uint64
 from thalweg.core.jit import kernel
 from thalweg.render.bake.impostors import LEVELS
 from thalweg.render.bake.outlines import BANDS
-from thalweg.render.kernels.billboard import CLOSED, SAMPLES, SHIFT, SIDE, billboard_pixel
 from thalweg.render.kernels.camera_rays import row_step
-from thalweg.render.kernels.plant_cover import cover_tile, cover_tile_by_twos
-from thalweg.render.kernels.shading import reduced_quality
+from thalweg.render.kernels.plants import reduced_billboard
+from thalweg.render.kernels.plants.billboard import CLOSED, SAMPLES, SHIFT, SIDE, billboard_pixel
+from thalweg.render.kernels.plants.cover import cover_tile, cover_tile_by_twos
 from thalweg.render.kernels.table_lookup import clamp
 
 f32 = np.float32
@@ -290,12 +290,12 @@ def draw_billboard(scene, board, nearest, camera, box, top, reduced, coloured, s
     """Draw a `Billboard` into the tiles of its box that are not closed, where its outline says that it shows anything.
 
     box: the columns from, to and the rows of tiles from, to; row 0 is row `top` of the image; coloured: with radiance;
-    scratch: [reduced_quality.SCRATCH_ROWS, SAMPLES]; rows: `TileRows`.
+    scratch: [reduced_billboard.SCRATCH_ROWS, SAMPLES]; rows: `TileRows`.
     """
     c0, c1, y0, y1 = box
     deepest = tiles.deepest
     wide = deepest.shape[1]
-    together = reduced_quality.ROWS if reduced else 1
+    together = reduced_billboard.ROWS if reduced else 1
     for ty in range(y0, y1):
         if first_open_row(deepest, nearest, (c0 // SIDE, (c1 - 1) // SIDE + 1, ty, ty + 1)) > ty:
             continue
@@ -310,7 +310,7 @@ def draw_billboard(scene, board, nearest, camera, box, top, reduced, coloured, s
             left = (f32(tx * SIDE) + f32(0.5)) * camera.column_step - camera.half_w
             first = uint64((ty * wide + tx) * SAMPLES * together)
             if coloured and reduced:
-                still = reduced_quality.draw_tile(
+                still = reduced_billboard.draw_tile(
                     scene.atlas, board, nearest, camera, left, height, first, scratch, tiles
                 )
             elif coloured and board.blend > f32(0):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from thalweg.render.bake import impostors
-from thalweg.render.kernels.billboard import atlas_view, neighbouring_view
+from thalweg.render.kernels.plants.billboard import atlas_view, neighbouring_view
 
 
 def test_the_atlas_view_is_the_one_nearest_to_the_direction_of_sight():

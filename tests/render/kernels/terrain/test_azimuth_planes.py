@@ -9,8 +9,8 @@ import pytest
 from tests.render.frames import on_river, posed, rays
 from tests.render.plain import CELL_M, HALF_M, NODES, plane
 from thalweg.render import Camera, Renderer
-from thalweg.render.kernels import azimuth_planes, primary_hits
-from thalweg.render.kernels.billboard import BLOCK
+from thalweg.render.kernels.plants.billboard import BLOCK
+from thalweg.render.kernels.terrain import azimuth_planes, primary_hits
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.classes import SKY
 from thalweg.render.records.view import View

@@ -10,9 +10,9 @@ import numpy as np
 from numba import int32, uint32, uint64
 
 from thalweg.core.jit import kernel
-from thalweg.render.kernels.billboard import SAMPLES, SHIFT, SIDE, mixed_cover, sharp_cover, stopped, texel_cover
 from thalweg.render.kernels.camera_rays import row_step
-from thalweg.render.kernels.shading import reduced_quality
+from thalweg.render.kernels.plants import reduced_billboard
+from thalweg.render.kernels.plants.billboard import SAMPLES, SHIFT, SIDE, mixed_cover, sharp_cover, stopped, texel_cover
 from thalweg.render.kernels.table_lookup import channel, clamp
 
 f32 = np.float32
@@ -54,7 +54,7 @@ def cover_between(atlas, k, columns, a, b):
 @kernel(inlined=True, allocates=False)
 def nearest_cover(atlas, board, dx, dy, dz, near):
     """The share of light that a billboard stops by its nearest texel, and its depth: as
-    `reduced_quality.billboard_pixel`, without colours."""
+    `reduced_billboard.billboard_pixel`, without colours."""
     towards = dx * board.sight_x + dy * board.sight_y
     t = board.distance / max(towards, f32(1e-4))
     v = (dz * t - board.foot) * board.per_height
@@ -68,7 +68,7 @@ def nearest_cover(atlas, board, dx, dy, dz, near):
 
 @kernel(inlined=True, disjoint=True, allocates=False)
 def cover_tile(atlas, board, nearest, camera, left, height, first, blended, tiles):
-    """As `plant_tiles.draw_tile`, without radiance; returns how many pixels still have half of their light or more."""
+    """As `tiles.draw_tile`, without radiance; returns how many pixels still have half of their light or more."""
     per_row = row_step(camera)
     still = f32(0)
     for i in range(SAMPLES):
@@ -94,9 +94,9 @@ def cover_tile(atlas, board, nearest, camera, left, height, first, blended, tile
 
 @kernel(inlined=True, disjoint=True, allocates=False)
 def cover_tile_by_twos(atlas, board, nearest, camera, left, height, first, scratch, tiles):
-    """As `cover_tile`, where a sample stands for two pixels, one below the other; see `reduced_quality.draw_tile`."""
+    """As `cover_tile`, where a sample stands for two pixels, one below the other; see `reduced_billboard.draw_tile`."""
     part, met = scratch[0], scratch[1]
-    per_row = row_step(camera) * f32(reduced_quality.ROWS)
+    per_row = row_step(camera) * f32(reduced_billboard.ROWS)
     for i in range(SAMPLES):
         sx = left + f32(i & (SIDE - 1)) * camera.column_step
         sy = height - f32(i >> SHIFT) * per_row
@@ -107,7 +107,7 @@ def cover_tile_by_twos(atlas, board, nearest, camera, left, height, first, scrat
             camera.forward_z + sy * camera.up_z, camera.near_m,
         )  # fmt: skip
     still = f32(0)
-    for below in range(reduced_quality.ROWS):
+    for below in range(reduced_billboard.ROWS):
         for i in range(SAMPLES):
             k = first + uint64(below * SAMPLES + i)
             passing = tiles.light[k]

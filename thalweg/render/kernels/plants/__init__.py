@@ -1,0 +1,1 @@
+"""Kernels that draw plants as billboards, with colours or as coverage."""

@@ -1,0 +1,1 @@
+"""Kernels that find where rays meet the ground and the water."""

@@ -5,9 +5,9 @@ names or file locations raise no version. Compiled kernels and cached worlds are
 that made them.
 """
 
-WORLD = 1
+WORLD = 2
 """Worlds that `thalweg.world.build` makes of a level and a seed, or of a line."""
-RENDER = 2
+RENDER = 3
 """Frames of a world at a pose, time and look."""
 RULES = 1
 """Motion, progress, reward, cost and termination."""

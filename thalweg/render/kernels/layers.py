@@ -6,7 +6,7 @@ from thalweg.core.jit import kernel
 from thalweg.render.kernels.plants.billboard import BLOCK
 from thalweg.render.kernels.plants.draw import draw_in_order, empty_scratch
 from thalweg.render.kernels.plants.reduced_billboard import ROWS
-from thalweg.render.kernels.plants.tiles import empty_cover, load_depths, store_cover
+from thalweg.render.kernels.plants.tiles import empty_cover, load_depths, store_tiles
 from thalweg.render.kernels.terrain.primary_hits import MISS
 from thalweg.render.records.classes import WATER
 from thalweg.render.records.view import Planes
@@ -44,7 +44,7 @@ def draw_layers(scene, view, top, reduced, only_mask, planes):
     load_depths(behind, view.camera.width, together, tiles)
     work = empty_scratch(scene, view.world, len(tiles.deepest))
     draw_in_order(scene, view, top, reduced, False, tiles, work)
-    store_cover(tiles, together, planes)
+    store_tiles(tiles, together, False, planes)
 
 
 @kernel(disjoint=True, allocates=False)

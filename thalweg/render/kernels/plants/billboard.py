@@ -222,6 +222,40 @@ def stopped(passing, cover, closed):
 
 
 @kernel(inlined=True, allocates=False)
+def meet_billboard(board, dx, dy, dz, near):
+    """Where a ray meets a billboard's upright plane, and whether that is on the billboard and behind the near plane.
+
+    Returned before that are t, u from -1 to 1 across, and v from 0 at the foot to 1 at the top.
+    """
+    towards = dx * board.sight_x + dy * board.sight_y
+    t = board.distance / max(towards, f32(1e-4))
+    v = (dz * t - board.foot) * board.per_height
+    u = (dy * board.sight_x - dx * board.sight_y) * t * board.per_half_width
+    # One condition instead of early returns, so that the loop over pixels has no branches.
+    inside = (towards > f32(1e-3)) & (t > near) & (v >= f32(0)) & (v < f32(1)) & (abs(u) < f32(1))
+    return t, u, v, inside
+
+
+@kernel(inlined=True, allocates=False)
+def texel_at(board, u, v):
+    """The texel to the lower left of a point of a billboard, and how far the point lies to its right and above it."""
+    # Column 0 of a billboard is on the camera's left, where u = 1.
+    tu = clamp((f32(1) - u) * f32(0.5) * f32(board.columns) - f32(0.5), f32(0), f32(board.columns) - f32(1.001))
+    tv = clamp(v * f32(board.rows) - f32(0.5), f32(0), f32(board.rows) - f32(1.001))
+    column = int32(tu)
+    row = int32(tv)
+    return board.begin + row * board.columns + column, tu - f32(column), tv - f32(row)
+
+
+@kernel(inlined=True, allocates=False)
+def nearest_texel(board, u, v):
+    """The texel nearest to a point of a billboard."""
+    column = int32(clamp((f32(1) - u) * f32(0.5) * f32(board.columns), f32(0), f32(board.columns) - f32(1)))
+    row = int32(clamp(v * f32(board.rows), f32(0), f32(board.rows) - f32(1)))
+    return board.begin + row * board.columns + column
+
+
+@kernel(inlined=True, allocates=False)
 def filtered(atlas, k, columns, a, b):
     """Red, green, blue and coverage (0..255) between texel k, its right neighbour and the two above them.
 
@@ -248,22 +282,9 @@ def billboard_pixel(atlas, board, dx, dy, dz, near, ground, passing, closed, ble
     that nearer plants let through; closed: of which this one stops all if it lets less than this through;
     blended: whether the neighbouring view is looked at too.
     """
-    # Where the ray meets the upright plane: v from 0 at the foot to 1 at the top, u from -1 to 1 across.
-    towards = dx * board.sight_x + dy * board.sight_y
-    t = board.distance / max(towards, f32(1e-4))
-    v = (dz * t - board.foot) * board.per_height
-    u = (dy * board.sight_x - dx * board.sight_y) * t * board.per_half_width
-    # One condition at the end instead of early returns, so that the loop over pixels has no branches.
-    inside = (towards > f32(1e-3)) & (t > near) & (t < ground)
-    inside = inside & (v >= f32(0)) & (v < f32(1)) & (abs(u) < f32(1))
-    # Column 0 of a billboard is on the camera's left, where u = 1.
-    tu = clamp((f32(1) - u) * f32(0.5) * f32(board.columns) - f32(0.5), f32(0), f32(board.columns) - f32(1.001))
-    tv = clamp(v * f32(board.rows) - f32(0.5), f32(0), f32(board.rows) - f32(1.001))
-    column = int32(tu)
-    row = int32(tv)
-    a = tu - f32(column)
-    b = tv - f32(row)
-    k = board.begin + row * board.columns + column
+    t, u, v, inside = meet_billboard(board, dx, dy, dz, near)
+    inside = inside & (t < ground)
+    k, a, b = texel_at(board, u, v)
     cr, cg, cb, cover = filtered(atlas, k, board.columns, a, b)
     if blended:
         other_r, other_g, other_b, other = filtered(

@@ -7,13 +7,24 @@ a half.
 """
 
 import numpy as np
-from numba import int32, uint32, uint64
+from numba import uint32, uint64
 
 from thalweg.core.jit import kernel
 from thalweg.render.kernels.camera_rays import row_step
 from thalweg.render.kernels.plants import reduced_billboard
-from thalweg.render.kernels.plants.billboard import SAMPLES, SHIFT, SIDE, mixed_cover, sharp_cover, stopped, texel_cover
-from thalweg.render.kernels.table_lookup import channel, clamp
+from thalweg.render.kernels.plants.billboard import (
+    SAMPLES,
+    SHIFT,
+    SIDE,
+    meet_billboard,
+    mixed_cover,
+    nearest_texel,
+    sharp_cover,
+    stopped,
+    texel_at,
+    texel_cover,
+)
+from thalweg.render.kernels.table_lookup import channel
 
 f32 = np.float32
 
@@ -22,19 +33,9 @@ f32 = np.float32
 def billboard_cover(atlas, board, dx, dy, dz, near, ground, passing, blended):
     """The share of `passing` that a billboard stops at one pixel, and its depth there: as `billboard.billboard_pixel`,
     without colours."""
-    towards = dx * board.sight_x + dy * board.sight_y
-    t = board.distance / max(towards, f32(1e-4))
-    v = (dz * t - board.foot) * board.per_height
-    u = (dy * board.sight_x - dx * board.sight_y) * t * board.per_half_width
-    inside = (towards > f32(1e-3)) & (t > near) & (t < ground)
-    inside = inside & (v >= f32(0)) & (v < f32(1)) & (abs(u) < f32(1))
-    tu = clamp((f32(1) - u) * f32(0.5) * f32(board.columns) - f32(0.5), f32(0), f32(board.columns) - f32(1.001))
-    tv = clamp(v * f32(board.rows) - f32(0.5), f32(0), f32(board.rows) - f32(1.001))
-    column = int32(tu)
-    row = int32(tv)
-    a = tu - f32(column)
-    b = tv - f32(row)
-    k = board.begin + row * board.columns + column
+    t, u, v, inside = meet_billboard(board, dx, dy, dz, near)
+    inside = inside & (t < ground)
+    k, a, b = texel_at(board, u, v)
     cover = cover_between(atlas, k, board.columns, a, b)
     if blended:
         other = cover_between(atlas, k + board.step * board.rows * board.columns, board.columns, a, b)
@@ -55,14 +56,8 @@ def cover_between(atlas, k, columns, a, b):
 def nearest_cover(atlas, board, dx, dy, dz, near):
     """The share of light that a billboard stops by its nearest texel, and its depth: as
     `reduced_billboard.billboard_pixel`, without colours."""
-    towards = dx * board.sight_x + dy * board.sight_y
-    t = board.distance / max(towards, f32(1e-4))
-    v = (dz * t - board.foot) * board.per_height
-    u = (dy * board.sight_x - dx * board.sight_y) * t * board.per_half_width
-    inside = (towards > f32(1e-3)) & (t > near) & (v >= f32(0)) & (v < f32(1)) & (abs(u) < f32(1))
-    column = int32(clamp((f32(1) - u) * f32(0.5) * f32(board.columns), f32(0), f32(board.columns) - f32(1)))
-    row = int32(clamp(v * f32(board.rows), f32(0), f32(board.rows) - f32(1)))
-    texel = atlas[uint32(board.begin + row * board.columns + column)]
+    t, u, v, inside = meet_billboard(board, dx, dy, dz, near)
+    texel = atlas[uint32(nearest_texel(board, u, v))]
     return channel(texel, 24) * f32(1 / 255.0) if inside else f32(0), t
 
 

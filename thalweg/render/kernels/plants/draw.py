@@ -207,7 +207,7 @@ def draw_plants(scene, view, top, reduced, planes):
     load_depths(planes.depth, view.camera.width, together, tiles)
     work = empty_scratch(scene, view.world, len(tiles.deepest))
     draw_in_order(scene, view, top, reduced, True, tiles, work)
-    store_tiles(tiles, together, planes)
+    store_tiles(tiles, together, True, planes)
 
 
 @kernel(disjoint=True, allocates=False)

@@ -1,11 +1,11 @@
 """Kernels that draw billboards in the reduced quality: from the nearest texel, two rows of pixels at a time."""
 
 import numpy as np
-from numba import int32, uint32, uint64
+from numba import uint32, uint64
 
 from thalweg.core.jit import kernel
 from thalweg.render.kernels.camera_rays import row_step
-from thalweg.render.kernels.plants.billboard import SAMPLES, SHIFT, SIDE, stopped
+from thalweg.render.kernels.plants.billboard import SAMPLES, SHIFT, SIDE, meet_billboard, nearest_texel, stopped
 from thalweg.render.kernels.table_lookup import channel, clamp
 
 f32 = np.float32
@@ -26,15 +26,8 @@ def billboard_pixel(atlas, board, dx, dy, dz, near):
 
     Returns red, green, blue, the share of light that it stops, and its depth.
     """
-    towards = dx * board.sight_x + dy * board.sight_y
-    t = board.distance / max(towards, f32(1e-4))
-    v = (dz * t - board.foot) * board.per_height
-    u = (dy * board.sight_x - dx * board.sight_y) * t * board.per_half_width
-    inside = (towards > f32(1e-3)) & (t > near) & (v >= f32(0)) & (v < f32(1)) & (abs(u) < f32(1))
-    # Column 0 of a billboard is on the camera's left, where u = 1.
-    column = int32(clamp((f32(1) - u) * f32(0.5) * f32(board.columns), f32(0), f32(board.columns) - f32(1)))
-    row = int32(clamp(v * f32(board.rows), f32(0), f32(board.rows) - f32(1)))
-    texel = atlas[uint32(board.begin + row * board.columns + column)]
+    t, u, v, inside = meet_billboard(board, dx, dy, dz, near)
+    texel = atlas[uint32(nearest_texel(board, u, v))]
     cr = channel(texel, 0)
     cg = channel(texel, 8)
     cb = channel(texel, 16)

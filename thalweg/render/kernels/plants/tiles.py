@@ -119,8 +119,9 @@ def load_depths(depth, width, together, tiles):
 
 
 @kernel(disjoint=True, allocates=False)
-def store_tiles(tiles, together, planes):
-    """Add the radiance of `Tiles` to `Planes` [R, W'], and replace transmittance and depth of plants where drawn."""
+def store_tiles(tiles, together, coloured, planes):
+    """Replace transmittance and depth of plants in `Planes` [R, W'] where `Tiles` were drawn into, and with `coloured`
+    add their radiance."""
     rows = planes.depth.shape[0]
     high, wide = tiles.deepest.shape
     for ty in range(high):
@@ -131,35 +132,19 @@ def store_tiles(tiles, together, planes):
                     continue
                 k = pixel_of(ty, tx, wide, together, row, 0)
                 first = uint64(tx * SIDE)
+                for column in range(SIDE):
+                    c = uint64(column)
+                    planes.transmittance[r, first + c] = tiles.light[k + c]
+                    # A depth of 0 stands for no plant.
+                    found = tiles.plant_depth[k + c]
+                    planes.plant_depth[r, first + c] = found if found > f32(0) else planes.plant_depth[r, first + c]
+                if not coloured:
+                    continue
                 for column in range(SIDE):
                     c = uint64(column)
                     planes.red[r, first + c] += tiles.red[k + c]
                     planes.green[r, first + c] += tiles.green[k + c]
                     planes.blue[r, first + c] += tiles.blue[k + c]
-                    planes.transmittance[r, first + c] = tiles.light[k + c]
-                    # A depth of 0 stands for no plant.
-                    found = tiles.plant_depth[k + c]
-                    planes.plant_depth[r, first + c] = found if found > f32(0) else planes.plant_depth[r, first + c]
-
-
-@kernel(disjoint=True, allocates=False)
-def store_cover(tiles, together, planes):
-    """As `store_tiles`, without radiance."""
-    rows = planes.depth.shape[0]
-    high, wide = tiles.deepest.shape
-    for ty in range(high):
-        for row in range(min(SIDE * together, rows - ty * SIDE * together)):
-            r = uint64(ty * SIDE * together + row)
-            for tx in range(wide):
-                if tiles.touched[ty, tx] == 0:
-                    continue
-                k = pixel_of(ty, tx, wide, together, row, 0)
-                first = uint64(tx * SIDE)
-                for column in range(SIDE):
-                    c = uint64(column)
-                    planes.transmittance[r, first + c] = tiles.light[k + c]
-                    found = tiles.plant_depth[k + c]
-                    planes.plant_depth[r, first + c] = found if found > f32(0) else planes.plant_depth[r, first + c]
 
 
 @kernel(inlined=True, allocates=False)

@@ -32,7 +32,7 @@ ALGORITHMS = {
     "CCEPETS": 1,
 }
 """Updates of each algorithm, by its name in the registry."""
-PACKAGED_ENCODER = 1
+PACKAGED_ENCODER = 2
 """The encoder file that comes with the package."""
-PACKAGED_POLICY = 1
+PACKAGED_POLICY = 2
 """The policy file that comes with the package."""

@@ -187,8 +187,11 @@ def entropies() -> str:
 
 @cache
 def _results(folder: Path) -> Results:
-    """Read a results folder once for all tables; raises `ResultsError` where a file cannot be used."""
-    results = read_results(folder)
+    """Read a results folder once for all tables, as of the versions it was made with.
+
+    Raises `ResultsError` where a file cannot be used.
+    """
+    results = read_results(folder, as_recorded=True)
     if results.skipped:
         raise ResultsError(f"{folder.name}: {'; '.join(results.skipped)}")
     return results

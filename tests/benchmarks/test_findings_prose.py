@@ -27,12 +27,12 @@ FLYING = ("PPO", "PPOLag", "FOCOPS", "P3O")
 
 @pytest.fixture(scope="module")
 def study() -> Results:
-    return read_results(BENCHMARKS / "paper")
+    return read_results(BENCHMARKS / "paper", as_recorded=True)
 
 
 @pytest.fixture(scope="module")
 def ways() -> Results:
-    return read_results(BENCHMARKS / "open")
+    return read_results(BENCHMARKS / "open", as_recorded=True)
 
 
 def flown(results: Results, policy: str, condition: str = "", level: str = "Medium") -> list[Episode]:

@@ -130,6 +130,7 @@ def test_encoded_frames_are_those_of_the_environment():
 
     class Encoder:
         device = torch.device("cpu")
+        inputs = "rgb+mask"
 
         def of_tensor(self, frames: torch.Tensor) -> torch.Tensor:
             shown.append(frames.numpy().copy())

@@ -1,5 +1,6 @@
 """Runs with other versions: shown under names of their own until they have been run again, and mixed with nothing."""
 
+import json
 import os
 import shutil
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.bench.small_backend import SUITE, SmallBackend
+from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.execute.runner import Outcome, run_suite
 from thalweg.bench.leaderboard import entries, leaderboard
 from thalweg.bench.report.comparison_tables import limit_table, pairwise_table
@@ -88,6 +90,17 @@ def test_outdated_runs_are_shown_under_names_of_their_own(folder: Path, newer_fr
     assert {f"Outdated: {name}; the suite runs it again" for name in old.values()} < set(problems(results))
     assert {"hover", *old.values()} <= set(paper_table(results).text["policy"])
     assert results.films["films/PPO-best"].words.endswith(f"Outdated: {newer_frames}.")
+
+
+def test_outdated_runs_of_one_version_can_be_read_as_recorded(folder: Path, newer_frames: str):
+    recorded = read_results(folder, as_recorded=True)
+    assert recorded.outdated == {} and not any("(" in name for name in recorded.policies)
+    assert len(recorded.episodes) == len(read_results(folder).episodes) > 0
+    versions = json.loads((folder / "versions.json").read_text())
+    versions[next(iter(versions))]["world"] = 99
+    (folder / "versions.json").write_text(json.dumps(versions))
+    with pytest.raises(ResultsError, match="holds runs of several versions: .* has world"):
+        read_results(folder, as_recorded=True)
 
 
 def test_a_training_version_trains_again_and_replaces_the_old_results(folder: Path, newer_frames: str):

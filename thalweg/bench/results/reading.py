@@ -44,8 +44,15 @@ def read_training(path: Path, row: RunRow) -> TrainingLog:
     return TrainingLog(row.algorithm, row.seed, step.astype(np.int64), return_, tight, loose, last)
 
 
-def read_results(folder: Path) -> Results:
-    """Everything readable in a results folder; raises `ResultsError` if it does not exist or holds no episodes."""
+def read_results(folder: Path, *, as_recorded: bool = False) -> Results:
+    """Everything readable in a results folder.
+
+    Policies whose runs are outdated have their versions in their names. `as_recorded` leaves them out, for a study that
+    is described as of the versions it was made with, which must then be the same for all its runs.
+
+    Raises `ResultsError` if the folder does not exist, holds no episodes, or holds runs of several versions that should
+    be read as recorded.
+    """
     if not folder.is_dir():
         raise ResultsError(f"no results folder {folder}")
     reader = _Reader(folder)
@@ -63,8 +70,12 @@ def read_results(folder: Path) -> Results:
         raise ResultsError(
             f"{folder} holds no results: no suite.json lies in it. Give a folder that `thalweg bench` wrote"
         )
-    runs, outdated = _labelled(runs, suite)
-    if (folder / OUTDATED).is_dir():
+    if as_recorded:
+        _check_one_version(folder, runs.versions)
+        outdated = {}
+    else:
+        runs, outdated = _labelled(runs, suite)
+    if not as_recorded and (folder / OUTDATED).is_dir():
         outdated_rows = reader.attempt(folder / OUTDATED / "runs.csv", lambda: read_runs(folder / OUTDATED), [])
         outdated_runs, more = _labelled(reader.runs(folder / OUTDATED, outdated_rows, conditions, unknown), suite)
         runs, outdated = _with_outdated(runs, outdated_runs, more), outdated | more
@@ -118,6 +129,17 @@ class _Runs:
         """Names of all policies."""
         episodes = (row for rows in (self.episodes, *self.by_condition.values()) for row in rows)
         return {each.algorithm for each in (*self.rows, *episodes)}
+
+
+def _check_one_version(folder: Path, versions: Mapping[str, Versions]) -> None:
+    """Raise `ResultsError` if runs of a folder have different versions of anything, or outdated ones are set aside."""
+    if (folder / OUTDATED).is_dir():
+        raise ResultsError(f"{folder} holds runs of several versions: some are set aside in {OUTDATED}")
+    found: dict[str, int | None] = {}
+    for run, recorded in versions.items():
+        for name, version in recorded.items():
+            if found.setdefault(name, version) != version:
+                raise ResultsError(f"{folder} holds runs of several versions: {run} has {name} {version}")
 
 
 def _labelled(runs: _Runs, suite: Mapping[str, Any]) -> tuple[_Runs, dict[str, OutdatedPolicy]]:

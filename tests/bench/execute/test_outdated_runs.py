@@ -99,7 +99,7 @@ def test_outdated_runs_of_one_version_can_be_read_as_recorded(folder: Path, newe
     versions = json.loads((folder / "versions.json").read_text())
     versions[next(iter(versions))]["world"] = 99
     (folder / "versions.json").write_text(json.dumps(versions))
-    with pytest.raises(ResultsError, match="holds runs of several versions: .* has world"):
+    with pytest.raises(ResultsError, match=r"holds runs of several versions: .* has world"):
         read_results(folder, as_recorded=True)
 
 

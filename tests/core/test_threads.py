@@ -133,10 +133,11 @@ env.reset(seed=0)
 for _ in range(2):
     env.step(env.action_space.sample())
 world.relit(1.0, 0.6)
-print(len(os.listdir("/proc/self/task")) - before, get_num_threads() - 1, torch.get_num_threads())
+print(len(os.listdir("/proc/self/task")) - before, get_num_threads(), torch.get_num_threads())
 """
-    started, others, threads = map(int, printed_after_rendering(before, after).split())
-    assert (started, threads) == (others, 3)
+    started, pool, threads = map(int, printed_after_rendering(before, after).split())
+    # The pool starts threads as it needs them: one fewer where the calling thread takes a share of every task.
+    assert pool - 1 <= started <= pool and threads == 3
 
 
 @pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")

@@ -14,7 +14,7 @@ from numba import cuda, float32, int32, uint8
 
 from thalweg.core.jit import kernel
 from thalweg.render.gpu.visible_plants import stored_camera
-from thalweg.render.kernels import bridges
+from thalweg.render.kernels import bridge_stone, bridges
 from thalweg.render.kernels.camera_rays import (
     HitPoints,
     Radiance,
@@ -72,9 +72,7 @@ def tracer(reduced: bool, drawn: int) -> Callable:
         depth = cuda.local.array(1, float32)
         rays = Rays(cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32))
         kind = primary_hit(scene, view, tile_r, tile_c, r, c, reduced, nearness[n], rays, depth)
-        stone_r = f32(0)
-        stone_g = f32(0)
-        stone_b = f32(0)
+        stone_r, stone_g, stone_b = f32(0), f32(0), f32(0)
         if not only_mask or kind == classes.WATER:
             kind, stone_r, stone_g, stone_b = nearest_bridge(scene, view, rays, depth, kind, coloured)
         # Threads outside the image stay alive: they still load plants and meet the barriers.
@@ -216,7 +214,9 @@ def nearest_bridge(scene, view, rays, depth, kind, coloured):
             kind = int32(classes.BRIDGE)
             if coloured:
                 slant = f32((dx * dx + dy * dy + dz * dz) ** f32(0.5))
-                red, green, blue = bridges.shade_stone(scene, view, row, hit, ray, row_step(view.camera), slant, f32(1))
+                red, green, blue = bridge_stone.shade_stone(
+                    scene, view, row, hit, ray, row_step(view.camera), slant, f32(1)
+                )
     return kind, red, green, blue
 
 

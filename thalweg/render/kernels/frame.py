@@ -10,7 +10,7 @@ import numpy as np
 from numba import int32, uint32
 
 from thalweg.core.jit import kernel
-from thalweg.render.kernels import bridges
+from thalweg.render.kernels import bridge_stone, bridges
 from thalweg.render.kernels.bridge_edges import soften_edges
 from thalweg.render.kernels.camera_rays import HitPoints, Radiance, Rays, hit_points, map_origin, row_rays, row_step
 from thalweg.render.kernels.layers import draw_layers
@@ -195,7 +195,7 @@ def meet_bridges(scene, view, top, drawn, boxes, closest, depth, kind, stone):
                     slant = math.sqrt(f32(1) + sx * sx + sy * sy)
                     stone[n, 0] = f32(r)
                     stone[n, 1] = f32(c)
-                    stone[n, 2], stone[n, 3], stone[n, 4] = bridges.shade_stone(
+                    stone[n, 2], stone[n, 3], stone[n, 4] = bridge_stone.shade_stone(
                         scene, view, row, hit, ray, per_row, slant, f32(1)
                     )
                     stone[n, 5] = hit.t

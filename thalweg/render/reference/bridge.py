@@ -2,25 +2,26 @@
 
 import numpy as np
 
-from thalweg.render.kernels import bridges
+from thalweg.render.kernels import bridge_stone, bridges
 from thalweg.world.record import PARAPET_THICKNESS_M
 
 
 def masonry(along: np.ndarray, courses: np.ndarray) -> np.ndarray:
     """Return the brightness [K] of blocks and joints."""
-    course = np.floor(courses / bridges.COURSE_M)
-    shifted = along / bridges.BLOCK_M + 0.5 * course
+    course = np.floor(courses / bridge_stone.COURSE_M)
+    shifted = along / bridge_stone.BLOCK_M + 0.5 * course
     block = np.floor(shifted)
     mask = 0xFFFFFFFF
     mixed = (block.astype(np.int64) * 374761393 + course.astype(np.int64) * 668265263) & mask
     mixed = ((mixed ^ (mixed >> 13)) * 1274126177) & mask
     tint = ((mixed >> 16) & 255) / 255
     edge = np.minimum(
-        np.minimum(shifted - block, block + 1 - shifted) * bridges.BLOCK_M,
-        np.minimum(courses / bridges.COURSE_M - course, course + 1 - courses / bridges.COURSE_M) * bridges.COURSE_M,
+        np.minimum(shifted - block, block + 1 - shifted) * bridge_stone.BLOCK_M,
+        np.minimum(courses / bridge_stone.COURSE_M - course, course + 1 - courses / bridge_stone.COURSE_M)
+        * bridge_stone.COURSE_M,
     )
-    joint = np.clip(1.4 - edge / bridges.JOINT_M, 0, 1)
-    return 1 + bridges.BLOCK_CONTRAST * (tint - 0.5) - bridges.JOINT_DEPTH * joint
+    joint = np.clip(1.4 - edge / bridge_stone.JOINT_M, 0, 1)
+    return 1 + bridge_stone.BLOCK_CONTRAST * (tint - 0.5) - bridge_stone.JOINT_DEPTH * joint
 
 
 def meet_bridge(

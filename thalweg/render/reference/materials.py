@@ -5,7 +5,7 @@ import numpy as np
 from thalweg.render.bake import clouds, impostors, ripples, sky
 from thalweg.render.bake.canopy import canopy_map
 from thalweg.render.bake.scene_tables import ground_radiance, sun_vector
-from thalweg.render.kernels import bridges
+from thalweg.render.kernels import bridge_stone
 from thalweg.render.kernels.shading import clouds as cloud_shading
 from thalweg.render.kernels.shading import ground, mirror, water, water_optics
 from thalweg.render.records import appearance, layout
@@ -213,7 +213,7 @@ class Materials:
         )
         facing = np.maximum(world_normal @ self.sun, 0)
         under = (normal[:, 1] == 0) & (normal[:, 2] < 0.5) & (np.abs(local[:, 0]) < span + 0.02)
-        open_sky = np.where(under, bridges.SKY_UNDER, 0.55 + 0.45 * np.maximum(normal[:, 2], 0))
+        open_sky = np.where(under, bridge_stone.SKY_UNDER, 0.55 + 0.45 * np.maximum(normal[:, 2], 0))
         direct = np.where(under, 0.0, facing)
         height = local[:, 2] - spring
         along = np.where(np.abs(normal[:, 0]) < 0.7, local[:, 0], local[:, 1])
@@ -223,9 +223,9 @@ class Materials:
         tone_ = reference_bridge.masonry(along, courses) * np.where(on_ring, 1.18, 1.0)
         tone_ *= 0.55 + 0.45 * np.clip(height * 0.9 + 0.1, 0, 1)
         light = (
-            direct[:, None] * layout.SUN_RADIANCE + open_sky[:, None] * layout.SKY_RADIANCE + bridges.BOUNCE
+            direct[:, None] * layout.SUN_RADIANCE + open_sky[:, None] * layout.SKY_RADIANCE + bridge_stone.BOUNCE
         )  # fmt: skip
-        return np.array(bridges.STONE) * tone_[:, None] * light
+        return np.array(bridge_stone.STONE) * tone_[:, None] * light
 
 
 def bilinear(table_2d: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:

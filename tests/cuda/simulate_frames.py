@@ -1,34 +1,39 @@
-"""Renders the cases in the CUDA simulator, and stores them: `python -m tests.cuda.simulate_frames FILE QUALITY`."""
+"""Renders the cases in the CUDA simulator: `python -m tests.cuda.simulate_frames FILE SCENE QUALITY`.
+
+The frames go to FILE. SCENE holds the tables of the worlds, which compiled kernels have baked.
+"""
 
 import sys
 
 import numpy as np
 
 from tests.cuda import cases, simulated
-from thalweg.render import Renderer
-from thalweg.render.bake.scene_tables import build_scene
+from thalweg.render import Renderer, renderer
 from thalweg.render.gpu.gpu_renderer import GpuRenderer
 from thalweg.render.records.appearance import look_rows, look_values
+from thalweg.render.records.scene import Scene
 from thalweg.render.records.view import FrameSettings, Views
 
 
-def main(path: str, quality: str) -> None:
+def main(path: str, scene_path: str, quality: str) -> None:
     simulated.begin()
     count, side = len(cases.POSES), cases.SIDE
-    scene = build_scene(cases.worlds())
+    with np.load(scene_path) as tables:
+        scene = Scene(**tables)
+    renderer.build_scene = lambda worlds: scene
     looks = look_rows(look_values(cases.LOOKS, count), cases.CAMERA)
     settings = FrameSettings(side, side, np.float32(cases.CAMERA.near_m), quality == "fast")
-    renderer = GpuRenderer(scene, settings, simulated.DEVICE)
-    renderer.cameras = cases.A_PASS
+    on_device = GpuRenderer(scene, settings, simulated.DEVICE)
+    on_device.cameras = cases.A_PASS
     views = Views(cases.WORLD_INDEX, cases.POSES, cases.TIMES, looks)
     shape = count, side, side
     images = np.zeros(shape, np.uint32)
     layers = np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
-    renderer.draw(views, images, layers)
+    on_device.draw(views, images, layers)
     alone = np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
-    renderer.draw(views, None, alone)
+    on_device.draw(views, None, alone)
     masks = np.zeros(shape, np.uint8)
-    renderer.draw(views, masks=masks)
+    on_device.draw(views, masks=masks)
     found = {"images": images, "depth": layers[0], "kind": layers[1], "mask": layers[2]}
     found |= {"alone_depth": alone[0], "alone_kind": alone[1], "alone_mask": alone[2], "only_mask": masks}
     if quality == "fast":  # which takes a simulator less time

@@ -51,8 +51,9 @@ PLANES = types.NamedTuple((SPACE, KINDS, SPACE, SPACE, SPACE, SPACE, SPACE), Pla
 RADIANCE = types.NamedUniTuple(SPACE, 3, Radiance)
 TABLES: dict[str, Any] = {
     "extents": types.int64[:, ::1], "constants": PLANE, "plants": PLANE, "bridges": PLANE, "shade": PLANE,
-    "autumn": PLANE, "atlas_level": types.int64[::1], "paint": UINT[::1], "canopy": UINT[::1],
-    "canopy_paint": UINT[::1], "sky": UINT[::1], "ripples": UINT[::1], "atlas": UINT[::1],
+    "outlines": PLANE, "chunks": PLANE, "autumn": PLANE, "atlas_level": types.int64[::1], "paint": UINT[::1],
+    "canopy": UINT[::1], "canopy_paint": UINT[::1], "sky": UINT[::1], "clouds": UINT[::1], "ripples": UINT[::1],
+    "atlas": UINT[::1],
 }  # fmt: skip
 SCENE = types.NamedTuple([TABLES.get(name, LINE) for name in Scene._fields], Scene)
 

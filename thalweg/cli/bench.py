@@ -25,8 +25,7 @@ class Bench:
     cpus: int | None = None
     """Processors and threads of each run on a cluster; by default 1."""
     only: tuple[str, ...] = ()
-    """Policies (FOCOPS, FOCOPS-paper, hover, packaged), each with all its seeds, or single runs (FOCOPS-0), to run now,
-    such as --only FOCOPS PPO-0; all by default."""
+    """Policies (FOCOPS, hover), with all their seeds, or runs (PPO-0), such as --only FOCOPS PPO-0; all by default."""
 
     def run(self) -> int:
         return run_and_print(self.suite, self.out, self.only, executor_for(self.jobs, self.cluster, self.cpus))

@@ -367,9 +367,7 @@ def test_the_help_says_what_may_be_done_alone_and_its_examples_can_be(
     with pytest.raises(SystemExit):
         main(["bench", "--help"])
     said = " ".join(capsys.readouterr().out.replace("│", " ").split())
-    assert (
-        "Policies (FOCOPS, FOCOPS-paper, hover, packaged), each with all its seeds, or single runs (FOCOPS-0)" in said
-    )
+    assert "Policies (FOCOPS, hover), with all their seeds, or runs (PPO-0)" in said
     assert "such as --only FOCOPS PPO-0" in said
     for name in ("FOCOPS", "FOCOPS-paper", "hover", "packaged"):
         assert {run.algorithm for run in selected_runs(SUITES["paper"], (name,))} == {name}

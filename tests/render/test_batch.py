@@ -8,7 +8,7 @@ from tests.render.plain import plane, plants_at
 from thalweg.core.threads import get_num_threads, set_num_threads
 from thalweg.render import Camera, Frame, Renderer
 from thalweg.render.batch import bands_of
-from thalweg.render.kernels.frame import ROWS_TOGETHER
+from thalweg.render.kernels.shading.background import ROWS_TOGETHER
 from thalweg.render.records.classes import BRIDGE, GROUND, PLANT, SKY, WATER
 
 

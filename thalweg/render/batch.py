@@ -10,8 +10,9 @@ import numpy as np
 from thalweg.core.jit import kernel
 from thalweg.core.threads import run_in_threads
 from thalweg.render.kernels.camera_rays import pose_camera
-from thalweg.render.kernels.frame import ROWS_TOGETHER, draw_rows, empty_planes, finish_frame
+from thalweg.render.kernels.frame import draw_rows, empty_planes, finish_frame
 from thalweg.render.kernels.layers import colourless_planes
+from thalweg.render.kernels.shading.background import ROWS_TOGETHER
 from thalweg.render.records.scene import Scene
 from thalweg.render.records.view import COLOURS, FrameSettings, Output, Planes, View, Views
 
@@ -57,6 +58,7 @@ def planes_of(planes, n):
         planes.blue[n],
         planes.transmittance[n],
         planes.plant_depth[n],
+        planes.water[n],
     )
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from thalweg.bench.speed import frame_profile
 from thalweg.bench.speed import measure as speed
-from thalweg.bench.speed.frame_profile import REFLECTION, STAGES, draw_and_mark
+from thalweg.bench.speed.frame_profile import REFLECTION, STAGES, draw_and_time
 from thalweg.bench.speed.measure import Plan, rates
-from thalweg.bench.speed.stage_marks import MARKS
+from thalweg.bench.speed.stage_marks import EDGES, PARTS
 from thalweg.encoder import VAE, Encoder, VAEConfig
 from thalweg.env import sample_starts
 from thalweg.render import Camera, Renderer
@@ -89,28 +89,31 @@ def test_masks_are_measured_with_an_encoder_of_masks():
 
 @pytest.mark.slow
 def test_the_stages_together_draw_the_frame(easy_world):
-    """The kernel that times the stages draws what the renderer draws, and its marks follow one another."""
+    """The kernel that times the stages draws what the renderer draws, and its stages are most of a frame."""
     renderer = Renderer([easy_world], Camera(32, 48))
     poses = sample_starts(easy_world, 3, 3)
-    images, marks = draw_and_mark(renderer, poses)
+    images, spent = draw_and_time(renderer, poses)
     frames = renderer.render(poses)
     apart = np.abs(images.view(np.uint8).reshape(frames.shape).astype(int) - frames)
     assert apart.max() <= 1  # kernels compiled into another may round a last bit otherwise
     assert (apart == 0).mean() > 0.999
-    assert (np.diff(marks.ravel()) >= 0).all() and (marks[:, -1] > marks[:, 0]).all()
+    assert (np.delete(spent, EDGES, axis=1) > 0).all()  # there is no bridge here whose edges could be softened
+    assert (spent[:, :-1].sum(1) <= spent[:, -1]).all() and (spent[:, :-1].sum(1) > 0.5 * spent[:, -1]).all()
 
 
 @pytest.mark.slow
 def test_the_stages_and_the_rest_add_up_to_the_frame_of_the_renderer(easy_world, monkeypatch: pytest.MonkeyPatch):
     clock = {"whole": 0.008, "ours": 0.006}
-    marks = np.arange(2 * MARKS).reshape(2, MARKS)  # one tick between any two marks: 12 a frame, 25 in all
+    spent = np.ones((2, len(PARTS) + 1), np.int64)
+    spent[:, 2] = 3
+    spent[:, -1] = 12  # a tick for each stage, but three for the plants; one belongs to none
     now = iter(np.cumsum([0, clock["whole"], 0, clock["ours"]] * 3))
     monkeypatch.setattr(frame_profile.time, "perf_counter", lambda: next(now))
-    monkeypatch.setattr(frame_profile, "draw_and_mark", lambda *_: (None, marks))
+    monkeypatch.setattr(frame_profile, "draw_and_time", lambda *_: (None, spent))
     monkeypatch.setattr(frame_profile, "_median_ms", lambda *_: 0.5)
     times = frame_profile.profile_frame(easy_world, Camera(16, 16), views=2, repeats=2)
-    assert times["plants"] == pytest.approx([6 / 25] * 2)
-    assert times["bridges"] == pytest.approx([12 / 25] * 2)
+    assert times["plants"] == pytest.approx([6 * 3 / 24] * 2)
+    assert times["bridges"] == pytest.approx([6 / 24] * 2)
     total = sum(np.array(times[name]) for name in STAGES if name != REFLECTION)
     assert total == pytest.approx([4.0, 4.0])  # 8 ms for two frames
 

@@ -10,14 +10,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from thalweg.bench.speed.stage_marks import INTERVALS, MARKS, time_frames
+from thalweg.bench.speed.stage_marks import PARTS, time_frames
 from thalweg.core.threads import get_num_threads, set_num_threads
 from thalweg.env import sample_starts
 from thalweg.render import Camera, Renderer
 from thalweg.render.kernels import frame
-from thalweg.render.kernels.camera_rays import HitPoints, Origin, Radiance, Rays, hit_points, pose_camera, row_rays
+from thalweg.render.kernels.camera_rays import HitPoints, Origin, Radiance, hit_points, pose_camera
 from thalweg.render.kernels.plants.draw import draw_plants
-from thalweg.render.kernels.shading import mirror, water
+from thalweg.render.kernels.shading import background, mirror, water
 from thalweg.render.kernels.terrain.primary_hits import find_primary_hits
 from thalweg.render.records import classes, layout
 from thalweg.render.records.appearance import look_rows, look_values
@@ -27,7 +27,7 @@ from thalweg.world import World
 f32 = np.float32
 REFLECTION = "shading: water, its reflection"
 REST = "rest"
-STAGES = (*INTERVALS, REFLECTION, REST)
+STAGES = (*PARTS, REFLECTION, REST)
 """Parts of a frame, of which the reflection is one of the shading of water; the others add up to the whole."""
 
 
@@ -44,31 +44,27 @@ class Reflection:
         *numbers, height, width = pose_camera(pose, look, settings)
         self.view = View(0, look, PosedCamera._make((*(f32(number) for number in numbers), height, width)), f32(0))
         self.planes = Planes(*frame.empty_planes(camera.height_px, camera.width_px))
-        find_primary_hits(self.scene, self.view, 0, False, self.planes.depth, self.planes.kind)
+        find_primary_hits(self.scene, self.view, 0, False, self.planes.depth, self.planes.kind, self.planes.water)
         frame.draw_bridges(self.scene, self.view, 0, COLOURS, self.planes.depth, self.planes.kind)
         draw_plants(self.scene, self.view, 0, False, self.planes)
 
     def march(self) -> Callable[[], None]:
         """Return the march of the reflected rays of all lit water pixels as a call, with its inputs computed."""
         scene, view, planes = self.scene, self.view, self.planes
-        height, wide = planes.depth.shape
         inv_cell = scene.constants[0, layout.INV_CELL]
-        rays = Rays(*np.empty((3, height, wide), f32))
-        for r in range(height):
-            row_rays(view.camera, r, 0, inv_cell, Rays(*(axis[r] for axis in rays)), wide)
-        chosen = np.flatnonzero((planes.kind == classes.WATER) & (planes.transmittance > frame.SEEN)).astype(np.int32)
-        count = len(chosen)
+        rows, columns = np.nonzero((planes.kind == classes.WATER) & (planes.transmittance > background.SEEN))
+        places = (rows << 16 | columns).astype(np.int32)
+        count = len(places)
         size = max(count, 1)
         points = HitPoints(*np.empty((7, size), f32))
-        flat = Rays(*(axis.ravel() for axis in rays))
         origin = Origin(
             (view.camera.x - scene.constants[0, layout.ORIGIN_X]) * inv_cell,
             (view.camera.y - scene.constants[0, layout.ORIGIN_Y]) * inv_cell,
             view.camera.z,
         )
-        hit_points(origin, inv_cell, flat, planes.depth.ravel(), chosen, points, count)
+        hit_points(view.camera, origin, inv_cell, 0, places, planes.depth[rows, columns], points, count)
         surface, mirrored = water.Surface(*np.empty((7, size), f32)), mirror.Mirrored(*np.empty((4, size), f32))
-        pixel = f32(2) * view.camera.half_h / f32(height)
+        pixel = f32(2) * view.camera.half_h / f32(view.camera.height)
         water.ripple_surface(scene, view, points, pixel, surface, count)
         scratch = Radiance(*np.empty((3, size), f32))
         return lambda: mirror.mirror_canopy(scene, view, points, pixel, surface, mirrored, scratch, count)
@@ -87,24 +83,26 @@ def profile_frame(world: World, camera: Camera, views: int, repeats: int) -> dic
         runs = [_run(renderer, poses) for _ in range(repeats + 1)][1:]
     finally:
         set_num_threads(threads)
-    times_ms = {name: np.median([run[name] for run in runs], axis=0) for name in (*INTERVALS, "drawn", "whole")}
-    # What a frame takes beside its stages: in the kernel of this module by view, and beyond it in the mean.
-    inside = times_ms["drawn"] - sum(times_ms[name] for name in INTERVALS)
+    times_ms = {name: np.median([run[name] for run in runs], axis=0) for name in (*PARTS, "drawn", "whole")}
+    # What a frame takes beside its stages: in the kernel with a clock by view, and beyond it in the mean.
+    inside = times_ms["drawn"] - sum(times_ms[name] for name in PARTS)
     rest = inside + np.mean(times_ms["whole"]) - np.mean(times_ms["drawn"])
     reflections = [_median_ms(Reflection(renderer, pose).march(), repeats) for pose in poses]
-    stages = {name: times_ms[name].tolist() for name in INTERVALS}
+    stages = {name: times_ms[name].tolist() for name in PARTS}
     return {**stages, REFLECTION: reflections, REST: rest.tolist()}
 
 
-def draw_and_mark(renderer: Renderer, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return frames [N, H, W] uint32 of poses [N, 4], as `Renderer.render` draws them, and their marks [N, MARKS]."""
+def draw_and_time(renderer: Renderer, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return frames [N, H, W] uint32 of poses [N, 4], as `Renderer.render` draws them, and the ticks [N, PARTS + 1]
+    of `time_frames`."""
     camera, count = renderer.camera, len(poses)
     settings = FrameSettings(camera.height_px, camera.width_px, f32(camera.near_m), False)
     looks = look_rows(look_values(None, count), camera)
     views = Views(np.zeros(count, np.int64), np.ascontiguousarray(poses, np.float64), np.zeros(count), looks)
-    images, marks = np.zeros((count, camera.height_px, camera.width_px), np.uint32), np.zeros((count, MARKS), np.int64)
-    time_frames(renderer.scene, views, settings, images, marks)
-    return images, marks
+    images = np.zeros((count, camera.height_px, camera.width_px), np.uint32)
+    spent = np.zeros((count, len(PARTS) + 1), np.int64)
+    time_frames(renderer.scene, views, settings, images, spent)
+    return images, spent
 
 
 def _run(renderer: Renderer, poses: np.ndarray) -> dict[str, np.ndarray]:
@@ -113,17 +111,10 @@ def _run(renderer: Renderer, poses: np.ndarray) -> dict[str, np.ndarray]:
     renderer.render(poses)
     whole = (time.perf_counter() - start) / len(poses)
     start = time.perf_counter()
-    _, marks = draw_and_mark(renderer, poses)
-    # The clock's unit follows from its whole span, beside which the call is short.
-    tick_ms = 1e3 * (time.perf_counter() - start) / (marks[-1, -1] - marks[0, 0])
-    spent = {
-        name: tick_ms * sum(marks[:, last] - marks[:, first] for first, last in intervals)
-        for name, intervals in INTERVALS.items()
-    }
-    # Classes are separated only here.
-    separated = sum(marks[:, 4 + 2 * what] - marks[:, 3 + 2 * what] for what in range(3))
-    drawn = tick_ms * (marks[:, -1] - marks[:, 0] - separated)
-    return spent | {"drawn": drawn, "whole": np.full(len(poses), 1e3 * whole)}
+    _, spent = draw_and_time(renderer, poses)
+    # The clock's unit follows from the whole call, of which frames are nearly all.
+    times_ms = 1e3 * (time.perf_counter() - start) / spent[:, -1].sum() * spent.T
+    return dict(zip((*PARTS, "drawn"), times_ms, strict=True)) | {"whole": np.full(len(poses), 1e3 * whole)}
 
 
 def _median_ms(call: Callable[[], object], repeats: int) -> float:

@@ -1,6 +1,6 @@
-"""The kernel that draws frames with marks of the clock between their stages.
+"""The kernel that draws frames and reads the clock between their stages.
 
-It is compiled for `thalweg speed --stages` alone. The renderer's kernel has no marks.
+It is compiled for `thalweg speed --stages` alone. The renderer's kernel reads no clock.
 """
 
 import platform
@@ -16,25 +16,25 @@ from thalweg.render.kernels import frame
 from thalweg.render.kernels.bridge_edges import soften_edges
 from thalweg.render.kernels.camera_rays import Radiance, pose_camera
 from thalweg.render.kernels.plants.draw import draw_plants
-from thalweg.render.kernels.shading import tone
+from thalweg.render.kernels.shading import background, tone
 from thalweg.render.kernels.terrain.primary_hits import find_primary_hits
-from thalweg.render.records.classes import BRIDGE
-from thalweg.render.records.view import COLOURS, Planes, View
+from thalweg.render.records.view import COLOURS, View
 
 f32 = np.float32
-INTERVALS = {
-    "ground": [(0, 1)],
-    # Their stone is added to the image after the plants and the shading.
-    "bridges": [(1, 2), (9, 10)],
-    "plants": [(2, 3)],
-    "shading: sky": [(4, 5)],
-    "shading: ground": [(8, 9)],
-    "shading: water": [(6, 7)],
-    "edges of bridges": [(10, 11)],
-    "tone": [(11, 12)],
-}
-"""Marks of `time_stages` between which each stage lies."""
-MARKS = 13
+PARTS = (
+    "ground",
+    "bridges",
+    "plants",
+    "shading: gathering",
+    "shading: sky",
+    "shading: water",
+    "shading: ground",
+    "edges of bridges",
+    "tone",
+)
+"""Stages of a frame in the order of `time_stages`."""
+GATHERING, SKY, EDGES, TONE = 3, 4, 7, 8
+"""Numbers of some of them; water and ground follow the sky."""
 COUNTER = "llvm.readcyclecounter" if platform.machine() in ("x86_64", "AMD64") else "llvm.readsteadycounter"
 """LLVM's clock that a program may read on this processor."""
 
@@ -54,50 +54,60 @@ ticks: Any = intrinsic(_ticks)
 
 
 @kernel
-def time_frames(scene, views, settings, images, marks):
-    """Draw N frames into images [N, H, W] uint32, and fill marks [N, MARKS] with the clock between their stages."""
-    for n in range(len(marks)):
+def time_frames(scene, views, settings, images, spent):
+    """Draw N frames into images [N, H, W] uint32, and fill spent [N, PARTS + 1] with the ticks of the clock in each
+    stage, and last with those of the whole frame."""
+    for n in range(len(spent)):
         look = views.looks[n]
         camera = pose_camera(views.poses[n], look, settings)
         view = View(views.world_index[n], look, camera, f32(views.times[n]))
+        start = ticks()
         planes = frame.empty_planes(settings.height, settings.width)
-        time_stages(scene, view, settings, planes, np.empty_like(planes.kind), images[n], marks[n])
+        time_stages(scene, view, settings, planes, images[n], spent[n])
+        spent[n, len(PARTS)] = ticks() - start
 
 
 @kernel
-def time_stages(scene, view, settings, planes, shown, image, marks):
-    """Draw one frame of full quality as `frame.draw_rows` and `frame.finish_frame` do, with marks [MARKS] of the clock.
-
-    shown: scratch like `planes.kind`, in which one class at a time is shaded.
-    """
-    marks[0] = ticks()
-    find_primary_hits(scene, view, 0, False, planes.depth, planes.kind)
-    marks[1] = ticks()
+def time_stages(scene, view, settings, planes, image, spent):
+    """Draw one frame of full quality as `frame.draw_rows` and `frame.finish_frame` do, and fill spent [PARTS]."""
+    wide = planes.depth.shape[1]
+    t0 = ticks()
+    find_primary_hits(scene, view, 0, False, planes.depth, planes.kind, planes.water)
+    t1 = ticks()
     stone = frame.draw_bridges(scene, view, 0, COLOURS, planes.depth, planes.kind)
-    marks[2] = ticks()
+    t2 = ticks()
     draw_plants(scene, view, 0, False, planes)
-    marks[3] = ticks()
-    one_class = Planes(
-        planes.depth, shown, planes.red, planes.green, planes.blue, planes.transmittance, planes.plant_depth
-    )  # fmt: skip
-    for what in range(3):
-        keep_class(planes.kind, what, shown)
-        marks[4 + 2 * what] = ticks()
-        frame.shade(scene, view, 0, False, one_class)
-        marks[5 + 2 * what] = ticks()
+    t3 = ticks()
+    spent[0] = t1 - t0
+    spent[2] = t3 - t2
+    time_shading(scene, view, background.flattened(planes), wide, background.empty_gathered(wide), spent)
+    t4 = ticks()
     frame.add_stone(stone, planes)
-    marks[10] = ticks()
+    t5 = ticks()
+    # Their stone is added to the image after the plants and the shading.
+    spent[1] = t2 - t1 + t5 - t4
     soften_edges(scene, view, frame.rows_of(planes, 0, settings.height))
-    marks[11] = ticks()
+    t6 = ticks()
     frame.mask_water(planes.kind, planes.transmittance)
     radiance = Radiance(planes.red, planes.green, planes.blue)
     tone.write_image(radiance, planes.kind, view.look, frame.noise_key(view), image)
-    marks[12] = ticks()
+    spent[EDGES] = t6 - t5
+    spent[TONE] = ticks() - t6
 
 
-@kernel(disjoint=True, allocates=False)
-def keep_class(kind, what, shown):
-    """Fill `shown` with kind [H', W'], with all classes but one replaced by that of bridges, which is not shaded."""
-    for r in range(kind.shape[0]):
-        for c in range(kind.shape[1]):
-            shown[r, c] = kind[r, c] if kind[r, c] == what else np.uint8(BRIDGE)
+@kernel(allocates=False)
+def time_shading(scene, view, planes, wide, gathered, spent):
+    """Shade as `background.shade_bands` does, and fill the stages of spent [PARTS] from `GATHERING` to the ground's."""
+    for part in range(GATHERING, EDGES):
+        spent[part] = 0
+    for first in range(0, len(planes.depth), background.ROWS_TOGETHER * wide):
+        band = background.band_of(planes, first, wide)
+        row = first // wide
+        before = ticks()
+        counts = background.gather(scene, view, row, False, band, wide, gathered)
+        for what in range(background.KINDS):
+            after = ticks()
+            spent[GATHERING if what == 0 else SKY + what - 1] += after - before
+            before = after
+            background.shade_kind(scene, view, row, False, what, counts[what], band, wide, gathered)
+        spent[SKY + background.KINDS - 1] += ticks() - before

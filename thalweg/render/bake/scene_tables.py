@@ -99,7 +99,7 @@ class TableWriter:
 
 def build_scene(worlds: Sequence[World]) -> Scene:
     """Return the tables of the worlds, in the same order."""
-    extents = np.zeros((len(worlds), EXTENT_COLUMNS), np.int64)
+    extents = np.zeros((len(worlds), EXTENT_COLUMNS), np.int32)
     constants = np.zeros((len(worlds), CONSTANT_COLUMNS), np.float32)
     tables = TableWriter()
     atlases: dict[int, tuple[int, int]] = {}

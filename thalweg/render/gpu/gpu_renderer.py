@@ -161,6 +161,8 @@ class GpuRenderer:
         }
         shapes |= dict.fromkeys(Planes._fields, ((cameras, height, width), np.float32))
         shapes["kind"] = (cameras, height, width), np.uint8
+        # A thread keeps the water of its pixel to itself.
+        shapes["water"] = (cameras, 1, 1), np.float32
         self._scratch = {name: gpu.empty(shape, kind, self.device) for name, (shape, kind) in shapes.items()}
         self._capacity = cameras
 

@@ -21,15 +21,16 @@ from thalweg.render.kernels.camera_rays import (
     Rays,
     hit_points,
     map_origin,
+    place_of,
     row_rays,
     row_step,
     square_rays,
 )
-from thalweg.render.kernels.frame import SEEN, covered_share
 from thalweg.render.kernels.plants import billboard, reduced_billboard
 from thalweg.render.kernels.plants.billboard import Billboard, make_billboard, nearest_depth
 from thalweg.render.kernels.shading import ground, mirror, reduced_quality, sky, water
-from thalweg.render.kernels.shading.shore import water_shares
+from thalweg.render.kernels.shading.background import SEEN
+from thalweg.render.kernels.shading.shore import covered_share, water_shares
 from thalweg.render.kernels.terrain import azimuth_planes, heightfield_march
 from thalweg.render.kernels.terrain.heightfield_march import SQUARE, TILE, TangentPlanes, Track
 from thalweg.render.kernels.terrain.primary_hits import MISS
@@ -90,7 +91,7 @@ def tracer(reduced: bool, drawn: int) -> Callable:
                 out.green[0] = stone_g
                 out.blue[0] = stone_b
             else:
-                shade_background(scene, view, kind, reduced, rays, depth, out)
+                shade_background(scene, view, kind, reduced, r, c, depth, out)
             red += light * out.red[0]
             green += light * out.green[0]
             blue += light * out.blue[0]
@@ -331,19 +332,18 @@ def touches_tile(boxes, n, k, tile_r, tile_c):
 
 
 @kernel(inlined=True)
-def shade_background(scene, view, kind, reduced, rays, depth, out):
-    """Fill `Radiance` [1] with that of sky, water or ground, haze included."""
+def shade_background(scene, view, kind, reduced, r, c, depth, out):
+    """Fill `Radiance` [1] with that of sky, water or ground at pixel (r, c), haze included."""
     inv_cell = scene.constants[view.world, layout.INV_CELL]
     pixel = row_step(view.camera)
-    # The span has one ray, whose index is 0.
-    first = cuda.local.array(1, int32)
-    first[0] = 0
+    place = cuda.local.array(1, int32)
+    place[0] = place_of(int32(0), int32(c))
     points = HitPoints(
         cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32),
         cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32),
         cuda.local.array(1, float32),
     )  # fmt: skip
-    hit_points(map_origin(scene, view), inv_cell, rays, depth, first, points, 1)
+    hit_points(view.camera, map_origin(scene, view), inv_cell, r, place, depth, points, 1)
     if kind == classes.SKY:
         if reduced:
             reduced_quality.shade_sky(scene, view, points, out, 1)
@@ -356,7 +356,7 @@ def shade_background(scene, view, kind, reduced, rays, depth, out):
         share = cuda.local.array(1, float32)
         kinds = cuda.local.array(1, uint8)
         kinds[0] = kind
-        water_shares(scene, view, map_origin(scene, view), rays, depth, kinds, share, 1)
+        water_shares(scene, view, map_origin(scene, view), r, place, depth, kinds, share, 1)
         wet = covered_share(classes.WATER, share[0])
     # A pixel on the shore is the mean of water and ground.
     red = f32(0)

@@ -4,7 +4,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import uint32
+from numba import int32
 
 from thalweg.core.jit import kernel
 from thalweg.render.records import layout
@@ -92,17 +92,39 @@ def map_origin(scene, view):
     )
 
 
+@kernel(inlined=True, allocates=False)
+def ray_through(camera, row, column):
+    """Return the ray through the centre of a pixel, in metres per metre along the optical axis: x, y, z."""
+    # Not normalised: one unit of t is one metre of depth, which planes and layers store.
+    sy = camera.half_h - (f32(row) + f32(0.5)) * row_step(camera)
+    sx = (f32(column) + f32(0.5)) * camera.column_step - camera.half_w
+    return (
+        camera.forward_x + sy * camera.up_x + sx * camera.right_x,
+        camera.forward_y + sy * camera.up_y + sx * camera.right_y,
+        camera.forward_z + sy * camera.up_z,
+    )
+
+
+@kernel(inlined=True, allocates=False)
+def place_of(row, column):
+    """Return the place of a pixel as one number: its row above 16 bits for its column, both int32."""
+    return int32((row << int32(16)) | column)
+
+
+@kernel(inlined=True, allocates=False)
+def ray_at(camera, first, place):
+    """Return `ray_through` of the pixel at a place whose row is counted from `first` on."""
+    return ray_through(camera, int32(first) + (place >> int32(16)), place & int32(0xFFFF))
+
+
 @kernel(disjoint=True, allocates=False)
 def row_rays(camera, row, first, inv_cell, rays, n):
     """Fill rays [n] with those through the centres of the pixels of a row, from column `first` on."""
     dx, dy, dz = rays
-    sy = camera.half_h - (f32(row) + f32(0.5)) * row_step(camera)
     for c in range(n):
-        sx = (f32(first + c) + f32(0.5)) * camera.column_step - camera.half_w
-        # Not normalised: one unit of t is one metre of depth, which planes and layers store.
-        dx[c] = (camera.forward_x + sy * camera.up_x + sx * camera.right_x) * inv_cell
-        dy[c] = (camera.forward_y + sy * camera.up_y + sx * camera.right_y) * inv_cell
-        dz[c] = camera.forward_z + sy * camera.up_z
+        x, y, dz[c] = ray_through(camera, row, first + c)
+        dx[c] = x * inv_cell
+        dy[c] = y * inv_cell
 
 
 @kernel(disjoint=True, allocates=False)
@@ -122,24 +144,21 @@ def square_rays(camera, row, size, inv_cell, rays, first, n):
 
 
 @kernel(disjoint=True, allocates=False)
-def hit_points(origin, inv_cell, rays, depth, chosen, points, n):
-    """Fill `HitPoints` [n] for the pixels chosen[:n] of a row, whose depths [W'] are along the optical axis."""
-    ray_x, ray_y, ray_z = rays
+def hit_points(camera, origin, inv_cell, row, places, depth, points, n):
+    """Fill `HitPoints` [n] for the pixels at `places` [n] int32, whose depths [n] are along the optical axis.
+
+    Their rows are counted from a row of the image on.
+    """
     x, y, z, dx, dy, dz, distance = points
-    cell = f32(1) / inv_cell
     for k in range(n):
-        # The chosen pixels are gathered into dense arrays, so that shading vectorises.
-        c = uint32(chosen[k])
-        vx = ray_x[c]
-        vy = ray_y[c]
-        vz = ray_z[c]
-        t = depth[c]
+        vx, vy, vz = ray_at(camera, row, places[k])
+        t = depth[k]
         # Depths count along the axis: the ray itself is longer by this factor.
-        slant = math.sqrt((vx * vx + vy * vy) * cell * cell + vz * vz)
-        x[k] = origin.x + vx * t
-        y[k] = origin.y + vy * t
+        slant = math.sqrt(vx * vx + vy * vy + vz * vz)
+        x[k] = origin.x + vx * inv_cell * t
+        y[k] = origin.y + vy * inv_cell * t
         z[k] = origin.z + vz * t
-        dx[k] = vx * cell / slant
-        dy[k] = vy * cell / slant
+        dx[k] = vx / slant
+        dy[k] = vy / slant
         dz[k] = vz / slant
         distance[k] = t * slant

@@ -12,26 +12,18 @@ from numba import int32, uint32
 from thalweg.core.jit import kernel
 from thalweg.render.kernels import bridge_stone, bridges
 from thalweg.render.kernels.bridge_edges import soften_edges
-from thalweg.render.kernels.camera_rays import HitPoints, Radiance, Rays, hit_points, map_origin, row_rays, row_step
+from thalweg.render.kernels.camera_rays import Radiance, row_step
 from thalweg.render.kernels.layers import draw_layers
 from thalweg.render.kernels.plants.billboard import BLOCK
 from thalweg.render.kernels.plants.draw import draw_plants
-from thalweg.render.kernels.shading import ground, reduced_quality, sky, tone, water
-from thalweg.render.kernels.shading.shore import water_shares
-from thalweg.render.kernels.terrain.heightfield_march import TILE
+from thalweg.render.kernels.shading import tone
+from thalweg.render.kernels.shading.background import shade
 from thalweg.render.kernels.terrain.primary_hits import MISS, find_primary_hits
 from thalweg.render.records import layout
-from thalweg.render.records.classes import BRIDGE, GROUND, PLANT, SKY, WATER
+from thalweg.render.records.classes import BRIDGE, PLANT, WATER
 from thalweg.render.records.view import COLOURS, MASK, Planes
 
 f32 = np.float32
-
-SEEN = 0.004
-"""Pixels whose plants let through less than this are not shaded."""
-SHORE = 0.02
-"""Least share of a pixel on the shore that is shaded by itself."""
-ROWS_TOGETHER = TILE
-"""Bands of rows begin at multiples of this, the height of a tile of rays; rows drawn by twos divide it."""
 
 
 @kernel
@@ -52,6 +44,7 @@ def empty_planes(height, width):
         # All light passes until plants stop it; without a plant its depth is that of a miss.
         np.ones((height, wide), np.float32),
         np.full((height, wide), f32(MISS), np.float32),
+        np.empty((height, wide), np.float32),
     )
 
 
@@ -66,12 +59,14 @@ def rows_of(planes, top, bottom):
         planes.blue[top:bottom],
         planes.transmittance[top:bottom],
         planes.plant_depth[top:bottom],
+        planes.water[top:bottom],
     )
 
 
 @kernel
 def draw_rows(scene, view, reduced, drawn, top, bottom, planes):
-    """Draw the rows from top to bottom into the `Planes` of their frame; top is a multiple of `ROWS_TOGETHER`.
+    """Draw the rows from top to bottom into the `Planes` of their frame; top is a multiple of
+    `background.ROWS_TOGETHER`.
 
     What a row shows depends on no other rows than those of its tile. drawn: see `Output`; what is not asked for is not
     computed.
@@ -80,7 +75,7 @@ def draw_rows(scene, view, reduced, drawn, top, bottom, planes):
     bottom += bottom % 2
     rows = rows_of(planes, top, bottom)
     # One call of each for all that may be drawn, so that masks and layers have the depths of the frame to the bit.
-    find_primary_hits(scene, view, top, reduced, rows.depth, rows.kind)
+    find_primary_hits(scene, view, top, reduced, rows.depth, rows.kind, rows.water)
     stone = draw_bridges(scene, view, top, drawn, rows.depth, rows.kind)
     if drawn != COLOURS:
         draw_layers(scene, view, top, reduced, drawn == MASK, rows)
@@ -201,103 +196,6 @@ def meet_bridges(scene, view, top, drawn, boxes, closest, depth, kind, stone):
                     stone[n, 5] = hit.t
                     n += 1
     return n
-
-
-@kernel
-def shade(scene, view, top, reduced, planes):
-    """Add the radiance of sky, water and ground to `Planes` [R, W'], as much as the plants let through."""
-    wide = planes.depth.shape[1]
-    span = np.empty((10, wide), np.float32)
-    points = HitPoints(span[0], span[1], span[2], span[3], span[4], span[5], span[6])
-    out = Radiance(span[7], span[8], span[9])
-    rays = Rays(np.empty(wide, np.float32), np.empty(wide, np.float32), np.empty(wide, np.float32))
-    chosen = np.empty(wide, np.int32)
-    wet = np.empty(wide, np.float32)
-    shade_rows(scene, view, top, reduced, planes, rays, wet, chosen, points, water.empty_scratch(wide), out)
-
-
-@kernel(disjoint=True, allocates=False)
-def shade_rows(scene, view, top, reduced, planes, rays, wet, chosen, points, work, out):
-    """As `shade`, with scratch for a row [W']: rays, shares of water, numbers of pixels, `HitPoints`, `WaterScratch`
-    and `Radiance`.
-
-    Pixels of a row are gathered by what they show, so that each kind is shaded in one vectorised loop.
-    """
-    rows, wide = planes.depth.shape
-    kind, light = planes.kind, planes.transmittance
-    inv_cell = scene.constants[view.world, layout.INV_CELL]
-    origin = map_origin(scene, view)
-    # Computed here and passed on: inside their loops, fastmath would turn it into a division for each pixel.
-    pixel = row_step(view.camera)
-    for r in range(rows):
-        row_rays(view.camera, top + r, 0, inv_cell, rays, wide)
-        if not reduced:
-            water_shares(scene, view, origin, rays, planes.depth[r], kind[r], wet, wide)
-        # Sky, water, ground: classes 0 to 2.
-        for what in range(3):
-            n = choose_pixels(what, reduced, kind[r], light[r], wet, chosen, view.camera.width)
-            if n == 0:
-                continue
-            hit_points(origin, inv_cell, rays, planes.depth[r], chosen, points, n)
-            shade_points(scene, view, what, reduced, points, pixel, work, out, n)
-            for k in range(n):
-                c = chosen[k]
-                share = light[r, c]
-                if not reduced and what != SKY:
-                    share *= covered_share(what, wet[c])
-                planes.red[r, c] += share * out.red[k]
-                planes.green[r, c] += share * out.green[k]
-                planes.blue[r, c] += share * out.blue[k]
-
-
-@kernel(inlined=True, allocates=False)
-def covered_share(what, wet):
-    """Return the share of a pixel that water, or ground, covers, of which a share `wet` is water."""
-    # Slivers are not shaded; what covers nearly all of a pixel then covers all of it.
-    wet = f32(0) if wet < f32(SHORE) else (f32(1) if wet > f32(1 - SHORE) else wet)
-    return wet if what == WATER else f32(1) - wet
-
-
-@kernel(inlined=True, allocates=False)
-def choose_pixels(what, reduced, kind, light, wet, chosen, width):
-    """Fill chosen with the columns of a row that show sky, water or ground, and return their number.
-
-    kind, light and wet [W'] are class, transmittance and share of water of its pixels. Pixels on the shore show both
-    water and ground.
-    """
-    n = 0
-    for c in range(width):
-        # Pixels behind dense foliage are left out: their colour would not show.
-        shown = kind[c] == what
-        if not reduced and what != SKY:
-            shown = ((kind[c] == WATER) | (kind[c] == GROUND)) & (covered_share(what, wet[c]) > f32(0))
-        if shown and light[c] > f32(SEEN):
-            chosen[n] = c
-            n += 1
-    return n
-
-
-@kernel(disjoint=True, allocates=False)
-def shade_points(scene, view, what, reduced, points, pixel, work, out, n):
-    """Fill `Radiance` [n] with that of n points of one class, which is sky, water or ground.
-
-    pixel: height of a pixel at distance one; work: a `water.WaterScratch`.
-    """
-    if what == SKY and reduced:
-        reduced_quality.shade_sky(scene, view, points, out, n)
-    elif what == WATER and reduced:
-        reduced_quality.shade_water(scene, view, points, pixel, out, n)
-    elif what == GROUND and reduced:
-        reduced_quality.shade_ground(scene, view, points, pixel, out, n)
-    elif what == SKY:
-        sky.shade_sky(scene, view, points, out, n)
-    elif what == WATER:
-        water.shade_water(scene, view, points, pixel, work, out, n)
-    else:
-        ground.shade_ground(scene, view, points, pixel, out, n)
-    # The sky map holds its own haze.
-    if what != SKY:
-        sky.add_haze(scene, view, points, out, n)
 
 
 @kernel(disjoint=True, allocates=False)

@@ -27,6 +27,7 @@ def colourless_planes(height, width):
         np.empty((0, 0), np.float32),
         np.ones((height, wide), np.float32),
         np.full((height, wide), f32(MISS), np.float32),
+        np.empty((height, wide), np.float32),
     )
 
 

@@ -15,7 +15,7 @@ class Scene(NamedTuple):
     """Tables of W worlds. Each is flat, with one world's part after another's."""
 
     extents: np.ndarray
-    """[W, EXTENT_COLUMNS] int64, where each world's tables begin, and their sizes."""
+    """[W, EXTENT_COLUMNS] int32, where each world's tables begin, and their sizes."""
     constants: np.ndarray
     """[W, CONSTANT_COLUMNS] float32: grid, sun and haze of each world."""
     top: np.ndarray
@@ -59,7 +59,7 @@ class Scene(NamedTuple):
 
 def blank_scene() -> Scene:
     """Return a scene of empty tables with the types of any scene, so that kernels can compile before a world exists."""
-    types = {"extents": (np.int64, 2), "atlas_level": (np.int64, 1)}
+    types = {"extents": (np.int32, 2), "atlas_level": (np.int64, 1)}
     types |= dict.fromkeys(("constants", "plants", "bridges", "shade", "outlines", "chunks", "autumn"), (f32, 2))
     packed = "paint", "canopy", "canopy_paint", "sky", "clouds", "ripples", "atlas"
     types |= dict.fromkeys(packed, (np.uint32, 1))

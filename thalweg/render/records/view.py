@@ -95,6 +95,8 @@ class Planes(NamedTuple):
     """float32, share of the light that the plants in front let through."""
     plant_depth: Any
     """float32, depth of the plant behind which less than half of the light remains; `MISS` without one."""
+    water: Any
+    """float32, metres of water where a ray meets ground or water, negative where it is dry; any number elsewhere."""
 
 
 class Output(NamedTuple):

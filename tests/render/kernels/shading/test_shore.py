@@ -6,9 +6,8 @@ import pytest
 from tests.render.frames import posed, rays
 from tests.render.plain import plane
 from thalweg.render import Camera, Renderer
-from thalweg.render.kernels.camera_rays import Rays, map_origin, row_rays
+from thalweg.render.kernels.camera_rays import map_origin
 from thalweg.render.kernels.shading.shore import water_shares
-from thalweg.render.records import layout
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.view import View
 
@@ -25,14 +24,13 @@ def shares(world, camera, pose):
     view = View(0, look, posed(pose, look, camera), f32(0))
     origin = map_origin(renderer.scene, view)
     origin = origin._make(f32(value) for value in origin)
-    inv_cell = renderer.scene.constants[0, layout.INV_CELL]
     share = np.empty((camera.height_px, camera.width_px), f32)
+    # The places of a row's pixels, counted from that row on, are their columns.
+    columns = np.arange(camera.width_px, dtype=np.int32)
     for row in range(camera.height_px):
-        line = Rays(*np.empty((3, camera.width_px), f32))
-        row_rays(view.camera, row, 0, inv_cell, line, camera.width_px)
         depth = np.maximum(frame.depth_m[0, row], 0).astype(f32)
         water_shares(
-            renderer.scene, view, origin, line, depth, frame.class_id[0, row], share[row], camera.width_px
+            renderer.scene, view, origin, row, columns, depth, frame.class_id[0, row], share[row], camera.width_px
         )  # fmt: skip
     return share, frame.class_id[0]
 

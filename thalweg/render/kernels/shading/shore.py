@@ -8,7 +8,7 @@ import numpy as np
 from numba import int32
 
 from thalweg.core.jit import kernel
-from thalweg.render.kernels.camera_rays import row_step
+from thalweg.render.kernels.camera_rays import ray_at, row_step
 from thalweg.render.kernels.table_lookup import clamp, sloped
 from thalweg.render.records import layout
 from thalweg.render.records.classes import GROUND, WATER
@@ -20,20 +20,28 @@ DEEPEST_M = 0.4
 line stays sharp."""
 CORNER = 0.35
 """Share of the smaller of two changes over a pixel by which an oblique line takes longer to cross it."""
+SLIVER = 0.02
+"""Least share of a pixel on the shore that is shaded by itself."""
 STEEPEST = 0.02
 """Least sine of the angle between sight and surface."""
 
 
+@kernel(inlined=True, allocates=False)
+def covered_share(what, wet):
+    """Return the share of a pixel that water, or ground, covers, of which a share `wet` is water."""
+    # Slivers are not shaded; what covers nearly all of a pixel then covers all of it.
+    wet = f32(0) if wet < f32(SLIVER) else (f32(1) if wet > f32(1 - SLIVER) else wet)
+    return wet if what == WATER else f32(1) - wet
+
+
 @kernel(disjoint=True, allocates=False)
-def water_shares(scene, view, origin, rays, depth, kind, share, n):
+def water_shares(scene, view, origin, row, places, depth, kind, share, n):
     """Fill share [n] float32 with the share of water in each pixel: 0 or 1 away from the shore and for other classes.
 
-    depth and kind [n] are those of the rays [n].
+    depth and kind [n] are those of the pixels at `places` [n], whose rows are counted from a row of the image on.
     """
-    ray_x, ray_y, ray_z = rays
     camera = view.camera
     inv_cell = scene.constants[view.world, layout.INV_CELL]
-    cell = f32(1) / inv_cell
     columns = int32(scene.extents[view.world, layout.GX])
     rows = int32(scene.extents[view.world, layout.GY])
     at = int32(scene.extents[view.world, layout.MAP_AT])
@@ -45,18 +53,21 @@ def water_shares(scene, view, origin, rays, depth, kind, share, n):
         surface = wet | (kind[c] == np.uint8(GROUND))
         # The sky has no depth; any point will do.
         t = t if surface else f32(0)
-        w, slope_x, slope_y = sloped(table, at, columns, rows, origin.x + ray_x[c] * t, origin.y + ray_y[c] * t)
+        dx, dy, dz = ray_at(camera, row, places[c])
+        w, slope_x, slope_y = sloped(
+            table, at, columns, rows, origin.x + dx * inv_cell * t, origin.y + dy * inv_cell * t
+        )
         slope_x *= inv_cell
         slope_y *= inv_cell
-        along = (slope_x * ray_x[c] + slope_y * ray_y[c]) * cell
+        along = slope_x * dx + slope_y * dy
         # Water is level; the ground falls as the depth rises. The ray meets the surface at the rate `sink`.
-        sink = ray_z[c] + (f32(0) if wet else along)
+        sink = dz + (f32(0) if wet else along)
         sink = min(sink, f32(-STEEPEST))
         # The change of depth from one pixel to the next, to the right and up, along the surface.
         right = (slope_x * camera.right_x + slope_y * camera.right_y) * camera.column_step
         up = (slope_x * camera.up_x + slope_y * camera.up_y) * per_row
-        across = abs(right * ray_z[c] / sink)
-        upwards = abs((up * ray_z[c] - along * camera.up_z * per_row) / sink)
+        across = abs(right * dz / sink)
+        upwards = abs((up * dz - along * camera.up_z * per_row) / sink)
         # The share is a ramp: right for a line along rows or columns, near to it for an oblique one, whose corners the
         # ramp leaves out.
         change = min((max(across, upwards) + f32(CORNER) * min(across, upwards)) * t, f32(DEEPEST_M)) + f32(1e-6)

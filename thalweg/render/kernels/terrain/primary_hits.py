@@ -45,8 +45,7 @@ class PlaneScratch(NamedTuple):
     rays: Any
     """`Rays` of float32."""
     t: Any
-    """float32, as the next."""
-    water: Any
+    """float32."""
     doubt: Any
     """uint8."""
     nearness: Any
@@ -56,30 +55,31 @@ class PlaneScratch(NamedTuple):
 
 
 @kernel
-def find_primary_hits(scene, view, top, reduced, depth, kind):
-    """Fill depth [R, W'] along the axis (MISS for the sky) and kind [R, W'] uint8 with what every ray meets.
+def find_primary_hits(scene, view, top, reduced, depth, kind, water):
+    """Fill depth [R, W'] along the axis (MISS for the sky) and kind [R, W'] uint8 with what every ray meets, and water
+    [R, W'] with the metres of water there, negative on land.
 
     Rows are those from `top` on of the image, as in all functions of a frame. In the reduced quality R is even.
     """
     if azimuth_planes.can_serve(view.camera):
-        find_by_planes(scene, view, top, reduced, depth, kind)
+        find_by_planes(scene, view, top, reduced, depth, kind, water)
     else:
-        find_by_march(scene, view, top, reduced, depth, kind)
+        find_by_march(scene, view, top, reduced, depth, kind, water)
 
 
 @kernel
-def find_by_planes(scene, view, top, reduced, depth, kind):
+def find_by_planes(scene, view, top, reduced, depth, kind, water):
     """As `find_primary_hits`, by the profiles of vertical planes; the reduced quality interpolates only."""
     camera = view.camera
     rows, wide = depth.shape
     inv_cell = scene.constants[view.world, layout.INV_CELL]
     origin = map_origin(scene, view)
     fan = azimuth_planes.fan_of(camera, inv_cell)
-    line = np.empty((5, wide), np.float32)
+    line = np.empty((4, wide), np.float32)
     scratch = np.empty((11, SPAN), np.float32)
     places = np.empty((2, SPAN), np.int32)
     work = PlaneScratch(
-        Rays(line[0], line[1], line[2]), line[3], line[4], np.empty(wide, np.uint8), np.empty(fan.planes, np.float32),
+        Rays(line[0], line[1], line[2]), line[3], np.empty(wide, np.uint8), np.empty(fan.planes, np.float32),
         Doubtful(
             places[0], places[1], Rays(scratch[0], scratch[1], scratch[2]), scratch[3], scratch[4], scratch[5],
             Track(scratch[6], scratch[7], scratch[8], scratch[9], scratch[10]),
@@ -93,12 +93,12 @@ def find_by_planes(scene, view, top, reduced, depth, kind):
     azimuth_planes.place_samples(profiles.distance, start, f32(1) / inv_cell, camera.height)
     azimuth_planes.sample_slopes(scene, view.world, origin, fan, profiles.distance, profiles.slope)
     azimuth_planes.find_visible(fan, profiles, top, top + rows)
-    meet_rows(scene, view, top, reduced, fan, profiles, work, depth, kind)
+    meet_rows(scene, view, top, reduced, fan, profiles, work, depth, kind, water)
 
 
 @kernel(allocates=False)
-def meet_rows(scene, view, top, reduced, fan, profiles, work, depth, kind):
-    """Fill depth and kind [R, W'] of the rows from `top` on from `Profiles`, with `PlaneScratch`."""
+def meet_rows(scene, view, top, reduced, fan, profiles, work, depth, kind, water):
+    """Fill depth, kind and water [R, W'] of the rows from `top` on from `Profiles`, with `PlaneScratch`."""
     origin = map_origin(scene, view)
     inv_cell = scene.constants[view.world, layout.INV_CELL]
     rays, t, doubt, nearness = work.rays, work.t, work.doubt, work.nearness
@@ -112,17 +112,17 @@ def meet_rows(scene, view, top, reduced, fan, profiles, work, depth, kind):
             azimuth_planes.interpolate_row(view, fan, row, 0, nearness, t, wide)
         else:
             azimuth_planes.settle_row(scene, view, origin, fan, row, 0, rays, nearness, t, doubt, wide)
-        heightfield_march.water_depths(scene, view.world, origin, rays, t, work.water, wide)
-        classify_row(t, work.water, depth[r], kind[r], wide)
+        heightfield_march.water_depths(scene, view.world, origin, rays, t, water[r], wide)
+        classify_row(t, water[r], depth[r], kind[r], wide)
         if reduced:
             continue
         for c in range(wide):
             if doubt[c] == np.uint8(1):
                 count = hold_back(work.waiting, count, r, c, rays, t[c])
                 if count == SPAN:
-                    march_doubtful(scene, view.world, origin, work.waiting, count, depth, kind)
+                    march_doubtful(scene, view.world, origin, work.waiting, count, depth, kind, water)
                     count = 0
-    march_doubtful(scene, view.world, origin, work.waiting, count, depth, kind)
+    march_doubtful(scene, view.world, origin, work.waiting, count, depth, kind, water)
 
 
 @kernel(allocates=False)
@@ -160,16 +160,17 @@ def hold_back(waiting, count, r, c, rays, t):
 
 
 @kernel(allocates=False)
-def march_doubtful(scene, world, origin, waiting, count, depth, kind):
-    """March the first `count` pixels that wait, and write what they meet to depth and kind [R, W']."""
-    rays, t, hit, water = waiting.rays, waiting.t, waiting.hit, waiting.water
+def march_doubtful(scene, world, origin, waiting, count, depth, kind, water):
+    """March the first `count` pixels that wait, and write what they meet to depth, kind and water [R, W']."""
+    rays, t, hit, wet = waiting.rays, waiting.t, waiting.hit, waiting.water
     heightfield_march.march(scene, world, origin, rays, t, hit, waiting.track, count)
-    heightfield_march.water_depths(scene, world, origin, rays, t, water, count)
+    heightfield_march.water_depths(scene, world, origin, rays, t, wet, count)
     for k in range(count):
         r = waiting.row[k]
         c = waiting.column[k]
         depth[r, c] = t[k] if hit[k] > f32(0) else f32(MISS)
-        surface = np.uint8(WATER) if water[k] > f32(0) else np.uint8(GROUND)
+        water[r, c] = wet[k]
+        surface = np.uint8(WATER) if wet[k] > f32(0) else np.uint8(GROUND)
         kind[r, c] = surface if hit[k] > f32(0) else np.uint8(SKY)
 
 
@@ -192,9 +193,8 @@ class MarchScratch(NamedTuple):
     planes: Any
     """`TangentPlanes`."""
     t: Any
-    """Of the pixels, as the next two: depth, whether it is a hit, and depth of the water there."""
+    """Of the pixels, as the next: depth, and whether it is a hit."""
     hit: Any
-    water: Any
     march_t: Any
     """Of the rays that march, as the next."""
     march_hit: Any
@@ -205,31 +205,31 @@ class MarchScratch(NamedTuple):
 
 
 @kernel
-def find_by_march(scene, view, top, reduced, depth, kind):
+def find_by_march(scene, view, top, reduced, depth, kind, water):
     """As `find_primary_hits`, by the march of every ray.
 
     In the reduced quality a square of `SQUARE` pixels a side shares one march: its rays end on the plane that touches
     the surface where the march ends.
     """
     wide = depth.shape[1]
-    line = np.empty((11, wide), np.float32)
+    line = np.empty((10, wide), np.float32)
     scratch = np.empty((5, SPAN), np.float32)
     work = MarchScratch(
         Rays(line[0], line[1], line[2]), TangentPlanes(line[3], line[4], line[5]), line[6], line[7], line[8], line[9],
-        line[10], np.empty((wide + TILE - 1) // TILE, np.float32),
+        np.empty((wide + TILE - 1) // TILE, np.float32),
         Track(scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]),
     )  # fmt: skip
-    march_rows(scene, view, top, reduced, work, depth, kind)
+    march_rows(scene, view, top, reduced, work, depth, kind, water)
 
 
 @kernel(disjoint=True, allocates=False)
-def march_rows(scene, view, top, reduced, work, depth, kind):
+def march_rows(scene, view, top, reduced, work, depth, kind, water):
     """As `find_by_march`, with `MarchScratch`."""
     camera = view.camera
     rows, wide = depth.shape
     inv_cell = scene.constants[view.world, layout.INV_CELL]
     origin = map_origin(scene, view)
-    rays, planes, t, hit, water, march_t, march_hit, start, track = work
+    rays, planes, t, hit, march_t, march_hit, start, track = work
     tiles = len(start)
     spread = heightfield_march.bundle_spread(camera)
     size = SQUARE if reduced else 1
@@ -256,11 +256,11 @@ def march_rows(scene, view, top, reduced, work, depth, kind):
             for c in range(wide):
                 t[c] = march_t[c]
                 hit[c] = march_hit[c]
-        heightfield_march.water_depths(scene, view.world, origin, rays, t, water, wide)
+        heightfield_march.water_depths(scene, view.world, origin, rays, t, water[r], wide)
         for c in range(wide):
             depth[r, c] = t[c] if hit[c] > f32(0) else f32(MISS)
             # The upper surface is water wherever the water is deeper than zero, so no second march is needed.
-            surface = np.uint8(WATER) if water[c] > f32(0) else np.uint8(GROUND)
+            surface = np.uint8(WATER) if water[r, c] > f32(0) else np.uint8(GROUND)
             kind[r, c] = surface if hit[c] > f32(0) else np.uint8(SKY)
 
 

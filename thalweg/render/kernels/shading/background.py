@@ -1,0 +1,246 @@
+"""Kernels that shade what lies behind the plants: sky, water and ground.
+
+Pixels are gathered by what they show, from all rows of a band, so that each kind is shaded in loops over dense arrays.
+Their number is filled up to whole vectors by copies of the last pixel: a loop's remainder, which LLVM does not
+vectorise, would take longer than the rest of it.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import int32, uint32
+
+from thalweg.core.jit import kernel
+from thalweg.render.kernels.camera_rays import HitPoints, Radiance, hit_points, map_origin, place_of, row_step
+from thalweg.render.kernels.shading import ground, reduced_quality, sky, water
+from thalweg.render.kernels.shading.shore import DEEPEST_M, covered_share, water_shares
+from thalweg.render.kernels.terrain.heightfield_march import TILE
+from thalweg.render.records import layout
+from thalweg.render.records.classes import GROUND, SKY, WATER
+from thalweg.render.records.view import Planes
+
+f32 = np.float32
+
+SEEN = 0.004
+"""Pixels whose plants let through less than this are not shaded."""
+ROWS_TOGETHER = TILE
+"""Rows of a band. Those that a thread draws begin at multiples of this."""
+CHUNK = 512
+"""Most pixels that are shaded together: their scratch fits into a processor's second cache."""
+LANES = 16
+"""The number of pixels that are shaded together is a multiple of this, as many as the widest vector holds."""
+KINDS = 3
+"""Classes that are shaded here: `SKY`, `WATER` and `GROUND`."""
+
+
+class Gathered(NamedTuple):
+    """The pixels of a band by what they show, and scratch for shading them."""
+
+    places: Any
+    """[KINDS, pixels of a band + LANES] int32: the places (see `camera_rays.place_of`) of those that show each class,
+    as the next, with rows counted from the band's first."""
+    shore: Any
+    """[pixels of a band + LANES] int32: those that may show both water and ground."""
+    wet: Any
+    """[pixels of a band] float32: the share of water in each."""
+    depth: Any
+    """[CHUNK] float32, of the pixels that are shaded together, as all that follow."""
+    kind: Any
+    """[CHUNK] uint8."""
+    points: Any
+    """`HitPoints`."""
+    out: Any
+    """`Radiance`."""
+    work: Any
+    """A `water.WaterScratch`."""
+
+
+@kernel
+def empty_gathered(wide):
+    """`Gathered` without values for bands of rows of W' pixels."""
+    size = ROWS_TOGETHER * wide
+    # Without the reduced quality, a pixel on the shore is in two lists.
+    places = np.empty((KINDS + 1, size + LANES), np.int32)
+    span = np.empty((11, CHUNK), np.float32)
+    return Gathered(
+        places[:KINDS], places[KINDS], np.empty(size, np.float32), span[0], np.empty(CHUNK, np.uint8),
+        HitPoints(span[1], span[2], span[3], span[4], span[5], span[6], span[7]),
+        Radiance(span[8], span[9], span[10]), water.empty_scratch(CHUNK),
+    )  # fmt: skip
+
+
+@kernel
+def flattened(planes):
+    """`Planes` [R, W'] as arrays [R * W'], without a copy."""
+    return Planes(
+        planes.depth.reshape(-1),
+        planes.kind.reshape(-1),
+        planes.red.reshape(-1),
+        planes.green.reshape(-1),
+        planes.blue.reshape(-1),
+        planes.transmittance.reshape(-1),
+        planes.plant_depth.reshape(-1),
+        planes.water.reshape(-1),
+    )
+
+
+@kernel
+def shade(scene, view, top, reduced, planes):
+    """Add the radiance of sky, water and ground to `Planes` [R, W'], as much as the plants let through."""
+    wide = planes.depth.shape[1]
+    shade_bands(scene, view, top, reduced, flattened(planes), wide, empty_gathered(wide))
+
+
+@kernel(allocates=False)
+def shade_bands(scene, view, top, reduced, planes, wide, gathered):
+    """As `shade`, for `flattened` planes of rows of W' pixels, with `Gathered`."""
+    for first in range(0, len(planes.depth), ROWS_TOGETHER * wide):
+        band = band_of(planes, first, wide)
+        row = top + first // wide
+        counts = gather(scene, view, row, reduced, band, wide, gathered)
+        for what in range(KINDS):
+            shade_kind(scene, view, row, reduced, what, counts[what], band, wide, gathered)
+
+
+@kernel(inlined=True, allocates=False)
+def band_of(planes, first, wide):
+    """The band of rows of `flattened` planes that begins with pixel `first`."""
+    end = min(first + ROWS_TOGETHER * wide, len(planes.depth))
+    return Planes(
+        planes.depth[first:end],
+        planes.kind[first:end],
+        planes.red[first:end],
+        planes.green[first:end],
+        planes.blue[first:end],
+        planes.transmittance[first:end],
+        planes.plant_depth[first:end],
+        planes.water[first:end],
+    )
+
+
+@kernel(disjoint=True, allocates=False)
+def gather(scene, view, row, reduced, band, wide, gathered):
+    """Fill the places of `Gathered`, and its shares of water; returns how many pixels show sky, water and ground.
+
+    band: `flattened` planes from a row of the image on.
+    """
+    if not reduced:
+        find_shores(scene, view, row, band, wide, gathered)
+    places, wet = gathered.places, gathered.wet
+    skies, waters, grounds = 0, 0, 0
+    for r in range(len(band.kind) // wide):
+        for c in range(view.camera.width):
+            i = uint32(r * wide + c)
+            kind = band.kind[i]
+            # Pixels behind dense foliage are left out: their colour would not show.
+            lit = band.transmittance[i] > f32(SEEN)
+            share = f32(1) if kind == np.uint8(WATER) else f32(0)
+            if not reduced:
+                share = wet[i]
+            surface = lit & ((kind == np.uint8(WATER)) | (kind == np.uint8(GROUND)))
+            place = place_of(int32(r), int32(c))
+            # Written in any case, and kept by counting it: a choice would be predicted wrongly too often.
+            places[SKY, skies] = place
+            skies += int32(lit & (kind == np.uint8(SKY)))
+            places[WATER, waters] = place
+            waters += int32(surface & (covered_share(WATER, share) > f32(0)))
+            places[GROUND, grounds] = place
+            grounds += int32(surface & (covered_share(GROUND, share) > f32(0)))
+    return skies, waters, grounds
+
+
+@kernel(disjoint=True, allocates=False)
+def find_shores(scene, view, row, band, wide, gathered):
+    """Fill the shares of water of `Gathered` [R * W'] for a band from a row of the image on."""
+    wet, shore = gathered.wet, gathered.shore
+    for i in range(len(band.kind)):
+        wet[i] = f32(1) if band.kind[i] == np.uint8(WATER) else f32(0)
+    count = 0
+    for r in range(len(band.kind) // wide):
+        for c in range(view.camera.width):
+            i = uint32(r * wide + c)
+            surface = (band.kind[i] == np.uint8(WATER)) | (band.kind[i] == np.uint8(GROUND))
+            # Where water is deeper than half of the greatest change over a pixel, no shore crosses it.
+            if surface & (abs(band.water[i]) < f32(DEEPEST_M)) & (band.transmittance[i] > f32(SEEN)):
+                shore[count] = place_of(int32(r), int32(c))
+                count += 1
+    padded = fill_up(shore, count)
+    origin = map_origin(scene, view)
+    share = gathered.points.x
+    for first in range(0, padded, CHUNK):
+        places = shore[first : min(first + CHUNK, padded)]
+        n = len(places)
+        for k in range(n):
+            i = pixel_at(places[k], wide)
+            gathered.depth[k] = band.depth[i]
+            gathered.kind[k] = band.kind[i]
+        water_shares(scene, view, origin, row, places, gathered.depth, gathered.kind, share, n)
+        for k in range(n):
+            wet[pixel_at(places[k], wide)] = share[k]
+
+
+@kernel(inlined=True, allocates=False)
+def pixel_at(place, wide):
+    """Number of the pixel at a place in a band of rows of W' pixels."""
+    return uint32((place >> int32(16)) * int32(wide) + (place & int32(0xFFFF)))
+
+
+@kernel(inlined=True, allocates=False)
+def fill_up(places, count):
+    """Append copies of the last place until their number is a multiple of `LANES`; returns that number."""
+    padded = (count + (LANES - 1)) // LANES * LANES
+    for k in range(count, padded):
+        places[k] = places[count - 1]
+    return padded
+
+
+@kernel(disjoint=True, allocates=False)
+def shade_kind(scene, view, row, reduced, what, count, band, wide, gathered):
+    """Add the radiance of the `count` pixels of a band that show a class, which is sky, water or ground.
+
+    band: `flattened` planes from a row of the image on, whose pixels are `Gathered`.
+    """
+    origin = map_origin(scene, view)
+    inv_cell = scene.constants[view.world, layout.INV_CELL]
+    # Computed here and passed on: inside their loops, fastmath would turn it into a division for each pixel.
+    pixel = row_step(view.camera)
+    out = gathered.out
+    padded = fill_up(gathered.places[what], count)
+    for first in range(0, padded, CHUNK):
+        places = gathered.places[what, first : min(first + CHUNK, padded)]
+        n = len(places)
+        for k in range(n):
+            gathered.depth[k] = band.depth[pixel_at(places[k], wide)]
+        hit_points(view.camera, origin, inv_cell, row, places, gathered.depth, gathered.points, n)
+        shade_points(scene, view, what, reduced, gathered.points, pixel, gathered.work, out, n)
+        for k in range(min(n, count - first)):
+            i = pixel_at(places[k], wide)
+            share = band.transmittance[i]
+            if not reduced and what != SKY:
+                share *= covered_share(what, gathered.wet[i])
+            band.red[i] += share * out.red[k]
+            band.green[i] += share * out.green[k]
+            band.blue[i] += share * out.blue[k]
+
+
+@kernel(disjoint=True, allocates=False)
+def shade_points(scene, view, what, reduced, points, pixel, work, out, n):
+    """Fill `Radiance` [n] with that of n points of one class, which is sky, water or ground.
+
+    pixel: height of a pixel at distance one; work: a `water.WaterScratch`.
+    """
+    if what == SKY and reduced:
+        reduced_quality.shade_sky(scene, view, points, out, n)
+    elif what == WATER and reduced:
+        reduced_quality.shade_water(scene, view, points, pixel, out, n)
+    elif what == GROUND and reduced:
+        reduced_quality.shade_ground(scene, view, points, pixel, out, n)
+    elif what == SKY:
+        sky.shade_sky(scene, view, points, out, n)
+    elif what == WATER:
+        water.shade_water(scene, view, points, pixel, work, out, n)
+    else:
+        ground.shade_ground(scene, view, points, pixel, out, n)
+    # The sky map holds its own haze.
+    if what != SKY:
+        sky.add_haze(scene, view, points, out, n)

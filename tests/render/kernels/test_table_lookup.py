@@ -48,9 +48,34 @@ def test_the_tile_repeats_and_each_level_is_found():
 
 
 @kernel
-def read_slopes(table, columns, rows, xs, ys, found):
+def read_slopes(heights, xs, ys, found):
     for i in range(len(xs)):
-        found[i, 0], found[i, 1], found[i, 2] = table_lookup.sloped(table, 0, columns, rows, xs[i], ys[i])
+        found[i, 0], found[i, 1], found[i, 2] = table_lookup.sloped(heights, xs[i], ys[i])
+
+
+@kernel
+def read_heights(heights, xs, ys, found):
+    for i in range(len(xs)):
+        found[i] = table_lookup.bilinear(heights, xs[i], ys[i])
+
+
+def height_map(values):
+    """The `HeightMap` of values [Y, X] in metres."""
+    codes, base, step = scene_tables.pack_heights(values)
+    size = np.int32(values.shape[1]), np.int32(values.shape[0])
+    return table_lookup.HeightMap(codes.ravel(), np.int32(0), *size, np.float32(base), np.float32(step))
+
+
+def test_heights_are_rounded_to_a_65535th_of_their_span_and_flat_maps_stay_flat():
+    values = np.random.default_rng(4).uniform(-3, 13, (7, 9)).astype(np.float32)
+    rows, columns = (axis.ravel().astype(np.float32) for axis in np.indices((6, 8)))
+    found = np.empty(48, np.float32)
+    read_heights(height_map(values), columns, rows, found)
+    error = np.abs(found - values[:6, :8].ravel())
+    assert error.max() <= 0.51 * np.ptp(values) / 65535 + 2e-6
+    assert error.max() > 0
+    read_heights(height_map(np.full((7, 9), np.float32(2.5))), columns, rows, found)
+    assert (found == 2.5).all()
 
 
 def test_slopes_of_a_table_are_the_differences_of_its_values_and_zero_outside():
@@ -59,14 +84,15 @@ def test_slopes_of_a_table_are_the_differences_of_its_values_and_zero_outside():
     xs = (rng.integers(0, 8, 200) + rng.uniform(0.1, 0.9, 200)).astype(np.float32)
     ys = (rng.integers(0, 5, 200) + rng.uniform(0.1, 0.9, 200)).astype(np.float32)
     found = np.empty((200, 3), np.float32)
-    read_slopes(table.ravel(), 9, 6, xs, ys, found)
+    heights = height_map(table)
+    read_slopes(heights, xs, ys, found)
     small = 0.05
     height = lambda x, y: map_coordinates(table.astype(float), [y, x], order=1)  # noqa: E731
-    np.testing.assert_allclose(found[:, 0], height(xs, ys), atol=1e-5)
-    np.testing.assert_allclose(found[:, 1], (height(xs + small, ys) - height(xs - small, ys)) / (2 * small), atol=1e-4)
-    np.testing.assert_allclose(found[:, 2], (height(xs, ys + small) - height(xs, ys - small)) / (2 * small), atol=1e-4)
+    np.testing.assert_allclose(found[:, 0], height(xs, ys), atol=3e-5)
+    np.testing.assert_allclose(found[:, 1], (height(xs + small, ys) - height(xs - small, ys)) / (2 * small), atol=1e-3)
+    np.testing.assert_allclose(found[:, 2], (height(xs, ys + small) - height(xs, ys - small)) / (2 * small), atol=1e-3)
     beyond = np.array([[-3.0, 2.5], [20.0, 2.5], [4.5, -1.0], [4.5, 9.0]], np.float32)
-    read_slopes(table.ravel(), 9, 6, *beyond.T.copy(), found[:4])
+    read_slopes(heights, *beyond.T.copy(), found[:4])
     assert (found[:2, 1] == 0).all()
     assert (found[:2, 2] != 0).all()
     assert (found[2:4, 2] == 0).all()

@@ -25,6 +25,8 @@ from thalweg.render.records.layout import (
     CONE_AT,
     CONE_X,
     CONSTANT_COLUMNS,
+    DEPTH_BASE,
+    DEPTH_STEP,
     EXTENT_COLUMNS,
     FOG_B,
     FOG_G,
@@ -64,7 +66,9 @@ from thalweg.render.records.layout import (
     SUN_X,
     SUN_Y,
     SUN_Z,
+    TOP_BASE,
     TOP_MAX,
+    TOP_STEP,
 )
 from thalweg.render.records.scene import Scene
 from thalweg.world.record import World
@@ -106,7 +110,7 @@ def build_scene(worlds: Sequence[World]) -> Scene:
     atlas_level = np.zeros(0, np.int64)
     for world, extent, constant in zip(worlds, extents, constants, strict=True):
         sun = sun_vector(world)
-        add_maps(tables, world, sun, extent)
+        add_maps(tables, world, sun, extent, constant)
         plants = in_chunks(plant_rows(world))
         extent[PLANT_FROM] = tables.add("plants", plants)
         extent[CHUNK_AT] = tables.add("chunks", chunk_spheres(plants))
@@ -123,7 +127,6 @@ def build_scene(worlds: Sequence[World]) -> Scene:
             tables.add("outlines", outlines.of_atlas(atlas))
         extent[ATLAS_AT], extent[SHADE_AT] = atlases[id(atlas)]
         constant[[ORIGIN_X, ORIGIN_Y, INV_CELL]] = world.grid.origin_x_m, world.grid.origin_y_m, 1 / world.grid.cell_m
-        constant[TOP_MAX] = np.maximum(world.ground_m, world.water_m).max()
         constant[[SUN_X, SUN_Y, SUN_Z]] = sun
         constant[[FOG_R, FOG_G, FOG_B]] = sky.haze(sun)
         constant[[SUN_EAST, SUN_NORTH]] = np.cos(world.sun_azimuth), np.sin(world.sun_azimuth)
@@ -137,14 +140,21 @@ def build_scene(worlds: Sequence[World]) -> Scene:
     )
 
 
-def add_maps(tables: TableWriter, world: World, sun: np.ndarray, extent: np.ndarray) -> None:
-    """Append the maps of a world's surface, cones, paint and canopy, and note their offsets and sizes in `extent`."""
-    top = np.maximum(world.ground_m, world.water_m)
+def add_maps(tables: TableWriter, world: World, sun: np.ndarray, extent: np.ndarray, constant: np.ndarray) -> None:
+    """Append the maps of a world's surface, cones, paint and canopy.
+
+    Their offsets and sizes are noted in `extent`, and the units of heights in `constant`.
+    """
+    top, constant[TOP_BASE], constant[TOP_STEP] = pack_heights(np.maximum(world.ground_m, world.water_m))
+    depth, constant[DEPTH_BASE], constant[DEPTH_STEP] = pack_heights(world.water_m - world.ground_m)
     extent[GY], extent[GX] = top.shape
     extent[MAP_AT] = tables.add("top", top.ravel())
-    tables.add("depth", (world.water_m - world.ground_m).astype(np.float32).ravel())
+    tables.add("depth", depth.ravel())
 
-    height, slope = cone_map(top, world.grid.cell_m)
+    # Of the heights that rays will meet, so that no cone lies below them.
+    heights = constant[TOP_BASE] + constant[TOP_STEP] * (top & 0xFFFF).astype(np.float32)
+    constant[TOP_MAX] = heights.max()
+    height, slope = cone_map(heights, world.grid.cell_m)
     extent[CONE_X] = height.shape[1]
     extent[CONE_AT] = tables.add("cone", np.stack([height, slope], axis=-1).ravel())
 
@@ -158,6 +168,18 @@ def add_maps(tables: TableWriter, world: World, sun: np.ndarray, extent: np.ndar
     extent[CANOPY_Y], extent[CANOPY_X] = canopy.shape
     extent[CANOPY_AT] = tables.add("canopy", canopy.ravel())
     tables.add("canopy_paint", colour.ravel())
+
+
+def pack_heights(heights_m: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """Return heights [Y, X] as `Scene.top` holds them, the metres of code 0, and those from one code to the next.
+
+    A map that spans 16 m is rounded to quarters of a millimetre.
+    """
+    base, span = float(heights_m.min()), float(np.ptp(heights_m))
+    step = max(span, 1e-3) / 65535
+    code = np.rint((heights_m.astype(np.float64) - base) / step).astype(np.uint32)
+    # The last row has no next one; no point lies beyond it.
+    return code | np.concatenate([code[1:], code[-1:]]) << 16, base, step
 
 
 def pack_colour(radiance: np.ndarray, scale: float, fourth: np.ndarray | None = None) -> np.ndarray:

@@ -1,12 +1,12 @@
 """The GPU kernel that walks over the ground in vertical planes: one thread a plane, for `kernels.azimuth_planes`."""
 
 import numpy as np
-from numba import cuda, float32, int32
+from numba import cuda, float32
 
 from thalweg.core.jit import kernel
 from thalweg.render.gpu.visible_plants import stored_camera
 from thalweg.render.kernels.camera_rays import Rays, map_origin, square_rays
-from thalweg.render.kernels.table_lookup import bilinear
+from thalweg.render.kernels.table_lookup import bilinear, top_map
 from thalweg.render.kernels.terrain import azimuth_planes
 from thalweg.render.kernels.terrain.azimuth_planes import first_row_below, ray_slope, secant
 from thalweg.render.kernels.terrain.heightfield_march import FAR_M, TILE, advance_bundles, bundle_spread
@@ -65,9 +65,7 @@ def walk_plane(scene, view, fan, plane, start, nearness):
     """Fill column `plane` of nearness [H, planes] with where each row meets the ground, from near to far."""
     camera = view.camera
     origin = map_origin(scene, view)
-    columns = int32(scene.extents[view.world, layout.GX])
-    rows = int32(scene.extents[view.world, layout.GY])
-    at = int32(scene.extents[view.world, layout.MAP_AT])
+    top = top_map(scene, view.world)
     cell = f32(1) / scene.constants[view.world, layout.INV_CELL]
     q = fan.first + f32(plane) * fan.step
     far = azimuth_planes.far_distance(camera)
@@ -79,7 +77,7 @@ def walk_plane(scene, view, fan, plane, start, nearness):
     while walking:
         x = origin.x + (fan.heading_x + q * fan.right_x) * ahead
         y = origin.y + (fan.heading_y + q * fan.right_y) * ahead
-        slope = (bilinear(scene.top, at, columns, rows, x, y) - origin.z) * (f32(1) / ahead)
+        slope = (bilinear(top, x, y) - origin.z) * (f32(1) / ahead)
         # The first sample has none before it.
         slope_before = slope if ahead == start else slope_before
         row = first_row_below(fan, slope, 0, camera.height)

@@ -6,6 +6,7 @@ ones.
 """
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import int32, uint32
@@ -13,6 +14,7 @@ from numba import int32, uint32
 from thalweg.core.jit import kernel
 from thalweg.render.bake import ripples, sky
 from thalweg.render.kernels.fast_math import floor
+from thalweg.render.records import layout
 
 f32 = np.float32
 
@@ -23,49 +25,93 @@ def clamp(value, low, high):
     return min(max(value, low), high)
 
 
-@kernel(inlined=True, allocates=False)
-def bilinear(table, at, columns, rows, x, y):
-    """Return the value of a float table at node coordinates x, y, interpolated between its four nearest nodes.
+class HeightMap(NamedTuple):
+    """One of a world's maps of heights: `Scene.top` or `Scene.depth`."""
 
-    at: the index where the table's columns x rows begin.
-    """
+    codes: Any
+    """[nodes] uint32 of all worlds."""
+    at: Any
+    """Index at which this world's map begins, int32, as the next two: its size."""
+    columns: Any
+    rows: Any
+    base: Any
+    """Metres that code 0 stands for, and those from one code to the next."""
+    step: Any
+
+
+@kernel(inlined=True, allocates=False)
+def top_map(scene, world):
+    """Return the `HeightMap` of a world's upper surface."""
+    return HeightMap(
+        scene.top,
+        int32(scene.extents[world, layout.MAP_AT]),
+        int32(scene.extents[world, layout.GX]),
+        int32(scene.extents[world, layout.GY]),
+        scene.constants[world, layout.TOP_BASE],
+        scene.constants[world, layout.TOP_STEP],
+    )
+
+
+@kernel(inlined=True, allocates=False)
+def depth_map(scene, world):
+    """Return the `HeightMap` of a world's water: its surface minus the ground."""
+    return HeightMap(
+        scene.depth,
+        int32(scene.extents[world, layout.MAP_AT]),
+        int32(scene.extents[world, layout.GX]),
+        int32(scene.extents[world, layout.GY]),
+        scene.constants[world, layout.DEPTH_BASE],
+        scene.constants[world, layout.DEPTH_STEP],
+    )
+
+
+@kernel(inlined=True, allocates=False)
+def within_map(heights, x, y):
+    """Return node coordinates limited to those that have four nodes around them."""
     # A little less than the last node, so that its right neighbour still exists.
-    x = clamp(x, f32(0), f32(columns) - f32(1.001))
-    y = clamp(y, f32(0), f32(rows) - f32(1.001))
-    column = int32(x)
-    row = int32(y)
-    u = x - f32(column)
-    v = y - f32(row)
-    k = at + row * columns + column
-    a = table[uint32(k)]
-    b = table[uint32(k + 1)]
-    c = table[uint32(k + columns)]
-    d = table[uint32(k + columns + 1)]
-    low = a + (b - a) * u
-    high = c + (d - c) * u
-    return low + (high - low) * v
+    return clamp(x, f32(0), f32(heights.columns) - f32(1.001)), clamp(y, f32(0), f32(heights.rows) - f32(1.001))
 
 
 @kernel(inlined=True, allocates=False)
-def sloped(table, at, columns, rows, x, y):
-    """Return the value of `bilinear` and its rise per node in x and in y; the table is level outside its edges."""
-    # The clamped coordinate does not move outside, so the slope there must be zero.
-    within_x = f32(1) if (x >= f32(0)) & (x <= f32(columns) - f32(1.001)) else f32(0)
-    within_y = f32(1) if (y >= f32(0)) & (y <= f32(rows) - f32(1.001)) else f32(0)
-    x = clamp(x, f32(0), f32(columns) - f32(1.001))
-    y = clamp(y, f32(0), f32(rows) - f32(1.001))
+def corner_codes(heights, column, row):
+    """Return the codes of a node, of the next ones in x and in y, and of that in both, as floats."""
+    k = heights.at + row * heights.columns + column
+    left = heights.codes[uint32(k)]
+    right = heights.codes[uint32(k + int32(1))]
+    low = uint32(0xFFFF)
+    return f32(int32(left & low)), f32(int32(right & low)), f32(int32(left >> 16)), f32(int32(right >> 16))
+
+
+@kernel(inlined=True, allocates=False)
+def bilinear(heights, x, y):
+    """Return the height in metres at node coordinates x, y of a `HeightMap`, interpolated between its four nodes."""
+    x, y = within_map(heights, x, y)
     column = int32(x)
     row = int32(y)
     u = x - f32(column)
     v = y - f32(row)
-    k = at + row * columns + column
-    a = table[uint32(k)]
-    b = table[uint32(k + 1)]
-    c = table[uint32(k + columns)]
-    d = table[uint32(k + columns + 1)]
+    a, b, c, d = corner_codes(heights, column, row)
     low = a + (b - a) * u
     high = c + (d - c) * u
-    return low + (high - low) * v, ((b - a) + (d - c - b + a) * v) * within_x, (high - low) * within_y
+    return heights.base + heights.step * (low + (high - low) * v)
+
+
+@kernel(inlined=True, allocates=False)
+def sloped(heights, x, y):
+    """Return the value of `bilinear` and its rise per node in x and in y; the map is level outside its edges."""
+    inside_x, inside_y = within_map(heights, x, y)
+    # The clamped coordinate does not move outside, so the slope there must be zero.
+    rise_x = heights.step if x == inside_x else f32(0)
+    rise_y = heights.step if y == inside_y else f32(0)
+    column = int32(inside_x)
+    row = int32(inside_y)
+    u = inside_x - f32(column)
+    v = inside_y - f32(row)
+    a, b, c, d = corner_codes(heights, column, row)
+    low = a + (b - a) * u
+    high = c + (d - c) * u
+    height = heights.base + heights.step * (low + (high - low) * v)
+    return height, ((b - a) + (d - c - b + a) * v) * rise_x, (high - low) * rise_y
 
 
 @kernel(inlined=True, allocates=False)

@@ -19,9 +19,10 @@ class Scene(NamedTuple):
     constants: np.ndarray
     """[W, CONSTANT_COLUMNS] float32: grid, sun and haze of each world."""
     top: np.ndarray
-    """[nodes] float32, height of the upper surface: water or ground."""
+    """[nodes] uint32, height of the upper surface, water or ground: the code of a node in the lower 16 bits and that of
+    the next one in y in the upper. So two neighbouring numbers hold the four nodes around a point."""
     depth: np.ndarray
-    """[nodes] float32, water's surface minus ground; positive where wet."""
+    """[nodes] uint32, water's surface minus ground, in the same way; positive where wet."""
     cone: np.ndarray
     """[2 * cells] float32, height and slope in turn, since both are read together. No surface within a cell or its
     eight neighbours is higher than the height, and none at a horizontal distance d is higher than
@@ -61,7 +62,7 @@ def blank_scene() -> Scene:
     """Return a scene of empty tables with the types of any scene, so that kernels can compile before a world exists."""
     types = {"extents": (np.int32, 2), "atlas_level": (np.int64, 1)}
     types |= dict.fromkeys(("constants", "plants", "bridges", "shade", "outlines", "chunks", "autumn"), (f32, 2))
-    packed = "paint", "canopy", "canopy_paint", "sky", "clouds", "ripples", "atlas"
+    packed = "top", "depth", "paint", "canopy", "canopy_paint", "sky", "clouds", "ripples", "atlas"
     types |= dict.fromkeys(packed, (np.uint32, 1))
     blank = {name: np.zeros((1,) * rank, kind) for name, (kind, rank) in types.items()}
     # The atlas is read-only, which is part of the type that kernels are compiled for.

@@ -32,7 +32,7 @@ def planes_and_march(renderer: Renderer, pose: np.ndarray) -> list[tuple[np.ndar
     found = []
     for find in (primary_hits.find_by_planes, primary_hits.find_by_march):
         depth, kind = np.zeros(shape, f32), np.zeros(shape, np.uint8)
-        find(renderer.scene, view, 0, renderer.quality == "fast", depth, kind)
+        find(renderer.scene, view, 0, renderer.quality == "fast", depth, kind, np.empty(shape, f32))
         found.append((depth, kind))
     return found
 

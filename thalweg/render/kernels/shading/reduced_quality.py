@@ -26,7 +26,7 @@ from thalweg.render.kernels.shading.water_optics import (
     mirrored_share,
     refracted_slant,
 )
-from thalweg.render.kernels.table_lookup import bilinear, channel, clamp
+from thalweg.render.kernels.table_lookup import bilinear, channel, clamp, depth_map
 from thalweg.render.records import layout
 from thalweg.render.records.appearance import (
     ABSORB_B,
@@ -140,9 +140,7 @@ def shade_water(scene, view, points, pixel, out, n):
     look = view.look
     time = view.time
     number = scene.constants
-    columns = int32(scene.extents[view.world, layout.GX])
-    rows = int32(scene.extents[view.world, layout.GY])
-    at = int32(scene.extents[view.world, layout.MAP_AT])
+    water = depth_map(scene, view.world)
     inv_cell = number[view.world, layout.INV_CELL]
     cell = f32(1) / inv_cell
     sky_begin = int32(scene.extents[view.world, layout.SKY_AT])
@@ -167,7 +165,7 @@ def shade_water(scene, view, points, pixel, out, n):
         facing, rx, ry, rz = mirrored_ray(dx[i], dy[i], dz[i], lean_x, lean_y)
         mirror = mirrored_share(facing, spread)
 
-        depth = max(bilinear(scene.depth, at, columns, rows, x[i], y[i]), f32(0))
+        depth = max(bilinear(water, x[i], y[i]), f32(0))
         bed = nearest_paint(scene, view.world, x[i], y[i], log2(foot * inv_cell))
         sunlit = channel(bed, 24) * f32(1 / 255.0)
         # Light passes the water twice: down from the sun and up to the camera.

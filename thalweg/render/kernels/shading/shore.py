@@ -5,11 +5,10 @@ of the pixel lies on either side, as if the line were straight. Class and mask s
 """
 
 import numpy as np
-from numba import int32
 
 from thalweg.core.jit import kernel
 from thalweg.render.kernels.camera_rays import ray_at, row_step
-from thalweg.render.kernels.table_lookup import clamp, sloped
+from thalweg.render.kernels.table_lookup import clamp, depth_map, sloped
 from thalweg.render.records import layout
 from thalweg.render.records.classes import GROUND, WATER
 
@@ -42,11 +41,8 @@ def water_shares(scene, view, origin, row, places, depth, kind, share, n):
     """
     camera = view.camera
     inv_cell = scene.constants[view.world, layout.INV_CELL]
-    columns = int32(scene.extents[view.world, layout.GX])
-    rows = int32(scene.extents[view.world, layout.GY])
-    at = int32(scene.extents[view.world, layout.MAP_AT])
+    water = depth_map(scene, view.world)
     per_row = row_step(camera)
-    table = scene.depth
     for c in range(n):
         t = depth[c]
         wet = kind[c] == np.uint8(WATER)
@@ -54,9 +50,7 @@ def water_shares(scene, view, origin, row, places, depth, kind, share, n):
         # The sky has no depth; any point will do.
         t = t if surface else f32(0)
         dx, dy, dz = ray_at(camera, row, places[c])
-        w, slope_x, slope_y = sloped(
-            table, at, columns, rows, origin.x + dx * inv_cell * t, origin.y + dy * inv_cell * t
-        )
+        w, slope_x, slope_y = sloped(water, origin.x + dx * inv_cell * t, origin.y + dy * inv_cell * t)
         slope_x *= inv_cell
         slope_y *= inv_cell
         along = slope_x * dx + slope_y * dy

@@ -32,7 +32,7 @@ from thalweg.render.kernels.shading.water_optics import (
     mirrored_share,
     refracted_slant,
 )
-from thalweg.render.kernels.table_lookup import bilinear, clamp, paint_level, sky_at, tile_level
+from thalweg.render.kernels.table_lookup import bilinear, clamp, depth_map, paint_level, sky_at, tile_level
 from thalweg.render.records import layout
 from thalweg.render.records.appearance import (
     ABSORB_B,
@@ -197,9 +197,7 @@ def compose(scene, view, points, pixel, surface, mirrored, out, n):
     look = view.look
     number = scene.constants
     w = view.world
-    columns = int32(scene.extents[w, layout.GX])
-    rows = int32(scene.extents[w, layout.GY])
-    at = int32(scene.extents[w, layout.MAP_AT])
+    depths = depth_map(scene, w)
     inv_cell = number[w, layout.INV_CELL]
     sky_begin = int32(scene.extents[w, layout.SKY_AT])
     sun = number[w, layout.SUN_X], number[w, layout.SUN_Y], number[w, layout.SUN_Z]
@@ -209,7 +207,7 @@ def compose(scene, view, points, pixel, surface, mirrored, out, n):
         mirror = mirrored_share(facing[i], spread[i])
 
         # The bed, where the refracted ray meets it. A slope bends the ray by a quarter of itself (1 - 1 / INDEX).
-        depth = max(bilinear(scene.depth, at, columns, rows, x[i], y[i]), f32(0))
+        depth = max(bilinear(depths, x[i], y[i]), f32(0))
         hx = dx[i] * f32(1 / INDEX) + slope_x[i] * f32(0.25)
         hy = dy[i] * f32(1 / INDEX) + slope_y[i] * f32(0.25)
         path = depth / math.sqrt(max(f32(1) - hx * hx - hy * hy, f32(0.1)))

@@ -19,7 +19,7 @@ from numba import int32, uint32
 
 from thalweg.core.jit import kernel
 from thalweg.render.kernels.camera_rays import row_step
-from thalweg.render.kernels.table_lookup import bilinear, clamp, sloped
+from thalweg.render.kernels.table_lookup import bilinear, clamp, sloped, top_map
 from thalweg.render.kernels.terrain.heightfield_march import FAR_M
 from thalweg.render.records import layout
 
@@ -185,10 +185,7 @@ def empty_profiles(fan, samples, rows):
 @kernel(disjoint=True, allocates=False)
 def sample_slopes(scene, world, origin, fan, distance, slope):
     """Fill slope [S * planes] with the rise from the camera to the surface, per metre, at each distance [S]."""
-    columns = int32(scene.extents[world, layout.GX])
-    rows = int32(scene.extents[world, layout.GY])
-    at = int32(scene.extents[world, layout.MAP_AT])
-    top = scene.top
+    top = top_map(scene, world)
     for j in range(len(distance)):
         ahead = distance[j]
         inverse = f32(1) / ahead
@@ -197,7 +194,7 @@ def sample_slopes(scene, world, origin, fan, distance, slope):
             q = fan.first + f32(i) * fan.step
             x = origin.x + (fan.heading_x + q * fan.right_x) * ahead
             y = origin.y + (fan.heading_y + q * fan.right_y) * ahead
-            slope[uint32(base + int32(i))] = (bilinear(top, at, columns, rows, x, y) - origin.z) * inverse
+            slope[uint32(base + int32(i))] = (bilinear(top, x, y) - origin.z) * inverse
 
 
 @kernel(inlined=True, allocates=False)
@@ -312,11 +309,8 @@ def settle_row(scene, view, origin, fan, row, column, rays, nearness, t, doubt, 
     surface, from which a march has to look for it.
     """
     dx, dy, dz = rays
-    columns = int32(scene.extents[view.world, layout.GX])
-    rows = int32(scene.extents[view.world, layout.GY])
-    at = int32(scene.extents[view.world, layout.MAP_AT])
+    top = top_map(scene, view.world)
     margin = f32(2 * STEP_NODES) / scene.constants[view.world, layout.INV_CELL]
-    top = scene.top
     near = view.camera.near_m
     inverse = f32(1) / horizontal_reach(view.camera, row)
     first, per_column = plane_position(view.camera, fan, row)
@@ -324,7 +318,7 @@ def settle_row(scene, view, origin, fan, row, column, rays, nearness, t, doubt, 
         middle, nearer, apart = between_planes(fan, nearness, first + f32(column + c) * per_column)
         ti = inverse / max(middle, f32(NEARNESS_LEAST))
         # Newton: the height above the surface, by the rate at which the ray sinks towards it.
-        height, across, along = sloped(top, at, columns, rows, origin.x + dx[c] * ti, origin.y + dy[c] * ti)
+        height, across, along = sloped(top, origin.x + dx[c] * ti, origin.y + dy[c] * ti)
         rate = across * dx[c] + along * dy[c] - dz[c]
         move = (origin.z + dz[c] * ti - height) / max(rate, f32(1e-3))
         room = f32(SETTLE_M) + f32(SETTLE_SHARE) * ti

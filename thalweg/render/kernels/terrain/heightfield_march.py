@@ -14,7 +14,15 @@ from numba import int32, uint32
 
 from thalweg.core.jit import kernel
 from thalweg.render.kernels.camera_rays import row_step
-from thalweg.render.kernels.table_lookup import bilinear, clamp, sloped
+from thalweg.render.kernels.table_lookup import (
+    bilinear,
+    clamp,
+    corner_codes,
+    depth_map,
+    sloped,
+    top_map,
+    within_map,
+)
 from thalweg.render.records import layout
 
 f32 = np.float32
@@ -148,32 +156,24 @@ def step_rays(scene, world, origin, rays, t, hit, track, n):
     """
     dx, dy, dz = rays
     before, gap_before, gap_after, speed, leave = track
-    columns = int32(scene.extents[world, layout.GX])
-    rows = int32(scene.extents[world, layout.GY])
-    at = int32(scene.extents[world, layout.MAP_AT])
+    top = top_map(scene, world)
     cone_columns = int32(scene.extents[world, layout.CONE_X])
     cone_at = int32(scene.extents[world, layout.CONE_AT])
-    top = scene.top
     cone = scene.cone
     active = f32(0)
     for i in range(n):
         ti = t[i]
-        x = clamp(origin.x + dx[i] * ti, f32(0), f32(columns) - f32(1.001))
-        y = clamp(origin.y + dy[i] * ti, f32(0), f32(rows) - f32(1.001))
+        x, y = within_map(top, origin.x + dx[i] * ti, origin.y + dy[i] * ti)
         z = origin.z + dz[i] * ti
         # As `table_lookup.bilinear`, whose row and column the cone map needs too.
         column = int32(x)
         row = int32(y)
         u = x - f32(column)
         v = y - f32(row)
-        k = at + row * columns + column
-        a = top[uint32(k)]
-        b = top[uint32(k + 1)]
-        c = top[uint32(k + columns)]
-        d = top[uint32(k + columns + 1)]
+        a, b, c, d = corner_codes(top, column, row)
         low = a + (b - a) * u
         high = c + (d - c) * u
-        gap = z - (low + (high - low) * v)
+        gap = z - (top.base + top.step * (low + (high - low) * v))
         cone_index = (row // int32(layout.CONE_CELL)) * cone_columns + column // int32(layout.CONE_CELL)
         block = uint32(cone_at + int32(2) * cone_index)
         # In these units a cone of slope s is left behind at the rate s * speed - dz.
@@ -200,9 +200,7 @@ def refine_hits(scene, world, origin, rays, t, hit, track, n):
     """Move t [n] of the rays that met the surface to where they cross it, between their last two points."""
     dx, dy, dz = rays
     before, gap_before, gap_after, _, leave = track
-    columns = int32(scene.extents[world, layout.GX])
-    rows = int32(scene.extents[world, layout.GY])
-    at = int32(scene.extents[world, layout.MAP_AT])
+    top = top_map(scene, world)
     for i in range(n):
         # The secant through the last point above and the first below, and once more from there.
         t0 = before[i]
@@ -210,9 +208,7 @@ def refine_hits(scene, world, origin, rays, t, hit, track, n):
         g0 = gap_before[i]
         g1 = gap_after[i]
         tm = t0 + (t1 - t0) * g0 / max(g0 - g1, f32(1e-6))
-        gm = (
-            origin.z + dz[i] * tm - bilinear(scene.top, at, columns, rows, origin.x + dx[i] * tm, origin.y + dy[i] * tm)
-        )
+        gm = origin.z + dz[i] * tm - bilinear(top, origin.x + dx[i] * tm, origin.y + dy[i] * tm)
         t0 = tm if gm > f32(0) else t0
         g0 = gm if gm > f32(0) else g0
         t1 = t1 if gm > f32(0) else tm
@@ -228,12 +224,10 @@ def touch_surface(scene, world, origin, rays, t, planes, n):
     """Fill `TangentPlanes` [n] with the planes that touch the surface where each of n rays meets it at t [n]."""
     dx, dy, _ = rays
     slope_x, slope_y, gap = planes
-    columns = int32(scene.extents[world, layout.GX])
-    rows = int32(scene.extents[world, layout.GY])
-    at = int32(scene.extents[world, layout.MAP_AT])
+    top = top_map(scene, world)
     for i in range(n):
         # The plane through the surface at the point, written as a height under the camera.
-        height, across, along = sloped(scene.top, at, columns, rows, origin.x + dx[i] * t[i], origin.y + dy[i] * t[i])
+        height, across, along = sloped(top, origin.x + dx[i] * t[i], origin.y + dy[i] * t[i])
         slope_x[i] = across
         slope_y[i] = along
         gap[i] = origin.z - height + (across * dx[i] + along * dy[i]) * t[i]
@@ -258,9 +252,6 @@ def meet_planes(planes, square_t, rays, t, n):
 def water_depths(scene, world, origin, rays, t, depth, n):
     """Fill depth [n] with the depth of the water where each ray is at t [n]; it is not above zero on dry ground."""
     dx, dy, _ = rays
-    columns = int32(scene.extents[world, layout.GX])
-    rows = int32(scene.extents[world, layout.GY])
-    at = int32(scene.extents[world, layout.MAP_AT])
-    depth_map = scene.depth
+    water = depth_map(scene, world)
     for i in range(n):
-        depth[i] = bilinear(depth_map, at, columns, rows, origin.x + dx[i] * t[i], origin.y + dy[i] * t[i])
+        depth[i] = bilinear(water, origin.x + dx[i] * t[i], origin.y + dy[i] * t[i])

@@ -29,6 +29,8 @@ CHUNK = 512
 """Most pixels that are shaded together: their scratch fits into a processor's second cache."""
 LANES = 16
 """The number of pixels that are shaded together is a multiple of this, as many as the widest vector holds."""
+SHORE_M = 0.5 * DEEPEST_M + 0.001
+"""Where the water is deeper, or the ground higher, than this, no shore crosses the pixel."""
 KINDS = 3
 """Classes that are shaded here: `SKY`, `WATER` and `GROUND`."""
 
@@ -124,59 +126,66 @@ def gather(scene, view, row, reduced, band, wide, gathered):
 
     band: `flattened` planes from a row of the image on.
     """
-    if not reduced:
-        find_shores(scene, view, row, band, wide, gathered)
-    places, wet = gathered.places, gathered.wet
-    skies, waters, grounds = 0, 0, 0
+    for i in range(len(band.kind)):
+        gathered.wet[i] = f32(1) if band.kind[i] == np.uint8(WATER) else f32(0)
+    skies, waters, grounds, shores = 0, 0, 0, 0
     for r in range(len(band.kind) // wide):
-        for c in range(view.camera.width):
-            i = uint32(r * wide + c)
-            kind = band.kind[i]
-            # Pixels behind dense foliage are left out: their colour would not show.
-            lit = band.transmittance[i] > f32(SEEN)
-            share = f32(1) if kind == np.uint8(WATER) else f32(0)
-            if not reduced:
-                share = wet[i]
-            surface = lit & ((kind == np.uint8(WATER)) | (kind == np.uint8(GROUND)))
-            place = place_of(int32(r), int32(c))
-            # Written in any case, and kept by counting it: a choice would be predicted wrongly too often.
-            places[SKY, skies] = place
-            skies += int32(lit & (kind == np.uint8(SKY)))
-            places[WATER, waters] = place
-            waters += int32(surface & (covered_share(WATER, share) > f32(0)))
-            places[GROUND, grounds] = place
-            grounds += int32(surface & (covered_share(GROUND, share) > f32(0)))
+        for first in range(0, view.camera.width, LANES):
+            # Most pixels lie behind dense foliage, many of them side by side. Their colour would not show.
+            if not any_seen(band.transmittance, r * wide + first):
+                continue
+            for c in range(first, min(first + LANES, view.camera.width)):
+                i = uint32(r * wide + c)
+                kind = band.kind[i]
+                seen = band.transmittance[i] > f32(SEEN)
+                water = seen & (kind == np.uint8(WATER))
+                ground = seen & (kind == np.uint8(GROUND))
+                shore = (water | ground) & (abs(band.water[i]) < f32(SHORE_M)) & (not reduced)
+                place = place_of(int32(r), int32(c))
+                # Written in any case, and kept by counting it: a choice would be predicted wrongly too often.
+                gathered.places[SKY, skies] = place
+                skies += int32(seen & (kind == np.uint8(SKY)))
+                gathered.places[WATER, waters] = place
+                waters += int32(water & (not shore))
+                gathered.places[GROUND, grounds] = place
+                grounds += int32(ground & (not shore))
+                gathered.shore[shores] = place
+                shores += int32(shore)
+    waters, grounds = divide_shores(scene, view, row, shores, band, wide, gathered, waters, grounds)
     return skies, waters, grounds
 
 
+@kernel(inlined=True, allocates=False)
+def any_seen(light, first):
+    """Whether any of `LANES` pixels from `first` on is seen behind the plants."""
+    most = f32(0)
+    for i in range(LANES):
+        most = max(most, light[uint32(first + i)])
+    return most > f32(SEEN)
+
+
 @kernel(disjoint=True, allocates=False)
-def find_shores(scene, view, row, band, wide, gathered):
-    """Fill the shares of water of `Gathered` [R * W'] for a band from a row of the image on."""
-    wet, shore = gathered.wet, gathered.shore
-    for i in range(len(band.kind)):
-        wet[i] = f32(1) if band.kind[i] == np.uint8(WATER) else f32(0)
-    count = 0
-    for r in range(len(band.kind) // wide):
-        for c in range(view.camera.width):
-            i = uint32(r * wide + c)
-            surface = (band.kind[i] == np.uint8(WATER)) | (band.kind[i] == np.uint8(GROUND))
-            # Where water is deeper than half of the greatest change over a pixel, no shore crosses it.
-            if surface & (abs(band.water[i]) < f32(DEEPEST_M)) & (band.transmittance[i] > f32(SEEN)):
-                shore[count] = place_of(int32(r), int32(c))
-                count += 1
-    padded = fill_up(shore, count)
+def divide_shores(scene, view, row, count, band, wide, gathered, waters, grounds):
+    """Find the shares of water of the `count` pixels that may lie on a shore, and append them to those that show water
+    or ground, or both; returns how many of each there are then."""
     origin = map_origin(scene, view)
     share = gathered.points.x
+    padded = fill_up(gathered.shore, count)
     for first in range(0, padded, CHUNK):
-        places = shore[first : min(first + CHUNK, padded)]
+        places = gathered.shore[first : min(first + CHUNK, padded)]
         n = len(places)
         for k in range(n):
             i = pixel_at(places[k], wide)
             gathered.depth[k] = band.depth[i]
             gathered.kind[k] = band.kind[i]
         water_shares(scene, view, origin, row, places, gathered.depth, gathered.kind, share, n)
-        for k in range(n):
-            wet[pixel_at(places[k], wide)] = share[k]
+        for k in range(min(n, count - first)):
+            gathered.wet[pixel_at(places[k], wide)] = share[k]
+            gathered.places[WATER, waters] = places[k]
+            waters += int32(covered_share(WATER, share[k]) > f32(0))
+            gathered.places[GROUND, grounds] = places[k]
+            grounds += int32(covered_share(GROUND, share[k]) > f32(0))
+    return waters, grounds
 
 
 @kernel(inlined=True, allocates=False)

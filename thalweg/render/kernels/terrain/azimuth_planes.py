@@ -249,6 +249,16 @@ def find_visible(fan, profiles, top, bottom):
 
 
 @kernel(inlined=True, allocates=False)
+def any_met(profiles, row):
+    """Whether any ray of a row of `first` meets a profile."""
+    least = int32(len(profiles.distance))
+    own = profiles.first[row]
+    for i in range(len(own)):
+        least = min(least, own[i])
+    return least < int32(len(profiles.distance))
+
+
+@kernel(inlined=True, allocates=False)
 def secant(slope, s0, m0, s1, m1):
     """Distance between s0 and s1 at which a ray of this slope meets the surface, whose slopes there are m0 and m1."""
     g0 = (slope - m0) * s0

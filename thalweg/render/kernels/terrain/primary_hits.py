@@ -106,6 +106,9 @@ def meet_rows(scene, view, top, reduced, fan, profiles, work, depth, kind, water
     count = 0
     for r in range(rows):
         row = top + r
+        if not azimuth_planes.any_met(profiles, r):
+            clear_row(depth[r], kind[r], water[r])
+            continue
         azimuth_planes.meet_profiles(fan, profiles, r, azimuth_planes.ray_slope(view.camera, row), nearness)
         row_rays(view.camera, row, 0, inv_cell, rays, wide)
         if reduced:
@@ -172,6 +175,15 @@ def march_doubtful(scene, world, origin, waiting, count, depth, kind, water):
         water[r, c] = wet[k]
         surface = np.uint8(WATER) if wet[k] > f32(0) else np.uint8(GROUND)
         kind[r, c] = surface if hit[k] > f32(0) else np.uint8(SKY)
+
+
+@kernel(disjoint=True, allocates=False)
+def clear_row(depth, kind, water):
+    """Fill depth, kind and water [W'] of a row that shows nothing but sky."""
+    for c in range(len(depth)):
+        depth[c] = f32(MISS)
+        kind[c] = np.uint8(SKY)
+        water[c] = f32(0)
 
 
 @kernel(disjoint=True, allocates=False)

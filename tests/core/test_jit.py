@@ -15,7 +15,8 @@ from numba.core.errors import NumbaError
 
 from thalweg.core import jit
 from thalweg.core.cache import PACKAGE
-from thalweg.core.jit import kernel, kernel_sources, machine_hash, preferred_vector_bits, vector_bits
+from thalweg.core.jit import kernel, kernel_sources, machine_hash
+from thalweg.core.kernel_compiler import preferred_vector_bits, vector_bits
 
 X86 = platform.machine() in ("x86_64", "AMD64")
 INTEL = {
@@ -123,7 +124,7 @@ def test_every_form_of_import_is_found(line: str):
 
 WIDEST_REGISTERS = """
 import numba, numpy as np
-from thalweg.core import jit
+from thalweg.core import jit, kernel_compiler
 jit.kernel_cache_dir = lambda: None
 def halve(a, b):
     for i in range(len(a)):
@@ -133,7 +134,7 @@ for compiled in (jit.kernel(halve, disjoint=True), numba.njit(fastmath=True)(hal
     compiled.compile((array, array))
     (code,) = compiled.inspect_asm().values()
     print(next(name for name in ("zmm", "ymm", "xmm") if name in code), end=" ")
-print(jit.vector_bits())
+print(kernel_compiler.vector_bits())
 """
 
 

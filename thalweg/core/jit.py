@@ -4,12 +4,13 @@ Numba's own cache watches only the file that defines a function, so a change in 
 one behind. Here the name of the cache folder contains a hash of the code of every module that kernels depend on.
 Comments, docstrings and the location of the package do not change it, so two clones share compiled kernels.
 
+A kernel is stored only where Python calls it, together with all that it calls; see `thalweg.core.kernel_compiler`.
+
 Kernels compute in float32 (write `float32(0.5)`: a Python literal is float64 and halves the speed), use selects for
 conditions in inner loops, and never use NaN or infinity as special values, because `fastmath` forbids them.
 """
 
 import hashlib
-import os
 import re
 import sys
 import tempfile
@@ -22,20 +23,16 @@ from typing import Any
 import llvmlite
 import numba
 from llvmlite import binding
-from numba.core import caching, codegen, compiler, lowering, typed_passes
-from numba.core import config as numba_config
-from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core import caching
 
 from thalweg.core.cache import PACKAGE, cache_dir, code_hash
+from thalweg.core.kernel_compiler import Kernel, WholeCompiler, config, preferred_vector_bits
 
-config: Any = numba_config
-"""Numba's settings, typed as `Any` because they are set on import and unknown to type checkers."""
 IMPORT = re.compile(r"^ *(?:from|import) (thalweg[.\w]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
 USES_KERNELS = re.compile(r"^from thalweg\.core\.jit import", re.MULTILINE)
 """Matches the import that every module with kernels has."""
-VECTOR_SETTING = "THALWEG_VECTOR_BITS"
-"""Environment variable with the widest vectors that kernels may use, one of `VECTOR_WIDTHS`."""
-VECTOR_WIDTHS = (256, 512)
+OPTIONS = {"nopython": True, "error_model": "numpy", "boundscheck": False, "nogil": True}
+"""Numba's options of all kernels."""
 
 
 def kernel(
@@ -61,19 +58,13 @@ def kernel(
     """
 
     def compile_lazily(python_function: Callable[..., Any]) -> Any:
-        folder = kernel_cache_dir()
-        dispatcher: Any = numba.njit(
-            fastmath=fastmath,
-            forceinline=inlined,
-            error_model="numpy",
-            boundscheck=False,
-            nogil=True,
-            pipeline_class=_Compiler,
-        )(python_function)
-        if folder is not None and not config.DISABLE_JIT:
+        if config.DISABLE_JIT:
+            return python_function
+        options = {"fastmath": fastmath, "forceinline": inlined}
+        dispatcher: Any = Kernel(python_function, targetoptions=OPTIONS | options, pipeline_class=WholeCompiler)
+        dispatcher.set_flags(disjoint, allocates)
+        if kernel_cache_dir() is not None:
             dispatcher._cache = _Cache(dispatcher.py_func)
-        if not config.DISABLE_JIT:
-            _set_flags(dispatcher, disjoint, allocates)
         return dispatcher
 
     return compile_lazily(function) if function is not None else compile_lazily
@@ -108,32 +99,14 @@ def machine_hash() -> str:
     return hashlib.sha256("\n".join((*cpu, *versions)).encode()).hexdigest()[:8]
 
 
-def preferred_vector_bits() -> int:
-    """Return the widest vectors in bits that kernels may use: 512, or `$THALWEG_VECTOR_BITS`.
-
-    Raises `ValueError` for a setting that is not one of `VECTOR_WIDTHS`.
-    """
-    setting = os.environ.get(VECTOR_SETTING, "") or str(VECTOR_WIDTHS[-1])
-    if setting not in map(str, VECTOR_WIDTHS):
-        raise ValueError(f"{VECTOR_SETTING} = {setting!r}: choose one of {', '.join(map(str, VECTOR_WIDTHS))}")
-    return int(setting)
-
-
-def vector_bits() -> int:
-    """Return the width in bits of the vectors in compiled kernels: the processor's, up to the preferred one."""
-    features = (config.CPU_FEATURES or codegen.get_host_cpu_features()).split(",")
-    widest = 512 if "+avx512f" in features else 256 if "+avx" in features else 128
-    return min(widest, preferred_vector_bits())
-
-
 def kernel_sources() -> list[Path]:
     """Return the modules that define kernels and all modules of the package that they import, also indirectly.
 
     The `__init__.py` files are left out: kernels import from the defining modules.
     """
     sources = {path: path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py") if path.name != "__init__.py"}
-    waiting = [path for path, text in sources.items() if USES_KERNELS.search(text)]
-    found = {PACKAGE / "core" / "jit.py"}
+    waiting = [path for path, text in sources.items() if USES_KERNELS.search(text)] + [PACKAGE / "core" / "jit.py"]
+    found: set[Path] = set()
     while waiting:
         path = waiting.pop()
         if path not in found:
@@ -182,56 +155,3 @@ class _CacheImpl(caching.CompileResultCacheImpl):
 
 class _Cache(caching.FunctionCache):
     _impl_class = _CacheImpl
-
-
-class _Lower(lowering.Lower):
-    """Writes LLVM's code of a kernel, and lets it use the preferred width of vectors.
-
-    For most of Intel's processors with AVX-512, LLVM prefers vectors of 256 bits, which suits programs with few vector
-    loops. The attribute belongs to the function, so that other users of Numba in the process keep their code.
-    """
-
-    def setup_function(self, fndesc: Any) -> None:
-        super().setup_function(fndesc)
-        # Not by the method of the same name, which refuses attributes that depend on the processor.
-        set.add(self.function.attributes, f'"prefer-vector-width"="{preferred_vector_bits()}"')
-
-
-@register_pass(mutates_CFG=True, analysis_only=False)
-class _NativeLowering(typed_passes.NativeLowering):
-    _name = "kernel_lowering"
-
-    @property
-    def lowering_class(self) -> type[lowering.Lower]:
-        return _Lower
-
-
-class _Compiler(compiler.CompilerBase):
-    """Numba's compiler, with `_Lower`."""
-
-    def define_pipelines(self) -> list[Any]:
-        pipeline = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
-        swapped = PassManager(pipeline.pipeline_name)
-        for one, description in pipeline.passes:
-            swapped.add_pass(_NativeLowering if one is typed_passes.NativeLowering else one, description)
-        swapped.finalize()
-        return [swapped]
-
-
-def _set_flags(dispatcher: Any, disjoint: bool, allocates: bool) -> None:
-    """Set the compiler flags for which Numba has no public option.
-
-    `noalias` marks arguments as disjoint; `nrt` enables reference counts.
-    """
-    compiler = dispatcher._compiler
-    customize = compiler._customize_flags
-
-    def with_flags(flags: Any) -> Any:
-        flags = customize(flags)
-        if disjoint:
-            flags.noalias = True
-        # Set in either case: a function would otherwise inherit the flag of the caller that is being compiled.
-        flags.nrt = allocates
-        return flags
-
-    compiler._customize_flags = with_flags

@@ -36,9 +36,8 @@ def third_of_root(x):
 
 @kernel
 def reduced(x):
-    zero = 0
     # LLVM drops this call, and would drop all that it calls if that were linked right behind it.
-    if zero > 1:
+    if x - x > 1.0:
         return half_of_third(x)
     return root(third_of_root(x))
 

@@ -6,10 +6,11 @@ import sys
 from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 
 from tests.render.plain import plane, plants_at
-from thalweg.render import compilation
+from thalweg.render import Camera, Renderer, compilation
 from thalweg.render.bake.scene_tables import build_scene
 from thalweg.render.records.scene import Scene
 
@@ -45,6 +46,19 @@ def test_the_kernel_is_compiled_for_the_types_with_which_it_is_called():
     blank = compilation.arguments()[0]
     types = {name: (numba.typeof(getattr(real, name)), numba.typeof(getattr(blank, name))) for name in Scene._fields}
     assert {name: found for name, found in types.items() if found[0] != found[1]} == {}
+
+
+@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize("time_s", ["none", "number", "array"])
+def test_poses_indices_and_times_of_any_memory_layout_reach_the_kernel_as_the_compiled_types(count: int, time_s: str):
+    renderer = Renderer([plane()], Camera(32, 32))
+    poses = np.asfortranarray(np.tile([0.0, 0.0, 2.0, 0.0], (count, 1)))
+    index = np.zeros(2 * count, np.int32)[::2]
+    poses.setflags(write=False)
+    times = {"none": None, "number": 2.0, "array": np.full(count, 2.0)}[time_s]
+    views = renderer._checked(poses, index, times, None)
+    assert numba.typeof(views) == numba.typeof(compilation.arguments()[1])
+    np.testing.assert_array_equal(views.times, np.full(count, 0.0 if time_s == "none" else 2.0))
 
 
 def test_where_no_process_can_compile_a_warning_says_what_follows(

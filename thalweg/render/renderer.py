@@ -194,18 +194,19 @@ class Renderer:
         time_s: ArrayLike | None,
         look: Look | Sequence[Look] | np.ndarray | None,
     ) -> Views:
-        poses = np.ascontiguousarray(poses, np.float64)
+        # Copies, here and below: kernels would be compiled again for arrays that are strided or can't be written to.
+        poses = np.array(poses, np.float64, order="C")
         if poses.ndim != 2 or poses.shape[1] != 4:
             raise RenderError(f"poses have shape {list(poses.shape)}; they must be [N, 4]: x, y, z, yaw")
         if not np.isfinite(poses).all():
             raise RenderError(f"pose {int(np.argmin(np.isfinite(poses).all(axis=1)))} is not finite")
         count = len(poses)
-        index = np.zeros(count, np.int64) if world_index is None else np.asarray(world_index, np.int64)
+        index = np.zeros(count, np.int64) if world_index is None else np.array(world_index, np.int64)
         if index.shape != (count,):
             raise RenderError(f"world_index has shape {list(index.shape)}; there are {count} poses")
         if count and (index.min() < 0 or index.max() >= len(self.worlds)):
             raise RenderError(f"world_index must be in 0..{len(self.worlds) - 1}; got {index.min()}..{index.max()}")
-        times = np.ascontiguousarray(np.broadcast_to(np.float64(0.0) if time_s is None else time_s, count), np.float64)
+        times = np.array(np.broadcast_to(0.0 if time_s is None else time_s, count), np.float64, order="C")
         return Views(index, poses, times, look_rows(look_values(look, count), self.camera))
 
 

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from thalweg.render.bake import clouds, impostors, outlines, ripples, sky
-from thalweg.render.bake.canopy import canopy_map
-from thalweg.render.bake.cone_map import cone_map
+from thalweg.render.bake import impostors, outlines, ripples, sky
+from thalweg.render.bake.baked_maps import baked_maps
 from thalweg.render.records.layout import (
     ATLAS_AT,
     BRIDGE_COLUMNS,
@@ -118,7 +117,6 @@ def build_scene(worlds: Sequence[World]) -> Scene:
         extent[BRIDGE_FROM] = tables.add("bridges", bridge_rows(world))
         extent[BRIDGE_TO] = tables.length["bridges"]
         extent[SKY_AT] = tables.add("sky", pack_colour(sky.sky_map(sun, world.seed), sky.CODE_RANGE).ravel())
-        extent[CLOUD_AT] = tables.add("clouds", clouds.packed(clouds.cloud_map(sun, world.seed)))
         # Worlds under a sun of the same height share one atlas.
         atlas = impostors.atlas(world.sun_elevation)
         if id(atlas) not in atlases:
@@ -141,7 +139,7 @@ def build_scene(worlds: Sequence[World]) -> Scene:
 
 
 def add_maps(tables: TableWriter, world: World, sun: np.ndarray, extent: np.ndarray, constant: np.ndarray) -> None:
-    """Append the maps of a world's surface, cones, paint and canopy.
+    """Append the maps of a world's surface, cones, paint, canopy and clouds.
 
     Their offsets and sizes are noted in `extent`, and the units of heights in `constant`.
     """
@@ -150,24 +148,24 @@ def add_maps(tables: TableWriter, world: World, sun: np.ndarray, extent: np.ndar
     extent[GY], extent[GX] = top.shape
     extent[MAP_AT] = tables.add("top", top.ravel())
     tables.add("depth", depth.ravel())
-
-    # Of the heights that rays will meet, so that no cone lies below them.
-    heights = constant[TOP_BASE] + constant[TOP_STEP] * (top & 0xFFFF).astype(np.float32)
-    constant[TOP_MAX] = heights.max()
-    height, slope = cone_map(heights, world.grid.cell_m)
-    extent[CONE_X] = height.shape[1]
-    extent[CONE_AT] = tables.add("cone", np.stack([height, slope], axis=-1).ravel())
+    # Cones and summit are those of the rounded heights that rays will meet.
+    met_m = constant[TOP_BASE] + constant[TOP_STEP] * (top & 0xFFFF).astype(np.float32)
+    constant[TOP_MAX] = met_m.max()
 
     lit = ground_radiance(world, sun)
+    baked = baked_maps(world, sun, met_m, lit)
+    extent[CONE_X] = baked.cone.shape[1]
+    extent[CONE_AT] = tables.add("cone", baked.cone.ravel())
+
     levels = paint_levels(lit, world.sun)
     extent[PAINT_Y], extent[PAINT_X] = levels[0].shape
     for k, level in enumerate(levels):
         extent[PAINT_AT + k] = tables.add("paint", level.ravel())
 
-    canopy, colour = canopy_map(world, lit, impostors.atlas(world.sun_elevation), sun)
-    extent[CANOPY_Y], extent[CANOPY_X] = canopy.shape
-    extent[CANOPY_AT] = tables.add("canopy", canopy.ravel())
-    tables.add("canopy_paint", colour.ravel())
+    extent[CANOPY_Y], extent[CANOPY_X] = baked.canopy.shape
+    extent[CANOPY_AT] = tables.add("canopy", baked.canopy.ravel())
+    tables.add("canopy_paint", baked.canopy_paint.ravel())
+    extent[CLOUD_AT] = tables.add("clouds", baked.clouds)
 
 
 def pack_heights(heights_m: np.ndarray) -> tuple[np.ndarray, float, float]:

@@ -1,0 +1,119 @@
+"""Tests of the maps that are kept on the disk: read as they were baked, never for another world, and not too many."""
+
+import os
+from dataclasses import fields, is_dataclass, replace
+
+import numpy as np
+import pytest
+
+from tests.render.plain import plane, plants_at
+from thalweg.render.bake import baked_maps
+from thalweg.world import World
+
+SUN = np.array([0.6, 0.0, 0.8])
+TOP = np.zeros((4, 4), np.float32)
+
+
+def maps(scale: int) -> baked_maps.BakedMaps:
+    """Small maps with values of their own."""
+    cone = np.arange(12, dtype=np.float32).reshape(2, 3, 2) * scale
+    codes = np.arange(6, dtype=np.uint32).reshape(2, 3) * np.uint32(scale)
+    return baked_maps.BakedMaps(cone, codes, codes + np.uint32(1), codes.ravel())
+
+
+@pytest.fixture
+def world() -> World:
+    return plane(plants=plants_at([(0.0, 0.0)], 3))
+
+
+@pytest.fixture
+def baked(tmp_path, monkeypatch) -> list[World]:
+    """The worlds that were baked so far, into an empty cache folder."""
+    monkeypatch.setenv("THALWEG_CACHE", str(tmp_path))
+    worlds = []
+
+    def bake(world: World, sun: np.ndarray, top_m: np.ndarray, lit: np.ndarray) -> baked_maps.BakedMaps:
+        worlds.append(world)
+        return maps(len(worlds))
+
+    monkeypatch.setattr(baked_maps, "bake", bake)
+    return worlds
+
+
+def assert_equal(found: baked_maps.BakedMaps, expected: baked_maps.BakedMaps) -> None:
+    for one, other in zip(found, expected, strict=True):
+        assert one.dtype == other.dtype
+        np.testing.assert_array_equal(one, other)
+
+
+def test_maps_are_baked_once_for_a_world_and_read_back_for_an_equal_one(world, baked, tmp_path):
+    lit = np.ones((4, 4, 3))
+    assert_equal(baked_maps.baked_maps(world, SUN, TOP, lit), maps(1))
+    assert_equal(baked_maps.baked_maps(plane(plants=plants_at([(0.0, 0.0)], 3)), SUN, TOP, lit), maps(1))
+    assert_equal(baked_maps.baked_maps(replace(world, seed=world.seed + 1), SUN, TOP, lit), maps(2))
+    assert len(baked) == 2
+    assert len(list((tmp_path / "baked").iterdir())) == 2
+
+
+@pytest.mark.parametrize("damage", ["half", "nothing", "other bytes", "one byte"])
+def test_a_damaged_file_is_replaced(world, baked, tmp_path, damage):
+    lit = np.ones((4, 4, 3))
+    baked_maps.baked_maps(world, SUN, TOP, lit)
+    (file,) = (tmp_path / "baked").iterdir()
+    whole = bytearray(file.read_bytes())
+    at = bytes(whole).index(np.float32(7.0).tobytes())
+    flipped = whole[:at] + bytes([whole[at] ^ 255]) + whole[at + 1 :]
+    file.write_bytes(
+        {"half": whole[: len(whole) // 2], "nothing": b"", "other bytes": b"x", "one byte": flipped}[damage]
+    )
+    assert_equal(baked_maps.baked_maps(world, SUN, TOP, lit), maps(2))
+    assert_equal(baked_maps.baked_maps(world, SUN, TOP, lit), maps(2))
+
+
+def test_the_digest_follows_every_field_of_a_world(world):
+    digests = {baked_maps.world_digest(changed) for changed in (world, *variants(world))}
+    assert len(digests) == 1 + sum(1 for _ in variants(world)) > 20
+
+
+def variants(record):
+    """Yield copies of a record that differ from it in one value of one field."""
+    for field in fields(record):
+        value = getattr(record, field.name)
+        if is_dataclass(value):
+            yield from (replace(record, **{field.name: inner}) for inner in variants(value))
+        elif isinstance(value, np.ndarray):
+            if value.size:
+                other = value.copy()
+                other.flat[-1] = 0 if value.flat[-1] else 1
+                yield replace(record, **{field.name: other})
+            yield replace(record, **{field.name: value[..., None]})
+        elif isinstance(value, bool):
+            yield replace(record, **{field.name: not value})
+        else:
+            yield replace(record, **{field.name: value + type(value)(1)})
+
+
+def test_the_files_that_were_not_used_for_longest_are_removed(world, baked, tmp_path, monkeypatch):
+    monkeypatch.setattr(baked_maps, "MOST_FILES", 3)
+    lit = np.ones((4, 4, 3))
+    seeds = [replace(world, seed=seed) for seed in range(4)]
+    for age, one in zip((30, 20, 10), seeds[:3], strict=True):
+        before = set((tmp_path / "baked").glob("*"))
+        baked_maps.baked_maps(one, SUN, TOP, lit)
+        (file,) = set((tmp_path / "baked").glob("*")) - before
+        os.utime(file, (1e9 - age, 1e9 - age))
+    baked_maps.baked_maps(seeds[0], SUN, TOP, lit)  # Used just now.
+    baked_maps.baked_maps(seeds[3], SUN, TOP, lit)
+    assert len(list((tmp_path / "baked").iterdir())) == 3
+    for one in (seeds[0], seeds[2], seeds[3]):
+        baked_maps.baked_maps(one, SUN, TOP, lit)
+    assert len(baked) == 4
+    baked_maps.baked_maps(seeds[1], SUN, TOP, lit)
+    assert len(baked) == 5
+
+
+def test_a_folder_that_cannot_be_written_costs_time_and_not_the_maps(world, baked, tmp_path):
+    (tmp_path / "baked").write_text("a file, so that there can be no folder")
+    lit = np.ones((4, 4, 3))
+    assert_equal(baked_maps.baked_maps(world, SUN, TOP, lit), maps(1))
+    assert_equal(baked_maps.baked_maps(world, SUN, TOP, lit), maps(2))

@@ -24,6 +24,7 @@ import llvmlite
 import numba
 from llvmlite import binding
 from numba.core import caching
+from numba.core.runtime.nrt import rtsys
 
 from thalweg.core.cache import PACKAGE, cache_dir, code_hash
 from thalweg.core.kernel_compiler import Kernel, WholeCompiler, config, preferred_vector_bits
@@ -155,3 +156,12 @@ class _CacheImpl(caching.CompileResultCacheImpl):
 
 class _Cache(caching.FunctionCache):
     _impl_class = _CacheImpl
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return a stored kernel, or None, without what only compilation needs.
+
+        Numba would first import and install all that it knows of Python's and NumPy's functions.
+        """
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)

@@ -211,20 +211,22 @@ class Kernel(CPUDispatcher):
     """A kernel as Python calls it."""
 
     _compiler: Any
+    _flags: dict[str, bool]
 
     def set_flags(self, disjoint: bool, allocates: bool) -> None:
         """Set the compiler flags for which Numba has no public option.
 
         `noalias` marks arguments as disjoint; `nrt` enables reference counts.
         """
-        self._compiler._customize_flags = _flags(noalias=disjoint, nrt=allocates)
-        self._part._compiler._customize_flags = _flags(
-            noalias=disjoint, nrt=allocates, no_compile=True, no_cpython_wrapper=True, no_cfunc_wrapper=True
-        )
+        self._flags = {"noalias": disjoint, "nrt": allocates}
+        self._compiler._customize_flags = _setter(self._flags)
 
     @cached_property
     def _part(self) -> _PartDispatcher:
-        return _PartDispatcher(self.py_func, targetoptions=self.targetoptions, pipeline_class=_PartCompiler)
+        part = _PartDispatcher(self.py_func, targetoptions=self.targetoptions, pipeline_class=_PartCompiler)
+        code_only = {"no_compile": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        part._compiler._customize_flags = _setter(self._flags | code_only)
+        return part
 
     @property
     def _numba_type_(self) -> types.Dispatcher:
@@ -232,8 +234,8 @@ class Kernel(CPUDispatcher):
         return types.Dispatcher(self._part)
 
 
-def _flags(**values: bool) -> Callable[[Any], Any]:
-    """Return a function that sets flags."""
+def _setter(values: dict[str, bool]) -> Callable[[Any], Any]:
+    """Return a function that sets flags of the compiler."""
 
     def set_all(flags: Any) -> Any:
         # All of them: a function would otherwise inherit a flag of the caller that is being compiled.

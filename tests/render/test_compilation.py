@@ -74,4 +74,4 @@ def test_where_no_process_can_compile_a_warning_says_what_follows(
     with pytest.warns(UserWarning, match=r"no room left.*this one compiles it"):
         compilation.finish()
     compilation.finish()
-    assert capsys.readouterr().err == "thalweg: compiling kernels: first start only, about a minute\n"  # printed once
+    assert capsys.readouterr().err == "thalweg: compiling kernels: first start only, half a minute\n"  # printed once

@@ -1,8 +1,7 @@
 """Compilation of the frame's kernel: once for each version of its code, in a process of its own.
 
-The process that compiles would run other machine code than it stores: what is stored has been optimised once more, as
-a whole, and its frames differ in a last bit here and there. Frames have to be the same in every process, so all of them
-load what that process has stored. It also compiles while the first river is still being built.
+It compiles while the first river is still being built; all other processes load what it has stored. Where it fails, the
+process that draws compiles by itself, to the same frames.
 """
 
 import os
@@ -36,7 +35,7 @@ def begin() -> None:
     _ready = _ready or folder is None or config.DISABLE_JIT or (folder / DONE).exists()
     if _ready or _child is not None:
         return
-    print("thalweg: compiling kernels: first start only, about a minute", file=sys.stderr, flush=True)
+    print("thalweg: compiling kernels: first start only, half a minute", file=sys.stderr, flush=True)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     _child = subprocess.Popen(
         [sys.executable, "-m", "thalweg.render.compilation"],
@@ -63,8 +62,7 @@ def finish() -> None:
             failure = f"it took more than {TIMEOUT_S:.0f} s"
         if failure:
             warnings.warn(
-                f"the frames' kernel could not be compiled in a process of its own ({failure}): this one compiles it,"
-                " and its frames may differ in a last bit from those of later ones",
+                f"the frames' kernel could not be compiled in a process of its own ({failure}): this one compiles it",
                 stacklevel=2,
             )
         _child = None

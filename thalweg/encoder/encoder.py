@@ -21,7 +21,8 @@ from torch import Tensor, nn
 from thalweg.core.device import resolve_device
 from thalweg.core.torch_threads import run_in_torch_threads
 from thalweg.encoder.files import EncoderFileError, load_vae
-from thalweg.encoder.vae import LEAK, VAE, EncoderInputError
+from thalweg.encoder.leaky_convolution import LeakyConvolution
+from thalweg.encoder.vae import VAE, EncoderInputError
 
 DEFAULT_PATH = Path(__file__).with_name("default.safetensors")
 """The encoder that comes with the package."""
@@ -52,7 +53,7 @@ class Encoder:
         for layer in convolutions:
             layer.to(self._device, self._dtype, memory_format=torch.channels_last)  # pyright: ignore
         self._convolutions = nn.Sequential(
-            *(step for layer in convolutions for step in (layer, nn.LeakyReLU(LEAK, True)))
+            *(LeakyConvolution(layer, self.config.size_px >> depth) for depth, layer in enumerate(convolutions))
         )
         self._head.to(self._device, self._dtype)
 

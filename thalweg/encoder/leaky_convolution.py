@@ -28,7 +28,8 @@ class LeakyConvolution(nn.Module):
         self.layer = layer
         self._packed: Tensor | None = None
         weight = layer.weight
-        if FUSED is not None and weight.is_cpu:
+        # For bfloat16, oneDNN refuses processors that PyTorch has other code for.
+        if FUSED is not None and weight.is_cpu and weight.dtype == torch.float32:
             shape = (TYPICAL_FRAMES, weight.shape[1], size_px, size_px)
             self._packed = _packed(weight.detach(), shape)
 

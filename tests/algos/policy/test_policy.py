@@ -182,3 +182,17 @@ def test_a_greedy_policy_is_saved_as_one(tmp_path):
     policy_for(SPACES["MultiDiscrete"], greedy=True).save(tmp_path / "policy.safetensors")
     loaded = Policy.load(tmp_path / "policy.safetensors")
     assert loaded.greedy and np.array_equal(loaded.act(observations()), loaded.act(observations()))
+
+
+def test_acting_uses_one_thread_of_pytorch_and_leaves_the_callers_number(monkeypatch):
+    policy, seen = policy_for(SPACES["MultiDiscrete"]), []
+    step = policy.actor.forward
+    monkeypatch.setattr(policy.actor, "forward", lambda inputs: seen.append(torch.get_num_threads()) or step(inputs))
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(3)
+        policy.act(observations())
+        assert torch.get_num_threads() == 3
+    finally:
+        torch.set_num_threads(before)
+    assert seen == [1]

@@ -19,6 +19,7 @@ from thalweg.algos.policy.memory import FrameStack, Sequences
 from thalweg.algos.policy.networks import Actor, NetworkShape
 from thalweg.algos.policy.normaliser import Normaliser
 from thalweg.algos.policy.policy_file import LOADERS, About, load_policy, save_policy, tensors_of
+from thalweg.core.torch_threads import torch_threads
 
 DEFAULT_SHAPE = NetworkShape()
 NO_ORIGIN = About()
@@ -219,7 +220,9 @@ class NetworkPlayer:
         """[N, M] recurrent state after the last observation."""
 
     def __call__(self, obs: np.ndarray, fresh: np.ndarray) -> np.ndarray:
-        return self.policy.actions.to_numpy(self.raw(*to_tensors(obs, fresh, self.policy.device)))
+        # A second thread of PyTorch would wait for its next task in a loop, on the core that draws the next frames.
+        with torch_threads(1):
+            return self.policy.actions.to_numpy(self.raw(*to_tensors(obs, fresh, self.policy.device)))
 
     @torch.inference_mode()
     def raw(self, obs: Tensor, fresh: Tensor) -> Tensor:

@@ -13,7 +13,7 @@ import pytest
 from gymnasium.vector import AsyncVectorEnv
 
 from thalweg.core.jit import config
-from thalweg.core.threads import get_num_threads, run_in_threads, set_num_threads
+from thalweg.core.threads import get_num_threads, run_in_threads, set_num_threads, shrinking_edges
 from thalweg.env import EnvConfig
 from thalweg.env.env import RiverEnv
 from thalweg.world import World
@@ -29,16 +29,41 @@ def _threads(request: pytest.FixtureRequest):
     set_num_threads(before)
 
 
-def jobs_done(jobs: int) -> list[int]:
+def jobs_done(jobs: int, unequal: bool = False) -> list[int]:
     done: list[int] = []
-    run_in_threads(jobs, lambda first, last: done.extend(range(first, last)))
+    run_in_threads(jobs, lambda first, last: done.extend(range(first, last)), unequal=unequal)
     return sorted(done)
 
 
 @pytest.mark.usefixtures("_threads")
 @pytest.mark.parametrize("jobs", [0, 1, 2, 7, 64])
-def test_every_job_runs_once(jobs):
-    assert jobs_done(jobs) == list(range(jobs))
+@pytest.mark.parametrize("unequal", [False, True])
+def test_every_job_runs_once(jobs, unequal):
+    assert jobs_done(jobs, unequal) == list(range(jobs))
+
+
+def test_a_thread_that_is_done_takes_jobs_from_one_that_is_not():
+    if get_num_threads() < 2:
+        pytest.skip("one thread")
+    others_ended, done = threading.Event(), []
+
+    def work(first: int, last: int) -> None:
+        done.extend(range(first, last))
+        if first == 0:
+            assert others_ended.wait(60)
+        if last == 16:
+            others_ended.set()
+
+    run_in_threads(16, work, unequal=True)
+    assert sorted(done) == list(range(16))
+
+
+@pytest.mark.parametrize(("jobs", "threads"), [(1, 1), (2, 2), (3, 2), (16, 2), (17, 4), (64, 64)])
+def test_shrinking_ranges_end_with_single_jobs_and_are_enough_for_all_threads(jobs, threads):
+    edges = shrinking_edges(jobs, threads)
+    lengths = np.diff(edges)
+    assert edges[0] == 0 and edges[-1] == jobs and len(lengths) >= threads
+    assert (np.diff(lengths) <= 0).all() and (lengths[-threads:] == 1).all()
 
 
 def test_an_error_in_another_thread_is_raised_after_all_have_ended():

@@ -5,6 +5,7 @@ then sets PyTorch's number of threads to that of all cores and makes forked proc
 """
 
 import os
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
@@ -31,10 +32,15 @@ def set_num_threads(threads: int) -> None:
     _threads = threads
 
 
-def run_in_threads(jobs: int, work: Callable[[int, int], object], most: int | None = None) -> None:
+def run_in_threads(
+    jobs: int, work: Callable[[int, int], object], most: int | None = None, *, unequal: bool = False
+) -> None:
     """Call `work(first, last)` for ranges that cover 0 to `jobs`, in `get_num_threads` threads, or `most` if fewer.
 
-    The calling thread takes the first range. An error in any range is raised here after all ranges have ended.
+    The calling thread takes the first range. An error in any range is raised here after all threads have ended.
+
+    `unequal`: jobs take different times. The threads then take ranges from one list, shorter ones towards its end, so
+    that none waits long for another.
     """
     global _pool
     threads = min(_threads, jobs, jobs if most is None else most)
@@ -43,14 +49,34 @@ def run_in_threads(jobs: int, work: Callable[[int, int], object], most: int | No
         return
     if _pool is None:
         _pool = ThreadPoolExecutor(config.NUMBA_NUM_THREADS, "thalweg")
-    edges = [jobs * thread // threads for thread in range(threads + 1)]
-    futures = [_pool.submit(work, *ends) for ends in pairwise(edges[1:])]
+    edges = shrinking_edges(jobs, threads) if unequal else [jobs * thread // threads for thread in range(threads + 1)]
+    ranges = deque(pairwise(edges))
+    own = [ranges.popleft() for _ in range(threads)]
+
+    def take_ranges(first: int, last: int) -> None:
+        work(first, last)
+        while ranges:
+            try:
+                another = ranges.popleft()
+            except IndexError:  # another thread has just taken the last one
+                return
+            work(*another)
+
+    futures = [_pool.submit(take_ranges, *ends) for ends in own[1:]]
     try:
-        work(*edges[:2])
+        take_ranges(*own[0])
     finally:
         errors = [error for future in futures if (error := future.exception())]
     if errors:
         raise errors[0]
+
+
+def shrinking_edges(jobs: int, threads: int) -> list[int]:
+    """Return the ends of ranges that cover 0 to `jobs`, each half of a thread's share of the jobs that are left."""
+    edges = [0]
+    while edges[-1] < jobs:
+        edges.append(edges[-1] + max((jobs - edges[-1]) // (2 * threads), 1))
+    return edges
 
 
 def _drop_pool() -> None:

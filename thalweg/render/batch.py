@@ -33,7 +33,8 @@ def draw(scene: Scene, views: Views, settings: FrameSettings, output: Output, ba
     planes = shared_planes(count, settings.height, settings.width, output.drawn)
     for stage in (FRAMES,) if whole_frames else (BANDS, FINISH):
         jobs = len(views.poses) * (len(bands) if stage == BANDS else 1)
-        run_in_threads(jobs, partial(draw_jobs, scene, views, settings, output, bands, planes, stage))
+        # A frame with much wood in it takes twice as long as one of open water.
+        run_in_threads(jobs, partial(draw_jobs, scene, views, settings, output, bands, planes, stage), unequal=True)
 
 
 def shared_planes(count: int, height: int, width: int, drawn: int) -> Planes:

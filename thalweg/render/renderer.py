@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -207,7 +208,16 @@ class Renderer:
         if count and (index.min() < 0 or index.max() >= len(self.worlds)):
             raise RenderError(f"world_index must be in 0..{len(self.worlds) - 1}; got {index.min()}..{index.max()}")
         times = np.array(np.broadcast_to(0.0 if time_s is None else time_s, count), np.float64, order="C")
-        return Views(index, poses, times, look_rows(look_values(look, count), self.camera))
+        if look is None:
+            rows = np.repeat(self._default_look_row, count, axis=0)
+        else:
+            rows = look_rows(look_values(look, count), self.camera)
+        return Views(index, poses, times, rows)
+
+    @cached_property
+    def _default_look_row(self) -> np.ndarray:
+        """The row [1, LOOK_COLUMNS] of the default look, which most frames have."""
+        return look_rows(look_values(None, 1), self.camera)
 
 
 def _checked_out(out: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:

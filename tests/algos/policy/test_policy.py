@@ -185,7 +185,7 @@ def test_a_greedy_policy_is_saved_as_one(tmp_path):
 
 
 def test_acting_uses_one_thread_of_pytorch_and_leaves_the_callers_number(monkeypatch):
-    policy, seen = policy_for(SPACES["MultiDiscrete"]), []
+    policy, seen = policy_for(SPACES["Box"]), []  # whose network is PyTorch's
     step = policy.actor.forward
     monkeypatch.setattr(policy.actor, "forward", lambda inputs: seen.append(torch.get_num_threads()) or step(inputs))
     before = torch.get_num_threads()

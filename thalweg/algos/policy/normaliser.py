@@ -6,6 +6,7 @@ from torch import Tensor
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.common.state import CPU, array_of, tensor_of
+from thalweg.algos.policy.option_sampling import Scaling
 
 CLIP = 5.0
 """Normalised observations are clipped to this many standard deviations."""
@@ -32,6 +33,13 @@ class Normaliser:
         if not self.enabled or self.count == 0:
             return obs
         return ((obs - self._shift) * self._scale).clamp_(-CLIP, CLIP)
+
+    def arrays(self) -> Scaling:
+        """Return what a call computes with, as compiled loops take it; for a normaliser on the CPU."""
+        if not self.enabled or self.count == 0:
+            size = len(self.mean)
+            return Scaling(np.zeros(size, np.float32), np.ones(size, np.float32), np.finfo(np.float32).max)
+        return Scaling(self._shift.numpy(), self._scale.numpy(), np.float32(CLIP))
 
     def update(self, obs: Tensor) -> None:
         """Add observations [B, D] to the statistics (Chan, Golub, LeVeque 1983: statistics of two sets combined)."""

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.common.state import CPU, array_of, load_module, module_state, new_generator, tensor_of
+from thalweg.algos.policy import fast_path, option_sampling
 from thalweg.algos.policy.actions import Actions
 from thalweg.algos.policy.distributions import Distribution
 from thalweg.algos.policy.memory import FrameStack, Sequences
@@ -85,11 +86,20 @@ class Policy:
         generator = generator or new_generator(CPU)
         self.normaliser = Normaliser(frames * obs_size, normalise, generator.device)
         self.actor = Actor(frames * obs_size, actions, shape, generator)
+        self.branch_sizes = np.array(actions.sizes, np.int64)
+        """[A] options of each branch."""
 
     @property
     def device(self) -> torch.device:
         """Device of the network: that of the generator given to `__init__`."""
         return self.actor.stack.flat.device
+
+    @property
+    def draws_compiled(self) -> bool:
+        """Whether its options are drawn by `option_sampling`: a small categorical network on the CPU."""
+        actor = self.actor
+        suits = self.actions.kind == "categorical" and actor.gru is None and actor.stack.compilable
+        return suits and actor.stack.flat.is_cpu and fast_path.enabled()
 
     def distribution(self, obs: Tensor) -> Distribution:
         """Return π(·|s) for raw observations [B, K * D].
@@ -228,14 +238,32 @@ class NetworkPlayer:
     def raw(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Return raw actions [N, A], as defined in `actions`."""
         check_obs_size(obs, self._size)
-        policy = self.policy
-        inputs = policy.normaliser(self._stack.push(obs, fresh))
+        policy, stacked = self.policy, self._stack.push(obs, fresh)
+        if policy.draws_compiled and len(obs) <= option_sampling.MAX_ROWS:
+            return self._drawn_options(stacked)
+        inputs = policy.normaliser(stacked)
         if self.hidden is None:
             parameters = policy.actor(inputs)
         else:
             parameters, self.hidden = policy.actor.step(inputs, self.hidden, fresh)
         distribution = policy.actions.distribution(parameters)
         return distribution.mode() if self.deterministic else distribution.sample(self.generator)
+
+    def _drawn_options(self, stacked: Tensor) -> Tensor:
+        """Return what `raw` does, by one compiled call, for observations [N, K * D]."""
+        policy, sizes = self.policy, self.policy.actions.sizes
+        drawn = (0 if self.deterministic else len(stacked), len(sizes))
+        uniform = torch.rand(drawn, generator=self.generator, dtype=torch.float32)
+        options = np.empty((len(stacked), len(sizes)), np.int64)
+        option_sampling.draw_options(
+            stacked.contiguous().numpy(),
+            policy.normaliser.arrays(),
+            policy.actor.stack.arrays(),
+            policy.branch_sizes,
+            uniform.numpy(),
+            options,
+        )
+        return torch.from_numpy(options)
 
     def state(self) -> dict[str, Any]:
         """Return frames and recurrent states as arrays."""

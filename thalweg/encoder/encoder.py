@@ -3,6 +3,7 @@
 Batch norms are folded into the convolutions and the division by 255 into the first of them, which leaves six
 convolutions and one linear layer. float32 is the default although bfloat16 is 1.5 times as fast: codes then agree
 between machines with and without bfloat16. The model is not compiled, since that would take more time than it saves.
+The first layers of an encoder of masks are computed only where a mask is not uniform, see `mask_layers`.
 
 A frame gives the same bits in a batch of any size and content. Two cases sum in another order and would break that: a
 convolution of a single image, which is therefore encoded together with a copy of itself, and a linear layer of few
@@ -22,6 +23,7 @@ from thalweg.core.device import resolve_device
 from thalweg.core.torch_threads import run_in_torch_threads
 from thalweg.encoder.files import EncoderFileError, load_vae
 from thalweg.encoder.leaky_convolution import LeakyConvolution
+from thalweg.encoder.mask_layers import encode_masks, mask_layers, output_shape
 from thalweg.encoder.vae import VAE, EncoderInputError
 
 DEFAULT_PATH = Path(__file__).with_name("default.safetensors")
@@ -52,8 +54,14 @@ class Encoder:
         convolutions, self._head = fold_batch_norms(vae)
         for layer in convolutions:
             layer.to(self._device, self._dtype, memory_format=torch.channels_last)  # pyright: ignore
+        sparse = self.inputs == "mask" and self._device.type == "cpu" and self._dtype == torch.float32
+        self._mask_layers = mask_layers(convolutions, self.config.size_px) if sparse else ()
         self._convolutions = nn.Sequential(
-            *(LeakyConvolution(layer, self.config.size_px >> depth) for depth, layer in enumerate(convolutions))
+            *(
+                LeakyConvolution(layer, self.config.size_px >> depth)
+                for depth, layer in enumerate(convolutions)
+                if depth >= len(self._mask_layers)
+            )
         )
         self._head.to(self._device, self._dtype)
 
@@ -106,10 +114,18 @@ class Encoder:
     def _codes_of(self, frames: Tensor) -> Tensor:
         """Return codes float32 [K, Z] of at most a chunk of frames."""
         padded_frames = frames.repeat(2, 1, 1, 1) if len(frames) == 1 else frames
-        # Converting after the cut keeps the big tensor uint8; H, W, C in memory is what "channels last" means.
-        images = padded_frames.to(self._device).to(self._dtype).permute(0, 3, 1, 2)
-        features = self._convolutions(images).flatten(1)
+        features = self._convolutions(self._inputs_of(padded_frames)).flatten(1)
         return self._linear(features)[: len(frames)].float()
+
+    def _inputs_of(self, frames: Tensor) -> Tensor:
+        """Return what the dense convolutions take, [K, C, S, S]: the frames, or the first features of masks."""
+        if self._mask_layers:
+            masks = np.ascontiguousarray(frames[..., 0].cpu().numpy())
+            features = np.empty((len(masks), *output_shape(self._mask_layers)), np.float32)
+            encode_masks(masks, self._mask_layers, features)
+            return torch.from_numpy(features).permute(0, 3, 1, 2)
+        # Converting after the cut keeps the big tensor uint8; H, W, C in memory is what "channels last" means.
+        return frames.to(self._device).to(self._dtype).permute(0, 3, 1, 2)
 
     def decode(self, codes: np.ndarray) -> np.ndarray:
         """Return reconstructed frames uint8 [N, H, W, C] from codes [N, Z]; C is the number of channels of `inputs`."""

@@ -42,7 +42,7 @@ class UnsafePoseError(ValueError):
     """An initial pose that breaks a limit, with the limit and the excess; or a world without any safe start."""
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def project_anywhere(courses, world, x, y):
     """Return the `Projection` of any point, searched along the whole course.
 
@@ -60,13 +60,13 @@ def project_anywhere(courses, world, x, y):
     return projection
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def travel_direction(courses, world, projection, yaw):
     """Return the direction along the course, 1 or -1, that is closer to a heading."""
     return 1 if yaw_deviation(courses, world, projection, yaw, 1) <= 0.5 * math.pi else -1
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def propose_start(courses, world, limits, spread, draws):
     """Return (`Pose`, segment) of a random start from uniform numbers draws [DRAWS], before any check; `spread` in
     radians."""

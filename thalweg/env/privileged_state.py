@@ -32,7 +32,7 @@ def privileged_state(world: World, poses: np.ndarray, config: EnvConfig = DEFAUL
     return values
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def _fill_distances(courses, poses, values):
     """Fill all columns of values [K, 5] but the last, from poses [K, 4]."""
     for row in range(len(poses)):

@@ -128,7 +128,7 @@ def fit_epoch(inputs, targets, bounds, network, optimiser, l2, max_norm, errors)
     return count
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def adam(flat, grad, share, first, second, count, rate):
     """Take step number `count` of Adam down `share` times the gradient, with β₁ = 0.9, β₂ = 0.999, ε = 1e-8."""
     # Both bias corrections are scalars, so that the loop divides only once per parameter.
@@ -169,7 +169,7 @@ def parameters(flat, sizes, layer, k, count, offset):
     return weight, flat[offset + k * after : offset + (k + 1) * after], offset + count * after
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def affine(x, weight, bias, into):
     """Set `into` to x weight + bias, for x [B, before] in any layout."""
     rows, before = x.shape
@@ -189,7 +189,7 @@ def affine(x, weight, bias, into):
                 into[row, j] += x[row, i] * weight[i, j]
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def activate(values, activation):
     """Apply tanh or ReLU in place."""
     for row in range(values.shape[0]):
@@ -197,7 +197,7 @@ def activate(values, activation):
             values[row, j] = tanh(values[row, j]) if activation == TANH else max(values[row, j], f32(0))
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def through_activation(grad, after, activation):
     """Multiply a gradient, in place, by the derivative of the activation that gave `after`."""
     for row in range(grad.shape[0]):
@@ -208,7 +208,7 @@ def through_activation(grad, after, activation):
             grad[row, j] *= tanh_derivative if activation == TANH else relu_derivative
 
 
-@kernel(fastmath=False, inlined=True)
+@kernel(fastmath=False, inlined=True, allocates=False)
 def tanh(x):
     """Return the hyperbolic tangent within 4e-7: a quotient of polynomials of x², fitted to least relative error.
 

@@ -28,7 +28,7 @@ class Scaling(NamedTuple):
     clip: np.float32
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def draw_options(obs, scaling, network, sizes, uniform, chosen):
     """Fill `chosen` [N, A] int64 with options for raw observations [N, D].
 

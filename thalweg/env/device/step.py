@@ -53,7 +53,7 @@ def reset_arguments(
     return ResetArguments(seed, episode, look, looks, int(per_episode), spread, clearance, float(config.step_s))
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def splitmix64(key):
     """Return a 64-bit hash of a 64-bit key. Source: splitmix64 (Steele, Lea, Flood, "Fast Splittable Pseudorandom
     Number Generators", 2014)."""
@@ -63,14 +63,14 @@ def splitmix64(key):
     return u64(key ^ (key >> u64(31)))
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def uniform(seed, episode, counter):
     """Return a uniform number in [0, 1); each counter is used once in an episode."""
     key = splitmix64(u64(splitmix64(u64(splitmix64(u64(seed)) + u64(episode))) + u64(counter)))
     return float(key >> u64(11)) * (1.0 / 9007199254740992.0)  # the upper 53 bits, times 2 ** -53
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def reset_one(row, courses, limits, reset, state, draws):
     """Start an episode in environment `row` at a random safe pose; draws [DRAWS] float64 is scratch memory.
 
@@ -99,7 +99,7 @@ def reset_one(row, courses, limits, reset, state, draws):
     reset.episode[row] = episode + 1
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def advance_one(row, actions, courses, limits, reset, state, outcome, ended, draws):
     """Step environment `row`, or reset it if its last episode has ended; ended [N] uint8.
 

@@ -77,7 +77,7 @@ def _plan_line(courses: CourseArrays, world: int, line: np.ndarray) -> None:
     line[first:end] = points[np.arange(count), lap]
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def _add_island_cost(courses, world, points, point_cost):
     """Add the cost of islands and their margin to point_cost [S, POINTS_ACROSS]."""
     for sample in range(points.shape[0]):
@@ -172,7 +172,7 @@ def _bridge_tops(courses, world):
     return tops
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def _bridge_top(courses, world, x, y):
     """Return the greatest z of a grown bridge over x, y; -UNBOUNDED without one."""
     best = -UNBOUNDED

@@ -59,7 +59,7 @@ class ScriptedPilot:
         return chosen
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def _choose_all(courses, limits, route, state, chosen):
     """Fill chosen [N, 4] with the best unit action of each environment."""
     for row in range(len(state.world)):
@@ -76,7 +76,7 @@ def _choose_all(courses, limits, route, state, chosen):
                         chosen[row, 3] = left
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def _score(row, first_move, courses, limits, route, state):
     """Return (score, first climb) of a simulation that starts with a move (turn, forward, left) and then follows the
     law."""
@@ -109,7 +109,7 @@ def _score(row, first_move, courses, limits, route, state):
     return progress - penalty - (HOVER_COST if hovers else 0.0), first_climb
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def _end_penalty(courses, world, projection, travel, route, pose):
     """Return the penalty of a simulation that ends at a `Pose`: off the route, off the pursued point, near a bank."""
     angle, _, _ = _pursued_point(courses, world, projection.segment, travel, route, pose)
@@ -123,7 +123,7 @@ def _end_penalty(courses, world, projection, travel, route, pose):
     return OFFSET_WEIGHT * off_route + TURN_WEIGHT * abs(wrap_angle(angle - pose.yaw)) + BANK_WEIGHT * too_close
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def _simulate(courses, limits, world, projection, travel, pose, action):
     """Return (code of the broken rule or -1, `Pose` after the action, offset in segments, its `Projection`)."""
     after = move(pose, action, limits)
@@ -132,7 +132,7 @@ def _simulate(courses, limits, world, projection, travel, pose, action):
     return broken, after, offset, next_projection
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def _climb(courses, limits, world, projection, route, z):
     """Return 1, 0 or -1: the vertical step towards the height of the route."""
     missing = interpolate(courses, world, projection, route.height) - z
@@ -141,7 +141,7 @@ def _climb(courses, limits, world, projection, route, z):
     return -1 if missing < -0.5 * limits.vertical_step else 0
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def _pursued_point(courses, world, segment, travel, route, pose):
     """Return (angle, dx, dy) from a `Pose` to the point of the route that lies ahead in the direction of travel."""
     current = segment
@@ -159,7 +159,7 @@ def _pursued_point(courses, world, segment, travel, route, pose):
     return math.atan2(dy, dx), dx, dy
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def _pursue(courses, limits, world, segment, travel, route, pose):
     """Return (turn, forward, left) of the law: turn to the pursued point, fly when it is in front, sidestep to it."""
     angle, dx, dy = _pursued_point(courses, world, segment, travel, route, pose)

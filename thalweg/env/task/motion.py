@@ -33,13 +33,13 @@ class UnitAction(NamedTuple):
     left: float
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def wrap_angle(angle):
     """Return the same direction in -pi..pi (radians)."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def move(pose, action, limits):
     """Return the `Pose` after one step from a `Pose` by a `UnitAction`."""
     share = action.forward

@@ -28,7 +28,7 @@ class Projection(NamedTuple):
     """Metres."""
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def sample_rows(courses, world, segment):
     """Return the rows of the two samples at the ends of a segment."""
     first = courses.first_sample[world]
@@ -38,7 +38,7 @@ def sample_rows(courses, world, segment):
     return first + segment, following
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def nearest_on_segment(courses, world, segment, x, y):
     """Return (squared distance, fraction) of the point of a segment that is nearest to x, y."""
     a, b = sample_rows(courses, world, segment)
@@ -53,7 +53,7 @@ def nearest_on_segment(courses, world, segment, x, y):
     return ex * ex + ey * ey, fraction
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def segment_at_offset(courses, world, segment, offset):
     """Return the segment `offset` further along the course, or -1 past the end of an open course."""
     count = courses.segments[world]
@@ -63,7 +63,7 @@ def segment_at_offset(courses, world, segment, offset):
     return shifted if 0 <= shifted < count else -1
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def track_projection(courses, world, segment, x, y):
     """Return (offset, `Projection`) of x, y by a local search from `segment`.
 
@@ -94,14 +94,14 @@ def track_projection(courses, world, segment, x, y):
     return best_offset, Projection(nearest, best_fraction, math.sqrt(best))
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def interpolate(courses, world, projection, values):
     """Return a quantity given at the samples, interpolated linearly at a `Projection`."""
     a, b = sample_rows(courses, world, projection.segment)
     return (1.0 - projection.fraction) * values[a] + projection.fraction * values[b]
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def course_direction(courses, world, projection):
     """Return the angle of the course (radians, towards growing arc length) at a `Projection`, from the tangents at both
     ends of the segment."""
@@ -112,7 +112,7 @@ def course_direction(courses, world, projection):
     return math.atan2(y, x)
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def visit_segments(courses, world, segment, offset, visited):
     """Set the segments from `segment` to `offset` further in visited [K] uint8; return how many of them are new."""
     way = 1 if offset >= 0 else -1
@@ -125,13 +125,13 @@ def visit_segments(courses, world, segment, offset, visited):
     return new
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def last_segment(courses, world, travel):
     """Return the last segment of an open course in the direction of travel (1 or -1)."""
     return courses.segments[world] - 1 if travel > 0 else 0
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def course_completed(courses, world, segment, travel, visited_count):
     """Return whether the course is completed: all segments of a loop are visited, or an open course's last segment in
     the direction of travel is reached.

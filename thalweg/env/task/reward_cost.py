@@ -12,7 +12,7 @@ FULL_COURSE_REWARD = 10.0
 """Return of an episode that visits every segment, under the reward scheme `paper`."""
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def step_reward(new, segments, limits):
     """Return the reward of a step that visited `new` of all `segments` for the first time."""
     if limits.pays_share != 0:
@@ -20,7 +20,7 @@ def step_reward(new, segments, limits):
     return 1.0 if new > 0 else 0.0
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def step_costs(reason, limits):
     """Return the (tight, loose) cost of a step with a code of `DoneReason`; at most one of them is not zero."""
     if COLLISION <= reason <= OUT_OF_VOLUME_VERTICAL:

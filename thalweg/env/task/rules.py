@@ -71,13 +71,13 @@ def empty_outcome(count: int) -> Outcome:
     return Outcome(np.zeros(count), np.zeros((count, 2)), np.full(count, RUNNING, dtype=np.int64))
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def pose_of(poses, row):
     """Return row `row` of poses [N, 4] as a `Pose`."""
     return Pose(poses[row, 0], poses[row, 1], poses[row, 2], poses[row, 3])
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def clear_outcome(outcome, row):
     """Set the outcome of environment `row` to that of a step in which nothing happened."""
     outcome.reward[row] = 0.0
@@ -86,7 +86,7 @@ def clear_outcome(outcome, row):
     outcome.reason[row] = RUNNING
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def step_one(row, actions, courses, limits, state, outcome):
     """Step environment `row` by its row of unit actions [N, 4]: change its rows of `state` and `outcome`."""
     world = state.world[row]
@@ -110,7 +110,7 @@ def step_one(row, actions, courses, limits, state, outcome):
     outcome.reason[row] = reason
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def step_all(active, actions, courses, limits, state, outcome):
     """Step every active environment; active [N] bool, unit actions [N, 4] float64 with the columns of `UnitAction`."""
     for row in range(len(active)):

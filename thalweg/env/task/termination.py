@@ -24,7 +24,7 @@ TOLERANCE = 1.0e-9
 """Metres or radians by which a limit may be exceeded: nine turns of 10 degrees are 90, however their sum rounds."""
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def first_bridge_hit(courses, world, ax, ay, az, bx, by, bz):
     """Return the first bridge of a world that the body touches on the straight way from a to b, or -1.
 
@@ -60,7 +60,7 @@ def first_bridge_hit(courses, world, ax, ay, az, bx, by, bz):
     return -1
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def island_at(courses, world, x, y):
     """Return the first island of a world that contains x, y, or -1."""
     for island in range(courses.first_island[world], courses.first_island[world + 1]):
@@ -73,13 +73,13 @@ def island_at(courses, world, x, y):
     return -1
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def metres_past_bank(courses, world, projection):
     """Return the distance of a projected point from the bank in metres: positive on land, negative over the water."""
     return projection.distance - 0.5 * interpolate(courses, world, projection, courses.width)
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def yaw_deviation(courses, world, projection, yaw, travel):
     """Return the angle in 0..pi between the heading and the direction of travel (`travel` 1 or -1 along the course)."""
     course = course_direction(courses, world, projection)
@@ -88,7 +88,7 @@ def yaw_deviation(courses, world, projection, yaw, travel):
     return abs(wrap_angle(yaw - course))
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def rule_broken(courses, world, limits, before, after, projection, travel):
     """Return the code of `DoneReason` of the first rule that a straight move between two `Pose`s breaks, or -1.
 
@@ -109,7 +109,7 @@ def rule_broken(courses, world, limits, before, after, projection, travel):
     return RUNNING
 
 
-@kernel(fastmath=False)
+@kernel(fastmath=False, allocates=False)
 def done_reason(broken, idle, steps, completed, limits, max_steps):
     """Return the code of `DoneReason` of a step, checked in the order of the codes; `broken` is from `rule_broken`."""
     if broken >= 0:

@@ -38,12 +38,11 @@ def empty_planes(height, width):
     return Planes(
         np.empty((height, wide), np.float32),
         np.empty((height, wide), np.uint8),
-        np.zeros((height, wide), np.float32),
-        np.zeros((height, wide), np.float32),
-        np.zeros((height, wide), np.float32),
-        # All light passes until plants stop it; without a plant its depth is that of a miss.
-        np.ones((height, wide), np.float32),
-        np.full((height, wide), f32(MISS), np.float32),
+        np.empty((height, wide), np.float32),
+        np.empty((height, wide), np.float32),
+        np.empty((height, wide), np.float32),
+        np.empty((height, wide), np.float32),
+        np.empty((height, wide), np.float32),
         np.empty((height, wide), np.float32),
     )
 

@@ -7,7 +7,6 @@ from thalweg.render.kernels.plants.billboard import BLOCK
 from thalweg.render.kernels.plants.draw import draw_in_order, empty_scratch
 from thalweg.render.kernels.plants.reduced_billboard import ROWS
 from thalweg.render.kernels.plants.tiles import empty_cover, load_depths, store_tiles
-from thalweg.render.kernels.terrain.primary_hits import MISS
 from thalweg.render.records.classes import WATER
 from thalweg.render.records.view import Planes
 
@@ -25,15 +24,15 @@ def colourless_planes(height, width):
         np.empty((0, 0), np.float32),
         np.empty((0, 0), np.float32),
         np.empty((0, 0), np.float32),
-        np.ones((height, wide), np.float32),
-        np.full((height, wide), f32(MISS), np.float32),
+        np.empty((height, wide), np.float32),
+        np.empty((height, wide), np.float32),
         np.empty((height, wide), np.float32),
     )
 
 
 @kernel
 def draw_layers(scene, view, top, reduced, only_mask, planes):
-    """Add the plants to transmittance and plant depth of `Planes` [R, W'] of rows from `top` on.
+    """Fill transmittance and plant depth of `Planes` [R, W'] with those of the plants, for rows from `top` on.
 
     Depth and kind must already hold what lies behind the plants. With only_mask, just what hides water is drawn: the
     rest keeps its light.
@@ -41,7 +40,7 @@ def draw_layers(scene, view, top, reduced, only_mask, planes):
     behind = np.empty(planes.depth.shape, np.float32)
     asked_depth(planes.depth, planes.kind, only_mask, behind)
     together = ROWS if reduced else 1
-    tiles = empty_cover(len(behind), view.camera.width, together)
+    tiles = empty_cover(len(behind), behind.shape[1], together)
     load_depths(behind, view.camera.width, together, tiles)
     work = empty_scratch(scene, view.world, len(tiles.deepest))
     draw_in_order(scene, view, top, reduced, False, tiles, work)

@@ -197,13 +197,13 @@ def empty_scratch(scene, world, tile_rows):
 
 @kernel
 def draw_plants(scene, view, top, reduced, planes):
-    """Add the plants in view to the radiance of `Planes` [R, W'], and reduce the transmittance by what they cover.
+    """Fill radiance, transmittance and plant depth of `Planes` [R, W'] with those of the plants in view.
 
     Rows are those from `top` on of the image; in the reduced quality R is even. Depth must already hold what lies
     behind the plants.
     """
     together = reduced_billboard.ROWS if reduced else 1
-    tiles = empty_tiles(planes.depth.shape[0], view.camera.width, together)
+    tiles = empty_tiles(planes.depth.shape[0], planes.depth.shape[1], together)
     load_depths(planes.depth, view.camera.width, together, tiles)
     work = empty_scratch(scene, view.world, len(tiles.deepest))
     draw_in_order(scene, view, top, reduced, True, tiles, work)

@@ -18,6 +18,7 @@ from thalweg.render.kernels.plants import reduced_billboard
 from thalweg.render.kernels.plants.billboard import CLOSED, SAMPLES, SHIFT, SIDE, billboard_pixel
 from thalweg.render.kernels.plants.cover import cover_tile, cover_tile_by_twos
 from thalweg.render.kernels.table_lookup import clamp
+from thalweg.render.kernels.terrain.primary_hits import MISS
 
 f32 = np.float32
 
@@ -40,8 +41,6 @@ class Tiles(NamedTuple):
     """float32, see `Planes.plant_depth`."""
     deepest: Any
     """float32, greatest depth of a tile's pixels, 0 once the tile is closed."""
-    touched: Any
-    """uint8, whether any billboard was drawn into a tile."""
 
 
 class TileRows(NamedTuple):
@@ -70,7 +69,7 @@ def empty_tiles(rows, columns, together):
     return Tiles(
         block[:size], block[apart : apart + size], block[2 * apart : 2 * apart + size],
         block[3 * apart : 3 * apart + size], block[4 * apart : 4 * apart + size], block[5 * apart : 5 * apart + size],
-        np.zeros((high, wide), np.float32), np.zeros((high, wide), np.uint8),
+        np.zeros((high, wide), np.float32),
     )  # fmt: skip
 
 
@@ -83,7 +82,7 @@ def empty_cover(rows, columns, together):
     none = np.empty(0, np.float32)
     return Tiles(
         np.zeros(size, np.float32), none, none, none, np.ones(size, np.float32), np.zeros(size, np.float32),
-        np.zeros((high, wide), np.float32), np.zeros((high, wide), np.uint8),
+        np.zeros((high, wide), np.float32),
     )  # fmt: skip
 
 
@@ -120,16 +119,13 @@ def load_depths(depth, width, together, tiles):
 
 @kernel(disjoint=True, allocates=False)
 def store_tiles(tiles, together, coloured, planes):
-    """Replace transmittance and depth of plants in `Planes` [R, W'] where `Tiles` were drawn into, and with `coloured`
-    add their radiance."""
+    """Fill transmittance and depth of plants in `Planes` [R, W'] from `Tiles`, and with `coloured` their radiance."""
     rows = planes.depth.shape[0]
     high, wide = tiles.deepest.shape
     for ty in range(high):
         for row in range(min(SIDE * together, rows - ty * SIDE * together)):
             r = uint64(ty * SIDE * together + row)
             for tx in range(wide):
-                if tiles.touched[ty, tx] == 0:
-                    continue
                 k = pixel_of(ty, tx, wide, together, row, 0)
                 first = uint64(tx * SIDE)
                 for column in range(SIDE):
@@ -137,14 +133,14 @@ def store_tiles(tiles, together, coloured, planes):
                     planes.transmittance[r, first + c] = tiles.light[k + c]
                     # A depth of 0 stands for no plant.
                     found = tiles.plant_depth[k + c]
-                    planes.plant_depth[r, first + c] = found if found > f32(0) else planes.plant_depth[r, first + c]
+                    planes.plant_depth[r, first + c] = found if found > f32(0) else f32(MISS)
                 if not coloured:
                     continue
                 for column in range(SIDE):
                     c = uint64(column)
-                    planes.red[r, first + c] += tiles.red[k + c]
-                    planes.green[r, first + c] += tiles.green[k + c]
-                    planes.blue[r, first + c] += tiles.blue[k + c]
+                    planes.red[r, first + c] = tiles.red[k + c]
+                    planes.green[r, first + c] = tiles.green[k + c]
+                    planes.blue[r, first + c] = tiles.blue[k + c]
 
 
 @kernel(inlined=True, allocates=False)
@@ -309,5 +305,4 @@ def draw_billboard(scene, board, nearest, camera, box, top, reduced, coloured, s
                 still = cover_tile(scene.atlas, board, nearest, camera, left, height, first, True, tiles)
             else:
                 still = cover_tile(scene.atlas, board, nearest, camera, left, height, first, False, tiles)
-            tiles.touched[ty, tx] = np.uint8(1)
             deepest[ty, tx] = deepest[ty, tx] if still > f32(0) else f32(0)

@@ -1,4 +1,4 @@
-"""Tests that kernels of a frame count references only outside their loops: each count is an atomic operation."""
+"""Tests that kernels of frames and rules count references only outside loops: each count is an atomic operation."""
 
 import ast
 from collections.abc import Iterator
@@ -8,7 +8,7 @@ import pytest
 
 from thalweg.core.cache import PACKAGE
 
-KERNELS = PACKAGE / "render" / "kernels"
+SOURCES = sorted([*(PACKAGE / "render" / "kernels").rglob("*.py"), *(PACKAGE / "env" / "task").rglob("*.py")])
 
 
 def counting_kernels(source: str) -> Iterator[ast.FunctionDef]:
@@ -24,7 +24,7 @@ def has_loop(function: ast.FunctionDef) -> bool:
     return any(isinstance(node, ast.For | ast.While) for node in ast.walk(function))
 
 
-@pytest.mark.parametrize("path", sorted(KERNELS.rglob("*.py")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.stem)
 def test_kernels_that_allocate_have_no_loops(path: Path):
     found = [function.name for function in counting_kernels(path.read_text(encoding="utf-8")) if has_loop(function)]
     assert not found

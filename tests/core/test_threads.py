@@ -45,17 +45,21 @@ def test_every_job_runs_once(jobs, unequal):
 def test_a_thread_that_is_done_takes_jobs_from_one_that_is_not():
     if get_num_threads() < 2:
         pytest.skip("one thread")
-    others_ended, done = threading.Event(), []
+    others_ended = threading.Event()
+    done: dict[bool, list[int]] = {True: [], False: []}
 
     def work(first: int, last: int) -> None:
-        done.extend(range(first, last))
+        done[threading.current_thread() is threading.main_thread()] += range(first, last)
         if first == 0:
             assert others_ended.wait(60)
         if last == 16:
             others_ended.set()
 
     run_in_threads(16, work, unequal=True)
-    assert sorted(done) == list(range(16))
+    own = shrinking_edges(16, get_num_threads())[1]
+    assert own < 8
+    assert done[True] == list(range(own))
+    assert sorted(done[False]) == list(range(own, 16))
 
 
 @pytest.mark.parametrize(("jobs", "threads"), [(1, 1), (2, 2), (3, 2), (16, 2), (17, 4), (64, 64)])

@@ -30,7 +30,7 @@ from thalweg.algos.registry import algorithm_named
 from thalweg.bench.csv_files import csv_text
 from thalweg.cli.options import settings_from
 from thalweg.core.atomic_io import write_atomic
-from thalweg.core.device import DeviceError, resolve_device
+from thalweg.core.compute.device import DeviceError, resolve_device
 from thalweg.encoder import Encoder, load_encoder
 from thalweg.env import EnvConfig, sample_starts
 from thalweg.env.torch_env import TensorRiverEnv

@@ -6,7 +6,7 @@ from importlib.util import find_spec
 import pytest
 
 from tests.browser import missing_for_browser
-from thalweg.core.device import cuda_unavailable_reason
+from thalweg.core.compute.device import cuda_unavailable_reason
 from thalweg.world import World, load_or_build
 
 

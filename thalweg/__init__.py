@@ -20,8 +20,8 @@ def make_torch(level: str, num_envs: int = 1, **options: Any) -> "TensorRiverEnv
     Args:
         level: "Easy", "Medium" or "Hard".
         num_envs: N, the number of environments.
-        options: `device` ("auto" by default, see `thalweg.core.device`), `world_seeds` or `worlds`, `config`, and the
-            fields of `thalweg.env.EnvConfig`.
+        options: `device` ("auto" by default, see `thalweg.core.compute.device`), `world_seeds` or `worlds`, `config`,
+            and the fields of `thalweg.env.EnvConfig`.
     """
     from thalweg.env.factory import make_tensors
 

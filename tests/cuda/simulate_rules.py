@@ -6,7 +6,7 @@ import sys
 import numpy as np
 
 from tests.cuda import cases, simulated
-from thalweg.core import gpu
+from thalweg.core.compute import gpu
 from thalweg.env import torch_env as tensors
 from thalweg.env.device import cuda_step as rules
 

@@ -1,8 +1,8 @@
 """Runs kernels in Numba's CUDA simulator, in a process of its own: every kernel is then plain Python, and what runs is
 the source itself, not the CPU's compiled form of it.
 
-Such a process must have NUMBA_ENABLE_CUDASIM=1 and NUMBA_DISABLE_JIT=1. `thalweg.core.gpu` is given arrays of the host
-in place of a device's.
+Such a process must have NUMBA_ENABLE_CUDASIM=1 and NUMBA_DISABLE_JIT=1. `thalweg.core.compute.gpu` is given arrays of
+the host in place of a device's.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ import numba
 import numpy as np
 from numba import cuda
 
-from thalweg.core import gpu
+from thalweg.core.compute import gpu
 from thalweg.render import renderer
 
 FREE_BYTES, DEVICE = 1_000_000_000, "simulator"

@@ -11,7 +11,7 @@ from tests.devices.toy import SPACES, ArrayWalk, TensorWalk
 from thalweg.algos import ALGORITHMS, NotFiniteError
 from thalweg.algos.common.state import CPU
 from thalweg.algos.interface import Rollout, Task
-from thalweg.core.device import DeviceError
+from thalweg.core.compute.device import DeviceError
 from thalweg.train import ResumeWarning, TrainingError, run
 from thalweg.train.rollouts.collector import Collector
 from thalweg.train.rollouts.tensor_collector import TensorCollector, make_collector

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from tests.encoder.synthetic_frames import synthetic_frames
-from thalweg.core.threads import get_num_threads
+from thalweg.core.compute.threads import get_num_threads
 from thalweg.encoder import (
     VAE,
     Encoder,

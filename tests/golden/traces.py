@@ -26,7 +26,7 @@ from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, e
 from thalweg.bench.execute.backend import PACKAGED_POLICY
 from thalweg.core import versions
 from thalweg.core.cache import file_hash
-from thalweg.core.torch_threads import torch_threads
+from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.encoder import DEFAULT_PATH, load_encoder, train_encoder
 from thalweg.encoder.vae import VAEConfig
 from thalweg.env import EnvConfig, RiverVectorEnv

@@ -5,7 +5,7 @@ import pytest
 
 from tests.render.frames import ARCH, on_river
 from tests.render.plain import plane, plants_at
-from thalweg.core.threads import get_num_threads, set_num_threads
+from thalweg.core.compute.threads import get_num_threads, set_num_threads
 from thalweg.render import Camera, Frame, Renderer
 from thalweg.render.batch import bands_of
 from thalweg.render.kernels.shading.background import ROWS_TOGETHER

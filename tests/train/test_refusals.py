@@ -8,7 +8,7 @@ import pytest
 from tests.train.small_runs import SMALL, Stop, StopsAt, train
 from tests.train.toys import Walk
 from thalweg.algos import AlgorithmError
-from thalweg.core.device import DeviceError
+from thalweg.core.compute.device import DeviceError
 from thalweg.train import TrainingError, load_policy
 
 

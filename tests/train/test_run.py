@@ -19,7 +19,7 @@ import yaml
 from tests.train.small_runs import SMALL, STEPS, Stop, StopsAt, numbers, rows_of, small, train
 from tests.train.toys import Walk
 from thalweg.algos import ALGORITHMS, AlgorithmError, LimitWarning, NotFiniteError, Policy
-from thalweg.core.torch_threads import torch_threads
+from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.train import ResumeWarning, load_policy
 
 

@@ -1,1 +1,1 @@
-"""Foundations that know no river: atomic files, compilation, devices, threads, caches and versions."""
+"""Foundations that know no river: atomic files, settings, caches and versions; in `compute`, kernels and devices."""

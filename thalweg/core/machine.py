@@ -26,7 +26,7 @@ def machine_info() -> dict[str, str | int]:
     this process may use, the memory in GiB and the system."""
     from llvmlite import binding
 
-    from thalweg.core.kernel_compiler import vector_bits  # takes a second to import
+    from thalweg.core.compute.kernel_compiler import vector_bits  # takes a second to import
 
     return {
         "cpu": _cpu(),

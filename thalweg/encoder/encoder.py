@@ -19,8 +19,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from thalweg.core.device import resolve_device
-from thalweg.core.torch_threads import run_in_torch_threads
+from thalweg.core.compute.device import resolve_device
+from thalweg.core.compute.torch_threads import run_in_torch_threads
 from thalweg.encoder.files import EncoderFileError, load_vae
 from thalweg.encoder.leaky_convolution import LeakyConvolution
 from thalweg.encoder.mask_layers import encode_masks, mask_layers, output_shape

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from torch import nn
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.encoder.vae import LEAK
 
 f32 = np.float32

@@ -78,7 +78,7 @@ def make_tensors(
     **options: Any,
 ) -> "TensorRiverEnv":
     """Create N environments of tensors on one device, as `make_vector`; `thalweg.make_torch` calls it."""
-    from thalweg.core.device import resolve_device
+    from thalweg.core.compute.device import resolve_device
     from thalweg.env.torch_env import TensorRiverEnv
 
     arguments = ("num_envs", "worlds", "world_seeds", "device", "config")

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.env.config import DEFAULT_CONFIG, EnvConfig, Limits
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
 from thalweg.env.task.motion import Pose, wrap_angle

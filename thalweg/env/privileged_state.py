@@ -5,7 +5,7 @@ Policies do not see these values. Studies probe the codes of frames for them.
 
 import numpy as np
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.env.config import DEFAULT_CONFIG, EnvConfig
 from thalweg.env.initial_poses import project_anywhere, travel_direction
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses

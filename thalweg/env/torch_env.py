@@ -17,8 +17,8 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
-from thalweg.core import gpu
-from thalweg.core.device import resolve_device
+from thalweg.core.compute import gpu
+from thalweg.core.compute.device import resolve_device
 from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, DoneReason, EnvConfig, integer_at_least
 from thalweg.env.device.memory import bytes_per_env, check_memory, free_bytes
 from thalweg.env.device.step import advance_all, reset_arguments

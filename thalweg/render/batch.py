@@ -7,8 +7,8 @@ from functools import partial
 
 import numpy as np
 
-from thalweg.core.jit import kernel
-from thalweg.core.threads import run_in_threads
+from thalweg.core.compute.jit import kernel
+from thalweg.core.compute.threads import run_in_threads
 from thalweg.render.kernels.camera_rays import pose_camera
 from thalweg.render.kernels.frame import draw_rows, empty_planes, finish_frame
 from thalweg.render.kernels.layers import colourless_planes

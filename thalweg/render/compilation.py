@@ -13,7 +13,7 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from thalweg.core.jit import config, kernel_cache_dir
+from thalweg.core.compute.jit import config, kernel_cache_dir
 from thalweg.render.batch import FRAMES, draw_jobs, shared_planes
 from thalweg.render.records.appearance import LOOK_COLUMNS
 from thalweg.render.records.scene import blank_scene

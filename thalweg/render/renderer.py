@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from thalweg.core import versions
+from thalweg.core.compute.device import resolve_device
+from thalweg.core.compute.threads import get_num_threads
 from thalweg.core.config import refuse_unknown
-from thalweg.core.device import resolve_device
-from thalweg.core.threads import get_num_threads
 from thalweg.render import compilation
 from thalweg.render.bake.scene_tables import build_scene
 from thalweg.render.batch import bands_of, draw
@@ -57,8 +57,8 @@ class Renderer:
         """Prepare the tables of the worlds.
 
         `quality`: "full", or "fast" for frames without reflections, with less filtering, and with interpolated
-        ground. `device`: where frames are drawn, see `thalweg.core.device`. Frames are arrays of the host in either
-        case, and those of two devices differ by at most 2/255.
+        ground. `device`: where frames are drawn, see `thalweg.core.compute.device`. Frames are arrays of the host in
+        either case, and those of two devices differ by at most 2/255.
 
         Raises `RenderError` for no world, an unknown quality, or too little memory on the GPU, and `DeviceError` for a
         device that can't be used.

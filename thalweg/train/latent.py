@@ -10,7 +10,7 @@ from gymnasium.vector import VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
-from thalweg.core.device import DeviceError
+from thalweg.core.compute.device import DeviceError
 from thalweg.train.errors import TrainingError
 from thalweg.train.rollouts.stage_timer import StageTimer
 

@@ -12,8 +12,8 @@ from typing import Any
 from thalweg.algos.policy.actions import Actions
 from thalweg.algos.registry import algorithm_named
 from thalweg.core.cache import file_hash
-from thalweg.core.device import resolve_device
-from thalweg.core.torch_threads import default_torch_threads
+from thalweg.core.compute.device import resolve_device
+from thalweg.core.compute.torch_threads import default_torch_threads
 from thalweg.encoder import Encoder, check_render_version, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import RENDER_VERSION, compilation

@@ -17,9 +17,9 @@ from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.policy import policy as policies
 from thalweg.algos.registry import Entry, algorithm_named
 from thalweg.core.cache import file_hash
+from thalweg.core.compute.device import DeviceError, resolve_device
+from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.core.config import to_plain
-from thalweg.core.device import DeviceError, resolve_device
-from thalweg.core.torch_threads import torch_threads
 from thalweg.train.errors import ResumeWarning, TrainingError
 from thalweg.train.folder import run_record
 from thalweg.train.folder.checkpoint import load_checkpoint
@@ -116,7 +116,8 @@ def run(
         progress: Whether to show a progress bar; not by default.
         checkpoint_seconds: Minimum time between two checkpoints, 20 s by default; 0 writes one after every update.
         threads: Number of PyTorch threads for acting and learning, 1 by default; small networks are slower with more.
-        device: Device of the learner and of an environment of tensors, "cpu" by default, see `thalweg.core.device`.
+        device: Device of the learner and of an environment of tensors, "cpu" by default; see
+            `thalweg.core.compute.device`.
         begin_with: Folder of a run or policy file from which the policy is initialised; critics start anew.
         graphs: Whether to record gradient steps of DDPGLag, TD3Lag and SACLag as CUDA graphs; not by default.
 

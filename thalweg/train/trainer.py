@@ -6,7 +6,7 @@ from typing import Any
 
 from thalweg.algos.common.errors import LimitWarning
 from thalweg.algos.interface import Feedback, Learner
-from thalweg.core.torch_threads import torch_threads
+from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.train.rollouts.collector import Collector
 from thalweg.train.rollouts.episodes import Episode
 

@@ -10,8 +10,8 @@ from functools import partial
 
 import numpy as np
 
-from thalweg.core.jit import kernel
-from thalweg.core.threads import run_in_threads
+from thalweg.core.compute.jit import kernel
+from thalweg.core.compute.threads import run_in_threads
 
 f4 = np.float32
 OCTAVE_DEVIATION = 0.2157

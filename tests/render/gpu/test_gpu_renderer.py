@@ -3,7 +3,7 @@
 import pytest
 
 from tests.render.plain import plane
-from thalweg.core.device import DeviceError
+from thalweg.core.compute.device import DeviceError
 from thalweg.render import Renderer
 from thalweg.render.bake.scene_tables import build_scene
 from thalweg.render.errors import RenderError

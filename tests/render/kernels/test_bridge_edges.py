@@ -5,7 +5,7 @@ import pytest
 
 from tests.render.frames import ARCH, posed
 from tests.render.plain import plane
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render import Camera, Look, Renderer
 from thalweg.render.kernels.bridge_edges import edge_colour, soften_edges
 from thalweg.render.kernels.frame import draw_rows, empty_planes

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels import fast_math
 
 

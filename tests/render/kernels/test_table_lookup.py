@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.bake import ripples, scene_tables, sky
 from thalweg.render.kernels import table_lookup
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.world.valley import valley
-from thalweg.core.threads import get_num_threads, set_num_threads
+from thalweg.core.compute.threads import get_num_threads, set_num_threads
 from thalweg.world.generate.plants import scatter
 from thalweg.world.light.bake import BakedLight, bake, sun_ray
 from thalweg.world.light.crowns import (

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 
 f32 = np.float32
 TANH, RELU = 0, 1

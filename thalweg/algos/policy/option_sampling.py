@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from thalweg.algos.policy import mlp_numba
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 
 f32 = np.float32
 MAX_ROWS = 256

@@ -20,7 +20,7 @@ from thalweg.algos.policy.memory import FrameStack, Sequences
 from thalweg.algos.policy.networks import Actor, NetworkShape
 from thalweg.algos.policy.normaliser import Normaliser
 from thalweg.algos.policy.policy_file import LOADERS, About, load_policy, save_policy, tensors_of
-from thalweg.core.torch_threads import torch_threads
+from thalweg.core.compute.torch_threads import torch_threads
 
 DEFAULT_SHAPE = NetworkShape()
 NO_ORIGIN = About()

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from thalweg.bench.speed.stage_marks import PARTS, time_frames
-from thalweg.core.threads import get_num_threads, set_num_threads
+from thalweg.core.compute.threads import get_num_threads, set_num_threads
 from thalweg.env import sample_starts
 from thalweg.render import Camera, Renderer
 from thalweg.render.kernels import frame

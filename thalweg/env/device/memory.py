@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from thalweg.core import gpu
+from thalweg.core.compute import gpu
 from thalweg.env.config import ConfigError, EnvConfig
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.rules import empty_outcome, empty_state

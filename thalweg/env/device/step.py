@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.env.config import EnvConfig
 from thalweg.env.initial_poses import CLOCK_RANGE_S, DRAWS, MAX_TRIES, project_anywhere, travel_direction, try_start
 from thalweg.env.task.rules import clear_outcome, step_one

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.env.config import EnvConfig
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.progress import sample_rows

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.env.config import EnvConfig
 from thalweg.env.pilot.route import plan_route
 from thalweg.env.task.course_arrays import CourseArrays

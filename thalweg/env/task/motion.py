@@ -7,7 +7,7 @@ lets the camera follow a bend without lag, and matches a body that is rotated be
 import math
 from typing import NamedTuple
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 
 
 class Pose(NamedTuple):

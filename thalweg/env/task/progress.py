@@ -7,7 +7,7 @@ lies between samples k and k + 1.
 import math
 from typing import NamedTuple
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 
 WINDOW = 2
 """Segments that are always searched in each direction. On the inside of a corner of the line two neighbours can both be

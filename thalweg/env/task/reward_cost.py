@@ -1,6 +1,6 @@
 """Reward and cost of a step: a reward for new segments, and one cost at the end of an episode, by its reason."""
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.env.config import DoneReason
 
 COLLISION, OUT_OF_VOLUME_VERTICAL = int(DoneReason.COLLISION), int(DoneReason.OUT_OF_VOLUME_VERTICAL)

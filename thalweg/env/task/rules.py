@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.motion import Pose, UnitAction, move
 from thalweg.env.task.progress import course_completed, track_projection, visit_segments

@@ -6,7 +6,7 @@ it; bridges must not be touched by any part of the body.
 
 import math
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.env.config import DoneReason
 from thalweg.env.task.motion import wrap_angle
 from thalweg.env.task.progress import course_direction, interpolate

@@ -17,7 +17,7 @@ import numpy as np
 
 from thalweg.core.atomic_io import atomic_path
 from thalweg.core.cache import cache_dir
-from thalweg.core.jit import kernel_cache_dir
+from thalweg.core.compute.jit import kernel_cache_dir
 from thalweg.render.bake import clouds, impostors
 from thalweg.render.bake.canopy import canopy_map
 from thalweg.render.bake.cone_map import cone_map

@@ -6,7 +6,7 @@ the atlas of impostors, times its own tint, its share of the sun, and how far it
 
 import numpy as np
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.bake import ripples
 from thalweg.render.bake.impostors import VIEWS, Atlas
 from thalweg.render.records.layout import CANOPY_CELL, CANOPY_RANGE_M, PAINT_RANGE

@@ -17,8 +17,8 @@ from functools import cache, partial
 
 import numpy as np
 
-from thalweg.core.jit import kernel
-from thalweg.core.threads import run_in_threads
+from thalweg.core.compute.jit import kernel
+from thalweg.core.compute.threads import run_in_threads
 
 f4 = np.float32
 SIDE = 768

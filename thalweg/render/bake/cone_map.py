@@ -4,8 +4,8 @@ from functools import partial
 
 import numpy as np
 
-from thalweg.core.jit import kernel
-from thalweg.core.threads import run_in_threads
+from thalweg.core.compute.jit import kernel
+from thalweg.core.compute.threads import run_in_threads
 from thalweg.render.records.layout import CONE_CELL
 
 f32 = np.float32

@@ -36,7 +36,11 @@ MOST_GAIN = 1.8
 """Upper limit of the factor that restores the contrast that averaging removes from coarse levels."""
 FINE = 2
 """Samples along each side of a texel of level 0."""
-SOURCES = (PACKAGE / "core" / "jit.py", PACKAGE / "world" / "species.py", *Path(__file__).parent.glob("*.py"))
+SOURCES = (
+    PACKAGE / "core" / "compute" / "jit.py",
+    PACKAGE / "world" / "species.py",
+    *Path(__file__).parent.glob("*.py"),
+)
 SOURCE_HASH = code_hash(SOURCES)
 """Computed on import, so that a process that runs older code than the files hold does not store its atlas under their
 hash."""

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import float32
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.bake.trees import Model
 
 SUN_LIGHT = np.array([0.87, 0.82, 0.72])

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from thalweg.core import gpu
+from thalweg.core.compute import gpu
 from thalweg.render.errors import RenderError
 from thalweg.render.gpu import ground_profiles, pixel, postprocess, visible_plants
 from thalweg.render.kernels.camera_rays import Radiance

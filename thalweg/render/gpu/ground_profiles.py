@@ -3,7 +3,7 @@
 import numpy as np
 from numba import cuda, float32
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.gpu.visible_plants import stored_camera
 from thalweg.render.kernels.camera_rays import Rays, map_origin, square_rays
 from thalweg.render.kernels.table_lookup import bilinear, top_map

@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 from numba import cuda, float32, int32, uint8
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.gpu.visible_plants import stored_camera
 from thalweg.render.kernels import bridge_stone, bridges
 from thalweg.render.kernels.camera_rays import (

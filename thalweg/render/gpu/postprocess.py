@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 from numba import cuda, float32, uint8, uint32
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.batch import planes_of
 from thalweg.render.gpu.visible_plants import stored_camera
 from thalweg.render.kernels.bridge_edges import edge_colour

@@ -1,13 +1,13 @@
 """GPU kernels for the posed cameras of a pass, and for the plants that each of them sees, from near to far.
 
-These functions are kernels once `thalweg.core.gpu.compile_kernel` has compiled them; as they stand, Numba's simulator
-runs them. The sort is that of `plants.visible_plants`, by one block of threads a camera.
+These functions are kernels once `thalweg.core.compute.gpu` has compiled them; as they stand, Numba's simulator runs
+them. The sort is that of `plants.visible_plants`, by one block of threads a camera.
 """
 
 import numpy as np
 from numba import cuda, int32
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.camera_rays import pose_camera
 from thalweg.render.kernels.frame import noise_key
 from thalweg.render.kernels.plants.draw import BUCKETS, billboard_box, bucket_of, distance_in_view, frustum_of

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.bridge_stone import passing_top, shade_stone
 from thalweg.render.kernels.bridges import FAR_M, bridge_ray, meet_bridge
 from thalweg.render.kernels.camera_rays import row_step

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import int32
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.bridges import BridgeHit
 from thalweg.render.kernels.fast_math import exp, floor
 from thalweg.render.kernels.table_lookup import clamp

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import int32
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.records import layout
 from thalweg.render.records.appearance import HALF_H, HALF_W, PITCH
 from thalweg.render.records.view import PosedCamera

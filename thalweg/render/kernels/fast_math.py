@@ -8,7 +8,7 @@ vectorise.
 import numpy as np
 from numba import int32
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 
 f32 = np.float32
 

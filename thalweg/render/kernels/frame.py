@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numba import int32, uint32
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels import bridge_stone, bridges
 from thalweg.render.kernels.bridge_edges import soften_edges
 from thalweg.render.kernels.camera_rays import Radiance, row_step

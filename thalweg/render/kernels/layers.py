@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.plants.billboard import BLOCK
 from thalweg.render.kernels.plants.draw import draw_in_order, empty_scratch
 from thalweg.render.kernels.plants.reduced_billboard import ROWS
@@ -40,7 +40,7 @@ def draw_layers(scene, view, top, reduced, only_mask, planes):
     behind = np.empty(planes.depth.shape, np.float32)
     asked_depth(planes.depth, planes.kind, only_mask, behind)
     together = ROWS if reduced else 1
-    tiles = empty_cover(len(behind), behind.shape[1], together)
+    tiles = empty_cover(len(behind), planes.depth.shape[1], together)
     load_depths(behind, view.camera.width, together, tiles)
     work = empty_scratch(scene, view.world, len(tiles.deepest))
     draw_in_order(scene, view, top, reduced, False, tiles, work)

@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 
 from thalweg.algos.interface import Learner, Rollout
 from thalweg.algos.policy.policy import to_tensors
-from thalweg.core.torch_threads import torch_threads
+from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.train.errors import ResumeWarning, TrainingError
 from thalweg.train.rollouts.env_stepper import EnvStepper
 from thalweg.train.rollouts.episodes import Episode, EpisodeStatistics

@@ -17,8 +17,8 @@ from thalweg.algos.common.errors import NotFiniteError
 from thalweg.algos.common.state import array_of, tensor_of
 from thalweg.algos.interface import Learner, Rollout
 from thalweg.algos.policy.memory import FrameStack
-from thalweg.core.device import DeviceError
-from thalweg.core.torch_threads import torch_threads
+from thalweg.core.compute.device import DeviceError
+from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.train.errors import TrainingError
 from thalweg.train.rollouts.collector import (
     Collector,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.world.generate.surface import forest_edge_m
 from thalweg.world.noise import fractal, smooth_step
 from thalweg.world.record import Grid, Plants

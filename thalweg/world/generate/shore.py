@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from thalweg.core.jit import kernel
-from thalweg.core.threads import run_in_threads
+from thalweg.core.compute.jit import kernel
+from thalweg.core.compute.threads import run_in_threads
 from thalweg.world.record import Grid, River
 
 f4 = np.float32

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.world import bridges, islands
 from thalweg.world.errors import WorldError
 from thalweg.world.generate import shore

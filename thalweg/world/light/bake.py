@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 import scipy
 
-from thalweg.core.threads import run_in_threads
+from thalweg.core.compute.threads import run_in_threads
 from thalweg.world.light.canopy import crown_roof, raise_bridges
 from thalweg.world.light.crowns import HEIGHT, RADIUS, X, Y, Z, clump_tile, outlines, plant_table, roofs
 from thalweg.world.light.sky_share import sky_share

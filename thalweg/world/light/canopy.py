@@ -5,8 +5,8 @@ from functools import partial
 
 import numpy as np
 
-from thalweg.core.jit import kernel
-from thalweg.core.threads import run_in_threads
+from thalweg.core.compute.jit import kernel
+from thalweg.core.compute.threads import run_in_threads
 from thalweg.world.light.crowns import HEIGHT, KIND, OUTLINE, RADIUS, X, Y, Z, crown_depth
 from thalweg.world.light.sun_shadow import BAND_ROWS, band_count
 from thalweg.world.record import PARAPET_THICKNESS_M, Grid

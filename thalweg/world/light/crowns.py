@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.world.noise import smooth_step
 from thalweg.world.record import Plants
 from thalweg.world.species import KINDS

@@ -5,8 +5,8 @@ from functools import partial
 import numpy as np
 import scipy
 
-from thalweg.core.jit import kernel
-from thalweg.core.threads import run_in_threads
+from thalweg.core.compute.jit import kernel
+from thalweg.core.compute.threads import run_in_threads
 
 f4 = np.float32
 

@@ -19,7 +19,7 @@ from thalweg.world.levels import Level
 from thalweg.world.record import World
 
 SOURCES = (
-    PACKAGE / "core" / "jit.py",
+    PACKAGE / "core" / "compute" / "jit.py",
     *(path for path in (PACKAGE / "world").rglob("*.py") if path.stem not in ("map_image", "__init__")),
 )
 """All code that can change a world or its file; the drawing of maps cannot."""

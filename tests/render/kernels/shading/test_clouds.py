@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.render.plain import plane
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render import Camera, Look
 from thalweg.render.bake.scene_tables import build_scene
 from thalweg.render.kernels.shading import clouds

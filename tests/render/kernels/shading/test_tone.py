@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render import Camera
 from thalweg.render.kernels.camera_rays import Radiance
 from thalweg.render.kernels.shading import tone

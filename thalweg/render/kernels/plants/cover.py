@@ -9,7 +9,7 @@ a half.
 import numpy as np
 from numba import uint32, uint64
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.camera_rays import row_step
 from thalweg.render.kernels.plants import reduced_billboard
 from thalweg.render.kernels.plants.billboard import (

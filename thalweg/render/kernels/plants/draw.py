@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import int32
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.camera_rays import row_step
 from thalweg.render.kernels.plants import reduced_billboard
 from thalweg.render.kernels.plants.billboard import SAMPLES, SHARPEN, SIDE, make_billboard, nearest_depth

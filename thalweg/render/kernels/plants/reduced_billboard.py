@@ -3,7 +3,7 @@
 import numpy as np
 from numba import uint32, uint64
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.camera_rays import row_step
 from thalweg.render.kernels.plants.billboard import SAMPLES, SHIFT, SIDE, meet_billboard, nearest_texel, stopped
 from thalweg.render.kernels.table_lookup import channel, clamp

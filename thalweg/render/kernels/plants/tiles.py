@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import int32, uint64
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.bake.impostors import LEVELS
 from thalweg.render.bake.outlines import BANDS
 from thalweg.render.kernels.camera_rays import row_step

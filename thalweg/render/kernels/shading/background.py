@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import int32, uint32
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.camera_rays import HitPoints, Radiance, hit_points, map_origin, place_of, row_step
 from thalweg.render.kernels.shading import ground, reduced_quality, sky, water
 from thalweg.render.kernels.shading.shore import DEEPEST_M, covered_share, water_shares

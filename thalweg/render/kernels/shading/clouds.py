@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import int32, uint32
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.bake import clouds
 from thalweg.render.kernels.table_lookup import channel, clamp, mix_texels
 from thalweg.render.records import layout

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import int32, uint32
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.bake import ripples
 from thalweg.render.kernels.fast_math import log2
 from thalweg.render.kernels.table_lookup import clamp, paint_level, tile_level

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import int32, uint32
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.fast_math import exp
 from thalweg.render.kernels.shading.ground import tile_grain
 from thalweg.render.kernels.shading.water_optics import ROUGHNESS

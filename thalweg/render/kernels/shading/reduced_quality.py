@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import int32, uint32
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.bake import ripples, sky
 from thalweg.render.kernels.fast_math import floor, log2
 from thalweg.render.kernels.shading.clouds import MIRROR_SOFTNESS, SOFTNESS, add_nearest_clouds, cloud_layer

@@ -6,7 +6,7 @@ of the pixel lies on either side, as if the line were straight. Class and mask s
 
 import numpy as np
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.camera_rays import ray_at, row_step
 from thalweg.render.kernels.table_lookup import clamp, depth_map, sloped
 from thalweg.render.records import layout

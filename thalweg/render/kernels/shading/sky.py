@@ -3,7 +3,7 @@
 import numpy as np
 from numba import int32
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.fast_math import exp
 from thalweg.render.kernels.shading.clouds import SOFTNESS, add_clouds, cloud_layer
 from thalweg.render.kernels.table_lookup import sky_at

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numba import int32, uint32
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.table_lookup import clamp
 from thalweg.render.records.appearance import GAIN_B, GAIN_G, GAIN_R, NOISE
 

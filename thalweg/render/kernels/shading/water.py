@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import int32, uint32
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.bake import ripples
 from thalweg.render.kernels.fast_math import log2
 from thalweg.render.kernels.shading.clouds import MIRROR_SOFTNESS, add_clouds, cloud_layer

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.fast_math import exp
 from thalweg.render.kernels.table_lookup import clamp
 from thalweg.render.records import layout

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import int32, uint32
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.camera_rays import row_step
 from thalweg.render.kernels.table_lookup import (
     bilinear,

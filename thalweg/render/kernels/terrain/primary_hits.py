@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import uint32
 
-from thalweg.core.jit import kernel
+from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.camera_rays import Rays, map_origin, row_rays, square_rays
 from thalweg.render.kernels.terrain import azimuth_planes, heightfield_march
 from thalweg.render.kernels.terrain.heightfield_march import FAR_M, SPAN, SQUARE, TILE, TangentPlanes, Track

@@ -6,8 +6,8 @@ import sys
 import pytest
 import torch
 
-from thalweg.core import device as devices
-from thalweg.core.device import DeviceError, resolve_device
+from thalweg.core.compute import device as devices
+from thalweg.core.compute.device import DeviceError, resolve_device
 
 
 @pytest.fixture
@@ -72,7 +72,7 @@ def test_a_missing_package_is_reported_with_how_to_install_it(two_gpus: pytest.M
 
 def test_importing_thalweg_imports_neither_pytorch_nor_cuda():
     code = (
-        "import sys; import thalweg, thalweg.render, thalweg.core.device; thalweg.core.device.resolve_device('cpu');"
+        "import sys; import thalweg.render; from thalweg.core.compute import device; device.resolve_device('cpu');"
         "print([name for name in ('torch', 'numba.cuda', 'numba_cuda') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

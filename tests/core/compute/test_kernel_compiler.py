@@ -8,8 +8,8 @@ import numba
 import numpy as np
 import pytest
 
-from thalweg.core import kernel_compiler
-from thalweg.core.jit import kernel
+from thalweg.core.compute import kernel_compiler
+from thalweg.core.compute.jit import kernel
 
 
 @kernel
@@ -115,7 +115,7 @@ def test_callers_are_linked_before_what_they_call_and_each_once():
 
 STORED = """
 import numpy as np
-from thalweg.core import jit
+from thalweg.core.compute import jit
 from thalweg.render.kernels.plants import tiles
 made = tiles.empty_tiles(8, 8, 1)
 depth = np.arange(128, dtype=np.float32).reshape(8, 16)

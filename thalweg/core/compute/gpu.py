@@ -13,7 +13,7 @@ import numpy as np
 
 @cache
 def compile_kernel(function: Callable, fastmath: bool) -> Any:
-    """Return a CUDA kernel of a function, compiled at its first launch; `fastmath` as in `thalweg.core.jit.kernel`.
+    """Return a CUDA kernel of a function, compiled at its first launch; `fastmath` as in `jit.kernel`.
 
     A closure is compiled once for each function object.
     """

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from gymnasium.vector import AsyncVectorEnv
 
-from thalweg.core.jit import config
-from thalweg.core.threads import get_num_threads, run_in_threads, set_num_threads, shrinking_edges
+from thalweg.core.compute.jit import config
+from thalweg.core.compute.threads import get_num_threads, run_in_threads, set_num_threads, shrinking_edges
 from thalweg.env import EnvConfig
 from thalweg.env.env import RiverEnv
 from thalweg.world import World
@@ -148,7 +148,7 @@ def test_collecting_starts_no_threads_but_those_of_the_pool():
 import os
 os.environ.pop("OMP_NUM_THREADS", None)
 import torch
-from thalweg.core.threads import get_num_threads
+from thalweg.core.compute.threads import get_num_threads
 from thalweg.encoder import load_encoder
 encoder = load_encoder()
 torch.set_num_threads(3)

@@ -4,7 +4,7 @@ Numba's own cache watches only the file that defines a function, so a change in 
 one behind. Here the name of the cache folder contains a hash of the code of every module that kernels depend on.
 Comments, docstrings and the location of the package do not change it, so two clones share compiled kernels.
 
-A kernel is stored only where Python calls it, together with all that it calls; see `thalweg.core.kernel_compiler`.
+A kernel is stored only where Python calls it, together with all that it calls; see `kernel_compiler`.
 
 Kernels compute in float32 (write `float32(0.5)`: a Python literal is float64 and halves the speed), use selects for
 conditions in inner loops, and never use NaN or infinity as special values, because `fastmath` forbids them.
@@ -27,10 +27,10 @@ from numba.core import caching
 from numba.core.runtime.nrt import rtsys
 
 from thalweg.core.cache import PACKAGE, cache_dir, code_hash
-from thalweg.core.kernel_compiler import Kernel, WholeCompiler, config, preferred_vector_bits
+from thalweg.core.compute.kernel_compiler import Kernel, WholeCompiler, config, preferred_vector_bits
 
 IMPORT = re.compile(r"^ *(?:from|import) (thalweg[.\w]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
-USES_KERNELS = re.compile(r"^from thalweg\.core\.jit import", re.MULTILINE)
+USES_KERNELS = re.compile(r"^from thalweg\.core\.compute\.jit import", re.MULTILINE)
 """Matches the import that every module with kernels has."""
 OPTIONS = {"nopython": True, "error_model": "numpy", "boundscheck": False, "nogil": True}
 """Numba's options of all kernels."""
@@ -106,7 +106,8 @@ def kernel_sources() -> list[Path]:
     The `__init__.py` files are left out: kernels import from the defining modules.
     """
     sources = {path: path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py") if path.name != "__init__.py"}
-    waiting = [path for path, text in sources.items() if USES_KERNELS.search(text)] + [PACKAGE / "core" / "jit.py"]
+    waiting = [path for path, text in sources.items() if USES_KERNELS.search(text)]
+    waiting.append(PACKAGE / "core" / "compute" / "jit.py")
     found: set[Path] = set()
     while waiting:
         path = waiting.pop()

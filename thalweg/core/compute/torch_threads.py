@@ -1,7 +1,7 @@
 """The number of threads that PyTorch computes with.
 
 It is set explicitly, because last bits depend on it and other libraries on OpenMP change it.
-This is apart from `thalweg.core.threads` so that rendering on the CPU does not import PyTorch.
+This is apart from `thalweg.core.compute.threads` so that rendering on the CPU does not import PyTorch.
 """
 
 import os
@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import torch
 
-from thalweg.core.threads import run_in_threads
+from thalweg.core.compute.threads import run_in_threads
 
 INITIAL_THREADS = torch.get_num_threads()
 """The number PyTorch chose on import."""

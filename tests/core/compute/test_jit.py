@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from numba.core.errors import NumbaError
 
-from thalweg.core import jit
 from thalweg.core.cache import PACKAGE
-from thalweg.core.jit import kernel, kernel_sources, machine_hash
-from thalweg.core.kernel_compiler import preferred_vector_bits, vector_bits
+from thalweg.core.compute import jit
+from thalweg.core.compute.jit import kernel, kernel_sources, machine_hash
+from thalweg.core.compute.kernel_compiler import preferred_vector_bits, vector_bits
 
 X86 = platform.machine() in ("x86_64", "AMD64")
 INTEL = {
@@ -48,7 +48,7 @@ def llvm_ir(dispatcher) -> str:
 @pytest.fixture(autouse=True)
 def no_cache(monkeypatch):
     """Disable the kernel cache: Numba cannot show the code of cached kernels, and both would share a file."""
-    monkeypatch.setattr("thalweg.core.jit.kernel_cache_dir", lambda: None)
+    monkeypatch.setattr("thalweg.core.compute.jit.kernel_cache_dir", lambda: None)
 
 
 def test_a_disjoint_kernel_vectorises_a_gather_and_another_does_not():
@@ -91,7 +91,7 @@ def test_the_cache_is_in_the_chosen_folder_or_nowhere(tmp_path, folder):
     (tmp_path / "file").write_text("a file, so that no folder can be made below it")
     script = tmp_path / "job.py"
     script.write_text(
-        "from thalweg.core.jit import kernel\n@kernel\ndef double(x):\n    return x + x\nprint(double(21.0))\n"
+        "from thalweg.core.compute.jit import kernel\n@kernel\ndef double(x):\n    return x + x\nprint(double(21.0))\n"
     )
     env = {**os.environ, "THALWEG_CACHE": str(tmp_path / folder)}
     done = subprocess.run([sys.executable, str(script)], env=env, capture_output=True, text=True, timeout=120)
@@ -103,7 +103,12 @@ def test_the_cache_is_in_the_chosen_folder_or_nowhere(tmp_path, folder):
 
 def test_kernel_sources_include_direct_and_indirect_imports():
     sources = {path.relative_to(PACKAGE).as_posix() for path in kernel_sources()}
-    assert {"core/jit.py", "render/kernels/frame.py", "env/task/rules.py", "world/light/sun_shadow.py"} <= sources
+    assert {
+        "core/compute/jit.py",
+        "render/kernels/frame.py",
+        "env/task/rules.py",
+        "world/light/sun_shadow.py",
+    } <= sources
     assert {"render/records/scene.py", "world/record.py", "env/config.py", "core/cache.py"} <= sources  # indirectly
     assert not {"env/vector_env.py", "render/renderer.py", "world/map_image.py", "train/run.py"} & sources
 
@@ -124,7 +129,7 @@ def test_every_form_of_import_is_found(line: str):
 
 WIDEST_REGISTERS = """
 import numba, numpy as np
-from thalweg.core import jit, kernel_compiler
+from thalweg.core.compute import jit, kernel_compiler
 jit.kernel_cache_dir = lambda: None
 def halve(a, b):
     for i in range(len(a)):
@@ -189,7 +194,7 @@ def test_the_hash_of_the_machine_follows_what_compiled_code_depends_on(monkeypat
 
 CACHE_USE = """
 import numpy as np
-from thalweg.core import jit
+from thalweg.core.compute import jit
 from thalweg.render.kernels.camera_rays import Rays, row_rays
 from thalweg.render.records.view import PosedCamera
 camera = PosedCamera(*(np.float32(1) for _ in range(15)), 4, 4)

@@ -1,0 +1,1 @@
+"""Kernels: their compiler, their threads, and the devices that they run on."""

@@ -25,7 +25,7 @@ from thalweg.env.config import EnvConfig
 from thalweg.env.device import cuda_step as rules
 from thalweg.env.device.step import reset_arguments
 from thalweg.env.task.course_arrays import pack_courses
-from thalweg.env.task.rules import empty_outcome, empty_state
+from thalweg.env.task.rules import State, empty_outcome, empty_state
 from thalweg.render.gpu import ground_profiles, pixel, postprocess, visible_plants
 from thalweg.render.kernels.camera_rays import Radiance
 from thalweg.render.records.scene import Scene
@@ -46,12 +46,15 @@ VIEWS = types.NamedTuple((types.int64[::1], DOUBLE[:, ::1], DOUBLE[::1], PLANE),
 SETTINGS = types.NamedTuple((types.int64, types.int64, FLOAT, types.boolean), FrameSettings)
 FOUND = types.int32[:, ::1], PLANE, types.int16[:, :, ::1], INTS
 """Order, distance, boxes and counts of the plants in view."""
+SEEN = "world", "pose", "segment", "travel"
+"""Arrays of a state that the ideal eye needs."""
 KINDS = BYTE[:, :, ::1]
-PLANES = types.NamedTuple((SPACE, KINDS, SPACE, SPACE, SPACE, SPACE, SPACE), Planes)
+PLANES = types.NamedTuple((SPACE, KINDS, SPACE, SPACE, SPACE, SPACE, SPACE, SPACE), Planes)
 RADIANCE = types.NamedUniTuple(SPACE, 3, Radiance)
 TABLES: dict[str, Any] = {
-    "extents": types.int64[:, ::1], "constants": PLANE, "plants": PLANE, "bridges": PLANE, "shade": PLANE,
+    "extents": types.int32[:, ::1], "constants": PLANE, "plants": PLANE, "bridges": PLANE, "shade": PLANE,
     "outlines": PLANE, "chunks": PLANE, "autumn": PLANE, "atlas_level": types.int64[::1], "paint": UINT[::1],
+    "top": UINT[::1], "depth": UINT[::1],
     "canopy": UINT[::1], "canopy_paint": UINT[::1], "sky": UINT[::1], "clouds": UINT[::1], "ripples": UINT[::1],
     "atlas": UINT[::1],
 }  # fmt: skip
@@ -77,8 +80,15 @@ def rule_types() -> tuple[Any, ...]:
     return tuple(numba.typeof(each) for each in (state.pose, courses, config.limits, reset, state, outcome, bytes_))
 
 
+def eye_types() -> tuple[Any, ...]:
+    """Return the argument types of the ideal eye's kernel, as `TensorRiverEnv` passes them."""
+    _, courses, _, _, state, *_ = rule_types()
+    world, pose, segment, travel = (dict(zip(State._fields, state.types, strict=True))[name] for name in SEEN)
+    return courses, types.float64, world, pose, segment, travel, PLANE
+
+
 def variants() -> dict[str, Variant]:
-    """Return every kernel of a frame, in every form that `GpuRenderer` launches, and that of the rules."""
+    """Return every kernel of a frame, in every form that `GpuRenderer` launches, and those of rules and ideal eye."""
     trace = (SCENE, VIEWS, PLANE, LINE, SPACE, types.Tuple(FOUND), PLANES)
     add = (SCENE, VIEWS, PLANE, PLANES, FOUR, LINE)
     kernels = {
@@ -101,6 +111,7 @@ def variants() -> dict[str, Variant]:
         postprocess.THREADS,
     )
     kernels["advance"] = Variant(rules.advance, rule_types(), rules.THREADS, fastmath=False)
+    kernels["see"] = Variant(rules.see, eye_types(), rules.THREADS, fastmath=False)
     kernels["write_layers"] = Variant(postprocess.write_layers, (PLANES, SPACE, KINDS, KINDS), postprocess.THREADS)
     kernels["write_mask"] = Variant(postprocess.write_mask, (PLANES, KINDS), postprocess.THREADS)
     return kernels

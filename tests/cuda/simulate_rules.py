@@ -17,6 +17,7 @@ def main(path: str) -> None:
     simulated.begin()
     blocks = -(-cases.FLIGHTS // THREADS) + 1  # the last one has nothing to do
     tensors.advance_all = lambda *given: gpu.launch(rules.advance, blocks, THREADS, simulated.DEVICE, *given)
+    tensors.see_all = lambda *given: gpu.launch(rules.see, blocks, THREADS, simulated.DEVICE, *given)
     np.savez(path, **cases.flown())
 
 

@@ -17,7 +17,7 @@ from thalweg.render.records.camera import Camera
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
 
-Observation = Literal["rgb+mask", "rgb", "mask", "dict", "none"]
+Observation = Literal["rgb+mask", "rgb", "mask", "dict", "privileged", "none"]
 ActionSpace = Literal["multidiscrete", "continuous"]
 RewardScheme = Literal["paper", "package"]
 
@@ -96,7 +96,8 @@ class EnvConfig:
 
     observation: Observation = "rgb+mask"
     """Observation: `rgb+mask` (4 channels), `rgb`, `mask`, which draws no colours and is several times as fast, `dict`
-    (keys rgb and mask), or `none`, which renders nothing and returns the pose x, y, z, yaw."""
+    (keys rgb and mask). Without frames: `privileged`, what a perfect camera could tell
+    (`thalweg.env.task.ideal_eye.FEATURES`), or `none`, the pose x, y, z, yaw."""
     action: ActionSpace = "multidiscrete"
     """Action: `multidiscrete` is four branches of 0, 1, 2; `continuous` is four numbers in -1..1, +1 = up, turn left,
     forward, left."""
@@ -163,7 +164,7 @@ class EnvConfig:
     @property
     def channels(self) -> int:
         """Channels that are drawn for an observation: 4, 1 of a mask, or 0."""
-        return {"mask": 1, "none": 0}.get(self.observation, 4)
+        return {"mask": 1, "privileged": 0, "none": 0}.get(self.observation, 4)
 
     def seen_through(self, inputs: str) -> "EnvConfig":
         """Return the config for an encoder of `inputs`, such as "mask": nothing is drawn that it does not see."""

@@ -101,7 +101,7 @@ def _with_options(config: EnvConfig, options: dict[str, Any], arguments: Sequenc
 
 def _start_compilation(config: EnvConfig) -> None:
     """Start compiling the kernels of frames, if they are not cached, while the worlds are built."""
-    if config.observation != "none":
+    if config.channels:
         from thalweg.render import compilation
 
         compilation.begin()

@@ -28,6 +28,9 @@ class Views(NamedTuple):
     """[M, P] float64, see `thalweg.render.records.appearance`."""
     sun: np.ndarray
     """[M] int64, index of the light among those of the world."""
+    segment: np.ndarray
+    """[M] int64, of the course, and the direction of travel along it; see `thalweg.env.task.rules.State`."""
+    travel: np.ndarray
 
 
 def relit_worlds(worlds: Sequence[World], randomisation: Randomisation | None) -> list[World]:
@@ -72,7 +75,8 @@ class FrameRenderer:
 
     def views(self, state: State, rows: np.ndarray | slice = slice(None)) -> Views:
         """Return copies of what the environments `rows` see in a state."""
-        return Views(*(a[rows].copy() for a in (state.pose, state.world, state.time_s, self.look, self.sun)))
+        values = state.pose, state.world, state.time_s, self.look, self.sun, state.segment, state.travel
+        return Views(*(a[rows].copy() for a in values))
 
     def render_masks(self, views: Views) -> np.ndarray:
         """Return new masks [M, H, W, 1] uint8 of the views, the fourth channel of their frames."""

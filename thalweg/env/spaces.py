@@ -5,6 +5,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from thalweg.env.task.ideal_eye import FEATURES
+
 BRANCHES = ("vertical", "yaw", "longitudinal", "lateral")
 """Branches of an action. Options 0, 1, 2: up, none, down; left, none, right; forward, none, backward; left, none,
 right."""
@@ -70,6 +72,8 @@ def observation_space(kind: str, height_px: int, width_px: int) -> gymnasium.spa
     image = lambda channels: gymnasium.spaces.Box(0, 255, (height_px, width_px, channels), np.uint8)  # noqa: E731
     if kind == "dict":
         return gymnasium.spaces.Dict({"rgb": image(3), "mask": image(1)})
+    if kind == "privileged":
+        return gymnasium.spaces.Box(-np.inf, np.inf, (len(FEATURES),), np.float32)
     if kind == "none":
         return gymnasium.spaces.Box(-np.inf, np.inf, (4,), np.float64)
     return image({"rgb+mask": 4, "rgb": 3, "mask": 1}[kind])

@@ -27,6 +27,7 @@ from thalweg.env.initial_poses import random_start
 from thalweg.env.snapshot import StateError, env_identity
 from thalweg.env.spaces import ActionError, action_space, observation_space, to_unit_actions
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
+from thalweg.env.task.ideal_eye import FEATURES, see_all
 from thalweg.env.task.rules import Outcome, State, empty_outcome, empty_state
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.world.record import World
@@ -69,7 +70,7 @@ class TensorRiverEnv:
         self.device = torch.device(resolve_device(device))
         courses = pack_courses(self.worlds, config)
         shared = 0
-        if self.device.type != "cpu" and config.observation != "none":
+        if self.device.type != "cpu" and config.channels:
             shared = self._renderer.scratch_bytes
         check_memory(self.num_envs, bytes_per_env(courses, config, BUFFERS), shared, free_bytes(self.device))
         for world in range(len(self.worlds)):  # a reset on the device cannot report that there is no safe start
@@ -237,6 +238,8 @@ class TensorRiverEnv:
         kind = self.config.observation
         if kind == "none":
             return self._tensors["pose"].clone()
+        if kind == "privileged":
+            return self._see()
         self._buffer = (self._buffer + 1) % BUFFERS
         frames = self._frames[self._buffer]
         tensors, look = self._tensors, self._tensors["look"]
@@ -246,6 +249,20 @@ class TensorRiverEnv:
         if kind == "dict":
             return {"rgb": frames[..., :3], "mask": frames[..., 3:]}
         return frames[..., :3] if kind == "rgb" else frames
+
+    def _see(self) -> Tensor:
+        """Return what the ideal eye sees [N, FEATURES] float32."""
+        seen = torch.empty(self.num_envs, len(FEATURES), dtype=torch.float32, device=self.device)
+        state = (self._array(self._tensors[name]) for name in ("world", "pose", "segment", "travel"))
+        arguments = self._courses, self.config.limits.max_height, *state, self._array(seen)
+        if self.device.type == "cpu":
+            see_all(*arguments)
+            return seen
+        from thalweg.env.device import cuda_step
+
+        blocks = -(-self.num_envs // cuda_step.THREADS)
+        gpu.launch(cuda_step.see, blocks, cuda_step.THREADS, self.device, *arguments, fastmath=False)
+        return seen
 
     def _info(self) -> Info:
         tensors = self._tensors

@@ -27,6 +27,7 @@ from thalweg.env.spaces import (
     to_unit_actions,
 )
 from thalweg.env.task.course_arrays import pack_courses
+from thalweg.env.task.ideal_eye import FEATURES, see_all
 from thalweg.env.task.rules import clear_outcome, empty_outcome, empty_state, step_all
 from thalweg.world.record import World
 
@@ -294,6 +295,8 @@ class RiverVectorEnv(VectorEnv):
         self._rendered = None
         if self.config.observation == "none":
             return views.pose
+        if self.config.observation == "privileged":
+            return self._see(views)
         if self.config.observation == "mask":
             # Colours are drawn only if `render` asks for them.
             return self.frames.render_masks(views)
@@ -301,6 +304,12 @@ class RiverVectorEnv(VectorEnv):
         if self.render_mode is not None:
             self._rendered = frames[: self.num_envs, ..., :3].copy()
         return frames_to_observations(self.config.observation, frames)
+
+    def _see(self, views: Views) -> np.ndarray:
+        """Return what the ideal eye sees [M, FEATURES] float32."""
+        seen = np.empty((len(views.pose), len(FEATURES)), np.float32)
+        see_all(self.courses, self.limits.max_height, views.world, views.pose, views.segment, views.travel, seen)
+        return seen
 
 
 def _mode(given: AutoresetMode | str) -> AutoresetMode:

@@ -1,9 +1,10 @@
-"""CUDA kernel of `thalweg.env.device.step`: one thread per environment, in float64."""
+"""CUDA kernels of `thalweg.env.device.step` and of the ideal eye: one thread per environment, in float64."""
 
 from numba import cuda, float64
 
 from thalweg.env.device.step import advance_one
 from thalweg.env.initial_poses import DRAWS
+from thalweg.env.task.ideal_eye import see_one
 
 THREADS = 64
 """Threads of a block: few, so that a few thousand environments are spread over the whole GPU."""
@@ -16,3 +17,10 @@ def advance(actions, courses, limits, reset, state, outcome, ended):
         return
     draws = cuda.local.array(DRAWS, float64)
     advance_one(row, actions, courses, limits, reset, state, outcome, ended, draws)
+
+
+def see(courses, max_height, world, pose, segment, travel, out):
+    """As `ideal_eye.see_all`."""
+    row = cuda.grid(1)
+    if row < len(out):
+        see_one(courses, max_height, world[row], pose[row], segment[row], travel[row], out[row])

@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 
 from thalweg.env.config import EnvConfig
-from thalweg.world.record import World
+from thalweg.world.record import River, World
 
 LEVEL_MAX_STEPS = 500
 """Step limit of the levels (paper)."""
@@ -62,6 +62,10 @@ class CourseArrays(NamedTuple):
     plane: np.ndarray
     """[P, 4] float64, unit normal n and offset d of each plane of the grown hulls: a point p is inside where n.p <= d
     for all planes of a bridge."""
+    island_arc: np.ndarray
+    """[I] float64, metres along the course of the point that is nearest to the centre of each island."""
+    bridge_arc: np.ndarray
+    """[B] float64, the same of the middle of each bridge."""
 
 
 def pack_courses(worlds: Sequence[World], config: EnvConfig) -> CourseArrays:
@@ -87,7 +91,24 @@ def pack_courses(worlds: Sequence[World], config: EnvConfig) -> CourseArrays:
         bridge_box=_concatenate([np.concatenate([v.min(axis=0), v.max(axis=0)])[None] for _, v in hulls], 6),
         first_plane=_offsets([len(planes) for planes, _ in hulls]),
         plane=_concatenate([planes for planes, _ in hulls], 4),
+        island_arc=_concatenate([nearest_arcs(world.river, np.asarray(world.islands)[:, :2]) for world in worlds]),
+        bridge_arc=_concatenate([nearest_arcs(world.river, np.asarray(world.bridges)[:, :2]) for world in worlds]),
     )
+
+
+def nearest_arcs(river: River, points_m: np.ndarray) -> np.ndarray:
+    """Return the arc length [K] in metres of the point of a river's line that is nearest to each point [K, 2]."""
+    begin = river.position_m
+    end = np.roll(begin, -1, axis=0)
+    following = np.append(river.arc_m[1:], river.length_m)
+    if not river.closed:
+        begin, end, following = begin[:-1], end[:-1], river.arc_m[1:]
+    along = end - begin
+    offset = points_m[:, None] - begin
+    fraction = np.clip((offset * along).sum(-1) / (along * along).sum(-1), 0.0, 1.0)
+    nearest = np.linalg.norm(offset - fraction[..., None] * along, axis=-1).argmin(axis=1)
+    first = river.arc_m[: len(begin)][nearest]
+    return first + fraction[np.arange(len(points_m)), nearest] * (following[nearest] - first)
 
 
 def step_limit(world: World, config: EnvConfig) -> int:

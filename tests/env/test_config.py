@@ -27,7 +27,7 @@ def test_loose_cost_follows_the_scheme(scheme: str, loose: float):
 @pytest.mark.parametrize(
     ("field", "known"),
     [
-        ("observation", "'rgb+mask', 'rgb', 'mask', 'dict', 'none'"),
+        ("observation", "'rgb+mask', 'rgb', 'mask', 'dict', 'privileged', 'none'"),
         ("action", "multidiscrete"),
         ("reward_scheme", "'paper', 'package'"),
     ],

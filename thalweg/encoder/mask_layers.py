@@ -1,8 +1,8 @@
 """The first layers of an encoder of masks, computed only where a mask is not uniform.
 
-A mask is mostly water or mostly not: after three convolutions, whose outputs see 15 x 15 pixels each, 15 % of them see
-both. The others have the value that a uniform mask of 0 or of 255 has at the same place, which is computed once. Any
-mask can be encoded, but one of noise takes longer than by dense convolutions.
+Most outputs of the first three layers, which see at most 15 x 15 pixels each, see nothing but water or no water. Those
+have the value that a uniform mask of 0 or of 255 has at the same place, which is computed once; the others, a tenth or
+so, are computed. Any mask can be encoded, but one of noise takes longer than by dense convolutions.
 
 Letters: N masks, S pixels of a side of a layer's input, C channels of it, C' of its output.
 """
@@ -17,7 +17,7 @@ from thalweg.encoder.vae import LEAK
 
 f32 = np.float32
 SPARSE_LAYERS = 3
-"""Layers that are computed here. Of the outputs of further ones too many see both."""
+"""Layers that are computed here; `encode_masks` is written for these three. Most outputs of deeper ones see both."""
 DRY, WET, MIXED = 1, 2, 3
 """Kind of a pixel or an output: it sees zeros only, 255 only, or anything else. The kind of several is their "or"."""
 PLACES = 16

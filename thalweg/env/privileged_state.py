@@ -1,6 +1,7 @@
-"""Privileged state: distances, heading error and height of a pose, known from the map.
+"""Privileged state: distances, heading error and height of a pose, which studies probe the codes of frames for.
 
-Policies do not see these values. Studies probe the codes of frames for them.
+The observation `privileged` is another set of numbers, see `thalweg.env.task.ideal_eye`. Here the direction of travel
+follows from the heading.
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
 """Compilation of the frame's kernel: once for each version of its code, in a process of its own.
 
-It compiles while the first river is still being built; all other processes load what it has stored. Where it fails, the
-process that draws compiles by itself, to the same frames.
+That process compiles while the first river is built, and all others load what it has stored. If it fails, the process
+that draws compiles the kernel itself, and its frames are the same.
 """
 
 import os

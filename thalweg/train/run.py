@@ -116,8 +116,7 @@ def run(
         progress: Whether to show a progress bar; not by default.
         checkpoint_seconds: Minimum time between two checkpoints, 20 s by default; 0 writes one after every update.
         threads: Number of PyTorch threads for acting and learning, 1 by default; small networks are slower with more.
-        device: Device of the learner and of an environment of tensors, "cpu" by default; see
-            `thalweg.core.compute.device`.
+        device: Device of the learner and of an environment of tensors, "cpu" by default; see `core.compute.device`.
         begin_with: Folder of a run or policy file from which the policy is initialised; critics start anew.
         graphs: Whether to record gradient steps of DDPGLag, TD3Lag and SACLag as CUDA graphs; not by default.
 

@@ -2,11 +2,20 @@
 
 import ast
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from numba.core.runtime import _nrt_python as memory
+from numba.core.runtime import rtsys
 
+from thalweg.algos.policy.actions import actions_of
+from thalweg.algos.policy.policy import Policy
 from thalweg.core.cache import PACKAGE
+from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.task.ideal_eye import FEATURES
+from thalweg.render import Camera
+from thalweg.world import World
 
 SOURCES = sorted([*(PACKAGE / "render" / "kernels").rglob("*.py"), *(PACKAGE / "env" / "task").rglob("*.py")])
 
@@ -51,3 +60,36 @@ def fifth(n):
         ("second", True),
         ("fourth", False),
     ]
+
+
+def allocations() -> int:
+    """Blocks of memory that kernels have allocated and not freed."""
+    stats = rtsys.get_allocation_stats()
+    return stats.alloc - stats.free
+
+
+def test_no_memory_is_lost_by_acting_stepping_and_drawing(easy_world: World):
+    """A kernel that counts no references, but gets an array from another, would never free it."""
+    stats = memory.memsys_stats_enabled()
+    memory.memsys_enable_stats()
+    try:
+        config = EnvConfig(camera=Camera(32, 32))
+        seen = RiverVectorEnv([easy_world], 4, replace(config, observation="privileged"))
+        drawn = RiverVectorEnv([easy_world], 4, config)
+        policy = Policy(len(FEATURES), actions_of(seen.single_action_space))
+        observations, _ = seen.reset(seed=0)
+        drawn.reset(seed=0)
+
+        def act_and_step() -> None:
+            actions = policy.act(observations)
+            seen.step(actions)
+            drawn.step(actions)
+
+        act_and_step()
+        before = allocations()
+        for _ in range(20):
+            act_and_step()
+        assert allocations() == before
+    finally:
+        if not stats:
+            memory.memsys_disable_stats()

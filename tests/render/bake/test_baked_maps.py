@@ -55,6 +55,15 @@ def test_maps_are_baked_once_for_a_world_and_read_back_for_an_equal_one(world, b
     assert len(list((tmp_path / "baked").iterdir())) == 2
 
 
+def test_what_maps_are_baked_from_is_part_of_their_name(world, baked):
+    lit = np.ones((4, 4, 3))
+    for arguments in ((SUN, TOP, lit), (SUN * 0.5, TOP, lit), (SUN, TOP + 1, lit), (SUN, TOP, lit * 2)):
+        baked_maps.baked_maps(world, *arguments)
+    assert len(baked) == 4
+    baked_maps.baked_maps(world, SUN, TOP + 1, lit)
+    assert len(baked) == 4
+
+
 @pytest.mark.parametrize("damage", ["half", "nothing", "other bytes", "one byte"])
 def test_a_damaged_file_is_replaced(world, baked, tmp_path, damage):
     lit = np.ones((4, 4, 3))
@@ -71,7 +80,7 @@ def test_a_damaged_file_is_replaced(world, baked, tmp_path, damage):
 
 
 def test_the_digest_follows_every_field_of_a_world(world):
-    digests = {baked_maps.world_digest(changed) for changed in (world, *variants(world))}
+    digests = {baked_maps.digest_of(changed) for changed in (world, *variants(world))}
     assert len(digests) == 1 + sum(1 for _ in variants(world)) > 20
 
 

@@ -4,9 +4,9 @@ The definition is the loss as it stands in an algorithm's file, on a network of 
 (`StackedMLP.reference`), differentiated by `loss.backward()`. The fast path replaces it in four places, each of which
 asks `enabled`: gradients of a `StackedMLP` are written out (`mlp_autograd`) or compiled (`mlp_numba`), those of a
 distribution are written out (`TapedDistribution`), and a pass of the critics is one compiled call
-(`Critics.fit_epoch`). `tests/algos/policy/test_fast_path.py` holds the two equal for every on-policy algorithm. Acting
-has a fast path too: a small categorical network is evaluated and its options are drawn by one compiled call
-(`option_sampling`).
+(`Critics.fit_epoch`). `tests/algos/policy/test_fast_path.py` holds the two equal for every on-policy algorithm. A
+fifth place is acting: options of a small categorical network are drawn by one compiled call (`option_sampling`, which
+`tests/algos/policy/test_option_sampling.py` holds to the definition).
 
 The fast path is on unless the environment variable `THALWEG_FAST_PATH` is 0. Results of the two agree within rounding,
 not to the last bit.

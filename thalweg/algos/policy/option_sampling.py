@@ -1,7 +1,7 @@
-"""Options of a categorical policy for a few observations, by one compiled call: part of the fast path, see `fast_path`.
+"""Compiled evaluation of a categorical policy: the network and the choice of options in one call, for small batches.
 
-PyTorch makes some twenty calls of them, which take 0.1 ms for 16 environments, and three times that after frames have
-filled the processor's caches with their own data. The numbers drawn from the generator are the same.
+PyTorch needs about twenty calls for the same. Both take the same random numbers from the generator. It is part of the
+fast path, see `fast_path`.
 
 Letters: N environments, D numbers of an observation, A branches, K options of a branch.
 """
@@ -15,7 +15,7 @@ from thalweg.core.compute.jit import kernel
 
 f32 = np.float32
 MAX_ROWS = 256
-"""Most observations for which the compiled loops are sooner done than the calls of a library."""
+"""Largest number of observations for which the compiled loops are faster than PyTorch."""
 
 
 class Scaling(NamedTuple):
@@ -28,7 +28,7 @@ class Scaling(NamedTuple):
     clip: np.float32
 
 
-@kernel(fastmath=False, allocates=False)
+@kernel(fastmath=False)
 def draw_options(obs, scaling, network, sizes, uniform, chosen):
     """Fill `chosen` [N, A] int64 with options for raw observations [N, D].
 

@@ -1,4 +1,4 @@
-"""A thread pool for compiled kernels: the jobs are split into one range per thread.
+"""A thread pool for compiled kernels: each thread takes one range of the jobs, or several from a shared list.
 
 Kernels release Python's lock. Numba's own `parallel=True` is not used: it runs on OpenMP where that is installed, and
 then sets PyTorch's number of threads to that of all cores and makes forked processes die at their first kernel.

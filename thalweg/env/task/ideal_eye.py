@@ -50,12 +50,13 @@ FEATURES = (
   the banks there, and the water's level relative to that at the vehicle. Past the end of an open course they are those
   of its end.
 * bridge: metres along the course to the middle of the next bridge, `RANGE_M` without one, which counts until its middle
-  is `BEHIND_M` behind. Underside and top: heights between which the vehicle's centre would touch it, relative to the
-  vehicle's; 0 without one.
+  is `BEHIND_M` behind. Underside and top: the lowest and highest point of the bridge, grown by half the body, above the
+  vehicle's centre; 0 without one.
 * island: metres along the course to the centre of the next island, `RANGE_M` without one, which counts until its middle
   is half its length behind. Then where the centre is, and half of its axes; 0 without one.
 """
 BEHIND_M = 3.0
+"""Metres behind the vehicle up to which the middle of a bridge still counts as that of the next."""
 _POINTS = np.array(POINTS_M)
 _POINT_AT, _BRIDGE_AT, _ISLAND_AT = 5, 5 + 4 * len(POINTS_M), 8 + 4 * len(POINTS_M)
 
@@ -64,7 +65,7 @@ _POINT_AT, _BRIDGE_AT, _ISLAND_AT = 5, 5 + 4 * len(POINTS_M), 8 + 4 * len(POINTS
 def see_one(courses, max_height, world, pose, segment, travel, out):
     """Fill out [FEATURES] float32 with what is seen from a pose [4].
 
-    max_height: metres above the water; segment and travel: those of the episode, see `rules.State`.
+    max_height: metres above the water; world, segment and travel: integers, those of the episode, see `rules.State`.
     """
     x, y, z, yaw = pose[0], pose[1], pose[2], pose[3]
     _, projection = track_projection(courses, world, segment, x, y)
@@ -87,7 +88,7 @@ def see_one(courses, max_height, world, pose, segment, travel, out):
 
 @kernel(fastmath=False, allocates=False)
 def see_course(courses, world, projection, travel, pose, level, out):
-    """Fill the numbers of the points of the course."""
+    """Fill the numbers of the points of the course in out [FEATURES]; level: that of the water at the vehicle."""
     point = projection
     passed = 0.0
     for k in range(len(_POINTS)):
@@ -157,7 +158,7 @@ def metres_ahead(courses, world, arc, travel, other, behind):
 
 @kernel(fastmath=False, allocates=False)
 def see_bridge(courses, world, arc, travel, z, out):
-    """Fill the numbers of the next bridge; z: height of the vehicle."""
+    """Fill the numbers of the next bridge in out [FEATURES]; z: height of the vehicle in metres."""
     nearest = RANGE_M
     underside = 0.0
     top = 0.0
@@ -174,7 +175,7 @@ def see_bridge(courses, world, arc, travel, z, out):
 
 @kernel(fastmath=False, allocates=False)
 def see_island(courses, world, arc, travel, pose, out):
-    """Fill the numbers of the next island."""
+    """Fill the numbers of the next island in out [FEATURES]."""
     nearest = RANGE_M
     for k in range(_ISLAND_AT + 1, _ISLAND_AT + 5):
         out[k] = 0.0

@@ -43,13 +43,13 @@ def baked_maps(world: World, sun: np.ndarray, top_m: np.ndarray, lit: np.ndarray
     """Return the maps of a world, from the disk if they are there.
 
     sun: unit vector [3] towards the sun; top_m: heights of the upper surface [GY, GX]; lit: radiance of the ground
-    [GY, GX, 3]. All three follow from the world.
+    [GY, GX, 3]. All three are part of the file's name.
     """
     # Its name is a hash of the kernels' code, these maps' included, and of what compiled it.
     version = kernel_cache_dir()
     if version is None:
         return bake(world, sun, top_m, lit)
-    path = cache_dir() / "baked" / f"{version.name}-{np.__version__}-{world_digest(world)}.npz"
+    path = cache_dir() / "baked" / f"{version.name}-{np.__version__}-{digest_of(world, sun, top_m, lit)}.npz"
     maps = stored(path)
     if maps is None:
         maps = bake(world, sun, top_m, lit)
@@ -65,11 +65,12 @@ def bake(world: World, sun: np.ndarray, top_m: np.ndarray, lit: np.ndarray) -> B
     return BakedMaps(np.stack([height, slope], axis=-1), canopy, paint, sky)
 
 
-def world_digest(world: World) -> str:
-    """Return a hash of all that a world consists of: 32 hexadecimal digits."""
+def digest_of(*values: Any) -> str:
+    """Return a hash of records, arrays and numbers, of all that they consist of: 32 hexadecimal digits."""
     digest = hashlib.sha256()
-    for chunk in _chunks(world):
-        digest.update(chunk)
+    for value in values:
+        for chunk in _chunks(value):
+            digest.update(chunk)
     return digest.hexdigest()[:32]
 
 

@@ -113,7 +113,7 @@ def place_of(row, column):
 
 @kernel(inlined=True, allocates=False)
 def ray_at(camera, first, place):
-    """Return `ray_through` of the pixel at a place whose row is counted from `first` on."""
+    """Return `ray_through` of the pixel at a place whose row is counted from row `first` of the image."""
     return ray_through(camera, int32(first) + (place >> int32(16)), place & int32(0xFFFF))
 
 
@@ -145,9 +145,9 @@ def square_rays(camera, row, size, inv_cell, rays, first, n):
 
 @kernel(disjoint=True, allocates=False)
 def hit_points(camera, origin, inv_cell, row, places, depth, points, n):
-    """Fill `HitPoints` [n] for the pixels at `places` [n] int32, whose depths [n] are along the optical axis.
+    """Fill `HitPoints` [n] for the pixels at `places` [n] int32, whose rows are counted from row `row` of the image.
 
-    Their rows are counted from a row of the image on.
+    depth: [n] float32, metres along the optical axis.
     """
     x, y, z, dx, dy, dz, distance = points
     for k in range(n):

@@ -39,10 +39,10 @@ class Gathered(NamedTuple):
     """The pixels of a band by what they show, and scratch for shading them."""
 
     places: Any
-    """[KINDS, pixels of a band + LANES] int32: the places (see `camera_rays.place_of`) of those that show each class,
-    as the next, with rows counted from the band's first."""
+    """[KINDS, pixels of a band + LANES] int32: `camera_rays.place_of` of the pixels that show each class, with rows
+    counted from the first of the band."""
     shore: Any
-    """[pixels of a band + LANES] int32: those that may show both water and ground."""
+    """[pixels of a band + LANES] int32: places of the pixels that may show both water and ground."""
     wet: Any
     """[pixels of a band] float32: the share of water in each."""
     depth: Any
@@ -61,7 +61,7 @@ class Gathered(NamedTuple):
 def empty_gathered(wide):
     """`Gathered` without values for bands of rows of W' pixels."""
     size = ROWS_TOGETHER * wide
-    # Without the reduced quality, a pixel on the shore is in two lists.
+    # One list for each class and one for the shore, whose pixels are then added to water or ground, or to both.
     places = np.empty((KINDS + 1, size + LANES), np.int32)
     span = np.empty((11, CHUNK), np.float32)
     return Gathered(
@@ -124,33 +124,33 @@ def band_of(planes, first, wide):
 def gather(scene, view, row, reduced, band, wide, gathered):
     """Fill the places of `Gathered`, and its shares of water; returns how many pixels show sky, water and ground.
 
-    band: `flattened` planes from a row of the image on.
+    band: `flattened` planes from row `row` of the image on.
     """
     for i in range(len(band.kind)):
         gathered.wet[i] = f32(1) if band.kind[i] == np.uint8(WATER) else f32(0)
     skies, waters, grounds, shores = 0, 0, 0, 0
     for r in range(len(band.kind) // wide):
         for first in range(0, view.camera.width, LANES):
-            # Most pixels lie behind dense foliage, many of them side by side. Their colour would not show.
+            # Many pixels lie behind dense foliage, often side by side. Their colour would not show.
             if not any_seen(band.transmittance, r * wide + first):
                 continue
             for c in range(first, min(first + LANES, view.camera.width)):
                 i = uint32(r * wide + c)
                 kind = band.kind[i]
                 seen = band.transmittance[i] > f32(SEEN)
-                water = seen & (kind == np.uint8(WATER))
-                ground = seen & (kind == np.uint8(GROUND))
-                shore = (water | ground) & (abs(band.water[i]) < f32(SHORE_M)) & (not reduced)
+                on_water = seen & (kind == np.uint8(WATER))
+                on_ground = seen & (kind == np.uint8(GROUND))
+                on_shore = (on_water | on_ground) & (abs(band.water[i]) < f32(SHORE_M)) & (not reduced)
                 place = place_of(int32(r), int32(c))
                 # Written in any case, and kept by counting it: a choice would be predicted wrongly too often.
                 gathered.places[SKY, skies] = place
                 skies += int32(seen & (kind == np.uint8(SKY)))
                 gathered.places[WATER, waters] = place
-                waters += int32(water & (not shore))
+                waters += int32(on_water & (not on_shore))
                 gathered.places[GROUND, grounds] = place
-                grounds += int32(ground & (not shore))
+                grounds += int32(on_ground & (not on_shore))
                 gathered.shore[shores] = place
-                shores += int32(shore)
+                shores += int32(on_shore)
     waters, grounds = divide_shores(scene, view, row, shores, band, wide, gathered, waters, grounds)
     return skies, waters, grounds
 
@@ -207,7 +207,7 @@ def fill_up(places, count):
 def shade_kind(scene, view, row, reduced, what, count, band, wide, gathered):
     """Add the radiance of the `count` pixels of a band that show a class, which is sky, water or ground.
 
-    band: `flattened` planes from a row of the image on, whose pixels are `Gathered`.
+    band: `flattened` planes from row `row` of the image on, whose pixels are `Gathered`.
     """
     origin = map_origin(scene, view)
     inv_cell = scene.constants[view.world, layout.INV_CELL]

@@ -37,7 +37,7 @@ def covered_share(what, wet):
 def water_shares(scene, view, origin, row, places, depth, kind, share, n):
     """Fill share [n] float32 with the share of water in each pixel: 0 or 1 away from the shore and for other classes.
 
-    depth and kind [n] are those of the pixels at `places` [n], whose rows are counted from a row of the image on.
+    depth and kind [n] are those of the pixels at `places` [n], whose rows are counted from row `row` of the image.
     """
     camera = view.camera
     inv_cell = scene.constants[view.world, layout.INV_CELL]

@@ -4,10 +4,10 @@ import ast
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
-from numba.core.runtime import _nrt_python as memory
-from numba.core.runtime import rtsys
+from numba.core import runtime
 
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.policy import Policy
@@ -17,6 +17,7 @@ from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import Camera
 from thalweg.world import World
 
+NUMBA: Any = runtime
 SOURCES = sorted([*(PACKAGE / "render" / "kernels").rglob("*.py"), *(PACKAGE / "env" / "task").rglob("*.py")])
 
 
@@ -64,14 +65,14 @@ def fifth(n):
 
 def allocations() -> int:
     """Blocks of memory that kernels have allocated and not freed."""
-    stats = rtsys.get_allocation_stats()
+    stats = NUMBA.rtsys.get_allocation_stats()
     return stats.alloc - stats.free
 
 
 def test_no_memory_is_lost_by_acting_stepping_and_drawing(easy_world: World):
     """A kernel that counts no references, but gets an array from another, would never free it."""
-    stats = memory.memsys_stats_enabled()
-    memory.memsys_enable_stats()
+    stats = NUMBA._nrt_python.memsys_stats_enabled()
+    NUMBA._nrt_python.memsys_enable_stats()
     try:
         config = EnvConfig(camera=Camera(32, 32))
         seen = RiverVectorEnv([easy_world], 4, replace(config, observation="privileged"))
@@ -92,4 +93,4 @@ def test_no_memory_is_lost_by_acting_stepping_and_drawing(easy_world: World):
         assert allocations() == before
     finally:
         if not stats:
-            memory.memsys_disable_stats()
+            NUMBA._nrt_python.memsys_disable_stats()

@@ -24,6 +24,8 @@ INTEL = {
     "NUMBA_CPU_FEATURES": "+avx,+avx2,+fma,+avx512f,+avx512vl,+avx512dq,+avx512bw,+avx512cd",
 }
 """Settings of Numba for a processor on which LLVM prefers vectors of 256 bits to those of 512."""
+AMD = {"NUMBA_CPU_NAME": "znver3", "NUMBA_CPU_FEATURES": "+avx,+avx2,+fma"}
+"""Settings of Numba for a processor on which LLVM does not gather, though it can."""
 
 
 def gather(table, at, out):
@@ -171,6 +173,31 @@ def test_kernels_use_the_vectors_that_llvm_holds_back_on_intel_and_no_other_func
 def test_the_stated_width_is_that_of_the_code_on_this_processor():
     ours, _, bits = widest_registers()
     assert {"zmm": 512, "ymm": 256, "xmm": 128}[ours] == bits == vector_bits()
+
+
+GATHERING = """
+import numba, numpy as np
+from thalweg.core.compute import jit, kernel_compiler
+jit.kernel_cache_dir = lambda: None
+def look_up(table, at, out):
+    for i in range(len(out)):
+        out[i] = table[np.uint32(at[i])] * np.float32(2)
+for _ in range(2):
+    compiled = jit.kernel(look_up, disjoint=True)
+    compiled.compile((numba.float32[::1], numba.int32[::1], numba.float32[::1]))
+    (code,) = compiled.inspect_asm().values()
+    print("gather" in code)
+    kernel_compiler.gathering_features = lambda: None
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not X86, reason="instructions of x86")
+def test_kernels_gather_where_llvm_alone_would_not():
+    done = subprocess.run(
+        [sys.executable, "-c", GATHERING], env={**os.environ, **AMD}, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == ["True", "False"]
 
 
 def test_an_unknown_width_of_vectors_is_refused(monkeypatch):

@@ -38,9 +38,24 @@ def preferred_vector_bits() -> int:
 
 def vector_bits() -> int:
     """Return the width in bits of the vectors in compiled kernels: the processor's, up to the preferred one."""
-    features = (config.CPU_FEATURES or codegen.get_host_cpu_features()).split(",")
+    features = processor_features()
     widest = 512 if "+avx512f" in features else 256 if "+avx" in features else 128
     return min(widest, preferred_vector_bits())
+
+
+def processor_features() -> list[str]:
+    """Return the features of the processor that Numba compiles for, such as `+avx2`."""
+    return (config.CPU_FEATURES or codegen.get_host_cpu_features()).split(",")
+
+
+def gathering_features() -> str | None:
+    """Return the processor's features and `+fast-gather`, or None where LLVM gathers without it or never can.
+
+    With AVX2 alone LLVM uses gathers, and vectorises loops that need them, only on the processors of Intel that it
+    lists. Most loops of a frame look something up in tables; on AMD's Zen 3 a frame with gathers takes 0.8 of the time.
+    """
+    features = processor_features()
+    return ",".join((*features, "+fast-gather")) if "+avx2" in features and "+avx512f" not in features else None
 
 
 class Part(codegen.JITCodeLibrary):
@@ -125,16 +140,18 @@ def callers_first(libraries: list[Any]) -> list[Any]:
 
 
 class _Lower(lowering.Lower):
-    """Writes LLVM's code of a kernel, and lets it use the preferred width of vectors.
+    """Writes LLVM's code of a kernel, and lets it use the preferred width of vectors, and gathers.
 
     For most of Intel's processors with AVX-512, LLVM prefers vectors of 256 bits, which suits programs with few vector
-    loops. The attribute belongs to the function, so that other users of Numba in the process keep their code.
+    loops. The attributes belong to the function, so that other users of Numba in the process keep their code.
     """
 
     def setup_function(self, fndesc: Any) -> None:
         super().setup_function(fndesc)
         # Not by the method of the same name, which refuses attributes that depend on the processor.
         set.add(self.function.attributes, f'"prefer-vector-width"="{preferred_vector_bits()}"')
+        if (features := gathering_features()) is not None:
+            set.add(self.function.attributes, f'"target-features"="{features}"')
 
 
 class _KernelLowering(typed_passes.NativeLowering):

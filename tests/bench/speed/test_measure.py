@@ -9,7 +9,7 @@ from thalweg.bench.speed import frame_profile
 from thalweg.bench.speed import measure as speed
 from thalweg.bench.speed.frame_profile import REFLECTION, STAGES, draw_and_time
 from thalweg.bench.speed.measure import Plan, rates
-from thalweg.bench.speed.stage_marks import EDGES, PARTS
+from thalweg.bench.speed.stage_times import EDGES, TIMED_STAGES
 from thalweg.encoder import VAE, Encoder, VAEConfig
 from thalweg.env import sample_starts
 from thalweg.render import Camera, Renderer
@@ -104,7 +104,7 @@ def test_the_stages_together_draw_the_frame(easy_world):
 @pytest.mark.slow
 def test_the_stages_and_the_rest_add_up_to_the_frame_of_the_renderer(easy_world, monkeypatch: pytest.MonkeyPatch):
     clock = {"whole": 0.008, "ours": 0.006}
-    spent = np.ones((2, len(PARTS) + 1), np.int64)
+    spent = np.ones((2, len(TIMED_STAGES) + 1), np.int64)
     spent[:, 2] = 3
     spent[:, -1] = 12  # a tick for each stage, but three for the plants; one belongs to none
     now = iter(np.cumsum([0, clock["whole"], 0, clock["ours"]] * 3))

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from thalweg.bench.speed.stage_marks import PARTS, time_frames
+from thalweg.bench.speed.stage_times import TIMED_STAGES, time_frames
 from thalweg.core.compute.threads import get_num_threads, set_num_threads
 from thalweg.env import sample_starts
 from thalweg.render import Camera, Renderer
@@ -27,7 +27,7 @@ from thalweg.world import World
 f32 = np.float32
 REFLECTION = "shading: water, its reflection"
 REST = "rest"
-STAGES = (*PARTS, REFLECTION, REST)
+STAGES = (*TIMED_STAGES, REFLECTION, REST)
 """Parts of a frame, of which the reflection is one of the shading of water; the others add up to the whole."""
 
 
@@ -83,24 +83,24 @@ def profile_frame(world: World, camera: Camera, views: int, repeats: int) -> dic
         runs = [_run(renderer, poses) for _ in range(repeats + 1)][1:]
     finally:
         set_num_threads(threads)
-    times_ms = {name: np.median([run[name] for run in runs], axis=0) for name in (*PARTS, "drawn", "whole")}
+    times_ms = {name: np.median([run[name] for run in runs], axis=0) for name in (*TIMED_STAGES, "drawn", "whole")}
     # What a frame takes beside its stages: in the kernel with a clock by view, and beyond it in the mean.
-    inside = times_ms["drawn"] - sum(times_ms[name] for name in PARTS)
+    inside = times_ms["drawn"] - sum(times_ms[name] for name in TIMED_STAGES)
     rest = inside + np.mean(times_ms["whole"]) - np.mean(times_ms["drawn"])
     reflections = [_median_ms(Reflection(renderer, pose).march(), repeats) for pose in poses]
-    stages = {name: times_ms[name].tolist() for name in PARTS}
+    stages = {name: times_ms[name].tolist() for name in TIMED_STAGES}
     return {**stages, REFLECTION: reflections, REST: rest.tolist()}
 
 
 def draw_and_time(renderer: Renderer, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return frames [N, H, W] uint32 of poses [N, 4], as `Renderer.render` draws them, and the ticks [N, PARTS + 1]
-    of `time_frames`."""
+    """Return frames [N, H, W] uint32 of poses [N, 4], as `Renderer.render` draws them, and the ticks [N, stages + 1] of
+    `time_frames`."""
     camera, count = renderer.camera, len(poses)
     settings = FrameSettings(camera.height_px, camera.width_px, f32(camera.near_m), False)
     looks = look_rows(look_values(None, count), camera)
     views = Views(np.zeros(count, np.int64), np.ascontiguousarray(poses, np.float64), np.zeros(count), looks)
     images = np.zeros((count, camera.height_px, camera.width_px), np.uint32)
-    spent = np.zeros((count, len(PARTS) + 1), np.int64)
+    spent = np.zeros((count, len(TIMED_STAGES) + 1), np.int64)
     time_frames(renderer.scene, views, settings, images, spent)
     return images, spent
 
@@ -114,7 +114,7 @@ def _run(renderer: Renderer, poses: np.ndarray) -> dict[str, np.ndarray]:
     _, spent = draw_and_time(renderer, poses)
     # The clock's unit follows from the whole call, of which frames are nearly all.
     times_ms = 1e3 * (time.perf_counter() - start) / spent[:, -1].sum() * spent.T
-    return dict(zip((*PARTS, "drawn"), times_ms, strict=True)) | {"whole": np.full(len(poses), 1e3 * whole)}
+    return dict(zip((*TIMED_STAGES, "drawn"), times_ms, strict=True)) | {"whole": np.full(len(poses), 1e3 * whole)}
 
 
 def _median_ms(call: Callable[[], object], repeats: int) -> float:

@@ -21,7 +21,7 @@ from thalweg.render.kernels.terrain.primary_hits import find_primary_hits
 from thalweg.render.records.view import COLOURS, View
 
 f32 = np.float32
-PARTS = (
+TIMED_STAGES = (
     "ground",
     "bridges",
     "plants",
@@ -33,8 +33,8 @@ PARTS = (
     "tone",
 )
 """Stages of a frame in the order of `time_stages`."""
-GATHERING, SKY, EDGES, TONE = 3, 4, 7, 8
-"""Numbers of some of them; water and ground follow the sky."""
+GROUND, BRIDGES, PLANTS, GATHERING, SKY, WATER, SHADED_GROUND, EDGES, TONE = range(len(TIMED_STAGES))
+"""Their numbers."""
 COUNTER = "llvm.readcyclecounter" if platform.machine() in ("x86_64", "AMD64") else "llvm.readsteadycounter"
 """LLVM's clock that a program may read on this processor."""
 
@@ -55,8 +55,8 @@ ticks: Any = intrinsic(_ticks)
 
 @kernel
 def time_frames(scene, views, settings, images, spent):
-    """Draw N frames into images [N, H, W] uint32, and fill spent [N, PARTS + 1] with the ticks of the clock in each
-    stage, and last with those of the whole frame."""
+    """Draw N frames into images [N, H, W] uint32, and fill spent [N, stages + 1] with the ticks of the clock in each of
+    `TIMED_STAGES`, and last with those of the whole frame."""
     for n in range(len(spent)):
         look = views.looks[n]
         camera = pose_camera(views.poses[n], look, settings)
@@ -64,12 +64,12 @@ def time_frames(scene, views, settings, images, spent):
         start = ticks()
         planes = frame.empty_planes(settings.height, settings.width)
         time_stages(scene, view, settings, planes, images[n], spent[n])
-        spent[n, len(PARTS)] = ticks() - start
+        spent[n, len(TIMED_STAGES)] = ticks() - start
 
 
 @kernel
 def time_stages(scene, view, settings, planes, image, spent):
-    """Draw one frame of full quality as `frame.draw_rows` and `frame.finish_frame` do, and fill spent [PARTS]."""
+    """Draw one frame of full quality as `frame.draw_rows` and `frame.finish_frame` do, and fill spent [stages]."""
     wide = planes.depth.shape[1]
     t0 = ticks()
     find_primary_hits(scene, view, 0, False, planes.depth, planes.kind, planes.water)
@@ -78,14 +78,14 @@ def time_stages(scene, view, settings, planes, image, spent):
     t2 = ticks()
     draw_plants(scene, view, 0, False, planes)
     t3 = ticks()
-    spent[0] = t1 - t0
-    spent[2] = t3 - t2
+    spent[GROUND] = t1 - t0
+    spent[PLANTS] = t3 - t2
     time_shading(scene, view, background.flattened(planes), wide, background.empty_gathered(wide), spent)
     t4 = ticks()
     frame.add_stone(stone, planes)
     t5 = ticks()
     # Their stone is added to the image after the plants and the shading.
-    spent[1] = t2 - t1 + t5 - t4
+    spent[BRIDGES] = t2 - t1 + t5 - t4
     soften_edges(scene, view, frame.rows_of(planes, 0, settings.height))
     t6 = ticks()
     frame.mask_water(planes.kind, planes.transmittance)
@@ -97,9 +97,9 @@ def time_stages(scene, view, settings, planes, image, spent):
 
 @kernel(allocates=False)
 def time_shading(scene, view, planes, wide, gathered, spent):
-    """Shade as `background.shade_bands` does, and fill the stages of spent [PARTS] from `GATHERING` to the ground's."""
-    for part in range(GATHERING, EDGES):
-        spent[part] = 0
+    """Shade as `background.shade_bands` does, and fill spent [stages] from `GATHERING` to the ground's."""
+    for stage in range(GATHERING, EDGES):
+        spent[stage] = 0
     for first in range(0, len(planes.depth), background.ROWS_TOGETHER * wide):
         band = background.band_of(planes, first, wide)
         row = first // wide

@@ -3,7 +3,8 @@
     python benchmarks/scaling.py
 
 writes scaling.csv and scaling.png beside this script. The first run takes about five minutes, most of which is spent
-building 64 worlds. `--plot` measures nothing: it draws scaling.png from scaling.csv.
+building 64 worlds. Each row names the type of the processor and the width of its vectors. `--plot` measures nothing:
+it draws scaling.png from scaling.csv.
 """
 
 import argparse
@@ -19,6 +20,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from thalweg.core.atomic_io import atomic_path
+from thalweg.core.machine import machine_info
 from thalweg.env import sample_starts
 from thalweg.render import Camera, Renderer
 from thalweg.world import World, load_or_build
@@ -28,7 +30,8 @@ CAMERAS, SIZES, WORLDS = (1, 4, 16, 64, 256), (64, 128, 256), (1, 4, 16, 64)
 DEFAULT_POINT = (16, 128, 4)
 """Cameras, pixels and worlds where they do not vary."""
 SECONDS, REPEATS = 0.8, 5
-TICKS = (100, 200, 500, 1000, 2000, 5000)
+NUMBERS = ("cameras", "pixels", "worlds", "frames_per_s", "least", "most")
+TICKS = (50, 100, 200, 500, 1000, 2000, 5000)
 """Frames per second that are labelled in the plot."""
 
 
@@ -79,16 +82,18 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--plot", action="store_true", help="measure nothing, but draw scaling.png from scaling.csv")
     if parser.parse_args(arguments).plot:
         with (HERE / "scaling.csv").open(newline="") as file:
-            plot([{name: float(number) for name, number in row.items()} for row in csv.DictReader(file)])
+            plot([{name: float(row[name]) for name in NUMBERS} for row in csv.DictReader(file)])
         return
     worlds = [load_or_build("Medium", seed) for seed in range(max(WORLDS))]
     rows, renderers = [], {}
+    machine = {name: machine_info()[name] for name in ("cpu_type", "vector_bits")}
     for cameras, size, count in points():
         if (size, count) not in renderers:
             renderers = {(size, count): Renderer(worlds[:count], Camera(size, size))}
         median, least, most = rate(renderers[size, count], worlds[:count], cameras)
         row = {"cameras": cameras, "pixels": size, "worlds": count}
-        rows.append(row | {"frames_per_s": round(median, 1), "least": round(least, 1), "most": round(most, 1)})
+        row |= {"frames_per_s": round(median, 1), "least": round(least, 1), "most": round(most, 1)}
+        rows.append(row | machine)
         print(*rows[-1].items(), flush=True)
     with atomic_path(HERE / "scaling.csv") as draft, draft.open("w", newline="") as file:
         writer = csv.DictWriter(file, rows[0])

@@ -1,8 +1,8 @@
 """Write what was measured here into the pages, between comments that name the section, so that no figure is typed.
 
-`peer.json` goes into the README, `speed.json` into the page on speed, `stages.json`, `reference_accuracy.csv` and
-`scaling.csv` into the page on rendering, and the results of the study into the page of findings. What has not been
-measured is marked as such.
+`peer.json` goes into the README, `speed.json` and `speed_avx2.json` into the page on speed, `stages.json`,
+`reference_accuracy.csv` and `scaling.csv` into the page on rendering, and the results of the study into the page of
+findings. What has not been measured is marked as such.
 """
 
 import argparse
@@ -68,6 +68,19 @@ def speed() -> str:
     return f"{markdown(speed_frame(found))}\n{machine}"
 
 
+def other_processor() -> str:
+    """Return the medians on another kind of processor beside those of the table of speeds."""
+    main, other = (json.loads((HERE / name).read_text(encoding="utf-8")) for name in ("speed.json", "speed_avx2.json"))
+    tables = [speed_frame(found).set_index(["what", "frame"])["median"] for found in (main, other)]
+    units = speed_frame(main).set_index(["what", "frame"])["unit"]
+    rows = [
+        [*where, median, tables[1][where], units[where]] for where, median in tables[0].items() if where in tables[1]
+    ]
+    kinds = [f"{found['machine']['cpu_type']}, {found['machine']['vector_bits']} bits" for found in (main, other)]
+    table = markdown(frame(["what", "frame", *kinds, "unit"], rows))
+    return f"{table}\n{wrap(f'Medians; the second machine is {describe(other)}.')}"
+
+
 def frame_stages() -> str:
     """Return the table of a frame's stages: mean, least and greatest over the views."""
     found = json.loads((HERE / "stages.json").read_text(encoding="utf-8"))
@@ -96,7 +109,8 @@ def reference_accuracy() -> str:
 
 def scaling() -> str:
     """Return frames per second by cameras and size, and by worlds."""
-    rows = read_csv(HERE / "scaling.csv", ("cameras", "pixels", "worlds", "frames_per_s"))
+    columns = ("cameras", "pixels", "worlds", "frames_per_s", "cpu_type", "vector_bits")
+    rows = read_csv(HERE / "scaling.csv", columns)
     rate = {
         tuple(int(row[name]) for name in ("cameras", "pixels", "worlds")): float(row["frames_per_s"]) for row in rows
     }
@@ -106,13 +120,17 @@ def scaling() -> str:
     alone = {w: each for (c, p, w), each in rate.items() if p == 128 and c == max(16, w)}
     worlds = [f"{w}: {alone[w]:,.0f}" for w in sorted(alone)]
     header = ["frames a second, four worlds", *(f"{c} cameras" if c > 1 else "one camera" for c in cameras)]
-    by_worlds = wrap(f"Frames a second at 128 x 128 by distinct worlds: {'; '.join(worlds)}.")
+    by_worlds = wrap(
+        f"Frames a second at 128 x 128 by distinct worlds: {'; '.join(worlds)}. Both on two cores of type"
+        f" {rows[0]['cpu_type']}, with vectors of {rows[0]['vector_bits']} bits."
+    )
     return f"{markdown(frame(header, rows_by_size))}\n{by_worlds}"
 
 
 SECTIONS: dict[tuple[Path, str], tuple[str, Callable[[], str]]] = {
     (ROOT / "README.md", "comparison"): ("peer.json", comparison),
     (ROOT / "docs" / "speed.md", "speed"): ("speed.json", speed),
+    (ROOT / "docs" / "speed.md", "speed-avx2"): ("speed_avx2.json", other_processor),
     (ROOT / "docs" / "render.md", "stages"): ("stages.json", frame_stages),
     (ROOT / "docs" / "render.md", "reference"): ("reference_accuracy.csv", reference_accuracy),
     (ROOT / "docs" / "render.md", "scaling"): ("scaling.csv", scaling),

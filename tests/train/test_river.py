@@ -207,7 +207,7 @@ def test_wide_networks_learn_in_two_threads_unless_another_number_is_given(
 ):
     found: dict[str, Any] = {}
     monkeypatch.setattr(river, "run", lambda *_, **settings: found.update(settings))
-    monkeypatch.setattr(RiverTraining, "_encoded_envs", lambda *_: SimpleNamespace(close=lambda: None))
+    monkeypatch.setattr(RiverTraining, "_envs", lambda *_: SimpleNamespace(close=lambda: None))
     monkeypatch.setattr("thalweg.core.compute.torch_threads.INITIAL_THREADS", 4)
     monkeypatch.setenv("OMP_NUM_THREADS", asked)
     encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))
@@ -239,7 +239,7 @@ def test_environments_draw_no_more_than_the_encoder_sees(
     monkeypatch.setattr(river, "RiverVectorEnv", BlankEnv)
     monkeypatch.setattr(RiverTraining, "worlds", lambda self: [ring()])
     encoder = Encoder(VAE(VAEConfig(inputs=inputs, latent=4)))
-    env = RiverTraining("Easy", 2)._encoded_envs(encoder, "cpu")
+    env = RiverTraining("Easy", 2)._envs(encoder, "cpu")
     assert env.env.config.observation == observation
     assert env.reset(seed=0)[0].shape == (2, 4)
 

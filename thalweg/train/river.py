@@ -1,4 +1,4 @@
-"""Training on the river task: worlds, a compatible encoder and an algorithm.
+"""Training on the river task: worlds, a compatible encoder or the privileged observation, and an algorithm.
 
 Other environments are passed to `thalweg.train.run` directly, which does not depend on rivers.
 """
@@ -16,6 +16,7 @@ from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.torch_threads import default_torch_threads
 from thalweg.encoder import Encoder, check_render_version, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION, compilation
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import RUN_FOLDER, read_config
@@ -26,6 +27,10 @@ from thalweg.world.store.world_cache import cache_path
 
 BRANCHES = (3, 3, 3, 3)
 """Number of options of each branch of an action: vertical, yaw, longitudinal, lateral."""
+FRAMES, PRIVILEGED = "frames", "privileged"
+"""What a policy of the river task sees: frames through an encoder, or the privileged observation, which draws nothing
+(`thalweg.env.task.ideal_eye`)."""
+IN_WORDS = {FRAMES: "frames through an encoder", PRIVILEGED: "the privileged observation"}
 
 
 def load_compatible_encoder(path: Path | None = None, device: str = "cpu") -> Encoder:
@@ -46,25 +51,53 @@ def encoder_hash(encoder: Encoder) -> str:
     return file_hash(Path(encoder.about["path"]))
 
 
-def check_policy_fits(policy: Any, encoder: Encoder) -> None:
-    """Raise `TrainingError` unless a policy fits the codes of an encoder and the actions of the river task.
+def observation_of(policy: Any) -> str:
+    """Return what a policy was trained on, `FRAMES` or `PRIVILEGED`; raises `TrainingError` for anything else.
 
-    A policy without spaces, such as a baseline, always fits.
+    A policy that does not say it sees frames: files of earlier versions knew nothing else.
     """
-    obs_size = getattr(policy, "obs_size", encoder.latent)
-    if obs_size != encoder.latent:
-        raise TrainingError(f"the policy takes {obs_size} numbers, but the encoder returns {encoder.latent}")
+    found = _context_of(policy).get("observation", FRAMES)
+    if found not in (FRAMES, PRIVILEGED):
+        raise TrainingError(
+            f"the policy was trained on the observation {found!r}; on rivers policies see {FRAMES} or {PRIVILEGED}"
+        )
+    return found
+
+
+def check_policy_fits(policy: Any, encoder: Encoder | None) -> None:
+    """Raise `TrainingError` unless a policy fits an observation and the actions of the river task.
+
+    The observation is the codes of the encoder, or for None the privileged one. A policy without spaces, such as a
+    baseline, always fits.
+    """
+    context = _context_of(policy)
+    seen, offered = observation_of(policy), PRIVILEGED if encoder is None else FRAMES
+    if seen != offered and ("observation" in context or "encoder" in context):
+        raise TrainingError(
+            f"the policy was trained on {IN_WORDS[seen]}, but here it would see {IN_WORDS[offered]};"
+            f" choose {IN_WORDS[seen]}, or another policy"
+        )
+    size, offers = len(FEATURES), "privileged observation has"
+    if encoder is not None:
+        size, offers = encoder.latent, "encoder returns"
+    obs_size = getattr(policy, "obs_size", size)
+    if obs_size != size:
+        raise TrainingError(f"the policy takes {obs_size} numbers, but the {offers} {size}")
     actions: Actions | None = getattr(policy, "actions", None)
     if actions is not None and (actions.sizes, actions.start, actions.shape) != (BRANCHES, (0, 0, 0, 0), (4,)):
         found = f"{actions.sizes} from {actions.start}" if actions.sizes else f"a Box of shape {actions.shape}"
         raise TrainingError(f"the river task takes four branches of 3 options, counted from 0, not {found}")
-    current = encoder_hash(encoder)
-    trained_with = getattr(getattr(policy, "about", None), "context", {}).get("encoder")
-    if trained_with is not None and trained_with != current:
+    trained_with = context.get("encoder")
+    if encoder is not None and trained_with is not None and trained_with != (current := encoder_hash(encoder)):
         raise TrainingError(
             f"the policy was trained on the codes of encoder {trained_with}, but this is encoder {current};"
             " use the encoder that it was trained with"
         )
+
+
+def _context_of(policy: Any) -> dict[str, Any]:
+    """Return the context in which a policy was trained; empty for one that was not."""
+    return getattr(getattr(policy, "about", None), "context", {})
 
 
 def announce_build(level: Level | Reach, seed: int) -> None:
@@ -129,7 +162,7 @@ class RiverTraining:
     def train(
         self,
         algorithm: str,
-        encoder: Encoder,
+        encoder: Encoder | None,
         *,
         steps: int,
         seed: int,
@@ -143,27 +176,23 @@ class RiverTraining:
     ) -> RunResult:
         """Train with a progress bar, or resume the run in the folder.
 
-        On the CPU the environments are those of Gymnasium, on a GPU those of tensors; the encoder must be on the
-        device. `threads` is for acting and learning; by default as many as the algorithm benefits from, within
-        OMP_NUM_THREADS. For `begin_with` and `graphs`, see `thalweg.train.run`.
+        The policy sees the codes of the encoder, or for None the privileged observation. On the CPU the environments
+        are those of Gymnasium, on a GPU those of tensors; the encoder must be on the device. `threads` is for acting
+        and learning; by default as many as the algorithm benefits from, within OMP_NUM_THREADS. For `begin_with` and
+        `graphs`, see `thalweg.train.run`.
 
         Raises the errors of `thalweg.train.run`; those of settings, and of a folder that does not hold a run on this
         river, before a world is built.
         """
         entry = algorithm_named(algorithm)
         entry.configure(settings, preset, self.num_envs)
-        context = {
-            **self.about(),
-            "encoder": encoder_hash(encoder),
-            "render_version": RENDER_VERSION,
-            "env": asdict(self.config),
-        }
+        context = self._context(encoder)
         existing = (read_config(folder) or {"run": {}})["run"].get("context", {})
         RUN_FOLDER.require_same_file(folder, existing.get("river", {}), context.get("river", {}))
         if begin_with is not None:
             check_policy_fits(load_policy(begin_with), encoder)
         device = resolve_device(device)
-        env = self._encoded_envs(encoder, device)
+        env = self._envs(encoder, device)
         try:
             return run(
                 entry.name,
@@ -183,11 +212,25 @@ class RiverTraining:
         finally:
             env.close()
 
-    def _encoded_envs(self, encoder: Encoder, device: str) -> Any:
-        """Return the environments on a device, with codes as observations; only what the encoder sees is drawn."""
-        config = self.config.seen_through(encoder.inputs)
+    def _context(self, encoder: Encoder | None) -> dict[str, Any]:
+        """Return what the policy file and config.yaml say about rivers, observation and rules."""
+        if encoder is None:
+            return {**self.about(), "observation": PRIVILEGED, "env": asdict(self._privileged_config)}
+        seen = {"encoder": encoder_hash(encoder), "render_version": RENDER_VERSION}
+        return {**self.about(), **seen, "env": asdict(self.config)}
+
+    @property
+    def _privileged_config(self) -> EnvConfig:
+        return self.config.with_options(observation=PRIVILEGED)
+
+    def _envs(self, encoder: Encoder | None, device: str) -> Any:
+        """Return the environments on a device, with codes or the privileged observation; only what the encoder sees is
+        drawn."""
+        config = self._privileged_config if encoder is None else self.config.seen_through(encoder.inputs)
         if device == "cpu":
-            return LatentVectorEnv(RiverVectorEnv(self.worlds(), self.num_envs, config), encoder)
+            env = RiverVectorEnv(self.worlds(), self.num_envs, config)
+            return env if encoder is None else LatentVectorEnv(env, encoder)
         from thalweg.env.torch_env import TensorRiverEnv
 
-        return LatentTensorEnv(TensorRiverEnv(self.worlds(), self.num_envs, config, device=device), encoder)
+        tensors = TensorRiverEnv(self.worlds(), self.num_envs, config, device=device)
+        return tensors if encoder is None else LatentTensorEnv(tensors, encoder)

@@ -147,6 +147,10 @@ WRONG = [
     ),
     (["train", "--preset", "study", "--out", "x"], "no preset 'study'; there are default, paper"),
     (["train", "--num-envs", "0", "--out", "x"], "num_envs must be at least 1"),
+    (
+        ["train", "--observation", "privileged", "--encoder", "mine.safetensors", "--out", "x"],
+        "--observation privileged takes no encoder: leave --encoder mine.safetensors out",
+    ),
     (["world", "--seed", "-1"], "--seed must be 0 or more, not -1"),
     (["render", "--poses-seed", "-1"], "--poses-seed must be 0 or more, not -1"),
     (["train", "--seed", "-1", "--out", "x"], "--seed must be 0 or more, not -1"),
@@ -198,7 +202,14 @@ def test_a_misspelt_option_points_to_the_help_of_its_command(capsys: pytest.Capt
 
 
 @pytest.mark.parametrize(
-    "arguments", [[], ["fly"], ["world", "--sede", "1"], ["encoder", "train", "--inputs", "depth"]]
+    "arguments",
+    [
+        [],
+        ["fly"],
+        ["world", "--sede", "1"],
+        ["encoder", "train", "--inputs", "depth"],
+        ["train", "--observation", "eye", "--out", "x"],
+    ],
 )
 def test_an_unknown_word_ends_with_status_2(arguments: list[str], capsys: pytest.CaptureFixture):
     with pytest.raises(SystemExit) as ended:
@@ -361,6 +372,38 @@ def test_a_policy_is_trained_on_a_real_river(
     ]
     assert context["river"] == Reach(brook, width_m=6.0, length_m=60.0, smooth_m=4.0).as_data()
     assert f"Evaluate it: thalweg evaluate {tmp_path / 'run'} {' '.join(options)}\n" in capsys.readouterr().out
+
+
+def test_a_policy_of_the_privileged_observation_is_trained_and_evaluated_without_an_encoder(
+    tmp_path: Path, easy_world: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    from thalweg.bench.evaluate.episodes import read_episodes
+    from thalweg.env import EnvConfig, RiverVectorEnv
+    from thalweg.train import load_policy
+
+    def drawn(*_: object, **__: object):
+        raise AssertionError("frames were drawn, or an encoder was loaded")
+
+    for name in ("thalweg.render.compilation.begin", "thalweg.encoder.load_encoder", "thalweg.render.Renderer"):
+        monkeypatch.setattr(name, drawn)
+    run, out = tmp_path / "run", tmp_path / "rows.csv"
+    settings = ["--set", "steps_per_update=64", "passes=1", "--steps", "64", "--num-envs", "2"]
+    given = ["train", "--observation", "privileged", "--algorithm", "ppo", "--level", "easy", *settings]
+    assert main([*given, "--out", str(run)]) == 0
+    assert f"Evaluate it: thalweg evaluate {run}\n" in capsys.readouterr().out
+    flown = ["evaluate", str(run), "--levels", "easy", "--episodes", "2", "--deterministic"]
+    assert main([*flown, "--out", str(out)]) == 0
+    env = RiverVectorEnv([easy_world], 1, EnvConfig(observation="privileged"))
+    for row in read_episodes(out):
+        obs, _ = env.reset(seed=0, options={"pose": [row.x, row.y, row.z, row.yaw]})
+        policy, return_, ended, length = load_policy(run), 0.0, np.zeros(1, bool), 0
+        while not ended[0]:
+            obs, reward, terminated, truncated, _ = env.step(policy.act(obs, deterministic=True))
+            return_, ended, length = return_ + float(reward[0]), terminated | truncated, length + 1
+        assert (row.return_, row.length) == (return_, length)
+    assert main([*flown, "--encoder", "mine.safetensors"]) == 2
+    message = f"{run} sees the privileged observation, not frames: leave --encoder mine.safetensors out"
+    assert message in capsys.readouterr().err
 
 
 def test_options_of_a_river_are_typed_again_as_they_were_given():

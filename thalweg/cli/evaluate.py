@@ -13,6 +13,7 @@ from thalweg.core.suggestion import did_you_mean
 if TYPE_CHECKING:
     from thalweg.bench.evaluate.baselines import Policy
     from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig
+    from thalweg.encoder import Encoder
     from thalweg.world import Reach
 
 
@@ -38,7 +39,7 @@ class Evaluate:
     unseen: bool = False
     """Fly on unseen rivers of the levels, on which nothing is trained: one start on each, one river per episode."""
     encoder: Path | None = None
-    """File of the encoder; by default the one that comes with the package."""
+    """File of the encoder, for policies that see frames; by default the one that comes with the package."""
     out: Path | None = None
     """Also write one row per episode to this .csv file, replacing it."""
     device: str = "cpu"
@@ -72,7 +73,6 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     from thalweg.bench.results.results import Results
     from thalweg.bench.suite.config import PACKAGED
     from thalweg.cli.tables import make_console, print_tables
-    from thalweg.train.river import check_policy_fits, load_compatible_encoder
     from thalweg.world import Reach, level_named
 
     console = make_console()
@@ -81,9 +81,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
         if rivers.count(river) > 1:
             raise ResultsError(f"--levels names {river} twice; each level is flown once")
     policy = load_named_policy(command.policy)
-    encoder = None if hasattr(policy, "sees") else load_compatible_encoder(command.encoder, command.device)
-    if encoder is not None:
-        check_policy_fits(policy, encoder)
+    encoder = _encoder_for(policy, command)
     name = command.policy if command.policy in (*BASELINES, PACKAGED) else Path(command.policy).resolve().name
     rows: list[Episode] = []
     for river in rivers:
@@ -101,6 +99,25 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     print_tables(console, Results(Path(), {}, [], rows, [], []))
     if command.out is not None:
         console.print(f"One row per episode: {command.out}", highlight=False)
+
+
+def _encoder_for(policy: "Policy", command: Evaluate) -> "Encoder | None":
+    """Return the encoder whose codes a policy sees, None for one that sees no frames.
+
+    Raises `UsageError` for an encoder that a policy of the privileged observation is given, and the errors of
+    `load_compatible_encoder` and `check_policy_fits`.
+    """
+    from thalweg.bench.evaluate.baselines import sight_of
+    from thalweg.train.river import check_policy_fits, load_compatible_encoder
+
+    sight = sight_of(policy)
+    if sight == "privileged" and command.encoder is not None:
+        raise UsageError(
+            f"{command.policy} sees the privileged observation, not frames: leave --encoder {command.encoder} out"
+        )
+    encoder = load_compatible_encoder(command.encoder, command.device) if sight == "frames" else None
+    check_policy_fits(policy, encoder)
+    return encoder
 
 
 def load_named_policy(name: str) -> "Policy":

@@ -1,9 +1,9 @@
-"""`thalweg train`: training of a policy on a river, from the codes of an encoder."""
+"""`thalweg train`: training of a policy on a river, from the codes of an encoder or the privileged observation."""
 
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from thalweg.cli.options import NO_FILE, River, UsageError, settings_from
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Train:
-    """Train a policy on a river from the codes of an encoder; the same command resumes."""
+    """Train a policy on a river from frames or from the privileged observation; the same command resumes."""
 
     out: Path
     """Folder of the run."""
@@ -30,8 +30,10 @@ class Train:
     """Seed of all random numbers in the training."""
     num_envs: int = 16
     """Number of environments that step together."""
+    observation: Literal["frames", "privileged"] = "frames"
+    """`frames` through an encoder, or `privileged`: banks, heading and the course ahead as numbers; draws nothing."""
     encoder: Path | None = None
-    """File of the encoder; by default the one that comes with the package."""
+    """File of the encoder; by default the one that comes with the package. Not with --observation privileged."""
     preset: str = "default"
     """`default`, or `paper` for the settings of the study, as far as they are known."""
     set: tuple[str, ...] = ()
@@ -54,9 +56,11 @@ class Train:
         river = self.river.reach("--level", self.level) or self.level or "Medium"
         training = RiverTraining(river, self.num_envs, self.world_seeds)
         self._check_settings(algorithm, settings)
+        if self.observation == "privileged" and self.encoder is not None:
+            raise UsageError(f"--observation privileged takes no encoder: leave --encoder {self.encoder} out")
         result = training.train(
             algorithm.name,
-            load_compatible_encoder(self.encoder, self.device),
+            load_compatible_encoder(self.encoder, self.device) if self.observation == "frames" else None,
             steps=self.steps,
             seed=self.seed,
             folder=self.out,

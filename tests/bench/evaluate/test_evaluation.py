@@ -14,12 +14,13 @@ from tests.env import handmade
 from thalweg.algos import Policy
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.networks import NetworkShape
+from thalweg.algos.policy.policy_file import About
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate import evaluation
-from thalweg.bench.evaluate.baselines import BASELINES
+from thalweg.bench.evaluate.baselines import BASELINES, sight_of
 from thalweg.bench.evaluate.episodes import REASONS, read_episodes, write_episodes
 from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Step, encoded_frames, evaluate
-from thalweg.env import RiverVectorEnv, sample_starts
+from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.env.initial_poses import CLOCK_RANGE_S
 from thalweg.render import Camera
 from thalweg.train.encoder.frames import sample_views
@@ -121,6 +122,51 @@ def test_a_deterministic_evaluation_passes_deterministic_to_the_policy():
 def test_a_policy_that_sees_frames_needs_an_observation_function():
     with pytest.raises(ValueError, match="sees frames"):
         evaluate(Sampler(), course(), LABEL, CONFIG)
+
+
+class Recorder:
+    """A policy of the privileged observation that flies ahead and writes down what it sees."""
+
+    about = About("PPO", {}, {"observation": "privileged"})
+
+    def __init__(self) -> None:
+        self.saw: list[np.ndarray] = []
+
+    def act(self, obs: np.ndarray, *, deterministic: bool, generator: torch.Generator) -> np.ndarray:
+        self.saw.append(obs.copy())
+        return np.tile([1, 1, 0, 1], (len(obs), 1))
+
+
+def test_a_policy_of_the_privileged_observation_sees_that_of_the_environment():
+    canal, recorder = handmade.canal(length_m=60.0), Recorder()
+    starts = np.array([[50.0, 0.0, 5.0, 0.0], [5.0, 1.0, 4.0, 0.1]])
+    rows = evaluate(recorder, Course(canal, starts, np.zeros(2), np.arange(2)), LABEL, CONFIG)
+    env = RiverVectorEnv([canal], 2, EnvConfig(observation="privileged"))
+    seen, _ = env.reset(seed=0, options={"pose": starts})
+    for step in range(rows[0].length):  # both fly
+        np.testing.assert_array_equal(np.concatenate(recorder.saw[2 * step : 2 * step + 2]), seen)
+        seen, *_ = env.step(np.tile([1, 1, 0, 1], (2, 1)))
+    assert rows[0].length == 10 and len(recorder.saw) == sum(row.length for row in rows)
+
+
+def test_a_given_function_replaces_the_privileged_observation():
+    recorder = Recorder()
+    evaluate(recorder, course(), LABEL, CONFIG, observe=observe)
+    assert {obs.shape for obs in recorder.saw} == {(1, 5)}
+
+
+@pytest.mark.parametrize(
+    ("policy", "sight"),
+    [
+        (BASELINES["pilot"], "pilot"),
+        (BASELINES["hover"], "nothing"),
+        (Recorder(), "privileged"),
+        (Sampler(), "frames"),
+        (SimpleNamespace(about=About("PPO", {}, {"encoder": "ab"})), "frames"),
+    ],
+)
+def test_what_a_policy_sees_is_known_from_itself_or_its_training(policy: object, sight: str):
+    assert sight_of(policy) == sight
 
 
 def test_encoded_frames_are_those_of_the_environment():

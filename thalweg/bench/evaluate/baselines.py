@@ -3,15 +3,17 @@
 They see no frames, so none are rendered for them. Their attribute `sees` names the observation that `act` takes.
 """
 
-from typing import Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 import torch
 
 from thalweg.algos.policy.policy import Player
+from thalweg.train.river import PRIVILEGED, observation_of
 
-Sight = Literal["nothing", "pilot", "frames"]
-"""Observation of a policy: nothing, the scripted pilot's actions, or latents of frames (the default)."""
+Sight = Literal["nothing", "pilot", "privileged", "frames"]
+"""Observation of a policy: nothing, the scripted pilot's actions, the privileged observation
+(`thalweg.env.task.ideal_eye`), or latents of frames (the default)."""
 
 NONE, FORWARD = 1, 0
 """Values of an action branch: 0 up, left or forward; 1 none; 2 down, right or backward."""
@@ -32,6 +34,16 @@ class Policy(Protocol):
     def act(self, obs: np.ndarray, *, deterministic: bool, generator: torch.Generator) -> np.ndarray:
         """Return actions int [N, 4] for observations float32 [N, D]."""
         ...
+
+
+def sight_of(policy: Any) -> Sight:
+    """Return what a policy sees: what it says itself, or what it was trained on.
+
+    Raises `TrainingError` for a policy that was trained on something that rivers do not show.
+    """
+    if hasattr(policy, "sees"):
+        return policy.sees
+    return "privileged" if observation_of(policy) == PRIVILEGED else "frames"
 
 
 class Random:

@@ -16,7 +16,7 @@ from pydantic import Field, InstanceOf
 
 from thalweg.algos.policy.policy import Player
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.evaluate.baselines import Policy, RecurrentPolicy, Sight
+from thalweg.bench.evaluate.baselines import Policy, RecurrentPolicy, Sight, sight_of
 from thalweg.bench.evaluate.episodes import END_COLUMNS, REASONS, Episode
 from thalweg.core.config import frozen_config
 from thalweg.encoder import Encoder
@@ -47,7 +47,7 @@ class EvaluationConfig:
     deterministic: bool = False
     """Whether the most probable action is taken instead of a sampled one. Training samples."""
     env: InstanceOf[EnvConfig] = field(default_factory=lambda: EnvConfig(observation="none"))
-    """Rules. Frames are rendered only for policies that see them."""
+    """Rules. What is observed depends on the policy alone; frames are rendered only for those that see them."""
 
 
 DEFAULT_EVALUATION = EvaluationConfig()
@@ -198,13 +198,14 @@ def evaluate(
 ) -> list[Episode]:
     """Return one row per start of the course, in the order of the list.
 
-    `observe` gives the observations of policies that see frames, such as `encoded_frames`; `on_step` is called before
-    every step. Raises `ValueError` for a policy that sees frames if `observe` is None.
+    `observe` gives the observations of policies that see frames, such as `encoded_frames`, and replaces the privileged
+    observation of policies that see that; baselines ignore it. `on_step` is called before every step. Raises
+    `ValueError` for a policy that sees frames if `observe` is None, and the errors of `sight_of`.
     """
-    sees: Sight = getattr(policy, "sees", "frames")
+    sees = sight_of(policy)
     if sees == "frames" and observe is None:
         raise ValueError("this policy sees frames: give `observe`, such as encoded_frames(world, load_encoder())")
-    env = _make_env(course, config)
+    env = _make_env(course, config, sees)
     players = [_player(policy, episode_generator(label, int(index)), config) for index in course.indices]
     totals = _EpisodeTotals(len(course.starts))
     actions = np.ones((len(course.starts), 4), dtype=np.int64)
@@ -213,10 +214,10 @@ def evaluate(
         step = Step(flying, state["pose"][flying], state["time_s"][flying], totals.return_[flying])
         if on_step is not None:
             on_step(step)
-        if sees == "frames" and observe is not None:
+        if sees in ("frames", "privileged") and observe is not None:
             obs = observe(step)
         else:
-            obs = env.pilot_actions()[flying] if sees == "pilot" else np.zeros((len(flying), 0), np.float32)
+            obs = _observations(env, sees)[flying]
         for row, index in enumerate(flying):
             actions[index] = players[index](obs[row : row + 1], totals.length[index : index + 1] == 0)[0]
         _, reward, _, _, info = env.step(actions)
@@ -232,9 +233,17 @@ def _player(policy: Policy | RecurrentPolicy, generator: torch.Generator, config
     return lambda obs, fresh: policy.act(obs, deterministic=config.deterministic, generator=generator)
 
 
-def _make_env(course: Course, config: EvaluationConfig) -> RiverVectorEnv:
+def _observations(env: RiverVectorEnv, sees: Sight) -> np.ndarray:
+    """Return what a policy that sees no frames sees in each slot [N, D]."""
+    if sees == "privileged":
+        return env.observe()
+    return env.pilot_actions() if sees == "pilot" else np.zeros((env.num_envs, 0), np.float32)
+
+
+def _make_env(course: Course, config: EvaluationConfig, sees: Sight) -> RiverVectorEnv:
     """Return an environment with one slot per start. A slot whose episode has ended resets itself and is ignored."""
-    env = RiverVectorEnv([course.world], len(course.starts), config=config.env)
+    rules = config.env.with_options(observation="privileged") if sees == "privileged" else config.env
+    env = RiverVectorEnv([course.world], len(course.starts), config=rules)
     env.reset(seed=config.starts_seed, options={"pose": course.starts})
     state = env.get_state()
     state["time_s"] = course.clocks_s.copy()

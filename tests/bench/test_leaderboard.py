@@ -49,7 +49,8 @@ def write(folder: Path, suite: Suite = SUITE) -> Path:
             path.parent.mkdir(parents=True, exist_ok=True)
             write_episodes(path, flights(run.algorithm, run.seed, trial.level, trial.condition.unseen))
     write_runs(folder, rows)
-    record_current_versions(folder, {arm.label: arm.algorithm for arm in suite.arms})
+    arms = {arm.label: arm.algorithm for arm in suite.arms}
+    record_current_versions(folder, arms, sees_frames=suite.observation == "frames")
     return folder
 
 
@@ -190,6 +191,22 @@ def test_policies_of_several_folders_and_levels_are_ranked_by_one_level(tmp_path
         ("FOCOPS-easy", "second", "Easy"),
         ("FOCOPS", "first", "Medium"),
     ]
+
+
+def test_policies_of_the_privileged_observation_are_ranked_among_themselves(tmp_path: Path):
+    folders = [write(tmp_path / "mine"), write(tmp_path / "eye", replace(SUITE, observation="privileged"))]
+    page = leaderboard(folders)
+    of_frames, privileged = page.split("## With the privileged observation\n")
+    rows = [
+        [tuple(cell.strip() for cell in line.split("|")[1:4]) for line in part.splitlines() if line[:1] == "|"][2:]
+        for part in (of_frames, privileged)
+    ]
+    assert rows == [
+        [("1", "FOCOPS", "mine"), ("2", "P3O", "mine"), ("3", "PPO", "mine")],
+        [("1", "FOCOPS (privileged)", "eye"), ("2", "P3O (privileged)", "eye"), ("3", "PPO (privileged)", "eye")],
+    ]
+    assert "## With the privileged observation" not in leaderboard(folders[:1])
+    assert "No row is complete yet." in leaderboard(folders[1:])
 
 
 def test_the_page_in_the_docs_is_what_its_command_writes(monkeypatch: pytest.MonkeyPatch):

@@ -68,6 +68,8 @@ class Entry:
     """Mean over seeds, in the last stage of training; None where it is not known."""
     missing: tuple[str, ...]
     """What the results lack of `REQUIREMENTS`."""
+    privileged: bool = False
+    """Whether the policy sees the privileged observation instead of frames."""
 
     @property
     def limit_met(self) -> str:
@@ -130,6 +132,7 @@ def _entry(
         returns=returns,
         regret=training_regret(results, name),
         missing=("current versions",) if outdated else tuple(_missing(results, arm, usual, unseen)),
+        privileged=arm["name"] in results.privileged,
     )
 
 
@@ -196,16 +199,20 @@ def leaderboard(folders: Sequence[Path]) -> str:
                 f"two folders are named {name!r}; a row is identified by its policy and its folder's name"
             )
     found = sorted((entry for folder in folders for entry in entries(folder)), key=lambda entry: entry.sort_key)
-    complete = [entry for entry in found if not entry.missing]
-    ranked = [[str(rank), *_row(entry)] for rank, entry in enumerate(complete, start=1)]
+    ranked, privileged = (
+        _ranked([entry for entry in found if entry.privileged == apart and not entry.missing])
+        for apart in (False, True)
+    )
     unranked = [[*_row(entry), "; ".join(entry.missing)] for entry in found if entry.missing]
     requirements = "\n".join(f"- {line};" for line in REQUIREMENTS).removesuffix(";") + "."
     paragraphs = [
         INTRODUCTION,
         f"```sh\n{shlex.join(['thalweg', 'leaderboard', *map(str, folders)])}\n```\n",
-        markdown(frame(["", *COLUMNS], ranked)) if ranked else "No row is complete yet.\n",
+        ranked or "No row is complete yet.\n",
         f"A row shows\n\n{requirements}\n",
     ]
+    if privileged:
+        paragraphs.append(f"## With the privileged observation\n\n{PRIVILEGED}\n\n{privileged}")
     if unranked:
         table = markdown(frame([*COLUMNS, "lacks"], unranked))
         paragraphs.append(f"## Not ranked\n\nThe last column names what these rows lack.\n\n{table}")
@@ -226,11 +233,19 @@ limit, per episode of the last stage. *Versions* is *current* if the row was mad
 everything that results depend on. Otherwise it names the versions that differ, and the row is not ranked until it has
 been run again.
 """
+PRIVILEGED = """These policies see what a perfect camera could tell instead of frames, so they are ranked among
+themselves."""
 OTHER_LEVELS = tuple(level for level in LEVELS if level != LEVEL)
 COLUMNS = (
     "policy", "results", "limit met", "cost", LEVEL, *OTHER_LEVELS, "unseen", "regret",
     "trained on", "steps", "seeds", "versions",
 )  # fmt: skip
+
+
+def _ranked(complete: Sequence[Entry]) -> str:
+    """Return the table of complete entries, the best first; empty without any."""
+    rows = [[str(rank), *_row(entry)] for rank, entry in enumerate(complete, start=1)]
+    return markdown(frame(["", *COLUMNS], rows)) if rows else ""
 
 
 def _row(entry: Entry) -> list[str]:
@@ -239,4 +254,5 @@ def _row(entry: Entry) -> list[str]:
     cost = "missing" if entry.cost is None else str(entry.cost)
     regret = "unknown" if entry.regret is None else f"{entry.regret:.2f}"
     rest = [regret, entry.level, f"{entry.steps:,}", str(entry.seeds), entry.versions]
-    return [entry.policy, entry.source, entry.limit_met, cost, *returns, *rest]
+    policy = f"{entry.policy} (privileged)" if entry.privileged else entry.policy
+    return [policy, entry.source, entry.limit_met, cost, *returns, *rest]

@@ -6,8 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gymnasium.spaces import MultiDiscrete
 
 from tests.env import handmade
+from thalweg.algos import Policy
+from thalweg.algos.policy.actions import actions_of
+from thalweg.algos.policy.policy_file import About
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.evaluate.evaluation import Course
@@ -17,6 +21,8 @@ from thalweg.bench.pictures import film
 from thalweg.bench.pictures.film_format import SMALL
 from thalweg.bench.suite.config import Arm, Run, Stage, Suite
 from thalweg.env import sample_starts
+from thalweg.env.task.ideal_eye import FEATURES
+from thalweg.train.folder.run_record import POLICY
 from thalweg.train.river import RiverTraining
 
 SUITE = Suite(
@@ -77,3 +83,34 @@ def test_stages_are_trained_in_order_each_beginning_as_the_one_before(tmp_path: 
         ("Medium", "FOCOPS", 200, 4, second, first),
         ("Hard", "FOCOPS", 300, 4, home, second),
     ]
+
+
+def test_an_arm_sees_frames_or_the_privileged_observation_in_all_its_stages(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    given: list[Any] = []
+    monkeypatch.setattr(RiverTraining, "train", lambda _, algorithm, encoder, **__: given.append((algorithm, encoder)))
+    monkeypatch.setattr(backend, "load_compatible_encoder", lambda: "the encoder")
+    arms = (Arm("PPO", before=(Stage("P3O", "Easy", 1),)), Arm("CUP", observation="privileged"))
+    place = RiverBackend(replace(SUITE, arms=arms))
+    for label in ("PPO", "CUP-privileged"):
+        place.train(Run("train", label, 0), tmp_path)
+    assert given == [("P3O", "the encoder"), ("PPO", "the encoder"), ("CUP", None)]
+
+
+def test_a_policy_of_the_privileged_observation_is_flown_and_filmed_without_an_encoder(
+    rivers: RiverBackend, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def loaded() -> None:
+        raise AssertionError("an encoder was loaded")
+
+    filmed: list[Any] = []
+    monkeypatch.setattr(backend, "load_compatible_encoder", loaded)
+    monkeypatch.setattr(film, "write_film", lambda path, world, flight, title, **_: filmed.append((flight, title)))
+    about = About("PPO", {}, {"observation": "privileged"})
+    Policy(len(FEATURES), actions_of(MultiDiscrete([3, 3, 3, 3])), about=about).save(tmp_path / POLICY)
+    run, trial = Run("train", "PPO", 0), Trial("Easy")
+    row = rivers.evaluate(run, tmp_path, trial, lambda _: None)[2]
+    rivers.film(run, tmp_path, row, tmp_path / "film.mp4", lambda: None, shape=SMALL)
+    ((flight, title),) = filmed
+    assert (flight.episode, title, len(flight.poses)) == (row, "PPO, seed 0", row.length)

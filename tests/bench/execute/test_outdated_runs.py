@@ -3,11 +3,12 @@
 import json
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from tests.bench.small_backend import SUITE, SmallBackend
+from tests.bench.small_backend import ARMS, SUITE, SmallBackend
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.execute.runner import Outcome, run_suite
 from thalweg.bench.leaderboard import entries, leaderboard
@@ -77,6 +78,23 @@ def test_versions_are_recorded_for_each_run(finished: Path):
         "render": versions.RENDER, "encoder": versions.PACKAGED_ENCODER, "training": versions.TRAINING,
         "PPO": versions.ALGORITHMS["PPO"],
     }  # fmt: skip
+
+
+def test_runs_that_see_no_frames_depend_on_neither_renderer_nor_encoder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    suite = replace(SUITE, arms=(replace(ARMS[0], observation="privileged"), ARMS[1]))
+    run_suite(suite, tmp_path, SmallBackend())
+    assert read_versions(tmp_path)["PPO-privileged-0"] == {
+        "world": versions.WORLD, "rules": versions.RULES, "evaluation": versions.EVALUATION,
+        "training": versions.TRAINING, "PPO": versions.ALGORITHMS["PPO"],
+    }  # fmt: skip
+    label = f"render {versions.RENDER}"
+    monkeypatch.setattr(versions, "RENDER", versions.RENDER + 1)
+    assert set(read_results(tmp_path).outdated) == {f"FOCOPS ({label})"}
+    backend = SmallBackend()
+    run_suite(suite, tmp_path, backend)
+    assert calls(backend, "train") == ["FOCOPS-0", "FOCOPS-1"]
 
 
 def test_outdated_runs_are_shown_under_names_of_their_own(folder: Path, newer_frames: str):

@@ -1,12 +1,14 @@
 """Tests of what a report contains, without its figures."""
 
 import csv
+import json
 import re
 from pathlib import Path
 
 import pytest
 
 from tests.bench.small_backend import write_film_of
+from tests.bench.versioned import record_current_versions
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.report.page import page
 from thalweg.bench.report.report import write_report
@@ -38,6 +40,40 @@ def test_published_figures_stand_beside_ours_and_are_marked(tiny_results: Path):
     rows = table_of(tiny_results)
     assert rows["PPO (paper, another simulator)"] == ["9.19 ± 2.63", "0.09 ± 0.28", "5.22 ± 3.89", "0.74 ± 0.44"]
     assert "hover (paper, another simulator)" not in rows
+
+
+def with_suite(folder: Path, **changes: object) -> None:
+    """Change keys of the suite of some results; runs of PPO have the versions of what it then sees."""
+    suite = json.loads((folder / "suite.json").read_text())
+    (folder / "suite.json").write_text(json.dumps(suite | changes))
+    record_current_versions(folder, sees_frames=changes.get("observation", "frames") == "frames")
+
+
+def test_published_figures_of_frames_do_not_stand_below_policies_that_see_none(tiny_results: Path):
+    with_suite(tiny_results, observation="privileged")
+    assert list(table_of(tiny_results)) == ["hover", "PPO"]
+    sources = {row["source"] for row in csv.DictReader(paper_table(read_results(tiny_results)).csv.splitlines())}
+    assert sources == {"thalweg"}
+
+
+def test_the_page_says_which_policies_see_no_frames(tiny_results: Path):
+    said = "see what a perfect camera could tell (the privileged observation) instead of frames."
+    assert said not in write_report(tiny_results).page.read_text()
+    with_suite(tiny_results, observation="privileged")
+    assert f"The trained policies {said}" in write_report(tiny_results).page.read_text()
+    eye = {"name": "eye", "algorithm": "PPO", "seeds": [0], "steps": 9, "observation": "privileged"}
+    arms = [{"name": "PPO", "algorithm": "PPO", "seeds": [0, 1], "steps": 400}, eye]
+    with_suite(tiny_results, arms=arms, observation="frames")
+    assert f" eye {said}" in write_report(tiny_results).page.read_text()
+
+
+def test_conditions_of_the_appearance_are_not_planned_for_policies_that_see_no_frames(tiny_results: Path):
+    haze, mode = ({"name": name, "levels": ["Easy"], "rivers": {}, "blind": False} for name in ("haze", "mode"))
+    conditions = [haze | {"varied": ["haze"]}, mode | {"varied": []}]
+    for changes, flown in (({}, {"", "haze", "mode"}), ({"observation": "privileged"}, {"", "mode"})):
+        with_suite(tiny_results, conditions=conditions, **changes)
+        planned = read_results(tiny_results).planned_flights
+        assert {condition for condition, name, *_ in planned if name == "PPO"} == flown
 
 
 def test_a_level_that_was_not_flown_is_called_missing(tiny_results: Path):

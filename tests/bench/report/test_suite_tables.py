@@ -5,7 +5,7 @@ from pathlib import Path
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.report.suite_tables import algorithm_table, constraint_method, domain
 from thalweg.bench.results.results import Results
-from thalweg.bench.suite.config import Arm
+from thalweg.bench.suite.config import Arm, Suite
 
 ON_POLICY = ("PPO", "PPOLag", "FOCOPS", "P3O", "OnCRPO", "CPO", "CUP")
 
@@ -31,3 +31,10 @@ def test_each_arm_has_a_row_also_where_its_algorithm_no_longer_exists():
         ["FOCOPS-paper", "on-policy", "a multiplier", ALGORITHMS["FOCOPS"].about],
         ["Gone", "unknown", "unknown", "unknown"],
     ]
+
+
+def test_the_observation_is_a_column_where_it_is_not_frames_for_all():
+    suite = Suite("it", (Arm("PPO"), Arm("CUP", observation="frames")), observation="privileged").as_data()
+    table = algorithm_table(Results(Path(), suite, [], [], [], [])).text
+    assert table["observation"].tolist() == ["privileged", "frames"]
+    assert table["policy"].tolist() == ["PPO", "CUP-frames"]

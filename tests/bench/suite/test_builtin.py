@@ -10,7 +10,7 @@ import yaml
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import CONDITIONS, Condition
 from thalweg.bench.suite.builtin import SUITES, load_suite
-from thalweg.bench.suite.config import Arm, Stage, Suite
+from thalweg.bench.suite.config import Arm, Run, Stage, Suite
 from thalweg.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -51,6 +51,43 @@ def test_a_file_gives_the_same_suite_as_the_constructor(tmp_path: Path):
     )
 
 
+def test_the_privileged_suite_trains_every_algorithm_and_flies_on_unseen_rivers():
+    suite = SUITES["privileged"]
+    steps = dict.fromkeys(("PPO", "PPOLag", "FOCOPS", "P3O", "OnCRPO", "CPO", "CUP"), 200_000)
+    steps |= dict.fromkeys(("DDPGLag", "TD3Lag", "SACLag", "CCEPETS", "SafeLOOP"), 100_000)
+    assert {arm.label: arm.steps for arm in suite.arms} == steps
+    assert {(arm.seeds, arm.preset, suite.observation_of(Run("train", arm.label, 0))) for arm in suite.arms} == {
+        ((0, 1, 2), "default", "privileged")
+    }
+    assert (suite.train_level, suite.baselines, suite.packaged) == ("Medium", SUITES["paper"].baselines, False)
+    trials = [str(trial) for trial in suite.trials(Run("train", "PPO", 0))]
+    assert trials == ["Easy", "Medium", "Hard", "Easy, unseen", "Medium, unseen", "Hard, unseen"]
+
+
+def test_an_arm_may_see_something_else_than_its_suite(tmp_path: Path):
+    text = """
+arms: [{algorithm: PPO}, {algorithm: PPO, observation: frames}, {algorithm: PPO, observation: privileged, name: eye}]
+observation: privileged
+conditions: [unseen, haze, deterministic]
+"""
+    suite = load_suite(written(tmp_path, text))
+    seen = {run.name: suite.observation_of(run) for run in suite.runs() if run.seed == 0}
+    assert seen == dict.fromkeys(("random-0", "hover-0", "forward-0", "pilot-0")) | {
+        "packaged-0": "frames", "PPO-0": "privileged", "PPO-frames-0": "frames", "eye-0": "privileged",
+    }  # fmt: skip
+    flown = {run.name: {trial.condition.name for trial in suite.trials(run)} for run in suite.runs()}
+    assert flown["PPO-0"] == flown["eye-2"] == {"", "unseen", "deterministic"}
+    assert flown["PPO-frames-0"] == flown["packaged-0"] == {"", "unseen", "haze", "deterministic"}
+    assert flown["hover-0"] == {"", "unseen"}
+
+
+def test_suites_of_frames_are_recorded_as_before_there_was_another_observation():
+    data = Suite("mine", (Arm("PPO"), Arm("CUP", observation="privileged"))).as_data()
+    assert "observation" not in data and "observation" not in data["arms"][0]
+    assert (data["arms"][1]["observation"], data["arms"][1]["name"]) == ("privileged", "CUP-privileged")
+    assert SUITES["privileged"].as_data()["observation"] == "privileged"
+
+
 @pytest.mark.parametrize("name", SUITES)
 def test_each_builtin_suite_can_be_written_as_a_file(name: str, tmp_path: Path):
     data = SUITES[name].as_data()
@@ -87,6 +124,11 @@ def test_each_builtin_suite_can_be_written_as_a_file(name: str, tmp_path: Path):
             r"seeds\[0\] must be a whole number .*, got True",
         ),
         ({"arms": [{"algorithm": "PPO", "settings": [1]}]}, r"settings must be a mapping, got \[1\]"),
+        ({"arms": [], "observation": "eye"}, "observation must be one of 'frames', 'privileged', got 'eye'"),
+        (
+            {"arms": [{"algorithm": "PPO", "observation": 3}]},
+            r"arms\[0\]\.observation must be one of 'frames', 'privileged' or None, got 3",
+        ),
         ({"arms": [], "packaged": 1}, "packaged must be true or false, got 1"),
         (
             {"arms": [], "conditions": ["fog"]},

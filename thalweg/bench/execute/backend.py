@@ -1,4 +1,4 @@
-"""Backends that train and fly the policies of a suite: the protocol, and the rivers with the packaged encoder.
+"""Backends that train and fly the policies of a suite: the protocol, and the rivers.
 
 The runner sees only `Backend`, so that tests can replace the rivers by a small problem.
 """
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.evaluate.baselines import BASELINES, Policy
+from thalweg.bench.evaluate.baselines import BASELINES, Policy, sight_of
 from thalweg.bench.evaluate.conditions import MAIN, RIVERS, Trial
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Observe, Step, encoded_frames, evaluate
@@ -64,7 +64,10 @@ class Backend(Protocol):
 
 
 class RiverBackend:
-    """Trains and flies on rivers, seen through the packaged encoder; encoder and main views are loaded once."""
+    """Trains and flies on rivers, seen through the packaged encoder or by the privileged observation.
+
+    The encoder is loaded when frames are first seen; it and the main views are loaded once.
+    """
 
     def __init__(self, suite: Suite) -> None:
         self.suite = suite
@@ -93,16 +96,16 @@ class RiverBackend:
         arm, before = self.suite.arm(run.algorithm), None
         for number, stage in enumerate(arm.before):
             stage_folder = folder / STAGES / str(number)
-            self._train(stage, stage.level, run.seed, stage_folder, before)
+            self._train(run, stage, stage.level, stage_folder, before)
             before = stage_folder
-        self._train(arm, self.suite.level_of(arm), run.seed, folder, before)
+        self._train(run, arm, self.suite.level_of(arm), folder, before)
 
-    def _train(self, stage: Stage | Arm, level: str, seed: int, folder: Path, begin_with: Path | None) -> None:
+    def _train(self, run: Run, stage: Stage | Arm, level: str, folder: Path, begin_with: Path | None) -> None:
         RiverTraining(level, self.suite.num_envs).train(
             stage.algorithm,
-            self.encoder,
+            self.encoder if self.suite.observation_of(run) == "frames" else None,
             steps=stage.steps,
-            seed=seed,
+            seed=run.seed,
             folder=folder,
             settings=dict(stage.settings) or None,
             preset=stage.preset,
@@ -117,7 +120,8 @@ class RiverBackend:
 
     def observers(self, trial: Trial, courses: Sequence[Course], policy: Policy) -> list[Observe] | list[None]:
         """Return the observation function for each course; None for a policy that sees no frames."""
-        if hasattr(policy, "sees"):
+        if sight_of(policy) != "frames":
+            check_policy_fits(policy, None)
             return [None] * len(courses)
         check_policy_fits(policy, self.encoder)
         if trial.condition != MAIN:

@@ -133,7 +133,8 @@ def _versions_of(suite: Suite, run: Run) -> dict[str, int | None]:
     if run.kind != "train":
         return current_versions(run.kind, ())
     arm = suite.arm(run.algorithm)
-    return current_versions(run.kind, [stage.algorithm for stage in (*arm.before, arm)])
+    algorithms = [stage.algorithm for stage in (*arm.before, arm)]
+    return current_versions(run.kind, algorithms, sees_frames=suite.observation_of(run) == "frames")
 
 
 def _prepare(suite: Suite, folder: Path, runs: Sequence[Run], console: Console) -> None:

@@ -70,6 +70,10 @@ def _introduction(results: Results) -> str:
                 f"This is far fewer than the paper's {PAPER_STEPS:,} steps: it shows that everything runs, not which"
                 " policy is better."
             )
+    if privileged := results.privileged:
+        named = [arm["name"] for arm in arms if arm["name"] in privileged]
+        who = "The trained policies" if len(named) == len(arms) else ", ".join(named)
+        sentences.append(f"{who} see what a perfect camera could tell (the privileged observation) instead of frames.")
     return " ".join(sentences)
 
 

@@ -4,7 +4,7 @@ from itertools import product
 
 from thalweg.bench.evaluate.episodes import REASONS
 from thalweg.bench.report.policies import seeds_text
-from thalweg.bench.report.published import PUBLISHED
+from thalweg.bench.report.published import PUBLISHED, Published
 from thalweg.bench.report.table import PAPER, Table, estimate_figures, frame
 from thalweg.bench.results.inference import Estimate, bootstrap_iqm_return, iqm_return, proportion
 from thalweg.bench.results.results import Results
@@ -22,8 +22,11 @@ def paper_table(results: Results) -> Table:
     """Return the paper's table: return and cost on each level, ours and below them the published ones.
 
     Every algorithm of the results has a row; where it has no episodes, its cells say why. The figures have one row per
-    policy and level, with `source` to tell the published ones apart.
+    policy and level, with `source` to tell the published ones apart. The published policies see frames and stand below
+    no policy that does not.
     """
+    apart = results.privileged
+    published = {pair: figures for pair, figures in PUBLISHED.items() if pair[0] not in apart}
     by_policy_and_level = summaries(results.episodes)
     columns = ["policy", *(f"{level} {what}" for level in results.levels for what in ("return", "cost"))]
     rows = []
@@ -32,11 +35,15 @@ def paper_table(results: Results) -> Table:
             _measured_texts(results, algorithm, by_policy_and_level.get((algorithm, level))) for level in results.levels
         ]
         rows.append([algorithm, *(text for pair in measured for text in pair)])
-        if any((algorithm, level) in PUBLISHED for level in results.levels):
+        if any((algorithm, level) in published for level in results.levels):
             published_values = [_published_texts(algorithm, level) for level in results.levels]
             rows.append([f"{algorithm} ({PAPER})", *(text for pair in published_values for text in pair)])
     pairs = product(results.policies, results.levels)
-    figures = [row for pair in pairs for row in _paper_figures(results, by_policy_and_level.get(pair), *pair)]
+    figures = [
+        row
+        for pair in pairs
+        for row in _paper_figures(results, by_policy_and_level.get(pair), published.get(pair), *pair)
+    ]
     return Table(frame(columns, rows), frame(PAPER_FIGURES, figures))
 
 
@@ -58,13 +65,15 @@ def _published_texts(algorithm: str, level: str) -> tuple[str, str]:
     return mean_and_std_text(cell.return_mean, cell.return_std), mean_and_std_text(cell.cost_mean, cell.cost_std)
 
 
-def _paper_figures(results: Results, cell: Summary | None, algorithm: str, level: str) -> list[list[object]]:
+def _paper_figures(
+    results: Results, cell: Summary | None, published: Published | None, algorithm: str, level: str
+) -> list[list[object]]:
     """Rows of `PAPER_FIGURES` for a policy on a level: ours, and the published one if there is one."""
     blanks = [None] * (len(STATISTICS) + len(REASONS))
     numbers = [*(getattr(cell, name) for name in STATISTICS), *cell.reasons.values()] if cell else blanks
     counts = [cell.episodes, cell.seeds] if cell else [0, 0]
     rows: list[list[object]] = [["thalweg", algorithm, level, *counts, results.planned_seeds(algorithm), *numbers]]
-    if published := PUBLISHED.get((algorithm, level)):
+    if published is not None:
         published_values = [published.return_mean, published.return_std, published.cost_mean, published.cost_std]
         counts = [PAPER_EPISODES, PAPER_SEEDS, PAPER_SEEDS]
         rows.append([PAPER, algorithm, level, *counts, *published_values, *blanks[len(published_values) :]])

@@ -26,13 +26,17 @@ def constraint_method(entry: Entry) -> str:
 
 
 def algorithm_table(results: Results) -> Table:
-    """Return the domain and the method of each arm of the suite; `unknown` where its algorithm no longer exists."""
-    rows: list[list[Cell]] = []
+    """Return the domain and the method of each arm of the suite; `unknown` where its algorithm no longer exists.
+
+    What the policies see is a column where it is not frames for all of them.
+    """
+    columns, rows, privileged = ["policy", "domain", "limit kept by", "method"], list[list[Cell]](), results.privileged
     for arm in arms_of(results.suite):
         entry = ALGORITHMS.get(arm["algorithm"])
         rest = ["unknown"] * 3 if entry is None else [domain(entry), constraint_method(entry), entry.about]
-        rows.append([arm["name"], *rest])
-    return table_from_cells(("policy", "domain", "limit kept by", "method"), rows)
+        sees = ["privileged" if arm["name"] in privileged else "frames"] if privileged else []
+        rows.append([arm["name"], *rest, *sees])
+    return table_from_cells([*columns, "observation"] if privileged else columns, rows)
 
 
 def runs_table(results: Results) -> Table:

@@ -21,7 +21,7 @@ from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.results.statistics import TrainingLog
 from thalweg.bench.suite.config import PACKAGED
-from thalweg.bench.suite.record import arms_of
+from thalweg.bench.suite.record import arms_of, sees_frames
 from thalweg.core.atomic_io import write_atomic
 
 RUN_COLUMNS = ("run", "kind", "algorithm", "seed", "steps", "status", "error", "wall_s", "steps_per_s")
@@ -140,13 +140,20 @@ class Results:
         flown += [(arm["name"], seed) for arm in arms_of(suite) for seed in arm["seeds"]]
         failed = {(row.algorithm, row.seed) for row in self.runs if row.status != "finished"}
         main = {"name": "", "blind": True, "levels": [], "rivers": []}
+        privileged = self.privileged
         return {
             (condition["name"], name, seed, level)
             for condition in (main, *suite.get("conditions", []))
             for name, seed in [*flown, *(baselines if condition["blind"] else [])]
+            if not (condition.get("varied") and name in privileged)
             for level in [*condition["rivers"]] or condition["levels"] or suite.get("test_levels", [])
             if (name, seed) not in failed
         }
+
+    @property
+    def privileged(self) -> set[str]:
+        """Names of the arms whose policies see the privileged observation instead of frames."""
+        return {arm["name"] for arm in arms_of(self.suite) if not sees_frames(self.suite, arm)}
 
     @property
     def flights(self) -> set[tuple[str, str, int, str]]:

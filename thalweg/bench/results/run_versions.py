@@ -21,10 +21,11 @@ Versions = Mapping[str, int | None]
 """Versions by what they are of; None for what this copy of Thalweg lacks."""
 
 
-def current_versions(kind: str, algorithms: Iterable[str]) -> dict[str, int | None]:
+def current_versions(kind: str, algorithms: Iterable[str], *, sees_frames: bool = True) -> dict[str, int | None]:
     """The versions that a run of a kind (`train`, `baseline` or `packaged`) depends on.
 
-    `algorithms` are those of all stages of its training. Baselines see no frames.
+    `algorithms` are those of all stages of its training. Baselines see no frames, and trained policies only if
+    `sees_frames`.
     """
     rivers: dict[str, int | None] = {"world": versions.WORLD, "rules": versions.RULES, EVALUATION: versions.EVALUATION}
     if kind == "baseline":
@@ -33,7 +34,7 @@ def current_versions(kind: str, algorithms: Iterable[str]) -> dict[str, int | No
     if kind == "packaged":
         return rivers | frames | {"packaged": versions.PACKAGED_POLICY}
     learning = {name: versions.ALGORITHMS.get(name) for name in algorithms}
-    return rivers | frames | {"training": versions.TRAINING} | learning
+    return rivers | (frames if sees_frames else {}) | {"training": versions.TRAINING} | learning
 
 
 def needs_training(recorded: Versions, current: Versions) -> bool:

@@ -10,6 +10,8 @@ from typing import Any
 
 import yaml
 
+from thalweg.algos.onpolicy.config import OnPolicyConfig
+from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import CONDITIONS
 from thalweg.bench.suite.config import Arm, Stage, Suite
@@ -60,6 +62,12 @@ _PROTOCOLS = (
 )
 """Ways of training with the same number of steps each."""
 
+_PRIVILEGED = tuple(
+    Arm(name, steps=200_000 if issubclass(entry.config, OnPolicyConfig) else 100_000)
+    for name, entry in ALGORITHMS.items()
+)
+"""All algorithms; those that learn from a replay or a model take half the steps."""
+
 SUITES: dict[str, Suite] = {
     suite.name: suite
     for suite in (
@@ -68,6 +76,13 @@ SUITES: dict[str, Suite] = {
         Suite("open", _OPEN, baselines=(), packaged=False),
         Suite("protocols", _PROTOCOLS, baselines=(), packaged=False),
         Suite("paper", (*map(Arm, STUDIED), Arm("PPO", "paper"), Arm("FOCOPS", "paper")), conditions=CONDITIONS),
+        Suite(
+            "privileged",
+            _PRIVILEGED,
+            packaged=False,
+            conditions=tuple(condition for condition in CONDITIONS if condition.name == "unseen"),
+            observation="privileged",
+        ),
     )
 }
 

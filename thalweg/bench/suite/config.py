@@ -5,7 +5,7 @@ A suite is checked when it is constructed: it names only what exists, and nothin
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -21,6 +21,8 @@ PACKAGED = "packaged"
 """Name of the policy that comes with the package, as an algorithm of a result."""
 Count = Annotated[WholeNumber, Field(ge=1)]
 Seed = Annotated[WholeNumber, Field(ge=0)]
+Observation = Literal["frames", "privileged"]
+"""What trained policies see: frames through the packaged encoder, or the privileged observation."""
 
 
 @frozen_config(ResultsError)
@@ -51,7 +53,10 @@ class Arm:
     before: TupleOf[Stage] = ()
     """Earlier stages in order, with the same seed: a curriculum, or a transfer from another algorithm."""
     name: str = ""
-    """Name of its results; if empty, the algorithm, with the preset unless that is the default one."""
+    """Name of its results; if empty, the algorithm, with the preset unless that is the default one, and with the
+    observation if the arm has one of its own."""
+    observation: Observation | None = None
+    """What it sees in all stages; if None, what the suite says."""
 
     @model_validator(mode="after")
     def _check(self) -> "Arm":
@@ -64,11 +69,13 @@ class Arm:
 
     @property
     def label(self) -> str:
-        return self.name or (self.algorithm if self.preset == "default" else f"{self.algorithm}-{self.preset}")
+        preset = None if self.preset == "default" else self.preset
+        return self.name or "-".join(part for part in (self.algorithm, preset, self.observation) if part)
 
     def as_data(self) -> dict[str, Any]:
-        """Return plain data for JSON, with the label as the name."""
-        return to_plain(self) | {"name": self.label}
+        """Return plain data for JSON, with the label as the name; without an observation that is the suite's, as
+        before arms had one."""
+        return _without(to_plain(self), observation=None) | {"name": self.label}
 
 
 @dataclass(frozen=True)
@@ -114,6 +121,8 @@ class Suite:
     """Whether the policy that comes with the package is evaluated too."""
     conditions: TupleOf[Annotated[Condition, BeforeValidator(_condition)]] = ()
     """Conditions under which policies are flown, besides the main one."""
+    observation: Observation = "frames"
+    """What policies see that are trained, unless their arm says otherwise."""
 
     @model_validator(mode="after")
     def _check(self) -> "Suite":
@@ -167,8 +176,13 @@ class Suite:
         return (*baselines, *packaged, *trained)
 
     def trials(self, run: Run) -> tuple[Trial, ...]:
-        """Return the evaluations of a run's policy, those under the main condition first."""
+        """Return the evaluations of a run's policy, those under the main condition first.
+
+        A policy that sees no frames flies under no condition that only changes the appearance.
+        """
         conditions = [each for each in self.conditions if each.blind or run.kind != "baseline"]
+        if self.observation_of(run) == "privileged":
+            conditions = [each for each in conditions if not each.varied]
         return tuple(
             Trial(level, condition)
             for condition in (MAIN, *conditions)
@@ -183,10 +197,22 @@ class Suite:
         """Return the level of an arm's last stage of training."""
         return arm.level or self.train_level
 
+    def observation_of(self, run: Run) -> Observation | None:
+        """Return what a run's policy sees of rivers; None for a baseline."""
+        if run.kind == "baseline":
+            return None
+        return "frames" if run.kind == "packaged" else self.arm(run.algorithm).observation or self.observation
+
     def as_data(self) -> dict[str, Any]:
-        """Return the suite as plain data for JSON."""
+        """Return the suite as plain data for JSON; without an observation of frames, as before there was another."""
         conditions = [condition.as_data() for condition in self.conditions]
-        return to_plain(self) | {"arms": [arm.as_data() for arm in self.arms], "conditions": conditions}
+        data = _without(to_plain(self), observation="frames")
+        return data | {"arms": [arm.as_data() for arm in self.arms], "conditions": conditions}
+
+
+def _without(data: dict[str, Any], **values: Any) -> dict[str, Any]:
+    """Return the data without the keys that have these values."""
+    return {key: value for key, value in data.items() if key not in values or value != values[key]}
 
 
 def _refuse_repeated(what: str, where: str, values: Sequence[Any]) -> None:

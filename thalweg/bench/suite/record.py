@@ -33,6 +33,7 @@ class ArmRecord:
     steps: int
     level: str = ""
     before: TupleOf[StageRecord] = ()
+    observation: str | None = None
 
 
 @frozen_config(ResultsError, extra="ignore")
@@ -66,6 +67,7 @@ class SuiteRecord:
     packaged: bool = False
     conditions: TupleOf[ConditionRecord] = ()
     made_by: Mapping[str, Any] = field(default_factory=dict)
+    observation: str = "frames"
 
     @model_validator(mode="after")
     def _check(self) -> "SuiteRecord":
@@ -98,6 +100,11 @@ def arms_of(record: Mapping[str, Any]) -> list[dict[str, Any]]:
         return list(record["arms"])
     common = {"seeds": record.get("seeds", []), "steps": record.get("steps", 0)}
     return [{"name": name, "algorithm": name, **common} for name in record.get("algorithms", [])]
+
+
+def sees_frames(record: Mapping[str, Any], arm: Mapping[str, Any]) -> bool:
+    """Return whether an arm of a suite's record sees frames; those of records that do not say it do."""
+    return (arm.get("observation") or record.get("observation", "frames")) == "frames"
 
 
 def _to_json(value: Any) -> str:

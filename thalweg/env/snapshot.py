@@ -7,7 +7,7 @@ import numpy as np
 from thalweg.env.config import EnvConfig
 from thalweg.env.task.course_arrays import config_fingerprint, fingerprint
 from thalweg.env.task.rules import State
-from thalweg.render.records.appearance import check_values
+from thalweg.render.records.appearance import check_values as check_looks
 from thalweg.world.record import World
 
 FIXED_KEYS = {"fingerprint": "other worlds", "world": "other worlds", "config": "another config"}
@@ -45,14 +45,9 @@ def copy_state(
     }
 
 
-def check_state(
-    given: Mapping[str, np.ndarray], current: Mapping[str, np.ndarray], segments: np.ndarray, lights: int
-) -> None:
-    """Raise `StateError` unless `given` fits an environment whose `current` state is known.
-
-    It must have the keys, shapes and types of `current`, belong to the same worlds and config, and hold values that an
-    episode can have. segments [N] are those of each environment's course; `lights` is the number of lights per world.
-    """
+def check_arrays(given: Mapping[str, np.ndarray], current: Mapping[str, np.ndarray]) -> None:
+    """Raise `StateError` unless `given` has the keys, shapes and types of an environment's `current` state, and belongs
+    to the same worlds and config."""
     if set(given) != set(current):
         missing, unknown = sorted(set(current) - set(given)), sorted(set(given) - set(current))
         raise StateError(f"the state lacks {missing} and has unknown {unknown}")
@@ -62,11 +57,14 @@ def check_state(
             raise StateError(f"{name} is {array.dtype} {array.shape}; this environment has {value.dtype} {value.shape}")
         if name in FIXED_KEYS and not np.array_equal(array, value):
             raise StateError(f"the state belongs to {FIXED_KEYS[name]} ({name} differs)")
-    _check_values({name: np.asarray(array) for name, array in given.items()}, segments, lights)
 
 
-def _check_values(given: Mapping[str, np.ndarray], segments: np.ndarray, lights: int) -> None:
-    """Raise `StateError` with the name of the first array whose values would lead a step out of bounds."""
+def check_values(given: Mapping[str, np.ndarray], segments: np.ndarray, lights: int) -> None:
+    """Raise `StateError` with the name of the first array whose values would lead a step out of bounds.
+
+    segments [N] are those of each environment's course; `lights` is the number of lights per world.
+    """
+    given = {name: np.asarray(array) for name, array in given.items()}
     segment, visited = given["segment"], given["visited"]
     on_course = np.arange(visited.shape[1]) < segments[:, None]
     wrong = {
@@ -87,7 +85,7 @@ def _check_values(given: Mapping[str, np.ndarray], segments: np.ndarray, lights:
             allowed = f"; allowed: 0..{segments[row] - 1}" if name == "segment" else ""
             raise StateError(f"{name} has an impossible value{allowed} (environment {row})")
     try:
-        check_values(given["look"])
+        check_looks(given["look"])
     except ValueError as reason:
         raise StateError(f"the look of an environment is impossible: {reason}") from None
 

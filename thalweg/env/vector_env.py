@@ -1,4 +1,4 @@
-"""Vector environment: N episodes in one or several worlds, as a native Gymnasium `VectorEnv`.
+"""Vector environment: N episodes in one or many worlds, as a native Gymnasium `VectorEnv`.
 
 One call of the rules and one of the renderer serve all N environments. Returned arrays are never written to again.
 """
@@ -18,6 +18,10 @@ from thalweg.env import snapshot
 from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, DoneReason, EnvConfig, integer_at_least
 from thalweg.env.frame_renderer import FrameRenderer, Views
 from thalweg.env.initial_poses import check_pose, project_anywhere, random_clock, random_start, travel_direction
+from thalweg.env.rivers.assignment import DrawnRivers, FixedRivers, Rivers
+from thalweg.env.rivers.courses import join_courses
+from thalweg.env.rivers.pool import RiverPool
+from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.spaces import (
     action_space,
     frames_to_observations,
@@ -26,7 +30,7 @@ from thalweg.env.spaces import (
     observation_space,
     to_unit_actions,
 )
-from thalweg.env.task.course_arrays import pack_courses
+from thalweg.env.task.course_arrays import CourseArrays, config_fingerprint
 from thalweg.env.task.ideal_eye import FEATURES, see_all
 from thalweg.env.task.rules import clear_outcome, empty_outcome, empty_state, step_all
 from thalweg.world.record import World
@@ -35,7 +39,11 @@ RESET_OPTIONS = ("pose", "reset_mask")
 
 
 class RiverVectorEnv(VectorEnv):
-    """N environments over one or several worlds; environment i flies in world i % len(worlds).
+    """N environments over one or many worlds.
+
+    Environment i flies in world i % len(worlds). With a `RiverList` in place of worlds it flies each episode in a river
+    of the list that its own generator draws, all with the same probability, and the next ones are prepared in the
+    background; `info["river"]` [N] is the index of the river in the list.
 
     In every autoreset mode, `info` belongs to the action just taken: `cost` [N], `costs` [N, 2] (tight, loose),
     `done_reason` [N], `progress` [N] (share of segments visited) and `pose` [N, 4]. `final_obs` and `final_info` are as
@@ -53,7 +61,7 @@ class RiverVectorEnv(VectorEnv):
 
     def __init__(
         self,
-        worlds: World | Sequence[World],
+        worlds: World | Sequence[World] | RiverList,
         num_envs: int = 1,
         config: EnvConfig = DEFAULT_CONFIG,
         *,
@@ -70,20 +78,31 @@ class RiverVectorEnv(VectorEnv):
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(f"unknown render_mode {render_mode!r}; known: {', '.join(self.metadata['render_modes'])}")
-        self.worlds = (worlds,) if isinstance(worlds, World) else tuple(worlds)
         self.num_envs = integer_at_least("num_envs", num_envs, 1)
         self.config = config
         self.autoreset_mode = _mode(autoreset_mode)
         frames_per_s = 1.0 / config.step_s if config.step_s > 0 else self.metadata["render_fps"]
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode, "render_fps": frames_per_s}
         self.render_mode = render_mode
-        self.frames = FrameRenderer(self.worlds, self.num_envs, config, renderer)
+        self.worlds: tuple[World, ...] = ()
+        """Those of all environments; empty if each episode has another one."""
+        self.river_names: list[str] = []
+        """Names of the rivers that `info["river"]` counts; empty if they do not change."""
+        if isinstance(worlds, RiverList):
+            self.river_names = worlds.names
+            self.frames = FrameRenderer((), self.num_envs, config, renderer)
+            self.rivers: Rivers = DrawnRivers(RiverPool(worlds, config, self.num_envs), self.num_envs)
+        else:
+            self.worlds = (worlds,) if isinstance(worlds, World) else tuple(worlds)
+            self.frames = FrameRenderer(self.worlds, self.num_envs, config, renderer)
+            self.rivers = FixedRivers(self.worlds, self.num_envs, config)
         self.camera = self.frames.camera
-
-        self.courses = pack_courses(self.worlds, config)
         self.limits = config.limits
-        self.world_index = np.arange(self.num_envs, dtype=np.int64) % len(self.worlds)
-        self.state = empty_state(self.world_index, self.courses)
+        self.world_index = self.rivers.slot
+        """[N] index of the world of each environment in the courses."""
+        visited = np.zeros((self.num_envs, self.rivers.most_segments), dtype=np.uint8)
+        self.state = empty_state(self.world_index, self.courses)._replace(visited=visited)
+        self._pilot: Any = None
         self.generators: list[np.random.Generator | None] = [None] * self.num_envs
         self._started = np.zeros(self.num_envs, dtype=bool)
         self._ended = np.zeros(self.num_envs, dtype=bool)
@@ -97,6 +116,11 @@ class RiverVectorEnv(VectorEnv):
         )
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+
+    @property
+    def courses(self) -> CourseArrays:
+        """Courses of the rivers in memory, as the rules take them."""
+        return self.rivers.courses
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
@@ -112,6 +136,7 @@ class RiverVectorEnv(VectorEnv):
         # All generators are created before the first is replaced, so that a bad seed changes nothing.
         for row, generator in [(row, seeding.np_random(seeds[row])[0]) for row in reseeded]:
             self.generators[row] = generator
+            self.rivers.forget(row)
             self.frames.draw_look(row, "environment", generator)
         if isinstance(seed, int | np.integer):
             self._np_random_seed = int(seed)
@@ -125,7 +150,9 @@ class RiverVectorEnv(VectorEnv):
             clear_outcome(self._outcome, row)
         mask = np.zeros(self.num_envs, dtype=bool)
         mask[rows] = True
-        return self._observe(self.frames.views(self.state)), self._info(mask)
+        results = self._observe(self.frames.views(self.state)), self._info(mask)
+        self.rivers.settle()
+        return results
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Take one action [N, 4] per environment; returns observations, rewards [N], terminated [N], truncated [N] and
@@ -156,6 +183,7 @@ class RiverVectorEnv(VectorEnv):
             observations = self._restart_ended(info)
         else:
             observations = self._observe(self.frames.views(self.state))
+        self.rivers.settle()
         return observations, self._outcome.reward.copy(), terminated, truncated, info
 
     def observe(self) -> Any:
@@ -176,26 +204,41 @@ class RiverVectorEnv(VectorEnv):
 
         if not self._started.all():
             raise gymnasium.error.ResetNeeded("call reset() before pilot_actions()")
-        if not hasattr(self, "_pilot"):
-            self._pilot = ScriptedPilot(self.courses, self.config)
-        return from_unit_actions(self.config.action, self._pilot.unit_actions(self.state))
+        courses, state = self.courses, self.state
+        if isinstance(self.rivers, DrawnRivers):
+            parts, index = self.rivers.in_use()
+            courses, state = join_courses(parts), state._replace(world=index)
+        if self._pilot is None or not isinstance(self.rivers, FixedRivers):
+            self._pilot = ScriptedPilot(courses, self.config)
+        return from_unit_actions(self.config.action, self._pilot.unit_actions(state))
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Return copies of everything that the future depends on, random generators included."""
         arrays = snapshot.copy_state(self.state, self.generators, self._started, self._ended, self._identity)
-        return {**arrays, "look": self.frames.look.copy(), "sun": self.frames.sun.copy()}
+        del arrays["world"]
+        looks = {"look": self.frames.look.copy(), "sun": self.frames.sun.copy()}
+        return {**arrays, **self.rivers.state(), **looks}
 
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Restore a state of `get_state`; raises `StateError` before anything changes if it does not fit."""
-        segments = self.courses.segments[self.world_index]
-        snapshot.check_state(state, self.get_state(), segments, self.frames.lights)
-        snapshot.restore_state(state, self.state, self.generators, self._started, self._ended)
+        snapshot.check_arrays(state, self.get_state())
+        snapshot.check_values(state, self.rivers.segments_in(state), self.frames.lights)
+        self.rivers.restore(state)
+        kept = {**state, "world": self.world_index}
+        snapshot.restore_state(kept, self.state, self.generators, self._started, self._ended)
         self.frames.look[:], self.frames.sun[:] = state["look"], state["sun"]
         self._rendered = None
 
+    def close_extras(self, **kwargs: Any) -> None:
+        """Stop what runs in the background."""
+        self.rivers.close()
+
     @cached_property
     def _identity(self) -> dict[str, np.ndarray]:
-        return snapshot.env_identity(self.worlds, self.config)
+        return {
+            "fingerprint": self.rivers.fingerprint(),
+            "config": np.array([config_fingerprint(self.config)], dtype=np.uint64),
+        }
 
     def validate_options(self, options: Mapping[str, Any] | None) -> tuple[list[int], np.ndarray | None]:
         """Return the rows to reset and their poses [N, 4] or None.
@@ -216,6 +259,8 @@ class RiverVectorEnv(VectorEnv):
         rows = np.flatnonzero(mask).tolist()
         poses = options.get("pose")
         if poses is not None:
+            if isinstance(self.rivers, DrawnRivers):
+                raise ConfigError("options['pose'] needs environments that stay in one river: a pose lies in one river")
             poses = np.asarray(poses, dtype=np.float64)
             if poses.shape not in ((4,), (self.num_envs, 4)):
                 raise ConfigError(f"pose has shape {poses.shape}; needed: (4,) or ({self.num_envs}, 4)")
@@ -238,9 +283,10 @@ class RiverVectorEnv(VectorEnv):
 
     def _start_episode(self, row: int, pose: np.ndarray | None = None) -> None:
         """Start an episode in one environment, at a pose [4] or a random one."""
-        state, world = self.state, int(self.world_index[row])
         generator = self.generators[row]
         assert generator is not None
+        self.rivers.enter(row, generator)
+        state, world = self.state, int(self.world_index[row])
         if pose is None:
             pose, time_s = random_start(self.courses, world, self.config, self.limits, generator)
         else:
@@ -288,6 +334,8 @@ class RiverVectorEnv(VectorEnv):
             "progress": state.visited_count / self.courses.segments[self.world_index],
             "pose": state.pose.copy(),
         }
+        if isinstance(self.rivers, DrawnRivers):
+            info["river"] = self.rivers.river.copy()
         return info | {f"_{key}": mask.copy() for key in info}
 
     def _observe(self, views: Views) -> Any:

@@ -1,0 +1,43 @@
+"""How many rivers of a list are held in memory at a time, from the free memory."""
+
+from thalweg.env.config import ConfigError
+
+SHARE = 0.5
+"""Share of the free memory that rivers may take; the encoder, the learner and its buffers need the rest."""
+
+
+def slots_in_memory(rivers: int, in_memory: int | None, num_envs: int, each: int, free: int | None) -> int:
+    """Return the number of slots for a list of rivers of `each` bytes: all of them if they fit, else fewer.
+
+    Without room for all, an environment needs up to three rivers: that of its episode, that of the last one, whose
+    final observation is still to be made, and the next one, which is being prepared outside the slots. Raises
+    `ConfigError`, with the number that fits, for fewer than that.
+    """
+    least = 3 * num_envs
+    if in_memory is None:
+        most = rivers if free is None else int(SHARE * free) // max(each, 1)
+        if rivers > most and most < least:
+            raise ConfigError(
+                f"{num_envs:,} environments that change river need {min(rivers, least):,} rivers of"
+                f" {each / 1e6:.1f} MB in memory, and {free_words(free)}, of which rivers may take half: at most"
+                f" {most:,} rivers fit, enough for {most // 3:,} environments, or for lists of at most {most:,} rivers"
+            )
+    else:
+        most = in_memory
+        if rivers > most and most < least:
+            raise ConfigError(
+                f"in_memory must be at least {min(rivers, least):,} for {rivers:,} rivers and {num_envs:,}"
+                f" environments, not {most:,}: three rivers for each environment, or all of them"
+            )
+        needed = min(rivers, most) * each
+        if free is not None and needed > free:
+            raise ConfigError(
+                f"in_memory = {most:,} rivers of {each / 1e6:.1f} MB take {needed / 1e9:.2f} GB, and"
+                f" {free_words(free)}: at most {free // max(each, 1):,} fit"
+            )
+    return rivers if rivers <= most else most - num_envs
+
+
+def free_words(free: int | None) -> str:
+    """Return the free memory in words."""
+    return "the free memory is unknown" if free is None else f"{free / 1e9:.2f} GB of memory are free"

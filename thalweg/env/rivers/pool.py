@@ -1,0 +1,160 @@
+"""`RiverPool`: the rivers of a list that are in memory, of which the next ones are prepared in the background.
+
+Which rivers are in memory, and when they arrive, changes the time that a step takes and nothing else.
+"""
+
+from collections.abc import Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, NamedTuple, Protocol
+
+from thalweg.env.config import EnvConfig
+from thalweg.env.rivers.courses import join_courses
+from thalweg.env.rivers.memory import slots_in_memory
+from thalweg.env.rivers.river_list import RiverList
+from thalweg.env.task.course_arrays import CourseArrays, pack_courses
+from thalweg.world.generate.memory import free_bytes
+from thalweg.world.record import World
+
+
+class Prepared(NamedTuple):
+    """What is kept of a river."""
+
+    course: CourseArrays
+    """That of one world."""
+    tables: Any
+    """What the renderer needs, as `SceneSlots.bake` returns it; None where nothing is drawn."""
+
+    @property
+    def table_bytes(self) -> int:
+        """Bytes of the tables."""
+        return 0 if self.tables is None else self.tables.nbytes
+
+
+class SceneSlots(Protocol):
+    """Tables of the renderer for K worlds, each of which can be replaced."""
+
+    def reserve(self, slots: int) -> None:
+        """Set K, before the first `put`."""
+        ...
+
+    def bake(self, world: World) -> Any:
+        """Return the tables of a world, with their size in `nbytes`; called in another thread."""
+        ...
+
+    def put(self, slot: int, tables: Any) -> None:
+        """Replace the tables of a slot."""
+        ...
+
+
+class RiverPool:
+    """Up to K rivers in slots, and those that are being prepared."""
+
+    def __init__(self, rivers: RiverList, config: EnvConfig, num_envs: int, tables: SceneSlots | None = None) -> None:
+        """`tables` bakes and holds what a renderer needs; None keeps courses alone. The first river of the list is
+        prepared at once. Raises `ConfigError` for more rivers than fit into the memory."""
+        self.rivers, self._config, self._tables = rivers, config, tables
+        self._parts: list[CourseArrays] = []
+        self.river: list[int] = []
+        """River of each slot that is filled."""
+        self._slot_of: dict[int, int] = {}
+        self._uses: list[int] = []
+        self._used_at: list[int] = []
+        self._clock = 0
+        self._expected: set[int] = set()
+        self._coming: dict[int, Future[Prepared]] = {}
+        self._thread: ThreadPoolExecutor | None = None
+        self.most_loaded = 0
+        """Greatest number of rivers that were in memory at a time, those being prepared included."""
+        first = self._prepare(0)
+        self.bytes_each = sum(array.nbytes for array in first.course) + first.table_bytes
+        """Bytes of the first river of the list; others are similar."""
+        self.slots = slots_in_memory(len(rivers), rivers.in_memory, num_envs, self.bytes_each, free_bytes())
+        """K."""
+        if tables is not None:
+            tables.reserve(self.slots)
+        self._place(0, first)
+
+    @property
+    def loaded(self) -> int:
+        """Number of rivers in memory, those being prepared included."""
+        return len(self.river) + len(self._coming)
+
+    def take(self, river: int) -> int:
+        """Return the slot of a river, which stays there until `leave`; waits for it if it is not in memory yet."""
+        slot = self._slot_of.get(river)
+        if slot is None:
+            coming = self._coming.pop(river, None)
+            # A future that has not begun is as far away as none: the thread may still have others before it.
+            waits = coming is not None and not coming.cancel()
+            slot = self._place(river, coming.result() if waits and coming is not None else self._prepare(river))
+        self._uses[slot] += 1
+        self._clock += 1
+        self._used_at[slot] = self._clock
+        return slot
+
+    def leave(self, slot: int) -> None:
+        """Give back a slot that `take` returned."""
+        self._uses[slot] -= 1
+
+    def segments(self, river: int) -> int:
+        """Return the number of segments of a river, which is loaded for that."""
+        slot = self.take(river)
+        self.leave(slot)
+        return int(self._parts[slot].segments[0])
+
+    def expect(self, rivers: Iterable[int]) -> None:
+        """Prepare these rivers in the background, as far as they are not in memory, and forget others that were."""
+        if len(self.river) == len(self.rivers):
+            return
+        self._expected = {int(river) for river in rivers}
+        for river in set(self._coming) - self._expected:
+            self._coming.pop(river).cancel()
+        for river in self._expected:
+            if river not in self._slot_of and river not in self._coming:
+                if self._thread is None:
+                    self._thread = ThreadPoolExecutor(1, "thalweg-rivers")
+                self._coming[river] = self._thread.submit(self._prepare, river)
+        self.most_loaded = max(self.most_loaded, self.loaded)
+
+    def close(self) -> None:
+        """Stop preparing."""
+        if self._thread is not None:
+            self._thread.shutdown(wait=True, cancel_futures=True)
+        self._thread = None
+        self._coming.clear()
+
+    def part(self, slot: int) -> CourseArrays:
+        """Return the course arrays of the river in a slot alone."""
+        return self._parts[slot]
+
+    def _prepare(self, river: int) -> Prepared:
+        """Return what is kept of a river."""
+        if self._tables is None:
+            return Prepared(pack_courses([self.rivers.course(river)], self._config), None)
+        world = self.rivers.world(river)
+        return Prepared(pack_courses([world], self._config), self._tables.bake(world))
+
+    def _place(self, river: int, prepared: Prepared) -> int:
+        """Put a river into a free slot, or into that of the river that was not used for longest; returns the slot."""
+        if len(self.river) < self.slots:
+            slot = len(self.river)
+            self.river.append(river)
+            self._parts.append(prepared.course)
+            self._uses.append(0)
+            self._used_at.append(0)
+        else:
+            slot = self._oldest()
+            del self._slot_of[self.river[slot]]
+            self.river[slot], self._parts[slot] = river, prepared.course
+        self._slot_of[river] = slot
+        if self._tables is not None:
+            self._tables.put(slot, prepared.tables)
+        self.courses = join_courses(self._parts)
+        self.most_loaded = max(self.most_loaded, self.loaded)
+        return slot
+
+    def _oldest(self) -> int:
+        """Return the slot that is not in use and was not used for longest, if possible of a river that nobody waits
+        for."""
+        free = [slot for slot in range(self.slots) if self._uses[slot] == 0]
+        return min(free, key=lambda slot: (self.river[slot] in self._expected, self._used_at[slot]))

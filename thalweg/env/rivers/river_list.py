@@ -1,0 +1,89 @@
+"""`RiverList`: rivers by level and seed, of which none is built before it is needed."""
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from thalweg.core import versions
+from thalweg.core.seeds import parse_seeds
+from thalweg.env.config import ConfigError
+from thalweg.env.rivers.bare_river import load_or_plan
+from thalweg.env.task.course_arrays import fingerprint
+from thalweg.world import Level, load_or_build
+from thalweg.world.generate.build import resolve_level
+from thalweg.world.record import World
+
+Entry = tuple[Level, int] | World
+"""A level and a seed, or a world that is there already."""
+
+
+class RiverList:
+    """Rivers of which each episode is flown on a random one; see `RiverVectorEnv`."""
+
+    def __init__(self, entries: Iterable[Entry], in_memory: int | None = None) -> None:
+        """`in_memory`: greatest number of rivers held in memory at a time; None derives it from the free memory.
+
+        Raises `ConfigError` for an empty list or a number below 1.
+        """
+        self.entries = tuple(entries)
+        self.in_memory = in_memory
+        if not self.entries:
+            raise ConfigError("a list of rivers needs at least one")
+        if in_memory is not None and in_memory < 1:
+            raise ConfigError(f"in_memory must be a whole number of at least 1, not {in_memory}")
+
+    @classmethod
+    def of_levels(cls, levels: Sequence[tuple[Level | str, Any]], in_memory: int | None = None) -> "RiverList":
+        """Return the rivers of pairs of a level and seeds, which `thalweg.core.seeds.parse_seeds` reads.
+
+        Raises `WorldError` for an unknown level and `ConfigError` for seeds that cannot be read.
+        """
+        return cls(
+            [
+                resolve_level(level, seed)
+                for level, seeds in levels
+                for seed in parse_seeds(seeds, "seeds of rivers", ConfigError)
+            ],
+            in_memory,
+        )
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    @property
+    def names(self) -> list[str]:
+        """Name and seed of each river, such as Medium-1000."""
+        return [
+            f"{entry.name}-{entry.seed}" if isinstance(entry, World) else f"{entry[0].name}-{entry[1]}"
+            for entry in self.entries
+        ]
+
+    @property
+    def most_segments(self) -> int:
+        """Greatest number of segments of a river."""
+        return max(entry.river.segments if isinstance(entry, World) else entry[0].samples for entry in self.entries)
+
+    def world(self, index: int) -> World:
+        """Return a river, from the cache folder if it was built before."""
+        entry = self.entries[index]
+        return entry if isinstance(entry, World) else load_or_build(*entry)
+
+    def course(self, index: int) -> World:
+        """Return a river without its land: its course, islands and bridges, which are all that the rules need.
+
+        That takes a fraction of the time and of the memory of a whole river.
+        """
+        entry = self.entries[index]
+        return entry if isinstance(entry, World) else load_or_plan(*entry)
+
+    def identity(self) -> np.ndarray:
+        """Return a hash [1] uint64 of all rivers in order, by which the state of another list is refused."""
+        digest = hashlib.sha256()
+        for entry in self.entries:
+            words = fingerprint(entry) if isinstance(entry, World) else (entry[0].key, entry[0].name, entry[1])
+            digest.update(repr((words, versions.WORLD)).encode())
+        return np.frombuffer(digest.digest()[:8], dtype=np.uint64).copy()
+
+

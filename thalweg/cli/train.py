@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from thalweg.core.seeds import parse_seeds
 from thalweg.cli.options import NO_FILE, River, UsageError, settings_from
 
 if TYPE_CHECKING:
@@ -21,8 +22,14 @@ class Train:
     """Name of the algorithm; an unknown name is an error that lists the known ones."""
     level: str | None = None
     """Easy, Medium or Hard. Medium by default."""
-    world_seeds: tuple[int, ...] = ()
-    """Seeds of the rivers to train on; by default the fixed river of the level. With --geojson: of plants and hills."""
+    world_seeds: tuple[str, ...] = ()
+    """Seeds of the rivers to train on, such as 0 5 1000:1016, where 1016 is excluded; by default the fixed river of the
+    level. With --geojson: of plants and hills."""
+    rivers: Literal["auto", "fixed", "episode"] = "auto"
+    """`fixed`: each environment stays in one river; `episode`: each episode is in a random one; `auto`: `episode` if
+    there are more rivers than environments."""
+    rivers_in_memory: int | None = None
+    """Greatest number of rivers in memory, if they change; by default as many as fit into half of the free memory."""
     river: River = NO_FILE
     steps: int = 200_000
     """Steps of training, over all environments together."""
@@ -54,7 +61,10 @@ class Train:
         settings = settings_from(self.set)
         algorithm = algorithm_named(self.algorithm)
         river = self.river.reach("--level", self.level) or self.level or "Medium"
-        training = RiverTraining(river, self.num_envs, self.world_seeds)
+        seeds = parse_seeds(self.world_seeds, "--world-seeds", UsageError)
+        training = RiverTraining(
+            river, self.num_envs, seeds, rivers=self.rivers, rivers_in_memory=self.rivers_in_memory
+        )
         self._check_settings(algorithm, settings)
         if self.observation == "privileged" and self.encoder is not None:
             raise UsageError(f"--observation privileged takes no encoder: leave --encoder {self.encoder} out")

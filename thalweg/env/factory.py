@@ -2,18 +2,23 @@
 
 from collections.abc import Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from gymnasium.vector import AutoresetMode
 
 from thalweg.core.config import refuse_unknown
+from thalweg.core.seeds import parse_seeds
 from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig, integer_at_least
 from thalweg.env.env import RiverEnv
+from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.vector_env import RiverVectorEnv
 from thalweg.world.record import World
 
 if TYPE_CHECKING:
     from thalweg.env.torch_env import TensorRiverEnv
+
+Seeds = Sequence[int] | range | str
+"""Seeds as `thalweg.core.seeds.parse_seeds` reads them."""
 
 
 def make_single(
@@ -42,7 +47,8 @@ def make_vector(
     num_envs: int = 1,
     *,
     worlds: World | Sequence[World] | None = None,
-    world_seeds: Sequence[int] | None = None,
+    world_seeds: Seeds | None = None,
+    rivers: Literal["fixed", "episode"] = "fixed",
     renderer: Any = None,
     autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
     render_mode: str | None = None,
@@ -51,14 +57,24 @@ def make_vector(
 ) -> RiverVectorEnv:
     """Create N environments in rivers of the level: its fixed one, those of `world_seeds`, or given `worlds`.
 
-    Further options are fields of `EnvConfig`; raises `ConfigError` for an unknown one and lists the known.
+    `world_seeds` is a list of seeds, a `range`, or a text such as "0 5 1000:1016". With `rivers="fixed"` environment i
+    stays in river i modulo their number; with "episode" each episode is flown in a random one. Further options are fields of `EnvConfig`; raises `ConfigError` for an unknown one and lists the known.
     """
-    arguments = ("num_envs", "worlds", "world_seeds", "renderer", "autoreset_mode", "render_mode", "config")
+    arguments = ("num_envs", "worlds", "world_seeds", "rivers", "renderer", "autoreset_mode", "render_mode", "config")
     config = _with_options(config, options, arguments)
+    if rivers not in ("fixed", "episode"):
+        raise ConfigError(f"rivers must be 'fixed' or 'episode', not {rivers!r}")
     _start_compilation(config)
     given = [worlds] if isinstance(worlds, World) else worlds
+    seeds = None if world_seeds is None else _seeds(world_seeds)
+    chosen: RiverList | Sequence[World]
+    if rivers == "episode" and seeds is not None and given is None:
+        chosen = RiverList.of_levels([(level, seeds)])
+    else:
+        chosen = _worlds(level, given, seeds)
+        chosen = RiverList(chosen) if rivers == "episode" else chosen
     return RiverVectorEnv(
-        _worlds(level, given, None if world_seeds is None else _seeds(world_seeds)),
+        chosen,
         num_envs,
         config,
         renderer=renderer,
@@ -72,7 +88,7 @@ def make_tensors(
     num_envs: int = 1,
     *,
     worlds: World | Sequence[World] | None = None,
-    world_seeds: Sequence[int] | None = None,
+    world_seeds: Seeds | None = None,
     device: str = "auto",
     config: EnvConfig = DEFAULT_CONFIG,
     **options: Any,
@@ -123,11 +139,9 @@ def _worlds(level: str, worlds: Sequence[World] | None, seeds: Sequence[int] | N
     return [load_or_build(level, seed) for seed in seeds]
 
 
-def _seeds(given: Sequence[int]) -> list[int]:
+def _seeds(given: Any) -> tuple[int, ...]:
     """Return seeds of worlds as integers; raises `ConfigError` for anything else."""
-    if isinstance(given, str) or not hasattr(given, "__iter__"):
-        raise ConfigError(f"world_seeds must be a list of whole numbers, not {given!r}")
-    seeds = [integer_at_least("each of world_seeds", seed, 0) for seed in given]
+    seeds = parse_seeds(given, "world_seeds", ConfigError)
     if not seeds:
         raise ConfigError("world_seeds needs at least one seed")
     return seeds

@@ -7,15 +7,18 @@ import sys
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 from thalweg.algos.policy.actions import Actions
 from thalweg.algos.registry import algorithm_named
 from thalweg.core.cache import file_hash
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.torch_threads import default_torch_threads
+from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import Encoder, check_render_version, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.rivers.assignment import DrawnRivers
+from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION, compilation
 from thalweg.train.errors import TrainingError
@@ -112,6 +115,9 @@ def _print_once(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
+RiverChange = Literal["auto", "fixed", "episode"]
+
+
 @dataclass(frozen=True)
 class RiverTraining:
     """Rivers and environments in which a policy is trained."""
@@ -120,15 +126,34 @@ class RiverTraining:
     """Name of a level, or a real river."""
     num_envs: int
     world_seeds: tuple[int, ...] = ()
-    """Seeds of rivers of the level, by default that of its fixed one; for a real river, of its plants and hills."""
+    """Seeds of rivers of the level, by default that of its fixed one; for a real river, of its plants and hills. A
+    `range`, or texts such as "0 5 1000:1016", are converted."""
     config: EnvConfig = field(default_factory=EnvConfig)
     """Rules and camera."""
+    rivers: RiverChange = "auto"
+    """`fixed`: environment i stays in river i, or i modulo their number; `episode`: each episode is flown in a random
+    one; `auto`: `episode` if there are more rivers than environments, which could not all be flown otherwise."""
+    rivers_in_memory: int | None = None
+    """Greatest number of rivers in memory, if they change; None derives it from the free memory."""
 
     def __post_init__(self) -> None:
         if self.num_envs < 1:
             raise TrainingError(f"num_envs must be at least 1, not {self.num_envs}")
-        if min(self.world_seeds, default=0) < 0:
-            raise TrainingError(f"a seed of a world must be 0 or more, not {min(self.world_seeds)}")
+        object.__setattr__(self, "world_seeds", parse_seeds(self.world_seeds, "world_seeds", TrainingError))
+        if self.rivers not in get_args(RiverChange):
+            raise TrainingError(f"rivers must be one of {', '.join(get_args(RiverChange))}, not {self.rivers!r}")
+        if self.rivers_in_memory is not None and not self.changes_river:
+            raise TrainingError("rivers_in_memory is for rivers that change with each episode; these are fixed")
+        if self.changes_river and isinstance(self.river, Reach):
+            raise TrainingError(
+                f"{len(self.seeds)} seeds of {self.river.path.name} for {self.num_envs} environments: the seeds of a"
+                " real river change its plants and hills, not its course; give at most one for each environment"
+            )
+
+    @property
+    def changes_river(self) -> bool:
+        """Whether each episode is flown in a random river."""
+        return self.rivers == "episode" or (self.rivers == "auto" and len(self.seeds) > self.num_envs)
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -143,6 +168,8 @@ class RiverTraining:
         """
         river = self.river
         name = {"river": river.as_data()} if isinstance(river, Reach) else {"level": level_named(river).name}
+        if self.changes_river:
+            return {**name, "world_seeds": compact_seeds(self.seeds), "rivers": "episode"}
         return {**name, "world_seeds": list(self.seeds)}
 
     def worlds(self) -> list[World]:
@@ -228,9 +255,24 @@ class RiverTraining:
         drawn."""
         config = self._privileged_config if encoder is None else self.config.seen_through(encoder.inputs)
         if device == "cpu":
-            env = RiverVectorEnv(self.worlds(), self.num_envs, config)
+            env = self._vector_env(config)
             return env if encoder is None else LatentVectorEnv(env, encoder)
+        if self.changes_river:
+            raise TrainingError(
+                f"on a GPU, rivers do not change: {len(self.seeds)} seeds for {self.num_envs} environments; give"
+                f" num_envs of at least {len(self.seeds)}, or rivers=fixed"
+            )
         from thalweg.env.torch_env import TensorRiverEnv
 
         tensors = TensorRiverEnv(self.worlds(), self.num_envs, config, device=device)
         return tensors if encoder is None else LatentTensorEnv(tensors, encoder)
+
+    def _vector_env(self, config: EnvConfig) -> RiverVectorEnv:
+        """Return the environments on the CPU; says how many rivers are in memory if they change."""
+        if not self.changes_river or isinstance(self.river, Reach):
+            return RiverVectorEnv(self.worlds(), self.num_envs, config)
+        rivers = RiverList.of_levels([(self.river, self.seeds)], self.rivers_in_memory)
+        env = RiverVectorEnv(rivers, self.num_envs, config)
+        if isinstance(env.rivers, DrawnRivers):
+            _print_once(env.rivers.pool.description)
+        return env

@@ -79,6 +79,16 @@ class RiverPool:
         """Number of rivers in memory, those being prepared included."""
         return len(self.river) + len(self._coming)
 
+    @property
+    def description(self) -> str:
+        """A sentence about how many rivers there are, and how many of them are in memory."""
+        count, most = len(self.rivers), min(self.slots, len(self.rivers))
+        held = "all" if most == count else f"{most:,}"
+        return (
+            f"{count:,} rivers, another one in each episode; {held} of them in memory,"
+            f" {most * self.bytes_each / 1e6:,.0f} MB"
+        )
+
     def take(self, river: int) -> int:
         """Return the slot of a river, which stays there until `leave`; waits for it if it is not in memory yet."""
         slot = self._slot_of.get(river)

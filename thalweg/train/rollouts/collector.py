@@ -164,8 +164,13 @@ def env_seeds(seed: int, steps: int, count: int) -> list[int]:
 
 
 def world_names(env: Any) -> list[str]:
-    """Return the name and seed of the world of each environment [N], or empty strings."""
+    """Return the name and seed of the world of each environment [N], or empty strings.
+
+    If the environments change river, they are those of all rivers, see `StepRecord.rivers`.
+    """
     base: Any = getattr(env, "unwrapped", env)
+    if names := getattr(base, "river_names", None):
+        return names
     worlds, index = getattr(base, "worlds", None), getattr(base, "world_index", None)
     if worlds is None or index is None:
         return [""] * env.num_envs

@@ -57,6 +57,8 @@ class EnvStepper:
         self.pending = np.zeros(self.num_envs, dtype=bool)
         """[N] environments whose next step only resets them (NEXT_STEP)."""
         self._steps, self._cost_seen = 0, False
+        # Somebody else's environment may mean something else by info["river"].
+        self._changes_river = bool(getattr(getattr(env, "unwrapped", env), "river_names", None))
 
     def reset(self, seed: int | list[int]) -> np.ndarray:
         """Start new episodes; returns their first observations [N, K * D] float32.
@@ -112,7 +114,8 @@ class EnvStepper:
             truncated=truncated,
             valid=valid,
             finished=finished,
-            reasons=_done_reasons(info),
+            reasons=_codes(info, "done_reason"),
+            rivers=_codes(info, "river") if self._changes_river else None,
             final_obs=final_obs,
         )
 
@@ -196,11 +199,11 @@ def _autoreset_mode(env: VectorEnv) -> AutoresetMode:
     )
 
 
-def _done_reasons(info: dict[str, Any]) -> Any:
-    """Return the codes [N] for the reason why episodes ended, or None if there are none."""
+def _codes(info: dict[str, Any], key: str) -> Any:
+    """Return codes [N] that belong to the action just taken, such as the reason why episodes ended, or None."""
     final = info.get("final_info")
-    codes = final.get("done_reason") if isinstance(final, dict) else None
-    return info.get("done_reason") if codes is None else codes
+    codes = final.get(key) if isinstance(final, dict) else None
+    return info.get(key) if codes is None else codes
 
 
 def _info_value(info: dict[str, Any], key: str, done: np.ndarray, shape: tuple[int, ...]) -> np.ndarray | None:

@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,8 @@ class StepRecord:
     """[F] int64, environments whose episode ended in this step, either way."""
     reasons: Any
     """[N] the environment's codes for the reason why an episode ended, if it reports any."""
+    rivers: Any = field(default=None, kw_only=True)
+    """[N] index of the river in which each environment took this step, if the environments change river."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ class EpisodeStatistics:
         """`reasons`: the environment's names for the codes of `info["done_reason"]`."""
         self._reasons = reasons or {}
         self.worlds = worlds
-        """[N] name of each environment's world, or empty strings."""
+        """[N] name of each environment's world, or empty strings; of all rivers if the environments change river."""
         self._sums = np.zeros((num_envs, 4))
         """[N, 4] reward, cost, tight, loose of the running episodes."""
         self._lengths = np.zeros(num_envs, dtype=np.int64)
@@ -177,7 +179,7 @@ class EpisodeStatistics:
             loose=loose if self.split else math.nan,
             length=int(self._lengths[env]),
             reason=self._reason(step, env),
-            world=self.worlds[env],
+            world=self.worlds[env if step.rivers is None else step.rivers[env]],
         )
         self._sums[env], self._lengths[env] = 0.0, 0
         return episode

@@ -7,7 +7,18 @@ from thalweg.core import yaml12
 
 
 @pytest.mark.parametrize(
-    ("text", "value"), [("1e-4", 1e-4), ("2E5", 2e5), ("-.5", -0.5), ("+1.", 1.0), ("7", 7), ("1e", "1e"), ("v1", "v1")]
+    ("text", "value"),
+    [
+        ("1e-4", 1e-4),
+        ("2E5", 2e5),
+        ("-.5", -0.5),
+        ("+1.", 1.0),
+        ("7", 7),
+        ("1e", "1e"),
+        ("v1", "v1"),
+        ("1:16", "1:16"),
+        ("-12", -12),
+    ],
 )
 def test_numbers_are_read_as_in_yaml_1_2(text: str, value: object):
     found = yaml12.load(f"key: {text}")["key"]

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from thalweg.core.seeds import parse_seeds
 from thalweg.cli.options import NO_FILE, River, UsageError, settings_from
+from thalweg.core.seeds import parse_seeds
 
 if TYPE_CHECKING:
     from thalweg.algos.registry import Entry

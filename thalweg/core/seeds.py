@@ -23,7 +23,7 @@ def parse_seeds(given: Any, what: str = "seeds", error: type[ValueError] = Value
     seeds: list[int] = []
     for part in _parts(given, what, error):
         found = _range(part, what, error) if isinstance(part, str | range) else [_seed(part, what, error)]
-        if len(seeds) + len(found) > MAX_SEEDS:
+        if len(seeds) + _count(found) > MAX_SEEDS:
             raise error(f"{what}: {part} has too many seeds; at most {MAX_SEEDS:,} can be given")
         seeds.extend(found)
     known: set[int] = set()
@@ -75,6 +75,11 @@ def _range(part: str | range, what: str, error: type[ValueError]) -> range:
         hint = f"write {end}:{first}" if end < first else f"its end is excluded: write {first}:{first + 1}"
         raise error(f"{what}: {part} holds no seed; {hint}")
     return range(first, end)
+
+
+def _count(seeds: range | list[int]) -> int:
+    """Return the number of seeds; that of a range may be too large for `len`."""
+    return len(seeds) if isinstance(seeds, list) else (seeds.stop - seeds.start) // seeds.step
 
 
 def _number(word: str) -> int | float | None:

@@ -58,7 +58,9 @@ def make_vector(
     """Create N environments in rivers of the level: its fixed one, those of `world_seeds`, or given `worlds`.
 
     `world_seeds` is a list of seeds, a `range`, or a text such as "0 5 1000:1016". With `rivers="fixed"` environment i
-    stays in river i modulo their number; with "episode" each episode is flown in a random one. Further options are fields of `EnvConfig`; raises `ConfigError` for an unknown one and lists the known.
+    stays in river i modulo their number; with "episode" each episode is flown in a random one.
+
+    Further options are fields of `EnvConfig`; raises `ConfigError` for an unknown one and lists the known.
     """
     arguments = ("num_envs", "worlds", "world_seeds", "rivers", "renderer", "autoreset_mode", "render_mode", "config")
     config = _with_options(config, options, arguments)

@@ -85,5 +85,3 @@ class RiverList:
             words = fingerprint(entry) if isinstance(entry, World) else (entry[0].key, entry[0].name, entry[1])
             digest.update(repr((words, versions.WORLD)).encode())
         return np.frombuffer(digest.digest()[:8], dtype=np.uint64).copy()
-
-

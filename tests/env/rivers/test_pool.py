@@ -1,0 +1,145 @@
+"""Tests of the rivers in memory: which are loaded, when, and how many at a time."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from tests.env.handmade import canal, hairpin, ring
+from thalweg.env import ConfigError, EnvConfig
+from thalweg.env.rivers.courses import join_courses
+from thalweg.env.rivers.memory import slots_in_memory
+from thalweg.env.rivers.pool import RiverPool
+from thalweg.env.rivers.river_list import RiverList
+from thalweg.env.task.course_arrays import pack_courses
+from thalweg.world import World
+
+CONFIG = EnvConfig(observation="none")
+BRIDGE = [(0.0, 5.0, 0.0, 8.0, 2.0, 6.0, 0.5, 2.0, 4.0, 0.2, 1.0)]
+
+
+def different(count: int) -> list[World]:
+    """Rings of different sizes."""
+    return [ring(10.0 + index, 40 + index) for index in range(count)]
+
+
+def test_joined_courses_equal_those_packed_together():
+    worlds = [ring(bridges=BRIDGE * 2), canal(islands=[(5.0, 0.0, 2.0, 1.0, 0.1)]), hairpin(bridges=BRIDGE)]
+    joined = join_courses([pack_courses([world], CONFIG) for world in worlds])
+    for name, expected in pack_courses(worlds, CONFIG)._asdict().items():
+        found = getattr(joined, name)
+        assert np.array_equal(found, expected), name
+        assert found.dtype == expected.dtype and found.flags.c_contiguous
+
+
+def test_a_river_is_in_its_slot_until_it_is_given_back():
+    pool = RiverPool(RiverList(different(9), in_memory=6), CONFIG, 2)
+    assert pool.slots == 4
+    held = [pool.take(river) for river in (7, 3, 5)]
+    for river in (1, 2, 4, 6, 8):
+        pool.leave(pool.take(river))
+    assert [pool.river[slot] for slot in held] == [7, 3, 5]
+    assert [int(pool.courses.segments[slot]) for slot in held] == [47, 43, 45]
+
+
+def test_the_river_that_was_not_used_for_longest_makes_room():
+    pool = RiverPool(RiverList(different(9), in_memory=6), CONFIG, 2)
+    for river in (1, 2, 3, 1, 4):
+        pool.leave(pool.take(river))
+    assert set(pool.river) == {1, 2, 3, 4}
+    pool.leave(pool.take(5))
+    assert set(pool.river) == {1, 3, 4, 5}
+
+
+def test_a_river_that_is_expected_stays_longer():
+    pool = RiverPool(RiverList(different(9), in_memory=6), CONFIG, 2)
+    for river in (1, 2, 3, 4):
+        pool.leave(pool.take(river))
+    pool.expect([1])
+    pool.leave(pool.take(5))
+    assert set(pool.river) == {1, 3, 4, 5}
+
+
+class Gate(RiverList):
+    """Rivers of which one is not ready until it is let through."""
+
+    def __init__(self, count: int, shut: int) -> None:
+        super().__init__(different(count), in_memory=6)
+        self.shut, self.gate, self.reached = shut, threading.Event(), threading.Event()
+        self.asked: list[int] = []
+
+    def course(self, index: int) -> World:
+        self.asked.append(index)
+        if index == self.shut and threading.current_thread() is not threading.main_thread():
+            self.reached.set()
+            assert self.gate.wait(30)
+        return super().course(index)
+
+
+def test_a_river_that_waits_behind_another_is_prepared_by_who_needs_it():
+    rivers = Gate(9, shut=3)
+    pool = RiverPool(rivers, CONFIG, 2)
+    pool.expect([3])
+    assert rivers.reached.wait(30)
+    pool.expect([3, 4])
+    assert pool.river[pool.take(4)] == 4
+    rivers.gate.set()
+    assert pool.river[pool.take(3)] == 3
+    assert sorted(rivers.asked) == [0, 3, 4]
+    pool.close()
+
+
+def test_an_expected_river_is_prepared_once_and_never_more_than_the_limit_are_in_memory():
+    rivers = Gate(9, shut=-1)
+    pool = RiverPool(rivers, CONFIG, 2)
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        following = rng.integers(9, size=2)
+        pool.expect(following)
+        for slot in [pool.take(int(river)) for river in following]:
+            pool.leave(slot)
+    assert 4 < pool.most_loaded <= 6
+    pool.close()
+
+
+class Broken(RiverList):
+    def course(self, index: int) -> World:
+        if index:
+            raise OSError(f"river {index} is broken")
+        return super().course(index)
+
+
+def test_an_error_of_a_river_is_raised_where_it_is_needed():
+    pool = RiverPool(Broken(different(9), in_memory=6), CONFIG, 2)
+    pool.expect([5])
+    with pytest.raises(OSError, match="river 5 is broken"):
+        pool.take(5)
+    pool.close()
+
+
+@pytest.mark.parametrize(
+    ("rivers", "in_memory", "num_envs", "free", "slots"),
+    [
+        (16, None, 4, 2 * 16 * 10, 16),
+        (16, None, 4, 2 * 15 * 10, 11),
+        (16, None, 5, None, 16),
+        (16, 16, 16, 160, 16),
+        (16, 20, 16, 160, 16),
+        (1000, 12, 4, 10_000, 8),
+    ],
+)
+def test_all_rivers_are_in_memory_if_they_fit(rivers, in_memory, num_envs, free, slots):
+    assert slots_in_memory(rivers, in_memory, num_envs, 10, free) == slots
+
+
+@pytest.mark.parametrize(
+    ("in_memory", "free", "message"),
+    [
+        (None, 2 * 110, r"at most 11 rivers fit, enough for 3 environments, or for lists of at most 11 rivers"),
+        (11, 10_000, r"in_memory must be at least 12 for 100 rivers and 4 environments, not 11"),
+        (50, 400, r"in_memory = 50 rivers .* at most 40 fit"),
+    ],
+)
+def test_too_many_rivers_are_refused_with_the_number_that_fits(in_memory, free, message):
+    with pytest.raises(ConfigError, match=message):
+        slots_in_memory(100, in_memory, 4, 10, free)

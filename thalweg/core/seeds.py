@@ -90,12 +90,12 @@ def _number(word: str) -> int | float | None:
     return None
 
 
-def _seed(value: Any, what: str, error: type[ValueError], written: str = "") -> int:
+def _seed(value: object, what: str, error: type[ValueError], written: str = "") -> int:
     """Return a seed as an integer; `written` is how it was given."""
     if isinstance(value, float) and value.is_integer():
         value = int(value)
     try:
-        seed = None if isinstance(value, bool) else operator.index(value)
+        seed = None if isinstance(value, bool) else operator.index(value)  # pyright: ignore[reportArgumentType]
     except TypeError:
         seed = None
     if seed is None:

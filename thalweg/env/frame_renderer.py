@@ -12,6 +12,7 @@ from thalweg.env.task.rules import State
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
+from thalweg.render.slot_renderer import SlotRenderer
 from thalweg.world.record import World
 
 
@@ -48,11 +49,20 @@ def lights_per_world(randomisation: Randomisation | None) -> int:
 class FrameRenderer:
     """Renders the cameras of N environments, each with an appearance and a light of its own."""
 
-    def __init__(self, worlds: Sequence[World], num_envs: int, config: EnvConfig, renderer: Any = None) -> None:
-        """Raises `ConfigError` for a `renderer` that does not fit the worlds or the config, and `RenderError` for a
-        randomisation that leads to impossible cameras."""
+    def __init__(
+        self, worlds: Sequence[World], num_envs: int, config: EnvConfig, renderer: Any = None, *, changing: bool = False
+    ) -> None:
+        """`changing`: worlds are put into the slots of `slots` one at a time instead of being given here.
+
+        Raises `ConfigError` for a `renderer` that does not fit the worlds or the config, and `RenderError` for a
+        randomisation that leads to impossible cameras.
+        """
+        self.slots: SlotRenderer | None = None
+        """Where worlds are put that change; None if they do not."""
+        if changing:
+            self.slots = renderer = _slot_renderer(config, renderer)
         self.worlds, self.randomisation = worlds, config.randomisation
-        if renderer is not None:
+        if renderer is not None and not changing:
             if config.randomisation is not None:
                 raise ConfigError("randomisation needs a renderer of its own: give either that or a renderer")
             _check_renderer(renderer, worlds, config)
@@ -103,6 +113,17 @@ class FrameRenderer:
 
             self._renderer = Renderer(relit_worlds(self.worlds, self.randomisation), self.camera, self._quality)
         return self._renderer
+
+
+def _slot_renderer(config: EnvConfig, renderer: Any) -> SlotRenderer:
+    """Return a renderer of worlds that change; raises `ConfigError` for a given one, and for suns that vary."""
+    if renderer is not None:
+        raise ConfigError("rivers that change need a renderer of their own: leave `renderer` out")
+    if config.randomisation is not None and config.randomisation.suns:
+        raise ConfigError(
+            f"rivers that change have one sun each, but randomisation.suns = {config.randomisation.suns}: set it to 0"
+        )
+    return SlotRenderer(config.camera, config.quality)
 
 
 def _check_renderer(renderer: Any, worlds: Sequence[World], config: EnvConfig) -> None:

@@ -90,8 +90,11 @@ class RiverVectorEnv(VectorEnv):
         """Names of the rivers that `info["river"]` counts; empty if they do not change."""
         if isinstance(worlds, RiverList):
             self.river_names = worlds.names
-            self.frames = FrameRenderer((), self.num_envs, config, renderer)
-            self.rivers: Rivers = DrawnRivers(RiverPool(worlds, config, self.num_envs), self.num_envs)
+            drawn = config.channels > 0 or render_mode is not None
+            self.frames = FrameRenderer((), self.num_envs, config, renderer, changing=drawn)
+            self.rivers: Rivers = DrawnRivers(
+                RiverPool(worlds, config, self.num_envs, self.frames.slots), self.num_envs
+            )
         else:
             self.worlds = (worlds,) if isinstance(worlds, World) else tuple(worlds)
             self.frames = FrameRenderer(self.worlds, self.num_envs, config, renderer)

@@ -65,23 +65,29 @@ class Renderer:
         """
         if not worlds:
             raise RenderError("a renderer needs at least one world")
+        self._set_up(camera, quality, device)
+        self.worlds = tuple(worlds)
+        self.count = len(self.worlds)
+        """Number of worlds that `world_index` may name."""
+        self.scene = build_scene(self.worlds)
+        """The tables that the kernels read."""
+        if self.device != "cpu":
+            from thalweg.render.gpu.gpu_renderer import GpuRenderer
+
+            self._gpu = GpuRenderer(self.scene, self._settings, self.device)
+
+    def _set_up(self, camera: Camera | None, quality: Quality, device: str) -> None:
+        """Prepare everything that does not depend on the worlds."""
         if quality not in QUALITIES:
             raise RenderError(f"quality = {quality!r}: choose one of {', '.join(QUALITIES)}")
         self.device = resolve_device(device)
         if self.device == "cpu":
             compilation.begin()
-        self.worlds = tuple(worlds)
         self.camera = camera or Camera()
-        self.scene = build_scene(self.worlds)
-        """The tables that the kernels read."""
         self.quality = quality
         size = int(self.camera.height_px), int(self.camera.width_px)
         self._settings = FrameSettings(*size, np.float32(self.camera.near_m), quality == "fast")
-        self._gpu = None
-        if self.device != "cpu":
-            from thalweg.render.gpu.gpu_renderer import GpuRenderer
-
-            self._gpu = GpuRenderer(self.scene, self._settings, self.device)
+        self._gpu: Any = None
 
     def render(
         self,
@@ -205,8 +211,8 @@ class Renderer:
         index = np.zeros(count, np.int64) if world_index is None else np.array(world_index, np.int64)
         if index.shape != (count,):
             raise RenderError(f"world_index has shape {list(index.shape)}; there are {count} poses")
-        if count and (index.min() < 0 or index.max() >= len(self.worlds)):
-            raise RenderError(f"world_index must be in 0..{len(self.worlds) - 1}; got {index.min()}..{index.max()}")
+        if count and (index.min() < 0 or index.max() >= self.count):
+            raise RenderError(f"world_index must be in 0..{self.count - 1}; got {index.min()}..{index.max()}")
         times = np.array(np.broadcast_to(0.0 if time_s is None else time_s, count), np.float64, order="C")
         if look is None:
             rows = np.repeat(self._default_look_row, count, axis=0)

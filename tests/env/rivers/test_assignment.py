@@ -1,17 +1,19 @@
 """Tests of environments that change river with each episode."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.env.flights import HOVER
-from tests.env.handmade import canal, hairpin, ring
+from tests.env.handmade import BlankRenderer, canal, hairpin, ring
 from tests.env.test_snapshot import flown
 from thalweg.env import ConfigError, EnvConfig, RiverVectorEnv, StateError, make_vector
 from thalweg.env.rivers.bare_river import bare_path, load_or_plan
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.task.course_arrays import pack_courses
+from thalweg.render import Camera, Randomisation, Renderer
 from thalweg.world import LEVELS, World, level_named, load_or_build
 
 PRIVILEGED = EnvConfig(observation="privileged", max_steps=9)
@@ -174,6 +176,38 @@ def test_a_list_of_levels_and_seeds_names_its_rivers():
     assert rivers.most_segments == LEVELS["Hard"].samples
     other = RiverList.of_levels([("easy", "3 10:12"), ("Hard", [1, 0])])
     assert not np.array_equal(rivers.identity(), other.identity())
+
+
+@pytest.mark.slow
+def test_frames_show_the_river_of_each_episode(easy_world: World, medium_world: World, hard_world: World):
+    shown = [easy_world, medium_world, hard_world, replace(easy_world, name="Easy again")]
+    config = EnvConfig(camera=Camera(16, 16), max_steps=4)
+    env = RiverVectorEnv(RiverList(shown, in_memory=3), 1, config)
+    renderer = Renderer(shown, config.camera)
+    env.reset(seed=0)
+    flown_in, last_time = set(), 0.0
+    for _ in range(24):
+        frames, *_, info = env.step(np.array([HOVER]))
+        river = info["river"][0]
+        flown_in.add(int(river))
+        if "final_obs" in info:
+            frames, time_s = [info["final_obs"][0]], last_time + config.step_s
+        else:
+            time_s = env.state.time_s[0]
+        last_time = env.state.time_s[0]
+        assert np.array_equal(frames[0], renderer.render(info["pose"], [river], time_s)[0])
+    assert len(flown_in) >= 3
+    pool = env.rivers.pool  # pyright: ignore[reportAttributeAccessIssue]
+    assert (pool.slots, pool.most_loaded) == (2, 3)
+    env.close()
+
+
+def test_what_rivers_that_change_cannot_have_is_refused(easy_world: World):
+    rivers = RiverList([easy_world])
+    with pytest.raises(ConfigError, match="renderer of their own"):
+        RiverVectorEnv(rivers, 1, renderer=BlankRenderer())
+    with pytest.raises(ConfigError, match=r"randomisation.suns = 3: set it to 0"):
+        RiverVectorEnv(rivers, 1, EnvConfig(randomisation=Randomisation(suns=3)))
 
 
 @pytest.mark.parametrize(

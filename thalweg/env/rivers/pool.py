@@ -8,6 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NamedTuple, Protocol
 
 from thalweg.env.config import EnvConfig
+from thalweg.env.rivers.build_ahead import BackgroundBuilder
 from thalweg.env.rivers.courses import join_courses
 from thalweg.env.rivers.memory import slots_in_memory
 from thalweg.env.rivers.river_list import RiverList
@@ -72,6 +73,7 @@ class RiverPool:
         """K."""
         if tables is not None:
             tables.reserve(self.slots)
+        self._builder = None if tables is None else BackgroundBuilder(rivers.entries)
         self._place(0, first)
 
     @property
@@ -123,11 +125,13 @@ class RiverPool:
             if river not in self._slot_of and river not in self._coming:
                 if self._thread is None:
                     self._thread = ThreadPoolExecutor(1, "thalweg-rivers")
-                self._coming[river] = self._thread.submit(self._prepare, river)
+                self._coming[river] = self._thread.submit(self._prepare_later, river)
         self.most_loaded = max(self.most_loaded, self.loaded)
 
     def close(self) -> None:
-        """Stop preparing."""
+        """Stop preparing and building."""
+        if self._builder is not None:
+            self._builder.close()
         if self._thread is not None:
             self._thread.shutdown(wait=True, cancel_futures=True)
         self._thread = None
@@ -136,6 +140,12 @@ class RiverPool:
     def part(self, slot: int) -> CourseArrays:
         """Return the course arrays of the river in a slot alone."""
         return self._parts[slot]
+
+    def _prepare_later(self, river: int) -> Prepared:
+        """As `_prepare`, in the background: a river that was never built is left to another process."""
+        if self._builder is not None:
+            self._builder.wait(self.rivers.entries[river])
+        return self._prepare(river)
 
     def _prepare(self, river: int) -> Prepared:
         """Return what is kept of a river."""

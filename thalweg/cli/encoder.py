@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from thalweg.cli.options import check_file
+from thalweg.cli.options import UsageError, check_file
+from thalweg.core.seeds import parse_seeds
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,8 @@ class EncoderTrain:
     """`lean`, or `paper` for the architecture of the paper, which trains far more slowly."""
     level: str = "Medium"
     """Level whose river the images show."""
+    world_seeds: tuple[str, ...] = ()
+    """Seeds of the rivers, such as 0 5 1000:1016, where 1016 is excluded; by default the fixed river of the level."""
     images: int = 2000
     """Number of training images."""
     held_out: int = 200
@@ -40,6 +43,7 @@ class EncoderTrain:
             self.out,
             VAEConfig(inputs=self.inputs, latent=self.latent, architecture=self.architecture),
             level=self.level,
+            world_seeds=parse_seeds(self.world_seeds, "--world-seeds", UsageError),
             images=self.images,
             held_out=self.held_out,
             epochs=self.epochs,

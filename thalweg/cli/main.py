@@ -31,6 +31,7 @@ from thalweg.cli.report import Report
 from thalweg.cli.speed import Speed
 from thalweg.cli.train import Train
 from thalweg.cli.world import DrawWorld
+from thalweg.core.seeds import parse_seeds
 
 DESCRIPTION = (
     "A photo-realistic river world and a benchmark of safe reinforcement learning on it."
@@ -183,15 +184,16 @@ def _is_expected(error: Exception) -> bool:
 
 
 def _check_seeds(command: Any) -> None:
-    """Raise `UsageError` for a seed below zero, before anything is done."""
+    """Raise `UsageError` for a seed below zero or lists of seeds that cannot be read, before anything is done."""
     for field in fields(command):
         value = getattr(command, field.name)
         if is_dataclass(value):
             _check_seeds(value)
-        elif field.name.endswith(("seed", "seeds")):
-            for seed in value if isinstance(value, tuple) else (value,):
-                if seed is not None and seed < 0:
-                    raise UsageError(f"--{field.name.replace('_', '-')} must be 0 or more, not {seed}")
+        option = f"--{field.name.replace('_', '-')}"
+        if field.name.endswith("seeds"):
+            parse_seeds(value, option, UsageError)
+        elif field.name.endswith("seed") and value is not None and value < 0:
+            raise UsageError(f"{option} must be 0 or more, not {value}")
 
 
 if __name__ == "__main__":

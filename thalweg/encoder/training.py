@@ -48,6 +48,8 @@ class Source:
     """Version of the renderer that drew them."""
     command: str = ""
     """Command that reproduces the training."""
+    world_seeds: tuple[int | str, ...] = ()
+    """Seeds of the level's rivers, as numbers and ranges; empty for its fixed one."""
 
 
 @dataclass(frozen=True)
@@ -225,7 +227,13 @@ def _write_encoder(
         "held_out_mse": reconstruction_mse(state.vae, held_out_images) if len(held_out_images) else None,
         "mean_image_mse": mean_image_mse(train_images, state.vae.config),
     }
-    provenance = {"level": source.level, "image_seed": source.seed, "render_version": source.render_version}
+    provenance: dict[str, Any] = {
+        "level": source.level,
+        "image_seed": source.seed,
+        "render_version": source.render_version,
+    }
+    if source.world_seeds:
+        provenance["world_seeds"] = list(source.world_seeds)
     versions = {"thalweg": version("thalweg"), "torch": torch.__version__}
     save_vae(path, state.vae, {**state.run, **errors, **provenance, **versions, "command": source.command})
     return TrainingResult(path=path, rows=rows, **errors)

@@ -18,6 +18,7 @@ from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import Encoder, check_render_version, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.rivers.assignment import DrawnRivers
+from thalweg.env.rivers.bare_river import load_or_plan
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION, compilation
@@ -269,8 +270,13 @@ class RiverTraining:
 
     def _vector_env(self, config: EnvConfig) -> RiverVectorEnv:
         """Return the environments on the CPU; says how many rivers are in memory if they change."""
-        if not self.changes_river or isinstance(self.river, Reach):
+        if isinstance(self.river, Reach):
             return RiverVectorEnv(self.worlds(), self.num_envs, config)
+        if not self.changes_river:
+            # Where nothing is drawn, rivers need no land, which takes most of the time to build.
+            level = level_named(self.river)
+            worlds = self.worlds() if config.channels else [load_or_plan(level, seed) for seed in self.seeds]
+            return RiverVectorEnv(worlds, self.num_envs, config)
         rivers = RiverList.of_levels([(self.river, self.seeds)], self.rivers_in_memory)
         env = RiverVectorEnv(rivers, self.num_envs, config)
         if isinstance(env.rivers, DrawnRivers):

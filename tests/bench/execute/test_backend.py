@@ -85,6 +85,25 @@ def test_stages_are_trained_in_order_each_beginning_as_the_one_before(tmp_path: 
     ]
 
 
+def test_each_stage_is_trained_on_its_own_rivers_or_those_of_its_arm_or_suite(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    given: list[Any] = []
+    monkeypatch.setattr(RiverTraining, "train", lambda ground, *_, **__: given.append((ground.river, ground.seeds)))
+    monkeypatch.setattr(backend, "load_compatible_encoder", lambda: "the encoder")
+    stages = (Stage("PPO", "Easy", 1, world_seeds="3:6"), Stage("PPO", "Hard", 1))  # pyright: ignore[reportArgumentType]
+    arms = (Arm("PPO", before=stages, world_seeds=[8, "10:12"], name="own"), Arm("CUP"))  # pyright: ignore
+    place = RiverBackend(replace(SUITE, arms=arms, world_seeds="1000:1003", train_level="Medium"))
+    for label in ("own", "CUP"):
+        place.train(Run("train", label, 0), tmp_path)
+    assert given == [
+        ("Easy", (3, 4, 5)),
+        ("Hard", (8, 10, 11)),
+        ("Medium", (8, 10, 11)),
+        ("Medium", (1000, 1001, 1002)),
+    ]
+
+
 def test_an_arm_sees_frames_or_the_privileged_observation_in_all_its_stages(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -88,6 +88,19 @@ def test_suites_of_frames_are_recorded_as_before_there_was_another_observation()
     assert SUITES["privileged"].as_data()["observation"] == "privileged"
 
 
+def test_rivers_of_a_suite_are_given_as_ranges_and_recorded_as_such(tmp_path: Path):
+    text = """
+arms: [{algorithm: PPO, world_seeds: [3, 1:3], before: [{algorithm: PPO, level: Easy, steps: 1}]}, {algorithm: CUP}]
+world_seeds: 1000:1256
+"""
+    suite = load_suite(written(tmp_path, text))
+    assert (suite.arms[0].world_seeds, suite.world_seeds) == ((3, 1, 2), tuple(range(1000, 1256)))
+    data = suite.as_data()
+    assert (data["world_seeds"], data["arms"][0]["world_seeds"]) == (["1000:1256"], [3, 1, 2])
+    assert "world_seeds" not in data["arms"][1] and "world_seeds" not in data["arms"][0]["before"][0]
+    assert load_suite(written(tmp_path, yaml.safe_dump(data))).as_data() == data
+
+
 @pytest.mark.parametrize("name", SUITES)
 def test_each_builtin_suite_can_be_written_as_a_file(name: str, tmp_path: Path):
     data = SUITES[name].as_data()
@@ -128,6 +141,11 @@ def test_each_builtin_suite_can_be_written_as_a_file(name: str, tmp_path: Path):
         (
             {"arms": [{"algorithm": "PPO", "observation": 3}]},
             r"arms\[0\]\.observation must be one of 'frames', 'privileged' or None, got 3",
+        ),
+        ({"arms": [], "world_seeds": "9:3"}, "world_seeds: seeds of rivers: 9:3 holds no seed; write 3:9"),
+        (
+            {"arms": [{"algorithm": "PPO", "world_seeds": [1, "1:3"]}]},
+            r"arms\[0\]\.world_seeds: seeds of rivers: the seed 1 is given twice",
         ),
         ({"arms": [], "packaged": 1}, "packaged must be true or false, got 1"),
         (

@@ -50,7 +50,18 @@ def test_rivers_take_turns():
     assert np.array_equal(collect_frames(6, "Easy", seed=1, rivers=2, camera=SMALL, progress=False)[1::2], alone)
 
 
+@pytest.mark.slow
+def test_many_rivers_are_drawn_a_few_at_a_time(monkeypatch: pytest.MonkeyPatch):
+    seeds = {"world_seeds": "1:4", "camera": SMALL, "progress": False}
+    together = collect_frames(8, "Easy", seed=1, **seeds)
+    assert np.array_equal(together, collect_frames(8, "Easy", seed=1, rivers=3, camera=SMALL, progress=False))
+    monkeypatch.setattr("thalweg.train.encoder.frames.TOGETHER", 2)
+    assert np.array_equal(collect_frames(8, "Easy", seed=1, **seeds), together)
+
+
 def test_bad_requests_are_named():
+    with pytest.raises(EncoderInputError, match="world_seeds: 9:3 holds no seed; write 3:9"):
+        collect_frames(3, world_seeds="9:3", progress=False)
     with pytest.raises(WorldError, match="unknown level 'Sea'; known: Easy, Medium, Hard"):
         collect_frames(3, "Sea", progress=False)
     with pytest.raises(EncoderInputError, match="2 images of 3 rivers"):

@@ -101,7 +101,8 @@ class RiverBackend:
         self._train(run, arm, self.suite.level_of(arm), folder, before)
 
     def _train(self, run: Run, stage: Stage | Arm, level: str, folder: Path, begin_with: Path | None) -> None:
-        RiverTraining(level, self.suite.num_envs).train(
+        seeds = self.suite.seeds_of(self.suite.arm(run.algorithm), stage)
+        RiverTraining(level, self.suite.num_envs, seeds).train(
             stage.algorithm,
             self.encoder if self.suite.observation_of(run) == "frames" else None,
             steps=stage.steps,

@@ -15,12 +15,22 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.conditions import CONDITIONS, MAIN, NAME, Condition, Trial
 from thalweg.core.config import TupleOf, WholeNumber, frozen_config, to_plain
+from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.world import LEVELS
 
 PACKAGED = "packaged"
 """Name of the policy that comes with the package, as an algorithm of a result."""
 Count = Annotated[WholeNumber, Field(ge=1)]
 Seed = Annotated[WholeNumber, Field(ge=0)]
+
+
+def _seeds(value: Any) -> tuple[int, ...]:
+    """Return seeds of rivers as numbers."""
+    return parse_seeds(value, "seeds of rivers")
+
+
+RiverSeeds = Annotated[tuple[int, ...], BeforeValidator(_seeds)]
+"""Seeds of rivers to train on: numbers, and ranges such as "1000:1016", whose end is excluded."""
 Observation = Literal["frames", "privileged"]
 """What trained policies see: frames through the packaged encoder, or the privileged observation."""
 
@@ -34,6 +44,8 @@ class Stage:
     steps: Count
     preset: str = "default"
     settings: Mapping[str, Any] = field(default_factory=dict)
+    world_seeds: RiverSeeds = ()
+    """Seeds of the level's rivers; if empty, those of the arm."""
 
 
 @frozen_config(ResultsError)
@@ -57,6 +69,8 @@ class Arm:
     observation if the arm has one of its own."""
     observation: Observation | None = None
     """What it sees in all stages; if None, what the suite says."""
+    world_seeds: RiverSeeds = ()
+    """Seeds of the level's rivers; if empty, those of the suite."""
 
     @model_validator(mode="after")
     def _check(self) -> "Arm":
@@ -73,9 +87,11 @@ class Arm:
         return self.name or "-".join(part for part in (self.algorithm, preset, self.observation) if part)
 
     def as_data(self) -> dict[str, Any]:
-        """Return plain data for JSON, with the label as the name; without an observation that is the suite's, as
-        before arms had one."""
-        return _without(to_plain(self), observation=None) | {"name": self.label}
+        """Return plain data for JSON, with the label as the name; without an observation or rivers that are the
+        suite's, as before arms had them."""
+        before = [_without(to_plain(stage), world_seeds=[]) | _rivers(stage.world_seeds) for stage in self.before]
+        own = _without(to_plain(self), observation=None, world_seeds=[]) | _rivers(self.world_seeds)
+        return own | {"before": before, "name": self.label}
 
 
 @dataclass(frozen=True)
@@ -123,6 +139,8 @@ class Suite:
     """Conditions under which policies are flown, besides the main one."""
     observation: Observation = "frames"
     """What policies see that are trained, unless their arm says otherwise."""
+    world_seeds: RiverSeeds = ()
+    """Seeds of the rivers to train on, unless the arm has its own; if empty, the fixed river of the level."""
 
     @model_validator(mode="after")
     def _check(self) -> "Suite":
@@ -197,6 +215,10 @@ class Suite:
         """Return the level of an arm's last stage of training."""
         return arm.level or self.train_level
 
+    def seeds_of(self, arm: Arm, stage: Stage | Arm) -> tuple[int, ...]:
+        """Return the seeds of the rivers of a stage of an arm, or of its last stage, the arm itself."""
+        return stage.world_seeds or arm.world_seeds or self.world_seeds
+
     def observation_of(self, run: Run) -> Observation | None:
         """Return what a run's policy sees of rivers; None for a baseline."""
         if run.kind == "baseline":
@@ -204,10 +226,16 @@ class Suite:
         return "frames" if run.kind == "packaged" else self.arm(run.algorithm).observation or self.observation
 
     def as_data(self) -> dict[str, Any]:
-        """Return the suite as plain data for JSON; without an observation of frames, as before there was another."""
+        """Return the suite as plain data for JSON; without an observation of frames, and without seeds of rivers if
+        there are none, as before there were others."""
         conditions = [condition.as_data() for condition in self.conditions]
-        data = _without(to_plain(self), observation="frames")
+        data = _without(to_plain(self), observation="frames", world_seeds=[]) | _rivers(self.world_seeds)
         return data | {"arms": [arm.as_data() for arm in self.arms], "conditions": conditions}
+
+
+def _rivers(seeds: tuple[int, ...]) -> dict[str, Any]:
+    """Return seeds of rivers as plain data, or nothing if there are none."""
+    return {"world_seeds": compact_seeds(seeds)} if seeds else {}
 
 
 def _without(data: dict[str, Any], **values: Any) -> dict[str, Any]:

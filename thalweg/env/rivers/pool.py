@@ -88,7 +88,7 @@ class RiverPool:
         held = "all" if most == count else f"{most:,}"
         return (
             f"{count:,} rivers, another one in each episode; {held} of them in memory,"
-            f" {most * self.bytes_each / 1e6:,.0f} MB"
+            f" {most * self.bytes_each / 1e6:,.1f} MB"
         )
 
     def take(self, river: int) -> int:

@@ -3,9 +3,12 @@
 Frame i depends on the seed, i and the number of rivers alone, so that a larger collection starts with a smaller one.
 """
 
+from typing import Any
+
 import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from thalweg.core.seeds import parse_seeds
 from thalweg.encoder import EncoderInputError
 from thalweg.env import sample_starts
 from thalweg.env.initial_poses import CLOCK_RANGE_S
@@ -15,6 +18,8 @@ from thalweg.world.levels import level_named
 
 BATCH = 16
 """Frames rendered by one call."""
+TOGETHER = 16
+"""Greatest number of rivers in memory at a time."""
 
 
 def collect_frames(
@@ -23,20 +28,34 @@ def collect_frames(
     seed: int = 0,
     *,
     rivers: int = 1,
+    world_seeds: Any = (),
     camera: Camera | None = None,
     progress: bool = True,
 ) -> np.ndarray:
     """Return frames uint8 [count, H, W, 4], colour and water mask 0/255, of random initial poses in rivers of a level.
 
-    The first river is the level's fixed one, the others have the seeds that follow; frame i is of river i % rivers.
-    Raises `WorldError` for an unknown level and `EncoderInputError` for counts out of range.
+    The rivers have the seeds `world_seeds`, see `thalweg.core.seeds`. Without any, the first is the level's fixed one,
+    and others have the seeds that follow. Frame i is of river i % their number. Raises `WorldError` for an unknown
+    level and `EncoderInputError` for counts out of range and seeds that cannot be read.
     """
-    if count < 1 or not 1 <= rivers <= count:
+    first = level_named(level).default_seed
+    seeds = parse_seeds(world_seeds, "world_seeds", EncoderInputError) or tuple(range(first, first + rivers))
+    if count < 1 or not 1 <= len(seeds) <= count:
         raise EncoderInputError(
-            f"{count} images of {rivers} rivers: there must be at least one river and one image of each"
+            f"{count} images of {len(seeds)} rivers: there must be at least one river and one image of each"
         )
-    worlds = level_worlds(level, rivers)
-    return render_frames(Renderer(worlds, camera), *sample_views(worlds, count, seed), progress=progress)
+    if len(seeds) <= TOGETHER:
+        worlds = [load_or_build(level, each) for each in seeds]
+        return render_frames(Renderer(worlds, camera), *sample_views(worlds, count, seed), progress=progress)
+    camera = camera or Camera()
+    frames = np.empty((count, camera.height_px, camera.width_px, 4), np.uint8)
+    river, clock = np.arange(count) % len(seeds), clock_times(count, seed)
+    for group in range(0, len(seeds), TOGETHER):
+        worlds = [load_or_build(level, each) for each in seeds[group : group + TOGETHER]]
+        rows = np.flatnonzero(river // TOGETHER == group // TOGETHER)
+        poses, index = sample_poses(worlds, river[rows] - group, seed + group), river[rows] - group
+        frames[rows] = render_frames(Renderer(worlds, camera), poses, index, clock[rows], progress=progress)
+    return frames
 
 
 def level_worlds(level: str, rivers: int) -> list[World]:
@@ -51,10 +70,20 @@ def sample_views(worlds: list[World], count: int, seed: int) -> tuple[np.ndarray
     The worlds take turns.
     """
     index = np.arange(count) % len(worlds)
-    poses = np.empty((count, 4))
+    return sample_poses(worlds, index, seed), index, clock_times(count, seed)
+
+
+def sample_poses(worlds: list[World], index: np.ndarray, seed: int) -> np.ndarray:
+    """Return poses [K, 4] of random resets in worlds of index [K]; those of world i depend on seed + i alone."""
+    poses = np.empty((len(index), 4))
     for number, world in enumerate(worlds):
         poses[index == number] = sample_starts(world, int((index == number).sum()), seed + number)
-    return poses, index, np.random.default_rng([seed, 1]).uniform(0, CLOCK_RANGE_S, count)
+    return poses
+
+
+def clock_times(count: int, seed: int) -> np.ndarray:
+    """Return random times [count] in seconds of the water's clock."""
+    return np.random.default_rng([seed, 1]).uniform(0, CLOCK_RANGE_S, count)
 
 
 def render_frames(

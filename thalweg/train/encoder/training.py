@@ -5,7 +5,9 @@ Collecting frames takes minutes, so that all settings are checked before the fir
 
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
+from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import EncoderFileError, EncoderInputError, Source, TrainingResult, VAEConfig, train_encoder
 from thalweg.encoder.files import read_tensors
 from thalweg.encoder.training import ENCODER_FOLDER
@@ -21,6 +23,7 @@ def collect_and_train(
     config: VAEConfig,
     *,
     level: str = "Medium",
+    world_seeds: Any = (),
     images: int = 2000,
     held_out: int = 200,
     epochs: int = 100,
@@ -29,8 +32,9 @@ def collect_and_train(
 ) -> TrainingResult:
     """Train on `images` frames of a level and evaluate on `held_out` further ones; the same call resumes.
 
-    `command` is stored in the encoder's file. Before a frame is rendered, raises `EncoderInputError` for settings out
-    of range, `EncoderFileError` for a folder of another training, and `WorldError` for an unknown level.
+    `world_seeds` are those of the rivers, by default the level's fixed one; see `collect_frames`. `command` is stored
+    in the encoder's file. Before a frame is rendered, raises `EncoderInputError` for settings out of range,
+    `EncoderFileError` for a folder of another training, and `WorldError` for an unknown level.
     """
     if epochs < 1:
         raise EncoderInputError(f"epochs must be at least 1, not {epochs}")
@@ -39,6 +43,9 @@ def collect_and_train(
     if held_out < 0 or images < 2:
         raise EncoderInputError(f"of {images + held_out} images, {held_out} can't be held out: at least 2 must be left")
     name = level_named(level).name
+    seeds = parse_seeds(world_seeds, "world_seeds", EncoderInputError)
+    if len(seeds) > images + held_out:
+        raise EncoderInputError(f"{images + held_out} images of {len(seeds)} rivers: there must be one image of each")
     run = {
         "config": asdict(config),
         "epochs": epochs,
@@ -47,8 +54,8 @@ def collect_and_train(
         "images": images + held_out,
     }
     _check_folder(folder, run)
-    frames = frame_collection.collect_frames(images + held_out, level=name, seed=seed)
-    source = Source(name, seed, RENDER_VERSION, command)
+    frames = frame_collection.collect_frames(images + held_out, level=name, seed=seed, world_seeds=seeds)
+    source = Source(name, seed, RENDER_VERSION, command, tuple(compact_seeds(seeds)))
     return train_encoder(frames, config, folder, epochs=epochs, seed=seed, held_out=held_out, source=source)
 
 

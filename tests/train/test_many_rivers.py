@@ -1,0 +1,160 @@
+"""Tests of training on many rivers: which are chosen, what is recorded, and runs that are killed."""
+
+import csv
+import subprocess
+import sys
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from tests.env.handmade import hairpin, ring
+from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.rivers.assignment import DrawnRivers
+from thalweg.env.rivers.river_list import RiverList
+from thalweg.train import river, run
+from thalweg.train.errors import TrainingError
+from thalweg.train.river import RiverTraining
+from thalweg.world import Reach
+
+SETTINGS = {"steps_per_update": 64, "minibatch": 32, "passes": 1, "hidden": [8]}
+NAMES = [f"river {index}-0" for index in range(7)]
+
+
+class Stop(Exception):
+    pass
+
+
+class Handmade(RiverVectorEnv):
+    """Environments that change between seven small courses, of which four and the next two are in memory."""
+
+    at, stop = 0, -1
+
+    def __init__(self, *_: Any) -> None:
+        worlds = [(ring, hairpin)[index % 2](20.0 + index, name=f"river {index}") for index in range(7)]
+        super().__init__(RiverList(worlds, in_memory=6), 2, EnvConfig(observation="privileged", max_steps=11))
+
+    def step(self, actions: Any) -> Any:
+        self.at += 1
+        if self.at == self.stop:
+            raise Stop
+        return super().step(actions)
+
+
+def stopping_at(step: int) -> type[Handmade]:
+    return type("Stopping", (Handmade,), {"stop": step})
+
+
+@pytest.mark.parametrize("stop", [33, 70, 143])
+def test_a_run_on_changing_rivers_resumes_to_the_same_numbers(
+    stop: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(river, "run", partial(run, checkpoint_seconds=0.0))
+    rivers = RiverTraining("Easy", 2, range(7))  # pyright: ignore[reportArgumentType]
+
+    def train(kind: type[Handmade], folder: str) -> Any:
+        monkeypatch.setattr(river, "RiverVectorEnv", kind)
+        return rivers.train("PPO", None, steps=320, seed=1, folder=tmp_path / folder, settings=SETTINGS)
+
+    train(Handmade, "whole")
+    with pytest.raises(Stop):
+        train(stopping_at(stop), "broken")
+    assert train(Handmade, "broken").resumed_from == (stop - 1) * 2 // 64 * 64 or stop == 33
+    for name in ("episodes.csv", "policy.safetensors"):
+        assert (tmp_path / "broken" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    with open(tmp_path / "whole" / "episodes.csv") as file:
+        rows = list(csv.DictReader(file))
+    assert len({row["world"] for row in rows}) > 4
+    assert {row["world"] for row in rows} <= set(NAMES)
+
+
+def test_an_episode_is_recorded_with_the_river_in_which_it_was_flown(tmp_path: Path):
+    env = Handmade()
+    flown: list[list[str]] = [[], []]
+    step = env.step
+
+    def watched(actions: Any) -> Any:
+        result = step(actions)
+        for row in range(2):
+            if result[2][row] or result[3][row]:
+                flown[row].append(env.river_names[result[4]["river"][row]])
+        return result
+
+    env.step = watched
+    run("PPO", env, steps=320, seed=0, folder=tmp_path, config=SETTINGS)
+    with open(tmp_path / "episodes.csv") as file:
+        rows = list(csv.DictReader(file))
+    for row in range(2):
+        assert [each["world"] for each in rows if each["env"] == str(row)] == flown[row]
+        assert len(flown[row]) > 5
+
+
+@pytest.mark.parametrize(
+    ("options", "changes"),
+    [
+        ({"num_envs": 4, "world_seeds": "0:4"}, False),
+        ({"num_envs": 4, "world_seeds": "0:5"}, True),
+        ({"num_envs": 4, "world_seeds": "0:5", "rivers": "fixed"}, False),
+        ({"num_envs": 4, "world_seeds": "0:2", "rivers": "episode"}, True),
+        ({"num_envs": 4}, False),
+    ],
+)
+def test_rivers_change_if_there_are_more_than_environments(options: dict, changes: bool):
+    training = RiverTraining("Easy", **options)
+    assert training.changes_river is changes
+    env = training._envs(None, "cpu")
+    assert isinstance(env.unwrapped.rivers, DrawnRivers) is changes
+    env.close()
+
+
+def test_many_rivers_are_recorded_as_a_range_and_few_as_before():
+    many = RiverTraining("Medium", 16, ("3", "1000:1256")).about()  # pyright: ignore[reportArgumentType]
+    assert many == {"level": "Medium", "world_seeds": [3, "1000:1256"], "rivers": "episode"}
+    assert yaml.safe_load(yaml.safe_dump(many)) == many
+    assert RiverTraining("Medium", 2, (3, 5)).about() == {"level": "Medium", "world_seeds": [3, 5]}
+
+
+def test_the_rivers_in_memory_are_announced(capsys: pytest.CaptureFixture):
+    river._print_once.cache_clear()
+    RiverTraining("Easy", 1, range(900, 909), rivers_in_memory=3)._envs(None, "cpu").close()  # pyright: ignore
+    assert capsys.readouterr().err == "9 rivers, another one in each episode; 2 of them in memory, 0.0 MB\n"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"world_seeds": "9:3"}, "world_seeds: 9:3 holds no seed; write 3:9"),
+        ({"rivers": "often"}, "rivers must be one of auto, fixed, episode, not 'often'"),
+        ({"rivers_in_memory": 9}, "rivers_in_memory is for rivers that change"),
+        ({"river": Reach(Path("brook.geojson")), "world_seeds": "0:5"}, "5 seeds of brook.geojson for 4 environments"),
+    ],
+)
+def test_wrong_rivers_are_refused(options: dict, message: str):
+    with pytest.raises(TrainingError, match=message):
+        RiverTraining(**{"river": "Easy", "num_envs": 4, **options})
+
+
+def test_environments_of_tensors_do_not_change_river():
+    with pytest.raises(TrainingError, match="on a GPU, rivers do not change: 5 seeds for 4 environments"):
+        RiverTraining("Easy", 4, range(5))._envs(None, "cuda")  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.slow
+def test_a_run_that_is_killed_again_and_again_ends_with_the_same_policy(tmp_path: Path):
+    def command(folder: str) -> list[str]:
+        words = ["train", "--algorithm", "PPO", "--level", "easy", "--world-seeds", "900:909", "--num-envs", "4"]
+        words += ["--observation", "privileged", "--steps", "60000", "--out", str(tmp_path / folder)]
+        return [sys.executable, "-m", "thalweg", *words]
+
+    subprocess.run(command("whole"), check=True, capture_output=True)
+    for _ in range(3):
+        process = subprocess.Popen(command("killed"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        time.sleep(5.0)
+        process.kill()
+        process.wait()
+    subprocess.run(command("killed"), check=True, capture_output=True)
+    for name in ("episodes.csv", "policy.safetensors"):
+        assert (tmp_path / "killed" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()

@@ -97,13 +97,15 @@ def test_an_episode_is_recorded_with_the_river_in_which_it_was_flown(tmp_path: P
     [
         ({"num_envs": 4, "world_seeds": "0:4"}, False),
         ({"num_envs": 4, "world_seeds": "0:5"}, True),
-        ({"num_envs": 4, "world_seeds": "0:5", "rivers": "fixed"}, False),
+        ({"num_envs": 4, "world_seeds": "0:4", "rivers": "fixed"}, False),
+        ({"num_envs": 4, "river": ("Easy", "Medium"), "world_seeds": "0:3"}, True),
+        ({"num_envs": 4, "river": ("Easy", "Medium"), "world_seeds": "0:2"}, False),
         ({"num_envs": 4, "world_seeds": "0:2", "rivers": "episode"}, True),
         ({"num_envs": 4}, False),
     ],
 )
 def test_rivers_change_if_there_are_more_than_environments(options: dict, changes: bool):
-    training = RiverTraining("Easy", **options)
+    training = RiverTraining(**{"river": "Easy", **options})
     assert training.changes_river is changes
     env = training._envs(None, "cpu")
     assert isinstance(env.unwrapped.rivers, DrawnRivers) is changes
@@ -117,6 +119,19 @@ def test_many_rivers_are_recorded_as_a_range_and_few_as_before():
     assert RiverTraining("Medium", 2, (3, 5)).about() == {"level": "Medium", "world_seeds": [3, 5]}
 
 
+def test_rivers_of_several_levels_are_flown_in_one_run():
+    training = RiverTraining(("easy", "Hard"), 3, (3, 5))
+    assert training.about() == {"levels": ["Easy", "Hard"], "world_seeds": [3, 5], "rivers": "episode"}
+    env = training._envs(None, "cpu")
+    assert env.river_names == ["Easy-3", "Easy-5", "Hard-3", "Hard-5"]
+    env.close()
+    few = RiverTraining(("easy", "Hard"), 4, (3, 5))
+    assert [world.name for world in few._envs(None, "cpu").worlds] == ["Easy", "Easy", "Hard", "Hard"]
+    assert RiverTraining(("easy",), 4).about() == RiverTraining("Easy", 4).about() == {
+        "level": "Easy", "world_seeds": [1],
+    }  # fmt: skip
+
+
 def test_the_rivers_in_memory_are_announced(capsys: pytest.CaptureFixture):
     river._print_once.cache_clear()
     RiverTraining("Easy", 1, range(900, 909), rivers_in_memory=3)._envs(None, "cpu").close()  # pyright: ignore
@@ -127,6 +142,12 @@ def test_the_rivers_in_memory_are_announced(capsys: pytest.CaptureFixture):
     ("options", "message"),
     [
         ({"world_seeds": "9:3"}, "world_seeds: 9:3 holds no seed; write 3:9"),
+        (
+            {"world_seeds": "0:5", "rivers": "fixed"},
+            "of 5 fixed rivers, 4 environments would fly in 4 only; give as many",
+        ),
+        ({"river": ("Easy", "easy")}, "levels must be at least one, each once, not Easy, Easy"),
+        ({"river": ()}, "levels must be at least one, each once, not none"),
         ({"rivers": "often"}, "rivers must be one of auto, fixed, episode, not 'often'"),
         ({"rivers_in_memory": 9}, "rivers_in_memory is for rivers that change"),
         ({"river": Reach(Path("brook.geojson")), "world_seeds": "0:5"}, "5 seeds of brook.geojson for 4 environments"),
@@ -138,7 +159,7 @@ def test_wrong_rivers_are_refused(options: dict, message: str):
 
 
 def test_environments_of_tensors_do_not_change_river():
-    with pytest.raises(TrainingError, match="on a GPU, rivers do not change: 5 seeds for 4 environments"):
+    with pytest.raises(TrainingError, match="on a GPU, rivers do not change: 5 rivers for 4 environments"):
         RiverTraining("Easy", 4, range(5))._envs(None, "cuda")  # pyright: ignore[reportArgumentType]
 
 

@@ -186,13 +186,13 @@ def _is_expected(error: Exception) -> bool:
 def _check_seeds(command: Any) -> None:
     """Raise `UsageError` for a seed below zero or lists of seeds that cannot be read, before anything is done."""
     for field in fields(command):
-        value = getattr(command, field.name)
+        value: Any = getattr(command, field.name)
         if is_dataclass(value):
             _check_seeds(value)
         option = f"--{field.name.replace('_', '-')}"
         if field.name.endswith("seeds"):
             parse_seeds(value, option, UsageError)
-        elif field.name.endswith("seed") and value is not None and value < 0:
+        elif field.name.endswith("seed") and isinstance(value, int) and value < 0:
             raise UsageError(f"{option} must be 0 or more, not {value}")
 
 

@@ -154,7 +154,6 @@ POSE = tuple[float, float, float, float]
 NUMBERS = (
     ((int, int | None), _spec(whole_number, "INT", 1)),
     ((float, float | None), _spec(number, "FLOAT", 1)),
-    ((tuple[int, ...],), _spec(whole_number, "[INT [INT ...]]", "*")),
     ((POSE, POSE | None), _spec(number, "X Y Z YAW", 4)),
 )
 """Types of fields, and how each is read. Tyro's own readers would report a wrong number in Python's words."""

@@ -20,14 +20,12 @@ class Train:
     """Folder of the run."""
     algorithm: str = "FOCOPS"
     """Name of the algorithm; an unknown name is an error that lists the known ones."""
-    level: str | None = None
-    """Easy, Medium or Hard. Medium by default."""
+    level: tuple[str, ...] = ()
+    """Easy, Medium or Hard, or several of them. Medium by default."""
     world_seeds: tuple[str, ...] = ()
-    """Seeds of the rivers to train on, such as 0 5 1000:1016, where 1016 is excluded; by default the fixed river of the
-    level. With --geojson: of plants and hills."""
+    """Seeds of rivers of each level, such as 0 5 1000:1016 (1016 excluded); by default that of its fixed river."""
     rivers: Literal["auto", "fixed", "episode"] = "auto"
-    """`fixed`: each environment stays in one river; `episode`: each episode is in a random one; `auto`: `episode` if
-    there are more rivers than environments."""
+    """`fixed` in each environment, or another in each `episode`; `auto`: if there are more than environments."""
     rivers_in_memory: int | None = None
     """Greatest number of rivers in memory, if they change; by default as many as fit into half of the free memory."""
     river: River = NO_FILE
@@ -60,7 +58,7 @@ class Train:
 
         settings = settings_from(self.set)
         algorithm = algorithm_named(self.algorithm)
-        river = self.river.reach("--level", self.level) or self.level or "Medium"
+        river = self.river.reach("--level", self.level) or self.level or ("Medium",)
         seeds = parse_seeds(self.world_seeds, "--world-seeds", UsageError)
         training = RiverTraining(
             river, self.num_envs, seeds, rivers=self.rivers, rivers_in_memory=self.rivers_in_memory

@@ -18,7 +18,6 @@ from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import Encoder, check_render_version, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.rivers.assignment import DrawnRivers
-from thalweg.env.rivers.bare_river import load_or_plan
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION, compilation
@@ -123,11 +122,11 @@ RiverChange = Literal["auto", "fixed", "episode"]
 class RiverTraining:
     """Rivers and environments in which a policy is trained."""
 
-    river: str | Reach
-    """Name of a level, or a real river."""
+    river: str | Reach | tuple[str, ...]
+    """Name of a level, or a real river; or several levels, whose rivers are listed one level after another."""
     num_envs: int
     world_seeds: tuple[int, ...] = ()
-    """Seeds of rivers of the level, by default that of its fixed one; for a real river, of its plants and hills. A
+    """Seeds of rivers of each level, by default that of its fixed one; for a real river, of its plants and hills. A
     `range`, or texts such as "0 5 1000:1016", are converted."""
     config: EnvConfig = field(default_factory=EnvConfig)
     """Rules and camera."""
@@ -141,51 +140,75 @@ class RiverTraining:
         if self.num_envs < 1:
             raise TrainingError(f"num_envs must be at least 1, not {self.num_envs}")
         object.__setattr__(self, "world_seeds", parse_seeds(self.world_seeds, "world_seeds", TrainingError))
+        if not isinstance(self.river, str | Reach):
+            object.__setattr__(self, "river", tuple(self.river))
+            names = [level.name for level in self.levels]
+            if not names or len(set(names)) < len(names):
+                raise TrainingError(f"levels must be at least one, each once, not {', '.join(names) or 'none'}")
         if self.rivers not in get_args(RiverChange):
             raise TrainingError(f"rivers must be one of {', '.join(get_args(RiverChange))}, not {self.rivers!r}")
         if self.rivers_in_memory is not None and not self.changes_river:
             raise TrainingError("rivers_in_memory is for rivers that change with each episode; these are fixed")
+        if self.rivers == "fixed" and len(self.listed) > self.num_envs:
+            raise TrainingError(
+                f"of {len(self.listed):,} fixed rivers, {self.num_envs} environments would fly in {self.num_envs} only;"
+                " give as many environments, fewer seeds, or rivers=episode"
+            )
         if self.changes_river and isinstance(self.river, Reach):
             raise TrainingError(
-                f"{len(self.seeds)} seeds of {self.river.path.name} for {self.num_envs} environments: the seeds of a"
+                f"{len(self.seeds)} seeds of {self.river.name} for {self.num_envs} environments: the seeds of a"
                 " real river change its plants and hills, not its course; give at most one for each environment"
             )
 
     @property
     def changes_river(self) -> bool:
         """Whether each episode is flown in a random river."""
-        return self.rivers == "episode" or (self.rivers == "auto" and len(self.seeds) > self.num_envs)
+        return self.rivers == "episode" or (self.rivers == "auto" and len(self.listed) > self.num_envs)
+
+    @property
+    def levels(self) -> list[Level]:
+        """Levels whose rivers are listed; empty for a real river. Raises `WorldError` for an unknown one."""
+        names = (self.river,) if isinstance(self.river, str) else self.river
+        return [] if isinstance(names, Reach) else [level_named(name) for name in names]
 
     @property
     def seeds(self) -> tuple[int, ...]:
-        """Seeds of the worlds, one each."""
-        default = level_named(self.river).default_seed if isinstance(self.river, str) else 0
-        return self.world_seeds or (default,)
+        """Seeds of the rivers of each level."""
+        return self.world_seeds or (self.levels[0].default_seed if self.levels else 0,)
+
+    @property
+    def listed(self) -> list[tuple[Level | Reach, int]]:
+        """The rivers by level, or real river, and seed."""
+        grounds = [self.river] if isinstance(self.river, Reach) else self.levels
+        return [(ground, seed) for ground in grounds for seed in self.seeds]
 
     def about(self) -> dict[str, Any]:
         """Return what config.yaml says about the rivers, as plain data.
 
         Raises `WorldError` for an unknown level or a missing file.
         """
-        river = self.river
-        name = {"river": river.as_data()} if isinstance(river, Reach) else {"level": level_named(river).name}
+        names = [level.name for level in self.levels]
+        if isinstance(self.river, Reach):
+            ground: dict[str, Any] = {"river": self.river.as_data()}
+        else:
+            ground = {"level": names[0]} if len(names) == 1 else {"levels": names}
         if self.changes_river:
-            return {**name, "world_seeds": compact_seeds(self.seeds), "rivers": "episode"}
-        return {**name, "world_seeds": list(self.seeds)}
+            return {**ground, "world_seeds": compact_seeds(self.seeds), "rivers": "episode"}
+        return {**ground, "world_seeds": list(self.seeds)}
 
     def worlds(self) -> list[World]:
         """Return the rivers, built or loaded from the cache; a build is announced on the terminal.
 
         Raises `WorldError` for a file from which no river can be made, before anything is announced.
         """
-        river = self.river if isinstance(self.river, Reach) else level_named(self.river)
-        if isinstance(river, Reach):
-            river.check()
-        for seed in self.seeds:
-            announce_build(river, seed)
-        if isinstance(river, Reach):
-            return [river.build(seed) for seed in self.seeds]
-        return [load_or_build(river, seed) for seed in self.seeds]
+        if isinstance(self.river, Reach):
+            self.river.check()
+        for ground, seed in self.listed:
+            announce_build(ground, seed)
+        return [
+            ground.build(seed) if isinstance(ground, Reach) else load_or_build(ground, seed)
+            for ground, seed in self.listed
+        ]
 
     def train(
         self,
@@ -260,8 +283,8 @@ class RiverTraining:
             return env if encoder is None else LatentVectorEnv(env, encoder)
         if self.changes_river:
             raise TrainingError(
-                f"on a GPU, rivers do not change: {len(self.seeds)} seeds for {self.num_envs} environments; give"
-                f" num_envs of at least {len(self.seeds)}, or rivers=fixed"
+                f"on a GPU, rivers do not change: {len(self.listed)} rivers for {self.num_envs} environments; give as"
+                " many environments, or fewer seeds"
             )
         from thalweg.env.torch_env import TensorRiverEnv
 
@@ -270,14 +293,13 @@ class RiverTraining:
 
     def _vector_env(self, config: EnvConfig) -> RiverVectorEnv:
         """Return the environments on the CPU; says how many rivers are in memory if they change."""
-        if isinstance(self.river, Reach):
+        levels = self.levels
+        if not levels or (config.channels and not self.changes_river):
             return RiverVectorEnv(self.worlds(), self.num_envs, config)
+        rivers = RiverList.of_levels([(level, self.seeds) for level in levels], self.rivers_in_memory)
         if not self.changes_river:
             # Where nothing is drawn, rivers need no land, which takes most of the time to build.
-            level = level_named(self.river)
-            worlds = self.worlds() if config.channels else [load_or_plan(level, seed) for seed in self.seeds]
-            return RiverVectorEnv(worlds, self.num_envs, config)
-        rivers = RiverList.of_levels([(self.river, self.seeds)], self.rivers_in_memory)
+            return RiverVectorEnv([rivers.course(river) for river in range(len(rivers))], self.num_envs, config)
         env = RiverVectorEnv(rivers, self.num_envs, config)
         if isinstance(env.rivers, DrawnRivers):
             _print_once(env.rivers.pool.description)

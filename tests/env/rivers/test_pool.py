@@ -102,6 +102,14 @@ def test_an_expected_river_is_prepared_once_and_never_more_than_the_limit_are_in
     pool.close()
 
 
+def test_rivers_that_are_no_longer_expected_do_not_stay_in_memory():
+    pool = RiverPool(Gate(9, shut=-1), CONFIG, 2)
+    for following in ([3, 4], [5, 6], [7, 8]):
+        pool.expect(following)
+        assert pool.loaded == 3
+    pool.close()
+
+
 class Broken(RiverList):
     def course(self, index: int) -> World:
         if index:

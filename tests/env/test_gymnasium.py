@@ -100,8 +100,8 @@ def test_worlds_and_seeds_of_worlds_exclude_each_other():
         (gymnasium.make, {"world_seed": -1}, "world_seed must be a whole number.*-1"),
         (gymnasium.make, {"world_seed": True}, "world_seed must be a whole number.*True"),
         (gymnasium.make, {"level": 3}, "level must be a name, not 3"),
-        (gymnasium.make_vec, {"world_seeds": 1}, "world_seeds must be a list of whole numbers, not 1"),
-        (gymnasium.make_vec, {"world_seeds": [1, "2"]}, "world_seeds must be a whole number.*'2'"),
+        (gymnasium.make_vec, {"world_seeds": 1.5}, r"world_seeds must be whole numbers.*not 1\.5"),
+        (gymnasium.make_vec, {"world_seeds": [1, "x"]}, "world_seeds must be whole numbers.*'x'"),
         (gymnasium.make_vec, {"world_seeds": []}, "at least one"),
     ],
 )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.env.handmade import canal, ring
-from tests.env.rivers import river
+from tests.env.winding import river
 from thalweg.env import ConfigError, EnvConfig, RiverEnv, RiverVectorEnv, UnsafePoseError, sample_starts
 from thalweg.env.initial_poses import CLOCK_RANGE_S, check_pose
 from thalweg.env.task.course_arrays import pack_courses

@@ -7,7 +7,7 @@ import pytest
 
 from tests.env.flights import at
 from tests.env.handmade import canal, hairpin, ring
-from tests.env.rivers import river
+from tests.env.winding import river
 from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.env.pilot.route import plan_route
 from thalweg.env.task.course_arrays import pack_courses

@@ -5,7 +5,7 @@ import pytest
 
 from tests.env.handmade import canal, hairpin, ring
 from tests.env.reference import ReferenceEpisode
-from tests.env.rivers import river
+from tests.env.winding import river
 from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv
 from thalweg.world.bridges import bridge_across
 

@@ -19,11 +19,12 @@ from torch import Tensor
 
 from thalweg.core.compute import gpu
 from thalweg.core.compute.device import resolve_device
-from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, DoneReason, EnvConfig, integer_at_least
+from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, DoneReason, EnvConfig, integer_at_least
 from thalweg.env.device.memory import bytes_per_env, check_memory, free_bytes
 from thalweg.env.device.step import advance_all, reset_arguments
 from thalweg.env.frame_renderer import lights_per_world, relit_worlds
 from thalweg.env.initial_poses import random_start
+from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.snapshot import StateError, env_identity
 from thalweg.env.spaces import ActionError, action_space, observation_space, to_unit_actions
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
@@ -65,6 +66,8 @@ class TensorRiverEnv:
         Raises `ConfigError`, also for more environments than the device has memory for, `RenderError` for more worlds
         than that, `DeviceError`, and `UnsafePoseError` for a world without a safe start.
         """
+        if isinstance(worlds, RiverList):
+            raise ConfigError("environments of tensors do not change river: give worlds, not a list of rivers")
         self.worlds = (worlds,) if isinstance(worlds, World) else tuple(worlds)
         self.num_envs, self.config = integer_at_least("num_envs", num_envs, 1), config
         self.device = torch.device(resolve_device(device))

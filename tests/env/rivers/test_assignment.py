@@ -13,6 +13,7 @@ from thalweg.env import ConfigError, EnvConfig, RiverVectorEnv, StateError, make
 from thalweg.env.rivers.bare_river import bare_path, load_or_plan
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.task.course_arrays import pack_courses
+from thalweg.env.torch_env import TensorRiverEnv
 from thalweg.render import Camera, Randomisation, Renderer
 from thalweg.world import LEVELS, World, level_named, load_or_build
 
@@ -206,6 +207,8 @@ def test_what_rivers_that_change_cannot_have_is_refused(easy_world: World):
     rivers = RiverList([easy_world])
     with pytest.raises(ConfigError, match="renderer of their own"):
         RiverVectorEnv(rivers, 1, renderer=BlankRenderer())
+    with pytest.raises(ConfigError, match="tensors do not change river"):
+        TensorRiverEnv(rivers, 1, device="cpu")  # pyright: ignore[reportArgumentType]
     with pytest.raises(ConfigError, match=r"randomisation.suns = 3: set it to 0"):
         RiverVectorEnv(rivers, 1, EnvConfig(randomisation=Randomisation(suns=3)))
 

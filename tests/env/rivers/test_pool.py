@@ -1,6 +1,12 @@
 """Tests of the rivers in memory: which are loaded, when, and how many at a time."""
 
+import os
+import signal
+import subprocess
+import sys
 import threading
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +20,7 @@ from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.task.course_arrays import pack_courses
 from thalweg.world import World
 
+ROOT = Path(__file__).resolve().parents[3]
 CONFIG = EnvConfig(observation="none")
 BRIDGE = [(0.0, 5.0, 0.0, 8.0, 2.0, 6.0, 0.5, 2.0, 4.0, 0.2, 1.0)]
 
@@ -108,6 +115,41 @@ def test_rivers_that_are_no_longer_expected_do_not_stay_in_memory():
         pool.expect(following)
         assert pool.loaded == 3
     pool.close()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_a_forked_process_waits_for_none_of_its_parents_threads():
+    rivers = Gate(9, shut=3)
+    pool = RiverPool(rivers, CONFIG, 2)
+    pool.expect([3])
+    assert rivers.reached.wait(30)
+    child = os.fork()
+    if child == 0:
+        os._exit(0 if pool.river[pool.take(3)] == 3 else 1)
+    until = time.monotonic() + 30
+    ended, status = os.waitpid(child, os.WNOHANG)
+    while not ended and time.monotonic() < until:
+        time.sleep(0.01)
+        ended, status = os.waitpid(child, os.WNOHANG)
+    if not ended:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+    rivers.gate.set()
+    pool.close()
+    assert (ended, status) == (child, 0)
+
+
+def test_python_ends_without_what_nobody_waits_for_any_more():
+    script = """
+import time
+from tests.env.rivers.test_pool import CONFIG, RiverPool, Gate
+rivers = Gate(9, shut=3)
+pool = RiverPool(rivers, CONFIG, 2)
+pool.expect([3, 4])
+assert rivers.reached.wait(30)
+"""
+    subprocess.run([sys.executable, "-c", script], check=True, timeout=25, cwd=ROOT)
 
 
 class Broken(RiverList):

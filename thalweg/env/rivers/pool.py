@@ -4,7 +4,7 @@ Which rivers are in memory, and when they arrive, changes the time that a step t
 """
 
 from collections.abc import Iterable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from typing import Any, NamedTuple, Protocol
 
 from thalweg.env.config import EnvConfig
@@ -12,6 +12,7 @@ from thalweg.env.rivers.build_ahead import BackgroundBuilder
 from thalweg.env.rivers.courses import join_courses
 from thalweg.env.rivers.memory import slots_in_memory
 from thalweg.env.rivers.river_list import RiverList
+from thalweg.env.rivers.worker import Worker
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
 from thalweg.world.generate.memory import free_bytes
 from thalweg.world.record import World
@@ -63,7 +64,7 @@ class RiverPool:
         self._clock = 0
         self._expected: set[int] = set()
         self._coming: dict[int, Future[Prepared]] = {}
-        self._thread: ThreadPoolExecutor | None = None
+        self._worker: Worker[Prepared] | None = None
         self.most_loaded = 0
         """Greatest number of rivers that were in memory at a time, those being prepared included."""
         first = self._prepare(0)
@@ -95,6 +96,7 @@ class RiverPool:
         """Return the slot of a river, which stays there until `leave`; waits for it if it is not in memory yet."""
         slot = self._slot_of.get(river)
         if slot is None:
+            self._forget_in_fork()
             coming = self._coming.pop(river, None)
             # A future that has not begun is as far away as none: the thread may still have others before it.
             waits = coming is not None and not coming.cancel()
@@ -118,24 +120,33 @@ class RiverPool:
         """Prepare these rivers in the background, as far as they are not in memory, and forget others that were."""
         if len(self.river) == len(self.rivers):
             return
+        self._forget_in_fork()
         self._expected = {int(river) for river in rivers}
         for river in set(self._coming) - self._expected:
             self._coming.pop(river).cancel()
         for river in self._expected:
             if river not in self._slot_of and river not in self._coming:
-                if self._thread is None:
-                    self._thread = ThreadPoolExecutor(1, "thalweg-rivers")
-                self._coming[river] = self._thread.submit(self._prepare_later, river)
+                if self._worker is None:
+                    self._worker = Worker(self._prepare_later, "thalweg-rivers")
+                self._coming[river] = self._worker.submit(river)
         self.most_loaded = max(self.most_loaded, self.loaded)
 
     def close(self) -> None:
         """Stop preparing and building."""
         if self._builder is not None:
             self._builder.close()
-        if self._thread is not None:
-            self._thread.shutdown(wait=True, cancel_futures=True)
-        self._thread = None
+        for future in self._coming.values():
+            future.cancel()
         self._coming.clear()
+        worker, self._worker = self._worker, None
+        if worker is not None and worker.alive:
+            worker.close()
+
+    def _forget_in_fork(self) -> None:
+        """Forget what is being prepared in a process that was forked, which has none of its parent's threads."""
+        if self._worker is not None and not self._worker.alive:
+            self._worker = None
+            self._coming.clear()
 
     def part(self, slot: int) -> CourseArrays:
         """Return the course arrays of the river in a slot alone."""

@@ -1,0 +1,48 @@
+"""`Worker`: one thread that does what it is asked for, in order, and holds up nobody's exit."""
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from queue import SimpleQueue
+from typing import Any, Generic, TypeVar
+
+T = TypeVar("T")
+
+
+class Worker(Generic[T]):
+    """Calls a function in a thread. `ThreadPoolExecutor` would finish all that is waiting before Python may end."""
+
+    def __init__(self, work: Callable[[int], T], name: str) -> None:
+        self._work = work
+        self._queue: SimpleQueue[tuple[Future[T], int] | None] = SimpleQueue()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    @property
+    def alive(self) -> bool:
+        """Whether the thread runs; it does not in a forked process."""
+        return self._thread.is_alive()
+
+    def submit(self, number: int) -> "Future[T]":
+        """Return the future result of the function for a number."""
+        future: Future[T] = Future()
+        self._queue.put((future, number))
+        return future
+
+    def close(self) -> None:
+        """Wait for the call that is running; those that wait must have been cancelled."""
+        self._queue.put(None)
+        self._thread.join()
+
+    def _run(self) -> None:
+        while (asked := self._queue.get()) is not None:
+            future, number = asked
+            if not future.set_running_or_notify_cancel():
+                continue
+            result: Any = None
+            try:
+                result = self._work(number)
+            except BaseException as error:
+                future.set_exception(error)
+            else:
+                future.set_result(result)

@@ -32,7 +32,7 @@ def test_worlds_are_replaced_and_others_stay_as_they_were():
     slots.reserve(2)
     slots.put(0, slots.bake(worlds()[0]))
     held = [0, 0]
-    for slot, world in ((1, 1), (0, 2), (1, 3), (1, 1), (0, 0), (1, 2)):
+    for slot, world in ((1, 3), (0, 2), (1, 1), (0, 3), (1, 2), (0, 1), (1, 0)):
         slots.put(slot, slots.bake(worlds()[world]))
         held[slot] = world
         expected = frames_of(all_four, [held[0], held[1], held[0]])

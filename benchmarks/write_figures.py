@@ -71,11 +71,8 @@ def speed() -> str:
 def other_processor() -> str:
     """Return the medians on another kind of processor beside those of the table of speeds."""
     main, other = (json.loads((HERE / name).read_text(encoding="utf-8")) for name in ("speed.json", "speed_avx2.json"))
-    tables = [speed_frame(found).set_index(["what", "frame"])["median"] for found in (main, other)]
-    units = speed_frame(main).set_index(["what", "frame"])["unit"]
-    rows = [
-        [*where, median, tables[1][where], units[where]] for where, median in tables[0].items() if where in tables[1]
-    ]
+    merged = speed_frame(main).merge(speed_frame(other), on=["what", "frame"])
+    rows = merged[["what", "frame", "median_x", "median_y", "unit_x"]].to_numpy().tolist()
     kinds = [f"{found['machine']['cpu_type']}, {found['machine']['vector_bits']} bits" for found in (main, other)]
     table = markdown(frame(["what", "frame", *kinds, "unit"], rows))
     return f"{table}\n{wrap(f'Medians; the second machine is {describe(other)}.')}"

@@ -22,7 +22,11 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "two cost critics": {"cost_critics": 2},
     "separate costs": {"cost_limits": (0.1, 0.2), "cost_critics": 2},
     "kaiming": {"initial": "kaiming", "activation": "tanh", "normalise_observations": False},
+    "unscaled": {"scale_returns": False, "bound_targets": False},
+    "given bounds": {"return_bounds": (0.0, 40.0), "bound_margin": 0.0},
     "omnisafe": {
+        "scale_returns": False,
+        "bound_targets": False,
         "multiplier_schedule": "gradient_step",
         "normalise_cost": True,
         "cost_floor": False,

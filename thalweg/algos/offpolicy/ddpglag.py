@@ -70,7 +70,7 @@ class DDPGLag:
         return agent.critics.pessimistic(agent.target_critics(obs_actions).squeeze(-1))
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Return warnings about cost limits or multipliers that have no effect, by a short code."""
+        """Return warnings, by a short code, about cost limits or multipliers without effect and impossible values."""
         return self.agent.warnings(feedback)
 
     def state(self) -> dict[str, Any]:

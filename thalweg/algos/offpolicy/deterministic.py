@@ -44,9 +44,9 @@ class DeterministicConfig(OffPolicyConfig):
     respond to the costs of the final policy towards its end."""
     relaxation: PositiveFloat = 1.0
     """τ of the Gumbel-softmax whose gradient replaces that of a discrete choice."""
-    output_decay: NonNegativeFloat = 0.03
-    """Weight of the policy's mean squared outputs (logits, or the inputs of tanh) in its loss; without it a saturated
-    policy has no gradient."""
+    output_decay: NonNegativeFloat = 0.001
+    """Weight of the policy's mean squared outputs (logits, or the inputs of tanh) in its loss, in the critics' units;
+    without it a saturated policy has no gradient, and with much of it small differences in value count for nothing."""
 
     def exploration_at(self, progress: float) -> float:
         """Return the factor 0..1 of the exploration at a progress 0..1 of the run."""

@@ -10,6 +10,7 @@ import torch
 from thalweg.algos import About, AlgorithmError, Policy
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.networks import NetworkShape
+from thalweg.algos.policy.normaliser import Normaliser
 
 SPACES = {
     "MultiDiscrete": gym.spaces.MultiDiscrete([3, 3, 3, 3]),
@@ -96,6 +97,14 @@ def test_the_normaliser_has_the_moments_of_everything_it_saw():
     assert policy.normaliser.square / 300 == pytest.approx(everything.var(0), rel=1e-9)
     out = policy.normaliser(torch.from_numpy(everything).float()).numpy()
     assert out.std(0) == pytest.approx(np.ones(5), abs=0.02)
+
+
+def test_the_normaliser_ignores_a_number_that_has_never_varied():
+    normaliser = Normaliser(3)
+    normaliser.update(torch.tensor([[0.0, 7.0, 0.000], [1.0, 7.0, 0.002]]))
+    found = normaliser(torch.tensor([[1.0, 7.5, 0.011], [1.0, -9.0, 0.001]]))
+    # deviation 1/2; none; 0.001, which counts as 0.01
+    assert found.flatten().tolist() == pytest.approx([1.0, 0.0, 1.0, 1.0, 0.0, 0.0], abs=1e-6)
 
 
 def test_the_wrong_number_of_observations_names_both():

@@ -58,7 +58,7 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     """Steps with uniformly random actions before the policy acts and learning starts."""
     replay_size: PositiveInt = 1_000_000
     """Steps that the replay buffer holds."""
-    minibatch: PositiveInt = 256
+    minibatch: PositiveInt = 128
     """Steps in the batch of one gradient step."""
     discount: Fraction = 0.99
     """γ of the reward."""
@@ -86,7 +86,7 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     """Whether critics learn each cost standardised by its running mean and standard deviation and clipped to ±5, as in
     OmniSafe. A step without cost then has a negative cost, and a multiplier weighs another unit. The limit applies to
     raw costs."""
-    hidden: TupleOf[PositiveInt] = (256, 256)
+    hidden: TupleOf[PositiveInt] = (64, 64)
     """Sizes of the hidden layers, of the policy and of each critic."""
     activation: Activation = "relu"
     """Activation of the hidden layers."""

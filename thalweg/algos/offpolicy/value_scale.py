@@ -52,6 +52,7 @@ class ValueScale:
         """[S, 1] unit of each signal."""
         self._low = torch.full_like(self.units, -torch.inf)
         self._high = torch.full_like(self.units, torch.inf)
+        """[S, 1] bounds in units."""
 
     def update(self, rollout: Rollout, costs: Tensor) -> None:
         """Add the steps of a rollout, with costs [T, N, M] as critics learn them."""
@@ -71,7 +72,9 @@ class ValueScale:
         """
         if not self.config.bound_targets:
             return targets
-        low, high = self._low / self.units, self._high / self.units
+        low, high = self._low, self._high
+        if isinstance(above, float) and below == above == 0.0:
+            return targets.clamp(low, high)
         reward = targets[:1].clamp(low[:1] - below, high[:1] + above)
         return torch.cat([reward, targets[1:].clamp(low[1:], high[1:])])
 
@@ -97,6 +100,7 @@ class ValueScale:
             self._set(self.units, np.where(units > 0.0, units, 1.0))
         for tensor, values in zip((self._low, self._high), self.bounds(), strict=True):
             self._set(tensor, values)
+            tensor /= self.units
 
     @staticmethod
     def _set(tensor: Tensor, values: np.ndarray) -> None:

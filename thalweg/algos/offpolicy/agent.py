@@ -151,9 +151,9 @@ class Agent:
             raise AlgorithmError(f"a step cost {negative[0]:g}; with cost_floor none may be negative: set it to false")
         self.policy.normaliser.update(steps.obs)
         self._cost_normaliser.update(costs)
-        self.scale.update(rollout, self._cost_normaliser(rollout.costs))
         signals = torch.cat([steps.signals[:, :1], self._cost_normaliser(costs)], 1)
         self.replay.add(steps._replace(actions=encode(steps.actions), signals=signals))
+        self.scale.update(rollout, self._cost_normaliser(rollout.costs))
         count = len(steps.obs)
         self.steps += count
         # Random steps earn no gradient steps, and none are made up for them later.

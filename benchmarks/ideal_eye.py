@@ -14,6 +14,7 @@ trains on those. The seconds depend on what else the machine does.
 import argparse
 import csv
 import hashlib
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,6 +27,7 @@ from thalweg.algos.policy.policy import AnyPolicy
 from thalweg.algos.registry import algorithm_named
 from thalweg.bench.csv_files import read_csv
 from thalweg.cli.options import settings_from
+from thalweg.core.config import to_plain
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.train import run
 from thalweg.world import World, level_named, load_or_build
@@ -36,8 +38,8 @@ RIVERS, UNSEEN = range(1000, 1016), range(2000, 2020)
 """Seeds of the rivers of training and of the unseen ones."""
 NUM_ENVS, FLIGHTS, EVALUATION_SEED = 16, 60, 77
 RULES = EnvConfig(observation="privileged")
-KEY = ("algorithm", "changes", "level", "rivers", "steps", "seed")
-"""Columns that identify a trial."""
+KEY = ("algorithm", "changes", "level", "rivers", "steps", "seed", "config")
+"""Columns that identify a trial; `config` is a hash of all settings, so that other defaults make another trial."""
 
 Settings = Mapping[str, Any]
 OFF_POLICY_STEPS = 100_000
@@ -61,11 +63,18 @@ class Trial:
     rivers: Sequence[int] = field(default_factory=lambda: RIVERS)
 
     @property
+    def config(self) -> str:
+        """Hash of all settings."""
+        resolved = to_plain(algorithm_named(self.algorithm).configure(self.settings, num_envs=NUM_ENVS))
+        return hashlib.sha256(json.dumps(resolved, sort_keys=True).encode()).hexdigest()[:8]
+
+    @property
     def key(self) -> tuple[str, ...]:
         """Values of `KEY`."""
         first, last = self.rivers[0], self.rivers[-1]
         rivers = str(first) if first == last else f"{first}:{last + 1}"
-        return self.algorithm, settings_text(self.settings), self.level, rivers, str(self.steps), str(self.seed)
+        changes = settings_text(self.settings)
+        return self.algorithm, changes, self.level, rivers, str(self.steps), str(self.seed), self.config
 
 
 def settings_text(settings: Settings) -> str:
@@ -117,8 +126,7 @@ def scores(policy: AnyPolicy, level: str) -> dict[str, str]:
 
 def measure(trial: Trial, runs: Path) -> dict[str, str]:
     """Train, or resume, and fly; returns the row."""
-    resolved = repr(algorithm_named(trial.algorithm).configure(trial.settings, num_envs=NUM_ENVS))
-    name = hashlib.sha256(repr((trial.key, resolved)).encode()).hexdigest()[:10]
+    name = hashlib.sha256(repr(trial.key).encode()).hexdigest()[:10]
     env = RiverVectorEnv(rivers_of(trial.level, trial.rivers), NUM_ENVS, RULES)
     folder = runs / f"{trial.algorithm}-{trial.seed}-{name}"
     result = run(trial.algorithm, env, steps=trial.steps, seed=trial.seed, folder=folder, config=trial.settings)

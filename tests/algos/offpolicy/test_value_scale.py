@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from tests.algos import rollouts
 from tests.algos.offpolicy.learners import NAMES, SPACES, D, N, T, batch_of, learner_for, rollout_of
 from tests.algos.rollouts import feedback
 from thalweg.algos import AlgorithmError
@@ -18,20 +19,14 @@ CPU = torch.device("cpu")
 
 def scale_of(rewards: list[float], costs: list[float], **settings: Any) -> ValueScale:
     """The scale after one episode of one environment, without discounts."""
-    given = {"discount": 1.0, "cost_discount": 1.0} | settings
+    given: dict[str, Any] = {"discount": 1.0, "cost_discount": 1.0} | settings
     scale = ValueScale(DDPGLagConfig(**given), 1, 1, CPU)
     obs = torch.zeros(len(rewards) + 1, 1, 1)
     ends = torch.zeros(len(rewards), 1, dtype=torch.bool)
     ends[-1] = True
-    fields = {"obs": obs, "rewards": torch.tensor(rewards)[:, None], "terminated": ends}
-    scale.update(_rollout(**fields), torch.tensor(costs)[:, None, None])
+    fields: dict[str, Any] = {"obs": obs, "rewards": torch.tensor(rewards)[:, None], "terminated": ends}
+    scale.update(rollouts.rollout_of(**fields), torch.tensor(costs)[:, None, None])
     return scale
-
-
-def _rollout(obs: torch.Tensor, **fields: Any):
-    from tests.algos import rollouts
-
-    return rollouts.rollout_of(obs, **fields)
 
 
 def test_units_are_the_deviations_of_returns():
@@ -131,7 +126,9 @@ def test_targets_of_a_batch_are_in_units_and_bounded():
     actions = torch.zeros(T, N, 2)
     rewards = torch.arange(T * N, dtype=torch.float32).view(T, N)
     learner.update(
-        _rollout(obs, actions=actions, rewards=rewards, terminated=every, fresh=torch.ones(T + 1, N, dtype=torch.bool)),
+        rollouts.rollout_of(
+            obs, actions=actions, rewards=rewards, terminated=every, fresh=torch.ones(T + 1, N, dtype=torch.bool)
+        ),
         feedback(0.5),
     )
     unit, most = float(rewards.double().std(correction=0)), T * N - 1.0

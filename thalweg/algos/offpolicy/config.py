@@ -34,7 +34,7 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     both in the critics' units."""
     multiplier_gain: NonNegativeFloat = 1.0
     """K_P: added to λ at once for each unit by which the mean cost exceeds the limit; 0 for none."""
-    multiplier_max: NonNegativeFloat = 1.0
+    multiplier_max: NonNegativeFloat = 2.0
     """Upper bound of λ. From some value on, no cost is worth risking for all that an episode can pay, and the policy
     does nothing; in the units of `scale_returns` that is a few units."""
     scale_returns: bool = True

@@ -83,6 +83,7 @@ def test_a_warning_names_a_mean_value_that_no_episode_can_pay_or_cost():
     low = scale.warnings([-2.0, 0.0], feedback(0.5))
     assert "is -2, less than the -1 that an episode must pay" in low["impossible_value_of_reward"]
     assert scale.warnings([16.0, 0.0], feedback(0.5, episodes=19)) == {}
+    assert scale_of([1.0], [0.0]).warnings([0.5, 9.0], feedback(0.0)) == {}  # no episode has cost anything
     assert scale.warnings([16.0, 0.0], feedback(0.5), above=11.0) == {}
 
 

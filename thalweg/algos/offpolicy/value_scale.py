@@ -127,6 +127,8 @@ class ValueScale:
         found: dict[str, str] = {}
         for word, mean, least, most in zip(words, means, low.tolist(), high.tolist(), strict=True):
             pays = "pay" if word == "reward" else "cost"
+            if least == most:  # nothing has been paid yet: an untrained critic is no news
+                continue
             if mean > most + ROUNDING * abs(most):
                 sentence = f"more than the {most:.4g} that an episode can {pays}"
             elif mean < least - ROUNDING * abs(least):

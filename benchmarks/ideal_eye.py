@@ -3,6 +3,7 @@
     python benchmarks/ideal_eye.py                                   # all trials of TRIALS that have no row yet
     python benchmarks/ideal_eye.py --only TD3Lag --seeds 0 1 2
     python benchmarks/ideal_eye.py --algorithm TD3Lag --set multiplier_max=0.5 --steps 100000
+    python benchmarks/ideal_eye.py --write                           # the table of trials of each algorithm's page
 
 Each trial is an algorithm with some settings, trained on several rivers of a level with
 `EnvConfig(observation="privileged")`. A row of ideal_eye.csv is appended as a run finishes; a run that has a row is
@@ -15,6 +16,7 @@ import argparse
 import csv
 import hashlib
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,11 +24,14 @@ from typing import Any
 
 import numpy as np
 import torch
+from page_sections import replace_section
 
 from thalweg.algos.policy.policy import AnyPolicy
-from thalweg.algos.registry import algorithm_named
+from thalweg.algos.registry import ALGORITHMS, algorithm_named
 from thalweg.bench.csv_files import read_csv
+from thalweg.bench.report.table import frame, markdown
 from thalweg.cli.options import settings_from
+from thalweg.core.atomic_io import write_atomic
 from thalweg.core.config import to_plain
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.train import run
@@ -40,6 +45,11 @@ NUM_ENVS, FLIGHTS, EVALUATION_SEED = 16, 60, 77
 RULES = EnvConfig(observation="privileged")
 KEY = ("algorithm", "changes", "level", "rivers", "steps", "seed", "config")
 """Columns that identify a trial; `config` is a hash of all settings, so that other defaults make another trial."""
+
+PLACES = ("fixed", "unseen", "unseen_hard")
+"""Where policies are flown; columns are named by them."""
+PAGES, SECTION = HERE.parent / "docs" / "algorithms", "ideal eye"
+"""Pages of the algorithms, and the section that `--write` writes in them."""
 
 Settings = Mapping[str, Any]
 OFF_POLICY_STEPS = 100_000
@@ -112,9 +122,9 @@ def fly(policy: AnyPolicy, worlds: Sequence[World], flights: int = FLIGHTS) -> t
 def scores(policy: AnyPolicy, level: str) -> dict[str, str]:
     """Return the columns of a policy's flights."""
     fixed = load_or_build(level, level_named(level).default_seed)
-    places = {"fixed": [fixed], "unseen": rivers_of(level, UNSEEN), "unseen_hard": rivers_of("Hard", UNSEEN)}
+    places = ([fixed], rivers_of(level, UNSEEN), rivers_of("Hard", UNSEEN))
     row: dict[str, str] = {}
-    for place, worlds in places.items():
+    for place, worlds in zip(PLACES, places, strict=True):
         returned, cost, success = fly(policy, worlds)
         row |= {
             f"{place}_return": f"{returned:.2f}",
@@ -150,6 +160,39 @@ def append(table: Path, row: Mapping[str, str]) -> None:
         writer.writerow(row)
 
 
+def page_table(rows: Sequence[Mapping[str, str]], algorithm: str) -> str:
+    """Return the Markdown table of an algorithm's trials: means over the seeds of return / cost in each place."""
+    groups: dict[tuple[str, ...], list[Mapping[str, str]]] = {}
+    for row in rows:
+        if row["algorithm"] == algorithm:
+            groups.setdefault((row["changes"], row["level"], row["rivers"], row["steps"], row["config"]), []).append(
+                row
+            )
+    lines = []
+    for (changes, level, rivers, steps, _), runs in groups.items():
+        places = [
+            " / ".join(f"{np.mean([float(run[f'{place}_{what}']) for run in runs]):.2f}" for what in ("return", "cost"))
+            for place in PLACES
+        ]
+        trained = f"{level} {rivers}, {int(steps):,}"
+        settings = "none" if changes == "none" else " ".join(f"`{change}`" for change in changes.split(" "))
+        lines.append([settings, trained, str(len(runs)), *places])
+    head = ["changed settings", "rivers, steps", "seeds", "fixed river", "unseen", "unseen Hard"]
+    return markdown(frame(head, lines))
+
+
+def written_pages() -> dict[Path, str]:
+    """Return the pages of algorithms that show their trials, as they must be."""
+    rows = read_csv(TABLE, KEY)
+    found = {}
+    for algorithm in ALGORITHMS:
+        path = PAGES / f"{algorithm.lower()}.md"
+        text = path.read_text()
+        if f"<!-- {SECTION} -->" in text:
+            found[path] = replace_section(text, SECTION, page_table(rows, algorithm))
+    return found
+
+
 def rivers_named(text: str) -> Sequence[int]:
     """Return the seeds of `FIRST:END`, END excluded, or of a single seed."""
     first, _, end = text.partition(":")
@@ -169,7 +212,7 @@ def trials_of(chosen: argparse.Namespace) -> list[Trial]:
     ]
 
 
-def main() -> None:
+def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", default=[], help="algorithms whose trials are run; default: all")
     parser.add_argument("--algorithm", help="one trial of this algorithm instead of the table's")
@@ -182,14 +225,22 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[0], help="seeds of the runs")
     parser.add_argument("--runs", type=Path, default=HERE.parent / "runs" / "ideal_eye", help="folder of the runs")
     parser.add_argument("--out", type=Path, default=TABLE, help="the table")
+    parser.add_argument("--write", action="store_true", help="train nothing, but write the tables of the pages")
+    parser.add_argument("--check", action="store_true", help="write nothing; fail if a page is out of date")
     chosen = parser.parse_args()
+    if chosen.write or chosen.check:
+        outdated = {path: text for path, text in written_pages().items() if text != path.read_text()}
+        for path, text in outdated.items() if chosen.write else ():
+            write_atomic(path, text)
+        return int(chosen.check and bool(outdated))
     for trial in trials_of(chosen):
         if trial.key in finished(chosen.out):
             continue
         row = measure(trial, chosen.runs)
         append(chosen.out, row)
         print(" ".join(f"{name} {value}" for name, value in row.items()), flush=True)
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

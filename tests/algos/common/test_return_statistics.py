@@ -68,6 +68,7 @@ def test_deviation_and_extremes_are_those_of_all_steps_of_finished_episodes():
     reached = np.concatenate([expected, everything[0][everything[3]].astype(np.float64)])
     assert statistics.low == pytest.approx(reached.min(0), abs=1e-5)
     assert statistics.high == pytest.approx(reached.max(0), abs=1e-5)
+    assert statistics.largest_step == pytest.approx(np.abs(everything[0][everything[3]]).max(0), abs=1e-6)
 
 
 def test_a_running_episode_counts_by_its_single_rewards_only():

@@ -29,11 +29,15 @@ def scale_of(rewards: list[float], costs: list[float], **settings: Any) -> Value
     return scale
 
 
-def test_units_are_the_deviations_of_returns():
-    scale = scale_of([1.0, 1.0, 1.0], [0.0, 0.0, 1.0])
-    # returns 3, 2, 1: deviation √(2/3). Costs 1, 1, 1: none, so that a tenth of the largest is the unit.
-    assert scale.units[:, 0].tolist() == pytest.approx([(2 / 3) ** 0.5, LEAST_UNIT])
-    assert scale.scaled(torch.tensor([[2.0], [1.0]]))[:, 0].tolist() == pytest.approx([2.0 / (2 / 3) ** 0.5, 10.0])
+def test_units_are_the_deviation_of_returns_and_the_largest_cost_of_a_step():
+    scale = scale_of([1.0, 1.0, 1.0], [0.0, 0.25, 0.5])
+    assert scale.units[:, 0].tolist() == pytest.approx([(2 / 3) ** 0.5, 0.5])  # returns 3, 2, 1
+    assert scale.scaled(torch.tensor([[2.0], [1.0]]))[:, 0].tolist() == pytest.approx([2.0 / (2 / 3) ** 0.5, 2.0])
+
+
+def test_no_return_exceeds_ten_units():
+    scale = scale_of([0.0] * 9999 + [1.0], [0.0] * 10_000, discount=0.0)  # deviation 0.01
+    assert float(scale.units[0]) == pytest.approx(LEAST_UNIT)
 
 
 def test_units_are_one_before_an_episode_has_finished_and_where_nothing_is_paid():

@@ -42,6 +42,8 @@ class ReturnStatistics:
         """Mean return [S], and the sum of squared differences from it [S]."""
         self.low, self.high = np.zeros(size), np.zeros(size)
         """[S] smallest and largest return, or single reward or cost, so far; at most and at least 0."""
+        self.largest_step = np.zeros(size)
+        """[S] largest absolute reward or cost of a single step so far."""
         self._recent = np.zeros((0, num_envs, size), np.float32)
         """[rows, N, S] signals since the first step of the oldest running episode."""
         self._begin = np.zeros(num_envs, np.int64)
@@ -83,8 +85,9 @@ class ReturnStatistics:
         oldest = int(self._begin.min())
         self._recent = recent[oldest:].copy()
         self._begin -= oldest
-        reached = signals[valid].reshape(-1, len(self.low))
-        self._widen(reached)
+        steps = signals[valid].reshape(-1, len(self.low)).astype(np.float64)
+        self._widen(steps)
+        self.largest_step = np.maximum(self.largest_step, np.abs(steps).max(0, initial=0.0))
 
     def _add(self, signals: np.ndarray, *, cut: bool) -> None:
         """Add the returns of one episode's signals [L, S] (Chan, Golub, LeVeque 1983: two sets combined)."""
@@ -109,6 +112,7 @@ class ReturnStatistics:
             "square": self._square.copy(),
             "low": self.low.copy(),
             "high": self.high.copy(),
+            "largest_step": self.largest_step.copy(),
             "recent": self._recent.copy(),
             "begin": self._begin.copy(),
         }
@@ -118,4 +122,5 @@ class ReturnStatistics:
         self.count = int(state["count"])
         self.mean, self._square = np.array(state["mean"]), np.array(state["square"])
         self.low, self.high = np.array(state["low"]), np.array(state["high"])
+        self.largest_step = np.array(state["largest_step"])
         self._recent, self._begin = np.array(state["recent"]), np.array(state["begin"])

@@ -35,12 +35,13 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     multiplier_gain: NonNegativeFloat = 1.0
     """K_P: added to λ at once for each unit by which the mean cost exceeds the limit; 0 for none."""
     multiplier_max: NonNegativeFloat = 2.0
-    """Upper bound of λ. From some value on, no cost is worth risking for all that an episode can pay, and the policy
-    does nothing; in the units of `scale_returns` that is a few units."""
+    """Upper bound of λ. With `scale_returns` it is the number of deviations of the return that the largest cost of a
+    step is worth at most; from about three on, no cost is worth risking for all that an episode can pay, and the policy
+    does nothing."""
     scale_returns: bool = True
-    """Whether critics learn rewards and costs in units of their own: divided by the running deviations of discounted
-    returns and costs. Multipliers, α and `output_decay` then do not depend on the task's units. The replay buffer holds
-    raw numbers, and limits apply to raw costs."""
+    """Whether critics learn rewards and costs in units of their own: rewards divided by the running deviation of
+    discounted returns, costs by the largest cost of a step so far. Multipliers, α and `output_decay` then do not depend
+    on the task's units. The replay buffer holds raw numbers, and limits apply to raw costs."""
     bound_targets: bool = True
     """Whether the critics' targets are held within what an episode can pay and cost from a step on: within
     `return_bounds` and `largest_costs`, or within learnt bounds where the task's are not given."""

@@ -1,4 +1,8 @@
-"""Units and bounds of critics' values: deviations and extremes of the discounted returns of finished episodes.
+"""Units and bounds of critics' values, from the rewards and costs of a run and the returns of its finished episodes.
+
+The unit of the reward is the standard deviation of the discounted return from a step on; that of a cost is the largest
+cost of a single step. A deviation of costs would shrink as a policy learns to avoid them, and the same multiplier would
+weigh one cost more and more, until it outweighs all that can be earned.
 
 Critics learn rewards and costs in these units, and their targets stay within the bounds. The replay buffer holds raw
 numbers, so that every batch is in the units of the moment. Letters: N environments, T steps, B rows of a batch, S =
@@ -17,7 +21,7 @@ from thalweg.algos.constraint.cost_limits import ENOUGH_EPISODES, as_word, cost_
 from thalweg.algos.interface import Feedback, Rollout
 
 LEAST_UNIT = 0.1
-"""Least unit, as a share of the largest return of a step: no return exceeds ten units, however rare it is."""
+"""Least unit of the reward, as a share of the largest return: no return exceeds ten units, however rare it is."""
 ROUNDING = 1e-3
 """Share of a bound by which a mean value may exceed it before a warning is given."""
 
@@ -95,8 +99,9 @@ class ValueScale:
     def _refresh(self) -> None:
         """Set units and bounds from the statistics."""
         found = self.statistics
-        if self.config.scale_returns and found.count:
-            units = np.maximum(found.deviation, LEAST_UNIT * np.maximum(-found.low, found.high))
+        if self.config.scale_returns:
+            units = found.largest_step.copy()
+            units[0] = max(found.deviation[0], LEAST_UNIT * max(-found.low[0], found.high[0])) if found.count else 1.0
             self._set(self.units, np.where(units > 0.0, units, 1.0))
         for tensor, values in zip((self._low, self._high), self.bounds(), strict=True):
             self._set(tensor, values)

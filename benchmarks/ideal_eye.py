@@ -175,7 +175,7 @@ def page_table(rows: Sequence[Mapping[str, str]], algorithm: str) -> str:
             for place in PLACES
         ]
         trained = f"{level} {rivers}, {int(steps):,}"
-        settings = "none" if changes == "none" else " ".join(f"`{change}`" for change in changes.split(" "))
+        settings = " ".join(f"`{change}`" if "=" in change else change for change in changes.split(" "))
         lines.append([settings, trained, str(len(runs)), *places])
     head = ["changed settings", "rivers, steps", "seeds", "fixed river", "unseen", "unseen Hard"]
     return markdown(frame(head, lines))

@@ -125,6 +125,7 @@ _DETERMINISTIC: Settings = {
     "exploration_noise": 0.1,
     "exploration_fades": False,
     "output_decay": 0.0,
+    "flight_temperature": 0.0,
 }
 
 PAPER: dict[str, Settings] = {

@@ -148,11 +148,17 @@ def test_metrics_of_separate_costs_name_them(name: str):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_saved_policy_keeps_its_algorithm_and_whether_it_is_greedy(name: str, tmp_path):
-    learner = learner_for(name, SPACES["MultiDiscrete"])
+@pytest.mark.parametrize("temperature", [0.0, 0.25])
+def test_a_saved_policy_keeps_its_algorithm_and_how_it_draws(name: str, temperature: float, tmp_path):
+    settings = {} if name == "SACLag" else {"flight_temperature": temperature}
+    learner = learner_for(name, SPACES["MultiDiscrete"], **settings)
     learner.policy.save(tmp_path / "policy.safetensors")
     again = type(learner.policy).load(tmp_path / "policy.safetensors")
-    assert again.greedy == (name != "SACLag") and again.about.algorithm == name
+    assert again.about.algorithm == name
+    assert again.greedy == (name != "SACLag" and temperature == 0.0)
+    assert again.temperature == (temperature if name != "SACLag" and temperature else 1.0)
+    box = learner_for(name, SPACES["Box"], **settings).policy
+    assert (box.greedy, box.temperature) == (name != "SACLag", 1.0)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,5 +1,6 @@
 """Tests of the policy: the actions it samples, and its deterministic ones."""
 
+import math
 from typing import Any
 
 import gymnasium as gym
@@ -178,6 +179,19 @@ def test_frames_are_seen_side_by_side_the_newest_last():
     seen = torch.from_numpy(np.concatenate([first, second])[None])
     with torch.no_grad():
         assert np.allclose(found, policy.actions.to_numpy(policy.distribution(seen).mode()))
+
+
+def test_a_policy_draws_at_its_temperature_and_keeps_it_in_its_file(tmp_path):
+    policy = Policy(1, actions_of(gym.spaces.Discrete(2)), NetworkShape(), temperature=0.5)
+    with torch.no_grad():
+        policy.actor.stack.flat[-2:] = torch.tensor([0.0, 0.5 * math.log(3.0)])  # the last biases
+    policy.save(tmp_path / "policy.safetensors")
+    obs = np.zeros((20_000, 1), np.float32)
+    for each in (policy, Policy.load(tmp_path / "policy.safetensors")):
+        drawn = each.act(obs, generator=torch.Generator().manual_seed(0))
+        assert drawn.mean() == pytest.approx(0.75, abs=0.01)  # odds of 3 instead of √3
+        assert each.distribution(torch.zeros(1, 1)).log_p[0, 0].exp().tolist() == pytest.approx([0.25, 0.75])
+        assert each.act(obs[:9], deterministic=True).tolist() == [1] * 9
 
 
 def test_a_greedy_policy_never_draws():

@@ -62,6 +62,8 @@ class AgentSpec(NamedTuple):
     """Outputs of a critic for an observation; 0: one output for an observation and an action."""
     greedy: bool = False
     """Whether the policy takes its most probable action."""
+    temperature: float = 1.0
+    """Temperature at which the policy's options are sampled."""
     policy_metrics: tuple[str, ...] = ()
     """Names of metrics that each update of the policy adds to `policy_loss`."""
 
@@ -80,6 +82,7 @@ class Agent:
             frames=config.frame_stack,
             normalise=config.normalise_observations,
             greedy=spec.greedy,
+            temperature=spec.temperature,
             generator=self.generator,
             about=About(spec.algorithm, to_plain(config), task.context),
         )

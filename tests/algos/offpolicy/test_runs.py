@@ -49,7 +49,7 @@ def test_a_run_writes_a_policy_and_a_row_for_each_report(name: str, tmp_path: Pa
     rows = rows_of(tmp_path, "metrics.csv")
     assert [int(row["steps"]) for row in rows] == [256, 512, 600]
     assert [int(row["replay"]) for row in rows] == [256, 400, 400]
-    assert int(rows[-1]["gradient_steps"]) == 250  # half of the 500 steps after the random ones
+    assert int(rows[-1]["gradient_steps"]) == 125  # a quarter of the 500 steps after the random ones
     assert sum(int(row["cost_episodes"]) for row in rows) == len(rows_of(tmp_path, "episodes.csv"))
     assert load_policy(tmp_path).greedy is False
 

@@ -24,7 +24,7 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
 
     steps_per_collection: PositiveInt = 64
     """Steps between two rounds of learning, all environments together; at least one step of each environment."""
-    updates_per_step: PositiveFloat = 0.5
+    updates_per_step: PositiveFloat = 0.25
     """Gradient steps per environment step; a fraction that is left after a round is carried over to the next."""
     steps_per_update: PositiveInt = 2048
     """Steps between two reports, all environments together. At a report the multipliers are updated and metrics are

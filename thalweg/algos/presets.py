@@ -75,6 +75,7 @@ _PLANNING: Settings = {
     "hold_out": 0.2,
     "fixed_variance_bounds": True,
     "random_steps": 10_000,
+    "bound_targets": False,
     "steps_per_collection": 250,
     "steps_per_update": 20_000,
     "adapter": "box_literal",
@@ -98,6 +99,8 @@ _OFF_POLICY: Settings = {
     "linear_decay": False,
     "normalise_cost": True,
     "cost_floor": False,
+    "scale_returns": False,
+    "bound_targets": False,
     "normalise_observations": False,
     "initial": "kaiming",
     "adapter": "box_literal",
@@ -122,6 +125,7 @@ _DETERMINISTIC: Settings = {
     "exploration_noise": 0.1,
     "exploration_fades": False,
     "output_decay": 0.0,
+    "flight_temperature": 0.0,
 }
 
 PAPER: dict[str, Settings] = {
@@ -178,6 +182,7 @@ PAPER: dict[str, Settings] = {
         "policy_delay": 2,
         "alpha": 0.2,
         "auto_alpha": False,
+        "entropy_in_targets": True,
         "cost_target": "mode",
     },
     "CCEPETS": {**_PLANNING, "initial_std": 2.0, "terminal_value": False, "critic_steps": 0},
@@ -192,6 +197,7 @@ PAPER: dict[str, Settings] = {
         "sharpness": 10.0,
         "cost_sharpness": 100.0,
         "stale_action_value": True,
+        "entropy_in_targets": True,
         "auto_alpha": False,
         "alpha": 0.2,
         "alpha_decay": 0.99,

@@ -71,7 +71,7 @@ def test_metrics_are_reported_every_steps_per_update_and_at_the_end():
 
 
 def test_the_multiplier_is_updated_at_each_report():
-    learner = ddpg(steps_per_update=8, multiplier_rate=1.0, multiplier_gain=0.0, cost_limit=0.1)
+    learner = ddpg(steps_per_update=8, multiplier_rate=1.0, multiplier_gain=0.0, multiplier_max=9.0, cost_limit=0.1)
     moved = [learner.agent.multipliers.values[0] for _ in range(6) if rounds(learner, 1) is not None]
     assert moved == pytest.approx([0.0, 0.4, 0.4, 0.8, 0.8, 1.2])
 
@@ -138,7 +138,7 @@ def test_the_policys_step_changes_no_critic_and_the_critics_step_no_policy(name:
 
 
 def test_normalise_cost_standardises_the_stored_costs():
-    raw, scaled = ddpg(), ddpg(normalise_cost=True, cost_floor=False)
+    raw, scaled = ddpg(), ddpg(normalise_cost=True, cost_floor=False, scale_returns=False)
     for learner in (raw, scaled):
         rounds(learner, 1, steps=T)
     costs = torch.from_numpy(raw.agent.replay.state()["rows"])[:, -2]
@@ -223,7 +223,7 @@ def test_mean_metrics_name_a_number_that_is_nan():
         ({"target_rate": 0.0}, "target_rate must be a number above 0 and at most 1"),
         ({"cost_critics": 3}, "cost_critics must be a whole number from 1 to 2"),
         ({"discount": 1.1}, "discount must be a number from 0 to 1"),
-        ({"multiplier_initial": 99.0}, "multiplier_initial must be at most multiplier_max = 50.0, got 99.0"),
+        ({"multiplier_initial": 99.0}, "multiplier_initial must be at most multiplier_max = 2.0, got 99.0"),
         ({"cost_limit": -1.0}, "cost_limit must be a finite number of at least 0"),
         ({"exploration": 1.5}, "exploration must be a number from 0 to 1"),
         ({"relaxation": 0.0}, "relaxation must be a number above 0"),

@@ -22,7 +22,11 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "two cost critics": {"cost_critics": 2},
     "separate costs": {"cost_limits": (0.1, 0.2), "cost_critics": 2},
     "kaiming": {"initial": "kaiming", "activation": "tanh", "normalise_observations": False},
+    "unscaled": {"scale_returns": False, "bound_targets": False},
+    "given bounds": {"return_bounds": (0.0, 40.0), "bound_margin": 0.0},
     "omnisafe": {
+        "scale_returns": False,
+        "bound_targets": False,
         "multiplier_schedule": "gradient_step",
         "normalise_cost": True,
         "cost_floor": False,
@@ -67,7 +71,7 @@ class TestEveryAlgorithm:
             learner.update(rollout_of(learner, rewards=rewards), FEEDBACK)
 
     def test_a_loss_that_is_not_finite_stops_it_even_where_nothing_is_reported(self, name: str, space: gym.Space):
-        learner = learner_for(name, space, steps_per_update=10**9)
+        learner = learner_for(name, space, steps_per_update=10**9, scale_returns=False, bound_targets=False)
         with pytest.raises(NotFiniteError, match=r"q_loss has become"):
             learner.update(rollout_of(learner, rewards=torch.full((T, N), 1e30)), FEEDBACK)
 
@@ -144,11 +148,17 @@ def test_metrics_of_separate_costs_name_them(name: str):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_saved_policy_keeps_its_algorithm_and_whether_it_is_greedy(name: str, tmp_path):
-    learner = learner_for(name, SPACES["MultiDiscrete"])
+@pytest.mark.parametrize("temperature", [0.0, 0.25])
+def test_a_saved_policy_keeps_its_algorithm_and_how_it_draws(name: str, temperature: float, tmp_path):
+    settings = {} if name == "SACLag" else {"flight_temperature": temperature}
+    learner = learner_for(name, SPACES["MultiDiscrete"], **settings)
     learner.policy.save(tmp_path / "policy.safetensors")
     again = type(learner.policy).load(tmp_path / "policy.safetensors")
-    assert again.greedy == (name != "SACLag") and again.about.algorithm == name
+    assert again.about.algorithm == name
+    assert again.greedy == (name != "SACLag" and temperature == 0.0)
+    assert again.temperature == (temperature if name != "SACLag" and temperature else 1.0)
+    box = learner_for(name, SPACES["Box"], **settings).policy
+    assert (box.greedy, box.temperature) == (name != "SACLag", 1.0)
 
 
 @pytest.mark.parametrize("name", NAMES)

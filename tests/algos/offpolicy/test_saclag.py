@@ -8,7 +8,8 @@ import gymnasium as gym
 import pytest
 import torch
 
-from tests.algos.offpolicy.learners import SPACES, batch_of, layer_by_layer, learner_for, perturb
+from tests.algos.offpolicy.learners import SPACES, batch_of, layer_by_layer, learner_for, perturb, rollout_of
+from tests.algos.rollouts import feedback
 from thalweg.algos import AlgorithmError
 from thalweg.algos.maths import losses
 from thalweg.algos.offpolicy.saclag import SACLagConfig, policy_loss
@@ -64,21 +65,22 @@ def expectations_by_loops(
     return expected, entropies, modes
 
 
-def test_the_next_value_is_the_sum_over_all_81_joint_actions():
-    learner, batch = river()
+@pytest.mark.parametrize(("soft_values", "weight"), [(True, 0.3), (False, 0.0)])
+def test_the_next_value_is_the_sum_over_all_81_joint_actions(soft_values: bool, weight: float):
+    learner, batch = river(entropy_in_targets=soft_values)
     expected, entropies, _ = expectations_by_loops(learner, batch.next_obs, learner.agent.target_critics)
     found = learner.action_form.next_values(learner.agent, batch, ALPHA)
     for state in range(7):
-        soft = [expected[state][0] + 0.3 * entropies[state], *expected[state][1:]]
+        soft = [expected[state][0] + weight * entropies[state], *expected[state][1:]]
         assert found[:, state].tolist() == pytest.approx(soft, abs=1e-4)
 
 
 def test_omnisafes_cost_target_uses_the_most_probable_action():
     learner, batch = river(cost_target="mode")
-    expected, entropies, modes = expectations_by_loops(learner, batch.next_obs, learner.agent.target_critics)
+    expected, _, modes = expectations_by_loops(learner, batch.next_obs, learner.agent.target_critics)
     found = learner.action_form.next_values(learner.agent, batch, ALPHA)
     for state in range(7):
-        soft = [expected[state][0] + 0.3 * entropies[state], *modes[state][1:]]
+        soft = [expected[state][0], *modes[state][1:]]
         assert found[:, state].tolist() == pytest.approx(soft, abs=1e-4)
         assert abs(expected[state][1] - modes[state][1]) > 1e-3
 
@@ -115,6 +117,24 @@ def test_the_policys_gradient_equals_autograd_and_leaves_the_critics_without_one
     assert torch.allclose(found, actor.flat.grad, atol=1e-5) and found.abs().max() > 1e-3
 
 
+@pytest.mark.parametrize("space", ["MultiDiscrete", "Box"])
+def test_bounds_leave_room_for_the_entropy_of_soft_values_alone(space: str):
+    found = {}
+    for soft_values in (True, False):
+        settings: dict[str, Any] = {"entropy_in_targets": soft_values, "alpha": 0.3, "auto_alpha": False}
+        learner = learner_for("SACLag", SPACES[space], discount=0.9, return_bounds=(0.0, 2.0), **settings)
+        learner.update(rollout_of(learner), feedback(0.5))
+        scale = learner.agent.scale
+        wild = torch.tensor([[99.0, -99.0], [0.0, 0.0]])
+        held = scale.bounded(wild, *learner._entropy_slack(torch.tensor(0.3)))[0]
+        found[soft_values] = (held * scale.units[0]).tolist()
+        unit = float(scale.units[0])
+    most = math.log(9) if space == "MultiDiscrete" else 2 * math.log(2)
+    assert found[False] == pytest.approx([2.0, 0.0])
+    least = 0.0 if space == "MultiDiscrete" else -99.0 * unit  # pyright: ignore
+    assert found[True] == pytest.approx([2.0 + 0.3 * most * 10 * unit, least], rel=1e-5)  # pyright: ignore
+
+
 def test_only_the_outputs_of_the_batchs_actions_have_a_gradient():
     learner, batch = river(discount=0.0, cost_discount=0.0)
     q_values, _ = learner.action_form.q_values(learner.agent, batch)
@@ -144,13 +164,14 @@ def sampled(learner: Any, obs: torch.Tensor, seed: int) -> tuple[torch.Tensor, t
     return action, ((normal.cdf(between[0]) - normal.cdf(between[1])) / width).log().sum(-1)
 
 
-def test_a_sampled_next_value_equals_a_numeric_change_of_variables():
-    learner, batch = box()
+@pytest.mark.parametrize(("soft_values", "weight"), [(True, 0.3), (False, 0.0)])
+def test_a_sampled_next_value_equals_a_numeric_change_of_variables(soft_values: bool, weight: float):
+    learner, batch = box(entropy_in_targets=soft_values)
     action, log_prob = sampled(learner, batch.next_obs, 5)
     learner.agent.generator.manual_seed(5)
     found = learner.action_form.next_values(learner.agent, batch, ALPHA)
     q = layer_by_layer(learner.agent.target_critics, torch.cat([batch.next_obs, action], 1))[..., 0]
-    expected = torch.stack([torch.minimum(q[0], q[1]) - 0.3 * log_prob, q[2]])
+    expected = torch.stack([torch.minimum(q[0], q[1]) - weight * log_prob, q[2]])
     near = (action.abs() < 0.999).all(-1)  # further out the distribution function has no digits left
     assert near.sum() >= 3 and torch.allclose(found.double()[:, near], expected[:, near], atol=1e-3)
 

@@ -1,5 +1,6 @@
 """Tests of the policy: the actions it samples, and its deterministic ones."""
 
+import math
 from typing import Any
 
 import gymnasium as gym
@@ -10,6 +11,7 @@ import torch
 from thalweg.algos import About, AlgorithmError, Policy
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.networks import NetworkShape
+from thalweg.algos.policy.normaliser import Normaliser
 
 SPACES = {
     "MultiDiscrete": gym.spaces.MultiDiscrete([3, 3, 3, 3]),
@@ -61,7 +63,7 @@ def test_the_same_generator_state_samples_the_same_actions():
 
 def test_a_deterministic_action_is_the_most_probable_and_needs_no_draw():
     policy = policy_for(SPACES["MultiDiscrete"])
-    log_p = policy.distribution(torch.from_numpy(observations())).log_p  # pyright: ignore[reportAttributeAccessIssue]
+    log_p = policy.distribution(torch.from_numpy(observations())).log_p
     assert np.array_equal(policy.act(observations(), deterministic=True), log_p.argmax(-1).numpy())
 
 
@@ -96,6 +98,14 @@ def test_the_normaliser_has_the_moments_of_everything_it_saw():
     assert policy.normaliser.square / 300 == pytest.approx(everything.var(0), rel=1e-9)
     out = policy.normaliser(torch.from_numpy(everything).float()).numpy()
     assert out.std(0) == pytest.approx(np.ones(5), abs=0.02)
+
+
+def test_the_normaliser_ignores_a_number_that_has_never_varied():
+    normaliser = Normaliser(3)
+    normaliser.update(torch.tensor([[0.0, 7.0, 0.000], [1.0, 7.0, 0.002]]))
+    found = normaliser(torch.tensor([[1.0, 7.5, 0.011], [1.0, -9.0, 0.001]]))
+    # deviation 1/2; none; 0.001, which counts as 0.01
+    assert found.flatten().tolist() == pytest.approx([1.0, 0.0, 1.0, 1.0, 0.0, 0.0], abs=1e-6)
 
 
 def test_the_wrong_number_of_observations_names_both():
@@ -169,6 +179,20 @@ def test_frames_are_seen_side_by_side_the_newest_last():
     seen = torch.from_numpy(np.concatenate([first, second])[None])
     with torch.no_grad():
         assert np.allclose(found, policy.actions.to_numpy(policy.distribution(seen).mode()))
+
+
+def test_a_policy_draws_at_its_temperature_and_keeps_it_in_its_file(tmp_path):
+    policy = Policy(1, actions_of(gym.spaces.Discrete(2)), NetworkShape(), temperature=0.5)
+    with torch.no_grad():
+        policy.actor.stack.flat[-2:] = torch.tensor([0.0, 0.5 * math.log(3.0)])  # the last biases
+    policy.save(tmp_path / "policy.safetensors")
+    obs = np.zeros((20_000, 1), np.float32)
+    for each in (policy, Policy.load(tmp_path / "policy.safetensors")):
+        drawn = each.act(obs, generator=torch.Generator().manual_seed(0))
+        assert drawn.mean() == pytest.approx(0.75, abs=0.01)  # odds of 3 instead of √3
+        found: Any = each.distribution(torch.zeros(1, 1))
+        assert found.log_p[0, 0].exp().tolist() == pytest.approx([0.25, 0.75])
+        assert each.act(obs[:9], deterministic=True).tolist() == [1] * 9
 
 
 def test_a_greedy_policy_never_draws():

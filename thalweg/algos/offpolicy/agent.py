@@ -33,6 +33,7 @@ from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.offpolicy.critics import Critics, TargetNetworks
 from thalweg.algos.offpolicy.mean_metrics import MeanMetrics
 from thalweg.algos.offpolicy.replay_buffer import Batch, ReplayBuffer, valid_transitions
+from thalweg.algos.offpolicy.value_scale import ValueScale
 from thalweg.algos.policy.actions import Actions
 from thalweg.algos.policy.mlp import StackedMLP
 from thalweg.algos.policy.normaliser import Normaliser
@@ -61,6 +62,8 @@ class AgentSpec(NamedTuple):
     """Outputs of a critic for an observation; 0: one output for an observation and an action."""
     greedy: bool = False
     """Whether the policy takes its most probable action."""
+    temperature: float = 1.0
+    """Temperature at which the policy's options are sampled."""
     policy_metrics: tuple[str, ...] = ()
     """Names of metrics that each update of the policy adds to `policy_loss`."""
 
@@ -79,6 +82,7 @@ class Agent:
             frames=config.frame_stack,
             normalise=config.normalise_observations,
             greedy=spec.greedy,
+            temperature=spec.temperature,
             generator=self.generator,
             about=About(spec.algorithm, to_plain(config), task.context),
         )
@@ -97,11 +101,15 @@ class Agent:
         self.multipliers = Multipliers(config, config.limits)
         self.replay = ReplayBuffer(config.replay_size, size, spec.action_width, costs, task.device)
         self._cost_normaliser = Normaliser(costs, config.normalise_cost, task.device)
+        self.scale = ValueScale(config, costs, task.num_envs, task.device)
         discounts = [[config.discount], *[[config.cost_discount]] * costs]
         self._discounts = torch.tensor(discounts, device=task.device)
         names = ["", *(f"cost{name}_" for name in cost_suffixes(costs))]
+        self._value_names = [f"{name}q_mean" for name in names]
+        self._last_values = [math.nan] * len(names)
+        """Mean values in the last report [S]."""
         self._metrics = MeanMetrics(
-            (*(f"{name}q_loss" for name in names), *(f"{name}q_mean" for name in names)),
+            (*(f"{name}q_loss" for name in names), *self._value_names),
             ("policy_loss", *spec.policy_metrics),
             device=task.device,
         )
@@ -148,6 +156,7 @@ class Agent:
         self._cost_normaliser.update(costs)
         signals = torch.cat([steps.signals[:, :1], self._cost_normaliser(costs)], 1)
         self.replay.add(steps._replace(actions=encode(steps.actions), signals=signals))
+        self.scale.update(rollout, self._cost_normaliser(rollout.costs))
         count = len(steps.obs)
         self.steps += count
         # Random steps earn no gradient steps, and none are made up for them later.
@@ -190,8 +199,12 @@ class Agent:
         batch: Batch,
         next_values: Tensor,
         chosen: Tensor | None = None,
+        *,
+        slack: tuple[float | Tensor, float | Tensor] = (0.0, 0.0),
     ) -> None:
         """Take one step of Adam of all critics on ½ E[(Q - y)²], summed over critics (`maths.advantages`).
+
+        Rewards and costs are in the units of `scale`, and targets within its bounds.
 
         Args:
             q_values: [K, B, W], outputs of the critics.
@@ -199,19 +212,21 @@ class Agent:
             batch: The stored steps.
             next_values: V(s') [S, B], before the cost floor.
             chosen: Index [B] int64 of the output for the batch's actions; None with a single output.
+            slack: How far the reward's targets may lie below and above the bounds, see `ValueScale.bounded`.
         """
         if self.config.cost_floor:
             next_values = torch.cat([next_values[:1], next_values[1:].clamp(min=0.0)])
         index = None if chosen is None else chosen.expand(len(q_values), -1).unsqueeze(-1)
         values = (q_values if index is None else q_values.gather(-1, index)).squeeze(-1)
-        targets = advantages.td_target(batch.signals, batch.continues, next_values, self._discounts)[
-            self.critics.signal
-        ]
+        signals = self.scale.scaled(batch.signals)
+        targets = advantages.td_target(signals, batch.continues, next_values, self._discounts)
+        targets = self.scale.bounded(targets, *slack)[self.critics.signal]
         grads = losses.squared_error_grad(values, targets).unsqueeze(-1)
         backward(grads if index is None else torch.zeros_like(q_values).scatter_(-1, index, grads))
         self.critic_optimiser.step(self.config.max_grad_norm)
         errors, one_per_signal = losses.squared_error(values, targets), self.critics.one_per_signal
-        self._metrics.add(CRITICS, torch.cat([errors[one_per_signal], values[one_per_signal].mean(-1)]))
+        means = values[one_per_signal].mean(-1) * self.scale.units[:, 0]
+        self._metrics.add(CRITICS, torch.cat([errors[one_per_signal], means]))
 
     def update_policy(self, loss: Tensor, *metrics: Tensor) -> None:
         """Take one step of Adam of the policy with the gradient of this scalar loss, which its parameters hold; then
@@ -227,22 +242,28 @@ class Agent:
         self._reported_at = self.steps
         if self.config.multiplier_schedule == "report" and self.gradient_steps:
             self.multipliers.update(feedback)
+        means = self._metrics.report()
+        self._last_values = [means[name] for name in self._value_names]
         return (
-            self._metrics.report()
+            means
             | {
                 "gradient_steps": self.gradient_steps,
                 "replay": self.replay.filled,
                 "learning_rate": self.policy_optimiser.rate,
             }
+            | self.scale.metrics()
             | self.multipliers.metrics(feedback, self._multiplier_updates_left(feedback))
             | cost_metrics(feedback, self.config.limits, self.config.cost_window)
         )
 
-    def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Return warnings about cost limits or multipliers that have no effect, by a short code."""
-        return limit_warnings(self.config.limits, feedback) | self.multipliers.warnings(
-            feedback, self._multiplier_updates_left(feedback)
-        )
+    def warnings(self, feedback: Feedback, above: float = 0.0) -> dict[str, str]:
+        """Return warnings, by a short code, about cost limits or multipliers without effect and impossible values.
+
+        `above`, in the critics' units, is what values of the reward contain at most beside rewards.
+        """
+        too_slow = self.multipliers.warnings(feedback, self._multiplier_updates_left(feedback))
+        impossible = self.scale.warnings(self._last_values, feedback, above * float(self.scale.units[0, 0]))
+        return limit_warnings(self.config.limits, feedback) | too_slow | impossible
 
     def state(self) -> dict[str, Any]:
         """Return everything that resuming needs, as nested dictionaries of arrays and plain data."""
@@ -255,6 +276,7 @@ class Agent:
             "multipliers": self.multipliers.state(),
             "normaliser": self.policy.normaliser.state(),
             "costs_seen": self._cost_normaliser.state(),
+            "returns_seen": self.scale.state(),
             "replay": self.replay.state(),
             "generator": generator_state(self.generator),
             "tally": self._metrics.state(),
@@ -275,6 +297,7 @@ class Agent:
         self.multipliers.load_state(state["multipliers"])
         self.policy.normaliser.load_state(state["normaliser"])
         self._cost_normaliser.load_state(state["costs_seen"])
+        self.scale.load_state(state["returns_seen"])
         self.replay.load_state(state["replay"])
         load_generator(self.generator, state["generator"])
         self._metrics.load_state(state["tally"])

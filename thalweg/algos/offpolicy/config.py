@@ -11,8 +11,9 @@ from thalweg.algos.policy.actions import Adapter
 from thalweg.algos.policy.mlp import Initial
 from thalweg.algos.policy.mlp_autograd import Activation
 from thalweg.algos.policy.networks import NetworkShape
-from thalweg.core.config import Fraction, TupleOf, frozen_config
+from thalweg.core.config import FiniteNonNegative, Fraction, TupleOf, frozen_config
 
+FiniteNumber = Annotated[float, Field(allow_inf_nan=False)]
 Schedule = Literal["report", "gradient_step"]
 """When the multipliers are updated."""
 
@@ -29,11 +30,28 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     """Steps between two reports, all environments together. At a report the multipliers are updated and metrics are
     logged."""
     multiplier_rate: NonNegativeFloat = 0.5
-    """Step size of the integral part of λ; K_I of a PID multiplier. λ is the reward that one unit of cost is worth."""
+    """Step size of the integral part of λ; K_I of a PID multiplier. λ is the reward that one unit of cost is worth,
+    both in the critics' units."""
     multiplier_gain: NonNegativeFloat = 1.0
     """K_P: added to λ at once for each unit by which the mean cost exceeds the limit; 0 for none."""
-    multiplier_max: NonNegativeFloat = 50.0
-    """Upper bound of λ."""
+    multiplier_max: NonNegativeFloat = 2.0
+    """Upper bound of λ. With `scale_returns` it is the number of deviations of the return that the largest cost of a
+    step is worth at most; from about three on, no cost is worth risking for all that an episode can pay, and the policy
+    does nothing."""
+    scale_returns: bool = True
+    """Whether critics learn rewards and costs in units of their own: rewards divided by the running deviation of
+    discounted returns, costs by the largest cost of a step so far. Multipliers, α and `output_decay` then do not depend
+    on the task's units. The replay buffer holds raw numbers, and limits apply to raw costs."""
+    bound_targets: bool = True
+    """Whether the critics' targets are held within what an episode can pay and cost from a step on: within
+    `return_bounds` and `largest_costs`, or within learnt bounds where the task's are not given."""
+    return_bounds: TupleOf[FiniteNumber] = ()
+    """Smallest and largest discounted return of the task from any step on; none: learnt, the extremes of all episodes
+    so far, widened by `bound_margin`."""
+    largest_costs: TupleOf[FiniteNonNegative] = ()
+    """Largest discounted cost of the task from any step on, for each limit; none: learnt."""
+    bound_margin: NonNegativeFloat = 0.5
+    """Widening of learnt bounds on either side, as a share of the distance between them."""
     multiplier_schedule: Schedule = "report"
     """When the multipliers are updated: at each report, from the episodes finished since the last one ("report"), or at
     each gradient step, as in OmniSafe, which uses the same mean cost many times ("gradient_step")."""
@@ -41,10 +59,11 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     """Steps with uniformly random actions before the policy acts and learning starts."""
     replay_size: PositiveInt = 1_000_000
     """Steps that the replay buffer holds."""
-    minibatch: PositiveInt = 256
+    minibatch: PositiveInt = 128
     """Steps in the batch of one gradient step."""
-    discount: Fraction = 0.99
-    """γ of the reward."""
+    discount: Fraction = 0.97
+    """γ of the reward. Actions differ in value by about a step's reward, and critics err by a share of the return: with
+    rewards at every step, a shorter horizon lets a policy tell moving from waiting."""
     cost_discount: Fraction = 0.99
     """γ of the costs."""
     target_rate: Annotated[float, Field(gt=0, le=1)] = 0.01
@@ -69,7 +88,7 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     """Whether critics learn each cost standardised by its running mean and standard deviation and clipped to ±5, as in
     OmniSafe. A step without cost then has a negative cost, and a multiplier weighs another unit. The limit applies to
     raw costs."""
-    hidden: TupleOf[PositiveInt] = (256, 256)
+    hidden: TupleOf[PositiveInt] = (64, 64)
     """Sizes of the hidden layers, of the policy and of each critic."""
     activation: Activation = "relu"
     """Activation of the hidden layers."""
@@ -87,6 +106,17 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     def _cost_floor_needs_raw_costs(self) -> Self:
         if self.cost_floor and self.normalise_cost:
             raise ValueError("cost_floor must be off with normalise_cost, got True")
+        if self.scale_returns and self.normalise_cost:
+            raise ValueError("scale_returns must be off with normalise_cost, got True")
+        return self
+
+    @model_validator(mode="after")
+    def _bounds_are_ordered(self) -> Self:
+        bounds = self.return_bounds
+        if bounds and (len(bounds) != 2 or bounds[0] >= bounds[1]):
+            raise ValueError(f"return_bounds must be two, the smaller one first, got {list(bounds)}")
+        if self.largest_costs and len(self.largest_costs) != len(self.limits):
+            raise ValueError(f"largest_costs must be {len(self.limits)}, one per limit, got {list(self.largest_costs)}")
         return self
 
     @property

@@ -17,7 +17,7 @@ from thalweg.algos.interface import Task
 from thalweg.algos.maths import gumbel_softmax
 from thalweg.algos.maths.multiplier import combined
 from thalweg.algos.maths.shapes import tensor_like
-from thalweg.algos.offpolicy.agent import Agent
+from thalweg.algos.offpolicy.agent import Agent, AgentSpec
 from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.offpolicy.replay_buffer import Batch
 from thalweg.algos.policy.actions import Actions, actions_of
@@ -42,11 +42,14 @@ class DeterministicConfig(OffPolicyConfig):
     exploration_fades: bool = True
     """Whether ε, the standard deviation and the temperature fall linearly to 0 over the run, so that the multipliers
     respond to the costs of the final policy towards its end."""
+    flight_temperature: NonNegativeFloat = 0.5
+    """Temperature of discrete actions of the trained policy; 0 for the most probable action. A policy that never draws
+    stays for ever where two options seem alike."""
     relaxation: PositiveFloat = 1.0
     """τ of the Gumbel-softmax whose gradient replaces that of a discrete choice."""
-    output_decay: NonNegativeFloat = 0.03
-    """Weight of the policy's mean squared outputs (logits, or the inputs of tanh) in its loss; without it a saturated
-    policy has no gradient."""
+    output_decay: NonNegativeFloat = 0.001
+    """Weight of the policy's mean squared outputs (logits, or the inputs of tanh) in its loss, in the critics' units;
+    without it a saturated policy has no gradient, and with much of it small differences in value count for nothing."""
 
     def exploration_at(self, progress: float) -> float:
         """Return the factor 0..1 of the exploration at a progress 0..1 of the run."""
@@ -194,6 +197,25 @@ def action_form_of(config: DeterministicConfig, task: Task) -> ContinuousActions
     """Return the representation of the task's actions."""
     actions = actions_of(task.action_space, config.adapter, "point")
     return (DiscreteActions if actions.kind == "categorical" else ContinuousActions)(actions, config)
+
+
+def deterministic_spec(
+    algorithm: str,
+    action_form: ContinuousActions | DiscreteActions,
+    config: DeterministicConfig,
+    *,
+    reward_critics: int,
+) -> AgentSpec:
+    """Return the properties of an algorithm's networks: a policy without noise, or near its most probable options."""
+    draws = isinstance(action_form, DiscreteActions) and config.flight_temperature > 0.0
+    return AgentSpec(
+        algorithm,
+        action_form.actions,
+        action_form.width,
+        reward_critics=reward_critics,
+        greedy=not draws,
+        temperature=config.flight_temperature if draws else 1.0,
+    )
 
 
 @torch.no_grad()

@@ -41,6 +41,9 @@ class SACLagConfig(OffPolicyConfig):
     """Target entropy of a discrete policy, as a share of the maximum, log(number of joint actions)."""
     entropy_per_number: Annotated[float, Field(lt=math.log(2.0)), Hint("the entropy of -1..1 is log 2")] = -1.0
     """Target entropy of a continuous policy in -1..1, in nats per dimension of the action."""
+    entropy_in_targets: bool = False
+    """Whether targets of the reward contain α times the entropy of later steps, as in the paper, so that the value is
+    the soft one; else the entropy counts in the policy's loss alone."""
     cost_target: Literal["policy", "mode"] = "policy"
     """Action of a cost's target: sampled from the policy, as for the reward ("policy"), or the policy's most probable
     action (for continuous actions the mean), as in OmniSafe, which estimates the cost of another policy ("mode")."""
@@ -73,6 +76,7 @@ class DiscreteActions:
         count = actions.joint_count("SACLag")
         self.width, self.critic_outputs = 1, count
         self.target_entropy = config.entropy_share * math.log(count)
+        self.entropy_range = (0.0, math.log(count))
         self._selection = joint_actions.selection(actions.sizes).to(device)
 
     def encode(self, raw: Tensor) -> Tensor:
@@ -93,7 +97,8 @@ class DiscreteActions:
         log_p, values = self._log_p(agent.policy.actor(batch.next_obs)), agent.target_critics(batch.next_obs)
         values = agent.critics.pessimistic(values)
         expected = torch.stack([joint_actions.expectation(log_p, each) for each in values])
-        expected[0] -= alpha * joint_actions.expectation(log_p, log_p)
+        if self.config.entropy_in_targets:
+            expected[0] -= alpha * joint_actions.expectation(log_p, log_p)
         if self.config.cost_target == "mode":
             expected[1:] = values[1:, torch.arange(len(log_p), device=log_p.device), log_p.argmax(-1)]
         return expected
@@ -122,6 +127,7 @@ class ContinuousActions:
         self.actions, self.config = actions, config
         self.width, self.critic_outputs = actions.count, 0
         self.target_entropy = config.entropy_per_number * actions.count
+        self.entropy_range = (-math.inf, actions.count * math.log(2.0))  # at most that of uniform actions in -1..1
 
     def encode(self, raw: Tensor) -> Tensor:
         """Return the executed actions [B, A]."""
@@ -144,7 +150,8 @@ class ContinuousActions:
             mode = torch.cat([batch.next_obs, self.encode(policy.mode())], 1)
             obs_actions = agent.critics.inputs_by_signal(obs_actions, mode)
         values = agent.critics.pessimistic(agent.target_critics(obs_actions).squeeze(-1))
-        values[0] -= alpha * log_prob
+        if self.config.entropy_in_targets:
+            values[0] -= alpha * log_prob
         return values
 
     def objective(self, agent: Agent, batch: Batch, q_values: Tensor) -> tuple[Tensor, Tensor, Callable[[], None]]:
@@ -218,7 +225,8 @@ class SACLag:
         agent, form, alpha = self.agent, self.action_form, self.log_alpha.detach().exp()
         q_values, critics_backward = form.q_values(agent, batch)
         next_values = form.next_values(agent, batch, alpha)
-        agent.update_critics(q_values, critics_backward, batch, next_values, form.chosen(batch))
+        chosen, slack = form.chosen(batch), self._entropy_slack(alpha)
+        agent.update_critics(q_values, critics_backward, batch, next_values, chosen, slack=slack)
         if agent.updates_policy:
             values, entropy, policy_backward = form.objective(agent, batch, q_values)
             loss = policy_loss(values, entropy, alpha, agent.multipliers.values)
@@ -230,9 +238,17 @@ class SACLag:
             agent.update_policy(loss, entropy.mean(), alpha)
             self.alpha_optimiser.step()  # changes nothing without a gradient
 
+    def _entropy_slack(self, alpha: Tensor) -> tuple[float | Tensor, float | Tensor]:
+        """Return how far soft values may lie below and above what an episode pays: α Σ_t γ^t H_t at its extremes."""
+        if not self.config.entropy_in_targets:
+            return 0.0, 0.0
+        least, most = self.action_form.entropy_range
+        steps = 1.0 / max(1.0 - self.config.discount, 1e-3)
+        return (0.0 if least == 0.0 else math.inf), alpha * (most * steps)
+
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Return warnings about cost limits or multipliers that have no effect, by a short code."""
-        return self.agent.warnings(feedback)
+        """Return warnings, by a short code, about cost limits or multipliers without effect and impossible values."""
+        return self.agent.warnings(feedback, float(self._entropy_slack(self.log_alpha.detach().exp())[1]))
 
     def state(self) -> dict[str, Any]:
         """Return everything that resuming needs."""

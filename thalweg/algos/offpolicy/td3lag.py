@@ -9,8 +9,13 @@ from torch import Tensor
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.interface import Feedback, Rollout, Task
-from thalweg.algos.offpolicy.agent import Agent, AgentSpec
-from thalweg.algos.offpolicy.deterministic import DeterministicConfig, action_form_of, policy_gradient_step
+from thalweg.algos.offpolicy.agent import Agent
+from thalweg.algos.offpolicy.deterministic import (
+    DeterministicConfig,
+    action_form_of,
+    deterministic_spec,
+    policy_gradient_step,
+)
 from thalweg.algos.offpolicy.replay_buffer import Batch
 from thalweg.core.config import frozen_config
 
@@ -42,8 +47,7 @@ class TD3Lag:
     def __init__(self, config: TD3LagConfig, task: Task) -> None:
         self.config, self.separate_costs = config, config.separate_costs
         self.action_form = action_form_of(config, task)
-        actions, width = self.action_form.actions, self.action_form.width
-        self.agent = Agent(AgentSpec("TD3Lag", actions, width, reward_critics=2, greedy=True), config, task)
+        self.agent = Agent(deterministic_spec("TD3Lag", self.action_form, config, reward_critics=2), config, task)
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
 
     @torch.inference_mode()
@@ -90,7 +94,7 @@ class TD3Lag:
         return agent.critics.pessimistic(agent.target_critics(obs_actions).squeeze(-1))
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Return warnings about cost limits or multipliers that have no effect, by a short code."""
+        """Return warnings, by a short code, about cost limits or multipliers without effect and impossible values."""
         return self.agent.warnings(feedback)
 
     def state(self) -> dict[str, Any]:

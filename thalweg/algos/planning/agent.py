@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from thalweg.algos.common.errors import require_finite
+from thalweg.algos.common.return_statistics import ReturnStatistics
 from thalweg.algos.common.state import generator_state, load_generator, load_module, module_state, new_generator
 from thalweg.algos.constraint.cost_limits import cost_metrics, cost_suffixes
 from thalweg.algos.interface import Feedback, Rollout, Task
@@ -42,6 +43,8 @@ class Agent:
         self.replay = ReplayBuffer(config.replay_size, config.hold_out, task.device)
         self.fitter = Fitter(self.policy.ensemble, config, self.generator)
         self.lengths = EpisodeLength(task.num_envs, config.episode_length)
+        # A discount of the critics is that of a decision, which lasts `action_repeat` steps.
+        self.returns = ReturnStatistics(task.num_envs, (config.discount ** (1.0 / config.action_repeat),))
         self._player = PlannerPlayer(
             self.policy, task.num_envs, self.generator, stacked=True, exploration=config.exploration
         )
@@ -68,6 +71,8 @@ class Agent:
         planned = self._steps >= self.config.random_steps
         self._steps += int(rollout.valid.sum())
         self.lengths.update(rollout)
+        ends = (mask.cpu().numpy() for mask in (rollout.terminated, rollout.truncated, rollout.valid))
+        self.returns.update(rollout.rewards.unsqueeze(-1).cpu().numpy(), *ends)
         batch = self._builder.transitions(rollout, self.policy.obs_size)
         if len(batch.rewards):
             require_finite(sum_of_rewards_and_costs=float(batch.rewards.sum() + batch.costs.sum()))
@@ -92,6 +97,22 @@ class Agent:
             for _ in range(self.config.critic_steps):
                 yield self.replay.rows(self.replay.sample_indices((self.config.minibatch,), self.generator))
             self._metrics.require_finite()
+
+    def bounded(
+        self, targets: Tensor, unit: Tensor | float, below: float | Tensor = 0.0, above: float | Tensor = 0.0
+    ) -> Tensor:
+        """Return the critics' targets, in units of `unit`, clipped to what an episode can pay.
+
+        `below` and `above` widen the bounds, in these units, for what a target contains beside rewards.
+        """
+        if not self.config.bound_targets or not self.returns.count:
+            return targets
+        low, high = (float(bound[0]) for bound in self.returns.bounds(self.config.bound_margin))
+        least, most = (
+            torch.as_tensor(bound, dtype=targets.dtype, device=targets.device)
+            for bound in (low / unit - below, high / unit + above)
+        )
+        return targets.clamp(least, most)
 
     def log(self, **numbers: Tensor) -> None:
         """Add metrics whose means the next report contains."""
@@ -130,6 +151,7 @@ class Agent:
             "replay": self.replay.state(),
             "assembly": self._builder.state(),
             "lengths": self.lengths.state(),
+            "returns": self.returns.state(),
             "player": self._player.state(),
             "generator": generator_state(self.generator),
             "tally": self._metrics.state(),
@@ -145,6 +167,7 @@ class Agent:
         self.replay.load_state(state["replay"])
         self._builder.load_state(state["assembly"])
         self.lengths.load_state(state["lengths"])
+        self.returns.load_state(state["returns"])
         self._player.load_state(state["player"])
         load_generator(self.generator, state["generator"])
         self._metrics.load_state(state["tally"], self.policy.device)

@@ -122,6 +122,7 @@ class CCEPETS:
         ensemble = self.policy.ensemble
         with torch.no_grad():
             next_values = self.target_critic(ensemble.normalised(batch.next_obs))[0]
+            next_values = self.agent.bounded(next_values, ensemble.reward.std)
         values = self.critic(ensemble.normalised(batch.obs))[0]
         loss = value_loss(
             values, next_values, batch.rewards / ensemble.reward.std, batch.terminated, self.config.discount

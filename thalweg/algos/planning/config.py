@@ -112,6 +112,10 @@ class PlanningConfig(CostConfig):
     """Steps in the batch of one gradient step, for each model and for the critics."""
     hidden: TupleOf[PositiveInt] = (64, 64)
     """Sizes of the hidden layers of critics and actor."""
+    bound_targets: bool = True
+    """Whether the critics' targets are held within the extremes of the discounted returns of all episodes so far."""
+    bound_margin: NonNegativeFloat = 0.5
+    """Widening of these bounds on either side, as a share of the distance between them."""
     critic_learning_rate: NonNegativeFloat = 1e-3
     """Learning rate of Adam for the critics."""
     critic_steps: NonNegativeInt = 64

@@ -64,6 +64,9 @@ class SafeLOOPConfig(PlanningConfig):
     """Target entropy of a discrete actor, as a share of the maximum, log(number of joint actions)."""
     entropy_per_number: Annotated[float, Field(lt=math.log(2.0)), Hint("the entropy of -1..1 is log 2")] = -1.0
     """Target entropy of a continuous actor in -1..1, in nats per dimension of the action."""
+    entropy_in_targets: bool = False
+    """Whether targets contain α times the entropy of later decisions, as in the paper; else it counts in the actor's
+    loss alone."""
     learning_rate: NonNegativeFloat = 1e-3
     """Learning rate of Adam for the actor."""
     target_rate: Annotated[float, Field(gt=0, le=1)] = 0.02
@@ -189,7 +192,9 @@ class SafeLOOP:
         ensemble, soft, alpha = self.policy.ensemble, self.soft, self.log_alpha.detach().exp()
         obs, generator = ensemble.normalised(batch.obs), self.agent.generator
         with torch.no_grad():
-            next_v = soft.next_values(self.target_critics, ensemble.normalised(batch.next_obs), alpha, generator)
+            weight = alpha if self.config.entropy_in_targets else torch.zeros_like(alpha)
+            next_v = soft.next_values(self.target_critics, ensemble.normalised(batch.next_obs), weight, generator)
+            next_v = self.agent.bounded(next_v, self.method.unit, *self._entropy_slack(weight))
             target = advantages.td_target(
                 (batch.rewards / self.method.unit).unsqueeze(0),
                 (~batch.terminated).float(),
@@ -214,6 +219,13 @@ class SafeLOOP:
             entropy=entropy.detach().mean(),
             alpha=alpha,
         )
+
+    def _entropy_slack(self, weight: Tensor) -> tuple[float, float | Tensor]:
+        """Return how far soft values may lie below and above what an episode pays, for the entropy's weight."""
+        least, most = self.soft.entropy_range
+        decisions = 1.0 / max(1.0 - self.config.discount, 1e-3)
+        below = math.inf if self.config.entropy_in_targets and least < 0.0 else 0.0
+        return below, weight * (most * decisions)
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return warnings about cost limits that no episode exceeds."""

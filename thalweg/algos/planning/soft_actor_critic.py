@@ -40,6 +40,7 @@ class DiscreteSoftActorCritic:
         self.actor = Actor(inputs, actions, shape, generator)
         self.critics = StackedMLP(2, inputs, shape.hidden, count, activation="relu", generator=generator)
         self.target_entropy = config.entropy_share * math.log(count)
+        self.entropy_range = (0.0, math.log(count))
         self._selected = joint_actions.selection(actions.sizes).to(generator.device)
 
     def value(self, obs: Tensor) -> Tensor:
@@ -88,6 +89,7 @@ class ContinuousSoftActorCritic:
         self.actor = Actor(inputs, actions, shape, generator)
         self.critics = StackedMLP(2, inputs + actions.count, shape.hidden, 1, activation="relu", generator=generator)
         self.target_entropy = config.entropy_per_number * actions.count
+        self.entropy_range = (-math.inf, actions.count * math.log(2.0))  # at most that of uniform actions in -1..1
 
     def value(self, obs: Tensor) -> Tensor:
         """Return min Q(s, tanh μ) [R] at the actor's mode, for normalised observations [R, K * D]."""

@@ -12,6 +12,9 @@ CLIP = 5.0
 """Normalised observations are clipped to this many standard deviations."""
 STD_FLOOR = 0.01
 """Smallest standard deviation, so that numbers that hardly vary are scaled by at most 1 / this."""
+CONSTANT_STD = 1e-5
+"""Numbers that have varied by no more than this are ignored: nothing was learnt about them, so that another value, seen
+later, must not reach the network, least of all `CLIP` deviations large."""
 
 
 class Normaliser:
@@ -75,5 +78,6 @@ class Normaliser:
         self._refresh()
 
     def _refresh(self) -> None:
-        std = (self.square / max(self.count, 1)).sqrt().clamp(min=STD_FLOOR)
-        self._shift, self._scale = self.mean.float(), (1.0 / std).float()
+        std = (self.square / max(self.count, 1)).sqrt()
+        scale = torch.where(std > CONSTANT_STD, 1.0 / std.clamp(min=STD_FLOOR), 0.0)
+        self._shift, self._scale = self.mean.float(), scale.float()

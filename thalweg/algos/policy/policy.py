@@ -66,6 +66,7 @@ class Policy:
         frames: int = 1,
         normalise: bool = True,
         greedy: bool = False,
+        temperature: float = 1.0,
         generator: torch.Generator | None = None,
         about: About = NO_ORIGIN,
     ) -> None:
@@ -78,11 +79,12 @@ class Policy:
             frames: K.
             normalise: Whether observations are standardised by running statistics.
             greedy: Whether the policy always takes its most probable action; exploration is then not part of it.
+            temperature: Options are sampled from the softmax of the network's outputs divided by this.
             generator: Source of the initial weights; the policy is on its device.
             about: Origin of the policy.
         """
         self.obs_size, self.actions, self.shape, self.frames = obs_size, actions, shape, frames
-        self.greedy, self.about = greedy, about
+        self.greedy, self.temperature, self.about = greedy, temperature, about
         generator = generator or new_generator(CPU)
         self.normaliser = Normaliser(frames * obs_size, normalise, generator.device)
         self.actor = Actor(frames * obs_size, actions, shape, generator)
@@ -99,7 +101,7 @@ class Policy:
         """Whether its options are drawn by `option_sampling`: a small categorical network on the CPU."""
         actor = self.actor
         suits = self.actions.kind == "categorical" and actor.gru is None and actor.stack.compilable
-        return suits and actor.stack.flat.is_cpu and fast_path.enabled()
+        return suits and self.temperature == 1.0 and actor.stack.flat.is_cpu and fast_path.enabled()
 
     def distribution(self, obs: Tensor) -> Distribution:
         """Return π(·|s) for raw observations [B, K * D].
@@ -108,7 +110,7 @@ class Policy:
         """
         if self.shape.memory:
             raise AlgorithmError("this policy has a recurrent memory: use policy.player(num_envs)")
-        return self.actions.distribution(self.actor(self.normaliser(obs)))
+        return self.actions.distribution(self.actor(self.normaliser(obs)) / self.temperature)
 
     def distribution_of(self, inputs: Tensor | Sequences) -> Distribution:
         """Return π(·|s) for inputs of the network: normalised observations [B, K * D], or sequences of them."""
@@ -175,6 +177,7 @@ class Policy:
             "obs_size": self.obs_size,
             "frames": self.frames,
             "greedy": self.greedy,
+            **({"temperature": self.temperature} if self.temperature != 1.0 else {}),
             "shape": dataclasses.asdict(self.shape),
             "actions": self.actions.as_data(),
             "normaliser": {"count": self.normaliser.count, "enabled": self.normaliser.enabled},
@@ -196,6 +199,7 @@ class Policy:
             shape,
             frames=header["frames"],
             greedy=header["greedy"],
+            temperature=header.get("temperature", 1.0),
             generator=generator,
             about=about,
         )
@@ -246,6 +250,8 @@ class NetworkPlayer:
             parameters = policy.actor(inputs)
         else:
             parameters, self.hidden = policy.actor.step(inputs, self.hidden, fresh)
+        if policy.temperature != 1.0:
+            parameters = parameters / policy.temperature
         distribution = policy.actions.distribution(parameters)
         return distribution.mode() if self.deterministic else distribution.sample(self.generator)
 

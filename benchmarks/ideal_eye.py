@@ -1,0 +1,246 @@
+"""Trials of learners that see the river with an ideal eye: settings compared without frames.
+
+    python benchmarks/ideal_eye.py                                   # all trials of TRIALS that have no row yet
+    python benchmarks/ideal_eye.py --only TD3Lag --seeds 0 1 2
+    python benchmarks/ideal_eye.py --algorithm TD3Lag --set multiplier_max=0.5 --steps 100000
+    python benchmarks/ideal_eye.py --write                           # the table of trials of each algorithm's page
+
+Each trial is an algorithm with some settings, trained on several rivers of a level with
+`EnvConfig(observation="privileged")`. A row of ideal_eye.csv is appended as a run finishes; a run that has a row is
+skipped, and one that was interrupted resumes in the folder `--runs`. Columns `fixed`, `unseen` and `unseen_hard` are
+means of 60 sampled flights: on the level's fixed river, on 20 other rivers of the level, and on 20 of Hard. No trial
+trains on those. The seconds depend on what else the machine does.
+"""
+
+import argparse
+import csv
+import hashlib
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from page_sections import replace_section
+
+from thalweg.algos.policy.policy import AnyPolicy
+from thalweg.algos.registry import ALGORITHMS, algorithm_named
+from thalweg.bench.csv_files import read_csv
+from thalweg.bench.report.table import frame, markdown
+from thalweg.cli.options import settings_from
+from thalweg.core.atomic_io import write_atomic
+from thalweg.core.config import to_plain
+from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.train import run
+from thalweg.world import World, level_named, load_or_build
+
+HERE = Path(__file__).resolve().parent
+TABLE = HERE / "ideal_eye.csv"
+RIVERS, UNSEEN = range(1000, 1016), range(2000, 2020)
+"""Seeds of the rivers of training and of the unseen ones."""
+NUM_ENVS, FLIGHTS, EVALUATION_SEED = 16, 60, 77
+RULES = EnvConfig(observation="privileged")
+KEY = ("algorithm", "changes", "level", "rivers", "steps", "seed", "config")
+"""Columns that identify a trial; `config` is a hash of all settings, so that other defaults make another trial."""
+
+PLACES = ("fixed", "unseen", "unseen_hard")
+"""Where policies are flown; columns are named by them."""
+PAGES, SECTION = HERE.parent / "docs" / "algorithms", "ideal eye"
+"""Pages of the algorithms, and the section that `--write` writes in them."""
+
+Settings = Mapping[str, Any]
+OFF_POLICY_STEPS = 100_000
+TRIALS: tuple[tuple[str, Settings, int], ...] = (
+    ("TD3Lag", {}, OFF_POLICY_STEPS),
+    ("SACLag", {}, OFF_POLICY_STEPS),
+    ("DDPGLag", {}, OFF_POLICY_STEPS),
+)
+"""Algorithm, settings that differ from the defaults, and steps of each trial."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A run to be measured."""
+
+    algorithm: str
+    settings: Settings
+    steps: int
+    seed: int
+    level: str = "Medium"
+    rivers: Sequence[int] = field(default_factory=lambda: RIVERS)
+
+    @property
+    def config(self) -> str:
+        """Hash of all settings."""
+        resolved = to_plain(algorithm_named(self.algorithm).configure(self.settings, num_envs=NUM_ENVS))
+        return hashlib.sha256(json.dumps(resolved, sort_keys=True).encode()).hexdigest()[:8]
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """Values of `KEY`."""
+        first, last = self.rivers[0], self.rivers[-1]
+        rivers = str(first) if first == last else f"{first}:{last + 1}"
+        changes = settings_text(self.settings)
+        return self.algorithm, changes, self.level, rivers, str(self.steps), str(self.seed), self.config
+
+
+def settings_text(settings: Settings) -> str:
+    """Return the changed settings as one line of text, sorted."""
+    return " ".join(f"{name}={settings[name]}" for name in sorted(settings)) or "none"
+
+
+def rivers_of(level: str, seeds: Sequence[int]) -> list[World]:
+    """Return rivers of a level; they are built the first time."""
+    return [load_or_build(level, seed) for seed in seeds]
+
+
+def fly(policy: AnyPolicy, worlds: Sequence[World], flights: int = FLIGHTS) -> tuple[float, float, float]:
+    """Return mean return, cost and share of successes of one sampled flight per environment.
+
+    Flight i is on river i % len(worlds); starts and samples are the same for every policy.
+    """
+    env = RiverVectorEnv(worlds, flights, RULES)
+    obs, _ = env.reset(seed=EVALUATION_SEED)
+    player = policy.player(flights, generator=torch.Generator().manual_seed(EVALUATION_SEED))
+    fresh, flying = np.ones(flights, dtype=bool), np.ones(flights, dtype=bool)
+    totals = np.zeros((flights, 2))
+    reasons = np.full(flights, -1)
+    while flying.any():
+        obs, rewards, terminated, truncated, info = env.step(player(obs, fresh))
+        totals[flying] += np.stack([rewards, info["cost"]], 1)[flying]
+        fresh = terminated | truncated
+        reasons[flying & fresh] = info["done_reason"][flying & fresh]
+        flying &= ~fresh
+    env.close()
+    success = np.array([env.done_reasons[reason] == "Success" for reason in reasons.tolist()])
+    return float(totals[:, 0].mean()), float(totals[:, 1].mean()), float(success.mean())
+
+
+def scores(policy: AnyPolicy, level: str) -> dict[str, str]:
+    """Return the columns of a policy's flights."""
+    fixed = load_or_build(level, level_named(level).default_seed)
+    places = ([fixed], rivers_of(level, UNSEEN), rivers_of("Hard", UNSEEN))
+    row: dict[str, str] = {}
+    for place, worlds in zip(PLACES, places, strict=True):
+        returned, cost, success = fly(policy, worlds)
+        row |= {
+            f"{place}_return": f"{returned:.2f}",
+            f"{place}_cost": f"{cost:.3f}",
+            f"{place}_success": f"{success:.2f}",
+        }
+    return row
+
+
+def measure(trial: Trial, runs: Path) -> dict[str, str]:
+    """Train, or resume, and fly; returns the row."""
+    name = hashlib.sha256(repr(trial.key).encode()).hexdigest()[:10]
+    env = RiverVectorEnv(rivers_of(trial.level, trial.rivers), NUM_ENVS, RULES)
+    folder = runs / f"{trial.algorithm}-{trial.seed}-{name}"
+    result = run(trial.algorithm, env, steps=trial.steps, seed=trial.seed, folder=folder, config=trial.settings)
+    env.close()
+    identity = dict(zip(KEY, trial.key, strict=True))
+    return identity | scores(result.policy, trial.level) | {"seconds": f"{result.seconds:.0f}"}
+
+
+def finished(table: Path) -> set[tuple[str, ...]]:
+    """Return the keys of the trials that have a row."""
+    return {tuple(row[name] for name in KEY) for row in read_csv(table, KEY)} if table.is_file() else set()
+
+
+def append(table: Path, row: Mapping[str, str]) -> None:
+    """Append a row, below a header if the table is new."""
+    new = not table.is_file()
+    with open(table, "a", newline="") as file:
+        writer = csv.DictWriter(file, list(row), lineterminator="\n")
+        if new:
+            writer.writeheader()
+        writer.writerow(row)
+
+
+def page_table(rows: Sequence[Mapping[str, str]], algorithm: str) -> str:
+    """Return the Markdown table of an algorithm's trials: means over the seeds of return / cost in each place."""
+    groups: dict[tuple[str, ...], list[Mapping[str, str]]] = {}
+    for row in rows:
+        if row["algorithm"] == algorithm:
+            groups.setdefault((row["changes"], row["level"], row["rivers"], row["steps"], row["config"]), []).append(
+                row
+            )
+    lines = []
+    for (changes, level, rivers, steps, _), runs in groups.items():
+        places = [
+            " / ".join(f"{np.mean([float(run[f'{place}_{what}']) for run in runs]):.2f}" for what in ("return", "cost"))
+            for place in PLACES
+        ]
+        trained = f"{level} {rivers}, {int(steps):,}"
+        settings = " ".join(f"`{change}`" if "=" in change else change for change in changes.split(" "))
+        lines.append([settings, trained, str(len(runs)), *places])
+    head = ["changed settings", "rivers, steps", "seeds", "fixed river", "unseen", "unseen Hard"]
+    return markdown(frame(head, lines))
+
+
+def written_pages() -> dict[Path, str]:
+    """Return the pages of algorithms that show their trials, as they must be."""
+    rows = read_csv(TABLE, KEY)
+    found = {}
+    for algorithm in ALGORITHMS:
+        path = PAGES / f"{algorithm.lower()}.md"
+        text = path.read_text()
+        if f"<!-- {SECTION} -->" in text:
+            found[path] = replace_section(text, SECTION, page_table(rows, algorithm))
+    return found
+
+
+def rivers_named(text: str) -> Sequence[int]:
+    """Return the seeds of `FIRST:END`, END excluded, or of a single seed."""
+    first, _, end = text.partition(":")
+    return range(int(first), int(end) if end else int(first) + 1)
+
+
+def trials_of(chosen: argparse.Namespace) -> list[Trial]:
+    """Return the trials that the command line asks for."""
+    if chosen.algorithm:
+        table = [(algorithm_named(chosen.algorithm).name, settings_from(chosen.set), chosen.steps)]
+    else:
+        table = [row for row in TRIALS if not chosen.only or row[0] in chosen.only]
+    return [
+        Trial(algorithm, settings, steps, seed, chosen.level, chosen.rivers)
+        for seed in chosen.seeds
+        for algorithm, settings, steps in table
+    ]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="+", default=[], help="algorithms whose trials are run; default: all")
+    parser.add_argument("--algorithm", help="one trial of this algorithm instead of the table's")
+    parser.add_argument("--set", nargs="+", default=[], metavar="KEY=VALUE", help="settings of that trial")
+    parser.add_argument("--steps", type=int, default=OFF_POLICY_STEPS, help="steps of that trial")
+    parser.add_argument("--level", default="Medium", help="level of the rivers of training")
+    parser.add_argument(
+        "--rivers", type=rivers_named, default=RIVERS, metavar="FIRST:END", help="seeds of those rivers"
+    )
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0], help="seeds of the runs")
+    parser.add_argument("--runs", type=Path, default=HERE.parent / "runs" / "ideal_eye", help="folder of the runs")
+    parser.add_argument("--out", type=Path, default=TABLE, help="the table")
+    parser.add_argument("--write", action="store_true", help="train nothing, but write the tables of the pages")
+    parser.add_argument("--check", action="store_true", help="write nothing; fail if a page is out of date")
+    chosen = parser.parse_args()
+    if chosen.write or chosen.check:
+        outdated = {path: text for path, text in written_pages().items() if text != path.read_text()}
+        for path, text in outdated.items() if chosen.write else ():
+            write_atomic(path, text)
+        return int(chosen.check and bool(outdated))
+    for trial in trials_of(chosen):
+        if trial.key in finished(chosen.out):
+            continue
+        row = measure(trial, chosen.runs)
+        append(chosen.out, row)
+        print(" ".join(f"{name} {value}" for name, value in row.items()), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,85 @@
+"""Tests of the trials with an ideal eye: which are run, and what a row holds."""
+
+import importlib
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from thalweg.cli.options import UsageError
+
+
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(Path(__file__).resolve().parents[2] / "benchmarks")
+    monkeypatch.delitem(sys.modules, "ideal_eye", raising=False)
+    return importlib.import_module("ideal_eye")
+
+
+class Flights:
+    """Two environments that pay 1 and cost 0.5 a step; the first episodes last 2 and 3 steps, later ones for ever."""
+
+    done_reasons = ("Success", "Idle")
+
+    def __init__(self, worlds: Any, count: int, rules: Any) -> None:
+        self.steps = 0
+
+    def reset(self, seed: int) -> tuple[np.ndarray, dict]:
+        return np.zeros((2, 1)), {}
+
+    def step(self, actions: Any) -> tuple[Any, ...]:
+        self.steps += 1
+        ended = np.array([self.steps == 2, self.steps == 3])
+        reasons = np.where(ended, [0, 1], -1)
+        info = {"cost": np.full(2, 0.5), "done_reason": reasons}
+        return np.zeros((2, 1)), np.ones(2), ended, np.zeros(2, bool), info
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_flight_is_the_first_episode_of_each_environment(script: ModuleType, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(script, "RiverVectorEnv", Flights)
+    policy = SimpleNamespace(player=lambda count, generator: lambda obs, fresh: np.zeros(count))
+    assert script.fly(policy, [], 2) == (2.5, 1.25, 0.5)
+
+
+def test_a_trial_is_known_by_its_settings_and_by_all_defaults(script: ModuleType, monkeypatch: pytest.MonkeyPatch):
+    trial = script.Trial("TD3Lag", {"output_decay": 0.5, "minibatch": 64}, 1000, 3)
+    assert trial.key[:6] == ("TD3Lag", "minibatch=64 output_decay=0.5", "Medium", "1000:1016", "1000", "3")
+    same = script.Trial("TD3Lag", {"minibatch": 64, "output_decay": 0.5}, 1000, 3)
+    assert trial.key == same.key and trial.config != script.Trial("TD3Lag", {}, 1000, 3).config
+    assert script.Trial("TD3Lag", {}, 1000, 3, rivers=range(5, 6)).key[3] == "5"
+
+
+def test_a_trial_with_a_row_is_not_run_again(script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    ran: list[tuple] = []
+
+    def measure(trial: Any, runs: Path) -> dict[str, str]:
+        ran.append((trial.algorithm, dict(trial.settings), trial.steps, trial.seed))
+        return dict(zip(script.KEY, trial.key, strict=True)) | {"fixed_return": "9.00"}
+
+    monkeypatch.setattr(script, "measure", measure)
+    table = tmp_path / "table.csv"
+    line = ["ideal_eye.py", "--algorithm", "td3lag", "--set", "minibatch=64", "--seeds", "0", "1", "--out", str(table)]
+    for seeds in ([], ["2"]):
+        monkeypatch.setattr(sys, "argv", [*line[:7], *seeds, *line[7:]])
+        script.main()
+    assert [seed for *_, seed in ran] == [0, 1, 2] and ran[0] == ("TD3Lag", {"minibatch": 64}, 100_000, 0)
+    assert len(table.read_text().splitlines()) == 4 and len(script.finished(table)) == 3
+
+
+def test_the_table_of_trials_is_run_by_default_or_in_part(script: ModuleType):
+    chosen = {"algorithm": None, "only": ["SACLag"], "seeds": [0, 1], "level": "Hard", "rivers": range(3)}
+    found = script.trials_of(SimpleNamespace(**chosen))
+    assert {(trial.algorithm, trial.level) for trial in found} == {("SACLag", "Hard")}
+    assert len(script.trials_of(SimpleNamespace(**chosen | {"only": []}))) == 2 * len(script.TRIALS)
+    with pytest.raises(UsageError, match="--set takes key=value"):
+        script.trials_of(SimpleNamespace(**chosen | {"algorithm": "PPO", "set": ["clip"], "steps": 1}))
+
+
+def test_rivers_are_a_range_or_one_seed(script: ModuleType):
+    assert script.rivers_named("1000:1016") == range(1000, 1016) and script.rivers_named("7") == range(7, 8)

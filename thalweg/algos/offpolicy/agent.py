@@ -174,7 +174,7 @@ class Agent:
                 self._metrics.count(POLICY)
             self.gradient_steps += 1
             if self.config.multiplier_schedule == "gradient_step":
-                self.multipliers.update(feedback)
+                self.multipliers.update(feedback, self.config.limits_at(feedback.progress))
         self._metrics.require_finite()
 
     @property
@@ -226,7 +226,7 @@ class Agent:
             return {}
         self._reported_at = self.steps
         if self.config.multiplier_schedule == "report" and self.gradient_steps:
-            self.multipliers.update(feedback)
+            self.multipliers.update(feedback, self.config.limits_at(feedback.progress))
         return (
             self._metrics.report()
             | {
@@ -235,12 +235,12 @@ class Agent:
                 "learning_rate": self.policy_optimiser.rate,
             }
             | self.multipliers.metrics(feedback, self._multiplier_updates_left(feedback))
-            | cost_metrics(feedback, self.config.limits, self.config.cost_window)
+            | cost_metrics(feedback, self.config.limits_at(feedback.progress), self.config.cost_means(feedback))
         )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return warnings about cost limits or multipliers that have no effect, by a short code."""
-        return limit_warnings(self.config.limits, feedback) | self.multipliers.warnings(
+        return limit_warnings(self.config, feedback) | self.multipliers.warnings(
             feedback, self._multiplier_updates_left(feedback)
         )
 

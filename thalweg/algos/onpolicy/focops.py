@@ -81,7 +81,8 @@ class FOCOPS:
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         """Update the multipliers, then train until the KL exceeds `target_kl` or passes run out; return metrics."""
         config, agent = self.config, self.agent
-        self.multipliers.update(feedback)
+        limits = config.limits_at(feedback.progress)
+        self.multipliers.update(feedback, limits)
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
         advantages = combined(
             standardised(samples.advantages[0]),
@@ -103,7 +104,7 @@ class FOCOPS:
             metrics_of(agent, samples, log, monitor)
             | {"learning_rate": rate, "inside_fraction": inside}
             | self.multipliers.metrics(feedback, remaining)
-            | cost_metrics(feedback, config.limits, config.cost_window)
+            | cost_metrics(feedback, limits, config.cost_means(feedback))
         )
 
     def _step(
@@ -126,7 +127,7 @@ class FOCOPS:
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return warnings about cost limits and multipliers that have no effect in this run."""
         remaining = self.agent.updates_left(feedback)
-        return limit_warnings(self.config.limits, feedback) | self.multipliers.warnings(feedback, remaining)
+        return limit_warnings(self.config, feedback) | self.multipliers.warnings(feedback, remaining)
 
     def state(self) -> dict[str, Any]:
         return self.agent.state() | {"multipliers": self.multipliers.state()}

@@ -49,7 +49,8 @@ class OnCRPO:
         """Take one natural step for the reward or against a cost, train the critics, and return the metrics."""
         config, agent = self.config, self.agent
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
-        worst, violation = most_violated(feedback, config.limits, config.cost_window)
+        limits, means = config.limits_at(feedback.progress), config.cost_means(feedback)
+        worst, violation = most_violated(means, limits)
         rectifies = violation > config.tolerance
         advantages = -cost_advantages(config, samples)[worst] if rectifies else standardised(samples.advantages[0])
         monitor = KLMonitor(agent, samples)
@@ -60,7 +61,7 @@ class OnCRPO:
         return (
             metrics_of(agent, samples, [policy_loss], monitor)
             | {"rectifies": float(rectifies), "steps_refused": refused}
-            | cost_metrics(feedback, config.limits, config.cost_window)
+            | cost_metrics(feedback, limits, means)
         )
 
     def _step(self, advantages: Tensor, monitor: KLMonitor, natural: NaturalStep) -> int:
@@ -75,7 +76,7 @@ class OnCRPO:
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return warnings about cost limits that no episode has exceeded."""
-        return limit_warnings(self.config.limits, feedback)
+        return limit_warnings(self.config, feedback)
 
     def state(self) -> dict[str, Any]:
         return self.agent.state()

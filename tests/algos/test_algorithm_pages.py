@@ -14,7 +14,7 @@ from thalweg.core.config import parse_config, to_plain
 
 DOCS = Path(__file__).parents[2] / "docs" / "algorithms"
 ADAPTERS = {"box_literal", "box_scaled"}
-WARNINGS = {"limit_never_binds", "multiplier_too_slow"}
+WARNINGS = {"limit_never_binds", "limit_never_met", "multiplier_too_slow"}
 TABLE_ROW = re.compile(r"^\| (`.*?) \|", re.M)
 
 

@@ -71,16 +71,15 @@ OFF_POLICY = {"hidden": (64, 64), "minibatch": 128, "steps_per_update": 512}
 OFF_POLICY |= {"multiplier_rate": 2.0, "multiplier_gain": 5.0, "updates_per_step": 0.5}
 """Settings for tables of four states and episodes of ten steps: small networks, more gradient steps, as many episodes
 between two updates of a multiplier as on a river, and multipliers that reach the 5 to 13 that costs are worth here.
-SACLag keeps more entropy, because the best policy is stochastic. PPOLag has PPO's entropy bonus, since its own is for
-rivers. CUP's multiplier responds less to a violation, which is larger here than on a river."""
+SACLag keeps more entropy, because the best policy is stochastic."""
 REQUIREMENTS: dict[str, Requirement] = {
     "PPO": Requirement("free", in_ci=("dense", "end")),
-    "PPOLag": Requirement("limited", config={"entropy": 0.003}),
+    "PPOLag": Requirement("limited"),
     "FOCOPS": Requirement("limited", in_ci=("dense", "end")),
     "P3O": Requirement("limited"),
     "OnCRPO": Requirement("limited"),
     "CPO": Requirement("limited"),
-    "CUP": Requirement("limited", config={"multiplier_gain": 2.0}),
+    "CUP": Requirement("limited"),
     "DDPGLag": Requirement("deterministic", steps=60_000, config=OFF_POLICY),
     "TD3Lag": Requirement("deterministic", steps=60_000, config=OFF_POLICY),
     "SACLag": Requirement("limited", steps=60_000, config={**OFF_POLICY, "entropy_share": 0.3}),

@@ -10,6 +10,7 @@ from thalweg.algos.interface import MEAN_EPISODES, RECENT_EPISODES, Feedback
 from thalweg.core.config import FiniteNonNegative, TupleOf, frozen_config
 
 Multiple = Annotated[float, Field(ge=1, allow_inf_nan=False)]
+"""A limit at the beginning of a run, as a multiple of the final one."""
 
 ENOUGH_EPISODES = 20
 """Number of finished episodes from which warnings are given."""

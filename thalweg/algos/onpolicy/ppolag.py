@@ -31,10 +31,8 @@ class PPOLagConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
 
     clip: PositiveFloat = 0.2
     """Clip range ε: the probability ratio is clipped to 1 ± ε."""
-    multiplier_max: NonNegativeFloat = 2.0
+    multiplier_max: NonNegativeFloat = 1.0
     """Upper bound of the multiplier λ."""
-    entropy: NonNegativeFloat = 0.01
-    """Coefficient of the policy's entropy (nats, summed over action branches) in the loss."""
 
 
 def policy_loss(

@@ -16,6 +16,7 @@ def feedback(
     progress: float = 0.1,
     steps_left: int = 1000,
     length: float = 5.0,
+    lowest: float = 0.0,
 ) -> Feedback:
     """What is known after `count` fresh episodes that cost as much as each other: `costs` [M]."""
     told = np.tile(np.array(costs, dtype=np.float64), (count, 1))
@@ -26,6 +27,7 @@ def feedback(
         recent_costs=told,
         episodes=episodes,
         largest_costs=(largest,) * len(costs),
+        lowest_costs=(lowest,) * len(costs),
         mean_length=length,
     )
 

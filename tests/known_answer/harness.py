@@ -74,12 +74,12 @@ bonus, since its own is for rivers. CUP's multiplier responds less to a violatio
 river."""
 REQUIREMENTS: dict[str, Requirement] = {
     "PPO": Requirement("free", in_ci=("dense", "end")),
-    "PPOLag": Requirement("limited", config={"entropy": 0.003}),
+    "PPOLag": Requirement("limited"),
     "FOCOPS": Requirement("limited", in_ci=("dense", "end")),
     "P3O": Requirement("limited"),
     "OnCRPO": Requirement("limited"),
     "CPO": Requirement("limited"),
-    "CUP": Requirement("limited", config={"multiplier_gain": 2.0}),
+    "CUP": Requirement("limited"),
     "DDPGLag": Requirement("deterministic", steps=60_000, config=OFF_POLICY),
     "TD3Lag": Requirement("deterministic", steps=60_000, config=OFF_POLICY),
     "SACLag": Requirement("limited", steps=60_000, config=OFF_POLICY),

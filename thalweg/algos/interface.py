@@ -84,18 +84,24 @@ class Feedback:
     """Episodes finished since the run began."""
     largest_costs: tuple[float, ...]
     """[M] the largest cost of any of them."""
+    lowest_costs: tuple[float, ...]
+    """[M] the lowest mean cost that `MEAN_EPISODES` episodes in a row have had; NaN before so many have finished."""
     mean_length: float
     """Steps of an episode: the mean of the same last episodes as `recent_costs`; NaN before any."""
 
-    def cost_means(self, window: int = 0) -> tuple[float, ...]:
-        """Return J_c [M]: the mean cost of the fresh episodes, or of the last `MEAN_EPISODES` if there are none.
+    def cost_means(self, window: int = 0, least: int = 1) -> tuple[float, ...]:
+        """Return J_c [M]: the mean cost of the fresh episodes, and at least of the `least` last ones.
 
-        With a window it is the mean of that many last episodes. NaN before any episode has finished.
+        Without fresh episodes it is the mean of the last `MEAN_EPISODES`, with a window that of so many last ones. NaN
+        before any episode has finished.
         """
+        fresh = len(self.fresh_costs)
         if window:
             chosen = self.recent_costs[-window:]
+        elif fresh:
+            chosen = self.fresh_costs if fresh >= least else self.recent_costs[-least:]
         else:
-            chosen = self.fresh_costs if len(self.fresh_costs) else self.recent_costs[-MEAN_EPISODES:]
+            chosen = self.recent_costs[-MEAN_EPISODES:]
         if not len(chosen):
             return (float("nan"),) * len(self.largest_costs)
         return tuple(float(mean) for mean in chosen.mean(0))

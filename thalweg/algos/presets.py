@@ -47,9 +47,17 @@ _ON_POLICY: Settings = {
     "entropy": 0.0,
 }
 _CLIPPED: Settings = {**_ON_POLICY, "clip": 0.2}
-_LIMITED: Settings = {"cost_limit": 25.0, "standardise_cost": False, "cost_discount": 0.99, "cost_trace": 0.95}
+_LIMITED: Settings = {
+    "cost_limit": 25.0,
+    "cost_limit_schedule": [],
+    "standardise_cost": False,
+    "cost_discount": 0.99,
+    "cost_trace": 0.95,
+}
 _MULTIPLIER: Settings = {
     "multiplier_rule": "adam",
+    "multiplier_violation": "absolute",
+    "multiplier_antiwindup": False,
     "multiplier_rate": 0.035,
     "multiplier_gain": 0.0,
     "multiplier_derivative": 0.0,
@@ -63,6 +71,7 @@ _MULTIPLIER: Settings = {
 _PLANNING: Settings = {
     "size": "full",
     "cost_limit": 1.0,
+    "cost_limit_schedule": [],
     "episode_length": 5000,  # 1000 over H there, whatever the action repeat
     "action_repeat": 5,
     "drop_terminal": True,
@@ -105,10 +114,13 @@ _OFF_POLICY: Settings = {
     "initial": "kaiming",
     "adapter": "box_literal",
     "cost_limit": 25.0,
+    "cost_limit_schedule": [],
     "cost_window": 50,
     "multiplier_settles": False,
     "multiplier_schedule": "gradient_step",
     "multiplier_rule": "adam",
+    "multiplier_violation": "absolute",
+    "multiplier_antiwindup": False,
     "multiplier_rate": 1e-5,
     "multiplier_gain": 0.0,
     "multiplier_derivative": 0.0,

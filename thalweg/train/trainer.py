@@ -80,6 +80,7 @@ class Trainer:
             recent_costs=recent,
             episodes=self.statistics.count,
             largest_costs=largest,
+            lowest_costs=self.statistics.lowest_costs(self.learner.separate_costs),
             mean_length=self.statistics.mean_length,
         )
 

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.algos.rollouts import feedback
@@ -12,8 +13,13 @@ from thalweg.algos.constraint.multiplier import Multiplier, MultiplierConfig, Mu
 
 
 def multiplier(limit: float = 0.1, **settings: Any) -> Multiplier:
-    """By its rule alone, unless it says otherwise."""
-    plain: dict[str, Any] = {"multiplier_rate": 0.5, "multiplier_gain": 0.0, "multiplier_max": 2.0}
+    """By its rule alone and J_c - d, unless it says otherwise."""
+    plain: dict[str, Any] = {
+        "multiplier_violation": "absolute",
+        "multiplier_rate": 0.5,
+        "multiplier_gain": 0.0,
+        "multiplier_max": 2.0,
+    }
     return Multiplier(MultiplierConfig(**(plain | settings)), limit)
 
 
@@ -32,11 +38,60 @@ def test_by_gradient_it_follows_the_violation_within_its_bounds():
     assert values(multiplier(multiplier_initial=0.02), 0.0) == [0.0]
 
 
+def test_by_the_relative_violation_it_falls_as_fast_as_it_rises():
+    # δ of 0.2, 0.05, 0, 1 at a limit of 0.1: ½, -½, -1, 0.9; I + 0.5 δ, from 0.6
+    one = multiplier(multiplier_violation="relative", multiplier_initial=0.6)
+    assert values(one, 0.2, 0.05, 0.0, 1.0) == pytest.approx([0.85, 0.6, 0.1, 0.55])
+
+
+def test_in_any_unit_of_cost_the_relative_violation_moves_it_alike():
+    small, large = (
+        multiplier(limit, multiplier_violation="relative", multiplier_gain=0.5, multiplier_derivative=0.5)
+        for limit in (0.1, 25.0)
+    )
+    costs = (0.3, 0.2, 0.05, 0.15)
+    found = values(small, *costs)
+    assert found == pytest.approx(values(large, *(250.0 * cost for cost in costs))) and found[0] > 0.3
+
+
+def test_while_it_is_at_its_bound_the_integral_does_not_wind_up():
+    # Each cost of 0.9 adds 2 (0.9 - 0.1) = 1.6 at once, above the bound of 1. I grows to 0.4 only while that is
+    # not at the bound: I + 1.6 > 1 from the first update, so I stays 0, and λ is 0 as soon as the cost is at its limit.
+    bounded = {"multiplier_gain": 2.0, "multiplier_max": 1.0}
+    assert values(multiplier(**bounded), 0.9, 0.9, 0.9, 0.1) == pytest.approx([1.0, 1.0, 1.0, 0.0])
+    # Without, I is 0.4, 0.8, 1.0, and takes as many updates to fall.
+    wound = multiplier(multiplier_antiwindup=False, **bounded)
+    assert values(wound, 0.9, 0.9, 0.9, 0.1) == pytest.approx([1.0, 1.0, 1.0, 1.0])
+
+
+def test_at_its_bound_the_integral_still_falls():
+    # I + 2·0.3 = 2.1 is above the bound of 2, but the last cost, which is not smoothed, is below its limit: I falls.
+    one = multiplier(multiplier_gain=2.0, multiplier_initial=1.5, multiplier_smoothing=0.5)
+    assert values(one, 0.8, 0.0) == [2.0, 2.0] and one.state()["moving"] == pytest.approx(1.45)
+
+
+def test_by_adam_the_moments_do_not_wind_up_either():
+    one = multiplier(multiplier_rule="adam", multiplier_gain=10.0, multiplier_rate=0.1)
+    assert values(one, 0.9, 0.9, 0.9) == [2.0, 2.0, 2.0]
+    assert one.state()["count"] == 0 and one.state()["moments"] == [0.0, 0.0]
+
+
 def test_one_that_settles_falls_ever_less_towards_the_end():
-    # Of what the cost stays below its limit, all counts until the last quarter, half in its middle, nothing at its end.
-    one = multiplier(multiplier_initial=0.5, multiplier_settles=True)
-    for cost, progress, expected in ((0.0, 0.5, 0.45), (0.0, 0.875, 0.425), (0.0, 1.0, 0.425), (0.3, 1.0, 0.525)):
-        one.update(cost, progress)
+    # Of what the cost stays below its limit, all counts until the last quarter, half of it less than at its end in its
+    # middle: with a final share of ½, ¾ and ½; with 0, ½ and nothing. A violation counts in full.
+    for final, expected in ((0.5, (0.45, 0.4125, 0.3875, 0.4875)), (0.0, (0.45, 0.425, 0.425, 0.525))):
+        one = multiplier(multiplier_initial=0.5, multiplier_settles=True, multiplier_final_fall=final)
+        found = []
+        for cost, progress in ((0.0, 0.5), (0.0, 0.875), (0.0, 1.0), (0.3, 1.0)):
+            one.update(cost, progress)
+            found.append(one.value)
+        assert found == pytest.approx(expected)
+
+
+def test_it_answers_to_the_limit_of_the_moment():
+    one = multiplier()
+    for limit, expected in ((0.5, 0.0), (0.3, 0.05), (None, 0.2)):  # the cost is 0.4, the final limit 0.1
+        one.update(0.4, 0.25, limit)
         assert one.value == pytest.approx(expected)
 
 
@@ -150,7 +205,7 @@ def test_an_episode_counts_once():
     assert both.values == pytest.approx((0.2,))
 
 
-CONFIG = MultiplierConfig(multiplier_rate=0.5, multiplier_gain=0.0)
+CONFIG = MultiplierConfig(multiplier_violation="absolute", multiplier_rate=0.5, multiplier_gain=0.0)
 
 
 def test_each_cost_moves_its_own():
@@ -159,6 +214,12 @@ def test_each_cost_moves_its_own():
     assert both.values == pytest.approx((0.2, 0.0))
     both.update(feedback(0.0, 0.9))
     assert both.values == pytest.approx((0.15, 0.3))
+
+
+def test_each_cost_has_its_limit_of_the_moment():
+    both = Multipliers(CONFIG, (0.1, 0.3))
+    both.update(feedback(0.5, 0.9), (0.2, 0.9))
+    assert both.values == pytest.approx((0.15, 0.0))
 
 
 def test_two_costs_are_called_tight_and_loose():
@@ -177,9 +238,17 @@ def test_two_costs_are_called_tight_and_loose():
 def test_a_window_takes_the_mean_of_the_last_episodes_whenever_they_ended():
     told = replace(feedback(0.9, count=1), recent_costs=feedback(0.1, count=60).recent_costs)
     for window, value in ((0, 0.5 * (0.9 - 0.05)), (50, 0.5 * (0.1 - 0.05))):
-        one = Multipliers(replace(CONFIG, cost_window=window), (0.05,))
+        one = Multipliers(replace(CONFIG, cost_window=window, cost_episodes=1), (0.05,))
         one.update(told)
         assert one.values == pytest.approx((value,))
+
+
+def test_a_few_fresh_episodes_are_averaged_with_those_before():
+    # three fresh episodes of 0.9 after 57 of 0.1: the mean of the last 30 is (27·0.1 + 3·0.9) / 30 = 0.18
+    told = replace(feedback(0.9), recent_costs=np.array([[0.1]] * 57 + [[0.9]] * 3))
+    one = Multipliers(CONFIG, (0.1,))
+    one.update(told)
+    assert one.values == pytest.approx((0.5 * 0.08,)) and CONFIG.cost_means(told) == pytest.approx((0.18,))
 
 
 def test_each_of_several_resumes_from_its_state():
@@ -192,7 +261,9 @@ def test_each_of_several_resumes_from_its_state():
 
 
 def test_a_multiplier_too_slow_to_matter_is_named_with_its_cost():
-    slow = Multipliers(MultiplierConfig(multiplier_rate=1e-4, multiplier_gain=0.0), (5.0, 0.5))
+    slow = Multipliers(
+        MultiplierConfig(multiplier_rate=1e-4, multiplier_gain=0.0, multiplier_violation="absolute"), (5.0, 0.5)
+    )
     found = slow.warnings(feedback(0.5, 0.5), 10)
     assert list(found) == ["multiplier_too_slow_loose"]
     assert found["multiplier_too_slow_loose"].startswith(
@@ -220,6 +291,9 @@ def test_fresh_episodes_count_else_the_last_fifty():
     older = replace(told, fresh_costs=told.fresh_costs[:0], recent_costs=feedback(*[1.0], count=100).recent_costs)
     older.recent_costs[:50] = 0.0
     assert older.cost_means() == (1.0,) and older.cost_means(window=80) == (50 / 80,)
+    assert older.cost_means(least=80) == (1.0,), "of no fresh episode, the last fifty"
+    few = replace(told, recent_costs=older.recent_costs)
+    assert few.cost_means(least=3) == (0.5,) and few.cost_means(least=80) == (50 / 80,)
     nothing = feedback(0.5, 0.5, count=0)
     assert all(math.isnan(mean) for mean in nothing.cost_means()) and len(nothing.cost_means(window=5)) == 2
 
@@ -235,7 +309,12 @@ def test_fresh_episodes_count_else_the_last_fifty():
         ("multiplier_initial", 11.0),
         ("multiplier_max", -1.0),
         ("multiplier_warmup", -1),
+        ("multiplier_violation", "squared"),
+        ("multiplier_antiwindup", "often"),
+        ("multiplier_final_fall", 1.5),
         ("cost_window", 101),
+        ("cost_episodes", 0),
+        ("cost_episodes", 101),
     ],
 )
 def test_a_setting_that_makes_no_sense_is_refused_by_name(key: str, value: Any):

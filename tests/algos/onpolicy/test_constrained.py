@@ -26,7 +26,9 @@ LIMIT, KEPT, BROKEN = 1.0, 0.0, 5.0
 
 def learner_for(name: str, space: gym.Space = SPACES["MultiDiscrete"], **settings: Any) -> Any:
     entry = ALGORITHMS[name]
-    given = {"cost_limit": LIMIT} if name in NAMES else {}
+    given: dict[str, Any] = {"cost_limit": LIMIT} if name in NAMES else {}
+    if name in MULTIPLIED:  # a few updates must do
+        given |= {"multiplier_rate": 1.0, "multiplier_gain": 2.0, "multiplier_max": 2.0}
     config = entry.config(steps_per_update=N * T, minibatch=64, passes=4, hidden=(16, 16), **given | settings)
     return entry.make(config, Task(D, space, N, 0, {}))
 
@@ -98,7 +100,25 @@ def test_each_of_two_costs_has_its_own_metrics(name: str):
 def test_a_met_limit_leaves_its_multiplier_at_zero_and_an_exceeded_one_raises_its_multiplier(name: str):
     learner = learner_for(name, cost_limits=(0.1, 0.1), multiplier_rate=0.5, multiplier_gain=0.0)
     metrics = learner.update(tempted(learner, 0, 2), feedback(0.0, 0.5))
-    assert (metrics["multiplier_tight"], metrics["multiplier_loose"]) == (0.0, pytest.approx(0.2))
+    # 0.5 (0.5 - 0.1) / 0.5
+    assert (metrics["multiplier_tight"], metrics["multiplier_loose"]) == (0.0, pytest.approx(0.4))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_limit_of_the_moment_decides(name: str):
+    """A cost of 2 breaks the final limit of 1, and keeps the one that begins at 8."""
+    settings = {"cost_limit_schedule": (8.0,), "cost_limit_share": 0.5}
+    ends = [after(learner_for(name, **settings), feedback(2.0, progress=progress)) for progress in (0.1, 0.6)]
+    assert ends[0] > ends[1] + 0.2
+    metrics = learner_for(name, **settings)
+    found = metrics.update(tempted(metrics, 0), feedback(2.0, progress=0.25))
+    assert found["cost_limit"] == pytest.approx(4.5)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_limit_that_is_never_met_is_named(name: str):
+    learner = learner_for(name, cost_limit=0.1)
+    assert "limit_never_met" in learner.warnings(feedback(0.5, lowest=0.2, progress=0.6))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -133,11 +153,13 @@ def test_ppo_is_deaf_to_the_cost():
 
 
 @pytest.mark.parametrize("name", [n for n, e in ALGORITHMS.items() if issubclass(e.config, OnPolicyConfig)])
-def test_a_cost_window_or_none_is_what_the_mean_is_taken_over(name: str):
+def test_a_cost_window_or_the_fresh_episodes_and_enough_are_what_the_mean_is_taken_over(name: str):
     if "cost_window" not in ALGORITHMS[name].config.__dataclass_fields__:
         pytest.skip("has no limit")
     lagging = dataclasses.replace(feedback(0.8), recent_costs=np.array([[0.0]] * 9 + [[0.8]]))
-    fresh, window = (learner_for(name, cost_window=size) for size in (0, 10))
+    fresh, window = (learner_for(name, cost_window=size, cost_episodes=3) for size in (0, 10))
+    least = learner_for(name, cost_episodes=5)
+    assert least.update(tempted(least, 0), lagging)["cost_mean"] == pytest.approx(0.16)
     assert fresh.update(tempted(fresh, 0), lagging)["cost_mean"] == pytest.approx(0.8)
     assert window.update(tempted(window, 0), lagging)["cost_mean"] == pytest.approx(0.08)
 

@@ -163,7 +163,8 @@ def focops(**settings: Any) -> FOCOPS:
 
 def test_the_multiplier_of_focops_moves_before_the_policy():
     learner = focops(cost_limit=0.1, multiplier_rate=0.5, multiplier_gain=0.0)
-    assert learner.update(rollout_of(learner), FEEDBACK)["multiplier"] == pytest.approx(0.2)
+    # 0.5 (0.5 - 0.1) / 0.5
+    assert learner.update(rollout_of(learner), FEEDBACK)["multiplier"] == pytest.approx(0.4)
 
 
 def test_before_any_episode_the_multiplier_stays():
@@ -194,7 +195,8 @@ def test_updates_left_are_counted_over_all_environments():
 
 @pytest.mark.parametrize(("limits", "avoids_good"), [((0.1, 9.0), True), ((9.0, 0.1), False)])
 def test_each_cost_is_avoided_by_the_weight_of_its_own_multiplier(limits: tuple[float, float], avoids_good: bool):
-    learner = focops(cost_limits=limits, learning_rate=1e-2, target_kl=0.5, trust_radius=0.5)
+    fast = {"multiplier_rate": 0.5, "multiplier_max": 2.0}
+    learner = focops(cost_limits=limits, learning_rate=1e-2, target_kl=0.5, trust_radius=0.5, **fast)
     before = share_of_good(learner)
     for seed in range(10):
         rollout = rollout_of(learner, seed)
@@ -226,7 +228,7 @@ def test_a_window_of_costs_is_what_the_metrics_tell_too():
     learner = focops(cost_window=50, multiplier_rate=0.5, multiplier_gain=0.0)
     told = dataclasses.replace(FEEDBACK, recent_costs=feedback(0.3, count=60).recent_costs)
     metrics = learner.update(rollout_of(learner), told)
-    assert (metrics["cost_mean"], metrics["multiplier"]) == pytest.approx((0.3, 0.1))
+    assert (metrics["cost_mean"], metrics["multiplier"]) == pytest.approx((0.3, 0.5 * 0.2 / 0.3))
 
 
 def test_divided_by_one_plus_the_multiplier_advantages_are_those_of_a_higher_temperature():

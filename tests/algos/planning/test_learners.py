@@ -43,6 +43,7 @@ FEEDBACK = Feedback(
     recent_costs=np.array([[1.0], [0.0]]),
     episodes=30,
     largest_costs=(1.0,),
+    lowest_costs=(0.5,),
     mean_length=100.0,
 )
 
@@ -160,6 +161,16 @@ class TestEveryPlanner:
                 now = learner.policy.method.modules.state_dict()
                 changed.append(any(not torch.equal(now[key], value) for key, value in begin.items()))
         assert changed == [True, True, False, True]
+
+    def test_the_budget_tightens_with_a_limit_that_does_and_resumes(self, name, space):
+        learner, again = (learner_for(name, space, cost_limit_schedule=(3.0,), cost_limit_share=0.5) for _ in range(2))
+        assert learner.policy.limits == pytest.approx((0.3,))
+        learner.policy.limits = learner.config.limits_at(0.25)
+        again.load_state(learner.state())
+        for one in (learner, again):  # halfway from 3 to 1, of 0.1
+            steps = one.config.sizes.horizon * one.config.action_repeat
+            share = min(steps / one.policy.episode_length, 1.0)
+            assert one.policy.budget.costs.tolist() == pytest.approx([0.2 * share])
 
     def test_two_costs_have_separate_budgets(self, name, space):
         learner = learner_for(name, space, cost_limits=(0.1, 0.2))

@@ -13,7 +13,7 @@ from thalweg.algos import NotFiniteError
 from thalweg.algos.interface import Rollout
 from thalweg.train.errors import TrainingError
 from thalweg.train.rollouts.env_stepper import MAX_STEPS_WITHOUT_COST, EnvStepper
-from thalweg.train.rollouts.episodes import Episode, EpisodeStatistics
+from thalweg.train.rollouts.episodes import Episode, EpisodeStatistics, StepRecord
 from thalweg.train.rollouts.rollout_buffer import RolloutBuffer
 
 MODES = list(AutoresetMode)
@@ -284,6 +284,20 @@ def test_costs_apart_are_tight_and_loose():
     _, recent, largest = book.costs(separate=True)
     assert recent.tolist() == [[e.tight, e.loose] for e in episodes[-100:]]
     assert largest == (max(e.tight for e in episodes), max(e.loose for e in episodes))
+
+
+def test_the_lowest_cost_is_that_of_fifty_episodes_in_a_row():
+    book = EpisodeStatistics(1, [""])
+    for cost in [1.0] * 50 + [0.0] * 30 + [1.0] * 100:  # fifty in a row with thirty of 0 among them
+        ended = np.array([0])
+        one, never = np.array([True]), np.array([False])
+        costs = np.array([[cost, 0.5]])
+        book.add(StepRecord(np.zeros(1), np.array([cost]), costs, one, never, one, ended, None))
+    assert book.lowest_costs(separate=False) == (20 / 50,) and book.lowest_costs(separate=True) == (20 / 50, 0.5)
+    again = EpisodeStatistics(1, [""])
+    again.load_state(book.state())
+    assert again.lowest_costs(separate=True) == (20 / 50, 0.5)
+    assert all(math.isnan(cost) for cost in EpisodeStatistics(1, [""]).lowest_costs(separate=True))
 
 
 def test_before_any_episode_there_are_no_costs():

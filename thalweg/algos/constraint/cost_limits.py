@@ -1,4 +1,4 @@
-"""Settings of cost limits, their metrics, and warnings about limits that no episode exceeds."""
+"""Settings of cost limits, their metrics, and warnings about limits that no episode exceeds, or no policy meets."""
 
 from collections.abc import Sequence
 from typing import Annotated, Self
@@ -6,11 +6,16 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from thalweg.algos.common.errors import AlgorithmError
-from thalweg.algos.interface import RECENT_EPISODES, Feedback
+from thalweg.algos.interface import MEAN_EPISODES, RECENT_EPISODES, Feedback
 from thalweg.core.config import FiniteNonNegative, TupleOf, frozen_config
+
+Multiple = Annotated[float, Field(ge=1, allow_inf_nan=False)]
+"""A limit at the beginning of a run, as a multiple of the final one."""
 
 ENOUGH_EPISODES = 20
 """Number of finished episodes from which warnings are given."""
+LONG_ENOUGH = 0.5
+"""Share of the time with the final limit after which a limit that has never been met is named."""
 
 
 @frozen_config(AlgorithmError)
@@ -21,6 +26,12 @@ class CostConfig:
     """Limit d on the mean cost of an episode."""
     cost_limits: TupleOf[FiniteNonNegative] = ()
     """Separate limits of the tight and the loose cost, in place of `cost_limit`."""
+    cost_limit_schedule: TupleOf[Multiple] = ()
+    """Limits at the beginning of the run, as multiples of the final ones: one number for all costs, or one for each.
+    They tighten linearly. Empty: limits stay the same. A limit that idling exceeds teaches a beginner nothing but to
+    avoid costs."""
+    cost_limit_share: Annotated[float, Field(gt=0, le=1)] = 0.5
+    """Share of the run after which limits with a schedule have tightened to the final ones."""
 
     @model_validator(mode="after")
     def _limits_are_two(self) -> Self:
@@ -28,10 +39,32 @@ class CostConfig:
             raise ValueError(f"cost_limits must be two, tight and loose, got {list(self.cost_limits)}")
         return self
 
+    @model_validator(mode="after")
+    def _schedule_fits_the_limits(self) -> Self:
+        if len(self.cost_limit_schedule) not in {0, 1, len(self.limits)}:
+            raise ValueError(
+                f"cost_limit_schedule must have one number, or one for each of {len(self.limits)} limits, got "
+                f"{list(self.cost_limit_schedule)}"
+            )
+        return self
+
     @property
     def limits(self) -> tuple[float, ...]:
         """Limit d of each cost [M]."""
         return self.cost_limits or (self.cost_limit,)
+
+    def limits_at(self, progress: float) -> tuple[float, ...]:
+        """Return the limits d [M] after this share of the run, 0..1.
+
+        d (m + (1 - m) min(p / s, 1)), for the multiple m of `cost_limit_schedule` and the share s.
+        """
+        if not self.cost_limit_schedule:
+            return self.limits
+        tightened = min(progress / self.cost_limit_share, 1.0)
+        multiples = self.cost_limit_schedule
+        if len(multiples) == 1:
+            multiples = multiples * len(self.limits)
+        return tuple(d * (m + (1.0 - m) * tightened) for d, m in zip(self.limits, multiples, strict=True))
 
     @property
     def separate_costs(self) -> bool:
@@ -45,29 +78,55 @@ class MeanCostConfig:
 
     cost_window: Annotated[int, Field(ge=0, le=RECENT_EPISODES)] = 0
     """Number of last episodes in the mean cost, which then lags. With 0, the mean is over the episodes that finished
-    since the last update; if there are none, over the last fifty, and multipliers do not change."""
+    since the last update, and at least over the last `cost_episodes`; without a new one multipliers do not change."""
+    cost_episodes: Annotated[int, Field(ge=1, le=RECENT_EPISODES)] = 30
+    """Least number of episodes in the mean cost, as soon as so many have finished: the mean of a few is mostly chance.
+    Has no effect with `cost_window`."""
+
+    def cost_means(self, feedback: Feedback) -> tuple[float, ...]:
+        """Return J_c [M], the mean costs that are compared with the limits; NaN before any episode has finished."""
+        return feedback.cost_means(self.cost_window, self.cost_episodes)
 
 
-def cost_metrics(feedback: Feedback, limits: Sequence[float] = (), window: int = 0) -> dict[str, float]:
-    """Return J_c of each cost, the number of fresh episodes, and whether any episode has exceeded each limit."""
+def cost_metrics(
+    feedback: Feedback, limits: Sequence[float] = (), means: Sequence[float] | None = None
+) -> dict[str, float]:
+    """Return J_c of each cost, the number of fresh episodes, the limits, and whether any episode exceeded them.
+
+    Args:
+        feedback: The statistics.
+        limits: d [M] of this update; none for an algorithm without limits.
+        means: J_c [M] that is compared with them; by default the mean of the fresh episodes.
+    """
     names = cost_suffixes(len(feedback.largest_costs))
-    means = {f"cost_mean{name}": mean for name, mean in zip(names, feedback.cost_means(window), strict=True)}
-    bind = {
-        f"limit_can_bind{name}": float(largest > limit)
-        for name, largest, limit in zip(names, feedback.largest_costs, limits, strict=bool(limits))
-    }
-    return means | {"cost_episodes": len(feedback.fresh_costs)} | bind
+    compared = feedback.cost_means() if means is None else means
+    found = {f"cost_mean{name}": mean for name, mean in zip(names, compared, strict=True)}
+    found |= {"cost_episodes": len(feedback.fresh_costs)}
+    for name, largest, limit in zip(names, feedback.largest_costs, limits, strict=bool(limits)):
+        found |= {f"cost_limit{name}": limit, f"limit_can_bind{name}": float(largest > limit)}
+    return found
 
 
-def limit_warnings(limits: Sequence[float], feedback: Feedback) -> dict[str, str]:
-    """Return warnings, by a short code, about cost limits that no episode has exceeded."""
+def limit_warnings(config: CostConfig, feedback: Feedback) -> dict[str, str]:
+    """Return warnings, by a short code, about cost limits that no episode has exceeded, or no policy has met."""
     if feedback.episodes < ENOUGH_EPISODES:
         return {}
-    return {
+    names = cost_suffixes(len(config.limits))
+    never_binds = {
         f"limit_never_binds{name}": f"the {as_word(name)}cost limit {limit:g} has not bound anything: none of "
         f"{feedback.episodes} episodes cost more than {largest:g}, so their mean can't exceed it"
-        for name, limit, largest in zip(cost_suffixes(len(limits)), limits, feedback.largest_costs, strict=True)
+        for name, limit, largest in zip(names, config.limits, feedback.largest_costs, strict=True)
         if largest <= limit
+    }
+    tightening = config.cost_limit_share if config.cost_limit_schedule else 0.0
+    if feedback.progress < tightening + LONG_ENOUGH * (1.0 - tightening):
+        return never_binds
+    return never_binds | {
+        f"limit_never_met{name}": f"the {as_word(name)}cost limit {limit:g} has never been met: in "
+        f"{feedback.episodes} episodes, the mean cost of {MEAN_EPISODES} in a row never fell below {lowest:.3g}; if a "
+        "policy that has learnt nothing yet can't meet it, begin with a wider limit (cost_limit_schedule)"
+        for name, limit, lowest in zip(names, config.limits, feedback.lowest_costs, strict=True)
+        if lowest > limit
     }
 
 

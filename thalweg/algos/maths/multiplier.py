@@ -12,29 +12,39 @@ from torch import Tensor
 from thalweg.algos.maths.shapes import same_shape, tensor_like
 
 
-def projected_gradient(value: float, cost: float, limit: float, rate: float, upper: float) -> float:
-    """Return clip(λ + α (J_c - d), 0, upper) (Zhang, Vuong, Ross 2020, algorithm 1)."""
-    return min(max(value + rate * (cost - limit), 0.0), upper)
+def relative_violation(cost: float, limit: float) -> float:
+    """Return δ = (J_c - d) / max(J_c, d), in -1..1: -1 without any cost, 0 at the limit, towards 1 far above it.
+
+    J_c - d itself is bounded by -d below the limit and by the largest cost above it, so that a multiplier that adds it
+    up rises several times as fast as it falls. δ treats half of the limit and twice the limit alike (-½ and ½), and has
+    no unit. It is 0 if both are 0.
+    """
+    larger = max(cost, limit)
+    return (cost - limit) / larger if larger > 0 else 0.0
+
+
+def projected_gradient(value: float, violation: float, rate: float, upper: float) -> float:
+    """Return clip(λ + α δ, 0, upper) (Zhang, Vuong, Ross 2020, algorithm 1, with δ = J_c - d)."""
+    return min(max(value + rate * violation, 0.0), upper)
 
 
 def adam(
-    value: float, moments: tuple[float, float], count: int, cost: float, limit: float, rate: float, upper: float
+    value: float, moments: tuple[float, float], count: int, violation: float, rate: float, upper: float
 ) -> tuple[float, tuple[float, float]]:
-    """Return λ after one step of Adam on the loss -λ (J_c - d), clipped to 0..upper, and Adam's new moments.
+    """Return λ after one step of Adam on the loss -λ δ, clipped to 0..upper, and Adam's new moments.
 
-    g = -(J_c - d); m ← β₁ m + (1-β₁) g; v ← β₂ v + (1-β₂) g²; λ ← λ - α m̂ / (√v̂ + ε), where hats mark bias correction
+    g = -δ; m ← β₁ m + (1-β₁) g; v ← β₂ v + (1-β₂) g²; λ ← λ - α m̂ / (√v̂ + ε), where hats mark bias correction
     (Kingma, Ba 2015, algorithm 1, with its β₁ = 0.9, β₂ = 0.999, ε = 1e-8).
 
     Args:
         value: λ.
         moments: m and v.
         count: The number of this step, from 1.
-        cost: J_c, the mean cost of an episode.
-        limit: d.
+        violation: δ, by which the mean cost of an episode exceeds the limit.
         rate: α. The first step is ±α for any size of the violation.
         upper: Upper bound of λ.
     """
-    gradient = -(cost - limit)
+    gradient = -violation
     first = 0.9 * moments[0] + 0.1 * gradient
     second = 0.999 * moments[1] + 0.001 * gradient * gradient
     step = rate * (first / (1.0 - 0.9**count)) / (math.sqrt(second / (1.0 - 0.999**count)) + 1e-8)
@@ -46,13 +56,22 @@ def smoothed(before: float, cost: float, keep: float) -> float:
     return keep * before + (1.0 - keep) * cost
 
 
-def pid(integral: float, violation: float, growth: float, *, gain: float, derivative: float, upper: float) -> float:
-    """Return λ = clip(I + K_P δ + K_D max(0, ∂), 0, upper) (Stooke, Achiam, Abbeel 2020, algorithm 2).
+def pid(integral: float, violation: float, growth: float, *, gain: float, derivative: float) -> float:
+    """Return λ = I + K_P δ + K_D max(0, ∂) before it is clipped (Stooke, Achiam, Abbeel 2020, algorithm 2).
 
-    A purely integral multiplier I responds late and overshoots. The violation δ = J_c - d adds an immediate response,
-    and the growth ∂ of the cost a response before the limit is exceeded.
+    A purely integral multiplier I responds late and overshoots. The violation δ adds an immediate response, and its
+    growth ∂ a response before the limit is exceeded.
     """
-    return min(max(integral + gain * violation + derivative * max(growth, 0.0), 0.0), upper)
+    return integral + gain * violation + derivative * max(growth, 0.0)
+
+
+def winds_up(output: float, violation: float, upper: float) -> bool:
+    """Return whether the integral part must not change: λ is at its upper bound already, and δ would raise it further.
+
+    What is added to I then has no effect until the violation ends, and takes as long to be removed. Not adding it is
+    conditional integration (Åström, Hägglund 1995, section 3.5). At the lower bound I itself is clipped at 0.
+    """
+    return output >= upper and violation > 0
 
 
 def combined(rewards: Tensor, costs: Tensor, multipliers: Sequence[float], *, normalised: bool) -> Tensor:

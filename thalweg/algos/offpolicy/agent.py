@@ -183,7 +183,7 @@ class Agent:
                 self._metrics.count(POLICY)
             self.gradient_steps += 1
             if self.config.multiplier_schedule == "gradient_step":
-                self.multipliers.update(feedback)
+                self.multipliers.update(feedback, self.config.limits_at(feedback.progress))
         self._metrics.require_finite()
 
     @property
@@ -241,7 +241,7 @@ class Agent:
             return {}
         self._reported_at = self.steps
         if self.config.multiplier_schedule == "report" and self.gradient_steps:
-            self.multipliers.update(feedback)
+            self.multipliers.update(feedback, self.config.limits_at(feedback.progress))
         means = self._metrics.report()
         self._last_values = [means[name] for name in self._value_names]
         return (
@@ -253,7 +253,7 @@ class Agent:
             }
             | self.scale.metrics()
             | self.multipliers.metrics(feedback, self._multiplier_updates_left(feedback))
-            | cost_metrics(feedback, self.config.limits, self.config.cost_window)
+            | cost_metrics(feedback, self.config.limits_at(feedback.progress), self.config.cost_means(feedback))
         )
 
     def warnings(self, feedback: Feedback, above: float = 0.0) -> dict[str, str]:
@@ -263,7 +263,7 @@ class Agent:
         """
         too_slow = self.multipliers.warnings(feedback, self._multiplier_updates_left(feedback))
         impossible = self.scale.warnings(self._last_values, feedback, above * float(self.scale.units[0, 0]))
-        return limit_warnings(self.config.limits, feedback) | too_slow | impossible
+        return limit_warnings(self.config, feedback) | too_slow | impossible
 
     def state(self) -> dict[str, Any]:
         """Return everything that resuming needs, as nested dictionaries of arrays and plain data."""

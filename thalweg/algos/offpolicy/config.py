@@ -6,7 +6,7 @@ from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, Pos
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.constraint.cost_limits import CostConfig
-from thalweg.algos.constraint.multiplier import MultiplierConfig
+from thalweg.algos.constraint.multiplier import MultiplierConfig, Violation
 from thalweg.algos.policy.actions import Adapter
 from thalweg.algos.policy.mlp import Initial
 from thalweg.algos.policy.mlp_autograd import Activation
@@ -29,6 +29,8 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     steps_per_update: PositiveInt = 2048
     """Steps between two reports, all environments together. At a report the multipliers are updated and metrics are
     logged."""
+    multiplier_violation: Violation = "absolute"
+    """The violation δ that λ responds to: J_c - d ("absolute"), or (J_c - d) / max(J_c, d) ("relative")."""
     multiplier_rate: NonNegativeFloat = 0.5
     """Step size of the integral part of λ; K_I of a PID multiplier. λ is the reward that one unit of cost is worth,
     both in the critics' units."""

@@ -55,7 +55,8 @@ class CPO:
         """Take one constrained natural-gradient step of the policy, train the critics, and return the metrics."""
         config, agent = self.config, self.agent
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
-        worst, violation = most_violated(feedback, config.limits, config.cost_window)
+        limits, means = config.limits_at(feedback.progress), config.cost_means(feedback)
+        worst, violation = most_violated(means, limits)
         # An episode's cost is a sum over its steps, and the surrogate is a mean over steps. Before any episode has
         # ended there is no length, but then nothing is known to be violated either.
         per_step = violation / feedback.mean_length if feedback.episodes else FAR_BELOW
@@ -69,11 +70,7 @@ class CPO:
             )
         monitor.measure()
         policy_loss = -losses.surrogate(monitor.log_prob, monitor.old_log_prob, rewards)
-        return (
-            metrics_of(agent, samples, [policy_loss], monitor)
-            | found
-            | cost_metrics(feedback, config.limits, config.cost_window)
-        )
+        return metrics_of(agent, samples, [policy_loss], monitor) | found | cost_metrics(feedback, limits, means)
 
     def _step(
         self, rewards: Tensor, costs: Tensor, violation: float, monitor: KLMonitor, natural: NaturalStep
@@ -103,7 +100,7 @@ class CPO:
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return warnings about cost limits that no episode has exceeded."""
-        return limit_warnings(self.config.limits, feedback)
+        return limit_warnings(self.config, feedback)
 
     def state(self) -> dict[str, Any]:
         return self.agent.state()

@@ -73,7 +73,8 @@ class CUP:
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         """Update the multipliers, improve the reward, project towards the limit, and return the metrics."""
         config, agent = self.config, self.agent
-        self.multipliers.update(feedback)
+        limits = config.limits_at(feedback.progress)
+        self.multipliers.update(feedback, limits)
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
         rate, monitor = agent.decay(feedback.progress), KLMonitor(agent, samples)
         rewards = standardised(samples.advantages[0])
@@ -99,7 +100,7 @@ class CUP:
             | {"learning_rate": rate, "clip_fraction": clipped}
             | {"projection_kl": back.kl, "projection_passes": back.passes}
             | self.multipliers.metrics(feedback, agent.updates_left(feedback))
-            | cost_metrics(feedback, config.limits, config.cost_window)
+            | cost_metrics(feedback, limits, config.cost_means(feedback))
         )
 
     def _improve(self, inputs: Tensor | Sequences, actions: Tensor, old_log_prob: Tensor, advantages: Tensor) -> Tensor:
@@ -122,7 +123,7 @@ class CUP:
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return warnings about cost limits and multipliers that have no effect in this run."""
         remaining = self.agent.updates_left(feedback)
-        return limit_warnings(self.config.limits, feedback) | self.multipliers.warnings(feedback, remaining)
+        return limit_warnings(self.config, feedback) | self.multipliers.warnings(feedback, remaining)
 
     def state(self) -> dict[str, Any]:
         return self.agent.state() | {"multipliers": self.multipliers.state()}

@@ -38,9 +38,10 @@ class FOCOPSConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
     mask: Literal["state", "batch"] = "state"
     """Kind of trust region: "state" is that of the paper, "batch" the weaker one that OmniSafe 0.5 computes by a
     broadcast."""
-    normalise_by_multiplier: bool = False
-    """Whether A_r - Σ ν A_c is divided by 1 + Σ ν, as in OmniSafe; the paper does not divide it."""
-    multiplier_max: NonNegativeFloat = 2.0
+    normalise_by_multiplier: bool = True
+    """Whether A_r - Σ ν A_c is divided by 1 + Σ ν, as in OmniSafe, so that a step stays as long as ν grows; the paper
+    does not divide it."""
+    multiplier_max: NonNegativeFloat = 1.0
     """Upper bound of the multiplier ν."""
     entropy: NonNegativeFloat = 0.005
     """Coefficient of the policy's entropy (nats, summed over action branches) in the loss; the paper has none."""
@@ -81,7 +82,8 @@ class FOCOPS:
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         """Update the multipliers, then train until the KL exceeds `target_kl` or passes run out; return metrics."""
         config, agent = self.config, self.agent
-        self.multipliers.update(feedback)
+        limits = config.limits_at(feedback.progress)
+        self.multipliers.update(feedback, limits)
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
         advantages = combined(
             standardised(samples.advantages[0]),
@@ -103,7 +105,7 @@ class FOCOPS:
             metrics_of(agent, samples, log, monitor)
             | {"learning_rate": rate, "inside_fraction": inside}
             | self.multipliers.metrics(feedback, remaining)
-            | cost_metrics(feedback, config.limits, config.cost_window)
+            | cost_metrics(feedback, limits, config.cost_means(feedback))
         )
 
     def _step(
@@ -126,7 +128,7 @@ class FOCOPS:
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return warnings about cost limits and multipliers that have no effect in this run."""
         remaining = self.agent.updates_left(feedback)
-        return limit_warnings(self.config.limits, feedback) | self.multipliers.warnings(feedback, remaining)
+        return limit_warnings(self.config, feedback) | self.multipliers.warnings(feedback, remaining)
 
     def state(self) -> dict[str, Any]:
         return self.agent.state() | {"multipliers": self.multipliers.state()}

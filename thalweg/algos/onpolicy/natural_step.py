@@ -10,7 +10,6 @@ from torch import Tensor
 from torch.nn.utils import parameters_to_vector
 
 from thalweg.algos.constraint.multiplier import SETTLING
-from thalweg.algos.interface import Feedback
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.trust_region import conjugate_gradient
 from thalweg.algos.onpolicy.agent import Agent, KLMonitor
@@ -79,9 +78,9 @@ class NaturalStep:
         return parameters_to_vector(torch.autograd.grad(scalar, parameters, create_graph=create_graph))
 
 
-def most_violated(feedback: Feedback, limits: tuple[float, ...], window: int) -> tuple[int, float]:
-    """Return the cost furthest above its limit, and by how much; -inf before any episode has finished."""
-    gaps = [mean - limit for mean, limit in zip(feedback.cost_means(window), limits, strict=True)]
+def most_violated(means: tuple[float, ...], limits: tuple[float, ...]) -> tuple[int, float]:
+    """Return the cost furthest above its limit, and by how much; -inf if its mean is NaN, before any episode."""
+    gaps = [mean - limit for mean, limit in zip(means, limits, strict=True)]
     gaps = [-float("inf") if gap != gap else gap for gap in gaps]
     worst = max(range(len(gaps)), key=gaps.__getitem__)
     return worst, gaps[worst]

@@ -1,13 +1,13 @@
 """Constraint-rectified policy optimisation (Xu, Liang, Lan 2021), on-policy: each natural step raises the
 return while the cost is within its limit, and lowers the cost otherwise."""
 
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import NonNegativeFloat
+from pydantic import Field, NonNegativeFloat
 from torch import Tensor
 
 from thalweg.algos.common.errors import AlgorithmError
-from thalweg.algos.constraint.cost_limits import cost_metrics, limit_warnings
+from thalweg.algos.constraint.cost_limits import Multiple, cost_metrics, limit_warnings
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import standardised
@@ -22,13 +22,19 @@ from thalweg.algos.onpolicy.agent import (
 )
 from thalweg.algos.onpolicy.config import ConstrainedConfig, NaturalConfig
 from thalweg.algos.onpolicy.natural_step import NaturalStep, most_violated
-from thalweg.core.config import frozen_config
+from thalweg.core.config import TupleOf, frozen_config
 
 
 @frozen_config(AlgorithmError)
 class OnCRPOConfig(ConstrainedConfig, NaturalConfig):
     """Settings of OnCRPO."""
 
+    cost_limit_schedule: TupleOf[Multiple] = (8.0,)
+    """Limits at the beginning of the run, as multiples of the final ones: one number for all costs, or one for each.
+    They tighten linearly. Until a limit is met no step raises the return, so that it must begin above the cost of a
+    policy that has learnt nothing yet."""
+    cost_limit_share: Annotated[float, Field(gt=0, le=1)] = 0.75
+    """Share of the run after which limits with a schedule have tightened to the final ones."""
     tolerance: NonNegativeFloat = 0.0
     """How far above its limit a mean cost may be before the next step reduces it."""
 
@@ -49,7 +55,8 @@ class OnCRPO:
         """Take one natural step for the reward or against a cost, train the critics, and return the metrics."""
         config, agent = self.config, self.agent
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
-        worst, violation = most_violated(feedback, config.limits, config.cost_window)
+        limits, means = config.limits_at(feedback.progress), config.cost_means(feedback)
+        worst, violation = most_violated(means, limits)
         rectifies = violation > config.tolerance
         advantages = -cost_advantages(config, samples)[worst] if rectifies else standardised(samples.advantages[0])
         monitor = KLMonitor(agent, samples)
@@ -60,7 +67,7 @@ class OnCRPO:
         return (
             metrics_of(agent, samples, [policy_loss], monitor)
             | {"rectifies": float(rectifies), "steps_refused": refused}
-            | cost_metrics(feedback, config.limits, config.cost_window)
+            | cost_metrics(feedback, limits, means)
         )
 
     def _step(self, advantages: Tensor, monitor: KLMonitor, natural: NaturalStep) -> int:
@@ -75,7 +82,7 @@ class OnCRPO:
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return warnings about cost limits that no episode has exceeded."""
-        return limit_warnings(self.config.limits, feedback)
+        return limit_warnings(self.config, feedback)
 
     def state(self) -> dict[str, Any]:
         return self.agent.state()

@@ -111,8 +111,8 @@ class P3O:
         config, agent = self.config, self.agent
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
         costs = cost_advantages(config, samples)
-        means = torch.tensor(feedback.cost_means(config.cost_window))
-        violations = torch.nan_to_num(means - torch.tensor(config.limits), nan=-float("inf"))
+        limits, means = config.limits_at(feedback.progress), config.cost_means(feedback)
+        violations = torch.nan_to_num(torch.tensor(means) - torch.tensor(limits), nan=-float("inf"))
         if config.standardise_cost:
             violations = violations / (samples.advantages[1:].std(1, correction=0).cpu() + 1e-8)
         length = feedback.mean_length if feedback.episodes else 1.0  # before any there is no violation either
@@ -137,7 +137,7 @@ class P3O:
                 "penalty": config.penalty * float(weighed.sum(1).mean()),
                 "gate": float((weighed > 0).any(1).float().mean()),
             }
-            | cost_metrics(feedback, config.limits, config.cost_window)
+            | cost_metrics(feedback, limits, means)
         )
 
     def _step(
@@ -166,7 +166,7 @@ class P3O:
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return warnings about cost limits that no episode has exceeded."""
-        return limit_warnings(self.config.limits, feedback)
+        return limit_warnings(self.config, feedback)
 
     def state(self) -> dict[str, Any]:
         return self.agent.state()

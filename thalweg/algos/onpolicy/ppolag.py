@@ -31,10 +31,8 @@ class PPOLagConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
 
     clip: PositiveFloat = 0.2
     """Clip range ε: the probability ratio is clipped to 1 ± ε."""
-    multiplier_max: NonNegativeFloat = 2.0
+    multiplier_max: NonNegativeFloat = 1.0
     """Upper bound of the multiplier λ."""
-    entropy: NonNegativeFloat = 0.01
-    """Coefficient of the policy's entropy (nats, summed over action branches) in the loss."""
 
 
 def policy_loss(
@@ -60,7 +58,8 @@ class PPOLag:
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         """Update the multipliers, then train until the KL exceeds `target_kl` or passes run out; return metrics."""
         config, agent = self.config, self.agent
-        self.multipliers.update(feedback)
+        limits = config.limits_at(feedback.progress)
+        self.multipliers.update(feedback, limits)
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
         advantages = combined(
             standardised(samples.advantages[0]),
@@ -80,7 +79,7 @@ class PPOLag:
             metrics_of(agent, samples, log, monitor)
             | {"learning_rate": rate, "clip_fraction": monitor.clip_fraction(config.clip)}
             | self.multipliers.metrics(feedback, agent.updates_left(feedback))
-            | cost_metrics(feedback, config.limits, config.cost_window)
+            | cost_metrics(feedback, limits, config.cost_means(feedback))
         )
 
     def _step(self, inputs: Tensor | Sequences, actions: Tensor, old_log_prob: Tensor, advantages: Tensor) -> Tensor:
@@ -93,7 +92,7 @@ class PPOLag:
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return warnings about cost limits and multipliers that have no effect in this run."""
         remaining = self.agent.updates_left(feedback)
-        return limit_warnings(self.config.limits, feedback) | self.multipliers.warnings(feedback, remaining)
+        return limit_warnings(self.config, feedback) | self.multipliers.warnings(feedback, remaining)
 
     def state(self) -> dict[str, Any]:
         return self.agent.state() | {"multipliers": self.multipliers.state()}

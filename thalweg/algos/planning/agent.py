@@ -40,6 +40,7 @@ class Agent:
             About(algorithm, to_plain(config), task.context),
             self.generator,
         )
+        self.policy.limits = config.limits_at(0.0)
         self.replay = ReplayBuffer(config.replay_size, config.hold_out, task.device)
         self.fitter = Fitter(self.policy.ensemble, config, self.generator)
         self.lengths = EpisodeLength(task.num_envs, config.episode_length)
@@ -119,7 +120,11 @@ class Agent:
         self._metrics.add(numbers)
 
     def report(self, feedback: Feedback) -> dict[str, float]:
-        """Return the metrics since the last report, or an empty dictionary when no report is due."""
+        """Return the metrics since the last report, or an empty dictionary when no report is due.
+
+        The decisions that follow have the limits of this moment.
+        """
+        self.policy.limits = self.config.limits_at(feedback.progress)
         if self._steps - self._reported_at < self.config.steps_per_update and feedback.steps_left > 0:
             return {}
         self._reported_at = self._steps
@@ -132,7 +137,7 @@ class Agent:
         sizes = {"replay_size": float(self.replay.size), "episode_length": self.lengths.mean}
         metrics = self._nan_metrics() | self._metrics.means() | held_out | budgets | sizes
         self._metrics.clear()
-        return metrics | cost_metrics(feedback, self.config.limits)
+        return metrics | cost_metrics(feedback, self.policy.limits)
 
     def _nan_metrics(self) -> dict[str, float]:
         """Return NaN for each metric that may have no value yet, so that every report has the same names."""
@@ -157,6 +162,7 @@ class Agent:
             "tally": self._metrics.state(),
             "steps": self._steps,
             "reported_at": self._reported_at,
+            "limits": list(self.policy.limits),
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
@@ -173,6 +179,7 @@ class Agent:
         self._metrics.load_state(state["tally"], self.policy.device)
         self._steps, self._reported_at = int(state["steps"]), int(state["reported_at"])
         self.policy.episode_length = self.lengths.mean
+        self.policy.limits = tuple(state.get("limits", self.config.limits))
         self.policy.refresh()
 
 

@@ -135,7 +135,7 @@ class CCEPETS:
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return warnings about cost limits that no episode exceeds."""
-        return limit_warnings(self.config.limits, feedback)
+        return limit_warnings(self.config, feedback)
 
     def state(self) -> dict[str, Any]:
         return self.agent.state() | {

@@ -52,8 +52,10 @@ class PlannerPolicy:
         self.planner = Planner(config, actions, self.method, generator.device)
         self.episode_length = float(config.episode_length or config.sizes.horizon)
         """L, mean steps of an episode."""
-        self._budget: tuple[float, Budget] | None = None
-        """Cached budget, with the episode length it is for."""
+        self.limits = config.limits
+        """Limit d [M] on the mean cost of an episode; a schedule begins above the config's."""
+        self._budget: tuple[tuple[float, ...], Budget] | None = None
+        """Cached budget, with the episode length and limits it is for."""
         self.frozen = self._frozen()
 
     @property
@@ -64,10 +66,12 @@ class PlannerPolicy:
     @property
     def budget(self) -> Budget:
         """Cost that a plan may have: the share of the cost limit that falls on H decisions."""
-        if self._budget is None or self._budget[0] != self.episode_length:  # cached: copied to the device once
-            steps, length = self.config.sizes.horizon * self.config.action_repeat, self.episode_length
-            costs = [planning.budget(limit, steps, length) for limit in self.config.limits]
-            self._budget = length, Budget(torch.tensor(costs, device=self.device), max(length / steps, 1.0))
+        length = self.episode_length
+        of = (length, *self.limits)
+        if self._budget is None or self._budget[0] != of:  # cached: copied to the device once
+            steps = self.config.sizes.horizon * self.config.action_repeat
+            costs = [planning.budget(limit, steps, length) for limit in self.limits]
+            self._budget = of, Budget(torch.tensor(costs, device=self.device), max(length / steps, 1.0))
         return self._budget[1]
 
     def refresh(self) -> None:

@@ -229,7 +229,7 @@ class SafeLOOP:
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return warnings about cost limits that no episode exceeds."""
-        return limit_warnings(self.config.limits, feedback)
+        return limit_warnings(self.config, feedback)
 
     def state(self) -> dict[str, Any]:
         return self.agent.state() | {

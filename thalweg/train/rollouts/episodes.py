@@ -82,6 +82,9 @@ class EpisodeStatistics:
         """Finished episodes."""
         self.largest = {"cost": 0.0, "tight": 0.0, "loose": 0.0}
         """Largest cost of any episode, by kind."""
+        self.lowest: dict[str, float] = {}
+        """Lowest mean cost of `MEAN_EPISODES` episodes in a row, by kind; empty before so many have finished. With
+        several episodes that end in one step, only the mean after all of them counts."""
         self.violations = {"cost": 0, "tight": 0, "loose": 0}
         """Number of episodes with a cost, by kind."""
         self.split = False
@@ -105,6 +108,8 @@ class EpisodeStatistics:
                 self.largest[name] = max(self.largest[name], cost)
         self.recent.extend(ended)
         self.fresh.extend(ended)
+        if ended and len(self.recent) >= MEAN_EPISODES:
+            self._lower()
         return ended
 
     def costs(self, separate: bool) -> tuple[np.ndarray, np.ndarray, tuple[float, ...]]:
@@ -118,6 +123,11 @@ class EpisodeStatistics:
             for episodes in (self.fresh, self.recent)
         )
         return fresh, recent, tuple(self.largest[name] for name in names)
+
+    def lowest_costs(self, separate: bool) -> tuple[float, ...]:
+        """Return the lowest mean cost [M] of `MEAN_EPISODES` episodes in a row; NaN before so many have finished."""
+        names = ("tight", "loose") if separate else ("cost",)
+        return tuple(self.lowest.get(name, math.nan) for name in names)
 
     @property
     def mean_length(self) -> float:
@@ -147,6 +157,7 @@ class EpisodeStatistics:
             "steps": self.steps,
             "count": self.count,
             "largest": dict(self.largest),
+            "lowest": dict(self.lowest),
             "violations": dict(self.violations),
             "split": self.split,
             "recent": [asdict(episode) for episode in self.recent],
@@ -159,6 +170,8 @@ class EpisodeStatistics:
         self.steps, self.count = int(state["steps"]), int(state["count"])
         self.split = bool(state["split"])
         self.largest = {name: float(cost) for name, cost in state["largest"].items()}
+        # Earlier versions wrote none; then the lowest since the run was resumed counts.
+        self.lowest = {name: float(cost) for name, cost in state.get("lowest", {}).items()}
         self.violations = {name: int(number) for name, number in state["violations"].items()}
         self.recent = deque((Episode(**row) for row in state["recent"]), maxlen=RECENT_EPISODES)
         self.fresh = [Episode(**row) for row in state["fresh"]]
@@ -183,6 +196,13 @@ class EpisodeStatistics:
         )
         self._sums[env], self._lengths[env] = 0.0, 0
         return episode
+
+    def _lower(self) -> None:
+        """Include the mean costs of the last `MEAN_EPISODES` episodes in the lowest ones."""
+        last = list(self.recent)[-MEAN_EPISODES:]
+        for name in ("cost", "tight", "loose") if self.split else ("cost",):
+            mean = sum(getattr(episode, name) for episode in last) / len(last)
+            self.lowest[name] = min(self.lowest.get(name, math.inf), mean)
 
     def _reason(self, step: StepRecord, env: int) -> str:
         """Return the name of the reason why an episode ended; a code without a name is returned as text."""

@@ -86,6 +86,7 @@ def test_an_interrupted_run_resumes_to_the_same_policy(tmp_path: Path, monkeypat
         assert (tmp_path / "broken" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_planner_takes_the_privileged_observation(tmp_path: Path):
     training = RiverTraining("Easy", 2)
     settings = {"random_steps": 64, "steps_per_collection": 32}

@@ -69,9 +69,7 @@ class Requirement:
 
 OFF_POLICY = {"steps_per_update": 512, "updates_per_step": 0.5}
 """Settings for episodes of ten steps: about as many episodes between two updates of a multiplier as on a river, and
-more gradient steps between them. All else, multipliers and bounds included, is as by default. PPOLag has PPO's entropy
-bonus, since its own is for rivers. CUP's multiplier responds less to a violation, which is larger here than on a
-river."""
+more gradient steps between them. All else, multipliers and bounds included, is as by default."""
 REQUIREMENTS: dict[str, Requirement] = {
     "PPO": Requirement("free", in_ci=("dense", "end")),
     "PPOLag": Requirement("limited"),

@@ -19,17 +19,17 @@ EVALUATION = 1
 """Starts, conditions and flights of evaluated episodes, baselines and the scripted pilot included."""
 ALGORITHMS = {
     "PPO": 1,
-    "PPOLag": 1,
-    "FOCOPS": 1,
-    "P3O": 1,
-    "OnCRPO": 1,
-    "CPO": 1,
-    "CUP": 1,
-    "DDPGLag": 1,
-    "TD3Lag": 1,
-    "SACLag": 1,
-    "SafeLOOP": 1,
-    "CCEPETS": 1,
+    "PPOLag": 2,
+    "FOCOPS": 2,
+    "P3O": 2,
+    "OnCRPO": 2,
+    "CPO": 2,
+    "CUP": 2,
+    "DDPGLag": 2,
+    "TD3Lag": 2,
+    "SACLag": 2,
+    "SafeLOOP": 2,
+    "CCEPETS": 2,
 }
 """Updates of each algorithm, by its name in the registry."""
 PACKAGED_ENCODER = 2

@@ -16,6 +16,7 @@ from thalweg.algos import Policy
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.policy_file import About
 from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.rivers import river_list
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import compilation
 from thalweg.train import load_policy, river, run
@@ -34,7 +35,7 @@ def rings(monkeypatch: pytest.MonkeyPatch) -> None:
     def drawn(*_: object, **__: object) -> None:
         raise AssertionError("frames were drawn, or kernels compiled for them")
 
-    monkeypatch.setattr(river, "load_or_build", lambda *_: ring())
+    monkeypatch.setattr(river_list, "load_or_plan", lambda *_: ring())
     monkeypatch.setattr(compilation, "begin", drawn)
     monkeypatch.setattr("thalweg.render.Renderer", drawn)
 

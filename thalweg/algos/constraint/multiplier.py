@@ -34,9 +34,9 @@ class MultiplierConfig(MeanCostConfig):
     multiplier_violation: Violation = "relative"
     """The violation δ that λ responds to: (J_c - d) / max(J_c, d), from -1 to 1, so that λ rises and falls alike and
     other settings suit any unit of cost ("relative"), or J_c - d ("absolute")."""
-    multiplier_rate: NonNegativeFloat = 0.05
+    multiplier_rate: NonNegativeFloat = 0.1
     """Step size of the integral part; K_I of a PID multiplier."""
-    multiplier_gain: NonNegativeFloat = 0.25
+    multiplier_gain: NonNegativeFloat = 2.0
     """K_P: added to λ for each unit of the violation; 0 switches this part off."""
     multiplier_derivative: NonNegativeFloat = 0.0
     """K_D: added to λ for each unit by which the violation has grown within `multiplier_delay` updates."""

@@ -5,7 +5,8 @@ from typing import Annotated
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 
 from thalweg.algos.common.errors import AlgorithmError
-from thalweg.algos.constraint.cost_limits import CostConfig, MeanCostConfig
+from thalweg.algos.constraint.cost_limits import CostConfig, MeanCostConfig, Multiple
+from thalweg.algos.constraint.multiplier import MultiplierConfig
 from thalweg.algos.policy.actions import Adapter
 from thalweg.algos.policy.memory import Memory
 from thalweg.algos.policy.mlp import Initial
@@ -112,3 +113,15 @@ class ConstrainedConfig(CostConfig, MeanCostConfig):
     standardise_cost: bool = True
     """Whether a cost's advantages are divided by their standard deviation, so that the multiplier weighs quantities of
     the same scale; otherwise they are only centred."""
+
+
+@frozen_config(AlgorithmError)
+class LagrangianConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
+    """Settings of every on-policy algorithm with multipliers."""
+
+    multiplier_max: NonNegativeFloat = 2.0
+    """Upper bound of λ."""
+    cost_limit_schedule: TupleOf[Multiple] = (8.0,)
+    """Limits at the beginning of the run, as multiples of the final ones: one number for all costs, or one for each.
+    They tighten linearly. Empty: limits stay the same. A limit that idling exceeds teaches a beginner nothing but to
+    avoid costs."""

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.constraint.cost_limits import cost_metrics, limit_warnings
-from thalweg.algos.constraint.multiplier import MultiplierConfig, Multipliers
+from thalweg.algos.constraint.multiplier import Multipliers
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import standardised
@@ -20,13 +20,13 @@ from thalweg.algos.onpolicy.agent import (
     metrics_of,
     reward_signal,
 )
-from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig
+from thalweg.algos.onpolicy.config import LagrangianConfig
 from thalweg.algos.policy.memory import Sequences
 from thalweg.core.config import frozen_config
 
 
 @frozen_config(AlgorithmError)
-class CUPConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
+class CUPConfig(LagrangianConfig):
     """Settings of CUP; its multiplier is called ν in its paper."""
 
     clip: PositiveFloat = 0.2
@@ -35,8 +35,6 @@ class CUPConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
     """Coefficient of the policy's entropy (nats, summed over action branches) in the loss."""
     projection_passes: PositiveInt = 10
     """Largest number of passes of the projection over the rollout."""
-    multiplier_max: NonNegativeFloat = 2.0
-    """Upper bound of the multiplier ν."""
     cost_discount: Annotated[float, Field(ge=0, lt=1)] = 0.99
     """γ of the cost; the cost of the projection is divided by 1-γ."""
 

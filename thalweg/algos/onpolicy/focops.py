@@ -8,7 +8,7 @@ from torch import Tensor
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.constraint.cost_limits import cost_metrics, limit_warnings
-from thalweg.algos.constraint.multiplier import MultiplierConfig, Multipliers
+from thalweg.algos.constraint.multiplier import Multipliers
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import standardised
@@ -21,13 +21,13 @@ from thalweg.algos.onpolicy.agent import (
     metrics_of,
     reward_signal,
 )
-from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig
+from thalweg.algos.onpolicy.config import LagrangianConfig
 from thalweg.algos.policy.memory import Sequences
 from thalweg.core.config import frozen_config
 
 
 @frozen_config(AlgorithmError)
-class FOCOPSConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
+class FOCOPSConfig(LagrangianConfig):
     """Settings of FOCOPS; its multiplier is called ν in its paper."""
 
     temperature: PositiveFloat = 0.5
@@ -41,8 +41,6 @@ class FOCOPSConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
     normalise_by_multiplier: bool = True
     """Whether A_r - Σ ν A_c is divided by 1 + Σ ν, as in OmniSafe, so that a step stays as long as ν grows; the paper
     does not divide it."""
-    multiplier_max: NonNegativeFloat = 1.0
-    """Upper bound of the multiplier ν."""
     entropy: NonNegativeFloat = 0.005
     """Coefficient of the policy's entropy (nats, summed over action branches) in the loss; the paper has none."""
 

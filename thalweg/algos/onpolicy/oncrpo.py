@@ -29,11 +29,11 @@ from thalweg.core.config import TupleOf, frozen_config
 class OnCRPOConfig(ConstrainedConfig, NaturalConfig):
     """Settings of OnCRPO."""
 
-    cost_limit_schedule: TupleOf[Multiple] = (8.0,)
+    cost_limit_schedule: TupleOf[Multiple] = (12.0,)
     """Limits at the beginning of the run, as multiples of the final ones: one number for all costs, or one for each.
     They tighten linearly. Until a limit is met no step raises the return, so that it must begin above the cost of a
     policy that has learnt nothing yet."""
-    cost_limit_share: Annotated[float, Field(gt=0, le=1)] = 0.75
+    cost_limit_share: Annotated[float, Field(gt=0, le=1)] = 0.6
     """Share of the run after which limits with a schedule have tightened to the final ones."""
     tolerance: NonNegativeFloat = 0.0
     """How far above its limit a mean cost may be before the next step reduces it."""

@@ -2,12 +2,12 @@
 
 from typing import Any
 
-from pydantic import NonNegativeFloat, PositiveFloat
+from pydantic import PositiveFloat
 from torch import Tensor
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.constraint.cost_limits import cost_metrics, limit_warnings
-from thalweg.algos.constraint.multiplier import MultiplierConfig, Multipliers
+from thalweg.algos.constraint.multiplier import Multipliers
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import standardised
@@ -20,19 +20,17 @@ from thalweg.algos.onpolicy.agent import (
     metrics_of,
     reward_signal,
 )
-from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig
+from thalweg.algos.onpolicy.config import LagrangianConfig
 from thalweg.algos.policy.memory import Sequences
 from thalweg.core.config import frozen_config
 
 
 @frozen_config(AlgorithmError)
-class PPOLagConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
+class PPOLagConfig(LagrangianConfig):
     """Settings of PPOLag."""
 
     clip: PositiveFloat = 0.2
     """Clip range ε: the probability ratio is clipped to 1 ± ε."""
-    multiplier_max: NonNegativeFloat = 1.0
-    """Upper bound of the multiplier λ."""
 
 
 def policy_loss(

@@ -26,7 +26,7 @@ LIMIT, KEPT, BROKEN = 1.0, 0.0, 5.0
 
 def learner_for(name: str, space: gym.Space = SPACES["MultiDiscrete"], **settings: Any) -> Any:
     entry = ALGORITHMS[name]
-    given: dict[str, Any] = {"cost_limit": LIMIT} if name in NAMES else {}
+    given: dict[str, Any] = {"cost_limit": LIMIT, "cost_limit_schedule": ()} if name in NAMES else {}
     if name in MULTIPLIED:  # a few updates must do
         given |= {"multiplier_rate": 1.0, "multiplier_gain": 2.0, "multiplier_max": 2.0}
     config = entry.config(steps_per_update=N * T, minibatch=64, passes=4, hidden=(16, 16), **given | settings)

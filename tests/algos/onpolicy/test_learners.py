@@ -158,7 +158,7 @@ def test_passes_stop_at_the_target_kl(name: str):
 
 
 def focops(**settings: Any) -> FOCOPS:
-    return learner_for("FOCOPS", SPACES["Discrete"], **settings)
+    return learner_for("FOCOPS", SPACES["Discrete"], **{"cost_limit_schedule": ()} | settings)
 
 
 def test_the_multiplier_of_focops_moves_before_the_policy():
@@ -234,9 +234,10 @@ def test_a_window_of_costs_is_what_the_metrics_tell_too():
 def test_divided_by_one_plus_the_multiplier_advantages_are_those_of_a_higher_temperature():
     # (A_r - A_c) / 2 over λ = 0.5 is A_r - A_c over λ = 1
     still = {"multiplier_initial": 1.0, "multiplier_rate": 0.0, "multiplier_gain": 0.0}
-    settings = [{"normalise_by_multiplier": True, "temperature": 0.5}, {"temperature": 1.0}, {"temperature": 0.5}]
+    settings = [(True, 0.5), (False, 1.0), (False, 0.5)]
     ends = []
-    for each in settings:
+    for divided, temperature in settings:
+        each = {"normalise_by_multiplier": divided, "temperature": temperature}
         learner = focops(**still, **each)
         learner.update(rollout_of(learner), FEEDBACK)
         ends.append(torch.cat([value.detach().flatten() for value in weights(learner)]))

@@ -49,8 +49,8 @@ def test_an_interrupted_run_with_other_defaults_is_refused_and_left_alone(tmp_pa
     shutil.copytree(FOLDER / "run", tmp_path / "run")
     with pytest.raises(TrainingError, match=r"config.multiplier_rate is 1.0 there and .* here"):
         train(tmp_path / "run", "FOCOPS", Walk(), steps=1500)
-    for path in (FOLDER / "run").iterdir():
-        assert (tmp_path / "run" / path.name).read_bytes() == path.read_bytes()
+    for path in filter(Path.is_file, (FOLDER / "run").rglob("*")):
+        assert (tmp_path / path.relative_to(FOLDER)).read_bytes() == path.read_bytes()
 
 
 def test_results_of_a_suite_are_read():

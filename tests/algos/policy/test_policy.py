@@ -63,7 +63,8 @@ def test_the_same_generator_state_samples_the_same_actions():
 
 def test_a_deterministic_action_is_the_most_probable_and_needs_no_draw():
     policy = policy_for(SPACES["MultiDiscrete"])
-    log_p = policy.distribution(torch.from_numpy(observations())).log_p
+    distribution: Any = policy.distribution(torch.from_numpy(observations()))
+    log_p = distribution.log_p
     assert np.array_equal(policy.act(observations(), deterministic=True), log_p.argmax(-1).numpy())
 
 

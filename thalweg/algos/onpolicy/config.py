@@ -125,3 +125,5 @@ class LagrangianConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
     """Limits at the beginning of the run, as multiples of the final ones: one number for all costs, or one for each.
     They tighten linearly. Empty: limits stay the same. A limit that idling exceeds teaches a beginner nothing but to
     avoid costs."""
+    cost_limit_share: Annotated[float, Field(gt=0, le=1)] = 0.3
+    """Share of the run after which limits with a schedule have tightened to the final ones."""

@@ -38,9 +38,8 @@ class FOCOPSConfig(LagrangianConfig):
     mask: Literal["state", "batch"] = "state"
     """Kind of trust region: "state" is that of the paper, "batch" the weaker one that OmniSafe 0.5 computes by a
     broadcast."""
-    normalise_by_multiplier: bool = True
-    """Whether A_r - Σ ν A_c is divided by 1 + Σ ν, as in OmniSafe, so that a step stays as long as ν grows; the paper
-    does not divide it."""
+    normalise_by_multiplier: bool = False
+    """Whether A_r - Σ ν A_c is divided by 1 + Σ ν, as in OmniSafe; the paper does not divide it."""
     entropy: NonNegativeFloat = 0.005
     """Coefficient of the policy's entropy (nats, summed over action branches) in the loss; the paper has none."""
 

@@ -52,8 +52,9 @@ PAGES, SECTION = HERE.parent / "docs" / "algorithms", "ideal eye"
 """Pages of the algorithms, and the section that `--write` writes in them."""
 
 Settings = Mapping[str, Any]
-OFF_POLICY_STEPS = 100_000
+ON_POLICY_STEPS, OFF_POLICY_STEPS = 200_000, 100_000
 TRIALS: tuple[tuple[str, Settings, int], ...] = (
+    *((name, {}, ON_POLICY_STEPS) for name in ("PPO", "PPOLag", "FOCOPS", "P3O", "OnCRPO", "CPO", "CUP")),
     ("TD3Lag", {}, OFF_POLICY_STEPS),
     ("SACLag", {}, OFF_POLICY_STEPS),
     ("DDPGLag", {}, OFF_POLICY_STEPS),

@@ -20,12 +20,15 @@ class StateError(ValueError):
     arrays, or impossible values."""
 
 
-def env_identity(worlds: Sequence[World], config: EnvConfig) -> dict[str, np.ndarray]:
-    """Return what a state must have in common with an environment: fingerprint [W] uint64 and config [1] uint64."""
-    return {
-        "fingerprint": np.array([fingerprint(world) for world in worlds], dtype=np.uint64),
-        "config": np.array([config_fingerprint(config)], dtype=np.uint64),
-    }
+def fingerprints(worlds: Sequence[World]) -> np.ndarray:
+    """Return the hash [W] uint64 of each world."""
+    return np.array([fingerprint(world) for world in worlds], dtype=np.uint64)
+
+
+def env_identity(rivers: np.ndarray, config: EnvConfig) -> dict[str, np.ndarray]:
+    """Return what a state must have in common with an environment: the hashes of its rivers, such as `fingerprints`,
+    and that of its config, [1] uint64."""
+    return {"fingerprint": rivers, "config": np.array([config_fingerprint(config)], dtype=np.uint64)}
 
 
 def copy_state(

@@ -25,7 +25,7 @@ from thalweg.env.device.step import advance_all, reset_arguments
 from thalweg.env.frame_renderer import lights_per_world, relit_worlds
 from thalweg.env.initial_poses import random_start
 from thalweg.env.rivers.river_list import RiverList
-from thalweg.env.snapshot import StateError, env_identity
+from thalweg.env.snapshot import StateError, env_identity, fingerprints
 from thalweg.env.spaces import ActionError, action_space, observation_space, to_unit_actions
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
 from thalweg.env.task.ideal_eye import FEATURES, see_all
@@ -191,7 +191,7 @@ class TensorRiverEnv:
 
     @cached_property
     def _identity(self) -> dict[str, np.ndarray]:
-        return env_identity(self.worlds, self.config)
+        return env_identity(fingerprints(self.worlds), self.config)
 
     @cached_property
     def _frames(self) -> list[Tensor]:

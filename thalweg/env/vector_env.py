@@ -30,7 +30,7 @@ from thalweg.env.spaces import (
     observation_space,
     to_unit_actions,
 )
-from thalweg.env.task.course_arrays import CourseArrays, config_fingerprint
+from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.ideal_eye import FEATURES, see_all
 from thalweg.env.task.rules import clear_outcome, empty_outcome, empty_state, step_all
 from thalweg.world.record import World
@@ -238,10 +238,7 @@ class RiverVectorEnv(VectorEnv):
 
     @cached_property
     def _identity(self) -> dict[str, np.ndarray]:
-        return {
-            "fingerprint": self.rivers.fingerprint(),
-            "config": np.array([config_fingerprint(self.config)], dtype=np.uint64),
-        }
+        return snapshot.env_identity(self.rivers.fingerprint(), self.config)
 
     def validate_options(self, options: Mapping[str, Any] | None) -> tuple[list[int], np.ndarray | None]:
         """Return the rows to reset and their poses [N, 4] or None.

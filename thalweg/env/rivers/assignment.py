@@ -6,8 +6,8 @@ import numpy as np
 
 from thalweg.env.config import EnvConfig
 from thalweg.env.rivers.pool import RiverPool
-from thalweg.env.snapshot import StateError
-from thalweg.env.task.course_arrays import CourseArrays, fingerprint, pack_courses
+from thalweg.env.snapshot import StateError, fingerprints
+from thalweg.env.task.course_arrays import CourseArrays, pack_courses
 from thalweg.world.record import World
 
 UNDRAWN = -1
@@ -35,7 +35,7 @@ class FixedRivers:
 
     def fingerprint(self) -> np.ndarray:
         """Return a hash [W] uint64 of each world."""
-        return np.array([fingerprint(world) for world in self._worlds], dtype=np.uint64)
+        return fingerprints(self._worlds)
 
     def state(self) -> dict[str, np.ndarray]:
         """Return what distinguishes the rivers of the environments, as `get_state` has it."""

@@ -136,7 +136,7 @@ class EnvConfig:
     camera: InstanceOf[Camera] = field(default_factory=Camera)
     """Resolution and optics of the frames."""
     quality: Quality = "full"
-    """`full`, or `fast`: frames without reflections, with less filtering, and with interpolated ground. `thalweg
+    """`full`, or `fast`: frames without reflected woods, with less filtering, and with interpolated ground. `thalweg
     speed` measures the difference."""
     randomisation: Ranges = None
     """Ranges in which the appearance varies. None: it does not vary. True: the default ranges."""

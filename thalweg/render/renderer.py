@@ -56,7 +56,7 @@ class Renderer:
     ) -> None:
         """Prepare the tables of the worlds.
 
-        `quality`: "full", or "fast" for frames without reflections, with less filtering, and with interpolated
+        `quality`: "full", or "fast" for frames without reflected woods, with less filtering, and with interpolated
         ground. `device`: where frames are drawn, see `thalweg.core.compute.device`. Frames are arrays of the host in
         either case, and those of two devices differ by at most 2/255.
 

@@ -39,7 +39,7 @@ FRAME_FEATURES = "RGB, water mask, everything drawn"
 MASK_FEATURES = "water mask alone; no colours, plants only where they hide water"
 FEATURES: dict[Quality, str] = {
     "full": FRAME_FEATURES,
-    "fast": "RGB, water mask; no reflection, nearest look-ups, interpolated ground",
+    "fast": "RGB, water mask; reflects only the sky, nearest look-ups, interpolated ground",
 }
 
 

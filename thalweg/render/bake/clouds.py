@@ -33,7 +33,7 @@ CIRRUS_KM = 7.0
 """Height of the cirrus."""
 CIRRUS_TILE_KM = 60.0
 STEPS, SLANT_STEPS, MOST_STEPS = 24, 9.0, 90
-"""Steps of a ray through the layer: a number, and so many more for each metre that it goes for one of height."""
+"""Steps of a ray through the layer: STEPS, plus SLANT_STEPS over the sine of its elevation, at most MOST_STEPS."""
 SUN_STEPS = 5
 """Steps from a cloud towards the sun."""
 RISE = 0.5
@@ -179,7 +179,7 @@ def _look_through(field, billows, cirrus, place, sun, excess, light, veil, first
     place: offset in nodes of the field (x, y) and its turn's cosine and sine; sun: unit vector.
     """
     nodes = TILE / TILE_KM
-    # A lower sun would shine through more layers than the field repeats.
+    # Limited: the way of a lower sun through the layer would be longer than the field's period.
     sun_up = max(sun[2], 0.15)
     sx = (sun[0] * place[2] - sun[1] * place[3]) / sun_up * nodes
     sy = (sun[0] * place[3] + sun[1] * place[2]) / sun_up * nodes

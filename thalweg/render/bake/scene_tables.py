@@ -241,7 +241,7 @@ def in_chunks(rows: np.ndarray) -> np.ndarray:
 def chunk_spheres(rows: np.ndarray) -> np.ndarray:
     """Return a sphere around each chunk of plants [M, PLANT_COLUMNS]: middle and radius in metres [C, 4] float32.
 
-    It holds the spheres around its plants that `kernels.plants.distance_in_view` looks at.
+    It holds the spheres around its plants that `kernels.plants.draw.distance_in_view` looks at.
     """
     spheres = np.empty((-(-len(rows) // CHUNK), 4), np.float32)
     for sphere, first in zip(spheres, range(0, len(rows), CHUNK), strict=True):

@@ -1,8 +1,9 @@
-"""`GpuRenderer`: frames drawn on a GPU by six kernels a pass.
+"""`GpuRenderer`: frames drawn on a GPU by five to seven kernels a pass.
 
-They place cameras, walk over the ground in vertical planes, find the plants in view, draw pixels, add up their light
-for the exposure, and map tones. A pass draws as many cameras as the scratch is large enough for. Everything lies in
-torch's memory on the device and is allocated once; nothing waits for the device, and nothing is copied from it.
+They place cameras, find the plants in view, walk over the ground in vertical planes and draw pixels; with colours they
+add up the light for the exposure and map tones; at last they write layers or masks. A pass draws as many cameras as the
+scratch is large enough for. Everything lies in torch's memory on the device and is allocated once; nothing waits for
+the device, and nothing is copied from it.
 """
 
 from collections.abc import Sequence
@@ -208,7 +209,6 @@ class GpuRenderer:
                 postprocess.tone_map, pixels, postprocess.THREADS, device,
                 colours, planes.kind, planes.transmittance, views.looks, keys, gains, self._codes, images,
             )  # fmt: skip
-        # Last, because all stages before only read the planes.
         if layers is not None:
             gpu.launch(postprocess.write_layers, pixels, postprocess.THREADS, device, planes, *layers)
         elif masks is not None:

@@ -1,4 +1,4 @@
-"""The GPU kernel that walks over the ground in vertical planes: one thread a plane, for `kernels.azimuth_planes`."""
+"""The GPU kernel that walks over the ground in vertical planes, one thread a plane, for `terrain.azimuth_planes`."""
 
 import numpy as np
 from numba import cuda, float32

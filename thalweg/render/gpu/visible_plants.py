@@ -1,7 +1,7 @@
 """GPU kernels for the posed cameras of a pass, and for the plants that each of them sees, from near to far.
 
 These functions are kernels once `thalweg.core.compute.gpu` has compiled them; as they stand, Numba's simulator runs
-them. The sort is that of `plants.visible_plants`, by one block of threads a camera.
+them. The sort is that of `plants.draw.visible_plants`, by one block of threads a camera.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Kernels for arch bridges: where a ray meets one, and the radiance of its stone.
+"""Kernels for arch bridges: where a ray meets one. `bridge_stone` has the radiance of its stone.
 
 A bridge is an extruded profile: across its deck (v) it is the same everywhere, so a ray is cut to the slab between its
 two faces and then marched through the profile of arch and deck in the (u, z) plane. Parapets are two thin extrusions

@@ -67,8 +67,8 @@ def draw_rows(scene, view, reduced, drawn, top, bottom, planes):
     """Draw the rows from top to bottom into the `Planes` of their frame; top is a multiple of
     `background.ROWS_TOGETHER`.
 
-    What a row shows depends on no other rows than those of its tile. drawn: see `Output`; what is not asked for is not
-    computed.
+    What a row shows depends only on the rows of its band of `background.ROWS_TOGETHER`. drawn: see `Output`; what is
+    not asked for is not computed.
     """
     # The reduced quality draws rows by twos; the one past an odd height is never shown.
     bottom += bottom % 2
@@ -206,7 +206,7 @@ def write_layers(planes, depth_out, class_out):
         for c in range(width):
             seen = min(depth[r, c], plant_depth[r, c])
             depth_out[r, c] = f32(-1) if seen >= f32(MISS) else seen
-            # A pixel belongs to what stops or gives at least half of its light.
+            # A pixel belongs to the plants once they stop at least half of its light.
             class_out[r, c] = kind[r, c] if light[r, c] > f32(0.5) else np.uint8(PLANT)
 
 

@@ -26,7 +26,7 @@ SAMPLES = SIDE * SIDE
 SHARPEN = 0.35
 """Levels by which billboards are sampled finer than their size asks for: the original's frames are as crisp."""
 CLOSED = 0.02
-"""What is left once less light than this passes through a pixel's plants is stopped by the last of them."""
+"""A plant that would leave less than this share of a pixel's light stops all that is left."""
 MOST_SHARP = 8.0
 """Upper limit of the sharpness of a near plant's edges."""
 BLEND_M = 10.0

@@ -1,7 +1,7 @@
 """Kernels that draw how much light a plant lets through in a tile of pixels, and its depth, without colours.
 
 Only pixels that are asked for count: all of them for depth and class, those of water for a mask. A pixel belongs to the
-plants once they stop more than half of its light, and later plants only stop more. So a tile is closed as soon as each
+plants once they stop at least half of its light, and later plants only stop more. So a tile is closed as soon as each
 of its pixels has reached half: what is left of the light is not that of coloured plants, but it is on the same side of
 a half.
 """

@@ -26,7 +26,7 @@ BRIGHT = (0.82, 0.80, 0.765)
 DARK = (0.30, 0.325, 0.365)
 """Radiance of a cloud's shaded base, which is lit by the sky and the ground."""
 CIRRUS = 0.62
-"""Greatest opacity of cirrus, which is reached at a third of the cover."""
+"""Greatest opacity of cirrus, which is reached at a cover of one third."""
 CIRRUS_RADIANCE = (0.66, 0.67, 0.70)
 
 

@@ -29,7 +29,7 @@ FIRST_M = 0.35
 GROWTH = 1.28
 """Steps of a mirrored ray: their number, the first distance, and the factor from one to the next (62 m in all)."""
 TOGETHER = 4
-"""Steps between two looks at whether any ray is still under way."""
+"""Steps between two checks whether any ray is still under way."""
 HALVINGS = 3
 """Halvings of the step within which a ray meets a canopy."""
 BLUR_M = 0.12

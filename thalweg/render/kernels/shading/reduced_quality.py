@@ -1,4 +1,4 @@
-"""Shading kernels of the reduced quality: no reflections, nearest texels, half of the ripples.
+"""Shading kernels of the reduced quality: no reflected woods, nearest texels, half of the ripples.
 
 Each function stands in for one of the full quality and takes those of its arguments that it needs. Textures are still
 read at the level that a pixel's footprint asks for, so that ground and water shimmer no more than in the full quality;

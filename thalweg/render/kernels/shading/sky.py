@@ -19,7 +19,6 @@ def shade_sky(scene, view, points, out, n):
     _, _, _, dx, dy, dz, _ = points
     red, green, blue = out
     begin = int32(scene.extents[view.world, layout.SKY_AT])
-    # A local name: the loop then reads the pointer once, not through the record.
     layer = cloud_layer(scene, view, f32(SOFTNESS))
     # Local names: the loop then reads the pointers once, not through the record.
     table = scene.sky

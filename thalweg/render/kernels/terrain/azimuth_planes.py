@@ -1,6 +1,6 @@
 """Kernels that find the ground by vertical planes: one walk over the heights serves a whole column of rays.
 
-The camera does not roll, so all rays of one azimuth lie in one vertical plane through its axis. In such a plane the
+The camera does not roll, so all rays of one azimuth lie in one vertical plane through the camera. In such a plane the
 surface is a profile of heights over the distance, and a ray is a straight line through the camera: it meets the first
 sample whose slope, seen from the camera, reaches its own. This is the visibility by running maxima of slopes of
 Timonen, Westerholm, "Scalable Height Field Self-Shadowing", 2010, and of the floating horizon of Wright, "A Two-Space
@@ -47,7 +47,7 @@ LANES = 16
 
 
 class Fan(NamedTuple):
-    """Vertical planes through the camera's axis, and the rows that are seen in them."""
+    """Vertical planes through the camera, and the rows that are seen in them."""
 
     heading_x: Any
     """Nodes per metre ahead, as the next three."""
@@ -84,7 +84,7 @@ class Profiles(NamedTuple):
 
 @kernel(inlined=True, allocates=False)
 def horizontal_reach(camera, row):
-    """Horizontal metres ahead per metre along the axis, of the rays of a row; they are farther by their azimuth."""
+    """Metres ahead, along the heading, per metre of depth, of the rays of a row."""
     sy = camera.half_h - (f32(row) + f32(0.5)) * row_step(camera)
     return camera.up_z + sy * (-camera.forward_z)
 
@@ -333,7 +333,8 @@ def settle_row(scene, view, origin, fan, row, column, rays, nearness, t, doubt, 
         move = (origin.z + dz[c] * ti - height) / max(rate, f32(1e-3))
         room = f32(SETTLE_M) + f32(SETTLE_SHARE) * ti
         unsure = ((apart > f32(APART) * middle) | (abs(move) > room)) & (nearer > f32(0))
-        # Two samples before the nearer plane's: the surface may be nearer between the planes.
+        # A share of the distance (two samples in an image of 128 rows) before the nearer plane's: the surface may be
+        # nearer between the planes.
         before = max((f32(1 - 2 * STEP_SHARE) / max(nearer, f32(NEARNESS_LEAST)) - margin) * inverse, near)
         t[c] = before if unsure else max(ti + clamp(move, -room, room), near)
         doubt[c] = np.uint8(1) if unsure else np.uint8(0)

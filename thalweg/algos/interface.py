@@ -1,7 +1,7 @@
 """Records that pass between a run and an algorithm, and the protocol that every algorithm implements.
 
 Letters: N environments, T steps, D numbers of an observation, K frames seen side by side, A numbers of a raw action,
-M costs, F episodes cut off.
+M costs, F episodes cut off, C numbers that only critics see.
 """
 
 from dataclasses import dataclass
@@ -38,6 +38,8 @@ class Task:
     """Device of the rollouts and of learning."""
     graphs: bool = False
     """Whether gradient steps are recorded as CUDA graphs and replayed, see `thalweg.algos.common.cuda_graphs`."""
+    critic_size: int = 0
+    """C, how many numbers the environment tells critics beyond the observation; 0: none."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,10 @@ class Rollout:
     final_obs: Tensor
     """[F, K * D] float32, what was seen at the end of those steps, before the reset; zeros where an episode ended by
     itself and the environment did not say, for nothing comes after it."""
+    critic_obs: Tensor | None = None
+    """[T + 1, N, C] float32, what critics see beside each observation; None if `Task.critic_size` is 0."""
+    final_critic_obs: Tensor | None = None
+    """[F, C] float32, the same beside `final_obs`."""
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
     python benchmarks/ideal_eye.py                                   # all trials of TRIALS that have no row yet
     python benchmarks/ideal_eye.py --only TD3Lag --seeds 0 1 2
     python benchmarks/ideal_eye.py --algorithm TD3Lag --set multiplier_max=0.5 --steps 100000
+    python benchmarks/ideal_eye.py --algorithm PPO --set entropy=0.01 --choose --steps 200000
     python benchmarks/ideal_eye.py --write                           # the table of trials of each algorithm's page
 
 Each trial is an algorithm with some settings, trained on several rivers of a level with
@@ -10,6 +11,9 @@ Each trial is an algorithm with some settings, trained on several rivers of a le
 skipped, and one that was interrupted resumes in the folder `--runs`. Columns `fixed`, `unseen` and `unseen_hard` are
 means of 60 sampled flights: on the level's fixed river, on 20 other rivers of the level, and on 20 of Hard. No trial
 trains on those. The seconds depend on what else the machine does.
+
+Settings are chosen by trials on rivers and with seeds of their own (`--choose`), which the rows of reported defaults
+do not share.
 """
 
 import argparse
@@ -39,8 +43,10 @@ from thalweg.world import World, level_named, load_or_build
 
 HERE = Path(__file__).resolve().parent
 TABLE = HERE / "ideal_eye.csv"
-RIVERS, UNSEEN = range(1000, 1016), range(2000, 2020)
-"""Seeds of the rivers of training and of the unseen ones."""
+RIVERS, UNSEEN, SEEDS = range(1000, 1016), range(2000, 2020), (0, 1, 2)
+"""Seeds of the rivers of training, of the unseen ones, and of runs."""
+CHOOSING_RIVERS, CHOOSING_UNSEEN, CHOOSING_SEEDS = range(4000, 4016), range(5000, 5020), (10, 11, 12)
+"""The same where settings are chosen."""
 NUM_ENVS, FLIGHTS, EVALUATION_SEED = 16, 60, 77
 RULES = EnvConfig(observation="privileged")
 KEY = ("algorithm", "changes", "level", "rivers", "steps", "seed", "config")
@@ -72,6 +78,11 @@ class Trial:
     seed: int
     level: str = "Medium"
     rivers: Sequence[int] = field(default_factory=lambda: RIVERS)
+
+    @property
+    def unseen(self) -> Sequence[int]:
+        """Seeds of the rivers that it is not trained on."""
+        return CHOOSING_UNSEEN if self.rivers == CHOOSING_RIVERS else UNSEEN
 
     @property
     def config(self) -> str:
@@ -120,10 +131,10 @@ def fly(policy: AnyPolicy, worlds: Sequence[World], flights: int = FLIGHTS) -> t
     return float(totals[:, 0].mean()), float(totals[:, 1].mean()), float(success.mean())
 
 
-def scores(policy: AnyPolicy, level: str) -> dict[str, str]:
+def scores(policy: AnyPolicy, level: str, unseen: Sequence[int] = UNSEEN) -> dict[str, str]:
     """Return the columns of a policy's flights."""
     fixed = load_or_build(level, level_named(level).default_seed)
-    places = ([fixed], rivers_of(level, UNSEEN), rivers_of("Hard", UNSEEN))
+    places = ([fixed], rivers_of(level, unseen), rivers_of("Hard", unseen))
     row: dict[str, str] = {}
     for place, worlds in zip(PLACES, places, strict=True):
         returned, cost, success = fly(policy, worlds)
@@ -143,7 +154,7 @@ def measure(trial: Trial, runs: Path) -> dict[str, str]:
     result = run(trial.algorithm, env, steps=trial.steps, seed=trial.seed, folder=folder, config=trial.settings)
     env.close()
     identity = dict(zip(KEY, trial.key, strict=True))
-    return identity | scores(result.policy, trial.level) | {"seconds": f"{result.seconds:.0f}"}
+    return identity | scores(result.policy, trial.level, trial.unseen) | {"seconds": f"{result.seconds:.0f}"}
 
 
 def finished(table: Path) -> set[tuple[str, ...]]:
@@ -206,9 +217,10 @@ def trials_of(chosen: argparse.Namespace) -> list[Trial]:
         table = [(algorithm_named(chosen.algorithm).name, settings_from(chosen.set), chosen.steps)]
     else:
         table = [row for row in TRIALS if not chosen.only or row[0] in chosen.only]
+    rivers = chosen.rivers or (CHOOSING_RIVERS if chosen.choose else RIVERS)
     return [
-        Trial(algorithm, settings, steps, seed, chosen.level, chosen.rivers)
-        for seed in chosen.seeds
+        Trial(algorithm, settings, steps, seed, chosen.level, rivers)
+        for seed in chosen.seeds or (CHOOSING_SEEDS if chosen.choose else SEEDS)
         for algorithm, settings, steps in table
     ]
 
@@ -221,9 +233,10 @@ def main() -> int:
     parser.add_argument("--steps", type=int, default=OFF_POLICY_STEPS, help="steps of that trial")
     parser.add_argument("--level", default="Medium", help="level of the rivers of training")
     parser.add_argument(
-        "--rivers", type=rivers_named, default=RIVERS, metavar="FIRST:END", help="seeds of those rivers"
+        "--rivers", type=rivers_named, metavar="FIRST:END", help="seeds of those rivers instead of the usual ones"
     )
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0], help="seeds of the runs")
+    parser.add_argument("--seeds", type=int, nargs="+", help="seeds of the runs instead of the usual three")
+    parser.add_argument("--choose", action="store_true", help="rivers and seeds for choosing settings")
     parser.add_argument("--runs", type=Path, default=HERE.parent / "runs" / "ideal_eye", help="folder of the runs")
     parser.add_argument("--out", type=Path, default=TABLE, help="the table")
     parser.add_argument("--write", action="store_true", help="train nothing, but write the tables of the pages")

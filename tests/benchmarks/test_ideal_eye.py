@@ -73,10 +73,21 @@ def test_a_trial_with_a_row_is_not_run_again(script: ModuleType, monkeypatch: py
 
 
 def test_the_table_of_trials_is_run_by_default_or_in_part(script: ModuleType):
-    chosen = {"algorithm": None, "only": ["SACLag"], "seeds": [0, 1], "level": "Hard", "rivers": range(3)}
+    chosen = {
+        "algorithm": None,
+        "only": ["SACLag"],
+        "seeds": [0, 1],
+        "level": "Hard",
+        "rivers": range(3),
+        "choose": False,
+    }
     found = script.trials_of(SimpleNamespace(**chosen))
     assert {(trial.algorithm, trial.level) for trial in found} == {("SACLag", "Hard")}
     assert len(script.trials_of(SimpleNamespace(**chosen | {"only": []}))) == 2 * len(script.TRIALS)
+    for choose in (False, True):
+        some = script.trials_of(SimpleNamespace(**chosen | {"rivers": None, "seeds": None, "choose": choose}))
+        found = [(trial.seed, trial.rivers[0], trial.unseen[0]) for trial in some]
+        assert found == [(seed + 10 * choose, 1000 + 3000 * choose, 2000 + 3000 * choose) for seed in (0, 1, 2)]
     with pytest.raises(UsageError, match="--set takes key=value"):
         script.trials_of(SimpleNamespace(**chosen | {"algorithm": "PPO", "set": ["clip"], "steps": 1}))
 

@@ -172,36 +172,51 @@ def append(table: Path, row: Mapping[str, str]) -> None:
         writer.writerow(row)
 
 
-def page_table(rows: Sequence[Mapping[str, str]], algorithm: str) -> str:
-    """Return the Markdown table of an algorithm's trials: means over the seeds of return / cost in each place."""
+def is_current(row: Mapping[str, str]) -> bool:
+    """Return whether a row's trial has today's defaults beside its changes."""
+    changes = () if row["changes"] == "none" else row["changes"].split(" ")
+    return Trial(row["algorithm"], settings_from(changes), int(row["steps"]), int(row["seed"])).config == row["config"]
+
+
+def means(rows: Sequence[Mapping[str, str]], place: str) -> str:
+    """Return the means of return / cost in a place over rows that differ by their seeds."""
+    return " / ".join(f"{np.mean([float(row[f'{place}_{what}']) for row in rows]):.2f}" for what in ("return", "cost"))
+
+
+def trial_table(rows: Sequence[Mapping[str, str]]) -> str:
+    """Return the Markdown table of trials, a line for all seeds of a trial."""
     groups: dict[tuple[str, ...], list[Mapping[str, str]]] = {}
     for row in rows:
-        if row["algorithm"] == algorithm:
-            groups.setdefault((row["changes"], row["level"], row["rivers"], row["steps"], row["config"]), []).append(
-                row
-            )
+        groups.setdefault((row["changes"], row["level"], row["rivers"], row["steps"]), []).append(row)
     lines = []
-    for (changes, level, rivers, steps, _), runs in groups.items():
-        places = [
-            " / ".join(f"{np.mean([float(run[f'{place}_{what}']) for run in runs]):.2f}" for what in ("return", "cost"))
-            for place in PLACES
-        ]
-        trained = f"{level} {rivers}, {int(steps):,}"
+    for (changes, level, rivers, steps), seeds in groups.items():
         settings = " ".join(f"`{change}`" if "=" in change else change for change in changes.split(" "))
-        lines.append([settings, trained, str(len(runs)), *places])
-    head = ["changed settings", "rivers, steps", "seeds", "fixed river", "unseen", "unseen Hard"]
-    return markdown(frame(head, lines))
+        trained = f"{level} {rivers}, {int(steps):,}"
+        lines.append([settings, trained, str(len(seeds)), *(means(seeds, place) for place in PLACES)])
+    return markdown(
+        frame(["changed settings", "rivers, steps", "seeds", "fixed river", "unseen", "unseen Hard"], lines)
+    )
+
+
+def page_section(rows: Sequence[Mapping[str, str]], algorithm: str) -> str:
+    """Return the section of an algorithm's page: the defaults on the reported rivers, then what was tried on others."""
+    chosen = f"{CHOOSING_RIVERS[0]}:{CHOOSING_RIVERS[-1] + 1}"
+    of_algorithm = [row for row in rows if row["algorithm"] == algorithm]
+    reported = [row for row in of_algorithm if row["rivers"] != chosen and row["changes"] == "none"]
+    tried = [row for row in of_algorithm if row["rivers"] == chosen]
+    parts = [("The defaults:", reported), ("Settings that were tried, on other rivers with other seeds:", tried)]
+    return "\n\n".join(f"{title}\n\n{trial_table(table)}" for title, table in parts if table)
 
 
 def written_pages() -> dict[Path, str]:
     """Return the pages of algorithms that show their trials, as they must be."""
-    rows = read_csv(TABLE, KEY)
+    rows = [row for row in read_csv(TABLE, KEY) if is_current(row)]
     found = {}
     for algorithm in ALGORITHMS:
         path = PAGES / f"{algorithm.lower()}.md"
         text = path.read_text()
         if f"<!-- {SECTION} -->" in text:
-            found[path] = replace_section(text, SECTION, page_table(rows, algorithm))
+            found[path] = replace_section(text, SECTION, page_section(rows, algorithm))
     return found
 
 

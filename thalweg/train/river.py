@@ -4,7 +4,7 @@ Other environments are passed to `thalweg.train.run` directly, which does not de
 """
 
 import sys
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -266,9 +266,9 @@ class RiverTraining:
     def _context(self, encoder: Encoder | None) -> dict[str, Any]:
         """Return what the policy file and config.yaml say about rivers, observation and rules."""
         if encoder is None:
-            return {**self.about(), "observation": PRIVILEGED, "env": asdict(self._privileged_config)}
+            return {**self.about(), "observation": PRIVILEGED, "env": self._privileged_config.as_data()}
         seen = {"encoder": encoder_hash(encoder), "render_version": RENDER_VERSION}
-        return {**self.about(), **seen, "env": asdict(self.config)}
+        return {**self.about(), **seen, "env": self.config.as_data()}
 
     @property
     def _privileged_config(self) -> EnvConfig:

@@ -79,7 +79,7 @@ def test_they_belong_to_the_state_that_is_shown_and_final_ones_to_the_last_state
         _, _, terminated, truncated, info = env.step(actions)
         for row in np.flatnonzero(~pending):
             expected[row].episode.step(actions[row])
-        for row in np.flatnonzero(pending):
+        for row in np.flatnonzero(pending).tolist():
             expected[row] = Expected(row % 2, info["pose"][row], config)
         done = terminated | truncated
         reasons |= set(info["done_reason"][done].tolist())
@@ -107,7 +107,7 @@ def test_a_share_reaches_one_where_its_limit_ends_the_episode(action: tuple[int,
     env.reset(seed=0, options={"pose": [20.5, 0.0, 3.0, 0.0]})
     for count in range(1, ends_after + 1):
         *_, info = env.step(np.array([action]))
-        told = dict(zip(PROGRESS, info["critic_obs"][0].tolist(), strict=False))
+        told: dict[str, float] = dict(zip(PROGRESS, info["critic_obs"][0].tolist(), strict=False))
         # The first step also visits the segment in which the episode begins: whoever hovers is idle from the second on.
         visited, idle = (1, count - 1) if column == "idle" else (count + 1, 0)
         assert told == pytest.approx({"visited": visited / 60, "idle": idle / 7, "steps": count / 9}, rel=1e-6)

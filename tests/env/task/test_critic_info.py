@@ -116,7 +116,7 @@ def test_a_share_reaches_one_where_its_limit_ends_the_episode(action: tuple[int,
 
 
 def test_environments_of_tensors_say_the_same():
-    config = told_config(max_steps=25)
+    config = told_config()
     env = TensorRiverEnv(WORLDS, N, config, device="cpu")
     _, info = env.reset(seed=3)
     poses, ended, ends = info["pose"].numpy(), np.zeros(N, dtype=bool), 0

@@ -38,7 +38,9 @@ class Script:
         return torch.from_numpy(self.generator.integers(0, 3, (N, self.policy.actions.count)))
 
     def update(self, rollout: Rollout, feedback: Any) -> dict[str, float]:
-        self.given.append(Rollout(**{name: value.clone() for name, value in vars(rollout).items()}))
+        self.given.append(
+            Rollout(**{name: value.clone() for name, value in vars(rollout).items() if value is not None})
+        )
         return {"told": float(len(feedback.fresh_costs))}
 
     def warnings(self, feedback: Any) -> dict[str, str]:
@@ -51,9 +53,9 @@ class Script:
         pass
 
 
-def taken(env: Any, frames: int, separate: bool) -> tuple[Script, Trainer]:
+def taken(env: Any, frames: int, separate: bool, critics: bool = False) -> tuple[Script, Trainer]:
     """What a learner saw of five rollouts of 7 steps."""
-    collector = make_collector(env, frames, CPU, 1)
+    collector = make_collector(env, frames, CPU, 1, critics)
     learner = Script(collector, env.single_action_space, steps=7, separate=separate)
     trainer = Trainer(collector, learner, 10_000, seed=0, threads=1)  # pyright: ignore[reportArgumentType]
     trainer.start()
@@ -85,6 +87,111 @@ def test_tensors_and_arrays_train_the_same_policy(frames: int, separate: bool):
     assert (
         first.statistics.steps == second.statistics.steps and first.statistics.metrics() == second.statistics.metrics()
     )
+
+
+TOLD = gym.spaces.Box(-np.inf, np.inf, (2,), np.float32)
+
+
+class ToldTensors(TensorWalk):
+    """A walk that tells critics twice the place, and the steps that are left; once with `change` in place of it."""
+
+    def __init__(self, change: Any = None) -> None:
+        super().__init__(N, SPACES["MultiDiscrete"], CPU)
+        self.single_critic_space, self.change, self.taken = TOLD, change, 0
+
+    def reset(self, *, seed: int) -> Any:
+        obs, info = super().reset(seed=seed)
+        return obs, info | {"critic_obs": self.told()}
+
+    def step(self, actions: torch.Tensor) -> Any:
+        *rest, info = super().step(actions)
+        self.taken += 1
+        info["critic_obs"] = self.told()
+        if self.change and self.taken == 4:
+            self.change(info)
+        return *rest, info
+
+    def told(self) -> torch.Tensor:
+        return torch.stack([2 * self.place, self.most - self.steps], 1)
+
+
+class ToldArrays(ArrayWalk):
+    def __init__(self) -> None:
+        super().__init__(N, SPACES["MultiDiscrete"])
+        self.walk, self.single_critic_space = ToldTensors(), TOLD
+
+    def reset(self, **given: Any) -> Any:
+        obs, info = self.walk.reset(seed=0)
+        return obs.numpy(), {name: value.numpy() for name, value in info.items()}
+
+
+@pytest.mark.parametrize("frames", [1, 3])
+def test_tensors_and_arrays_tell_critics_the_same(frames: int):
+    of_arrays, first = taken(ToldArrays(), frames, False, critics=True)
+    of_tensors, second = taken(ToldTensors(), frames, False, critics=True)
+    assert first.collector.critic_size == second.collector.critic_size == 2
+    for one, other in zip(of_arrays.given, of_tensors.given, strict=True):
+        assert one.critic_obs is not None and one.final_critic_obs is not None
+        assert other.critic_obs is not None and other.final_critic_obs is not None
+        place, steps, most = one.obs[..., -3:].unbind(-1)
+        assert torch.equal(one.critic_obs, torch.stack([2 * place, most - steps], -1))
+        assert torch.equal(one.critic_obs, other.critic_obs)
+        after = other.critic_obs[1:].flatten(0, 1)
+        assert len(one.final_index) and torch.equal(after[one.final_index], one.final_critic_obs)
+        assert other.final_critic_obs.shape == (0, 2)
+
+
+def test_collectors_read_nothing_for_critics_unless_they_are_asked():
+    for env in (ToldArrays(), ToldTensors()):
+        learner, trainer = taken(env, 1, False)
+        assert trainer.collector.critic_size == 0
+        assert all(given.critic_obs is None and given.final_critic_obs is None for given in learner.given)
+
+
+def test_a_collector_of_tensors_resumes_with_what_critics_see_now():
+    one, other = (make_collector(ToldTensors(), 1, CPU, 1, critics=True) for _ in range(2))
+    for collector in (one, other):
+        learner = Script(collector, SPACES["MultiDiscrete"], steps=8)
+        collector.reset(0)
+        for _ in range(8 if collector is one else 0):
+            collector.step(learner)  # pyright: ignore[reportArgumentType]
+    one.clear()
+    state = one.state()
+    other.load_state(state, 0)
+    np.testing.assert_array_equal(other.state()["critic_obs"], state["critic_obs"])
+    assert state["critic_obs"].any() and "critic_obs" not in make_collector(ToldTensors(), 1, CPU, 1).state()
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        (
+            lambda info: info.pop("critic_obs"),
+            TrainingError,
+            r"info\['critic_obs'\] \(6, 2\) is missing: an environment",
+        ),
+        (
+            lambda info: info.update(critic_obs=torch.zeros(N, 3)),
+            TrainingError,
+            r"must have shape \(6, 2\), as single_critic_space says, got \(6, 3\)",
+        ),
+        (
+            lambda info: info["critic_obs"][2].fill_(torch.inf),
+            NotFiniteError,
+            r"critic_obs is not finite in rows \[2\] of step 5 of the rollout",
+        ),
+    ],
+)
+def test_tensors_that_tell_critics_something_wrong_are_refused(change: Any, error: type[Exception], message: str):
+    with pytest.raises(error, match=message):
+        taken(ToldTensors(change), 1, False, critics=True)
+
+
+def test_tensors_that_tell_critics_without_saying_how_many_are_refused():
+    env = ToldTensors()
+    del env.single_critic_space
+    with pytest.raises(TrainingError, match="it needs single_critic_space, a Box of C numbers"):
+        taken(env, 1, False, critics=True)
 
 
 def test_episodes_are_reported_when_a_rollout_is_complete():

@@ -1,6 +1,5 @@
 """Tests of training on the privileged observation: nothing is drawn, and policies of frames and of it are not mixed."""
 
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -62,7 +61,7 @@ def test_the_run_records_the_observation_and_neither_encoder_nor_renderer(tmp_pa
     train(tmp_path)
     recorded = yaml.safe_load((tmp_path / "config.yaml").read_text())["run"]["context"]
     seed = river.level_named("Easy").default_seed
-    assert recorded == {"level": "Easy", "world_seeds": [seed], "observation": "privileged", "env": asdict(EYE)}
+    assert recorded == {"level": "Easy", "world_seeds": [seed], "observation": "privileged", "env": EYE.as_data()}
     assert load_policy(tmp_path).about.context == recorded
 
 

@@ -207,7 +207,7 @@ def test_wide_networks_learn_in_two_threads_unless_another_number_is_given(
 ):
     found: dict[str, Any] = {}
     monkeypatch.setattr(river, "run", lambda *_, **settings: found.update(settings))
-    monkeypatch.setattr(RiverTraining, "_envs", lambda *_: SimpleNamespace(close=lambda: None))
+    monkeypatch.setattr(RiverTraining, "_envs", lambda *_, **__: SimpleNamespace(close=lambda: None))
     monkeypatch.setattr("thalweg.core.compute.torch_threads.INITIAL_THREADS", 4)
     monkeypatch.setenv("OMP_NUM_THREADS", asked)
     encoder = load_encoder(encoder_file(tmp_path / "0.safetensors", 0))

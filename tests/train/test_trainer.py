@@ -43,7 +43,7 @@ class Scribe:
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         self.updates += 1
         self.told.append(feedback)
-        self.seen.append({name: value.clone() for name, value in vars(rollout).items()})
+        self.seen.append({name: value.clone() for name, value in vars(rollout).items() if value is not None})
         return {"told": len(feedback.fresh_costs)} if self.updates % self.period == 0 else {}
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:

@@ -35,6 +35,23 @@ class Count(gym.Env):
         return np.array([self.episode, self.at], np.float32)
 
 
+class ToldCount(Count):
+    """A count that tells critics twice its observation, and how long its episodes take."""
+
+    critic_space = gym.spaces.Box(-np.inf, np.inf, (3,), np.float32)
+
+    def reset(self, **given: Any):
+        obs, info = super().reset(**given)
+        return obs, info | self._told()
+
+    def step(self, action: Any):
+        *rest, info = super().step(action)
+        return *rest, info | self._told()
+
+    def _told(self) -> dict[str, Any]:
+        return {"critic_obs": np.array([2 * self.episode, 2 * self.at, self.length], np.float32)}
+
+
 class Walk(VectorEnv):
     """N walkers on a line with an own generator each step; can be put away and brought back if `portable`.
 
@@ -130,3 +147,29 @@ class Pictures(VectorEnv):
     def _images(self, offset: int) -> np.ndarray:
         level = offset + 10 * np.arange(self.num_envs) + self.at
         return np.broadcast_to(level[:, None, None, None], (self.num_envs, 4, 4, 1)).astype(np.uint8)
+
+
+class ToldWalk(Walk):
+    """Walkers whose critics are told the square of the position and what is left of the clock."""
+
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        self.single_critic_space = gym.spaces.Box(-np.inf, np.inf, (2,), np.float32)
+
+    def reset(self, **given: Any):
+        obs, info = super().reset(**given)
+        return obs, info | {"critic_obs": self.told(obs)}
+
+    def step(self, actions: Any):
+        obs, reward, terminated, truncated, info = super().step(actions)
+        info["critic_obs"] = self.told(obs)
+        done = terminated | truncated
+        if done.any():
+            last = np.zeros_like(info["critic_obs"])
+            last[done] = self.told(np.stack(info["final_obs"][done].tolist()))
+            info["final_info"] = {"critic_obs": last, "_critic_obs": done}
+        return obs, reward, terminated, truncated, info
+
+    @staticmethod
+    def told(obs: np.ndarray) -> np.ndarray:
+        return np.stack([obs[:, 0] ** 2, 1 - obs[:, 2]], 1)

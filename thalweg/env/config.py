@@ -5,7 +5,7 @@ Quantities that follow from a world, such as its length, are in `thalweg.env.tas
 
 import math
 import operator
-from dataclasses import field, fields, replace
+from dataclasses import asdict, field, fields, replace
 from enum import IntEnum
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
@@ -140,6 +140,9 @@ class EnvConfig:
     speed` measures the difference."""
     randomisation: Ranges = None
     """Ranges in which the appearance varies. None: it does not vary. True: the default ranges."""
+    critic_info: bool = False
+    """Whether `info["critic_obs"]` says what critics may see beside the observation in training, see
+    `thalweg.env.task.critic_info`. The task is the same either way, and states fit both."""
 
     @model_validator(mode="after")
     def _maximum_height_is_above_the_minimum(self) -> Self:
@@ -160,6 +163,10 @@ class EnvConfig:
         """Return a copy with some fields changed; raises `ConfigError` for an unknown key and lists the known ones."""
         refuse_unknown("option", options, (entry.name for entry in fields(self)), ConfigError)
         return replace(self, **options)
+
+    def as_data(self) -> dict[str, Any]:
+        """Return what defines the task as plain data: all fields but `critic_info`, which nothing in it depends on."""
+        return {name: value for name, value in asdict(self).items() if name != "critic_info"}
 
     @property
     def channels(self) -> int:

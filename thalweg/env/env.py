@@ -24,6 +24,8 @@ class RiverEnv(gymnasium.Env):
         "render_fps": 1.0 / DEFAULT_CONFIG.step_s,
     }
     done_reasons = REASON_NAMES
+    critic_space: gymnasium.spaces.Box
+    """Space of `info["critic_obs"]`; absent without it."""
 
     def __init__(
         self, world: World, config: EnvConfig = DEFAULT_CONFIG, *, renderer: Any = None, render_mode: str | None = None
@@ -36,6 +38,8 @@ class RiverEnv(gymnasium.Env):
         self.render_mode = render_mode
         self.observation_space = self.vector.single_observation_space
         self.action_space = self.vector.single_action_space
+        if config.critic_info:
+            self.critic_space = self.vector.single_critic_space
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start a new episode, at `options["pose"]` [4] if given; returns observation and info."""

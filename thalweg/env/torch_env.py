@@ -28,6 +28,7 @@ from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.snapshot import StateError, env_identity, fingerprints
 from thalweg.env.spaces import ActionError, action_space, observation_space, to_unit_actions
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
+from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
 from thalweg.env.task.ideal_eye import FEATURES, see_all
 from thalweg.env.task.rules import Outcome, State, empty_outcome, empty_state
 from thalweg.render.records.appearance import look_rows, look_values
@@ -45,13 +46,16 @@ class TensorRiverEnv:
     """N environments over one or several worlds on one device; environment i flies in world i % len(worlds).
 
     `info` belongs to the action just taken: `cost` [N], `costs` [N, 2] (tight, loose), `done_reason` [N], `progress`
-    [N] (share of segments visited) and `pose` [N, 4]. Environment i is seeded with seed + i, so that its episodes do
-    not depend on the number of environments. Rewards, costs and poses are float64.
+    [N] (share of segments visited) and `pose` [N, 4]. With `EnvConfig.critic_info`, `critic_obs` [N, C] float32 belongs
+    to the state that the observation shows, see `thalweg.env.task.critic_info`. Environment i is seeded with seed + i,
+    so that its episodes do not depend on the number of environments. Rewards, costs and poses are float64.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
     done_reasons = REASON_NAMES
     """Name of each code of `info["done_reason"]`."""
+    single_critic_space: gymnasium.spaces.Box
+    """Space of one row of `info["critic_obs"]`; absent without it."""
 
     def __init__(
         self,
@@ -92,6 +96,8 @@ class TensorRiverEnv:
         self.single_observation_space = observation_space(config.observation, *size)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        if config.critic_info:
+            self.single_critic_space = critic_space(config.observation)
 
     def _draw_looks(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the looks [LOOKS, P] of the randomisation and the light [LOOKS] of each; one of each without it."""
@@ -116,6 +122,7 @@ class TensorRiverEnv:
         self._state_names = (*state, *counters)
         """Names of the tensors that the future depends on."""
         self._segments = self._tensor(courses.segments[self.world_index])
+        self._max_steps = self._tensor(courses.max_steps[self.world_index])
         arrays = {name: self._array(tensor) for name, tensor in self._tensors.items()}
         self._courses = CourseArrays(*(self._array(self._tensor(values)) for values in courses))
         reset = reset_arguments(
@@ -269,13 +276,29 @@ class TensorRiverEnv:
 
     def _info(self) -> Info:
         tensors = self._tensors
+        told = {"critic_obs": self._critic_obs()} if self.config.critic_info else {}
         return {
             "cost": tensors["costs"].sum(1),
             "costs": tensors["costs"].clone(),
             "done_reason": tensors["reason"].clone(),
             "progress": tensors["visited_count"] / self._segments,
             "pose": tensors["pose"].clone(),
+            **told,
         }
+
+    def _critic_obs(self) -> Tensor:
+        """Return what critics may see beside the observations of the current state [N, C] float32."""
+        tensors = self._tensors
+        told = torch.empty(self.num_envs, *self.single_critic_space.shape, dtype=torch.float32, device=self.device)
+        write_progress(
+            told,
+            (tensors["visited_count"], self._segments),
+            (tensors["idle"], self.config.max_idle_steps),
+            (tensors["steps"], self._max_steps),
+        )
+        if told.shape[1] > len(PROGRESS):
+            told[:, len(PROGRESS) :] = self._see()
+        return told
 
     def _tensor(self, values: np.ndarray) -> Tensor:
         """Return a copy of an array on the device."""

@@ -31,6 +31,7 @@ from thalweg.env.spaces import (
     to_unit_actions,
 )
 from thalweg.env.task.course_arrays import CourseArrays
+from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
 from thalweg.env.task.ideal_eye import FEATURES, see_all
 from thalweg.env.task.rules import clear_outcome, empty_outcome, empty_state, step_all
 from thalweg.world.record import World
@@ -47,8 +48,10 @@ class RiverVectorEnv(VectorEnv):
 
     In every autoreset mode, `info` belongs to the action just taken: `cost` [N], `costs` [N, 2] (tight, loose),
     `done_reason` [N], `progress` [N] (share of segments visited) and `pose` [N, 4]. `final_obs` and `final_info` are as
-    Gymnasium defines them. Environment i has a random generator of its own, seeded with seed + i, so that its episodes
-    do not depend on the number of environments.
+    Gymnasium defines them. With `EnvConfig.critic_info`, `critic_obs` [N, C] float32 belongs to the state that the
+    observation shows, see `thalweg.env.task.critic_info`; after an automatic reset in the same step, that of the last
+    state is in `final_info`. Environment i has a random generator of its own, seeded with seed + i, so that its
+    episodes do not depend on the number of environments.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -58,6 +61,8 @@ class RiverVectorEnv(VectorEnv):
     }
     done_reasons = REASON_NAMES
     """Name of each code of `info["done_reason"]`."""
+    single_critic_space: gymnasium.spaces.Box
+    """Space of one row of `info["critic_obs"]`; absent without it."""
 
     def __init__(
         self,
@@ -119,6 +124,8 @@ class RiverVectorEnv(VectorEnv):
         )
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        if config.critic_info:
+            self.single_critic_space = critic_space(config.observation)
 
     @property
     def courses(self) -> CourseArrays:
@@ -319,6 +326,8 @@ class RiverVectorEnv(VectorEnv):
         final_info = {key: np.zeros_like(value) for key, value in info.items()}
         for key, value in info.items():
             final_info[key][rows] = value[rows]
+        if self.config.critic_info:
+            info["critic_obs"] = self._critic_obs()
         info |= {"final_obs": final_obs, "_final_obs": ended, "final_info": final_info, "_final_info": ended.copy()}
         if isinstance(batch, dict):
             return {key: value[: self.num_envs] for key, value in batch.items()}
@@ -336,6 +345,8 @@ class RiverVectorEnv(VectorEnv):
         }
         if isinstance(self.rivers, DrawnRivers):
             info["river"] = self.rivers.river.copy()
+        if self.config.critic_info:
+            info["critic_obs"] = self._critic_obs()
         return info | {f"_{key}": mask.copy() for key in info}
 
     def _observe(self, views: Views) -> Any:
@@ -358,6 +369,21 @@ class RiverVectorEnv(VectorEnv):
         seen = np.empty((len(views.pose), len(FEATURES)), np.float32)
         see_all(self.courses, self.limits.max_height, views.world, views.pose, views.segment, views.travel, seen)
         return seen
+
+    def _critic_obs(self) -> np.ndarray:
+        """Return what critics may see beside the observations of the current state [N, C] float32."""
+        state, courses = self.state, self.courses
+        count = self.single_critic_space.shape[0]
+        told = np.empty((self.num_envs, count), np.float32)
+        write_progress(
+            told,
+            (state.visited_count, courses.segments[self.world_index]),
+            (state.idle, self.config.max_idle_steps),
+            (state.steps, courses.max_steps[self.world_index]),
+        )
+        if count > len(PROGRESS):
+            told[:, len(PROGRESS) :] = self._see(self.frames.views(self.state))
+        return told
 
 
 def _mode(given: AutoresetMode | str) -> AutoresetMode:

@@ -14,8 +14,8 @@ from thalweg.core.compute.device import DeviceError
 from thalweg.train.errors import TrainingError
 from thalweg.train.rollouts.stage_timer import StageTimer
 
-FORWARDED = ("get_state", "set_state", "pilot_actions")
-"""Methods beyond Gymnasium's interface that the wrapper has if the environment has them."""
+FORWARDED = ("get_state", "set_state", "pilot_actions", "single_critic_space")
+"""Attributes beyond Gymnasium's interface that the wrapper has if the environment has them."""
 
 
 class FrameEncoder(Protocol):
@@ -61,7 +61,7 @@ class LatentVectorEnv(VectorWrapper):
     """A vector environment whose observations are latents float32 [N, Z], also in `final_obs`.
 
     One call of the encoder per step encodes the frames of all environments and the last frames of finished episodes.
-    `info`, `get_state`, `set_state` and `pilot_actions` are those of the environment.
+    `info`, `get_state`, `set_state`, `pilot_actions` and `single_critic_space` are those of the environment.
     """
 
     def __init__(self, env: VectorEnv, encoder: FrameEncoder) -> None:

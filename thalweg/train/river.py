@@ -4,7 +4,7 @@ Other environments are passed to `thalweg.train.run` directly, which does not de
 """
 
 import sys
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -24,7 +24,7 @@ from thalweg.render import RENDER_VERSION, compilation
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import RUN_FOLDER, read_config
 from thalweg.train.latent import LatentTensorEnv, LatentVectorEnv
-from thalweg.train.run import RunResult, load_policy, run
+from thalweg.train.run import RunResult, has_asymmetric_critics, load_policy, run
 from thalweg.world import Level, Reach, World, level_named, load_or_build
 from thalweg.world.store.world_cache import cache_path
 
@@ -236,14 +236,14 @@ class RiverTraining:
         river, before a world is built.
         """
         entry = algorithm_named(algorithm)
-        entry.configure(settings, preset, self.num_envs)
+        resolved = entry.configure(settings, preset, self.num_envs)
         context = self._context(encoder)
         existing = (read_config(folder) or {"run": {}})["run"].get("context", {})
         RUN_FOLDER.require_same_file(folder, existing.get("river", {}), context.get("river", {}))
         if begin_with is not None:
             check_policy_fits(load_policy(begin_with), encoder)
         device = resolve_device(device)
-        env = self._envs(encoder, device)
+        env = self._envs(encoder, device, critic_info=has_asymmetric_critics(resolved))
         try:
             return run(
                 entry.name,
@@ -266,18 +266,19 @@ class RiverTraining:
     def _context(self, encoder: Encoder | None) -> dict[str, Any]:
         """Return what the policy file and config.yaml say about rivers, observation and rules."""
         if encoder is None:
-            return {**self.about(), "observation": PRIVILEGED, "env": asdict(self._privileged_config)}
+            return {**self.about(), "observation": PRIVILEGED, "env": self._privileged_config.as_data()}
         seen = {"encoder": encoder_hash(encoder), "render_version": RENDER_VERSION}
-        return {**self.about(), **seen, "env": asdict(self.config)}
+        return {**self.about(), **seen, "env": self.config.as_data()}
 
     @property
     def _privileged_config(self) -> EnvConfig:
         return self.config.with_options(observation=PRIVILEGED)
 
-    def _envs(self, encoder: Encoder | None, device: str) -> Any:
+    def _envs(self, encoder: Encoder | None, device: str, *, critic_info: bool = False) -> Any:
         """Return the environments on a device, with codes or the privileged observation; only what the encoder sees is
-        drawn."""
+        drawn. `critic_info` replaces that of the config: it is for training, and no part of the task."""
         config = self._privileged_config if encoder is None else self.config.seen_through(encoder.inputs)
+        config = config.with_options(critic_info=critic_info)
         if device == "cpu":
             env = self._vector_env(config)
             return env if encoder is None else LatentVectorEnv(env, encoder)

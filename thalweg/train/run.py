@@ -3,7 +3,7 @@
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -132,8 +132,9 @@ def run(
     device, context = torch.device(resolve_device(how.device)), dict(context or {})
     if how.graphs:
         _check_graphs(entry, device)
-    collector = make_collector(env, resolved.frame_stack, device, how.threads)
-    task = Task(collector.obs_size, env.single_action_space, env.num_envs, seed, context, device, how.graphs)
+    collector = make_collector(env, resolved.frame_stack, device, how.threads, has_asymmetric_critics(resolved))
+    task = Task(collector.obs_size, env.single_action_space, env.num_envs, seed, context, device)
+    task = replace(task, graphs=how.graphs, critic_size=collector.critic_size)
     with torch_threads(1):  # the last bits of orthogonal weights depend on the number of threads
         learner = entry.make(resolved, task)
     settings = {"algorithm": entry.name, "preset": preset, "config": to_plain(resolved), "steps": steps, "seed": seed}
@@ -145,6 +146,12 @@ def run(
         return _result(folder, status, resumed_from=None, already_finished=True)
     trainer = Trainer(collector, learner, steps, seed, how.threads)
     return _train(folder, entry.name, trainer, identity, how)
+
+
+def has_asymmetric_critics(config: Any) -> bool:
+    """Return whether the critics of an algorithm with a config see more than the observation; planners have none that
+    do."""
+    return bool(getattr(config, "asymmetric_critics", False))
 
 
 def _execution(options: ExecutionOptions) -> Execution:
@@ -180,6 +187,8 @@ def _task_identity(task: Task, learner: Learner, collector: Collector) -> dict[s
         "autoreset_mode": collector.mode.name,
         "context": task.context,
     }
+    if task.critic_size:
+        identity["critic_size"] = task.critic_size
     if task.device.type != "cpu":
         identity |= {"device": task.device.type} | ({"graphs": True} if task.graphs else {})
     return identity

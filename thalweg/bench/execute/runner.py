@@ -8,7 +8,7 @@ were made with other versions are outdated and done again.
 import json
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -111,7 +111,7 @@ def selected_runs(suite: Suite, only: tuple[str, ...]) -> list[Run]:
 def claim(folder: Path, suite: Suite) -> None:
     """Claim the folder for this suite; raises `ResultsError` if it holds anything but results of the same suite."""
     if RESULTS_FOLDER.is_new(folder):
-        about = {"env": asdict(EnvConfig()), "versions": package_versions(), "machine": machine_info()}
+        about = {"env": EnvConfig().as_data(), "versions": package_versions(), "machine": machine_info()}
         RESULTS_FOLDER.write_json(folder, suite.as_data() | about)
         return
     try:

@@ -164,8 +164,8 @@ def fingerprint(world: World) -> int:
 
 
 def config_fingerprint(config: EnvConfig) -> int:
-    """Return a hash of a config's values; equal values give the same hash, whether written as 15 or 15.0."""
-    values = {**asdict(config), "camera": asdict(config.camera)}
+    """Return a hash of a config's task; equal values give the same hash, whether written as 15 or 15.0."""
+    values = {**config.as_data(), "camera": asdict(config.camera)}
     plain = {name: float(value) if isinstance(value, Real) else value for name, value in values.items()}
     plain["camera"] = {name: float(value) for name, value in values["camera"].items()}
     return _first_64_bits(hashlib.sha256(repr(plain).encode()))

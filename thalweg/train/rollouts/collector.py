@@ -24,6 +24,8 @@ class Collector(Protocol):
     env: Any
     obs_size: int
     """D, size of one observation."""
+    critic_size: int
+    """C, how many numbers critics see beyond the observation; 0 if they are not read or there are none."""
     mode: AutoresetMode
     """Autoreset mode of the environment."""
     statistics: EpisodeStatistics
@@ -73,7 +75,7 @@ class HostCollector:
     def __init__(self, env: VectorEnv, stepper: EnvStepper, device: torch.device, threads: int) -> None:
         """`stepper` steps `env`; `threads` is for acting."""
         self.env, self.stepper, self.device, self.threads = env, stepper, device, threads
-        self.obs_size, self.mode = stepper.obs_size, stepper.mode
+        self.obs_size, self.critic_size, self.mode = stepper.obs_size, stepper.critic_size, stepper.mode
         self.statistics = EpisodeStatistics(stepper.num_envs, world_names(env), done_reason_names(env))
         self.stages = {"act": 0.0, "env": 0.0}
         self.obs = np.zeros((stepper.num_envs, 0), dtype=np.float32)
@@ -91,13 +93,13 @@ class HostCollector:
         with torch_threads(self.threads):
             raw = learner.act(*to_tensors(self.obs, self.fresh, self.device))
             actions = learner.policy.actions.to_numpy(raw)
-        acted = time.perf_counter()
+        acted, critic_obs = time.perf_counter(), self.stepper.critic_obs
         step = self.stepper.step(actions)
         after = time.perf_counter()
         costs = costs_to_learn(learner, step.cost, step.costs)
         if self._buffer is None:
-            self._buffer = RolloutBuffer(learner.rollout_steps, self.obs, raw, costs, self.device)
-        self._buffer.add(self.obs, self.fresh, raw, step, costs)
+            self._buffer = RolloutBuffer(learner.rollout_steps, self.obs, raw, costs, self.device, critic_obs)
+        self._buffer.add(self.obs, self.fresh, raw, step, costs, critic_obs)
         self.obs, self.fresh = step.next_obs, step.fresh
         self.stages["act"] += acted - before
         self.stages["env"] += after - acted

@@ -16,6 +16,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from thalweg.algos.common.errors import NotFiniteError
 from thalweg.algos.policy.memory import FrameStack
 from thalweg.train.errors import TrainingError
+from thalweg.train.rollouts.critic_info import CriticInfo
 from thalweg.train.rollouts.episodes import StepRecord
 
 MAX_STEPS_WITHOUT_COST = 10_000
@@ -32,15 +33,20 @@ class EnvStep(StepRecord):
     """[N] bool, whether that observation starts an episode."""
     final_obs: np.ndarray
     """[F, K * D] float32, last observation of each finished episode."""
+    critic_obs: np.ndarray | None = None
+    """[N, C] float32, what critics see beside `next_obs`, if it is read and the environment tells any."""
+    final_critic_obs: np.ndarray | None = None
+    """[F, C] float32, the same beside `final_obs`."""
 
 
 class EnvStepper:
     """Resets and steps a vector environment in any autoreset mode."""
 
-    def __init__(self, env: VectorEnv, frames: int = 1) -> None:
+    def __init__(self, env: VectorEnv, frames: int = 1, critics: bool = False) -> None:
         """Check the environment: raises `TrainingError` if it cannot be trained on.
 
-        `frames` is K, the number of observations that a policy sees side by side.
+        `frames` is K, the number of observations that a policy sees side by side; `critics`, whether what only critics
+        see is read from `info`.
         """
         if not hasattr(env, "single_observation_space"):
             raise TrainingError(
@@ -56,9 +62,21 @@ class EnvStepper:
         self._stack = FrameStack(self.num_envs, self.obs_size, frames)
         self.pending = np.zeros(self.num_envs, dtype=bool)
         """[N] environments whose next step only resets them (NEXT_STEP)."""
+        self._critics = CriticInfo(env, self.mode) if critics else None
         self._steps, self._cost_seen = 0, False
         # Somebody else's environment may mean something else by info["river"].
         self._changes_river = bool(getattr(getattr(env, "unwrapped", env), "river_names", None))
+
+    @property
+    def critic_size(self) -> int:
+        """C, how many numbers critics see beyond the observation; 0 if they are not read or there are none."""
+        return 0 if self._critics is None else self._critics.size
+
+    @property
+    def critic_obs(self) -> np.ndarray | None:
+        """[N, C] float32, what critics see beside the current observation, if it is read and the environment tells
+        any."""
+        return None if self._critics is None else self._critics.now
 
     def reset(self, seed: int | list[int]) -> np.ndarray:
         """Start new episodes; returns their first observations [N, K * D] float32.
@@ -67,14 +85,16 @@ class EnvStepper:
         Gymnasium's CartPole, receives the first of a list.
         """
         try:
-            obs, _ = self.env.reset(seed=seed)  # pyright: ignore[reportArgumentType]
+            obs, info = self.env.reset(seed=seed)  # pyright: ignore[reportArgumentType]
         except (TypeError, gym.error.Error):
             if isinstance(seed, int):
                 raise
-            obs, _ = self.env.reset(seed=seed[0])
+            obs, info = self.env.reset(seed=seed[0])
         self.pending[:] = False
-        first = self._obs(obs, f"the reset after vector step {self._steps}")
-        return self._stacked(first, np.ones(self.num_envs, dtype=bool))
+        first, every = self._obs(obs, self._reset_moment), np.ones(self.num_envs, dtype=bool)
+        if self._critics is not None:
+            self._critics.reset(info, every, self._reset_moment)
+        return self._stacked(first, every)
 
     def step(self, actions: np.ndarray) -> EnvStep:
         """Take actions [N, ...] and return their result.
@@ -97,12 +117,17 @@ class EnvStepper:
             self._require_finite(costs=costs)
         last = torch.from_numpy(self._final_obs(next_obs, finished, truncated, info))
         final_obs = self._stack.peek(last, torch.from_numpy(finished)).numpy()
+        final_critic_obs = None
+        if self._critics is not None:
+            final_critic_obs = self._critics.step(info, finished, truncated, self._step_moment)
         fresh = done if self.mode is not AutoresetMode.NEXT_STEP else ~valid
         if self.mode is AutoresetMode.NEXT_STEP:
             self.pending = done
         elif self.mode is AutoresetMode.DISABLED and len(finished):
-            first, _ = self.env.reset(options={"reset_mask": done})
+            first, begun = self.env.reset(options={"reset_mask": done})
             next_obs = np.where(done[:, None], self._obs(first), next_obs)
+            if self._critics is not None:
+                self._critics.reset(begun, done, f"the reset in {self._step_moment}")
         self._steps += 1
         return EnvStep(
             next_obs=self._stacked(next_obs, fresh),
@@ -117,15 +142,19 @@ class EnvStepper:
             reasons=_codes(info, "done_reason"),
             rivers=_codes(info, "river") if self._changes_river else None,
             final_obs=final_obs,
+            critic_obs=self.critic_obs,
+            final_critic_obs=final_critic_obs,
         )
 
     def state(self) -> dict[str, Any]:
         """Return what the next step depends on, except for the state of the environment."""
+        critics = {} if self.critic_obs is None else {"critic_obs": self.critic_obs.copy()}
         return {
             "pending": self.pending,
             "steps": self._steps,
             "cost_seen": self._cost_seen,
             "frames": self._stack.state(),
+            **critics,
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
@@ -133,6 +162,17 @@ class EnvStepper:
         self.pending = np.array(state["pending"], dtype=bool)
         self._steps, self._cost_seen = int(state["steps"]), bool(state["cost_seen"])
         self._stack.load_state(state["frames"])
+        if self._critics is not None and self._critics.now is not None:
+            self._critics.now = np.array(state["critic_obs"], dtype=np.float32)
+
+    @property
+    def _step_moment(self) -> str:
+        """When the current step takes place, for messages."""
+        return f"vector step {self._steps + 1}"
+
+    @property
+    def _reset_moment(self) -> str:
+        return f"the reset after vector step {self._steps}"
 
     def _stacked(self, obs: np.ndarray, fresh: np.ndarray) -> np.ndarray:
         """Return observations [N, K * D] with the frames before; `fresh` [N] starts an episode."""
@@ -180,7 +220,7 @@ class EnvStepper:
 
     def _require_finite(self, moment: str = "", **arrays: np.ndarray) -> None:
         """Raise `NotFiniteError` with the name, the rows and the moment of an array with NaN or infinity."""
-        moment = moment or f"vector step {self._steps + 1}"
+        moment = moment or self._step_moment
         for name, array in arrays.items():
             if not np.isfinite(array).all():
                 where = sorted({int(row) for row in np.argwhere(~np.isfinite(array))[:, 0]})

@@ -29,6 +29,7 @@ from thalweg.train.rollouts.collector import (
     warn_of_new_episodes,
     world_names,
 )
+from thalweg.train.rollouts.critic_info import KEY, critic_size, critic_tensor, refuse_unannounced
 from thalweg.train.rollouts.env_stepper import EnvStepper
 from thalweg.train.rollouts.episodes import Episode, EpisodeStatistics, StepRecord
 from thalweg.train.rollouts.rollout_buffer import TensorRolloutBuffer
@@ -39,9 +40,10 @@ class TensorEnv(Protocol):
     """N environments on one device, which reset in the step after the last one of an episode
     (`AutoresetMode.NEXT_STEP`).
 
-    `info` has `cost` [N], and may have `costs` [N, 2] (tight, loose) and `done_reason` [N] int64. Returned tensors must
-    not change until the second step after. With `get_state` and `set_state`, as in `TensorRiverEnv`, an interrupted run
-    resumes with the same numbers; without, with new episodes.
+    `info` has `cost` [N], and may have `costs` [N, 2] (tight, loose) and `done_reason` [N] int64. With
+    `single_critic_space`, a Box of C numbers, it has `critic_obs` [N, C] of the state that the observations show, at
+    resets too. Returned tensors must not change until the second step after. With `get_state` and `set_state`, as in
+    `TensorRiverEnv`, an interrupted run resumes with the same numbers; without, with new episodes.
     """
 
     @property
@@ -72,10 +74,11 @@ class TensorCollector:
 
     mode = AutoresetMode.NEXT_STEP
 
-    def __init__(self, env: TensorEnv, frames: int, threads: int) -> None:
+    def __init__(self, env: TensorEnv, frames: int, threads: int, critics: bool = False) -> None:
         """Check the environment: raises `TrainingError` if it cannot be trained on.
 
-        `frames` is K, the number of observations that a policy sees side by side; `threads` is for acting.
+        `frames` is K, the number of observations that a policy sees side by side; `threads` is for acting; `critics`,
+        whether what only critics see is read from `info`.
         """
         space = env.single_observation_space
         if not isinstance(space, gym.spaces.Box) or len(space.shape) != 1:
@@ -96,6 +99,9 @@ class TensorCollector:
         self._fresh = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
         self._pending = ~self._fresh
         """[N] environments whose next step only resets them."""
+        self._reads_critics, self.critic_size = critics, critic_size(env) if critics else 0
+        self._critic_obs: Tensor | None = None
+        """[N, C] what critics see beside that observation, if it is read and there is any."""
         self._buffer: TensorRolloutBuffer | None = None
 
     @property
@@ -105,8 +111,11 @@ class TensorCollector:
     def reset(self, seed: int) -> None:
         self.statistics.discard_running()
         (first,) = env_seeds(seed, self.statistics.steps, 1)
-        obs, _ = self.env.reset(seed=first)
+        obs, info = self.env.reset(seed=first)
         obs = obs.float()
+        if self._reads_critics and not self.critic_size:
+            refuse_unannounced(info)
+        self._critic_obs = self._of_critics(info)
         self._fresh, self._pending = torch.ones_like(self._fresh), torch.zeros_like(self._pending)
         self._obs = self._stack.push(obs, self._fresh)
 
@@ -129,13 +138,14 @@ class TensorCollector:
         }
         if self._buffer is None:
             self._buffer = TensorRolloutBuffer(
-                learner.rollout_steps, self._obs, self._fresh, raw, samples["costs"]
+                learner.rollout_steps, self._obs, self._fresh, raw, samples["costs"], self._critic_obs
             )  # fmt: skip
         if not self._buffer.filled:
-            self._buffer.start(self._obs, self._fresh)
+            self._buffer.start(self._obs, self._fresh, self._critic_obs)
         self._obs, self._fresh = self._stack.push(obs.float(), ~valid), ~valid
+        self._critic_obs = self._of_critics(info)
         self._pending = terminated | truncated
-        self._buffer.add(self._obs, self._fresh, samples, records)
+        self._buffer.add(self._obs, self._fresh, samples, records, self._critic_obs)
         return self._finished_episodes(set(records)) if self._buffer.filled == self._buffer.steps else []
 
     @property
@@ -154,6 +164,7 @@ class TensorCollector:
     def state(self) -> dict[str, Any]:
         getter = getattr(self.env, "get_state", None)
         tensors = {"obs": self._obs, "fresh": self._fresh, "pending": self._pending}
+        tensors |= {} if self._critic_obs is None else {KEY: self._critic_obs}
         return {
             **({} if getter is None else {"environment": dict(getter())}),
             **{name: array_of(tensor) for name, tensor in tensors.items()},
@@ -169,7 +180,12 @@ class TensorCollector:
         self._obs, self._fresh, self._pending = (
             tensor_of(state[name], self.env.device) for name in ("obs", "fresh", "pending")
         )
+        self._critic_obs = tensor_of(state[KEY], self.env.device) if self.critic_size else None
         self._stack.load_state(state["frames"])
+
+    def _of_critics(self, info: dict[str, Tensor]) -> Tensor | None:
+        """Return what critics see [N, C] in the info of a step or reset, if it is read and there is any."""
+        return critic_tensor(info, self.num_envs, self.critic_size) if self.critic_size else None
 
     def _finished_episodes(self, names: set[str]) -> list[Episode]:
         """Return the episodes that ended in a complete rollout, after updating the statistics with its records."""
@@ -178,6 +194,9 @@ class TensorCollector:
         flags = {name: array_of(self._buffer.samples[name]) for name in ("terminated", "truncated", "valid")}
         for name in ("reward", "cost"):
             _check_finite(name, records[name][: self._buffer.filled])
+        if self._buffer.critic_obs is not None:
+            finite = torch.isfinite(self._buffer.critic_obs[: self._buffer.filled + 1]).all(2)
+            _check_finite(KEY, np.where(array_of(finite), 0.0, np.nan))
         episodes = []
         for t in range(self._buffer.filled):
             separate = np.stack([records["tight"][t], records["loose"][t]], 1) if "tight" in records else None
@@ -218,14 +237,15 @@ def _check_finite(name: str, values: np.ndarray) -> None:
         raise NotFiniteError(f"{name} is not finite in rows {rows[:8]} of step {wrong[0, 0] + 1} of the rollout")
 
 
-def make_collector(env: Any, frames: int, device: torch.device, threads: int) -> Collector:
-    """Return a collector for an environment of arrays or tensors, for a learner on a device.
+def make_collector(env: Any, frames: int, device: torch.device, threads: int, critics: bool = False) -> Collector:
+    """Return a collector for an environment of arrays or tensors, for a learner on a device; `critics` is whether it
+    reads what only critics see.
 
     Raises `TrainingError` for an environment that cannot be trained on, and `DeviceError` for tensors of another
     device.
     """
     if not isinstance(getattr(env, "device", None), torch.device):
-        return HostCollector(env, EnvStepper(env, frames), device, threads)
+        return HostCollector(env, EnvStepper(env, frames, critics), device, threads)
     if env.device != device:
         raise DeviceError(f"device = {str(device)!r}, but the environment's tensors are on {env.device}")
-    return TensorCollector(env, frames, threads)
+    return TensorCollector(env, frames, threads, critics)

@@ -35,6 +35,7 @@ _ON_POLICY_ROLLOUT: Settings = {
     "hidden": [64, 64],
     "activation": "tanh",
     "normalise_observations": True,
+    "asymmetric_critics": False,
 }
 _ON_POLICY: Settings = {
     **_ON_POLICY_ROLLOUT,

@@ -43,7 +43,10 @@ class OnPolicyConfig:
     """Initial weights: "orthogonal", with a last layer of the policy near zero; "kaiming", uniform as in torch's own
     layers; or "truncated", normal and cut off at two standard deviations."""
     normalise_observations: bool = True
-    """Whether observations are standardised by running statistics."""
+    """Whether observations, and what only critics see, are standardised by running statistics."""
+    asymmetric_critics: bool = False
+    """Whether critics also see what the environment tells them beyond the observation (`info["critic_obs"]`), such as
+    the privileged state and progress; the policy does not (Pinto et al. 2018)."""
     adapter: Adapter = "native"
     """How discrete actions are learnt: as categorical choices ("native"), or as Gaussian numbers that are rounded to
     options ("box_literal", "box_scaled")."""

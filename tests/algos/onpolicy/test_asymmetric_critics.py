@@ -234,8 +234,7 @@ def test_what_only_critics_see_explains_returns_that_depend_on_it(name: str, set
     assert max(abs(value) for value in explained[False].values()) < 0.3
 
 
-@pytest.mark.parametrize("memory", [{}, GRU], ids=["perceptrons", "gru"])
-@pytest.mark.parametrize("name", ["FOCOPS", "OnCRPO"])
+@pytest.mark.parametrize(("name", "memory"), [("FOCOPS", {}), ("OnCRPO", {}), ("CPO", GRU)])
 def test_off_or_without_anything_more_to_see_every_number_is_the_same(name: str, memory: dict[str, Any]):
     """Switched off, although the rollouts have it; and switched on, although the environment tells nothing."""
     told = lambda rollout: rollout  # noqa: E731

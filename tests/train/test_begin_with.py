@@ -9,12 +9,13 @@ import pytest
 import torch
 import yaml
 
-from tests.train.small_runs import SMALL, Stop, StopsAt, numbers, train
+from tests.train.small_runs import SMALL, Stop, StopsAt, numbers, rows_of, small, train
 from thalweg.algos import AlgorithmError
 from thalweg.algos.interface import Feedback
 from thalweg.algos.offpolicy.agent import Agent
 from thalweg.algos.offpolicy.replay_buffer import Batch
 from thalweg.algos.policy.policy_file import load_policy
+from thalweg.train.errors import TrainingError
 from thalweg.train.trainer import Trainer
 
 SEEN = torch.from_numpy(np.random.default_rng(0).standard_normal((4, 3)).astype(np.float32))
@@ -26,6 +27,11 @@ def first(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("first")
     train(folder, "PPO")
     return folder
+
+
+def at_once(algorithm: str = "FOCOPS") -> dict[str, Any]:
+    """Settings with which the policy learns from the first update."""
+    return {"config": small(algorithm) | {"critic_warmup_steps": 0}}
 
 
 def shown(folder: Path) -> np.ndarray:
@@ -48,7 +54,7 @@ def test_the_policy_starts_from_the_given_one(
         start(trainer, state)
 
     monkeypatch.setattr(Trainer, "start", look)
-    train(tmp_path, algorithm, steps=64, begin_with=first)
+    train(tmp_path, algorithm, steps=64, begin_with=first, **at_once(algorithm))
     assert np.array_equal(begun["shown"], shown(first)) and begun["count"] > 1000
     said = yaml.safe_load((tmp_path / "config.yaml").read_text())["run"]["begin_with"]
     assert said["algorithm"] == "PPO" and len(said["content"]) == 16
@@ -69,24 +75,44 @@ def test_slow_copies_follow_the_policy_that_was_taken_over(algorithm: str, tmp_p
         learn(agent, feedback, looked)
 
     monkeypatch.setattr(Agent, "learn", look)
-    train(tmp_path / "then", algorithm, steps=256, begin_with=tmp_path / "first")
+    train(tmp_path / "then", algorithm, steps=256, begin_with=tmp_path / "first", **at_once(algorithm))
     assert found == [True]
 
 
-def test_a_run_that_began_with_another_is_gone_on_with_to_the_bit(first: Path, tmp_path: Path):
-    train(tmp_path / "whole", begin_with=first)
+@pytest.mark.parametrize("warmup", [300, 1000])
+def test_a_run_that_began_with_another_is_gone_on_with_to_the_bit(warmup: int, first: Path, tmp_path: Path):
+    """Interrupted after 800 steps, after the warm-up of critics or in it."""
+    given: dict[str, Any] = {"begin_with": first, "config": SMALL | {"critic_warmup_steps": warmup}}
+    train(tmp_path / "whole", **given)
     with pytest.raises(Stop):
-        train(tmp_path / "cut", env=StopsAt(200), begin_with=first)
-    train(tmp_path / "cut", begin_with=first)
+        train(tmp_path / "cut", env=StopsAt(200), **given)
+    train(tmp_path / "cut", **given)
     assert numbers(tmp_path / "whole") == numbers(tmp_path / "cut")
     train(tmp_path / "plain")
     assert numbers(tmp_path / "plain") != numbers(tmp_path / "whole")
+    still = [float(row["kl"]) == 0.0 for row in rows_of(tmp_path / "whole", "metrics.csv")]
+    assert still == [update < -(-warmup // 128) for update in range(len(still))]
+
+
+@pytest.mark.parametrize(("warmup", "stays"), [(255, True), (128, False)])
+def test_the_policy_stays_as_it_was_during_the_warmup_of_critics(warmup: int, stays: bool, first: Path, tmp_path: Path):
+    """Two updates of 128 steps each, the second of which begins within 255 steps, but not within 128."""
+    train(tmp_path, steps=256, begin_with=first, config=SMALL | {"critic_warmup_steps": warmup})
+    assert np.array_equal(shown(tmp_path), shown(first)) == stays
+
+
+def test_a_warmup_as_long_as_the_run_is_refused_before_anything_is_written(first: Path, tmp_path: Path):
+    words = "critic_warmup_steps must be less than the 256 steps of a run that begins with another policy, got 256"
+    with pytest.raises(TrainingError, match=words):
+        train(tmp_path / "run", steps=256, begin_with=first, config=SMALL | {"critic_warmup_steps": 256})
+    assert not (tmp_path / "run").exists()
+    train(tmp_path / "run", steps=256, config=SMALL | {"critic_warmup_steps": 256})
 
 
 def test_a_run_belongs_to_what_it_began_with(first: Path, tmp_path: Path):
-    train(tmp_path, steps=128)
+    train(tmp_path, steps=128, **at_once())
     with pytest.raises(ValueError, match=r"belongs to another run: .*begin_with"):
-        train(tmp_path, steps=128, begin_with=first)
+        train(tmp_path, steps=128, begin_with=first, **at_once())
 
 
 @pytest.mark.parametrize(
@@ -103,7 +129,7 @@ def test_a_run_belongs_to_what_it_began_with(first: Path, tmp_path: Path):
 def test_a_policy_of_another_kind_is_refused_before_anything_is_written(
     algorithm: str, changes: dict | None, words: str, first: Path, tmp_path: Path
 ):
-    given: dict[str, Any] = {} if changes is None else {"config": SMALL | changes}
+    given: dict[str, Any] = {} if changes is None else {"config": SMALL | {"critic_warmup_steps": 0} | changes}
     with pytest.raises(AlgorithmError, match=words):
         train(tmp_path / "run", algorithm, begin_with=first, **given)
     assert not (tmp_path / "run").exists()
@@ -112,10 +138,10 @@ def test_a_policy_of_another_kind_is_refused_before_anything_is_written(
 def test_a_planner_cannot_initialise_a_policy(tmp_path: Path):
     train(tmp_path / "planner", "CCEPETS", steps=256)
     with pytest.raises(AlgorithmError, match="CCEPETS is a planner: it has no policy network to start from"):
-        train(tmp_path / "run", "FOCOPS", begin_with=tmp_path / "planner")
+        train(tmp_path / "run", "FOCOPS", begin_with=tmp_path / "planner", **at_once())
 
 
 def test_a_folder_without_a_policy_is_named(tmp_path: Path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(AlgorithmError, match=r"no policy\.safetensors in .*empty \(not a run\)"):
-        train(tmp_path / "run", begin_with=tmp_path / "empty")
+        train(tmp_path / "run", begin_with=tmp_path / "empty", **at_once())

@@ -22,7 +22,7 @@ from thalweg.train import load_policy, river, run
 from thalweg.train.errors import TrainingError
 from thalweg.train.river import RiverTraining, check_policy_fits, observation_of
 
-SMALL = {"steps_per_update": 64, "minibatch": 32, "passes": 1, "hidden": [8]}
+SMALL = {"steps_per_update": 64, "minibatch": 32, "passes": 1, "hidden": [8], "critic_warmup_steps": 0}
 EYE = EnvConfig(observation="privileged")
 ACTIONS = actions_of(gym.spaces.MultiDiscrete([3, 3, 3, 3]))
 

@@ -138,6 +138,14 @@ class Learner(Protocol):
         episode."""
         ...
 
+    def warm_up_critics(self) -> None:
+        """Let only the critics learn at first, for as many steps as the config says.
+
+        For a policy that another run has trained: critics that have learnt nothing would move it anywhere. To be called
+        before the first step; what is left of it belongs to the state.
+        """
+        ...
+
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         """Learn from a rollout and return the metrics.
 

@@ -117,7 +117,8 @@ def run(
         checkpoint_seconds: Minimum time between two checkpoints, 20 s by default; 0 writes one after every update.
         threads: Number of PyTorch threads for acting and learning, 1 by default; small networks are slower with more.
         device: Device of the learner and of an environment of tensors, "cpu" by default; see `core.compute.device`.
-        begin_with: Folder of a run or policy file from which the policy is initialised; critics start anew.
+        begin_with: Folder of a run or policy file from which the policy is initialised; critics start anew, and learn
+            alone during the config's `critic_warmup_steps`.
         graphs: Whether to record gradient steps of DDPGLag, TD3Lag and SACLag as CUDA graphs; not by default.
 
     Raises:
@@ -140,6 +141,7 @@ def run(
     settings = {"algorithm": entry.name, "preset": preset, "config": to_plain(resolved), "steps": steps, "seed": seed}
     identity = settings | _task_identity(task, learner, collector)
     if how.begin_with is not None:
+        _check_warmup(getattr(resolved, "critic_warmup_steps", 0), steps)
         identity["begin_with"] = _initialise_policy(learner, policy_file(how.begin_with))
     status = _open_folder(folder := Path(folder), identity, how.threads)
     if status.get("state") == "finished":
@@ -176,6 +178,15 @@ def _check_graphs(entry: Entry, device: torch.device) -> None:
         raise AlgorithmError(f"graphs are for DDPGLag, TD3Lag and SACLag; steps of {entry.name} are not recorded")
     if device.type != "cuda":
         raise DeviceError(f"graphs are recorded on a GPU only, not on {device}")
+
+
+def _check_warmup(warmup: int, steps: int) -> None:
+    """Raise `TrainingError` if the critics' warm-up would last for the whole run."""
+    if warmup >= steps:
+        raise TrainingError(
+            f"critic_warmup_steps must be less than the {steps} steps of a run that begins with another policy, got "
+            f"{warmup}: the policy would never change"
+        )
 
 
 def _task_identity(task: Task, learner: Learner, collector: Collector) -> dict[str, Any]:
@@ -243,11 +254,13 @@ def policy_file(path: str | Path) -> Path:
 
 
 def _initialise_policy(learner: Learner, file: Path) -> dict[str, str]:
-    """Initialise a learner's policy from a policy file; returns what identifies that file."""
+    """Initialise a learner's policy from a policy file, so that its critics warm up; returns what identifies the
+    file."""
     other, started = policies.load_policy(file, CPU), learner.policy
     if not isinstance(started, policies.Policy):
         raise AlgorithmError(f"{started.about.algorithm} is a planner and can't start from the policy of another run")
     started.initialise_from(other)
+    learner.warm_up_critics()
     return {"algorithm": other.about.algorithm, "content": file_hash(file)}
 
 

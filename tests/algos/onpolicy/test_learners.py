@@ -16,7 +16,7 @@ from thalweg.algos.interface import Rollout, Task
 from thalweg.algos.onpolicy.config import FirstOrderConfig, OnPolicyConfig
 from thalweg.algos.onpolicy.focops import FOCOPS
 
-N, T, D = 4, 32, 5
+N, T, D, C = 4, 32, 5, 2
 SPACES = {
     "MultiDiscrete": gym.spaces.MultiDiscrete([3, 3]),
     "Discrete": gym.spaces.Discrete(3),
@@ -30,6 +30,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "frames": {"frame_stack": 3},
     "gru": {"memory": "gru", "memory_size": 8, "sequence": 5},
     "kaiming": {"initial": "kaiming", "activation": "relu", "critic_decay": 1e-3},
+    "asymmetric": {"asymmetric_critics": True},
 }
 """Settings that change what is learnt or remembered."""
 ON_POLICY = [name for name, entry in ALGORITHMS.items() if issubclass(entry.config, OnPolicyConfig)]
@@ -40,7 +41,7 @@ def learner_for(name: str, space: gym.Space, **settings: Any) -> Any:
     entry = ALGORITHMS[name]
     usual = {"steps_per_update": N * T, "minibatch": 32, "passes": 4, "hidden": (16, 16)}
     config = entry.config(**(usual | settings))
-    return entry.make(config, Task(D, space, N, 0, {}))
+    return entry.make(config, Task(D, space, N, 0, {}, critic_size=C))
 
 
 def quick(name: str) -> dict[str, Any]:
@@ -59,6 +60,7 @@ def rollout_of(learner: Any, seed: int = 0, **changes: Any) -> Rollout:
     good = kind.options(actions)[..., 0] == 0 if kind.sizes else actions[..., 0] > 0
     costs = (~good).float().unsqueeze(-1).expand(-1, -1, len(getattr(learner.config, "cost_limits", ())) or 1)
     fields = {"actions": actions, "rewards": good.float(), "costs": costs, "terminated": ends, "fresh": fresh}
+    fields |= {"critic_obs": obs[..., :C] * 2 + 1, "final_critic_obs": torch.zeros(0, C)}
     return rollouts.rollout_of(obs, **(fields | changes))
 
 
@@ -141,6 +143,11 @@ class TestEveryVariant:
 
     def test_steps_that_only_reset_change_nothing(self, name: str, settings: dict[str, Any]):
         reset_steps_change_nothing(name, SPACES["MultiDiscrete"], **settings)
+
+
+@pytest.mark.parametrize("name", ON_POLICY)
+def test_critics_with_a_memory_that_see_more_resume_bit_for_bit(name: str):
+    resumes_bit_for_bit(name, SPACES["MultiDiscrete"], **VARIANTS["gru"], **VARIANTS["asymmetric"])
 
 
 @pytest.mark.parametrize("name", FIRST_ORDER)

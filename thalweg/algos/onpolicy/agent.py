@@ -1,7 +1,7 @@
 """Shared components of on-policy algorithms: agent, optimisers, KL monitor, signals of critics and metrics.
 
 Losses, updates and the minibatch loop are not here on purpose: they are in the file of each algorithm. Letters:
-B valid steps, N environments, K frames, D numbers of an observation, M costs.
+B valid steps, N environments, K frames, D numbers of an observation, C numbers that only critics see, M costs.
 """
 
 import math
@@ -27,12 +27,13 @@ from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import centred, standardised
 from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig, OnPolicyConfig
-from thalweg.algos.onpolicy.rollout_samples import RolloutMemory, Samples, Signal, samples_of, valid_obs
+from thalweg.algos.onpolicy.rollout_samples import RolloutMemory, Samples, Signal, of_valid_steps, samples_of
 from thalweg.algos.policy import fast_path
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.distributions import AnalyticDistribution, Distribution, TapedDistribution
 from thalweg.algos.policy.memory import Sequences
 from thalweg.algos.policy.networks import Critics
+from thalweg.algos.policy.normaliser import Normaliser
 from thalweg.algos.policy.policy import NetworkPlayer, Policy
 from thalweg.algos.policy.policy_file import About
 from thalweg.core.config import to_plain
@@ -53,7 +54,13 @@ class Agent:
             generator=self.generator,
             about=About(algorithm, to_plain(config), task.context),
         )
-        self.critics = Critics(critics, config.frame_stack * task.obs_size, config.shape, self.generator)
+        told = task.critic_size if config.asymmetric_critics else 0
+        self.critics = Critics(critics, config.frame_stack * task.obs_size + told, config.shape, self.generator)
+        self.critic_normaliser = Normaliser(told, config.normalise_observations, task.device) if told else None
+        """Of the C numbers that only critics see; None if they see the observation alone."""
+        self.critics_warm_up = False
+        """Whether only the critics learn in this update; known after `samples`."""
+        self._warmup_left = 0
         rate = config.learning_rate if isinstance(config, FirstOrderConfig) else 0.0
         self.policy_optimiser = Adam(self.policy.actor.parameters(), rate)
         self.critic_optimiser = Adam(self.critics.parameters(), config.critic_learning_rate)
@@ -70,6 +77,14 @@ class Agent:
     def rollout_steps(self) -> int:
         """T: steps of each environment between updates."""
         return max(2, self.config.steps_per_update // self._player.num_envs)
+
+    def warm_up_critics(self) -> None:
+        """Let only the critics learn in the rollouts that begin within the next `critic_warmup_steps`.
+
+        Policy, statistics of observations, optimiser and multipliers stay as they are. To be called before the first
+        step; a restored state has its own count.
+        """
+        self._warmup_left = self.config.critic_warmup_steps
 
     @contextmanager
     def critics_learning(self, samples: Samples, passes: int = 1) -> Iterator[None]:
@@ -98,6 +113,7 @@ class Agent:
     def _learn_critics(self, samples: Samples, passes: int) -> list[Tensor]:
         """Train the critics and return their losses for each gradient step."""
         config, generator, targets = self.config, self._critic_generator, samples.targets.T
+        samples = samples.of_critics
         if isinstance(samples.inputs, Tensor) and self.critics.compiled:
             return [
                 error
@@ -130,33 +146,51 @@ class Agent:
 
         Afterwards the statistics of observations include the rollout. They change only here, so that the samples are
         evaluated by the policy that collected them. A fresh policy with orthogonal weights and bounded activations is
-        nearly uniform in every state, so the statistics of the first rollout are included at once.
+        nearly uniform in every state, so the statistics of the first rollout are included at once. Those of what only
+        critics see, by which nobody acts, always include the first rollout at once.
         """
-        normaliser, config = self.policy.normaliser, self.config
+        normaliser, told, config = self.policy.normaliser, self.critic_normaliser, self.config
+        self._count_warmup(rollout)
         fresh = normaliser.count == 0 and config.initial == "orthogonal" and config.activation == "tanh"
-        if fresh:
-            normaliser.update(valid_obs(rollout))
-        samples = samples_of(rollout, self.critics, normaliser, signals, self._memory)
-        if not fresh:
-            normaliser.update(valid_obs(rollout))
+        first = told is not None and told.count == 0
+        self._update_statistics(rollout, fresh, first)
+        samples = samples_of(rollout, self.critics, normaliser, signals, self._memory, told)
+        self._update_statistics(rollout, not fresh and not self.critics_warm_up, not first)
         if self._memory is not None:
             self._memory.advance()
             # The states differ after the first rollout, which was collected without statistics.
             self._player.hidden = self._memory.starts["actor"]
         return samples
 
+    def _count_warmup(self, rollout: Rollout) -> None:
+        """Find out whether only the critics learn from this rollout."""
+        self.critics_warm_up = self._warmup_left > 0
+        if self.critics_warm_up:
+            self._warmup_left = max(self._warmup_left - int(rollout.valid.sum()), 0)
+
+    def _update_statistics(self, rollout: Rollout, obs: bool, critic_obs: bool) -> None:
+        """Include the rollout in the statistics of observations, and of what only critics see."""
+        if obs:
+            self.policy.normaliser.update(of_valid_steps(rollout, rollout.obs))
+        if critic_obs and self.critic_normaliser is not None and rollout.critic_obs is not None:
+            self.critic_normaliser.update(of_valid_steps(rollout, rollout.critic_obs))
+
     def decay(self, progress: float) -> float:
-        """Set the policy's learning rate for this share of the run, 0..1, and return it."""
+        """Set the policy's learning rate for this share of the run, 0..1, and return it; 0 while critics warm up."""
         assert isinstance(self.config, FirstOrderConfig)
         rate = self.config.learning_rate * (1.0 - progress if self.config.linear_decay else 1.0)
+        rate = 0.0 if self.critics_warm_up else rate
         self.policy_optimiser.rate = rate
         return rate
 
     def step(self, inputs: Tensor | Sequences, loss_of: Callable[[Distribution | TapedDistribution], Tensor]) -> Tensor:
-        """Take one step of Adam of the policy, and return the loss, detached.
+        """Take one step of Adam of the policy, and return the loss, detached; no step while critics warm up.
 
         `loss_of` takes the policy's action distribution at the B states of `inputs` and returns a scalar.
         """
+        if self.critics_warm_up:
+            with torch.no_grad():
+                return loss_of(self.policy.distribution_of(inputs))
         if not fast_path.enabled():  # autograd, which defines the result
             self.policy_optimiser.zero_grad()
             loss = loss_of(self.policy.distribution_of(inputs))
@@ -182,7 +216,10 @@ class Agent:
             "generator": generator_state(self.generator),
             "critic_generator": generator_state(self._critic_generator),
             "player": self._player.state(),
+            "warmup_left": self._warmup_left,
         }
+        if self.critic_normaliser is not None:
+            state["critic_normaliser"] = self.critic_normaliser.state()
         return state if self._memory is None else state | {"memory": self._memory.state()}
 
     def load_state(self, state: dict[str, Any]) -> None:
@@ -195,6 +232,9 @@ class Agent:
         load_generator(self.generator, state["generator"])
         load_generator(self._critic_generator, state["critic_generator"])
         self._player.load_state(state["player"])
+        self._warmup_left = int(state.get("warmup_left", 0))
+        if self.critic_normaliser is not None:
+            self.critic_normaliser.load_state(state["critic_normaliser"])
         if self._memory is not None:
             self._memory.load_state(state["memory"])
 

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.constraint.cost_limits import CostConfig, MeanCostConfig, Multiple
@@ -43,7 +43,13 @@ class OnPolicyConfig:
     """Initial weights: "orthogonal", with a last layer of the policy near zero; "kaiming", uniform as in torch's own
     layers; or "truncated", normal and cut off at two standard deviations."""
     normalise_observations: bool = True
-    """Whether observations are standardised by running statistics."""
+    """Whether observations, and what only critics see, are standardised by running statistics."""
+    asymmetric_critics: bool = False
+    """Whether critics also see what the environment tells them beyond the observation (`info["critic_obs"]`), such as
+    the privileged state and progress; the policy does not (Pinto et al. 2018)."""
+    critic_warmup_steps: NonNegativeInt = 10_000
+    """With `begin_with`: environment steps during which only the critics learn, because critics that have learnt
+    nothing would move the policy anywhere; without it, no effect. Policy and multipliers stay until then."""
     adapter: Adapter = "native"
     """How discrete actions are learnt: as categorical choices ("native"), or as Gaussian numbers that are rounded to
     options ("box_literal", "box_scaled")."""

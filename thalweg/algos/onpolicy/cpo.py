@@ -51,6 +51,10 @@ class CPO:
         """Return raw actions [N, A] sampled from the policy."""
         return self.agent.act(obs, fresh)
 
+    def warm_up_critics(self) -> None:
+        """Let only the critics learn during the next `critic_warmup_steps`."""
+        self.agent.warm_up_critics()
+
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         """Take one constrained natural-gradient step of the policy, train the critics, and return the metrics."""
         config, agent = self.config, self.agent

@@ -68,12 +68,17 @@ class CUP:
         """Return raw actions [N, A] sampled from the policy."""
         return self.agent.act(obs, fresh)
 
+    def warm_up_critics(self) -> None:
+        """Let only the critics learn during the next `critic_warmup_steps`."""
+        self.agent.warm_up_critics()
+
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         """Update the multipliers, improve the reward, project towards the limit, and return the metrics."""
         config, agent = self.config, self.agent
         limits = config.limits_at(feedback.progress)
-        self.multipliers.update(feedback, limits)
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
+        if not agent.critics_warm_up:
+            self.multipliers.update(feedback, limits)
         rate, monitor = agent.decay(feedback.progress), KLMonitor(agent, samples)
         rewards = standardised(samples.advantages[0])
         data = (samples.actions, monitor.old_log_prob, rewards)

@@ -55,8 +55,10 @@ class NaturalStep:
         """Take the longest accepted step along `step` [P] within the trust region; return how many were rejected.
 
         Each trial is shorter than the one before. `accepts` is called with log π(a|s) [B] after the step. If all trials
-        are rejected, the policy stays unchanged.
+        are rejected, the policy stays unchanged. While critics warm up, nothing is tried.
         """
+        if self._agent.critics_warm_up:
+            return 0
         for tried in range(self._config.backtracks):
             self._put(self._start + self._config.backtrack_factor**tried * step)
             new = self._agent.policy.distribution_of(self._samples.inputs)

@@ -106,6 +106,10 @@ class P3O:
         """Return raw actions [N, A] sampled from the policy."""
         return self.agent.act(obs, fresh)
 
+    def warm_up_critics(self) -> None:
+        """Let only the critics learn during the next `critic_warmup_steps`."""
+        self.agent.warm_up_critics()
+
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         """Train until the KL exceeds `target_kl` or all passes are done, and return the metrics."""
         config, agent = self.config, self.agent

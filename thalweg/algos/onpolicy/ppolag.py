@@ -53,12 +53,17 @@ class PPOLag:
         """Return raw actions [N, A] sampled from the policy."""
         return self.agent.act(obs, fresh)
 
+    def warm_up_critics(self) -> None:
+        """Let only the critics learn during the next `critic_warmup_steps`."""
+        self.agent.warm_up_critics()
+
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         """Update the multipliers, then train until the KL exceeds `target_kl` or passes run out; return metrics."""
         config, agent = self.config, self.agent
         limits = config.limits_at(feedback.progress)
-        self.multipliers.update(feedback, limits)
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
+        if not agent.critics_warm_up:
+            self.multipliers.update(feedback, limits)
         advantages = combined(
             standardised(samples.advantages[0]),
             cost_advantages(config, samples),

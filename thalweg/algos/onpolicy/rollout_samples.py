@@ -1,7 +1,7 @@
 """Samples with advantages and value targets, from time-major rollouts.
 
-Letters: T steps, N environments, B valid steps among T * N, D numbers seen, K critics; L steps of a sequence, C
-sequences.
+Letters: T steps, N environments, B valid steps among T * N, F final observations, D numbers that the policy sees, E
+those that critics see, K critics, M numbers of a recurrent state, L steps of a sequence.
 """
 
 from collections.abc import Iterator, Sequence
@@ -33,7 +33,9 @@ class Samples:
     """B valid steps of a rollout; K critics."""
 
     inputs: Tensor | Sequences
-    """Inputs of the networks: normalised observations [B, D], or all sequences of the rollout."""
+    """Inputs of the policy: normalised observations [B, D], or all sequences of the rollout."""
+    critic_inputs: Tensor | Sequences
+    """Inputs of the critics [B, E], or sequences; the same object as `inputs` if they see the observation alone."""
     actions: Tensor
     """[B, A], raw."""
     advantages: Tensor
@@ -45,8 +47,13 @@ class Samples:
     rollout_steps: int
     """T."""
 
+    @property
+    def of_critics(self) -> "Samples":
+        """The same samples, with what critics see as `inputs`."""
+        return replace(self, inputs=self.critic_inputs)
+
     def shuffled(self, tensors: Sequence[Tensor], generator: torch.Generator) -> list[Tensor]:
-        """Return observations and the given tensors [B, ...] in one random order."""
+        """Return the inputs and the given tensors [B, ...] in one random order."""
         assert isinstance(self.inputs, Tensor)
         order = torch.randperm(len(self.actions), generator=generator, device=self.actions.device)
         return [tensor[order] for tensor in (self.inputs, *tensors)]
@@ -80,19 +87,22 @@ def samples_of(
     normaliser: Normaliser,
     signals: Sequence[Signal],
     memory: "RolloutMemory | None" = None,
+    critic_normaliser: Normaliser | None = None,
 ) -> Samples:
-    """Return the rollout's valid steps with the advantages of each signal; critic k predicts signal k."""
+    """Return the rollout's valid steps with the advantages of each signal; critic k predicts signal k.
+
+    Critics see `Rollout.critic_obs` beside the observation if there is a normaliser of it.
+    """
     steps, count, size = rollout.obs.shape[0] - 1, rollout.obs.shape[1], rollout.obs.shape[2]
     obs = normaliser(rollout.obs.reshape(-1, size))
-    final = normaliser(rollout.final_obs)
+    seen, final = _seen_by_critics(rollout, obs, normaliser(rollout.final_obs), critic_normaliser)
+    features = seen
     if memory is not None:
-        seen, seen_final = memory.scan(obs.view(steps + 1, count, size), rollout, final)
-    else:
-        seen, seen_final = obs, final
-    values = critics(seen).view(-1, steps + 1, count)
+        features, final = memory.scan(obs, seen, rollout, final)
+    values = critics(features).view(-1, steps + 1, count)
     next_values = values[:, 1:].clone()
     if len(rollout.final_index):
-        next_values.view(len(signals), -1)[:, rollout.final_index] = critics(seen_final)
+        next_values.view(len(signals), -1)[:, rollout.final_index] = critics(final)
     # A step that only resets does not affect earlier advantages, because the step before it ended an episode.
     advantages = torch.stack(
         [
@@ -112,18 +122,36 @@ def samples_of(
     flat_values = values[:, :-1].reshape(len(signals), -1)[:, keep]
     flat_advantages = advantages.reshape(len(signals), -1)[:, keep]
     inputs = obs[: steps * count][keep]
+    critic_inputs = inputs if seen is obs else seen[: steps * count][keep]
     rows = rollout.actions.reshape(steps * count, -1)[keep]
     if memory is not None:
-        inputs, order = memory.sequences(obs.view(steps + 1, count, size)[:-1], rollout)
+        inputs, critic_inputs, order = memory.sequences(obs, seen, rollout)
         rows, flat_advantages, flat_values = rows[order], flat_advantages[:, order], flat_values[:, order]
     return Samples(
         inputs=inputs,
+        critic_inputs=critic_inputs,
         actions=rows,
         advantages=flat_advantages,
         targets=flat_advantages + flat_values,
         values=flat_values,
         rollout_steps=steps,
     )
+
+
+def _seen_by_critics(
+    rollout: Rollout, obs: Tensor, final: Tensor, normaliser: Normaliser | None
+) -> tuple[Tensor, Tensor]:
+    """Return what critics see in each state [(T + 1) * N, E] and in final ones [F, E].
+
+    It is the normalised observation, `obs` and `final`, and after it, with a normaliser, what only critics see.
+    """
+    if normaliser is None:
+        return obs, final
+    told, told_final = rollout.critic_obs, rollout.final_critic_obs
+    assert told is not None, "critics see more than the observation, but the rollout has none of it"
+    told = told.flatten(0, 1)
+    told_final = told[:0] if told_final is None else told_final  # collectors without final observations
+    return torch.cat([obs, normaliser(told)], -1), torch.cat([final, normaliser(told_final)], -1)
 
 
 class RolloutMemory:
@@ -138,23 +166,30 @@ class RolloutMemory:
         self._states: dict[str, Tensor] = {}
         """[T + 1, N, M] after each of its observations."""
 
-    def scan(self, obs: Tensor, rollout: Rollout, final: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the critics' inputs at each step [(T + 1) * N, D + M] and at final observations [F, D + M].
+    def scan(self, obs: Tensor, seen: Tensor, rollout: Rollout, final: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the inputs of the critics' perceptrons at each step [(T + 1) * N, E + M] and at final states
+        [F, E + M].
 
-        `obs` is [T + 1, N, D], `final` is [F, D].
+        Args:
+            obs: [(T + 1) * N, D], what the policy sees.
+            seen: [(T + 1) * N, E], what critics see; both recurrent networks see as much as the perceptrons after them.
+            rollout: The rollout.
+            final: [F, E], what critics see in final states.
         """
-        self._states = {name: gru.states(obs, rollout.fresh, self.starts[name]) for name, gru in self.gru.items()}
+        seen_by = {"actor": obs, "critics": seen}
+        self._states = {
+            name: gru.states(seen_by[name].view(*rollout.fresh.shape, -1), rollout.fresh, self.starts[name])
+            for name, gru in self.gru.items()
+        }
         states = self._states["critics"]
         last = states[:-1].flatten(0, 1)[rollout.final_index]
         after = self.gru["critics"].step(final, last, torch.zeros_like(final[:, 0], dtype=torch.bool))
-        return torch.cat([obs, states], -1).flatten(0, 1), torch.cat([final, after], -1)
+        return torch.cat([seen, states.flatten(0, 1)], -1), torch.cat([final, after], -1)
 
-    def sequences(self, obs: Tensor, rollout: Rollout) -> tuple[Sequences, Tensor]:
-        """Return the sequences of the rollout, and the index [B] of each of their steps among its valid steps.
-
-        `obs` is [T, N, D].
-        """
-        steps, count = obs.shape[:2]
+    def sequences(self, obs: Tensor, seen: Tensor, rollout: Rollout) -> tuple[Sequences, Sequences, Tensor]:
+        """Return the sequences of the policy and of the critics, and the index [B] of each of their steps among the
+        rollout's valid steps; `obs` and `seen` are those of `scan`."""
+        steps, count = rollout.valid.shape
         blocks = -(-steps // self.length)
         missing = blocks * self.length - steps
 
@@ -171,7 +206,10 @@ class RolloutMemory:
             name: torch.stack([self.starts[name], *states[self.length - 1 : steps - 1 : self.length]]).flatten(0, 1)
             for name, states in self._states.items()
         }
-        return Sequences(cut(obs), cut(rollout.fresh[:-1]), starts, keep), rows[keep]
+        along = (steps + 1, count, -1)
+        of_policy = Sequences(cut(obs.view(along)[:-1]), cut(rollout.fresh[:-1]), starts, keep)
+        of_critics = of_policy if seen is obs else replace(of_policy, obs=cut(seen.view(along)[:-1]))
+        return of_policy, of_critics, rows[keep]
 
     def advance(self) -> None:
         """Prepare for the next rollout, whose first observation is the last one of this rollout."""
@@ -205,6 +243,6 @@ def _select_sequences(sequences: Sequences, columns: Tensor, keep: Tensor) -> Se
     )
 
 
-def valid_obs(rollout: Rollout) -> Tensor:
-    """Return raw observations [B, D] of the valid steps."""
-    return rollout.obs[:-1][rollout.valid]
+def of_valid_steps(rollout: Rollout, states: Tensor) -> Tensor:
+    """Return the rows [B, ...] of the valid steps among those of all states [T + 1, N, ...]."""
+    return states[:-1][rollout.valid]

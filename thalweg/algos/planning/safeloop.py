@@ -180,6 +180,9 @@ class SafeLOOP:
         """Return raw actions [N, A]: random for the first `random_steps`, then planned."""
         return self.agent.act(obs, fresh)
 
+    def warm_up_critics(self) -> None:
+        """Do nothing: a planner can't start from another run's policy."""
+
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         """Store the rollout, fit the model, train critics and actor; returns the metrics, empty when none are due."""
         self.agent.learn(rollout)

@@ -110,6 +110,7 @@ _OFF_POLICY: Settings = {
     "cost_floor": False,
     "scale_returns": False,
     "bound_targets": False,
+    "asymmetric_critics": False,
     "normalise_observations": False,
     "initial": "kaiming",
     "adapter": "box_literal",

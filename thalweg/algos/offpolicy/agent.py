@@ -75,6 +75,9 @@ class Agent:
         self.config, self.num_envs = config, task.num_envs
         self.generator = new_generator(task.device, task.seed)
         size, costs = config.frame_stack * task.obs_size, len(config.limits)
+        self.critic_size = task.critic_size if config.asymmetric_critics else 0
+        """C, how many numbers critics see beside the observation."""
+        seen = size + self.critic_size
         self.policy = Policy(
             task.obs_size,
             spec.actions,
@@ -90,7 +93,7 @@ class Agent:
             spec.reward_critics,
             costs,
             config.cost_critics,
-            inputs=size if spec.critic_outputs else size + spec.action_width,
+            inputs=seen if spec.critic_outputs else seen + spec.action_width,
             outputs=spec.critic_outputs or 1,
             shape=config.shape,
             generator=self.generator,
@@ -99,7 +102,11 @@ class Agent:
         self.policy_optimiser = Adam([self.policy.actor.stack.flat], config.learning_rate)
         self.critic_optimiser = Adam([self.critics.stack.flat], config.critic_learning_rate)
         self.multipliers = Multipliers(config, config.limits)
-        self.replay = ReplayBuffer(config.replay_size, size, spec.action_width, costs, task.device)
+        self.replay = ReplayBuffer(
+            config.replay_size, size, spec.action_width, costs, critic_obs=self.critic_size, device=task.device
+        )
+        self.critic_normaliser = Normaliser(self.critic_size, config.normalise_observations, task.device)
+        """Of the C numbers, which are not stacked."""
         self._cost_normaliser = Normaliser(costs, config.normalise_cost, task.device)
         self.scale = ValueScale(config, costs, task.num_envs, task.device)
         discounts = [[config.discount], *[[config.cost_discount]] * costs]
@@ -147,12 +154,14 @@ class Agent:
 
         Raises `NotFiniteError` for NaN or infinity, and `AlgorithmError` for a negative cost with `cost_floor`.
         """
-        steps = valid_transitions(rollout)
+        steps = valid_transitions(rollout, self.critic_size)
         costs = steps.signals[:, 1:]
         negative = costs[costs < 0.0]
         if self.config.cost_floor and len(negative):
             raise AlgorithmError(f"a step cost {negative[0]:g}; with cost_floor none may be negative: set it to false")
         self.policy.normaliser.update(steps.obs)
+        if self.critic_size:
+            self.critic_normaliser.update(steps.critic_obs)
         self._cost_normaliser.update(costs)
         signals = torch.cat([steps.signals[:, :1], self._cost_normaliser(costs)], 1)
         self.replay.add(steps._replace(actions=encode(steps.actions), signals=signals))
@@ -174,7 +183,8 @@ class Agent:
             self.targets.hard_update()  # the policy's weights may have been loaded since the copies were made
         count = int(self._updates_due + ROUNDING)
         self._updates_due -= count
-        for rows in self.replay.batches(count, self.config.minibatch, self.generator, self.policy.normaliser):
+        normalisers = self.policy.normaliser, self.critic_normaliser
+        for rows in self.replay.batches(count, self.config.minibatch, self.generator, *normalisers):
             updates_policy = self.updates_policy
             # The recorded graph depends on what changes its operations: the policy's turn and the multipliers.
             self._graphs.run(lambda rows: step(self.replay.batch(rows)), rows, updates_policy, self.multipliers.values)
@@ -277,6 +287,7 @@ class Agent:
             "normaliser": self.policy.normaliser.state(),
             "costs_seen": self._cost_normaliser.state(),
             "returns_seen": self.scale.state(),
+            "critic_normaliser": self.critic_normaliser.state(),
             "replay": self.replay.state(),
             "generator": generator_state(self.generator),
             "tally": self._metrics.state(),
@@ -298,6 +309,7 @@ class Agent:
         self.policy.normaliser.load_state(state["normaliser"])
         self._cost_normaliser.load_state(state["costs_seen"])
         self.scale.load_state(state["returns_seen"])
+        self.critic_normaliser.load_state(state["critic_normaliser"])
         self.replay.load_state(state["replay"])
         load_generator(self.generator, state["generator"])
         self._metrics.load_state(state["tally"])

@@ -97,8 +97,12 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     initial: Initial = "orthogonal"
     """Initial weights: orthogonal, with a last layer of the policy near zero ("orthogonal"); uniform, as in torch's own
     layers ("kaiming"); or normal, truncated at two standard deviations ("truncated")."""
+    asymmetric_critics: bool = False
+    """Whether critics also see what the environment tells them beyond the observation (`info["critic_obs"]`), such as
+    the privileged state and progress; the policy does not (Pinto et al. 2018)."""
     normalise_observations: bool = True
-    """Whether observations are standardised by running statistics; stored observations by the current ones."""
+    """Whether observations, and what only critics see, are standardised by running statistics; stored ones by the
+    current statistics."""
     adapter: Adapter = "native"
     """Discrete actions as choices ("native"), or as numbers that are rounded ("box_literal", "box_scaled")."""
     frame_stack: PositiveInt = 1

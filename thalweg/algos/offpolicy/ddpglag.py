@@ -59,7 +59,7 @@ class DDPGLag:
         """Take one gradient step of the critics and, if it is due, of the policy."""
         agent = self.agent
         next_values = self._next_values(batch)
-        q_values, backward = agent.critics.stack.forward_and_backward(batch.obs_actions)
+        q_values, backward = agent.critics.stack.forward_and_backward(batch.seen_actions)
         agent.update_critics(q_values, backward, batch, next_values)
         if agent.updates_policy:
             policy_gradient_step(agent, self.action_form, self.config, batch)
@@ -70,8 +70,8 @@ class DDPGLag:
         agent = self.agent
         actor = agent.target_actor if self.config.target_actor else self.policy.actor.stack
         action = self.action_form.greedy(actor(batch.next_obs)[0])
-        obs_actions = torch.cat([batch.next_obs, action], 1)
-        return agent.critics.pessimistic(agent.target_critics(obs_actions).squeeze(-1))
+        seen_actions = torch.cat([batch.next_seen, action], 1)
+        return agent.critics.pessimistic(agent.target_critics(seen_actions).squeeze(-1))
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return warnings, by a short code, about cost limits or multipliers without effect and impossible values."""

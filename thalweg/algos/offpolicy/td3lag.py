@@ -68,7 +68,7 @@ class TD3Lag:
         """Take one gradient step of the critics and, if it is due, of the policy."""
         agent = self.agent
         next_values = self._next_values(batch)
-        q_values, backward = agent.critics.stack.forward_and_backward(batch.obs_actions)
+        q_values, backward = agent.critics.stack.forward_and_backward(batch.seen_actions)
         agent.update_critics(q_values, backward, batch, next_values)
         if agent.updates_policy:
             policy_gradient_step(agent, self.action_form, self.config, batch)
@@ -87,11 +87,11 @@ class TD3Lag:
             clip=config.target_noise_clip,
             temperature=config.target_temperature,
         )
-        obs_actions = torch.cat([batch.next_obs, action], 1)
+        seen_actions = torch.cat([batch.next_seen, action], 1)
         if config.cost_target == "online":
             online = self.action_form.greedy(self.policy.actor(batch.next_obs))
-            obs_actions = agent.critics.inputs_by_signal(obs_actions, torch.cat([batch.next_obs, online], 1))
-        return agent.critics.pessimistic(agent.target_critics(obs_actions).squeeze(-1))
+            seen_actions = agent.critics.inputs_by_signal(seen_actions, torch.cat([batch.next_seen, online], 1))
+        return agent.critics.pessimistic(agent.target_critics(seen_actions).squeeze(-1))
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return warnings, by a short code, about cost limits or multipliers without effect and impossible values."""

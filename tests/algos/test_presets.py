@@ -76,6 +76,7 @@ def test_a_replay_learns_from_as_many_steps_for_each_that_was_taken():
         "steps_per_collection": (64, 96),
         "steps_per_update": (2048, 3072),
         "random_steps": (1000, 1500),
+        "critic_warmup_steps": (5000, 7500),
         "minibatch": (128, 192),
         "updates_per_step": (0.25, 0.25 / 1.5),
     }
@@ -88,7 +89,8 @@ def test_one_environment_more_changes_little():
 
 def test_a_planner_fits_as_often_to_as_many_more_steps():
     found = changes("SafeLOOP", 256)
-    assert {name: wide / usual for name, (usual, wide) in found.items()} == dict.fromkeys(PROPORTIONAL, 4.0)
+    names = [name for name in PROPORTIONAL if name != "critic_warmup_steps"]  # it starts from no policy
+    assert {name: wide / usual for name, (usual, wide) in found.items()} == dict.fromkeys(names, 4.0)
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)

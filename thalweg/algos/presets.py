@@ -18,7 +18,14 @@ PRESETS = ("default", "paper")
 
 REFERENCE_ENVS = 64
 """The defaults hold for at most this many environments."""
-PROPORTIONAL = ("steps_per_update", "steps_per_collection", "random_steps", "refit_steps", "minibatch")
+PROPORTIONAL = (
+    "steps_per_update",
+    "steps_per_collection",
+    "random_steps",
+    "critic_warmup_steps",
+    "refit_steps",
+    "minibatch",
+)
 """Settings that are multiplied by num_envs / REFERENCE_ENVS."""
 INVERSELY_PROPORTIONAL = ("updates_per_step",)
 """Settings that are divided by num_envs / REFERENCE_ENVS."""
@@ -111,6 +118,7 @@ _OFF_POLICY: Settings = {
     "scale_returns": False,
     "bound_targets": False,
     "asymmetric_critics": False,
+    "critic_warmup_steps": 0,
     "normalise_observations": False,
     "initial": "kaiming",
     "adapter": "box_literal",

@@ -21,7 +21,7 @@ SPACES = {
 }
 
 
-def learner_for(name: str, space: Any = SPACES["MultiDiscrete"], critic_size: int = 0, **settings: Any) -> Any:
+def learner_for(name: str, space: Any = SPACES["MultiDiscrete"], critic_size: Any = 0, **settings: Any) -> Any:
     """A small learner; with a `critic_size`, its critics see as many numbers beside the observation."""
     entry = ALGORITHMS[name]
     small: dict[str, Any] = {"steps_per_update": N * T, "minibatch": 32, "hidden": (16, 16), "random_steps": 0}

@@ -71,7 +71,9 @@ def test_without_the_setting_critics_see_the_observation_alone_to_the_bit(name: 
         entry = ALGORITHMS[name]
         config = entry.config(minibatch=16, hidden=(8,), random_steps=0, asymmetric_critics=asymmetric)
         learner: Any = entry.make(config, Task(D, SPACES["Box"], N, 0, {}, critic_size=told))
-        beside = {"critic_obs": torch.ones(T + 1, N, told), "final_critic_obs": torch.ones(0, told)} if told else {}
+        beside: Any = (
+            {"critic_obs": torch.ones(T + 1, N, told), "final_critic_obs": torch.ones(0, told)} if told else {}
+        )
         for seed in range(2):
             learner.update(rollout_of(learner, seed, **beside), FEEDBACK)
         states.append(learner.state())
@@ -82,12 +84,13 @@ def test_without_the_setting_critics_see_the_observation_alone_to_the_bit(name: 
 @pytest.mark.parametrize("frame_stack", [1, 3])
 def test_what_critics_see_is_normalised_by_the_statistics_of_all_valid_steps_and_not_stacked(frame_stack: int):
     learner = learner_for("SACLag", critic_size=C, frame_stack=frame_stack, minibatch=8)
-    told = []
+    told: list[torch.Tensor] = []
     for seed in range(2):
         valid = torch.ones(T, N, dtype=torch.bool)
         valid[3] = False
         rollout = rollout_of(learner, seed, valid=valid)
         learner.update(rollout, FEEDBACK)
+        assert rollout.critic_obs is not None
         told.append(rollout.critic_obs[:-1][valid])
     normaliser, seen = learner.agent.critic_normaliser, torch.cat(told)
     assert normaliser.count == len(seen) == 2 * (T - 1) * N

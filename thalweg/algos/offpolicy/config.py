@@ -58,7 +58,11 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     """When the multipliers are updated: at each report, from the episodes finished since the last one ("report"), or at
     each gradient step, as in OmniSafe, which uses the same mean cost many times ("gradient_step")."""
     random_steps: NonNegativeInt = 1000
-    """Steps with uniformly random actions before the policy acts and learning starts."""
+    """Steps with uniformly random actions before the policy acts and learning starts. With `begin_with` the policy acts
+    in these steps too: random actions would fill the replay buffer with states that it never meets."""
+    critic_warmup_steps: NonNegativeInt = 5000
+    """With `begin_with`: steps after `random_steps` during which only the critics learn; without it they do nothing.
+    Critics that have learnt nothing would move the policy anywhere, and multipliers would act through them."""
     replay_size: PositiveInt = 1_000_000
     """Steps that the replay buffer holds."""
     minibatch: PositiveInt = 128

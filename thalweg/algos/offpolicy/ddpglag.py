@@ -49,6 +49,10 @@ class DDPGLag:
         strength = self.config.exploration_at(self.agent.progress)
         return self.action_form.explore(self.agent.action_parameters(obs), self.agent.generator, strength)
 
+    def warm_up_critics(self) -> None:
+        """Let the policy act from the first step and only the critics learn at first, see `Agent.warm_up_critics`."""
+        self.agent.warm_up_critics()
+
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         """Store the rollout and take the gradient steps that are due; returns the metrics, if a report is due."""
         self.agent.store(rollout, self.action_form.encode)

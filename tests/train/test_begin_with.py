@@ -9,7 +9,7 @@ import pytest
 import torch
 import yaml
 
-from tests.train.small_runs import SMALL, Stop, StopsAt, numbers, train
+from tests.train.small_runs import SMALL, Stop, StopsAt, numbers, small, train
 from thalweg.algos import AlgorithmError
 from thalweg.algos.interface import Feedback
 from thalweg.algos.offpolicy.agent import Agent
@@ -69,7 +69,8 @@ def test_slow_copies_follow_the_policy_that_was_taken_over(algorithm: str, tmp_p
         learn(agent, feedback, looked)
 
     monkeypatch.setattr(Agent, "learn", look)
-    train(tmp_path / "then", algorithm, steps=256, begin_with=tmp_path / "first")
+    config = small(algorithm) | {"critic_warmup_steps": 64}
+    train(tmp_path / "then", algorithm, steps=256, config=config, begin_with=tmp_path / "first")
     assert found == [True]
 
 

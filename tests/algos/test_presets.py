@@ -76,7 +76,7 @@ def test_a_replay_learns_from_as_many_steps_for_each_that_was_taken():
         "steps_per_collection": (64, 96),
         "steps_per_update": (2048, 3072),
         "random_steps": (1000, 1500),
-        "critic_warmup_steps": (5000, 7500),
+        "critic_warmup_steps": (10_000, 15_000),
         "minibatch": (128, 192),
         "updates_per_step": (0.25, 0.25 / 1.5),
     }

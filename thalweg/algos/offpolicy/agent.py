@@ -317,7 +317,6 @@ class Agent:
             "normaliser": self.policy.normaliser.state(),
             "costs_seen": self._cost_normaliser.state(),
             "returns_seen": self.scale.state(),
-            "critic_normaliser": self.critic_normaliser.state(),
             "replay": self.replay.state(),
             "generator": generator_state(self.generator),
             "tally": self._metrics.state(),
@@ -326,7 +325,8 @@ class Agent:
             "progress": self.progress,
             "owed": self._updates_due,
             "reported_at": self._reported_at,
-            "policy_given": self._policy_given,
+            **({"critic_normaliser": self.critic_normaliser.state()} if self.critic_size else {}),
+            **({"policy_given": True} if self._policy_given else {}),
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
@@ -340,14 +340,15 @@ class Agent:
         self.policy.normaliser.load_state(state["normaliser"])
         self._cost_normaliser.load_state(state["costs_seen"])
         self.scale.load_state(state["returns_seen"])
-        self.critic_normaliser.load_state(state["critic_normaliser"])
+        if self.critic_size:
+            self.critic_normaliser.load_state(state["critic_normaliser"])
         self.replay.load_state(state["replay"])
         load_generator(self.generator, state["generator"])
         self._metrics.load_state(state["tally"])
         self.steps, self.gradient_steps = int(state["steps"]), int(state["gradient_steps"])
         self.progress = float(state["progress"])
         self._updates_due, self._reported_at = float(state["owed"]), int(state["reported_at"])
-        self._policy_given = bool(state["policy_given"])
+        self._policy_given = bool(state.get("policy_given", False))
 
     def _warmup_warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return a warning, by a short code, if the run ends before the policy that was given begins to learn."""

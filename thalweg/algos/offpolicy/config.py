@@ -60,9 +60,10 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     random_steps: NonNegativeInt = 1000
     """Steps with uniformly random actions before the policy acts and learning starts. With `begin_with` the policy acts
     in these steps too: random actions would fill the replay buffer with states that it never meets."""
-    critic_warmup_steps: NonNegativeInt = 5000
+    critic_warmup_steps: NonNegativeInt = 10_000
     """With `begin_with`: steps after `random_steps` during which only the critics learn; without it they do nothing.
-    Critics that have learnt nothing would move the policy anywhere, and multipliers would act through them."""
+    Critics that have learnt nothing would move the policy anywhere, and multipliers would act through them. It takes
+    long, because values reach earlier states through slow target networks."""
     replay_size: PositiveInt = 1_000_000
     """Steps that the replay buffer holds."""
     minibatch: PositiveInt = 128

@@ -1,5 +1,6 @@
 """Tests that recorded and replayed gradient steps equal individual ones."""
 
+import dataclasses
 from collections.abc import Iterator
 from functools import partial
 from typing import Any
@@ -15,7 +16,7 @@ from thalweg.algos import ALGORITHMS
 from thalweg.algos.common import cuda_graphs as graphs
 from thalweg.algos.common.cuda_graphs import WARM, CudaGraphs
 from thalweg.algos.common.state import array_of
-from thalweg.algos.interface import Task
+from thalweg.algos.interface import Rollout, Task
 from thalweg.train.rollouts.tensor_collector import TensorCollector
 from thalweg.train.trainer import Trainer
 
@@ -23,9 +24,9 @@ CASES = [
     (name, space, settings)
     for name in ("DDPGLag", "TD3Lag", "SACLag")
     for space, settings in (
-        ("MultiDiscrete", {"cost_limits": (0.5, 1.0)}),
+        ("MultiDiscrete", {"cost_limits": (0.5, 1.0), "asymmetric_critics": True}),
         ("MultiDiscrete", {"adapter": "box_scaled", "cost_limit": 0.5}),
-        ("Box", {"cost_limit": 0.5, "cost_critics": 2}),
+        ("Box", {"cost_limit": 0.5, "cost_critics": 2, "asymmetric_critics": True}),
     )
 ]
 
@@ -38,14 +39,28 @@ def there(monkeypatch: pytest.MonkeyPatch) -> Iterator[Device]:
         yield device
 
 
-def trained(name: str, space: str, settings: dict[str, Any], asked: bool) -> tuple[Any, list[dict[str, float]]]:
-    """The learner at the end, and what it told."""
+class Telling(TensorCollector):
+    """Tells critics two numbers beside the observation."""
+
+    def rollout(self) -> Rollout:
+        found = super().rollout()
+        told = torch.stack([found.obs[..., 0], 10.0 * found.obs[..., 1]], -1)
+        return dataclasses.replace(found, critic_obs=told, final_critic_obs=told.new_zeros(0, 2))
+
+
+def trained(
+    name: str, space: str, settings: dict[str, Any], asked: bool, begun: bool = False
+) -> tuple[Any, list[dict[str, float]]]:
+    """The learner at the end, and what it told; `begun` says that its policy was given."""
     entry = ALGORITHMS[name]
     config = entry.configure(SHORT[name] | {"updates_per_step": 0.5} | settings)
     env = TensorWalk(8, SPACES[space], PRETEND)
-    collector = TensorCollector(env, config.frame_stack, 1)
-    task = Task(collector.obs_size, SPACES[space], 8, 0, {}, PRETEND, graphs=asked)
-    trainer, told = Trainer(collector, entry.make(config, task), 160, seed=0, threads=1), []
+    collector = Telling(env, config.frame_stack, 1)
+    task = Task(collector.obs_size, SPACES[space], 8, 0, {}, PRETEND, graphs=asked, critic_size=2)
+    learner: Any = entry.make(config, task)
+    if begun:
+        learner.warm_up_critics()
+    trainer, told = Trainer(collector, learner, 160, seed=0, threads=1), []
     trainer.start()
     while not trainer.done:
         trainer.step()
@@ -58,14 +73,31 @@ def trained(name: str, space: str, settings: dict[str, Any], asked: bool) -> tup
 @pytest.mark.slow
 def test_recorded_steps_equal_individual_ones(name: str, space: str, settings: dict[str, Any], there: Device):
     one, other = (trained(name, space, settings, asked) for asked in (False, True))
+    assert_equal(one, other)
+    assert len(other[0].agent._graphs._replays) == (2 if name == "TD3Lag" else 1)
+    assert one[0].agent._graphs._replays == {}
+
+
+@pytest.mark.parametrize("name", ["DDPGLag", "TD3Lag", "SACLag"])
+@pytest.mark.slow
+def test_recorded_steps_of_critics_alone_equal_individual_ones(name: str, there: Device):
+    """And then those of the policy too: the multiplier, a number of the recording, stays, and so the recordings."""
+    still = {"critic_warmup_steps": 60, "multiplier_rate": 0.0, "multiplier_gain": 0.0, "cost_limit": 0.5}
+    one, other = (trained(name, "Box", still, asked, begun=True) for asked in (False, True))
+    assert_equal(one, other)
+    taken = other[0].agent._graphs._replays
+    assert {kind for kind, _ in taken} == {(False, True), (True, True)} | (
+        {(False, False)} if name == "TD3Lag" else set()
+    )
+
+
+def assert_equal(one: tuple[Any, list[dict[str, float]]], other: tuple[Any, list[dict[str, float]]]) -> None:
     plain, recorded = (np.array([list(metrics.values()) for metrics in told]) for told in (one[1], other[1]))
     np.testing.assert_array_equal(plain, recorded)
     for stack in ("actor", "critics"):
         mine, theirs = (learner.agent.state()[stack] for learner in (one[0], other[0]))
         for weight, values in mine.items():
             np.testing.assert_array_equal(values, theirs[weight])
-    assert len(other[0].agent._graphs._replays) == (2 if name == "TD3Lag" else 1)
-    assert one[0].agent._graphs._replays == {}
 
 
 def test_a_step_is_recorded_once_per_kind_and_shape_and_again_for_other_numbers(there: Device):

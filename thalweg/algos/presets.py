@@ -119,6 +119,8 @@ _OFF_POLICY: Settings = {
     "cost_floor": False,
     "scale_returns": False,
     "bound_targets": False,
+    "asymmetric_critics": False,
+    "critic_warmup_steps": 0,
     "normalise_observations": False,
     "initial": "kaiming",
     "adapter": "box_literal",

@@ -12,7 +12,7 @@ from thalweg.algos import ALGORITHMS
 from thalweg.algos.interface import Rollout, Task
 from thalweg.algos.offpolicy.replay_buffer import Batch
 
-N, T, D = 4, 32, 5
+N, T, D, C = 4, 32, 5, 3
 NAMES = ("DDPGLag", "TD3Lag", "SACLag")
 SPACES = {
     "MultiDiscrete": gym.spaces.MultiDiscrete([3, 3]),
@@ -21,10 +21,12 @@ SPACES = {
 }
 
 
-def learner_for(name: str, space: Any = SPACES["MultiDiscrete"], seed: Any = 0, **settings: Any) -> Any:
+def learner_for(name: str, space: Any = SPACES["MultiDiscrete"], critic_size: Any = 0, **settings: Any) -> Any:
+    """A small learner; with a `critic_size`, its critics see as many numbers beside the observation."""
     entry = ALGORITHMS[name]
-    small = {"steps_per_update": N * T, "minibatch": 32, "hidden": (16, 16), "random_steps": 0}
-    return entry.make(entry.config(**(small | settings)), Task(D, space, N, 0, {}))
+    small: dict[str, Any] = {"steps_per_update": N * T, "minibatch": 32, "hidden": (16, 16), "random_steps": 0}
+    small["asymmetric_critics"] = critic_size > 0
+    return entry.make(entry.config(**(small | settings)), Task(D, space, N, 0, {}, critic_size=critic_size))
 
 
 def rollout_of(learner: Any, seed: int = 0, steps: int = T, **changes: Any) -> Rollout:
@@ -37,7 +39,9 @@ def rollout_of(learner: Any, seed: int = 0, steps: int = T, **changes: Any) -> R
     kind = learner.policy.actions
     rewarded = kind.options(actions)[..., 0] == 0 if kind.sizes else actions[..., 0] > 0
     costs = (~rewarded).float().unsqueeze(-1).expand(-1, -1, len(learner.config.limits))
-    fields = {"actions": actions, "rewards": rewarded.float(), "costs": costs, "terminated": ends, "fresh": fresh}
+    told = {"critic_obs": torch.randn(steps + 1, N, C, generator=generator), "final_critic_obs": torch.zeros(0, C)}
+    fields = told if learner.agent.critic_size else {}
+    fields |= {"actions": actions, "rewards": rewarded.float(), "costs": costs, "terminated": ends, "fresh": fresh}
     return rollouts.rollout_of(obs, **(fields | changes))
 
 
@@ -52,12 +56,14 @@ def share_of_rewarded(learner: Any) -> float:
 def batch_of(learner: Any, raw: torch.Tensor, seed: int = 0, ends: int = 2) -> Batch:
     """A batch with raw actions [B, A] whose first `ends` steps terminated an episode."""
     generator = torch.Generator().manual_seed(seed)
-    size, seen = len(raw), D * learner.config.frame_stack
+    size, width = len(raw), D * learner.config.frame_stack
     actions = learner.action_form.encode(raw)
-    obs, next_obs = torch.randn(size, seen, generator=generator), torch.randn(size, seen, generator=generator)
+    obs, next_obs = torch.randn(size, width, generator=generator), torch.randn(size, width, generator=generator)
     signals = torch.rand(1 + len(learner.config.limits), size, generator=generator)
     continues = (torch.arange(size) >= ends).float()
-    return Batch(obs, actions, torch.cat([obs, actions], 1), next_obs, signals, continues)
+    told, next_told = torch.randn(2, size, learner.agent.critic_size, generator=generator)
+    seen, next_seen = torch.cat([obs, told], 1), torch.cat([next_obs, next_told], 1)
+    return Batch(obs, seen, actions, torch.cat([seen, actions], 1), next_obs, next_seen, signals, continues)
 
 
 def layer_by_layer(stack: Any, x: torch.Tensor) -> torch.Tensor:

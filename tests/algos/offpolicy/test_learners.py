@@ -8,7 +8,7 @@ import gymnasium as gym
 import pytest
 import torch
 
-from tests.algos.offpolicy.learners import NAMES, SPACES, N, T, learner_for, rollout_of, share_of_rewarded
+from tests.algos.offpolicy.learners import NAMES, SPACES, C, N, T, learner_for, rollout_of, share_of_rewarded
 from tests.algos.rollouts import feedback
 from thalweg.algos import AlgorithmError, NotFiniteError
 from thalweg.algos.policy.actions import actions_of
@@ -34,6 +34,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     },
     "small replay": {"replay_size": 100},
     "delayed": {"policy_delay": 3, "updates_per_step": 0.3},
+    "asymmetric critics": {"critic_size": C, "frame_stack": 2, "replay_size": 200},
 }
 """Settings that change what is learnt or stored."""
 

@@ -8,7 +8,7 @@ import gymnasium as gym
 import pytest
 import torch
 
-from tests.algos.offpolicy.learners import SPACES, batch_of, layer_by_layer, learner_for, perturb, rollout_of
+from tests.algos.offpolicy.learners import SPACES, C, batch_of, layer_by_layer, learner_for, perturb, rollout_of
 from tests.algos.rollouts import feedback
 from thalweg.algos import AlgorithmError
 from thalweg.algos.maths import losses
@@ -35,19 +35,19 @@ def test_alpha_grows_while_the_entropy_is_below_its_target(entropy: float, grows
     assert float(log_alpha.grad) == pytest.approx(entropy - 0.5) and (float(log_alpha.grad) < 0) == grows
 
 
-def river(**settings: Any) -> tuple[Any, Any]:
+def river(critic_size: int = 0, **settings: Any) -> tuple[Any, Any]:
     """A learner with two costs and two critics of each, and a batch of seven states."""
-    learner = learner_for("SACLag", RIVER, cost_limits=(0.1, 0.2), cost_critics=2, **settings)
+    learner = learner_for("SACLag", RIVER, critic_size, cost_limits=(0.1, 0.2), cost_critics=2, **settings)
     perturb(learner)
     return learner, batch_of(learner, learner.policy.actions.uniform(7, learner.agent.generator))
 
 
 def expectations_by_loops(
-    learner: Any, obs: torch.Tensor, stack: Any
+    learner: Any, obs: torch.Tensor, seen: torch.Tensor, stack: Any
 ) -> tuple[list[list[float]], list[float], list[list[float]]]:
     """Expectations of min Q_r, max Q_c1, max Q_c2, the entropy, and those at the most probable action, by 81 terms."""
     logits = layer_by_layer(learner.policy.actor.stack, obs)[0].view(-1, 4, 3)
-    q = layer_by_layer(stack, obs)
+    q = layer_by_layer(stack, seen)
     expected, entropies, modes = [], [], []
     for state in range(len(obs)):
         p = logits[state].softmax(-1)
@@ -65,10 +65,13 @@ def expectations_by_loops(
     return expected, entropies, modes
 
 
+@pytest.mark.parametrize("critic_size", [0, C])
 @pytest.mark.parametrize(("soft_values", "weight"), [(True, 0.3), (False, 0.0)])
-def test_the_next_value_is_the_sum_over_all_81_joint_actions(soft_values: bool, weight: float):
-    learner, batch = river(entropy_in_targets=soft_values)
-    expected, entropies, _ = expectations_by_loops(learner, batch.next_obs, learner.agent.target_critics)
+def test_the_next_value_is_the_sum_over_all_81_joint_actions(soft_values: bool, weight: float, critic_size: int):
+    learner, batch = river(critic_size, entropy_in_targets=soft_values)
+    expected, entropies, _ = expectations_by_loops(
+        learner, batch.next_obs, batch.next_seen, learner.agent.target_critics
+    )
     found = learner.action_form.next_values(learner.agent, batch, ALPHA)
     for state in range(7):
         soft = [expected[state][0] + weight * entropies[state], *expected[state][1:]]
@@ -77,7 +80,7 @@ def test_the_next_value_is_the_sum_over_all_81_joint_actions(soft_values: bool, 
 
 def test_omnisafes_cost_target_uses_the_most_probable_action():
     learner, batch = river(cost_target="mode")
-    expected, _, modes = expectations_by_loops(learner, batch.next_obs, learner.agent.target_critics)
+    expected, _, modes = expectations_by_loops(learner, batch.next_obs, batch.next_seen, learner.agent.target_critics)
     found = learner.action_form.next_values(learner.agent, batch, ALPHA)
     for state in range(7):
         soft = [expected[state][0], *modes[state][1:]]
@@ -87,7 +90,7 @@ def test_omnisafes_cost_target_uses_the_most_probable_action():
 
 def test_the_policys_objective_is_the_sum_over_all_81_joint_actions():
     learner, batch = river()
-    expected, entropies, _ = expectations_by_loops(learner, batch.obs, learner.agent.critics.stack)
+    expected, entropies, _ = expectations_by_loops(learner, batch.obs, batch.seen, learner.agent.critics.stack)
     q_values, _ = learner.action_form.q_values(learner.agent, batch)
     values, entropy, _ = learner.action_form.objective(learner.agent, batch, q_values)
     for state in range(7):
@@ -95,8 +98,9 @@ def test_the_policys_objective_is_the_sum_over_all_81_joint_actions():
     assert entropy.tolist() == pytest.approx(entropies, abs=1e-5)
 
 
-def test_the_policys_gradient_equals_autograd_and_leaves_the_critics_without_one():
-    learner, batch = river()
+@pytest.mark.parametrize("critic_size", [0, C])
+def test_the_policys_gradient_equals_autograd_and_leaves_the_critics_without_one(critic_size: int):
+    learner, batch = river(critic_size)
     actor, critics = learner.policy.actor.stack, learner.agent.critics.stack
     values, entropy, backward = learner.action_form.objective(
         learner.agent, batch, learner.action_form.q_values(learner.agent, batch)[0]
@@ -106,7 +110,7 @@ def test_the_policys_gradient_equals_autograd_and_leaves_the_critics_without_one
     found, actor.flat.grad = actor.flat.grad, None
     assert critics.flat.grad is None and found is not None
     branches = actor.reference(batch.obs)[0].view(-1, 4, 3).log_softmax(-1)
-    q, total = critics.reference(batch.obs).detach(), torch.zeros(())
+    q, total = critics.reference(batch.seen).detach(), torch.zeros(())
     for number, action in enumerate(itertools.product(range(3), repeat=4)):
         log_p = sum(branches[:, branch, option] for branch, option in enumerate(action))
         reward = torch.minimum(q[0, :, number], q[1, :, number])
@@ -146,8 +150,8 @@ def test_only_the_outputs_of_the_batchs_actions_have_a_gradient():
         assert torch.allclose(grads[0][:, state], expected, atol=1e-6)
 
 
-def box(**settings: Any) -> tuple[Any, Any]:
-    learner = learner_for("SACLag", SPACES["Box"], **settings)
+def box(critic_size: int = 0, **settings: Any) -> tuple[Any, Any]:
+    learner = learner_for("SACLag", SPACES["Box"], critic_size, **settings)
     perturb(learner)
     return learner, batch_of(learner, learner.policy.actions.uniform(7, learner.agent.generator))
 
@@ -164,33 +168,36 @@ def sampled(learner: Any, obs: torch.Tensor, seed: int) -> tuple[torch.Tensor, t
     return action, ((normal.cdf(between[0]) - normal.cdf(between[1])) / width).log().sum(-1)
 
 
+@pytest.mark.parametrize("critic_size", [0, C])
 @pytest.mark.parametrize(("soft_values", "weight"), [(True, 0.3), (False, 0.0)])
-def test_a_sampled_next_value_equals_a_numeric_change_of_variables(soft_values: bool, weight: float):
-    learner, batch = box(entropy_in_targets=soft_values)
+def test_a_sampled_next_value_equals_a_numeric_change_of_variables(soft_values: bool, weight: float, critic_size: int):
+    learner, batch = box(critic_size, entropy_in_targets=soft_values)
     action, log_prob = sampled(learner, batch.next_obs, 5)
     learner.agent.generator.manual_seed(5)
     found = learner.action_form.next_values(learner.agent, batch, ALPHA)
-    q = layer_by_layer(learner.agent.target_critics, torch.cat([batch.next_obs, action], 1))[..., 0]
+    q = layer_by_layer(learner.agent.target_critics, torch.cat([batch.next_seen, action], 1))[..., 0]
     expected = torch.stack([torch.minimum(q[0], q[1]) - weight * log_prob, q[2]])
     near = (action.abs() < 0.999).all(-1)  # further out the distribution function has no digits left
     assert near.sum() >= 3 and torch.allclose(found.double()[:, near], expected[:, near], atol=1e-3)
 
 
-def test_omnisafes_cost_target_uses_the_mean_of_continuous_actions():
-    learner, batch = box(cost_target="mode")
+@pytest.mark.parametrize("critic_size", [0, C])
+def test_omnisafes_cost_target_uses_the_mean_of_continuous_actions(critic_size: int):
+    learner, batch = box(critic_size, cost_target="mode")
     mean = layer_by_layer(learner.policy.actor.stack, batch.next_obs)[0][:, :2].tanh()
-    q = layer_by_layer(learner.agent.target_critics, torch.cat([batch.next_obs, mean], 1))[..., 0]
+    q = layer_by_layer(learner.agent.target_critics, torch.cat([batch.next_seen, mean], 1))[..., 0]
     learner.agent.generator.manual_seed(5)
     found = learner.action_form.next_values(learner.agent, batch, ALPHA)
-    usual, _ = box()
+    usual, _ = box(critic_size)
     usual.agent.generator.manual_seed(5)
     other = usual.action_form.next_values(usual.agent, batch, ALPHA)
     assert torch.allclose(found[1].double(), q[2], atol=1e-4) and torch.equal(found[0], other[0])
     assert not torch.allclose(other[1].double(), q[2], atol=1e-2)
 
 
-def test_a_sample_carries_the_gradient_of_the_policy():
-    learner, batch = box()
+@pytest.mark.parametrize("critic_size", [0, C])
+def test_a_sample_carries_the_gradient_of_the_policy(critic_size: int):
+    learner, batch = box(critic_size)
     actor, critics = learner.policy.actor.stack, learner.agent.critics.stack
     learner.agent.generator.manual_seed(5)
     values, entropy, backward = learner.action_form.objective(learner.agent, batch, torch.zeros(3, 7))
@@ -202,7 +209,7 @@ def test_a_sample_carries_the_gradient_of_the_policy():
     before = mean + log_std.clamp(-20.0, 2.0).exp() * noise
     normal = torch.distributions.Normal(mean, log_std.clamp(-20.0, 2.0).exp())
     log_prob = (normal.log_prob(before) - (1 - before.tanh().square()).log()).sum(-1)
-    q = critics.reference(torch.cat([batch.obs, before.tanh()], 1))[..., 0]
+    q = critics.reference(torch.cat([batch.seen, before.tanh()], 1))[..., 0]
     critics.flat.grad = None
     (-(torch.minimum(q[0], q[1]) - 0.3 * log_prob - 2.0 * q[2]) / 3.0).mean().backward()
     assert found is not None and actor.flat.grad is not None

@@ -75,6 +75,9 @@ class Agent:
         self.config, self.num_envs = config, task.num_envs
         self.generator = new_generator(task.device, task.seed)
         size, costs = config.frame_stack * task.obs_size, len(config.limits)
+        self.critic_size = task.critic_size if config.asymmetric_critics else 0
+        """C, how many numbers critics see beside the observation."""
+        seen = size + self.critic_size
         self.policy = Policy(
             task.obs_size,
             spec.actions,
@@ -90,7 +93,7 @@ class Agent:
             spec.reward_critics,
             costs,
             config.cost_critics,
-            inputs=size if spec.critic_outputs else size + spec.action_width,
+            inputs=seen if spec.critic_outputs else seen + spec.action_width,
             outputs=spec.critic_outputs or 1,
             shape=config.shape,
             generator=self.generator,
@@ -99,7 +102,11 @@ class Agent:
         self.policy_optimiser = Adam([self.policy.actor.stack.flat], config.learning_rate)
         self.critic_optimiser = Adam([self.critics.stack.flat], config.critic_learning_rate)
         self.multipliers = Multipliers(config, config.limits)
-        self.replay = ReplayBuffer(config.replay_size, size, spec.action_width, costs, task.device)
+        self.replay = ReplayBuffer(
+            config.replay_size, size, spec.action_width, costs, critic_obs=self.critic_size, device=task.device
+        )
+        self.critic_normaliser = Normaliser(self.critic_size, config.normalise_observations, task.device)
+        """Of the C numbers, which are not stacked."""
         self._cost_normaliser = Normaliser(costs, config.normalise_cost, task.device)
         self.scale = ValueScale(config, costs, task.num_envs, task.device)
         discounts = [[config.discount], *[[config.cost_discount]] * costs]
@@ -117,6 +124,7 @@ class Agent:
         self.steps, self.gradient_steps, self.progress = 0, 0, 0.0
         """`progress`: share of the run at the last call of `learn`."""
         self._updates_due, self._reported_at = 0.0, 0
+        self._policy_given = False
 
     @property
     def rollout_steps(self) -> int:
@@ -135,8 +143,25 @@ class Agent:
 
     @property
     def acts_randomly(self) -> bool:
-        """Whether actions are still uniformly random."""
-        return self.steps < self.config.random_steps
+        """Whether actions are still uniformly random; a policy that was given acts from the first step."""
+        return self.steps < self.config.random_steps and not self._policy_given
+
+    @property
+    def critics_warm_up(self) -> bool:
+        """Whether only the critics and their target networks learn, because the policy was given."""
+        return self.steps < self._warmup_end
+
+    @property
+    def _warmup_end(self) -> int:
+        return self.config.random_steps + self.config.critic_warmup_steps if self._policy_given else 0
+
+    def warm_up_critics(self) -> None:
+        """Let the policy, which was given, act from the first step, and only the critics learn at first.
+
+        After `random_steps` without learning, which fill the replay buffer, the policy, the multipliers and α stay
+        during `critic_warmup_steps`. To be called before the first step; a restored state has its own count.
+        """
+        self._policy_given = True
 
     def action_parameters(self, obs: Tensor) -> Tensor:
         """Return the policy's outputs [N, P] at observations float32 [N, K * D]."""
@@ -147,19 +172,21 @@ class Agent:
 
         Raises `NotFiniteError` for NaN or infinity, and `AlgorithmError` for a negative cost with `cost_floor`.
         """
-        steps = valid_transitions(rollout)
+        steps = valid_transitions(rollout, self.critic_size)
         costs = steps.signals[:, 1:]
         negative = costs[costs < 0.0]
         if self.config.cost_floor and len(negative):
             raise AlgorithmError(f"a step cost {negative[0]:g}; with cost_floor none may be negative: set it to false")
         self.policy.normaliser.update(steps.obs)
+        if self.critic_size:
+            self.critic_normaliser.update(steps.critic_obs)
         self._cost_normaliser.update(costs)
         signals = torch.cat([steps.signals[:, :1], self._cost_normaliser(costs)], 1)
         self.replay.add(steps._replace(actions=encode(steps.actions), signals=signals))
         self.scale.update(rollout, self._cost_normaliser(rollout.costs))
         count = len(steps.obs)
         self.steps += count
-        # Random steps earn no gradient steps, and none are made up for them later.
+        # The first steps earn no gradient steps, and none are made up for them later.
         self._updates_due += self.config.updates_per_step * max(0, min(count, self.steps - self.config.random_steps))
 
     def learn(self, feedback: Feedback, step: Callable[[Batch], None]) -> None:
@@ -174,21 +201,34 @@ class Agent:
             self.targets.hard_update()  # the policy's weights may have been loaded since the copies were made
         count = int(self._updates_due + ROUNDING)
         self._updates_due -= count
-        for rows in self.replay.batches(count, self.config.minibatch, self.generator, self.policy.normaliser):
-            updates_policy = self.updates_policy
+        normalisers = self.policy.normaliser, self.critic_normaliser
+        for rows in self.replay.batches(count, self.config.minibatch, self.generator, *normalisers):
+            updates_policy, updates_targets = self.updates_policy, self._updates_targets
             # The recorded graph depends on what changes its operations: the policy's turn and the multipliers.
-            self._graphs.run(lambda rows: step(self.replay.batch(rows)), rows, updates_policy, self.multipliers.values)
+            kind = updates_policy, updates_targets
+            self._graphs.run(lambda rows: self._take(step, rows), rows, kind, self.multipliers.values)
             self._metrics.count(CRITICS)
             if updates_policy:
                 self._metrics.count(POLICY)
             self.gradient_steps += 1
-            if self.config.multiplier_schedule == "gradient_step":
+            if self.config.multiplier_schedule == "gradient_step" and not self.critics_warm_up:
                 self.multipliers.update(feedback, self.config.limits_at(feedback.progress))
         self._metrics.require_finite()
+
+    def _take(self, step: Callable[[Batch], None], rows: Tensor) -> None:
+        """Take a gradient step on rows of the replay buffer."""
+        step(self.replay.batch(rows))
+        if self._updates_targets and not self.updates_policy:
+            self.targets.soft_update(self.config.target_rate)  # the target policy equals the policy, and stays
 
     @property
     def updates_policy(self) -> bool:
         """Whether the current gradient step updates the policy too."""
+        return self._updates_targets and not self.critics_warm_up
+
+    @property
+    def _updates_targets(self) -> bool:
+        """Whether the current gradient step moves the target networks, with the policy or while it waits."""
         return (self.gradient_steps + 1) % self.config.policy_delay == 0
 
     @torch.no_grad()
@@ -240,7 +280,7 @@ class Agent:
         if self.steps - self._reported_at < self.config.steps_per_update and feedback.steps_left:
             return {}
         self._reported_at = self.steps
-        if self.config.multiplier_schedule == "report" and self.gradient_steps:
+        if self.config.multiplier_schedule == "report" and self.gradient_steps and not self.critics_warm_up:
             self.multipliers.update(feedback, self.config.limits_at(feedback.progress))
         means = self._metrics.report()
         self._last_values = [means[name] for name in self._value_names]
@@ -257,13 +297,13 @@ class Agent:
         )
 
     def warnings(self, feedback: Feedback, above: float = 0.0) -> dict[str, str]:
-        """Return warnings, by a short code, about cost limits or multipliers without effect and impossible values.
+        """Return warnings, by a short code, about limits, multipliers and steps without effect and impossible values.
 
         `above`, in the critics' units, is what values of the reward contain at most beside rewards.
         """
         too_slow = self.multipliers.warnings(feedback, self._multiplier_updates_left(feedback))
         impossible = self.scale.warnings(self._last_values, feedback, above * float(self.scale.units[0, 0]))
-        return limit_warnings(self.config, feedback) | too_slow | impossible
+        return limit_warnings(self.config, feedback) | too_slow | impossible | self._warmup_warnings(feedback)
 
     def state(self) -> dict[str, Any]:
         """Return everything that resuming needs, as nested dictionaries of arrays and plain data."""
@@ -285,6 +325,8 @@ class Agent:
             "progress": self.progress,
             "owed": self._updates_due,
             "reported_at": self._reported_at,
+            **({"critic_normaliser": self.critic_normaliser.state()} if self.critic_size else {}),
+            **({"policy_given": True} if self._policy_given else {}),
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
@@ -298,16 +340,31 @@ class Agent:
         self.policy.normaliser.load_state(state["normaliser"])
         self._cost_normaliser.load_state(state["costs_seen"])
         self.scale.load_state(state["returns_seen"])
+        if self.critic_size:
+            self.critic_normaliser.load_state(state["critic_normaliser"])
         self.replay.load_state(state["replay"])
         load_generator(self.generator, state["generator"])
         self._metrics.load_state(state["tally"])
         self.steps, self.gradient_steps = int(state["steps"]), int(state["gradient_steps"])
         self.progress = float(state["progress"])
         self._updates_due, self._reported_at = float(state["owed"]), int(state["reported_at"])
+        self._policy_given = bool(state.get("policy_given", False))
+
+    def _warmup_warnings(self, feedback: Feedback) -> dict[str, str]:
+        """Return a warning, by a short code, if the run ends before the policy that was given begins to learn."""
+        end, last = self._warmup_end, self.steps + feedback.steps_left
+        if not self._policy_given or end < last:
+            return {}
+        sentence = (
+            f"the critics warm up for the first {end:,} steps (random_steps + critic_warmup_steps), but the run has"
+            f" {last:,}: the policy stays what it began with; take more steps, or lower critic_warmup_steps"
+        )
+        return {"policy_never_learns": sentence}
 
     def _multiplier_updates_left(self, feedback: Feedback) -> int:
         """Return the number of updates of the multipliers in the rest of the run."""
-        steps = max(feedback.steps_left - max(self.config.random_steps - self.steps, 0), 0)
+        first = max(self.config.random_steps, self._warmup_end)
+        steps = max(feedback.steps_left - max(first - self.steps, 0), 0)
         if self.config.multiplier_schedule == "gradient_step":
             return int(steps * self.config.updates_per_step)
         return math.ceil(steps / self.config.steps_per_update)

@@ -58,7 +58,12 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     """When the multipliers are updated: at each report, from the episodes finished since the last one ("report"), or at
     each gradient step, as in OmniSafe, which uses the same mean cost many times ("gradient_step")."""
     random_steps: NonNegativeInt = 1000
-    """Steps with uniformly random actions before the policy acts and learning starts."""
+    """Steps with uniformly random actions before the policy acts and learning starts. With `begin_with` the policy acts
+    in these steps too: random actions would fill the replay buffer with states that it never meets."""
+    critic_warmup_steps: NonNegativeInt = 10_000
+    """With `begin_with`: steps after `random_steps` during which only the critics learn; without it they do nothing.
+    Critics that have learnt nothing would move the policy anywhere, and multipliers would act through them. It takes
+    long, because values reach earlier states through slow target networks."""
     replay_size: PositiveInt = 1_000_000
     """Steps that the replay buffer holds."""
     minibatch: PositiveInt = 128
@@ -97,8 +102,12 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     initial: Initial = "orthogonal"
     """Initial weights: orthogonal, with a last layer of the policy near zero ("orthogonal"); uniform, as in torch's own
     layers ("kaiming"); or normal, truncated at two standard deviations ("truncated")."""
+    asymmetric_critics: bool = False
+    """Whether critics also see what the environment tells them beyond the observation (`info["critic_obs"]`), such as
+    the privileged state and progress; the policy does not (Pinto et al. 2018)."""
     normalise_observations: bool = True
-    """Whether observations are standardised by running statistics; stored observations by the current ones."""
+    """Whether observations, and what only critics see, are standardised by running statistics; stored ones by the
+    current statistics."""
     adapter: Adapter = "native"
     """Discrete actions as choices ("native"), or as numbers that are rounded ("box_literal", "box_scaled")."""
     frame_stack: PositiveInt = 1

@@ -49,6 +49,10 @@ class DDPGLag:
         strength = self.config.exploration_at(self.agent.progress)
         return self.action_form.explore(self.agent.action_parameters(obs), self.agent.generator, strength)
 
+    def warm_up_critics(self) -> None:
+        """Let the policy act from the first step and only the critics learn at first, see `Agent.warm_up_critics`."""
+        self.agent.warm_up_critics()
+
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         """Store the rollout and take the gradient steps that are due; returns the metrics, if a report is due."""
         self.agent.store(rollout, self.action_form.encode)
@@ -59,7 +63,7 @@ class DDPGLag:
         """Take one gradient step of the critics and, if it is due, of the policy."""
         agent = self.agent
         next_values = self._next_values(batch)
-        q_values, backward = agent.critics.stack.forward_and_backward(batch.obs_actions)
+        q_values, backward = agent.critics.stack.forward_and_backward(batch.seen_actions)
         agent.update_critics(q_values, backward, batch, next_values)
         if agent.updates_policy:
             policy_gradient_step(agent, self.action_form, self.config, batch)
@@ -70,8 +74,8 @@ class DDPGLag:
         agent = self.agent
         actor = agent.target_actor if self.config.target_actor else self.policy.actor.stack
         action = self.action_form.greedy(actor(batch.next_obs)[0])
-        obs_actions = torch.cat([batch.next_obs, action], 1)
-        return agent.critics.pessimistic(agent.target_critics(obs_actions).squeeze(-1))
+        seen_actions = torch.cat([batch.next_seen, action], 1)
+        return agent.critics.pessimistic(agent.target_critics(seen_actions).squeeze(-1))
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return warnings, by a short code, about cost limits or multipliers without effect and impossible values."""

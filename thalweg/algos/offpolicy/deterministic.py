@@ -225,11 +225,11 @@ def policy_gradient_step(agent: Agent, action_form: ActionForm, config: Determin
     outputs, actor_backward = agent.policy.actor.forward_and_backward(batch.obs)
     action, action_backward = action_form.rsample_and_backward(outputs, agent.generator)
     values, critics_backward = critics.stack.forward_and_input_backward(
-        torch.cat([batch.obs, action], 1), critics.one_per_signal
+        torch.cat([batch.seen, action], 1), critics.one_per_signal
     )
     value_grads, output_grads = policy_grads(config, values[..., 0], outputs, multipliers)
-    # The critics' inputs are observations and actions; only the actions' gradient concerns the policy.
-    action_grads = critics_backward(value_grads.unsqueeze(-1))[:, batch.obs.shape[1] :]
+    # The critics' inputs are what they see and actions; only the actions' gradient concerns the policy.
+    action_grads = critics_backward(value_grads.unsqueeze(-1))[:, batch.seen.shape[1] :]
     actor_backward(action_backward(action_grads) + output_grads)
     agent.update_policy(policy_loss(config, values[..., 0], outputs, multipliers))
 

@@ -85,7 +85,7 @@ class DiscreteActions:
 
     def q_values(self, agent: Agent, batch: Batch) -> tuple[Tensor, Callable[[Tensor], None]]:
         """Return Q(s, a) of every joint action [K, B, J], and the critics' backward function."""
-        return agent.critics.stack.forward_and_backward(batch.obs)
+        return agent.critics.stack.forward_and_backward(batch.seen)
 
     def chosen(self, batch: Batch) -> Tensor:
         """Return the number [B] of the joint action in each step of the batch."""
@@ -94,7 +94,7 @@ class DiscreteActions:
     @torch.no_grad()
     def next_values(self, agent: Agent, batch: Batch, alpha: Tensor) -> Tensor:
         """Return V(s') [1 + M, B]: Σ_a π(a|s') (min Q'_r - α log π), and Σ_a π(a|s') Q'_ci."""
-        log_p, values = self._log_p(agent.policy.actor(batch.next_obs)), agent.target_critics(batch.next_obs)
+        log_p, values = self._log_p(agent.policy.actor(batch.next_obs)), agent.target_critics(batch.next_seen)
         values = agent.critics.pessimistic(values)
         expected = torch.stack([joint_actions.expectation(log_p, each) for each in values])
         if self.config.entropy_in_targets:
@@ -135,7 +135,7 @@ class ContinuousActions:
 
     def q_values(self, agent: Agent, batch: Batch) -> tuple[Tensor, Callable[[Tensor], None]]:
         """Return Q(s, a) [K, B, 1] of the batch's actions, and the critics' backward function."""
-        return agent.critics.stack.forward_and_backward(batch.obs_actions)
+        return agent.critics.stack.forward_and_backward(batch.seen_actions)
 
     def chosen(self, batch: Batch) -> None:
         """Return None: each critic has a single output."""
@@ -145,11 +145,11 @@ class ContinuousActions:
         """Return V(s') [1 + M, B]: min Q'_r(s', a') - α log π(a'|s'), and Q'_ci(s', a'), for a sampled action a'."""
         policy = _squashed(agent.policy.actor(batch.next_obs))
         sample, log_prob = policy.rsample(agent.generator)
-        obs_actions = torch.cat([batch.next_obs, self.encode(sample)], 1)
+        seen_actions = torch.cat([batch.next_seen, self.encode(sample)], 1)
         if self.config.cost_target == "mode":
-            mode = torch.cat([batch.next_obs, self.encode(policy.mode())], 1)
-            obs_actions = agent.critics.inputs_by_signal(obs_actions, mode)
-        values = agent.critics.pessimistic(agent.target_critics(obs_actions).squeeze(-1))
+            mode = torch.cat([batch.next_seen, self.encode(policy.mode())], 1)
+            seen_actions = agent.critics.inputs_by_signal(seen_actions, mode)
+        values = agent.critics.pessimistic(agent.target_critics(seen_actions).squeeze(-1))
         if self.config.entropy_in_targets:
             values[0] -= alpha * log_prob
         return values
@@ -162,14 +162,15 @@ class ContinuousActions:
         with torch.no_grad():
             outputs, actor_backward = agent.policy.actor.forward_and_backward(batch.obs)
             sample, log_prob, sample_backward = _squashed(outputs).rsample_and_backward(agent.generator)
-            values, critics_backward = agent.critics.stack.forward_and_input_backward(torch.cat([batch.obs, sample], 1))
+            seen_sample = torch.cat([batch.seen, sample], 1)
+            values, critics_backward = agent.critics.stack.forward_and_input_backward(seen_sample)
         for leaf in (values, log_prob):
             leaf.requires_grad_()
 
         @torch.no_grad()
         def backward() -> None:
-            # The critics' inputs are observations and actions; only the actions' gradient concerns the policy.
-            sample_grads = critics_backward(_grad(values))[:, batch.obs.shape[1] :]
+            # The critics' inputs are what they see and actions; only the actions' gradient concerns the policy.
+            sample_grads = critics_backward(_grad(values))[:, batch.seen.shape[1] :]
             actor_backward(sample_backward(sample_grads, _grad(log_prob)))
 
         return agent.critics.pessimistic(values.squeeze(-1)), -log_prob, backward
@@ -213,6 +214,10 @@ class SACLag:
         if self.agent.acts_randomly:
             return self.policy.actions.uniform(len(obs), self.agent.generator)
         return self.policy.actions.distribution(self.agent.action_parameters(obs)).sample(self.agent.generator)
+
+    def warm_up_critics(self) -> None:
+        """Let the policy act from the first step and only the critics learn at first, see `Agent.warm_up_critics`."""
+        self.agent.warm_up_critics()
 
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         """Store the rollout and take the gradient steps that are due; returns the metrics, if a report is due."""

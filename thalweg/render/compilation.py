@@ -13,7 +13,8 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from thalweg.core.compute.jit import config, kernel_cache_dir
+from thalweg.core.compute.jit import kernel_cache_dir
+from thalweg.core.compute.kernel_compiler import config
 from thalweg.render.batch import FRAMES, draw_jobs, shared_planes
 from thalweg.render.records.appearance import LOOK_COLUMNS
 from thalweg.render.records.scene import blank_scene

@@ -33,7 +33,7 @@ from thalweg.render.kernels.shading.background import SEEN
 from thalweg.render.kernels.shading.shore import covered_share, water_shares
 from thalweg.render.kernels.terrain import azimuth_planes, heightfield_march
 from thalweg.render.kernels.terrain.heightfield_march import SQUARE, TILE, TangentPlanes, Track
-from thalweg.render.kernels.terrain.primary_hits import MISS
+from thalweg.render.kernels.terrain.primary_hits import MISS, class_of
 from thalweg.render.records import classes, layout
 from thalweg.render.records.view import COLOURS, MASK, View
 
@@ -124,12 +124,9 @@ def primary_hit(scene, view, tile_r, tile_c, r, c, reduced, nearness, rays, dept
         met = hit_by_march(scene, view, tile_r, tile_c, r, c, reduced, rays, depth)
     wet = cuda.local.array(1, float32)
     heightfield_march.water_depths(scene, view.world, origin, rays, depth, wet, 1)
-    kind = int32(classes.SKY)
-    if met:
-        kind = int32(classes.WATER) if wet[0] > f32(0) else int32(classes.GROUND)
-    else:
+    if not met:
         depth[0] = f32(MISS)
-    return kind
+    return int32(class_of(met, wet[0]))
 
 
 @kernel(inlined=True)

@@ -162,6 +162,14 @@ def hold_back(waiting, count, r, c, rays, t):
     return count + 1
 
 
+@kernel(inlined=True, allocates=False)
+def class_of(met, water):
+    """Class of what a ray meets, from the depth of the water there; the sky's if it meets nothing."""
+    # The upper surface is water wherever the water is deeper than zero, so no second search is needed.
+    surface = np.uint8(WATER) if water > f32(0) else np.uint8(GROUND)
+    return surface if met else np.uint8(SKY)
+
+
 @kernel(allocates=False)
 def march_doubtful(scene, world, origin, waiting, count, depth, kind, water):
     """March the first `count` pixels that wait, and write what they meet to depth, kind and water [R, W']."""
@@ -173,8 +181,7 @@ def march_doubtful(scene, world, origin, waiting, count, depth, kind, water):
         c = waiting.column[k]
         depth[r, c] = t[k] if hit[k] > f32(0) else f32(MISS)
         water[r, c] = wet[k]
-        surface = np.uint8(WATER) if wet[k] > f32(0) else np.uint8(GROUND)
-        kind[r, c] = surface if hit[k] > f32(0) else np.uint8(SKY)
+        kind[r, c] = class_of(hit[k] > f32(0), wet[k])
 
 
 @kernel(disjoint=True, allocates=False)
@@ -192,9 +199,7 @@ def classify_row(t, water, depth, kind, n):
     for c in range(n):
         met = t[c] < f32(FAR_M)
         depth[c] = t[c] if met else f32(MISS)
-        # The upper surface is water wherever the water is deeper than zero, so no second search is needed.
-        surface = np.uint8(WATER) if water[c] > f32(0) else np.uint8(GROUND)
-        kind[c] = surface if met else np.uint8(SKY)
+        kind[c] = class_of(met, water[c])
 
 
 class MarchScratch(NamedTuple):
@@ -271,9 +276,7 @@ def march_rows(scene, view, top, reduced, work, depth, kind, water):
         heightfield_march.water_depths(scene, view.world, origin, rays, t, water[r], wide)
         for c in range(wide):
             depth[r, c] = t[c] if hit[c] > f32(0) else f32(MISS)
-            # The upper surface is water wherever the water is deeper than zero, so no second march is needed.
-            surface = np.uint8(WATER) if water[r, c] > f32(0) else np.uint8(GROUND)
-            kind[r, c] = surface if hit[c] > f32(0) else np.uint8(SKY)
+            kind[r, c] = class_of(hit[c] > f32(0), water[r, c])
 
 
 @kernel(disjoint=True, allocates=False)

@@ -227,10 +227,10 @@ def touch_surface(scene, world, origin, rays, t, planes, n):
     top = top_map(scene, world)
     for i in range(n):
         # The plane through the surface at the point, written as a height under the camera.
-        height, across, along = sloped(top, origin.x + dx[i] * t[i], origin.y + dy[i] * t[i])
-        slope_x[i] = across
-        slope_y[i] = along
-        gap[i] = origin.z - height + (across * dx[i] + along * dy[i]) * t[i]
+        height, rise_x, rise_y = sloped(top, origin.x + dx[i] * t[i], origin.y + dy[i] * t[i])
+        slope_x[i] = rise_x
+        slope_y[i] = rise_y
+        gap[i] = origin.z - height + (rise_x * dx[i] + rise_y * dy[i]) * t[i]
 
 
 @kernel(disjoint=True, allocates=False)

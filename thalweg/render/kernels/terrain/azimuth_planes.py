@@ -328,8 +328,8 @@ def settle_row(scene, view, origin, fan, row, column, rays, nearness, t, doubt, 
         middle, nearer, apart = between_planes(fan, nearness, first + f32(column + c) * per_column)
         ti = inverse / max(middle, f32(NEARNESS_LEAST))
         # Newton: the height above the surface, by the rate at which the ray sinks towards it.
-        height, across, along = sloped(top, origin.x + dx[c] * ti, origin.y + dy[c] * ti)
-        rate = across * dx[c] + along * dy[c] - dz[c]
+        height, slope_x, slope_y = sloped(top, origin.x + dx[c] * ti, origin.y + dy[c] * ti)
+        rate = slope_x * dx[c] + slope_y * dy[c] - dz[c]
         move = (origin.z + dz[c] * ti - height) / max(rate, f32(1e-3))
         room = f32(SETTLE_M) + f32(SETTLE_SHARE) * ti
         unsure = ((apart > f32(APART) * middle) | (abs(move) > room)) & (nearer > f32(0))

@@ -11,10 +11,9 @@ from thalweg.core.compute.jit import kernel
 from thalweg.core.compute.threads import run_in_threads
 from thalweg.render.kernels.camera_rays import pose_camera
 from thalweg.render.kernels.frame import draw_rows, empty_planes, finish_frame
-from thalweg.render.kernels.layers import colourless_planes
 from thalweg.render.kernels.shading.background import ROWS_TOGETHER
 from thalweg.render.records.scene import Scene
-from thalweg.render.records.view import COLOURS, FrameSettings, Output, Planes, View, Views
+from thalweg.render.records.view import FrameSettings, Output, Planes, View, Views
 
 f32 = np.float32
 
@@ -38,14 +37,8 @@ def draw(scene: Scene, views: Views, settings: FrameSettings, output: Output, ba
 
 
 def shared_planes(count: int, height: int, width: int, drawn: int) -> Planes:
-    """The planes of `planes_for` for each of `count` frames, [count, H', W']."""
-    return Planes(*(np.repeat(plane[None], count, axis=0) for plane in planes_for(height, width, drawn)))
-
-
-@kernel
-def planes_for(height, width, drawn):
-    """Fresh `Planes` of a frame of which `drawn` is asked for (see `Output`)."""
-    return empty_planes(height, width) if drawn == COLOURS else colourless_planes(height, width)
+    """The planes of `frame.empty_planes` for each of `count` frames, [count, H', W']."""
+    return Planes(*(np.repeat(plane[None], count, axis=0) for plane in empty_planes(height, width, drawn)))
 
 
 @kernel(inlined=True)
@@ -76,7 +69,7 @@ def draw_jobs(scene, views, settings, output, bands, planes, stage, first, last)
         camera = pose_camera(views.poses[n], look, settings)
         view = View(views.world_index[n], look, camera, f32(views.times[n]))
         if stage == FRAMES:
-            frame_planes = planes_for(settings.height, settings.width, output.drawn)
+            frame_planes = empty_planes(settings.height, settings.width, output.drawn)
         else:
             frame_planes = planes_of(planes, n)
         if stage != FINISH:

@@ -23,7 +23,7 @@ def test_antialiased_edges_of_bridges_are_nearer_to_the_reference_and_feet_stay_
     renderer = Renderer([world], camera)
     look = look_rows(look_values(None, 1), camera)[0]
     view = View(0, look, posed(pose, look, camera), np.float32(0))
-    planes = empty_planes(height, 64)
+    planes = empty_planes(height, 64, COLOURS)
     draw_rows(renderer.scene, view, False, COLOURS, 0, height, planes)
     planes = Planes(*(np.ascontiguousarray(plane[:height]) for plane in planes))
     hard = np.stack([planes.red, planes.green, planes.blue], axis=-1)
@@ -62,7 +62,7 @@ def test_testing_neighbours_first_leaves_out_no_pixel(pose):
     renderer = Renderer([plane(bridges=ARCH, water_level=-0.1)], camera)
     look = look_rows(look_values(None, 1), camera)[0]
     view = View(0, look, posed(np.array(pose), look, camera), np.float32(0))
-    planes = empty_planes(height, width)
+    planes = empty_planes(height, width, COLOURS)
     draw_rows(renderer.scene, view, False, COLOURS, 0, height, planes)
     planes = Planes(*(np.ascontiguousarray(plane[:height]) for plane in planes))
     # Half of the pixels lie behind leaves, some of which hide an edge altogether.

@@ -43,7 +43,7 @@ class Reflection:
         # Python turns its numbers into doubles; the renderer uses single precision.
         *numbers, height, width = pose_camera(pose, look, settings)
         self.view = View(0, look, PosedCamera._make((*(f32(number) for number in numbers), height, width)), f32(0))
-        self.planes = Planes(*frame.empty_planes(camera.height_px, camera.width_px))
+        self.planes = Planes(*frame.empty_planes(camera.height_px, camera.width_px, COLOURS))
         find_primary_hits(self.scene, self.view, 0, False, self.planes.depth, self.planes.kind, self.planes.water)
         frame.draw_bridges(self.scene, self.view, 0, COLOURS, self.planes.depth, self.planes.kind)
         draw_plants(self.scene, self.view, 0, False, self.planes)

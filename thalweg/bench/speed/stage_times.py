@@ -62,7 +62,7 @@ def time_frames(scene, views, settings, images, spent):
         camera = pose_camera(views.poses[n], look, settings)
         view = View(views.world_index[n], look, camera, f32(views.times[n]))
         start = ticks()
-        planes = frame.empty_planes(settings.height, settings.width)
+        planes = frame.empty_planes(settings.height, settings.width, COLOURS)
         time_stages(scene, view, settings, planes, images[n], spent[n])
         spent[n, len(TIMED_STAGES)] = ticks() - start
 

@@ -14,36 +14,37 @@ from thalweg.render.kernels import bridge_stone, bridges
 from thalweg.render.kernels.bridge_edges import soften_edges
 from thalweg.render.kernels.camera_rays import Radiance, row_step
 from thalweg.render.kernels.layers import draw_layers
-from thalweg.render.kernels.plants.billboard import BLOCK
 from thalweg.render.kernels.plants.draw import draw_plants
 from thalweg.render.kernels.shading import tone
 from thalweg.render.kernels.shading.background import shade
 from thalweg.render.kernels.terrain.primary_hits import MISS, find_primary_hits
 from thalweg.render.records import layout
 from thalweg.render.records.classes import BRIDGE, PLANT, WATER
-from thalweg.render.records.view import COLOURS, MASK, Planes
+from thalweg.render.records.view import COLOURS, LANES, MASK, Planes
 
 f32 = np.float32
 
 
 @kernel
-def empty_planes(height, width):
-    """Fresh `Planes` of a frame, each [H', W'].
+def empty_planes(height, width, drawn):
+    """Fresh `Planes` of a frame of which `drawn` is asked for (see `Output`).
 
-    W' is the width rounded up to whole blocks of plants, H' the height rounded up to an even number of rows.
+    Each is [H', W'], but those of radiance are [0, 0] where no colours are asked for.
+
+    H' is the height rounded up to an even number of rows, W' the width rounded up to a multiple of `LANES`.
     """
-    # Rows are drawn by twos in the reduced quality, and plants by blocks: no loop has to test for an edge.
-    height += height % 2
-    wide = (width + BLOCK - 1) // BLOCK * BLOCK
+    # Rows are drawn by twos in the reduced quality, pixels by tiles and by vectors: no loop has to test for an edge.
+    shape = height + height % 2, (width + LANES - 1) // LANES * LANES
+    coloured = shape if drawn == COLOURS else (0, 0)
     return Planes(
-        np.empty((height, wide), np.float32),
-        np.empty((height, wide), np.uint8),
-        np.empty((height, wide), np.float32),
-        np.empty((height, wide), np.float32),
-        np.empty((height, wide), np.float32),
-        np.empty((height, wide), np.float32),
-        np.empty((height, wide), np.float32),
-        np.empty((height, wide), np.float32),
+        np.empty(shape, np.float32),
+        np.empty(shape, np.uint8),
+        np.empty(coloured, np.float32),
+        np.empty(coloured, np.float32),
+        np.empty(coloured, np.float32),
+        np.empty(shape, np.float32),
+        np.empty(shape, np.float32),
+        np.empty(shape, np.float32),
     )
 
 

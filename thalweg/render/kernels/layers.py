@@ -3,31 +3,12 @@
 import numpy as np
 
 from thalweg.core.compute.jit import kernel
-from thalweg.render.kernels.plants.billboard import BLOCK
 from thalweg.render.kernels.plants.draw import draw_in_order, empty_scratch
 from thalweg.render.kernels.plants.reduced_billboard import ROWS
 from thalweg.render.kernels.plants.tiles import empty_cover, load_depths, store_tiles
 from thalweg.render.records.classes import WATER
-from thalweg.render.records.view import Planes
 
 f32 = np.float32
-
-
-@kernel
-def colourless_planes(height, width):
-    """Fresh `Planes` of a frame as those of `frame.empty_planes`, but with no pixels of radiance."""
-    height += height % 2
-    wide = (width + BLOCK - 1) // BLOCK * BLOCK
-    return Planes(
-        np.empty((height, wide), np.float32),
-        np.empty((height, wide), np.uint8),
-        np.empty((0, 0), np.float32),
-        np.empty((0, 0), np.float32),
-        np.empty((0, 0), np.float32),
-        np.empty((height, wide), np.float32),
-        np.empty((height, wide), np.float32),
-        np.empty((height, wide), np.float32),
-    )
 
 
 @kernel

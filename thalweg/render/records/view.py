@@ -7,6 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+LANES = 16
+"""Single-precision numbers of the widest vector. Rows and lists are filled up to a multiple of this, so that loops over
+them end on whole vectors."""
 COLOURS, LAYERS, MASK = range(3)
 """What is drawn of a frame: its colours and its mask; depth, class and mask; or the mask alone."""
 

@@ -7,11 +7,11 @@ from tests.render.frames import posed
 from tests.render.plain import plane, plants_at
 from thalweg.render import Camera, Look, Renderer
 from thalweg.render.kernels.frame import empty_planes
-from thalweg.render.kernels.layers import colourless_planes, draw_layers
+from thalweg.render.kernels.layers import draw_layers
 from thalweg.render.kernels.plants.draw import draw_plants
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.classes import GROUND, WATER
-from thalweg.render.records.view import Planes, View
+from thalweg.render.records.view import COLOURS, MASK, Planes, View
 
 CAMERA = Camera(64, 64)
 ROW = 30
@@ -28,7 +28,7 @@ def wood(kind: int) -> tuple:
 
 
 def drawn(scene, view, reduced: bool) -> Planes:
-    planes = Planes(*empty_planes(64, 64))
+    planes = Planes(*empty_planes(64, 64, COLOURS))
     planes.depth[:] = 60.0
     draw_plants(scene, view, 0, reduced, planes)
     return planes
@@ -36,7 +36,7 @@ def drawn(scene, view, reduced: bool) -> Planes:
 
 def covered(scene, view, reduced: bool, behind: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Light and depth of the plants before water at depths `behind`; 0 where there is none."""
-    planes = Planes(*colourless_planes(64, 64))
+    planes = Planes(*empty_planes(64, 64, MASK))
     planes.depth[:], planes.kind[:] = behind, np.where(behind > 0, WATER, GROUND)
     draw_layers(scene, view, 0, reduced, True, planes)
     return planes.transmittance, planes.plant_depth

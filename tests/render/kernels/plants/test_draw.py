@@ -14,7 +14,7 @@ from thalweg.render.kernels.plants.draw import draw_plants
 from thalweg.render.records import layout
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.classes import PLANT
-from thalweg.render.records.view import FrameSettings, Planes, PosedCamera, View
+from thalweg.render.records.view import COLOURS, FrameSettings, Planes, PosedCamera, View
 from thalweg.render.reference import frame as reference
 from thalweg.render.reference import plants as reference_plants
 from thalweg.world.species import KINDS
@@ -68,7 +68,7 @@ def drawn_plants(scene, pose, reduced: bool) -> Planes:
     settings = FrameSettings(camera.height_px, camera.width_px, np.float32(camera.near_m), reduced)
     *numbers, height, width = pose_camera(np.array(pose), look, settings)
     posed = PosedCamera._make((*(np.float32(number) for number in numbers), height, width))
-    planes = Planes(*empty_planes(height, width))
+    planes = Planes(*empty_planes(height, width, COLOURS))
     planes.depth[...] = 40.0
     draw_plants(scene, View(0, look, posed, np.float32(0)), 0, reduced, planes)
     return planes

@@ -9,11 +9,10 @@ import pytest
 from tests.render.frames import on_river, posed, rays
 from tests.render.plain import CELL_M, HALF_M, NODES, plane
 from thalweg.render import Camera, Renderer
-from thalweg.render.kernels.plants.billboard import BLOCK
 from thalweg.render.kernels.terrain import azimuth_planes, primary_hits
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.classes import SKY
-from thalweg.render.records.view import View
+from thalweg.render.records.view import LANES, View
 from thalweg.render.reference import frame as reference
 from thalweg.world import World
 
@@ -28,7 +27,7 @@ def view_at(renderer: Renderer, pose: np.ndarray) -> View:
 def planes_and_march(renderer: Renderer, pose: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Depth and kind of a view by planes, then by the march."""
     view = view_at(renderer, pose)
-    shape = view.camera.height, -(-view.camera.width // BLOCK) * BLOCK
+    shape = view.camera.height, -(-view.camera.width // LANES) * LANES
     found = []
     for find in (primary_hits.find_by_planes, primary_hits.find_by_march):
         depth, kind = np.zeros(shape, f32), np.zeros(shape, np.uint8)

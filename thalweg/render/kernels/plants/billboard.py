@@ -16,8 +16,6 @@ from thalweg.render.records.appearance import HAZE_PER_M, SEASON
 
 f32 = np.float32
 
-BLOCK = 16
-"""The planes of a frame are this many pixels wide, or a multiple of it."""
 SHIFT = 2
 SIDE = 1 << SHIFT
 """Samples along each side of a tile, a power of two."""

@@ -17,7 +17,7 @@ from thalweg.render.kernels.shading.shore import DEEPEST_M, covered_share, water
 from thalweg.render.kernels.terrain.heightfield_march import TILE
 from thalweg.render.records import layout
 from thalweg.render.records.classes import GROUND, SKY, WATER
-from thalweg.render.records.view import Planes
+from thalweg.render.records.view import LANES, Planes
 
 f32 = np.float32
 
@@ -27,8 +27,6 @@ ROWS_TOGETHER = TILE
 """Rows of a band. Those that a thread draws begin at multiples of this."""
 CHUNK = 512
 """Most pixels that are shaded together: their scratch fits into a processor's second cache."""
-LANES = 16
-"""The number of pixels that are shaded together is a multiple of this, as many as the widest vector holds."""
 SHORE_M = 0.5 * DEEPEST_M + 0.001
 """Where the water is deeper, or the ground higher, than this, no shore crosses the pixel."""
 KINDS = 3

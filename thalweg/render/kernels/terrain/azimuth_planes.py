@@ -22,6 +22,7 @@ from thalweg.render.kernels.camera_rays import row_step
 from thalweg.render.kernels.table_lookup import bilinear, clamp, sloped, top_map
 from thalweg.render.kernels.terrain.heightfield_march import FAR_M
 from thalweg.render.records import layout
+from thalweg.render.records.view import LANES
 
 f32 = np.float32
 
@@ -42,8 +43,6 @@ APART_REDUCED = 0.3
 SETTLE_M = 0.08
 SETTLE_SHARE = 0.02
 """A pixel is doubtful where the Newton step is longer than SETTLE_M plus this share of its depth."""
-LANES = 16
-"""The number of planes is a multiple of this, so that loops over them end on whole vectors."""
 
 
 class Fan(NamedTuple):
@@ -63,7 +62,7 @@ class Fan(NamedTuple):
     """q of the first plane, and from each to the next."""
     step: Any
     planes: Any
-    """Number of planes, an integer."""
+    """Number of planes, an integer: a multiple of `LANES`."""
 
 
 class Profiles(NamedTuple):

@@ -46,7 +46,7 @@ def adder(reduced: bool) -> Callable:
                 b = frame.green[r, c]
                 d = frame.blue[r, c]
             else:
-                _, a, b, d = edge_colour(scene, view, frame, r, c)
+                a, b, d = edge_colour(scene, view, frame, r, c)
                 softened[0, n, r, c] = a
                 softened[1, n, r, c] = b
                 softened[2, n, r, c] = d

@@ -86,7 +86,7 @@ def background(planes, width, r, c):
 
 @kernel(allocates=False)
 def edge_colour(scene, view, planes, r, c):
-    """1 and the antialiased radiance of a pixel on a bridge's edge; 0 and its own radiance for any other pixel.
+    """The radiance of a pixel: red, green, blue, antialiased where it lies on a bridge's edge.
 
     planes: `Planes` [H, W'] of the whole image. Four rays sample the stone. Behind a pixel of the bridge lies the mean
     of those neighbours across the edge that are farther away.
@@ -100,7 +100,7 @@ def edge_colour(scene, view, planes, r, c):
     # Behind dense plants an edge is hardly visible, and its five rays are saved.
     mixed = count > f32(0) and through > f32(0.5)
     if not mixed:
-        return f32(0), red, green, blue
+        return red, green, blue
     limit = min(limit, f32(FAR_M))
     share = f32(0)
     stone_r = f32(0)
@@ -120,14 +120,12 @@ def edge_colour(scene, view, planes, r, c):
         _, a, b, d = sample_bridge(scene, view, r, c, f32(0), f32(0), f32(1), f32(FAR_M))
         rest = (f32(1) - share) / count
         return (
-            f32(1),
             (red - through * a) * share + through * stone_r + other_r * rest,
             (green - through * b) * share + through * stone_g + other_g * rest,
             (blue - through * d) * share + through * stone_b + other_b * rest,
         )
     rest = f32(1) - share
     return (
-        f32(1),
         red * rest + through * stone_r,
         green * rest + through * stone_g,
         blue * rest + through * stone_b,
@@ -198,7 +196,7 @@ def mix_edges(scene, view, planes, top, bottom, places, mixed):
                 n += 1
     # Colours are written only after all are known, because each pixel reads its neighbours.
     for k in range(n):
-        _, mixed[k, 0], mixed[k, 1], mixed[k, 2] = edge_colour(scene, view, planes, places[k, 0], places[k, 1])
+        mixed[k, 0], mixed[k, 1], mixed[k, 2] = edge_colour(scene, view, planes, places[k, 0], places[k, 1])
     for k in range(n):
         planes.red[places[k, 0], places[k, 1]] = mixed[k, 0]
         planes.green[places[k, 0], places[k, 1]] = mixed[k, 1]

@@ -97,17 +97,19 @@ def time_stages(scene, view, settings, planes, image, spent):
 
 @kernel(allocates=False)
 def time_shading(scene, view, planes, wide, gathered, spent):
-    """Shade as `background.shade_bands` does, and fill spent [stages] from `GATHERING` to the ground's."""
-    for stage in range(GATHERING, EDGES):
+    """Shade as `background.shade_bands` does, and fill spent [stages] from `GATHERING` to `SHADED_GROUND`."""
+    for stage in range(GATHERING, SHADED_GROUND + 1):
         spent[stage] = 0
     for first in range(0, len(planes.depth), background.ROWS_TOGETHER * wide):
         band = background.band_of(planes, first, wide)
         row = first // wide
         before = ticks()
         counts = background.gather(scene, view, row, False, band, wide, gathered)
+        after = ticks()
+        spent[GATHERING] += after - before
         for what in range(background.KINDS):
-            after = ticks()
-            spent[GATHERING if what == 0 else SKY + what - 1] += after - before
             before = after
             background.shade_kind(scene, view, row, False, what, counts[what], band, wide, gathered)
-        spent[SKY + background.KINDS - 1] += ticks() - before
+            after = ticks()
+            # Classes are numbered in the order of their stages.
+            spent[SKY + what] += after - before

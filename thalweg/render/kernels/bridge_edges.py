@@ -12,7 +12,7 @@ import numpy as np
 from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.bridge_stone import passing_top, shade_stone
 from thalweg.render.kernels.bridges import FAR_M, bridge_ray, meet_bridge
-from thalweg.render.kernels.camera_rays import row_step
+from thalweg.render.kernels.camera_rays import image_x, image_y, ray_direction, row_step
 from thalweg.render.records import layout
 from thalweg.render.records.classes import BRIDGE
 
@@ -28,11 +28,9 @@ def sample_bridge(scene, view, r, c, down, right, high, limit):
     """
     camera = view.camera
     per_row = row_step(camera)
-    sy = camera.half_h - (f32(r) + f32(0.5) + down) * per_row
-    sx = (f32(c) + f32(0.5) + right) * camera.column_step - camera.half_w
-    dx = camera.forward_x + sy * camera.up_x + sx * camera.right_x
-    dy = camera.forward_y + sy * camera.up_y + sx * camera.right_y
-    dz = camera.forward_z + sy * camera.up_z
+    sx = image_x(camera, f32(c) + right)
+    sy = image_y(camera, f32(r) + down, 1)
+    dx, dy, dz = ray_direction(camera, sx, sy)
     slant = math.sqrt(f32(1) + sx * sx + sy * sy)
     seen = f32(0)
     red = f32(0)

@@ -12,7 +12,7 @@ from numba import int32, uint32
 from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels import bridge_stone, bridges
 from thalweg.render.kernels.bridge_edges import soften_edges
-from thalweg.render.kernels.camera_rays import Radiance, row_step
+from thalweg.render.kernels.camera_rays import Radiance, image_x, image_y, ray_direction, row_step
 from thalweg.render.kernels.layers import draw_layers
 from thalweg.render.kernels.plants.draw import draw_plants
 from thalweg.render.kernels.shading import tone
@@ -170,15 +170,13 @@ def meet_bridges(scene, view, top, drawn, boxes, closest, depth, kind, stone):
     for b in range(len(boxes)):
         row = scene.bridges[first + b]
         for r in range(boxes[b, 2], boxes[b, 3]):
-            sy = camera.half_h - (f32(top + r) + f32(0.5)) * per_row
+            sy = image_y(camera, top + r, 1)
             for c in range(boxes[b, 0], boxes[b, 1]):
                 # Before all of the bridge lies what is already drawn.
                 if depth[r, c] <= closest[b] or (drawn == MASK and kind[r, c] != WATER):
                     continue
-                sx = (f32(c) + f32(0.5)) * camera.column_step - camera.half_w
-                dx = camera.forward_x + sy * camera.up_x + sx * camera.right_x
-                dy = camera.forward_y + sy * camera.up_y + sx * camera.right_y
-                dz = camera.forward_z + sy * camera.up_z
+                sx = image_x(camera, c)
+                dx, dy, dz = ray_direction(camera, sx, sy)
                 # Only stone nearer than what is already drawn counts, so the order of bridges does not matter.
                 ray = bridges.bridge_ray(row, camera, dx, dy, dz)
                 hit = bridges.meet_bridge(row, ray, camera.near_m, min(depth[r, c], f32(bridges.FAR_M)))

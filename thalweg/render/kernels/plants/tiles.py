@@ -13,9 +13,9 @@ from numba import int32, uint64
 from thalweg.core.compute.jit import kernel
 from thalweg.render.bake.impostors import LEVELS
 from thalweg.render.bake.outlines import BANDS
-from thalweg.render.kernels.camera_rays import row_step
+from thalweg.render.kernels.camera_rays import image_x, image_y, row_step
 from thalweg.render.kernels.plants import reduced_billboard
-from thalweg.render.kernels.plants.billboard import CLOSED, SAMPLES, SHIFT, SIDE, billboard_pixel
+from thalweg.render.kernels.plants.billboard import CLOSED, SAMPLES, SIDE, billboard_pixel, sample_ray
 from thalweg.render.kernels.plants.cover import cover_tile, cover_tile_by_twos
 from thalweg.render.kernels.table_lookup import clamp
 from thalweg.render.kernels.terrain.primary_hits import MISS
@@ -143,21 +143,15 @@ def store_tiles(tiles, together, coloured, planes):
                     planes.blue[r, first + c] = tiles.blue[k + c]
 
 
-@kernel(inlined=True, allocates=False)
-def sample_height(camera, row, together):
-    """Height on the image plane of the samples that stand for `together` rows of the image from `row` on."""
-    return camera.half_h - (f32(row) + f32(0.5) * f32(together)) * row_step(camera)
-
-
 @kernel(allocates=False)
 def fill_tile_rows(camera, top, together, rows):
     """Fill `TileRows`; row 0 of the first tile is row `top` of the image."""
     for ty in range(len(rows.level_first)):
         first = top + ty * SIDE * together
-        sy = sample_height(camera, first, together)
+        sy = image_y(camera, first, together)
         rows.level_first[ty] = level_part(camera, sy)
         rows.slope_first[ty] = (camera.forward_z + sy * camera.up_z) / max(rows.level_first[ty], f32(LEAST_AHEAD))
-        sy = sample_height(camera, first + (SIDE - 1) * together, together)
+        sy = image_y(camera, first + (SIDE - 1) * together, together)
         rows.level_last[ty] = level_part(camera, sy)
         rows.slope_last[ty] = (camera.forward_z + sy * camera.up_z) / max(rows.level_last[ty], f32(LEAST_AHEAD))
 
@@ -244,15 +238,10 @@ def draw_tile(atlas, board, nearest, camera, left, height, first, blended, tiles
     for i in range(SAMPLES):
         # An unsigned index needs no test for negative ones, which would break up the vectors.
         k = first + uint64(i)
-        sx = left + f32(i & (SIDE - 1)) * camera.column_step
-        sy = height - f32(i >> SHIFT) * per_row
+        dx, dy, dz = sample_ray(camera, left, height, per_row, i)
         passing = tiles.light[k]
         add_r, add_g, add_b, part, t = billboard_pixel(
-            atlas, board,
-            camera.forward_x + sy * camera.up_x + sx * camera.right_x,
-            camera.forward_y + sy * camera.up_y + sx * camera.right_y,
-            camera.forward_z + sy * camera.up_z,
-            camera.near_m, tiles.depth[k], passing, f32(CLOSED), blended,
+            atlas, board, dx, dy, dz, camera.near_m, tiles.depth[k], passing, f32(CLOSED), blended,
         )  # fmt: skip
         tiles.red[k] += add_r
         tiles.green[k] += add_g
@@ -283,12 +272,12 @@ def draw_billboard(scene, board, nearest, camera, box, top, reduced, coloured, s
         filled_0, filled_1 = columns_filled(scene.outlines, board, camera, rows, ty, c0, c1)
         if filled_0 >= filled_1:
             continue
-        height = sample_height(camera, top + ty * SIDE * together, together)
+        height = image_y(camera, top + ty * SIDE * together, together)
         for tx in range(filled_0 // SIDE, (filled_1 - 1) // SIDE + 1):
             # A closed tile has depth 0; one whose ground is nearer than the plant shows none of it.
             if deepest[ty, tx] < nearest:
                 continue
-            left = (f32(tx * SIDE) + f32(0.5)) * camera.column_step - camera.half_w
+            left = image_x(camera, tx * SIDE)
             first = uint64((ty * wide + tx) * SAMPLES * together)
             if coloured and reduced:
                 still = reduced_billboard.draw_tile(

@@ -18,7 +18,7 @@ import numpy as np
 from numba import int32, uint32
 
 from thalweg.core.compute.jit import kernel
-from thalweg.render.kernels.camera_rays import row_step
+from thalweg.render.kernels.camera_rays import image_x, image_y, row_step
 from thalweg.render.kernels.table_lookup import bilinear, clamp, sloped, top_map
 from thalweg.render.kernels.terrain.heightfield_march import FAR_M
 from thalweg.render.records import layout
@@ -84,14 +84,14 @@ class Profiles(NamedTuple):
 @kernel(inlined=True, allocates=False)
 def horizontal_reach(camera, row):
     """Metres ahead, along the heading, per metre of depth, of the rays of a row."""
-    sy = camera.half_h - (f32(row) + f32(0.5)) * row_step(camera)
+    sy = image_y(camera, row, 1)
     return camera.up_z + sy * (-camera.forward_z)
 
 
 @kernel(inlined=True, allocates=False)
 def ray_slope(camera, row):
     """Rise of the rays of a row per metre ahead in the horizontal plane."""
-    sy = camera.half_h - (f32(row) + f32(0.5)) * row_step(camera)
+    sy = image_y(camera, row, 1)
     return (sy * camera.up_z + camera.forward_z) / horizontal_reach(camera, row)
 
 
@@ -306,7 +306,7 @@ def between_planes(fan, nearness, position):
 def plane_position(camera, fan, row):
     """Position among the planes of the first pixel of a row, and the step from each pixel to the next."""
     inverse = f32(1) / horizontal_reach(camera, row)
-    first = (f32(0.5) * camera.column_step - camera.half_w) * inverse
+    first = image_x(camera, 0) * inverse
     return (first - fan.first) / fan.step, camera.column_step * inverse / fan.step
 
 

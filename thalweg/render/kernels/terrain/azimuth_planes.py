@@ -29,7 +29,7 @@ f32 = np.float32
 PLANES_PER_COLUMN = 0.6
 """Planes for each column of the image, where a column covers most azimuth."""
 STEP_SHARE = 0.03
-"""Distance from one sample of a profile to the next, as a share of the distance, in an image of 128 rows."""
+"""`step_share` of an image of 128 rows."""
 STEP_NODES = 0.5
 """Least distance between samples, in nodes of the map."""
 LEAST_ASPECT = 0.25
@@ -136,11 +136,16 @@ def fan_of(camera, inv_cell):
 
 
 @kernel(inlined=True, allocates=False)
+def step_share(rows):
+    """Distance from one sample of a profile to the next, as a share of the distance; rows: those of the image."""
+    # The error of a profile between samples is quadratic in their distance: finer images need a root finer steps.
+    return f32(STEP_SHARE) * math.sqrt(f32(128) / f32(rows))
+
+
+@kernel(inlined=True, allocates=False)
 def next_distance(distance, cell, rows):
     """The distance of the sample after one at a distance, in metres; cell: side of a cell; rows: those of the image."""
-    # The error of a profile between samples is quadratic in their distance: finer images need a root finer steps.
-    share = f32(STEP_SHARE) * math.sqrt(f32(128) / f32(rows))
-    return distance + max(f32(STEP_NODES) * cell, share * distance)
+    return distance + max(f32(STEP_NODES) * cell, step_share(rows) * distance)
 
 
 @kernel(inlined=True, allocates=False)
@@ -319,7 +324,9 @@ def settle_row(scene, view, origin, fan, row, column, rays, nearness, t, doubt, 
     """
     dx, dy, dz = rays
     top = top_map(scene, view.world)
-    margin = f32(2 * STEP_NODES) / scene.constants[view.world, layout.INV_CELL]
+    # Two samples.
+    least = f32(2 * STEP_NODES) / scene.constants[view.world, layout.INV_CELL]
+    share = f32(1) - f32(2) * step_share(view.camera.height)
     near = view.camera.near_m
     inverse = f32(1) / horizontal_reach(view.camera, row)
     first, per_column = plane_position(view.camera, fan, row)
@@ -332,9 +339,8 @@ def settle_row(scene, view, origin, fan, row, column, rays, nearness, t, doubt, 
         move = (origin.z + dz[c] * ti - height) / max(rate, f32(1e-3))
         room = f32(SETTLE_M) + f32(SETTLE_SHARE) * ti
         unsure = ((apart > f32(APART) * middle) | (abs(move) > room)) & (nearer > f32(0))
-        # A share of the distance (two samples in an image of 128 rows) before the nearer plane's: the surface may be
-        # nearer between the planes.
-        before = max((f32(1 - 2 * STEP_SHARE) / max(nearer, f32(NEARNESS_LEAST)) - margin) * inverse, near)
+        # Two samples before the nearer plane's distance: the surface may be nearer between the planes.
+        before = max((share / max(nearer, f32(NEARNESS_LEAST)) - least) * inverse, near)
         t[c] = before if unsure else max(ti + clamp(move, -room, room), near)
         doubt[c] = np.uint8(1) if unsure else np.uint8(0)
 

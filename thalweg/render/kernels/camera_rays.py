@@ -107,7 +107,7 @@ def image_y(camera, row, rows):
 @kernel(inlined=True, allocates=False)
 def ray_direction(camera, sx, sy):
     """Return the ray through a point of the image plane, in metres per metre along the optical axis: x, y, z."""
-    # Not normalised: one unit of t is one metre of depth, which planes and layers store.
+    # Not normalised: one unit of t is one metre of depth, which buffers and layers store.
     return (
         camera.forward_x + sy * camera.up_x + sx * camera.right_x,
         camera.forward_y + sy * camera.up_y + sx * camera.right_y,

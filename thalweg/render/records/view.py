@@ -1,4 +1,4 @@
-"""Records that pass from the renderer to its kernels: settings, views, a posed camera and the planes of a frame.
+"""Records that pass from the renderer to its kernels: settings, views, a posed camera and the buffers of a frame.
 
 All are NamedTuples: Numba takes them as arguments and takes them apart at no cost.
 """
@@ -83,8 +83,8 @@ class View(NamedTuple):
     """Seconds, float32."""
 
 
-class Planes(NamedTuple):
-    """The buffers of a frame or of some of its rows, each [H', W'], or [N, H, W] for many frames."""
+class Buffers(NamedTuple):
+    """What the pixels of a frame hold, or those of some of its rows, each [H', W'], or [N, H, W] for many frames."""
 
     depth: Any
     """float32, metres along the optical axis to ground, water or a bridge; `MISS` where a ray meets nothing."""

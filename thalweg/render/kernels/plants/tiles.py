@@ -27,7 +27,7 @@ LEAST_AHEAD = 0.05
 
 
 class Tiles(NamedTuple):
-    """Planes of a frame by tiles: flat arrays [T * pixels of a tile], and two numbers a tile [Y, X]."""
+    """`Buffers` of a frame by tiles: flat arrays [T * pixels of a tile], and two numbers a tile [Y, X]."""
 
     depth: Any
     """float32, depth of what lies behind the plants; 0 beyond the image."""
@@ -38,7 +38,7 @@ class Tiles(NamedTuple):
     light: Any
     """float32, share of the light that plants let through."""
     plant_depth: Any
-    """float32, see `Planes.plant_depth`."""
+    """float32, see `Buffers.plant_depth`."""
     deepest: Any
     """float32, greatest depth of a tile's pixels, 0 once the tile is closed."""
 
@@ -60,12 +60,12 @@ def empty_tiles(rows, columns, together):
     high = (rows + SIDE * together - 1) // (SIDE * together)
     wide = (columns + SIDE - 1) // SIDE
     size = high * wide * SAMPLES * together
-    # The planes are a few cache lines apart from whole pages: a processor may take equal offsets within pages for
+    # The buffers are a few cache lines apart from whole pages: a processor may take equal offsets within pages for
     # equal addresses.
     apart = size + 80
     block = np.zeros(6 * apart, np.float32)
-    planes = block.reshape(6, apart)
-    planes[4] = f32(1)
+    buffers = block.reshape(6, apart)
+    buffers[4] = f32(1)
     return Tiles(
         block[:size], block[apart : apart + size], block[2 * apart : 2 * apart + size],
         block[3 * apart : 3 * apart + size], block[4 * apart : 4 * apart + size], block[5 * apart : 5 * apart + size],
@@ -118,9 +118,9 @@ def load_depths(depth, width, together, tiles):
 
 
 @kernel(disjoint=True, allocates=False)
-def store_tiles(tiles, together, coloured, planes):
-    """Fill transmittance and depth of plants in `Planes` [R, W'] from `Tiles`, and with `coloured` their radiance."""
-    rows = planes.depth.shape[0]
+def store_tiles(tiles, together, coloured, buffers):
+    """Fill transmittance and depth of plants in `Buffers` [R, W'] from `Tiles`, and with `coloured` their radiance."""
+    rows = buffers.depth.shape[0]
     high, wide = tiles.deepest.shape
     for ty in range(high):
         for row in range(min(SIDE * together, rows - ty * SIDE * together)):
@@ -130,17 +130,17 @@ def store_tiles(tiles, together, coloured, planes):
                 first = uint64(tx * SIDE)
                 for column in range(SIDE):
                     c = uint64(column)
-                    planes.transmittance[r, first + c] = tiles.light[k + c]
+                    buffers.transmittance[r, first + c] = tiles.light[k + c]
                     # A depth of 0 stands for no plant.
                     found = tiles.plant_depth[k + c]
-                    planes.plant_depth[r, first + c] = found if found > f32(0) else f32(MISS)
+                    buffers.plant_depth[r, first + c] = found if found > f32(0) else f32(MISS)
                 if not coloured:
                     continue
                 for column in range(SIDE):
                     c = uint64(column)
-                    planes.red[r, first + c] = tiles.red[k + c]
-                    planes.green[r, first + c] = tiles.green[k + c]
-                    planes.blue[r, first + c] = tiles.blue[k + c]
+                    buffers.red[r, first + c] = tiles.red[k + c]
+                    buffers.green[r, first + c] = tiles.green[k + c]
+                    buffers.blue[r, first + c] = tiles.blue[k + c]
 
 
 @kernel(allocates=False)

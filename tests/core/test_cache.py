@@ -73,7 +73,8 @@ def unused(path: Path, days: float, folder: bool = False) -> Path:
         (path / "below" / "kernel").write_text("code")
     else:
         path.write_text("atlas")
-    os.utime(path, (time.time() - days * 86400,) * 2)
+    used_s = time.time() - days * 86400
+    os.utime(path, (used_s, used_s))
     return path
 
 

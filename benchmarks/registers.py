@@ -29,7 +29,7 @@ from thalweg.env.task.rules import State, empty_outcome, empty_state
 from thalweg.render.gpu import ground_profiles, pixel, postprocess, visible_plants
 from thalweg.render.kernels.camera_rays import Radiance
 from thalweg.render.records.scene import Scene
-from thalweg.render.records.view import COLOURS, LAYERS, MASK, FrameSettings, Planes, Views
+from thalweg.render.records.view import COLOURS, LAYERS, MASK, Buffers, FrameSettings, Views
 from thalweg.world import load_or_build
 
 TABLE = Path(__file__).resolve().parent / "registers.csv"
@@ -49,7 +49,7 @@ FOUND = types.int32[:, ::1], PLANE, types.int16[:, :, ::1], INTS
 SEEN = "world", "pose", "segment", "travel"
 """Arrays of a state that the ideal eye needs."""
 KINDS = BYTE[:, :, ::1]
-PLANES = types.NamedTuple((SPACE, KINDS, SPACE, SPACE, SPACE, SPACE, SPACE, SPACE), Planes)
+BUFFERS = types.NamedTuple((SPACE, KINDS, SPACE, SPACE, SPACE, SPACE, SPACE, SPACE), Buffers)
 RADIANCE = types.NamedUniTuple(SPACE, 3, Radiance)
 TABLES: dict[str, Any] = {
     "extents": types.int32[:, ::1], "constants": PLANE, "plants": PLANE, "bridges": PLANE, "shade": PLANE,
@@ -89,8 +89,8 @@ def eye_types() -> tuple[Any, ...]:
 
 def variants() -> dict[str, Variant]:
     """Return every kernel of a frame, in every form that `GpuRenderer` launches, and those of rules and ideal eye."""
-    trace = (SCENE, VIEWS, PLANE, LINE, SPACE, types.Tuple(FOUND), PLANES)
-    add = (SCENE, VIEWS, PLANE, PLANES, FOUR, LINE)
+    trace = (SCENE, VIEWS, PLANE, LINE, SPACE, types.Tuple(FOUND), BUFFERS)
+    add = (SCENE, VIEWS, PLANE, BUFFERS, FOUR, LINE)
     kernels = {
         "place_cameras": Variant(
             visible_plants.place_cameras, (VIEWS, SETTINGS, PLANE, LINE, UINT[::1]), visible_plants.THREADS
@@ -112,8 +112,8 @@ def variants() -> dict[str, Variant]:
     )
     kernels["advance"] = Variant(rules.advance, rule_types(), rules.THREADS, fastmath=False)
     kernels["see"] = Variant(rules.see, eye_types(), rules.THREADS, fastmath=False)
-    kernels["write_layers"] = Variant(postprocess.write_layers, (PLANES, SPACE, KINDS, KINDS), postprocess.THREADS)
-    kernels["write_mask"] = Variant(postprocess.write_mask, (PLANES, KINDS), postprocess.THREADS)
+    kernels["write_layers"] = Variant(postprocess.write_layers, (BUFFERS, SPACE, KINDS, KINDS), postprocess.THREADS)
+    kernels["write_mask"] = Variant(postprocess.write_mask, (BUFFERS, KINDS), postprocess.THREADS)
     return kernels
 
 

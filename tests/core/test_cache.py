@@ -1,5 +1,8 @@
 """Tests of the cache folder and of the code hashes that keep stale files from being used."""
 
+import os
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -61,3 +64,62 @@ def test_the_environment_variable_chooses_the_folder(tmp_path, monkeypatch):
     assert cache.cache_dir() == tmp_path / "mine"
     monkeypatch.delenv("THALWEG_CACHE")
     assert cache.cache_dir().name == "thalweg"
+
+
+def unused(path: Path, days: float, folder: bool = False) -> Path:
+    """A file, or a folder with a file in a folder, last used so many days ago."""
+    if folder:
+        (path / "below").mkdir(parents=True)
+        (path / "below" / "kernel").write_text("code")
+    else:
+        path.write_text("atlas")
+    used_s = time.time() - days * 86400
+    os.utime(path, (used_s, used_s))
+    return path
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_folders_of_other_versions_are_removed_once_they_were_not_used_for_a_month(tmp_path: Path):
+    own = unused(tmp_path / "own", 100, folder=True)
+    unused(tmp_path / "unused", 31, folder=True)
+    unused(tmp_path / "recent", 29, folder=True)
+    cache.keep_in_use(own, "*")
+    assert names(tmp_path) == ["own", "recent"]
+    assert (own / "below" / "kernel").read_text() == "code"
+    assert time.time() - own.stat().st_mtime < 60
+
+
+def test_only_files_of_the_pattern_are_removed(tmp_path: Path):
+    own = unused(tmp_path / "atlas-new.npz", 0)
+    for name in ("atlas-old.npz", "river.npz"):
+        unused(tmp_path / name, 100)
+    cache.keep_in_use(own, "atlas-*.npz")
+    assert names(tmp_path) == ["atlas-new.npz", "river.npz"]
+
+
+def test_what_a_killed_process_has_not_removed_is_removed_by_the_next(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    own = unused(tmp_path / "own", 0, folder=True)
+    unused(tmp_path / "old", 100, folder=True)
+    with monkeypatch.context() as killed:
+        killed.setattr("shutil.rmtree", lambda path: None)
+        cache.keep_in_use(own, "*")
+    assert names(tmp_path) == ["old.removed", "own"]
+    cache.keep_in_use(own, "*")
+    assert names(tmp_path) == ["own"]
+
+
+def test_several_may_remove_the_same_folders_at_once(tmp_path: Path):
+    own = unused(tmp_path / "own", 0, folder=True)
+    for number in range(40):
+        unused(tmp_path / str(number), 100, folder=True)
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda _: cache.keep_in_use(own, "*"), range(4)))
+    assert names(tmp_path) == ["own"]
+
+
+def test_a_cache_that_is_not_there_is_left_alone(tmp_path: Path):
+    cache.keep_in_use(tmp_path / "none" / "own", "*")
+    assert names(tmp_path) == []

@@ -7,6 +7,8 @@ import ast
 import contextlib
 import hashlib
 import os
+import shutil
+import time
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -15,6 +17,8 @@ import platformdirs
 from thalweg.core.atomic_io import write_atomic
 
 PACKAGE = Path(__file__).resolve().parent.parent
+UNUSED_DAYS = 30
+"""Days without use after which files of other versions are removed."""
 
 
 def cache_dir() -> Path:
@@ -36,6 +40,33 @@ def code_hash(files: Iterable[Path]) -> str:
     with contextlib.suppress(OSError):
         write_atomic(stored, result)
     return result
+
+
+def keep_in_use(entry: Path, pattern: str) -> None:
+    """Mark a file or folder of the cache as used, and remove those beside it that were not for `UNUSED_DAYS`.
+
+    pattern: matches the names of what may be removed. Files that another process removes at the same time are skipped.
+    """
+    oldest = time.time() - UNUSED_DAYS * 86400
+    with contextlib.suppress(OSError):
+        os.utime(entry)
+        for other in entry.parent.glob(pattern):
+            with contextlib.suppress(OSError):
+                if other.stat().st_mtime < oldest:
+                    _remove(other)
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or folder at once, so that no process finds a part of it.
+
+    Raises `OSError` if another process was faster.
+    """
+    # The new name has the same pattern: what a killed process leaves is removed by the next one.
+    doomed = path.rename(path.with_name(f"{path.stem}.removed{path.suffix}"))
+    if doomed.is_dir():
+        shutil.rmtree(doomed)
+    else:
+        doomed.unlink()
 
 
 def file_hash(path: Path) -> str:

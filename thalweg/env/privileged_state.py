@@ -10,6 +10,7 @@ from thalweg.core.compute.jit import kernel
 from thalweg.env.config import DEFAULT_CONFIG, EnvConfig
 from thalweg.env.initial_poses import project_anywhere, travel_direction
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
+from thalweg.env.task.ideal_eye import arc_length
 from thalweg.env.task.motion import wrap_angle
 from thalweg.env.task.progress import course_direction, interpolate
 from thalweg.world.record import World
@@ -55,10 +56,10 @@ def _bridge_distances(courses: CourseArrays, poses: np.ndarray) -> np.ndarray:
     """Return the distances [K] in metres along the course to the middle of the next bridge ahead; NaN if there is none
     within `BRIDGE_RANGE_M`."""
     middles = 0.5 * (courses.bridge_box[:, :2] + courses.bridge_box[:, 3:5])
-    bridges = np.array([_arc_length(courses, x, y)[0] for x, y in middles])
+    bridges, _ = _arc_lengths(courses, middles, np.zeros(len(middles)))
+    arcs, travels = _arc_lengths(courses, poses[:, :2], poses[:, 3])
     distances = np.full(len(poses), np.nan)
-    for row, (x, y, _, yaw) in enumerate(poses):
-        arc, travel = _arc_length(courses, x, y, yaw)
+    for row, (arc, travel) in enumerate(zip(arcs, travels, strict=True)):
         ahead = travel * (bridges - arc)
         if courses.closed[0]:
             ahead = ahead % courses.length[0]
@@ -68,10 +69,18 @@ def _bridge_distances(courses: CourseArrays, poses: np.ndarray) -> np.ndarray:
     return distances
 
 
-def _arc_length(courses: CourseArrays, x: float, y: float, yaw: float = 0.0) -> tuple[float, int]:
-    """Return the arc length (metres) of the projection of x, y, and the direction of travel there."""
-    projection = project_anywhere(courses, 0, x, y)
-    ends = np.append(courses.arc, courses.length[0])
-    segment = projection.segment
-    arc = ends[segment] + projection.fraction * (ends[segment + 1] - ends[segment])
-    return float(arc), int(travel_direction(courses, 0, projection, yaw))
+def _arc_lengths(courses: CourseArrays, points: np.ndarray, yaws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the arc lengths [K] in metres of the projections of points [K, 2], and the directions of travel [K] there
+    for headings of yaws [K] radians."""
+    arcs, travels = np.empty(len(points)), np.empty(len(points))
+    _fill_arc_lengths(courses, np.array(points, np.float64), np.array(yaws, np.float64), arcs, travels)
+    return arcs, travels
+
+
+@kernel(fastmath=False, allocates=False)
+def _fill_arc_lengths(courses, points, yaws, arcs, travels):
+    """Fill arcs [K] and travels [K] of `_arc_lengths`."""
+    for row in range(len(points)):
+        projection = project_anywhere(courses, 0, points[row, 0], points[row, 1])
+        arcs[row] = arc_length(courses, 0, projection)
+        travels[row] = travel_direction(courses, 0, projection, yaws[row])

@@ -10,16 +10,15 @@ import numpy as np
 from thalweg.core.compute.jit import kernel
 from thalweg.core.compute.threads import run_in_threads
 from thalweg.render.kernels.camera_rays import pose_camera
-from thalweg.render.kernels.frame import draw_rows, empty_planes, finish_frame
-from thalweg.render.kernels.layers import colourless_planes
+from thalweg.render.kernels.frame import draw_rows, empty_buffers, finish_frame
 from thalweg.render.kernels.shading.background import ROWS_TOGETHER
 from thalweg.render.records.scene import Scene
-from thalweg.render.records.view import COLOURS, FrameSettings, Output, Planes, View, Views
+from thalweg.render.records.view import Buffers, FrameSettings, Output, View, Views
 
 f32 = np.float32
 
 FRAMES, BANDS, FINISH = range(3)
-"""Stages, one job at a time: draw a whole frame; draw a band of rows of one; turn the drawn planes into an image."""
+"""Stages, one job at a time: draw a whole frame; draw a band of rows of one; turn the drawn buffers into an image."""
 
 
 def draw(scene: Scene, views: Views, settings: FrameSettings, output: Output, bands: np.ndarray) -> None:
@@ -30,44 +29,38 @@ def draw(scene: Scene, views: Views, settings: FrameSettings, output: Output, ba
     """
     whole_frames = len(bands) == 1
     count = 0 if whole_frames else len(views.poses)
-    planes = shared_planes(count, settings.height, settings.width, output.drawn)
+    buffers = shared_buffers(count, settings.height, settings.width, output.drawn)
     for stage in (FRAMES,) if whole_frames else (BANDS, FINISH):
         jobs = len(views.poses) * (len(bands) if stage == BANDS else 1)
         # A frame with much wood in it takes twice as long as one of open water.
-        run_in_threads(jobs, partial(draw_jobs, scene, views, settings, output, bands, planes, stage), unequal=True)
+        run_in_threads(jobs, partial(draw_jobs, scene, views, settings, output, bands, buffers, stage), unequal=True)
 
 
-def shared_planes(count: int, height: int, width: int, drawn: int) -> Planes:
-    """The planes of `planes_for` for each of `count` frames, [count, H', W']."""
-    return Planes(*(np.repeat(plane[None], count, axis=0) for plane in planes_for(height, width, drawn)))
-
-
-@kernel
-def planes_for(height, width, drawn):
-    """Fresh `Planes` of a frame of which `drawn` is asked for (see `Output`)."""
-    return empty_planes(height, width) if drawn == COLOURS else colourless_planes(height, width)
+def shared_buffers(count: int, height: int, width: int, drawn: int) -> Buffers:
+    """The buffers of `frame.empty_buffers` for each of `count` frames, [count, H', W']."""
+    return Buffers(*(np.repeat(buffer[None], count, axis=0) for buffer in empty_buffers(height, width, drawn)))
 
 
 @kernel(inlined=True)
-def planes_of(planes, n):
-    """The `Planes` of frame n."""
-    return Planes(
-        planes.depth[n],
-        planes.kind[n],
-        planes.red[n],
-        planes.green[n],
-        planes.blue[n],
-        planes.transmittance[n],
-        planes.plant_depth[n],
-        planes.water[n],
+def buffers_of(buffers, n):
+    """The `Buffers` of frame n."""
+    return Buffers(
+        buffers.depth[n],
+        buffers.kind[n],
+        buffers.red[n],
+        buffers.green[n],
+        buffers.blue[n],
+        buffers.transmittance[n],
+        buffers.plant_depth[n],
+        buffers.water[n],
     )
 
 
 @kernel
-def draw_jobs(scene, views, settings, output, bands, planes, stage, first, last):
+def draw_jobs(scene, views, settings, output, bands, buffers, stage, first, last):
     """Jobs number first to last of one stage of `draw`: frames, or bands of rows, frame after frame.
 
-    planes: those of `shared_planes`, for no frame where whole frames are drawn.
+    buffers: those of `shared_buffers`, for no frame where whole frames are drawn.
     """
     for job in range(first, last):
         n = job // len(bands) if stage == BANDS else job
@@ -76,13 +69,13 @@ def draw_jobs(scene, views, settings, output, bands, planes, stage, first, last)
         camera = pose_camera(views.poses[n], look, settings)
         view = View(views.world_index[n], look, camera, f32(views.times[n]))
         if stage == FRAMES:
-            frame_planes = planes_for(settings.height, settings.width, output.drawn)
+            frame_buffers = empty_buffers(settings.height, settings.width, output.drawn)
         else:
-            frame_planes = planes_of(planes, n)
+            frame_buffers = buffers_of(buffers, n)
         if stage != FINISH:
-            draw_rows(scene, view, settings.reduced, output.drawn, bands[band, 0], bands[band, 1], frame_planes)
+            draw_rows(scene, view, settings.reduced, output.drawn, bands[band, 0], bands[band, 1], frame_buffers)
         if stage != BANDS:
-            finish_frame(scene, view, settings, frame_planes, n, output)
+            finish_frame(scene, view, settings, frame_buffers, n, output)
 
 
 def bands_of(height: int, threads: int, frames: int) -> np.ndarray:

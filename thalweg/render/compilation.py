@@ -13,8 +13,9 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from thalweg.core.compute.jit import config, kernel_cache_dir
-from thalweg.render.batch import FRAMES, draw_jobs, shared_planes
+from thalweg.core.compute.jit import kernel_cache_dir
+from thalweg.core.compute.kernel_compiler import config
+from thalweg.render.batch import FRAMES, draw_jobs, shared_buffers
 from thalweg.render.records.appearance import LOOK_COLUMNS
 from thalweg.render.records.scene import blank_scene
 from thalweg.render.records.view import COLOURS, FrameSettings, Views, output
@@ -74,8 +75,8 @@ def arguments() -> tuple:
     settings = FrameSettings(8, 8, np.float32(0.3), False)
     views = Views(np.zeros(1, np.int64), np.zeros((1, 4)), np.zeros(1), np.zeros((1, LOOK_COLUMNS), np.float32))
     bands = np.zeros((1, 2), np.int32)
-    planes = shared_planes(0, 8, 8, COLOURS)
-    return blank_scene(), views, settings, output(COLOURS), bands, planes, FRAMES, 0, 1
+    buffers = shared_buffers(0, 8, 8, COLOURS)
+    return blank_scene(), views, settings, output(COLOURS), bands, buffers, FRAMES, 0, 1
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AsyncVectorEnv
 
-from thalweg.core.compute.jit import config
+from thalweg.core.compute.kernel_compiler import config
 from thalweg.core.compute.threads import get_num_threads, run_in_threads, set_num_threads, shrinking_edges
 from thalweg.env import EnvConfig
 from thalweg.env.env import RiverEnv

@@ -8,10 +8,10 @@ from tests.render.plain import plane
 from thalweg.core.compute.jit import kernel
 from thalweg.render import Camera, Look, Renderer
 from thalweg.render.kernels.bridge_edges import edge_colour, soften_edges
-from thalweg.render.kernels.frame import draw_rows, empty_planes
+from thalweg.render.kernels.frame import draw_rows, empty_buffers
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.classes import BRIDGE
-from thalweg.render.records.view import COLOURS, Planes, View
+from thalweg.render.records.view import COLOURS, Buffers, View
 from thalweg.render.reference import frame as reference
 
 
@@ -23,14 +23,14 @@ def test_antialiased_edges_of_bridges_are_nearer_to_the_reference_and_feet_stay_
     renderer = Renderer([world], camera)
     look = look_rows(look_values(None, 1), camera)[0]
     view = View(0, look, posed(pose, look, camera), np.float32(0))
-    planes = empty_planes(height, 64)
-    draw_rows(renderer.scene, view, False, COLOURS, 0, height, planes)
-    planes = Planes(*(np.ascontiguousarray(plane[:height]) for plane in planes))
-    hard = np.stack([planes.red, planes.green, planes.blue], axis=-1)
-    soften_edges(renderer.scene, view, planes)
-    soft = np.stack([planes.red, planes.green, planes.blue], axis=-1)
-    stone = planes.kind == BRIDGE
-    depth = planes.depth
+    buffers = empty_buffers(height, 64, COLOURS)
+    draw_rows(renderer.scene, view, False, COLOURS, 0, height, buffers)
+    buffers = Buffers(*(np.ascontiguousarray(buffer[:height]) for buffer in buffers))
+    hard = np.stack([buffers.red, buffers.green, buffers.blue], axis=-1)
+    soften_edges(renderer.scene, view, buffers)
+    soft = np.stack([buffers.red, buffers.green, buffers.blue], axis=-1)
+    stone = buffers.kind == BRIDGE
+    depth = buffers.depth
     padded, far = np.pad(stone, 1, mode="edge"), np.pad(depth, 1, mode="edge")
     around = [(slice(1 + y, height + 1 + y), slice(1 + x, 65 + x)) for y, x in ((-1, 0), (1, 0), (0, -1), (0, 1))]
     edge = np.any([padded[place] != stone for place in around], axis=0)
@@ -47,11 +47,11 @@ def test_antialiased_edges_of_bridges_are_nearer_to_the_reference_and_feet_stay_
 
 
 @kernel
-def soften_every_pixel(scene, view, planes, edge, red, green, blue):
-    """The plain way: each pixel is asked whether it lies on an edge, and for its colour."""
+def soften_every_pixel(scene, view, buffers, red, green, blue):
+    """The plain way: each pixel is asked for its colour."""
     for r in range(red.shape[0]):
         for c in range(view.camera.width):
-            edge[r, c], red[r, c], green[r, c], blue[r, c] = edge_colour(scene, view, planes, r, c)
+            red[r, c], green[r, c], blue[r, c] = edge_colour(scene, view, buffers, r, c)
 
 
 @pytest.mark.parametrize("pose", [[-6, 4.0, 1.2, -0.5], [-2.0, -14.0, 3.4, 1.45], [-6, 4.0, 1.2, 2.6]])
@@ -62,20 +62,21 @@ def test_testing_neighbours_first_leaves_out_no_pixel(pose):
     renderer = Renderer([plane(bridges=ARCH, water_level=-0.1)], camera)
     look = look_rows(look_values(None, 1), camera)[0]
     view = View(0, look, posed(np.array(pose), look, camera), np.float32(0))
-    planes = empty_planes(height, width)
-    draw_rows(renderer.scene, view, False, COLOURS, 0, height, planes)
-    planes = Planes(*(np.ascontiguousarray(plane[:height]) for plane in planes))
+    buffers = empty_buffers(height, width, COLOURS)
+    draw_rows(renderer.scene, view, False, COLOURS, 0, height, buffers)
+    buffers = Buffers(*(np.ascontiguousarray(buffer[:height]) for buffer in buffers))
     # Half of the pixels lie behind leaves, some of which hide an edge altogether.
-    planes.transmittance[...] = np.random.default_rng(1).choice([0.2, 0.6, 1.0], planes.kind.shape)
-    before = np.stack([planes.red, planes.green, planes.blue])
-    edge, expected = np.zeros_like(planes.red), before.copy()
-    soften_every_pixel(renderer.scene, view, planes, edge, *expected)
-    soften_edges(renderer.scene, view, planes)
-    after = np.stack([planes.red, planes.green, planes.blue])
-    np.testing.assert_array_equal(after[:, edge == 0], before[:, edge == 0])
+    buffers.transmittance[...] = np.random.default_rng(1).choice([0.2, 0.6, 1.0], buffers.kind.shape)
+    before = np.stack([buffers.red, buffers.green, buffers.blue])
+    expected = before.copy()
+    soften_every_pixel(renderer.scene, view, buffers, *expected)
+    soften_edges(renderer.scene, view, buffers)
+    after = np.stack([buffers.red, buffers.green, buffers.blue])
+    other = (expected == before).all(axis=0)
+    np.testing.assert_array_equal(after[:, other], before[:, other])
     # One function, but inlined into two callers: with fastmath the last bit may differ.
     np.testing.assert_allclose(after, expected, rtol=1e-6)
-    assert ((after != before).any(axis=0).sum() > 40) == (planes.kind == BRIDGE).any()
+    assert ((after != before).any(axis=0).sum() > 40) == (buffers.kind == BRIDGE).any()
 
 
 @pytest.mark.slow

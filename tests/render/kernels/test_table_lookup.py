@@ -5,6 +5,7 @@ from scipy.ndimage import map_coordinates
 
 from thalweg.core.compute.jit import kernel
 from thalweg.render.bake import ripples, scene_tables, sky
+from thalweg.render.bake.texels import pack_colour
 from thalweg.render.kernels import table_lookup
 
 
@@ -17,7 +18,7 @@ def look_up(table, directions, out):
 def test_a_direction_finds_its_own_cell_of_the_sky():
     rng = np.random.default_rng(2)
     radiance = rng.uniform(0.1, 1.5, (sky.ROWS, sky.COLUMNS, 3))
-    table = scene_tables.pack_colour(radiance, sky.CODE_RANGE).ravel()
+    table = pack_colour(radiance, sky.CODE_RANGE).ravel()
     directions = sky.map_directions()[1:-1].reshape(-1, 3)
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, rtol=1e-12)
     found = np.empty((len(directions), 3), np.float32)

@@ -21,7 +21,7 @@ from thalweg.render.kernels.shading import background, mirror, water
 from thalweg.render.kernels.terrain.primary_hits import find_primary_hits
 from thalweg.render.records import classes, layout
 from thalweg.render.records.appearance import look_rows, look_values
-from thalweg.render.records.view import COLOURS, FrameSettings, Planes, PosedCamera, View, Views
+from thalweg.render.records.view import COLOURS, Buffers, FrameSettings, PosedCamera, View, Views
 from thalweg.world import World
 
 f32 = np.float32
@@ -43,16 +43,16 @@ class Reflection:
         # Python turns its numbers into doubles; the renderer uses single precision.
         *numbers, height, width = pose_camera(pose, look, settings)
         self.view = View(0, look, PosedCamera._make((*(f32(number) for number in numbers), height, width)), f32(0))
-        self.planes = Planes(*frame.empty_planes(camera.height_px, camera.width_px))
-        find_primary_hits(self.scene, self.view, 0, False, self.planes.depth, self.planes.kind, self.planes.water)
-        frame.draw_bridges(self.scene, self.view, 0, COLOURS, self.planes.depth, self.planes.kind)
-        draw_plants(self.scene, self.view, 0, False, self.planes)
+        self.buffers = Buffers(*frame.empty_buffers(camera.height_px, camera.width_px, COLOURS))
+        find_primary_hits(self.scene, self.view, 0, False, self.buffers.depth, self.buffers.kind, self.buffers.water)
+        frame.draw_bridges(self.scene, self.view, 0, COLOURS, self.buffers.depth, self.buffers.kind)
+        draw_plants(self.scene, self.view, 0, False, self.buffers)
 
     def march(self) -> Callable[[], None]:
         """Return the march of the reflected rays of all lit water pixels as a call, with its inputs computed."""
-        scene, view, planes = self.scene, self.view, self.planes
+        scene, view, buffers = self.scene, self.view, self.buffers
         inv_cell = scene.constants[0, layout.INV_CELL]
-        rows, columns = np.nonzero((planes.kind == classes.WATER) & (planes.transmittance > background.SEEN))
+        rows, columns = np.nonzero((buffers.kind == classes.WATER) & (buffers.transmittance > background.SEEN))
         places = (rows << 16 | columns).astype(np.int32)
         count = len(places)
         size = max(count, 1)
@@ -62,7 +62,7 @@ class Reflection:
             (view.camera.y - scene.constants[0, layout.ORIGIN_Y]) * inv_cell,
             view.camera.z,
         )
-        hit_points(view.camera, origin, inv_cell, 0, places, planes.depth[rows, columns], points, count)
+        hit_points(view.camera, origin, inv_cell, 0, places, buffers.depth[rows, columns], points, count)
         surface, mirrored = water.Surface(*np.empty((7, size), f32)), mirror.Mirrored(*np.empty((4, size), f32))
         pixel = f32(2) * view.camera.half_h / f32(view.camera.height)
         water.ripple_surface(scene, view, points, pixel, surface, count)

@@ -62,52 +62,54 @@ def time_frames(scene, views, settings, images, spent):
         camera = pose_camera(views.poses[n], look, settings)
         view = View(views.world_index[n], look, camera, f32(views.times[n]))
         start = ticks()
-        planes = frame.empty_planes(settings.height, settings.width)
-        time_stages(scene, view, settings, planes, images[n], spent[n])
+        buffers = frame.empty_buffers(settings.height, settings.width, COLOURS)
+        time_stages(scene, view, settings, buffers, images[n], spent[n])
         spent[n, len(TIMED_STAGES)] = ticks() - start
 
 
 @kernel
-def time_stages(scene, view, settings, planes, image, spent):
+def time_stages(scene, view, settings, buffers, image, spent):
     """Draw one frame of full quality as `frame.draw_rows` and `frame.finish_frame` do, and fill spent [stages]."""
-    wide = planes.depth.shape[1]
+    wide = buffers.depth.shape[1]
     t0 = ticks()
-    find_primary_hits(scene, view, 0, False, planes.depth, planes.kind, planes.water)
+    find_primary_hits(scene, view, 0, False, buffers.depth, buffers.kind, buffers.water)
     t1 = ticks()
-    stone = frame.draw_bridges(scene, view, 0, COLOURS, planes.depth, planes.kind)
+    stone = frame.draw_bridges(scene, view, 0, COLOURS, buffers.depth, buffers.kind)
     t2 = ticks()
-    draw_plants(scene, view, 0, False, planes)
+    draw_plants(scene, view, 0, False, buffers)
     t3 = ticks()
     spent[GROUND] = t1 - t0
     spent[PLANTS] = t3 - t2
-    time_shading(scene, view, background.flattened(planes), wide, background.empty_gathered(wide), spent)
+    time_shading(scene, view, background.flattened(buffers), wide, background.empty_gathered(wide), spent)
     t4 = ticks()
-    frame.add_stone(stone, planes)
+    frame.add_stone(stone, buffers)
     t5 = ticks()
     # Their stone is added to the image after the plants and the shading.
     spent[BRIDGES] = t2 - t1 + t5 - t4
-    soften_edges(scene, view, frame.rows_of(planes, 0, settings.height))
+    soften_edges(scene, view, frame.rows_of(buffers, 0, settings.height))
     t6 = ticks()
-    frame.mask_water(planes.kind, planes.transmittance)
-    radiance = Radiance(planes.red, planes.green, planes.blue)
-    tone.write_image(radiance, planes.kind, view.look, frame.noise_key(view), image)
+    frame.mask_water(buffers.kind, buffers.transmittance)
+    radiance = Radiance(buffers.red, buffers.green, buffers.blue)
+    tone.write_image(radiance, buffers.kind, view.look, frame.noise_key(view), image)
     spent[EDGES] = t6 - t5
     spent[TONE] = ticks() - t6
 
 
 @kernel(allocates=False)
-def time_shading(scene, view, planes, wide, gathered, spent):
-    """Shade as `background.shade_bands` does, and fill spent [stages] from `GATHERING` to the ground's."""
-    for stage in range(GATHERING, EDGES):
+def time_shading(scene, view, buffers, wide, gathered, spent):
+    """Shade as `background.shade_bands` does, and fill spent [stages] from `GATHERING` to `SHADED_GROUND`."""
+    for stage in range(GATHERING, SHADED_GROUND + 1):
         spent[stage] = 0
-    for first in range(0, len(planes.depth), background.ROWS_TOGETHER * wide):
-        band = background.band_of(planes, first, wide)
+    for first in range(0, len(buffers.depth), background.ROWS_TOGETHER * wide):
+        band = background.band_of(buffers, first, wide)
         row = first // wide
         before = ticks()
         counts = background.gather(scene, view, row, False, band, wide, gathered)
+        after = ticks()
+        spent[GATHERING] += after - before
         for what in range(background.KINDS):
-            after = ticks()
-            spent[GATHERING if what == 0 else SKY + what - 1] += after - before
             before = after
             background.shade_kind(scene, view, row, False, what, counts[what], band, wide, gathered)
-        spent[SKY + background.KINDS - 1] += ticks() - before
+            after = ticks()
+            # Classes are numbered in the order of their stages.
+            spent[SKY + what] += after - before

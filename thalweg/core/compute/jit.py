@@ -26,7 +26,7 @@ from llvmlite import binding
 from numba.core import caching
 from numba.core.runtime.nrt import rtsys
 
-from thalweg.core.cache import PACKAGE, cache_dir, code_hash
+from thalweg.core.cache import PACKAGE, cache_dir, code_hash, keep_in_use
 from thalweg.core.compute.kernel_compiler import Kernel, WholeCompiler, config, preferred_vector_bits
 
 IMPORT = re.compile(r"^ *(?:from|import) (thalweg[.\w]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
@@ -75,7 +75,8 @@ def kernel(
 def kernel_cache_dir() -> Path | None:
     """Return the folder for compiled kernels, or None if it cannot be written; then every process compiles anew.
 
-    Numba by itself would fall back to folders beside the sources, which would go stale.
+    Numba by itself would fall back to folders beside the sources, which would go stale. Folders of other versions that
+    were not used for long are removed.
     """
     folder = cache_dir() / "kernels" / f"{code_hash(kernel_sources())}-{machine_hash()}"
     try:
@@ -87,6 +88,7 @@ def kernel_cache_dir() -> Path | None:
             f"compiled kernels can't be stored in {folder} ({error}): every start will compile them", stacklevel=2
         )
         return None
+    keep_in_use(folder, "*")
     return folder
 
 

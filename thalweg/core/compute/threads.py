@@ -10,7 +10,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
-from thalweg.core.compute.jit import config
+from thalweg.core.compute.kernel_compiler import config
 
 _pool: ThreadPoolExecutor | None = None
 _threads = int(config.NUMBA_NUM_THREADS)

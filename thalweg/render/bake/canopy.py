@@ -9,6 +9,7 @@ import numpy as np
 from thalweg.core.compute.jit import kernel
 from thalweg.render.bake import ripples
 from thalweg.render.bake.impostors import VIEWS, Atlas
+from thalweg.render.bake.texels import pack_colour
 from thalweg.render.records.layout import CANOPY_CELL, CANOPY_RANGE_M, PAINT_RANGE
 from thalweg.world.light.canopy import deck_heights
 from thalweg.world.record import World
@@ -68,7 +69,7 @@ def canopy_map(world: World, lit: np.ndarray, atlas: Atlas, sun: np.ndarray) -> 
     colour[stony] = STONE_RADIANCE
     tall = np.where(green, tops, 0).astype(np.uint32)
     colour, tall = spread_over_walls(tops, colour, tall)
-    return quads(tops), pack(colour) | tall << 24
+    return quads(tops), pack_colour(colour, PAINT_RANGE, tall)
 
 
 def blocks(a: np.ndarray) -> np.ndarray:
@@ -99,12 +100,6 @@ def quads(tops: np.ndarray) -> np.ndarray:
     """Return bytes [Y, X] packed with those of the next cells in x, in y and in both; the border is continued."""
     wide = np.pad(tops, ((0, 1), (0, 1)), mode="edge")
     return wide[:-1, :-1] | wide[:-1, 1:] << 8 | wide[1:, :-1] << 16 | wide[1:, 1:] << 24
-
-
-def pack(radiance: np.ndarray) -> np.ndarray:
-    """Return radiance [..., 3] square-root coded over 0..PAINT_RANGE, packed as uint32 [...]."""
-    coded = np.rint(np.sqrt(np.clip(radiance / PAINT_RANGE, 0.0, 1.0)) * 255).astype(np.uint32)
-    return coded[..., 0] | coded[..., 1] << 8 | coded[..., 2] << 16
 
 
 def crown_colours(world: World, atlas: Atlas) -> np.ndarray:

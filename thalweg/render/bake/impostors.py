@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from thalweg.core.atomic_io import atomic_path
-from thalweg.core.cache import PACKAGE, cache_dir, code_hash
+from thalweg.core.cache import PACKAGE, cache_dir, code_hash, keep_in_use
 from thalweg.render.bake import sprites
 from thalweg.render.bake.trees import Model, grow
 from thalweg.world.species import KINDS, Kind
@@ -100,12 +100,16 @@ def atlas(sun_elevation: float) -> Atlas:
 
 @cache
 def remembered(steps: int) -> Atlas:
-    """Return the read-only, shared atlas for a sun `steps` times ELEVATION_STEP high."""
+    """Return the read-only, shared atlas for a sun `steps` times ELEVATION_STEP high.
+
+    Atlases that were not used for long, of this version or another, are removed from the disk.
+    """
     path = cache_dir() / f"atlas-{SOURCE_HASH}-{steps}.npz"
     made = stored(path)
     if made is None:
         made = build(steps * ELEVATION_STEP)
         store(made, path)
+    keep_in_use(path, "atlas-*.npz")
     for array in (made.texels, made.offset, made.shade):
         array.setflags(write=False)
     return made

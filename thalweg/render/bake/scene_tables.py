@@ -10,6 +10,7 @@ import numpy as np
 
 from thalweg.render.bake import impostors, outlines, ripples, sky
 from thalweg.render.bake.baked_maps import baked_maps
+from thalweg.render.bake.texels import pack_colour
 from thalweg.render.records.layout import (
     ATLAS_AT,
     BRIDGE_COLUMNS,
@@ -178,13 +179,6 @@ def pack_heights(heights_m: np.ndarray) -> tuple[np.ndarray, float, float]:
     code = np.rint((heights_m.astype(np.float64) - base) / step).astype(np.uint32)
     # The last row has no next one; no point lies beyond it.
     return code | np.concatenate([code[1:], code[-1:]]) << 16, base, step
-
-
-def pack_colour(radiance: np.ndarray, scale: float, fourth: np.ndarray | None = None) -> np.ndarray:
-    """Return radiance [..., 3] square-root coded over 0..scale, with a fourth byte [...] uint8, as uint32 [...]."""
-    coded = np.rint(np.sqrt(np.clip(radiance / scale, 0.0, 1.0)) * 255).astype(np.uint32)
-    packed = coded[..., 0] | coded[..., 1] << 8 | coded[..., 2] << 16
-    return packed if fourth is None else packed | fourth.astype(np.uint32) << 24
 
 
 def ground_radiance(world: World, sun: np.ndarray) -> np.ndarray:

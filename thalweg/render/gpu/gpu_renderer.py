@@ -19,12 +19,12 @@ from thalweg.render.kernels.shading.tone import CODE_TABLE
 from thalweg.render.kernels.terrain.azimuth_planes import most_planes
 from thalweg.render.records.layout import PLANT_FROM, PLANT_TO
 from thalweg.render.records.scene import Scene
-from thalweg.render.records.view import COLOURS, LAYERS, MASK, FrameSettings, Output, Planes, Views
+from thalweg.render.records.view import COLOURS, LAYERS, MASK, Buffers, FrameSettings, Output, Views
 
 MOST_CAMERAS = 1024
 """Most cameras of a pass: more do not make a GPU faster, but take memory."""
-PLANE_BYTES = 6 * 4 + 1
-"""Bytes of a pixel's planes: six of float32, and the kind."""
+BUFFER_BYTES = 6 * 4 + 1
+"""Bytes of a pixel's buffers: six of float32, and the kind."""
 
 
 def bytes_of(scene: Scene) -> int:
@@ -36,8 +36,8 @@ def bytes_each(scene: Scene, height: int, width: int, reduced: bool) -> int:
     """Scratch that a camera of a pass takes on a device."""
     plants = most_plants(scene)
     # Order and distance take four bytes each, a box four times two.
-    planes = height * width * (PLANE_BYTES + (0 if reduced else 3 * 4)) + height * most_planes(width) * 4
-    return planes + plants * (4 + 4 + 4 * 2) + 4 * (visible_plants.CAMERA_COLUMNS + 4)
+    buffers = height * width * (BUFFER_BYTES + (0 if reduced else 3 * 4)) + height * most_planes(width) * 4
+    return buffers + plants * (4 + 4 + 4 * 2) + 4 * (visible_plants.CAMERA_COLUMNS + 4)
 
 
 def most_plants(scene: Scene) -> int:
@@ -160,7 +160,7 @@ class GpuRenderer:
             # The reduced quality softens no edges, but the kernel needs an array to be given.
             "softened": ((3, 1, 1, 1) if self._settings.reduced else (3, cameras, height, width), np.float32),
         }
-        shapes |= dict.fromkeys(Planes._fields, ((cameras, height, width), np.float32))
+        shapes |= dict.fromkeys(Buffers._fields, ((cameras, height, width), np.float32))
         shapes["kind"] = (cameras, height, width), np.uint8
         # A thread keeps the water of its pixel to itself.
         shapes["water"] = (cameras, 1, 1), np.float32
@@ -171,7 +171,7 @@ class GpuRenderer:
         count, (height, width, _, reduced) = len(views.poses), self._settings
         cameras, moments, keys, gains = (self._scratch[name] for name in ("cameras", "moments", "keys", "gains"))
         plants = tuple(self._scratch[name] for name in ("order", "distance", "boxes", "counts"))
-        planes = Planes(*(self._scratch[name] for name in Planes._fields))
+        buffers = Buffers(*(self._scratch[name] for name in Buffers._fields))
         scene, device, settings = self._scene, self.device, self._settings
         drawn = COLOURS if images is not None else LAYERS if layers is not None else MASK
         # Rounded up: the last block of a camera may have idle threads.
@@ -191,25 +191,25 @@ class GpuRenderer:
         tiles = -(-height // pixel.TILE) * -(-width // pixel.TILE)
         gpu.launch(
             pixel.tracer(reduced, drawn), (tiles, count), pixel.THREADS, device,
-            scene, views, cameras, moments, nearness, plants, planes,
+            scene, views, cameras, moments, nearness, plants, buffers,
         )  # fmt: skip
         if images is not None:
             softened = self._scratch["softened"]
             gpu.launch(
                 postprocess.adder(reduced), count, postprocess.THREADS, device,
-                scene, views, cameras, planes, softened, gains,
+                scene, views, cameras, buffers, softened, gains,
             )  # fmt: skip
-            # Without softened edges the planes hold the final colours.
+            # Without softened edges the buffers hold the final colours.
             colours = (
-                Radiance(planes.red, planes.green, planes.blue)
+                Radiance(buffers.red, buffers.green, buffers.blue)
                 if reduced
                 else Radiance(softened[0], softened[1], softened[2])
             )
             gpu.launch(
                 postprocess.tone_map, pixels, postprocess.THREADS, device,
-                colours, planes.kind, planes.transmittance, views.looks, keys, gains, self._codes, images,
+                colours, buffers.kind, buffers.transmittance, views.looks, keys, gains, self._codes, images,
             )  # fmt: skip
         if layers is not None:
-            gpu.launch(postprocess.write_layers, pixels, postprocess.THREADS, device, planes, *layers)
+            gpu.launch(postprocess.write_layers, pixels, postprocess.THREADS, device, buffers, *layers)
         elif masks is not None:
-            gpu.launch(postprocess.write_mask, pixels, postprocess.THREADS, device, planes, masks)
+            gpu.launch(postprocess.write_mask, pixels, postprocess.THREADS, device, buffers, masks)

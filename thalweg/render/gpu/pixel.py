@@ -32,8 +32,8 @@ from thalweg.render.kernels.shading import ground, mirror, reduced_quality, sky,
 from thalweg.render.kernels.shading.background import SEEN
 from thalweg.render.kernels.shading.shore import covered_share, water_shares
 from thalweg.render.kernels.terrain import azimuth_planes, heightfield_march
-from thalweg.render.kernels.terrain.heightfield_march import SQUARE, TILE, TangentPlanes, Track
-from thalweg.render.kernels.terrain.primary_hits import MISS
+from thalweg.render.kernels.terrain.heightfield_march import SQUARE, TILE, Tangents, Track
+from thalweg.render.kernels.terrain.primary_hits import MISS, class_of
 from thalweg.render.records import classes, layout
 from thalweg.render.records.view import COLOURS, MASK, View
 
@@ -55,14 +55,14 @@ def tracer(reduced: bool, drawn: int) -> Callable:
     if coloured:
         closed = reduced_billboard.CLOSED if reduced else billboard.CLOSED
 
-    def trace(scene, views, cameras, moments, nearness, plants, planes):
-        """One block a tile (x) of a camera (y): fill `Planes` [N, H, W].
+    def trace(scene, views, cameras, moments, nearness, plants, buffers):
+        """One block a tile (x) of a camera (y): fill `Buffers` [N, H, W].
 
         moments: of `visible_plants.place_cameras`; nearness: of `ground_profiles.find_nearness`; plants: order,
         distance, boxes, counts of `visible_plants.find`.
         """
         n = cuda.blockIdx.y
-        height, width = planes.kind.shape[1:]
+        height, width = buffers.kind.shape[1:]
         tiles = (width + TILE - 1) // TILE
         tile_r = cuda.blockIdx.x // tiles * TILE
         tile_c = cuda.blockIdx.x % tiles * TILE
@@ -96,14 +96,14 @@ def tracer(reduced: bool, drawn: int) -> Callable:
             green += light * out.green[0]
             blue += light * out.blue[0]
         if inside:
-            planes.depth[n, r, c] = depth[0]
-            planes.kind[n, r, c] = kind
-            planes.transmittance[n, r, c] = light
-            planes.plant_depth[n, r, c] = plant_depth
+            buffers.depth[n, r, c] = depth[0]
+            buffers.kind[n, r, c] = kind
+            buffers.transmittance[n, r, c] = light
+            buffers.plant_depth[n, r, c] = plant_depth
             if coloured:
-                planes.red[n, r, c] = red
-                planes.green[n, r, c] = green
-                planes.blue[n, r, c] = blue
+                buffers.red[n, r, c] = red
+                buffers.green[n, r, c] = green
+                buffers.blue[n, r, c] = blue
 
     return trace
 
@@ -124,12 +124,9 @@ def primary_hit(scene, view, tile_r, tile_c, r, c, reduced, nearness, rays, dept
         met = hit_by_march(scene, view, tile_r, tile_c, r, c, reduced, rays, depth)
     wet = cuda.local.array(1, float32)
     heightfield_march.water_depths(scene, view.world, origin, rays, depth, wet, 1)
-    kind = int32(classes.SKY)
-    if met:
-        kind = int32(classes.WATER) if wet[0] > f32(0) else int32(classes.GROUND)
-    else:
+    if not met:
         depth[0] = f32(MISS)
-    return kind
+    return int32(class_of(met, wet[0]))
 
 
 @kernel(inlined=True)
@@ -181,15 +178,13 @@ def hit_by_march(scene, view, tile_r, tile_c, r, c, reduced, rays, depth):
     cuda.syncthreads()
     depth[0] = start[0]
     if reduced:
-        tangent = TangentPlanes(
-            cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32)
-        )
+        tangent = Tangents(cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32))
         met = cuda.local.array(1, float32)
         met[0] = depth[0]
         square_rays(camera, r // SQUARE * SQUARE, SQUARE, inv_cell, middle, c // SQUARE, 1)
         heightfield_march.march(scene, view.world, origin, middle, met, hit, track, 1)
         heightfield_march.touch_surface(scene, view.world, origin, middle, met, tangent, 1)
-        heightfield_march.meet_planes(tangent, met, rays, depth, 1)
+        heightfield_march.meet_tangents(tangent, met, rays, depth, 1)
     else:
         heightfield_march.march(scene, view.world, origin, rays, depth, hit, track, 1)
     return hit[0] > f32(0)

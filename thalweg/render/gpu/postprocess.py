@@ -1,4 +1,4 @@
-"""GPU kernels that turn a frame's planes into an image: edges of bridges, exposure, tone mapping; and into layers."""
+"""GPU kernels that turn a frame's buffers into an image: edges of bridges, exposure, tone mapping; and into layers."""
 
 from collections.abc import Callable
 from functools import cache
@@ -7,7 +7,7 @@ import numpy as np
 from numba import cuda, float32, uint8, uint32
 
 from thalweg.core.compute.jit import kernel
-from thalweg.render.batch import planes_of
+from thalweg.render.batch import buffers_of
 from thalweg.render.gpu.visible_plants import stored_camera
 from thalweg.render.kernels.bridge_edges import edge_colour
 from thalweg.render.kernels.shading import tone
@@ -25,15 +25,15 @@ THREADS = 128
 def adder(reduced: bool) -> Callable:
     """Return the kernel that adds up a frame's light for the exposure; in full quality it antialiases bridges first."""
 
-    def add_up(scene, views, cameras, planes, softened, gains):
+    def add_up(scene, views, cameras, buffers, softened, gains):
         """One block a camera: radiance [3, N, H, W] with antialiased edges, and the factor of the exposure [N].
 
-        planes: of `pixel.tracer`. In the reduced quality nothing is antialiased or written to `softened`.
+        buffers: of `pixel.tracer`. In the reduced quality nothing is antialiased or written to `softened`.
         """
         n = cuda.blockIdx.x
         thread = cuda.threadIdx.x
-        height, width = planes.kind.shape[1:]
-        frame = planes_of(planes, n)
+        height, width = buffers.kind.shape[1:]
+        frame = buffers_of(buffers, n)
         view = View(views.world_index[n], views.looks[n], stored_camera(cameras, n, height, width), f32(0))
         sums = cuda.shared.array(THREADS, float32)
         total = f32(0)
@@ -46,7 +46,7 @@ def adder(reduced: bool) -> Callable:
                 b = frame.green[r, c]
                 d = frame.blue[r, c]
             else:
-                _, a, b, d = edge_colour(scene, view, frame, r, c)
+                a, b, d = edge_colour(scene, view, frame, r, c)
                 softened[0, n, r, c] = a
                 softened[1, n, r, c] = b
                 softened[2, n, r, c] = d
@@ -89,34 +89,34 @@ def tone_map(radiance, kind, light, looks, keys, gains, codes, images):
     images[n, r, c] = pixel
 
 
-def write_layers(planes, depths, kinds, masks):
+def write_layers(buffers, depths, kinds, masks):
     """One thread a pixel (x) of a camera (y): metres along the axis (-1: sky), class, 255 for water, all [N, H, W]."""
     n = cuda.blockIdx.y
     k = cuda.blockIdx.x * THREADS + cuda.threadIdx.x
-    height, width = planes.kind.shape[1:]
+    height, width = buffers.kind.shape[1:]
     if k >= height * width:
         return
     # Pixels are numbered row by row, so that a block of threads writes one stretch of memory.
     r = k // width
     c = k % width
-    kind = planes.kind[n, r, c]
-    light = planes.transmittance[n, r, c]
-    seen = min(planes.depth[n, r, c], planes.plant_depth[n, r, c])
+    kind = buffers.kind[n, r, c]
+    light = buffers.transmittance[n, r, c]
+    seen = min(buffers.depth[n, r, c], buffers.plant_depth[n, r, c])
     depths[n, r, c] = f32(-1) if seen >= f32(MISS) else seen
     kinds[n, r, c] = kind if light > f32(0.5) else uint8(classes.PLANT)
     masks[n, r, c] = mask_of(kind, light)
 
 
-def write_mask(planes, masks):
+def write_mask(buffers, masks):
     """One thread a pixel (x) of a camera (y): 255 for water, else 0, in masks [N, H, W] uint8."""
     n = cuda.blockIdx.y
     k = cuda.blockIdx.x * THREADS + cuda.threadIdx.x
-    height, width = planes.kind.shape[1:]
+    height, width = buffers.kind.shape[1:]
     if k >= height * width:
         return
     r = k // width
     c = k % width
-    masks[n, r, c] = mask_of(planes.kind[n, r, c], planes.transmittance[n, r, c])
+    masks[n, r, c] = mask_of(buffers.kind[n, r, c], buffers.transmittance[n, r, c])
 
 
 @kernel(inlined=True)

@@ -12,7 +12,7 @@ import numpy as np
 from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.bridge_stone import passing_top, shade_stone
 from thalweg.render.kernels.bridges import FAR_M, bridge_ray, meet_bridge
-from thalweg.render.kernels.camera_rays import row_step
+from thalweg.render.kernels.camera_rays import image_x, image_y, ray_direction, row_step
 from thalweg.render.records import layout
 from thalweg.render.records.classes import BRIDGE
 
@@ -28,11 +28,9 @@ def sample_bridge(scene, view, r, c, down, right, high, limit):
     """
     camera = view.camera
     per_row = row_step(camera)
-    sy = camera.half_h - (f32(r) + f32(0.5) + down) * per_row
-    sx = (f32(c) + f32(0.5) + right) * camera.column_step - camera.half_w
-    dx = camera.forward_x + sy * camera.up_x + sx * camera.right_x
-    dy = camera.forward_y + sy * camera.up_y + sx * camera.right_y
-    dz = camera.forward_z + sy * camera.up_z
+    sx = image_x(camera, f32(c) + right)
+    sy = image_y(camera, f32(r) + down, 1)
+    dx, dy, dz = ray_direction(camera, sx, sy)
     slant = math.sqrt(f32(1) + sx * sx + sy * sy)
     seen = f32(0)
     red = f32(0)
@@ -58,49 +56,49 @@ def sample_bridge(scene, view, r, c, down, right, high, limit):
 
 
 @kernel(inlined=True, allocates=False)
-def background(planes, width, r, c):
+def background(buffers, width, r, c):
     """The neighbours across a bridge's edge from pixel (r, c): their number, the sums of their radiance, and the depth
     before which stone can be seen in this pixel."""
-    height = planes.kind.shape[0]
-    on_bridge = planes.kind[r, c] == np.uint8(BRIDGE)
+    height = buffers.kind.shape[0]
+    on_bridge = buffers.kind[r, c] == np.uint8(BRIDGE)
     count = f32(0)
     other_r = f32(0)
     other_g = f32(0)
     other_b = f32(0)
-    limit = f32(0) if on_bridge else planes.depth[r, c]
+    limit = f32(0) if on_bridge else buffers.depth[r, c]
     for k in range(4):
         # Up, left, right, down.
         y = min(max(r + (k + 1) // 2 - 1, 0), height - 1)
         x = min(max(c + (k % 3 != 0) * (2 * k - 3), 0), width - 1)
-        across = ((planes.kind[y, x] == np.uint8(BRIDGE)) != on_bridge) & (planes.transmittance[y, x] > f32(0.5))
+        across = ((buffers.kind[y, x] == np.uint8(BRIDGE)) != on_bridge) & (buffers.transmittance[y, x] > f32(0.5))
         # Beside what is nearer, the edge is not the bridge's own, and rays at the bridge can't find it.
-        across = across & ((not on_bridge) | (planes.depth[y, x] > planes.depth[r, c]))
+        across = across & ((not on_bridge) | (buffers.depth[y, x] > buffers.depth[r, c]))
         part = f32(1) if across else f32(0)
         count += part
-        other_r += part * planes.red[y, x]
-        other_g += part * planes.green[y, x]
-        other_b += part * planes.blue[y, x]
-        limit = max(limit, planes.depth[y, x]) if on_bridge and across else limit
+        other_r += part * buffers.red[y, x]
+        other_g += part * buffers.green[y, x]
+        other_b += part * buffers.blue[y, x]
+        limit = max(limit, buffers.depth[y, x]) if on_bridge and across else limit
     return count, other_r, other_g, other_b, limit
 
 
 @kernel(allocates=False)
-def edge_colour(scene, view, planes, r, c):
-    """1 and the antialiased radiance of a pixel on a bridge's edge; 0 and its own radiance for any other pixel.
+def edge_colour(scene, view, buffers, r, c):
+    """The radiance of a pixel: red, green, blue, antialiased where it lies on a bridge's edge.
 
-    planes: `Planes` [H, W'] of the whole image. Four rays sample the stone. Behind a pixel of the bridge lies the mean
-    of those neighbours across the edge that are farther away.
+    buffers: `Buffers` [H, W'] of the whole image. Four rays sample the stone. Behind a pixel of the bridge lies the
+    mean of those neighbours across the edge that are farther away.
     """
-    on_bridge = planes.kind[r, c] == np.uint8(BRIDGE)
-    through = planes.transmittance[r, c]
-    red = planes.red[r, c]
-    green = planes.green[r, c]
-    blue = planes.blue[r, c]
-    count, other_r, other_g, other_b, limit = background(planes, view.camera.width, r, c)
+    on_bridge = buffers.kind[r, c] == np.uint8(BRIDGE)
+    through = buffers.transmittance[r, c]
+    red = buffers.red[r, c]
+    green = buffers.green[r, c]
+    blue = buffers.blue[r, c]
+    count, other_r, other_g, other_b, limit = background(buffers, view.camera.width, r, c)
     # Behind dense plants an edge is hardly visible, and its five rays are saved.
     mixed = count > f32(0) and through > f32(0.5)
     if not mixed:
-        return f32(0), red, green, blue
+        return red, green, blue
     limit = min(limit, f32(FAR_M))
     share = f32(0)
     stone_r = f32(0)
@@ -120,14 +118,12 @@ def edge_colour(scene, view, planes, r, c):
         _, a, b, d = sample_bridge(scene, view, r, c, f32(0), f32(0), f32(1), f32(FAR_M))
         rest = (f32(1) - share) / count
         return (
-            f32(1),
             (red - through * a) * share + through * stone_r + other_r * rest,
             (green - through * b) * share + through * stone_g + other_g * rest,
             (blue - through * d) * share + through * stone_b + other_b * rest,
         )
     rest = f32(1) - share
     return (
-        f32(1),
         red * rest + through * stone_r,
         green * rest + through * stone_g,
         blue * rest + through * stone_b,
@@ -162,9 +158,9 @@ def stone_rows(kind, width):
 
 
 @kernel
-def soften_edges(scene, view, planes):
-    """Antialias the radiance of `Planes` [H, W'] along the edges of bridges."""
-    kind = planes.kind
+def soften_edges(scene, view, buffers):
+    """Antialias the radiance of `Buffers` [H, W'] along the edges of bridges."""
+    kind = buffers.kind
     width = view.camera.width
     top, bottom = stone_rows(kind, width)
     if top < bottom:
@@ -172,7 +168,7 @@ def soften_edges(scene, view, planes):
         top = max(top - 1, 0)
         bottom = min(bottom + 1, kind.shape[0])
         count = count_beside_edges(kind, top, bottom, width)
-        mix_edges(scene, view, planes, top, bottom, np.empty((count, 2), np.int32), np.empty((count, 3), np.float32))
+        mix_edges(scene, view, buffers, top, bottom, np.empty((count, 2), np.int32), np.empty((count, 3), np.float32))
 
 
 @kernel(allocates=False)
@@ -186,20 +182,20 @@ def count_beside_edges(kind, top, bottom, width):
 
 
 @kernel(allocates=False)
-def mix_edges(scene, view, planes, top, bottom, places, mixed):
+def mix_edges(scene, view, buffers, top, bottom, places, mixed):
     """Antialias the pixels beside an edge in the rows top to bottom; places [K, 2] and mixed [K, 3] are scratch."""
     width = view.camera.width
     n = 0
     for r in range(top, bottom):
         for c in range(width):
-            if beside_edge(planes.kind, r, c, width) == 1:
+            if beside_edge(buffers.kind, r, c, width) == 1:
                 places[n, 0] = r
                 places[n, 1] = c
                 n += 1
     # Colours are written only after all are known, because each pixel reads its neighbours.
     for k in range(n):
-        _, mixed[k, 0], mixed[k, 1], mixed[k, 2] = edge_colour(scene, view, planes, places[k, 0], places[k, 1])
+        mixed[k, 0], mixed[k, 1], mixed[k, 2] = edge_colour(scene, view, buffers, places[k, 0], places[k, 1])
     for k in range(n):
-        planes.red[places[k, 0], places[k, 1]] = mixed[k, 0]
-        planes.green[places[k, 0], places[k, 1]] = mixed[k, 1]
-        planes.blue[places[k, 0], places[k, 1]] = mixed[k, 2]
+        buffers.red[places[k, 0], places[k, 1]] = mixed[k, 0]
+        buffers.green[places[k, 0], places[k, 1]] = mixed[k, 1]
+        buffers.blue[places[k, 0], places[k, 1]] = mixed[k, 2]

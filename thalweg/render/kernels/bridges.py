@@ -78,31 +78,36 @@ def profile_gap(profile, u, z):
 
 
 @kernel(inlined=True, allocates=False)
+def meet_slab(at, rate, low, high):
+    """The t at which a coordinate that begins at `at` and changes by `rate` enters low..high, and at which it leaves
+    (slabs: Kay, Kajiya 1986)."""
+    # The divisor is kept from zero.
+    inverse = f32(1) / (rate if abs(rate) > f32(1e-6) else f32(1e-6))
+    ta = (low - at) * inverse
+    tb = (high - at) * inverse
+    return min(ta, tb), max(ta, tb)
+
+
+@kernel(inlined=True, allocates=False)
 def meet_extrusion(ray, v_low, v_high, profile, near, far):
     """The first t in near..far at which a ray is inside an extruded profile (-1: none), and 1 if it entered by a face.
 
     The profile is extruded over v_low..v_high.
     """
-    # Slabs (Kay, Kajiya 1986), first between the two faces. The divisor is kept from zero.
-    inverse = f32(1) / (ray.dv if abs(ray.dv) > f32(1e-6) else f32(1e-6))
-    ta = (v_low - ray.v) * inverse
-    tb = (v_high - ray.v) * inverse
-    enter = max(min(ta, tb), near)
-    leave = min(max(ta, tb), far)
-    by_face = f32(1) if min(ta, tb) >= near else f32(0)
+    # First between the two faces.
+    first, last = meet_slab(ray.v, ray.dv, v_low, v_high)
+    enter = max(first, near)
+    leave = min(last, far)
+    by_face = f32(1) if first >= near else f32(0)
     # The box around the profile cuts the ray further.
-    inverse = f32(1) / (ray.du if abs(ray.du) > f32(1e-6) else f32(1e-6))
-    ta = (-profile.half_length - ray.u) * inverse
-    tb = (profile.half_length - ray.u) * inverse
-    by_face = f32(0) if min(ta, tb) > enter else by_face
-    enter = max(enter, min(ta, tb))
-    leave = min(leave, max(ta, tb))
-    inverse = f32(1) / (ray.dz if abs(ray.dz) > f32(1e-6) else f32(1e-6))
-    ta = (profile.low - ray.z) * inverse
-    tb = (profile.high - ray.z) * inverse
-    by_face = f32(0) if min(ta, tb) > enter else by_face
-    enter = max(enter, min(ta, tb))
-    leave = min(leave, max(ta, tb))
+    first, last = meet_slab(ray.u, ray.du, -profile.half_length, profile.half_length)
+    by_face = f32(0) if first > enter else by_face
+    enter = max(enter, first)
+    leave = min(leave, last)
+    first, last = meet_slab(ray.z, ray.dz, profile.low, profile.high)
+    by_face = f32(0) if first > enter else by_face
+    enter = max(enter, first)
+    leave = min(leave, last)
     found = f32(-1)
     if enter < leave:
         step = (leave - enter) / f32(STEPS)
@@ -190,21 +195,13 @@ def passes_by(row, ray, near, far):
     """Whether a ray clearly misses the box around a bridge, parapets included, between near and far."""
     half = row[layout.B_HALF_WIDTH]
     length = row[layout.B_HALF_LENGTH]
-    inverse = f32(1) / (ray.dv if abs(ray.dv) > f32(1e-6) else f32(1e-6))
-    ta = (-half - ray.v) * inverse
-    tb = (half - ray.v) * inverse
-    enter = max(min(ta, tb), near)
-    leave = min(max(ta, tb), far)
-    inverse = f32(1) / (ray.du if abs(ray.du) > f32(1e-6) else f32(1e-6))
-    ta = (-length - ray.u) * inverse
-    tb = (length - ray.u) * inverse
-    enter = max(enter, min(ta, tb))
-    leave = min(leave, max(ta, tb))
-    inverse = f32(1) / (ray.dz if abs(ray.dz) > f32(1e-6) else f32(1e-6))
-    ta = (row[layout.B_SPRING] - f32(FOOT_M) - ray.z) * inverse
-    tb = (row[layout.B_DECK] + row[layout.B_PARAPET] - ray.z) * inverse
-    enter = max(enter, min(ta, tb))
-    leave = min(leave, max(ta, tb))
+    first_v, last_v = meet_slab(ray.v, ray.dv, -half, half)
+    first_u, last_u = meet_slab(ray.u, ray.du, -length, length)
+    first_z, last_z = meet_slab(
+        ray.z, ray.dz, row[layout.B_SPRING] - f32(FOOT_M), row[layout.B_DECK] + row[layout.B_PARAPET]
+    )
+    enter = max(max(first_v, near), max(first_u, first_z))
+    leave = min(min(last_v, far), min(last_u, last_z))
     # With a margin for rounding: what is left is tested exactly.
     return enter > leave + f32(1e-3) * (f32(1) + abs(enter))
 

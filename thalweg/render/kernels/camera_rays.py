@@ -93,16 +93,32 @@ def map_origin(scene, view):
 
 
 @kernel(inlined=True, allocates=False)
-def ray_through(camera, row, column):
-    """Return the ray through the centre of a pixel, in metres per metre along the optical axis: x, y, z."""
-    # Not normalised: one unit of t is one metre of depth, which planes and layers store.
-    sy = camera.half_h - (f32(row) + f32(0.5)) * row_step(camera)
-    sx = (f32(column) + f32(0.5)) * camera.column_step - camera.half_w
+def image_x(camera, column):
+    """Return the position on the image plane, to the right of its middle, of the centre of a column."""
+    return (f32(column) + f32(0.5)) * camera.column_step - camera.half_w
+
+
+@kernel(inlined=True, allocates=False)
+def image_y(camera, row, rows):
+    """Return the height on the image plane, above its middle, of the centre of `rows` rows from `row` on."""
+    return camera.half_h - (f32(row) + f32(0.5) * f32(rows)) * row_step(camera)
+
+
+@kernel(inlined=True, allocates=False)
+def ray_direction(camera, sx, sy):
+    """Return the ray through a point of the image plane, in metres per metre along the optical axis: x, y, z."""
+    # Not normalised: one unit of t is one metre of depth, which buffers and layers store.
     return (
         camera.forward_x + sy * camera.up_x + sx * camera.right_x,
         camera.forward_y + sy * camera.up_y + sx * camera.right_y,
         camera.forward_z + sy * camera.up_z,
     )
+
+
+@kernel(inlined=True, allocates=False)
+def ray_through(camera, row, column):
+    """Return the `ray_direction` of the centre of a pixel."""
+    return ray_direction(camera, image_x(camera, column), image_y(camera, row, 1))
 
 
 @kernel(inlined=True, allocates=False)
@@ -135,12 +151,12 @@ def square_rays(camera, row, size, inv_cell, rays, first, n):
     """
     # The middle of a square lies between pixels where its size is even.
     dx, dy, dz = rays
-    sy = camera.half_h - (f32(row) + f32(0.5) * f32(size)) * row_step(camera)
+    sy = image_y(camera, row, size)
     for k in range(n):
         sx = (f32(first + k) + f32(0.5)) * f32(size) * camera.column_step - camera.half_w
-        dx[k] = (camera.forward_x + sy * camera.up_x + sx * camera.right_x) * inv_cell
-        dy[k] = (camera.forward_y + sy * camera.up_y + sx * camera.right_y) * inv_cell
-        dz[k] = camera.forward_z + sy * camera.up_z
+        x, y, dz[k] = ray_direction(camera, sx, sy)
+        dx[k] = x * inv_cell
+        dy[k] = y * inv_cell
 
 
 @kernel(disjoint=True, allocates=False)

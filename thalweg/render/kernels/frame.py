@@ -12,59 +12,60 @@ from numba import int32, uint32
 from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels import bridge_stone, bridges
 from thalweg.render.kernels.bridge_edges import soften_edges
-from thalweg.render.kernels.camera_rays import Radiance, row_step
+from thalweg.render.kernels.camera_rays import Radiance, image_x, image_y, ray_direction, row_step
 from thalweg.render.kernels.layers import draw_layers
-from thalweg.render.kernels.plants.billboard import BLOCK
 from thalweg.render.kernels.plants.draw import draw_plants
 from thalweg.render.kernels.shading import tone
 from thalweg.render.kernels.shading.background import shade
 from thalweg.render.kernels.terrain.primary_hits import MISS, find_primary_hits
 from thalweg.render.records import layout
 from thalweg.render.records.classes import BRIDGE, PLANT, WATER
-from thalweg.render.records.view import COLOURS, MASK, Planes
+from thalweg.render.records.view import COLOURS, LANES, MASK, Buffers
 
 f32 = np.float32
 
 
 @kernel
-def empty_planes(height, width):
-    """Fresh `Planes` of a frame, each [H', W'].
+def empty_buffers(height, width, drawn):
+    """Fresh `Buffers` of a frame of which `drawn` is asked for (see `Output`).
 
-    W' is the width rounded up to whole blocks of plants, H' the height rounded up to an even number of rows.
+    Each is [H', W'], but those of radiance are [0, 0] where no colours are asked for.
+
+    H' is the height rounded up to an even number of rows, W' the width rounded up to a multiple of `LANES`.
     """
-    # Rows are drawn by twos in the reduced quality, and plants by blocks: no loop has to test for an edge.
-    height += height % 2
-    wide = (width + BLOCK - 1) // BLOCK * BLOCK
-    return Planes(
-        np.empty((height, wide), np.float32),
-        np.empty((height, wide), np.uint8),
-        np.empty((height, wide), np.float32),
-        np.empty((height, wide), np.float32),
-        np.empty((height, wide), np.float32),
-        np.empty((height, wide), np.float32),
-        np.empty((height, wide), np.float32),
-        np.empty((height, wide), np.float32),
+    # Rows are drawn by twos in the reduced quality, pixels by tiles and by vectors: no loop has to test for an edge.
+    shape = height + height % 2, (width + LANES - 1) // LANES * LANES
+    coloured = shape if drawn == COLOURS else (0, 0)
+    return Buffers(
+        np.empty(shape, np.float32),
+        np.empty(shape, np.uint8),
+        np.empty(coloured, np.float32),
+        np.empty(coloured, np.float32),
+        np.empty(coloured, np.float32),
+        np.empty(shape, np.float32),
+        np.empty(shape, np.float32),
+        np.empty(shape, np.float32),
     )
 
 
 @kernel(inlined=True)
-def rows_of(planes, top, bottom):
-    """The rows top to bottom of `Planes`, without a copy."""
-    return Planes(
-        planes.depth[top:bottom],
-        planes.kind[top:bottom],
-        planes.red[top:bottom],
-        planes.green[top:bottom],
-        planes.blue[top:bottom],
-        planes.transmittance[top:bottom],
-        planes.plant_depth[top:bottom],
-        planes.water[top:bottom],
+def rows_of(buffers, top, bottom):
+    """The rows top to bottom of `Buffers`, without a copy."""
+    return Buffers(
+        buffers.depth[top:bottom],
+        buffers.kind[top:bottom],
+        buffers.red[top:bottom],
+        buffers.green[top:bottom],
+        buffers.blue[top:bottom],
+        buffers.transmittance[top:bottom],
+        buffers.plant_depth[top:bottom],
+        buffers.water[top:bottom],
     )
 
 
 @kernel
-def draw_rows(scene, view, reduced, drawn, top, bottom, planes):
-    """Draw the rows from top to bottom into the `Planes` of their frame; top is a multiple of
+def draw_rows(scene, view, reduced, drawn, top, bottom, buffers):
+    """Draw the rows from top to bottom into the `Buffers` of their frame; top is a multiple of
     `background.ROWS_TOGETHER`.
 
     What a row shows depends only on the rows of its band of `background.ROWS_TOGETHER`. drawn: see `Output`; what is
@@ -72,7 +73,7 @@ def draw_rows(scene, view, reduced, drawn, top, bottom, planes):
     """
     # The reduced quality draws rows by twos; the one past an odd height is never shown.
     bottom += bottom % 2
-    rows = rows_of(planes, top, bottom)
+    rows = rows_of(buffers, top, bottom)
     # One call of each for all that may be drawn, so that masks and layers have the depths of the frame to the bit.
     find_primary_hits(scene, view, top, reduced, rows.depth, rows.kind, rows.water)
     stone = draw_bridges(scene, view, top, drawn, rows.depth, rows.kind)
@@ -86,7 +87,7 @@ def draw_rows(scene, view, reduced, drawn, top, bottom, planes):
 
 @kernel(allocates=False)
 def add_stone(stone, rows):
-    """Add the stone [K, 6] of `draw_bridges` to `Planes` [R, W'], as much as the plants let through."""
+    """Add the stone [K, 6] of `draw_bridges` to `Buffers` [R, W'], as much as the plants let through."""
     for k in range(len(stone)):
         r = int32(stone[k, 0])
         c = int32(stone[k, 1])
@@ -98,20 +99,20 @@ def add_stone(stone, rows):
 
 
 @kernel
-def finish_frame(scene, view, settings, planes, n, output):
-    """Turn the drawn `Planes` of a frame into number n of the arrays of `Output`."""
+def finish_frame(scene, view, settings, buffers, n, output):
+    """Turn the drawn `Buffers` of a frame into number n of the arrays of `Output`."""
     if output.drawn == COLOURS and not settings.reduced:
         # Without the row by which an odd height is rounded up: rays are aimed by the number of rows.
-        soften_edges(scene, view, rows_of(planes, 0, settings.height))
+        soften_edges(scene, view, rows_of(buffers, 0, settings.height))
     # Layers are written first, because the mask replaces the classes in place.
     if output.want_layers:
-        write_layers(planes, output.depths[n], output.classes[n])
-    mask_water(planes.kind, planes.transmittance)
+        write_layers(buffers, output.depths[n], output.classes[n])
+    mask_water(buffers.kind, buffers.transmittance)
     if output.drawn != COLOURS:
-        copy_mask(planes.kind, output.masks[n])
+        copy_mask(buffers.kind, output.masks[n])
         return
     tone.write_image(
-        Radiance(planes.red, planes.green, planes.blue), planes.kind, view.look, noise_key(view), output.images[n]
+        Radiance(buffers.red, buffers.green, buffers.blue), buffers.kind, view.look, noise_key(view), output.images[n]
     )  # fmt: skip
 
 
@@ -169,15 +170,13 @@ def meet_bridges(scene, view, top, drawn, boxes, closest, depth, kind, stone):
     for b in range(len(boxes)):
         row = scene.bridges[first + b]
         for r in range(boxes[b, 2], boxes[b, 3]):
-            sy = camera.half_h - (f32(top + r) + f32(0.5)) * per_row
+            sy = image_y(camera, top + r, 1)
             for c in range(boxes[b, 0], boxes[b, 1]):
                 # Before all of the bridge lies what is already drawn.
                 if depth[r, c] <= closest[b] or (drawn == MASK and kind[r, c] != WATER):
                     continue
-                sx = (f32(c) + f32(0.5)) * camera.column_step - camera.half_w
-                dx = camera.forward_x + sy * camera.up_x + sx * camera.right_x
-                dy = camera.forward_y + sy * camera.up_y + sx * camera.right_y
-                dz = camera.forward_z + sy * camera.up_z
+                sx = image_x(camera, c)
+                dx, dy, dz = ray_direction(camera, sx, sy)
                 # Only stone nearer than what is already drawn counts, so the order of bridges does not matter.
                 ray = bridges.bridge_ray(row, camera, dx, dy, dz)
                 hit = bridges.meet_bridge(row, ray, camera.near_m, min(depth[r, c], f32(bridges.FAR_M)))
@@ -198,10 +197,10 @@ def meet_bridges(scene, view, top, drawn, boxes, closest, depth, kind, stone):
 
 
 @kernel(disjoint=True, allocates=False)
-def write_layers(planes, depth_out, class_out):
-    """Depth along the axis (-1: sky) and class of each pixel [H, W], from `Planes` [H', W']."""
+def write_layers(buffers, depth_out, class_out):
+    """Depth along the axis (-1: sky) and class of each pixel [H, W], from `Buffers` [H', W']."""
     height, width = depth_out.shape
-    depth, plant_depth, kind, light = planes.depth, planes.plant_depth, planes.kind, planes.transmittance
+    depth, plant_depth, kind, light = buffers.depth, buffers.plant_depth, buffers.kind, buffers.transmittance
     for r in range(height):
         for c in range(width):
             seen = min(depth[r, c], plant_depth[r, c])

@@ -3,48 +3,29 @@
 import numpy as np
 
 from thalweg.core.compute.jit import kernel
-from thalweg.render.kernels.plants.billboard import BLOCK
 from thalweg.render.kernels.plants.draw import draw_in_order, empty_scratch
 from thalweg.render.kernels.plants.reduced_billboard import ROWS
 from thalweg.render.kernels.plants.tiles import empty_cover, load_depths, store_tiles
 from thalweg.render.records.classes import WATER
-from thalweg.render.records.view import Planes
 
 f32 = np.float32
 
 
 @kernel
-def colourless_planes(height, width):
-    """Fresh `Planes` of a frame as those of `frame.empty_planes`, but with no pixels of radiance."""
-    height += height % 2
-    wide = (width + BLOCK - 1) // BLOCK * BLOCK
-    return Planes(
-        np.empty((height, wide), np.float32),
-        np.empty((height, wide), np.uint8),
-        np.empty((0, 0), np.float32),
-        np.empty((0, 0), np.float32),
-        np.empty((0, 0), np.float32),
-        np.empty((height, wide), np.float32),
-        np.empty((height, wide), np.float32),
-        np.empty((height, wide), np.float32),
-    )
-
-
-@kernel
-def draw_layers(scene, view, top, reduced, only_mask, planes):
-    """Fill transmittance and plant depth of `Planes` [R, W'] with those of the plants, for rows from `top` on.
+def draw_layers(scene, view, top, reduced, only_mask, buffers):
+    """Fill transmittance and plant depth of `Buffers` [R, W'] with those of the plants, for rows from `top` on.
 
     Depth and kind must already hold what lies behind the plants. With only_mask, just what hides water is drawn: the
     rest keeps its light.
     """
-    behind = np.empty(planes.depth.shape, np.float32)
-    asked_depth(planes.depth, planes.kind, only_mask, behind)
+    behind = np.empty(buffers.depth.shape, np.float32)
+    asked_depth(buffers.depth, buffers.kind, only_mask, behind)
     together = ROWS if reduced else 1
-    tiles = empty_cover(len(behind), planes.depth.shape[1], together)
+    tiles = empty_cover(len(behind), buffers.depth.shape[1], together)
     load_depths(behind, view.camera.width, together, tiles)
     work = empty_scratch(scene, view.world, len(tiles.deepest))
     draw_in_order(scene, view, top, reduced, False, tiles, work)
-    store_tiles(tiles, together, False, planes)
+    store_tiles(tiles, together, False, buffers)
 
 
 @kernel(disjoint=True, allocates=False)

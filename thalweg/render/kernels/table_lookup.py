@@ -40,29 +40,30 @@ class HeightMap(NamedTuple):
 
 
 @kernel(inlined=True, allocates=False)
-def top_map(scene, world):
-    """Return the `HeightMap` of a world's upper surface."""
+def height_map(scene, world, codes, base, step):
+    """Return a `HeightMap` of a world from those of its fields that its maps differ by."""
     return HeightMap(
-        scene.top,
+        codes,
         int32(scene.extents[world, layout.MAP_AT]),
         int32(scene.extents[world, layout.GX]),
         int32(scene.extents[world, layout.GY]),
-        scene.constants[world, layout.TOP_BASE],
-        scene.constants[world, layout.TOP_STEP],
+        base,
+        step,
     )
+
+
+@kernel(inlined=True, allocates=False)
+def top_map(scene, world):
+    """Return the `HeightMap` of a world's upper surface."""
+    number = scene.constants
+    return height_map(scene, world, scene.top, number[world, layout.TOP_BASE], number[world, layout.TOP_STEP])
 
 
 @kernel(inlined=True, allocates=False)
 def depth_map(scene, world):
     """Return the `HeightMap` of a world's water: its surface minus the ground."""
-    return HeightMap(
-        scene.depth,
-        int32(scene.extents[world, layout.MAP_AT]),
-        int32(scene.extents[world, layout.GX]),
-        int32(scene.extents[world, layout.GY]),
-        scene.constants[world, layout.DEPTH_BASE],
-        scene.constants[world, layout.DEPTH_STEP],
-    )
+    number = scene.constants
+    return height_map(scene, world, scene.depth, number[world, layout.DEPTH_BASE], number[world, layout.DEPTH_STEP])
 
 
 @kernel(inlined=True, allocates=False)

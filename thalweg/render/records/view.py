@@ -1,4 +1,4 @@
-"""Records that pass from the renderer to its kernels: settings, views, a posed camera and the planes of a frame.
+"""Records that pass from the renderer to its kernels: settings, views, a posed camera and the buffers of a frame.
 
 All are NamedTuples: Numba takes them as arguments and takes them apart at no cost.
 """
@@ -7,6 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+LANES = 16
+"""Single-precision numbers of the widest vector. Rows and lists are filled up to a multiple of this, so that loops over
+them end on whole vectors."""
 COLOURS, LAYERS, MASK = range(3)
 """What is drawn of a frame: its colours and its mask; depth, class and mask; or the mask alone."""
 
@@ -80,8 +83,8 @@ class View(NamedTuple):
     """Seconds, float32."""
 
 
-class Planes(NamedTuple):
-    """The buffers of a frame or of some of its rows, each [H', W'], or [N, H, W] for many frames."""
+class Buffers(NamedTuple):
+    """What the pixels of a frame hold, or those of some of its rows, each [H', W'], or [N, H, W] for many frames."""
 
     depth: Any
     """float32, metres along the optical axis to ground, water or a bridge; `MISS` where a ray meets nothing."""

@@ -126,8 +126,8 @@ class Materials:
 
         half = self.sun - sight
         lean = -half[:, :2] / half[:, 2:] - slope
-        width = water_optics.ROUGHNESS + water_optics.SUN_WIDTH
-        density = np.exp(-(lean**2).sum(1) / (2 * width)) / (2 * np.pi * width)
+        variance = water_optics.ROUGHNESS + water_optics.SUN_WIDTH
+        density = np.exp(-(lean**2).sum(1) / (2 * variance)) / (2 * np.pi * variance)
         glitter = np.minimum(water_optics.GLITTER * density * sunlit[:, 0] * passing, water_optics.GLITTER_MOST)
         return (
             under * (1 - mirror[:, None])

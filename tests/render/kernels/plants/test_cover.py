@@ -6,12 +6,12 @@ import pytest
 from tests.render.frames import posed
 from tests.render.plain import plane, plants_at
 from thalweg.render import Camera, Look, Renderer
-from thalweg.render.kernels.frame import empty_planes
-from thalweg.render.kernels.layers import colourless_planes, draw_layers
+from thalweg.render.kernels.frame import empty_buffers
+from thalweg.render.kernels.layers import draw_layers
 from thalweg.render.kernels.plants.draw import draw_plants
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.classes import GROUND, WATER
-from thalweg.render.records.view import Planes, View
+from thalweg.render.records.view import COLOURS, MASK, Buffers, View
 
 CAMERA = Camera(64, 64)
 ROW = 30
@@ -27,19 +27,19 @@ def wood(kind: int) -> tuple:
     return renderer.scene, View(0, look, camera, np.float32(0))
 
 
-def drawn(scene, view, reduced: bool) -> Planes:
-    planes = Planes(*empty_planes(64, 64))
-    planes.depth[:] = 60.0
-    draw_plants(scene, view, 0, reduced, planes)
-    return planes
+def drawn(scene, view, reduced: bool) -> Buffers:
+    buffers = Buffers(*empty_buffers(64, 64, COLOURS))
+    buffers.depth[:] = 60.0
+    draw_plants(scene, view, 0, reduced, buffers)
+    return buffers
 
 
 def covered(scene, view, reduced: bool, behind: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Light and depth of the plants before water at depths `behind`; 0 where there is none."""
-    planes = Planes(*colourless_planes(64, 64))
-    planes.depth[:], planes.kind[:] = behind, np.where(behind > 0, WATER, GROUND)
-    draw_layers(scene, view, 0, reduced, True, planes)
-    return planes.transmittance, planes.plant_depth
+    buffers = Buffers(*empty_buffers(64, 64, MASK))
+    buffers.depth[:], buffers.kind[:] = behind, np.where(behind > 0, WATER, GROUND)
+    draw_layers(scene, view, 0, reduced, True, buffers)
+    return buffers.transmittance, buffers.plant_depth
 
 
 @pytest.mark.slow
@@ -47,13 +47,13 @@ def covered(scene, view, reduced: bool, behind: np.ndarray) -> tuple[np.ndarray,
 @pytest.mark.parametrize("kind", [0, 7, 13])
 def test_light_is_that_of_drawn_plants_until_half_of_it_is_gone(kind, reduced):
     scene, view = wood(kind)
-    planes = drawn(scene, view, reduced)
+    buffers = drawn(scene, view, reduced)
     light, depth = covered(scene, view, reduced, np.full((64, 64), 60.0, np.float32))
-    seen = planes.transmittance >= 0.5
-    assert 0.02 < (~seen).mean() < 0.9 and ((planes.transmittance < 1) & seen).sum() > 20
+    seen = buffers.transmittance >= 0.5
+    assert 0.02 < (~seen).mean() < 0.9 and ((buffers.transmittance < 1) & seen).sum() > 20
     np.testing.assert_array_equal(light >= 0.5, seen)
-    np.testing.assert_array_equal(light[seen], planes.transmittance[seen])
-    np.testing.assert_array_equal(depth, planes.plant_depth)
+    np.testing.assert_array_equal(light[seen], buffers.transmittance[seen])
+    np.testing.assert_array_equal(depth, buffers.plant_depth)
 
 
 @pytest.mark.slow

@@ -8,13 +8,13 @@ from tests.render.plain import plane, plants_at
 from thalweg.render import Camera, Renderer
 from thalweg.render.bake.scene_tables import build_scene
 from thalweg.render.kernels.camera_rays import pose_camera
-from thalweg.render.kernels.frame import empty_planes
+from thalweg.render.kernels.frame import empty_buffers
 from thalweg.render.kernels.plants.billboard import stopped
 from thalweg.render.kernels.plants.draw import draw_plants
 from thalweg.render.records import layout
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.classes import PLANT
-from thalweg.render.records.view import FrameSettings, Planes, PosedCamera, View
+from thalweg.render.records.view import COLOURS, Buffers, FrameSettings, PosedCamera, View
 from thalweg.render.reference import frame as reference
 from thalweg.render.reference import plants as reference_plants
 from thalweg.world.species import KINDS
@@ -61,17 +61,17 @@ def wooded_scene():
     return build_scene([world])
 
 
-def drawn_plants(scene, pose, reduced: bool) -> Planes:
-    """The planes of a frame with nothing but plants in front of a wall 40 m away."""
+def drawn_plants(scene, pose, reduced: bool) -> Buffers:
+    """The buffers of a frame with nothing but plants in front of a wall 40 m away."""
     camera = Camera(100, 90)
     look = look_rows(look_values(None, 1), camera)[0]
     settings = FrameSettings(camera.height_px, camera.width_px, np.float32(camera.near_m), reduced)
     *numbers, height, width = pose_camera(np.array(pose), look, settings)
     posed = PosedCamera._make((*(np.float32(number) for number in numbers), height, width))
-    planes = Planes(*empty_planes(height, width))
-    planes.depth[...] = 40.0
-    draw_plants(scene, View(0, look, posed, np.float32(0)), 0, reduced, planes)
-    return planes
+    buffers = Buffers(*empty_buffers(height, width, COLOURS))
+    buffers.depth[...] = 40.0
+    draw_plants(scene, View(0, look, posed, np.float32(0)), 0, reduced, buffers)
+    return buffers
 
 
 @pytest.mark.parametrize("reduced", [False, True])

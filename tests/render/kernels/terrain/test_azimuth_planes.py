@@ -9,11 +9,11 @@ import pytest
 from tests.render.frames import on_river, posed, rays
 from tests.render.plain import CELL_M, HALF_M, NODES, plane
 from thalweg.render import Camera, Renderer
-from thalweg.render.kernels.plants.billboard import BLOCK
+from thalweg.render.kernels import camera_rays
 from thalweg.render.kernels.terrain import azimuth_planes, primary_hits
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.classes import SKY
-from thalweg.render.records.view import View
+from thalweg.render.records.view import LANES, View
 from thalweg.render.reference import frame as reference
 from thalweg.world import World
 
@@ -28,7 +28,7 @@ def view_at(renderer: Renderer, pose: np.ndarray) -> View:
 def planes_and_march(renderer: Renderer, pose: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Depth and kind of a view by planes, then by the march."""
     view = view_at(renderer, pose)
-    shape = view.camera.height, -(-view.camera.width // BLOCK) * BLOCK
+    shape = view.camera.height, -(-view.camera.width // LANES) * LANES
     found = []
     for find in (primary_hits.find_by_planes, primary_hits.find_by_march):
         depth, kind = np.zeros(shape, f32), np.zeros(shape, np.uint8)
@@ -76,6 +76,26 @@ def test_planes_serve_no_camera_that_looks_nearly_straight_down_or_up():
     assert not azimuth_planes.can_serve(camera_at(20.0, fov_deg=130.0))
     for pitch in (-30.0, 0.0, 20.0, 40.0):
         assert azimuth_planes.fan_of(camera_at(pitch), f32(2)).planes <= azimuth_planes.most_planes(64)
+
+
+@pytest.mark.parametrize(("rows", "share"), [(32, 0.06), (128, 0.03), (512, 0.015)])
+@pytest.mark.slow
+def test_a_doubtful_pixel_is_left_two_samples_before_the_nearer_plane_in_images_of_any_height(rows: int, share: float):
+    assert azimuth_planes.next_distance(f32(100), f32(CELL_M), rows) == pytest.approx(100 * (1 + share))
+    renderer = Renderer([plane()], Camera(rows, 32, pitch_deg=0.0))
+    view = view_at(renderer, np.array([0.0, 0.0, 3.0, 0.0]))
+    fan = azimuth_planes.fan_of(view.camera, f32(1 / CELL_M))
+    # Planes in turn meet something at 20 m and at 40 m, so that every pixel is doubtful.
+    nearness = np.where(np.arange(fan.planes) % 2, 1 / 20, 1 / 40).astype(f32)
+    row = rows - 1
+    scratch, t, doubt = np.zeros((3, 32), f32), np.zeros(32, f32), np.zeros(32, np.uint8)
+    rays_of_row = camera_rays.Rays(*scratch)
+    camera_rays.row_rays(view.camera, row, 0, f32(1 / CELL_M), rays_of_row, 32)
+    origin = camera_rays.map_origin(renderer.scene, view)
+    azimuth_planes.settle_row(renderer.scene, view, origin, fan, row, 0, rays_of_row, nearness, t, doubt, 32)
+    assert doubt.all()
+    # Without pitch, metres along the axis are metres ahead. A sample is no closer than half a cell.
+    np.testing.assert_allclose(t, 20 * (1 - 2 * share) - CELL_M, rtol=1e-5)
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from numba import int32, uint32
 
 from thalweg.core.compute.jit import kernel
 from thalweg.render.bake import impostors
-from thalweg.render.kernels.camera_rays import row_step
+from thalweg.render.kernels.camera_rays import ray_direction, row_step
 from thalweg.render.kernels.fast_math import exp, log2
 from thalweg.render.kernels.table_lookup import channel, clamp
 from thalweg.render.records import layout
@@ -16,8 +16,6 @@ from thalweg.render.records.appearance import HAZE_PER_M, SEASON
 
 f32 = np.float32
 
-BLOCK = 16
-"""The planes of a frame are this many pixels wide, or a multiple of it."""
 SHIFT = 2
 SIDE = 1 << SHIFT
 """Samples along each side of a tile, a power of two."""
@@ -219,6 +217,15 @@ def stopped(passing, cover, closed):
     """
     part = passing * cover
     return passing if passing - part < closed else part
+
+
+@kernel(inlined=True, allocates=False)
+def sample_ray(camera, left, height, per_row, i):
+    """The `ray_direction` of sample i of a tile whose first one is at left, height on the image plane.
+
+    per_row: by how much the samples of a row are lower than those of the row above.
+    """
+    return ray_direction(camera, left + f32(i & (SIDE - 1)) * camera.column_step, height - f32(i >> SHIFT) * per_row)
 
 
 @kernel(inlined=True, allocates=False)

@@ -14,11 +14,10 @@ from thalweg.render.kernels.camera_rays import row_step
 from thalweg.render.kernels.plants import reduced_billboard
 from thalweg.render.kernels.plants.billboard import (
     SAMPLES,
-    SHIFT,
-    SIDE,
     meet_billboard,
     mixed_cover,
     nearest_texel,
+    sample_ray,
     sharp_cover,
     stopped,
     texel_at,
@@ -68,15 +67,10 @@ def cover_tile(atlas, board, nearest, camera, left, height, first, blended, tile
     still = f32(0)
     for i in range(SAMPLES):
         k = first + uint64(i)
-        sx = left + f32(i & (SIDE - 1)) * camera.column_step
-        sy = height - f32(i >> SHIFT) * per_row
+        dx, dy, dz = sample_ray(camera, left, height, per_row, i)
         passing = tiles.light[k]
         part, t = billboard_cover(
-            atlas, board,
-            camera.forward_x + sy * camera.up_x + sx * camera.right_x,
-            camera.forward_y + sy * camera.up_y + sx * camera.right_y,
-            camera.forward_z + sy * camera.up_z,
-            camera.near_m, tiles.depth[k], passing, blended,
+            atlas, board, dx, dy, dz, camera.near_m, tiles.depth[k], passing, blended,
         )  # fmt: skip
         rest = passing - part
         tiles.light[k] = rest
@@ -93,14 +87,8 @@ def cover_tile_by_twos(atlas, board, nearest, camera, left, height, first, scrat
     part, met = scratch[0], scratch[1]
     per_row = row_step(camera) * f32(reduced_billboard.ROWS)
     for i in range(SAMPLES):
-        sx = left + f32(i & (SIDE - 1)) * camera.column_step
-        sy = height - f32(i >> SHIFT) * per_row
-        part[i], met[i] = nearest_cover(
-            atlas, board,
-            camera.forward_x + sy * camera.up_x + sx * camera.right_x,
-            camera.forward_y + sy * camera.up_y + sx * camera.right_y,
-            camera.forward_z + sy * camera.up_z, camera.near_m,
-        )  # fmt: skip
+        dx, dy, dz = sample_ray(camera, left, height, per_row, i)
+        part[i], met[i] = nearest_cover(atlas, board, dx, dy, dz, camera.near_m)
     still = f32(0)
     for below in range(reduced_billboard.ROWS):
         for i in range(SAMPLES):

@@ -195,18 +195,18 @@ def empty_scratch(scene, world, tile_rows):
 
 
 @kernel
-def draw_plants(scene, view, top, reduced, planes):
-    """Fill radiance, transmittance and plant depth of `Planes` [R, W'] with those of the plants in view.
+def draw_plants(scene, view, top, reduced, buffers):
+    """Fill radiance, transmittance and plant depth of `Buffers` [R, W'] with those of the plants in view.
 
     Rows are those from `top` on of the image; in the reduced quality R is even. Depth must already hold what lies
     behind the plants.
     """
     together = reduced_billboard.ROWS if reduced else 1
-    tiles = empty_tiles(planes.depth.shape[0], planes.depth.shape[1], together)
-    load_depths(planes.depth, view.camera.width, together, tiles)
+    tiles = empty_tiles(buffers.depth.shape[0], buffers.depth.shape[1], together)
+    load_depths(buffers.depth, view.camera.width, together, tiles)
     work = empty_scratch(scene, view.world, len(tiles.deepest))
     draw_in_order(scene, view, top, reduced, True, tiles, work)
-    store_tiles(tiles, together, True, planes)
+    store_tiles(tiles, together, True, buffers)
 
 
 @kernel(disjoint=True, allocates=False)

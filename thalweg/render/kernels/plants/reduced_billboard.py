@@ -5,7 +5,7 @@ from numba import uint32, uint64
 
 from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.camera_rays import row_step
-from thalweg.render.kernels.plants.billboard import SAMPLES, SHIFT, SIDE, meet_billboard, nearest_texel, stopped
+from thalweg.render.kernels.plants.billboard import SAMPLES, meet_billboard, nearest_texel, sample_ray, stopped
 from thalweg.render.kernels.table_lookup import channel, clamp
 
 f32 = np.float32
@@ -48,15 +48,9 @@ def draw_tile(atlas, board, nearest, camera, left, height, first, scratch, tiles
     ink_r, ink_g, ink_b, ink, ink_t = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]
     per_row = row_step(camera) * f32(ROWS)
     for i in range(SAMPLES):
-        sx = left + f32(i & (SIDE - 1)) * camera.column_step
-        sy = height - f32(i >> SHIFT) * per_row
+        dx, dy, dz = sample_ray(camera, left, height, per_row, i)
         # Texels are read once into scratch; the two pixels below then differ only in depth and light.
-        ink_r[i], ink_g[i], ink_b[i], ink[i], ink_t[i] = billboard_pixel(
-            atlas, board,
-            camera.forward_x + sy * camera.up_x + sx * camera.right_x,
-            camera.forward_y + sy * camera.up_y + sx * camera.right_y,
-            camera.forward_z + sy * camera.up_z, camera.near_m,
-        )  # fmt: skip
+        ink_r[i], ink_g[i], ink_b[i], ink[i], ink_t[i] = billboard_pixel(atlas, board, dx, dy, dz, camera.near_m)
     still = f32(0)
     for below in range(ROWS):
         for i in range(SAMPLES):

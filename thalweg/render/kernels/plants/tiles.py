@@ -13,9 +13,9 @@ from numba import int32, uint64
 from thalweg.core.compute.jit import kernel
 from thalweg.render.bake.impostors import LEVELS
 from thalweg.render.bake.outlines import BANDS
-from thalweg.render.kernels.camera_rays import row_step
+from thalweg.render.kernels.camera_rays import image_x, image_y, row_step
 from thalweg.render.kernels.plants import reduced_billboard
-from thalweg.render.kernels.plants.billboard import CLOSED, SAMPLES, SHIFT, SIDE, billboard_pixel
+from thalweg.render.kernels.plants.billboard import CLOSED, SAMPLES, SIDE, billboard_pixel, sample_ray
 from thalweg.render.kernels.plants.cover import cover_tile, cover_tile_by_twos
 from thalweg.render.kernels.table_lookup import clamp
 from thalweg.render.kernels.terrain.primary_hits import MISS
@@ -27,7 +27,7 @@ LEAST_AHEAD = 0.05
 
 
 class Tiles(NamedTuple):
-    """Planes of a frame by tiles: flat arrays [T * pixels of a tile], and two numbers a tile [Y, X]."""
+    """`Buffers` of a frame by tiles: flat arrays [T * pixels of a tile], and two numbers a tile [Y, X]."""
 
     depth: Any
     """float32, depth of what lies behind the plants; 0 beyond the image."""
@@ -38,7 +38,7 @@ class Tiles(NamedTuple):
     light: Any
     """float32, share of the light that plants let through."""
     plant_depth: Any
-    """float32, see `Planes.plant_depth`."""
+    """float32, see `Buffers.plant_depth`."""
     deepest: Any
     """float32, greatest depth of a tile's pixels, 0 once the tile is closed."""
 
@@ -60,12 +60,12 @@ def empty_tiles(rows, columns, together):
     high = (rows + SIDE * together - 1) // (SIDE * together)
     wide = (columns + SIDE - 1) // SIDE
     size = high * wide * SAMPLES * together
-    # The planes are a few cache lines apart from whole pages: a processor may take equal offsets within pages for
+    # The buffers are a few cache lines apart from whole pages: a processor may take equal offsets within pages for
     # equal addresses.
     apart = size + 80
     block = np.zeros(6 * apart, np.float32)
-    planes = block.reshape(6, apart)
-    planes[4] = f32(1)
+    buffers = block.reshape(6, apart)
+    buffers[4] = f32(1)
     return Tiles(
         block[:size], block[apart : apart + size], block[2 * apart : 2 * apart + size],
         block[3 * apart : 3 * apart + size], block[4 * apart : 4 * apart + size], block[5 * apart : 5 * apart + size],
@@ -118,9 +118,9 @@ def load_depths(depth, width, together, tiles):
 
 
 @kernel(disjoint=True, allocates=False)
-def store_tiles(tiles, together, coloured, planes):
-    """Fill transmittance and depth of plants in `Planes` [R, W'] from `Tiles`, and with `coloured` their radiance."""
-    rows = planes.depth.shape[0]
+def store_tiles(tiles, together, coloured, buffers):
+    """Fill transmittance and depth of plants in `Buffers` [R, W'] from `Tiles`, and with `coloured` their radiance."""
+    rows = buffers.depth.shape[0]
     high, wide = tiles.deepest.shape
     for ty in range(high):
         for row in range(min(SIDE * together, rows - ty * SIDE * together)):
@@ -130,23 +130,17 @@ def store_tiles(tiles, together, coloured, planes):
                 first = uint64(tx * SIDE)
                 for column in range(SIDE):
                     c = uint64(column)
-                    planes.transmittance[r, first + c] = tiles.light[k + c]
+                    buffers.transmittance[r, first + c] = tiles.light[k + c]
                     # A depth of 0 stands for no plant.
                     found = tiles.plant_depth[k + c]
-                    planes.plant_depth[r, first + c] = found if found > f32(0) else f32(MISS)
+                    buffers.plant_depth[r, first + c] = found if found > f32(0) else f32(MISS)
                 if not coloured:
                     continue
                 for column in range(SIDE):
                     c = uint64(column)
-                    planes.red[r, first + c] = tiles.red[k + c]
-                    planes.green[r, first + c] = tiles.green[k + c]
-                    planes.blue[r, first + c] = tiles.blue[k + c]
-
-
-@kernel(inlined=True, allocates=False)
-def sample_height(camera, row, together):
-    """Height on the image plane of the samples that stand for `together` rows of the image from `row` on."""
-    return camera.half_h - (f32(row) + f32(0.5) * f32(together)) * row_step(camera)
+                    buffers.red[r, first + c] = tiles.red[k + c]
+                    buffers.green[r, first + c] = tiles.green[k + c]
+                    buffers.blue[r, first + c] = tiles.blue[k + c]
 
 
 @kernel(allocates=False)
@@ -154,10 +148,10 @@ def fill_tile_rows(camera, top, together, rows):
     """Fill `TileRows`; row 0 of the first tile is row `top` of the image."""
     for ty in range(len(rows.level_first)):
         first = top + ty * SIDE * together
-        sy = sample_height(camera, first, together)
+        sy = image_y(camera, first, together)
         rows.level_first[ty] = level_part(camera, sy)
         rows.slope_first[ty] = (camera.forward_z + sy * camera.up_z) / max(rows.level_first[ty], f32(LEAST_AHEAD))
-        sy = sample_height(camera, first + (SIDE - 1) * together, together)
+        sy = image_y(camera, first + (SIDE - 1) * together, together)
         rows.level_last[ty] = level_part(camera, sy)
         rows.slope_last[ty] = (camera.forward_z + sy * camera.up_z) / max(rows.level_last[ty], f32(LEAST_AHEAD))
 
@@ -244,15 +238,10 @@ def draw_tile(atlas, board, nearest, camera, left, height, first, blended, tiles
     for i in range(SAMPLES):
         # An unsigned index needs no test for negative ones, which would break up the vectors.
         k = first + uint64(i)
-        sx = left + f32(i & (SIDE - 1)) * camera.column_step
-        sy = height - f32(i >> SHIFT) * per_row
+        dx, dy, dz = sample_ray(camera, left, height, per_row, i)
         passing = tiles.light[k]
         add_r, add_g, add_b, part, t = billboard_pixel(
-            atlas, board,
-            camera.forward_x + sy * camera.up_x + sx * camera.right_x,
-            camera.forward_y + sy * camera.up_y + sx * camera.right_y,
-            camera.forward_z + sy * camera.up_z,
-            camera.near_m, tiles.depth[k], passing, f32(CLOSED), blended,
+            atlas, board, dx, dy, dz, camera.near_m, tiles.depth[k], passing, f32(CLOSED), blended,
         )  # fmt: skip
         tiles.red[k] += add_r
         tiles.green[k] += add_g
@@ -283,12 +272,12 @@ def draw_billboard(scene, board, nearest, camera, box, top, reduced, coloured, s
         filled_0, filled_1 = columns_filled(scene.outlines, board, camera, rows, ty, c0, c1)
         if filled_0 >= filled_1:
             continue
-        height = sample_height(camera, top + ty * SIDE * together, together)
+        height = image_y(camera, top + ty * SIDE * together, together)
         for tx in range(filled_0 // SIDE, (filled_1 - 1) // SIDE + 1):
             # A closed tile has depth 0; one whose ground is nearer than the plant shows none of it.
             if deepest[ty, tx] < nearest:
                 continue
-            left = (f32(tx * SIDE) + f32(0.5)) * camera.column_step - camera.half_w
+            left = image_x(camera, tx * SIDE)
             first = uint64((ty * wide + tx) * SAMPLES * together)
             if coloured and reduced:
                 still = reduced_billboard.draw_tile(

@@ -17,7 +17,7 @@ from thalweg.render.kernels.shading.shore import DEEPEST_M, covered_share, water
 from thalweg.render.kernels.terrain.heightfield_march import TILE
 from thalweg.render.records import layout
 from thalweg.render.records.classes import GROUND, SKY, WATER
-from thalweg.render.records.view import Planes
+from thalweg.render.records.view import LANES, Buffers
 
 f32 = np.float32
 
@@ -27,8 +27,6 @@ ROWS_TOGETHER = TILE
 """Rows of a band. Those that a thread draws begin at multiples of this."""
 CHUNK = 512
 """Most pixels that are shaded together: their scratch fits into a processor's second cache."""
-LANES = 16
-"""The number of pixels that are shaded together is a multiple of this, as many as the widest vector holds."""
 SHORE_M = 0.5 * DEEPEST_M + 0.001
 """Where the water is deeper, or the ground higher, than this, no shore crosses the pixel."""
 KINDS = 3
@@ -72,32 +70,32 @@ def empty_gathered(wide):
 
 
 @kernel
-def flattened(planes):
-    """`Planes` [R, W'] as arrays [R * W'], without a copy."""
-    return Planes(
-        planes.depth.reshape(-1),
-        planes.kind.reshape(-1),
-        planes.red.reshape(-1),
-        planes.green.reshape(-1),
-        planes.blue.reshape(-1),
-        planes.transmittance.reshape(-1),
-        planes.plant_depth.reshape(-1),
-        planes.water.reshape(-1),
+def flattened(buffers):
+    """`Buffers` [R, W'] as arrays [R * W'], without a copy."""
+    return Buffers(
+        buffers.depth.reshape(-1),
+        buffers.kind.reshape(-1),
+        buffers.red.reshape(-1),
+        buffers.green.reshape(-1),
+        buffers.blue.reshape(-1),
+        buffers.transmittance.reshape(-1),
+        buffers.plant_depth.reshape(-1),
+        buffers.water.reshape(-1),
     )
 
 
 @kernel
-def shade(scene, view, top, reduced, planes):
-    """Add the radiance of sky, water and ground to `Planes` [R, W'], as much as the plants let through."""
-    wide = planes.depth.shape[1]
-    shade_bands(scene, view, top, reduced, flattened(planes), wide, empty_gathered(wide))
+def shade(scene, view, top, reduced, buffers):
+    """Add the radiance of sky, water and ground to `Buffers` [R, W'], as much as the plants let through."""
+    wide = buffers.depth.shape[1]
+    shade_bands(scene, view, top, reduced, flattened(buffers), wide, empty_gathered(wide))
 
 
 @kernel(allocates=False)
-def shade_bands(scene, view, top, reduced, planes, wide, gathered):
-    """As `shade`, for `flattened` planes of rows of W' pixels, with `Gathered`."""
-    for first in range(0, len(planes.depth), ROWS_TOGETHER * wide):
-        band = band_of(planes, first, wide)
+def shade_bands(scene, view, top, reduced, buffers, wide, gathered):
+    """As `shade`, for `flattened` buffers of rows of W' pixels, with `Gathered`."""
+    for first in range(0, len(buffers.depth), ROWS_TOGETHER * wide):
+        band = band_of(buffers, first, wide)
         row = top + first // wide
         counts = gather(scene, view, row, reduced, band, wide, gathered)
         for what in range(KINDS):
@@ -105,18 +103,18 @@ def shade_bands(scene, view, top, reduced, planes, wide, gathered):
 
 
 @kernel(inlined=True, allocates=False)
-def band_of(planes, first, wide):
-    """The band of rows of `flattened` planes that begins with pixel `first`."""
-    end = min(first + ROWS_TOGETHER * wide, len(planes.depth))
-    return Planes(
-        planes.depth[first:end],
-        planes.kind[first:end],
-        planes.red[first:end],
-        planes.green[first:end],
-        planes.blue[first:end],
-        planes.transmittance[first:end],
-        planes.plant_depth[first:end],
-        planes.water[first:end],
+def band_of(buffers, first, wide):
+    """The band of rows of `flattened` buffers that begins with pixel `first`."""
+    end = min(first + ROWS_TOGETHER * wide, len(buffers.depth))
+    return Buffers(
+        buffers.depth[first:end],
+        buffers.kind[first:end],
+        buffers.red[first:end],
+        buffers.green[first:end],
+        buffers.blue[first:end],
+        buffers.transmittance[first:end],
+        buffers.plant_depth[first:end],
+        buffers.water[first:end],
     )
 
 
@@ -124,7 +122,7 @@ def band_of(planes, first, wide):
 def gather(scene, view, row, reduced, band, wide, gathered):
     """Fill the places of `Gathered`, and its shares of water; returns how many pixels show sky, water and ground.
 
-    band: `flattened` planes from row `row` of the image on.
+    band: `flattened` buffers from row `row` of the image on.
     """
     for i in range(len(band.kind)):
         gathered.wet[i] = f32(1) if band.kind[i] == np.uint8(WATER) else f32(0)
@@ -207,7 +205,7 @@ def fill_up(places, count):
 def shade_kind(scene, view, row, reduced, what, count, band, wide, gathered):
     """Add the radiance of the `count` pixels of a band that show a class, which is sky, water or ground.
 
-    band: `flattened` planes from row `row` of the image on, whose pixels are `Gathered`.
+    band: `flattened` buffers from row `row` of the image on, whose pixels are `Gathered`.
     """
     origin = map_origin(scene, view)
     inv_cell = scene.constants[view.world, layout.INV_CELL]

@@ -51,6 +51,19 @@ LEAFY = 0.02
 """Factor on the code of a plant's height up to which its grain grows, so that the ground has none."""
 
 
+class CanopyMap(NamedTuple):
+    """Where a world's map of canopies lies, and how node coordinates become its cell coordinates."""
+
+    at: Any
+    """Index at which it begins in `Scene.canopy` and `Scene.canopy_paint`, int32, as the next two: its size."""
+    columns: Any
+    rows: Any
+    shrink: Any
+    """Cells per node."""
+    offset: Any
+    """Cell coordinate of the first node."""
+
+
 class Mirrored(NamedTuple):
     """What mirrored rays meet below the sky, arrays [n] float32."""
 
@@ -63,16 +76,28 @@ class Mirrored(NamedTuple):
 
 
 @kernel(inlined=True, allocates=False)
-def canopy_height(canopy, at, columns, rows, x, y):
-    """Return the height of the canopy above the water in metres at cell coordinates x, y."""
-    x = clamp(x, f32(0), f32(columns) - f32(1.001))
-    y = clamp(y, f32(0), f32(rows) - f32(1.001))
+def canopy_map(scene, world):
+    """Return the `CanopyMap` of a world."""
+    return CanopyMap(
+        int32(scene.extents[world, layout.CANOPY_AT]),
+        int32(scene.extents[world, layout.CANOPY_X]),
+        int32(scene.extents[world, layout.CANOPY_Y]),
+        f32(1 / layout.CANOPY_CELL),
+        f32(0.5 / layout.CANOPY_CELL - 0.5),
+    )
+
+
+@kernel(inlined=True, allocates=False)
+def canopy_height(canopy, cells, x, y):
+    """Return the height of the canopy above the water in metres at cell coordinates x, y of a `CanopyMap`."""
+    x = clamp(x, f32(0), f32(cells.columns) - f32(1.001))
+    y = clamp(y, f32(0), f32(cells.rows) - f32(1.001))
     column = int32(x)
     row = int32(y)
     u = x - f32(column)
     v = y - f32(row)
     # One texel holds the heights of all four cells around the point.
-    four = canopy[uint32(at + row * columns + column)]
+    four = canopy[uint32(cells.at + row * cells.columns + column)]
     a = channel(four, 0)
     b = channel(four, 8)
     c = channel(four, 16)
@@ -107,11 +132,8 @@ def march_canopy(scene, view, points, pixel, surface, mirrored, scratch, n):
     _, _, spread, _, rx, ry, rz = surface
     near, soft_at_water, softening, _ = mirrored
     near_at, far, far_at = scratch
-    columns = int32(scene.extents[view.world, layout.CANOPY_X])
-    rows = int32(scene.extents[view.world, layout.CANOPY_Y])
-    at = int32(scene.extents[view.world, layout.CANOPY_AT])
-    shrink = f32(1 / layout.CANOPY_CELL)
-    offset = f32(0.5 / layout.CANOPY_CELL - 0.5)
+    cells = canopy_map(scene, view.world)
+    shrink, offset = cells.shrink, cells.offset
     step = scene.constants[view.world, layout.INV_CELL] * shrink
     canopy = scene.canopy
     for i in range(n):
@@ -137,7 +159,7 @@ def march_canopy(scene, view, points, pixel, surface, mirrored, scratch, n):
         reach = s * step
         for i in range(n):
             height = canopy_height(
-                canopy, at, columns, rows,
+                canopy, cells,
                 x[i] * shrink + offset + rx[i] * reach, y[i] * shrink + offset + ry[i] * reach,
             )  # fmt: skip
             # Half of the light is stopped where a ray meets the top. What is low has a sharper edge, so that water does
@@ -163,11 +185,8 @@ def halve_steps(scene, view, points, surface, share, met_at, length, n):
     """
     x, y, _, _, _, _, _ = points
     _, _, _, _, rx, ry, rz = surface
-    columns = int32(scene.extents[view.world, layout.CANOPY_X])
-    rows = int32(scene.extents[view.world, layout.CANOPY_Y])
-    at = int32(scene.extents[view.world, layout.CANOPY_AT])
-    shrink = f32(1 / layout.CANOPY_CELL)
-    offset = f32(0.5 / layout.CANOPY_CELL - 0.5)
+    cells = canopy_map(scene, view.world)
+    shrink, offset = cells.shrink, cells.offset
     step = scene.constants[view.world, layout.INV_CELL] * shrink
     canopy = scene.canopy
     for i in range(n):
@@ -178,7 +197,7 @@ def halve_steps(scene, view, points, surface, share, met_at, length, n):
             length[i] *= f32(0.5)
             s = met_at[i] - length[i]
             height = canopy_height(
-                canopy, at, columns, rows,
+                canopy, cells,
                 x[i] * shrink + offset + rx[i] * s * step, y[i] * shrink + offset + ry[i] * s * step,
             )  # fmt: skip
             met_at[i] = s if height >= rz[i] * s else met_at[i]
@@ -215,17 +234,15 @@ def canopy_radiance(scene, world, x, y, rx, ry, rz, s, distance, pixel):
 
     The ray leaves the water at node coordinates x, y in the unit direction rx, ry, rz, seen from a distance.
     """
-    columns = int32(scene.extents[world, layout.CANOPY_X])
-    rows = int32(scene.extents[world, layout.CANOPY_Y])
-    at = int32(scene.extents[world, layout.CANOPY_AT])
+    cells = canopy_map(scene, world)
     inv_cell = scene.constants[world, layout.INV_CELL]
     cell = f32(1) / inv_cell
-    shrink = f32(1 / layout.CANOPY_CELL)
-    offset = f32(0.5 / layout.CANOPY_CELL - 0.5)
     x += rx * s * inv_cell
     y += ry * s * inv_cell
     z = rz * s
-    r, g, b, tall = canopy_texel(scene.canopy_paint, at, columns, rows, x * shrink + offset, y * shrink + offset)
+    r, g, b, tall = canopy_texel(
+        scene.canopy_paint, cells, x * cells.shrink + cells.offset, y * cells.shrink + cells.offset
+    )
     # A wall of leaves is upright: its height moves the point across the tile of grain too.
     grain = tile_grain(
         scene.ripples, x * cell + f32(0.5) * z, y * cell + f32(0.8) * z, (distance + s) * pixel, f32(LEAVES_M)
@@ -239,18 +256,18 @@ def canopy_radiance(scene, world, x, y, rx, ry, rz, s, distance, pixel):
 
 
 @kernel(inlined=True, allocates=False)
-def canopy_texel(paint, at, columns, rows, x, y):
-    """Return the four channels (0..255) of the canopy's paint at cell coordinates, interpolated."""
-    x = clamp(x, f32(0), f32(columns) - f32(1.001))
-    y = clamp(y, f32(0), f32(rows) - f32(1.001))
+def canopy_texel(paint, cells, x, y):
+    """Return the four channels (0..255) of the canopy's paint at cell coordinates of a `CanopyMap`, interpolated."""
+    x = clamp(x, f32(0), f32(cells.columns) - f32(1.001))
+    y = clamp(y, f32(0), f32(cells.rows) - f32(1.001))
     column = int32(x)
     row = int32(y)
-    k = at + row * columns + column
+    k = cells.at + row * cells.columns + column
     return mix_texels(
         paint[uint32(k)],
         paint[uint32(k + 1)],
-        paint[uint32(k + columns)],
-        paint[uint32(k + columns + 1)],
+        paint[uint32(k + cells.columns)],
+        paint[uint32(k + cells.columns + 1)],
         x - f32(column),
         y - f32(row),
     )

@@ -23,11 +23,11 @@ f32 = np.float32
 INDEX = 1.333
 """Refractive index of water."""
 ROUGHNESS = 0.0008
-"""Mean square slope of the ripples too small for the tile."""
+"""Mean square slope, along each axis, of the ripples too small for the tile."""
 SHADE_GLOW = 0.12
 """Share of the scattered light that is left in the shade."""
 SUN_WIDTH = 0.0006
-"""Mean square slope that the sun's own width adds to a glint."""
+"""Mean square slope, along each axis, that the sun's own width adds to a glint."""
 GLITTER = 0.014
 """Radiance of a glint, as a share of the density of slopes that mirror the sun."""
 GLITTER_MOST = 1.1
@@ -81,18 +81,19 @@ def from_below(bed, path, absorb, scatter, sunlit):
 def glints(sun, dx, dy, dz, lean_x, lean_y, spread, sunlit):
     """Radiance of the ripples within a pixel that mirror the sun, whose slope is half way between sun and sight.
 
-    sun: unit vector to the sun, a tuple.
+    sun: unit vector to the sun, a tuple; spread: see `mirrored_share`.
     """
     sun_x, sun_y, sun_z = sun
     # A facet mirrors the sun when its normal is half way between sun and sight; scaled to height one, that is a slope.
     half_z = sun_z - dz
     off_x = -(sun_x - dx) / half_z - lean_x
     off_y = -(sun_y - dy) / half_z - lean_y
-    # The spread that filtering took away is that of both axes together; the density is that of each.
-    width = f32(0.5) * (spread + f32(ROUGHNESS)) + f32(SUN_WIDTH)
+    # The density needs the mean square slope along one axis. What filtering took away is that of both axes together,
+    # ROUGHNESS that along each, and `spread` their sum: with ROUGHNESS once more it is twice what is needed.
+    variance = f32(0.5) * (spread + f32(ROUGHNESS)) + f32(SUN_WIDTH)
     # Far from the sun's image a glint is nothing; without the limit it would be a subnormal number, which is slow.
-    away = min((off_x * off_x + off_y * off_y) / (f32(2) * width), f32(GLITTER_FADES))
-    density = exp(-away) / (f32(6.2832) * width)
+    away = min((off_x * off_x + off_y * off_y) / (f32(2) * variance), f32(GLITTER_FADES))
+    density = exp(-away) / (f32(6.2832) * variance)
     return min(f32(GLITTER) * density * sunlit, f32(GLITTER_MOST))
 
 

@@ -18,17 +18,18 @@ import numpy as np
 from numba import int32, uint32
 
 from thalweg.core.compute.jit import kernel
-from thalweg.render.kernels.camera_rays import row_step
+from thalweg.render.kernels.camera_rays import image_x, image_y, row_step
 from thalweg.render.kernels.table_lookup import bilinear, clamp, sloped, top_map
 from thalweg.render.kernels.terrain.heightfield_march import FAR_M
 from thalweg.render.records import layout
+from thalweg.render.records.view import LANES
 
 f32 = np.float32
 
 PLANES_PER_COLUMN = 0.6
 """Planes for each column of the image, where a column covers most azimuth."""
 STEP_SHARE = 0.03
-"""Distance from one sample of a profile to the next, as a share of the distance, in an image of 128 rows."""
+"""`step_share` of an image of 128 rows."""
 STEP_NODES = 0.5
 """Least distance between samples, in nodes of the map."""
 LEAST_ASPECT = 0.25
@@ -42,8 +43,6 @@ APART_REDUCED = 0.3
 SETTLE_M = 0.08
 SETTLE_SHARE = 0.02
 """A pixel is doubtful where the Newton step is longer than SETTLE_M plus this share of its depth."""
-LANES = 16
-"""The number of planes is a multiple of this, so that loops over them end on whole vectors."""
 
 
 class Fan(NamedTuple):
@@ -63,7 +62,7 @@ class Fan(NamedTuple):
     """q of the first plane, and from each to the next."""
     step: Any
     planes: Any
-    """Number of planes, an integer."""
+    """Number of planes, an integer: a multiple of `LANES`."""
 
 
 class Profiles(NamedTuple):
@@ -85,14 +84,14 @@ class Profiles(NamedTuple):
 @kernel(inlined=True, allocates=False)
 def horizontal_reach(camera, row):
     """Metres ahead, along the heading, per metre of depth, of the rays of a row."""
-    sy = camera.half_h - (f32(row) + f32(0.5)) * row_step(camera)
+    sy = image_y(camera, row, 1)
     return camera.up_z + sy * (-camera.forward_z)
 
 
 @kernel(inlined=True, allocates=False)
 def ray_slope(camera, row):
     """Rise of the rays of a row per metre ahead in the horizontal plane."""
-    sy = camera.half_h - (f32(row) + f32(0.5)) * row_step(camera)
+    sy = image_y(camera, row, 1)
     return (sy * camera.up_z + camera.forward_z) / horizontal_reach(camera, row)
 
 
@@ -137,11 +136,16 @@ def fan_of(camera, inv_cell):
 
 
 @kernel(inlined=True, allocates=False)
+def step_share(rows):
+    """Distance from one sample of a profile to the next, as a share of the distance; rows: those of the image."""
+    # The error of a profile between samples is quadratic in their distance: finer images need a root finer steps.
+    return f32(STEP_SHARE) * math.sqrt(f32(128) / f32(rows))
+
+
+@kernel(inlined=True, allocates=False)
 def next_distance(distance, cell, rows):
     """The distance of the sample after one at a distance, in metres; cell: side of a cell; rows: those of the image."""
-    # The error of a profile between samples is quadratic in their distance: finer images need a root finer steps.
-    share = f32(STEP_SHARE) * math.sqrt(f32(128) / f32(rows))
-    return distance + max(f32(STEP_NODES) * cell, share * distance)
+    return distance + max(f32(STEP_NODES) * cell, step_share(rows) * distance)
 
 
 @kernel(inlined=True, allocates=False)
@@ -307,7 +311,7 @@ def between_planes(fan, nearness, position):
 def plane_position(camera, fan, row):
     """Position among the planes of the first pixel of a row, and the step from each pixel to the next."""
     inverse = f32(1) / horizontal_reach(camera, row)
-    first = (f32(0.5) * camera.column_step - camera.half_w) * inverse
+    first = image_x(camera, 0) * inverse
     return (first - fan.first) / fan.step, camera.column_step * inverse / fan.step
 
 
@@ -320,7 +324,9 @@ def settle_row(scene, view, origin, fan, row, column, rays, nearness, t, doubt, 
     """
     dx, dy, dz = rays
     top = top_map(scene, view.world)
-    margin = f32(2 * STEP_NODES) / scene.constants[view.world, layout.INV_CELL]
+    # Two samples.
+    least = f32(2 * STEP_NODES) / scene.constants[view.world, layout.INV_CELL]
+    share = f32(1) - f32(2) * step_share(view.camera.height)
     near = view.camera.near_m
     inverse = f32(1) / horizontal_reach(view.camera, row)
     first, per_column = plane_position(view.camera, fan, row)
@@ -328,14 +334,13 @@ def settle_row(scene, view, origin, fan, row, column, rays, nearness, t, doubt, 
         middle, nearer, apart = between_planes(fan, nearness, first + f32(column + c) * per_column)
         ti = inverse / max(middle, f32(NEARNESS_LEAST))
         # Newton: the height above the surface, by the rate at which the ray sinks towards it.
-        height, across, along = sloped(top, origin.x + dx[c] * ti, origin.y + dy[c] * ti)
-        rate = across * dx[c] + along * dy[c] - dz[c]
+        height, slope_x, slope_y = sloped(top, origin.x + dx[c] * ti, origin.y + dy[c] * ti)
+        rate = slope_x * dx[c] + slope_y * dy[c] - dz[c]
         move = (origin.z + dz[c] * ti - height) / max(rate, f32(1e-3))
         room = f32(SETTLE_M) + f32(SETTLE_SHARE) * ti
         unsure = ((apart > f32(APART) * middle) | (abs(move) > room)) & (nearer > f32(0))
-        # A share of the distance (two samples in an image of 128 rows) before the nearer plane's: the surface may be
-        # nearer between the planes.
-        before = max((f32(1 - 2 * STEP_SHARE) / max(nearer, f32(NEARNESS_LEAST)) - margin) * inverse, near)
+        # Two samples before the nearer plane's distance: the surface may be nearer between the planes.
+        before = max((share / max(nearer, f32(NEARNESS_LEAST)) - least) * inverse, near)
         t[c] = before if unsure else max(ti + clamp(move, -room, room), near)
         doubt[c] = np.uint8(1) if unsure else np.uint8(0)
 

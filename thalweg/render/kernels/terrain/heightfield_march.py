@@ -65,7 +65,7 @@ class Track(NamedTuple):
     """t at which a ray is above every summit or too far away."""
 
 
-class TangentPlanes(NamedTuple):
+class Tangents(NamedTuple):
     """Planes that touch the surface where rays meet it, arrays [n] float32."""
 
     slope_x: Any
@@ -220,27 +220,27 @@ def refine_hits(scene, world, origin, rays, t, hit, track, n):
 
 
 @kernel(disjoint=True, allocates=False)
-def touch_surface(scene, world, origin, rays, t, planes, n):
-    """Fill `TangentPlanes` [n] with the planes that touch the surface where each of n rays meets it at t [n]."""
+def touch_surface(scene, world, origin, rays, t, tangents, n):
+    """Fill `Tangents` [n] with the planes that touch the surface where each of n rays meets it at t [n]."""
     dx, dy, _ = rays
-    slope_x, slope_y, gap = planes
+    slope_x, slope_y, gap = tangents
     top = top_map(scene, world)
     for i in range(n):
         # The plane through the surface at the point, written as a height under the camera.
-        height, across, along = sloped(top, origin.x + dx[i] * t[i], origin.y + dy[i] * t[i])
-        slope_x[i] = across
-        slope_y[i] = along
-        gap[i] = origin.z - height + (across * dx[i] + along * dy[i]) * t[i]
+        height, rise_x, rise_y = sloped(top, origin.x + dx[i] * t[i], origin.y + dy[i] * t[i])
+        slope_x[i] = rise_x
+        slope_y[i] = rise_y
+        gap[i] = origin.z - height + (rise_x * dx[i] + rise_y * dy[i]) * t[i]
 
 
 @kernel(disjoint=True, allocates=False)
-def meet_planes(planes, square_t, rays, t, n):
-    """Fill t [n] with where the rays of a row meet `TangentPlanes` [n / SQUARE], `SQUARE` neighbours to a plane.
+def meet_tangents(tangents, square_t, rays, t, n):
+    """Fill t [n] with where the rays of a row meet `Tangents` [n / SQUARE], `SQUARE` neighbours to a plane.
 
     square_t [n / SQUARE]: t of the ray through the middle of each square.
     """
     dx, dy, dz = rays
-    slope_x, slope_y, gap = planes
+    slope_x, slope_y, gap = tangents
     for i in range(n):
         k = uint32(i // SQUARE)
         rate = slope_x[k] * dx[i] + slope_y[k] * dy[i] - dz[i]

@@ -12,7 +12,7 @@ from numba import uint32
 from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.camera_rays import Rays, map_origin, row_rays, square_rays
 from thalweg.render.kernels.terrain import azimuth_planes, heightfield_march
-from thalweg.render.kernels.terrain.heightfield_march import FAR_M, SPAN, SQUARE, TILE, TangentPlanes, Track
+from thalweg.render.kernels.terrain.heightfield_march import FAR_M, SPAN, SQUARE, TILE, Tangents, Track
 from thalweg.render.records import layout
 from thalweg.render.records.classes import GROUND, SKY, WATER
 
@@ -162,6 +162,14 @@ def hold_back(waiting, count, r, c, rays, t):
     return count + 1
 
 
+@kernel(inlined=True, allocates=False)
+def class_of(met, water):
+    """Class of what a ray meets, from the depth of the water there; the sky's if it meets nothing."""
+    # The upper surface is water wherever the water is deeper than zero, so no second search is needed.
+    surface = np.uint8(WATER) if water > f32(0) else np.uint8(GROUND)
+    return surface if met else np.uint8(SKY)
+
+
 @kernel(allocates=False)
 def march_doubtful(scene, world, origin, waiting, count, depth, kind, water):
     """March the first `count` pixels that wait, and write what they meet to depth, kind and water [R, W']."""
@@ -173,8 +181,7 @@ def march_doubtful(scene, world, origin, waiting, count, depth, kind, water):
         c = waiting.column[k]
         depth[r, c] = t[k] if hit[k] > f32(0) else f32(MISS)
         water[r, c] = wet[k]
-        surface = np.uint8(WATER) if wet[k] > f32(0) else np.uint8(GROUND)
-        kind[r, c] = surface if hit[k] > f32(0) else np.uint8(SKY)
+        kind[r, c] = class_of(hit[k] > f32(0), wet[k])
 
 
 @kernel(disjoint=True, allocates=False)
@@ -192,9 +199,7 @@ def classify_row(t, water, depth, kind, n):
     for c in range(n):
         met = t[c] < f32(FAR_M)
         depth[c] = t[c] if met else f32(MISS)
-        # The upper surface is water wherever the water is deeper than zero, so no second search is needed.
-        surface = np.uint8(WATER) if water[c] > f32(0) else np.uint8(GROUND)
-        kind[c] = surface if met else np.uint8(SKY)
+        kind[c] = class_of(met, water[c])
 
 
 class MarchScratch(NamedTuple):
@@ -202,8 +207,8 @@ class MarchScratch(NamedTuple):
 
     rays: Any
     """`Rays`."""
-    planes: Any
-    """`TangentPlanes`."""
+    tangents: Any
+    """`Tangents`."""
     t: Any
     """Of the pixels, as the next: depth, and whether it is a hit."""
     hit: Any
@@ -227,7 +232,7 @@ def find_by_march(scene, view, top, reduced, depth, kind, water):
     line = np.empty((10, wide), np.float32)
     scratch = np.empty((5, SPAN), np.float32)
     work = MarchScratch(
-        Rays(line[0], line[1], line[2]), TangentPlanes(line[3], line[4], line[5]), line[6], line[7], line[8], line[9],
+        Rays(line[0], line[1], line[2]), Tangents(line[3], line[4], line[5]), line[6], line[7], line[8], line[9],
         np.empty((wide + TILE - 1) // TILE, np.float32),
         Track(scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]),
     )  # fmt: skip
@@ -241,7 +246,7 @@ def march_rows(scene, view, top, reduced, work, depth, kind, water):
     rows, wide = depth.shape
     inv_cell = scene.constants[view.world, layout.INV_CELL]
     origin = map_origin(scene, view)
-    rays, planes, t, hit, march_t, march_hit, start, track = work
+    rays, tangents, t, hit, march_t, march_hit, start, track = work
     tiles = len(start)
     spread = heightfield_march.bundle_spread(camera)
     size = SQUARE if reduced else 1
@@ -257,11 +262,11 @@ def march_rows(scene, view, top, reduced, work, depth, kind, water):
             square_rays(camera, top + r, size, inv_cell, rays, 0, wide // size)
             march_row(scene, view.world, origin, rays, start, size, march_t, march_hit, track)
             if reduced:
-                heightfield_march.touch_surface(scene, view.world, origin, rays, march_t, planes, wide // size)
+                heightfield_march.touch_surface(scene, view.world, origin, rays, march_t, tangents, wide // size)
         # Each pixel keeps its own direction and meets the tangent plane of its square: depth stays smooth within it.
         if reduced:
             row_rays(camera, top + r, 0, inv_cell, rays, wide)
-            heightfield_march.meet_planes(planes, march_t, rays, t, wide)
+            heightfield_march.meet_tangents(tangents, march_t, rays, t, wide)
             for c in range(wide):
                 hit[c] = march_hit[uint32(c // SQUARE)]
         else:
@@ -271,9 +276,7 @@ def march_rows(scene, view, top, reduced, work, depth, kind, water):
         heightfield_march.water_depths(scene, view.world, origin, rays, t, water[r], wide)
         for c in range(wide):
             depth[r, c] = t[c] if hit[c] > f32(0) else f32(MISS)
-            # The upper surface is water wherever the water is deeper than zero, so no second march is needed.
-            surface = np.uint8(WATER) if water[r, c] > f32(0) else np.uint8(GROUND)
-            kind[r, c] = surface if hit[c] > f32(0) else np.uint8(SKY)
+            kind[r, c] = class_of(hit[c] > f32(0), water[r, c])
 
 
 @kernel(disjoint=True, allocates=False)

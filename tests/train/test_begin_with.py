@@ -75,7 +75,8 @@ def test_slow_copies_follow_the_policy_that_was_taken_over(algorithm: str, tmp_p
         learn(agent, feedback, looked)
 
     monkeypatch.setattr(Agent, "learn", look)
-    train(tmp_path / "then", algorithm, steps=256, begin_with=tmp_path / "first", **at_once(algorithm))
+    config = small(algorithm) | {"critic_warmup_steps": 64}
+    train(tmp_path / "then", algorithm, steps=256, config=config, begin_with=tmp_path / "first")
     assert found == [True]
 
 

@@ -85,10 +85,14 @@ class Trial:
         return CHOOSING_UNSEEN if self.rivers == CHOOSING_RIVERS else UNSEEN
 
     @property
+    def resolved(self) -> dict[str, Any]:
+        """All settings."""
+        return to_plain(algorithm_named(self.algorithm).configure(self.settings, num_envs=NUM_ENVS))
+
+    @property
     def config(self) -> str:
         """Hash of all settings."""
-        resolved = to_plain(algorithm_named(self.algorithm).configure(self.settings, num_envs=NUM_ENVS))
-        return hashlib.sha256(json.dumps(resolved, sort_keys=True).encode()).hexdigest()[:8]
+        return hashlib.sha256(json.dumps(self.resolved, sort_keys=True).encode()).hexdigest()[:8]
 
     @property
     def key(self) -> tuple[str, ...]:
@@ -149,7 +153,8 @@ def scores(policy: AnyPolicy, level: str, unseen: Sequence[int] = UNSEEN) -> dic
 def measure(trial: Trial, runs: Path) -> dict[str, str]:
     """Train, or resume, and fly; returns the row."""
     name = hashlib.sha256(repr(trial.key).encode()).hexdigest()[:10]
-    env = RiverVectorEnv(rivers_of(trial.level, trial.rivers), NUM_ENVS, RULES)
+    rules = RULES.with_options(critic_info=trial.resolved.get("asymmetric_critics", False))
+    env = RiverVectorEnv(rivers_of(trial.level, trial.rivers), NUM_ENVS, rules)
     folder = runs / f"{trial.algorithm}-{trial.seed}-{name}"
     result = run(trial.algorithm, env, steps=trial.steps, seed=trial.seed, folder=folder, config=trial.settings)
     env.close()

@@ -38,8 +38,9 @@ from thalweg.cli.options import settings_from
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.config import to_plain
 from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.rivers.bare_river import load_or_plan
 from thalweg.train import run
-from thalweg.world import World, level_named, load_or_build
+from thalweg.world import World, level_named
 
 HERE = Path(__file__).resolve().parent
 TABLE = HERE / "ideal_eye.csv"
@@ -109,8 +110,8 @@ def settings_text(settings: Settings) -> str:
 
 
 def rivers_of(level: str, seeds: Sequence[int]) -> list[World]:
-    """Return rivers of a level; they are built the first time."""
-    return [load_or_build(level, seed) for seed in seeds]
+    """Return rivers of a level without land, which nobody sees here."""
+    return [load_or_plan(level_named(level), seed) for seed in seeds]
 
 
 def fly(policy: AnyPolicy, worlds: Sequence[World], flights: int = FLIGHTS) -> tuple[float, float, float]:
@@ -137,8 +138,8 @@ def fly(policy: AnyPolicy, worlds: Sequence[World], flights: int = FLIGHTS) -> t
 
 def scores(policy: AnyPolicy, level: str, unseen: Sequence[int] = UNSEEN) -> dict[str, str]:
     """Return the columns of a policy's flights."""
-    fixed = load_or_build(level, level_named(level).default_seed)
-    places = ([fixed], rivers_of(level, unseen), rivers_of("Hard", unseen))
+    fixed = rivers_of(level, [level_named(level).default_seed])
+    places = (fixed, rivers_of(level, unseen), rivers_of("Hard", unseen))
     row: dict[str, str] = {}
     for place, worlds in zip(PLACES, places, strict=True):
         returned, cost, success = fly(policy, worlds)

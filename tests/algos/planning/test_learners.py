@@ -227,6 +227,7 @@ SAFELOOP_VARIANTS = {
     "decaying alpha": Variant({"auto_alpha": False, "alpha_decay": 0.99}, "alpha"),
     "raw rewards": Variant({"standardise_rewards": False}, "value"),
     "no proposals": Variant({"proposals": 0}, "plan_reward"),
+    "no prior": Variant({"proposal_share": 0.0}, "plan_reward", {"proposals": 2}),
 }
 ALONE = [(name, variant) for name in PLANNERS for variant in VARIANTS] + [
     ("SafeLOOP", variant) for variant in SAFELOOP_VARIANTS

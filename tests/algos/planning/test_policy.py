@@ -77,6 +77,7 @@ class TestEverySpace:
         policy.ensemble.reward.update(torch.randn(50, 1, generator=generator(1)) * 3)
         policy.episode_length = 123.0
         policy.refresh()
+        policy.ending_shares = (0.25,)
         policy.save(tmp_path / "policy.safetensors")
         loaded = load_policy(tmp_path / "policy.safetensors")
         assert isinstance(loaded, PlannerPolicy) and loaded.about == policy.about
@@ -174,6 +175,17 @@ def test_budget_is_the_share_of_each_limit_within_the_horizon():
     policy.episode_length = 40.0
     assert policy.budget.costs.tolist() == pytest.approx([0.1 * 10 / 40, 0.2 * 10 / 40])
     assert policy.budget.per_episode == pytest.approx(4.0)
+
+
+def test_budget_of_costs_that_end_episodes_is_the_whole_limit():
+    budgets = []
+    for kind in ("ends", "share"):
+        policy = policy_for(cost_limits=(0.1, 0.2), horizon=5, action_repeat=2, plan_budget=kind)
+        policy.episode_length = 40.0
+        assert policy.budget.costs.tolist() == pytest.approx([0.025, 0.05])
+        policy.ending_shares = (1.0, 0.5)
+        budgets.append(policy.budget.costs.tolist())
+    assert budgets == [pytest.approx([0.1, 0.1 + 0.025]), pytest.approx([0.025, 0.05])]
 
 
 def test_terminal_value_affects_decisions():

@@ -45,6 +45,8 @@ class CCEPETSConfig(PlanningConfig):
 class Elites:
     """Weighting of CCEPETS: the best feasible candidates share all weight equally."""
 
+    proposal_share = 0.0
+
     def __init__(
         self,
         config: CCEPETSConfig,

@@ -13,6 +13,7 @@ from thalweg.core.config import FinitePositive, Fraction, Hint, TupleOf, frozen_
 Size = Literal["lite", "full"]
 Precision = Literal["float32", "bfloat16"]
 CostOver = Literal["mean", "max"]
+PlanBudget = Literal["share", "ends"]
 Fitting = Literal["steady", "refit"]
 CostLimit = Annotated[FinitePositive, Hint("a predicted chance is never 0")]
 
@@ -57,6 +58,9 @@ class PlanningConfig(CostConfig):
     """Sizes of the hidden layers of each model; empty: as in `size`."""
     horizon: NonNegativeInt = 0
     """H: decisions that are imagined ahead; 0: as in `size`."""
+    plan_budget: PlanBudget = "ends"
+    """"share": a plan may have its horizon's share of the limit. "ends": the same of costs that leave the episode
+    running, but the whole limit of those that end it, which are paid at most once."""
     planning_discount: Fraction = 0.99
     """γ of the reward within the horizon."""
     discount: Fraction = 0.99

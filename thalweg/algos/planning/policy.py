@@ -52,10 +52,12 @@ class PlannerPolicy:
         self.planner = Planner(config, actions, self.method, generator.device)
         self.episode_length = float(config.episode_length or config.sizes.horizon)
         """L, mean steps of an episode."""
+        self.ending_shares = (0.0,) * len(config.limits)
+        """e [C]: share of each cost so far that ended an episode."""
         self.limits = config.limits
         """Limit d [M] on the mean cost of an episode; a schedule begins above the config's."""
         self._budget: tuple[tuple[float, ...], Budget] | None = None
-        """Cached budget, with the episode length and limits it is for."""
+        """Cached budget, with what it depends on."""
         self.frozen = self._frozen()
 
     @property
@@ -65,12 +67,13 @@ class PlannerPolicy:
 
     @property
     def budget(self) -> Budget:
-        """Cost that a plan may have: the share of the cost limit that falls on H decisions."""
+        """Cost that a plan may have under the cost limits, as `plan_budget` says."""
         length = self.episode_length
-        of = (length, *self.limits)
+        ending = self.ending_shares if self.config.plan_budget == "ends" else (0.0,) * len(self.limits)
+        of = (length, *self.limits, *ending)
         if self._budget is None or self._budget[0] != of:  # cached: copied to the device once
             steps = self.config.sizes.horizon * self.config.action_repeat
-            costs = [planning.budget(limit, steps, length) for limit in self.limits]
+            costs = [planning.budget(d, steps, length, e) for d, e in zip(self.limits, ending, strict=True)]
             self._budget = of, Budget(torch.tensor(costs, device=self.device), max(length / steps, 1.0))
         return self._budget[1]
 
@@ -103,6 +106,7 @@ class PlannerPolicy:
             "obs_size": self.obs_size,
             "actions": self.actions.as_data(),
             "episode_length": self.episode_length,
+            "ending_shares": list(self.ending_shares),
             "scales": {name: {key: state[key] for key in ("count", "enabled")} for name, state in scales.items()},
         }
         tensors = {f"model.{name}": model[name] for name in ("bounds", "ranges", "seen", "counts")}
@@ -124,6 +128,7 @@ class PlannerPolicy:
         policy.ensemble.load_state(tensors_of(tensors, "model") | scales | {"stack": tensors_of(tensors, "stack")})
         load_module(policy.method.modules, tensors_of(tensors, "method"))
         policy.episode_length = float(header["episode_length"])
+        policy.ending_shares = tuple(header.get("ending_shares", policy.ending_shares))
         policy.refresh()
         return policy
 

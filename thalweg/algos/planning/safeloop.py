@@ -42,6 +42,8 @@ class SafeLOOPConfig(PlanningConfig):
 
     proposals: NonNegativeInt = 1
     """Plans that the actor proposes in each model of the ensemble."""
+    proposal_share: Fraction = 0.0
+    """Weight of these plans in the initial plan of each decision; the rest is that of the previous decision."""
     sharpness: PositiveFloat = 2.0
     """β: inverse temperature of the weights of feasible candidates."""
     cost_sharpness: PositiveFloat = 4.0
@@ -99,6 +101,7 @@ class SafeARC:
         generator: torch.Generator,
     ) -> None:
         self.config, self.actions, self._reward_std = config, actions, reward_std
+        self.proposal_share = config.proposal_share
         self.soft = soft_actor_critic(actions, config, inputs, generator)
         self.modules = nn.ModuleDict({"actor": self.soft.actor, "critics": self.soft.critics})
 

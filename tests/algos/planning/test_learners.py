@@ -173,7 +173,7 @@ class TestEveryPlanner:
             assert one.policy.budget.costs.tolist() == pytest.approx([0.2 * share])
 
     def test_two_costs_have_separate_budgets(self, name, space):
-        learner = learner_for(name, space, cost_limits=(0.1, 0.2))
+        learner = learner_for(name, space, cost_limits=(0.1, 0.2), plan_budget="share")
         assert learner.separate_costs
         two = dataclasses.replace(
             FEEDBACK, fresh_costs=np.ones((2, 2)), recent_costs=np.ones((2, 2)), largest_costs=(1.0, 0.2)
@@ -184,6 +184,17 @@ class TestEveryPlanner:
         assert metrics["budget_tight"] == pytest.approx(0.1 * min(3 / length, 1))
         assert metrics["budget_loose"] == pytest.approx(2 * metrics["budget_tight"])
         assert "plan_cost_loose" in metrics and list(learner.warnings(two)) == ["limit_never_binds_loose"]
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_the_budget_follows_from_what_ended_episodes_and_resumes(name):
+    """Every cost ends an episode here, and no end is without one: by chance alone a fifth of the costs would."""
+    learner, again = (learner_for(name, steps_per_update=N * T) for _ in range(2))
+    rollout = rollout_of(learner)
+    ending = dataclasses.replace(rollout, costs=rollout.terminated.float().unsqueeze(-1))
+    assert learner.update(ending, FEEDBACK)["budget"] == pytest.approx(0.1)
+    again.load_state(learner.state())
+    assert again.policy.budget.costs.tolist() == pytest.approx([0.1])
 
 
 def test_predictions_are_compared_with_planned_steps_only():

@@ -27,6 +27,8 @@ MakeMethod = Callable[[Any, Actions, int, Callable[[], Tensor], torch.Generator]
 """Factory of a method, from config, actions, observation size, standard deviation of rewards and random generator."""
 METHODS: dict[str, tuple[type[PlanningConfig], MakeMethod]] = {}
 """Config class and factory of each algorithm, by its name; each planner's file registers its own."""
+UNSAVED = {"plan_budget": "share", "proposal_share": 0.0}
+"""Values of settings that older files lack, with which their policies plan as they did when they were saved."""
 
 
 class PlannerPolicy:
@@ -122,7 +124,9 @@ class PlannerPolicy:
         """Return the saved policy on the generator's device; raises `AlgorithmError` for an unknown planner."""
         if about.algorithm not in METHODS:
             raise AlgorithmError(f"this version knows no planner {about.algorithm!r}")
-        config = parse_config(METHODS[about.algorithm][0], about.config)
+        kind = METHODS[about.algorithm][0]
+        older = {name: value for name, value in UNSAVED.items() if hasattr(kind, name)}
+        config = parse_config(kind, older | dict(about.config))
         policy = cls(header["obs_size"], Actions.from_data(header["actions"]), config, about, generator)
         scales = {name: header["scales"][name] | tensors_of(tensors, name) for name in ("observed", "change", "reward")}
         policy.ensemble.load_state(tensors_of(tensors, "model") | scales | {"stack": tensors_of(tensors, "stack")})

@@ -65,6 +65,8 @@ TRIALS: tuple[tuple[str, Settings, int], ...] = (
     ("TD3Lag", {}, OFF_POLICY_STEPS),
     ("SACLag", {}, OFF_POLICY_STEPS),
     ("DDPGLag", {}, OFF_POLICY_STEPS),
+    ("SafeLOOP", {}, OFF_POLICY_STEPS),
+    ("CCEPETS", {}, OFF_POLICY_STEPS),
 )
 """Algorithm, settings that differ from the defaults, and steps of each trial."""
 

@@ -47,6 +47,11 @@ def test_a_budget_is_the_horizons_share_of_the_limit(length, share):
     assert planning.budget(0.1, 7, length) == pytest.approx(share)
 
 
+@pytest.mark.parametrize(("ending", "wanted"), [(1.0, 0.1), (0.5, 0.055), (0.0, 0.01)])
+def test_costs_that_end_an_episode_may_take_the_whole_limit(ending, wanted):
+    assert planning.budget(0.1, 7, 70, ending) == pytest.approx(wanted)
+
+
 RETURNS = torch.tensor([[5.0, 4.0, 3.0, 2.0], [5.0, 4.0, 3.0, 2.0]])
 COSTS = torch.tensor([[0.9, 0.1, 0.2, 0.0], [0.9, 0.8, 0.2, 0.7]]).unsqueeze(-1)
 """With a budget of 0.5, three candidates of the first environment are feasible, and one of the second."""

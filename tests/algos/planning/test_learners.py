@@ -173,7 +173,7 @@ class TestEveryPlanner:
             assert one.policy.budget.costs.tolist() == pytest.approx([0.2 * share])
 
     def test_two_costs_have_separate_budgets(self, name, space):
-        learner = learner_for(name, space, cost_limits=(0.1, 0.2))
+        learner = learner_for(name, space, cost_limits=(0.1, 0.2), plan_budget="share")
         assert learner.separate_costs
         two = dataclasses.replace(
             FEEDBACK, fresh_costs=np.ones((2, 2)), recent_costs=np.ones((2, 2)), largest_costs=(1.0, 0.2)
@@ -184,6 +184,17 @@ class TestEveryPlanner:
         assert metrics["budget_tight"] == pytest.approx(0.1 * min(3 / length, 1))
         assert metrics["budget_loose"] == pytest.approx(2 * metrics["budget_tight"])
         assert "plan_cost_loose" in metrics and list(learner.warnings(two)) == ["limit_never_binds_loose"]
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_the_budget_follows_from_what_ended_episodes_and_resumes(name):
+    """Episodes of ten steps cost something in the last one only; of the even share a plan could have three tenths."""
+    learner, again = (learner_for(name, steps_per_update=N * T) for _ in range(2))
+    last = (torch.arange(T) == 9).unsqueeze(-1).expand(T, N)
+    rollout = rollout_of(learner, terminated=last, costs=last.float().unsqueeze(-1))
+    assert learner.update(rollout, FEEDBACK)["budget"] == pytest.approx(0.1)
+    again.load_state(learner.state())
+    assert again.policy.budget.costs.tolist() == pytest.approx([0.1])
 
 
 def test_predictions_are_compared_with_planned_steps_only():
@@ -227,6 +238,7 @@ SAFELOOP_VARIANTS = {
     "decaying alpha": Variant({"auto_alpha": False, "alpha_decay": 0.99}, "alpha"),
     "raw rewards": Variant({"standardise_rewards": False}, "value"),
     "no proposals": Variant({"proposals": 0}, "plan_reward"),
+    "no prior": Variant({"proposal_share": 0.0}, "plan_reward", {"proposals": 2}),
 }
 ALONE = [(name, variant) for name in PLANNERS for variant in VARIANTS] + [
     ("SafeLOOP", variant) for variant in SAFELOOP_VARIANTS

@@ -81,3 +81,19 @@ def test_shifted_gaussian_plan_keeps_means_and_resets_variances():
     plan = torch.tensor([[0.1, 0.01], [0.2, 0.01], [0.3, 0.01]]).view(1, 3, 1, 2)
     assert search.shifted(plan)[..., 0].flatten().tolist() == pytest.approx([0.2, 0.3, 0.0])
     assert search.shifted(plan)[..., 1].flatten().tolist() == pytest.approx([0.25] * 3)
+
+
+def test_proposals_replace_a_share_of_a_plan():
+    search = CategoricalPlans((3, 2), CONFIG)
+    proposals = torch.tensor([[[[0, 0]] * 3, [[2, 0]] * 3]])
+    plan = search.drawn_to(search.first(1), proposals, 0.6)
+    wanted = [0.4 / 3 + 0.3, 0.4 / 3, 0.4 / 3 + 0.3]
+    assert plan[0, 2, 0].tolist() == pytest.approx([(1 - 3 * 0.02) * p + 0.02 for p in wanted])
+    assert plan[0, 2, 1].tolist() == pytest.approx([(1 - 2 * 0.02) * 0.8 + 0.02, (1 - 2 * 0.02) * 0.2 + 0.02, 0])
+
+
+def test_proposals_move_the_means_of_numbers_and_leave_their_variances():
+    search = GaussianPlans(2, CONFIG, 0.0)
+    proposals = torch.tensor([0.5, 1.0]).view(1, 2, 1, 1).expand(1, 2, 3, 2)
+    plan = search.drawn_to(search.first(1), proposals, 0.6)
+    assert plan[0, 1].tolist() == [pytest.approx([0.45, 0.25])] * 2

@@ -18,7 +18,7 @@ ITERATIONS = 5
 class FixedWeights:
     """Method that gives all weight to one candidate in the first `certain` environments and equal weights elsewhere."""
 
-    modules, mean_momentum = torch.nn.ModuleDict(), 0.0
+    modules, mean_momentum, proposal_share = torch.nn.ModuleDict(), 0.0, 0.0
 
     def __init__(self, certain: int) -> None:
         self.certain, self.batch_sizes = certain, []

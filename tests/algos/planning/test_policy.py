@@ -14,7 +14,7 @@ from thalweg.algos import AlgorithmError
 from thalweg.algos.common.state import CPU
 from thalweg.algos.planning.ccepets import CCEPETSConfig
 from thalweg.algos.planning.planner import Planner
-from thalweg.algos.planning.policy import METHODS, PlannerPlayer, PlannerPolicy
+from thalweg.algos.planning.policy import METHODS, UNSAVED, PlannerPlayer, PlannerPolicy
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.policy import to_tensors
 from thalweg.algos.policy.policy_file import About, load_policy
@@ -26,7 +26,10 @@ D, N = 3, 4
 
 
 def policy_for(name: str = "CCEPETS", space: gym.Space = OPTIONS, adapter: Any = "native", **settings) -> PlannerPolicy:
-    config = ALGORITHMS[name].config(adapter=adapter, members=3, model_hidden=(8,), hidden=(8,), **settings)
+    """A planner with a model of its own; an untrained actor, which proposes at random, has no part in initial plans."""
+    given = {"size": "lite", "members": 3, "model_hidden": (8,), "hidden": (8,)}
+    given |= {"proposal_share": 0.0} if name == "SafeLOOP" else {}
+    config = ALGORITHMS[name].config(adapter=adapter, **(given | settings))
     actions = actions_of(space, adapter, "squashed")
     return PlannerPolicy(D, actions, config, About(name, to_plain(config)), generator())
 
@@ -77,6 +80,7 @@ class TestEverySpace:
         policy.ensemble.reward.update(torch.randn(50, 1, generator=generator(1)) * 3)
         policy.episode_length = 123.0
         policy.refresh()
+        policy.ending_shares = (0.25,)
         policy.save(tmp_path / "policy.safetensors")
         loaded = load_policy(tmp_path / "policy.safetensors")
         assert isinstance(loaded, PlannerPolicy) and loaded.about == policy.about
@@ -176,6 +180,28 @@ def test_budget_is_the_share_of_each_limit_within_the_horizon():
     assert policy.budget.per_episode == pytest.approx(4.0)
 
 
+def test_budget_of_costs_that_end_episodes_is_the_whole_limit():
+    budgets = []
+    for kind in ("ends", "share"):
+        policy = policy_for(cost_limits=(0.1, 0.2), horizon=5, action_repeat=2, plan_budget=kind)
+        policy.episode_length = 40.0
+        assert policy.budget.costs.tolist() == pytest.approx([0.025, 0.05])
+        policy.ending_shares = (1.0, 0.5)
+        budgets.append(policy.budget.costs.tolist())
+    assert budgets == [pytest.approx([0.1, 0.1 + 0.025]), pytest.approx([0.025, 0.05])]
+
+
+def test_a_file_without_newer_settings_plans_as_when_it_was_saved(tmp_path):
+    policy = policy_for("SafeLOOP", proposal_share=0.5)
+    for name in UNSAVED:
+        del policy.about.config[name]
+    policy.save(tmp_path / "policy.safetensors")
+    loaded = load_policy(tmp_path / "policy.safetensors")
+    assert isinstance(loaded, PlannerPolicy) and loaded.config.plan_budget == "share"
+    assert loaded.planner.method.proposal_share == 0.0 and policy.planner.method.proposal_share == 0.5
+    assert loaded.config.sizes.samples == 64
+
+
 def test_terminal_value_affects_decisions():
     """A critic that loves what the model says will follow from option 1 draws the plan there, though nothing pays."""
     policy = told(policy_for(iterations=4), reward=0.0)
@@ -212,7 +238,7 @@ def test_only_safeloop_refuses_too_many_joint_actions():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"elites": 65}, "elites must be from 1 to 64, the samples, got 65"),
+        ({"elites": 49}, "elites must be from 1 to 48, the samples, got 49"),
         ({"horizon": -1}, "horizon must be a whole number of at least 0"),
         ({"hold_out": 0.0}, "hold_out must be a number above 0 and at most 0.5, got 0.0"),
         ({"hold_out": 0.6}, "hold_out must be a number above 0 and at most 0.5, got 0.6"),

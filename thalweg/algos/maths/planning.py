@@ -49,15 +49,19 @@ def imagined_cost(costs: Tensor, alive: Tensor) -> Tensor:
     return costs * alive[:-1].unsqueeze(-1)
 
 
-def budget(limit: float, horizon: int, length: float) -> float:
-    """Return the cost that H steps may have under a limit d on an episode: d H / L, but at most d.
+def budget(limit: float, horizon: int, length: float, ending: float = 0.0) -> float:
+    """Return the cost that H steps may have under a limit d on an episode: d (e + (1 - e) min(H / L, 1)).
+
+    A cost that leaves the episode running is spread evenly. One that ends it is paid at most once: for it, the limit is
+    a chance, and its even share would allow less than any step forward risks.
 
     Args:
         limit: d.
         horizon: H, in steps of the environment.
         length: L, the mean length of an episode; OmniSafe always uses 1000.
+        ending: e, the share of all costs that ended their episodes.
     """
-    return limit * min(horizon / length, 1.0)
+    return limit * (ending + (1.0 - ending) * min(horizon / length, 1.0))
 
 
 def in_budgets(costs: Tensor, budgets: Tensor) -> Tensor:

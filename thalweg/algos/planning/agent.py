@@ -15,6 +15,7 @@ from thalweg.algos.common.state import generator_state, load_generator, load_mod
 from thalweg.algos.constraint.cost_limits import cost_metrics, cost_suffixes
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.planning.config import PlanningConfig
+from thalweg.algos.planning.ending_costs import EndingCosts
 from thalweg.algos.planning.episode_length import EpisodeLength
 from thalweg.algos.planning.model.ensemble import HEADS
 from thalweg.algos.planning.model.fitting import Fitter
@@ -44,6 +45,7 @@ class Agent:
         self.replay = ReplayBuffer(config.replay_size, config.hold_out, task.device)
         self.fitter = Fitter(self.policy.ensemble, config, self.generator)
         self.lengths = EpisodeLength(task.num_envs, config.episode_length)
+        self.ending_costs = EndingCosts(len(config.limits))
         # A discount of the critics is that of a decision, which lasts `action_repeat` steps.
         self.returns = ReturnStatistics(task.num_envs, (config.discount ** (1.0 / config.action_repeat),))
         self._player = PlannerPlayer(
@@ -72,6 +74,7 @@ class Agent:
         planned = self._steps >= self.config.random_steps
         self._steps += int(rollout.valid.sum())
         self.lengths.update(rollout)
+        self.ending_costs.update(rollout)
         ends = (mask.cpu().numpy() for mask in (rollout.terminated, rollout.truncated, rollout.valid))
         self.returns.update(rollout.rewards.unsqueeze(-1).cpu().numpy(), *ends)
         batch = self._builder.transitions(rollout, self.policy.obs_size)
@@ -85,8 +88,13 @@ class Agent:
         if losses is not None:
             self._metrics.add({f"model_{name}_loss": loss for name, loss in zip(HEADS, losses, strict=True)})
             self._metrics.require_finite()
-        self.policy.episode_length = self.lengths.mean
+        self._set_budget()
         self.policy.refresh()
+
+    def _set_budget(self) -> None:
+        """Set what the budgets of plans depend on beside the limits."""
+        self.policy.episode_length = self.lengths.mean
+        self.policy.ending_shares = self.ending_costs.shares
 
     def critic_batches(self) -> Iterator[Batch]:
         """Yield the batches that the critics learn from after a rollout.
@@ -156,6 +164,7 @@ class Agent:
             "replay": self.replay.state(),
             "assembly": self._builder.state(),
             "lengths": self.lengths.state(),
+            "ending_costs": self.ending_costs.state(),
             "returns": self.returns.state(),
             "player": self._player.state(),
             "generator": generator_state(self.generator),
@@ -178,7 +187,8 @@ class Agent:
         load_generator(self.generator, state["generator"])
         self._metrics.load_state(state["tally"], self.policy.device)
         self._steps, self._reported_at = int(state["steps"]), int(state["reported_at"])
-        self.policy.episode_length = self.lengths.mean
+        self.ending_costs.load_state(state["ending_costs"])
+        self._set_budget()
         self.policy.limits = tuple(state.get("limits", self.config.limits))
         self.policy.refresh()
 

@@ -26,6 +26,7 @@ from thalweg.algos.policy.networks import Critics, NetworkShape
 from thalweg.core.config import frozen_config
 
 SIZES: dict[Size, Sizes] = {
+    "small": Sizes(samples=48, particles=1, iterations=3, elites=6, horizon=5, model_hidden=(64, 64)),
     "lite": Sizes(samples=64, particles=1, iterations=4, elites=8, horizon=5, model_hidden=(128, 128)),
     "full": Sizes(samples=512, particles=4, iterations=5, elites=64, horizon=7, model_hidden=(200, 200, 200, 200)),
 }
@@ -44,6 +45,8 @@ class CCEPETSConfig(PlanningConfig):
 
 class Elites:
     """Weighting of CCEPETS: the best feasible candidates share all weight equally."""
+
+    proposal_share = 0.0
 
     def __init__(
         self,

@@ -10,9 +10,10 @@ from thalweg.algos.constraint.cost_limits import CostConfig
 from thalweg.algos.policy.actions import Adapter
 from thalweg.core.config import FinitePositive, Fraction, Hint, TupleOf, frozen_config
 
-Size = Literal["lite", "full"]
+Size = Literal["small", "lite", "full"]
 Precision = Literal["float32", "bfloat16"]
 CostOver = Literal["mean", "max"]
+PlanBudget = Literal["share", "ends"]
 Fitting = Literal["steady", "refit"]
 CostLimit = Annotated[FinitePositive, Hint("a predicted chance is never 0")]
 
@@ -43,8 +44,9 @@ class PlanningConfig(CostConfig):
     """Limit d on the mean cost of an episode."""
     cost_limits: TupleOf[CostLimit] = ()
     """Separate limits of the tight and the loose cost, in place of `cost_limit`."""
-    size: Size = "lite"
-    """Preset for the settings below that are 0: "lite", or "full" as published."""
+    size: Size = "small"
+    """Preset for the settings below that are 0: "small", "lite", the default of earlier versions, or "full" as
+    published."""
     samples: NonNegativeInt = 0
     """Candidates per iteration; 0: as in `size`."""
     particles: NonNegativeInt = 0
@@ -57,10 +59,14 @@ class PlanningConfig(CostConfig):
     """Sizes of the hidden layers of each model; empty: as in `size`."""
     horizon: NonNegativeInt = 0
     """H: decisions that are imagined ahead; 0: as in `size`."""
-    planning_discount: Fraction = 0.99
+    plan_budget: PlanBudget = "ends"
+    """"share": a plan may have its horizon's share of the limit. "ends": the same of costs that leave the episode
+    running, but the whole limit of those that end it, which are paid at most once."""
+    planning_discount: Fraction = 0.97
     """γ of the reward within the horizon."""
-    discount: Fraction = 0.99
-    """γ of the critics, for the reward after the horizon."""
+    discount: Fraction = 0.97
+    """γ of the critics, for the reward after the horizon. Plans differ by a few steps' rewards, and critics err by a
+    share of the return: the shorter their horizon, the less their errors decide."""
     momentum: Fraction = 0.1
     """Weight of the previous plan in each update."""
     floor: Fraction = 0.02

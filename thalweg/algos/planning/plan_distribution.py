@@ -35,6 +35,10 @@ class PlanDistribution(Protocol):
         """Return parameters updated by samples [N, S, H, A] with weights [N, S]."""
         ...
 
+    def drawn_to(self, plan: Tensor, proposals: Tensor, share: float) -> Tensor:
+        """Return parameters that proposed plans [N, G, H, A], equally weighted, replace by a share 0..1."""
+        ...
+
     def variance(self, plan: Tensor) -> Tensor:
         """Return [N], the largest variance of any action in the plan."""
         ...
@@ -88,6 +92,10 @@ class CategoricalPlans:
     def updated(self, plan: Tensor, samples: Tensor, weights: Tensor) -> Tensor:
         return planning.categorical_step(plan, samples, weights, self.exists, self.config.momentum, self.config.floor)
 
+    def drawn_to(self, plan: Tensor, proposals: Tensor, share: float) -> Tensor:
+        weights = _equal_weights(proposals)
+        return planning.categorical_step(plan, proposals, weights, self.exists, 1.0 - share, self.config.floor)
+
     def variance(self, plan: Tensor) -> Tensor:
         return (plan * (1.0 - plan)).flatten(1).amax(1)
 
@@ -128,6 +136,11 @@ class GaussianPlans:
         )
         return torch.stack(improved, -1)
 
+    def drawn_to(self, plan: Tensor, proposals: Tensor, share: float) -> Tensor:
+        """The means move; the variances stay, as those of the proposals would end the search."""
+        mean, variance = plan.unbind(-1)
+        return torch.stack([torch.lerp(mean, proposals.mean(1), share), variance], -1)
+
     def variance(self, plan: Tensor) -> Tensor:
         return plan[..., 1].flatten(1).amax(1)
 
@@ -136,3 +149,8 @@ class GaussianPlans:
 
     def mode(self, plan: Tensor) -> Tensor:
         return plan[:, 0, :, 0].clamp(-1.0, 1.0)
+
+
+def _equal_weights(proposals: Tensor) -> Tensor:
+    """Return weights [N, G] of proposals [N, G, H, A] that sum to 1."""
+    return torch.full(proposals.shape[:2], 1.0 / proposals.shape[1], device=proposals.device)

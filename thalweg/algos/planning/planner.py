@@ -43,6 +43,8 @@ class Method(Protocol):
     """Networks beside the model; saved with the policy."""
     mean_momentum: float
     """Weight of the previous mean of continuous actions in each update."""
+    proposal_share: float
+    """Weight of the proposals in the initial plan of each decision, 0..1."""
 
     def weights(self, outcomes: PlanOutcomes, budget: Budget) -> Tensor:
         """Return the weights [N, S] of the candidates, which sum to 1 for each environment."""
@@ -83,9 +85,11 @@ class Planner:
     ) -> Decision:
         """Improve initial plans [N, H, A, W] for normalised observations [N, K * D]."""
         envs, costs = len(guess), len(budget.costs)
+        proposals = self.method.proposals(frozen, start, generator)
+        if proposals is not None and self.method.proposal_share:
+            guess = self.distribution.drawn_to(guess, proposals, self.method.proposal_share)
         decision = Decision(guess.clone(), start.new_empty(envs), start.new_empty(envs, costs), start.new_empty(envs))
         active = torch.arange(envs, device=start.device)
-        proposals = self.method.proposals(frozen, start, generator)
         for _ in range(self.config.sizes.iterations):
             plan = decision.plan[active]
             samples = self.distribution.samples(plan, self.config.sizes.samples, generator)

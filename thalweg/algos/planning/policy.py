@@ -27,6 +27,8 @@ MakeMethod = Callable[[Any, Actions, int, Callable[[], Tensor], torch.Generator]
 """Factory of a method, from config, actions, observation size, standard deviation of rewards and random generator."""
 METHODS: dict[str, tuple[type[PlanningConfig], MakeMethod]] = {}
 """Config class and factory of each algorithm, by its name; each planner's file registers its own."""
+UNSAVED = {"plan_budget": "share", "proposal_share": 0.0}
+"""Values of settings that older files lack, with which their policies plan as they did when they were saved."""
 
 
 class PlannerPolicy:
@@ -52,10 +54,12 @@ class PlannerPolicy:
         self.planner = Planner(config, actions, self.method, generator.device)
         self.episode_length = float(config.episode_length or config.sizes.horizon)
         """L, mean steps of an episode."""
+        self.ending_shares = (0.0,) * len(config.limits)
+        """e [C]: share of each cost so far that ended an episode."""
         self.limits = config.limits
         """Limit d [M] on the mean cost of an episode; a schedule begins above the config's."""
         self._budget: tuple[tuple[float, ...], Budget] | None = None
-        """Cached budget, with the episode length and limits it is for."""
+        """Cached budget, with what it depends on."""
         self.frozen = self._frozen()
 
     @property
@@ -65,12 +69,13 @@ class PlannerPolicy:
 
     @property
     def budget(self) -> Budget:
-        """Cost that a plan may have: the share of the cost limit that falls on H decisions."""
+        """Cost that a plan may have under the cost limits, as `plan_budget` says."""
         length = self.episode_length
-        of = (length, *self.limits)
+        ending = self.ending_shares if self.config.plan_budget == "ends" else (0.0,) * len(self.limits)
+        of = (length, *self.limits, *ending)
         if self._budget is None or self._budget[0] != of:  # cached: copied to the device once
             steps = self.config.sizes.horizon * self.config.action_repeat
-            costs = [planning.budget(limit, steps, length) for limit in self.limits]
+            costs = [planning.budget(d, steps, length, e) for d, e in zip(self.limits, ending, strict=True)]
             self._budget = of, Budget(torch.tensor(costs, device=self.device), max(length / steps, 1.0))
         return self._budget[1]
 
@@ -103,6 +108,7 @@ class PlannerPolicy:
             "obs_size": self.obs_size,
             "actions": self.actions.as_data(),
             "episode_length": self.episode_length,
+            "ending_shares": list(self.ending_shares),
             "scales": {name: {key: state[key] for key in ("count", "enabled")} for name, state in scales.items()},
         }
         tensors = {f"model.{name}": model[name] for name in ("bounds", "ranges", "seen", "counts")}
@@ -118,12 +124,15 @@ class PlannerPolicy:
         """Return the saved policy on the generator's device; raises `AlgorithmError` for an unknown planner."""
         if about.algorithm not in METHODS:
             raise AlgorithmError(f"this version knows no planner {about.algorithm!r}")
-        config = parse_config(METHODS[about.algorithm][0], about.config)
+        kind = METHODS[about.algorithm][0]
+        older = {name: value for name, value in UNSAVED.items() if hasattr(kind, name)}
+        config = parse_config(kind, older | dict(about.config))
         policy = cls(header["obs_size"], Actions.from_data(header["actions"]), config, about, generator)
         scales = {name: header["scales"][name] | tensors_of(tensors, name) for name in ("observed", "change", "reward")}
         policy.ensemble.load_state(tensors_of(tensors, "model") | scales | {"stack": tensors_of(tensors, "stack")})
         load_module(policy.method.modules, tensors_of(tensors, "method"))
         policy.episode_length = float(header["episode_length"])
+        policy.ending_shares = tuple(header.get("ending_shares", policy.ending_shares))
         policy.refresh()
         return policy
 

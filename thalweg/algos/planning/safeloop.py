@@ -31,6 +31,7 @@ from thalweg.algos.policy.actions import Actions
 from thalweg.core.config import Fraction, Hint, frozen_config
 
 SIZES: dict[Size, Sizes] = {
+    "small": Sizes(samples=32, particles=1, iterations=3, elites=6, horizon=5, model_hidden=(64, 64)),
     "lite": Sizes(samples=64, particles=1, iterations=4, elites=8, horizon=5, model_hidden=(128, 128)),
     "full": Sizes(samples=100, particles=4, iterations=5, elites=20, horizon=7, model_hidden=(200, 200, 200, 200)),
 }
@@ -40,8 +41,10 @@ SIZES: dict[Size, Sizes] = {
 class SafeLOOPConfig(PlanningConfig):
     """Settings of SafeLOOP."""
 
-    proposals: NonNegativeInt = 1
+    proposals: NonNegativeInt = 2
     """Plans that the actor proposes in each model of the ensemble."""
+    proposal_share: Fraction = 0.5
+    """Weight of these plans in the initial plan of each decision; the rest is that of the previous decision."""
     sharpness: PositiveFloat = 2.0
     """β: inverse temperature of the weights of feasible candidates."""
     cost_sharpness: PositiveFloat = 4.0
@@ -69,7 +72,10 @@ class SafeLOOPConfig(PlanningConfig):
     loss alone."""
     learning_rate: NonNegativeFloat = 1e-3
     """Learning rate of Adam for the actor."""
-    target_rate: Annotated[float, Field(gt=0, le=1)] = 0.02
+    discount: Fraction = 0.9
+    """γ of the critics, for the reward after the horizon. They estimate the best an actor can do from few data, and err
+    more than those of CCEPETS."""
+    target_rate: Annotated[float, Field(gt=0, le=1)] = 0.01
     """How far the target critics move towards the critics at each gradient step."""
     standardise_rewards: bool = True
     """Whether critics learn rewards divided by their standard deviation, so that α is independent of the reward's
@@ -99,6 +105,7 @@ class SafeARC:
         generator: torch.Generator,
     ) -> None:
         self.config, self.actions, self._reward_std = config, actions, reward_std
+        self.proposal_share = config.proposal_share
         self.soft = soft_actor_critic(actions, config, inputs, generator)
         self.modules = nn.ModuleDict({"actor": self.soft.actor, "critics": self.soft.critics})
 

@@ -28,8 +28,8 @@ ALGORITHMS = {
     "DDPGLag": 2,
     "TD3Lag": 2,
     "SACLag": 2,
-    "SafeLOOP": 2,
-    "CCEPETS": 2,
+    "SafeLOOP": 3,
+    "CCEPETS": 3,
 }
 """Updates of each algorithm, by its name in the registry."""
 PACKAGED_ENCODER = 2

@@ -88,6 +88,15 @@ def render() -> Trace:
     return found
 
 
+def privileged() -> Trace:
+    """What the ideal eye sees at 64 starts on Medium and on Hard: mean and deviation of each number."""
+    found = {}
+    for level in ("Medium", "Hard"):
+        seen, _ = RiverVectorEnv([load_or_build(level)], 64, EnvConfig(observation="privileged")).reset(seed=3)
+        found[level] = np.concatenate([seen.mean(axis=0), seen.std(axis=0)])
+    return found
+
+
 def rules() -> Trace:
     """What random actions and the scripted pilot earn, cost and end with on a hand-made ring and on Hard."""
     found = {}
@@ -208,6 +217,7 @@ GOLDENS: dict[str, Golden] = {
     "world": Golden("WORLD", versions.WORLD, world, tolerance=1e-4),
     "render": Golden("RENDER", versions.RENDER, render, tolerance=0.02),
     "rules": Golden("RULES", versions.RULES, rules, tolerance=1e-9),
+    "privileged": Golden("PRIVILEGED", versions.PRIVILEGED, privileged, tolerance=1e-4, smallest=1e-3),
     "evaluation": Golden("EVALUATION", versions.EVALUATION, evaluation, tolerance=1e-9),
     "training": Golden("TRAINING", versions.TRAINING, training),
     "encoder": Golden("ENCODER", versions.ENCODER, encoder, tolerance=0.05, smallest=0.05),

@@ -14,6 +14,7 @@ from tests.env.handmade import ring
 from thalweg.algos import Policy
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.policy_file import About
+from thalweg.core import versions
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.rivers import river_list
 from thalweg.env.task.ideal_eye import FEATURES
@@ -128,6 +129,11 @@ PRIVILEGED = {"observation": "privileged"}
             policy_with(16, {"encoder": "ab"}),
             None,
             "was trained on frames through an encoder, but here it would see the privileged observation",
+        ),
+        (
+            policy_with(37, PRIVILEGED | {"privileged_version": 1}),
+            None,
+            f"trained on version 1 of the privileged observation, but this is version {versions.PRIVILEGED}; train it",
         ),
         (policy_with(36, PRIVILEGED), None, "the policy takes 36 numbers, but the privileged observation has 37"),
         (policy_with(16, {}), None, "the policy takes 16 numbers, but the privileged observation has 37"),

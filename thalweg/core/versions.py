@@ -11,6 +11,8 @@ RENDER = 3
 """Frames of a world at a pose, time and look."""
 RULES = 1
 """Motion, progress, reward, cost and termination."""
+PRIVILEGED = 2
+"""The numbers of the ideal eye."""
 ENCODER = 1
 """Training of an encoder, and its codes of frames."""
 TRAINING = 1

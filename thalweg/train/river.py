@@ -11,6 +11,7 @@ from typing import Any, Literal, get_args
 
 from thalweg.algos.policy.actions import Actions
 from thalweg.algos.registry import algorithm_named
+from thalweg.core import versions
 from thalweg.core.cache import file_hash
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.torch_threads import default_torch_threads
@@ -79,6 +80,12 @@ def check_policy_fits(policy: Any, encoder: Encoder | None) -> None:
         raise TrainingError(
             f"the policy was trained on {IN_WORDS[seen]}, but here it would see {IN_WORDS[offered]};"
             f" choose {IN_WORDS[seen]}, or another policy"
+        )
+    made_with = context.get("privileged_version", versions.PRIVILEGED)
+    if encoder is None and made_with != versions.PRIVILEGED:
+        raise TrainingError(
+            f"the policy was trained on version {made_with} of the privileged observation, but this is version"
+            f" {versions.PRIVILEGED}; train it again"
         )
     size, offers = len(FEATURES), "privileged observation has"
     if encoder is not None:
@@ -266,7 +273,8 @@ class RiverTraining:
     def _context(self, encoder: Encoder | None) -> dict[str, Any]:
         """Return what the policy file and config.yaml say about rivers, observation and rules."""
         if encoder is None:
-            return {**self.about(), "observation": PRIVILEGED, "env": self._privileged_config.as_data()}
+            seen = {"observation": PRIVILEGED, "privileged_version": versions.PRIVILEGED}
+            return {**self.about(), **seen, "env": self._privileged_config.as_data()}
         seen = {"encoder": encoder_hash(encoder), "render_version": RENDER_VERSION}
         return {**self.about(), **seen, "env": self.config.as_data()}
 

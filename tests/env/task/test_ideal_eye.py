@@ -66,7 +66,7 @@ def test_widths_and_levels_are_those_of_the_points():
 
 
 def test_the_next_bridge_counts_until_it_is_behind():
-    world = canal(60.0, width_m=8.0, bridges=np.vstack([bridge_at(30.0, 8.0), bridge_at(50.0, 8.0)]))
+    world = canal(60.0, width_m=8.0, bridges=np.vstack([bridge_at(30.0, 8.0), bridge_at(48.0, 8.0)]))
     box = pack_courses([world], CONFIG).bridge_box
     found = seen(world, (20.0, 0.0, 4.0, 0.0))
     assert found["bridge"] == pytest.approx(10.0, abs=1e-4)
@@ -74,20 +74,20 @@ def test_the_next_bridge_counts_until_it_is_behind():
     assert found["bridge top"] == pytest.approx(box[0, 5] - 4.0, abs=1e-5)
     assert found["bridge top"] > found["bridge underside"]
     assert seen(world, (30.0 + BEHIND_M - 0.1, 0.0, 4.0, 0.0))["bridge"] == pytest.approx(-BEHIND_M + 0.1, abs=1e-4)
-    assert seen(world, (30.0 + BEHIND_M + 0.1, 0.0, 4.0, 0.0))["bridge"] == pytest.approx(16.9, abs=1e-4)
+    assert seen(world, (30.0 + BEHIND_M + 0.1, 0.0, 4.0, 0.0))["bridge"] == pytest.approx(14.9, abs=1e-4)
     assert seen(world, (40.0, 0.0, 4.0, math.pi), travel=-1)["bridge"] == pytest.approx(10.0, abs=1e-4)
     assert seen(world, (56.0, 0.0, 4.0, 0.0))["bridge"] == RANGE_M
 
 
 def test_the_next_island_has_its_place_and_size():
-    world = canal(90.0, width_m=12.0, islands=[[30.0, 1.0, 4.0, 1.5, 0.0], [80.0, 0.0, 2.0, 1.0, 0.5]])
+    world = canal(90.0, width_m=12.0, islands=[[30.0, 1.0, 4.0, 1.5, 0.0], [49.0, 0.0, 2.0, 1.0, 0.5]])
     found = seen(world, (20.0, -1.0, 4.0, 0.0))
     assert found["island"] == pytest.approx(10.0)
     assert (found["island ahead"], found["island left"]) == pytest.approx((10.0, 2.0))
     assert (found["island half length"], found["island half width"]) == pytest.approx((4.0, 1.5))
     assert seen(world, (33.9, -1.0, 4.0, 0.0))["island"] == pytest.approx(-3.9, abs=1e-5)
     beyond = seen(world, (34.1, -1.0, 4.0, 0.0))
-    assert beyond["island"] == pytest.approx(45.9, abs=1e-4)
+    assert beyond["island"] == pytest.approx(14.9, abs=1e-4)
     assert (beyond["island half length"], beyond["island half width"]) == pytest.approx((2.0, 1.0))
 
 

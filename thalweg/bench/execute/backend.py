@@ -33,6 +33,7 @@ def installed_versions() -> dict[str, int | None]:
         "world": versions.WORLD,
         "render": versions.RENDER,
         "rules": versions.RULES,
+        "privileged": versions.PRIVILEGED,
         "training": versions.TRAINING,
         "evaluation": versions.EVALUATION,
         "encoder": versions.PACKAGED_ENCODER,

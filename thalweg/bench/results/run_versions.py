@@ -34,7 +34,12 @@ def current_versions(kind: str, algorithms: Iterable[str], *, sees_frames: bool 
     if kind == "packaged":
         return rivers | frames | {"packaged": versions.PACKAGED_POLICY}
     learning = {name: versions.ALGORITHMS.get(name) for name in algorithms}
-    return rivers | (frames if sees_frames else {}) | {"training": versions.TRAINING} | learning
+    return (
+        rivers
+        | (frames if sees_frames else {"privileged": versions.PRIVILEGED})
+        | {"training": versions.TRAINING}
+        | learning
+    )
 
 
 def needs_training(recorded: Versions, current: Versions) -> bool:

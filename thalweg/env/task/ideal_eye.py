@@ -23,8 +23,9 @@ from thalweg.env.task.progress import (
 
 POINTS_M = (2.0, 4.0, 7.0, 11.0, 16.0, 24.0)
 """Distances along the course, from the vehicle, of the points of the course that are seen."""
-RANGE_M = 60.0
-"""Bridges and islands further along the course than this are not seen."""
+RANGE_M = 16.0
+"""Bridges and islands further along the course than this are not seen. Learners standardise each number: where distant
+islands are seen too, these fill the scale, and policies fly into islands."""
 FEATURES = (
     "heading error",
     "left bank",

@@ -44,7 +44,7 @@ class OnPolicyConfig:
     layers; or "truncated", normal and cut off at two standard deviations."""
     normalise_observations: bool = True
     """Whether observations, and what only critics see, are standardised by running statistics."""
-    asymmetric_critics: bool = True
+    asymmetric_critics: bool = False
     """Whether critics also see what the environment tells them beyond the observation (`info["critic_obs"]`), such as
     the privileged state and progress; the policy does not (Pinto et al. 2018)."""
     critic_warmup_steps: NonNegativeInt = 10_000

@@ -20,6 +20,9 @@ from thalweg.core.config import frozen_config
 class PPOConfig(FirstOrderConfig):
     """Settings of PPO."""
 
+    asymmetric_critics: bool = True
+    """Whether critics also see what the environment tells them beyond the observation (`info["critic_obs"]`), such as
+    the privileged state and progress; the policy does not (Pinto et al. 2018)."""
     clip: PositiveFloat = 0.2
     """Clip range ε: the probability ratio is clipped to 1 ± ε."""
 

@@ -35,6 +35,7 @@ from thalweg.algos.registry import ALGORITHMS, algorithm_named
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.report.table import frame, markdown
 from thalweg.cli.options import settings_from
+from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.config import to_plain
 from thalweg.env import EnvConfig, RiverVectorEnv
@@ -50,8 +51,9 @@ CHOOSING_RIVERS, CHOOSING_UNSEEN, CHOOSING_SEEDS = range(4000, 4016), range(5000
 """The same where settings are chosen."""
 NUM_ENVS, FLIGHTS, EVALUATION_SEED = 16, 60, 77
 RULES = EnvConfig(observation="privileged")
-KEY = ("algorithm", "changes", "level", "rivers", "steps", "seed", "config")
-"""Columns that identify a trial; `config` is a hash of all settings, so that other defaults make another trial."""
+KEY = ("algorithm", "changes", "level", "rivers", "steps", "seed", "config", "privileged")
+"""Columns that identify a trial. `config` is a hash of all settings, so that other defaults make another trial;
+`privileged` is the version of what the ideal eye sees."""
 
 PLACES = ("fixed", "unseen", "unseen_hard")
 """Where policies are flown; columns are named by them."""
@@ -103,7 +105,8 @@ class Trial:
         first, last = self.rivers[0], self.rivers[-1]
         rivers = str(first) if first == last else f"{first}:{last + 1}"
         changes = settings_text(self.settings)
-        return self.algorithm, changes, self.level, rivers, str(self.steps), str(self.seed), self.config
+        trained = self.level, rivers, str(self.steps), str(self.seed)
+        return self.algorithm, changes, *trained, self.config, str(versions.PRIVILEGED)
 
 
 def settings_text(settings: Settings) -> str:
@@ -181,9 +184,10 @@ def append(table: Path, row: Mapping[str, str]) -> None:
 
 
 def is_current(row: Mapping[str, str]) -> bool:
-    """Return whether a row's trial has today's defaults beside its changes."""
+    """Return whether a row's trial has today's defaults beside its changes, and today's ideal eye."""
     changes = () if row["changes"] == "none" else row["changes"].split(" ")
-    return Trial(row["algorithm"], settings_from(changes), int(row["steps"]), int(row["seed"])).config == row["config"]
+    trial = Trial(row["algorithm"], settings_from(changes), int(row["steps"]), int(row["seed"]))
+    return (row["config"], row["privileged"]) == (trial.config, str(versions.PRIVILEGED))
 
 
 def means(rows: Sequence[Mapping[str, str]], place: str) -> str:

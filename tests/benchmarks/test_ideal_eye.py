@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from thalweg.cli.options import UsageError
+from thalweg.core import versions
 
 
 @pytest.fixture
@@ -101,17 +102,18 @@ def test_a_page_has_the_defaults_and_then_what_was_tried(script: ModuleType):
         settings = {} if changes == "none" else {"entropy": 0.5}
         config = script.Trial(algorithm, settings, 1000, seed).config
         scores = {f"{place}_{what}": str(returned + seed) for place in script.PLACES for what in ("return", "cost")}
-        key = (algorithm, changes, "Medium", rivers, "1000", str(seed), config)
+        key = (algorithm, changes, "Medium", rivers, "1000", str(seed), config, str(versions.PRIVILEGED))
         return dict(zip(script.KEY, key, strict=True)) | scores
 
-    outdated = row("none", "1000:1016", 0, 9.0) | {"config": "00000000"}
+    other = row("none", "1000:1016", 0, 9.0)
+    outdated = [other | {"config": "00000000"}, other | {"privileged": "0"}]
     rows = [
         row("none", "1000:1016", 0, 2.0),
         row("none", "1000:1016", 1, 2.0),
         row("entropy=0.5", "4000:4016", 10, 3.0),
         row("none", "1000:1016", 0, 9.0, "CPO"),
     ]
-    assert [script.is_current(one) for one in [*rows, outdated]] == [True] * 4 + [False]
+    assert [script.is_current(one) for one in [*rows, *outdated]] == [True] * 4 + [False] * 2
     first, second = script.page_section(rows, "PPO").split("other seeds:")
     assert "| none | Medium 1000:1016, 1,000 | 2 | 2.50 / 2.50 |" in first and "4000" not in first
     assert "| `entropy=0.5` | Medium 4000:4016, 1,000 | 1 | 13.00 / 13.00 |" in second and "none" not in second

@@ -51,7 +51,8 @@ def tensors(folder: Path) -> np.ndarray:
 
 def test_it_is_the_run_on_environments_of_that_observation(tmp_path: Path):
     train(tmp_path / "river")
-    run("PPO", RiverVectorEnv([ring()], 4, EYE), steps=192, seed=3, folder=tmp_path / "plain", config=SMALL)
+    told = EYE.with_options(critic_info=True)
+    run("PPO", RiverVectorEnv([ring()], 4, told), steps=192, seed=3, folder=tmp_path / "plain", config=SMALL)
     episodes = [(tmp_path / name / "episodes.csv").read_text() for name in ("river", "plain")]
     assert episodes[0] == episodes[1] and len(episodes[0].splitlines()) > 2
     np.testing.assert_array_equal(tensors(tmp_path / "river"), tensors(tmp_path / "plain"))
@@ -62,7 +63,8 @@ def test_the_run_records_the_observation_and_neither_encoder_nor_renderer(tmp_pa
     train(tmp_path)
     recorded = yaml.safe_load((tmp_path / "config.yaml").read_text())["run"]["context"]
     seed = river.level_named("Easy").default_seed
-    assert recorded == {"level": "Easy", "world_seeds": [seed], "observation": "privileged", "env": EYE.as_data()}
+    seen = {"observation": "privileged", "privileged_version": versions.PRIVILEGED, "env": EYE.as_data()}
+    assert recorded == {"level": "Easy", "world_seeds": [seed], **seen}
     assert load_policy(tmp_path).about.context == recorded
 
 
@@ -113,7 +115,7 @@ def policy_with(size: int, context: dict[str, Any]) -> Policy:
 
 
 ENCODER: Any = SimpleNamespace(latent=16, about={"path": __file__})
-PRIVILEGED = {"observation": "privileged"}
+PRIVILEGED = {"observation": "privileged", "privileged_version": versions.PRIVILEGED}
 
 
 @pytest.mark.parametrize(
@@ -131,7 +133,7 @@ PRIVILEGED = {"observation": "privileged"}
             "was trained on frames through an encoder, but here it would see the privileged observation",
         ),
         (
-            policy_with(37, PRIVILEGED | {"privileged_version": 1}),
+            policy_with(37, {"observation": "privileged"}),  # from before there was a version
             None,
             f"trained on version 1 of the privileged observation, but this is version {versions.PRIVILEGED}; train it",
         ),

@@ -81,8 +81,8 @@ def check_policy_fits(policy: Any, encoder: Encoder | None) -> None:
             f"the policy was trained on {IN_WORDS[seen]}, but here it would see {IN_WORDS[offered]};"
             f" choose {IN_WORDS[seen]}, or another policy"
         )
-    made_with = context.get("privileged_version", versions.PRIVILEGED)
-    if encoder is None and made_with != versions.PRIVILEGED:
+    made_with = context.get("privileged_version", 1)
+    if seen == PRIVILEGED and made_with != versions.PRIVILEGED:
         raise TrainingError(
             f"the policy was trained on version {made_with} of the privileged observation, but this is version"
             f" {versions.PRIVILEGED}; train it again"

@@ -39,7 +39,7 @@ FIRST_ORDER = [name for name in ON_POLICY if issubclass(ALGORITHMS[name].config,
 
 def learner_for(name: str, space: gym.Space, **settings: Any) -> Any:
     entry = ALGORITHMS[name]
-    usual = {"steps_per_update": N * T, "minibatch": 32, "passes": 4, "hidden": (16, 16)}
+    usual = {"steps_per_update": N * T, "minibatch": 32, "passes": 4, "hidden": (16, 16), "asymmetric_critics": False}
     config = entry.config(**(usual | settings))
     return entry.make(config, Task(D, space, N, 0, {}, critic_size=C))
 

@@ -20,6 +20,7 @@ from thalweg.bench.evaluate import evaluation
 from thalweg.bench.evaluate.baselines import BASELINES, sight_of
 from thalweg.bench.evaluate.episodes import REASONS, read_episodes, write_episodes
 from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Step, encoded_frames, evaluate
+from thalweg.core import versions
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.env.initial_poses import CLOCK_RANGE_S
 from thalweg.render import Camera
@@ -127,7 +128,7 @@ def test_a_policy_that_sees_frames_needs_an_observation_function():
 class Recorder:
     """A policy of the privileged observation that flies ahead and writes down what it sees."""
 
-    about = About("PPO", {}, {"observation": "privileged"})
+    about = About("PPO", {}, {"observation": "privileged", "privileged_version": versions.PRIVILEGED})
 
     def __init__(self) -> None:
         self.saw: list[np.ndarray] = []

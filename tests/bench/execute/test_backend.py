@@ -20,6 +20,7 @@ from thalweg.bench.execute.backend import RiverBackend
 from thalweg.bench.pictures import film
 from thalweg.bench.pictures.film_format import SMALL
 from thalweg.bench.suite.config import Arm, Run, Stage, Suite
+from thalweg.core import versions
 from thalweg.env import sample_starts
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.train.folder.run_record import POLICY
@@ -126,7 +127,7 @@ def test_a_policy_of_the_privileged_observation_is_flown_and_filmed_without_an_e
     filmed: list[Any] = []
     monkeypatch.setattr(backend, "load_compatible_encoder", loaded)
     monkeypatch.setattr(film, "write_film", lambda path, world, flight, title, **_: filmed.append((flight, title)))
-    about = About("PPO", {}, {"observation": "privileged"})
+    about = About("PPO", {}, {"observation": "privileged", "privileged_version": versions.PRIVILEGED})
     Policy(len(FEATURES), actions_of(MultiDiscrete([3, 3, 3, 3])), about=about).save(tmp_path / POLICY)
     run, trial = Run("train", "PPO", 0), Trial("Easy")
     row = rivers.evaluate(run, tmp_path, trial, lambda _: None)[2]

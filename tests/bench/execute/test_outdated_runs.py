@@ -87,7 +87,7 @@ def test_runs_that_see_no_frames_depend_on_neither_renderer_nor_encoder(
     run_suite(suite, tmp_path, SmallBackend())
     assert read_versions(tmp_path)["PPO-privileged-0"] == {
         "world": versions.WORLD, "rules": versions.RULES, "evaluation": versions.EVALUATION,
-        "training": versions.TRAINING, "PPO": versions.ALGORITHMS["PPO"],
+        "training": versions.TRAINING, "PPO": versions.ALGORITHMS["PPO"], "privileged": versions.PRIVILEGED,
     }  # fmt: skip
     label = f"render {versions.RENDER}"
     monkeypatch.setattr(versions, "RENDER", versions.RENDER + 1)

@@ -217,7 +217,8 @@ def page_section(rows: Sequence[Mapping[str, str]], algorithm: str) -> str:
     reported = [row for row in of_algorithm if row["rivers"] != chosen and row["changes"] == "none"]
     tried = [row for row in of_algorithm if row["rivers"] == chosen]
     parts = [("The defaults:", reported), ("Settings that were tried, on other rivers with other seeds:", tried)]
-    return "\n\n".join(f"{title}\n\n{trial_table(table)}" for title, table in parts if table)
+    tables = [f"{title}\n\n{trial_table(table)}" for title, table in parts if table]
+    return "\n\n".join(tables) or "No trial of today's versions yet.\n"
 
 
 def written_pages() -> dict[Path, str]:

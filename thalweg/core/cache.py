@@ -18,7 +18,7 @@ from thalweg.core.atomic_io import write_atomic
 
 PACKAGE = Path(__file__).resolve().parent.parent
 UNUSED_DAYS = 30
-"""Days without use after which files of other versions are removed."""
+"""Days without use after which files in the cache are removed."""
 
 
 def cache_dir() -> Path:

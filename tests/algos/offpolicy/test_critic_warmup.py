@@ -32,7 +32,7 @@ def begun(name: str, **settings: Any) -> Any:
 def kept(learner: Any) -> dict[str, Any]:
     """What must stay while only the critics learn."""
     state, stack = learner.state(), learner.agent.target_actor
-    names = ("actor", "policy_optimiser", "multipliers", "log_alpha", "alpha_optimiser")
+    names = ("actor", "policy_optimiser", "multipliers", "normaliser", "log_alpha", "alpha_optimiser")
     return {"target": stack.flat.detach().numpy().copy()} | {name: state[name] for name in names if name in state}
 
 

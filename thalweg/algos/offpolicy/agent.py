@@ -177,7 +177,8 @@ class Agent:
         negative = costs[costs < 0.0]
         if self.config.cost_floor and len(negative):
             raise AlgorithmError(f"a step cost {negative[0]:g}; with cost_floor none may be negative: set it to false")
-        self.policy.normaliser.update(steps.obs)
+        if not self.critics_warm_up:
+            self.policy.normaliser.update(steps.obs)
         if self.critic_size:
             self.critic_normaliser.update(steps.critic_obs)
         self._cost_normaliser.update(costs)

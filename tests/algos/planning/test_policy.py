@@ -14,7 +14,7 @@ from thalweg.algos import AlgorithmError
 from thalweg.algos.common.state import CPU
 from thalweg.algos.planning.ccepets import CCEPETSConfig
 from thalweg.algos.planning.planner import Planner
-from thalweg.algos.planning.policy import METHODS, UNSAVED, PlannerPlayer, PlannerPolicy
+from thalweg.algos.planning.policy import METHODS, VALUES_BEFORE, PlannerPlayer, PlannerPolicy
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.policy import to_tensors
 from thalweg.algos.policy.policy_file import About, load_policy
@@ -193,7 +193,7 @@ def test_budget_of_costs_that_end_episodes_is_the_whole_limit():
 
 def test_a_file_without_newer_settings_plans_as_when_it_was_saved(tmp_path):
     policy = policy_for("SafeLOOP", proposal_share=0.5)
-    for name in UNSAVED:
+    for name in VALUES_BEFORE:
         del policy.about.config[name]
     policy.save(tmp_path / "policy.safetensors")
     loaded = load_policy(tmp_path / "policy.safetensors")

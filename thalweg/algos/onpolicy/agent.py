@@ -134,8 +134,8 @@ class Agent:
         return found
 
     def updates_left(self, feedback: Feedback) -> int:
-        """Return the number of updates that remain after this one."""
-        return math.ceil(feedback.steps_left / (self.rollout_steps * self._player.num_envs))
+        """Return the number of updates that remain after this one and after the critics' warm-up."""
+        return math.ceil(max(feedback.steps_left - self._warmup_left, 0) / (self.rollout_steps * self._player.num_envs))
 
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Return raw actions [N, A] sampled from the policy, for observations float32 [N, K * D]."""

@@ -9,17 +9,17 @@ from thalweg.algos.interface import Rollout
 
 
 class EndingCosts:
-    """Running sums of each of C costs, of all and of those paid in an episode's last step, and counts of steps."""
+    """Running sums of each of M costs, of all and of those paid in an episode's last step, and counts of steps."""
 
     def __init__(self, costs: int) -> None:
         self._sums = torch.zeros(2, costs, dtype=torch.float64)
-        """[2, C]: all costs, and those of last steps."""
+        """[2, M]: all costs, and those of last steps."""
         self._counts = torch.zeros(2, dtype=torch.float64)
         """[2]: all steps, and last steps."""
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """e [C], the share of each cost that ended its episode; 0 for a cost that was never paid.
+        """e [M], the share of each cost that ended its episode; 0 for a cost that was never paid.
 
         e = max(0, (s - p) / (1 - p)), for the share s that was paid in last steps and the share p of such steps: costs
         that have nothing to do with the end come with it in p of the cases.

@@ -27,7 +27,7 @@ MakeMethod = Callable[[Any, Actions, int, Callable[[], Tensor], torch.Generator]
 """Factory of a method, from config, actions, observation size, standard deviation of rewards and random generator."""
 METHODS: dict[str, tuple[type[PlanningConfig], MakeMethod]] = {}
 """Config class and factory of each algorithm, by its name; each planner's file registers its own."""
-UNSAVED = {"plan_budget": "share", "proposal_share": 0.0}
+VALUES_BEFORE = {"plan_budget": "share", "proposal_share": 0.0}
 """Values of settings that older files lack, with which their policies plan as they did when they were saved."""
 
 
@@ -55,7 +55,7 @@ class PlannerPolicy:
         self.episode_length = float(config.episode_length or config.sizes.horizon)
         """L, mean steps of an episode."""
         self.ending_shares = (0.0,) * len(config.limits)
-        """e [C]: share of each cost so far that ended an episode."""
+        """e [M]: share of each cost so far that ended an episode."""
         self.limits = config.limits
         """Limit d [M] on the mean cost of an episode; a schedule begins above the config's."""
         self._budget: tuple[tuple[float, ...], Budget] | None = None
@@ -125,7 +125,7 @@ class PlannerPolicy:
         if about.algorithm not in METHODS:
             raise AlgorithmError(f"this version knows no planner {about.algorithm!r}")
         kind = METHODS[about.algorithm][0]
-        older = {name: value for name, value in UNSAVED.items() if hasattr(kind, name)}
+        older = {name: value for name, value in VALUES_BEFORE.items() if hasattr(kind, name)}
         config = parse_config(kind, older | dict(about.config))
         policy = cls(header["obs_size"], Actions.from_data(header["actions"]), config, about, generator)
         scales = {name: header["scales"][name] | tensors_of(tensors, name) for name in ("observed", "change", "reward")}

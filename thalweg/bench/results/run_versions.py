@@ -8,6 +8,7 @@ import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.csv_files import ResultsError
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
@@ -25,7 +26,7 @@ def current_versions(kind: str, algorithms: Iterable[str], *, sees_frames: bool 
     """The versions that a run of a kind (`train`, `baseline` or `packaged`) depends on.
 
     `algorithms` are those of all stages of its training. Baselines see no frames, and trained policies only if
-    `sees_frames`.
+    `sees_frames`; else they see what the ideal eye does, as critics do by default with some algorithms.
     """
     rivers: dict[str, int | None] = {"world": versions.WORLD, "rules": versions.RULES, EVALUATION: versions.EVALUATION}
     if kind == "baseline":
@@ -34,12 +35,13 @@ def current_versions(kind: str, algorithms: Iterable[str], *, sees_frames: bool 
     if kind == "packaged":
         return rivers | frames | {"packaged": versions.PACKAGED_POLICY}
     learning = {name: versions.ALGORITHMS.get(name) for name in algorithms}
-    return (
-        rivers
-        | (frames if sees_frames else {"privileged": versions.PRIVILEGED})
-        | {"training": versions.TRAINING}
-        | learning
-    )
+    eye = {} if sees_frames and not any(map(_has_asymmetric_critics, learning)) else {"privileged": versions.PRIVILEGED}
+    return rivers | (frames if sees_frames else {}) | eye | {"training": versions.TRAINING} | learning
+
+
+def _has_asymmetric_critics(algorithm: str) -> bool:
+    """Return whether the critics of an algorithm see what the ideal eye does, by default."""
+    return algorithm in ALGORITHMS and getattr(ALGORITHMS[algorithm].config(), "asymmetric_critics", False)
 
 
 def needs_training(recorded: Versions, current: Versions) -> bool:

@@ -76,8 +76,9 @@ def test_versions_are_recorded_for_each_run(finished: Path):
     assert made["PPO-1"] == {
         "world": versions.WORLD, "rules": versions.RULES, "evaluation": versions.EVALUATION,
         "render": versions.RENDER, "encoder": versions.PACKAGED_ENCODER, "training": versions.TRAINING,
-        "PPO": versions.ALGORITHMS["PPO"],
+        "PPO": versions.ALGORITHMS["PPO"], "privileged": versions.PRIVILEGED,
     }  # fmt: skip
+    assert "privileged" not in made["FOCOPS-1"]
 
 
 def test_runs_that_see_no_frames_depend_on_neither_renderer_nor_encoder(

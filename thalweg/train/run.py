@@ -141,7 +141,7 @@ def run(
     settings = {"algorithm": entry.name, "preset": preset, "config": to_plain(resolved), "steps": steps, "seed": seed}
     identity = settings | _task_identity(task, learner, collector)
     if how.begin_with is not None:
-        _check_warmup(getattr(resolved, "critic_warmup_steps", 0), steps)
+        _check_warmup(getattr(resolved, "critic_warmup_steps", 0), steps, learner.rollout_steps * task.num_envs)
         identity["begin_with"] = _initialise_policy(learner, policy_file(how.begin_with))
     status = _open_folder(folder := Path(folder), identity, how.threads)
     if status.get("state") == "finished":
@@ -180,12 +180,14 @@ def _check_graphs(entry: Entry, device: torch.device) -> None:
         raise DeviceError(f"graphs are recorded on a GPU only, not on {device}")
 
 
-def _check_warmup(warmup: int, steps: int) -> None:
-    """Raise `TrainingError` if the critics' warm-up would last for the whole run."""
-    if warmup >= steps:
+def _check_warmup(warmup: int, steps: int, rollout: int) -> None:
+    """Raise `TrainingError` if only the critics would learn from all of a run's rollouts of so many steps."""
+    most = (steps - 1) // rollout * rollout
+    if warmup > most:
         raise TrainingError(
-            f"critic_warmup_steps must be less than the {steps} steps of a run that begins with another policy, got "
-            f"{warmup}: the policy would never change"
+            f"critic_warmup_steps must be at most {most} in a run of {steps} steps that begins with another policy, "
+            f"got {warmup}: only critics learn from a rollout (of {rollout} steps) that begins within the warm-up, so "
+            "that the policy would never change"
         )
 
 

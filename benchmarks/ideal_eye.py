@@ -110,8 +110,8 @@ class Trial:
 
 
 def settings_text(settings: Settings) -> str:
-    """Return the changed settings as one line of text, sorted."""
-    return " ".join(f"{name}={settings[name]}" for name in sorted(settings)) or "none"
+    """Return the changed settings as one line of text, sorted, with spaces between them only."""
+    return " ".join(f"{name}={settings[name]}".replace(" ", "") for name in sorted(settings)) or "none"
 
 
 def rivers_of(level: str, seeds: Sequence[int]) -> list[World]:

@@ -54,6 +54,7 @@ def test_a_trial_is_known_by_its_settings_and_by_all_defaults(script: ModuleType
     same = script.Trial("TD3Lag", {"minibatch": 64, "output_decay": 0.5}, 1000, 3)
     assert trial.key == same.key and trial.config != script.Trial("TD3Lag", {}, 1000, 3).config
     assert script.Trial("TD3Lag", {}, 1000, 3, rivers=range(5, 6)).key[3] == "5"
+    assert script.Trial("TD3Lag", {"hidden": [64, 32]}, 1000, 3).key[1] == "hidden=[64,32]"
 
 
 def test_a_trial_with_a_row_is_not_run_again(script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):

@@ -40,7 +40,7 @@ _OPEN = (
         broken_mask={"mask": "batch"},
         ascent={"multiplier_gain": 0.0},
         adam={"multiplier_gain": 0.0, "multiplier_rule": "adam", "multiplier_rate": 0.035},
-        pid={"multiplier_derivative": 10.0, "multiplier_smoothing": 0.5},
+        pid={"multiplier_derivative": 1.0, "multiplier_smoothing": 0.5},
     ),
     *_variants("SACLag", _THREE, **_ACTIONS),
     *_variants("SafeLOOP", (0,), drop_terminal={"drop_terminal": True}),

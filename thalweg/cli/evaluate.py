@@ -85,7 +85,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     name = command.policy if command.policy in (*BASELINES, PACKAGED) else Path(command.policy).resolve().name
     rows: list[Episode] = []
     for river in rivers:
-        courses, level = _courses(command, river)
+        courses, level = _courses(command, river, drawn=encoder is not None)
         with progress_bar(console, "episodes") as progress:
             for course in courses:
                 observe = encoded_frames(course.world, encoder) if encoder is not None else None
@@ -140,14 +140,16 @@ def load_named_policy(name: str) -> "Policy":
     return load_policy(path)
 
 
-def _courses(command: Evaluate, river: "str | Reach") -> "tuple[list[Course], str]":
-    """Return the courses of a level or of a real river, and the name that their rows have."""
+def _courses(command: Evaluate, river: "str | Reach", *, drawn: bool) -> "tuple[list[Course], str]":
+    """Return the courses of a level, or of a real river, and the name that their rows have."""
     from thalweg.bench.evaluate.evaluation import Course
     from thalweg.train.river import announce_build
 
     if isinstance(river, str):
-        unseen = command.unseen
-        return (Course.unseen(river, command.config) if unseen else [Course.of_level(river, command.config)]), river
+        config = command.config
+        if command.unseen:
+            return Course.unseen(river, config, drawn=drawn), river
+        return [Course.of_level(river, config, drawn=drawn)], river
     world_seed = command.world_seed or 0
     river.check()
     announce_build(river, world_seed)

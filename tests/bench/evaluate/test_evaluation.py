@@ -25,6 +25,7 @@ from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.env.initial_poses import CLOCK_RANGE_S
 from thalweg.render import Camera
 from thalweg.train.encoder.frames import sample_views
+from thalweg.world import level_named
 
 CONFIG = EvaluationConfig(episodes=6)
 LABEL = Label("tester", 3, "Easy")
@@ -286,3 +287,22 @@ def test_unseen_courses_are_other_rivers_of_the_level_with_one_start_each(monkey
     assert all(len(np.unique(column)) == 3 for column in own.T)  # the rivers are alike, their starts are not
     again = Course.unseen("Easy", config)
     assert all(np.array_equal(one.starts, other.starts) for one, other in zip(courses, again, strict=True))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("level", ["Medium", "Hard"])
+def test_flights_are_the_same_on_a_river_without_land(level: str):
+    for name in ("pilot", "forward", "random"):
+        whole, bare = (Course.of_level(level, CONFIG, drawn=drawn) for drawn in (True, False))
+        assert whole.world.ground_m.size > bare.world.ground_m.size
+        np.testing.assert_array_equal(whole.starts, bare.starts)
+        rows = [evaluate(BASELINES[name], found, LABEL, CONFIG) for found in (whole, bare)]
+        assert rows[0] == rows[1]
+
+
+@pytest.mark.parametrize("unseen", [False, True])
+def test_a_river_that_nobody_sees_is_not_built(unseen: bool, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(evaluation, "load_or_build", None)
+    found = Course.unseen("Easy", CONFIG, drawn=False) if unseen else [Course.of_level("Easy", CONFIG, drawn=False)]
+    whose = [evaluation.UNSEEN + index for index in range(6)] if unseen else [level_named("Easy").default_seed]
+    assert [course.world.seed for course in found] == whose

@@ -13,6 +13,7 @@ from thalweg.algos import Policy
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.policy_file import About
 from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.evaluate.evaluation import Course
 from thalweg.bench.execute import backend
@@ -36,8 +37,20 @@ RUN = Run("baseline", "random", 0)
 def rivers(monkeypatch: pytest.MonkeyPatch) -> RiverBackend:
     ring = handmade.ring()
     course = Course(ring, sample_starts(ring, 4, 0), np.zeros(4), np.arange(4))
-    monkeypatch.setattr(Course, "of_level", classmethod(lambda *_: course))
+    monkeypatch.setattr(Course, "of_level", classmethod(lambda *_, drawn=True: course))
     return RiverBackend(SUITE)
+
+
+def test_only_rivers_whose_frames_are_seen_have_land(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    ring, asked = handmade.ring(), []
+    course = Course(ring, sample_starts(ring, 4, 0), np.zeros(4), np.arange(4))
+    monkeypatch.setattr(Course, "of_level", classmethod(lambda *_, drawn: asked.append(drawn) or course))
+    place = RiverBackend(SUITE)
+    monkeypatch.setattr(place, "observers", lambda *_: [lambda step: np.zeros((len(step.flying), 4), np.float32)])
+    for policy in (BASELINES["hover"], BASELINES["pilot"], Policy(4, actions_of(MultiDiscrete([3, 3, 3, 3])))):
+        monkeypatch.setattr(place, "policy", lambda *_, given=policy: given)
+        place.evaluate(RUN, tmp_path, Trial("Easy"), lambda _: None)
+    assert asked == [False, False, True]
 
 
 def test_the_film_shows_the_very_flight_of_its_row(

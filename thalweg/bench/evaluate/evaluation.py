@@ -23,11 +23,12 @@ from thalweg.encoder import Encoder
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.env.frame_renderer import relit_worlds
 from thalweg.env.initial_poses import CLOCK_RANGE_S
+from thalweg.env.rivers.bare_river import load_or_plan
 from thalweg.render import Renderer
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.river import announce_build
-from thalweg.world import World, level_named, load_or_build
+from thalweg.world import Level, World, level_named, load_or_build
 
 EVALUATION, CLOCKS, LOOKS = zlib.crc32(b"evaluation"), zlib.crc32(b"clocks"), zlib.crc32(b"looks")
 """Random streams of the evaluation. Nothing in training draws from them: neither the frames of the encoder nor the
@@ -82,11 +83,13 @@ class Course:
     """[K] int64, the index into `lights` of each start."""
 
     @classmethod
-    def of_level(cls, level: str, config: EvaluationConfig) -> "Course":
-        """Return the course of a level: its fixed river and fixed list of starts."""
+    def of_level(cls, level: str, config: EvaluationConfig, *, drawn: bool = True) -> "Course":
+        """Return the course of a level: its fixed river, without land if nothing is `drawn`, and fixed list of starts.
+
+        Land takes most of the time to build; flights are the same without it.
+        """
         chosen = level_named(level)
-        announce_build(chosen, chosen.default_seed)
-        return cls.on(load_or_build(chosen, chosen.default_seed), config)
+        return cls.on(_river(chosen, chosen.default_seed, drawn), config)
 
     @classmethod
     def on(cls, world: World, config: EvaluationConfig) -> "Course":
@@ -97,16 +100,14 @@ class Course:
         return cls(world, starts, clocks.uniform(0, CLOCK_RANGE_S, len(starts)), np.arange(len(starts)))
 
     @classmethod
-    def unseen(cls, level: str, config: EvaluationConfig) -> list["Course"]:
+    def unseen(cls, level: str, config: EvaluationConfig, *, drawn: bool = True) -> list["Course"]:
         """Return one course per episode, each on another unseen river of the level and with one start.
 
-        The start on the i-th river is the i-th of that river's own list.
+        The start on the i-th river is the i-th of that river's own list. `drawn`: as for `of_level`.
         """
-        chosen, courses = level_named(level), []
-        for index in range(config.episodes):
-            announce_build(chosen, UNSEEN + index)
-            courses.append(cls.on(load_or_build(chosen, UNSEEN + index), config).only(index))
-        return courses
+        chosen = level_named(level)
+        rivers = (_river(chosen, UNSEEN + index, drawn) for index in range(config.episodes))
+        return [cls.on(river, config).only(index) for index, river in enumerate(rivers)]
 
     def varied(self, randomisation: Randomisation, config: EvaluationConfig) -> "Course":
         """Return the course with a random appearance for each start, the same for every policy."""
@@ -129,6 +130,14 @@ class Course:
             looks=looks,
             suns=suns,
         )
+
+
+def _river(level: Level, seed: int, drawn: bool) -> World:
+    """Return the river of a level and a seed; a build is announced on the terminal."""
+    if not drawn:
+        return load_or_plan(level, seed)
+    announce_build(level, seed)
+    return load_or_build(level, seed)
 
 
 @dataclass(frozen=True)

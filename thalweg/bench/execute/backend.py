@@ -83,13 +83,13 @@ class RiverBackend:
         suite = self.suite
         return EvaluationConfig(suite.episodes, suite.starts_seed, trial.condition.deterministic)
 
-    def courses(self, trial: Trial) -> list[Course]:
-        """Return the rivers of a trial and the starts on each."""
+    def courses(self, trial: Trial, *, drawn: bool = True) -> list[Course]:
+        """Return the rivers of a trial and the starts on each; levels' rivers without land if nothing is `drawn`."""
         condition, level, config = trial.condition, trial.level, self.config(trial)
         if condition.unseen:
-            return Course.unseen(level, config)
+            return Course.unseen(level, config, drawn=drawn)
         real = level in condition.rivers
-        course = Course.on(RIVERS[level].build(), config) if real else Course.of_level(level, config)
+        course = Course.on(RIVERS[level].build(), config) if real else Course.of_level(level, config, drawn=drawn)
         return [course if condition.randomisation is None else course.varied(condition.randomisation, config)]
 
     def train(self, run: Run, folder: Path) -> None:
@@ -134,7 +134,8 @@ class RiverBackend:
 
     def evaluate(self, run: Run, folder: Path, trial: Trial, on_step: Callable[[Step], None]) -> list[Episode]:
         """Return the evaluated episodes of the run's policy in a trial."""
-        policy, courses, rows = self.policy(run, folder), self.courses(trial), []
+        policy, rows = self.policy(run, folder), []
+        courses = self.courses(trial, drawn=sight_of(policy) == "frames")
         label, config = Label(run.algorithm, run.seed, trial.level), self.config(trial)
         waiting = sum(len(course.starts) for course in courses)
         for course, observe in zip(courses, self.observers(trial, courses, policy), strict=True):

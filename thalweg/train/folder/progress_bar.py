@@ -1,6 +1,5 @@
 """Progress bar of a run."""
 
-import math
 import time
 from typing import Self
 
@@ -14,27 +13,32 @@ INTERVAL_S = 0.2
 
 
 class ProgressBar:
-    """A progress bar with steps per second and the means of the last episodes; invisible unless `shown`."""
+    """A progress bar with steps per second and the means of the last episodes; invisible unless `shown`.
+
+    The rate is the mean since the bar began, learning included: what was done before a resume does not count.
+    """
 
     def __init__(self, title: str, steps: int, shown: bool) -> None:
-        words = "{task.completed:,.0f}/{task.total:,.0f} steps, {task.fields[rate]:,.0f}/s {task.fields[means]}"
+        words = "{task.completed:,.0f}/{task.total:,.0f} steps, {task.fields[rate]}{task.fields[means]}"
         columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TextColumn(words))
         self._bar = Bar(*columns, TimeRemainingColumn())
         self._bar.disable = not shown
-        self._task = self._bar.add_task(title, total=steps, rate=0.0, means="")
-        self._at, self._steps = time.perf_counter(), -1
+        self._task = self._bar.add_task(title, total=steps, rate="", means="")
+        self._shown_at, self._began_at, self._first_steps = 0.0, time.perf_counter(), -1
 
     def show(self, trainer: Trainer) -> None:
         """Update the bar, at most a few times a second, and at the end of the run."""
         now, steps = time.perf_counter(), trainer.statistics.steps
-        if self._bar.disable or (now - self._at < INTERVAL_S and not trainer.done):
+        if self._bar.disable or (now - self._shown_at < INTERVAL_S and not trainer.done):
             return
-        # The rate is that of this call: steps before a resume do not count.
-        rate = (steps - self._steps) / max(now - self._at, 1e-9) if self._steps >= 0 else math.nan
+        if self._first_steps < 0:
+            self._began_at, self._first_steps = now, steps
+        done = steps - self._first_steps
+        rate = f"{done / (now - self._began_at):,.0f}/s " if done else ""
         means = trainer.statistics.metrics()
         text = f"return {means['return_mean_50']:.2f} cost {means['cost_mean_50']:.2f}"
         self._bar.update(self._task, completed=min(steps, trainer.steps), rate=rate, means=text)
-        self._at, self._steps = now, steps
+        self._shown_at = now
 
     def __enter__(self) -> Self:
         self._bar.start()

@@ -4,7 +4,6 @@ import csv
 import os
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -444,7 +443,12 @@ def test_options_of_a_river_are_typed_again_as_they_were_given():
             "not both: easy hard and none.",
         ),
         (["evaluate", "hover", "--geojson", "none.geojson"], "none.geojson: there is no such file"),
-        (["evaluate", "hover", "--world-seed", "3"], "--world-seed goes with --geojson"),
+        (
+            ["evaluate", "hover", "--world-seed", "3"],
+            "--world-seed goes with --geojson; rivers of the levels are chosen",
+        ),
+        (["evaluate", "hover", "--unseen", "--world-seeds", "3"], "--world-seeds does not go with --unseen"),
+        (["evaluate", "hover", "--world-seeds", "3:3"], "--world-seeds: 3:3"),
         (["evaluate", "hover", "--geojson", "none.geojson", "--unseen"], "--unseen goes with --levels"),
         (["evaluate", "hover", "--geojson", "none.geojson", "--world-seed", "-3"], "--world-seed must be 0 or more"),
     ],
@@ -508,11 +512,8 @@ def test_options_of_a_real_river_that_cannot_be_are_refused(
     assert message in capsys.readouterr().err
 
 
-def test_policies_are_evaluated_on_rivers_that_nothing_is_trained_on(
-    tmp_path: Path, easy_world: World, monkeypatch: pytest.MonkeyPatch
-):
+def test_policies_are_evaluated_on_rivers_that_nothing_is_trained_on(tmp_path: Path):
     out = tmp_path / "rows.csv"
-    monkeypatch.setattr(evaluation, "load_or_build", lambda level, seed: replace(easy_world, seed=seed))
     options = ["--levels", "easy", "--unseen", "--episodes", "2", "--out", str(out)]
     assert main(["evaluate", "hover", *options]) == 0
     with open(out) as file:
@@ -521,6 +522,39 @@ def test_policies_are_evaluated_on_rivers_that_nothing_is_trained_on(
         (str(evaluation.UNSEEN), "0", "Easy"),
         (str(evaluation.UNSEEN + 1), "1", "Easy"),
     ]
+
+
+def test_policies_are_evaluated_on_chosen_rivers(tmp_path: Path, capsys: pytest.CaptureFixture):
+    from thalweg.bench.evaluate.episodes import read_episodes
+
+    out = tmp_path / "rows.csv"
+    options = ["--levels", "easy", "hard", "--world-seeds", "7", "12:14", "--episodes", "2", "--out", str(out)]
+    assert main(["evaluate", "hover", *options]) == 0
+    assert [(row.level, row.world_seed, row.episode) for row in read_episodes(out)] == [
+        (level, seed, start) for level in ("Easy", "Hard") for seed in (7, 12, 13) for start in range(2)
+    ]
+    assert "hover on Easy, river 12" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("given", "where"),
+    [
+        ([], []),
+        (["--world-seeds", "7"], ["--levels", "Medium", "--world-seeds", "7"]),
+        (["--level", "easy", "hard", "--world-seeds", "7"], ["--levels", "easy", "hard", "--world-seeds", "7"]),
+        (["--world-seeds", "7:9"], ["--unseen"]),
+    ],
+)
+def test_the_evaluation_that_a_run_advises_is_where_its_policy_flies(
+    given: list[str], where: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    from thalweg.train.river import RiverTraining
+    from thalweg.train.run import RunResult
+
+    result = RunResult(Path("run"), "PPO", 5, 1, 0.0, 0.0, 0.0, 1.0, None, False, ())
+    monkeypatch.setattr(RiverTraining, "train", lambda *_, **__: result)
+    assert main(["train", *given, "--observation", "privileged", "--out", "run"]) == 0
+    assert capsys.readouterr().out.endswith(f"Evaluate it: {' '.join(['thalweg', 'evaluate', 'run', *where])}\n")
 
 
 def test_baselines_are_evaluated_and_their_rows_written(tmp_path: Path, capsys: pytest.CaptureFixture):

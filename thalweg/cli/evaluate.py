@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from tyro.conf import Positional
 
 from thalweg.cli.options import NO_FILE, River, UsageError, check_file
+from thalweg.core.seeds import parse_seeds
 from thalweg.core.suggestion import did_you_mean
 
 if TYPE_CHECKING:
@@ -28,8 +29,10 @@ class Evaluate:
     river: River = NO_FILE
     world_seed: int | None = None
     """Seed of the plants and hills; only with --geojson."""
+    world_seeds: tuple[str, ...] = ()
+    """Seeds of rivers of each level, such as 0 5 1000:1016 (1016 excluded); by default that of its fixed river."""
     episodes: int = 20
-    """Number of starts per level, each flown once."""
+    """Number of starts per river, each flown once."""
     starts_seed: int = 0
     """Seed of the list of starts."""
     seed: int = 0
@@ -51,6 +54,11 @@ class Evaluate:
 
         return EvaluationConfig(self.episodes, self.starts_seed, self.deterministic)
 
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """The chosen seeds of rivers; raises `UsageError` for what is none."""
+        return parse_seeds(self.world_seeds, "--world-seeds", UsageError)
+
     def run(self) -> int:
         if self.out is not None:
             check_file("--out", self.out, ".csv")
@@ -58,7 +66,10 @@ class Evaluate:
         if reach is not None and self.unseen:
             raise UsageError("--unseen goes with --levels: a GeoJSON file has only one river")
         if reach is None and self.world_seed is not None:
-            raise UsageError("--world-seed goes with --geojson; the levels are flown on their fixed rivers")
+            raise UsageError("--world-seed goes with --geojson; rivers of the levels are chosen with --world-seeds")
+        if self.seeds and (self.unseen or reach is not None):
+            other = "--unseen, which chooses its own rivers" if self.unseen else "--geojson, which has one river"
+            raise UsageError(f"--world-seeds does not go with {other}")
         evaluate_and_print(self, (reach,) if reach is not None else self.levels or ("Easy", "Medium", "Hard"))
         return 0
 
@@ -89,7 +100,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
         with progress_bar(console, "episodes") as progress:
             for course in courses:
                 observe = encoded_frames(course.world, encoder) if encoder is not None else None
-                which = f", river {course.world.seed}" if command.unseen else ""
+                which = f", river {course.world.seed}" if len(courses) > 1 else ""
                 on_step = track_episodes(progress, f"{name} on {level}{which}", len(course.starts))
                 label = Label(name, command.seed, level)
                 rows.extend(evaluate(policy, course, label, command.config, observe=observe, on_step=on_step))
@@ -149,6 +160,8 @@ def _courses(command: Evaluate, river: "str | Reach", *, drawn: bool) -> "tuple[
         config = command.config
         if command.unseen:
             return Course.unseen(river, config, drawn=drawn), river
+        if command.seeds:
+            return Course.of_seeds(river, command.seeds, config, drawn=drawn), river
         return [Course.of_level(river, config, drawn=drawn)], river
     world_seed = command.world_seed or 0
     river.check()

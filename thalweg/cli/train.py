@@ -1,6 +1,7 @@
 """`thalweg train`: training of a policy on a river, from the codes of an encoder or the privileged observation."""
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -90,9 +91,17 @@ class Train:
         if result.already_finished or result.resumed_from is not None:  # else they have been shown
             for line in result.warnings:
                 print(f"Warning: {line}")
-        encoder = ["--encoder", str(self.encoder)] if self.encoder else []
-        print(f"Evaluate it: {shlex.join(['thalweg', 'evaluate', str(self.out), *self.river.words(), *encoder])}")
+        print(f"Evaluate it: {shlex.join(['thalweg', 'evaluate', str(self.out), *self._where(seeds)])}")
         return 0
+
+    def _where(self, seeds: Sequence[int]) -> list[str]:
+        """Return the options of an evaluation on the river that was chosen, or on others of many, and the encoder."""
+        one, encoder = len(seeds) == 1, ["--encoder", str(self.encoder)] if self.encoder else []
+        if words := self.river.words():
+            return [*words, *(["--world-seed", str(seeds[0])] if one else []), *encoder]
+        if one:
+            return ["--levels", *(self.level or ("Medium",)), "--world-seeds", str(seeds[0]), *encoder]
+        return [*(["--unseen"] if seeds else []), *encoder]
 
     def _check_settings(self, algorithm: "Entry", settings: dict[str, Any]) -> None:
         """Raise `UsageError`, repeating what --set was given, for a setting that the algorithm does not accept."""

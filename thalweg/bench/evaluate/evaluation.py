@@ -6,7 +6,7 @@ for one episode at a time, so a row does not depend on the other episodes of the
 """
 
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
@@ -88,8 +88,8 @@ class Course:
 
         Land takes most of the time to build; flights are the same without it.
         """
-        chosen = level_named(level)
-        return cls.on(_river(chosen, chosen.default_seed, drawn), config)
+        (course,) = cls.of_seeds(level, [level_named(level).default_seed], config, drawn=drawn)
+        return course
 
     @classmethod
     def on(cls, world: World, config: EvaluationConfig) -> "Course":
@@ -100,14 +100,21 @@ class Course:
         return cls(world, starts, clocks.uniform(0, CLOCK_RANGE_S, len(starts)), np.arange(len(starts)))
 
     @classmethod
+    def of_seeds(
+        cls, level: str, seeds: Sequence[int], config: EvaluationConfig, *, drawn: bool = True
+    ) -> list["Course"]:
+        """Return the courses of a level's rivers with these seeds. `drawn`: as for `of_level`."""
+        chosen = level_named(level)
+        return [cls.on(_river(chosen, seed, drawn), config) for seed in seeds]
+
+    @classmethod
     def unseen(cls, level: str, config: EvaluationConfig, *, drawn: bool = True) -> list["Course"]:
         """Return one course per episode, each on another unseen river of the level and with one start.
 
         The start on the i-th river is the i-th of that river's own list. `drawn`: as for `of_level`.
         """
-        chosen = level_named(level)
-        rivers = (_river(chosen, UNSEEN + index, drawn) for index in range(config.episodes))
-        return [cls.on(river, config).only(index) for index, river in enumerate(rivers)]
+        courses = cls.of_seeds(level, range(UNSEEN, UNSEEN + config.episodes), config, drawn=drawn)
+        return [course.only(index) for index, course in enumerate(courses)]
 
     def varied(self, randomisation: Randomisation, config: EvaluationConfig) -> "Course":
         """Return the course with a random appearance for each start, the same for every policy."""

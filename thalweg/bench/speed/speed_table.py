@@ -32,7 +32,8 @@ def speed(*, as_json: bool, quick: bool, out: Path | None, stages: bool = False)
     lines = []
     plan = QUICK if quick else Plan()
     for line in measure_stages(plan) if stages else measure(plan):
-        console.print(f"{line.name}: {line.median:,.4g} {line.unit}", highlight=False)
+        name = ", ".join(text for text in (line.name, line.resolution) if text)
+        console.print(f"{name}: {line.median:,.4g} {line.unit}", highlight=False)
         lines.append(line)
     found = record(lines)
     text = json.dumps(found, indent=2) + "\n"

@@ -69,14 +69,13 @@ class Requirement:
 
 OFF_POLICY = {"steps_per_update": 512, "updates_per_step": 0.5}
 """Settings for episodes of ten steps: about as many episodes between two updates of a multiplier as on a river, and
-more gradient steps between them. All else, multipliers and bounds included, is as by default. OnCRPO's limits are
-constant, since a policy that has learnt nothing meets them here."""
+more gradient steps between them. All else, multipliers and bounds included, is as by default."""
 REQUIREMENTS: dict[str, Requirement] = {
     "PPO": Requirement("free", in_ci=("dense", "end")),
     "PPOLag": Requirement("limited"),
     "FOCOPS": Requirement("limited", in_ci=("dense", "end")),
     "P3O": Requirement("limited"),
-    "OnCRPO": Requirement("limited", config={"cost_limit_schedule": ()}),
+    "OnCRPO": Requirement("limited"),
     "CPO": Requirement("limited"),
     "CUP": Requirement("limited"),
     "DDPGLag": Requirement("deterministic", steps=60_000, config=OFF_POLICY),

@@ -21,12 +21,12 @@ EVALUATION = 1
 """Starts, conditions and flights of evaluated episodes, baselines and the scripted pilot included."""
 ALGORITHMS = {
     "PPO": 2,
-    "PPOLag": 2,
-    "FOCOPS": 2,
-    "P3O": 2,
-    "OnCRPO": 2,
-    "CPO": 2,
-    "CUP": 2,
+    "PPOLag": 3,
+    "FOCOPS": 3,
+    "P3O": 3,
+    "OnCRPO": 3,
+    "CPO": 3,
+    "CUP": 3,
     "DDPGLag": 2,
     "TD3Lag": 2,
     "SACLag": 2,

@@ -50,6 +50,18 @@ def test_a_limit_tightens_linearly_over_its_share_of_the_run():
     assert CostConfig(cost_limit=0.3).limits_at(0.0) == (0.3,)
 
 
+@pytest.mark.parametrize(("lowest", "limit"), [(math.nan, 0.25), (0.11, 0.25), (0.1, 0.1), (0.0, 0.1)])
+def test_a_limit_that_has_been_met_is_the_final_one(lowest: float, limit: float):
+    config = CostConfig(cost_limit=0.1, cost_limit_schedule=(4.0,), cost_limit_share=0.5)
+    assert config.limits_at(0.25, (lowest,)) == pytest.approx((limit,))
+
+
+def test_each_limit_is_met_by_its_own_cost():
+    config = CostConfig(cost_limits=(0.1, 0.2), cost_limit_schedule=(2.0,), cost_limit_share=1.0)
+    assert config.limits_at(0.0, (0.15, 0.15)) == pytest.approx((0.2, 0.2))
+    assert config.limits_at(0.0, (0.05, 0.3)) == pytest.approx((0.1, 0.4))
+
+
 def test_each_limit_tightens_from_its_own_multiple_or_all_from_one():
     each = CostConfig(cost_limits=(0.1, 1.0), cost_limit_schedule=(3.0, 1.0), cost_limit_share=1.0)
     assert each.limits_at(0.5) == pytest.approx((0.2, 1.0))

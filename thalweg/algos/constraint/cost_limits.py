@@ -1,5 +1,6 @@
 """Settings of cost limits, their metrics, and warnings about limits that no episode exceeds, or no policy meets."""
 
+import math
 from collections.abc import Sequence
 from typing import Annotated, Self
 
@@ -28,8 +29,8 @@ class CostConfig:
     """Separate limits of the tight and the loose cost, in place of `cost_limit`."""
     cost_limit_schedule: TupleOf[Multiple] = ()
     """Limits at the beginning of the run, as multiples of the final ones: one number for all costs, or one for each.
-    They tighten linearly. Empty: limits stay the same. A limit that idling exceeds teaches a beginner nothing but to
-    avoid costs."""
+    They tighten linearly, and at once when the mean cost of fifty episodes in a row has met the final limit. Empty:
+    limits stay the same. A limit that idling exceeds teaches a beginner nothing but to avoid costs."""
     cost_limit_share: Annotated[float, Field(gt=0, le=1)] = 0.5
     """Share of the run after which limits with a schedule have tightened to the final ones."""
 
@@ -53,10 +54,11 @@ class CostConfig:
         """Limit d of each cost [M]."""
         return self.cost_limits or (self.cost_limit,)
 
-    def limits_at(self, progress: float) -> tuple[float, ...]:
+    def limits_at(self, progress: float, lowest_costs: Sequence[float] = ()) -> tuple[float, ...]:
         """Return the limits d [M] after this share of the run, 0..1.
 
-        d (m + (1 - m) min(p / s, 1)), for the multiple m of `cost_limit_schedule` and the share s.
+        d (m + (1 - m) min(p / s, 1)), for the multiple m of `cost_limit_schedule` and the share s; d itself once it has
+        been met by the lowest mean cost so far of 50 episodes in a row [M] (`Feedback.lowest_costs`; NaN: unknown).
         """
         if not self.cost_limit_schedule:
             return self.limits
@@ -64,7 +66,11 @@ class CostConfig:
         multiples = self.cost_limit_schedule
         if len(multiples) == 1:
             multiples = multiples * len(self.limits)
-        return tuple(d * (m + (1.0 - m) * tightened) for d, m in zip(self.limits, multiples, strict=True))
+        lowest = lowest_costs or (math.nan,) * len(self.limits)
+        return tuple(
+            d if cost <= d else d * (m + (1.0 - m) * tightened)
+            for d, m, cost in zip(self.limits, multiples, lowest, strict=True)
+        )
 
     @property
     def separate_costs(self) -> bool:

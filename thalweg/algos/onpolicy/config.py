@@ -112,6 +112,13 @@ class NaturalConfig(OnPolicyConfig):
 class ConstrainedConfig(CostConfig, MeanCostConfig):
     """Settings of the costs of every on-policy algorithm with a cost limit."""
 
+    cost_limit_schedule: TupleOf[Multiple] = (12.0,)
+    """Limits at the beginning of the run, as multiples of the final ones: one number for all costs, or one for each.
+    They tighten linearly, and at once when the mean cost of fifty episodes in a row has met the final limit. Empty:
+    limits stay the same. A limit that idling exceeds teaches a beginner to avoid costs before it has seen what flying
+    pays."""
+    cost_limit_share: Annotated[float, Field(gt=0, le=1)] = 0.6
+    """Share of the run after which limits with a schedule have tightened to the final ones."""
     cost_discount: Fraction = 0.99
     """Discount factor γ of the cost."""
     cost_trace: Fraction = 0.95
@@ -127,9 +134,3 @@ class LagrangianConfig(MultiplierConfig, ConstrainedConfig, FirstOrderConfig):
 
     multiplier_max: NonNegativeFloat = 2.0
     """Upper bound of λ."""
-    cost_limit_schedule: TupleOf[Multiple] = (8.0,)
-    """Limits at the beginning of the run, as multiples of the final ones: one number for all costs, or one for each.
-    They tighten linearly. Empty: limits stay the same. A limit that idling exceeds teaches a beginner nothing but to
-    avoid costs."""
-    cost_limit_share: Annotated[float, Field(gt=0, le=1)] = 0.3
-    """Share of the run after which limits with a schedule have tightened to the final ones."""

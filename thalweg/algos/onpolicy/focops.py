@@ -40,7 +40,7 @@ class FOCOPSConfig(LagrangianConfig):
     broadcast."""
     normalise_by_multiplier: bool = False
     """Whether A_r - Σ ν A_c is divided by 1 + Σ ν, as in OmniSafe; the paper does not divide it."""
-    entropy: NonNegativeFloat = 0.005
+    entropy: NonNegativeFloat = 0.01
     """Coefficient of the policy's entropy (nats, summed over action branches) in the loss; the paper has none."""
 
 
@@ -83,7 +83,7 @@ class FOCOPS:
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         """Update the multipliers, then train until the KL exceeds `target_kl` or passes run out; return metrics."""
         config, agent = self.config, self.agent
-        limits = config.limits_at(feedback.progress)
+        limits = config.limits_at(feedback.progress, feedback.lowest_costs)
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
         if not agent.critics_warm_up:
             self.multipliers.update(feedback, limits)

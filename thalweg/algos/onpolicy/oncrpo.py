@@ -1,13 +1,13 @@
 """Constraint-rectified policy optimisation (Xu, Liang, Lan 2021), on-policy: each natural step raises the
 return while the cost is within its limit, and lowers the cost otherwise."""
 
-from typing import Annotated, Any
+from typing import Any
 
-from pydantic import Field, NonNegativeFloat
+from pydantic import NonNegativeFloat
 from torch import Tensor
 
 from thalweg.algos.common.errors import AlgorithmError
-from thalweg.algos.constraint.cost_limits import Multiple, cost_metrics, limit_warnings
+from thalweg.algos.constraint.cost_limits import cost_metrics, limit_warnings
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import standardised
@@ -22,19 +22,13 @@ from thalweg.algos.onpolicy.agent import (
 )
 from thalweg.algos.onpolicy.config import ConstrainedConfig, NaturalConfig
 from thalweg.algos.onpolicy.natural_step import NaturalStep, most_violated
-from thalweg.core.config import TupleOf, frozen_config
+from thalweg.core.config import frozen_config
 
 
 @frozen_config(AlgorithmError)
 class OnCRPOConfig(ConstrainedConfig, NaturalConfig):
     """Settings of OnCRPO."""
 
-    cost_limit_schedule: TupleOf[Multiple] = (12.0,)
-    """Limits at the beginning of the run, as multiples of the final ones: one number for all costs, or one for each.
-    They tighten linearly. Until a limit is met no step raises the return, so that it must begin above the cost of a
-    policy that has learnt nothing yet."""
-    cost_limit_share: Annotated[float, Field(gt=0, le=1)] = 0.6
-    """Share of the run after which limits with a schedule have tightened to the final ones."""
     tolerance: NonNegativeFloat = 0.0
     """How far above its limit a mean cost may be before the next step reduces it."""
 
@@ -59,7 +53,7 @@ class OnCRPO:
         """Take one natural step for the reward or against a cost, train the critics, and return the metrics."""
         config, agent = self.config, self.agent
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
-        limits, means = config.limits_at(feedback.progress), config.cost_means(feedback)
+        limits, means = config.limits_at(feedback.progress, feedback.lowest_costs), config.cost_means(feedback)
         worst, violation = most_violated(means, limits)
         rectifies = violation > config.tolerance
         advantages = -cost_advantages(config, samples)[worst] if rectifies else standardised(samples.advantages[0])

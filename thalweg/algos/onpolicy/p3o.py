@@ -32,6 +32,8 @@ class P3OConfig(ConstrainedConfig, FirstOrderConfig):
 
     penalty: NonNegativeFloat = 2.0
     """Weight κ of the penalty; the penalty is exact once κ exceeds the optimal multiplier."""
+    entropy: NonNegativeFloat = 0.01
+    """Coefficient of the policy's entropy (nats, summed over action branches) in the loss."""
     clip: PositiveFloat = 0.2
     """Clip range ε: the probability ratio is clipped to 1 ± ε."""
     clip_cost: bool = True
@@ -115,7 +117,7 @@ class P3O:
         config, agent = self.config, self.agent
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
         costs = cost_advantages(config, samples)
-        limits, means = config.limits_at(feedback.progress), config.cost_means(feedback)
+        limits, means = config.limits_at(feedback.progress, feedback.lowest_costs), config.cost_means(feedback)
         violations = torch.nan_to_num(torch.tensor(means) - torch.tensor(limits), nan=-float("inf"))
         if config.standardise_cost:
             violations = violations / (samples.advantages[1:].std(1, correction=0).cpu() + 1e-8)

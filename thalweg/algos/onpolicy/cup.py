@@ -33,6 +33,9 @@ class CUPConfig(LagrangianConfig):
     """Clip range ε of the first step: the probability ratio is clipped to 1 ± ε."""
     entropy: NonNegativeFloat = 0.01
     """Coefficient of the policy's entropy (nats, summed over action branches) in the loss."""
+    multiplier_gain: NonNegativeFloat = 0.5
+    """Proportional part of ν; K_P of a PID multiplier. The projection weighs costs by (1-γλ)/(1-γ) ν, some six times
+    ν."""
     projection_passes: PositiveInt = 10
     """Largest number of passes of the projection over the rollout."""
     cost_discount: Annotated[float, Field(ge=0, lt=1)] = 0.99

@@ -62,7 +62,7 @@ def test_a_trial_with_a_row_is_not_run_again(script: ModuleType, monkeypatch: py
 
     def measure(trial: Any, runs: Path) -> dict[str, str]:
         ran.append((trial.algorithm, dict(trial.settings), trial.steps, trial.seed))
-        return dict(zip(script.KEY, trial.key, strict=True)) | {"fixed_return": "9.00"}
+        return dict(zip(script.KEY, trial.key, strict=True)) | {"medium_return": "9.00"}
 
     monkeypatch.setattr(script, "measure", measure)
     table = tmp_path / "table.csv"

@@ -108,7 +108,9 @@ def test_a_met_limit_leaves_its_multiplier_at_zero_and_an_exceeded_one_raises_it
 def test_the_limit_of_the_moment_decides(name: str):
     """A cost of 2 breaks the final limit of 1, and keeps the one that begins at 8."""
     settings = {"cost_limit_schedule": (8.0,), "cost_limit_share": 0.5}
-    ends = [after(learner_for(name, **settings), feedback(2.0, progress=progress, lowest=2.0)) for progress in (0.1, 0.6)]
+    ends = [
+        after(learner_for(name, **settings), feedback(2.0, progress=progress, lowest=2.0)) for progress in (0.1, 0.6)
+    ]
     assert ends[0] > ends[1] + 0.2
     metrics = learner_for(name, **settings)
     found = metrics.update(tempted(metrics, 0), feedback(2.0, progress=0.25, lowest=2.0))

@@ -294,7 +294,11 @@ class Agent:
             }
             | self.scale.metrics()
             | self.multipliers.metrics(feedback, self._multiplier_updates_left(feedback))
-            | cost_metrics(feedback, self.config.limits_at(feedback.progress, feedback.lowest_costs), self.config.cost_means(feedback))
+            | cost_metrics(
+                feedback,
+                self.config.limits_at(feedback.progress, feedback.lowest_costs),
+                self.config.cost_means(feedback),
+            )
         )
 
     def warnings(self, feedback: Feedback, above: float = 0.0) -> dict[str, str]:

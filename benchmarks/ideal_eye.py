@@ -8,9 +8,9 @@
 
 Each trial is an algorithm with some settings, trained on several rivers of a level with
 `EnvConfig(observation="privileged")`. A row of ideal_eye.csv is appended as a run finishes; a run that has a row is
-skipped, and one that was interrupted resumes in the folder `--runs`. Columns `medium`, `unseen_medium` and `unseen_hard`
-are means of 60 sampled flights, whatever level was trained on: on the fixed river of Medium, on 20 other rivers of
-Medium, and on 20 of Hard. No trial trains on those. The seconds depend on what else the machine does.
+skipped, and one that was interrupted resumes in the folder `--runs`. Columns `medium`, `unseen_medium` and
+`unseen_hard` are means of 60 sampled flights, whatever level was trained on: on the fixed river of Medium, on 20 other
+rivers of Medium, and on 20 of Hard. No trial trains on those. The seconds depend on what else the machine does.
 
 Settings are chosen by trials on rivers and with seeds of their own (`--choose`), which the rows of reported defaults
 do not share.

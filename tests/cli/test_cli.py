@@ -382,7 +382,8 @@ def test_a_policy_is_trained_on_a_real_river(
         ("brook", 4, 60),
     ]
     assert context["river"] == Reach(brook, width_m=6.0, length_m=60.0, smooth_m=4.0).as_data()
-    assert f"Evaluate it: thalweg evaluate {tmp_path / 'run'} {' '.join(options)}\n" in capsys.readouterr().out
+    advised = " ".join([*options, "--world-seed", "3"])
+    assert f"Evaluate it: thalweg evaluate {tmp_path / 'run'} {advised}\n" in capsys.readouterr().out
 
 
 def test_a_policy_of_the_privileged_observation_is_trained_and_evaluated_without_an_encoder(
@@ -401,7 +402,7 @@ def test_a_policy_of_the_privileged_observation_is_trained_and_evaluated_without
     settings = ["--set", "steps_per_update=64", "passes=1", "--steps", "64", "--num-envs", "2"]
     given = ["train", "--observation", "privileged", "--algorithm", "ppo", "--level", "easy", *settings]
     assert main([*given, "--out", str(run)]) == 0
-    assert f"Evaluate it: thalweg evaluate {run}\n" in capsys.readouterr().out
+    assert f"Evaluate it: thalweg evaluate {run} --levels easy\n" in capsys.readouterr().out
     flown = ["evaluate", str(run), "--levels", "easy", "--episodes", "2", "--deterministic"]
     assert main([*flown, "--out", str(out)]) == 0
     env = RiverVectorEnv([easy_world], 1, EnvConfig(observation="privileged"))
@@ -450,6 +451,10 @@ def test_options_of_a_river_are_typed_again_as_they_were_given():
         (["evaluate", "hover", "--unseen", "--world-seeds", "3"], "--world-seeds does not go with --unseen"),
         (["evaluate", "hover", "--world-seeds", "3:3"], "--world-seeds: 3:3"),
         (["evaluate", "hover", "--geojson", "none.geojson", "--unseen"], "--unseen goes with --levels"),
+        (
+            ["evaluate", "hover", "--geojson", "none.geojson", "--world-seeds", "3"],
+            "--world-seeds does not go with --geojson, whose plants and hills --world-seed chooses",
+        ),
         (["evaluate", "hover", "--geojson", "none.geojson", "--world-seed", "-3"], "--world-seed must be 0 or more"),
     ],
     ids=" ".join,
@@ -543,6 +548,8 @@ def test_policies_are_evaluated_on_chosen_rivers(tmp_path: Path, capsys: pytest.
         (["--world-seeds", "7"], ["--levels", "Medium", "--world-seeds", "7"]),
         (["--level", "easy", "hard", "--world-seeds", "7"], ["--levels", "easy", "hard", "--world-seeds", "7"]),
         (["--world-seeds", "7:9"], ["--unseen"]),
+        (["--level", "hard"], ["--levels", "hard"]),
+        (["--level", "hard", "--world-seeds", "7:9"], ["--levels", "hard", "--unseen"]),
     ],
 )
 def test_the_evaluation_that_a_run_advises_is_where_its_policy_flies(

@@ -145,7 +145,7 @@ def algorithm(name: str) -> Trace:
         good = (actions[..., 0] == 0).float()
         costs = (1.0 - good).unsqueeze(-1).expand(-1, -1, len(getattr(learner.config, "limits", ())) or 1)
         rollout = rollouts.rollout_of(obs, actions=actions, rewards=good, costs=costs, terminated=ends, fresh=fresh)
-        metrics = learner.update(rollout, rollouts.feedback(0.5, length=5.0))
+        metrics = learner.update(rollout, rollouts.feedback(0.5, length=5.0, lowest=0.5))
         found[f"metrics {update}"] = np.array([value for key, value in sorted(metrics.items()) if "time" not in key])
         found[f"actions {update}"] = actions.double().mean((0, 1)).numpy()
     found["state"] = _parameters(learner.state())

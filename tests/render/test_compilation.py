@@ -74,5 +74,5 @@ def test_where_no_process_can_compile_a_warning_says_what_follows(
     with pytest.warns(UserWarning, match=r"no room left.*this one compiles it"):
         compilation.finish()
     compilation.finish()
-    printed_once = "thalweg: compiling kernels: first start only, half a minute to one\n"
+    printed_once = "thalweg: compiling kernels: first start only, 30 to 60 seconds\n"
     assert capsys.readouterr().err == printed_once

@@ -1,6 +1,6 @@
 """`thalweg evaluate`: evaluation of a policy from the fixed starts of levels, or on a real river."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Evaluate a policy from the fixed list of starts of each level."""
+    """Evaluate a policy from the fixed list of starts of each river."""
 
     policy: Positional[str]
     """A run's folder, a policy file, `packaged`, or a baseline: random, hover, forward, pilot."""
@@ -56,7 +56,7 @@ class Evaluate:
 
     @property
     def seeds(self) -> tuple[int, ...]:
-        """The chosen seeds of rivers; raises `UsageError` for what is none."""
+        """The chosen seeds of rivers; raises `UsageError` for anything that is not a seed."""
         return parse_seeds(self.world_seeds, "--world-seeds", UsageError)
 
     def run(self) -> int:
@@ -68,7 +68,11 @@ class Evaluate:
         if reach is None and self.world_seed is not None:
             raise UsageError("--world-seed goes with --geojson; rivers of the levels are chosen with --world-seeds")
         if self.seeds and (self.unseen or reach is not None):
-            other = "--unseen, which chooses its own rivers" if self.unseen else "--geojson, which has one river"
+            other = (
+                "--unseen, which chooses its own rivers"
+                if self.unseen
+                else "--geojson, whose plants and hills --world-seed chooses"
+            )
             raise UsageError(f"--world-seeds does not go with {other}")
         evaluate_and_print(self, (reach,) if reach is not None else self.levels or ("Easy", "Medium", "Hard"))
         return 0
@@ -100,7 +104,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
         with progress_bar(console, "episodes") as progress:
             for course in courses:
                 observe = encoded_frames(course.world, encoder) if encoder is not None else None
-                which = f", river {course.world.seed}" if len(courses) > 1 else ""
+                which = f", river {course.world.seed}" if command.unseen or len(command.seeds) > 1 else ""
                 on_step = track_episodes(progress, f"{name} on {level}{which}", len(course.starts))
                 label = Label(name, command.seed, level)
                 rows.extend(evaluate(policy, course, label, command.config, observe=observe, on_step=on_step))
@@ -151,7 +155,7 @@ def load_named_policy(name: str) -> "Policy":
     return load_policy(path)
 
 
-def _courses(command: Evaluate, river: "str | Reach", *, drawn: bool) -> "tuple[list[Course], str]":
+def _courses(command: Evaluate, river: "str | Reach", *, drawn: bool) -> "tuple[Iterable[Course], str]":
     """Return the courses of a level, or of a real river, and the name that their rows have."""
     from thalweg.bench.evaluate.evaluation import Course
     from thalweg.train.river import announce_build

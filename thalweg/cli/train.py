@@ -95,13 +95,14 @@ class Train:
         return 0
 
     def _where(self, seeds: Sequence[int]) -> list[str]:
-        """Return the options of an evaluation on the river that was chosen, or on others of many, and the encoder."""
-        one, encoder = len(seeds) == 1, ["--encoder", str(self.encoder)] if self.encoder else []
+        """Return the options of an evaluation: the river of the run, unseen rivers if it had several, the encoder."""
+        encoder = ["--encoder", str(self.encoder)] if self.encoder else []
         if words := self.river.words():
-            return [*words, *(["--world-seed", str(seeds[0])] if one else []), *encoder]
-        if one:
-            return ["--levels", *(self.level or ("Medium",)), "--world-seeds", str(seeds[0]), *encoder]
-        return [*(["--unseen"] if seeds else []), *encoder]
+            return [*words, *(["--world-seed", str(seeds[0])] if seeds else []), *encoder]
+        levels = ["--levels", *self.level] if self.level else []
+        if len(seeds) == 1:
+            return [*(levels or ["--levels", "Medium"]), "--world-seeds", str(seeds[0]), *encoder]
+        return [*levels, *(["--unseen"] if seeds else []), *encoder]
 
     def _check_settings(self, algorithm: "Entry", settings: dict[str, Any]) -> None:
         """Raise `UsageError`, repeating what --set was given, for a setting that the algorithm does not accept."""

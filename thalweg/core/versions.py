@@ -27,11 +27,11 @@ ALGORITHMS = {
     "OnCRPO": 3,
     "CPO": 3,
     "CUP": 3,
-    "DDPGLag": 2,
-    "TD3Lag": 2,
-    "SACLag": 2,
-    "SafeLOOP": 3,
-    "CCEPETS": 3,
+    "DDPGLag": 3,
+    "TD3Lag": 3,
+    "SACLag": 3,
+    "SafeLOOP": 4,
+    "CCEPETS": 4,
 }
 """Updates of each algorithm, by its name in the registry."""
 PACKAGED_ENCODER = 2

@@ -36,7 +36,7 @@ def begin() -> None:
     _ready = _ready or folder is None or config.DISABLE_JIT or (folder / DONE).exists()
     if _ready or _child is not None:
         return
-    print("thalweg: compiling kernels: first start only, half a minute to one", file=sys.stderr, flush=True)
+    print("thalweg: compiling kernels: first start only, 30 to 60 seconds", file=sys.stderr, flush=True)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     _child = subprocess.Popen(
         [sys.executable, "-m", "thalweg.render.compilation"],

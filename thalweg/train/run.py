@@ -181,13 +181,13 @@ def _check_graphs(entry: Entry, device: torch.device) -> None:
 
 
 def _check_warmup(warmup: int, steps: int, rollout: int) -> None:
-    """Raise `TrainingError` if only the critics would learn from all of a run's rollouts of so many steps."""
+    """Raise `TrainingError` if no rollout begins after the critics' warm-up; `rollout`: steps of one, all environments
+    together."""
     most = (steps - 1) // rollout * rollout
     if warmup > most:
         raise TrainingError(
             f"critic_warmup_steps must be at most {most} in a run of {steps} steps that begins with another policy, "
-            f"got {warmup}: only critics learn from a rollout (of {rollout} steps) that begins within the warm-up, so "
-            "that the policy would never change"
+            f"got {warmup}: only the critics learn during the warm-up, so that the policy would never change"
         )
 
 

@@ -76,6 +76,14 @@ def test_the_multiplier_is_updated_at_each_report():
     assert moved == pytest.approx([0.0, 0.4, 0.4, 0.8, 0.8, 1.2])
 
 
+def test_a_limit_that_begins_wide_is_final_once_it_has_been_met():
+    settings = {"cost_limit": 0.1, "cost_limit_schedule": (9.0,), "steps_per_update": 4}
+    found = [rounds(ddpg(**settings), 1, given=feedback(0.5, lowest=lowest))[0] for lowest in (0.2, 0.1)]
+    # progress 0.1 of a share of 0.5: 0.1 (9 - 8 / 5)
+    assert [each["cost_limit"] for each in found] == pytest.approx([0.74, 0.1])
+    assert found[0]["multiplier"] < found[1]["multiplier"]
+
+
 def test_the_multiplier_waits_for_the_first_gradient_step():
     learner = ddpg(steps_per_update=4, random_steps=8, multiplier_rate=1.0, multiplier_gain=0.0)
     assert [found["multiplier"] for found in rounds(learner, 3)] == pytest.approx([0.0, 0.0, 0.4])

@@ -115,6 +115,9 @@ def test_the_limit_of_the_moment_decides(name: str):
     metrics = learner_for(name, **settings)
     found = metrics.update(tempted(metrics, 0), feedback(2.0, progress=0.25, lowest=2.0))
     assert found["cost_limit"] == pytest.approx(4.5)
+    met = learner_for(name, **settings)
+    found = met.update(tempted(met, 0), feedback(2.0, progress=0.25, lowest=1.0))
+    assert found["cost_limit"] == 1.0
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -172,6 +172,12 @@ class TestEveryPlanner:
             share = min(steps / one.policy.episode_length, 1.0)
             assert one.policy.budget.costs.tolist() == pytest.approx([0.2 * share])
 
+    def test_a_limit_that_has_been_met_tightens_at_once(self, name, space):
+        learner = learner_for(name, space, cost_limit=0.2, cost_limit_schedule=(3.0,), cost_limit_share=0.5)
+        for lowest, limit in ((0.3, 0.52), (0.2, 0.2)):  # progress 0.1 of a share of 0.5: 0.2 (3 - 2 / 5)
+            learner.update(rollout_of(learner), dataclasses.replace(FEEDBACK, lowest_costs=(lowest,)))
+            assert learner.policy.limits == pytest.approx((limit,))
+
     def test_two_costs_have_separate_budgets(self, name, space):
         learner = learner_for(name, space, cost_limits=(0.1, 0.2), plan_budget="share")
         assert learner.separate_costs

@@ -30,7 +30,8 @@ class CostConfig:
     cost_limit_schedule: TupleOf[Multiple] = ()
     """Limits at the beginning of the run, as multiples of the final ones: one number for all costs, or one for each.
     They tighten linearly, and at once when the mean cost of fifty episodes in a row has met the final limit. Empty:
-    limits stay the same. A limit that idling exceeds teaches a beginner nothing but to avoid costs."""
+    limits stay the same. A limit that idling exceeds teaches a beginner to avoid costs before it has seen what flying
+    pays."""
     cost_limit_share: Annotated[float, Field(gt=0, le=1)] = 0.5
     """Share of the run after which limits with a schedule have tightened to the final ones."""
 
@@ -127,10 +128,11 @@ def limit_warnings(config: CostConfig, feedback: Feedback) -> dict[str, str]:
     tightening = config.cost_limit_share if config.cost_limit_schedule else 0.0
     if feedback.progress < tightening + LONG_ENOUGH * (1.0 - tightening):
         return never_binds
+    wider, later = "begin with a wider limit (cost_limit_schedule)", "let it tighten later (cost_limit_share)"
     return never_binds | {
         f"limit_never_met{name}": f"the {as_word(name)}cost limit {limit:g} has never been met: in "
         f"{feedback.episodes} episodes, the mean cost of {MEAN_EPISODES} in a row never fell below {lowest:.3g}; if a "
-        "policy that has learnt nothing yet can't meet it, begin with a wider limit (cost_limit_schedule)"
+        f"policy that has learnt nothing yet can't meet it, {later if config.cost_limit_schedule else wider}"
         for name, limit, lowest in zip(names, config.limits, feedback.lowest_costs, strict=True)
         if lowest > limit
     }

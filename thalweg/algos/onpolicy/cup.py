@@ -34,8 +34,8 @@ class CUPConfig(LagrangianConfig):
     entropy: NonNegativeFloat = 0.01
     """Coefficient of the policy's entropy (nats, summed over action branches) in the loss."""
     multiplier_gain: NonNegativeFloat = 0.5
-    """Proportional part of ν; K_P of a PID multiplier. The projection weighs costs by (1-γλ)/(1-γ) ν, some six times
-    ν."""
+    """K_P: added to ν for each unit of the violation. Smaller than elsewhere: the projection weighs costs by
+    (1-γλ)/(1-γ) ν, about six times ν."""
     projection_passes: PositiveInt = 10
     """Largest number of passes of the projection over the rollout."""
     cost_discount: Annotated[float, Field(ge=0, lt=1)] = 0.99

@@ -1,12 +1,12 @@
 """Evaluation of a policy: one episode from each start of a fixed list.
 
-The list belongs to the level, so it is the same for every algorithm and seed. Every episode is run to its end; counting
+The list belongs to the river, so it is the same for every algorithm and seed. Every episode is run to its end; counting
 the episodes that end first would favour short ones. Each episode has its own random generator, and actions are sampled
 for one episode at a time, so a row does not depend on the other episodes of the batch.
 """
 
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
@@ -42,9 +42,9 @@ class EvaluationConfig:
     """Settings of an evaluation; they are the same for all policies that are compared."""
 
     episodes: Annotated[int, Field(ge=1)] = 20
-    """Starts per level."""
+    """Starts per river."""
     starts_seed: Annotated[int, Field(ge=0)] = 0
-    """Seed of the level's list of starts."""
+    """Seed of each river's list of starts."""
     deterministic: bool = False
     """Whether the most probable action is taken instead of a sampled one. Training samples."""
     env: InstanceOf[EnvConfig] = field(default_factory=lambda: EnvConfig(observation="none"))
@@ -102,10 +102,12 @@ class Course:
     @classmethod
     def of_seeds(
         cls, level: str, seeds: Sequence[int], config: EvaluationConfig, *, drawn: bool = True
-    ) -> list["Course"]:
-        """Return the courses of a level's rivers with these seeds. `drawn`: as for `of_level`."""
+    ) -> Iterator["Course"]:
+        """Yield the courses of a level's rivers with these seeds, each made when its turn comes. `drawn`: as for
+        `of_level`."""
         chosen = level_named(level)
-        return [cls.on(_river(chosen, seed, drawn), config) for seed in seeds]
+        for seed in seeds:
+            yield cls.on(_river(chosen, seed, drawn), config)
 
     @classmethod
     def unseen(cls, level: str, config: EvaluationConfig, *, drawn: bool = True) -> list["Course"]:
@@ -140,7 +142,7 @@ class Course:
 
 
 def _river(level: Level, seed: int, drawn: bool) -> World:
-    """Return the river of a level and a seed; a build is announced on the terminal."""
+    """Return the river of a level and a seed, without land unless it is `drawn`; a build is announced."""
     if not drawn:
         return load_or_plan(level, seed)
     announce_build(level, seed)

@@ -82,7 +82,7 @@ SUITES: dict[str, Suite] = {
             packaged=False,
             conditions=tuple(condition for condition in CONDITIONS if condition.name == "unseen"),
             observation="privileged",
-            world_seeds=tuple(range(1000, 1016)),  # from one river, policies learn that river
+            world_seeds=tuple(range(1000, 1016)),  # a policy that is trained on one river learns that river
         ),
     )
 }

@@ -15,7 +15,7 @@ INTERVAL_S = 0.2
 class ProgressBar:
     """A progress bar with steps per second and the means of the last episodes; invisible unless `shown`.
 
-    The rate is the mean since the bar began, learning included: what was done before a resume does not count.
+    The rate is the mean since the first update of the bar, learning included; steps before a resume do not count.
     """
 
     def __init__(self, title: str, steps: int, shown: bool) -> None:
@@ -24,7 +24,7 @@ class ProgressBar:
         self._bar = Bar(*columns, TimeRemainingColumn())
         self._bar.disable = not shown
         self._task = self._bar.add_task(title, total=steps, rate="", means="")
-        self._shown_at, self._began_at, self._first_steps = 0.0, time.perf_counter(), -1
+        self._shown_at, self._began_at, self._first_steps = 0.0, 0.0, -1
 
     def show(self, trainer: Trainer) -> None:
         """Update the bar, at most a few times a second, and at the end of the run."""

@@ -73,6 +73,10 @@ class CostConfig:
             for d, m, cost in zip(self.limits, multiples, lowest, strict=True)
         )
 
+    def current_limits(self, feedback: Feedback) -> tuple[float, ...]:
+        """Return the limits d [M] of an update; see `limits_at`."""
+        return self.limits_at(feedback.progress, feedback.lowest_costs)
+
     @property
     def separate_costs(self) -> bool:
         """Whether each cost has its own limit."""

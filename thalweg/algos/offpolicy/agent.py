@@ -213,7 +213,7 @@ class Agent:
                 self._metrics.count(POLICY)
             self.gradient_steps += 1
             if self.config.multiplier_schedule == "gradient_step" and not self.critics_warm_up:
-                self.multipliers.update(feedback, self.config.limits_at(feedback.progress, feedback.lowest_costs))
+                self.multipliers.update(feedback, self.config.current_limits(feedback))
         self._metrics.require_finite()
 
     def _take(self, step: Callable[[Batch], None], rows: Tensor) -> None:
@@ -282,7 +282,7 @@ class Agent:
             return {}
         self._reported_at = self.steps
         if self.config.multiplier_schedule == "report" and self.gradient_steps and not self.critics_warm_up:
-            self.multipliers.update(feedback, self.config.limits_at(feedback.progress, feedback.lowest_costs))
+            self.multipliers.update(feedback, self.config.current_limits(feedback))
         means = self._metrics.report()
         self._last_values = [means[name] for name in self._value_names]
         return (
@@ -296,7 +296,7 @@ class Agent:
             | self.multipliers.metrics(feedback, self._multiplier_updates_left(feedback))
             | cost_metrics(
                 feedback,
-                self.config.limits_at(feedback.progress, feedback.lowest_costs),
+                self.config.current_limits(feedback),
                 self.config.cost_means(feedback),
             )
         )

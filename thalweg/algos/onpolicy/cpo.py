@@ -59,7 +59,7 @@ class CPO:
         """Take one constrained natural-gradient step of the policy, train the critics, and return the metrics."""
         config, agent = self.config, self.agent
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
-        limits, means = config.limits_at(feedback.progress, feedback.lowest_costs), config.cost_means(feedback)
+        limits, means = config.current_limits(feedback), config.cost_means(feedback)
         worst, violation = most_violated(means, limits)
         # An episode's cost is a sum over its steps, and the surrogate is a mean over steps. Before any episode has
         # ended there is no length, but then nothing is known to be violated either.

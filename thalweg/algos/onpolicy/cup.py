@@ -78,7 +78,7 @@ class CUP:
     def update(self, rollout: Rollout, feedback: Feedback) -> dict[str, float]:
         """Update the multipliers, improve the reward, project towards the limit, and return the metrics."""
         config, agent = self.config, self.agent
-        limits = config.limits_at(feedback.progress, feedback.lowest_costs)
+        limits = config.current_limits(feedback)
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
         if not agent.critics_warm_up:
             self.multipliers.update(feedback, limits)

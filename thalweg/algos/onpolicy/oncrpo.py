@@ -53,7 +53,7 @@ class OnCRPO:
         """Take one natural step for the reward or against a cost, train the critics, and return the metrics."""
         config, agent = self.config, self.agent
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
-        limits, means = config.limits_at(feedback.progress, feedback.lowest_costs), config.cost_means(feedback)
+        limits, means = config.current_limits(feedback), config.cost_means(feedback)
         worst, violation = most_violated(means, limits)
         rectifies = violation > config.tolerance
         advantages = -cost_advantages(config, samples)[worst] if rectifies else standardised(samples.advantages[0])

@@ -117,7 +117,7 @@ class P3O:
         config, agent = self.config, self.agent
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
         costs = cost_advantages(config, samples)
-        limits, means = config.limits_at(feedback.progress, feedback.lowest_costs), config.cost_means(feedback)
+        limits, means = config.current_limits(feedback), config.cost_means(feedback)
         violations = torch.nan_to_num(torch.tensor(means) - torch.tensor(limits), nan=-float("inf"))
         if config.standardise_cost:
             violations = violations / (samples.advantages[1:].std(1, correction=0).cpu() + 1e-8)

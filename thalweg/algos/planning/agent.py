@@ -132,7 +132,7 @@ class Agent:
 
         The decisions that follow have the limits of this moment.
         """
-        self.policy.limits = self.config.limits_at(feedback.progress, feedback.lowest_costs)
+        self.policy.limits = self.config.current_limits(feedback)
         if self._steps - self._reported_at < self.config.steps_per_update and feedback.steps_left > 0:
             return {}
         self._reported_at = self._steps

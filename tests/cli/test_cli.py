@@ -117,7 +117,7 @@ WRONG = [
     (["train", "--algorithm", "FOCUPS", "--out", "x"], "PPO, PPOLag, FOCOPS"),
     (["train", "--algorithm", "FOCUPS", "--out", "x"], "(did you mean 'FOCOPS'?)"),
     (["train", "--set", "learning_rate", "--out", "x"], "key=value"),
-    (["evaluate", "nothing_here"], "packaged, random, hover, forward, pilot"),
+    (["evaluate", "nothing_here"], "packaged, random, hover, forward, pilot, steady"),
     (["evaluate", "pilto"], "(did you mean 'pilot'?)"),
     (["evaluate", "hover", "--levels", "medum"], "Easy, Medium, Hard"),
     (["evaluate", "hover", "--levels", "easy", "hard", "Easy"], "--levels names Easy twice; each level is flown once"),

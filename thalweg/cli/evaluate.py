@@ -23,7 +23,7 @@ class Evaluate:
     """Evaluate a policy from the fixed list of starts of each river."""
 
     policy: Positional[str]
-    """A run's folder, a policy file, `packaged`, or a baseline: random, hover, forward, pilot."""
+    """A run's folder, a policy file, `packaged`, or a baseline: random, hover, forward, pilot, steady."""
     levels: tuple[str, ...] = ()
     """Levels to fly on; by default Easy, Medium and Hard."""
     river: River = NO_FILE

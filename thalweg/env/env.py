@@ -72,9 +72,9 @@ class RiverEnv(gymnasium.Env):
         """Return the observation of the current state; for use after `set_state`."""
         return observation_at(self.vector.observe(), 0)
 
-    def pilot_action(self) -> np.ndarray:
-        """Return the action [4] of the scripted pilot in the current state."""
-        return self.vector.pilot_actions()[0]
+    def pilot_action(self, pilot: str = "scripted") -> np.ndarray:
+        """Return the action [4] of a pilot in the current state; see `RiverVectorEnv.pilot_actions`."""
+        return self.vector.pilot_actions(pilot)[0]
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Return the state as `RiverVectorEnv.get_state` does, with N = 1."""

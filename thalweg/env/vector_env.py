@@ -19,7 +19,6 @@ from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, DoneRe
 from thalweg.env.frame_renderer import FrameRenderer, Views
 from thalweg.env.initial_poses import check_pose, project_anywhere, random_clock, random_start, travel_direction
 from thalweg.env.rivers.assignment import DrawnRivers, FixedRivers, Rivers
-from thalweg.env.rivers.courses import join_courses
 from thalweg.env.rivers.pool import RiverPool
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.spaces import (
@@ -110,7 +109,8 @@ class RiverVectorEnv(VectorEnv):
         """[N] index of the world of each environment in the courses."""
         visited = np.zeros((self.num_envs, self.rivers.most_segments), dtype=np.uint8)
         self.state = empty_state(self.world_index, self.courses)._replace(visited=visited)
-        self._pilot: Any = None
+        self._pilots: dict[str, Any] = {}
+        """Those that were asked, by their names."""
         self.generators: list[np.random.Generator | None] = [None] * self.num_envs
         self._started = np.zeros(self.num_envs, dtype=bool)
         self._ended = np.zeros(self.num_envs, dtype=bool)
@@ -208,19 +208,29 @@ class RiverVectorEnv(VectorEnv):
             self._rendered = self.frames.render(self.frames.views(self.state))[..., :3].copy()
         return tuple(frame.copy() for frame in self._rendered)
 
-    def pilot_actions(self) -> np.ndarray:
-        """Return the actions [N, 4] of the scripted pilot, which knows the map, in the current state."""
-        from thalweg.env.pilot.scripted import ScriptedPilot
+    def pilot_actions(self, pilot: str = "scripted") -> np.ndarray:
+        """Return the actions [N, 4] of a pilot that knows the map in the current state: `scripted`, which is fast, or
+        `steady`, whose moves can be read off the frames. Raises `ConfigError` for another one."""
+        chosen, state = self._pilot(pilot)
+        return from_unit_actions(self.config.action, chosen.unit_actions(state))
 
+    def move_worths(self) -> np.ndarray:
+        """Return the worths [N, M] of all `thalweg.env.pilot.steady.MOVES` in the current state, as the steady pilot
+        judges them; see `SteadyPilot.worths`."""
+        chosen, state = self._pilot("steady")
+        return chosen.worths(state)
+
+    def _pilot(self, name: str) -> tuple[Any, Any]:
+        """Return a pilot in the rivers of now, and the state as it takes it."""
+        from thalweg.env.pilot.in_rivers import PILOTS, PilotInRivers
+
+        if name not in PILOTS:
+            raise ConfigError(f"unknown pilot {name!r}; known: {', '.join(PILOTS)}")
         if not self._started.all():
-            raise gymnasium.error.ResetNeeded("call reset() before pilot_actions()")
-        courses, state = self.courses, self.state
-        if isinstance(self.rivers, DrawnRivers):
-            parts, index = self.rivers.in_use()
-            courses, state = join_courses(parts), state._replace(world=index)
-        if self._pilot is None or not isinstance(self.rivers, FixedRivers):
-            self._pilot = ScriptedPilot(courses, self.config)
-        return from_unit_actions(self.config.action, self._pilot.unit_actions(state))
+            raise gymnasium.error.ResetNeeded("call reset() before asking a pilot")
+        if name not in self._pilots:
+            self._pilots[name] = PilotInRivers(PILOTS[name], self.config)
+        return self._pilots[name].pilot(self.rivers, self.state)
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Return copies of everything that the future depends on, random generators included."""

@@ -160,7 +160,8 @@ def test_a_given_function_replaces_the_privileged_observation():
 @pytest.mark.parametrize(
     ("policy", "sight"),
     [
-        (BASELINES["pilot"], "pilot"),
+        (BASELINES["pilot"], "scripted"),
+        (BASELINES["steady"], "steady"),
         (BASELINES["hover"], "nothing"),
         (Recorder(), "privileged"),
         (Sampler(), "frames"),

@@ -1,4 +1,4 @@
-"""Baselines: four policies that need no training, with the interface of a trained policy.
+"""Baselines: five policies that need no training, with the interface of a trained policy.
 
 They see no frames, so none are rendered for them. Their attribute `sees` names the observation that `act` takes.
 """
@@ -11,8 +11,8 @@ import torch
 from thalweg.algos.policy.policy import Player
 from thalweg.train.river import PRIVILEGED, observation_of
 
-Sight = Literal["nothing", "pilot", "privileged", "frames"]
-"""Observation of a policy: nothing, the scripted pilot's actions, the privileged observation
+Sight = Literal["nothing", "scripted", "steady", "privileged", "frames"]
+"""Observation of a policy: nothing, the scripted or the steady pilot's actions, the privileged observation
 (`thalweg.env.task.ideal_eye`), or latents of frames (the default)."""
 
 NONE, FORWARD = 1, 0
@@ -71,9 +71,11 @@ class Constant:
 
 
 class Pilot:
-    """The scripted pilot, which knows the map: it shows what is possible, not what can be learned from frames."""
+    """A pilot that knows the map: it shows what is possible, not what can be learned from frames."""
 
-    sees: Sight = "pilot"
+    def __init__(self, sees: Literal["scripted", "steady"]) -> None:
+        """`sees`: which of them."""
+        self.sees: Sight = sees
 
     def act(self, obs: np.ndarray, *, deterministic: bool, generator: torch.Generator) -> np.ndarray:
         """Return `obs`, which are the pilot's actions int [N, 4]."""
@@ -84,5 +86,6 @@ BASELINES: dict[str, Policy] = {
     "random": Random(),
     "hover": Constant((NONE, NONE, NONE, NONE)),
     "forward": Constant((NONE, NONE, FORWARD, NONE)),
-    "pilot": Pilot(),
+    "pilot": Pilot("scripted"),
+    "steady": Pilot("steady"),
 }

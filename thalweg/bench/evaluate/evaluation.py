@@ -23,6 +23,7 @@ from thalweg.encoder import Encoder
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.env.frame_renderer import relit_worlds
 from thalweg.env.initial_poses import CLOCK_RANGE_S
+from thalweg.env.pilot.in_rivers import PILOTS
 from thalweg.env.rivers.bare_river import load_or_plan
 from thalweg.render import Renderer
 from thalweg.render.records.appearance import look_rows, look_values
@@ -255,7 +256,7 @@ def _observations(env: RiverVectorEnv, sees: Sight) -> np.ndarray:
     """Return what a policy that sees no frames sees in each slot [N, D]."""
     if sees == "privileged":
         return env.observe()
-    return env.pilot_actions() if sees == "pilot" else np.zeros((env.num_envs, 0), np.float32)
+    return env.pilot_actions(sees) if sees in PILOTS else np.zeros((env.num_envs, 0), np.float32)
 
 
 def _make_env(course: Course, config: EvaluationConfig, sees: Sight) -> RiverVectorEnv:

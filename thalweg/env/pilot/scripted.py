@@ -12,7 +12,7 @@ import numpy as np
 
 from thalweg.core.compute.jit import kernel
 from thalweg.env.config import EnvConfig
-from thalweg.env.pilot.route import plan_route
+from thalweg.env.pilot.route import Route, plan_route
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.motion import UnitAction, move, wrap_angle
 from thalweg.env.task.progress import (
@@ -47,10 +47,11 @@ FAILURE = -1000.0
 class ScriptedPilot:
     """The pilot of a batch of courses; `unit_actions` takes the state of any number of episodes on them."""
 
-    def __init__(self, courses: CourseArrays, config: EnvConfig) -> None:
+    def __init__(self, courses: CourseArrays, config: EnvConfig, route: Route | None = None) -> None:
+        """`route`: that through the courses, if it was planned before."""
         self.courses = courses
         self.limits = config.limits
-        self.route = plan_route(courses, config)
+        self.route = plan_route(courses, config) if route is None else route
 
     def unit_actions(self, state: State) -> np.ndarray:
         """Return the pilot's unit actions [N, 4], each -1, 0 or 1: up, turn left, forward, left."""

@@ -51,6 +51,10 @@ class FixedRivers:
     def close(self) -> None:
         """Do nothing: nothing runs in the background."""
 
+    def in_use(self) -> tuple[list[CourseArrays], np.ndarray]:
+        """Return the courses of all rivers, together, and the index [N] of each environment's among them."""
+        return [self.courses], self.slot
+
 
 class DrawnRivers:
     """Each episode is flown in a river that the environment's own generator draws, one episode ahead.

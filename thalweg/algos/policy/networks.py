@@ -4,7 +4,8 @@ Letters: B rows, D numbers of an observation, M numbers of a recurrent state, P 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -17,6 +18,7 @@ from thalweg.algos.policy.actions import Actions
 from thalweg.algos.policy.memory import Gru, Sequences
 from thalweg.algos.policy.mlp import Initial, StackedMLP
 from thalweg.algos.policy.mlp_autograd import Activation
+from thalweg.algos.policy.vision import Convolutions, Eyes
 
 BLOCK_ROWS = 1024
 """Rows of a block in `Actor.in_blocks`."""
@@ -31,17 +33,36 @@ class NetworkShape:
     initial: Initial = "orthogonal"
     memory: int = 0
     """Size of the recurrent state; 0: no memory."""
+    eyes: Eyes | None = None
+    """Convolutions of a policy that sees images; None: it sees numbers."""
+
+    def as_data(self) -> dict[str, Any]:
+        """Return plain data for JSON, which `from_data` reads."""
+        data = asdict(self)
+        if self.eyes is None:
+            del data["eyes"]  # as in files from before there were any
+        return data
+
+    @classmethod
+    def from_data(cls, data: dict[str, Any]) -> "NetworkShape":
+        """Return the shape of `as_data`."""
+        eyes = data.get("eyes")
+        if eyes is not None:
+            eyes = Eyes(tuple(eyes["image"]), tuple(eyes["filters"]), eyes["features"])
+        return cls(**{**data, "hidden": tuple(data["hidden"]), "eyes": eyes})
 
 
 class Actor(nn.Module):
     """Parameters [B, P] of the action distribution, from observations [B, D] or from sequences.
 
     They are logits or numbers, see `Actions.outputs`. Those of a Gaussian policy are means and log standard deviations,
-    which are the same in every state.
+    which are the same in every state. With eyes, observations are rows of bytes, see `thalweg.algos.policy.vision`.
     """
 
     def __init__(self, inputs: int, actions: Actions, shape: NetworkShape, generator: torch.Generator) -> None:
         super().__init__()
+        self.eyes = Convolutions(shape.eyes, actions.count, generator) if shape.eyes else None
+        inputs = inputs if self.eyes is None else self.eyes.outputs
         self.gru = Gru(inputs, shape.memory, generator) if shape.memory else None
         # With a last layer near zero, the first policy is nearly uniform over the options, whatever it observes.
         self.stack = StackedMLP(
@@ -59,9 +80,22 @@ class Actor(nn.Module):
 
     def forward(self, inputs: Tensor | Sequences, twice_differentiable: bool = False) -> Tensor:
         """Return [B, P]; with `twice_differentiable`, by the definition, which has second derivatives."""
-        features = _features(self.gru, inputs, "actor")
+        features = _features(self.gru, self.seen(inputs), "actor")
+        return self._parameters_of(features, twice_differentiable)
+
+    def _parameters_of(self, features: Tensor, twice_differentiable: bool = False) -> Tensor:
+        """Return [B, P] from what the perceptron takes."""
         outputs = (self.stack.reference if twice_differentiable else self.stack)(features)[0]
         return outputs if self.log_std is None else torch.cat([outputs, self.log_std.expand_as(outputs)], -1)
+
+    def seen(self, inputs: Tensor | Sequences) -> Tensor | Sequences:
+        """Return what the rest of the network sees of inputs: features of images, or the inputs themselves."""
+        if self.eyes is None:
+            return inputs
+        if isinstance(inputs, Tensor):
+            return self.eyes(inputs)
+        features = self.eyes(inputs.obs.flatten(0, 1))
+        return replace(inputs, obs=features.view(*inputs.obs.shape[:2], -1))
 
     def in_blocks(self, inputs: Tensor | Sequences) -> Tensor:
         """Return [B, P] for all states of a rollout, computed in blocks of rows that stay in the processor's cache."""
@@ -74,7 +108,7 @@ class Actor(nn.Module):
 
         The function takes the gradient of [B, P] and leaves that of the network in `grad`, replacing what was there.
         """
-        if not isinstance(inputs, Tensor):
+        if not isinstance(inputs, Tensor) or self.eyes is not None:
             for parameter in self.parameters():
                 parameter.grad = None
             recorded = self(inputs)
@@ -95,8 +129,9 @@ class Actor(nn.Module):
     def step(self, obs: Tensor, state: Tensor, fresh: Tensor) -> tuple[Tensor, Tensor]:
         """Return [N, P] and the recurrent state after observations [N, D]."""
         assert self.gru is not None
-        state = self.gru.step(obs, state, fresh)
-        return self(torch.cat([obs, state], -1)), state
+        seen = obs if self.eyes is None else self.eyes(obs)
+        state = self.gru.step(seen, state, fresh)
+        return self._parameters_of(torch.cat([seen, state], -1)), state
 
 
 def minibatch_count(rows: int, minibatch: int) -> int:

@@ -3,7 +3,6 @@
 Letters: N environments, B states, D numbers of an observation, K frames that are concatenated, A numbers of an action.
 """
 
-import dataclasses
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -20,9 +19,12 @@ from thalweg.algos.policy.memory import FrameStack, Sequences
 from thalweg.algos.policy.networks import Actor, NetworkShape
 from thalweg.algos.policy.normaliser import Normaliser
 from thalweg.algos.policy.policy_file import LOADERS, About, load_policy, save_policy, tensors_of
+from thalweg.algos.policy.vision import rows_of
 from thalweg.core.compute.torch_threads import torch_threads
 
 DEFAULT_SHAPE = NetworkShape()
+NO_OPTION = -1
+"""Stands for the last action at the beginning of an episode."""
 NO_ORIGIN = About()
 
 
@@ -73,7 +75,7 @@ class Policy:
         """Initialise the network.
 
         Args:
-            obs_size: D.
+            obs_size: D; of a policy with eyes, the bytes of a row, see `thalweg.algos.policy.vision`.
             actions: The action space.
             shape: Shape of the network.
             frames: K.
@@ -86,7 +88,7 @@ class Policy:
         self.obs_size, self.actions, self.shape, self.frames = obs_size, actions, shape, frames
         self.greedy, self.temperature, self.about = greedy, temperature, about
         generator = generator or new_generator(CPU)
-        self.normaliser = Normaliser(frames * obs_size, normalise, generator.device)
+        self.normaliser = Normaliser(frames * obs_size, normalise and shape.eyes is None, generator.device)
         self.actor = Actor(frames * obs_size, actions, shape, generator)
         self.branch_sizes = np.array(actions.sizes, np.int64)
         """[A] options of each branch."""
@@ -100,7 +102,8 @@ class Policy:
     def draws_compiled(self) -> bool:
         """Whether its options are drawn by `option_sampling`: a small categorical network on the CPU."""
         actor = self.actor
-        suits = self.actions.kind == "categorical" and actor.gru is None and actor.stack.compilable
+        plain = actor.gru is None and actor.eyes is None
+        suits = self.actions.kind == "categorical" and plain and actor.stack.compilable
         return suits and self.temperature == 1.0 and actor.stack.flat.is_cpu and fast_path.enabled()
 
     def distribution(self, obs: Tensor) -> Distribution:
@@ -143,6 +146,7 @@ class Policy:
             "hidden": shape.hidden,
             "activation": shape.activation,
             "memory_size": shape.memory,
+            "eyes": shape.eyes,
             "normalise_observations": self.normaliser.enabled,
         }
 
@@ -178,7 +182,7 @@ class Policy:
             "frames": self.frames,
             "greedy": self.greedy,
             **({"temperature": self.temperature} if self.temperature != 1.0 else {}),
-            "shape": dataclasses.asdict(self.shape),
+            "shape": self.shape.as_data(),
             "actions": self.actions.as_data(),
             "normaliser": {"count": self.normaliser.count, "enabled": self.normaliser.enabled},
         }
@@ -192,7 +196,7 @@ class Policy:
         cls, header: dict[str, Any], tensors: dict[str, np.ndarray], about: About, generator: torch.Generator
     ) -> "Policy":
         """Return the policy that `save` wrote, on the generator's device."""
-        shape = NetworkShape(**(header["shape"] | {"hidden": tuple(header["shape"]["hidden"])}))
+        shape = NetworkShape.from_data(header["shape"])
         policy = cls(
             header["obs_size"],
             Actions.from_data(header["actions"]),
@@ -232,11 +236,27 @@ class NetworkPlayer:
         gru = policy.actor.gru
         self.hidden = gru.start(num_envs) if gru is not None else None
         """[N, M] recurrent state after the last observation."""
+        self._last = np.full((num_envs, policy.actions.count), NO_OPTION)
 
     def __call__(self, obs: np.ndarray, fresh: np.ndarray) -> np.ndarray:
+        if self.policy.shape.eyes is not None:
+            obs = self._rows(obs, fresh)
         # A second thread of PyTorch would wait for its next task in a loop, on the core that draws the next frames.
         with torch_threads(1):
-            return self.policy.actions.to_numpy(self.raw(*to_tensors(obs, fresh, self.policy.device)))
+            raw = self.raw(*to_tensors(obs, fresh, self.policy.device))
+        if self.policy.shape.eyes is not None:
+            self._last = self.policy.actions.options(raw).cpu().numpy()
+        return self.policy.actions.to_numpy(raw)
+
+    def _rows(self, images: np.ndarray, fresh: np.ndarray) -> np.ndarray:
+        """Return images [N, H, W, C] with the player's last actions, as the network takes them; raises
+        `AlgorithmError` for images of another shape, or other numbers than bytes."""
+        eyes = self.policy.shape.eyes
+        assert eyes is not None
+        if images.shape[1:] != eyes.image or images.dtype != np.uint8:
+            expected = f"images uint8 [N, {', '.join(map(str, eyes.image))}]"
+            raise AlgorithmError(f"this policy takes {expected}, got {images.dtype} {list(images.shape)}")
+        return rows_of(images, np.where(fresh[:, None], NO_OPTION, self._last))
 
     @torch.inference_mode()
     def raw(self, obs: Tensor, fresh: Tensor) -> Tensor:
@@ -274,18 +294,22 @@ class NetworkPlayer:
     def state(self) -> dict[str, Any]:
         """Return frames and recurrent states as arrays."""
         hidden = {} if self.hidden is None else {"hidden": array_of(self.hidden)}
-        return {"frames": self._stack.state(), **hidden}
+        last = {} if self.policy.shape.eyes is None else {"last": self._last.copy()}
+        return {"frames": self._stack.state(), **hidden, **last}
 
     def load_state(self, state: dict[str, Any]) -> None:
         """Restore what `state` returned."""
         self._stack.load_state(state["frames"])
         if self.hidden is not None:
             self.hidden = tensor_of(state["hidden"], self.policy.device)
+        if self.policy.shape.eyes is not None:
+            self._last = np.array(state["last"])
 
 
 def to_tensors(obs: np.ndarray, fresh: np.ndarray, device: torch.device) -> tuple[Tensor, Tensor]:
-    """Return observations [N, D] as float32 and `fresh` [N] as bool, on a device."""
-    observed = torch.from_numpy(np.ascontiguousarray(obs, dtype=np.float32))
+    """Return observations [N, D] as float32, or bytes as they are, and `fresh` [N] as bool, on a device."""
+    kept = np.uint8 if obs.dtype == np.uint8 else np.float32
+    observed = torch.from_numpy(np.ascontiguousarray(obs, dtype=kept))
     return observed.to(device), torch.from_numpy(np.array(fresh, dtype=bool)).to(device)
 
 

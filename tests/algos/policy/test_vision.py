@@ -1,0 +1,110 @@
+"""Policies with eyes: what they see, their memory of actions, their files, and what they refuse."""
+
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.policy.actions import actions_of
+from thalweg.algos.policy.memory import Sequences
+from thalweg.algos.policy.networks import NetworkShape
+from thalweg.algos.policy.policy import Policy
+from thalweg.algos.policy.vision import Convolutions, Eyes, rows_of
+
+EYES = Eyes((16, 16, 3), (4, 6), 8)
+ACTIONS = actions_of(gym.spaces.MultiDiscrete([3, 3, 3, 3]))
+
+
+def policy(memory: int = 5, eyes: Eyes = EYES) -> Policy:
+    shape = NetworkShape((7,), memory=memory, eyes=eyes)
+    generator = torch.Generator().manual_seed(0)
+    return Policy(eyes.pixels + ACTIONS.count, ACTIONS, shape, generator=generator)
+
+
+def images(count: int, seed: int = 0, eyes: Eyes = EYES) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, (count, *eyes.image), dtype=np.uint8)
+
+
+def test_features_are_those_of_the_layers_by_hand():
+    """One filter that copies the mean of each patch, and a linear layer that adds them: the image's mean."""
+    eyes = Eyes((8, 8, 1), (1,), 1)
+    convolutions = Convolutions(eyes, 2, torch.Generator().manual_seed(0))
+    first = convolutions.convolutions[0]
+    with torch.no_grad():
+        first.weight.fill_(1 / 16)
+        first.bias.fill_(2.0)  # above the rectifier's corner
+        convolutions.linear.weight.fill_(1 / 4)
+        convolutions.linear.bias.zero_()
+    image = images(1, eyes=eyes)
+    found = convolutions(torch.from_numpy(rows_of(image, np.array([[-1, 2]]))))
+    assert found[0, 0].item() == pytest.approx(image.mean() / 128 - 1 + 2, rel=1e-5)
+    assert found[0, 1:].tolist() == [0.0, 1.0]  # no last action of the first branch, option 2 of the other
+
+
+def test_a_player_remembers_its_last_actions_until_the_episode_ends():
+    player = policy(memory=0).player(3, deterministic=True)
+    fresh = np.array([True, True, True])
+    first = player(images(3), fresh)
+    seen = []
+    raw = player.raw
+    player.raw = lambda obs, fresh: seen.append(obs.numpy()) or raw(obs, fresh)
+    player(images(3, 1), np.array([False, True, False]))
+    last = seen[0][:, EYES.pixels :]
+    assert last[0].tolist() == (first[0] + 1).tolist() and last[2].tolist() == (first[2] + 1).tolist()
+    assert last[1].tolist() == [0, 0, 0, 0]
+    assert np.array_equal(seen[0][:, : EYES.pixels], images(3, 1).reshape(3, -1))
+
+
+def test_sequences_give_what_steps_give():
+    made = policy()
+    rng = np.random.default_rng(1)
+    length, count = 6, 3
+    options = rng.integers(0, 3, (length, count, 4))
+    rows = torch.from_numpy(np.stack([rows_of(images(count, step), options[step]) for step in range(length)]))
+    fresh = torch.from_numpy(rng.random((length, count)) < 0.3)
+    assert made.actor.gru is not None
+    start = torch.randn(count, 5, generator=torch.Generator().manual_seed(2))
+    whole = made.actor(Sequences(rows, fresh, {"actor": start}, torch.arange(length * count)))
+    state, found = start, []
+    for step in range(length):
+        parameters, state = made.actor.step(rows[step], state, fresh[step])
+        found.append(parameters)
+    assert torch.allclose(whole, torch.cat(found), atol=1e-5)
+
+
+@pytest.mark.parametrize("memory", [0, 5])
+def test_a_file_gives_the_same_actions(memory: int, tmp_path: Path):
+    made = policy(memory)
+    made.save(tmp_path / "policy.safetensors")
+    loaded = Policy.load(tmp_path / "policy.safetensors")
+    assert loaded.shape == made.shape
+    before, after = made.player(2, deterministic=True), loaded.player(2, deterministic=True)
+    for step in range(4):
+        fresh = np.full(2, step == 0)
+        assert np.array_equal(before(images(2, step), fresh), after(images(2, step), fresh))
+
+
+def test_a_player_resumes_from_its_state():
+    made = policy()
+    player, other = made.player(2, deterministic=True), made.player(2, deterministic=True)
+    player(images(2), np.ones(2, bool))
+    other.load_state(player.state())
+    for step in range(1, 4):
+        expected = player(images(2, step), np.zeros(2, bool))
+        assert np.array_equal(other(images(2, step), np.zeros(2, bool)), expected)
+
+
+@pytest.mark.parametrize("wrong", [images(2).astype(np.float32), images(2)[:, :8], images(2)[..., :1]])
+def test_other_images_are_refused(wrong: np.ndarray):
+    with pytest.raises(AlgorithmError, match=r"this policy takes images uint8 \[N, 16, 16, 3\], got"):
+        policy().player(2)(wrong, np.ones(2, bool))
+
+
+def test_a_policy_starts_only_from_one_with_the_same_eyes():
+    other = policy(eyes=Eyes((16, 16, 3), (4, 8), 8))
+    with pytest.raises(AlgorithmError, match="eyes is"):
+        policy().initialise_from(other)
+    policy().initialise_from(policy())

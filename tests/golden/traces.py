@@ -173,7 +173,7 @@ def training() -> Trace:
     """Episodes of a run of PPO on a walk of chance, and its metrics but for times."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "run"
-        train(folder, "PPO", steps=600)
+        train(folder, "PPO", steps=600, config=small("PPO") | {"discount": 0.99})
         episodes = rows_of(folder, "episodes.csv")
         metrics = rows_of(folder, "metrics.csv")
     columns = ("step", "return", "cost", "length")

@@ -20,7 +20,7 @@ TRAINING = 1
 EVALUATION = 1
 """Starts, conditions and flights of evaluated episodes, baselines and the scripted pilot included."""
 ALGORITHMS = {
-    "PPO": 2,
+    "PPO": 3,
     "PPOLag": 3,
     "FOCOPS": 3,
     "P3O": 3,

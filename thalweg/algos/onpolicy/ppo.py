@@ -13,7 +13,7 @@ from thalweg.algos.maths.advantages import standardised
 from thalweg.algos.onpolicy.agent import Agent, KLMonitor, metrics_of, reward_signal
 from thalweg.algos.onpolicy.config import FirstOrderConfig
 from thalweg.algos.policy.memory import Sequences
-from thalweg.core.config import frozen_config
+from thalweg.core.config import Fraction, frozen_config
 
 
 @frozen_config(AlgorithmError)
@@ -23,6 +23,8 @@ class PPOConfig(FirstOrderConfig):
     asymmetric_critics: bool = True
     """Whether critics also see what the environment tells them beyond the observation (`info["critic_obs"]`), such as
     the privileged state and progress; the policy does not (Pinto et al. 2018)."""
+    discount: Fraction = 0.995
+    """Discount factor γ of the reward."""
     clip: PositiveFloat = 0.2
     """Clip range ε: the probability ratio is clipped to 1 ± ε."""
 

@@ -363,7 +363,7 @@ def test_a_policy_is_trained_on_a_real_river(
     tmp_path: Path, brook: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ):
     from thalweg.train import river
-    from thalweg.train.run import RunResult
+    from thalweg.train.run_in_folder import RunResult
     from thalweg.world import Reach
 
     told = {}
@@ -556,7 +556,7 @@ def test_the_evaluation_that_a_run_advises_is_where_its_policy_flies(
     given: list[str], where: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ):
     from thalweg.train.river import RiverTraining
-    from thalweg.train.run import RunResult
+    from thalweg.train.run_in_folder import RunResult
 
     result = RunResult(Path("run"), "PPO", 5, 1, 0.0, 0.0, 0.0, 1.0, None, False, ())
     monkeypatch.setattr(RiverTraining, "train", lambda *_, **__: result)

@@ -253,11 +253,11 @@ def test_a_river_to_be_built_is_announced_once(
 ):
     world = tmp_path / "world.npz"
     monkeypatch.setattr(river, "cache_path", lambda level, seed: world)
-    river._print_once.cache_clear()
+    river.print_once.cache_clear()
     for _ in range(2):
         river.announce_build(LEVELS["Easy"], 3)
     assert capsys.readouterr().err == BUILDING
-    river._print_once.cache_clear()
+    river.print_once.cache_clear()
     world.write_bytes(b"")
     river.announce_build(LEVELS["Easy"], 3)
     assert capsys.readouterr().err == ""
@@ -266,6 +266,6 @@ def test_a_river_to_be_built_is_announced_once(
 def test_the_river_of_a_file_is_always_announced_because_it_is_never_cached(
     capsys: pytest.CaptureFixture,
 ):
-    river._print_once.cache_clear()
+    river.print_once.cache_clear()
     river.announce_build(Reach(Path("rivers/brook.geojson")), 5)
     assert capsys.readouterr().err == "building the river brook.geojson, seed 5: a few seconds\n"

@@ -24,6 +24,7 @@ from tyro.conf import OmitSubcommandPrefixes, subcommand
 from thalweg.cli.bench import Bench
 from thalweg.cli.encoder import ENCODER_COMMANDS, Encoder, EncoderStudy, EncoderTrain
 from thalweg.cli.evaluate import Evaluate
+from thalweg.cli.imitate import Imitate
 from thalweg.cli.leaderboard import Leaderboard
 from thalweg.cli.options import REGISTRY, UsageError
 from thalweg.cli.render import RenderFrames
@@ -43,6 +44,7 @@ COMMANDS = {
     "render": RenderFrames,
     "encoder": Encoder,
     "train": Train,
+    "imitate": Imitate,
     "evaluate": Evaluate,
     "bench": Bench,
     "report": Report,

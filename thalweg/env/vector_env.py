@@ -200,6 +200,17 @@ class RiverVectorEnv(VectorEnv):
         """Return the observations of the current state, as `reset` and `step` do; for use after `set_state`."""
         return self._observe(self.frames.views(self.state))
 
+    def draw(self, river: np.ndarray, views: Views) -> np.ndarray:
+        """Return the frames [M, H, W, C] of any views, such as stored ones, as observations are.
+
+        `river` [M] are indices in the list of rivers, which takes the place of `views.world`; rivers that are not in
+        memory are loaded. Raises `ConfigError` for environments that stay in one river, or draw nothing.
+        """
+        if not isinstance(self.rivers, DrawnRivers) or self.config.observation in ("privileged", "none", "dict"):
+            raise ConfigError("only environments that change river, and whose observations are images, draw any views")
+        with self.rivers.loaded(river) as slots:
+            return self._observe(views._replace(world=slots))
+
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Return the frames of the current state, N of [H, W, 3] uint8, or None without a render mode."""
         if self.render_mode is None:

@@ -3,6 +3,7 @@ algorithm."""
 
 from thalweg.train.errors import ResumeWarning, TrainingError
 from thalweg.train.latent import LatentTensorEnv, LatentVectorEnv
-from thalweg.train.run import RunResult, load_policy, run
+from thalweg.train.run import run
+from thalweg.train.run_in_folder import RunResult, load_policy
 
 __all__ = ["LatentTensorEnv", "LatentVectorEnv", "ResumeWarning", "RunResult", "TrainingError", "load_policy", "run"]

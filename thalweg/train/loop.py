@@ -2,22 +2,47 @@
 
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from thalweg.train.folder import run_record
 from thalweg.train.folder.checkpoint import save_checkpoint
 from thalweg.train.folder.loggers import RunLog
 from thalweg.train.folder.progress_bar import ProgressBar
-from thalweg.train.trainer import Trainer
+from thalweg.train.rollouts.episodes import Episode, EpisodeStatistics
 
 CHECKPOINT_SHARE = 20
 """Least time between two checkpoints, in multiples of the time to write one, which is long for a large replay."""
 
 
+class AnyTrainer(Protocol):
+    """What the loop needs of a trainer: see `thalweg.train.trainer.Trainer`."""
+
+    steps: int
+    seed: int
+    updates: int
+    seconds: float
+    warned: dict[str, str]
+
+    @property
+    def statistics(self) -> EpisodeStatistics: ...
+    @property
+    def policy(self) -> Any: ...
+    @property
+    def stages(self) -> dict[str, float]: ...
+    @property
+    def done(self) -> bool: ...
+    @property
+    def ready(self) -> bool: ...
+    def start(self, state: dict[str, Any] | None = None) -> None: ...
+    def step(self) -> list[Episode]: ...
+    def update(self) -> dict[str, float]: ...
+    def state(self) -> dict[str, Any]: ...
+
+
 class StatusFile:
     """Writes the status.json of a run."""
 
-    def __init__(self, folder: Path, algorithm: str, trainer: Trainer) -> None:
+    def __init__(self, folder: Path, algorithm: str, trainer: AnyTrainer) -> None:
         self.folder, self.algorithm, self.trainer = folder, algorithm, trainer
 
     def write(self, state: str, error: BaseException | None = None) -> dict[str, Any]:
@@ -43,17 +68,17 @@ class StatusFile:
 class StageClock:
     """Measures how the time between two updates is spent."""
 
-    def __init__(self, trainer: Trainer) -> None:
+    def __init__(self, trainer: AnyTrainer) -> None:
         self.trainer = trainer
         self._time, self._steps = time.perf_counter(), trainer.statistics.steps
-        self._stages = self._stage_seconds()
+        self._stages = dict(trainer.stages)
 
     def lap(self) -> dict[str, float]:
         """Return steps per second and seconds of each stage since the last lap.
 
         `time_other` is for files, bookkeeping and checkpoints. The time is added to that of the run.
         """
-        now, stages = time.perf_counter(), self._stage_seconds()
+        now, stages = time.perf_counter(), dict(self.trainer.stages)
         wall, steps = now - self._time, self.trainer.statistics.steps - self._steps
         spent = {f"time_{name}": stages[name] - self._stages[name] for name in stages}
         self.trainer.seconds += wall
@@ -61,15 +86,9 @@ class StageClock:
         other = wall - sum(spent.values())
         return {"steps_per_second": steps / wall, **spent, "time_other": other, "seconds": self.trainer.seconds}
 
-    def _stage_seconds(self) -> dict[str, float]:
-        """Return the seconds of each stage so far; those of an encoder around the environment are its own stage."""
-        stages = dict(self.trainer.stages)
-        encode = getattr(self.trainer.collector.env, "stage_seconds", {}).get("encode", 0.0)
-        return stages | {"env": stages["env"] - encode, "encode": encode}
-
 
 def training_loop(
-    trainer: Trainer,
+    trainer: AnyTrainer,
     log: RunLog,
     bar: ProgressBar,
     status: StatusFile,

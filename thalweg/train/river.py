@@ -25,7 +25,8 @@ from thalweg.render import RENDER_VERSION, compilation
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import RUN_FOLDER, read_config
 from thalweg.train.latent import LatentTensorEnv, LatentVectorEnv
-from thalweg.train.run import RunResult, has_asymmetric_critics, load_policy, run
+from thalweg.train.run import has_asymmetric_critics, run
+from thalweg.train.run_in_folder import RunResult, load_policy
 from thalweg.world import Level, Reach, World, level_named, load_or_build
 from thalweg.world.store.world_cache import cache_path
 
@@ -113,11 +114,11 @@ def _context_of(policy: Any) -> dict[str, Any]:
 def announce_build(level: Level | Reach, seed: int) -> None:
     """Print a line if the river of a level or a file and a seed is not cached."""
     if isinstance(level, Reach) or not cache_path(level, seed).is_file():
-        _print_once(f"building the river {level.name}, seed {seed}: a few seconds")
+        print_once(f"building the river {level.name}, seed {seed}: a few seconds")
 
 
 @cache
-def _print_once(line: str) -> None:
+def print_once(line: str) -> None:
     """Print each line once, to stderr: stdout is for results."""
     print(line, file=sys.stderr, flush=True)
 
@@ -311,5 +312,5 @@ class RiverTraining:
             return RiverVectorEnv([rivers.course(river) for river in range(len(rivers))], self.num_envs, config)
         env = RiverVectorEnv(rivers, self.num_envs, config)
         if isinstance(env.rivers, DrawnRivers):
-            _print_once(env.rivers.pool.description)
+            print_once(env.rivers.pool.description)
         return env

@@ -1,7 +1,5 @@
 """Training runs: `run` trains an algorithm on an environment and writes a folder, from which it also resumes."""
 
-import math
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -20,46 +18,11 @@ from thalweg.core.cache import file_hash
 from thalweg.core.compute.device import DeviceError, resolve_device
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.core.config import to_plain
-from thalweg.train.errors import ResumeWarning, TrainingError
-from thalweg.train.folder import run_record
-from thalweg.train.folder.checkpoint import load_checkpoint
-from thalweg.train.folder.loggers import RunLog
-from thalweg.train.folder.progress_bar import ProgressBar
-from thalweg.train.loop import StatusFile, training_loop
+from thalweg.train.errors import TrainingError
 from thalweg.train.rollouts.collector import Collector
 from thalweg.train.rollouts.tensor_collector import TensorEnv, make_collector
+from thalweg.train.run_in_folder import RunResult, open_folder, policy_file, result_of, train_to_end
 from thalweg.train.trainer import Trainer
-
-
-@dataclass(frozen=True)
-class RunResult:
-    """Result of a run."""
-
-    folder: Path
-    algorithm: str
-    steps: int
-    """Steps taken, all environments together: the requested number, rounded up to a step of every environment, or to a
-    whole rollout of environments of tensors."""
-    episodes: int
-    return_mean: float
-    """Mean undiscounted return of the last 50 episodes; NaN without episodes."""
-    cost_mean: float
-    """Mean undiscounted cost of the same episodes."""
-    cost_rate: float
-    """Episodes with a cost, per step."""
-    seconds: float
-    """Training time, over all interruptions."""
-    resumed_from: int | None
-    """Step from which this call resumed; None for a run that it started."""
-    already_finished: bool
-    """Whether the run was finished before this call."""
-    warnings: tuple[str, ...]
-    """Problems of the settings, such as a limit that never binds."""
-
-    @property
-    def policy(self) -> Any:
-        """The trained policy."""
-        return load_policy(self.folder)
 
 
 class ExecutionOptions(TypedDict, total=False):
@@ -143,11 +106,11 @@ def run(
     if how.begin_with is not None:
         _check_warmup(getattr(resolved, "critic_warmup_steps", 0), steps, learner.rollout_steps * task.num_envs)
         identity["begin_with"] = _initialise_policy(learner, policy_file(how.begin_with))
-    status = _open_folder(folder := Path(folder), identity, how.threads)
+    status = open_folder(folder := Path(folder), identity, how.threads)
     if status.get("state") == "finished":
-        return _result(folder, status, resumed_from=None, already_finished=True)
+        return result_of(folder, status, resumed_from=None, already_finished=True)
     trainer = Trainer(collector, learner, steps, seed, how.threads)
-    return _train(folder, entry.name, trainer, identity, how)
+    return train_to_end(folder, trainer, identity, progress=how.progress, checkpoint_seconds=how.checkpoint_seconds)
 
 
 def has_asymmetric_critics(config: Any) -> bool:
@@ -207,54 +170,6 @@ def _task_identity(task: Task, learner: Learner, collector: Collector) -> dict[s
     return identity
 
 
-def _train(folder: Path, algorithm: str, trainer: Trainer, identity: dict[str, Any], how: Execution) -> RunResult:
-    """Start or resume a run in its folder, and write its policy at the end."""
-    checkpoint = load_checkpoint(folder)
-    if checkpoint is None:
-        step, state, log = None, None, RunLog(folder)
-    else:
-        step, state = checkpoint
-        run_record.require_same(folder, state["identity"], identity)
-        log = RunLog(folder, kept_bytes=state["bytes"], step=step)
-    status_file = StatusFile(folder, algorithm, trainer)
-    try:
-        trainer.start(state)
-        status_file.write("running")
-        with ProgressBar(f"{algorithm}, seed {trainer.seed}", trainer.steps, shown=how.progress) as bar:
-            training_loop(trainer, log, bar, status_file, identity, how.checkpoint_seconds)
-        trainer.learner.policy.save(folder / run_record.POLICY)
-        status = status_file.write("finished")
-    except KeyboardInterrupt:
-        status_file.write("interrupted")
-        raise
-    except Exception as error:
-        status_file.write("failed", error)
-        raise
-    finally:
-        log.close()
-    return _result(folder, status, resumed_from=step, already_finished=False)
-
-
-def load_policy(path: str | Path, device: str = "cpu") -> Any:
-    """Return the policy in a run's folder or a policy file, on a device.
-
-    Raises `AlgorithmError` if there is none, with the status of the run.
-    """
-    return policies.load_policy(policy_file(path), torch.device(resolve_device(device)))
-
-
-def policy_file(path: str | Path) -> Path:
-    """Return the policy file of a run's folder, or the path of a file itself.
-
-    Raises `AlgorithmError` for a folder without a policy.
-    """
-    path = Path(path)
-    if path.is_dir() and not (path / run_record.POLICY).exists():
-        state = run_record.read_status(path).get("state", "not a run")
-        raise AlgorithmError(f"there is no {run_record.POLICY} in {path} ({state}): it is written when a run finishes")
-    return path / run_record.POLICY if path.is_dir() else path
-
-
 def _initialise_policy(learner: Learner, file: Path) -> dict[str, str]:
     """Initialise a learner's policy from a policy file, so that its critics warm up; returns what identifies the
     file."""
@@ -264,40 +179,3 @@ def _initialise_policy(learner: Learner, file: Path) -> dict[str, str]:
     started.initialise_from(other)
     learner.warm_up_critics()
     return {"algorithm": other.about.algorithm, "content": file_hash(file)}
-
-
-def _open_folder(folder: Path, identity: dict[str, Any], threads: int) -> dict[str, Any]:
-    """Create the folder of a run, or check that an existing one is of the same run; returns its status.
-
-    Raises `TrainingError` for the folder of another run, and warns if versions or threads have changed.
-    """
-    description = run_record.describe(identity, threads)
-    existing = run_record.read_config(folder)
-    if existing is None:
-        run_record.write_config(folder, description)
-        return {}
-    run_record.require_same(folder, existing["run"], identity)
-    status = run_record.read_status(folder)
-    before = existing["versions"] | {"threads": existing["machine"]["learning_threads"]}
-    now = run_record.package_versions() | {"threads": threads}
-    if status.get("state") != "finished" and before != now:
-        warnings.warn(
-            f"{folder} was started with {before} and resumes with {now}: "
-            "the numbers may differ from those of an uninterrupted run",
-            ResumeWarning,
-            stacklevel=3,
-        )
-    return status
-
-
-def _result(folder: Path, status: dict[str, Any], resumed_from: int | None, already_finished: bool) -> RunResult:
-    """Return the result of a run from its status, in which null stands for NaN."""
-    names = ("algorithm", "steps", "episodes", "return_mean", "cost_mean", "cost_rate", "seconds")
-    values: dict[str, Any] = {name: math.nan if status[name] is None else status[name] for name in names}
-    return RunResult(
-        folder=folder,
-        **values,
-        resumed_from=resumed_from,
-        already_finished=already_finished,
-        warnings=tuple(status["warnings"].values()),
-    )

@@ -34,14 +34,21 @@ class Trainer:
             self.load_state(state)
 
     @property
+    def policy(self) -> Any:
+        """The policy that is trained."""
+        return self.learner.policy
+
+    @property
     def done(self) -> bool:
         """Whether all steps are taken."""
         return self.statistics.steps >= self.steps
 
     @property
     def stages(self) -> dict[str, float]:
-        """Seconds spent so far in each stage."""
-        return {**self.collector.stages, "learn": self.learning_s}
+        """Seconds spent so far in each stage; those of an encoder around the environment are a stage of their own."""
+        stages = self.collector.stages
+        encode = getattr(self.collector.env, "stage_seconds", {}).get("encode", 0.0)
+        return {**stages, "env": stages["env"] - encode, "learn": self.learning_s, "encode": encode}
 
     def step(self) -> list[Episode]:
         """Take one action in each environment; returns the episodes that are now known to have ended."""

@@ -80,15 +80,18 @@ class Actor(nn.Module):
 
     def forward(self, inputs: Tensor | Sequences, twice_differentiable: bool = False) -> Tensor:
         """Return [B, P]; with `twice_differentiable`, by the definition, which has second derivatives."""
-        features = _features(self.gru, self.seen(inputs), "actor")
-        return self._parameters_of(features, twice_differentiable)
+        return self.parameters_of(self.features(inputs), twice_differentiable)
 
-    def _parameters_of(self, features: Tensor, twice_differentiable: bool = False) -> Tensor:
-        """Return [B, P] from what the perceptron takes."""
+    def features(self, inputs: Tensor | Sequences) -> Tensor:
+        """Return what the perceptron takes [B, E]: observations or features of images, and the recurrent state."""
+        return _features(self.gru, self._seen(inputs), "actor")
+
+    def parameters_of(self, features: Tensor, twice_differentiable: bool = False) -> Tensor:
+        """Return [B, P] from `features`."""
         outputs = (self.stack.reference if twice_differentiable else self.stack)(features)[0]
         return outputs if self.log_std is None else torch.cat([outputs, self.log_std.expand_as(outputs)], -1)
 
-    def seen(self, inputs: Tensor | Sequences) -> Tensor | Sequences:
+    def _seen(self, inputs: Tensor | Sequences) -> Tensor | Sequences:
         """Return what the rest of the network sees of inputs: features of images, or the inputs themselves."""
         if self.eyes is None:
             return inputs
@@ -131,7 +134,7 @@ class Actor(nn.Module):
         assert self.gru is not None
         seen = obs if self.eyes is None else self.eyes(obs)
         state = self.gru.step(seen, state, fresh)
-        return self._parameters_of(torch.cat([seen, state], -1)), state
+        return self.parameters_of(torch.cat([seen, state], -1)), state
 
 
 def minibatch_count(rows: int, minibatch: int) -> int:

@@ -1,6 +1,7 @@
 """Which environment flies in which river: the same one always, or another one in each episode."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -137,6 +138,18 @@ class DrawnRivers:
         environment's among them."""
         slots, index = np.unique(self.slot, return_inverse=True)
         return [self.pool.part(int(slot)) for slot in slots], index.astype(np.int64)
+
+    @contextmanager
+    def loaded(self, river: np.ndarray) -> Iterator[np.ndarray]:
+        """Keep rivers [M] of the list in memory while the body of the `with` block runs, which gets their slots [M]."""
+        chosen, index = np.unique(river, return_inverse=True)
+        slots = np.array([self.pool.take(int(each)) for each in chosen], np.int64)
+        self.courses = self.pool.courses
+        try:
+            yield slots[index.reshape(-1)]
+        finally:
+            for slot in slots:
+                self.pool.leave(int(slot))
 
     def _expect(self, rivers: Iterable[int]) -> None:
         """Prepare rivers in the background."""

@@ -1,15 +1,26 @@
 """Progress bar of a run."""
 
 import time
-from typing import Self
+from typing import Protocol, Self
 
 from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
-from thalweg.train.trainer import Trainer
+from thalweg.train.rollouts.episodes import EpisodeStatistics
 
 INTERVAL_S = 0.2
 """Least time between two updates of the bar."""
+
+
+class Shown(Protocol):
+    """What the bar shows of a trainer."""
+
+    steps: int
+
+    @property
+    def statistics(self) -> EpisodeStatistics: ...
+    @property
+    def done(self) -> bool: ...
 
 
 class ProgressBar:
@@ -26,7 +37,7 @@ class ProgressBar:
         self._task = self._bar.add_task(title, total=steps, rate="", means="")
         self._shown_at, self._began_at, self._first_steps = 0.0, 0.0, -1
 
-    def show(self, trainer: Trainer) -> None:
+    def show(self, trainer: Shown) -> None:
         """Update the bar, at most a few times a second, and at the end of the run."""
         now, steps = time.perf_counter(), trainer.statistics.steps
         if self._bar.disable or (now - self._shown_at < INTERVAL_S and not trainer.done):

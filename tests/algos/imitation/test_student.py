@@ -1,0 +1,126 @@
+"""The student learns what its teacher wants, in sequences as step by step, and resumes to the bit."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+from thalweg.algos.common.errors import AlgorithmError, NotFiniteError
+from thalweg.algos.imitation import student as students
+from thalweg.algos.imitation.config import ImitationConfig
+from thalweg.algos.imitation.student import LOSSES, Lesson, Student
+from thalweg.algos.policy.actions import actions_of
+from thalweg.algos.policy.networks import NetworkShape
+from thalweg.algos.policy.vision import Eyes, rows_of
+from thalweg.core.config import parse_config
+
+EYES = Eyes((8, 8, 1), (4, 4), 8)
+ACTIONS = actions_of(gym.spaces.MultiDiscrete([3, 3]))
+MOVES = np.array([[a, b] for a in range(3) for b in range(3)])
+LENGTH, COUNT = 6, 8
+GOOD = 4
+"""The move that is worth most where the image is bright; elsewhere it is the first."""
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch):
+    """Students of images of 8x8 pixels."""
+
+    def shape(config: ImitationConfig) -> NetworkShape:
+        return NetworkShape(config.hidden, "relu", "kaiming", config.memory_size, EYES)
+
+    monkeypatch.setattr(ImitationConfig, "shape", property(shape))
+
+
+def student(**settings) -> Student:
+    config = parse_config(ImitationConfig, {"memory_size": 6, "hidden": (16,), "learning_rate": 0.01, **settings})
+    return Student(config, ACTIONS, MOVES, (2, 4), seed=0, context={"observation": "mask"})
+
+
+def lesson(seed: int = 0, *, delayed: bool = False) -> Lesson:
+    """Bright and dark images; with `delayed`, the teacher wants what the image of the step before says."""
+    rng = np.random.default_rng(seed)
+    bright = rng.random((LENGTH, COUNT)) < 0.5
+    images = np.where(bright[..., None, None, None], 220, 30).astype(np.uint8) * np.ones((8, 8, 1), np.uint8)
+    rows = np.stack([rows_of(step, np.full((COUNT, 2), -1)) for step in images])
+    fresh = np.zeros((LENGTH, COUNT), bool)
+    fresh[0] = True
+    wanted = np.concatenate([np.zeros((1, COUNT), bool), bright[:-1]]) if delayed else bright
+    worths = np.zeros((LENGTH, COUNT, 9), np.float32)
+    worths[..., GOOD] = np.where(wanted, 2.0, -1000.0)
+    privileged = np.stack([bright * 2.0, bright * 5.0 + 1.0], -1).astype(np.float32)
+    maps = np.repeat(bright[..., None], 4, -1).astype(np.uint8)
+    tensors = (rows, fresh, np.zeros((COUNT, 6), np.float32), worths, privileged, maps)
+    return Lesson(*(torch.from_numpy(array) for array in tensors))
+
+
+def taught(learner: Student, *, delayed: bool = False, rounds: int = 60) -> dict[str, float]:
+    losses = {}
+    for seed in range(rounds):
+        one = lesson(seed, delayed=delayed)
+        learner.meet(one.privileged.flatten(0, 1))
+        losses = learner.learn(one)
+    return losses
+
+
+def test_it_learns_to_avoid_what_is_fatal_and_to_see(small: None):
+    learner = student()
+    before = learner.losses(lesson(99), torch.arange(COUNT)).tolist()
+    losses = taught(learner)
+    assert losses["regret"] < 0.2 < before[1]
+    assert losses["privileged_error"] < 0.2 and losses["map_error"] < 0.2
+    player = learner.policy.player(2, deterministic=True)
+    images = np.stack([np.full((8, 8, 1), value, np.uint8) for value in (220, 30)])
+    actions = player(images, np.ones(2, bool))
+    assert actions[0].tolist() == MOVES[GOOD].tolist()
+    assert actions[1].tolist() != MOVES[GOOD].tolist()
+
+
+def test_only_a_memory_can_tell_what_was_seen_before(small: None):
+    with_memory = taught(student(), delayed=True, rounds=150)
+    without = taught(student(memory_size=0), delayed=True, rounds=150)
+    assert with_memory["regret"] < 0.2 < 1.0 < without["regret"]
+
+
+def test_it_resumes_to_the_same_numbers(small: None):
+    learner, other = student(), student()
+    taught(learner, rounds=3)
+    other.load_state(learner.state())
+    assert learner.learn(lesson(7)) == other.learn(lesson(7))
+    assert torch.equal(learner.policy.actor.stack.flat, other.policy.actor.stack.flat)
+
+
+def test_the_learning_rate_falls(small: None):
+    learner = student()
+    learner.decay(0.0)
+    assert learner.optimiser.rate == pytest.approx(0.01)
+    learner.decay(1.0)
+    assert learner.optimiser.rate == pytest.approx(0.01 * students.LEAST_RATE)
+
+
+def test_a_loss_that_is_not_finite_is_named(small: None):
+    learner, one = student(), lesson()
+    learner.meet(one.privileged.flatten(0, 1))
+    one.privileged[0, 0, 0] = float("nan")
+    with pytest.raises(NotFiniteError, match="privileged_error"):
+        learner.learn(one)
+
+
+def test_auxiliary_losses_can_be_left_out(small: None):
+    learner = student(auxiliary_weight=0.0)
+    before = learner.map.weight.clone()
+    assert set(learner.learn(lesson())) == set(LOSSES)
+    assert torch.equal(learner.map.weight, before)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"noise": 1.5}, "noise must be"),
+        ({"observation": "depth"}, "observation must be"),
+        ({"learnign_rate": 1.0}, "did you mean 'learning_rate'|learnign_rate"),
+    ],
+)
+def test_wrong_settings_are_named(settings: dict, message: str):
+    with pytest.raises(AlgorithmError, match=message):
+        parse_config(ImitationConfig, settings)

@@ -1,0 +1,42 @@
+"""The gate stops a teacher that fails, with the river and the start, and lets the steady pilot pass."""
+
+import numpy as np
+import pytest
+
+from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.train.errors import TrainingError
+from thalweg.train.imitation.gate import check_teacher
+from thalweg.world import level_named
+
+LEVEL = level_named("Easy")
+
+
+def test_the_steady_pilot_passes():
+    flown: list[int] = []
+    check_teacher(LEVEL, range(3), EnvConfig(), on_flown=flown.append)
+    assert flown == [3]
+
+
+def hover(env: RiverVectorEnv) -> np.ndarray:
+    return np.ones((env.num_envs, 4), np.int64)
+
+
+def test_a_teacher_that_fails_is_named_with_its_river_and_start():
+    with pytest.raises(
+        TrainingError, match=r"fails its gate on Easy-5 from x -?\d+\.\d\d, y .* m, yaw .*: it returns"
+    ) as error:
+        check_teacher(LEVEL, [5, 6], EnvConfig(), hover)
+    assert "ends by Idle; nothing is learnt from it" in str(error.value)
+
+
+def late(env: RiverVectorEnv) -> np.ndarray:
+    """Return the pilot's actions, but fly straight ahead in the second environment after a while."""
+    actions = env.pilot_actions("steady")
+    if env.state.steps[1] > 60:
+        actions[1] = (1, 1, 0, 1)
+    return actions
+
+
+def test_one_failure_among_many_is_found():
+    with pytest.raises(TrainingError, match="fails its gate on Easy-8"):
+        check_teacher(LEVEL, [7, 8, 9], EnvConfig(), late)

@@ -1,0 +1,160 @@
+"""A run of an imitation: what it writes, how it resumes, and what it refuses."""
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from thalweg.algos.common.errors import AlgorithmError
+from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.config import ConfigError
+from thalweg.env.rivers.river_list import RiverList
+from thalweg.render.records.randomisation import Randomisation
+from thalweg.train import load_policy
+from thalweg.train.errors import TrainingError
+from thalweg.train.imitation import gate, imitate
+from thalweg.train.imitation.flights import redraw
+from thalweg.train.imitation.imitate import Imitation
+from thalweg.train.imitation.sequences import Sequences
+from thalweg.train.imitation.trainer import ImitationTrainer
+
+SETTINGS = {
+    "sequence": 4,
+    "sequences_per_batch": 2,
+    "filters": [4, 4, 4, 4],
+    "features": 8,
+    "memory_size": 8,
+    "hidden": [8],
+    "capacity": 16,
+    "gate_rivers": 1,
+    "teacher_steps": 24,
+}
+
+
+def imitation(folder: Path, **options: Any) -> Imitation:
+    given = {
+        "steps": 48,
+        "levels": ("Easy",),
+        "world_seeds": (1,),
+        "num_envs": 2,
+        "settings": SETTINGS,
+        "threads": 1,
+        "checkpoint_seconds": 0.0,
+    }
+    return Imitation(folder, **(given | options))
+
+
+class Stop(Exception):
+    pass
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    with open(folder / "metrics.csv", newline="") as file:
+        found = list(csv.DictReader(file))
+    timing = ("time_", "seconds", "steps_per_second")
+    return [{name: value for name, value in row.items() if not name.startswith(timing)} for row in found]
+
+
+def test_an_interrupted_run_resumes_to_the_same_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    whole = imitation(tmp_path / "whole").run()
+    update, calls = ImitationTrainer.update, []
+
+    def interrupted(trainer: ImitationTrainer) -> dict[str, float]:
+        calls.append(trainer)
+        if len(calls) == 4:
+            raise Stop
+        return update(trainer)
+
+    monkeypatch.setattr(ImitationTrainer, "update", interrupted)
+    with pytest.raises(Stop):
+        imitation(tmp_path / "parts").run()
+    parts = imitation(tmp_path / "parts").run()
+    assert parts.resumed_from == 24 and parts.steps == whole.steps == 48
+    assert rows(tmp_path / "parts") == rows(tmp_path / "whole")
+    flat = [load_policy(tmp_path / name).actor.stack.flat for name in ("whole", "parts")]
+    assert torch.equal(*flat)
+    assert imitation(tmp_path / "parts").run().already_finished
+
+
+def test_a_policy_says_what_it_sees(tmp_path: Path):
+    imitation(tmp_path / "run", steps=8, settings=SETTINGS | {"observation": "mask"}).run()
+    policy = load_policy(tmp_path / "run")
+    assert policy.about.algorithm == "DAgger" and policy.about.context["observation"] == "mask"
+    assert policy.greedy and policy.shape.eyes.image == (128, 128, 1)
+
+
+def test_a_teacher_that_fails_stops_the_run_before_anything_is_learnt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(gate, "steady", lambda env: np.ones((env.num_envs, 4), np.int64))
+    monkeypatch.setattr(imitate, "check_teacher", lambda *given: gate.check_teacher(*given, gate.steady))
+    with pytest.raises(TrainingError, match="the teacher fails its gate on Easy-1"):
+        imitation(tmp_path / "run").run()
+    assert not (tmp_path / "run" / "metrics.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"steps": 0}, TrainingError, "steps must be at least 1, not 0"),
+        ({"num_envs": 0}, TrainingError, "num_envs must be at least 1, not 0"),
+        ({"levels": ()}, TrainingError, "at least one level"),
+        ({"settings": {"sequense": 4}}, AlgorithmError, "sequense"),
+        ({"levels": ("Medum",)}, ValueError, "Medum"),
+        ({"world_seeds": "1:30", "rivers_in_memory": 2}, ConfigError, "in_memory must be at least 6"),
+    ],
+)
+def test_wrong_arguments_are_refused_by_name(options: dict, error: type[Exception], message: str, tmp_path: Path):
+    with pytest.raises(error, match=message):
+        imitation(tmp_path / "run", **options).run()
+
+
+def test_a_folder_of_another_run_is_refused(tmp_path: Path):
+    imitation(tmp_path / "run", steps=8).run()
+    with pytest.raises(TrainingError, match="seed"):
+        imitation(tmp_path / "run", steps=8, seed=1).run()
+
+
+def stored(env: RiverVectorEnv) -> Sequences:
+    """One sequence of two steps of each environment, at its current pose."""
+    state, count = env.state, env.num_envs
+    twice = {name: np.stack([np.array(getattr(state, name))] * 2) for name in ("pose", "time_s", "segment", "travel")}
+    empty = np.zeros((2, count, 1), np.uint8)
+    return Sequences(
+        river=np.stack([env.rivers.state()["river"]] * 2),
+        last=np.full((2, count, 4), -1, np.int8),
+        fresh=np.zeros((2, count), bool),
+        start=np.zeros((count, 0), np.float32),
+        worths=empty,
+        privileged=empty,
+        maps=empty,
+        **twice,
+    )
+
+
+def test_stored_sequences_are_drawn_as_they_were_seen():
+    env = RiverVectorEnv(RiverList.of_levels([("Easy", (1,))]), 2, EnvConfig())
+    seen, _ = env.reset(seed=0)
+    again = redraw(env, stored(env), np.random.default_rng(0))
+    assert again.shape == (2, 2, 128, 128, 4)
+    assert np.array_equal(again[0], seen) and np.array_equal(again[1], seen)
+    env.close()
+
+
+def test_stored_sequences_are_drawn_under_new_looks():
+    env = RiverVectorEnv(RiverList.of_levels([("Easy", (1,))]), 2, EnvConfig(randomisation=Randomisation(suns=0)))
+    seen, _ = env.reset(seed=0)
+    again = redraw(env, stored(env), np.random.default_rng(0))
+    assert not np.array_equal(again[0], seen)
+    assert np.array_equal(again[0], again[1])  # the look stays within an episode
+    env.close()
+
+
+def test_only_environments_that_change_river_draw_any_views():
+    rivers = RiverList.of_levels([("Easy", (1,))])
+    env = RiverVectorEnv(rivers, 1, EnvConfig(observation="none"))
+    env.reset(seed=0)
+    with pytest.raises(ConfigError, match="whose observations are images"):
+        env.draw(np.zeros(1, int), env.frames.views(env.state))
+    env.close()

@@ -1,0 +1,67 @@
+"""Settings of an imitation."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
+
+from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.policy.networks import NetworkShape
+from thalweg.algos.policy.vision import Eyes
+from thalweg.core.config import Fraction, TupleOf, frozen_config
+
+Sight = Literal["rgb+mask", "rgb", "mask"]
+CHANNELS: dict[str, int] = {"rgb+mask": 4, "rgb": 3, "mask": 1}
+IMAGE_PX = 128
+
+
+@frozen_config(AlgorithmError)
+class ImitationConfig:
+    """Settings of DAgger (Ross, Gordon, Bagnell 2011) into a policy with convolutions and a recurrent memory."""
+
+    observation: Sight = "rgb+mask"
+    """What the student sees, 128x128: the image and the water mask, or one of them."""
+    filters: TupleOf[PositiveInt] = (16, 32, 64, 64)
+    """Filters of each convolution."""
+    features: PositiveInt = 256
+    """Numbers that the convolutions make of a frame."""
+    memory_size: NonNegativeInt = 128
+    """Size of the recurrent state; 0: no memory."""
+    hidden: TupleOf[PositiveInt] = (128,)
+    """Sizes of the hidden layers behind the memory."""
+    sequence: PositiveInt = 32
+    """Steps that are flown between two updates, and of backpropagation through time."""
+    sequences_per_batch: PositiveInt = 4
+    """Sequences of a gradient step."""
+    replay: NonNegativeFloat = 1.0
+    """Stored sequences that are drawn anew, under other looks, for each new one."""
+    capacity: PositiveInt = 200_000
+    """Stored steps, the latest ones; 0.6 kB each."""
+    learning_rate: PositiveFloat = 1e-3
+    """Learning rate of Adam; it falls linearly to a twentieth."""
+    max_grad_norm: PositiveFloat = 1.0
+    """Largest norm of a gradient."""
+    temperature: PositiveFloat = 0.1
+    """Temperature of the targets in segments of progress: moves whose worths differ by less are about as probable."""
+    regret_weight: NonNegativeFloat = 1.0
+    """Weight of the expected regret in the loss: what the student's moves are worth less than the teacher's, on the
+    average."""
+    worst_regret: PositiveFloat = 20.0
+    """Greatest regret of a move, that of a fatal one, in segments of progress."""
+    auxiliary_weight: NonNegativeFloat = 0.3
+    """Weight of the predictions of the privileged state and of the bird's-eye map; both 0 if they are not wanted."""
+    teacher_steps: NonNegativeInt = 40_000
+    """Steps over which the share of episodes that the teacher flies falls from 1 to 0."""
+    noise: Fraction = 0.05
+    """Share of random moves in flights, whose consequences the student learns to mend."""
+    corrupted_masks: Fraction = 0.2
+    """Share of sequences whose masks are corrupted: rectangles of water and land that are not there."""
+    varied_looks: bool = True
+    """Whether haze, light, water, season, camera angles and noise vary with each episode, and whenever it is drawn."""
+    gate_rivers: Annotated[int, Field(ge=0)] = 300
+    """Rivers of each level on which the teacher must fly a random start to its end before anything is learnt."""
+
+    @property
+    def shape(self) -> NetworkShape:
+        """Shape of the student's network."""
+        eyes = Eyes((IMAGE_PX, IMAGE_PX, CHANNELS[self.observation]), self.filters, self.features)
+        return NetworkShape(self.hidden, "relu", "kaiming", self.memory_size, eyes)

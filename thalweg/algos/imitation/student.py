@@ -1,0 +1,184 @@
+"""The student: a policy that sees images, and what it tells beside its moves while it learns.
+
+From the features of its policy it predicts the privileged state and a bird's-eye map of the channel. Letters: L steps
+of a sequence, C sequences, B = L C states, M moves, P numbers of the privileged state, G cells of the map.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from thalweg.algos.common.adam import Adam
+from thalweg.algos.common.errors import require_finite
+from thalweg.algos.common.state import CPU, load_module, module_state, new_generator
+from thalweg.algos.imitation.config import ImitationConfig
+from thalweg.algos.imitation.targets import cross_entropy, expected_regret, move_log_probs, regrets, soft_targets
+from thalweg.algos.policy.actions import Actions
+from thalweg.algos.policy.memory import Sequences
+from thalweg.algos.policy.normaliser import Normaliser
+from thalweg.algos.policy.policy import Policy
+from thalweg.algos.policy.policy_file import About
+from thalweg.core.config import to_plain
+
+ALGORITHM = "DAgger"
+"""Name of the algorithm in files and tables."""
+LEAST_RATE = 0.05
+"""Learning rate at the end of a run, as a share of that at its beginning."""
+LOSSES: tuple[str, ...] = ("cross_entropy", "regret", "privileged_error", "map_error")
+"""Losses of a gradient step, in the order in which they are logged."""
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """Sequences of what the student saw, with what its teacher knows."""
+
+    rows: Tensor
+    """[L, C, pixels + A] uint8, see `thalweg.algos.policy.vision`."""
+    fresh: Tensor
+    """[L, C] bool, whether the step begins an episode."""
+    starts: Tensor
+    """[C, H] recurrent state before the first step; H = 0 without memory."""
+    worths: Tensor
+    """[L, C, M] float32, worth of each move."""
+    privileged: Tensor
+    """[L, C, P] float32, in metres and radians."""
+    maps: Tensor
+    """[L, C, G] uint8, 1 where the channel is open."""
+
+
+class Student:
+    """A policy with eyes, its predictions, and their optimiser."""
+
+    def __init__(
+        self,
+        config: ImitationConfig,
+        actions: Actions,
+        moves: np.ndarray,
+        sizes: tuple[int, int],
+        seed: int,
+        context: Any,
+    ) -> None:
+        """Initialise the networks.
+
+        Args:
+            config: Settings.
+            actions: The action space, of independent branches.
+            moves: [M, A] option of each move in each branch.
+            sizes: P and G.
+            seed: Seed of weights, samples and the order of sequences.
+            context: Plain data that the policy's file keeps.
+        """
+        self.config = config
+        self.generator = new_generator(CPU, seed)
+        shape = config.shape
+        assert shape.eyes is not None
+        self.policy = Policy(
+            shape.eyes.pixels + actions.count,
+            actions,
+            shape,
+            greedy=True,
+            generator=self.generator,
+            about=About(ALGORITHM, to_plain(config), context),
+        )
+        self.moves = torch.from_numpy(np.ascontiguousarray(moves, np.int64))
+        inputs = self.policy.actor.stack.sizes[0]
+        self.privileged, self.map = (_linear(inputs, size, self.generator) for size in sizes)
+        self.scale = Normaliser(sizes[0])
+        """Statistics of the privileged state; it is predicted in deviations."""
+        parameters = [*self.policy.actor.parameters(), *self.privileged.parameters(), *self.map.parameters()]
+        self.optimiser = Adam(parameters, config.learning_rate)
+
+    @property
+    def parameters(self) -> int:
+        """Number of parameters of the policy."""
+        return sum(parameter.numel() for parameter in self.policy.actor.parameters())
+
+    def meet(self, privileged: Tensor) -> None:
+        """Add privileged states [B, P] to the statistics by which their predictions are scaled."""
+        self.scale.update(privileged)
+
+    def decay(self, progress: float) -> None:
+        """Set the learning rate for this share of the run, 0..1."""
+        self.optimiser.rate = self.config.learning_rate * (1.0 - (1.0 - LEAST_RATE) * min(progress, 1.0))
+
+    def learn(self, lesson: Lesson) -> dict[str, float]:
+        """Take a gradient step for each batch of sequences, in random order; returns the mean losses.
+
+        Raises `NotFiniteError` for losses that are not finite.
+        """
+        order = torch.randperm(lesson.rows.shape[1], generator=self.generator)
+        found = [self._step(lesson, columns) for columns in order.split(self.config.sequences_per_batch)]
+        means: dict[str, float] = dict(zip(LOSSES, torch.stack(found).mean(0).tolist(), strict=True))
+        require_finite(**means)
+        return means
+
+    def _step(self, lesson: Lesson, columns: Tensor) -> Tensor:
+        """Take one gradient step on the sequences `columns`; returns the losses [4]."""
+        losses = self.losses(lesson, columns)
+        weights = torch.tensor([1.0, self.config.regret_weight, *2 * [self.config.auxiliary_weight]])
+        self.optimiser.zero_grad()
+        (weights * losses).sum().backward()
+        for parameter in self.optimiser.parameters:
+            if parameter.grad is None:
+                parameter.grad = torch.zeros_like(parameter)
+        self.optimiser.step(self.config.max_grad_norm)
+        return losses.detach()
+
+    def losses(self, lesson: Lesson, columns: Tensor) -> Tensor:
+        """Return the losses [4] of the sequences `columns`, see `LOSSES`."""
+        features = self._features(lesson, columns)
+        logits = self.policy.actor.parameters_of(features)
+        branches = [functional.log_softmax(part, -1) for part in logits.split(self.policy.actions.sizes, -1)]
+        log_probs = move_log_probs(branches, self.moves)
+        regret = regrets(lesson.worths[:, columns].flatten(0, 1), self.config.worst_regret)
+        seen = self.scale(lesson.privileged[:, columns].flatten(0, 1))
+        maps = lesson.maps[:, columns].flatten(0, 1).float()
+        return torch.stack(
+            [
+                cross_entropy(soft_targets(regret, self.config.temperature), log_probs),
+                expected_regret(regret, log_probs),
+                (self.privileged(features) - seen).square().mean(),
+                functional.binary_cross_entropy_with_logits(self.map(features), maps),
+            ]
+        )
+
+    def _features(self, lesson: Lesson, columns: Tensor) -> Tensor:
+        """Return what the policy's perceptron takes [B, E]."""
+        rows, actor = lesson.rows[:, columns], self.policy.actor
+        if actor.gru is None:
+            return actor.features(rows.flatten(0, 1))
+        every = torch.arange(rows.shape[0] * rows.shape[1])
+        return actor.features(Sequences(rows, lesson.fresh[:, columns], {"actor": lesson.starts[columns]}, every))
+
+    def state(self) -> dict[str, Any]:
+        """Return everything that learning needs to resume."""
+        return {
+            "actor": module_state(self.policy.actor),
+            "privileged": module_state(self.privileged),
+            "map": module_state(self.map),
+            "scale": self.scale.state(),
+            "optimiser": self.optimiser.state(),
+            "generator": self.generator.get_state().numpy().copy(),
+        }
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """Restore what `state` returned."""
+        load_module(self.policy.actor, state["actor"])
+        load_module(self.privileged, state["privileged"])
+        load_module(self.map, state["map"])
+        self.scale.load_state(state["scale"])
+        self.optimiser.load_state(state["optimiser"])
+        self.generator.set_state(torch.from_numpy(np.array(state["generator"], np.uint8)))
+
+
+def _linear(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
+    """Return a linear layer with small random weights from a generator."""
+    layer = nn.Linear(inputs, outputs)
+    with torch.no_grad():
+        layer.weight.normal_(0.0, 0.01, generator=generator)
+        layer.bias.zero_()
+    return layer

@@ -1,0 +1,64 @@
+"""`thalweg imitate`: a policy that sees frames, taught by a pilot that knows the map, on many rivers."""
+
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from thalweg.cli.options import UsageError, settings_from
+from thalweg.core.seeds import parse_seeds
+
+
+@dataclass(frozen=True)
+class Imitate:
+    """Teach a policy that sees frames by a pilot that knows the map (DAgger); the same command resumes."""
+
+    out: Path
+    """Folder of the run."""
+    levels: tuple[str, ...] = ("Easy", "Medium", "Hard")
+    """Levels of the rivers that are flown."""
+    world_seeds: tuple[str, ...] = ("1000:1064",)
+    """Seeds of rivers of each level, such as 1000:1256 (1256 excluded)."""
+    observation: Literal["rgb+mask", "rgb", "mask"] = "rgb+mask"
+    """What the policy sees: the image and the water mask, or one of them."""
+    steps: int = 1_000_000
+    """Steps of flight, over all environments together."""
+    seed: int = 0
+    """Seed of all random numbers."""
+    num_envs: int = 32
+    """Number of environments that step together."""
+    rivers_in_memory: int | None = None
+    """Greatest number of rivers in memory; by default as many as fit into half of the free memory."""
+    set: tuple[str, ...] = ()
+    """Settings, such as learning_rate=5e-4; an unknown one is an error that lists the known."""
+    threads: int | None = None
+    """Threads for learning; by default as many as there are processors, within OMP_NUM_THREADS."""
+
+    def run(self) -> int:
+        from thalweg.train.imitation.imitate import Imitation
+
+        settings = settings_from(self.set)
+        if "observation" in settings:
+            raise UsageError("--set observation: give --observation instead")
+        imitation = Imitation(
+            self.out,
+            steps=self.steps,
+            seed=self.seed,
+            levels=self.levels,
+            world_seeds=parse_seeds(self.world_seeds, "--world-seeds", UsageError),
+            num_envs=self.num_envs,
+            rivers_in_memory=self.rivers_in_memory,
+            settings={**settings, "observation": self.observation},
+            threads=self.threads,
+        )
+        result = imitation.run(progress=True)
+        if result.already_finished:
+            print(f"{self.out} was finished before; nothing was trained.")
+        elif result.resumed_from is not None:
+            print(f"{self.out} resumed from step {result.resumed_from:,}.")
+        print(
+            f"{result.folder}: {result.algorithm}, {result.steps:,} steps, {result.episodes:,} episodes in"
+            f" {result.seconds:.0f} s; last 50: return {result.return_mean:.2f}, cost {result.cost_mean:.2f}"
+        )
+        print(f"Evaluate it: {shlex.join(['thalweg', 'evaluate', str(self.out), '--unseen'])}")
+        return 0

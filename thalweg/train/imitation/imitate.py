@@ -1,0 +1,132 @@
+"""`imitate`: DAgger of a teacher that knows the map into a policy that sees frames, on many rivers."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from thalweg.algos.imitation.config import CHANNELS, ImitationConfig
+from thalweg.algos.imitation.student import ALGORITHM, Student
+from thalweg.algos.policy.actions import actions_of
+from thalweg.core.compute.torch_threads import default_torch_threads, torch_threads
+from thalweg.core.config import parse_config, to_plain
+from thalweg.core.seeds import compact_seeds, parse_seeds
+from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.rivers.assignment import DrawnRivers
+from thalweg.env.rivers.river_list import RiverList
+from thalweg.env.task.bird_eye import COLUMNS, ROWS
+from thalweg.env.task.ideal_eye import FEATURES
+from thalweg.render import RENDER_VERSION, compilation
+from thalweg.render.records.randomisation import Randomisation
+from thalweg.train.errors import TrainingError
+from thalweg.train.imitation.flights import OPTIONS
+from thalweg.train.imitation.gate import check_teacher
+from thalweg.train.imitation.trainer import ImitationTrainer
+from thalweg.train.river import print_once
+from thalweg.train.run_in_folder import RunResult, open_folder, result_of, train_to_end
+from thalweg.world import Level, level_named
+
+
+@dataclass(frozen=True)
+class Imitation:
+    """An imitation on the rivers of some levels."""
+
+    folder: Path
+    """Folder of the run; an interrupted one is resumed."""
+    steps: int
+    """Steps of flight, all environments together."""
+    seed: int = 0
+    levels: tuple[str, ...] = ("Easy", "Medium", "Hard")
+    world_seeds: Any = tuple(range(1000, 1064))
+    """Seeds of rivers of each level, as `thalweg.core.seeds.parse_seeds` reads them."""
+    num_envs: int = 32
+    rivers_in_memory: int | None = None
+    """Greatest number of rivers in memory; None derives it from the free memory."""
+    settings: dict[str, Any] | None = None
+    """Settings of `ImitationConfig` that differ from the defaults."""
+    threads: int | None = None
+    """Threads for learning; None: as many as there are processors, within OMP_NUM_THREADS."""
+    checkpoint_seconds: float = 60.0
+    """Least time between two checkpoints."""
+
+    def run(self, *, progress: bool = False) -> RunResult:
+        """Train the student, or resume the run in the folder; a finished run is returned at once.
+
+        Raises `AlgorithmError`, `TrainingError`, `ConfigError` and `WorldError` for arguments that are wrong, for the
+        folder of another run, for rivers that do not fit into the memory, and for a teacher that fails its gate, before
+        anything is learnt.
+        """
+        config = parse_config(ImitationConfig, dict(self.settings or {}), "settings")
+        levels = [level_named(name) for name in self.levels]
+        seeds = parse_seeds(self.world_seeds, "world_seeds", TrainingError)
+        self._check(levels, seeds)
+        threads = default_torch_threads() if self.threads is None else self.threads
+        rules = self._rules(config)
+        identity = self._identity(config, rules, seeds)
+        status = open_folder(self.folder, identity, threads)
+        if status.get("state") == "finished":
+            return result_of(self.folder, status, resumed_from=None, already_finished=True)
+        compilation.begin()
+        if not status:
+            self._pass_gate(levels, seeds[: config.gate_rivers], rules)
+        rivers = RiverList.of_levels([(level, seeds) for level in levels], self.rivers_in_memory)
+        env = RiverVectorEnv(rivers, self.num_envs, rules)
+        if isinstance(env.rivers, DrawnRivers):
+            print_once(env.rivers.pool.description)
+        try:
+            with torch_threads(1):
+                student = Student(
+                    config,
+                    actions_of(env.single_action_space),
+                    OPTIONS,
+                    (len(FEATURES), ROWS * COLUMNS),
+                    seed=self.seed,
+                    context=identity["context"],
+                )
+            trainer = ImitationTrainer(env, student, self.steps, self.seed, threads)
+            return train_to_end(
+                self.folder, trainer, identity, progress=progress, checkpoint_seconds=self.checkpoint_seconds
+            )
+        finally:
+            env.close()
+
+    def _pass_gate(self, levels: Sequence[Level], seeds: Sequence[int], rules: EnvConfig) -> None:
+        """Let the teacher fly rivers of each level; raises `TrainingError` if it fails on one."""
+        for level in levels:
+            if seeds:
+                print_once(f"the teacher flies {len(seeds)} rivers of {level.name}, before anything is learnt from it")
+            check_teacher(level, seeds, rules)
+
+    def _check(self, levels: Sequence[Level], seeds: Sequence[int]) -> None:
+        """Raise `TrainingError` for numbers out of range, or lists without rivers."""
+        if not levels or not seeds:
+            raise TrainingError("an imitation needs at least one level and one seed of rivers")
+        for name, number, least in (("steps", self.steps, 1), ("num_envs", self.num_envs, 1), ("seed", self.seed, 0)):
+            if number < least:
+                raise TrainingError(f"{name} must be at least {least}, not {number}")
+
+    def _rules(self, config: ImitationConfig) -> EnvConfig:
+        """Return what the environments draw."""
+        looks = Randomisation(suns=0) if config.varied_looks else None
+        return EnvConfig(observation=config.observation, randomisation=looks)
+
+    def _identity(self, config: ImitationConfig, rules: EnvConfig, seeds: Sequence[int]) -> dict[str, Any]:
+        """Return what distinguishes the run from others, as config.yaml has it."""
+        context = {
+            "levels": list(self.levels),
+            "world_seeds": compact_seeds(seeds),
+            "rivers": "episode",
+            "observation": config.observation,
+            "channels": CHANNELS[config.observation],
+            "render_version": RENDER_VERSION,
+            "env": rules.as_data(),
+        }
+        return {
+            "algorithm": ALGORITHM,
+            "preset": "default",
+            "config": to_plain(config),
+            "steps": self.steps,
+            "seed": self.seed,
+            "num_envs": self.num_envs,
+            "context": context,
+        }

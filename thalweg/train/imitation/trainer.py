@@ -1,0 +1,127 @@
+"""Trainer of an imitation: flights and lessons in turn, with the state from which a run resumes."""
+
+import time
+from typing import Any
+
+import numpy as np
+
+from thalweg.algos.imitation.student import Student
+from thalweg.core.compute.torch_threads import torch_threads
+from thalweg.env import RiverVectorEnv
+from thalweg.train.imitation.flights import Flights
+from thalweg.train.imitation.sequences import SequenceStore
+from thalweg.train.rollouts.collector import done_reason_names, env_seeds, world_names
+from thalweg.train.rollouts.episodes import Episode, EpisodeStatistics, StepRecord
+
+
+class ImitationTrainer:
+    """Flies and learns; it touches no file. For its members see `thalweg.train.trainer.Trainer`."""
+
+    def __init__(self, env: RiverVectorEnv, student: Student, steps: int, seed: int, threads: int) -> None:
+        """Fly `steps` steps, all environments together; `threads` is for learning."""
+        self.env, self.student, self.steps, self.seed, self.threads = env, student, steps, seed, threads
+        self.flights = Flights(env, student, seed)
+        self.store = SequenceStore(student.config.capacity, student.config.sequence)
+        self.statistics = EpisodeStatistics(env.num_envs, world_names(env), done_reason_names(env))
+        self.stages = {"act": 0.0, "env": 0.0, "learn": 0.0, "redraw": 0.0}
+        self.updates, self.seconds = 0, 0.0
+        self.warned: dict[str, str] = {}
+
+    def start(self, state: dict[str, Any] | None = None) -> None:
+        """Reset all environments, or resume from a state."""
+        if state is None:
+            self.flights.reset(env_seeds(self.seed, 0, self.env.num_envs))
+        else:
+            self.load_state(state)
+
+    @property
+    def policy(self) -> Any:
+        """The student's policy."""
+        return self.student.policy
+
+    @property
+    def done(self) -> bool:
+        """Whether all steps are taken."""
+        return self.statistics.steps >= self.steps
+
+    @property
+    def ready(self) -> bool:
+        """Whether sequences are complete."""
+        return self.flights.noted == self.student.config.sequence or (self.done and self.flights.noted > 0)
+
+    def step(self) -> list[Episode]:
+        """Take one action in each environment; returns the episodes that it ended."""
+        config = self.student.config
+        before = time.perf_counter()
+        share = 1.0 - self.statistics.steps / config.teacher_steps if config.teacher_steps else 0.0
+        actions = self.flights.act(max(share, 0.0), config.noise)
+        acted = time.perf_counter()
+        images, reward, terminated, truncated, info = self.env.step(actions)
+        ended = terminated | truncated
+        self.flights.arrive(images, ended)
+        self.stages["act"] += acted - before
+        self.stages["env"] += time.perf_counter() - acted
+        record = StepRecord(
+            reward=reward,
+            cost=info["cost"],
+            costs=info["costs"],
+            terminated=terminated,
+            truncated=truncated,
+            valid=np.ones(self.env.num_envs, bool),
+            finished=np.flatnonzero(ended),
+            reasons=info["done_reason"],
+            rivers=info["river"],
+        )
+        return self.statistics.add(record)
+
+    def update(self) -> dict[str, float]:
+        """Learn from the sequences that were flown, and from stored ones that are drawn anew; returns the losses."""
+        config, student = self.student.config, self.student
+        student.decay(self.statistics.steps / self.steps)
+        sequences = self.flights.sequences()
+        lesson = self.flights.lesson(sequences)
+        student.meet(lesson.privileged.flatten(0, 1))
+        losses = self._learn(lesson)
+        found = dict(losses)
+        replayed = round(config.replay * self.env.num_envs)
+        if self.store.count and replayed:
+            chosen = self.flights.rng.integers(self.store.count, size=replayed)
+            before = time.perf_counter()
+            again = self.flights.drawn_again(self.store.take(chosen), config.corrupted_masks)
+            self.stages["redraw"] += time.perf_counter() - before
+            found |= {f"replayed_{name}": value for name, value in self._learn(again).items()}
+        else:
+            found |= {f"replayed_{name}": float("nan") for name in losses}
+        if len(sequences.fresh) == config.sequence:
+            self.store.add(sequences)
+        self.flights.begin()
+        self.statistics.fresh.clear()
+        self.updates += 1
+        return {**found, "learning_rate": student.optimiser.rate, "stored_steps": self.store.count * config.sequence}
+
+    def _learn(self, lesson: Any) -> dict[str, float]:
+        """Learn from a lesson; returns the losses."""
+        before = time.perf_counter()
+        with torch_threads(self.threads):
+            losses = self.student.learn(lesson)
+        self.stages["learn"] += time.perf_counter() - before
+        return losses
+
+    def state(self) -> dict[str, Any]:
+        """Return everything that the rest of the run depends on; valid between updates."""
+        return {
+            "flights": self.flights.state(),
+            "student": self.student.state(),
+            "store": self.store.state(),
+            "statistics": self.statistics.state(),
+            "updates": self.updates,
+            "seconds": self.seconds,
+        }
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """Restore what `state` returned."""
+        self.statistics.load_state(state["statistics"])
+        self.student.load_state(state["student"])
+        self.store.load_state(state["store"])
+        self.flights.load_state(state["flights"])
+        self.updates, self.seconds = int(state["updates"]), float(state["seconds"])

@@ -1,0 +1,138 @@
+"""A run in its folder: opened or resumed, trained to its end, and its result."""
+
+import math
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.policy import policy as policies
+from thalweg.core.compute.device import resolve_device
+from thalweg.train.errors import ResumeWarning
+from thalweg.train.folder import run_record
+from thalweg.train.folder.checkpoint import load_checkpoint
+from thalweg.train.folder.loggers import RunLog
+from thalweg.train.folder.progress_bar import ProgressBar
+from thalweg.train.loop import AnyTrainer, StatusFile, training_loop
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """Result of a run."""
+
+    folder: Path
+    algorithm: str
+    steps: int
+    """Steps taken, all environments together: the requested number, rounded up to a step of every environment, or to a
+    whole rollout of environments of tensors."""
+    episodes: int
+    return_mean: float
+    """Mean undiscounted return of the last 50 episodes; NaN without episodes."""
+    cost_mean: float
+    """Mean undiscounted cost of the same episodes."""
+    cost_rate: float
+    """Episodes with a cost, per step."""
+    seconds: float
+    """Training time, over all interruptions."""
+    resumed_from: int | None
+    """Step from which this call resumed; None for a run that it started."""
+    already_finished: bool
+    """Whether the run was finished before this call."""
+    warnings: tuple[str, ...]
+    """Problems of the settings, such as a limit that never binds."""
+
+    @property
+    def policy(self) -> Any:
+        """The trained policy."""
+        return load_policy(self.folder)
+
+
+def open_folder(folder: Path, identity: dict[str, Any], threads: int) -> dict[str, Any]:
+    """Create the folder of a run, or check that an existing one is of the same run; returns its status.
+
+    Raises `TrainingError` for the folder of another run, and warns if versions or threads have changed.
+    """
+    description = run_record.describe(identity, threads)
+    existing = run_record.read_config(folder)
+    if existing is None:
+        run_record.write_config(folder, description)
+        return {}
+    run_record.require_same(folder, existing["run"], identity)
+    status = run_record.read_status(folder)
+    before = existing["versions"] | {"threads": existing["machine"]["learning_threads"]}
+    now = run_record.package_versions() | {"threads": threads}
+    if status.get("state") != "finished" and before != now:
+        warnings.warn(
+            f"{folder} was started with {before} and resumes with {now}: "
+            "the numbers may differ from those of an uninterrupted run",
+            ResumeWarning,
+            stacklevel=3,
+        )
+    return status
+
+
+def result_of(folder: Path, status: dict[str, Any], resumed_from: int | None, already_finished: bool) -> RunResult:
+    """Return the result of a run from its status, in which null stands for NaN."""
+    names = ("algorithm", "steps", "episodes", "return_mean", "cost_mean", "cost_rate", "seconds")
+    values: dict[str, Any] = {name: math.nan if status[name] is None else status[name] for name in names}
+    return RunResult(
+        folder=folder,
+        **values,
+        resumed_from=resumed_from,
+        already_finished=already_finished,
+        warnings=tuple(status["warnings"].values()),
+    )
+
+
+def train_to_end(
+    folder: Path, trainer: AnyTrainer, identity: dict[str, Any], *, progress: bool, checkpoint_seconds: float
+) -> RunResult:
+    """Start or resume a run in its folder, and write its policy at the end; `identity` is that of `open_folder`."""
+    checkpoint = load_checkpoint(folder)
+    if checkpoint is None:
+        step, state, log = None, None, RunLog(folder)
+    else:
+        step, state = checkpoint
+        run_record.require_same(folder, state["identity"], identity)
+        log = RunLog(folder, kept_bytes=state["bytes"], step=step)
+    algorithm = identity["algorithm"]
+    status_file = StatusFile(folder, algorithm, trainer)
+    try:
+        trainer.start(state)
+        status_file.write("running")
+        with ProgressBar(f"{algorithm}, seed {trainer.seed}", trainer.steps, shown=progress) as bar:
+            training_loop(trainer, log, bar, status_file, identity, checkpoint_seconds)
+        trainer.policy.save(folder / run_record.POLICY)
+        status = status_file.write("finished")
+    except KeyboardInterrupt:
+        status_file.write("interrupted")
+        raise
+    except Exception as error:
+        status_file.write("failed", error)
+        raise
+    finally:
+        log.close()
+    return result_of(folder, status, resumed_from=step, already_finished=False)
+
+
+def load_policy(path: str | Path, device: str = "cpu") -> Any:
+    """Return the policy in a run's folder or a policy file, on a device.
+
+    Raises `AlgorithmError` if there is none, with the status of the run.
+    """
+    return policies.load_policy(policy_file(path), torch.device(resolve_device(device)))
+
+
+def policy_file(path: str | Path) -> Path:
+    """Return the policy file of a run's folder, or the path of a file itself.
+
+    Raises `AlgorithmError` for a folder without a policy.
+    """
+    path = Path(path)
+    if path.is_dir() and not (path / run_record.POLICY).exists():
+        state = run_record.read_status(path).get("state", "not a run")
+        raise AlgorithmError(f"there is no {run_record.POLICY} in {path} ({state}): it is written when a run finishes")
+    return path / run_record.POLICY if path.is_dir() else path

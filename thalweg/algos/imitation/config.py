@@ -57,6 +57,8 @@ class ImitationConfig:
     """Share of sequences whose masks are corrupted: rectangles of water and land that are not there."""
     varied_looks: bool = True
     """Whether haze, light, water, season, camera angles and noise vary with each episode, and whenever it is drawn."""
+    quality: Literal["fast", "full"] = "fast"
+    """Quality of the frames of training; those that policies are evaluated on are `full`."""
     gate_rivers: Annotated[int, Field(ge=0)] = 300
     """Rivers of each level on which the teacher must fly a random start to its end before anything is learnt."""
 

@@ -20,18 +20,23 @@ from tests.env.handmade import ring
 from tests.render import golden as golden_frames
 from tests.train.small_runs import rows_of, small, train
 from thalweg.algos import ALGORITHMS
+from thalweg.algos.imitation.config import ImitationConfig
+from thalweg.algos.imitation.student import Lesson, Student
 from thalweg.algos.interface import Task
+from thalweg.algos.policy.actions import actions_of
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate
 from thalweg.bench.execute.backend import PACKAGED_POLICY
 from thalweg.core import versions
 from thalweg.core.cache import file_hash
 from thalweg.core.compute.torch_threads import torch_threads
+from thalweg.core.config import parse_config
 from thalweg.encoder import DEFAULT_PATH, load_encoder, train_encoder
 from thalweg.encoder.vae import VAEConfig
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import Renderer
 from thalweg.render.records.quality import QUALITIES
+from thalweg.train.imitation.flights import OPTIONS
 from thalweg.world import World, load_or_build
 
 Trace = dict[str, np.ndarray]
@@ -209,6 +214,33 @@ def packaged_policy() -> Trace:
     return {"file": _digits(PACKAGED_POLICY)}
 
 
+def imitation() -> Trace:
+    """The steady pilot's worths along its flight on Medium, and losses and actions of a student after three lessons."""
+    env = RiverVectorEnv([load_or_build("Medium")], 4, EnvConfig(observation="none"))
+    env.reset(seed=3)
+    worths = []
+    for _ in range(40):
+        worths.append(env.move_worths())
+        env.step(env.pilot_actions("steady"))
+    settings = {"observation": "mask", "filters": [4, 4, 4, 4], "features": 8, "memory_size": 8, "hidden": [8]}
+    config = parse_config(ImitationConfig, settings)
+    student = Student(config, actions_of(env.single_action_space), OPTIONS, (3, 8), seed=0, context={})
+    rng = np.random.default_rng(0)
+    losses = []
+    for _ in range(3):
+        lesson = Lesson(
+            torch.from_numpy(rng.integers(0, 256, (4, 4, 128 * 128 + 4)).astype(np.uint8) % 4),
+            torch.from_numpy(rng.random((4, 4)) < 0.2),
+            torch.zeros(4, 8),
+            torch.from_numpy(rng.normal(size=(4, 4, len(OPTIONS))).astype(np.float32)),
+            torch.from_numpy(rng.normal(size=(4, 4, 3)).astype(np.float32)),
+            torch.from_numpy(rng.integers(0, 2, (4, 4, 8)).astype(np.uint8)),
+        )
+        student.meet(lesson.privileged.flatten(0, 1))
+        losses.append(list(student.learn(lesson).values()))
+    return {"worths": np.maximum(np.array(worths), -100.0), "losses": np.array(losses)}
+
+
 def _digits(path: Path) -> np.ndarray:
     return np.array([int(digit, 16) for digit in file_hash(path)], np.float64)
 
@@ -223,6 +255,7 @@ GOLDENS: dict[str, Golden] = {
     "encoder": Golden("ENCODER", versions.ENCODER, encoder, tolerance=0.05, smallest=0.05),
     "packaged encoder": Golden("PACKAGED_ENCODER", versions.PACKAGED_ENCODER, packaged_encoder, tolerance=0.02),
     "packaged policy": Golden("PACKAGED_POLICY", versions.PACKAGED_POLICY, packaged_policy, tolerance=0.0),
+    "imitation": Golden("IMITATION", versions.IMITATION, imitation),
     **{
         name: Golden(f'ALGORITHMS["{name}"]', versions.ALGORITHMS[name], partial(algorithm, name))
         for name in versions.ALGORITHMS

@@ -8,6 +8,7 @@ from typing import Any
 from thalweg.algos.imitation.config import CHANNELS, ImitationConfig
 from thalweg.algos.imitation.student import ALGORITHM, Student
 from thalweg.algos.policy.actions import actions_of
+from thalweg.core import versions
 from thalweg.core.compute.torch_threads import default_torch_threads, torch_threads
 from thalweg.core.config import parse_config, to_plain
 from thalweg.core.seeds import compact_seeds, parse_seeds
@@ -119,6 +120,7 @@ class Imitation:
             "observation": config.observation,
             "channels": CHANNELS[config.observation],
             "render_version": RENDER_VERSION,
+            "imitation_version": versions.IMITATION,
             "env": rules.as_data(),
         }
         return {

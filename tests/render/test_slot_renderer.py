@@ -7,6 +7,7 @@ import pytest
 
 from tests.render.plain import plane, plants_at
 from thalweg.render import Camera, Renderer, RenderError
+from thalweg.render.records.randomisation import Randomisation
 from thalweg.render.slot_renderer import SlotRenderer
 from thalweg.world import World
 
@@ -40,12 +41,36 @@ def test_worlds_are_replaced_and_others_stay_as_they_were():
         assert not np.array_equal(expected[0], expected[1]) or held[0] == held[1]
 
 
-def test_a_sun_of_another_height_is_refused():
+def under_suns(worlds: list[World]) -> list[World]:
+    """The worlds, with suns of two heights by turns."""
+    return [replace(world, sun_elevation=(0.9, 0.5)[index % 2]) for index, world in enumerate(worlds)]
+
+
+def test_worlds_under_suns_of_different_heights_have_their_own_pictures_of_plants():
+    lit = under_suns([worlds()[0], worlds()[2], worlds()[2], worlds()[0]])
+    together = Renderer(lit, CAMERA)
     slots = SlotRenderer(CAMERA)
     slots.reserve(2)
-    slots.put(0, slots.bake(worlds()[0]))
-    with pytest.raises(RenderError, match="sun of all worlds must stand"):
-        slots.put(1, slots.bake(worlds()[0])._replace(sun_elevation=0.5))
+    held = [0, 0]
+    for slot, world in ((0, 0), (1, 1), (0, 3), (1, 2), (0, 1)):
+        slots.put(slot, slots.bake(lit[world]))
+        held[slot] = world
+    found = frames_of(slots, [0, 1])
+    assert np.array_equal(found, frames_of(together, held))
+    other = Renderer([replace(lit[held[0]], sun_elevation=0.9), lit[held[1]]], CAMERA)
+    assert not np.array_equal(found[0], frames_of(other, [0, 1])[0])
+
+
+def test_each_world_has_a_sun_of_its_own_if_suns_vary():
+    ranges = Randomisation(suns=4)
+    slots = SlotRenderer(CAMERA, randomisation=ranges)
+    slots.reserve(2)
+    for slot, world in enumerate((worlds()[0], worlds()[3])):
+        slots.put(slot, slots.bake(world))
+    lights = [replace(ranges, suns=1).lights(world.seed)[0] for world in (worlds()[0], worlds()[3])]
+    assert lights[0] != lights[1]
+    lit = [world.relit(*light) for world, light in zip((worlds()[0], worlds()[3]), lights, strict=True)]
+    assert np.array_equal(frames_of(slots, [0, 1]), frames_of(Renderer(lit, CAMERA), [0, 1]))
 
 
 def test_a_slot_without_a_world_is_refused():

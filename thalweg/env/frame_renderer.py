@@ -1,7 +1,7 @@
 """Rendering for a vector environment: cameras, appearances and lights of N environments, drawn by one renderer."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,9 +59,12 @@ class FrameRenderer:
         """
         self.slots: SlotRenderer | None = None
         """Where worlds are put that change; None if they do not."""
+        self.worlds, self.randomisation = worlds, config.randomisation
         if changing:
             self.slots = renderer = _slot_renderer(config, renderer)
-        self.worlds, self.randomisation = worlds, config.randomisation
+            if config.randomisation is not None:
+                # Each world has one sun, which is chosen when it is put into a slot.
+                self.randomisation = replace(config.randomisation, suns=0)
         if renderer is not None and not changing:
             if config.randomisation is not None:
                 raise ConfigError("randomisation needs a renderer of its own: give either that or a renderer")
@@ -71,7 +74,7 @@ class FrameRenderer:
             look_rows(config.randomisation.ends, self.camera)  # refuses angles outside the range of a camera
         self._renderer = renderer
         self._quality: Quality = config.quality
-        self.lights = lights_per_world(config.randomisation)
+        self.lights = lights_per_world(self.randomisation)
         """Lights of each world."""
         self.look = look_values(None, num_envs)
         """[N, P] appearance of each environment."""
@@ -116,14 +119,10 @@ class FrameRenderer:
 
 
 def _slot_renderer(config: EnvConfig, renderer: Any) -> SlotRenderer:
-    """Return a renderer of worlds that change; raises `ConfigError` for a given one, and for suns that vary."""
+    """Return a renderer of worlds that change; raises `ConfigError` for a given one."""
     if renderer is not None:
         raise ConfigError("rivers that change need a renderer of their own: leave `renderer` out")
-    if config.randomisation is not None and config.randomisation.suns:
-        raise ConfigError(
-            f"rivers that change have one sun each, but randomisation.suns = {config.randomisation.suns}: set it to 0"
-        )
-    return SlotRenderer(config.camera, config.quality)
+    return SlotRenderer(config.camera, config.quality, config.randomisation)
 
 
 def _check_renderer(renderer: Any, worlds: Sequence[World], config: EnvConfig) -> None:

@@ -209,8 +209,16 @@ def test_what_rivers_that_change_cannot_have_is_refused(easy_world: World):
         RiverVectorEnv(rivers, 1, renderer=BlankRenderer())
     with pytest.raises(ConfigError, match="tensors do not change river"):
         TensorRiverEnv(rivers, 1, device="cpu")  # pyright: ignore[reportArgumentType]
-    with pytest.raises(ConfigError, match=r"randomisation.suns = 3: set it to 0"):
-        RiverVectorEnv(rivers, 1, EnvConfig(randomisation=Randomisation(suns=3)))
+
+
+def test_each_river_that_changes_has_a_sun_of_its_own(easy_world: World):
+    ranges = Randomisation.only(sun_azimuth_deg=(0.0, 360.0), sun_elevation_deg=(25.0, 60.0), suns=3)
+    env = RiverVectorEnv(RiverList([easy_world]), 1, EnvConfig(randomisation=ranges))
+    frames, info = env.reset(seed=0)
+    ((azimuth, elevation),) = replace(ranges, suns=1).lights(easy_world.seed)
+    renderer = Renderer([easy_world.relit(azimuth, elevation)])
+    assert np.array_equal(frames[0], renderer.render(info["pose"], [0], env.state.time_s)[0])
+    env.close()
 
 
 @pytest.mark.parametrize(

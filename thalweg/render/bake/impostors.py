@@ -95,7 +95,12 @@ def atlas(sun_elevation: float) -> Atlas:
     """
     if not 0.0 < sun_elevation <= math.pi / 2:
         raise ValueError(f"sun_elevation must be in (0, pi/2], got {sun_elevation}")
-    return remembered(max(1, round(sun_elevation / ELEVATION_STEP)))
+    return remembered(sun_steps(sun_elevation))
+
+
+def sun_steps(sun_elevation: float) -> int:
+    """Return the height of a sun in steps of ELEVATION_STEP; suns of the same height share an atlas."""
+    return max(1, round(sun_elevation / ELEVATION_STEP))
 
 
 @cache

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from thalweg.render.bake import impostors
 from thalweg.render.bake.scene_tables import build_scene
 from thalweg.render.records.layout import (
     ATLAS_AT,
@@ -41,8 +42,10 @@ COLUMNS = {
 }
 """Tables of each world, and the columns of `Scene.extents` that count their rows. `depth` and `canopy_paint` have the
 rows of the table before them."""
-SHARED = ("ripples", "atlas", "atlas_level", "shade", "outlines", "autumn")
-"""Tables that all worlds share, under suns of the same height."""
+SHARED = ("ripples", "atlas_level", "autumn")
+"""Tables that all worlds share."""
+PICTURES = ("atlas", "shade", "outlines")
+"""Tables of the pictures of plants, which worlds under suns of about the same height share."""
 MARGIN = 1.1
 """Rows of a slot, of those of the largest world so far: worlds of a level differ a little."""
 
@@ -57,8 +60,9 @@ class WorldTables(NamedTuple):
     tables: dict[str, np.ndarray]
     """Those of `COLUMNS`."""
     shared: dict[str, np.ndarray]
-    """Those of `SHARED`."""
-    sun_elevation: float
+    """Those of `SHARED` and `PICTURES`; empty if the slots have had them for this height of the sun."""
+    sun_steps: int
+    """Height of the sun, as atlases count it."""
 
     @property
     def nbytes(self) -> int:
@@ -67,12 +71,14 @@ class WorldTables(NamedTuple):
 
 
 class SceneSlots:
-    """Tables of up to K worlds under suns of the same height."""
+    """Tables of up to K worlds."""
 
     def __init__(self) -> None:
         self._rows: dict[str, int] = {}
         """Rows of a slot in each table."""
-        self._elevation: float | None = None
+        self._shared: dict[str, np.ndarray] = {}
+        self._pictures: dict[int, tuple[int, int]] = {}
+        """First rows in `atlas` and `shade` of the pictures for each height of the sun."""
         self.scene: Scene | None = None
         """The tables that the kernels read; another record after `put` if a world was too large for its slot."""
 
@@ -85,17 +91,16 @@ class SceneSlots:
     def bake(self, world: World) -> WorldTables:
         """Return the tables of a world; may be called in another thread."""
         scene = build_scene([world])
-        tables, shared = ({name: getattr(scene, name) for name in names} for names in (COLUMNS, SHARED))
-        if self.scene is not None and world.sun_elevation == self._elevation:
-            shared = {}  # they are there already
-        return WorldTables(scene.extents[0], scene.constants[0], tables, shared, world.sun_elevation)
+        steps = impostors.sun_steps(world.sun_elevation)
+        names = () if steps in self._pictures else (*SHARED, *PICTURES)
+        tables, shared = ({name: getattr(scene, name) for name in each} for each in (COLUMNS, names))
+        return WorldTables(scene.extents[0], scene.constants[0], tables, shared, steps)
 
     def put(self, slot: int, world: WorldTables) -> None:
-        """Replace the tables of a slot; raises `ValueError` for a sun of another height."""
-        if self._elevation is None:
-            self._elevation, self._shared = world.sun_elevation, world.shared
-        if world.sun_elevation != self._elevation:
-            raise ValueError(f"the sun of all worlds must stand {self._elevation} rad high, not {world.sun_elevation}")
+        """Replace the tables of a slot."""
+        added = world.sun_steps not in self._pictures
+        if added:
+            self._add_pictures(world)
         grown = [name for name, table in world.tables.items() if len(table) > self._rows.get(name, -1)]
         for name in grown:
             self._grow(name, world)
@@ -104,10 +109,20 @@ class SceneSlots:
             begin = slot * self._rows[name]
             self._tables[name][begin : begin + len(table)] = table
             extents[list(COLUMNS[name])] += begin
-        extents[[ATLAS_AT, SHADE_AT]] = 0
+        extents[[ATLAS_AT, SHADE_AT]] = self._pictures[world.sun_steps]
         self._extents[slot], self._constants[slot] = extents, world.constants
-        if grown or self.scene is None:
+        if grown or added or self.scene is None:
             self.scene = Scene(extents=self._extents, constants=self._constants, **self._tables, **self._shared)
+
+    def _add_pictures(self, world: WorldTables) -> None:
+        """Add the pictures of plants under a sun of another height to those that are there."""
+        if not self._pictures:
+            self._shared = dict(world.shared)
+            self._pictures[world.sun_steps] = 0, 0
+            return
+        self._pictures[world.sun_steps] = len(self._shared["atlas"]), len(self._shared["shade"])
+        for name in PICTURES:
+            self._shared[name] = np.concatenate([self._shared[name], world.shared[name]])
 
     def _grow(self, name: str, world: WorldTables) -> None:
         """Enlarge each slot of a table so that a world fits, and move what is there."""

@@ -108,7 +108,7 @@ class Imitation:
 
     def _rules(self, config: ImitationConfig) -> EnvConfig:
         """Return what the environments draw."""
-        looks = Randomisation(suns=0) if config.varied_looks else None
+        looks = Randomisation() if config.varied_looks else None
         return EnvConfig(observation=config.observation, randomisation=looks, quality=config.quality)
 
     def _identity(self, config: ImitationConfig, rules: EnvConfig, seeds: Sequence[int]) -> dict[str, Any]:

@@ -50,7 +50,7 @@ def write(folder: Path, suite: Suite = SUITE) -> Path:
             write_episodes(path, flights(run.algorithm, run.seed, trial.level, trial.condition.unseen))
     write_runs(folder, rows)
     arms = {arm.label: arm.algorithm for arm in suite.arms}
-    record_current_versions(folder, arms, sees_frames=suite.observation == "frames")
+    record_current_versions(folder, arms, observation=suite.observation)
     return folder
 
 
@@ -207,6 +207,19 @@ def test_policies_of_the_privileged_observation_are_ranked_among_themselves(tmp_
     ]
     assert "## With the privileged observation" not in leaderboard(folders[:1])
     assert "No row is complete yet." in leaderboard(folders[1:])
+
+
+def test_policies_of_images_are_ranked_with_those_of_frames_and_say_which_images(tmp_path: Path):
+    folders = [write(tmp_path / "mine"), write(tmp_path / "eyes", replace(SUITE, arms=ARMS[1:2]))]
+    suite = json.loads((folders[1] / "suite.json").read_text())
+    (folders[1] / "suite.json").write_text(json.dumps(suite | {"observation": "rgb+mask"}))
+    record_current_versions(folders[1], observation="rgb+mask")
+    page = leaderboard(folders)
+    assert "## With the privileged observation" not in page and "## Not ranked" not in page
+    rows = [tuple(cell.strip() for cell in line.split("|")[1:4]) for line in page.splitlines() if line[:1] == "|"][2:]
+    assert rows == [
+        ("1", "FOCOPS", "mine"), ("2", "FOCOPS (rgb+mask)", "eyes"), ("3", "P3O", "mine"), ("4", "PPO", "mine"),
+    ]  # fmt: skip
 
 
 def test_the_page_in_the_docs_is_what_its_command_writes(monkeypatch: pytest.MonkeyPatch):

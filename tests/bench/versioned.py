@@ -10,14 +10,14 @@ from thalweg.core.versions import ALGORITHMS
 
 
 def record_current_versions(
-    folder: Path, arms: Mapping[str, str] | None = None, seeds: int = 4, *, sees_frames: bool = True
+    folder: Path, arms: Mapping[str, str] | None = None, seeds: int = 4, *, observation: str = "frames"
 ) -> None:
     """Let the results of all policies have the current versions; `arms` are algorithms by the names of their
-    arms, each with so many `seeds`, that see frames or not."""
+    arms, each with so many `seeds`, that see an `observation`."""
     made = {f"{name}-0": current_versions("baseline", ()) for name in BASELINES}
     made[f"{PACKAGED}-0"] = current_versions("packaged", ())
     for name, algorithm in ({name: name for name in ALGORITHMS} | dict(arms or {})).items():
         made |= {
-            f"{name}-{seed}": current_versions("train", [algorithm], sees_frames=sees_frames) for seed in range(seeds)
+            f"{name}-{seed}": current_versions("train", [algorithm], observation=observation) for seed in range(seeds)
         }
     write_versions(folder, made)

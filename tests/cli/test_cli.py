@@ -418,6 +418,36 @@ def test_a_policy_of_the_privileged_observation_is_trained_and_evaluated_without
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("place", ["policy.safetensors", ""], ids=["file", "folder"])
+def test_a_policy_of_images_is_evaluated_without_an_encoder(
+    place: str, tmp_path: Path, easy_world: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    from tests.image_policies import image_policy
+    from thalweg.bench.evaluate.episodes import read_episodes
+    from thalweg.env import EnvConfig, RiverVectorEnv
+
+    def loaded(*_: object, **__: object):
+        raise AssertionError("an encoder was loaded")
+
+    monkeypatch.setattr("thalweg.train.river.load_encoder", loaded)
+    policy, out = image_policy("mask"), tmp_path / "rows.csv"
+    policy.save(tmp_path / "policy.safetensors")
+    given = ["evaluate", str(tmp_path / place), "--levels", "easy", "--episodes", "2", "--deterministic"]
+    assert main([*given, "--out", str(out)]) == 0
+    env = RiverVectorEnv([easy_world], 1, EnvConfig(observation="mask"))
+    for row in read_episodes(out):
+        obs, _ = env.reset(seed=0, options={"pose": [row.x, row.y, row.z, row.yaw]})
+        player, return_, ended, length = policy.player(1, deterministic=True), 0.0, np.zeros(1, bool), 0
+        while not ended[0]:
+            obs, reward, terminated, truncated, _ = env.step(player(obs, np.array([length == 0])))
+            return_, ended, length = return_ + float(reward[0]), terminated | truncated, length + 1
+        assert (row.return_, row.length) == (return_, length)
+    capsys.readouterr()
+    assert main([*given, "--encoder", "mine.safetensors"]) == 2
+    message = f"{tmp_path / place} sees images (mask), not codes of an encoder: leave --encoder mine.safetensors out"
+    assert message in capsys.readouterr().err
+
+
 def test_options_of_a_river_are_typed_again_as_they_were_given():
     options = RiverFile(Path("a river.geojson"), width_m=6.0, start_m=1234.5678, length_m=1e6, smooth_m=0.1)
     typed = ["--width-m", "6", "--start-m", "1234.5678", "--length-m", "1000000", "--smooth-m", "0.1"]

@@ -142,7 +142,7 @@ PRIVILEGED = {"observation": "privileged", "privileged_version": versions.PRIVIL
         (
             policy_with(9, {"observation": "lidar"}),
             None,
-            "trained on the observation 'lidar'; on rivers policies see frames or privileged",
+            "trained on the observation 'lidar'; on rivers policies see frames, privileged, rgb",
         ),
         (
             Policy(37, actions_of(gym.spaces.Discrete(3)), about=About("PPO", {}, PRIVILEGED)),

@@ -20,7 +20,8 @@ from thalweg.bench.results.inference import CONFIDENCE, MIN_SEEDS, Estimate, mea
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
-from thalweg.bench.suite.record import arms_of
+from thalweg.bench.suite.record import arms_of, observation_of
+from thalweg.train.river import FRAMES, IMAGES, PRIVILEGED
 from thalweg.world import LEVELS
 
 LEVEL = "Medium"
@@ -68,8 +69,13 @@ class Entry:
     """Mean over seeds, in the last stage of training; None where it is not known."""
     missing: tuple[str, ...]
     """What the results lack of `REQUIREMENTS`."""
-    privileged: bool = False
-    """Whether the policy sees the privileged observation instead of frames."""
+    observation: str = FRAMES
+    """What the policy sees, see `thalweg.train.river.IN_WORDS`."""
+
+    @property
+    def privileged(self) -> bool:
+        """Whether the policy sees the privileged observation instead of frames."""
+        return self.observation == PRIVILEGED
 
     @property
     def limit_met(self) -> str:
@@ -132,7 +138,7 @@ def _entry(
         returns=returns,
         regret=training_regret(results, name),
         missing=("current versions",) if outdated else tuple(_missing(results, arm, usual, unseen)),
-        privileged=arm["name"] in results.privileged,
+        observation=observation_of(results.suite, arm),
     )
 
 
@@ -212,7 +218,7 @@ def leaderboard(folders: Sequence[Path]) -> str:
         f"A row shows\n\n{requirements}\n",
     ]
     if privileged:
-        paragraphs.append(f"## With the privileged observation\n\n{PRIVILEGED}\n\n{privileged}")
+        paragraphs.append(f"## With the privileged observation\n\n{PRIVILEGED_NOTE}\n\n{privileged}")
     if unranked:
         table = markdown(frame([*COLUMNS, "lacks"], unranked))
         paragraphs.append(f"## Not ranked\n\nThe last column names what these rows lack.\n\n{table}")
@@ -232,8 +238,11 @@ limit the mean cost lies.
 limit, per episode of the last stage. *Versions* is *current* if the row was made with the current versions of
 everything that results depend on. Otherwise it names the versions that differ, and the row is not ranked until it has
 been run again.
+
+Policies see frames through an encoder. The name of one that sees images itself is followed by their channels,
+{" or ".join(f"*({channels})*" for channels in IMAGES)}.
 """
-PRIVILEGED = """These policies see what a perfect camera could tell instead of frames, so they are ranked among
+PRIVILEGED_NOTE = """These policies see what a perfect camera could tell instead of frames, so they are ranked among
 themselves."""
 OTHER_LEVELS = tuple(level for level in LEVELS if level != LEVEL)
 COLUMNS = (
@@ -254,5 +263,5 @@ def _row(entry: Entry) -> list[str]:
     cost = "missing" if entry.cost is None else str(entry.cost)
     regret = "unknown" if entry.regret is None else f"{entry.regret:.2f}"
     rest = [regret, entry.level, f"{entry.steps:,}", str(entry.seeds), entry.versions]
-    policy = f"{entry.policy} (privileged)" if entry.privileged else entry.policy
+    policy = entry.policy if entry.observation == FRAMES else f"{entry.policy} ({entry.observation})"
     return [policy, entry.source, entry.limit_met, cost, *returns, *rest]

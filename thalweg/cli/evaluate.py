@@ -42,7 +42,7 @@ class Evaluate:
     unseen: bool = False
     """Fly on unseen rivers of the levels, on which nothing is trained: one start on each, one river per episode."""
     encoder: Path | None = None
-    """File of the encoder, for policies that see frames; by default the one that comes with the package."""
+    """File of the encoder, for policies that see its codes; by default the one that comes with the package."""
     out: Path | None = None
     """Also write one row per episode to this .csv file, replacing it."""
     device: str = "cpu"
@@ -81,9 +81,9 @@ class Evaluate:
 def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> None:
     """Fly on levels, by name, or on a real river; print the tables, and write the rows if asked to."""
     from thalweg.bench.csv_files import ResultsError
-    from thalweg.bench.evaluate.baselines import BASELINES
+    from thalweg.bench.evaluate.baselines import BASELINES, DRAWN, sight_of
     from thalweg.bench.evaluate.episodes import Episode, write_episodes
-    from thalweg.bench.evaluate.evaluation import Label, encoded_frames, evaluate
+    from thalweg.bench.evaluate.evaluation import Label, evaluate, observation_function
     from thalweg.bench.evaluate.progress import complete, progress_bar, track_episodes
     from thalweg.bench.results.results import Results
     from thalweg.bench.suite.config import PACKAGED
@@ -100,10 +100,10 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     name = command.policy if command.policy in (*BASELINES, PACKAGED) else Path(command.policy).resolve().name
     rows: list[Episode] = []
     for river in rivers:
-        courses, level = _courses(command, river, drawn=encoder is not None)
+        courses, level = _courses(command, river, drawn=sight_of(policy) in DRAWN)
         with progress_bar(console, "episodes") as progress:
             for course in courses:
-                observe = encoded_frames(course.world, encoder) if encoder is not None else None
+                observe = observation_function(policy, course.world, encoder, command.device)
                 which = f", river {course.world.seed}" if command.unseen or len(command.seeds) > 1 else ""
                 on_step = track_episodes(progress, f"{name} on {level}{which}", len(course.starts))
                 label = Label(name, command.seed, level)
@@ -117,18 +117,20 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
 
 
 def _encoder_for(policy: "Policy", command: Evaluate) -> "Encoder | None":
-    """Return the encoder whose codes a policy sees, None for one that sees no frames.
+    """Return the encoder whose codes a policy sees, None for one that sees none.
 
-    Raises `UsageError` for an encoder that a policy of the privileged observation is given, and the errors of
-    `load_compatible_encoder` and `check_policy_fits`.
+    Raises `UsageError` for an encoder that a policy of the privileged observation or of images is given, and the errors
+    of `load_compatible_encoder` and `check_policy_fits`.
     """
     from thalweg.bench.evaluate.baselines import sight_of
-    from thalweg.train.river import check_policy_fits, load_compatible_encoder
+    from thalweg.train.river import IN_WORDS, check_policy_fits, load_compatible_encoder, observation_of
 
     sight = sight_of(policy)
-    if sight == "privileged" and command.encoder is not None:
+    if sight in ("privileged", "images") and command.encoder is not None:
+        instead = "frames" if sight == "privileged" else "codes of an encoder"
         raise UsageError(
-            f"{command.policy} sees the privileged observation, not frames: leave --encoder {command.encoder} out"
+            f"{command.policy} sees {IN_WORDS[observation_of(policy)]}, not {instead}: leave --encoder"
+            f" {command.encoder} out"
         )
     encoder = load_compatible_encoder(command.encoder, command.device) if sight == "frames" else None
     check_policy_fits(policy, encoder)

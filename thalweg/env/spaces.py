@@ -10,6 +10,8 @@ from thalweg.env.task.ideal_eye import FEATURES
 BRANCHES = ("vertical", "yaw", "longitudinal", "lateral")
 """Branches of an action. Options 0, 1, 2: up, none, down; left, none, right; forward, none, backward; left, none,
 right."""
+CHANNELS = {"rgb+mask": 4, "rgb": 3, "mask": 1}
+"""Channels of the observations that are one image."""
 
 
 class ActionError(ValueError):
@@ -76,7 +78,7 @@ def observation_space(kind: str, height_px: int, width_px: int) -> gymnasium.spa
         return gymnasium.spaces.Box(-np.inf, np.inf, (len(FEATURES),), np.float32)
     if kind == "none":
         return gymnasium.spaces.Box(-np.inf, np.inf, (4,), np.float64)
-    return image({"rgb+mask": 4, "rgb": 3, "mask": 1}[kind])
+    return image(CHANNELS[kind])
 
 
 def frames_to_observations(kind: str, frames: np.ndarray) -> Any:

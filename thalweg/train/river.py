@@ -18,8 +18,10 @@ from thalweg.core.compute.torch_threads import default_torch_threads
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import Encoder, check_render_version, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.config import DEFAULT_CONFIG
 from thalweg.env.rivers.assignment import DrawnRivers
 from thalweg.env.rivers.river_list import RiverList
+from thalweg.env.spaces import CHANNELS
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION, compilation
 from thalweg.train.errors import TrainingError
@@ -32,10 +34,12 @@ from thalweg.world.store.world_cache import cache_path
 
 BRANCHES = (3, 3, 3, 3)
 """Number of options of each branch of an action: vertical, yaw, longitudinal, lateral."""
-FRAMES, PRIVILEGED = "frames", "privileged"
-"""What a policy of the river task sees: frames through an encoder, or the privileged observation, which draws nothing
-(`thalweg.env.task.ideal_eye`)."""
-IN_WORDS = {FRAMES: "frames through an encoder", PRIVILEGED: "the privileged observation"}
+FRAMES, PRIVILEGED, IMAGES = "frames", "privileged", tuple(CHANNELS)
+"""What a policy of the river task sees: frames through an encoder, the privileged observation, which draws nothing
+(`thalweg.env.task.ideal_eye`), or, with convolutions of its own, images: `rgb+mask`, `rgb` or `mask`."""
+IN_WORDS = {FRAMES: "frames through an encoder", PRIVILEGED: "the privileged observation"} | {
+    channels: f"images ({channels})" for channels in IMAGES
+}
 
 
 def load_compatible_encoder(path: Path | None = None, device: str = "cpu") -> Encoder:
@@ -57,43 +61,43 @@ def encoder_hash(encoder: Encoder) -> str:
 
 
 def observation_of(policy: Any) -> str:
-    """Return what a policy was trained on, `FRAMES` or `PRIVILEGED`; raises `TrainingError` for anything else.
+    """Return what a policy was trained on: `FRAMES`, `PRIVILEGED` or one of `IMAGES`.
 
-    A policy that does not say it sees frames: files of earlier versions knew nothing else.
+    A policy that does not say it sees frames: files of earlier versions knew nothing else. Raises `TrainingError` for
+    any other observation, and for a policy with convolutions that does not say which images it sees.
     """
     found = _context_of(policy).get("observation", FRAMES)
-    if found not in (FRAMES, PRIVILEGED):
+    if found not in (FRAMES, PRIVILEGED, *IMAGES):
         raise TrainingError(
-            f"the policy was trained on the observation {found!r}; on rivers policies see {FRAMES} or {PRIVILEGED}"
+            f"the policy was trained on the observation {found!r}; on rivers policies see {FRAMES}, {PRIVILEGED},"
+            f" {', '.join(IMAGES)}"
+        )
+    if _image_of(policy) is not None and found not in IMAGES:
+        raise TrainingError(
+            f"the policy takes images, but does not say which: its context has the observation {found!r} instead of one"
+            f" of {', '.join(IMAGES)}"
         )
     return found
 
 
-def check_policy_fits(policy: Any, encoder: Encoder | None) -> None:
+def check_policy_fits(policy: Any, encoder: Encoder | None, *, offered: str | None = None) -> None:
     """Raise `TrainingError` unless a policy fits an observation and the actions of the river task.
 
-    The observation is the codes of the encoder, or for None the privileged one. A policy without spaces, such as a
-    baseline, always fits.
+    The observation is the codes of the encoder. For None it is `offered`, by default images for a policy of images, and
+    the privileged observation for any other. A policy without spaces, such as a baseline, always fits.
     """
-    context = _context_of(policy)
-    seen, offered = observation_of(policy), PRIVILEGED if encoder is None else FRAMES
+    context, seen = _context_of(policy), observation_of(policy)
+    if encoder is not None:
+        offered = FRAMES
+    elif offered is None:
+        offered = seen if seen in IMAGES else PRIVILEGED
     if seen != offered and ("observation" in context or "encoder" in context):
         raise TrainingError(
             f"the policy was trained on {IN_WORDS[seen]}, but here it would see {IN_WORDS[offered]};"
             f" choose {IN_WORDS[seen]}, or another policy"
         )
-    made_with = context.get("privileged_version", 1)
-    if seen == PRIVILEGED and made_with != versions.PRIVILEGED:
-        raise TrainingError(
-            f"the policy was trained on version {made_with} of the privileged observation, but this is version"
-            f" {versions.PRIVILEGED}; train it again"
-        )
-    size, offers = len(FEATURES), "privileged observation has"
-    if encoder is not None:
-        size, offers = encoder.latent, "encoder returns"
-    obs_size = getattr(policy, "obs_size", size)
-    if obs_size != size:
-        raise TrainingError(f"the policy takes {obs_size} numbers, but the {offers} {size}")
+    _check_versions(seen, context)
+    _check_inputs(policy, offered, encoder)
     actions: Actions | None = getattr(policy, "actions", None)
     if actions is not None and (actions.sizes, actions.start, actions.shape) != (BRANCHES, (0, 0, 0, 0), (4,)):
         found = f"{actions.sizes} from {actions.start}" if actions.sizes else f"a Box of shape {actions.shape}"
@@ -104,6 +108,44 @@ def check_policy_fits(policy: Any, encoder: Encoder | None) -> None:
             f"the policy was trained on the codes of encoder {trained_with}, but this is encoder {current};"
             " use the encoder that it was trained with"
         )
+
+
+def _check_versions(seen: str, context: dict[str, Any]) -> None:
+    """Raise `TrainingError` if what a policy sees was of another version in its training."""
+    made_with = context.get("privileged_version", 1)
+    if seen == PRIVILEGED and made_with != versions.PRIVILEGED:
+        raise TrainingError(
+            f"the policy was trained on version {made_with} of the privileged observation, but this is version"
+            f" {versions.PRIVILEGED}; train it again"
+        )
+    drawn_with = context.get("render_version")
+    if seen in IMAGES and drawn_with != RENDER_VERSION:
+        raise TrainingError(
+            f"the policy was trained on images of renderer version {drawn_with}, but the renderer is version"
+            f" {RENDER_VERSION}; train it again"
+        )
+
+
+def _check_inputs(policy: Any, offered: str, encoder: Encoder | None) -> None:
+    """Raise `TrainingError` unless a policy takes as many numbers, or images of the shape, that it is offered."""
+    if offered in IMAGES:
+        camera = DEFAULT_CONFIG.camera
+        needed = (camera.height_px, camera.width_px, CHANNELS[offered])
+        offers = f"{IN_WORDS[offered]} have the shape"
+    elif encoder is None:
+        needed, offers = len(FEATURES), "privileged observation has"
+    else:
+        needed, offers = encoder.latent, "encoder returns"
+    takes = _image_of(policy) or getattr(policy, "obs_size", needed)
+    if takes != needed:
+        found = f"images of the shape {takes}" if _image_of(policy) else f"{takes} numbers"
+        raise TrainingError(f"the policy takes {found}, but the {offers} {needed}")
+
+
+def _image_of(policy: Any) -> tuple[int, int, int] | None:
+    """Return H, W, C of the images that a policy with convolutions takes; None for any other."""
+    eyes = getattr(getattr(policy, "shape", None), "eyes", None)
+    return None if eyes is None else eyes.image
 
 
 def _context_of(policy: Any) -> dict[str, Any]:
@@ -249,7 +291,7 @@ class RiverTraining:
         existing = (read_config(folder) or {"run": {}})["run"].get("context", {})
         RUN_FOLDER.require_same_file(folder, existing.get("river", {}), context.get("river", {}))
         if begin_with is not None:
-            check_policy_fits(load_policy(begin_with), encoder)
+            check_policy_fits(load_policy(begin_with), encoder, offered=PRIVILEGED)
         device = resolve_device(device)
         env = self._envs(encoder, device, critic_info=has_asymmetric_critics(resolved))
         try:

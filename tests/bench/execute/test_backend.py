@@ -9,12 +9,14 @@ import pytest
 from gymnasium.spaces import MultiDiscrete
 
 from tests.env import handmade
+from tests.image_policies import image_policy
 from thalweg.algos import Policy
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.policy_file import About
 from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.evaluate import evaluation
 from thalweg.bench.evaluate.baselines import BASELINES
-from thalweg.bench.evaluate.conditions import Trial
+from thalweg.bench.evaluate.conditions import Condition, Trial
 from thalweg.bench.evaluate.evaluation import Course
 from thalweg.bench.execute import backend
 from thalweg.bench.execute.backend import RiverBackend
@@ -24,6 +26,8 @@ from thalweg.bench.suite.config import Arm, Run, Stage, Suite
 from thalweg.core import versions
 from thalweg.env import sample_starts
 from thalweg.env.task.ideal_eye import FEATURES
+from thalweg.render import Camera
+from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import POLICY
 from thalweg.train.river import RiverTraining
 
@@ -50,7 +54,12 @@ def test_only_rivers_whose_frames_are_seen_have_land(tmp_path: Path, monkeypatch
     for policy in (BASELINES["hover"], BASELINES["pilot"], Policy(4, actions_of(MultiDiscrete([3, 3, 3, 3])))):
         monkeypatch.setattr(place, "policy", lambda *_, given=policy: given)
         place.evaluate(RUN, tmp_path, Trial("Easy"), lambda _: None)
-    assert asked == [False, False, True]
+    monkeypatch.setattr(place, "policy", lambda *_: image_policy("mask"))
+    monkeypatch.setattr(
+        place, "observers", lambda *_: [lambda step: np.zeros((len(step.flying), 128, 128, 1), np.uint8)]
+    )
+    place.evaluate(RUN, tmp_path, Trial("Easy"), lambda _: None)
+    assert asked == [False, False, True, True]
 
 
 def test_the_film_shows_the_very_flight_of_its_row(
@@ -147,3 +156,66 @@ def test_a_policy_of_the_privileged_observation_is_flown_and_filmed_without_an_e
     rivers.film(run, tmp_path, row, tmp_path / "film.mp4", lambda: None, shape=SMALL)
     ((flight, title),) = filmed
     assert (flight.episode, title, len(flight.poses)) == (row, "PPO, seed 0", row.length)
+
+
+class Drawn(handmade.BlankRenderer):
+    """A renderer that writes down the channels and the haze of what it draws."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.camera = Camera()
+        self.channels: set[int] = set()
+        self.looks: set[tuple[float, ...]] = set()
+
+    def render_tensors(self, views: Any, out: Any) -> None:
+        self.channels.add(out.shape[-1])
+        self.looks |= {tuple(look) for look in views[3].tolist()}
+        super().render_tensors(views, out)
+
+
+@pytest.fixture
+def renderers(rivers: RiverBackend, monkeypatch: pytest.MonkeyPatch) -> list[Drawn]:
+    """The renderers that a backend makes, which needs no encoder for policies of images."""
+    made: list[Drawn] = []
+
+    def loaded() -> None:
+        raise AssertionError("an encoder was loaded")
+
+    monkeypatch.setattr(backend, "load_compatible_encoder", loaded)
+    monkeypatch.setattr(evaluation, "Renderer", lambda *_, **__: made.append(Drawn()) or made[-1])
+    return made
+
+
+def test_a_policy_of_images_is_flown_and_filmed_without_an_encoder(
+    rivers: RiverBackend, renderers: list[Drawn], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    filmed: list[Any] = []
+    monkeypatch.setattr(film, "write_film", lambda path, world, flight, title, **_: filmed.append(flight))
+    image_policy("mask").save(tmp_path / POLICY)
+    run = Run("train", "PPO", 0)
+    row = rivers.evaluate(run, tmp_path, Trial("Easy"), lambda _: None)[2]
+    rivers.film(run, tmp_path, row, tmp_path / "film.mp4", lambda: None, shape=SMALL)
+    assert [flight.episode for flight in filmed] == [row]
+    assert [renderer.channels for renderer in renderers] == [{1}]  # the film needs no second one
+
+
+def test_policies_of_different_images_do_not_share_a_view(rivers: RiverBackend, renderers: list[Drawn], tmp_path: Path):
+    for images in ("mask", "rgb", "rgb+mask", "mask"):
+        image_policy(images).save(tmp_path / POLICY)
+        rivers.evaluate(Run("train", "PPO", 0), tmp_path, Trial("Easy"), lambda _: None)
+    assert [renderer.channels for renderer in renderers] == [{1}, {4}, {4}]
+
+
+def test_a_policy_of_images_sees_the_appearance_of_each_start(
+    rivers: RiverBackend, renderers: list[Drawn], tmp_path: Path
+):
+    image_policy("rgb").save(tmp_path / POLICY)
+    trial = Trial("Easy", Condition("haze", varied=("haze",)))
+    rows = rivers.evaluate(Run("train", "PPO", 0), tmp_path, trial, lambda _: None)
+    assert len(rows) == len(renderers[0].looks) == 4
+
+
+def test_a_policy_of_images_of_another_renderer_is_not_flown(rivers: RiverBackend, tmp_path: Path):
+    image_policy(render_version=versions.RENDER + 1).save(tmp_path / POLICY)
+    with pytest.raises(TrainingError, match=f"images of renderer version {versions.RENDER + 1}, but the renderer is"):
+        rivers.evaluate(Run("train", "PPO", 0), tmp_path, Trial("Easy"), lambda _: None)

@@ -18,7 +18,7 @@ from thalweg.bench.report.result_tables import paper_table
 from thalweg.bench.results import outdated, run_versions
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
-from thalweg.bench.results.run_versions import read_versions
+from thalweg.bench.results.run_versions import current_versions, read_versions
 from thalweg.core import versions
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
@@ -96,6 +96,12 @@ def test_runs_that_see_no_frames_depend_on_neither_renderer_nor_encoder(
     backend = SmallBackend()
     run_suite(suite, tmp_path, backend)
     assert calls(backend, "train") == ["FOCOPS-0", "FOCOPS-1"]
+
+
+def test_runs_that_see_images_depend_on_the_renderer_but_not_on_the_encoder():
+    images, codes = (current_versions("train", ["FOCOPS"], observation=seen) for seen in ("rgb", "frames"))
+    assert images | {"encoder": versions.PACKAGED_ENCODER} == codes
+    assert images["render"] == versions.RENDER and "encoder" not in images
 
 
 def test_outdated_runs_are_shown_under_names_of_their_own(folder: Path, newer_frames: str):

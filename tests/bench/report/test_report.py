@@ -46,7 +46,7 @@ def with_suite(folder: Path, **changes: object) -> None:
     """Change keys of the suite of some results; runs of PPO have the versions of what it then sees."""
     suite = json.loads((folder / "suite.json").read_text())
     (folder / "suite.json").write_text(json.dumps(suite | changes))
-    record_current_versions(folder, sees_frames=changes.get("observation", "frames") == "frames")
+    record_current_versions(folder, observation=str(changes.get("observation", "frames")))
 
 
 def test_published_figures_of_frames_do_not_stand_below_policies_that_see_none(tiny_results: Path):
@@ -65,12 +65,20 @@ def test_the_page_says_which_policies_see_no_frames(tiny_results: Path):
     arms = [{"name": "PPO", "algorithm": "PPO", "seeds": [0, 1], "steps": 400}, eye]
     with_suite(tiny_results, arms=arms, observation="frames")
     assert f" eye {said}" in write_report(tiny_results).page.read_text()
+    with_suite(tiny_results, arms=[arms[0], eye | {"observation": "rgb"}], observation="frames")
+    page = write_report(tiny_results).page.read_text()
+    assert " eye see images (rgb) instead of codes of frames." in page and said not in page
 
 
 def test_conditions_of_the_appearance_are_not_planned_for_policies_that_see_no_frames(tiny_results: Path):
     haze, mode = ({"name": name, "levels": ["Easy"], "rivers": {}, "blind": False} for name in ("haze", "mode"))
     conditions = [haze | {"varied": ["haze"]}, mode | {"varied": []}]
-    for changes, flown in (({}, {"", "haze", "mode"}), ({"observation": "privileged"}, {"", "mode"})):
+    every = {"", "haze", "mode"}
+    for changes, flown in (
+        ({}, every),
+        ({"observation": "privileged"}, {"", "mode"}),
+        ({"observation": "rgb"}, every),
+    ):
         with_suite(tiny_results, conditions=conditions, **changes)
         planned = read_results(tiny_results).planned_flights
         assert {condition for condition, name, *_ in planned if name == "PPO"} == flown

@@ -38,3 +38,9 @@ def test_the_observation_is_a_column_where_it_is_not_frames_for_all():
     table = algorithm_table(Results(Path(), suite, [], [], [], [])).text
     assert table["observation"].tolist() == ["privileged", "frames"]
     assert table["policy"].tolist() == ["PPO", "CUP-frames"]
+
+
+def test_policies_that_see_images_are_told_from_those_that_see_codes_of_frames():
+    arms = [Arm("PPO").as_data(), Arm("CUP").as_data() | {"observation": "rgb+mask"}]
+    table = algorithm_table(Results(Path(), {"name": "it", "arms": arms}, [], [], [], [])).text
+    assert table["observation"].tolist() == ["frames", "rgb+mask"]

@@ -9,11 +9,13 @@ import numpy as np
 import torch
 
 from thalweg.algos.policy.policy import Player
-from thalweg.train.river import PRIVILEGED, observation_of
+from thalweg.train.river import IMAGES, PRIVILEGED, observation_of
 
-Sight = Literal["nothing", "scripted", "steady", "privileged", "frames"]
+Sight = Literal["nothing", "scripted", "steady", "privileged", "frames", "images"]
 """Observation of a policy: nothing, the scripted or the steady pilot's actions, the privileged observation
-(`thalweg.env.task.ideal_eye`), or latents of frames (the default)."""
+(`thalweg.env.task.ideal_eye`), latents of frames (the default), or images."""
+DRAWN: tuple[Sight, ...] = ("frames", "images")
+"""Observations for which frames are drawn."""
 
 NONE, FORWARD = 1, 0
 """Values of an action branch: 0 up, left or forward; 1 none; 2 down, right or backward."""
@@ -32,7 +34,7 @@ class Policy(Protocol):
     """A policy without memory."""
 
     def act(self, obs: np.ndarray, *, deterministic: bool, generator: torch.Generator) -> np.ndarray:
-        """Return actions int [N, 4] for observations float32 [N, D]."""
+        """Return actions int [N, 4] for observations float32 [N, D], or images uint8 [N, H, W, C]."""
         ...
 
 
@@ -43,7 +45,10 @@ def sight_of(policy: Any) -> Sight:
     """
     if hasattr(policy, "sees"):
         return policy.sees
-    return "privileged" if observation_of(policy) == PRIVILEGED else "frames"
+    seen = observation_of(policy)
+    if seen in IMAGES:
+        return "images"
+    return "privileged" if seen == PRIVILEGED else "frames"
 
 
 class Random:

@@ -16,8 +16,9 @@ from pydantic import Field, InstanceOf
 
 from thalweg.algos.policy.policy import Player
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.evaluate.baselines import Policy, RecurrentPolicy, Sight, sight_of
+from thalweg.bench.evaluate.baselines import DRAWN, Policy, RecurrentPolicy, Sight, sight_of
 from thalweg.bench.evaluate.episodes import END_COLUMNS, REASONS, Episode
+from thalweg.core.compute.device import resolve_device
 from thalweg.core.config import frozen_config
 from thalweg.encoder import Encoder
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
@@ -25,10 +26,11 @@ from thalweg.env.frame_renderer import relit_worlds
 from thalweg.env.initial_poses import CLOCK_RANGE_S
 from thalweg.env.pilot.in_rivers import PILOTS
 from thalweg.env.rivers.bare_river import load_or_plan
+from thalweg.env.spaces import CHANNELS
 from thalweg.render import Renderer
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.randomisation import Randomisation
-from thalweg.train.river import announce_build
+from thalweg.train.river import announce_build, observation_of
 from thalweg.world import Level, World, level_named, load_or_build
 
 EVALUATION, CLOCKS, LOOKS = zlib.crc32(b"evaluation"), zlib.crc32(b"clocks"), zlib.crc32(b"looks")
@@ -167,7 +169,8 @@ class Step:
 
 
 Observe = Callable[[Step], np.ndarray]
-"""A function from the state before a step to observations [K, D]; rows do not depend on one another."""
+"""A function from the state before a step to observations [K, D], or images uint8 [K, H, W, C]; rows do not depend on
+one another."""
 
 
 def episode_generator(label: Label, index: int) -> torch.Generator:
@@ -176,23 +179,63 @@ def episode_generator(label: Label, index: int) -> torch.Generator:
     return torch.Generator().manual_seed(int(entropy.generate_state(1, np.uint64)[0] >> np.uint64(1)))
 
 
+def observation_function(
+    policy: Policy | RecurrentPolicy, scene: World | Course, encoder: Encoder | None, device: str = "cpu"
+) -> Observe | None:
+    """Return the observation function of a policy in a scene; None for a policy for which nothing is drawn.
+
+    Only policies of codes need the `encoder`; frames for them are rendered on its device, and images on the `device`.
+    Raises the errors of `sight_of`, and `ValueError` for a policy of codes without an encoder.
+    """
+    sees = sight_of(policy)
+    if sees == "images":
+        return image_frames(scene, observation_of(policy), device=device)
+    if sees != "frames":
+        return None
+    if encoder is None:
+        raise ValueError("this policy sees frames through an encoder: give one, such as load_encoder()")
+    return encoded_frames(scene, encoder)
+
+
 def encoded_frames(scene: World | Course, encoder: Encoder, renderer: Renderer | None = None) -> Observe:
-    """Return the observation function of a trained policy: latents float32 [K, Z] of the frames at each step.
+    """Return the observation function of a policy of codes: latents float32 [K, Z] of the frames at each step.
 
     On a course, each start has its own appearance; on a world, all have the default one. Frames are rendered on the
     encoder's device and stay there, and only masks if it sees no more; a renderer that is given must be on that device
     too.
     """
+    draw = _frames_of(scene, 1 if encoder.inputs == "mask" else 4, encoder.device, renderer)
+    return lambda step: encoder.of_tensor(draw(step)).cpu().numpy()
+
+
+def image_frames(
+    scene: World | Course, observation: str, renderer: Renderer | None = None, device: str = "cpu"
+) -> Observe:
+    """Return the observation function of a policy of images: uint8 [K, H, W, C] with the channels of the observation.
+
+    `observation` is `rgb+mask`, `rgb` or `mask`, for which only masks are drawn; raises `ValueError` for another one.
+    Appearances are as in `encoded_frames`. A renderer that is given must be on the `device`.
+    """
+    if observation not in CHANNELS:
+        raise ValueError(f"images are {', '.join(CHANNELS)}, not {observation!r}")
+    channels = CHANNELS[observation]
+    draw = _frames_of(scene, 1 if channels == 1 else 4, torch.device(resolve_device(device)), renderer)
+    return lambda step: draw(step)[..., :channels].cpu().numpy()
+
+
+def _frames_of(
+    scene: World | Course, channels: int, device: torch.device, renderer: Renderer | None
+) -> Callable[[Step], torch.Tensor]:
+    """Return a function that draws frames uint8 [K, H, W, channels] on a device; one channel is the mask alone."""
     course = scene if isinstance(scene, Course) else None
     worlds = [scene] if isinstance(scene, World) else scene.lights or [scene.world]
-    renderer = renderer or Renderer(worlds, device=str(encoder.device))
-    camera, device = renderer.camera, encoder.device
-    channels = 1 if encoder.inputs == "mask" else 4
+    renderer = renderer or Renderer(worlds, device=str(device))
+    camera = renderer.camera
 
     def select(array: np.ndarray | None, rows: np.ndarray, default: np.ndarray) -> np.ndarray:
         return np.repeat(default, len(rows), axis=0) if array is None else array[rows]
 
-    def observe(step: Step) -> np.ndarray:
+    def draw(step: Step) -> torch.Tensor:
         rows = step.flying
         looks = select(course.looks if course else None, rows, look_values(None, 1))
         suns = select(course.suns if course else None, rows, np.zeros(1, np.int64))
@@ -201,9 +244,9 @@ def encoded_frames(scene: World | Course, encoder: Encoder, renderer: Renderer |
         frames = torch.empty(size, dtype=torch.uint8, device=device)
         views = tuple(torch.from_numpy(np.ascontiguousarray(array)).to(device) for array in arrays)
         renderer.render_tensors(views, frames)
-        return encoder.of_tensor(frames).cpu().numpy()
+        return frames
 
-    return observe
+    return draw
 
 
 def evaluate(
@@ -217,13 +260,14 @@ def evaluate(
 ) -> list[Episode]:
     """Return one row per start of the course, in the order of the list.
 
-    `observe` gives the observations of policies that see frames, such as `encoded_frames`, and replaces the privileged
-    observation of policies that see that; baselines ignore it. `on_step` is called before every step. Raises
-    `ValueError` for a policy that sees frames if `observe` is None, and the errors of `sight_of`.
+    `observe` gives the observations of policies that see frames or images, see `observation_function`, and replaces the
+    privileged observation of policies that see that; baselines ignore it. `on_step` is called before every step. Raises
+    `ValueError` for a policy that sees frames or images if `observe` is None, and the errors of `sight_of`.
     """
     sees = sight_of(policy)
-    if sees == "frames" and observe is None:
-        raise ValueError("this policy sees frames: give `observe`, such as encoded_frames(world, load_encoder())")
+    if sees in DRAWN and observe is None:
+        such = "encoded_frames(world, load_encoder())" if sees == "frames" else "image_frames(world, 'rgb+mask')"
+        raise ValueError(f"this policy sees {sees}: give `observe`, such as {such}")
     env = _make_env(course, config, sees)
     players = [_player(policy, episode_generator(label, int(index)), config) for index in course.indices]
     totals = _EpisodeTotals(len(course.starts))
@@ -233,7 +277,7 @@ def evaluate(
         step = Step(flying, state["pose"][flying], state["time_s"][flying], totals.return_[flying])
         if on_step is not None:
             on_step(step)
-        if sees in ("frames", "privileged") and observe is not None:
+        if sees in (*DRAWN, "privileged") and observe is not None:
             obs = observe(step)
         else:
             obs = _observations(env, sees)[flying]
@@ -253,7 +297,7 @@ def _player(policy: Policy | RecurrentPolicy, generator: torch.Generator, config
 
 
 def _observations(env: RiverVectorEnv, sees: Sight) -> np.ndarray:
-    """Return what a policy that sees no frames sees in each slot [N, D]."""
+    """Return what a policy for which nothing is drawn sees in each slot [N, D]."""
     if sees == "privileged":
         return env.observe()
     return env.pilot_actions(sees) if sees in PILOTS else np.zeros((env.num_envs, 0), np.float32)

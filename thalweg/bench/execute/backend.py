@@ -10,16 +10,24 @@ from pathlib import Path
 from typing import Protocol
 
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.evaluate.baselines import BASELINES, Policy, sight_of
+from thalweg.bench.evaluate.baselines import BASELINES, DRAWN, Policy, sight_of
 from thalweg.bench.evaluate.conditions import MAIN, RIVERS, Trial
 from thalweg.bench.evaluate.episodes import Episode
-from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Observe, Step, encoded_frames, evaluate
+from thalweg.bench.evaluate.evaluation import (
+    Course,
+    EvaluationConfig,
+    Label,
+    Observe,
+    Step,
+    evaluate,
+    observation_function,
+)
 from thalweg.bench.pictures.film_format import FilmFormat
 from thalweg.bench.suite.config import Arm, Run, Stage, Suite
 from thalweg.core import versions
 from thalweg.encoder import Encoder
 from thalweg.train import load_policy
-from thalweg.train.river import RiverTraining, check_policy_fits, load_compatible_encoder
+from thalweg.train.river import RiverTraining, check_policy_fits, load_compatible_encoder, observation_of
 
 PACKAGED_POLICY = Path(__file__).with_name("flight.safetensors")
 """The policy that comes with the package."""
@@ -65,14 +73,15 @@ class Backend(Protocol):
 
 
 class RiverBackend:
-    """Trains and flies on rivers, seen through the packaged encoder or by the privileged observation.
+    """Trains on rivers, seen through the packaged encoder or by the privileged observation, and flies on them, also by
+    policies that see images.
 
-    The encoder is loaded when frames are first seen; it and the main views are loaded once.
+    The encoder is loaded when its codes are first seen; it and the main views are loaded once.
     """
 
     def __init__(self, suite: Suite) -> None:
         self.suite = suite
-        self._observers: dict[str, Observe] = {}
+        self._observers: dict[tuple[str, str], Observe | None] = {}
 
     @cached_property
     def encoder(self) -> Encoder:
@@ -120,22 +129,22 @@ class RiverBackend:
             return BASELINES[run.algorithm]
         return load_policy(PACKAGED_POLICY if run.kind == "packaged" else folder)
 
-    def observers(self, trial: Trial, courses: Sequence[Course], policy: Policy) -> list[Observe] | list[None]:
-        """Return the observation function for each course; None for a policy that sees no frames."""
-        if sight_of(policy) != "frames":
-            check_policy_fits(policy, None)
-            return [None] * len(courses)
-        check_policy_fits(policy, self.encoder)
-        if trial.condition != MAIN:
-            return [encoded_frames(course, self.encoder) for course in courses]
-        if trial.level not in self._observers:
-            self._observers[trial.level] = encoded_frames(courses[0].world, self.encoder)
-        return [self._observers[trial.level]]
+    def observers(self, trial: Trial, courses: Sequence[Course], policy: Policy) -> list[Observe | None]:
+        """Return the observation function for each course; None for a policy for which nothing is drawn."""
+        sees = sight_of(policy)
+        encoder = self.encoder if sees == "frames" else None
+        check_policy_fits(policy, encoder)
+        if trial.condition != MAIN or sees not in DRAWN:
+            return [observation_function(policy, course, encoder) for course in courses]
+        view = trial.level, observation_of(policy)
+        if view not in self._observers:
+            self._observers[view] = observation_function(policy, courses[0].world, encoder)
+        return [self._observers[view]]
 
     def evaluate(self, run: Run, folder: Path, trial: Trial, on_step: Callable[[Step], None]) -> list[Episode]:
         """Return the evaluated episodes of the run's policy in a trial."""
         policy, rows = self.policy(run, folder), []
-        courses = self.courses(trial, drawn=sight_of(policy) == "frames")
+        courses = self.courses(trial, drawn=sight_of(policy) in DRAWN)
         label, config = Label(run.algorithm, run.seed, trial.level), self.config(trial)
         waiting = sum(len(course.starts) for course in courses)
         for course, observe in zip(courses, self.observers(trial, courses, policy), strict=True):

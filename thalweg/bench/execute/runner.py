@@ -29,6 +29,7 @@ from thalweg.core.machine import machine_info, package_versions
 from thalweg.core.run_folder import FolderKind
 from thalweg.core.suggestion import did_you_mean
 from thalweg.env import EnvConfig
+from thalweg.train.river import FRAMES
 
 RESULTS_FOLDER = FolderKind("suite", "suite.json", ResultsError)
 
@@ -134,7 +135,7 @@ def _versions_of(suite: Suite, run: Run) -> dict[str, int | None]:
         return current_versions(run.kind, ())
     arm = suite.arm(run.algorithm)
     algorithms = [stage.algorithm for stage in (*arm.before, arm)]
-    return current_versions(run.kind, algorithms, sees_frames=suite.observation_of(run) == "frames")
+    return current_versions(run.kind, algorithms, observation=suite.observation_of(run) or FRAMES)
 
 
 def _prepare(suite: Suite, folder: Path, runs: Sequence[Run], console: Console) -> None:

@@ -17,6 +17,7 @@ from thalweg.bench.report.sections import SECTIONS, FigureSection, FilmSection, 
 from thalweg.bench.report.table import Table, is_published, numeric_columns
 from thalweg.bench.results.results import Results
 from thalweg.bench.suite.record import arms_of
+from thalweg.train.river import FRAMES, PRIVILEGED
 
 HERE = Path(__file__).parent
 PAPER_STEPS = 200_000
@@ -70,11 +71,19 @@ def _introduction(results: Results) -> str:
                 f"This is far fewer than the paper's {PAPER_STEPS:,} steps: it shows that everything runs, not which"
                 " policy is better."
             )
-    if privileged := results.privileged:
-        named = [arm["name"] for arm in arms if arm["name"] in privileged]
-        who = "The trained policies" if len(named) == len(arms) else ", ".join(named)
-        sentences.append(f"{who} see what a perfect camera could tell (the privileged observation) instead of frames.")
-    return " ".join(sentences)
+    return " ".join([*sentences, *_observations(results)])
+
+
+def _observations(results: Results) -> Iterator[str]:
+    """Sentences on what policies see, except for codes of frames."""
+    seen = results.observations
+    for observation in sorted({*seen.values()} - {FRAMES}):
+        named = [name for name, each in seen.items() if each == observation]
+        who = "The trained policies" if len(named) == len(seen) else ", ".join(named)
+        what = f"images ({observation}) instead of codes of frames"
+        if observation == PRIVILEGED:
+            what = "what a perfect camera could tell (the privileged observation) instead of frames"
+        yield f"{who} see {what}."
 
 
 def _contents(

@@ -8,6 +8,7 @@ from thalweg.algos.registry import ALGORITHMS, Entry
 from thalweg.bench.report.table import Cell, Table, frame, table_from_cells
 from thalweg.bench.results.results import RUN_COLUMNS, Results
 from thalweg.bench.suite.record import arms_of
+from thalweg.train.river import FRAMES
 
 DOMAINS = {OnPolicyConfig: "on-policy", OffPolicyConfig: "off-policy", PlanningConfig: "model-based"}
 """The paper's domains, by the base class of their algorithms' configs."""
@@ -30,13 +31,13 @@ def algorithm_table(results: Results) -> Table:
 
     What the policies see is a column where it is not frames for all of them.
     """
-    columns, rows, privileged = ["policy", "domain", "limit kept by", "method"], list[list[Cell]](), results.privileged
+    columns, rows, seen = ["policy", "domain", "limit kept by", "method"], list[list[Cell]](), results.observations
+    differs = any(observation != FRAMES for observation in seen.values())
     for arm in arms_of(results.suite):
         entry = ALGORITHMS.get(arm["algorithm"])
         rest = ["unknown"] * 3 if entry is None else [domain(entry), constraint_method(entry), entry.about]
-        sees = ["privileged" if arm["name"] in privileged else "frames"] if privileged else []
-        rows.append([arm["name"], *rest, *sees])
-    return table_from_cells([*columns, "observation"] if privileged else columns, rows)
+        rows.append([arm["name"], *rest, *([seen[arm["name"]]] if differs else [])])
+    return table_from_cells([*columns, "observation"] if differs else columns, rows)
 
 
 def runs_table(results: Results) -> Table:

@@ -24,7 +24,7 @@ from thalweg.bench.results.results import (
 from thalweg.bench.results.run_versions import Versions, current_versions, read_versions, version_label
 from thalweg.bench.results.statistics import TrainingLog
 from thalweg.bench.suite.config import PACKAGED
-from thalweg.bench.suite.record import arms_of, read_suite, sees_frames
+from thalweg.bench.suite.record import arms_of, observation_of, read_suite
 from thalweg.core.versions import ALGORITHMS
 
 Value = TypeVar("Value")
@@ -179,7 +179,7 @@ def _current(suite: Mapping[str, Any], policy: str, recorded: Versions) -> dict[
     arm = next((arm for arm in arms_of(suite) if arm["name"] == policy), None)
     if arm is not None:
         stages = [stage["algorithm"] for stage in arm.get("before", []) if "algorithm" in stage]
-        return current_versions("train", [*stages, arm["algorithm"]], sees_frames=sees_frames(suite, arm))
+        return current_versions("train", [*stages, arm["algorithm"]], observation=observation_of(suite, arm))
     known = current_versions("train", [name for name in recorded if name in ALGORITHMS]) | current_versions(
         "packaged", ()
     )

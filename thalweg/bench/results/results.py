@@ -21,8 +21,9 @@ from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.results.statistics import TrainingLog
 from thalweg.bench.suite.config import PACKAGED
-from thalweg.bench.suite.record import arms_of, sees_frames
+from thalweg.bench.suite.record import arms_of, observation_of
 from thalweg.core.atomic_io import write_atomic
+from thalweg.train.river import PRIVILEGED
 
 RUN_COLUMNS = ("run", "kind", "algorithm", "seed", "steps", "status", "error", "wall_s", "steps_per_s")
 MAIN_FILM, FILMS = "film", "films"
@@ -151,9 +152,14 @@ class Results:
         }
 
     @property
+    def observations(self) -> dict[str, str]:
+        """What the policies of each arm see, by the arm's name, see `thalweg.train.river.IN_WORDS`."""
+        return {arm["name"]: observation_of(self.suite, arm) for arm in arms_of(self.suite)}
+
+    @property
     def privileged(self) -> set[str]:
         """Names of the arms whose policies see the privileged observation instead of frames."""
-        return {arm["name"] for arm in arms_of(self.suite) if not sees_frames(self.suite, arm)}
+        return {name for name, seen in self.observations.items() if seen == PRIVILEGED}
 
     @property
     def flights(self) -> set[tuple[str, str, int, str]]:

@@ -12,6 +12,7 @@ from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.csv_files import ResultsError
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
+from thalweg.train.river import FRAMES, PRIVILEGED
 
 FILE = "versions.json"
 EVALUATION = "evaluation"
@@ -22,21 +23,24 @@ Versions = Mapping[str, int | None]
 """Versions by what they are of; None for what this copy of Thalweg lacks."""
 
 
-def current_versions(kind: str, algorithms: Iterable[str], *, sees_frames: bool = True) -> dict[str, int | None]:
+def current_versions(kind: str, algorithms: Iterable[str], *, observation: str = FRAMES) -> dict[str, int | None]:
     """The versions that a run of a kind (`train`, `baseline` or `packaged`) depends on.
 
-    `algorithms` are those of all stages of its training. Baselines see no frames, and trained policies only if
-    `sees_frames`; else they see what the ideal eye does, as critics do by default with some algorithms.
+    `algorithms` are those of all stages of its training, `observation` is what a trained policy sees: only codes of
+    frames depend on the encoder, and only the privileged observation does not depend on the renderer. Critics of some
+    algorithms see that too. Baselines see neither.
     """
     rivers: dict[str, int | None] = {"world": versions.WORLD, "rules": versions.RULES, EVALUATION: versions.EVALUATION}
     if kind == "baseline":
         return rivers
-    frames = {"render": versions.RENDER, "encoder": versions.PACKAGED_ENCODER}
+    render, encoder = {"render": versions.RENDER}, {"encoder": versions.PACKAGED_ENCODER}
     if kind == "packaged":
-        return rivers | frames | {"packaged": versions.PACKAGED_POLICY}
+        return rivers | render | encoder | {"packaged": versions.PACKAGED_POLICY}
     learning = {name: versions.ALGORITHMS.get(name) for name in algorithms}
-    eye = {} if sees_frames and not any(map(_has_asymmetric_critics, learning)) else {"privileged": versions.PRIVILEGED}
-    return rivers | (frames if sees_frames else {}) | eye | {"training": versions.TRAINING} | learning
+    seen = (render if observation != PRIVILEGED else {}) | (encoder if observation == FRAMES else {})
+    if observation == PRIVILEGED or any(map(_has_asymmetric_critics, learning)):
+        seen["privileged"] = versions.PRIVILEGED
+    return rivers | seen | {"training": versions.TRAINING} | learning
 
 
 def _has_asymmetric_critics(algorithm: str) -> bool:

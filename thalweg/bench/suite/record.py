@@ -102,9 +102,9 @@ def arms_of(record: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [{"name": name, "algorithm": name, **common} for name in record.get("algorithms", [])]
 
 
-def sees_frames(record: Mapping[str, Any], arm: Mapping[str, Any]) -> bool:
-    """Return whether an arm of a suite's record sees frames; those of records that do not say it do."""
-    return (arm.get("observation") or record.get("observation", "frames")) == "frames"
+def observation_of(record: Mapping[str, Any], arm: Mapping[str, Any]) -> str:
+    """Return what an arm of a suite's record sees, see `thalweg.train.river.IN_WORDS`; frames if it does not say it."""
+    return arm.get("observation") or record.get("observation", "frames")
 
 
 def _to_json(value: Any) -> str:

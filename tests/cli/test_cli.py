@@ -522,7 +522,7 @@ def test_a_file_without_a_river_is_refused_before_a_river_is_announced(
 ):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("thalweg.render.compilation.begin", lambda: None)
-    monkeypatch.setattr("thalweg.train.river._print_once", print)
+    monkeypatch.setattr("thalweg.train.river.print_once", print)
     Path("brook.geojson").write_text(text)
     assert main([*command, "--geojson", "brook.geojson", "--width-m", "6"]) == 2
     output = capsys.readouterr()

@@ -133,7 +133,7 @@ def test_rivers_of_several_levels_are_flown_in_one_run():
 
 
 def test_the_rivers_in_memory_are_announced(capsys: pytest.CaptureFixture):
-    river._print_once.cache_clear()
+    river.print_once.cache_clear()
     RiverTraining("Easy", 1, range(900, 909), rivers_in_memory=3)._envs(None, "cpu").close()  # pyright: ignore
     assert capsys.readouterr().err == "9 rivers, another one in each episode; 2 of them in memory, 0.0 MB\n"
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from thalweg.algos.imitation.config import CHANNELS, ImitationConfig
+from thalweg.algos.imitation.config import ImitationConfig
 from thalweg.algos.imitation.student import ALGORITHM, Student
 from thalweg.algos.policy.actions import actions_of
 from thalweg.core import versions
@@ -118,7 +118,6 @@ class Imitation:
             "world_seeds": compact_seeds(seeds),
             "rivers": "episode",
             "observation": config.observation,
-            "channels": CHANNELS[config.observation],
             "render_version": RENDER_VERSION,
             "imitation_version": versions.IMITATION,
             "env": rules.as_data(),

@@ -1,0 +1,209 @@
+"""Benchmark of policies that fly any river: students of the steady pilot, on rivers and under looks they never saw.
+
+    python benchmarks/any_river.py --jobs 2                       # trains and flies all that has no row yet
+    python benchmarks/any_river.py --seeds 0 --episodes 50 --out trial.csv
+    python benchmarks/any_river.py --policy runs/student          # flies another policy; trains nothing
+    python benchmarks/any_river.py --write                        # the table of docs/imitation.md
+
+A row of any_river.csv is appended as each cell is flown: a student's flights of one kind on one level. A cell that has
+a row is skipped, and training resumes in the folder `--runs`. `fixed` is the river of the level with `--episodes`
+starts; `unseen` as many rivers that nobody trains on, with one start each; `varied` the same under varied looks, suns,
+pitches and fields of view. Violations are episodes that end in a tight or loose cost.
+"""
+
+import argparse
+import csv
+import multiprocessing
+import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from page_sections import replace_section
+
+from thalweg.bench.csv_files import read_csv
+from thalweg.bench.evaluate.baselines import Policy
+from thalweg.bench.evaluate.episodes import Episode
+from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate, observation_function
+from thalweg.bench.report.table import frame, markdown
+from thalweg.core import versions
+from thalweg.core.atomic_io import write_atomic
+from thalweg.render.records.randomisation import Randomisation
+from thalweg.train import load_policy
+from thalweg.train.imitation.imitate import Imitation
+
+HERE = Path(__file__).resolve().parent
+TABLE = HERE / "any_river.csv"
+PAGE, SECTION = HERE.parent / "docs" / "imitation.md", "any river"
+LEVELS, KINDS = ("Easy", "Medium", "Hard"), ("fixed", "unseen", "varied")
+SEEDS, OBSERVATIONS = (0, 1, 2), ("rgb+mask", "rgb")
+STEPS, WORLD_SEEDS = 1_000_000, "1000:1064"
+LOOKS = Randomisation(suns=1)
+"""Appearances of `varied` flights; each river has one sun."""
+COLUMNS: tuple[str, ...] = (
+    "policy",
+    "seed",
+    "kind",
+    "level",
+    "episodes",
+    "imitation",
+    "render",
+    "return",
+    "return_error",
+    "violations",
+    "cost",
+    "reasons",
+)
+KEY = COLUMNS[:7]
+"""Columns that identify a cell. `return_error` is the standard error of the mean return."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Flights of one kind on one level by one policy."""
+
+    policy: str
+    """What a student sees, or the path of a policy."""
+    seed: int
+    kind: str
+    level: str
+    episodes: int
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """Values of `KEY`."""
+        mine = (self.policy, str(self.seed), self.kind, self.level, str(self.episodes))
+        return *mine, str(versions.IMITATION), str(versions.RENDER)
+
+    def courses(self) -> Iterator[Course]:
+        """Yield the rivers with their starts, and looks if they vary."""
+        config = EvaluationConfig(self.episodes, deterministic=True)
+        if self.kind == "fixed":
+            yield Course.of_level(self.level, config)
+            return
+        for course in Course.unseen(self.level, config):
+            yield course.varied(LOOKS, config) if self.kind == "varied" else course
+
+    def fly(self, policy: Policy) -> list[Episode]:
+        """Return the episodes of a policy."""
+        config = EvaluationConfig(self.episodes, deterministic=True)
+        label = Label(self.policy, self.seed, self.level)
+        found = []
+        for course in self.courses():
+            found += evaluate(policy, course, label, config, observe=observation_function(policy, course, None))
+        return found
+
+
+def student_folder(runs: Path, cell: Cell) -> Path:
+    """Return the folder in which the student of a cell is trained."""
+    return runs / f"{cell.policy.replace('+', '-')}-{cell.seed}"
+
+
+def trained(runs: Path, cell: Cell, steps: int) -> Path:
+    """Return the folder of a cell's student, trained now or before."""
+    folder = student_folder(runs, cell)
+    settings = {"observation": cell.policy}
+    Imitation(folder, steps=steps, seed=cell.seed, world_seeds=WORLD_SEEDS, settings=settings).run(progress=True)
+    return folder
+
+
+def row_of(cell: Cell, episodes: Sequence[Episode]) -> dict[str, str]:
+    """Return the row of a cell."""
+    returns = np.array([episode.return_ for episode in episodes])
+    reasons = [episode.reason for episode in episodes]
+    counts = {reason: reasons.count(reason) for reason in sorted(set(reasons))}
+    values = {
+        "return": f"{returns.mean():.3f}",
+        "return_error": f"{returns.std(ddof=1) / np.sqrt(len(returns)):.3f}",
+        "violations": f"{np.mean([episode.cost > 0 for episode in episodes]):.4f}",
+        "cost": f"{np.mean([episode.cost for episode in episodes]):.4f}",
+        "reasons": " ".join(f"{reason}={count}" for reason, count in counts.items()),
+    }
+    return dict(zip(KEY, cell.key, strict=True)) | values
+
+
+def measure(cell: Cell, path: Path) -> dict[str, str]:
+    """Fly a cell with the policy of a file or folder; returns its row."""
+    return row_of(cell, cell.fly(load_policy(path)))
+
+
+def append(path: Path, row: dict[str, str]) -> None:
+    """Append a row to the table, with a heading if it is new."""
+    fresh = not path.is_file()
+    with open(path, "a", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        if fresh:
+            writer.writeheader()
+        writer.writerow(row)
+
+
+def page_table(rows: Sequence[dict[str, str]]) -> str:
+    """Return the table of the page: a row for each policy and kind of flights, means over its seeds."""
+    lines = []
+    for policy in dict.fromkeys(row["policy"] for row in rows):
+        for kind in KINDS:
+            cells = [row for row in rows if row["policy"] == policy and row["kind"] == kind]
+            if cells:
+                lines.append([policy, kind, str(len({row["seed"] for row in cells})), *_by_level(cells)])
+    heading = ["sees", "flights", "seeds", *(f"{level}: return, violations" for level in LEVELS)]
+    return markdown(frame(heading, lines)).rstrip()
+
+
+def _by_level(cells: Sequence[dict[str, str]]) -> list[str]:
+    """Return mean return and share of violations on each level."""
+    found = []
+    for level in LEVELS:
+        here = [row for row in cells if row["level"] == level]
+        returns = [float(row["return"]) for row in here]
+        violations = [float(row["violations"]) for row in here]
+        found.append(f"{np.mean(returns):.2f}, {np.mean(violations):.1%}" if here else "")
+    return found
+
+
+def main() -> str | None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS))
+    parser.add_argument("--observations", nargs="+", choices=OBSERVATIONS, default=list(OBSERVATIONS))
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
+    parser.add_argument("--levels", nargs="+", choices=LEVELS, default=list(LEVELS))
+    parser.add_argument("--episodes", type=int, default=300, help="starts, or rivers, of each cell")
+    parser.add_argument("--steps", type=int, default=STEPS, help="steps of training of each student")
+    parser.add_argument("--policy", type=Path, help="folder of a run or policy file that is flown instead")
+    parser.add_argument("--jobs", type=int, default=1, help="cells that are flown at a time")
+    parser.add_argument("--runs", type=Path, default=HERE.parent / "runs" / "any_river", help="folder of the runs")
+    parser.add_argument("--out", type=Path, default=TABLE, help="the table")
+    parser.add_argument("--write", action="store_true", help="train and fly nothing, but write the table of the page")
+    given = parser.parse_args()
+    if given.episodes < 2 or given.jobs < 1:
+        parser.error("--episodes must be at least 2, --jobs at least 1")
+    rows = read_csv(given.out, COLUMNS) if given.out.is_file() else []
+    if given.write:
+        page = replace_section(PAGE.read_text(encoding="utf-8"), SECTION, page_table(rows) + "\n")
+        write_atomic(PAGE, page)
+        return None
+    done = {tuple(row[name] for name in KEY) for row in rows}
+    policies = [str(given.policy)] if given.policy else given.observations
+    seeds = [0] if given.policy else given.seeds
+    cells = [
+        cell
+        for policy in policies
+        for seed in seeds
+        for kind in given.kinds
+        for level in given.levels
+        if (cell := Cell(policy, seed, kind, level, given.episodes)).key not in done
+    ]
+    print(f"{len(cells)} cells are to be flown", flush=True)
+    paths = {cell: given.policy or trained(given.runs, cell, given.steps) for cell in cells}
+    with ProcessPoolExecutor(given.jobs, multiprocessing.get_context("spawn")) as pool:
+        futures = {pool.submit(measure, cell, paths[cell]): cell for cell in cells}
+        for ended in as_completed(futures):
+            row = ended.result()
+            append(given.out, row)
+            print(*(f"{name} {row[name]}" for name in COLUMNS), flush=True)
+    return None
+
+
+if __name__ == "__main__":
+    sys.exit(main())

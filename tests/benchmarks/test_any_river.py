@@ -1,0 +1,89 @@
+"""The benchmark of policies that fly any river: its rows, its cells that are flown once, and its table."""
+
+import csv
+import importlib
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from thalweg.bench.evaluate.baselines import BASELINES
+from thalweg.bench.evaluate.episodes import Episode
+from thalweg.core import versions
+
+
+def episode(returned: float, cost: float, reason: str) -> Episode:
+    fields: dict[str, Any] = dict.fromkeys(Episode.__dataclass_fields__, 0)
+    return Episode(**(fields | {"return_": returned, "cost": cost, "reason": reason}))
+
+
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(Path(__file__).resolve().parents[2] / "benchmarks")
+    monkeypatch.delitem(sys.modules, "any_river", raising=False)
+    return importlib.import_module("any_river")
+
+
+@pytest.fixture
+def cell(script: ModuleType) -> Any:
+    return script.Cell("mask", 1, "unseen", "Hard", 4)
+
+
+def test_a_row_by_hand(script: ModuleType, cell: Any):
+    flights = [episode(10.0, 0.0, "Success")] * 2 + [episode(2.0, 1.0, "Collision"), episode(6.0, 0.2, "Idle")]
+    row = script.row_of(cell, flights)
+    assert row["return"] == "7.000" and row["violations"] == "0.5000" and row["cost"] == "0.3000"
+    assert row["return_error"] == "1.915"  # deviation sqrt((9 + 9 + 25 + 1) / 3) = 3.830, halved
+    assert row["reasons"] == "Collision=1 Idle=1 Success=2"
+    assert (row["imitation"], row["render"]) == (str(versions.IMITATION), str(versions.RENDER))
+
+
+def test_cells_differ_by_all_that_they_are(script: ModuleType, cell: Any):
+    others = [
+        script.Cell("rgb", 1, "unseen", "Hard", 4),
+        script.Cell("mask", 2, "unseen", "Hard", 4),
+        script.Cell("mask", 1, "fixed", "Hard", 4),
+        script.Cell("mask", 1, "unseen", "Easy", 4),
+        script.Cell("mask", 1, "unseen", "Hard", 5),
+    ]
+    assert len({cell.key for cell in [cell, *others]}) == 6
+
+
+def test_unseen_flights_are_on_as_many_rivers(script: ModuleType, monkeypatch: pytest.MonkeyPatch):
+    asked = []
+
+    def bare(level: str, config, drawn: bool = True):
+        asked.append((level, config.episodes))
+        return whole_unseen(level, config, drawn=False)
+
+    whole_unseen = script.Course.unseen
+    monkeypatch.setattr(script.Course, "unseen", bare)
+    flights = script.Cell("steady", 0, "unseen", "Easy", 3).fly(BASELINES["steady"])
+    assert asked == [("Easy", 3)]
+    assert [flight.reason for flight in flights] == ["Success"] * 3
+    assert len({flight.world_seed for flight in flights}) == 3
+
+
+def test_a_cell_that_has_a_row_is_not_flown_again(
+    script: ModuleType, cell: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+):
+    table = tmp_path / "table.csv"
+    script.append(table, script.row_of(cell, [episode(10.0, 0.0, "Success")] * 2))
+    arguments = ["--observations", "rgb", "--seeds", "0", "--kinds", "fixed", "--levels", "Easy", "--episodes", "4"]
+    flown = script.Cell("rgb", 0, "fixed", "Easy", 4)
+    script.append(table, script.row_of(flown, [episode(1.0, 0, "Idle")] * 2))
+    monkeypatch.setattr(sys, "argv", ["any_river.py", *arguments, "--out", str(table)])
+    assert script.main() is None
+    assert capsys.readouterr().out == "0 cells are to be flown\n"
+    with open(table, newline="") as file:
+        assert len(list(csv.DictReader(file))) == 2
+
+
+def test_the_table_has_means_over_seeds(script: ModuleType):
+    rows = []
+    for seed, returned in ((0, 9.0), (1, 10.0)):
+        cell = script.Cell("rgb+mask", seed, "unseen", "Easy", 2)
+        rows.append(script.row_of(cell, [episode(returned, float(seed), "Success")] * 2))
+    assert "| rgb+mask | unseen | 2 | 9.50, 50.0% |" in script.page_table(rows)

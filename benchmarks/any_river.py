@@ -14,7 +14,6 @@ pitches and fields of view. Violations are episodes that end in a tight or loose
 import argparse
 import csv
 import multiprocessing
-import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -26,13 +25,15 @@ from page_sections import replace_section
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.baselines import Policy
 from thalweg.bench.evaluate.episodes import Episode
-from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate, observation_function
+from thalweg.bench.evaluate.evaluation import UNSEEN, Course, EvaluationConfig, Label, evaluate, observation_function
 from thalweg.bench.report.table import frame, markdown
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
+from thalweg.core.cache import file_hash
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train import load_policy
 from thalweg.train.imitation.imitate import Imitation
+from thalweg.train.run_in_folder import policy_file
 
 HERE = Path(__file__).resolve().parent
 TABLE = HERE / "any_river.csv"
@@ -42,21 +43,29 @@ SEEDS, OBSERVATIONS = (0, 1, 2), ("rgb+mask", "rgb")
 STEPS, WORLD_SEEDS = 1_000_000, "1000:1064"
 LOOKS = Randomisation(suns=1)
 """Appearances of `varied` flights; each river has one sun."""
+VERSIONS = {
+    "imitation": versions.IMITATION,
+    "render": versions.RENDER,
+    "world": versions.WORLD,
+    "rules": versions.RULES,
+    "evaluation": versions.EVALUATION,
+}
+"""Versions that a cell depends on, by their columns."""
 COLUMNS: tuple[str, ...] = (
     "policy",
+    "steps",
     "seed",
     "kind",
     "level",
     "episodes",
-    "imitation",
-    "render",
+    *VERSIONS,
     "return",
     "return_error",
     "violations",
     "cost",
     "reasons",
 )
-KEY = COLUMNS[:7]
+KEY = COLUMNS[: 6 + len(VERSIONS)]
 """Columns that identify a cell. `return_error` is the standard error of the mean return."""
 
 
@@ -65,7 +74,9 @@ class Cell:
     """Flights of one kind on one level by one policy."""
 
     policy: str
-    """What a student sees, or the path of a policy."""
+    """What a student sees, or the hash of another policy's file."""
+    steps: int
+    """Steps of training; 0 for another policy."""
     seed: int
     kind: str
     level: str
@@ -74,8 +85,8 @@ class Cell:
     @property
     def key(self) -> tuple[str, ...]:
         """Values of `KEY`."""
-        mine = (self.policy, str(self.seed), self.kind, self.level, str(self.episodes))
-        return *mine, str(versions.IMITATION), str(versions.RENDER)
+        mine = (self.policy, str(self.steps), str(self.seed), self.kind, self.level, str(self.episodes))
+        return *mine, *map(str, VERSIONS.values())
 
     def courses(self) -> Iterator[Course]:
         """Yield the rivers with their starts, and looks if they vary."""
@@ -83,8 +94,9 @@ class Cell:
         if self.kind == "fixed":
             yield Course.of_level(self.level, config)
             return
-        for course in Course.unseen(self.level, config):
-            yield course.varied(LOOKS, config) if self.kind == "varied" else course
+        # The start on the i-th river is the i-th of that river's own list, and so is its look.
+        for index, course in enumerate(Course.of_seeds(self.level, range(UNSEEN, UNSEEN + self.episodes), config)):
+            yield (course.varied(LOOKS, config) if self.kind == "varied" else course).only(index)
 
     def fly(self, policy: Policy) -> list[Episode]:
         """Return the episodes of a policy."""
@@ -98,14 +110,14 @@ class Cell:
 
 def student_folder(runs: Path, cell: Cell) -> Path:
     """Return the folder in which the student of a cell is trained."""
-    return runs / f"{cell.policy.replace('+', '-')}-{cell.seed}"
+    return runs / f"{cell.policy.replace('+', '-')}-{cell.steps}-{cell.seed}"
 
 
-def trained(runs: Path, cell: Cell, steps: int) -> Path:
+def trained(runs: Path, cell: Cell) -> Path:
     """Return the folder of a cell's student, trained now or before."""
     folder = student_folder(runs, cell)
     settings = {"observation": cell.policy}
-    Imitation(folder, steps=steps, seed=cell.seed, world_seeds=WORLD_SEEDS, settings=settings).run(progress=True)
+    Imitation(folder, steps=cell.steps, seed=cell.seed, world_seeds=WORLD_SEEDS, settings=settings).run(progress=True)
     return folder
 
 
@@ -140,8 +152,9 @@ def append(path: Path, row: dict[str, str]) -> None:
 
 
 def page_table(rows: Sequence[dict[str, str]]) -> str:
-    """Return the table of the page: a row for each policy and kind of flights, means over its seeds."""
+    """Return the table of the page: a row for each policy and kind of flights of today's versions, means over seeds."""
     lines = []
+    rows = [row for row in rows if all(row[name] == str(version) for name, version in VERSIONS.items())]
     for policy in dict.fromkeys(row["policy"] for row in rows):
         for kind in KINDS:
             cells = [row for row in rows if row["policy"] == policy and row["kind"] == kind]
@@ -162,7 +175,7 @@ def _by_level(cells: Sequence[dict[str, str]]) -> list[str]:
     return found
 
 
-def main() -> str | None:
+def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS))
     parser.add_argument("--observations", nargs="+", choices=OBSERVATIONS, default=list(OBSERVATIONS))
@@ -182,28 +195,29 @@ def main() -> str | None:
     if given.write:
         page = replace_section(PAGE.read_text(encoding="utf-8"), SECTION, page_table(rows) + "\n")
         write_atomic(PAGE, page)
-        return None
+        return
     done = {tuple(row[name] for name in KEY) for row in rows}
-    policies = [str(given.policy)] if given.policy else given.observations
-    seeds = [0] if given.policy else given.seeds
-    cells = [
-        cell
-        for policy in policies
-        for seed in seeds
-        for kind in given.kinds
-        for level in given.levels
-        if (cell := Cell(policy, seed, kind, level, given.episodes)).key not in done
-    ]
-    print(f"{len(cells)} cells are to be flown", flush=True)
-    paths = {cell: given.policy or trained(given.runs, cell, given.steps) for cell in cells}
-    with ProcessPoolExecutor(given.jobs, multiprocessing.get_context("spawn")) as pool:
-        futures = {pool.submit(measure, cell, paths[cell]): cell for cell in cells}
-        for ended in as_completed(futures):
+    if given.policy:
+        students = [(file_hash(policy_file(given.policy)), 0, 0)]
+    else:
+        students = [(seen, given.steps, seed) for seen in given.observations for seed in given.seeds]
+    for student in students:
+        planned = [Cell(*student, kind, level, given.episodes) for kind in given.kinds for level in given.levels]
+        cells = [cell for cell in planned if cell.key not in done]
+        print(f"{' '.join(map(str, student))}: {len(cells)} of {len(planned)} cells are to be flown", flush=True)
+        if cells:
+            path = given.policy or trained(given.runs, cells[0])
+            _fly_all(cells, path, given.jobs, given.out)
+
+
+def _fly_all(cells: Sequence[Cell], path: Path, jobs: int, table: Path) -> None:
+    """Fly cells with the policy of a file or folder, and append a row as each ends."""
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
+        for ended in as_completed([pool.submit(measure, cell, path) for cell in cells]):
             row = ended.result()
-            append(given.out, row)
+            append(table, row)
             print(*(f"{name} {row[name]}" for name in COLUMNS), flush=True)
-    return None
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -28,7 +28,7 @@ def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 @pytest.fixture
 def cell(script: ModuleType) -> Any:
-    return script.Cell("mask", 1, "unseen", "Hard", 4)
+    return script.Cell("mask", 9, 1, "unseen", "Hard", 4)
 
 
 def test_a_row_by_hand(script: ModuleType, cell: Any):
@@ -42,28 +42,31 @@ def test_a_row_by_hand(script: ModuleType, cell: Any):
 
 def test_cells_differ_by_all_that_they_are(script: ModuleType, cell: Any):
     others = [
-        script.Cell("rgb", 1, "unseen", "Hard", 4),
-        script.Cell("mask", 2, "unseen", "Hard", 4),
-        script.Cell("mask", 1, "fixed", "Hard", 4),
-        script.Cell("mask", 1, "unseen", "Easy", 4),
-        script.Cell("mask", 1, "unseen", "Hard", 5),
+        script.Cell("rgb", 9, 1, "unseen", "Hard", 4),
+        script.Cell("mask", 8, 1, "unseen", "Hard", 4),
+        script.Cell("mask", 9, 2, "unseen", "Hard", 4),
+        script.Cell("mask", 9, 1, "fixed", "Hard", 4),
+        script.Cell("mask", 9, 1, "unseen", "Easy", 4),
+        script.Cell("mask", 9, 1, "unseen", "Hard", 5),
     ]
-    assert len({cell.key for cell in [cell, *others]}) == 6
+    assert len({cell.key for cell in [cell, *others]}) == 7
 
 
 def test_unseen_flights_are_on_as_many_rivers(script: ModuleType, monkeypatch: pytest.MonkeyPatch):
-    asked = []
-
-    def bare(level: str, config, drawn: bool = True):
-        asked.append((level, config.episodes))
-        return whole_unseen(level, config, drawn=False)
-
-    whole_unseen = script.Course.unseen
-    monkeypatch.setattr(script.Course, "unseen", bare)
-    flights = script.Cell("steady", 0, "unseen", "Easy", 3).fly(BASELINES["steady"])
-    assert asked == [("Easy", 3)]
+    of_seeds = script.Course.of_seeds
+    monkeypatch.setattr(script.Course, "of_seeds", lambda *given: of_seeds(*given, drawn=False))
+    flights = script.Cell("steady", 0, 0, "unseen", "Easy", 3).fly(BASELINES["steady"])
     assert [flight.reason for flight in flights] == ["Success"] * 3
     assert len({flight.world_seed for flight in flights}) == 3
+
+
+def test_varied_flights_have_a_look_each(script: ModuleType, monkeypatch: pytest.MonkeyPatch):
+    of_seeds = script.Course.of_seeds
+    monkeypatch.setattr(script.Course, "of_seeds", lambda *given: of_seeds(*given, drawn=False))
+    monkeypatch.setattr("thalweg.bench.evaluate.evaluation.relit_worlds", lambda worlds, looks: worlds)
+    looks = [course.looks for course in script.Cell("rgb", 9, 0, "varied", "Easy", 3).courses()]
+    assert all(look.shape[0] == 1 for look in looks)
+    assert len({look.tobytes() for look in looks}) == 3
 
 
 def test_a_cell_that_has_a_row_is_not_flown_again(
@@ -71,12 +74,25 @@ def test_a_cell_that_has_a_row_is_not_flown_again(
 ):
     table = tmp_path / "table.csv"
     script.append(table, script.row_of(cell, [episode(10.0, 0.0, "Success")] * 2))
-    arguments = ["--observations", "rgb", "--seeds", "0", "--kinds", "fixed", "--levels", "Easy", "--episodes", "4"]
-    flown = script.Cell("rgb", 0, "fixed", "Easy", 4)
+    arguments = [
+        "--observations",
+        "rgb",
+        "--seeds",
+        "0",
+        "--kinds",
+        "fixed",
+        "--levels",
+        "Easy",
+        "--episodes",
+        "4",
+        "--steps",
+        "9",
+    ]
+    flown = script.Cell("rgb", 9, 0, "fixed", "Easy", 4)
     script.append(table, script.row_of(flown, [episode(1.0, 0, "Idle")] * 2))
     monkeypatch.setattr(sys, "argv", ["any_river.py", *arguments, "--out", str(table)])
     assert script.main() is None
-    assert capsys.readouterr().out == "0 cells are to be flown\n"
+    assert capsys.readouterr().out == "rgb 9 0: 0 of 1 cells are to be flown\n"
     with open(table, newline="") as file:
         assert len(list(csv.DictReader(file))) == 2
 
@@ -84,6 +100,6 @@ def test_a_cell_that_has_a_row_is_not_flown_again(
 def test_the_table_has_means_over_seeds(script: ModuleType):
     rows = []
     for seed, returned in ((0, 9.0), (1, 10.0)):
-        cell = script.Cell("rgb+mask", seed, "unseen", "Easy", 2)
+        cell = script.Cell("rgb+mask", 9, seed, "unseen", "Easy", 2)
         rows.append(script.row_of(cell, [episode(returned, float(seed), "Success")] * 2))
     assert "| rgb+mask | unseen | 2 | 9.50, 50.0% |" in script.page_table(rows)

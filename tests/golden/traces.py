@@ -236,7 +236,7 @@ def imitation() -> Trace:
             torch.from_numpy(rng.normal(size=(4, 4, 3)).astype(np.float32)),
             torch.from_numpy(rng.integers(0, 2, (4, 4, 8)).astype(np.uint8)),
         )
-        student.meet(lesson.privileged.flatten(0, 1))
+        student.update_scale(lesson.privileged.flatten(0, 1))
         losses.append(list(student.learn(lesson).values()))
     return {"worths": np.maximum(np.array(worths), -100.0), "losses": np.array(losses)}
 

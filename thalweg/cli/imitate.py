@@ -60,5 +60,7 @@ class Imitate:
             f"{result.folder}: {result.algorithm}, {result.steps:,} steps, {result.episodes:,} episodes in"
             f" {result.seconds:.0f} s; last 50: return {result.return_mean:.2f}, cost {result.cost_mean:.2f}"
         )
-        print(f"Evaluate it: {shlex.join(['thalweg', 'evaluate', str(self.out), '--unseen'])}")
+        print(
+            f"Evaluate it: {shlex.join(['thalweg', 'evaluate', str(self.out), '--levels', *self.levels, '--unseen'])}"
+        )
         return 0

@@ -22,6 +22,7 @@ from thalweg.env.rivers.assignment import DrawnRivers, FixedRivers, Rivers
 from thalweg.env.rivers.pool import RiverPool
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.spaces import (
+    CHANNELS,
     action_space,
     frames_to_observations,
     from_unit_actions,
@@ -203,13 +204,21 @@ class RiverVectorEnv(VectorEnv):
     def draw(self, river: np.ndarray, views: Views) -> np.ndarray:
         """Return the frames [M, H, W, C] of any views, such as stored ones, as observations are.
 
-        `river` [M] are indices in the list of rivers, which takes the place of `views.world`; rivers that are not in
+        `river` [M] are indices in the list of rivers, which take the place of `views.world`; rivers that are not in
         memory are loaded. Raises `ConfigError` for environments that stay in one river, or draw nothing.
         """
-        if not isinstance(self.rivers, DrawnRivers) or self.config.observation in ("privileged", "none", "dict"):
-            raise ConfigError("only environments that change river, and whose observations are images, draw any views")
-        with self.rivers.loaded(river) as slots:
-            return self._observe(views._replace(world=slots))
+        if not isinstance(self.rivers, DrawnRivers):
+            raise ConfigError("draw needs rivers that change: give a RiverList in place of worlds")
+        if self.config.observation not in CHANNELS:
+            known = ", ".join(CHANNELS)
+            raise ConfigError(f"draw needs observations that are images, {known}, not {self.config.observation!r}")
+        shape = len(river), self.camera.height_px, self.camera.width_px, CHANNELS[self.config.observation]
+        drawn = np.empty(shape, np.uint8)
+        for rows, slots in self.rivers.loaded(river):
+            some = Views(*(array[rows] for array in views._replace(world=river)))
+            drawn[rows] = self._observe(some._replace(world=slots))
+        self._rendered = None
+        return drawn
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Return the frames of the current state, N of [H, W, 3] uint8, or None without a render mode."""
@@ -221,13 +230,14 @@ class RiverVectorEnv(VectorEnv):
 
     def pilot_actions(self, pilot: str = "scripted") -> np.ndarray:
         """Return the actions [N, 4] of a pilot that knows the map in the current state: `scripted`, which is fast, or
-        `steady`, whose moves can be read off the frames. Raises `ConfigError` for another one."""
+        `steady`, whose moves can be read off the frames. Raises `ConfigError` for another one, and
+        `gymnasium.error.ResetNeeded` before the first reset."""
         chosen, state = self._pilot(pilot)
         return from_unit_actions(self.config.action, chosen.unit_actions(state))
 
     def move_worths(self) -> np.ndarray:
         """Return the worths [N, M] of all `thalweg.env.pilot.steady.MOVES` in the current state, as the steady pilot
-        judges them; see `SteadyPilot.worths`."""
+        judges them; see `SteadyPilot.worths`. Raises `gymnasium.error.ResetNeeded` before the first reset."""
         chosen, state = self._pilot("steady")
         return chosen.worths(state)
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 from thalweg.render.bake.scene_slots import SceneSlots, WorldTables
+from thalweg.render.errors import RenderError
 from thalweg.render.records.camera import Camera
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
@@ -39,7 +40,10 @@ class SlotRenderer(Renderer):
         return self._slots.bake(world)
 
     def put(self, slot: int, tables: WorldTables) -> None:
-        """Replace the world of a slot."""
-        self._slots.put(slot, tables)
+        """Replace the world of a slot; raises `RenderError` for more rows than 32 bits can count."""
+        try:
+            self._slots.put(slot, tables)
+        except ValueError as error:
+            raise RenderError(str(error)) from error
         scene: Any = self._slots.scene
         self.scene, self.count = scene, max(self.count, slot + 1)

@@ -21,7 +21,7 @@ from thalweg.core.config import to_plain
 from thalweg.train.errors import TrainingError
 from thalweg.train.rollouts.collector import Collector
 from thalweg.train.rollouts.tensor_collector import TensorEnv, make_collector
-from thalweg.train.run_in_folder import RunResult, open_folder, policy_file, result_of, train_to_end
+from thalweg.train.run_in_folder import RunResult, check_numbers, open_folder, policy_file, result_of, train_to_end
 from thalweg.train.trainer import Trainer
 
 
@@ -92,7 +92,7 @@ def run(
     how = _execution(execution)
     entry = algorithm_named(algorithm)
     resolved = entry.configure(config, preset, getattr(env, "num_envs", 1))  # other environments are refused below
-    _check_numbers(steps=(steps, 1), threads=(how.threads, 1), seed=(seed, 0))
+    check_numbers(steps=(steps, 1), threads=(how.threads, 1), seed=(seed, 0))
     device, context = torch.device(resolve_device(how.device)), dict(context or {})
     if how.graphs:
         _check_graphs(entry, device)
@@ -125,14 +125,6 @@ def _execution(options: ExecutionOptions) -> Execution:
     if unknown:
         raise TypeError(f"run() got an unexpected keyword argument {unknown[0]!r}")
     return Execution(**options)
-
-
-def _check_numbers(**numbers: tuple[int, int]) -> None:
-    """Raise `TrainingError` for a (number, minimum) below its minimum."""
-    for name, (number, minimum) in numbers.items():
-        if number < minimum:
-            required = f"be at least {minimum}" if minimum else "not be negative"
-            raise TrainingError(f"{name} must {required}, got {number}")
 
 
 def _check_graphs(entry: Entry, device: torch.device) -> None:

@@ -11,7 +11,7 @@ import torch
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.policy import policy as policies
 from thalweg.core.compute.device import resolve_device
-from thalweg.train.errors import ResumeWarning
+from thalweg.train.errors import ResumeWarning, TrainingError
 from thalweg.train.folder import run_record
 from thalweg.train.folder.checkpoint import load_checkpoint
 from thalweg.train.folder.loggers import RunLog
@@ -48,6 +48,14 @@ class RunResult:
     def policy(self) -> Any:
         """The trained policy."""
         return load_policy(self.folder)
+
+
+def check_numbers(**numbers: tuple[int, int]) -> None:
+    """Raise `TrainingError` for a (number, minimum) below its minimum."""
+    for name, (number, minimum) in numbers.items():
+        if number < minimum:
+            required = f"be at least {minimum}" if minimum else "not be negative"
+            raise TrainingError(f"{name} must {required}, got {number}")
 
 
 def open_folder(folder: Path, identity: dict[str, Any], threads: int) -> dict[str, Any]:

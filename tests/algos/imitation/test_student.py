@@ -58,7 +58,7 @@ def taught(learner: Student, *, delayed: bool = False, rounds: int = 60) -> dict
     losses = {}
     for seed in range(rounds):
         one = lesson(seed, delayed=delayed)
-        learner.meet(one.privileged.flatten(0, 1))
+        learner.update_scale(one.privileged.flatten(0, 1))
         losses = learner.learn(one)
     return losses
 
@@ -100,7 +100,7 @@ def test_the_learning_rate_falls(small: None):
 
 def test_a_loss_that_is_not_finite_is_named(small: None):
     learner, one = student(), lesson()
-    learner.meet(one.privileged.flatten(0, 1))
+    learner.update_scale(one.privileged.flatten(0, 1))
     one.privileged[0, 0, 0] = float("nan")
     with pytest.raises(NotFiniteError, match="privileged_error"):
         learner.learn(one)

@@ -1,6 +1,7 @@
 """A run of an imitation: what it writes, how it resumes, and what it refuses."""
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,9 @@ import torch
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.config import ConfigError
+from thalweg.env.frame_renderer import Views
 from thalweg.env.rivers.river_list import RiverList
+from thalweg.render import Renderer
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train import load_policy
 from thalweg.train.errors import TrainingError
@@ -20,6 +23,7 @@ from thalweg.train.imitation.flights import redraw
 from thalweg.train.imitation.imitate import Imitation
 from thalweg.train.imitation.sequences import Sequences
 from thalweg.train.imitation.trainer import ImitationTrainer
+from thalweg.world import World
 
 SETTINGS = {
     "sequence": 4,
@@ -58,8 +62,10 @@ def rows(folder: Path) -> list[dict[str, str]]:
     return [{name: value for name, value in row.items() if not name.startswith(timing)} for row in found]
 
 
-def test_an_interrupted_run_resumes_to_the_same_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    whole = imitation(tmp_path / "whole").run()
+@pytest.mark.parametrize("memory", [0, 8])
+def test_an_interrupted_run_resumes_to_the_same_numbers(memory: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    given = {"settings": SETTINGS | {"memory_size": memory}}
+    whole = imitation(tmp_path / "whole", **given).run()
     update, calls = ImitationTrainer.update, []
 
     def interrupted(trainer: ImitationTrainer) -> dict[str, float]:
@@ -70,13 +76,13 @@ def test_an_interrupted_run_resumes_to_the_same_numbers(tmp_path: Path, monkeypa
 
     monkeypatch.setattr(ImitationTrainer, "update", interrupted)
     with pytest.raises(Stop):
-        imitation(tmp_path / "parts").run()
-    parts = imitation(tmp_path / "parts").run()
+        imitation(tmp_path / "parts", **given).run()
+    parts = imitation(tmp_path / "parts", **given).run()
     assert parts.resumed_from == 24 and parts.steps == whole.steps == 48
     assert rows(tmp_path / "parts") == rows(tmp_path / "whole")
     flat = [load_policy(tmp_path / name).actor.stack.flat for name in ("whole", "parts")]
     assert torch.equal(*flat)
-    assert imitation(tmp_path / "parts").run().already_finished
+    assert imitation(tmp_path / "parts", **given).run().already_finished
 
 
 def test_a_policy_says_what_it_sees(tmp_path: Path):
@@ -97,9 +103,11 @@ def test_a_teacher_that_fails_stops_the_run_before_anything_is_learnt(tmp_path: 
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
-        ({"steps": 0}, TrainingError, "steps must be at least 1, not 0"),
-        ({"num_envs": 0}, TrainingError, "num_envs must be at least 1, not 0"),
-        ({"levels": ()}, TrainingError, "at least one level"),
+        ({"steps": 0}, TrainingError, "steps must be at least 1, got 0"),
+        ({"num_envs": 0}, TrainingError, "num_envs must be at least 1, got 0"),
+        ({"threads": 0}, TrainingError, "threads must be at least 1, got 0"),
+        ({"levels": ()}, TrainingError, "at least one, each once, not none"),
+        ({"levels": ("easy", "Easy")}, TrainingError, "each once, not Easy, Easy"),
         ({"settings": {"sequense": 4}}, AlgorithmError, "sequense"),
         ({"levels": ("Medum",)}, ValueError, "Medum"),
         ({"world_seeds": "1:30", "rivers_in_memory": 2}, ConfigError, "in_memory must be at least 6"),
@@ -151,10 +159,32 @@ def test_stored_sequences_are_drawn_under_new_looks():
     env.close()
 
 
-def test_only_environments_that_change_river_draw_any_views():
-    rivers = RiverList.of_levels([("Easy", (1,))])
+def test_only_environments_of_images_that_change_river_draw_any_views(easy_world: World):
+    rivers = RiverList([easy_world])
     env = RiverVectorEnv(rivers, 1, EnvConfig(observation="none"))
     env.reset(seed=0)
-    with pytest.raises(ConfigError, match="whose observations are images"):
+    with pytest.raises(ConfigError, match="images, rgb\\+mask, rgb, mask, not 'none'"):
         env.draw(np.zeros(1, int), env.frames.views(env.state))
+    fixed = RiverVectorEnv([easy_world], 1)
+    fixed.reset(seed=0)
+    with pytest.raises(ConfigError, match="needs rivers that change"):
+        fixed.draw(np.zeros(1, int), fixed.frames.views(fixed.state))
+    env.close()
+
+
+def test_more_rivers_than_there_is_room_for_are_drawn_in_parts(easy_world: World):
+    """Seven suns over the same valley, of which two are in memory besides the environment's own."""
+    worlds = [replace(easy_world, seed=index, sun_azimuth=0.5 * index) for index in range(7)]
+    env = RiverVectorEnv(RiverList(worlds, in_memory=4), 1, render_mode="rgb_array")
+    _, info = env.reset(seed=0)
+    pose = np.repeat(info["pose"], 7, axis=0)
+    views = Views(*(np.repeat(array, 7, axis=0) for array in env.frames.views(env.state)))
+    shown = env.render()
+    found = env.draw(np.arange(7)[::-1].copy(), views)
+    expected = Renderer(worlds).render(pose, np.arange(7)[::-1].copy(), views.time_s)
+    assert np.array_equal(found, expected)
+    assert env.rivers.pool.slots == 3  # pyright: ignore[reportAttributeAccessIssue]
+    assert np.array_equal(env.render(), shown)
+    for _ in range(3):
+        env.step(env.pilot_actions())
     env.close()

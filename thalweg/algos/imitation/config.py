@@ -1,8 +1,8 @@
 """Settings of an imitation."""
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.policy.networks import NetworkShape
@@ -29,13 +29,13 @@ class ImitationConfig:
     hidden: TupleOf[PositiveInt] = (128,)
     """Sizes of the hidden layers behind the memory."""
     sequence: PositiveInt = 32
-    """Steps that are flown between two updates, and of backpropagation through time."""
+    """Steps that are flown between two updates; gradients go back through as many."""
     sequences_per_batch: PositiveInt = 4
     """Sequences of a gradient step."""
     replay: NonNegativeFloat = 1.0
     """Stored sequences that are drawn anew, under other looks, for each new one."""
     capacity: PositiveInt = 200_000
-    """Stored steps, the latest ones; 0.6 kB each."""
+    """Stored steps, the latest ones; 0.5 kB each."""
     learning_rate: PositiveFloat = 1e-3
     """Learning rate of Adam; it falls linearly to a twentieth."""
     max_grad_norm: PositiveFloat = 1.0
@@ -43,24 +43,26 @@ class ImitationConfig:
     temperature: PositiveFloat = 0.1
     """Temperature of the targets in segments of progress: moves whose worths differ by less are about as probable."""
     regret_weight: NonNegativeFloat = 1.0
-    """Weight of the expected regret in the loss: what the student's moves are worth less than the teacher's, on the
+    """Weight of the expected regret in the loss: how much less the student's moves are worth than the best ones, on
     average."""
     worst_regret: PositiveFloat = 20.0
     """Greatest regret of a move, that of a fatal one, in segments of progress."""
     auxiliary_weight: NonNegativeFloat = 0.3
-    """Weight of the predictions of the privileged state and of the bird's-eye map; both 0 if they are not wanted."""
+    """Weight of the predictions of the privileged state and of the bird's-eye map; 0: they are not learnt."""
     teacher_steps: NonNegativeInt = 40_000
     """Steps over which the share of episodes that the teacher flies falls from 1 to 0."""
     noise: Fraction = 0.05
     """Share of random moves in flights, whose consequences the student learns to mend."""
     corrupted_masks: Fraction = 0.2
-    """Share of sequences whose masks are corrupted: rectangles of water and land that are not there."""
+    """Share of the sequences that are drawn anew whose masks are corrupted: rectangles of water and land that are not
+    there. Has no effect without masks."""
     varied_looks: bool = True
-    """Whether haze, light, water, season, camera angles and noise vary with each episode, and whenever it is drawn."""
+    """Whether haze, exposure, water, season, camera angles and noise vary with each episode, and whenever it is drawn
+    anew, and the sun with each river."""
     quality: Literal["fast", "full"] = "fast"
     """Quality of the frames of training; those that policies are evaluated on are `full`."""
-    gate_rivers: Annotated[int, Field(ge=0)] = 300
-    """Rivers of each level on which the teacher must fly a random start to its end before anything is learnt."""
+    gate_rivers: NonNegativeInt = 300
+    """Greatest number of rivers of each level that the teacher must fly to their end before anything is learnt."""
 
     @property
     def shape(self) -> NetworkShape:

@@ -1,4 +1,4 @@
-"""The student: a policy that sees images, and what it tells beside its moves while it learns.
+"""The student: a policy that sees images, and what it predicts beside its moves while it learns.
 
 From the features of its policy it predicts the privileged state and a bird's-eye map of the channel. Letters: L steps
 of a sequence, C sequences, B = L C states, M moves, P numbers of the privileged state, G cells of the map.
@@ -92,12 +92,7 @@ class Student:
         parameters = [*self.policy.actor.parameters(), *self.privileged.parameters(), *self.map.parameters()]
         self.optimiser = Adam(parameters, config.learning_rate)
 
-    @property
-    def parameters(self) -> int:
-        """Number of parameters of the policy."""
-        return sum(parameter.numel() for parameter in self.policy.actor.parameters())
-
-    def meet(self, privileged: Tensor) -> None:
+    def update_scale(self, privileged: Tensor) -> None:
         """Add privileged states [B, P] to the statistics by which their predictions are scaled."""
         self.scale.update(privileged)
 

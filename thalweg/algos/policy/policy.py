@@ -35,7 +35,8 @@ class Player(Protocol):
         """Return actions [N, ...] for the environment.
 
         Args:
-            obs: [N, D] float32, one frame of each environment.
+            obs: [N, D] float32, one observation of each environment; for a policy with eyes images uint8
+                [N, H, W, C].
             fresh: [N] bool, whether the frame is the first of an episode.
         """
         ...
@@ -87,6 +88,8 @@ class Policy:
         """
         self.obs_size, self.actions, self.shape, self.frames = obs_size, actions, shape, frames
         self.greedy, self.temperature, self.about = greedy, temperature, about
+        if frames > 1 and shape.eyes is not None:
+            raise AlgorithmError(f"a policy with eyes sees one frame at a time, got {frames} frames; give it a memory")
         generator = generator or new_generator(CPU)
         self.normaliser = Normaliser(frames * obs_size, normalise and shape.eyes is None, generator.device)
         self.actor = Actor(frames * obs_size, actions, shape, generator)
@@ -169,8 +172,8 @@ class Policy:
 
         Raises `AlgorithmError` if D differs from `obs_size`, or for a policy with a frame stack or recurrent memory.
         """
-        if self.frames > 1 or self.shape.memory:
-            raise AlgorithmError("this policy uses earlier observations: use policy.player(num_envs)")
+        if self.frames > 1 or self.shape.memory or self.shape.eyes is not None:
+            raise AlgorithmError("this policy uses earlier observations or actions: use policy.player(num_envs)")
         player = self.player(len(obs), deterministic=deterministic, generator=generator)
         return player(obs, np.zeros(len(obs), dtype=bool))
 
@@ -243,7 +246,7 @@ class NetworkPlayer:
             obs = self._rows(obs, fresh)
         # A second thread of PyTorch would wait for its next task in a loop, on the core that draws the next frames.
         with torch_threads(1):
-            raw = self.raw(*to_tensors(obs, fresh, self.policy.device))
+            raw = self.raw(*to_tensors(obs, fresh, self.policy.device, self.policy.shape.eyes is not None))
         if self.policy.shape.eyes is not None:
             self._last = self.policy.actions.options(raw).cpu().numpy()
         return self.policy.actions.to_numpy(raw)
@@ -306,10 +309,11 @@ class NetworkPlayer:
             self._last = np.array(state["last"])
 
 
-def to_tensors(obs: np.ndarray, fresh: np.ndarray, device: torch.device) -> tuple[Tensor, Tensor]:
-    """Return observations [N, D] as float32, or bytes as they are, and `fresh` [N] as bool, on a device."""
-    kept = np.uint8 if obs.dtype == np.uint8 else np.float32
-    observed = torch.from_numpy(np.ascontiguousarray(obs, dtype=kept))
+def to_tensors(
+    obs: np.ndarray, fresh: np.ndarray, device: torch.device, as_bytes: bool = False
+) -> tuple[Tensor, Tensor]:
+    """Return observations [N, D] as float32, or `as_bytes`, and `fresh` [N] as bool, on a device."""
+    observed = torch.from_numpy(np.ascontiguousarray(obs, dtype=np.uint8 if as_bytes else np.float32))
     return observed.to(device), torch.from_numpy(np.array(fresh, dtype=bool)).to(device)
 
 

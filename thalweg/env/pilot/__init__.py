@@ -1,1 +1,1 @@
-"""The scripted pilot, which knows the map: its route, its control law, and poses of its flights."""
+"""Pilots that know the map: the scripted one, the steady one, their routes, and poses of flights."""

@@ -41,7 +41,7 @@ EFFORT = 0.05
 HOVER_COST = 0.5
 """The same for a first move that is none: postponing a move must not be worth as much as making it."""
 FAILURE = -1000.0
-"""Worth of a move after which the law breaks a rule in the next step; each step before that adds one."""
+"""Worth of a move that breaks a rule itself; each step that is flown before a rule is broken adds one."""
 
 
 class SteadyPilot:

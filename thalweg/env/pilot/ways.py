@@ -129,7 +129,7 @@ def _fill_onward(courses, world, reach, missing, way, onward):
                 length = math.hypot(next_x - x, next_y - y)
                 total = cost[after] + length + CLEARANCE_WEIGHT * missing[following, after]
                 aside = abs(offset_of(reach[following], after) - offset_of(reach[row], point))
-                steep = aside - STEEPEST * length * math.sqrt(0.5)
+                steep = aside - length * STEEPEST / math.sqrt(1.0 + STEEPEST * STEEPEST)
                 if steep > 0.0:
                     total += LAND * steep
                 if island_at(courses, world, 0.5 * (x + next_x), 0.5 * (y + next_y)) >= 0:

@@ -1,7 +1,6 @@
 """Which environment flies in which river: the same one always, or another one in each episode."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 
 import numpy as np
 
@@ -139,17 +138,27 @@ class DrawnRivers:
         slots, index = np.unique(self.slot, return_inverse=True)
         return [self.pool.part(int(slot)) for slot in slots], index.astype(np.int64)
 
-    @contextmanager
-    def loaded(self, river: np.ndarray) -> Iterator[np.ndarray]:
-        """Keep rivers [M] of the list in memory while the body of the `with` block runs, which gets their slots [M]."""
+    def loaded(self, river: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Load rivers [M] of the list, as many at a time as there is room for.
+
+        Yields rows of `river` and the slots of their rivers, which keep them until the next ones are yielded.
+        """
         chosen, index = np.unique(river, return_inverse=True)
-        slots = np.array([self.pool.take(int(each)) for each in chosen], np.int64)
-        self.courses = self.pool.courses
-        try:
-            yield slots[index.reshape(-1)]
-        finally:
-            for slot in slots:
-                self.pool.leave(int(slot))
+        index = index.reshape(-1)
+        holds_all = self.pool.slots >= len(self.pool.rivers)
+        room = len(chosen) if holds_all else self.pool.slots - len(np.unique(self.slot))
+        for first in range(0, len(chosen), room):
+            slots: list[int] = []
+            try:
+                for each in chosen[first : first + room]:
+                    slots.append(self.pool.take(int(each)))
+                self.courses = self.pool.courses
+                rows = np.flatnonzero((index >= first) & (index < first + room))
+                yield rows, np.array(slots, np.int64)[index[rows] - first]
+            finally:
+                for slot in slots:
+                    self.pool.leave(slot)
+        self._expect(self.next_river)
 
     def _expect(self, rivers: Iterable[int]) -> None:
         """Prepare rivers in the background."""

@@ -1,7 +1,6 @@
 """The bird's eye: a small map of the channel ahead of a pose, in the frame of the vehicle.
 
-It is a target of learning, and what a shield remembers: a cell is open where the rules permit flight, between the banks
-and off the islands.
+It is a target of learning. A cell is open where the rules permit flight, between the banks and off the islands.
 """
 
 import math

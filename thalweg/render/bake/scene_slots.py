@@ -97,7 +97,7 @@ class SceneSlots:
         return WorldTables(scene.extents[0], scene.constants[0], tables, shared, steps)
 
     def put(self, slot: int, world: WorldTables) -> None:
-        """Replace the tables of a slot."""
+        """Replace the tables of a slot; raises `ValueError` for more rows than 32 bits can count."""
         added = world.sun_steps not in self._pictures
         if added:
             self._add_pictures(world)

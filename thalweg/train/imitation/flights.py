@@ -76,8 +76,8 @@ class Flights:
         with torch_threads(1):
             raw = self._player.raw(torch.from_numpy(rows), torch.from_numpy(self.fresh.copy()))
         options = np.where(self.taught[:, None], OPTIONS[worths.argmax(axis=1)], raw.numpy())
-        wild = self.rng.random(count) < noise
-        options = np.where(wild[:, None], OPTIONS[self.rng.integers(len(OPTIONS), size=count)], options)
+        random_moves = self.rng.random(count) < noise
+        options = np.where(random_moves[:, None], OPTIONS[self.rng.integers(len(OPTIONS), size=count)], options)
         self.last = options.astype(np.int64)
         return options
 

@@ -1,4 +1,4 @@
-"""`imitate`: DAgger of a teacher that knows the map into a policy that sees frames, on many rivers."""
+"""`Imitation`: DAgger of a teacher that knows the map into a policy that sees frames, on many rivers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from thalweg.train.imitation.flights import OPTIONS
 from thalweg.train.imitation.gate import check_teacher
 from thalweg.train.imitation.trainer import ImitationTrainer
 from thalweg.train.river import print_once
-from thalweg.train.run_in_folder import RunResult, open_folder, result_of, train_to_end
+from thalweg.train.run_in_folder import RunResult, check_numbers, open_folder, result_of, train_to_end
 from thalweg.world import Level, level_named
 
 
@@ -60,21 +60,21 @@ class Imitation:
         config = parse_config(ImitationConfig, dict(self.settings or {}), "settings")
         levels = [level_named(name) for name in self.levels]
         seeds = parse_seeds(self.world_seeds, "world_seeds", TrainingError)
-        self._check(levels, seeds)
+        self._check(levels)
         threads = default_torch_threads() if self.threads is None else self.threads
         rules = self._rules(config)
-        identity = self._identity(config, rules, seeds)
-        status = open_folder(self.folder, identity, threads)
-        if status.get("state") == "finished":
-            return result_of(self.folder, status, resumed_from=None, already_finished=True)
+        identity = self._identity(config, rules, levels, seeds)
         compilation.begin()
-        if not status:
-            self._pass_gate(levels, seeds[: config.gate_rivers], rules)
         rivers = RiverList.of_levels([(level, seeds) for level in levels], self.rivers_in_memory)
         env = RiverVectorEnv(rivers, self.num_envs, rules)
-        if isinstance(env.rivers, DrawnRivers):
-            print_once(env.rivers.pool.description)
         try:
+            status = open_folder(self.folder, identity, threads)
+            if status.get("state") == "finished":
+                return result_of(self.folder, status, resumed_from=None, already_finished=True)
+            if isinstance(env.rivers, DrawnRivers):
+                print_once(env.rivers.pool.description)
+            if not status:
+                self._pass_gate(levels, seeds[: config.gate_rivers], rules)
             with torch_threads(1):
                 student = Student(
                     config,
@@ -98,23 +98,25 @@ class Imitation:
                 print_once(f"the teacher flies {len(seeds)} rivers of {level.name}, before anything is learnt from it")
             check_teacher(level, seeds, rules)
 
-    def _check(self, levels: Sequence[Level], seeds: Sequence[int]) -> None:
-        """Raise `TrainingError` for numbers out of range, or lists without rivers."""
-        if not levels or not seeds:
-            raise TrainingError("an imitation needs at least one level and one seed of rivers")
-        for name, number, least in (("steps", self.steps, 1), ("num_envs", self.num_envs, 1), ("seed", self.seed, 0)):
-            if number < least:
-                raise TrainingError(f"{name} must be at least {least}, not {number}")
+    def _check(self, levels: Sequence[Level]) -> None:
+        """Raise `TrainingError` for numbers out of range, and for levels that are missing or given twice."""
+        names = [level.name for level in levels]
+        if not names or len(set(names)) < len(names):
+            raise TrainingError(f"levels must be at least one, each once, not {', '.join(names) or 'none'}")
+        threads = 1 if self.threads is None else self.threads
+        check_numbers(steps=(self.steps, 1), num_envs=(self.num_envs, 1), threads=(threads, 1), seed=(self.seed, 0))
 
     def _rules(self, config: ImitationConfig) -> EnvConfig:
         """Return what the environments draw."""
         looks = Randomisation() if config.varied_looks else None
         return EnvConfig(observation=config.observation, randomisation=looks, quality=config.quality)
 
-    def _identity(self, config: ImitationConfig, rules: EnvConfig, seeds: Sequence[int]) -> dict[str, Any]:
+    def _identity(
+        self, config: ImitationConfig, rules: EnvConfig, levels: Sequence[Level], seeds: Sequence[int]
+    ) -> dict[str, Any]:
         """Return what distinguishes the run from others, as config.yaml has it."""
         context = {
-            "levels": list(self.levels),
+            "levels": [level.name for level in levels],
             "world_seeds": compact_seeds(seeds),
             "rivers": "episode",
             "observation": config.observation,

@@ -3,11 +3,11 @@
 import numpy as np
 
 MOST_PATCHES = 6
-"""Rectangles of a corrupted mask."""
+"""Greatest number of rectangles of a corrupted mask."""
 LARGEST_SHARE = 0.35
 """Greatest height and width of a rectangle, as a share of the image."""
 DROPPED = 0.25
-"""Share of corrupted masks that show no water at all in a step."""
+"""Share of the steps of a corrupted sequence whose masks show no water at all."""
 
 
 def corrupt(images: np.ndarray, observation: str, share: float, rng: np.random.Generator) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from thalweg.algos.imitation.student import Student
+from thalweg.algos.imitation.student import Lesson, Student
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.env import RiverVectorEnv
 from thalweg.train.imitation.flights import Flights
@@ -80,7 +80,8 @@ class ImitationTrainer:
         student.decay(self.statistics.steps / self.steps)
         sequences = self.flights.sequences()
         lesson = self.flights.lesson(sequences)
-        student.meet(lesson.privileged.flatten(0, 1))
+        with torch_threads(self.threads):
+            student.update_scale(lesson.privileged.flatten(0, 1))
         losses = self._learn(lesson)
         found = dict(losses)
         replayed = round(config.replay * self.env.num_envs)
@@ -99,7 +100,7 @@ class ImitationTrainer:
         self.updates += 1
         return {**found, "learning_rate": student.optimiser.rate, "stored_steps": self.store.count * config.sequence}
 
-    def _learn(self, lesson: Any) -> dict[str, float]:
+    def _learn(self, lesson: Lesson) -> dict[str, float]:
         """Learn from a lesson; returns the losses."""
         before = time.perf_counter()
         with torch_threads(self.threads):

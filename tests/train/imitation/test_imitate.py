@@ -1,6 +1,7 @@
 """A run of an imitation: what it writes, how it resumes, and what it refuses."""
 
 import csv
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from thalweg.train.imitation.flights import redraw
 from thalweg.train.imitation.imitate import Imitation
 from thalweg.train.imitation.sequences import Sequences
 from thalweg.train.imitation.trainer import ImitationTrainer
-from thalweg.world import World
+from thalweg.world import Level, World
 
 SETTINGS = {
     "sequence": 4,
@@ -93,8 +94,13 @@ def test_a_policy_says_what_it_sees(tmp_path: Path):
 
 
 def test_a_teacher_that_fails_stops_the_run_before_anything_is_learnt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(gate, "steady", lambda env: np.ones((env.num_envs, 4), np.int64))
-    monkeypatch.setattr(imitate, "check_teacher", lambda *given: gate.check_teacher(*given, gate.steady))
+    def hover(env: RiverVectorEnv) -> np.ndarray:
+        return np.ones((env.num_envs, 4), np.int64)
+
+    def check(level: Level, seeds: Sequence[int], rules: EnvConfig) -> None:
+        gate.check_teacher(level, seeds, rules, hover)
+
+    monkeypatch.setattr(imitate, "check_teacher", check)
     with pytest.raises(TrainingError, match="the teacher fails its gate on Easy-1"):
         imitation(tmp_path / "run").run()
     assert not (tmp_path / "run" / "metrics.csv").exists()
@@ -179,12 +185,12 @@ def test_more_rivers_than_there_is_room_for_are_drawn_in_parts(easy_world: World
     _, info = env.reset(seed=0)
     pose = np.repeat(info["pose"], 7, axis=0)
     views = Views(*(np.repeat(array, 7, axis=0) for array in env.frames.views(env.state)))
-    shown = env.render()
+    shown = np.array(env.render())
     found = env.draw(np.arange(7)[::-1].copy(), views)
     expected = Renderer(worlds).render(pose, np.arange(7)[::-1].copy(), views.time_s)
     assert np.array_equal(found, expected)
     assert env.rivers.pool.slots == 3  # pyright: ignore[reportAttributeAccessIssue]
-    assert np.array_equal(env.render(), shown)
+    assert np.array_equal(np.array(env.render()), shown)
     for _ in range(3):
         env.step(env.pilot_actions())
     env.close()

@@ -140,7 +140,7 @@ def test_a_saved_policy_with_memory_acts_as_before(settings: dict[str, int], tmp
 
 @pytest.mark.parametrize("settings", REMEMBERING.values(), ids=list(REMEMBERING))
 def test_a_policy_with_memory_acts_through_its_player_only(settings: dict[str, int]):
-    with pytest.raises(AlgorithmError, match=r"uses earlier observations: use policy\.player"):
+    with pytest.raises(AlgorithmError, match=r"uses earlier observations or actions: use policy\.player"):
         policy_for(SPACES["Discrete"], **settings).act(observations())
 
 

@@ -343,7 +343,7 @@ def test_the_suites_are_found_by_name_and_an_unknown_one_lists_them():
 
 @pytest.mark.parametrize(("name", "meant"), [("hovr", "hover"), ("FOCOPS-9", "FOCOPS-"), ("pakaged", "packaged")])
 def test_an_unknown_name_in_only_is_refused_with_a_suggestion_and_the_known_names(name: str, meant: str):
-    known = "name one of random, hover, forward, pilot, steady, packaged, PPO, FOCOPS, or one run, such as FOCOPS-0"
+    known = "name one of random, hover, forward, pilot, packaged, PPO, FOCOPS, or one run, such as FOCOPS-0"
     with pytest.raises(ResultsError, match=f"suite quick has no '{name}' .did you mean '{meant}.*'.*; {known}"):
         selected_runs(SUITES["quick"], (name,))
 

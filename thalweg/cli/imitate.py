@@ -1,11 +1,11 @@
 """`thalweg imitate`: a policy that sees frames, taught by a pilot that knows the map, on many rivers."""
 
-import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from thalweg.cli.options import UsageError, settings_from
+from thalweg.cli.run_result import print_result
 from thalweg.core.seeds import parse_seeds
 
 
@@ -52,15 +52,5 @@ class Imitate:
             threads=self.threads,
         )
         result = imitation.run(progress=True)
-        if result.already_finished:
-            print(f"{self.out} was finished before; nothing was trained.")
-        elif result.resumed_from is not None:
-            print(f"{self.out} resumed from step {result.resumed_from:,}.")
-        print(
-            f"{result.folder}: {result.algorithm}, {result.steps:,} steps, {result.episodes:,} episodes in"
-            f" {result.seconds:.0f} s; last 50: return {result.return_mean:.2f}, cost {result.cost_mean:.2f}"
-        )
-        print(
-            f"Evaluate it: {shlex.join(['thalweg', 'evaluate', str(self.out), '--levels', *self.levels, '--unseen'])}"
-        )
+        print_result(result, ["--levels", *self.levels, "--unseen"])
         return 0

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from thalweg.cli.options import NO_FILE, River, UsageError, settings_from
+from thalweg.cli.run_result import print_result
 from thalweg.core.seeds import parse_seeds
 
 if TYPE_CHECKING:
@@ -80,18 +81,7 @@ class Train:
             begin_with=self.begin_with,
             graphs=self.graphs,
         )
-        if result.already_finished:
-            print(f"{self.out} was finished before; nothing was trained.")
-        elif result.resumed_from is not None:
-            print(f"{self.out} resumed from step {result.resumed_from:,}.")
-        print(
-            f"{result.folder}: {result.algorithm}, {result.steps:,} steps, {result.episodes:,} episodes in"
-            f" {result.seconds:.0f} s; last 50: return {result.return_mean:.2f}, cost {result.cost_mean:.2f}"
-        )
-        if result.already_finished or result.resumed_from is not None:  # else they have been shown
-            for line in result.warnings:
-                print(f"Warning: {line}")
-        print(f"Evaluate it: {shlex.join(['thalweg', 'evaluate', str(self.out), *self._where(seeds)])}")
+        print_result(result, self._where(seeds))
         return 0
 
     def _where(self, seeds: Sequence[int]) -> list[str]:

@@ -1,0 +1,24 @@
+"""What a finished run prints: its result, its warnings, and the command that evaluates its policy."""
+
+import shlex
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from thalweg.train import RunResult
+
+
+def print_result(result: "RunResult", evaluation: Sequence[str]) -> None:
+    """Print the result of a run; `evaluation`: options of the command that evaluates it."""
+    if result.already_finished:
+        print(f"{result.folder} was finished before; nothing was trained.")
+    elif result.resumed_from is not None:
+        print(f"{result.folder} resumed from step {result.resumed_from:,}.")
+    print(
+        f"{result.folder}: {result.algorithm}, {result.steps:,} steps, {result.episodes:,} episodes in"
+        f" {result.seconds:.0f} s; last 50: return {result.return_mean:.2f}, cost {result.cost_mean:.2f}"
+    )
+    if result.already_finished or result.resumed_from is not None:  # else they have been shown
+        for line in result.warnings:
+            print(f"Warning: {line}")
+    print(f"Evaluate it: {shlex.join(['thalweg', 'evaluate', str(result.folder), *evaluation])}")

@@ -8,7 +8,8 @@
 A row of any_river.csv is appended as each cell is flown: a student's flights of one kind on one level. A cell that has
 a row is skipped, and training resumes in the folder `--runs`. `fixed` is the river of the level with `--episodes`
 starts; `unseen` as many rivers that nobody trains on, with one start each; `varied` the same under varied looks, suns,
-pitches and fields of view. Violations are episodes that end in a tight or loose cost.
+pitches and fields of view; `real` are reaches of real rivers, with `--episodes` starts each. The teacher flies all of
+them too, but for `varied`, since it sees no looks. Violations are episodes that end in a tight or loose cost.
 """
 
 import argparse
@@ -23,7 +24,8 @@ import numpy as np
 from page_sections import replace_section
 
 from thalweg.bench.csv_files import read_csv
-from thalweg.bench.evaluate.baselines import Policy
+from thalweg.bench.evaluate.baselines import BASELINES, Policy
+from thalweg.bench.evaluate.conditions import RIVERS
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.evaluate.evaluation import UNSEEN, Course, EvaluationConfig, Label, evaluate, observation_function
 from thalweg.bench.report.table import frame, markdown
@@ -38,8 +40,10 @@ from thalweg.train.run_in_folder import policy_file
 HERE = Path(__file__).resolve().parent
 TABLE = HERE / "any_river.csv"
 PAGE, SECTION = HERE.parent / "docs" / "imitation.md", "any river"
-LEVELS, KINDS = ("Easy", "Medium", "Hard"), ("fixed", "unseen", "varied")
+LEVELS, KINDS = ("Easy", "Medium", "Hard"), ("fixed", "unseen", "varied", "real")
 SEEDS, OBSERVATIONS = (0, 1, 2), ("rgb+mask", "rgb")
+TEACHER = "teacher"
+"""In place of what a policy sees: the pilot that students are taught by."""
 STEPS, WORLD_SEEDS = 1_000_000, "1000:1064"
 LOOKS = Randomisation(suns=1)
 """Appearances of `varied` flights; each river has one sun."""
@@ -74,12 +78,13 @@ class Cell:
     """Flights of one kind on one level by one policy."""
 
     policy: str
-    """What a student sees, or the hash of another policy's file."""
+    """What a student sees, `TEACHER`, or the hash of another policy's file."""
     steps: int
     """Steps of training; 0 for another policy."""
     seed: int
     kind: str
     level: str
+    """A level, or a real river."""
     episodes: int
 
     @property
@@ -91,11 +96,16 @@ class Cell:
     def courses(self) -> Iterator[Course]:
         """Yield the rivers with their starts, and looks if they vary."""
         config = EvaluationConfig(self.episodes, deterministic=True)
-        if self.kind == "fixed":
-            yield Course.of_level(self.level, config)
+        drawn = self.policy != TEACHER
+        if self.kind == "real":
+            yield Course.on(RIVERS[self.level].build(), config)
             return
+        if self.kind == "fixed":
+            yield Course.of_level(self.level, config, drawn=drawn)
+            return
+        seeds = range(UNSEEN, UNSEEN + self.episodes)
         # The start on the i-th river is the i-th of that river's own list, and so is its look.
-        for index, course in enumerate(Course.of_seeds(self.level, range(UNSEEN, UNSEEN + self.episodes), config)):
+        for index, course in enumerate(Course.of_seeds(self.level, seeds, config, drawn=drawn)):
             yield (course.varied(LOOKS, config) if self.kind == "varied" else course).only(index)
 
     def fly(self, policy: Policy) -> list[Episode]:
@@ -136,9 +146,9 @@ def row_of(cell: Cell, episodes: Sequence[Episode]) -> dict[str, str]:
     return dict(zip(KEY, cell.key, strict=True)) | values
 
 
-def measure(cell: Cell, path: Path) -> dict[str, str]:
-    """Fly a cell with the policy of a file or folder; returns its row."""
-    return row_of(cell, cell.fly(load_policy(path)))
+def measure(cell: Cell, path: Path | None) -> dict[str, str]:
+    """Fly a cell with the policy of a file or folder, None for the teacher; returns its row."""
+    return row_of(cell, cell.fly(load_policy(path) if path else BASELINES["steady"]))
 
 
 def append(path: Path, row: dict[str, str]) -> None:
@@ -159,15 +169,21 @@ def page_table(rows: Sequence[dict[str, str]]) -> str:
         for kind in KINDS:
             cells = [row for row in rows if row["policy"] == policy and row["kind"] == kind]
             if cells:
-                lines.append([policy, kind, str(len({row["seed"] for row in cells})), *_by_level(cells)])
+                lines.append([policy, kind, str(len({row["seed"] for row in cells})), *_by_level(cells, kind)])
     heading = ["sees", "flights", "seeds", *(f"{level}: return, violations" for level in LEVELS)]
-    return markdown(frame(heading, lines)).rstrip()
+    real = f"The columns of `real` are {', '.join(RIVERS)}."
+    return f"{markdown(frame(heading, lines)).rstrip()}\n\n{real}"
 
 
-def _by_level(cells: Sequence[dict[str, str]]) -> list[str]:
-    """Return mean return and share of violations on each level."""
+def levels_of(kind: str) -> tuple[str, ...]:
+    """Return the levels that flights of a kind have, or the real rivers."""
+    return tuple(RIVERS) if kind == "real" else LEVELS
+
+
+def _by_level(cells: Sequence[dict[str, str]], kind: str) -> list[str]:
+    """Return mean return and share of violations on each level, or real river."""
     found = []
-    for level in LEVELS:
+    for level in levels_of(kind):
         here = [row for row in cells if row["level"] == level]
         returns = [float(row["return"]) for row in here]
         violations = [float(row["violations"]) for row in here]
@@ -178,7 +194,7 @@ def _by_level(cells: Sequence[dict[str, str]]) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS))
-    parser.add_argument("--observations", nargs="+", choices=OBSERVATIONS, default=list(OBSERVATIONS))
+    parser.add_argument("--observations", nargs="+", choices=(TEACHER, *OBSERVATIONS), default=[TEACHER, *OBSERVATIONS])
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
     parser.add_argument("--levels", nargs="+", choices=LEVELS, default=list(LEVELS))
     parser.add_argument("--episodes", type=int, default=300, help="starts, or rivers, of each cell")
@@ -200,17 +216,32 @@ def main() -> None:
     if given.policy:
         students = [(file_hash(policy_file(given.policy)), 0, 0)]
     else:
-        students = [(seen, given.steps, seed) for seen in given.observations for seed in given.seeds]
+        students = [(seen, given.steps, seed) for seen in given.observations if seen != TEACHER for seed in given.seeds]
+        students += [(TEACHER, 0, 0)] if TEACHER in given.observations else []
     for student in students:
-        planned = [Cell(*student, kind, level, given.episodes) for kind in given.kinds for level in given.levels]
+        planned = planned_cells(student, given.kinds, given.levels, given.episodes)
         cells = [cell for cell in planned if cell.key not in done]
         print(f"{' '.join(map(str, student))}: {len(cells)} of {len(planned)} cells are to be flown", flush=True)
         if cells:
-            path = given.policy or trained(given.runs, cells[0])
+            teacher = student[0] == TEACHER
+            path = None if teacher else given.policy or trained(given.runs, cells[0])
             _fly_all(cells, path, given.jobs, given.out)
 
 
-def _fly_all(cells: Sequence[Cell], path: Path, jobs: int, table: Path) -> None:
+def planned_cells(
+    student: tuple[str, int, int], kinds: Sequence[str], levels: Sequence[str], episodes: int
+) -> list[Cell]:
+    """Return the cells of a student, (what it sees, steps, seed): `levels` select among those that a kind has."""
+    shown = [kind for kind in kinds if student[0] != TEACHER or kind != "varied"]
+    return [
+        Cell(*student, kind, level, episodes)
+        for kind in shown
+        for level in levels_of(kind)
+        if kind == "real" or level in levels
+    ]
+
+
+def _fly_all(cells: Sequence[Cell], path: Path | None, jobs: int, table: Path) -> None:
     """Fly cells with the policy of a file or folder, and append a row as each ends."""
     with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
         for ended in as_completed([pool.submit(measure, cell, path) for cell in cells]):

@@ -54,15 +54,29 @@ def test_cells_differ_by_all_that_they_are(script: ModuleType, cell: Any):
 
 def test_unseen_flights_are_on_as_many_rivers(script: ModuleType, monkeypatch: pytest.MonkeyPatch):
     of_seeds = script.Course.of_seeds
-    monkeypatch.setattr(script.Course, "of_seeds", lambda *given: of_seeds(*given, drawn=False))
+    monkeypatch.setattr(script.Course, "of_seeds", lambda *given, drawn: of_seeds(*given, drawn=False))
     flights = script.Cell("steady", 0, 0, "unseen", "Easy", 3).fly(BASELINES["steady"])
     assert [flight.reason for flight in flights] == ["Success"] * 3
     assert len({flight.world_seed for flight in flights}) == 3
 
 
+def test_the_teacher_flies_real_rivers(script: ModuleType):
+    flights = script.Cell(script.TEACHER, 0, 0, "real", "Wear", 3).fly(BASELINES["steady"])
+    assert [(flight.reason, flight.cost) for flight in flights] == [("Success", 0.0)] * 3
+
+
+def test_levels_select_cells_but_real_rivers_are_always_flown(script: ModuleType):
+    cells = script.planned_cells(("mask", 9, 0), ["fixed", "varied", "real"], ["Hard"], 4)
+    found = [(cell.kind, cell.level) for cell in cells]
+    rivers = [("real", "Cam"), ("real", "Wear"), ("real", "Cherwell")]
+    assert found == [("fixed", "Hard"), ("varied", "Hard"), *rivers]
+    teacher = script.planned_cells((script.TEACHER, 0, 0), ["fixed", "varied", "real"], ["Hard"], 4)
+    assert [(cell.kind, cell.level) for cell in teacher] == [("fixed", "Hard"), *rivers]
+
+
 def test_varied_flights_have_a_look_each(script: ModuleType, monkeypatch: pytest.MonkeyPatch):
     of_seeds = script.Course.of_seeds
-    monkeypatch.setattr(script.Course, "of_seeds", lambda *given: of_seeds(*given, drawn=False))
+    monkeypatch.setattr(script.Course, "of_seeds", lambda *given, drawn: of_seeds(*given, drawn=False))
     monkeypatch.setattr("thalweg.bench.evaluate.evaluation.relit_worlds", lambda worlds, looks: worlds)
     looks = [course.looks for course in script.Cell("rgb", 9, 0, "varied", "Easy", 3).courses()]
     assert all(look.shape[0] == 1 for look in looks)
@@ -102,4 +116,8 @@ def test_the_table_has_means_over_seeds(script: ModuleType):
     for seed, returned in ((0, 9.0), (1, 10.0)):
         cell = script.Cell("rgb+mask", 9, seed, "unseen", "Easy", 2)
         rows.append(script.row_of(cell, [episode(returned, float(seed), "Success")] * 2))
-    assert "| rgb+mask | unseen | 2 | 9.50, 50.0% |" in script.page_table(rows)
+    real = script.Cell("rgb+mask", 9, 0, "real", "Cherwell", 2)
+    rows.append(script.row_of(real, [episode(7.0, 0.0, "Success")] * 2))
+    table = script.page_table(rows)
+    assert "| rgb+mask | unseen | 2 | 9.50, 50.0% |" in table
+    assert "| rgb+mask | real | 1 |  |  | 7.00, 0.0% |" in " ".join(table.split(" "))

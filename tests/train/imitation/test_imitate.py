@@ -86,6 +86,31 @@ def test_an_interrupted_run_resumes_to_the_same_numbers(memory: int, tmp_path: P
     assert imitation(tmp_path / "parts", **given).run().already_finished
 
 
+@pytest.mark.parametrize(("share", "restarted"), [(0.0, 0), (0.5, 1), (1.0, 2)])
+def test_a_share_of_the_flights_begins_anew_with_each_sequence(
+    share: float, restarted: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    update, found = ImitationTrainer.update, []
+
+    def watched(trainer: ImitationTrainer) -> dict[str, float]:
+        before = trainer.env.state.pose.copy(), trainer.flights.images.copy()
+        losses = update(trainer)
+        moved = (trainer.env.state.pose != before[0]).any(axis=1)
+        assert (trainer.env.state.steps[moved] == 0).all() and trainer.flights.fresh[moved].all()
+        redrawn = (trainer.flights.images != before[1]).any(axis=(1, 2, 3))
+        assert (redrawn == moved).all()
+        found.append(int(moved.sum()))
+        return losses
+
+    monkeypatch.setattr(ImitationTrainer, "update", watched)
+    imitation(tmp_path / "run", settings=SETTINGS | {"start_share": share}).run()
+    assert found == [restarted] * 6
+    # The statistics forget what was flown before: no episode is longer than a sequence where all begin anew.
+    with open(tmp_path / "run" / "episodes.csv", newline="") as file:
+        lengths = [int(row["length"]) for row in csv.DictReader(file)]
+    assert share < 1.0 or all(length <= 4 for length in lengths)
+
+
 def test_a_policy_says_what_it_sees(tmp_path: Path):
     imitation(tmp_path / "run", steps=8, settings=SETTINGS | {"observation": "mask"}).run()
     policy = load_policy(tmp_path / "run")

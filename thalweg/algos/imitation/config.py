@@ -51,6 +51,9 @@ class ImitationConfig:
     """Weight of the predictions of the privileged state and of the bird's-eye map; 0: they are not learnt."""
     teacher_steps: NonNegativeInt = 40_000
     """Steps over which the share of episodes that the teacher flies falls from 1 to 0."""
+    start_share: Fraction = 0.5
+    """Share of the environments whose flights begin anew with each sequence: a start shows less of the river than any
+    other state, and a whole flight has only one."""
     noise: Fraction = 0.05
     """Share of random moves in flights, whose consequences the student learns to mend."""
     corrupted_masks: Fraction = 0.2

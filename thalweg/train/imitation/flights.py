@@ -59,6 +59,13 @@ class Flights:
         """Start new episodes in all environments."""
         self.images, _ = self.env.reset(seed=seeds)
 
+    def restart(self, rows: np.ndarray) -> None:
+        """Start new episodes in the environments `rows`, in place of the running ones; valid while no step is noted."""
+        mask = np.zeros(self.env.num_envs, bool)
+        mask[rows] = True
+        self.images, _ = self.env.reset(options={"reset_mask": mask})
+        self.fresh = self.fresh | mask
+
     @property
     def noted(self) -> int:
         """Steps of each environment since `begin`."""

@@ -23,6 +23,8 @@ class ImitationTrainer:
         self.flights = Flights(env, student, seed)
         self.store = SequenceStore(student.config.capacity, student.config.sequence)
         self.statistics = EpisodeStatistics(env.num_envs, world_names(env), done_reason_names(env))
+        self._restarted = np.arange(round(student.config.start_share * env.num_envs))
+        """Environments whose flights begin anew with each sequence."""
         self.stages = {"act": 0.0, "env": 0.0, "learn": 0.0, "redraw": 0.0}
         self.updates, self.seconds = 0, 0.0
         self.warned: dict[str, str] = {}
@@ -96,6 +98,9 @@ class ImitationTrainer:
         if len(sequences.fresh) == config.sequence:
             self.store.add(sequences)
         self.flights.begin()
+        if self._restarted.size:
+            self.flights.restart(self._restarted)
+            self.statistics.discard_running(self._restarted)
         self.statistics.fresh.clear()
         self.updates += 1
         return {**found, "learning_rate": student.optimiser.rate, "stored_steps": self.store.count * config.sequence}

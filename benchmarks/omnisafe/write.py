@@ -115,15 +115,22 @@ def work_of(line: dict[str, Any]) -> tuple[str, str]:
     return f"{line['steps']:,}", ", ".join(f"{count:,} {name}" for name, count in counts.items()) or "none"
 
 
+def repetitions(found: dict[str, Any]) -> str:
+    """Return how often the algorithms were measured, with those that were measured less often."""
+    counts = {line["algorithm"]: len(line["rates"]) for line in found["lines"]}
+    most = max(counts.values())
+    fewer = [f"{name} {count}" for name, count in counts.items() if count < most]
+    return f"{most} repetitions" + (f" ({', '.join(fewer)})" if fewer else "")
+
+
 def section() -> str:
     """Return the section of the page, as far as it was measured."""
     parts = []
     if SPEED.exists():
         found = json.loads(SPEED.read_text())
         peer = ", ".join(f"{name} {number}" for name, number in found["peer"].items())
-        repeats = len(found["lines"][0]["rates"])
         note = wrap(
-            f"Medians over {repeats} repetitions in turns, and the median, least and greatest of their ratios. Other "
+            f"Medians over {repetitions(found)} in turns, and the median, least and greatest of their ratios. Other "
             f"programs slow down the clock's rates, but hardly those by processor time. {describe(found)}. OmniSafe's "
             f"side: {peer}. Load of the machine before: {found['load_before']:.1f}. The work of one repetition:"
         )

@@ -236,6 +236,14 @@ def test_a_row_of_speed_has_medians_and_the_ratios_of_each_repetition():
     ]
 
 
+def test_algorithms_that_were_measured_less_often_are_named():
+    found = speeds()
+    assert write.repetitions(found) == "3 repetitions"
+    for line in found["lines"][2:]:
+        line["rates"] = line["rates"][:1]
+    assert write.repetitions(found) == "3 repetitions (SafeLOOP 1)"
+
+
 def test_final_means_are_over_the_last_episodes_of_all_seeds(curves: Path):
     read = plot.read(curves)
     # (2 x 1 + 4 x 3 + 8 x 1) / 5 and (0 + 0.2 x 3 + 0.6) / 5: what ended after step 80.

@@ -50,8 +50,8 @@ class Rollout:
     """T steps of N environments, in order; the first may continue episodes of the rollout before."""
 
     obs: Tensor
-    """[T + 1, N, K * D] float32, or uint8 for rows of images, what was seen before each step, and after the last one what the next step will start
-    from."""
+    """[T + 1, N, K * D] float32, or uint8 for rows of images, what was seen before each step, and after the last one
+    what the next step will start from."""
     fresh: Tensor
     """[T + 1, N] bool, whether that observation begins an episode."""
     actions: Tensor
@@ -69,8 +69,8 @@ class Rollout:
     final_index: Tensor
     """[F] int64, t * N + n of each step that ended an episode and of which the last observation is known."""
     final_obs: Tensor
-    """[F, K * D], of the same type, what was seen at the end of those steps, before the reset; zeros where an episode ended by
-    itself and the environment did not say, for nothing comes after it."""
+    """[F, K * D], of the same type, what was seen at the end of those steps, before the reset; zeros where an episode
+    ended by itself and the environment did not say, for nothing comes after it."""
     critic_obs: Tensor | None = None
     """[T + 1, N, C] float32, what critics see beside each observation; None if `Task.critic_size` is 0."""
     final_critic_obs: Tensor | None = None

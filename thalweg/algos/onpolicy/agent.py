@@ -66,7 +66,8 @@ class Agent:
         self.critic_normaliser = Normaliser(told, config.normalise_observations, task.device) if told else None
         """Of the C numbers that only critics see; None if they see the observation alone."""
         self.imitation_weight = 0.0
-        """Weight of the KL from the policy that the run begins with, in this update; set by `decay` or `NaturalStep`."""
+        """Weight, in this update, of the KL from the policy that the run begins with; `decay` and `NaturalStep` set
+        it."""
         self.critics_warm_up = False
         """Whether only the critics learn in this update; known after `samples`."""
         self._warmup_left = 0
@@ -284,9 +285,13 @@ def check_sight(config: OnPolicyConfig, task: Task) -> None:
             raise AlgorithmError("the observations are images, which only a policy with policy=cnn sees")
         return
     if task.image is None:
-        raise AlgorithmError(f"policy=cnn sees images, but the observations are {task.obs_size} numbers: use policy=mlp")
+        raise AlgorithmError(
+            f"policy=cnn sees images, but the observations are {task.obs_size} numbers: use policy=mlp"
+        )
     if min(task.image) < 1 or min(task.image[:2]) < FIRST_STRIDE:
-        raise AlgorithmError(f"policy=cnn sees images of at least {FIRST_STRIDE}x{FIRST_STRIDE} pixels, not {task.image}")
+        raise AlgorithmError(
+            f"policy=cnn sees images of at least {FIRST_STRIDE}x{FIRST_STRIDE} pixels, not {task.image}"
+        )
     if not isinstance(task.action_space, gym.spaces.Discrete | gym.spaces.MultiDiscrete):
         raise AlgorithmError(f"policy=cnn remembers the options that it took: it has none in {task.action_space}")
     if not task.critic_size:

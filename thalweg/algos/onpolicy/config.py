@@ -1,6 +1,6 @@
 """Settings that on-policy algorithms share: all of them, first-order, natural-step and constrained ones."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
 
@@ -59,8 +59,8 @@ class OnPolicyConfig:
     """With `begin_with`: environment steps during which only the critics learn, because critics that have learnt
     nothing would move the policy anywhere; without it, no effect. Policy and multipliers stay until then."""
     imitation_kl: NonNegativeFloat = 0.0
-    """With `begin_with`: weight, at the beginning of the run, of the KL from the policy that it begins with, KL(π ‖ π_0),
-    in the policy's loss or, of natural gradients, in their objective. In nats, summed over action branches."""
+    """With `begin_with`: weight of the KL from the policy that the run begins with, KL(π ‖ π_0) in nats, summed over
+    action branches, in the policy's loss or, of natural gradients, in their objective; that at the beginning."""
     imitation_kl_share: Annotated[float, Field(gt=0, le=1)] = 0.5
     """Share of the run over which that weight falls linearly to 0."""
     adapter: Adapter = "native"
@@ -108,6 +108,15 @@ class OnPolicyConfig:
     def imitation_weight(self, progress: float) -> float:
         """Return the weight of the KL from the policy that a run begins with, after this share of it, 0..1."""
         return self.imitation_kl * max(0.0, 1.0 - progress / self.imitation_kl_share)
+
+
+def settings_like(shape: NetworkShape) -> dict[str, Any]:
+    """Return the settings with which a policy that sees images has a shape; empty for a shape without eyes."""
+    if shape.eyes is None:
+        return {}
+    memory = {"memory": "gru", "memory_size": shape.memory} if shape.memory else {"memory": "none"}
+    eyes = {"filters": shape.eyes.filters, "features": shape.eyes.features}
+    return {"hidden": shape.hidden, "activation": shape.activation, **memory, **eyes}
 
 
 @frozen_config(AlgorithmError)

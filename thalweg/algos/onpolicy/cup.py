@@ -101,6 +101,8 @@ class CUP:
             for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
                 self._project(inputs, *rows)
             back.measure()
+        if back.passes:
+            monitor.imitation_kl = back.imitation_kl  # that of the policy which acts next
         return (
             metrics_of(agent, samples, log, monitor)
             | {"learning_rate": rate, "clip_fraction": clipped}

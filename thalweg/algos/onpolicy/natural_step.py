@@ -3,11 +3,10 @@
 Letters: P parameters of the policy, B states.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import torch
 from torch import Tensor
-from torch.nn.utils import parameters_to_vector
 
 from thalweg.algos.constraint.multiplier import SETTLING
 from thalweg.algos.maths import losses
@@ -29,7 +28,7 @@ class NaturalStep:
         """Prepare a step; `progress` is the share of the run's steps taken before this rollout."""
         self._agent, self._samples, self._drift, self._config = agent, samples, monitor, config
         self._actor = agent.policy.actor
-        self._start = parameters_to_vector(self._actor.parameters()).detach().clone()
+        self._start = vector_of(self._actor.parameters()).detach().clone()
         dimensions = agent.policy.actions.count if config.kl_per_dimension else 1
         self._share = 1.0 / dimensions
         settled = min(1.0, (1.0 - progress) / SETTLING) if config.radius_settles else 1.0
@@ -65,7 +64,7 @@ class NaturalStep:
 
         def product(vector: Tensor) -> Tensor:
             bent = torch.autograd.grad(slope.dot(vector), list(self._actor.parameters()), retain_graph=True)
-            return parameters_to_vector(bent) + self._config.damping * vector
+            return vector_of(bent) + self._config.damping * vector
 
         return conjugate_gradient(product, gradient, self._config.conjugate_iterations)
 
@@ -98,15 +97,18 @@ class NaturalStep:
         return self._samples.drawn(most, self._agent.generator)
 
     def _mean_gradient(self, mean_of: Callable[[Distribution, Tensor | slice], Tensor]) -> Tensor:
-        """Return the gradient [P] of a mean over all samples; `mean_of` takes the distribution at some rows, and returns
-        the mean over them. What convolutions make of a rollout is too large for one part."""
+        """Return the gradient [P] of a mean over all samples.
+
+        `mean_of` takes the distribution at some rows, and returns the mean over them.
+        """
         whole = torch.zeros_like(self._start)
         for inputs, rows, share in self._parts():
             whole += share * self._flat(mean_of(self._agent.policy.distribution_of(inputs), rows))
         return whole
 
     def _parts(self) -> Iterator[tuple[Tensor | Sequences, Tensor | slice, float]]:
-        """Yield the samples whole, or with eyes in minibatches: inputs, rows and their share of all."""
+        """Yield the samples whole, or with eyes, whose layers are too large for that, in minibatches: inputs, rows and
+        their share of all."""
         samples = self._samples
         if not self._config.sees_images:
             yield samples.inputs, slice(None), 1.0
@@ -122,7 +124,13 @@ class NaturalStep:
 
     def _flat(self, scalar: Tensor, create_graph: bool = False) -> Tensor:
         parameters = list(self._actor.parameters())
-        return parameters_to_vector(torch.autograd.grad(scalar, parameters, create_graph=create_graph))
+        return vector_of(torch.autograd.grad(scalar, parameters, create_graph=create_graph))
+
+
+def vector_of(tensors: Iterable[Tensor]) -> Tensor:
+    """Return tensors as one vector [P], whatever their layout in memory; torch's own function takes no weights of
+    convolutions whose channels are last."""
+    return torch.cat([tensor.reshape(-1) for tensor in tensors])
 
 
 def most_violated(means: tuple[float, ...], limits: tuple[float, ...]) -> tuple[int, float]:

@@ -7,7 +7,6 @@ features.
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
@@ -90,7 +89,7 @@ class Convolutions(nn.Module):
 def rows_of(images: np.ndarray, last_options: np.ndarray) -> np.ndarray:
     """Return rows uint8 [N, pixels + A] of images uint8 [N, H, W, C] and the options [N, A] that were taken before,
     -1 where there is none."""
-    flat = np.ascontiguousarray(images).reshape(len(images), -1)
+    flat = np.ascontiguousarray(images).reshape(len(images), math.prod(images.shape[1:]))
     return np.concatenate([flat, (last_options + 1).astype(np.uint8)], axis=1)
 
 

@@ -223,7 +223,7 @@ def test_a_run_that_stays_close_to_an_imitated_policy_resumes_to_the_bit(at: int
 
 
 def test_a_policy_of_numbers_may_stay_close_to_another_too(first: Path, tmp_path: Path):
-    given: dict[str, Any] = {"begin_with": first, "steps": 256}
+    given: dict[str, Any] = {"begin_with": first, "steps": 1024}
     close, free = (
         train(tmp_path / name, "PPO", config=at_once("PPO")["config"] | {"imitation_kl": weight}, **given)
         for name, weight in (("close", 100.0), ("free", 0.0))

@@ -31,8 +31,8 @@ INVERSELY_PROPORTIONAL = ("updates_per_step",)
 """Settings that are divided by num_envs / REFERENCE_ENVS."""
 
 IMAGES: Settings = {"passes": 4, "learning_rate": 3e-4, "curvature_steps": 256}
-"""Defaults of on-policy algorithms with policy=cnn, whose gradient steps take a hundred times as long as those of a
-perceptron of codes."""
+"""Defaults of on-policy algorithms with policy=cnn, whose gradient steps take hundreds of times as long as those of
+a perceptron of codes."""
 
 _ON_POLICY_ROLLOUT: Settings = {
     "steps_per_update": 20_000,

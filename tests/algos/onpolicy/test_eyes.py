@@ -234,6 +234,30 @@ def test_a_heavy_kl_holds_the_policy_where_it_began(name: str, memory: dict[str,
     assert found["held"] < 0.2 * found["free"] and found["late"] == pytest.approx(found["free"], rel=1e-4)
 
 
+@MEMORIES
+@pytest.mark.parametrize("name", ["CPO", "OnCRPO"])
+def test_a_natural_step_goes_back_to_where_the_run_began(name: str, memory: dict[str, Any]):
+    learner = learner_for(name, imitation_kl=1e3, critic_learning_rate=0.0, **memory)
+    shake(learner.policy, 0.2, seed=2)
+    flown = rollout(learner)
+    before = kl_from_origin(learner, flown)
+    found = learner.update(flown, feedback(0.01))
+    assert found["steps_refused"] < 15 and kl_from_origin(learner, flown) < 0.8 * before
+
+
+@MEMORIES
+def test_a_natural_step_away_from_where_the_run_began_is_refused(memory: dict[str, Any]):
+    """Steps against the direction that was solved for raise the KL that the objective weighs."""
+    learner = learner_for("CPO", imitation_kl=1e3, **memory)
+    shake(learner.policy, 0.2, seed=2)
+    before = vector_of(learner.policy.actor.parameters()).detach().clone()
+    with pytest.MonkeyPatch.context() as patch:
+        search = NaturalStep.search
+        patch.setattr(NaturalStep, "search", lambda natural, step, accepts: search(natural, -step, accepts))
+        assert learner.update(rollout(learner), feedback(0.01))["steps_refused"] == 15
+    assert torch.equal(vector_of(learner.policy.actor.parameters()), before)
+
+
 def test_settings_follow_from_the_shape_of_a_policy():
     policy = learner_for("PPO", begun=False, **GRU).policy
     settings = settings_like(policy.shape)

@@ -153,7 +153,7 @@ class EnvStepper:
             "pending": self.pending,
             "steps": self._steps,
             "cost_seen": self._cost_seen,
-            "frames": self._stack.state() if self.images is None else self.images.state(),
+            "frames": self._stack.state(),
             **critics,
         }
 
@@ -161,7 +161,7 @@ class EnvStepper:
         """Restore a state of `state`."""
         self.pending = np.array(state["pending"], dtype=bool)
         self._steps, self._cost_seen = int(state["steps"]), bool(state["cost_seen"])
-        (self._stack if self.images is None else self.images).load_state(state["frames"])
+        self._stack.load_state(state["frames"])
         if self._critics is not None and self._critics.now is not None:
             self._critics.now = np.array(state["critic_obs"], dtype=np.float32)
 

@@ -23,7 +23,10 @@ def image_of(space: gym.Space) -> tuple[int, int, int]:
 
 
 class ImageStack:
-    """Rows of the images of a vector environment, from its observations and the actions that it is given."""
+    """Rows of the images of a vector environment, from its observations and the actions that it is given.
+
+    It has no state to keep: the next step begins with a row that has the last options already.
+    """
 
     def __init__(self, env: Any) -> None:
         """Raises `TrainingError` for an environment whose observations are not images."""
@@ -45,14 +48,6 @@ class ImageStack:
     def last_of(self, images: np.ndarray, envs: np.ndarray) -> np.ndarray:
         """Return rows uint8 [F, D] of the last images [F, H, W, C] of the episodes of environments [F]."""
         return self._rows.rows_at_end(images, envs)
-
-    def state(self) -> dict[str, Any]:
-        """Return the last options as an array."""
-        return {"last": self._rows.last.copy()}
-
-    def load_state(self, state: dict[str, Any]) -> None:
-        """Restore what `state` returned."""
-        self._rows.note(state["last"])
 
 
 def check_rollout_memory(steps: int, num_envs: int, row_bytes: int) -> None:

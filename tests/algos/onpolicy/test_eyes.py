@@ -245,17 +245,21 @@ def test_a_natural_step_goes_back_to_where_the_run_began(name: str, memory: dict
     assert found["steps_refused"] < 15 and kl_from_origin(learner, flown) < 0.8 * before
 
 
-@MEMORIES
-def test_a_natural_step_away_from_where_the_run_began_is_refused(memory: dict[str, Any]):
-    """Steps against the direction that was solved for raise the KL that the objective weighs."""
-    learner = learner_for("CPO", imitation_kl=1e3, **memory)
-    shake(learner.policy, 0.2, seed=2)
-    before = vector_of(learner.policy.actor.parameters()).detach().clone()
-    with pytest.MonkeyPatch.context() as patch:
-        search = NaturalStep.search
-        patch.setattr(NaturalStep, "search", lambda natural, step, accepts: search(natural, -step, accepts))
-        assert learner.update(rollout(learner), feedback(0.01))["steps_refused"] == 15
-    assert torch.equal(vector_of(learner.policy.actor.parameters()), before)
+@pytest.mark.parametrize(("change", "accepted"), [(1.0, False), (-1.0, True)])
+@pytest.mark.parametrize("name", ["CPO", "OnCRPO"])
+def test_a_step_that_leaves_the_imitated_policy_is_not_accepted(
+    name: str, change: float, accepted: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """If nothing else changes: the ratio is 1 in every state."""
+    learner, asked = learner_for(name, imitation_kl=1.0), []
+
+    def search(natural: NaturalStep, step: torch.Tensor, accepts: Any) -> int:
+        asked.append(accepts(natural._drift.old_log_prob, natural.imitation + change))
+        return 0
+
+    monkeypatch.setattr(NaturalStep, "search", search)
+    learner.update(rollout(learner), feedback(0.01))
+    assert asked == [accepted]
 
 
 def test_settings_follow_from_the_shape_of_a_policy():

@@ -73,7 +73,7 @@ def learner_for(name: str, begun: bool = True, **settings: Any) -> Any:
     natural = {"curvature_steps": 32} if "curvature_steps" in vars(ALGORITHMS[name].config()) else {}
     made = ALGORITHMS[name].make(ALGORITHMS[name].config(**(SIGHT | natural | settings)), TASK)
     if begun:
-        other = ALGORITHMS["PPO"].make(
+        other: Any = ALGORITHMS["PPO"].make(
             ALGORITHMS["PPO"].config(**(SIGHT | GRU if "memory" in settings else SIGHT)), TASK
         )
         shake(other.policy)
@@ -93,7 +93,7 @@ def kl_from_origin(learner: Any, flown: Rollout) -> float:
 @MEMORIES
 def test_the_gradient_of_a_step_is_that_of_finite_differences(memory: dict[str, Any]):
     made, _, samples = agent(**memory)
-    made.policy_optimiser.step = lambda max_norm: None
+    made.policy_optimiser.step = lambda max_norm=0.0: None
     made.policy.actor.double()
     hidden = {name: start.double() for name, start in getattr(samples.inputs, "starts", {}).items()}
     inputs = dataclasses.replace(samples.inputs, starts=hidden) if memory else samples.inputs  # pyright: ignore

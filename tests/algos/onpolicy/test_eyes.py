@@ -71,7 +71,7 @@ def shake(policy: Policy, by: float = 0.1, seed: int = 1) -> None:
 def learner_for(name: str, begun: bool = True, **settings: Any) -> Any:
     """A learner, whose policy began with another one of its kind."""
     natural = {"curvature_steps": 32} if "curvature_steps" in vars(ALGORITHMS[name].config()) else {}
-    made = ALGORITHMS[name].make(ALGORITHMS[name].config(**(SIGHT | natural | settings)), TASK)
+    made: Any = ALGORITHMS[name].make(ALGORITHMS[name].config(**(SIGHT | natural | settings)), TASK)
     if begun:
         other: Any = ALGORITHMS["PPO"].make(
             ALGORITHMS["PPO"].config(**(SIGHT | GRU if "memory" in settings else SIGHT)), TASK

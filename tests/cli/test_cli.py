@@ -150,6 +150,23 @@ WRONG = [
         ["train", "--observation", "privileged", "--encoder", "mine.safetensors", "--out", "x"],
         "--observation privileged takes no encoder: leave --encoder mine.safetensors out",
     ),
+    (
+        ["train", "--set", "policy=cnn", "--encoder", "mine.safetensors", "--out", "x"],
+        "policy=cnn takes no encoder: leave --encoder mine.safetensors out",
+    ),
+    (
+        ["train", "--set", "policy=cnn", "--observation", "privileged", "--out", "x"],
+        "policy=cnn sees images, rgb+mask or rgb or mask, not the privileged observation",
+    ),
+    (
+        ["train", "--observation", "mask", "--out", "x"],
+        "the observation mask is for policies with convolutions: set policy=cnn",
+    ),
+    (
+        ["train", "--algorithm", "SACLag", "--set", "policy=cnn", "--out", "x"],
+        "policy is a setting of on-policy algorithms; SACLag sees numbers only",
+    ),
+    (["train", "--set", "policy=cnn", "frame_stack=2", "--out", "x"], "frame_stack must be 1 with policy=cnn, got 2"),
     (["world", "--seed", "-1"], "--seed must be 0 or more, not -1"),
     (["render", "--poses-seed", "-1"], "--poses-seed must be 0 or more, not -1"),
     (["train", "--seed", "-1", "--out", "x"], "--seed must be 0 or more, not -1"),
@@ -384,6 +401,30 @@ def test_a_policy_is_trained_on_a_real_river(
     assert context["river"] == Reach(brook, width_m=6.0, length_m=60.0, smooth_m=4.0).as_data()
     advised = " ".join([*options, "--world-seed", "3"])
     assert f"Evaluate it: thalweg evaluate {tmp_path / 'run'} {advised}\n" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_a_policy_of_images_is_trained_and_evaluated_without_an_encoder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    import yaml
+
+    def loaded(*_: object, **__: object):
+        raise AssertionError("an encoder was loaded")
+
+    monkeypatch.setattr("thalweg.encoder.load_encoder", loaded)
+    shape = ["filters=[4,4]", "features=8", "memory=gru", "memory_size=4", "steps_per_update=64", "passes=1"]
+    given = ["train", "--algorithm", "ppo", "--level", "easy", "--num-envs", "2", "--steps", "64"]
+    first, then, out = tmp_path / "first", tmp_path / "then", tmp_path / "rows.csv"
+    assert main([*given, "--observation", "mask", "--set", "policy=cnn", *shape, "--out", str(first)]) == 0
+    shorter = ["policy=cnn", "steps_per_update=64", "passes=1", "critic_warmup_steps=0", "imitation_kl=1.0"]
+    assert main([*given, "--begin-with", str(first), "--set", *shorter, "--out", str(then)]) == 0
+    said = yaml.safe_load((then / "config.yaml").read_text())["run"]
+    assert said["context"]["observation"] == "mask" and said["image"] == [128, 128, 1]
+    assert said["config"]["memory_size"] == 4 and said["critic_size"] > 30
+    assert f"Evaluate it: thalweg evaluate {then} --levels easy\n" in capsys.readouterr().out
+    assert main(["evaluate", str(then), "--levels", "easy", "--episodes", "1", "--out", str(out)]) == 0
+    assert len(out.read_text().splitlines()) == 2
 
 
 def test_a_policy_of_the_privileged_observation_is_trained_and_evaluated_without_an_encoder(

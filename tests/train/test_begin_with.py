@@ -10,12 +10,16 @@ import pytest
 import torch
 import yaml
 
+from tests.train.bright_side import BrightSide
+from tests.train.bright_side import Stop as BrightStop
+from tests.train.bright_side import StopsAt as BrightStops
 from tests.train.small_runs import SMALL, Stop, StopsAt, numbers, rows_of, small, train
 from thalweg.algos import AlgorithmError
 from thalweg.algos.interface import Feedback
 from thalweg.algos.offpolicy.agent import Agent
 from thalweg.algos.offpolicy.replay_buffer import Batch
 from thalweg.algos.policy.policy_file import load_policy
+from thalweg.train import run
 from thalweg.train.errors import TrainingError
 from thalweg.train.trainer import Trainer
 
@@ -156,3 +160,73 @@ def test_a_folder_without_a_policy_is_named(tmp_path: Path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(AlgorithmError, match=r"no policy\.safetensors in .*empty \(not a run\)"):
         train(tmp_path / "run", begin_with=tmp_path / "empty", **at_once())
+
+
+EYES: dict[str, Any] = {"filters": (4,), "features": 8, "hidden": (12,), "activation": "relu"}
+EYES |= {"memory": "gru", "memory_size": 6}
+"""Settings of the network of a policy that sees images."""
+
+
+@pytest.fixture(scope="module")
+def imitated(tmp_path_factory) -> Path:
+    """A run whose policy sees images, with a memory, as imitated ones do."""
+    folder = tmp_path_factory.mktemp("imitated")
+    see(folder, config=at_once("PPO")["config"] | {"policy": "cnn"} | EYES)
+    return folder
+
+
+def see(folder: Path, algorithm: str = "PPO", env: BrightSide | None = None, **given: Any):
+    """Train on images; settings of the network follow from the policy that the run begins with."""
+    config = small(algorithm) | {"policy": "cnn", "critic_warmup_steps": 128}
+    del config["hidden"]
+    usual: dict[str, Any] = {"steps": 512, "seed": 2, "config": config, "checkpoint_seconds": 0.0}
+    usual["config"] = config | given.pop("changes", {})
+    return run(algorithm, env or BrightSide(), folder=folder, **(usual | given))
+
+
+@pytest.mark.parametrize("algorithm", ["PPO", "PPOLag", "FOCOPS", "P3O", "CPO"])
+def test_a_policy_that_sees_images_is_taken_over_with_the_shape_of_its_network(
+    algorithm: str, imitated: Path, tmp_path: Path
+):
+    found = see(tmp_path, algorithm, steps=256, begin_with=imitated, changes={"imitation_kl": 1.0})
+    other, shape = load_policy(imitated / "policy.safetensors"), found.policy.shape
+    assert shape.eyes == other.shape.eyes and (shape.hidden, shape.memory, shape.activation) == ((12,), 6, "relu")
+    rows = rows_of(tmp_path, "metrics.csv")
+    assert float(rows[0]["imitation_kl"]) == pytest.approx(0.0, abs=1e-6) and float(rows[1]["imitation_kl"]) > 0.0
+
+
+def test_a_network_of_another_shape_that_is_asked_for_is_refused_by_name(imitated: Path, tmp_path: Path):
+    words = r"memory_size is 0 here and 6 there; eyes is Eyes\(.*features=9\) here and Eyes\(.*features=8\) there"
+    with pytest.raises(AlgorithmError, match=words):
+        see(tmp_path / "run", begin_with=imitated, changes={"features": 9, "memory": "none"})
+    assert not (tmp_path / "run").exists()
+
+
+def test_policies_of_numbers_and_of_images_do_not_take_each_other_over(first: Path, imitated: Path, tmp_path: Path):
+    with pytest.raises(AlgorithmError, match=r"obs_size is 66 here and 3 there; .*eyes is Eyes\(.*here and None there"):
+        see(tmp_path / "run", begin_with=first)
+    with pytest.raises(AlgorithmError, match="obs_size is 3 here and 66 there"):
+        train(tmp_path / "run", "PPO", begin_with=imitated, **at_once())
+
+
+@pytest.mark.parametrize("at", [20, 40])
+def test_a_run_that_stays_close_to_an_imitated_policy_resumes_to_the_bit(at: int, imitated: Path, tmp_path: Path):
+    """Interrupted in the warm-up of critics and after it."""
+    given: dict[str, Any] = {"begin_with": imitated, "changes": {"imitation_kl": 0.5}}
+    see(tmp_path / "whole", **given)
+    with pytest.raises(BrightStop):
+        see(tmp_path / "cut", env=BrightStops(at), **given)
+    see(tmp_path / "cut", **given)
+    assert numbers(tmp_path / "whole") == numbers(tmp_path / "cut")
+    see(tmp_path / "free", begin_with=imitated)
+    assert numbers(tmp_path / "free") != numbers(tmp_path / "whole")
+
+
+def test_a_policy_of_numbers_may_stay_close_to_another_too(first: Path, tmp_path: Path):
+    given: dict[str, Any] = {"begin_with": first, "steps": 1024}
+    close, free = (
+        train(tmp_path / name, "PPO", config=at_once("PPO")["config"] | {"imitation_kl": weight}, **given)
+        for name, weight in (("close", 100.0), ("free", 0.0))
+    )
+    gaps = [float(np.abs(shown(found.folder) - shown(first)).max()) for found in (close, free)]
+    assert gaps[0] < 0.5 * gaps[1]

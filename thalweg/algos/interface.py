@@ -38,6 +38,9 @@ class Task:
     """Device of the rollouts and of learning."""
     graphs: bool = False
     """Whether gradient steps are recorded as CUDA graphs and replayed, see `thalweg.algos.common.cuda_graphs`."""
+    image: tuple[int, int, int] | None = None
+    """H, W, C of the images in observations that are rows of bytes, see `thalweg.algos.policy.vision`; None for
+    observations that are numbers."""
     critic_size: int = 0
     """C, how many numbers the environment tells critics beyond the observation; 0: none."""
 
@@ -47,8 +50,8 @@ class Rollout:
     """T steps of N environments, in order; the first may continue episodes of the rollout before."""
 
     obs: Tensor
-    """[T + 1, N, K * D] float32, what was seen before each step, and after the last one what the next step will start
-    from."""
+    """[T + 1, N, K * D] float32, or uint8 for rows of images, what was seen before each step, and after the last one
+    what the next step will start from."""
     fresh: Tensor
     """[T + 1, N] bool, whether that observation begins an episode."""
     actions: Tensor
@@ -66,8 +69,8 @@ class Rollout:
     final_index: Tensor
     """[F] int64, t * N + n of each step that ended an episode and of which the last observation is known."""
     final_obs: Tensor
-    """[F, K * D] float32, what was seen at the end of those steps, before the reset; zeros where an episode ended by
-    itself and the environment did not say, for nothing comes after it."""
+    """[F, K * D], of the same type, what was seen at the end of those steps, before the reset; zeros where an episode
+    ended by itself and the environment did not say, for nothing comes after it."""
     critic_obs: Tensor | None = None
     """[T + 1, N, C] float32, what critics see beside each observation; None if `Task.critic_size` is 0."""
     final_critic_obs: Tensor | None = None
@@ -134,7 +137,7 @@ class Learner(Protocol):
         ...
 
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
-        """Return raw actions [N, A] with exploration, for observations float32 [N, K * D] of which `fresh` [N] begin an
+        """Return raw actions [N, A] with exploration, for observations [N, K * D] of which `fresh` [N] begin an
         episode."""
         ...
 

@@ -1,4 +1,4 @@
-"""The presets of settings, as data, and the settings that scale with the number of environments.
+"""The presets of settings, as data, and the settings that depend on the number of environments or on images.
 
 `default` is ours: the fields' defaults, some of which scale with the number of environments. `paper` holds the settings
 of the study as far as they are known: the defaults of OmniSafe 0.5, which the study adapted, with its quirks. Each
@@ -29,6 +29,10 @@ PROPORTIONAL = (
 """Settings that are multiplied by num_envs / REFERENCE_ENVS."""
 INVERSELY_PROPORTIONAL = ("updates_per_step",)
 """Settings that are divided by num_envs / REFERENCE_ENVS."""
+
+IMAGES: Settings = {"passes": 4, "learning_rate": 3e-4, "curvature_steps": 256}
+"""Defaults of on-policy algorithms with policy=cnn, whose gradient steps take hundreds of times as long as those of
+a perceptron of codes."""
 
 _ON_POLICY_ROLLOUT: Settings = {
     "steps_per_update": 20_000,
@@ -247,6 +251,12 @@ def settings_for_envs(config: type, num_envs: int) -> dict[str, Any]:
     defaults: dict[str, Any] = {field.name: field.default for field in fields}
     grown = {name: math.ceil(defaults[name] * factor) for name in PROPORTIONAL if name in defaults}
     return grown | {name: defaults[name] / factor for name in INVERSELY_PROPORTIONAL if name in defaults}
+
+
+def settings_for_images(config: type, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the defaults of a config that differ for a policy that sees images; none for any other."""
+    names = [field.name for field in dataclasses.fields(config)]
+    return {name: value for name, value in IMAGES.items() if name in names} if given.get("policy") == "cnn" else {}
 
 
 def settings_of(algorithm: str, preset: str) -> Settings:

@@ -18,7 +18,7 @@ from thalweg.algos.onpolicy.ppo import PPO, PPOConfig
 from thalweg.algos.onpolicy.ppolag import PPOLag, PPOLagConfig
 from thalweg.algos.planning.ccepets import CCEPETS, CCEPETSConfig
 from thalweg.algos.planning.safeloop import SafeLOOP, SafeLOOPConfig
-from thalweg.algos.presets import settings_for_envs, settings_of
+from thalweg.algos.presets import settings_for_envs, settings_for_images, settings_of
 from thalweg.core.config import parse_config, refuse_unknown
 from thalweg.core.suggestion import did_you_mean
 
@@ -43,7 +43,7 @@ class Entry:
         """Return the config of a preset with the given values on top; a complete config is returned unchanged.
 
         Values that are not given may depend on the number of environments (`settings_for_envs`), but not in the study's
-        preset.
+        preset, and on whether the policy sees images (`settings_for_images`).
 
         Raises `AlgorithmError` for an unknown preset or key, listing the known ones, for a value of the wrong type, and
         for a preset beside a whole config.
@@ -52,8 +52,11 @@ class Entry:
         if given is None or isinstance(given, Mapping):
             names = [name for name in given or () if isinstance(name, str)]  # `parse_config` refuses others
             known = [field.name for field in fields(self.config)]
+            if "policy" in names and "policy" not in known:
+                raise AlgorithmError(f"policy is a setting of on-policy algorithms; {self.name} sees numbers only")
             refuse_unknown(f"setting of {self.name}", names, known, AlgorithmError)
             followed = settings_for_envs(self.config, num_envs) if preset == "default" else {}
+            followed |= settings_for_images(self.config, given or {})
             return parse_config(self.config, {**followed, **base, **(given or {})})
         if preset != "default":
             raise AlgorithmError(

@@ -1,4 +1,4 @@
-"""`thalweg train`: training of a policy on a river, from the codes of an encoder or the privileged observation."""
+"""`thalweg train`: training of a policy on a river, from codes of an encoder, images or the privileged observation."""
 
 import shlex
 from collections.abc import Sequence
@@ -37,10 +37,11 @@ class Train:
     """Seed of all random numbers in the training."""
     num_envs: int = 16
     """Number of environments that step together."""
-    observation: Literal["frames", "privileged"] = "frames"
-    """`frames` through an encoder, or `privileged`: banks, heading and the course ahead as numbers; draws nothing."""
+    observation: Literal["frames", "privileged", "rgb+mask", "rgb", "mask"] = "frames"
+    """`frames` through an encoder, or `privileged`: banks, heading and the course ahead as numbers; draws nothing. With
+    --set policy=cnn the images `rgb+mask`, `rgb` or `mask`; by default those of --begin-with, or `rgb+mask`."""
     encoder: Path | None = None
-    """File of the encoder; by default the one that comes with the package. Not with --observation privileged."""
+    """File of the encoder; by default the one that comes with the package. For `frames` without policy=cnn only."""
     preset: str = "default"
     """`default`, or `paper` for the settings of the study, as far as they are known."""
     set: tuple[str, ...] = ()
@@ -66,11 +67,15 @@ class Train:
             river, self.num_envs, seeds, rivers=self.rivers, rivers_in_memory=self.rivers_in_memory
         )
         self._check_settings(algorithm, settings)
-        if self.observation == "privileged" and self.encoder is not None:
-            raise UsageError(f"--observation privileged takes no encoder: leave --encoder {self.encoder} out")
+        images = settings.get("policy") == "cnn"
+        if (images or self.observation != "frames") and self.encoder is not None:
+            takes_none = "policy=cnn" if images else f"--observation {self.observation}"
+            raise UsageError(f"{takes_none} takes no encoder: leave --encoder {self.encoder} out")
+        coded = self.observation == "frames" and not images
         result = training.train(
             algorithm.name,
-            load_compatible_encoder(self.encoder, self.device) if self.observation == "frames" else None,
+            load_compatible_encoder(self.encoder, self.device) if coded else None,
+            observation=None if self.observation == "frames" else self.observation,
             steps=self.steps,
             seed=self.seed,
             folder=self.out,

@@ -1,4 +1,4 @@
-"""Training on the river task: worlds, a compatible encoder or the privileged observation, and an algorithm.
+"""Training on the river task: worlds, what the policy sees of them, and an algorithm.
 
 Other environments are passed to `thalweg.train.run` directly, which does not depend on rivers.
 """
@@ -27,7 +27,7 @@ from thalweg.render import RENDER_VERSION, compilation
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import RUN_FOLDER, read_config
 from thalweg.train.latent import LatentTensorEnv, LatentVectorEnv
-from thalweg.train.run import has_asymmetric_critics, run
+from thalweg.train.run import configured, has_asymmetric_critics, run, sees_images
 from thalweg.train.run_in_folder import RunResult, load_policy
 from thalweg.world import Level, Reach, World, level_named, load_or_build
 from thalweg.world.store.world_cache import cache_path
@@ -153,6 +153,29 @@ def _context_of(policy: Any) -> dict[str, Any]:
     return getattr(getattr(policy, "about", None), "context", {})
 
 
+def observation_of_run(images: bool, encoder: Encoder | None, chosen: str | None, begun: Any = None) -> str:
+    """Return what the policy of a run sees: `FRAMES`, `PRIVILEGED` or one of `IMAGES`.
+
+    `images` is whether it has convolutions, `chosen` the observation that was asked for, if any, `begun` the policy
+    that the run begins with. Raises `TrainingError` for what does not go together.
+    """
+    if not images:
+        expected = PRIVILEGED if encoder is None else FRAMES
+        if chosen in IMAGES:
+            raise TrainingError(f"the observation {chosen} is for policies with convolutions: set policy=cnn")
+        if chosen is not None and chosen != expected:
+            raise TrainingError(f"the observation {chosen} was asked for, but there is {IN_WORDS[expected]}")
+        return expected
+    if encoder is not None:
+        raise TrainingError("policy=cnn sees images itself: leave the encoder out, or use policy=mlp")
+    if chosen is None:
+        found = FRAMES if begun is None else observation_of(begun)
+        chosen = found if found in IMAGES else IMAGES[0]
+    if chosen not in IMAGES:
+        raise TrainingError(f"policy=cnn sees images, {' or '.join(IMAGES)}, not {IN_WORDS.get(chosen, chosen)}")
+    return chosen
+
+
 def announce_build(level: Level | Reach, seed: int) -> None:
     """Print a line if the river of a level or a file and a seed is not cached."""
     if isinstance(level, Reach) or not cache_path(level, seed).is_file():
@@ -268,6 +291,7 @@ class RiverTraining:
         steps: int,
         seed: int,
         folder: Path,
+        observation: str | None = None,
         settings: dict | None = None,
         preset: str = "default",
         threads: int | None = None,
@@ -277,23 +301,31 @@ class RiverTraining:
     ) -> RunResult:
         """Train with a progress bar, or resume the run in the folder.
 
-        The policy sees the codes of the encoder, or for None the privileged observation. On the CPU the environments
-        are those of Gymnasium, on a GPU those of tensors; the encoder must be on the device. `threads` is for acting
-        and learning; by default as many as the algorithm benefits from, within OMP_NUM_THREADS. For `begin_with` and
-        `graphs`, see `thalweg.train.run`.
+        The policy sees the codes of the encoder, or for None the privileged observation, or with the setting policy=cnn
+        images: `observation` says which of `IMAGES`, by default those of the policy to begin with, or `rgb+mask`. On
+        the CPU the environments are those of Gymnasium, on a GPU those of tensors; the encoder must be on the device.
+        `threads` is for acting and learning; by default as many as the algorithm benefits from, within OMP_NUM_THREADS.
+        For `begin_with` and `graphs`, see `thalweg.train.run`.
 
         Raises the errors of `thalweg.train.run`; those of settings, and of a folder that does not hold a run on this
         river, before a world is built.
         """
         entry = algorithm_named(algorithm)
-        resolved = entry.configure(settings, preset, self.num_envs)
-        context = self._context(encoder)
+        resolved = configured(entry, settings, preset, self.num_envs, begin_with)
+        begun = None if begin_with is None else load_policy(begin_with)
+        seen = observation_of_run(sees_images(resolved), encoder, observation, begun)
+        context = self._context(seen, encoder)
         existing = (read_config(folder) or {"run": {}})["run"].get("context", {})
         RUN_FOLDER.require_same_file(folder, existing.get("river", {}), context.get("river", {}))
-        if begin_with is not None:
-            check_policy_fits(load_policy(begin_with), encoder, offered=PRIVILEGED)
+        if begun is not None:
+            check_policy_fits(begun, encoder, offered=seen)
         device = resolve_device(device)
-        env = self._envs(encoder, device, critic_info=has_asymmetric_critics(resolved))
+        if seen in IMAGES and device != "cpu":
+            raise TrainingError(f"policy=cnn learns on the CPU only, not on {device}: leave the device out")
+        env = self._envs(encoder, device, seen=seen, critic_info=has_asymmetric_critics(resolved))
+        if seen in IMAGES:
+            compilation.begin()
+        learning_threads = default_torch_threads() if seen in IMAGES else min(entry.threads, default_torch_threads())
         try:
             return run(
                 entry.name,
@@ -305,7 +337,7 @@ class RiverTraining:
                 preset=preset,
                 context=context,
                 progress=True,
-                threads=min(entry.threads, default_torch_threads()) if threads is None else threads,
+                threads=learning_threads if threads is None else threads,
                 device=device,
                 begin_with=begin_with,
                 graphs=graphs,
@@ -313,22 +345,23 @@ class RiverTraining:
         finally:
             env.close()
 
-    def _context(self, encoder: Encoder | None) -> dict[str, Any]:
+    def _context(self, seen: str, encoder: Encoder | None) -> dict[str, Any]:
         """Return what the policy file and config.yaml say about rivers, observation and rules."""
-        if encoder is None:
-            seen = {"observation": PRIVILEGED, "privileged_version": versions.PRIVILEGED}
-            return {**self.about(), **seen, "env": self._privileged_config.as_data()}
-        seen = {"encoder": encoder_hash(encoder), "render_version": RENDER_VERSION}
-        return {**self.about(), **seen, "env": self.config.as_data()}
+        if encoder is not None:
+            codes = {"encoder": encoder_hash(encoder), "render_version": RENDER_VERSION}
+            return {**self.about(), **codes, "env": self.config.as_data()}
+        version = {"privileged_version": versions.PRIVILEGED}
+        if seen in IMAGES:
+            version = {"render_version": RENDER_VERSION}
+        return {**self.about(), "observation": seen, **version, "env": self._config_of(seen).as_data()}
 
-    @property
-    def _privileged_config(self) -> EnvConfig:
-        return self.config.with_options(observation=PRIVILEGED)
+    def _config_of(self, seen: str) -> EnvConfig:
+        return self.config.with_options(observation=seen)
 
-    def _envs(self, encoder: Encoder | None, device: str, *, critic_info: bool = False) -> Any:
-        """Return the environments on a device, with codes or the privileged observation; only what the encoder sees is
-        drawn. `critic_info` replaces that of the config: it is for training, and no part of the task."""
-        config = self._privileged_config if encoder is None else self.config.seen_through(encoder.inputs)
+    def _envs(self, encoder: Encoder | None, device: str, *, seen: str = PRIVILEGED, critic_info: bool = False) -> Any:
+        """Return the environments on a device, with codes of the encoder, or without one with what is `seen`; nothing
+        else is drawn. `critic_info` replaces that of the config: it is for training, and no part of the task."""
+        config = self._config_of(seen) if encoder is None else self.config.seen_through(encoder.inputs)
         config = config.with_options(critic_info=critic_info)
         if device == "cpu":
             env = self._vector_env(config)

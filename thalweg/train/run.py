@@ -12,7 +12,9 @@ from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.common.state import CPU
 from thalweg.algos.interface import Learner, Task
 from thalweg.algos.offpolicy.config import OffPolicyConfig
+from thalweg.algos.onpolicy.config import settings_like
 from thalweg.algos.policy import policy as policies
+from thalweg.algos.policy.networks import NetworkShape
 from thalweg.algos.registry import Entry, algorithm_named
 from thalweg.core.cache import file_hash
 from thalweg.core.compute.device import DeviceError, resolve_device
@@ -20,6 +22,7 @@ from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.core.config import to_plain
 from thalweg.train.errors import TrainingError
 from thalweg.train.rollouts.collector import Collector
+from thalweg.train.rollouts.images import check_rollout_memory
 from thalweg.train.rollouts.tensor_collector import TensorEnv, make_collector
 from thalweg.train.run_in_folder import RunResult, check_numbers, open_folder, policy_file, result_of, train_to_end
 from thalweg.train.trainer import Trainer
@@ -67,8 +70,8 @@ def run(
 
     Args:
         algorithm: A name in `thalweg.algos.registry.ALGORITHMS`, in upper or lower case.
-        env: A Gymnasium vector environment with vectors as observations and `info["cost"]` [N], or an environment of
-            tensors; it is not closed.
+        env: A Gymnasium vector environment with vectors as observations, or with policy=cnn images, and `info["cost"]`
+            [N], or an environment of tensors; it is not closed.
         steps: Minimum number of steps, all environments together.
         seed: Seed of the environment and the algorithm, 0 or more; global random generators are not used.
         folder: Folder of the run; created if it does not exist.
@@ -91,21 +94,30 @@ def run(
     """
     how = _execution(execution)
     entry = algorithm_named(algorithm)
-    resolved = entry.configure(config, preset, getattr(env, "num_envs", 1))  # other environments are refused below
+    # Environments without a number of them are refused below.
+    resolved = configured(entry, config, preset, getattr(env, "num_envs", 1), how.begin_with)
     check_numbers(steps=(steps, 1), threads=(how.threads, 1), seed=(seed, 0))
     device, context = torch.device(resolve_device(how.device)), dict(context or {})
     if how.graphs:
         _check_graphs(entry, device)
-    collector = make_collector(env, resolved.frame_stack, device, how.threads, has_asymmetric_critics(resolved))
+    images = sees_images(resolved)
+    collector = make_collector(env, resolved.frame_stack, device, how.threads, has_asymmetric_critics(resolved), images)
     task = Task(collector.obs_size, env.single_action_space, env.num_envs, seed, context, device)
-    task = replace(task, graphs=how.graphs, critic_size=collector.critic_size)
+    task = replace(task, graphs=how.graphs, critic_size=collector.critic_size, image=collector.image)
     with torch_threads(1):  # the last bits of orthogonal weights depend on the number of threads
         learner = entry.make(resolved, task)
+    if images:
+        check_rollout_memory(learner.rollout_steps, task.num_envs, task.obs_size)
     settings = {"algorithm": entry.name, "preset": preset, "config": to_plain(resolved), "steps": steps, "seed": seed}
     identity = settings | _task_identity(task, learner, collector)
     if how.begin_with is not None:
         _check_warmup(getattr(resolved, "critic_warmup_steps", 0), steps, learner.rollout_steps * task.num_envs)
         identity["begin_with"] = _initialise_policy(learner, policy_file(how.begin_with))
+    elif getattr(resolved, "imitation_kl", 0.0):
+        raise AlgorithmError(
+            f"imitation_kl = {resolved.imitation_kl} weighs the KL from the policy that a run begins with: give"
+            " begin_with, or leave it out"
+        )
     status = open_folder(folder := Path(folder), identity, how.threads)
     if status.get("state") == "finished":
         return result_of(folder, status, resumed_from=None, already_finished=True)
@@ -113,10 +125,28 @@ def run(
     return train_to_end(folder, trainer, identity, progress=how.progress, checkpoint_seconds=how.checkpoint_seconds)
 
 
+def configured(entry: Entry, config: Any, preset: str, num_envs: int, begin_with: str | Path | None = None) -> Any:
+    """Return the config of a run, see `Entry.configure`.
+
+    With policy=cnn, settings of the network that are not given follow from the policy that the run begins with. Raises
+    `AlgorithmError` for a config that is wrong, and a policy file that cannot be read.
+    """
+    if begin_with is not None and isinstance(config, Mapping) and config.get("policy") == "cnn":
+        shape = getattr(policies.load_policy(policy_file(begin_with), CPU), "shape", None)
+        if isinstance(shape, NetworkShape):
+            config = settings_like(shape) | dict(config)
+    return entry.configure(config, preset, num_envs)
+
+
+def sees_images(config: Any) -> bool:
+    """Return whether the policy of an algorithm with a config sees images."""
+    return bool(getattr(config, "sees_images", False))
+
+
 def has_asymmetric_critics(config: Any) -> bool:
     """Return whether the critics of an algorithm with a config see more than the observation; planners have none that
     do."""
-    return bool(getattr(config, "asymmetric_critics", False))
+    return bool(getattr(config, "told_critics", getattr(config, "asymmetric_critics", False)))
 
 
 def _execution(options: ExecutionOptions) -> Execution:
@@ -155,6 +185,8 @@ def _task_identity(task: Task, learner: Learner, collector: Collector) -> dict[s
         "autoreset_mode": collector.mode.name,
         "context": task.context,
     }
+    if task.image is not None:
+        identity["image"] = list(task.image)
     if task.critic_size:
         identity["critic_size"] = task.critic_size
     if task.device.type != "cpu":
@@ -165,9 +197,10 @@ def _task_identity(task: Task, learner: Learner, collector: Collector) -> dict[s
 def _initialise_policy(learner: Learner, file: Path) -> dict[str, str]:
     """Initialise a learner's policy from a policy file, so that its critics warm up; returns what identifies the
     file."""
-    other, started = policies.load_policy(file, CPU), learner.policy
+    started = learner.policy
     if not isinstance(started, policies.Policy):
         raise AlgorithmError(f"{started.about.algorithm} is a planner and can't start from the policy of another run")
+    other = policies.load_policy(file, started.device)
     started.initialise_from(other)
     learner.warm_up_critics()
     return {"algorithm": other.about.algorithm, "content": file_hash(file)}

@@ -103,7 +103,7 @@ def test_the_search_takes_the_first_step_that_is_close_enough_and_accepted():
     step = step * (0.15 / float(step.norm()))
     asked: list[float] = []
 
-    def third(log_prob: torch.Tensor) -> bool:
+    def third(log_prob: torch.Tensor, imitation: float) -> bool:
         asked.append(float((log_prob - monitor.old_log_prob).abs().max()))
         return len(asked) == 3
 
@@ -119,7 +119,7 @@ def test_the_search_takes_the_first_step_that_is_close_enough_and_accepted():
 def test_a_step_that_nothing_accepts_leaves_the_policy():
     agent, _, natural, advantages = place(SPACES["MultiDiscrete"])
     before = parameters_to_vector(agent.policy.actor.parameters()).clone()
-    assert natural.search(natural.gradient(advantages), lambda log_prob: False) == 15
+    assert natural.search(natural.gradient(advantages), lambda log_prob, imitation: False) == 15
     assert torch.equal(parameters_to_vector(agent.policy.actor.parameters()), before)
 
 

@@ -8,13 +8,15 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, cast
 
+import gymnasium as gym
 import torch
 from torch import Tensor
 
 from thalweg.algos.common.adam import Adam
-from thalweg.algos.common.errors import require_finite
+from thalweg.algos.common.errors import AlgorithmError, require_finite
 from thalweg.algos.common.state import (
     generator_state,
     load_generator,
@@ -27,6 +29,7 @@ from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import centred, standardised
 from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig, OnPolicyConfig
+from thalweg.algos.onpolicy.imitated import Imitated
 from thalweg.algos.onpolicy.rollout_samples import RolloutMemory, Samples, Signal, of_valid_steps, samples_of
 from thalweg.algos.policy import fast_path
 from thalweg.algos.policy.actions import actions_of
@@ -36,6 +39,7 @@ from thalweg.algos.policy.networks import Critics
 from thalweg.algos.policy.normaliser import Normaliser
 from thalweg.algos.policy.policy import NetworkPlayer, Policy
 from thalweg.algos.policy.policy_file import About
+from thalweg.algos.policy.vision import FIRST_STRIDE
 from thalweg.core.config import to_plain
 
 
@@ -43,21 +47,27 @@ class Agent:
     """A policy, critics that share no weights with it, their optimisers and their random generators."""
 
     def __init__(self, algorithm: str, critics: int, config: OnPolicyConfig, task: Task) -> None:
+        """Raises `AlgorithmError` if the config's policy does not see what the task shows."""
+        check_sight(config, task)
         self.config = config
         self.generator = new_generator(task.device, task.seed)
         self.policy = Policy(
             task.obs_size,
             actions_of(task.action_space, config.adapter),
-            config.shape,
+            config.shape(task.image),
             frames=config.frame_stack,
             normalise=config.normalise_observations,
             generator=self.generator,
             about=About(algorithm, to_plain(config), task.context),
         )
-        told = task.critic_size if config.asymmetric_critics else 0
-        self.critics = Critics(critics, config.frame_stack * task.obs_size + told, config.shape, self.generator)
+        told = task.critic_size if config.told_critics else 0
+        own = 0 if config.sees_images else config.frame_stack * task.obs_size
+        self.critics = Critics(critics, own + told, config.critic_shape, self.generator)
         self.critic_normaliser = Normaliser(told, config.normalise_observations, task.device) if told else None
         """Of the C numbers that only critics see; None if they see the observation alone."""
+        self.imitation_weight = 0.0
+        """Weight, in this update, of the KL from the policy that the run begins with; `decay` and `NaturalStep` set
+        it."""
         self.critics_warm_up = False
         """Whether only the critics learn in this update; known after `samples`."""
         self._warmup_left = 0
@@ -70,8 +80,10 @@ class Agent:
         self._critic_thread = ThreadPoolExecutor(1, "critics")
         self._player = NetworkPlayer(self.policy, task.num_envs, False, self.generator, stacked=True)
         self._memory: RolloutMemory | None = None
-        if self.policy.actor.gru is not None and self.critics.gru is not None:
-            self._memory = RolloutMemory(self.policy.actor.gru, self.critics.gru, task.num_envs, config.sequence)
+        if (gru := self.policy.actor.gru) is not None:
+            eyes = self.policy.actor.eyes
+            self._memory = RolloutMemory(gru, self.critics.gru, task.num_envs, config.sequence, eyes)
+        self._imitated: Imitated | None = None
 
     @property
     def rollout_steps(self) -> int:
@@ -154,13 +166,34 @@ class Agent:
         fresh = normaliser.count == 0 and config.initial == "orthogonal" and config.activation == "tanh"
         first = told is not None and told.count == 0
         self._update_statistics(rollout, fresh, first)
-        samples = samples_of(rollout, self.critics, normaliser, signals, self._memory, told)
+        samples = samples_of(
+            rollout, self.critics, normaliser, signals, self._memory, told, not config.sees_images
+        )  # fmt: skip
+        if (imitated := self.imitated) is not None:
+            samples = replace(samples, imitated=imitated.parameters(rollout)[samples.index])
         self._update_statistics(rollout, not fresh and not self.critics_warm_up, not first)
         if self._memory is not None:
             self._memory.advance()
             # The states differ after the first rollout, which was collected without statistics.
             self._player.hidden = self._memory.starts["actor"]
         return samples
+
+    @property
+    def imitated(self) -> Imitated | None:
+        """The policy that the run begins with, if a KL to it is in the loss."""
+        if self._imitated is None and self.config.imitation_kl and self.policy.origin is not None:
+            self._imitated = Imitated(self.policy.origin, self._player.num_envs)
+        return self._imitated
+
+    def imitation(self, new: Distribution | TapedDistribution, imitated: Tensor) -> Tensor | float:
+        """Return w E[KL(π ‖ π_0)] of the policy's distribution at B states, for parameters [B, P] of π_0; 0 for P = 0.
+
+        (Schmitt et al. 2018, with the divergence in the other direction: moves that the imitated policy avoids cost
+        most.)
+        """
+        if not self.imitation_weight or not imitated.shape[1]:
+            return 0.0
+        return self.imitation_weight * new.kl(self.policy.actions.distribution(imitated)).mean()
 
     def _count_warmup(self, rollout: Rollout) -> None:
         """Find out whether only the critics learn from this rollout."""
@@ -176,8 +209,10 @@ class Agent:
             self.critic_normaliser.update(of_valid_steps(rollout, rollout.critic_obs))
 
     def decay(self, progress: float) -> float:
-        """Set the policy's learning rate for this share of the run, 0..1, and return it; 0 while critics warm up."""
+        """Set the policy's learning rate, and the weight of the KL from the policy that the run begins with, for this
+        share of the run, 0..1; returns the rate; 0 while critics warm up."""
         assert isinstance(self.config, FirstOrderConfig)
+        self.imitation_weight = self.config.imitation_weight(progress)
         rate = self.config.learning_rate * (1.0 - progress if self.config.linear_decay else 1.0)
         rate = 0.0 if self.critics_warm_up else rate
         self.policy_optimiser.rate = rate
@@ -220,6 +255,8 @@ class Agent:
         }
         if self.critic_normaliser is not None:
             state["critic_normaliser"] = self.critic_normaliser.state()
+        if self.imitated is not None:
+            state["imitated"] = self.imitated.state()
         return state if self._memory is None else state | {"memory": self._memory.state()}
 
     def load_state(self, state: dict[str, Any]) -> None:
@@ -235,8 +272,33 @@ class Agent:
         self._warmup_left = int(state.get("warmup_left", 0))
         if self.critic_normaliser is not None:
             self.critic_normaliser.load_state(state["critic_normaliser"])
+        if self.imitated is not None:
+            self.imitated.load_state(state["imitated"])
         if self._memory is not None:
             self._memory.load_state(state["memory"])
+
+
+def check_sight(config: OnPolicyConfig, task: Task) -> None:
+    """Raise `AlgorithmError` unless a config's policy sees what a task shows, and its critics see anything."""
+    if not config.sees_images:
+        if task.image is not None:
+            raise AlgorithmError("the observations are images, which only a policy with policy=cnn sees")
+        return
+    if task.image is None:
+        raise AlgorithmError(
+            f"policy=cnn sees images, but the observations are {task.obs_size} numbers: use policy=mlp"
+        )
+    if min(task.image) < 1 or min(task.image[:2]) < FIRST_STRIDE:
+        raise AlgorithmError(
+            f"policy=cnn sees images of at least {FIRST_STRIDE}x{FIRST_STRIDE} pixels, not {task.image}"
+        )
+    if not isinstance(task.action_space, gym.spaces.Discrete | gym.spaces.MultiDiscrete):
+        raise AlgorithmError(f"policy=cnn remembers the options that it took: it has none in {task.action_space}")
+    if not task.critic_size:
+        raise AlgorithmError(
+            "with policy=cnn critics see what the environment tells them alone, and this one tells nothing: it needs"
+            " single_critic_space and info['critic_obs']"
+        )
 
 
 class KLMonitor:
@@ -252,6 +314,8 @@ class KLMonitor:
             self.old_log_prob = self._old.log_prob(samples.actions)
             """log π_k(a|s) [B]."""
         self.passes, self.kl, self.entropy = 0, 0.0, 0.0
+        self.imitation_kl = float("nan")
+        """Mean KL(π_θ ‖ π_0) from the policy that the run begins with; NaN unless it is in the loss."""
         self.kl_per_state = torch.zeros_like(self.old_log_prob)
         """KL [B] of each state, in nats."""
         self.log_prob = self.old_log_prob
@@ -265,6 +329,8 @@ class KLMonitor:
         self.kl_per_state = new.kl(self._old) if self._new_first else self._old.kl(new)
         self.log_prob = new.log_prob(self._samples.actions)
         self.kl, self.entropy = float(self.kl_per_state.mean()), float(new.entropy().mean())
+        if self._samples.imitated.shape[1]:
+            self.imitation_kl = float(new.kl(policy.actions.distribution(self._samples.imitated)).mean())
         self.passes += 1
         require_finite(kl=self.kl, entropy=self.entropy)
 
@@ -316,7 +382,9 @@ def metrics_of(agent: Agent, samples: Samples, log: Sequence[Tensor], monitor: K
             _critic_names(len(samples.values)), samples.values, samples.targets, strict=True
         )
     }
-    return found | {"kl": monitor.kl, "entropy": monitor.entropy, "passes": monitor.passes} | explained
+    imitation = {"imitation_kl": monitor.imitation_kl} if samples.imitated.shape[1] else {}
+    found |= {"kl": monitor.kl, "entropy": monitor.entropy, "passes": monitor.passes}
+    return found | imitation | explained
 
 
 def _critic_names(count: int) -> list[str]:

@@ -1,8 +1,8 @@
 """Settings that on-policy algorithms share: all of them, first-order, natural-step and constrained ones."""
 
-from typing import Annotated
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.constraint.cost_limits import CostConfig, MeanCostConfig, Multiple
@@ -12,6 +12,7 @@ from thalweg.algos.policy.memory import Memory
 from thalweg.algos.policy.mlp import Initial
 from thalweg.algos.policy.mlp_autograd import Activation
 from thalweg.algos.policy.networks import NetworkShape
+from thalweg.algos.policy.vision import Eyes
 from thalweg.core.config import Fraction, Hint, TupleOf, frozen_config
 
 
@@ -35,6 +36,13 @@ class OnPolicyConfig:
     """Largest norm of a gradient; the gradients of the policy and of the critics are clipped separately."""
     critic_decay: NonNegativeFloat = 0.0
     """L2 regularisation of the critics: weight of their squared parameters, added to half their mean squared error."""
+    policy: Literal["mlp", "cnn"] = "mlp"
+    """What the policy sees: numbers ("mlp"), or images by convolutions of its own, and its last action ("cnn"). With
+    "cnn" the critics see only what the environment tells them beyond the observation, and have no memory."""
+    filters: TupleOf[PositiveInt] = (16, 32, 64, 64)
+    """With policy=cnn: filters of each convolution."""
+    features: PositiveInt = 256
+    """With policy=cnn: numbers that the convolutions make of an image."""
     hidden: TupleOf[PositiveInt] = (64, 64)
     """Sizes of the hidden layers of the policy and of each critic."""
     activation: Activation = "tanh"
@@ -50,6 +58,11 @@ class OnPolicyConfig:
     critic_warmup_steps: NonNegativeInt = 10_000
     """With `begin_with`: environment steps during which only the critics learn, because critics that have learnt
     nothing would move the policy anywhere; without it, no effect. Policy and multipliers stay until then."""
+    imitation_kl: NonNegativeFloat = 0.0
+    """With `begin_with`: weight of the KL from the policy that the run begins with, KL(π ‖ π_0) in nats, summed over
+    action branches, in the policy's loss or, of natural gradients, in their objective; that at the beginning."""
+    imitation_kl_share: Annotated[float, Field(gt=0, le=1)] = 0.5
+    """Share of the run over which that weight falls linearly to 0."""
     adapter: Adapter = "native"
     """How discrete actions are learnt: as categorical choices ("native"), or as Gaussian numbers that are rounded to
     options ("box_literal", "box_scaled")."""
@@ -64,11 +77,46 @@ class OnPolicyConfig:
     reset_each_update: bool = False
     """Whether all environments are reset after each update, as in OmniSafe; the unfinished episodes are not counted."""
 
+    @model_validator(mode="after")
+    def _eyes_see_one_frame(self) -> Self:
+        if self.policy == "cnn" and self.frame_stack > 1:
+            raise ValueError(f"frame_stack must be 1 with policy=cnn, got {self.frame_stack}: use memory=gru")
+        return self
+
     @property
-    def shape(self) -> NetworkShape:
-        """Shape of the networks."""
+    def sees_images(self) -> bool:
+        """Whether the policy sees images."""
+        return self.policy == "cnn"
+
+    @property
+    def told_critics(self) -> bool:
+        """Whether critics see what the environment tells them beyond the observation."""
+        return self.asymmetric_critics or self.sees_images
+
+    def shape(self, image: tuple[int, int, int] | None = None) -> NetworkShape:
+        """Return the shape of the policy's network, for images [H, W, C] with policy=cnn."""
         memory = self.memory_size if self.memory == "gru" else 0
+        eyes = None if image is None else Eyes(image, self.filters, self.features)
+        return NetworkShape(self.hidden, self.activation, self.initial, memory, eyes)
+
+    @property
+    def critic_shape(self) -> NetworkShape:
+        """Shape of the critics' networks."""
+        memory = self.memory_size if self.memory == "gru" and not self.sees_images else 0
         return NetworkShape(self.hidden, self.activation, self.initial, memory)
+
+    def imitation_weight(self, progress: float) -> float:
+        """Return the weight of the KL from the policy that a run begins with, after this share of it, 0..1."""
+        return self.imitation_kl * max(0.0, 1.0 - progress / self.imitation_kl_share)
+
+
+def settings_like(shape: NetworkShape) -> dict[str, Any]:
+    """Return the settings with which a policy that sees images has a shape; empty for a shape without eyes."""
+    if shape.eyes is None:
+        return {}
+    memory = {"memory": "gru", "memory_size": shape.memory} if shape.memory else {"memory": "none"}
+    eyes = {"filters": shape.eyes.filters, "features": shape.eyes.features}
+    return {"hidden": shape.hidden, "activation": shape.activation, **memory, **eyes}
 
 
 @frozen_config(AlgorithmError)
@@ -100,6 +148,8 @@ class NaturalConfig(OnPolicyConfig):
     step."""
     conjugate_iterations: PositiveInt = 15
     """Iterations of the conjugate gradient method that solves for the step."""
+    curvature_steps: NonNegativeInt = 0
+    """Largest number of steps of the rollout from which the Fisher matrix is computed; 0: all of them."""
     damping: NonNegativeFloat = 0.1
     """Damping: multiple of the identity that is added to the Fisher matrix."""
     backtracks: PositiveInt = 15

@@ -81,17 +81,18 @@ class CPO:
     ) -> dict[str, float]:
         """Take the longest accepted step along the solution of the constrained problem, and return its metrics.
 
-        A step is accepted if the reward's surrogate does not fall, unless the limit is violated, and the cost's
-        surrogate rises by at most the margin below the limit.
+        A step is accepted if the reward's surrogate, less the KL from the policy that the run begins with, does not
+        fall, unless the limit is violated, and the cost's surrogate rises by at most the margin below the limit.
         """
-        g, b = natural.gradient(rewards), natural.gradient(costs)
+        g, b = natural.gradient(rewards) - natural.imitation_gradient(), natural.gradient(costs)
         along_g, along_b = natural.solve(g), natural.solve(b)
         q, r, s = (float(x) for x in (g.dot(along_g), g.dot(along_b), b.dot(along_b)))
         direction = cpo_step(q, r, s, violation, natural.radius)
         step = direction.along_reward * along_g + direction.along_cost * along_b
 
-        def accepts(log_prob: Tensor) -> bool:
+        def accepts(log_prob: Tensor, imitation: float) -> bool:
             gain = float(losses.surrogate(log_prob, monitor.old_log_prob, rewards) - rewards.mean())
+            gain -= imitation - natural.imitation
             rise = float(losses.surrogate(log_prob, monitor.old_log_prob, costs) - costs.mean())
             return (gain >= 0 or violation > 0) and rise <= max(-violation, 0.0)
 

@@ -84,7 +84,7 @@ class CUP:
             self.multipliers.update(feedback, limits)
         rate, monitor = agent.decay(feedback.progress), KLMonitor(agent, samples)
         rewards = standardised(samples.advantages[0])
-        data = (samples.actions, monitor.old_log_prob, rewards)
+        data = (samples.actions, monitor.old_log_prob, rewards, samples.imitated)
         log: list[Tensor] = []
         while monitor.may_continue:
             with agent.critics_learning(samples):
@@ -101,6 +101,8 @@ class CUP:
             for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
                 self._project(inputs, *rows)
             back.measure()
+        if back.passes:
+            monitor.imitation_kl = back.imitation_kl  # that of the policy which acts next
         return (
             metrics_of(agent, samples, log, monitor)
             | {"learning_rate": rate, "clip_fraction": clipped}
@@ -109,11 +111,21 @@ class CUP:
             | cost_metrics(feedback, limits, config.cost_means(feedback))
         )
 
-    def _improve(self, inputs: Tensor | Sequences, actions: Tensor, old_log_prob: Tensor, advantages: Tensor) -> Tensor:
+    def _improve(
+        self,
+        inputs: Tensor | Sequences,
+        actions: Tensor,
+        old_log_prob: Tensor,
+        advantages: Tensor,
+        imitated: Tensor,
+    ) -> Tensor:
         """Take one gradient step of the policy, and return its loss."""
         return self.agent.step(
             inputs,
-            lambda new: improvement_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy()),
+            lambda new: (
+                improvement_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy())
+                + self.agent.imitation(new, imitated)
+            ),
         )
 
     def _project(

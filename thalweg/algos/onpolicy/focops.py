@@ -94,7 +94,7 @@ class FOCOPS:
             normalised=config.normalise_by_multiplier,
         )
         rate, monitor = agent.decay(feedback.progress), KLMonitor(agent, samples, new_first=True)
-        data = (samples.actions, monitor.old_parameters, monitor.old_log_prob, advantages)
+        data = (samples.actions, monitor.old_parameters, monitor.old_log_prob, advantages, samples.imitated)
         log: list[Tensor] = []
         while monitor.may_continue:
             with agent.critics_learning(samples):
@@ -117,13 +117,15 @@ class FOCOPS:
         old_parameters: Tensor,
         old_log_prob: Tensor,
         advantages: Tensor,
+        imitated: Tensor,
     ) -> Tensor:
         """Take one gradient step of the policy, and return its loss."""
         old = self.policy.actions.distribution(old_parameters)
         return self.agent.step(
             inputs,
-            lambda new: policy_loss(
-                self.config, new.log_prob(actions), old_log_prob, new.kl(old), advantages, new.entropy()
+            lambda new: (
+                policy_loss(self.config, new.log_prob(actions), old_log_prob, new.kl(old), advantages, new.entropy())
+                + self.agent.imitation(new, imitated)
             ),
         )
 

@@ -69,14 +69,17 @@ class OnCRPO:
         )
 
     def _step(self, advantages: Tensor, monitor: KLMonitor, natural: NaturalStep) -> int:
-        """Take the longest step along H⁻¹ g that improves the surrogate, and return the number of rejected steps."""
-        gradient = natural.gradient(advantages)
+        """Take the longest step along H⁻¹ g that improves the surrogate, less the KL from the policy that the run
+        begins with, and return the number of rejected steps."""
+        gradient = natural.gradient(advantages) - natural.imitation_gradient()
         along = natural.solve(gradient)
         step = natural_step(float(gradient.dot(along)), natural.radius) * along
-        before = float(advantages.mean())
-        return natural.search(
-            step, lambda log_prob: float(losses.surrogate(log_prob, monitor.old_log_prob, advantages)) > before
-        )
+        before = float(advantages.mean()) - natural.imitation
+
+        def accepts(log_prob: Tensor, imitation: float) -> bool:
+            return float(losses.surrogate(log_prob, monitor.old_log_prob, advantages)) - imitation > before
+
+        return natural.search(step, accepts)
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return warnings about cost limits that no episode has exceeded."""

@@ -125,7 +125,7 @@ class P3O:
         scale = {"length": 1.0 / length, "discount": 1.0 - config.cost_discount, "none": 1.0}
         rate, monitor = agent.decay(feedback.progress), KLMonitor(agent, samples)
         rewards = standardised(samples.advantages[0])
-        data = (samples.actions, monitor.old_log_prob, rewards, costs.T)
+        data = (samples.actions, monitor.old_log_prob, rewards, costs.T, samples.imitated)
         log: list[Tensor] = []
         penalties: list[Tensor] = []
         while monitor.may_continue:
@@ -155,6 +155,7 @@ class P3O:
         old_log_prob: Tensor,
         advantages: Tensor,
         costs: Tensor,
+        imitated: Tensor,
     ) -> tuple[Tensor, Tensor]:
         """Take one gradient step of the policy, and return its loss and the penalties [M]."""
         if self.config.centre_minibatches:
@@ -166,7 +167,7 @@ class P3O:
             loss, penalties = policy_loss(
                 self.config, new.log_prob(actions), old_log_prob, advantages, costs, violations, scale, new.entropy()
             )
-            return loss
+            return loss + self.agent.imitation(new, imitated)
 
         return self.agent.step(inputs, loss_of), penalties.detach()
 

@@ -63,7 +63,7 @@ class PPO:
         config, agent = self.config, self.agent
         samples = agent.samples(rollout, [reward_signal(config, rollout)])
         rate, monitor = agent.decay(feedback.progress), KLMonitor(agent, samples)
-        data = (samples.actions, monitor.old_log_prob, standardised(samples.advantages[0]))
+        data = (samples.actions, monitor.old_log_prob, standardised(samples.advantages[0]), samples.imitated)
         log: list[Tensor] = []
         while monitor.may_continue:
             with agent.critics_learning(samples):
@@ -76,11 +76,21 @@ class PPO:
             | cost_metrics(feedback)
         )
 
-    def _step(self, inputs: Tensor | Sequences, actions: Tensor, old_log_prob: Tensor, advantages: Tensor) -> Tensor:
+    def _step(
+        self,
+        inputs: Tensor | Sequences,
+        actions: Tensor,
+        old_log_prob: Tensor,
+        advantages: Tensor,
+        imitated: Tensor,
+    ) -> Tensor:
         """Take one gradient step of the policy, and return its loss."""
         return self.agent.step(
             inputs,
-            lambda new: policy_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy()),
+            lambda new: (
+                policy_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy())
+                + self.agent.imitation(new, imitated)
+            ),
         )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:

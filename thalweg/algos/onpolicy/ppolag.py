@@ -71,7 +71,7 @@ class PPOLag:
             normalised=True,
         )
         rate, monitor = agent.decay(feedback.progress), KLMonitor(agent, samples)
-        data = (samples.actions, monitor.old_log_prob, advantages)
+        data = (samples.actions, monitor.old_log_prob, advantages, samples.imitated)
         log: list[Tensor] = []
         while monitor.may_continue:
             with agent.critics_learning(samples):
@@ -85,11 +85,21 @@ class PPOLag:
             | cost_metrics(feedback, limits, config.cost_means(feedback))
         )
 
-    def _step(self, inputs: Tensor | Sequences, actions: Tensor, old_log_prob: Tensor, advantages: Tensor) -> Tensor:
+    def _step(
+        self,
+        inputs: Tensor | Sequences,
+        actions: Tensor,
+        old_log_prob: Tensor,
+        advantages: Tensor,
+        imitated: Tensor,
+    ) -> Tensor:
         """Take one gradient step of the policy, and return its loss."""
         return self.agent.step(
             inputs,
-            lambda new: policy_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy()),
+            lambda new: (
+                policy_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy())
+                + self.agent.imitation(new, imitated)
+            ),
         )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:

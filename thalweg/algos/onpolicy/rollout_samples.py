@@ -1,7 +1,8 @@
 """Samples with advantages and value targets, from time-major rollouts.
 
 Letters: T steps, N environments, B valid steps among T * N, F final observations, D numbers that the policy sees, E
-those that critics see, K critics, M numbers of a recurrent state, L steps of a sequence.
+those that critics see, K critics, M numbers of a recurrent state, L steps of a sequence, P parameters of an action
+distribution.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,6 +17,7 @@ from thalweg.algos.maths.advantages import gae
 from thalweg.algos.policy.memory import Gru, Sequences
 from thalweg.algos.policy.networks import Critics, minibatch_count
 from thalweg.algos.policy.normaliser import Normaliser
+from thalweg.algos.policy.vision import Convolutions
 
 
 @dataclass(frozen=True)
@@ -33,9 +35,12 @@ class Samples:
     """B valid steps of a rollout; K critics."""
 
     inputs: Tensor | Sequences
-    """Inputs of the policy: normalised observations [B, D], or all sequences of the rollout."""
+    """Inputs of the policy: normalised observations [B, D], rows of images uint8 [B, D], or all sequences of the
+    rollout."""
     critic_inputs: Tensor | Sequences
     """Inputs of the critics [B, E], or sequences; the same object as `inputs` if they see the observation alone."""
+    index: Tensor
+    """[B] int64, t * N + n of each step."""
     actions: Tensor
     """[B, A], raw."""
     advantages: Tensor
@@ -46,6 +51,8 @@ class Samples:
     """[K, B], predictions of the critics."""
     rollout_steps: int
     """T."""
+    imitated: Tensor
+    """[B, P], distribution of the policy to which a KL is measured in the loss; [B, 0] if none is."""
 
     @property
     def of_critics(self) -> "Samples":
@@ -72,12 +79,27 @@ class Samples:
             yield from ((inputs, rows) for inputs, *rows in zip(*cut, strict=True))  # pyright: ignore
             return
         order = torch.randperm(self.inputs.obs.shape[1], generator=generator, device=self.actions.device)
-        all_rows = _rows_of_steps(self.inputs)
-        for columns in order.tensor_split(min(parts, len(order))):
-            rows = all_rows[:, columns].flatten()
-            keep = (rows >= 0).nonzero().squeeze(-1)
-            if len(keep):
-                yield _select_sequences(self.inputs, columns, keep), tuple(tensor[rows[keep]] for tensor in tensors)
+        for inputs, rows in _parts_of_sequences(self.inputs, order, parts):
+            yield inputs, tuple(tensor[rows] for tensor in tensors)
+
+    def parts(self, size: int) -> Iterator[tuple[Tensor | Sequences, Tensor]]:
+        """Yield all samples in parts of about `size` rows, in order: inputs, and the rows [b] int64."""
+        parts = minibatch_count(len(self.actions), size)
+        if isinstance(self.inputs, Tensor):
+            rows = torch.arange(len(self.actions), device=self.actions.device)
+            yield from zip(self.inputs.tensor_split(parts), rows.tensor_split(parts), strict=True)
+        else:
+            order = torch.arange(self.inputs.obs.shape[1], device=self.actions.device)
+            yield from _parts_of_sequences(self.inputs, order, parts)
+
+    def drawn(self, size: int, generator: torch.Generator) -> tuple[Tensor | Sequences, Tensor]:
+        """Return about `size` random samples: inputs, and the rows [b] int64."""
+        device, count = self.actions.device, len(self.actions)
+        if isinstance(self.inputs, Tensor):
+            rows = torch.randperm(count, generator=generator, device=device)[:size]
+            return self.inputs[rows], rows
+        order = torch.randperm(self.inputs.obs.shape[1], generator=generator, device=device)
+        return next(iter(_parts_of_sequences(self.inputs, order, minibatch_count(count, size))))
 
 
 @torch.no_grad()
@@ -88,14 +110,17 @@ def samples_of(
     signals: Sequence[Signal],
     memory: "RolloutMemory | None" = None,
     critic_normaliser: Normaliser | None = None,
+    critics_see_obs: bool = True,
 ) -> Samples:
     """Return the rollout's valid steps with the advantages of each signal; critic k predicts signal k.
 
-    Critics see `Rollout.critic_obs` beside the observation if there is a normaliser of it.
+    Critics see `Rollout.critic_obs` beside the observation if there is a normaliser of it, and unless
+    `critics_see_obs`, nothing else.
     """
     steps, count, size = rollout.obs.shape[0] - 1, rollout.obs.shape[1], rollout.obs.shape[2]
     obs = normaliser(rollout.obs.reshape(-1, size))
-    seen, final = _seen_by_critics(rollout, obs, normaliser(rollout.final_obs), critic_normaliser)
+    own = (obs, normaliser(rollout.final_obs)) if critics_see_obs else None
+    seen, final = _seen_by_critics(rollout, own, critic_normaliser)
     features = seen
     if memory is not None:
         features, final = memory.scan(obs, seen, rollout, final)
@@ -121,45 +146,54 @@ def samples_of(
     keep = rollout.valid.reshape(-1).nonzero().squeeze(-1)
     flat_values = values[:, :-1].reshape(len(signals), -1)[:, keep]
     flat_advantages = advantages.reshape(len(signals), -1)[:, keep]
-    inputs = obs[: steps * count][keep]
-    critic_inputs = inputs if seen is obs else seen[: steps * count][keep]
-    rows = rollout.actions.reshape(steps * count, -1)[keep]
-    if memory is not None:
+    if memory is None:
+        inputs = obs[: steps * count][keep]
+        critic_inputs = inputs if seen is obs else seen[: steps * count][keep]
+    else:
         inputs, critic_inputs, order = memory.sequences(obs, seen, rollout)
-        rows, flat_advantages, flat_values = rows[order], flat_advantages[:, order], flat_values[:, order]
+        keep, flat_advantages, flat_values = keep[order], flat_advantages[:, order], flat_values[:, order]
+        critic_inputs = seen[: steps * count][keep] if critic_inputs is None else critic_inputs
     return Samples(
         inputs=inputs,
         critic_inputs=critic_inputs,
-        actions=rows,
+        index=keep,
+        actions=rollout.actions.reshape(steps * count, -1)[keep],
         advantages=flat_advantages,
         targets=flat_advantages + flat_values,
         values=flat_values,
         rollout_steps=steps,
+        imitated=flat_values.new_zeros(len(keep), 0),
     )
 
 
 def _seen_by_critics(
-    rollout: Rollout, obs: Tensor, final: Tensor, normaliser: Normaliser | None
+    rollout: Rollout, own: tuple[Tensor, Tensor] | None, normaliser: Normaliser | None
 ) -> tuple[Tensor, Tensor]:
     """Return what critics see in each state [(T + 1) * N, E] and in final ones [F, E].
 
-    It is the normalised observation, `obs` and `final`, and after it, with a normaliser, what only critics see.
+    It is the normalised observation, `own` in all states and in final ones, unless they do not see it, and after it,
+    with a normaliser, what only critics see.
     """
     if normaliser is None:
-        return obs, final
+        assert own is not None, "critics see neither the observation nor anything else"
+        return own
     told, told_final = rollout.critic_obs, rollout.final_critic_obs
     assert told is not None, "critics see more than the observation, but the rollout has none of it"
     told = told.flatten(0, 1)
     told_final = told[:0] if told_final is None else told_final  # collectors without final observations
-    return torch.cat([obs, normaliser(told)], -1), torch.cat([final, normaliser(told_final)], -1)
+    told, told_final = normaliser(told), normaliser(told_final)
+    return (told, told_final) if own is None else (torch.cat([own[0], told], -1), torch.cat([own[1], told_final], -1))
 
 
 class RolloutMemory:
     """The recurrent states of policy and critics along the rollouts of N environments."""
 
-    def __init__(self, actor: Gru, critics: Gru, num_envs: int, length: int) -> None:
-        self.gru = {"actor": actor, "critics": critics}
-        self.length = length
+    def __init__(
+        self, actor: Gru, critics: Gru | None, num_envs: int, length: int, eyes: Convolutions | None = None
+    ) -> None:
+        """`critics` is None for critics without memory; `eyes` are the policy's, if it sees images."""
+        self.gru = {"actor": actor} | ({} if critics is None else {"critics": critics})
+        self.eyes, self.length = eyes, length
         """L, the length of training sequences."""
         self.starts = {name: gru.start(num_envs) for name, gru in self.gru.items()}
         """[N, M] before the rollout's first observation, by network."""
@@ -168,7 +202,7 @@ class RolloutMemory:
 
     def scan(self, obs: Tensor, seen: Tensor, rollout: Rollout, final: Tensor) -> tuple[Tensor, Tensor]:
         """Return the inputs of the critics' perceptrons at each step [(T + 1) * N, E + M] and at final states
-        [F, E + M].
+        [F, E + M], without M for critics without memory.
 
         Args:
             obs: [(T + 1) * N, D], what the policy sees.
@@ -176,19 +210,21 @@ class RolloutMemory:
             rollout: The rollout.
             final: [F, E], what critics see in final states.
         """
-        seen_by = {"actor": obs, "critics": seen}
+        seen_by = {"actor": obs if self.eyes is None else self.eyes.in_blocks(obs), "critics": seen}
         self._states = {
             name: gru.states(seen_by[name].view(*rollout.fresh.shape, -1), rollout.fresh, self.starts[name])
             for name, gru in self.gru.items()
         }
+        if "critics" not in self.gru:
+            return seen, final
         states = self._states["critics"]
         last = states[:-1].flatten(0, 1)[rollout.final_index]
         after = self.gru["critics"].step(final, last, torch.zeros_like(final[:, 0], dtype=torch.bool))
         return torch.cat([seen, states.flatten(0, 1)], -1), torch.cat([final, after], -1)
 
-    def sequences(self, obs: Tensor, seen: Tensor, rollout: Rollout) -> tuple[Sequences, Sequences, Tensor]:
-        """Return the sequences of the policy and of the critics, and the index [B] of each of their steps among the
-        rollout's valid steps; `obs` and `seen` are those of `scan`."""
+    def sequences(self, obs: Tensor, seen: Tensor, rollout: Rollout) -> tuple[Sequences, Sequences | None, Tensor]:
+        """Return the sequences of the policy and of the critics, None if these have no memory, and the index [B] of
+        each of their steps among the rollout's valid steps; `obs` and `seen` are those of `scan`."""
         steps, count = rollout.valid.shape
         blocks = -(-steps // self.length)
         missing = blocks * self.length - steps
@@ -208,7 +244,9 @@ class RolloutMemory:
         }
         along = (steps + 1, count, -1)
         of_policy = Sequences(cut(obs.view(along)[:-1]), cut(rollout.fresh[:-1]), starts, keep)
-        of_critics = of_policy if seen is obs else replace(of_policy, obs=cut(seen.view(along)[:-1]))
+        of_critics = None
+        if "critics" in self.gru:
+            of_critics = of_policy if seen is obs else replace(of_policy, obs=cut(seen.view(along)[:-1]))
         return of_policy, of_critics, rows[keep]
 
     def advance(self) -> None:
@@ -230,6 +268,16 @@ def _rows_of_steps(sequences: Sequences) -> Tensor:
     rows = torch.full((length * count,), -1, device=sequences.keep.device)
     rows[sequences.keep] = torch.arange(len(sequences.keep), device=sequences.keep.device)
     return rows.view(length, count)
+
+
+def _parts_of_sequences(sequences: Sequences, order: Tensor, parts: int) -> Iterator[tuple[Sequences, Tensor]]:
+    """Yield the sequences in `order` [C] in parts, and the rows [b] of their valid steps."""
+    all_rows = _rows_of_steps(sequences)
+    for columns in order.tensor_split(min(parts, len(order))):
+        rows = all_rows[:, columns].flatten()
+        keep = (rows >= 0).nonzero().squeeze(-1)
+        if len(keep):
+            yield _select_sequences(sequences, columns, keep), rows[keep]
 
 
 def _select_sequences(sequences: Sequences, columns: Tensor, keep: Tensor) -> Sequences:

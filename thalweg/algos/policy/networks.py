@@ -84,20 +84,20 @@ class Actor(nn.Module):
 
     def features(self, inputs: Tensor | Sequences) -> Tensor:
         """Return what the perceptron takes [B, E]: observations or features of images, and the recurrent state."""
-        return _features(self.gru, self._seen(inputs), "actor")
+        return _features(self.gru, self.seen(inputs), "actor")
 
     def parameters_of(self, features: Tensor, twice_differentiable: bool = False) -> Tensor:
         """Return [B, P] from `features`."""
         outputs = (self.stack.reference if twice_differentiable else self.stack)(features)[0]
         return outputs if self.log_std is None else torch.cat([outputs, self.log_std.expand_as(outputs)], -1)
 
-    def _seen(self, inputs: Tensor | Sequences) -> Tensor | Sequences:
+    def seen(self, inputs: Tensor | Sequences) -> Tensor | Sequences:
         """Return what the rest of the network sees of inputs: features of images, or the inputs themselves."""
         if self.eyes is None:
             return inputs
         if isinstance(inputs, Tensor):
-            return self.eyes(inputs)
-        features = self.eyes(inputs.obs.flatten(0, 1))
+            return self.eyes.in_blocks(inputs)
+        features = self.eyes.in_blocks(inputs.obs.flatten(0, 1))
         return replace(inputs, obs=features.view(*inputs.obs.shape[:2], -1))
 
     def in_blocks(self, inputs: Tensor | Sequences) -> Tensor:

@@ -19,12 +19,10 @@ from thalweg.algos.policy.memory import FrameStack, Sequences
 from thalweg.algos.policy.networks import Actor, NetworkShape
 from thalweg.algos.policy.normaliser import Normaliser
 from thalweg.algos.policy.policy_file import LOADERS, About, load_policy, save_policy, tensors_of
-from thalweg.algos.policy.vision import rows_of
+from thalweg.algos.policy.vision import ImageRows
 from thalweg.core.compute.torch_threads import torch_threads
 
 DEFAULT_SHAPE = NetworkShape()
-NO_OPTION = -1
-"""Stands for the last action at the beginning of an episode."""
 NO_ORIGIN = About()
 
 
@@ -88,6 +86,8 @@ class Policy:
         """
         self.obs_size, self.actions, self.shape, self.frames = obs_size, actions, shape, frames
         self.greedy, self.temperature, self.about = greedy, temperature, about
+        self.origin: Policy | None = None
+        """The policy that this one was initialised from."""
         if frames > 1 and shape.eyes is not None:
             raise AlgorithmError(f"a policy with eyes sees one frame at a time, got {frames} frames; give it a memory")
         generator = generator or new_generator(CPU)
@@ -138,6 +138,7 @@ class Policy:
             raise AlgorithmError(f"a policy can't start from one of another kind: {'; '.join(differing)}")
         load_module(self.actor, module_state(other.actor))
         self.normaliser.load_state(other.normaliser.state())
+        self.origin = other
 
     def _kind(self) -> dict[str, Any]:
         """Return what must be equal for one policy to start from another, by the names of settings."""
@@ -239,27 +240,18 @@ class NetworkPlayer:
         gru = policy.actor.gru
         self.hidden = gru.start(num_envs) if gru is not None else None
         """[N, M] recurrent state after the last observation."""
-        self._last = np.full((num_envs, policy.actions.count), NO_OPTION)
+        eyes = policy.shape.eyes
+        self._rows = None if eyes is None else ImageRows(num_envs, eyes.image, policy.actions.count)
 
     def __call__(self, obs: np.ndarray, fresh: np.ndarray) -> np.ndarray:
-        if self.policy.shape.eyes is not None:
-            obs = self._rows(obs, fresh)
+        if self._rows is not None:
+            obs = self._rows.rows(obs, fresh)
         # A second thread of PyTorch would wait for its next task in a loop, on the core that draws the next frames.
         with torch_threads(1):
-            raw = self.raw(*to_tensors(obs, fresh, self.policy.device, self.policy.shape.eyes is not None))
-        if self.policy.shape.eyes is not None:
-            self._last = self.policy.actions.options(raw).cpu().numpy()
+            raw = self.raw(*to_tensors(obs, fresh, self.policy.device, self._rows is not None))
+        if self._rows is not None:
+            self._rows.note(self.policy.actions.options(raw).cpu().numpy())
         return self.policy.actions.to_numpy(raw)
-
-    def _rows(self, images: np.ndarray, fresh: np.ndarray) -> np.ndarray:
-        """Return images [N, H, W, C] with the player's last actions, as the network takes them; raises
-        `AlgorithmError` for images of another shape, or other numbers than bytes."""
-        eyes = self.policy.shape.eyes
-        assert eyes is not None
-        if images.shape[1:] != eyes.image or images.dtype != np.uint8:
-            expected = f"images uint8 [N, {', '.join(map(str, eyes.image))}]"
-            raise AlgorithmError(f"this policy takes {expected}, got {images.dtype} {list(images.shape)}")
-        return rows_of(images, np.where(fresh[:, None], NO_OPTION, self._last))
 
     @torch.inference_mode()
     def raw(self, obs: Tensor, fresh: Tensor) -> Tensor:
@@ -297,7 +289,7 @@ class NetworkPlayer:
     def state(self) -> dict[str, Any]:
         """Return frames and recurrent states as arrays."""
         hidden = {} if self.hidden is None else {"hidden": array_of(self.hidden)}
-        last = {} if self.policy.shape.eyes is None else {"last": self._last.copy()}
+        last = {} if self._rows is None else {"last": self._rows.last.copy()}
         return {"frames": self._stack.state(), **hidden, **last}
 
     def load_state(self, state: dict[str, Any]) -> None:
@@ -305,8 +297,8 @@ class NetworkPlayer:
         self._stack.load_state(state["frames"])
         if self.hidden is not None:
             self.hidden = tensor_of(state["hidden"], self.policy.device)
-        if self.policy.shape.eyes is not None:
-            self._last = np.array(state["last"])
+        if self._rows is not None:
+            self._rows.note(state["last"])
 
 
 def to_tensors(

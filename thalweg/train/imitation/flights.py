@@ -11,8 +11,8 @@ import torch
 
 from thalweg.algos.common.state import array_of
 from thalweg.algos.imitation.student import Lesson, Student
-from thalweg.algos.policy.policy import NO_OPTION, NetworkPlayer
-from thalweg.algos.policy.vision import rows_of
+from thalweg.algos.policy.policy import NetworkPlayer
+from thalweg.algos.policy.vision import NO_OPTION, rows_of
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.env import RiverVectorEnv
 from thalweg.env.frame_renderer import Views

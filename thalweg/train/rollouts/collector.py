@@ -24,6 +24,8 @@ class Collector(Protocol):
     env: Any
     obs_size: int
     """D, size of one observation."""
+    image: tuple[int, int, int] | None
+    """H, W, C of the images that observations are rows of; None for observations of numbers."""
     critic_size: int
     """C, how many numbers critics see beyond the observation; 0 if they are not read or there are none."""
     mode: AutoresetMode
@@ -76,6 +78,7 @@ class HostCollector:
         """`stepper` steps `env`; `threads` is for acting."""
         self.env, self.stepper, self.device, self.threads = env, stepper, device, threads
         self.obs_size, self.critic_size, self.mode = stepper.obs_size, stepper.critic_size, stepper.mode
+        self.image = None if stepper.images is None else stepper.images.image
         self.statistics = EpisodeStatistics(stepper.num_envs, world_names(env), done_reason_names(env))
         self.stages = {"act": 0.0, "env": 0.0}
         self.obs = np.zeros((stepper.num_envs, 0), dtype=np.float32)
@@ -91,7 +94,7 @@ class HostCollector:
     def step(self, learner: Learner) -> list[Episode]:
         before = time.perf_counter()
         with torch_threads(self.threads):
-            raw = learner.act(*to_tensors(self.obs, self.fresh, self.device))
+            raw = learner.act(*to_tensors(self.obs, self.fresh, self.device, self.image is not None))
             actions = learner.policy.actions.to_numpy(raw)
         acted, critic_obs = time.perf_counter(), self.stepper.critic_obs
         step = self.stepper.step(actions)
@@ -127,7 +130,8 @@ class HostCollector:
         if "environment" in state and hasattr(self.env, "set_state"):
             self.env.set_state(state["environment"])  # pyright: ignore[reportAttributeAccessIssue]
             self.stepper.load_state(state["stream"])
-            self.obs, self.fresh = np.array(state["obs"], dtype=np.float32), np.array(state["fresh"], dtype=bool)
+            kind = np.float32 if self.image is None else np.uint8
+            self.obs, self.fresh = np.array(state["obs"], dtype=kind), np.array(state["fresh"], dtype=bool)
             return
         warn_of_new_episodes()
         self.reset(seed)

@@ -18,6 +18,7 @@ from thalweg.algos.policy.memory import FrameStack
 from thalweg.train.errors import TrainingError
 from thalweg.train.rollouts.critic_info import CriticInfo
 from thalweg.train.rollouts.episodes import StepRecord
+from thalweg.train.rollouts.images import ImageStack
 
 MAX_STEPS_WITHOUT_COST = 10_000
 """Vector steps without a finished episode after which an environment that never reported a cost is refused."""
@@ -28,11 +29,11 @@ class EnvStep(StepRecord):
     """Result of one action in each of N environments, of which F finished their episode."""
 
     next_obs: np.ndarray
-    """[N, K * D] float32, observation for the next action: K frames side by side."""
+    """[N, K * D] float32, observation for the next action: K frames side by side; rows uint8 [N, D] of images."""
     fresh: np.ndarray
     """[N] bool, whether that observation starts an episode."""
     final_obs: np.ndarray
-    """[F, K * D] float32, last observation of each finished episode."""
+    """[F, K * D], last observation of each finished episode."""
     critic_obs: np.ndarray | None = None
     """[N, C] float32, what critics see beside `next_obs`, if it is read and the environment tells any."""
     final_critic_obs: np.ndarray | None = None
@@ -42,24 +43,21 @@ class EnvStep(StepRecord):
 class EnvStepper:
     """Resets and steps a vector environment in any autoreset mode."""
 
-    def __init__(self, env: VectorEnv, frames: int = 1, critics: bool = False) -> None:
+    def __init__(self, env: VectorEnv, frames: int = 1, critics: bool = False, images: bool = False) -> None:
         """Check the environment: raises `TrainingError` if it cannot be trained on.
 
         `frames` is K, the number of observations that a policy sees side by side; `critics`, whether what only critics
-        see is read from `info`.
+        see is read from `info`; `images`, whether observations must be images, which become rows of bytes.
         """
         if not hasattr(env, "single_observation_space"):
             raise TrainingError(
                 f"training takes a Gymnasium VectorEnv, as gymnasium.make_vec makes it, not {type(env).__name__}"
             )
-        space = env.single_observation_space
-        if not isinstance(space, gym.spaces.Box) or len(space.shape) != 1:
-            raise TrainingError(
-                f"observations must be vectors of numbers, not {space}: wrap environments of images in LatentVectorEnv"
-            )
-        self.env, self.num_envs, self.obs_size = env, env.num_envs, int(space.shape[0])
+        self.images = ImageStack(env) if images else None
+        self.env, self.num_envs = env, env.num_envs
+        self.obs_size = _vector_size(env.single_observation_space) if self.images is None else self.images.size
         self.mode = _autoreset_mode(env)
-        self._stack = FrameStack(self.num_envs, self.obs_size, frames)
+        self._stack = FrameStack(self.num_envs, self.obs_size if self.images is None else 0, frames)
         self.pending = np.zeros(self.num_envs, dtype=bool)
         """[N] environments whose next step only resets them (NEXT_STEP)."""
         self._critics = CriticInfo(env, self.mode) if critics else None
@@ -103,6 +101,8 @@ class EnvStepper:
         environment without cost, or without the `final_obs` of a truncated episode.
         """
         obs, reward, terminated, truncated, info = self.env.step(actions)
+        if self.images is not None:
+            self.images.act(actions)
         next_obs, valid = self._obs(obs), ~self.pending
         terminated = np.asarray(terminated, dtype=bool) & valid
         truncated = np.asarray(truncated, dtype=bool) & valid & ~terminated
@@ -115,8 +115,7 @@ class EnvStepper:
         self._require_finite(reward=reward, cost=cost)
         if costs is not None:
             self._require_finite(costs=costs)
-        last = torch.from_numpy(self._final_obs(next_obs, finished, truncated, info))
-        final_obs = self._stack.peek(last, torch.from_numpy(finished)).numpy()
+        final_obs = self._stacked_at_end(self._final_obs(next_obs, finished, truncated, info), finished)
         final_critic_obs = None
         if self._critics is not None:
             final_critic_obs = self._critics.step(info, finished, truncated, self._step_moment)
@@ -125,7 +124,8 @@ class EnvStepper:
             self.pending = done
         elif self.mode is AutoresetMode.DISABLED and len(finished):
             first, begun = self.env.reset(options={"reset_mask": done})
-            next_obs = np.where(done[:, None], self._obs(first), next_obs)
+            which = done.reshape(-1, *[1] * (next_obs.ndim - 1))
+            next_obs = np.where(which, self._obs(first), next_obs)
             if self._critics is not None:
                 self._critics.reset(begun, done, f"the reset in {self._step_moment}")
         self._steps += 1
@@ -175,14 +175,33 @@ class EnvStepper:
         return f"the reset after vector step {self._steps}"
 
     def _stacked(self, obs: np.ndarray, fresh: np.ndarray) -> np.ndarray:
-        """Return observations [N, K * D] with the frames before; `fresh` [N] starts an episode."""
+        """Return observations [N, K * D] with the frames, or the action, before; `fresh` [N] starts an episode."""
+        if self.images is not None:
+            return self.images.push(obs, fresh)
         return self._stack.push(torch.from_numpy(obs), torch.from_numpy(fresh)).numpy()
 
+    def _stacked_at_end(self, last: np.ndarray, finished: np.ndarray) -> np.ndarray:
+        """Return the last observations [F, ...] of the episodes of the environments `finished` as `_stacked` does."""
+        if self.images is not None:
+            return self.images.last_of(last, finished)
+        return self._stack.peek(torch.from_numpy(last), torch.from_numpy(finished)).numpy()
+
+    @property
+    def _shape(self) -> tuple[int, ...]:
+        """Shape of a single environment's observation."""
+        return (self.obs_size,) if self.images is None else self.images.image
+
+    @property
+    def _kind(self) -> type:
+        """Type of the numbers of an observation."""
+        return np.float32 if self.images is None else np.uint8
+
     def _obs(self, obs: Any, moment: str = "") -> np.ndarray:
-        """Return observations [N, D] as float32; raises `TrainingError` for another shape, and `NotFiniteError`."""
-        array = np.array(obs, dtype=np.float32)
-        if array.shape != (self.num_envs, self.obs_size):
-            expected = (self.num_envs, self.obs_size)
+        """Return observations [N, ...] as float32, or images as bytes; raises `TrainingError` for another shape, and
+        `NotFiniteError`."""
+        array = np.array(obs, dtype=self._kind)
+        if array.shape != (self.num_envs, *self._shape):
+            expected = (self.num_envs, *self._shape)
             raise TrainingError(f"observations have shape {array.shape}, but the observation space says {expected}")
         self._require_finite(moment, observation=array)
         return array
@@ -203,7 +222,7 @@ class EnvStepper:
     def _final_obs(
         self, next_obs: np.ndarray, finished: np.ndarray, truncated: np.ndarray, info: dict[str, Any]
     ) -> np.ndarray:
-        """Return the last observation [F, D] of each finished episode."""
+        """Return the last observation [F, ...] of each finished episode."""
         if self.mode is not AutoresetMode.SAME_STEP or not len(finished):
             return next_obs[finished]
         final = info.get("final_obs")
@@ -211,10 +230,11 @@ class EnvStepper:
             # The last observation does not matter after a termination, but a truncated episode is bootstrapped from it.
             if truncated.any():
                 raise TrainingError("an episode was truncated, but info['final_obs'] has no observation of it")
-            return np.zeros((len(finished), self.obs_size), dtype=np.float32)
-        rows = np.stack([np.asarray(final[i], dtype=np.float32) for i in finished])
-        if rows.shape[1:] != (self.obs_size,):
-            raise TrainingError(f"final_obs must be vectors of {self.obs_size} numbers, got shape {rows.shape[1:]}")
+            return np.zeros((len(finished), *self._shape), dtype=self._kind)
+        rows = np.stack([np.asarray(final[i], dtype=self._kind) for i in finished])
+        if rows.shape[1:] != self._shape:
+            needed = f"vectors of {self.obs_size} numbers" if self.images is None else f"images {self._shape}"
+            raise TrainingError(f"final_obs must be {needed}, got shape {rows.shape[1:]}")
         self._require_finite(final_obs=rows)
         return rows
 
@@ -225,6 +245,16 @@ class EnvStepper:
             if not np.isfinite(array).all():
                 where = sorted({int(row) for row in np.argwhere(~np.isfinite(array))[:, 0]})
                 raise NotFiniteError(f"{name} is not finite in rows {where[:8]} of {moment}")
+
+
+def _vector_size(space: gym.Space) -> int:
+    """Return D of a space of vectors; raises `TrainingError` for another one."""
+    if not isinstance(space, gym.spaces.Box) or len(space.shape) != 1:
+        raise TrainingError(
+            f"observations must be vectors of numbers, not {space}: wrap environments of images in LatentVectorEnv, or"
+            " use policy=cnn"
+        )
+    return int(space.shape[0])
 
 
 def _autoreset_mode(env: VectorEnv) -> AutoresetMode:

@@ -31,7 +31,7 @@ class RolloutBuffer:
         self.steps, self.filled, self.device = steps, 0, device
         num_envs = len(obs)
         self._tensors = {
-            "obs": torch.zeros(steps + 1, num_envs, obs.shape[1]),
+            "obs": torch.zeros(steps + 1, num_envs, obs.shape[1], dtype=torch.from_numpy(obs).dtype),
             "fresh": torch.zeros(steps + 1, num_envs, dtype=torch.bool),
             "actions": torch.zeros(steps, num_envs, actions.shape[1], dtype=actions.dtype),
             "rewards": torch.zeros(steps, num_envs),
@@ -98,7 +98,8 @@ class RolloutBuffer:
 
     def _rows(self, name: str, rows: list[np.ndarray]) -> Tensor:
         """Return rows [F, ...] with the size of a tensor's."""
-        return torch.from_numpy(np.stack(rows)) if rows else torch.zeros(0, self._tensors[name].shape[2])
+        like = self._tensors[name]
+        return torch.from_numpy(np.stack(rows)) if rows else like.new_zeros(0, like.shape[2])
 
 
 class TensorRolloutBuffer:

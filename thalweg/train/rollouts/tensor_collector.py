@@ -73,6 +73,7 @@ class TensorCollector:
     """Steps environments of tensors; the statistics of episodes are updated once per rollout."""
 
     mode = AutoresetMode.NEXT_STEP
+    image: tuple[int, int, int] | None = None
 
     def __init__(self, env: TensorEnv, frames: int, threads: int, critics: bool = False) -> None:
         """Check the environment: raises `TrainingError` if it cannot be trained on.
@@ -237,15 +238,21 @@ def _check_finite(name: str, values: np.ndarray) -> None:
         raise NotFiniteError(f"{name} is not finite in rows {rows[:8]} of step {wrong[0, 0] + 1} of the rollout")
 
 
-def make_collector(env: Any, frames: int, device: torch.device, threads: int, critics: bool = False) -> Collector:
+def make_collector(
+    env: Any, frames: int, device: torch.device, threads: int, critics: bool = False, images: bool = False
+) -> Collector:
     """Return a collector for an environment of arrays or tensors, for a learner on a device; `critics` is whether it
-    reads what only critics see.
+    reads what only critics see, `images` whether observations are images, which become rows of bytes.
 
     Raises `TrainingError` for an environment that cannot be trained on, and `DeviceError` for tensors of another
-    device.
+    device, and for images anywhere but on the CPU.
     """
+    if images and device.type != "cpu":
+        raise DeviceError(f"policy=cnn learns on the CPU only, not on {device}: leave the device out")
     if not isinstance(getattr(env, "device", None), torch.device):
-        return HostCollector(env, EnvStepper(env, frames, critics), device, threads)
+        return HostCollector(env, EnvStepper(env, frames, critics, images), device, threads)
+    if images:
+        raise TrainingError("policy=cnn takes a Gymnasium VectorEnv of images, not an environment of tensors")
     if env.device != device:
         raise DeviceError(f"device = {str(device)!r}, but the environment's tensors are on {env.device}")
     return TensorCollector(env, frames, threads, critics)

@@ -10,16 +10,20 @@ level with looks fixed or varied, and students that lack one thing each. A row o
 flown: an arm's flights of one kind on one level. `seen` flights are on rivers of the training, `unseen` ones on as many
 other rivers as episodes, `varied` ones on these under varied looks, suns, pitches and fields of view. A cell that has a
 row is skipped, and training resumes in the folder `--runs`. A row names the versions, settings and encoder that it
-depends on: with others, its cell is flown again. An arm that fails is named at the end, and the others go on.
+depends on: with others, its cell is flown again. An arm that fails is named at the end, and the others go on, unless
+its process was killed.
 """
 
 import argparse
 import fnmatch
-import multiprocessing
+import multiprocessing.connection
+import os
 import sys
+import threading
 from collections import deque
 from collections.abc import Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -105,7 +109,7 @@ def work_through(tasks: Sequence[Task], jobs: int, table: Path) -> list[str]:
     """
     waiting, running = deque(tasks), dict[Future[dict[str, str] | None], Task]()
     failures = []
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), end_with_parent) as pool:
         while waiting or running:
             while waiting and len(running) < jobs:
                 task = waiting.popleft()
@@ -115,12 +119,27 @@ def work_through(tasks: Sequence[Task], jobs: int, table: Path) -> list[str]:
                 if (error := ended.exception()) is not None:
                     failures.append(f"{task.arm.label}: {type(error).__name__}: {error}")
                     print(failures[-1], file=sys.stderr, flush=True)
+                    if isinstance(error, BrokenProcessPool):
+                        waiting.clear()  # a process was killed, perhaps for want of memory: the pool takes no more
                     continue
                 waiting.extendleft(reversed(task.following))
                 if (row := ended.result()) is not None:
                     append(table, COLUMNS, row)
                     print(*(f"{name} {row[name]}" for name in COLUMNS), flush=True)
     return failures
+
+
+def end_with_parent() -> None:
+    """End this process as soon as its parent ends, however that was: the same command may train in the same folder."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    threading.Thread(target=_exit_with, args=(parent.sentinel,), daemon=True).start()
+
+
+def _exit_with(sentinel: int) -> None:
+    """Wait for another process to end, then end this one."""
+    multiprocessing.connection.wait([sentinel])
+    os._exit(1)
 
 
 def missing_cells(arm: Arm, rows: Sequence[Mapping[str, str]], episodes: int, kinds: Sequence[str]) -> list[Cell]:

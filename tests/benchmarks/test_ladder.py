@@ -2,7 +2,10 @@
 
 import csv
 import importlib
+import subprocess
 import sys
+import time
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -15,13 +18,14 @@ from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.core import versions
 
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 SCRIPTS = ("any_river", "ladder_arms", "ladder_page", "ladder", "river_flights")
 FIGURES = {"return": "9.000", "return_error": "0.100", "violations": "0.0200", "cost": "0.01", "reasons": "Success=2"}
 
 
 @pytest.fixture
 def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(Path(__file__).resolve().parents[2] / "benchmarks")
+    monkeypatch.syspath_prepend(BENCHMARKS)
     for name in SCRIPTS:
         monkeypatch.delitem(sys.modules, name, raising=False)
     return importlib.import_module("ladder")
@@ -201,7 +205,7 @@ def run_here(monkeypatch: pytest.MonkeyPatch, script: ModuleType) -> None:
     """Run tasks in this process, one at a time."""
 
     class Pool:
-        def __init__(self, jobs: int, context: Any) -> None:
+        def __init__(self, jobs: int, context: Any, initializer: Any) -> None:
             pass
 
         def __enter__(self) -> "Pool":
@@ -214,7 +218,7 @@ def run_here(monkeypatch: pytest.MonkeyPatch, script: ModuleType) -> None:
             future = script.Future()
             try:
                 future.set_result(task())
-            except ValueError as error:
+            except Exception as error:
                 future.set_exception(error)
             return future
 
@@ -270,6 +274,52 @@ def test_an_arm_that_fails_is_named_and_the_others_go_on(script: ModuleType, flo
     assert capsys.readouterr().err.endswith("failed: no-mask-64-varied-0: ValueError: no\n")
     with open(table, newline="") as file:
         assert {row["arm"] for row in csv.DictReader(file)} == {"no-memory"}
+
+
+def test_nothing_else_is_begun_after_a_process_was_killed(
+    script: ModuleType, flown: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+):
+    def killed(arm: Any, folder: Path, threads: int | None) -> None:
+        flown.append(arm.label)
+        raise BrokenProcessPool("killed")
+
+    monkeypatch.setattr(script, "train", killed)
+    assert script.main(["--only", "no-m*", "--out", str(tmp_path / "table.csv")]) == 1
+    assert flown == ["no-memory-64-varied-0"]
+    assert "failed: no-memory-64-varied-0: BrokenProcessPool: killed" in capsys.readouterr().err
+
+
+def running(process: Path) -> bool:
+    """Whether the process of a folder of /proc runs; one that ended may still wait for its parent there."""
+    try:
+        return (process / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
+def test_workers_end_with_their_parent(tmp_path: Path):
+    """The parent is killed while its worker sleeps."""
+    code = (
+        "import os, signal, sys, time, multiprocessing\n"
+        "from concurrent.futures import ProcessPoolExecutor\n"
+        f"sys.path.insert(0, {str(BENCHMARKS)!r})\n"
+        "from ladder import end_with_parent\n"
+        "if __name__ == '__main__':\n"
+        "    pool = ProcessPoolExecutor(1, multiprocessing.get_context('spawn'), end_with_parent)\n"
+        "    print(pool.submit(os.getpid).result(), flush=True)\n"
+        "    pool.submit(time.sleep, 600)\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    (tmp_path / "parent.py").write_text(code)
+    with open(tmp_path / "printed", "w") as printed:  # a pipe would stay open as long as the worker
+        subprocess.run([sys.executable, str(tmp_path / "parent.py")], stdout=printed, stderr=printed, check=False)
+    worker = Path("/proc") / (tmp_path / "printed").read_text().split()[0]
+    deadline = time.monotonic() + 30
+    while running(worker) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not running(worker)
 
 
 def test_other_steps_are_other_cells(script: ModuleType, flown: list[str], tmp_path: Path):

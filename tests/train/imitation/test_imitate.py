@@ -163,7 +163,11 @@ def test_the_chosen_teacher_is_flown_through_the_gate_and_learnt_from(
         ({"levels": ()}, TrainingError, "at least one, each once, not none"),
         ({"levels": ("easy", "Easy")}, TrainingError, "each once, not Easy, Easy"),
         ({"settings": {"sequense": 4}}, AlgorithmError, "sequense"),
-        ({"settings": {"teacher": "forward"}}, AlgorithmError, "teacher must be one of 'steady', 'scripted', got 'forward'"),
+        (
+            {"settings": {"teacher": "forward"}},
+            AlgorithmError,
+            "teacher must be one of 'steady', 'scripted', got 'forward'",
+        ),
         ({"levels": ("Medum",)}, ValueError, "Medum"),
         ({"world_seeds": "1:30", "rivers_in_memory": 2}, ConfigError, "in_memory must be at least 6"),
     ],

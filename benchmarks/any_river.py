@@ -13,7 +13,6 @@ them too, but for `varied`, since it sees no looks. Violations are episodes that
 """
 
 import argparse
-import csv
 import multiprocessing
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -22,12 +21,13 @@ from pathlib import Path
 
 import numpy as np
 from page_sections import replace_section
+from river_flights import RESULTS, append, figures_of, fly
 
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.baselines import BASELINES, Policy
 from thalweg.bench.evaluate.conditions import RIVERS
 from thalweg.bench.evaluate.episodes import Episode
-from thalweg.bench.evaluate.evaluation import UNSEEN, Course, EvaluationConfig, Label, evaluate, observation_function
+from thalweg.bench.evaluate.evaluation import UNSEEN, Course, EvaluationConfig, Label
 from thalweg.bench.report.table import frame, markdown
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
@@ -63,14 +63,10 @@ COLUMNS: tuple[str, ...] = (
     "level",
     "episodes",
     *VERSIONS,
-    "return",
-    "return_error",
-    "violations",
-    "cost",
-    "reasons",
+    *RESULTS,
 )
 KEY = COLUMNS[: 6 + len(VERSIONS)]
-"""Columns that identify a cell. `return_error` is the standard error of the mean return."""
+"""Columns that identify a cell."""
 
 
 @dataclass(frozen=True)
@@ -111,11 +107,7 @@ class Cell:
     def fly(self, policy: Policy) -> list[Episode]:
         """Return the episodes of a policy."""
         config = EvaluationConfig(self.episodes, deterministic=True)
-        label = Label(self.policy, self.seed, self.level)
-        found = []
-        for course in self.courses():
-            found += evaluate(policy, course, label, config, observe=observation_function(policy, course, None))
-        return found
+        return fly(policy, self.courses(), Label(self.policy, self.seed, self.level), config)
 
 
 def student_folder(runs: Path, cell: Cell) -> Path:
@@ -133,32 +125,12 @@ def trained(runs: Path, cell: Cell) -> Path:
 
 def row_of(cell: Cell, episodes: Sequence[Episode]) -> dict[str, str]:
     """Return the row of a cell."""
-    returns = np.array([episode.return_ for episode in episodes])
-    reasons = [episode.reason for episode in episodes]
-    counts = {reason: reasons.count(reason) for reason in sorted(set(reasons))}
-    values = {
-        "return": f"{returns.mean():.3f}",
-        "return_error": f"{returns.std(ddof=1) / np.sqrt(len(returns)):.3f}",
-        "violations": f"{np.mean([episode.cost > 0 for episode in episodes]):.4f}",
-        "cost": f"{np.mean([episode.cost for episode in episodes]):.4f}",
-        "reasons": " ".join(f"{reason}={count}" for reason, count in counts.items()),
-    }
-    return dict(zip(KEY, cell.key, strict=True)) | values
+    return dict(zip(KEY, cell.key, strict=True)) | figures_of(episodes)
 
 
 def measure(cell: Cell, path: Path | None) -> dict[str, str]:
     """Fly a cell with the policy of a file or folder, None for the teacher; returns its row."""
     return row_of(cell, cell.fly(load_policy(path) if path else BASELINES["steady"]))
-
-
-def append(path: Path, row: dict[str, str]) -> None:
-    """Append a row to the table, with a heading if it is new."""
-    fresh = not path.is_file()
-    with open(path, "a", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        if fresh:
-            writer.writeheader()
-        writer.writerow(row)
 
 
 def page_table(rows: Sequence[dict[str, str]]) -> str:
@@ -246,7 +218,7 @@ def _fly_all(cells: Sequence[Cell], path: Path | None, jobs: int, table: Path) -
     with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
         for ended in as_completed([pool.submit(measure, cell, path) for cell in cells]):
             row = ended.result()
-            append(table, row)
+            append(table, COLUMNS, row)
             print(*(f"{name} {row[name]}" for name in COLUMNS), flush=True)
 
 

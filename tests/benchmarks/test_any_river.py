@@ -87,7 +87,7 @@ def test_a_cell_that_has_a_row_is_not_flown_again(
     script: ModuleType, cell: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ):
     table = tmp_path / "table.csv"
-    script.append(table, script.row_of(cell, [episode(10.0, 0.0, "Success")] * 2))
+    script.append(table, script.COLUMNS, script.row_of(cell, [episode(10.0, 0.0, "Success")] * 2))
     arguments = [
         "--observations",
         "rgb",
@@ -103,7 +103,7 @@ def test_a_cell_that_has_a_row_is_not_flown_again(
         "9",
     ]
     flown = script.Cell("rgb", 9, 0, "fixed", "Easy", 4)
-    script.append(table, script.row_of(flown, [episode(1.0, 0, "Idle")] * 2))
+    script.append(table, script.COLUMNS, script.row_of(flown, [episode(1.0, 0, "Idle")] * 2))
     monkeypatch.setattr(sys, "argv", ["any_river.py", *arguments, "--out", str(table)])
     assert script.main() is None
     assert capsys.readouterr().out == "rgb 9 0: 0 of 1 cells are to be flown\n"

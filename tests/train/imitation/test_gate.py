@@ -1,19 +1,22 @@
-"""The gate stops a teacher that fails, with the river and the start, and lets the steady pilot pass."""
+"""The gate stops a teacher that fails, with the river and the start, and lets the pilots pass."""
+
+from typing import Literal
 
 import numpy as np
 import pytest
 
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.train.errors import TrainingError
-from thalweg.train.imitation.gate import check_teacher
+from thalweg.train.imitation.gate import check_teacher, flown_by
 from thalweg.world import level_named
 
 LEVEL = level_named("Easy")
 
 
-def test_the_steady_pilot_passes():
+@pytest.mark.parametrize("teacher", ["steady", "scripted"])
+def test_pilots_pass(teacher: Literal["steady", "scripted"]):
     flown: list[int] = []
-    check_teacher(LEVEL, range(3), EnvConfig(), on_flown=flown.append)
+    check_teacher(LEVEL, range(3), EnvConfig(), flown_by(teacher), on_flown=flown.append)
     assert flown == [3]
 
 

@@ -4,13 +4,14 @@ import csv
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
 import torch
 
 from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.imitation.config import Teacher
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.config import ConfigError
 from thalweg.env.frame_renderer import Views
@@ -19,7 +20,7 @@ from thalweg.render import Renderer
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train import load_policy
 from thalweg.train.errors import TrainingError
-from thalweg.train.imitation import gate, imitate
+from thalweg.train.imitation import flights, gate, imitate
 from thalweg.train.imitation.flights import redraw
 from thalweg.train.imitation.imitate import Imitation
 from thalweg.train.imitation.sequences import Sequences
@@ -122,13 +123,35 @@ def test_a_teacher_that_fails_stops_the_run_before_anything_is_learnt(tmp_path: 
     def hover(env: RiverVectorEnv) -> np.ndarray:
         return np.ones((env.num_envs, 4), np.int64)
 
-    def check(level: Level, seeds: Sequence[int], rules: EnvConfig) -> None:
+    def check(level: Level, seeds: Sequence[int], rules: EnvConfig, act: gate.Act) -> None:
         gate.check_teacher(level, seeds, rules, hover)
 
     monkeypatch.setattr(imitate, "check_teacher", check)
     with pytest.raises(TrainingError, match="the teacher fails its gate on Easy-1"):
         imitation(tmp_path / "run").run()
     assert not (tmp_path / "run" / "metrics.csv").exists()
+
+
+@pytest.mark.parametrize("teacher", ["steady", "scripted"])
+def test_the_chosen_teacher_is_flown_through_the_gate_and_learnt_from(
+    teacher: Literal["steady", "scripted"], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    asked: list[tuple[str, str]] = []
+    pilot_actions, worths = RiverVectorEnv.pilot_actions, flights.teacher_worths
+
+    def flown(env: RiverVectorEnv, pilot: str = "scripted") -> np.ndarray:
+        asked.append(("gate", pilot))
+        return pilot_actions(env, pilot)
+
+    def judged(env: RiverVectorEnv, named: Teacher) -> np.ndarray:
+        monkeypatch.setattr(RiverVectorEnv, "pilot_actions", pilot_actions)
+        asked.append(("lesson", named))
+        return worths(env, named)
+
+    monkeypatch.setattr(RiverVectorEnv, "pilot_actions", flown)
+    monkeypatch.setattr(flights, "teacher_worths", judged)
+    imitation(tmp_path / "run", steps=8, settings=SETTINGS | {"teacher": teacher}).run()
+    assert set(asked) == {("gate", teacher), ("lesson", teacher)}
 
 
 @pytest.mark.parametrize(
@@ -140,6 +163,11 @@ def test_a_teacher_that_fails_stops_the_run_before_anything_is_learnt(tmp_path: 
         ({"levels": ()}, TrainingError, "at least one, each once, not none"),
         ({"levels": ("easy", "Easy")}, TrainingError, "each once, not Easy, Easy"),
         ({"settings": {"sequense": 4}}, AlgorithmError, "sequense"),
+        (
+            {"settings": {"teacher": "forward"}},
+            AlgorithmError,
+            "teacher must be one of 'steady', 'scripted', got 'forward'",
+        ),
         ({"levels": ("Medum",)}, ValueError, "Medum"),
         ({"world_seeds": "1:30", "rivers_in_memory": 2}, ConfigError, "in_memory must be at least 6"),
     ],

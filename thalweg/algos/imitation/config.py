@@ -10,6 +10,7 @@ from thalweg.algos.policy.vision import Eyes
 from thalweg.core.config import Fraction, TupleOf, frozen_config
 
 Sight = Literal["rgb+mask", "rgb", "mask"]
+Teacher = Literal["steady", "scripted"]
 CHANNELS: dict[str, int] = {"rgb+mask": 4, "rgb": 3, "mask": 1}
 IMAGE_PX = 128
 
@@ -20,6 +21,9 @@ class ImitationConfig:
 
     observation: Sight = "rgb+mask"
     """What the student sees, 128x128: the image and the water mask, or one of them."""
+    teacher: Teacher = "steady"
+    """The pilot that is imitated: `steady`, which gives every move its worth, or `scripted`, of which only the one move
+    that it would make is known."""
     filters: TupleOf[PositiveInt] = (16, 32, 64, 64)
     """Filters of each convolution."""
     features: PositiveInt = 256

@@ -84,6 +84,8 @@ class Course:
     """The world under each sun; empty if only its own sun is used."""
     suns: np.ndarray | None = None
     """[K] int64, the index into `lights` of each start."""
+    rivers: tuple[World, ...] = ()
+    """World of each start, K of them, of a course that leads through several; `world` is then that of the first."""
 
     @classmethod
     def of_level(cls, level: str, config: EvaluationConfig, *, drawn: bool = True) -> "Course":
@@ -121,6 +123,37 @@ class Course:
         courses = cls.of_seeds(level, range(UNSEEN, UNSEEN + config.episodes), config, drawn=drawn)
         return [course.only(index) for index, course in enumerate(courses)]
 
+    @classmethod
+    def joined(cls, courses: Sequence["Course"]) -> "Course":
+        """Return one course of courses with one start each, whose episodes are flown together.
+
+        The episodes are the same as in each course alone. Raises `ValueError` for a course with several starts, and if
+        some have appearances and others have none.
+        """
+        if any(len(course.starts) != 1 for course in courses) or not courses:
+            raise ValueError(f"courses with one start each can be joined, not {[len(each.starts) for each in courses]}")
+        if len({course.looks is None for course in courses}) > 1:
+            raise ValueError("courses with appearances and without can't be joined")
+        lights: list[World] = []
+        suns = []
+        for course in courses:
+            suns.append(len(lights) + (0 if course.suns is None else int(course.suns[0])))
+            lights += course.lights or (course.world,)
+        starts, clocks, indices = (
+            np.concatenate([getattr(course, name) for course in courses]) for name in ("starts", "clocks_s", "indices")
+        )
+        given = [course.looks for course in courses if course.looks is not None]
+        return cls(
+            courses[0].world,
+            starts,
+            clocks,
+            indices,
+            np.concatenate(given) if given else None,
+            tuple(lights),
+            np.array(suns, np.int64),
+            tuple(course.world for course in courses),
+        )
+
     def varied(self, randomisation: Randomisation, config: EvaluationConfig) -> "Course":
         """Return the course with a random appearance for each start, the same for every policy."""
         seeds = np.random.SeedSequence(EVALUATION + config.starts_seed, spawn_key=(LOOKS,))
@@ -132,15 +165,20 @@ class Course:
 
     def only(self, index: int) -> "Course":
         """Return the course with a single start of its list; the episode from it is the same as in the full course."""
-        row = np.flatnonzero(self.indices == index)
-        looks, suns = (None if each is None else each[row] for each in (self.looks, self.suns))
+        return self.those([index])
+
+    def those(self, indices: Sequence[int]) -> "Course":
+        """Return the course with these starts of its list, in the order of the list."""
+        rows = np.flatnonzero(np.isin(self.indices, indices))
+        looks, suns = (None if each is None else each[rows] for each in (self.looks, self.suns))
         return replace(
             self,
-            starts=self.starts[row],
-            clocks_s=self.clocks_s[row],
-            indices=self.indices[row],
+            starts=self.starts[rows],
+            clocks_s=self.clocks_s[rows],
+            indices=self.indices[rows],
             looks=looks,
             suns=suns,
+            rivers=tuple(self.rivers[row] for row in rows) if self.rivers else (),
         )
 
 
@@ -306,7 +344,7 @@ def _observations(env: RiverVectorEnv, sees: Sight) -> np.ndarray:
 def _make_env(course: Course, config: EvaluationConfig, sees: Sight) -> RiverVectorEnv:
     """Return an environment with one slot per start. A slot whose episode has ended resets itself and is ignored."""
     rules = config.env.with_options(observation="privileged") if sees == "privileged" else config.env
-    env = RiverVectorEnv([course.world], len(course.starts), config=rules)
+    env = RiverVectorEnv(course.rivers or [course.world], len(course.starts), config=rules)
     env.reset(seed=config.starts_seed, options={"pose": course.starts})
     state = env.get_state()
     state["time_s"] = course.clocks_s.copy()
@@ -341,7 +379,7 @@ class _EpisodeTotals:
                 label.algorithm,
                 label.seed,
                 label.level,
-                course.world.seed,
+                (course.rivers[index] if course.rivers else course.world).seed,
                 int(course.indices[index]),
                 *(float(value) for value in course.starts[index]),
                 return_=float(self.return_[index]),

@@ -16,15 +16,12 @@ from thalweg.algos.policy.vision import NO_OPTION, rows_of
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.env import RiverVectorEnv
 from thalweg.env.frame_renderer import Views
-from thalweg.env.pilot.steady import MOVES
-from thalweg.env.spaces import from_unit_actions
 from thalweg.env.task.bird_eye import open_water
 from thalweg.env.task.ideal_eye import FEATURES, see_all
 from thalweg.train.imitation.mask_noise import corrupt
 from thalweg.train.imitation.sequences import Sequences
+from thalweg.train.imitation.teachers import OPTIONS, teacher_worths
 
-OPTIONS = from_unit_actions("multidiscrete", MOVES)
-"""[M, 4] the options of each move."""
 PLAIN = ("river", "pose", "time_s", "segment", "travel", "last", "fresh", "worths", "privileged", "maps")
 """What is noted of each step, by the fields of `Sequences`."""
 
@@ -76,7 +73,7 @@ class Flights:
         count = self.env.num_envs
         self.taught[self.fresh] = self.rng.random(int(self.fresh.sum())) < teacher_share
         self.last[self.fresh] = NO_OPTION
-        worths = self.env.move_worths()
+        worths = teacher_worths(self.env, self.student.config.teacher)
         rows = rows_of(self.images, self.last)
         self._note(worths)
         self._rows.append(rows)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from thalweg.algos.imitation.config import Teacher
 from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv
 from thalweg.env.rivers.bare_river import load_or_plan
 from thalweg.train.errors import TrainingError
@@ -19,16 +20,16 @@ Act = Callable[[RiverVectorEnv], np.ndarray]
 """A teacher: the actions [N, 4] to take in an environment's current state."""
 
 
-def steady(env: RiverVectorEnv) -> np.ndarray:
-    """Return the actions of the steady pilot."""
-    return env.pilot_actions("steady")
+def flown_by(teacher: Teacher) -> Act:
+    """Return the teacher that is a pilot of this name."""
+    return lambda env: env.pilot_actions(teacher)
 
 
 def check_teacher(
     level: Level,
     seeds: Sequence[int],
     config: EnvConfig,
-    act: Act = steady,
+    act: Act,
     on_flown: Callable[[int], None] | None = None,
 ) -> None:
     """Fly one random start, of all that the rules allow, on each river; `on_flown` is told how many have ended.

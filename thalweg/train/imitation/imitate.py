@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from thalweg.algos.imitation.config import ImitationConfig
+from thalweg.algos.imitation.config import ImitationConfig, Teacher
 from thalweg.algos.imitation.student import ALGORITHM, Student
 from thalweg.algos.policy.actions import actions_of
 from thalweg.core import versions
@@ -20,8 +20,8 @@ from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION, compilation
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.errors import TrainingError
-from thalweg.train.imitation.flights import OPTIONS
-from thalweg.train.imitation.gate import check_teacher
+from thalweg.train.imitation.gate import check_teacher, flown_by
+from thalweg.train.imitation.teachers import OPTIONS
 from thalweg.train.imitation.trainer import ImitationTrainer
 from thalweg.train.river import print_once
 from thalweg.train.run_in_folder import RunResult, check_numbers, open_folder, result_of, train_to_end
@@ -74,7 +74,7 @@ class Imitation:
             if isinstance(env.rivers, DrawnRivers):
                 print_once(env.rivers.pool.description)
             if not status:
-                self._pass_gate(levels, seeds[: config.gate_rivers], rules)
+                self._pass_gate(levels, seeds[: config.gate_rivers], rules, config.teacher)
             with torch_threads(1):
                 student = Student(
                     config,
@@ -91,12 +91,12 @@ class Imitation:
         finally:
             env.close()
 
-    def _pass_gate(self, levels: Sequence[Level], seeds: Sequence[int], rules: EnvConfig) -> None:
+    def _pass_gate(self, levels: Sequence[Level], seeds: Sequence[int], rules: EnvConfig, teacher: Teacher) -> None:
         """Let the teacher fly rivers of each level; raises `TrainingError` if it fails on one."""
         for level in levels:
             if seeds:
                 print_once(f"the teacher flies {len(seeds)} rivers of {level.name}, before anything is learnt from it")
-            check_teacher(level, seeds, rules)
+            check_teacher(level, seeds, rules, flown_by(teacher))
 
     def _check(self, levels: Sequence[Level]) -> None:
         """Raise `TrainingError` for numbers out of range, and for levels that are missing or given twice."""

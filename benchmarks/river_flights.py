@@ -1,0 +1,71 @@
+"""Flights of a policy on many rivers: several rivers together, the figures of their episodes, and tables that grow."""
+
+import csv
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from thalweg.bench.evaluate.baselines import Policy, RecurrentPolicy
+from thalweg.bench.evaluate.episodes import Episode
+from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate, observation_function
+from thalweg.encoder import Encoder
+
+TOGETHER = 16
+"""Rivers with one start each that are flown together; each takes some 50 MB."""
+RESULTS = ("return", "return_error", "violations", "cost", "reasons")
+"""Columns of `figures_of`. `return_error` is the standard error of the mean return."""
+
+
+def fly(
+    policy: Policy | RecurrentPolicy,
+    courses: Iterable[Course],
+    label: Label,
+    config: EvaluationConfig,
+    encoder: Encoder | None = None,
+) -> list[Episode]:
+    """Return the episodes of a policy on courses, in their order; only policies of codes need the `encoder`."""
+    found = []
+    for course in _joined(courses):
+        found += evaluate(policy, course, label, config, observe=observation_function(policy, course, encoder))
+    return found
+
+
+def _joined(courses: Iterable[Course]) -> Iterator[Course]:
+    """Yield up to `TOGETHER` consecutive courses with one start each as one, and the others as they are."""
+    waiting: list[Course] = []
+    for course in courses:
+        single = len(course.starts) == 1
+        if waiting and (not single or len(waiting) == TOGETHER):
+            yield Course.joined(waiting)
+            waiting = []
+        if single:
+            waiting.append(course)
+        else:
+            yield course
+    if waiting:
+        yield Course.joined(waiting)
+
+
+def figures_of(episodes: Sequence[Episode]) -> dict[str, str]:
+    """Return `RESULTS` of episodes. Violations are episodes that end in a tight or loose cost."""
+    returns = np.array([episode.return_ for episode in episodes])
+    reasons = [episode.reason for episode in episodes]
+    counts = {reason: reasons.count(reason) for reason in sorted(set(reasons))}
+    return {
+        "return": f"{returns.mean():.3f}",
+        "return_error": f"{returns.std(ddof=1) / np.sqrt(len(returns)):.3f}",
+        "violations": f"{np.mean([episode.cost > 0 for episode in episodes]):.4f}",
+        "cost": f"{np.mean([episode.cost for episode in episodes]):.4f}",
+        "reasons": " ".join(f"{reason}={count}" for reason, count in counts.items()),
+    }
+
+
+def append(path: Path, columns: Sequence[str], row: Mapping[str, str]) -> None:
+    """Append a row to a table, with a heading if it is new."""
+    fresh = not path.is_file()
+    with open(path, "a", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns, lineterminator="\n")
+        if fresh:
+            writer.writeheader()
+        writer.writerow(row)

@@ -1,0 +1,29 @@
+"""Teachers of an imitation: what the pilots that know the map give to each move."""
+
+import numpy as np
+
+from thalweg.algos.imitation.config import Teacher
+from thalweg.env import RiverVectorEnv
+from thalweg.env.pilot.steady import MOVES
+from thalweg.env.spaces import from_unit_actions
+
+OPTIONS = from_unit_actions("multidiscrete", MOVES)
+"""[M, 4] the options of each move."""
+OTHER_MOVE = -1.0
+"""Worth of every move but the chosen one, of worth 0, of a teacher that judges none."""
+
+
+def teacher_worths(env: RiverVectorEnv, teacher: Teacher) -> np.ndarray:
+    """Return the worths [N, M] float64 of all moves in the current state, as a teacher judges them."""
+    return env.move_worths() if teacher == "steady" else choice_worths(env.pilot_actions(teacher))
+
+
+def choice_worths(actions: np.ndarray) -> np.ndarray:
+    """Return worths [N, M] float64 by which the moves with the options [N, 4] are best, and all others equally bad.
+
+    Raises `ValueError` for options that are those of no move.
+    """
+    chosen = (OPTIONS[None] == actions[:, None]).all(-1)
+    if not chosen.any(axis=1).all():
+        raise ValueError(f"{actions[~chosen.any(axis=1)][0].tolist()} are the options of no move")
+    return np.where(chosen, 0.0, OTHER_MOVE)

@@ -19,7 +19,6 @@ do not share.
 import argparse
 import csv
 import hashlib
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -29,6 +28,7 @@ from typing import Any
 import numpy as np
 import torch
 from page_sections import replace_section
+from settings_hash import settings_hash
 
 from thalweg.algos.policy.policy import AnyPolicy
 from thalweg.algos.registry import ALGORITHMS, algorithm_named
@@ -97,7 +97,7 @@ class Trial:
     @property
     def config(self) -> str:
         """Hash of all settings."""
-        return hashlib.sha256(json.dumps(self.resolved, sort_keys=True).encode()).hexdigest()[:8]
+        return settings_hash(self.resolved)
 
     @property
     def key(self) -> tuple[str, ...]:

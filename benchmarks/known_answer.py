@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from settings_hash import settings_hash
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))  # the problems are part of the tests
@@ -68,8 +69,7 @@ def key(case: Case, seed: int) -> tuple[str, ...]:
     """Return the values of `KEY` for a run, with the changed settings and a hash of all settings."""
     config = json.dumps(case.config, sort_keys=True)
     tables = PROBLEMS[case.problem].digest
-    resolved = json.dumps(to_plain(ALGORITHMS[case.algorithm].configure(case.config)), sort_keys=True)
-    settings = hashlib.sha256(resolved.encode()).hexdigest()[:8]
+    settings = settings_hash(to_plain(ALGORITHMS[case.algorithm].configure(case.config)))
     return (
         case.algorithm,
         case.action_setup,

@@ -1,0 +1,28 @@
+"""The hash of settings by which rows of benchmarks are told apart."""
+
+import importlib
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from thalweg.algos.onpolicy.config import NaturalConfig
+from thalweg.core.config import to_plain
+
+
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(Path(__file__).resolve().parents[2] / "benchmarks")
+    return importlib.import_module("settings_hash")
+
+
+def test_other_values_give_another_hash_and_added_settings_count_once_they_are_changed(script: ModuleType):
+    early = {"discount": 0.99}
+    assert script.settings_hash(early) != script.settings_hash({"discount": 0.9})
+    assert script.settings_hash(early | {"imitation_kl": 0.0}) == script.settings_hash(early)
+    assert script.settings_hash(early | {"imitation_kl": 1.0}) != script.settings_hash(early)
+
+
+def test_the_added_settings_have_their_defaults(script: ModuleType):
+    defaults = to_plain(NaturalConfig())
+    assert {name: defaults[name] for name in script.ADDED} == dict(script.ADDED)

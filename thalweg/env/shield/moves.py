@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from thalweg.core.compute.jit import kernel
-from thalweg.env.shield.water_map import CELL_M, cell_of, odds_at
+from thalweg.env.shield.water_map import odds_at
 from thalweg.env.task.motion import Pose, UnitAction, move, wrap_angle
 
 PERMITTED, LAND, DEAD_END, HEIGHT, TURN = range(5)
@@ -120,7 +120,7 @@ def judge(maps, vehicles, row, bounds, limits, action):
     after = move(before, action, limits)
     if leaves_water(maps, row, bounds, before, after):
         return LAND
-    if after.z < before.z and after.z < bounds.lowest or after.z > before.z and after.z > bounds.highest:
+    if (bounds.lowest > after.z < before.z) or (bounds.highest < after.z > before.z):
         return HEIGHT
     taut, way = way_flown(vehicles, row)
     off = abs(wrap_angle(after.yaw - way))

@@ -14,7 +14,8 @@ from thalweg.core.compute.jit import kernel
 from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig, integer_at_least
 from thalweg.env.shield.config import ShieldConfig
 from thalweg.env.shield.moves import PERMITTED, Bounds, Vehicles, advance, change_of, judge
-from thalweg.env.shield.water_map import Optics, WaterMaps, empty_maps, follow, forget, look, stand
+from thalweg.env.shield.sight import Optics, look
+from thalweg.env.shield.water_map import WaterMaps, empty_maps, enter_own_place, follow, forget
 from thalweg.env.spaces import from_unit_actions, to_unit_actions
 from thalweg.env.task.motion import Pose, UnitAction
 from thalweg.render.records.appearance import HALF_H, HALF_W, PITCH, look_rows, look_values
@@ -38,9 +39,7 @@ class Screened(NamedTuple):
 class Shield:
     """Shields of N vehicles, each with its own map."""
 
-    def __init__(
-        self, count: int, config: EnvConfig = DEFAULT_CONFIG, settings: ShieldConfig = DEFAULT_SHIELD
-    ) -> None:
+    def __init__(self, count: int, config: EnvConfig = DEFAULT_CONFIG, settings: ShieldConfig = DEFAULT_SHIELD) -> None:
         """Create the shields of `count` vehicles at their starts; `config`: the task.
 
         Raises `ConfigError` for continuous actions, or a count below one.
@@ -137,7 +136,7 @@ def _screen_all(vehicle, rows, masks, scratch, heights, limits, moves, proposed,
         pose = Pose(vehicles.pose[row, 0], vehicles.pose[row, 1], heights[k], vehicles.pose[row, 3])
         follow(maps, row, pose.x, pose.y)
         look(maps, row, pose, optics, masks[k], scratch)
-        stand(maps, row, pose)
+        enter_own_place(maps, row, pose.x, pose.y)
         action = UnitAction(proposed[k, 0], proposed[k, 1], proposed[k, 2], proposed[k, 3])
         verdicts[k] = judge(maps, vehicles, row, bounds, task, action)
         if verdicts[k] != PERMITTED:

@@ -87,7 +87,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     from thalweg.bench.evaluate.episodes import Episode, write_episodes
     from thalweg.bench.evaluate.evaluation import Label, evaluate, observation_function
     from thalweg.bench.evaluate.progress import complete, progress_bar, track_episodes
-    from thalweg.bench.evaluate.shielded import FlightShield, check_shield
+    from thalweg.bench.evaluate.shielded import FlightShield, check_masks
     from thalweg.bench.results.results import Results
     from thalweg.bench.suite.config import PACKAGED
     from thalweg.cli.tables import make_console, print_tables
@@ -101,7 +101,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     policy = load_named_policy(command.policy)
     encoder = _encoder_for(policy, command)
     if command.shield:
-        check_shield(policy, None, encoder)
+        check_masks(policy, encoder)
     name = command.policy if command.policy in (*BASELINES, PACKAGED) else Path(command.policy).resolve().name
     name = f"{name} (shield)" if command.shield else name
     rows: list[Episode] = []

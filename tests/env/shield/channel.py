@@ -2,13 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from types import SimpleNamespace
 
 import numpy as np
 
 from thalweg.render import Camera
-from thalweg.render.kernels.camera_rays import pose_camera, ray_through
-from thalweg.render.records.appearance import look_rows, look_values
 
 Water = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -40,11 +37,15 @@ class Channel:
 
 
 def rays_of(camera: Camera, pose: np.ndarray) -> np.ndarray:
-    """Return the renderer's own rays [H, W, 3] through the pixels of a camera at a pose [4]."""
-    settings = SimpleNamespace(width=camera.width_px, height=camera.height_px, near_m=np.float32(camera.near_m))
-    posed = pose_camera.py_func(pose, look_rows(look_values(None, 1), camera)[0], settings)
+    """Return the rays [H, W, 3] through the pixels of a camera at a pose [4], in metres per metre of depth."""
+    yaw, pitch = pose[3], np.radians(camera.pitch_deg)
+    ahead, right = np.array([np.cos(yaw), np.sin(yaw), 0.0]), np.array([np.sin(yaw), -np.cos(yaw), 0.0])
+    forward = np.cos(pitch) * ahead - np.array([0.0, 0.0, np.sin(pitch)])
+    up = np.sin(pitch) * ahead + np.array([0.0, 0.0, np.cos(pitch)])
     rows, columns = np.meshgrid(np.arange(camera.height_px), np.arange(camera.width_px), indexing="ij")
-    return np.stack(ray_through.py_func(posed, rows, columns), axis=-1).astype(np.float64)
+    x = (columns + 0.5) * camera.pixel - camera.half_width
+    y = camera.half_height - (rows + 0.5) * camera.pixel
+    return forward + y[..., None] * up + x[..., None] * right
 
 
 def straight(half_width: float) -> Water:

@@ -38,20 +38,20 @@ class Flight:
         return tuple(int(option) for option in made[0])
 
 
-def preferring(*order: tuple[int, ...]) -> np.ndarray:
-    """Logarithmic probabilities under which the moves are the most probable ones, in this order."""
-    log_probs = np.full((1, 4, 3), -50.0)
-    for rank, action in enumerate(order):
-        for branch, option in enumerate(action):
-            log_probs[0, branch, option] = max(log_probs[0, branch, option], -float(rank))
+def probabilities(action: tuple[int, ...], *, forward: float) -> np.ndarray:
+    """Return logarithmic probabilities [1, 4, 3] that prefer an action; `forward`: how much more it prefers to fly
+    forward than not to, and three more than any other option."""
+    log_probs = np.full((1, 4, 3), -3.0)
+    log_probs[0, np.arange(4), action] = 0.0
+    log_probs[0, 2] = (0.0, -forward, -9.0)
     return log_probs
 
 
 @pytest.mark.parametrize("lookahead", [0, 2])
 @pytest.mark.parametrize("action", [LEFT, (1, 1, 0, 0), (1, 0, 0, 1), (1, 0, 0, 0), (1, 2, 0, 2)])
 def test_no_policy_leaves_a_straight_channel(action: tuple[int, ...], lookahead: int):
-    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 5.0, 0.0), lookahead=lookahead, max_turn_deg=180.0)
-    for _ in range(8):  # it sees the banks first
+    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 5.0, 0.0), lookahead=lookahead)
+    for _ in range(24):  # it sees the banks first, also those that it turns back to
         flight.step(FORWARD)
     for _ in range(300):
         flight.step(action)
@@ -127,10 +127,11 @@ def test_a_dead_end_is_seen_before_it_is_reached():
 
 
 def test_a_veto_takes_the_most_probable_permitted_move():
+    aside, turning = (1, 1, 0, 0), (1, 0, 0, 1)
     flight = towards_a_bank(lookahead=0)
-    left_then_turn = preferring(FORWARD, LEFT, TURN_LEFT)
-    assert flight.step(FORWARD, left_then_turn) == LEFT
-    assert flight.step(FORWARD, preferring(FORWARD, TURN_LEFT, LEFT)) == TURN_LEFT
+    assert flight.step(aside, probabilities(aside, forward=1.0)) == LEFT
+    assert flight.step(turning, probabilities(turning, forward=1.0)) == TURN_LEFT
+    assert flight.verdicts[-2:] == [LAND, LAND]
 
 
 def test_without_probabilities_a_veto_changes_the_move_least():

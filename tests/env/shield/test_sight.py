@@ -16,6 +16,9 @@ from thalweg.env.shield.sight import (
 from thalweg.env.shield.water_map import CELL_M, SIZE, WaterMaps, empty_maps, follow
 from thalweg.env.task.motion import Pose
 from thalweg.render import Camera
+from thalweg.render.kernels.camera_rays import pose_camera, ray_through
+from thalweg.render.records.appearance import look_rows, look_values
+from thalweg.render.records.view import FrameSettings
 
 TALL = Camera(96, 128, fov_deg=50.0, pitch_deg=35.0)
 
@@ -43,12 +46,15 @@ def known(maps: WaterMaps) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def test_pixels_see_the_ground_where_the_renderers_rays_meet_it(camera: Camera):
     pose = np.array([3.0, -2.0, 5.0, 0.7])
     rays = rays_of(camera, pose)
+    settings = FrameSettings(camera.height_px, camera.width_px, np.float32(camera.near_m), False)
+    posed = pose_camera(pose, look_rows(look_values(None, 1), camera)[0], settings)
     at = camera_at(Pose(*pose), optics_of(camera), 0, camera.height_px, camera.width_px)
     top = top_line(at)
     assert 0 < top < camera.height_px - 20
     for line in range(top, camera.height_px, 7):
         for column in range(0, camera.width_px, 9):
             ray = rays[line, column]
+            assert np.allclose(ray, ray_through(posed, line, column), atol=1e-5)
             expected = pose[:2] + ray[:2] * pose[2] / -ray[2]
             ground = ground_of(at, line, column)
             assert np.allclose((ground.x, ground.y), expected, atol=1e-4)
@@ -112,5 +118,12 @@ def test_an_island_is_land_though_water_is_seen_behind_it():
 def test_nothing_is_read_from_the_water_itself_or_looking_up():
     maps = empty_maps(1)
     see(maps, Channel(straight(3.0), camera=Camera(pitch_deg=-60.0)), np.array([0.0, 0.0, 5.0, 0.0]))
-    look(maps, 0, Pose(0.0, 0.0, 0.0, 0.0), optics_of(Camera()), np.full((128, 128), 255, np.uint8), np.empty((128, 128), np.uint8))
+    look(
+        maps,
+        0,
+        Pose(0.0, 0.0, 0.0, 0.0),
+        optics_of(Camera()),
+        np.full((128, 128), 255, np.uint8),
+        np.empty((128, 128), np.uint8),
+    )
     assert not maps.odds.any()

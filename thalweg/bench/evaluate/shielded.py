@@ -19,6 +19,7 @@ from thalweg.env import RiverVectorEnv
 from thalweg.env.shield.config import ShieldConfig
 from thalweg.env.shield.moves import PERMITTED
 from thalweg.env.shield.shield import DEFAULT_SHIELD, Shield
+from thalweg.env.shield.sight import Optics
 from thalweg.env.task.altimeter import heights_above_water
 from thalweg.train.river import IN_WORDS, observation_of
 
@@ -36,11 +37,11 @@ class Screening(NamedTuple):
     """[K] int64, on the proposed moves, see `thalweg.env.shield.moves.VERDICTS`."""
 
 
-def check_shield(policy: Any, observe: Any, encoder: Any = None) -> None:
-    """Raise `ResultsError` unless the shield has masks to read: those of a policy's own camera, or, of a policy that
-    sees nothing or knows the map, those of `observe`.
+def check_masks(policy: Any, encoder: Any = None) -> None:
+    """Raise `ResultsError` for a policy whose camera has no water masks, which the shield reads.
 
-    `encoder`: that of a policy of codes; `observe` may be None if it is not known yet.
+    A baseline sees nothing, or knows the map: masks are drawn for the shield alone. `encoder`: that of a policy of
+    codes, if it is known.
     """
     sees = sight_of(policy)
     if sees == "privileged" or (sees == "images" and observation_of(policy) == "rgb"):
@@ -53,8 +54,16 @@ def check_shield(policy: Any, observe: Any, encoder: Any = None) -> None:
             "the shield reads water masks, but the encoder of this policy sees none (rgb): choose one of rgb+mask, or"
             " of mask"
         )
-    if observe is not None and not hasattr(observe, "masks"):
-        raise ResultsError("the shield reads the masks of frames: give the `observe` that observation_function returns")
+
+
+def check_shield(policy: Any, observe: Any) -> None:
+    """Raise `ResultsError` unless the shield has masks to read, as `check_masks`, also of an `observe` without them."""
+    check_masks(policy)
+    if not hasattr(observe, "masks"):
+        raise ResultsError(
+            "the shield reads the masks of frames: give the `observe` that observation_function(..., shielded=True)"
+            " returns"
+        )
 
 
 class FlightShield:
@@ -78,6 +87,11 @@ class FlightShield:
         self._shield = Shield(env.num_envs, env.config, self.settings)
         self._shield.set_looks(looks)
         self.vetoes = np.zeros(env.num_envs, np.int64)
+
+    @property
+    def optics(self) -> Optics:
+        """What the shield takes the cameras to be."""
+        return self._shield.optics
 
     def screen(self, flying: np.ndarray, observe: Any, actions: np.ndarray, players: Sequence[Player]) -> np.ndarray:
         """Return the moves [K, 4] to make in place of the `actions` [K, 4] of the flights `flying` [K].

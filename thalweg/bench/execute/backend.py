@@ -22,7 +22,7 @@ from thalweg.bench.evaluate.evaluation import (
     evaluate,
     observation_function,
 )
-from thalweg.bench.evaluate.shielded import FlightShield, check_shield
+from thalweg.bench.evaluate.shielded import FlightShield, check_masks
 from thalweg.bench.pictures.film_format import FilmFormat
 from thalweg.bench.suite.config import Arm, Run, Stage, Suite
 from thalweg.core import versions
@@ -137,7 +137,7 @@ class RiverBackend:
         check_policy_fits(policy, encoder)
         shielded = trial.condition.shield
         if shielded:
-            check_shield(policy, None, encoder)
+            check_masks(policy, encoder)
         if trial.condition != MAIN or sees not in DRAWN:
             return [observation_function(policy, course, encoder, shielded=shielded) for course in courses]
         view = trial.level, observation_of(policy)

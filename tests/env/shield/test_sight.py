@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 
 from tests.env.shield.channel import Channel, rays_of, straight
+from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.initial_poses import project_anywhere
+from thalweg.env.shield.shield import Shield
 from thalweg.env.shield.sight import (
     COARSEST_M,
     Optics,
@@ -14,11 +17,14 @@ from thalweg.env.shield.sight import (
     top_line,
 )
 from thalweg.env.shield.water_map import CELL_M, SIZE, WaterMaps, empty_maps, follow
+from thalweg.env.task.altimeter import heights_above_water
 from thalweg.env.task.motion import Pose
+from thalweg.env.task.termination import island_at, metres_past_bank
 from thalweg.render import Camera
 from thalweg.render.kernels.camera_rays import pose_camera, ray_through
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.view import FrameSettings
+from thalweg.world import load_or_build
 
 TALL = Camera(96, 128, fov_deg=50.0, pitch_deg=35.0)
 
@@ -127,3 +133,36 @@ def test_nothing_is_read_from_the_water_itself_or_looking_up():
         np.empty((128, 128), np.uint8),
     )
     assert not maps.odds.any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("level", ["Medium", "Hard"])
+def test_the_map_of_a_drawn_river_is_that_of_its_course(level: str):
+    env = RiverVectorEnv([load_or_build(level)], 6, EnvConfig(observation="mask"))
+    masks, _ = env.reset(seed=5)
+    starts, shield, flown = env.state.pose.copy(), Shield(6), []
+    for _ in range(40):
+        flown.append(env.state.pose[:, :2].copy())
+        heights = heights_above_water(env.courses, env.state)
+        made, _ = shield.screen(np.arange(6), masks[..., 0], heights, env.pilot_actions("steady"))
+        masks, *_ = env.step(made)
+    wrong, blocked, wet = [], [], []
+    for row, start in enumerate(starts):
+        u, v = np.nonzero(shield.maps.odds[row])
+        corner = shield.maps.corner[row]
+        x, y = ((c + (place - c) % SIZE + 0.5) * CELL_M for c, place in zip(corner, (u, v), strict=True))
+        cos, sin = np.cos(start[3]), np.sin(start[3])
+        at = np.column_stack([start[0] + x * cos - y * sin, start[1] + x * sin + y * cos])
+        projections = [project_anywhere(env.courses, 0, *point) for point in at]
+        past = np.array([metres_past_bank(env.courses, 0, projection) for projection in projections])
+        island = np.array([island_at(env.courses, 0, *point) >= 0 for point in at])
+        odds = shield.maps.odds[row, u, v]
+        wet.append(((odds > 0) & (past < 0)).sum())
+        # Water seen on land lies within a cell of the bank, but for side channels, which are water and no course.
+        wrong.append(np.mean((past[odds > 0] > CELL_M) | island[odds > 0]))
+        # Near the flight, land seen on water lies within two cells of the bank; one flight may begin behind a bridge.
+        away = np.linalg.norm(at[:, None] - np.array(flown)[None, :, row], axis=-1).min(axis=1)
+        near = (away < 4.0) & (past < -2 * CELL_M) & ~island
+        blocked.append(np.mean(odds[near] < 0))
+    assert np.median(wrong) < 0.001 and np.median(wet) > 2000
+    assert sorted(blocked)[-2] < 0.03

@@ -81,7 +81,7 @@ def test_a_flight_without_vetoes_is_the_same():
 
 def test_players_learn_what_they_did_and_say_how_probable_moves_are():
     policy, told = image_policy("mask", 128), []
-    seen: list[np.ndarray] = []
+    seen: list[bool] = []
 
     class Told:
         """The policy, whose players are kept."""
@@ -93,7 +93,7 @@ def test_players_learn_what_they_did_and_say_how_probable_moves_are():
             return told[-1]
 
     def on_screen(screening: Screening) -> None:
-        seen.append(np.any(screening.made != screening.proposed))
+        seen.append(bool(np.any(screening.made != screening.proposed)))
         for index, made in zip(screening.flying, screening.made, strict=True):
             assert (told[index]._last[0] == made).all()
 

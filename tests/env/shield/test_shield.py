@@ -144,6 +144,28 @@ def test_without_probabilities_a_veto_changes_the_move_least():
     assert made[2] == 0  # it still flies forward
 
 
+def beyond_the_edge(patience: int) -> float:
+    """How far a vehicle comes that sees nothing but what lies beyond the water's edge."""
+    flight = Flight(Channel(lambda x, y: x < 3.0), (0.0, 0.0, 5.0, 0.0), patience=patience)
+    for _ in range(60):
+        flight.step(FORWARD)
+    assert flight.verdicts[:3] == [PERMITTED] * 3  # the ground that the camera does not see is unknown
+    assert LAND in flight.verdicts
+    return math.hypot(flight.pose.x, flight.pose.y)
+
+
+def test_what_may_be_a_bridge_holds_the_vehicle_for_a_while_only():
+    assert beyond_the_edge(patience=1000) < 6.0
+    assert beyond_the_edge(patience=5) > 12.0
+
+
+def test_land_beyond_water_holds_the_vehicle_for_good():
+    flight = towards_a_bank(lookahead=0, patience=3)
+    for _ in range(30):
+        flight.step(FORWARD)
+    assert flight.pose.x < 10.0 and flight.verdicts[-30:] == [LAND] * 30
+
+
 def test_heights_have_a_floor_and_a_ceiling():
     flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 4.0, 0.0))
     assert flight.step(DESCEND) == STAY and flight.verdicts == [HEIGHT]

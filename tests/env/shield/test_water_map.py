@@ -4,6 +4,7 @@ import numpy as np
 
 from thalweg.env.shield.water_map import (
     CELL_M,
+    GUESS,
     LAND,
     LEAST,
     MOST,
@@ -41,6 +42,8 @@ def test_odds_by_hand():
 def test_odds_have_bounds():
     assert entered(*[WET] * 9) == MOST
     assert entered(*[LAND] * 99) == LEAST
+    assert entered(*[NEAR] * 99) == GUESS > LEAST
+    assert entered(*[LAND] * 3, NEAR) == -3
     assert entered(*[LAND] * 99, WET) == LEAST + WATER > 0
 
 

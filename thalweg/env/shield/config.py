@@ -18,6 +18,9 @@ class ShieldConfig:
     """Steps of flight ahead, turning or not, that must be possible after a move; 0: the move alone is judged."""
     unknown_is_water: bool = True
     """Whether moves to where nothing has been seen are permitted."""
+    patience: Annotated[int, Field(ge=1)] = 10
+    """Vetoed moves forward in a row after which only land that was seen beyond water counts: what was never seen so may
+    be a bridge."""
     floor_m: FiniteNonNegative = 3.5
     """Height above the water below which no move may descend. Bridges of the levels are up to 3.2 m high, body
     included."""

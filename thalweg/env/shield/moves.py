@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from thalweg.core.compute.jit import kernel
-from thalweg.env.shield.water_map import odds_at
+from thalweg.env.shield.water_map import GUESS, odds_at
 from thalweg.env.task.motion import Pose, UnitAction, move, wrap_angle
 
 PERMITTED, LAND, DEAD_END, HEIGHT, TURN = range(5)
@@ -26,8 +26,9 @@ class Bounds(NamedTuple):
 
     margin: float
     lookahead: int
-    closed_below: int
-    """A cell is closed if its odds are below this: 0, or 1 where unknown cells are closed too."""
+    unknown_is_water: int
+    """1 or 0."""
+    patience: int
     lowest: float
     """Heights between which moves may go."""
     highest: float
@@ -41,44 +42,51 @@ class Vehicles(NamedTuple):
     """[N, 4] float64: x, y in metres, the height above the water, and the heading in radians."""
     tail: np.ndarray
     """[N, 2] float64, the other end of the towed rope."""
+    held: np.ndarray
+    """[N] int64, moves forward in a row that were not made."""
 
 
 @kernel(fastmath=False, allocates=False)
-def is_closed(maps, row, bounds, x, y):
-    """Return whether the cell at a point is none to fly over."""
-    return odds_at(maps, row, x, y) < bounds.closed_below
+def is_closed(maps, row, bounds, guesses, x, y):
+    """Return whether the cell at a point is none to fly over; guesses: whether what may be a bridge counts as land."""
+    odds = odds_at(maps, row, x, y)
+    if odds == 0:
+        return bounds.unknown_is_water == 0
+    return odds < (0 if guesses else GUESS)
 
 
 @kernel(fastmath=False, allocates=False)
-def closed_around(maps, row, bounds, x, y):
+def closed_around(maps, row, bounds, guesses, x, y):
     """Return how many points of the circle of the margin about a point are closed."""
     count = 0
     for k in range(ROUND):
         angle = 2.0 * math.pi * k / ROUND
-        if is_closed(maps, row, bounds, x + bounds.margin * math.cos(angle), y + bounds.margin * math.sin(angle)):
+        dx, dy = bounds.margin * math.cos(angle), bounds.margin * math.sin(angle)
+        if is_closed(maps, row, bounds, guesses, x + dx, y + dy):
             count += 1
     return count
 
 
 @kernel(fastmath=False, allocates=False)
-def leaves_water(maps, row, bounds, before, after):
+def leaves_water(maps, row, bounds, guesses, before, after):
     """Return whether a move between two `Pose`s ends over a closed cell, or nearer to one than the margin and than it
     began."""
     if before.x == after.x and before.y == after.y:
         return False
-    if is_closed(maps, row, bounds, after.x, after.y):
+    if is_closed(maps, row, bounds, guesses, after.x, after.y):
         return True
     if bounds.margin <= 0.0:
         return False
-    around = closed_around(maps, row, bounds, after.x, after.y)
-    return around > 0 and around > closed_around(maps, row, bounds, before.x, before.y)
+    around = closed_around(maps, row, bounds, guesses, after.x, after.y)
+    return around > 0 and around > closed_around(maps, row, bounds, guesses, before.x, before.y)
 
 
 @kernel(fastmath=False, allocates=False)
 def flight_goes_on(maps, row, bounds, limits, pose):
     """Return whether the vehicle can fly forward for `lookahead` steps after a `Pose`, and turn or step aside in each.
 
-    All ways are tried, in the order of the digits of a number.
+    What may be a bridge does not count: one shows what it is when the vehicle comes near. All ways are tried, in the
+    order of the digits of a number.
     """
     options = 9
     count = options**bounds.lookahead
@@ -94,7 +102,7 @@ def flight_goes_on(maps, row, bounds, limits, pose):
             left -= digit * block
             action = UnitAction(0.0, SIGNS[digit % 3], 1.0, SIGNS[digit // 3])
             after = move(at, action, limits)
-            if leaves_water(maps, row, bounds, at, after):
+            if leaves_water(maps, row, bounds, False, at, after):
                 blocked = True
                 break
             at = after
@@ -118,7 +126,8 @@ def judge(maps, vehicles, row, bounds, limits, action):
     """Return the verdict on a `UnitAction` of vehicle `row`: `PERMITTED`, or the first reason for a veto."""
     before = Pose(vehicles.pose[row, 0], vehicles.pose[row, 1], vehicles.pose[row, 2], vehicles.pose[row, 3])
     after = move(before, action, limits)
-    if leaves_water(maps, row, bounds, before, after):
+    guesses = vehicles.held[row] < bounds.patience
+    if leaves_water(maps, row, bounds, guesses, before, after):
         return LAND
     if (bounds.lowest > after.z < before.z) or (bounds.highest < after.z > before.z):
         return HEIGHT
@@ -142,8 +151,12 @@ def change_of(vehicles, row, limits, action, other):
 
 
 @kernel(fastmath=False, allocates=False)
-def advance(vehicles, row, limits, action):
-    """Move vehicle `row` by a `UnitAction`, and the rope with it."""
+def advance(vehicles, row, limits, proposed, action):
+    """Move vehicle `row` by a `UnitAction` in place of the proposed one, and the rope with it."""
+    if action.forward > 0.0:
+        vehicles.held[row] = 0
+    elif proposed.forward > 0.0:
+        vehicles.held[row] += 1
     before = Pose(vehicles.pose[row, 0], vehicles.pose[row, 1], vehicles.pose[row, 2], vehicles.pose[row, 3])
     after = move(before, action, limits)
     vehicles.pose[row, 0], vehicles.pose[row, 1], vehicles.pose[row, 2], vehicles.pose[row, 3] = after

@@ -51,13 +51,14 @@ class Shield:
         self.bounds = Bounds(
             float(settings.margin_m),
             int(settings.lookahead),
-            0 if settings.unknown_is_water else 1,
+            int(settings.unknown_is_water),
+            int(settings.patience),
             max(float(settings.floor_m), config.min_height_m + settings.spare_m),
             config.max_height_m - settings.spare_m,
             math.radians(settings.max_turn_deg),
         )
         self.maps: WaterMaps = empty_maps(self.count)
-        self.vehicles = Vehicles(np.zeros((self.count, 4)), np.zeros((self.count, 2)))
+        self.vehicles = Vehicles(np.zeros((self.count, 4)), np.zeros((self.count, 2)), np.zeros(self.count, np.int64))
         self.optics = Optics(*(np.zeros(self.count) for _ in Optics._fields))
         self.set_looks(None)
 
@@ -72,7 +73,7 @@ class Shield:
         """Forget everything about the vehicles `rows` [K], which are at their starts."""
         for row in rows:
             forget(self.maps, int(row))
-            self.vehicles.pose[row], self.vehicles.tail[row] = 0.0, 0.0
+            self.vehicles.pose[row], self.vehicles.tail[row], self.vehicles.held[row] = 0.0, 0.0, 0
 
     def screen(
         self,
@@ -137,12 +138,13 @@ def _screen_all(vehicle, rows, masks, scratch, heights, limits, moves, proposed,
         follow(maps, row, pose.x, pose.y)
         look(maps, row, pose, optics, masks[k], scratch)
         enter_own_place(maps, row, pose.x, pose.y)
-        action = UnitAction(proposed[k, 0], proposed[k, 1], proposed[k, 2], proposed[k, 3])
-        verdicts[k] = judge(maps, vehicles, row, bounds, task, action)
+        wanted = UnitAction(proposed[k, 0], proposed[k, 1], proposed[k, 2], proposed[k, 3])
+        verdicts[k] = judge(maps, vehicles, row, bounds, task, wanted)
+        action = wanted
         if verdicts[k] != PERMITTED:
-            action = _substitute(maps, vehicles, row, bounds, task, moves, k, action)
+            action = _substitute(maps, vehicles, row, bounds, task, moves, k, wanted)
         made[k, 0], made[k, 1], made[k, 2], made[k, 3] = action
-        advance(vehicles, row, task, action)
+        advance(vehicles, row, task, wanted, action)
 
 
 @kernel(fastmath=False, allocates=False)

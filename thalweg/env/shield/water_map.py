@@ -20,6 +20,9 @@ WATER, DRY = 8, 1
 a cell that was seen to be water once is dry after nine looks that show none."""
 MOST, LEAST = 24, -4
 """Bounds of the odds."""
+GUESS = -2
+"""Odds down to which a cell goes that was seen to be dry, but never with water before it, which may be behind something
+that has always stood there."""
 BELIEVED = 2 * WATER
 """Odds from which a cell is remembered as water."""
 UNREAD, WET, LAND, NEAR, VEIL = range(5)
@@ -70,8 +73,10 @@ def enter(maps, row, i, j, seen):
     odds = int(maps.odds[row, u, v])
     if seen == WET:
         maps.odds[row, u, v] = min(odds + WATER, MOST)
-    elif seen == LAND or (seen == NEAR and maps.veiled[row, u, v] == 0):
+    elif seen == LAND:
         maps.odds[row, u, v] = max(odds - DRY, LEAST)
+    elif seen == NEAR and maps.veiled[row, u, v] == 0 and odds > GUESS:
+        maps.odds[row, u, v] = odds - DRY
     elif seen == VEIL:
         # What was taken for land is taken back.
         maps.odds[row, u, v] = max(odds, 0)

@@ -5,14 +5,13 @@
     python benchmarks/shield.py --write                                         # the tables of docs/shield.md
 
 A row of shield.csv is appended as each cell is flown: one policy's flights of one kind on one level, without and with
-the shield from the same starts. A cell that has a row is skipped. Kinds are those of any_river.py. `noise20` is the
-steady pilot with a random move in a fifth of its steps, `noise50` in half of them. A veto is false if the rules would
-have permitted the move; those that look ahead may be right nevertheless. `helped` are flights that end in a violation
-without the shield and in none with it, `harmed` the reverse.
+the shield from the same starts. A cell that has a row is skipped. Kinds are `fixed`, `unseen` and `varied` of
+any_river.py. `noise20` is the steady pilot with a random move in a fifth of its steps, `noise50` in half of them. A
+veto is false if the rules would have permitted the move; those that look ahead may be right nevertheless. `helped` are
+flights that end in a violation without the shield and in none with it, `harmed` the reverse.
 """
 
 import argparse
-import csv
 import multiprocessing
 from collections import Counter
 from collections.abc import Sequence
@@ -23,8 +22,9 @@ from typing import Any
 
 import numpy as np
 import torch
-from any_river import KINDS, LEVELS, Cell
+from any_river import LEVELS, Cell
 from page_sections import replace_section
+from river_flights import RESULTS, append, figures_of, joined
 
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.baselines import BASELINES, Policy, Sight
@@ -59,7 +59,7 @@ SIDES = ("without", "with")
 VETOED = VERDICTS[1:]
 COLUMNS = (
     *KEY,
-    *(f"{name}_{side}" for name in ("return", "return_error", "violations", "cost", "reasons") for side in SIDES),
+    *(f"{name}_{side}" for name in RESULTS for side in SIDES),
     "helped",
     "harmed",
     "steps",
@@ -145,7 +145,7 @@ class Pair:
         label = Label(self.policy, 0, self.level)
         watch, flights, seconds = Watch(), {side: [] for side in SIDES}, 0.0
         settings = parse_config(ShieldConfig, settings_from(self.settings))
-        for course in Cell(self.policy, 0, 0, self.kind, self.level, self.episodes).courses():
+        for course in joined(Cell(self.policy, 0, 0, self.kind, self.level, self.episodes).courses()):
             observe = observation_function(policy, course, None, shielded=True)
             flights["without"] += evaluate(policy, course, label, config, observe=observe)
             watch.shield = FlightShield(settings, watch)
@@ -157,17 +157,8 @@ class Pair:
 
 def row_of(flights: dict[str, list[Episode]], watch: Watch) -> dict[str, str]:
     """Return the figures of flights by side."""
-    row: dict[str, str] = {}
-    for side, episodes in flights.items():
-        returns = np.array([episode.return_ for episode in episodes])
-        reasons = Counter(episode.reason for episode in episodes)
-        row |= {
-            f"return_{side}": f"{returns.mean():.3f}",
-            f"return_error_{side}": f"{returns.std(ddof=1) / np.sqrt(len(returns)):.3f}",
-            f"violations_{side}": f"{np.mean([episode.cost > 0 for episode in episodes]):.4f}",
-            f"cost_{side}": f"{np.mean([episode.cost for episode in episodes]):.4f}",
-            f"reasons_{side}": " ".join(f"{name}={reasons[name]}" for name in sorted(reasons)),
-        }
+    figures = {side: figures_of(episodes) for side, episodes in flights.items()}
+    row = {f"{name}_{side}": figures[side][name] for name in RESULTS for side in SIDES}
     pairs = [(a.cost > 0, b.cost > 0) for a, b in zip(flights["without"], flights["with"], strict=True)]
     row |= {"helped": str(pairs.count((True, False))), "harmed": str(pairs.count((False, True)))}
     row["steps"] = str(watch.steps)
@@ -177,21 +168,11 @@ def row_of(flights: dict[str, list[Episode]], watch: Watch) -> dict[str, str]:
     return row
 
 
-def append(path: Path, row: dict[str, str]) -> None:
-    """Append a row to the table, with a heading if it is new."""
-    fresh = not path.is_file()
-    with open(path, "a", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        if fresh:
-            writer.writeheader()
-        writer.writerow(row)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--policies", nargs="*", choices=list(POLICIES), default=None)
     parser.add_argument("--policy", action="append", default=[], help="NAME=PATH of another policy")
-    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=["fixed", "unseen"])
+    parser.add_argument("--kinds", nargs="+", choices=("fixed", "unseen", "varied"), default=["fixed", "unseen"])
     parser.add_argument("--levels", nargs="+", choices=LEVELS, default=["Medium", "Hard"])
     parser.add_argument("--episodes", type=int, default=100, help="starts, or rivers, of each cell")
     parser.add_argument("--settings", nargs="*", default=[], help="settings of the shield, such as lookahead=0")
@@ -221,7 +202,7 @@ def main() -> None:
     with ProcessPoolExecutor(given.jobs, multiprocessing.get_context("spawn")) as pool:
         for ended in as_completed([pool.submit(pair.fly) for pair in pairs]):
             row = ended.result()
-            append(given.out, row)
+            append(given.out, COLUMNS, row)
             print(*(f"{name} {row[name]}" for name in COLUMNS), flush=True)
 
 

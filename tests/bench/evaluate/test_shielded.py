@@ -95,7 +95,7 @@ def test_players_learn_what_they_did_and_say_how_probable_moves_are():
     def on_screen(screening: Screening) -> None:
         seen.append(bool(np.any(screening.made != screening.proposed)))
         for index, made in zip(screening.flying, screening.made, strict=True):
-            assert (told[index]._last[0] == made).all()
+            assert (told[index]._rows.last[0] == made).all()
 
     fly(Told(), course(), FlightShield(on_screen=on_screen))
     assert any(seen)

@@ -26,12 +26,12 @@ def fly(
 ) -> list[Episode]:
     """Return the episodes of a policy on courses, in their order; only policies of codes need the `encoder`."""
     found = []
-    for course in _joined(courses):
+    for course in joined(courses):
         found += evaluate(policy, course, label, config, observe=observation_function(policy, course, encoder))
     return found
 
 
-def _joined(courses: Iterable[Course]) -> Iterator[Course]:
+def joined(courses: Iterable[Course]) -> Iterator[Course]:
     """Yield up to `TOGETHER` consecutive courses with one start each as one, and the others as they are."""
     waiting: list[Course] = []
     for course in courses:

@@ -489,6 +489,28 @@ def test_a_policy_of_images_is_evaluated_without_an_encoder(
     assert message in capsys.readouterr().err
 
 
+def test_a_shielded_evaluation_says_so(tmp_path: Path, capsys: pytest.CaptureFixture):
+    from thalweg.bench.evaluate.episodes import read_episodes
+    from thalweg.core import versions
+
+    out = tmp_path / "rows.csv"
+    given = ["evaluate", "random", "--levels", "easy", "--episodes", "2", "--shield", "--out", str(out)]
+    assert main(given) == 0
+    rows, told = read_episodes(out), capsys.readouterr().out
+    assert [(row.algorithm, row.shield) for row in rows] == [("random (shield)", versions.SHIELD)] * 2
+    assert "random (shield)" in told
+    vetoes, steps = sum(row.vetoes for row in rows), sum(row.length for row in rows)
+    assert 0 < vetoes < steps and f"The shield replaced {vetoes} of {steps} moves." in told
+
+
+def test_a_shield_is_refused_to_a_policy_without_masks(tmp_path: Path, capsys: pytest.CaptureFixture):
+    from tests.image_policies import image_policy
+
+    image_policy("rgb").save(tmp_path / "policy.safetensors")
+    assert main(["evaluate", str(tmp_path / "policy.safetensors"), "--shield"]) == 2
+    assert "the shield reads water masks, but this policy sees images (rgb)" in capsys.readouterr().err
+
+
 def test_options_of_a_river_are_typed_again_as_they_were_given():
     options = RiverFile(Path("a river.geojson"), width_m=6.0, start_m=1234.5678, length_m=1e6, smooth_m=0.1)
     typed = ["--width-m", "6", "--start-m", "1234.5678", "--length-m", "1000000", "--smooth-m", "0.1"]

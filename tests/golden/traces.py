@@ -34,6 +34,11 @@ from thalweg.core.config import parse_config
 from thalweg.encoder import DEFAULT_PATH, load_encoder, train_encoder
 from thalweg.encoder.vae import VAEConfig
 from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.shield.moves import VERDICTS
+from thalweg.env.shield.shield import OPTIONS as SHIELD_OPTIONS
+from thalweg.env.shield.shield import Shield
+from thalweg.env.shield.water_map import LEAST, MOST
+from thalweg.env.task.altimeter import heights_above_water
 from thalweg.render import Renderer
 from thalweg.render.records.quality import QUALITIES
 from thalweg.train.imitation.flights import OPTIONS
@@ -241,6 +246,23 @@ def imitation() -> Trace:
     return {"worths": np.maximum(np.array(worths), -100.0), "losses": np.array(losses)}
 
 
+def shield() -> Trace:
+    """Odds, poses, and counts of the verdicts on the steady pilot's moves and random ones, by masks of Medium."""
+    env = RiverVectorEnv([load_or_build("Medium")], 4, EnvConfig(observation="mask"))
+    masks, _ = env.reset(seed=3)
+    guard, rng, verdicts = Shield(4), np.random.default_rng(7), []
+    for _ in range(40):
+        random = SHIELD_OPTIONS[rng.integers(len(SHIELD_OPTIONS), size=4)]
+        proposed = np.where(rng.random((4, 1)) < 0.5, random, env.pilot_actions("steady"))
+        heights = heights_above_water(env.courses, env.state)
+        made, found = guard.screen(np.arange(4), masks[..., 0], heights, proposed)
+        verdicts.append(found)
+        masks, *_ = env.step(made)
+    counts = np.bincount(np.ravel(verdicts), minlength=len(VERDICTS))
+    odds = np.array([np.bincount(each.ravel() - LEAST, minlength=MOST - LEAST + 1) for each in guard.maps.odds])
+    return {"verdicts": counts, "odds": odds, "poses": guard.vehicles.pose}
+
+
 def _digits(path: Path) -> np.ndarray:
     return np.array([int(digit, 16) for digit in file_hash(path)], np.float64)
 
@@ -255,6 +277,7 @@ GOLDENS: dict[str, Golden] = {
     "encoder": Golden("ENCODER", versions.ENCODER, encoder, tolerance=0.05, smallest=0.05),
     "packaged encoder": Golden("PACKAGED_ENCODER", versions.PACKAGED_ENCODER, packaged_encoder, tolerance=0.02),
     "packaged policy": Golden("PACKAGED_POLICY", versions.PACKAGED_POLICY, packaged_policy, tolerance=0.0),
+    "shield": Golden("SHIELD", versions.SHIELD, shield, tolerance=0.02, smallest=20.0),
     "imitation": Golden("IMITATION", versions.IMITATION, imitation),
     **{
         name: Golden(f'ALGORITHMS["{name}"]', versions.ALGORITHMS[name], partial(algorithm, name))

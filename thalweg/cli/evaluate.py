@@ -41,6 +41,8 @@ class Evaluate:
     """Take the most probable action instead of sampling."""
     unseen: bool = False
     """Fly on unseen rivers of the levels, on which nothing is trained: one start on each, one river per episode."""
+    shield: bool = False
+    """Replace moves that would leave the water remembered from past masks; results say so, and are apart."""
     encoder: Path | None = None
     """File of the encoder, for policies that see its codes; by default the one that comes with the package."""
     out: Path | None = None
@@ -85,6 +87,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     from thalweg.bench.evaluate.episodes import Episode, write_episodes
     from thalweg.bench.evaluate.evaluation import Label, evaluate, observation_function
     from thalweg.bench.evaluate.progress import complete, progress_bar, track_episodes
+    from thalweg.bench.evaluate.shielded import FlightShield, check_masks
     from thalweg.bench.results.results import Results
     from thalweg.bench.suite.config import PACKAGED
     from thalweg.cli.tables import make_console, print_tables
@@ -97,21 +100,30 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
             raise ResultsError(f"--levels names {river} twice; each level is flown once")
     policy = load_named_policy(command.policy)
     encoder = _encoder_for(policy, command)
+    if command.shield:
+        check_masks(policy, encoder)
     name = command.policy if command.policy in (*BASELINES, PACKAGED) else Path(command.policy).resolve().name
+    name = f"{name} (shield)" if command.shield else name
     rows: list[Episode] = []
     for river in rivers:
-        courses, level = _courses(command, river, drawn=sight_of(policy) in DRAWN)
+        courses, level = _courses(command, river, drawn=command.shield or sight_of(policy) in DRAWN)
         with progress_bar(console, "episodes") as progress:
             for course in courses:
-                observe = observation_function(policy, course.world, encoder, command.device)
+                observe = observation_function(policy, course.world, encoder, command.device, shielded=command.shield)
                 which = f", river {course.world.seed}" if command.unseen or len(command.seeds) > 1 else ""
                 on_step = track_episodes(progress, f"{name} on {level}{which}", len(course.starts))
                 label = Label(name, command.seed, level)
-                rows.extend(evaluate(policy, course, label, command.config, observe=observe, on_step=on_step))
+                shield = FlightShield() if command.shield else None
+                rows.extend(
+                    evaluate(policy, course, label, command.config, observe=observe, on_step=on_step, shield=shield)
+                )
                 complete(progress)
     if command.out is not None:
         write_episodes(command.out, rows)
     print_tables(console, Results(Path(), {}, [], rows, [], []))
+    if command.shield:
+        vetoes, steps = sum(row.vetoes for row in rows), sum(row.length for row in rows)
+        console.print(f"The shield replaced {vetoes:,} of {steps:,} moves.", highlight=False)
     if command.out is not None:
         console.print(f"One row per episode: {command.out}", highlight=False)
 

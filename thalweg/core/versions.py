@@ -21,6 +21,8 @@ IMITATION = 1
 """What the steady pilot gives to moves, and what its student learns from them."""
 EVALUATION = 1
 """Starts, conditions and flights of evaluated episodes, baselines and the scripted pilot included."""
+SHIELD = 1
+"""What the shield remembers of masks, which moves it vetoes, and by which it replaces them."""
 ALGORITHMS = {
     "PPO": 3,
     "PPOLag": 3,

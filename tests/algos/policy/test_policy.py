@@ -12,6 +12,7 @@ from thalweg.algos import About, AlgorithmError, Policy
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.networks import NetworkShape
 from thalweg.algos.policy.normaliser import Normaliser
+from thalweg.algos.policy.vision import rows_of
 
 SPACES = {
     "MultiDiscrete": gym.spaces.MultiDiscrete([3, 3, 3, 3]),
@@ -221,3 +222,43 @@ def test_acting_uses_one_thread_of_pytorch_and_leaves_the_callers_number(monkeyp
     finally:
         torch.set_num_threads(before)
     assert seen == [1]
+
+
+@pytest.mark.parametrize("memory", [0, 4], ids=["compiled", "recurrent"])
+def test_a_player_says_how_probable_its_options_are(memory: int):
+    shape = NetworkShape((8,), initial="kaiming", memory=memory)
+    policy = Policy(5, actions_of(gym.spaces.MultiDiscrete([3, 3])), shape, generator=torch.Generator().manual_seed(1))
+    player = policy.player(200, generator=torch.Generator().manual_seed(2))
+    assert player.log_probs() is None  # it has seen nothing
+    same = np.tile(observations(1)[:, :5], (200, 1))
+    counts = np.zeros((2, 3))
+    for _ in range(50):
+        drawn = player(same, np.ones(200, bool))
+        counts += [np.bincount(drawn[:, branch], minlength=3) for branch in (0, 1)]
+    log_probs = player.log_probs()
+    assert log_probs is not None and log_probs.shape == (200, 2, 3)
+    assert np.allclose(np.exp(log_probs).sum(-1), 1.0, atol=1e-6)
+    assert np.allclose(counts / 10_000, np.exp(log_probs[0]), atol=0.02)
+
+
+def test_a_player_of_numbers_has_no_probabilities():
+    policy = policy_for(gym.spaces.MultiDiscrete([3, 3]), "box_scaled")
+    player = policy.player(2)
+    player(observations(2), np.ones(2, bool))
+    assert player.log_probs() is None
+
+
+def test_a_corrected_player_remembers_what_was_done_in_place_of_its_action():
+    from tests.image_policies import image_policy
+
+    policy, image = image_policy("mask", 8, memory=0), np.zeros((1, 8, 8, 1), np.uint8)
+    begun, later, done = np.ones(1, bool), np.zeros(1, bool), np.array([[2, 0, 1, 2]])
+    for actions in (None, done):
+        player = policy.player(1, deterministic=True)
+        first = player(image, begun)
+        if actions is not None:
+            player.correct(actions)
+        player(image, later)
+        expected = policy.distribution(torch.from_numpy(rows_of(image, first if actions is None else actions)))
+        found = player.log_probs()
+        assert found is not None and np.allclose(found, expected.log_p.detach())  # pyright: ignore[reportAttributeAccessIssue]

@@ -242,6 +242,8 @@ class NetworkPlayer:
         """[N, M] recurrent state after the last observation."""
         eyes = policy.shape.eyes
         self._rows = None if eyes is None else ImageRows(num_envs, eyes.image, policy.actions.count)
+        self._seen: tuple[Tensor, Tensor | None] | None = None
+        """What the network was last given [N, K * D], and the parameters that it returned, if it was asked."""
 
     def __call__(self, obs: np.ndarray, fresh: np.ndarray) -> np.ndarray:
         if self._rows is not None:
@@ -258,6 +260,7 @@ class NetworkPlayer:
         """Return raw actions [N, A], as defined in `actions`."""
         check_obs_size(obs, self._size)
         policy, stacked = self.policy, self._stack.push(obs, fresh)
+        self._seen = stacked, None
         if policy.draws_compiled and len(obs) <= option_sampling.MAX_ROWS:
             return self._drawn_options(stacked)
         inputs = policy.normaliser(stacked)
@@ -267,8 +270,27 @@ class NetworkPlayer:
             parameters, self.hidden = policy.actor.step(inputs, self.hidden, fresh)
         if policy.temperature != 1.0:
             parameters = parameters / policy.temperature
+        self._seen = stacked, parameters
         distribution = policy.actions.distribution(parameters)
         return distribution.mode() if self.deterministic else distribution.sample(self.generator)
+
+    @torch.inference_mode()
+    def log_probs(self) -> np.ndarray | None:
+        """Return the logarithmic probability float32 [N, A, K] of each option of each branch after the last
+        observation; None for a policy that is not categorical, or has seen nothing yet."""
+        if self._seen is None or self.policy.actions.kind != "categorical":
+            return None
+        stacked, parameters = self._seen
+        if parameters is None:
+            return array_of(self.policy.distribution(stacked).log_p)  # pyright: ignore[reportAttributeAccessIssue]
+        distribution = self.policy.actions.distribution(parameters)
+        return array_of(distribution.log_p)  # pyright: ignore[reportAttributeAccessIssue]
+
+    def correct(self, actions: np.ndarray) -> None:
+        """Remember that the environment executed other actions [N, A] than the player's last ones; a policy with eyes
+        sees them with the next image."""
+        if self._rows is not None:
+            self._rows.note(np.asarray(actions) - np.asarray(self.policy.actions.start))
 
     def _drawn_options(self, stacked: Tensor) -> Tensor:
         """Return what `raw` does, by one compiled call, for observations [N, K * D]."""

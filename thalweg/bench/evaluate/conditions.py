@@ -45,6 +45,8 @@ class Condition:
     """Parameters of the appearance that are drawn for each start, from the ranges of `Randomisation`."""
     blind: bool = True
     """Whether baselines are flown too. Neither appearance nor action probabilities make a difference to them."""
+    shield: bool = False
+    """Whether the shield replaces moves that would leave the water remembered from past masks."""
 
     @model_validator(mode="after")
     def _check(self) -> "Condition":
@@ -75,8 +77,10 @@ class Condition:
             raise ResultsError(f"condition {self.name}: {error}") from error
 
     def as_data(self) -> dict[str, Any]:
-        """Return plain data for JSON, in which rivers are identified by their content."""
-        return to_plain(self) | {"rivers": {name: RIVERS[name].as_data() for name in self.rivers}}
+        """Return plain data for JSON, in which rivers are identified by their content; without a shield as before there
+        was one."""
+        data = to_plain(self) | {"rivers": {name: RIVERS[name].as_data() for name in self.rivers}}
+        return {name: value for name, value in data.items() if name != "shield" or value}
 
 
 MAIN = Condition()
@@ -118,3 +122,5 @@ CONDITIONS = (
     Condition("all_at_once", ("Medium",), varied=(*APPEARANCE, *SUN), blind=False),
 )
 """Conditions that go beyond the paper: deterministic actions, other rivers, and each parameter of the appearance."""
+SHIELDED = Condition("shield", blind=False, shield=True)
+"""The main condition with the shield; no suite has it unless it is named."""

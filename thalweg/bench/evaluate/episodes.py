@@ -55,24 +55,31 @@ class Episode:
     """End position in metres; NaN in results from before it was recorded."""
     end_y: float = float("nan")
     end_z: float = float("nan")
+    shield: int = 0
+    """Version of the shield that the flight had; 0 for none."""
+    vetoes: int = 0
+    """Number of moves that the shield replaced."""
 
 
 END_COLUMNS = ("end_x", "end_y", "end_z")
 """Columns of the end position, which older results lack."""
-COLUMNS = tuple(field.name.rstrip("_") for field in fields(Episode))
+SHIELD_COLUMNS = ("shield", "vetoes")
+"""Columns that only files with shielded flights have."""
+COLUMNS = tuple(field.name.rstrip("_") for field in fields(Episode) if field.name not in SHIELD_COLUMNS)
 
 
 def write_episodes(path: Path, episodes: Sequence[Episode]) -> None:
     """Write the rows as CSV, atomically."""
+    columns = COLUMNS + (SHIELD_COLUMNS if any(row.shield for row in episodes) else ())
     rows = [[int(value) if isinstance(value, bool) else value for value in astuple(row)] for row in episodes]
-    write_atomic(path, csv_text(COLUMNS, rows))
+    write_atomic(path, csv_text(columns, [row[: len(columns)] for row in rows]))
 
 
 def read_episodes(path: Path) -> list[Episode]:
     """Return the rows of a file; raises `ResultsError` for a file that is half-written or of another kind."""
     parse = {"int": int, "float": float, "str": str, "bool": lambda text: bool(int(text))}
     episodes = []
-    defaults = dict.fromkeys(END_COLUMNS, "nan")
+    defaults = dict.fromkeys(END_COLUMNS, "nan") | dict.fromkeys(SHIELD_COLUMNS, "0")
     for number, row in enumerate(read_csv(path, [name for name in COLUMNS if name not in END_COLUMNS]), start=2):
         texts = defaults | row
         try:

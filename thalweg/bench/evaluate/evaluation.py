@@ -18,6 +18,7 @@ from thalweg.algos.policy.policy import Player
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import DRAWN, Policy, RecurrentPolicy, Sight, sight_of
 from thalweg.bench.evaluate.episodes import END_COLUMNS, REASONS, Episode
+from thalweg.bench.evaluate.shielded import FlightShield, check_shield
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.config import frozen_config
 from thalweg.encoder import Encoder
@@ -211,6 +212,21 @@ Observe = Callable[[Step], np.ndarray]
 one another."""
 
 
+class FrameView:
+    """An `Observe` that draws frames, and keeps the water masks of those that it drew last."""
+
+    def __init__(self, draw: Callable[[Step], torch.Tensor], see: Callable[[torch.Tensor], torch.Tensor]) -> None:
+        """`draw` returns frames [K, H, W, C] whose last channel is the mask; `see` makes observations of them."""
+        self._draw, self._see = draw, see
+        self.masks = np.zeros((0, 0, 0), np.uint8)
+        """[K, H, W] uint8."""
+
+    def __call__(self, step: Step) -> np.ndarray:
+        frames = self._draw(step)
+        self.masks = frames[..., -1].contiguous().cpu().numpy()
+        return self._see(frames).cpu().numpy()
+
+
 def episode_generator(label: Label, index: int) -> torch.Generator:
     """Return the generator that samples the actions of one episode; it depends on seed, level and start index alone."""
     entropy = np.random.SeedSequence([label.seed, zlib.crc32(label.level.encode()), index])
@@ -218,18 +234,24 @@ def episode_generator(label: Label, index: int) -> torch.Generator:
 
 
 def observation_function(
-    policy: Policy | RecurrentPolicy, scene: World | Course, encoder: Encoder | None, device: str = "cpu"
+    policy: Policy | RecurrentPolicy,
+    scene: World | Course,
+    encoder: Encoder | None,
+    device: str = "cpu",
+    *,
+    shielded: bool = False,
 ) -> Observe | None:
     """Return the observation function of a policy in a scene; None for a policy for which nothing is drawn.
 
     Only policies of codes need the `encoder`; frames for them are rendered on its device, and images on the `device`.
-    Raises the errors of `sight_of`, and `ValueError` for a policy of codes without an encoder.
+    If a flight is `shielded`, masks are drawn for a policy that sees nothing. Raises the errors of `sight_of`, and
+    `ValueError` for a policy of codes without an encoder.
     """
     sees = sight_of(policy)
     if sees == "images":
         return image_frames(scene, observation_of(policy), device=device)
     if sees != "frames":
-        return None
+        return image_frames(scene, "mask", device=device) if shielded else None
     if encoder is None:
         raise ValueError("this policy sees frames through an encoder: give one, such as load_encoder()")
     return encoded_frames(scene, encoder)
@@ -243,7 +265,7 @@ def encoded_frames(scene: World | Course, encoder: Encoder, renderer: Renderer |
     too.
     """
     draw = _frames_of(scene, 1 if encoder.inputs == "mask" else 4, encoder.device, renderer)
-    return lambda step: encoder.of_tensor(draw(step)).cpu().numpy()
+    return FrameView(draw, encoder.of_tensor)
 
 
 def image_frames(
@@ -258,7 +280,7 @@ def image_frames(
         raise ValueError(f"images are {', '.join(CHANNELS)}, not {observation!r}")
     channels = CHANNELS[observation]
     draw = _frames_of(scene, 1 if channels == 1 else 4, torch.device(resolve_device(device)), renderer)
-    return lambda step: draw(step)[..., :channels].cpu().numpy()
+    return FrameView(draw, lambda frames: frames[..., :channels])
 
 
 def _frames_of(
@@ -295,18 +317,25 @@ def evaluate(
     *,
     observe: Observe | None = None,
     on_step: Callable[[Step], None] | None = None,
+    shield: FlightShield | None = None,
 ) -> list[Episode]:
     """Return one row per start of the course, in the order of the list.
 
     `observe` gives the observations of policies that see frames or images, see `observation_function`, and replaces the
-    privileged observation of policies that see that; baselines ignore it. `on_step` is called before every step. Raises
-    `ValueError` for a policy that sees frames or images if `observe` is None, and the errors of `sight_of`.
+    privileged observation of policies that see that; baselines ignore it. `on_step` is called before every step. A
+    `shield` replaces moves that it vetoes; it reads the masks of the frames that `observe` draws. Raises `ValueError`
+    for a policy that sees frames or images if `observe` is None, the errors of `sight_of`, and those of
+    `thalweg.bench.evaluate.shielded.check_shield`.
     """
+    if shield is not None:
+        check_shield(policy, observe)
     sees = sight_of(policy)
     if sees in DRAWN and observe is None:
         such = "encoded_frames(world, load_encoder())" if sees == "frames" else "image_frames(world, 'rgb+mask')"
         raise ValueError(f"this policy sees {sees}: give `observe`, such as {such}")
     env = _make_env(course, config, sees)
+    if shield is not None:
+        shield.begin(env, course.looks)
     players = [_player(policy, episode_generator(label, int(index)), config) for index in course.indices]
     totals = _EpisodeTotals(len(course.starts))
     actions = np.ones((len(course.starts), 4), dtype=np.int64)
@@ -319,12 +348,17 @@ def evaluate(
             obs = observe(step)
         else:
             obs = _observations(env, sees)[flying]
+            if shield is not None and observe is not None:
+                observe(step)
         for row, index in enumerate(flying):
             actions[index] = players[index](obs[row : row + 1], totals.length[index : index + 1] == 0)[0]
+        if shield is not None:
+            actions[flying] = shield.screen(flying, observe, actions[flying], players)
         _, reward, _, _, info = env.step(actions)
         totals.add(flying, reward, info)
     env.close()
-    return totals.rows(course, label)
+    rows = totals.rows(course, label)
+    return rows if shield is None else shield.marked(rows)
 
 
 def _player(policy: Policy | RecurrentPolicy, generator: torch.Generator, config: EvaluationConfig) -> Player:

@@ -22,6 +22,7 @@ from thalweg.bench.evaluate.evaluation import (
     evaluate,
     observation_function,
 )
+from thalweg.bench.evaluate.shielded import FlightShield, check_masks
 from thalweg.bench.pictures.film_format import FilmFormat
 from thalweg.bench.suite.config import Arm, Run, Stage, Suite
 from thalweg.core import versions
@@ -134,8 +135,11 @@ class RiverBackend:
         sees = sight_of(policy)
         encoder = self.encoder if sees == "frames" else None
         check_policy_fits(policy, encoder)
+        shielded = trial.condition.shield
+        if shielded:
+            check_masks(policy, encoder)
         if trial.condition != MAIN or sees not in DRAWN:
-            return [observation_function(policy, course, encoder) for course in courses]
+            return [observation_function(policy, course, encoder, shielded=shielded) for course in courses]
         view = trial.level, observation_of(policy)
         if view not in self._observers:
             self._observers[view] = observation_function(policy, courses[0].world, encoder)
@@ -144,7 +148,8 @@ class RiverBackend:
     def evaluate(self, run: Run, folder: Path, trial: Trial, on_step: Callable[[Step], None]) -> list[Episode]:
         """Return the evaluated episodes of the run's policy in a trial."""
         policy, rows = self.policy(run, folder), []
-        courses = self.courses(trial, drawn=sight_of(policy) in DRAWN)
+        shielded = trial.condition.shield
+        courses = self.courses(trial, drawn=shielded or sight_of(policy) in DRAWN)
         label, config = Label(run.algorithm, run.seed, trial.level), self.config(trial)
         waiting = sum(len(course.starts) for course in courses)
         for course, observe in zip(courses, self.observers(trial, courses, policy), strict=True):
@@ -153,7 +158,8 @@ class RiverBackend:
             def report(step: Step, waiting: int = waiting) -> None:
                 on_step(replace(step, waiting=waiting))
 
-            rows += evaluate(policy, course, label, config, observe=observe, on_step=report)
+            shield = FlightShield() if shielded else None
+            rows += evaluate(policy, course, label, config, observe=observe, on_step=report, shield=shield)
         return rows
 
     def title(self, run: Run, folder: Path) -> str:

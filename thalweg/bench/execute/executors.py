@@ -26,6 +26,7 @@ from thalweg.bench.evaluate.progress import complete, progress_bar, track_episod
 from thalweg.bench.execute.backend import PACKAGED_POLICY, Backend
 from thalweg.bench.results.results import RunRow, evaluation_path
 from thalweg.bench.suite.config import Run, Suite
+from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.machine import usable_cores
 from thalweg.train.folder.run_record import POLICY, read_status
@@ -202,9 +203,11 @@ def run_row(run: Run, context: ExecutionContext, error: str) -> RunRow:
 
 
 def is_evaluated(folder: Path, run: Run, trial: Trial, episodes: int) -> bool:
-    """Return whether the evaluation file of a trial is complete."""
+    """Return whether the evaluation file of a trial is complete, and its shield of this version."""
+    shield = versions.SHIELD if trial.condition.shield else 0
     try:
-        return len(read_episodes(evaluation_path(folder, run.name, trial))) == episodes
+        rows = read_episodes(evaluation_path(folder, run.name, trial))
+        return len(rows) == episodes and all(row.shield == shield for row in rows)
     except (ResultsError, OSError):
         return False
 

@@ -13,7 +13,7 @@ from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES
-from thalweg.bench.evaluate.conditions import CONDITIONS, MAIN, NAME, Condition, Trial
+from thalweg.bench.evaluate.conditions import CONDITIONS, MAIN, NAME, SHIELDED, Condition, Trial
 from thalweg.core.config import TupleOf, WholeNumber, frozen_config, to_plain
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.world import LEVELS
@@ -111,7 +111,7 @@ class Run:
 
 def _condition(value: Any) -> Any:
     """Return the predefined condition of a name; other values unchanged."""
-    known = {condition.name: condition for condition in CONDITIONS}
+    known = {condition.name: condition for condition in (*CONDITIONS, SHIELDED)}
     if isinstance(value, str) and value not in known:
         raise ValueError(f"unknown condition {value!r}; known: {', '.join(known)}, or a mapping of your own")
     return known[value] if isinstance(value, str) else value
@@ -196,11 +196,12 @@ class Suite:
     def trials(self, run: Run) -> tuple[Trial, ...]:
         """Return the evaluations of a run's policy, those under the main condition first.
 
-        A policy that sees no frames flies under no condition that only changes the appearance.
+        A policy of the privileged observation flies under no condition that only changes the appearance, and without a
+        shield, which reads masks.
         """
         conditions = [each for each in self.conditions if each.blind or run.kind != "baseline"]
         if self.observation_of(run) == "privileged":
-            conditions = [each for each in conditions if not each.varied]
+            conditions = [each for each in conditions if not (each.varied or each.shield)]
         return tuple(
             Trial(level, condition)
             for condition in (MAIN, *conditions)

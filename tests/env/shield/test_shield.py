@@ -1,0 +1,232 @@
+"""The shield: it keeps vehicles over water, replaces as little as it must, and refuses what it cannot judge."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.env.shield.channel import Channel, straight
+from thalweg.env import EnvConfig
+from thalweg.env.config import ConfigError
+from thalweg.env.shield.config import ShieldConfig
+from thalweg.env.shield.moves import DEAD_END, HEIGHT, LAND, PERMITTED, TURN
+from thalweg.env.shield.shield import OPTIONS, Shield
+from thalweg.env.spaces import ActionError, to_unit_actions
+from thalweg.env.task.motion import Pose, UnitAction, move
+
+STAY, FORWARD, LEFT, CLIMB, DESCEND = (1, 1, 1, 1), (1, 1, 0, 1), (1, 1, 1, 0), (0, 1, 1, 1), (2, 1, 1, 1)
+TURN_LEFT = (1, 0, 1, 1)
+LIMITS = EnvConfig().limits
+ROW = np.zeros(1, np.int64)
+
+
+class Flight:
+    """A vehicle under the shield in a channel, whose true pose is known here."""
+
+    def __init__(self, channel: Channel, pose: tuple[float, float, float, float], **settings: Any) -> None:
+        self.channel, self.pose = channel, Pose(*pose)
+        self.shield = Shield(1, settings=ShieldConfig(**settings))
+        self.verdicts: list[int] = []
+
+    def step(self, action: tuple[int, ...], log_probs: np.ndarray | None = None) -> tuple[int, ...]:
+        """Propose a move; returns the one that was made."""
+        mask = self.channel.mask(np.array(self.pose))[None]
+        made, verdicts = self.shield.screen(ROW, mask, np.array([self.pose.z]), np.array([action]), log_probs)
+        self.pose = move(self.pose, UnitAction(*to_unit_actions("multidiscrete", made, 1)[0]), LIMITS)
+        self.verdicts.append(int(verdicts[0]))
+        return tuple(int(option) for option in made[0])
+
+
+def probabilities(action: tuple[int, ...], *, forward: float) -> np.ndarray:
+    """Return logarithmic probabilities [1, 4, 3] that prefer an action; `forward`: how much more it prefers to fly
+    forward than not to, and three more than any other option."""
+    log_probs = np.full((1, 4, 3), -3.0)
+    log_probs[0, np.arange(4), action] = 0.0
+    log_probs[0, 2] = (0.0, -forward, -9.0)
+    return log_probs
+
+
+@pytest.mark.parametrize("lookahead", [0, 2])
+@pytest.mark.parametrize("action", [LEFT, (1, 1, 0, 0), (1, 0, 0, 1), (1, 0, 0, 0), (1, 2, 0, 2)])
+def test_no_policy_leaves_a_straight_channel(action: tuple[int, ...], lookahead: int):
+    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 5.0, 0.0), lookahead=lookahead)
+    for _ in range(24):  # it sees the banks first, also those that it turns back to
+        flight.step(FORWARD)
+    for _ in range(300):
+        flight.step(action)
+        assert abs(flight.pose.y) < 4.0
+    assert LAND in flight.verdicts
+
+
+def test_random_moves_never_leave_a_channel_that_was_seen():
+    rng = np.random.default_rng(1)
+    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 5.0, 0.0))
+    for _ in range(6):
+        flight.step(FORWARD)
+    for _ in range(400):
+        flight.step(tuple(OPTIONS[rng.integers(len(OPTIONS))]))
+        assert abs(flight.pose.y) < 4.0 and 3.5 - 1.0 <= flight.pose.z <= 14.7
+    assert {LAND, HEIGHT} <= set(flight.verdicts)
+
+
+def test_without_memory_the_same_policy_leaves_the_channel():
+    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 5.0, 0.0))
+    for _ in range(8):
+        flight.step(FORWARD)
+        flight.shield.begin(ROW)
+    for _ in range(10):
+        flight.step(LEFT)
+        flight.shield.begin(ROW)
+    assert flight.pose.y > 4.0
+
+
+def test_odometry_is_exact_over_hundreds_of_steps():
+    rng = np.random.default_rng(2)
+    flight = Flight(Channel(lambda x, y: np.full(x.shape, True)), (7.0, -3.0, 5.0, 2.0))
+    for _ in range(400):
+        flight.step(tuple(OPTIONS[rng.integers(len(OPTIONS))]))
+    x, y, _, yaw = flight.shield.vehicles.pose[0]
+    cos, sin = math.cos(2.0), math.sin(2.0)
+    assert np.allclose((7.0 + x * cos - y * sin, -3.0 + x * sin + y * cos), flight.pose[:2], atol=1e-9)
+    assert math.cos(yaw + 2.0 - flight.pose.yaw) == pytest.approx(1.0)
+    assert math.hypot(x, y) > 20.0
+
+
+def test_a_permitted_move_is_kept_and_so_is_one_backward():
+    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 5.0, 0.0))
+    assert flight.step((1, 0, 0, 2)) == (1, 0, 0, 2)
+    assert flight.step((1, 1, 2, 1)) == (1, 1, 2, 1)
+    assert flight.verdicts == [PERMITTED, PERMITTED]
+
+
+def towards_a_bank(**settings: Any) -> Flight:
+    """A flight up to a bank that lies across it, 10 m ahead of the start."""
+    flight = Flight(Channel(lambda x, y: x < 10.0), (0.0, 0.0, 5.0, 0.0), **settings)
+    for _ in range(9):
+        flight.step(FORWARD)
+    return flight
+
+
+def test_a_bank_ahead_stops_the_vehicle():
+    flight = towards_a_bank(lookahead=0, margin_m=0.0)
+    assert 8.9 < flight.pose.x < 10.0
+    flight.step(FORWARD)
+    assert flight.verdicts[-1] == LAND and flight.pose.x < 10.0
+
+
+def test_the_margin_is_kept():
+    flight = towards_a_bank(lookahead=0, margin_m=2.0)
+    assert flight.pose.x < 8.3 and LAND in flight.verdicts
+
+
+def test_a_dead_end_is_seen_before_it_is_reached():
+    near, far = towards_a_bank(lookahead=0), towards_a_bank(lookahead=3)
+    assert far.pose.x < near.pose.x - 0.9
+    assert DEAD_END in far.verdicts and DEAD_END not in near.verdicts
+
+
+def test_a_veto_takes_the_most_probable_permitted_move():
+    aside, turning = (1, 1, 0, 0), (1, 0, 0, 1)
+    flight = towards_a_bank(lookahead=0)
+    assert flight.step(aside, probabilities(aside, forward=1.0)) == LEFT
+    assert flight.step(turning, probabilities(turning, forward=1.0)) == TURN_LEFT
+    assert flight.verdicts[-2:] == [LAND, LAND]
+
+
+def test_without_probabilities_a_veto_changes_the_move_least():
+    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 5.0, 0.0), lookahead=0)
+    for _ in range(6):
+        flight.step(FORWARD)
+    while flight.verdicts[-1] == PERMITTED:
+        made = flight.step((1, 1, 0, 0))
+    assert flight.verdicts[-1] == LAND
+    assert made[2] == 0  # it still flies forward
+
+
+def beyond_the_edge(patience: int) -> float:
+    """How far a vehicle comes that sees nothing but what lies beyond the water's edge."""
+    flight = Flight(Channel(lambda x, y: x < 3.0), (0.0, 0.0, 5.0, 0.0), patience=patience)
+    for _ in range(60):
+        flight.step(FORWARD)
+    assert flight.verdicts[:3] == [PERMITTED] * 3  # the ground that the camera does not see is unknown
+    assert LAND in flight.verdicts
+    return math.hypot(flight.pose.x, flight.pose.y)
+
+
+def test_what_may_be_a_bridge_holds_the_vehicle_for_a_while_only():
+    assert beyond_the_edge(patience=1000) < 6.0
+    assert beyond_the_edge(patience=5) > 12.0
+
+
+def test_land_beyond_water_holds_the_vehicle_for_good():
+    flight = towards_a_bank(lookahead=0, patience=3)
+    for _ in range(30):
+        flight.step(FORWARD)
+    assert flight.pose.x < 10.0 and flight.verdicts[-30:] == [LAND] * 30
+
+
+def test_heights_have_a_floor_and_a_ceiling():
+    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 4.0, 0.0))
+    assert flight.step(DESCEND) == STAY and flight.verdicts == [HEIGHT]
+    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 14.5, 0.0))
+    assert flight.step(CLIMB) == STAY
+    assert flight.step(DESCEND) == DESCEND
+    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 1.0, 0.0))
+    assert flight.step(CLIMB) == CLIMB  # below the floor it may climb, but not descend
+    assert flight.step(DESCEND) == STAY
+
+
+def test_the_vehicle_may_not_turn_from_the_way_flown():
+    flight = Flight(Channel(lambda x, y: np.full(x.shape, True)), (0.0, 0.0, 5.0, 0.0), max_turn_deg=80.0)
+    for _ in range(4):
+        flight.step(FORWARD)
+    for _ in range(12):
+        flight.step(TURN_LEFT)
+    assert math.degrees(flight.pose.yaw) == pytest.approx(80.0)
+    assert flight.verdicts[-4:] == [TURN] * 4
+    assert flight.step((1, 2, 1, 1)) == (1, 2, 1, 1)
+
+
+def test_before_the_way_is_known_the_vehicle_may_turn():
+    flight = Flight(Channel(lambda x, y: np.full(x.shape, True)), (0.0, 0.0, 5.0, 0.0))
+    for _ in range(12):
+        flight.step(TURN_LEFT)
+    assert set(flight.verdicts) == {PERMITTED}
+
+
+def test_unknown_cells_can_be_closed():
+    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 5.0, 0.0), unknown_is_water=False)
+    assert flight.step(FORWARD) != FORWARD
+    assert flight.verdicts == [LAND]
+
+
+def test_vehicles_do_not_depend_on_one_another():
+    channel, rng = Channel(straight(4.0)), np.random.default_rng(3)
+    both, alone = Shield(2), Shield(1)
+    poses = [Pose(0.0, 0.0, 5.0, 0.0), Pose(0.0, 1.0, 6.0, 0.2)]
+    for _ in range(40):
+        actions = OPTIONS[rng.integers(len(OPTIONS), size=2)]
+        masks = np.stack([channel.mask(np.array(pose)) for pose in poses])
+        heights = np.array([pose.z for pose in poses])
+        made, _ = both.screen(np.arange(2), masks, heights, actions)
+        single, _ = alone.screen(ROW, masks[1:], heights[1:], actions[1:])
+        assert (made[1] == single[0]).all()
+        units = to_unit_actions("multidiscrete", made, 2)
+        poses = [move(pose, UnitAction(*unit), LIMITS) for pose, unit in zip(poses, units, strict=True)]
+
+
+def test_bad_input_is_refused():
+    shield, mask = Shield(1), np.zeros((1, 128, 128), np.uint8)
+    with pytest.raises(ConfigError, match=r"1 vehicles need masks uint8 \[1, H, W\] .* got float64 \[1, 128, 128\]"):
+        shield.screen(ROW, mask.astype(float), np.ones(1), np.array([STAY]))
+    with pytest.raises(ConfigError, match=r"heights \[1\], got uint8 \[1, 128, 128\] and \[2\]"):
+        shield.screen(ROW, mask, np.ones(2), np.array([STAY]))
+    with pytest.raises(ActionError, match="action 3 of environment 0"):
+        shield.screen(ROW, mask, np.ones(1), np.array([[1, 1, 1, 3]]))
+    with pytest.raises(ConfigError, match="multidiscrete"):
+        Shield(1, EnvConfig(action="continuous"))
+    with pytest.raises(ConfigError, match="count must be a whole number of at least 1"):
+        Shield(0)
+    with pytest.raises(ConfigError, match="margin_m"):
+        ShieldConfig(margin_m=-1.0)

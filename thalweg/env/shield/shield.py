@@ -1,0 +1,162 @@
+"""The shield: it vetoes moves of a policy that would leave the water remembered from the masks of its camera.
+
+It knows what a vehicle may know: its camera, the masks, its height above the water, and its own moves, which are exact.
+It knows no map of the world. N vehicles are shielded side by side.
+"""
+
+import itertools
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from thalweg.core.compute.jit import kernel
+from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig, integer_at_least
+from thalweg.env.shield.config import ShieldConfig
+from thalweg.env.shield.moves import PERMITTED, Bounds, Vehicles, advance, change_of, judge
+from thalweg.env.shield.sight import Optics, look
+from thalweg.env.shield.water_map import WaterMaps, empty_maps, enter_own_place, follow, forget
+from thalweg.env.spaces import from_unit_actions, to_unit_actions
+from thalweg.env.task.motion import Pose, UnitAction
+from thalweg.render.records.appearance import HALF_H, HALF_W, PITCH, look_rows, look_values
+
+MOVES = np.array(list(itertools.product((0.0, 1.0, -1.0), (0.0, 1.0, -1.0), (1.0, 0.0), (0.0, 1.0, -1.0))))
+"""[M, 4] the moves that may replace a vetoed one, as unit actions; the vehicle never flies backwards of its own."""
+OPTIONS = from_unit_actions("multidiscrete", MOVES.astype(np.int64))
+"""[M, 4] their options in each branch."""
+DEFAULT_SHIELD = ShieldConfig()
+
+
+class Screened(NamedTuple):
+    """What the shield makes of the moves of K vehicles."""
+
+    actions: np.ndarray
+    """[K, 4] int64, the moves to make."""
+    verdicts: np.ndarray
+    """[K] int64, the verdicts on the moves that were proposed, see `thalweg.env.shield.moves.VERDICTS`."""
+
+
+class Shield:
+    """Shields of N vehicles, each with its own map."""
+
+    def __init__(self, count: int, config: EnvConfig = DEFAULT_CONFIG, settings: ShieldConfig = DEFAULT_SHIELD) -> None:
+        """Create the shields of `count` vehicles at their starts; `config`: the task.
+
+        Raises `ConfigError` for continuous actions, or a count below one.
+        """
+        if config.action != "multidiscrete":
+            raise ConfigError(f"the shield judges moves of four branches (multidiscrete), not {config.action} actions")
+        self.count = integer_at_least("count", count, 1)
+        self.config, self.settings, self.limits = config, settings, config.limits
+        self.bounds = Bounds(
+            float(settings.margin_m),
+            int(settings.lookahead),
+            int(settings.unknown_is_water),
+            int(settings.patience),
+            max(float(settings.floor_m), config.min_height_m + settings.spare_m),
+            config.max_height_m - settings.spare_m,
+            math.radians(settings.max_turn_deg),
+        )
+        self.maps: WaterMaps = empty_maps(self.count)
+        self.vehicles = Vehicles(np.zeros((self.count, 4)), np.zeros((self.count, 2)), np.zeros(self.count, np.int64))
+        self.optics = Optics(*(np.zeros(self.count) for _ in Optics._fields))
+        self.set_looks(None)
+
+    def set_looks(self, looks: np.ndarray | None) -> None:
+        """Set what the cameras are like: looks [N, P], of which only pitch and field of view matter; None: all as the
+        task's."""
+        rows = look_rows(look_values(looks, self.count), self.config.camera)
+        self.optics.pitch[:] = rows[:, PITCH]
+        self.optics.half_width[:], self.optics.half_height[:] = rows[:, HALF_W], rows[:, HALF_H]
+
+    def begin(self, rows: np.ndarray) -> None:
+        """Forget everything about the vehicles `rows` [K], which are at their starts."""
+        for row in rows:
+            forget(self.maps, int(row))
+            self.vehicles.pose[row], self.vehicles.tail[row], self.vehicles.held[row] = 0.0, 0.0, 0
+
+    def screen(
+        self,
+        rows: np.ndarray,
+        masks: np.ndarray,
+        heights: np.ndarray,
+        actions: np.ndarray,
+        log_probs: np.ndarray | None = None,
+    ) -> Screened:
+        """Return the moves that the vehicles `rows` [K] make in place of their proposed `actions` [K, 4].
+
+        A permitted move is kept. A vetoed one is replaced by the permitted one that is most probable under `log_probs`
+        [K, 4, 3], the policy's logarithmic probability of each option of each branch, or for None by the one that
+        changes the move least. The vehicles' odometry follows the moves.
+
+        Args:
+            rows: Vehicles that fly; each is in a call once.
+            masks: [K, H, W] uint8, the water masks that they see now.
+            heights: [K] float64, their heights above the water in metres.
+            actions: [K, 4] integers, their proposed moves.
+            log_probs: [K, 4, 3] float64, or None.
+
+        Raises `ConfigError` for masks or heights of another shape, and `ActionError` for a bad action.
+        """
+        count = len(rows)
+        if masks.ndim != 3 or len(masks) != count or masks.dtype != np.uint8 or np.shape(heights) != (count,):
+            raise ConfigError(
+                f"{count} vehicles need masks uint8 [{count}, H, W] and heights [{count}], got {masks.dtype}"
+                f" {list(masks.shape)} and {list(np.shape(heights))}"
+            )
+        proposed = to_unit_actions("multidiscrete", actions, count)
+        worths = np.zeros((count, len(MOVES)))
+        if log_probs is not None:
+            worths[:] = np.asarray(log_probs)[:, np.arange(OPTIONS.shape[1]), OPTIONS].sum(-1)
+        made, verdicts = np.empty((count, 4)), np.empty(count, np.int64)
+        _screen_all(
+            (self.maps, self.vehicles, self.optics),
+            np.ascontiguousarray(rows, np.int64),
+            np.ascontiguousarray(masks),
+            np.empty(masks.shape[1:], np.uint8),
+            np.ascontiguousarray(heights, np.float64),
+            (self.bounds, self.limits),
+            (MOVES, worths, log_probs is not None),
+            proposed,
+            (made, verdicts),
+        )
+        # What is not vetoed stays as it was proposed, backward moves included.
+        kept = (verdicts == PERMITTED)[:, None]
+        return Screened(np.where(kept, actions, (1 - made).astype(np.int64)), verdicts)
+
+
+@kernel(fastmath=False, allocates=False)
+def _screen_all(vehicle, rows, masks, scratch, heights, limits, moves, proposed, results):
+    """Fill the moves to make [K, 4] and the verdicts [K] of `Shield.screen`, and fly on."""
+    maps, vehicles, optics = vehicle
+    made, verdicts = results
+    bounds, task = limits
+    for k in range(len(rows)):
+        row = rows[k]
+        vehicles.pose[row, 2] = heights[k]
+        pose = Pose(vehicles.pose[row, 0], vehicles.pose[row, 1], heights[k], vehicles.pose[row, 3])
+        follow(maps, row, pose.x, pose.y)
+        look(maps, row, pose, optics, masks[k], scratch)
+        enter_own_place(maps, row, pose.x, pose.y)
+        wanted = UnitAction(proposed[k, 0], proposed[k, 1], proposed[k, 2], proposed[k, 3])
+        verdicts[k] = judge(maps, vehicles, row, bounds, task, wanted)
+        action = wanted
+        if verdicts[k] != PERMITTED:
+            action = _substitute(maps, vehicles, row, bounds, task, moves, k, wanted)
+        made[k, 0], made[k, 1], made[k, 2], made[k, 3] = action
+        advance(vehicles, row, task, wanted, action)
+
+
+@kernel(fastmath=False, allocates=False)
+def _substitute(maps, vehicles, row, bounds, limits, moves, k, action):
+    """Return the `UnitAction` in place of a vetoed one: there is one, for to stay is always permitted."""
+    choices, worths, worths_known = moves
+    best = UnitAction(0.0, 0.0, 0.0, 0.0)
+    best_worth = -1e30
+    for m in range(len(choices)):
+        other = UnitAction(choices[m, 0], choices[m, 1], choices[m, 2], choices[m, 3])
+        worth = worths[k, m] if worths_known else -change_of(vehicles, row, limits, action, other)
+        # Judging takes longer than comparing.
+        if worth > best_worth and judge(maps, vehicles, row, bounds, limits, other) == PERMITTED:
+            best, best_worth = other, worth
+    return best

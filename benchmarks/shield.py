@@ -28,7 +28,7 @@ from river_flights import RESULTS, append, figures_of, joined
 
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.baselines import BASELINES, Policy, Sight
-from thalweg.bench.evaluate.episodes import Episode
+from thalweg.bench.evaluate.episodes import REASON_TEXT, REASONS, Episode
 from thalweg.bench.evaluate.evaluation import EvaluationConfig, Label, evaluate, observation_function
 from thalweg.bench.evaluate.shielded import FlightShield, Screening
 from thalweg.bench.report.table import frame, markdown
@@ -207,16 +207,16 @@ def main() -> None:
 
 
 def page_tables(rows: Sequence[dict[str, str]]) -> str:
-    """Return the tables of the page: of flights, and of vetoes."""
+    """Return the tables of the page: returns, violations and vetoes, and how flights end."""
     rows = [row for row in rows if all(row[name] == str(version) for name, version in VERSIONS.items())]
-    lines = [
+    names = [[row["policy"] + (f", {row['settings']}" if row["settings"] else ""), _river(row)] for row in rows]
+    figures = [
         [
-            row["policy"] + (f", {row['settings']}" if row["settings"] else ""),
-            f"{row['kind']}, {row['level']}",
             row["episodes"],
-            *(f"{float(row[f'return_{side}']):.2f}" for side in SIDES),
-            *(f"{float(row[f'violations_{side}']):.0%}" for side in SIDES),
-            *(f"{float(row[f'cost_{side}']):.2f}" for side in SIDES),
+            *(
+                _change(row, name, digits)
+                for name, digits in (("return", ".2f"), ("violations", ".0%"), ("cost", ".2f"))
+            ),
             row["helped"],
             row["harmed"],
             f"{_vetoes(row) / int(row['steps']):.1%}",
@@ -224,11 +224,30 @@ def page_tables(rows: Sequence[dict[str, str]]) -> str:
         ]
         for row in rows
     ]
-    heading = [
-        "policy", "river", "flights", "return", "shielded", "violations", "shielded ", "cost", "shielded  ", "helped",
-        "harmed", "vetoed", "of these permitted",
-    ]  # fmt: skip
-    return markdown(frame(heading, lines)).rstrip()
+    heading = ["flights", "return", "violations", "cost", "helped", "harmed", "vetoed", "of these permitted"]
+    ends = [[f"{_ends(row, 'without', reason)} → {_ends(row, 'with', reason)}" for reason in REASONS] for row in rows]
+    both = ((heading, figures), ([REASON_TEXT[reason] for reason in REASONS], ends))
+    tables = [
+        frame(["policy", "river", *columns], [name + line for name, line in zip(names, lines, strict=True)])
+        for columns, lines in both
+    ]
+    return "\n\n".join(markdown(table).rstrip() for table in tables)
+
+
+def _river(row: dict[str, str]) -> str:
+    """Return the river of a row in words."""
+    return f"{row['kind']}, {row['level']}"
+
+
+def _change(row: dict[str, str], name: str, digits: str) -> str:
+    """Return a figure without and with the shield."""
+    return " → ".join(format(float(row[f"{name}_{side}"]), digits) for side in SIDES)
+
+
+def _ends(row: dict[str, str], side: str, reason: str) -> int:
+    """Return how many flights of a side end for a reason."""
+    counts = dict(pair.split("=") for pair in row[f"reasons_{side}"].split())
+    return int(counts.get(reason, 0))
 
 
 def _vetoes(row: dict[str, str], prefix: str = "") -> int:

@@ -64,12 +64,14 @@ def test_the_table_has_shares_of_vetoes(script: ModuleType):
     watch = script.Watch(steps=200)
     watch.vetoes.update({"land": 6, "dead end": 4})
     watch.false.update({"dead end": 3})
-    flights = [episode(10.0, 0.0, "Success")] * 2
+    good, idle = episode(10.0, 0.0, "Success"), episode(10.0, 0.2, "Idle")
     pair = script.Pair("random", "fixed", "Hard", 2)
-    row = dict(zip(script.KEY, pair.key, strict=True)) | script.row_of({"without": flights, "with": flights}, watch)
-    assert "| random | fixed, Hard | 2 | 10.00 | 10.00 | 0% | 0% | 0.00 | 0.00 | 0 | 0 | 5.0% | 30% |" in (
-        script.page_tables([row])
+    row = dict(zip(script.KEY, pair.key, strict=True)) | script.row_of(
+        {"without": [good, good], "with": [good, idle]}, watch
     )
+    table = script.page_tables([row])
+    assert "| random | fixed, Hard | 2 | 10.00 → 10.00 | 0% → 50% | 0.00 → 0.10 | 0 | 1 | 5.0% | 30% |" in table
+    assert "| random | fixed, Hard | 0 → 0 | 0 → 0 | 0 → 0 | 0 → 0 | 0 → 1 | 0 → 0 | 2 → 1 |" in table
     assert "random" not in script.page_tables([row | {"shield": "0"}])
 
 

@@ -38,8 +38,7 @@ class Train:
     num_envs: int = 16
     """Number of environments that step together."""
     observation: Literal["frames", "privileged", "rgb+mask", "rgb", "mask"] = "frames"
-    """`frames` through an encoder, or `privileged`: banks, heading and the course ahead as numbers; draws nothing. With
-    --set policy=cnn the images `rgb+mask`, `rgb` or `mask`; by default those of --begin-with, or `rgb+mask`."""
+    """`frames` through an encoder; `privileged`: what an ideal eye tells; the others: images, for --set policy=cnn."""
     encoder: Path | None = None
     """File of the encoder; by default the one that comes with the package. For `frames` without policy=cnn only."""
     preset: str = "default"

@@ -218,11 +218,22 @@ class Agent:
         self.policy_optimiser.rate = rate
         return rate
 
-    def step(self, inputs: Tensor | Sequences, loss_of: Callable[[Distribution | TapedDistribution], Tensor]) -> Tensor:
+    def step(
+        self,
+        inputs: Tensor | Sequences,
+        objective: Callable[[Distribution | TapedDistribution], Tensor],
+        imitated: Tensor | None = None,
+    ) -> Tensor:
         """Take one step of Adam of the policy, and return the loss, detached; no step while critics warm up.
 
-        `loss_of` takes the policy's action distribution at the B states of `inputs` and returns a scalar.
+        `objective` takes the policy's action distribution at the B states of `inputs` and returns a scalar. With
+        `imitated`, parameters [B, P] of the policy that the run begins with, the KL from that one is added to it, see
+        `imitation`.
         """
+
+        def loss_of(new: Distribution | TapedDistribution) -> Tensor:
+            return objective(new) if imitated is None else objective(new) + self.imitation(new, imitated)
+
         if self.critics_warm_up:
             with torch.no_grad():
                 return loss_of(self.policy.distribution_of(inputs))

@@ -122,10 +122,8 @@ class CUP:
         """Take one gradient step of the policy, and return its loss."""
         return self.agent.step(
             inputs,
-            lambda new: (
-                improvement_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy())
-                + self.agent.imitation(new, imitated)
-            ),
+            lambda new: improvement_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy()),
+            imitated,
         )
 
     def _project(

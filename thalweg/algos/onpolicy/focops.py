@@ -123,10 +123,10 @@ class FOCOPS:
         old = self.policy.actions.distribution(old_parameters)
         return self.agent.step(
             inputs,
-            lambda new: (
-                policy_loss(self.config, new.log_prob(actions), old_log_prob, new.kl(old), advantages, new.entropy())
-                + self.agent.imitation(new, imitated)
+            lambda new: policy_loss(
+                self.config, new.log_prob(actions), old_log_prob, new.kl(old), advantages, new.entropy()
             ),
+            imitated,
         )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:

@@ -167,9 +167,9 @@ class P3O:
             loss, penalties = policy_loss(
                 self.config, new.log_prob(actions), old_log_prob, advantages, costs, violations, scale, new.entropy()
             )
-            return loss + self.agent.imitation(new, imitated)
+            return loss
 
-        return self.agent.step(inputs, loss_of), penalties.detach()
+        return self.agent.step(inputs, loss_of, imitated), penalties.detach()
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return warnings about cost limits that no episode has exceeded."""

@@ -87,10 +87,8 @@ class PPO:
         """Take one gradient step of the policy, and return its loss."""
         return self.agent.step(
             inputs,
-            lambda new: (
-                policy_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy())
-                + self.agent.imitation(new, imitated)
-            ),
+            lambda new: policy_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy()),
+            imitated,
         )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:

@@ -96,10 +96,8 @@ class PPOLag:
         """Take one gradient step of the policy, and return its loss."""
         return self.agent.step(
             inputs,
-            lambda new: (
-                policy_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy())
-                + self.agent.imitation(new, imitated)
-            ),
+            lambda new: policy_loss(self.config, new.log_prob(actions), old_log_prob, advantages, new.entropy()),
+            imitated,
         )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:

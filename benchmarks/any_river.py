@@ -26,8 +26,9 @@ from river_flights import RESULTS, append, figures_of, fly
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.baselines import BASELINES, Policy
 from thalweg.bench.evaluate.conditions import RIVERS
+from thalweg.bench.evaluate.course import UNSEEN, Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import Episode
-from thalweg.bench.evaluate.evaluation import UNSEEN, Course, EvaluationConfig, Label
+from thalweg.bench.evaluate.evaluation import Label
 from thalweg.bench.report.table import frame, markdown
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic

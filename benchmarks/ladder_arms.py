@@ -17,7 +17,7 @@ from any_river import LEVELS, LOOKS
 from thalweg.algos.imitation.config import ImitationConfig
 from thalweg.algos.imitation.student import ALGORITHM as STUDENT
 from thalweg.algos.registry import algorithm_named
-from thalweg.bench.evaluate.evaluation import UNSEEN, Course, EvaluationConfig
+from thalweg.bench.evaluate.course import UNSEEN, Course, EvaluationConfig
 from thalweg.core import versions
 from thalweg.core.config import parse_config, to_plain
 from thalweg.encoder import load_encoder

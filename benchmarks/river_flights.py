@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from thalweg.bench.evaluate.baselines import Policy, RecurrentPolicy
+from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import Episode
-from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate, observation_function
+from thalweg.bench.evaluate.evaluation import Label, evaluate, observation_function
 from thalweg.encoder import Encoder
 
 TOGETHER = 16

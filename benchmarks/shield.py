@@ -28,8 +28,9 @@ from river_flights import RESULTS, append, figures_of, joined
 
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.baselines import BASELINES, Policy, Sight
+from thalweg.bench.evaluate.course import EvaluationConfig
 from thalweg.bench.evaluate.episodes import REASON_TEXT, REASONS, Episode
-from thalweg.bench.evaluate.evaluation import EvaluationConfig, Label, evaluate, observation_function
+from thalweg.bench.evaluate.evaluation import Label, evaluate, observation_function
 from thalweg.bench.evaluate.shielded import FlightShield, Screening
 from thalweg.bench.report.table import frame, markdown
 from thalweg.cli.options import settings_from

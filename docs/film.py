@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Step, encoded_frames, evaluate
+from thalweg.bench.evaluate.course import Course, EvaluationConfig
+from thalweg.bench.evaluate.evaluation import Label, Step, encoded_frames, evaluate
 from thalweg.bench.execute.backend import PACKAGED_POLICY
 from thalweg.bench.pictures.film import RiverMap
 from thalweg.core.atomic_io import atomic_path

@@ -3,7 +3,8 @@
 import argparse
 from pathlib import Path
 
-from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, encoded_frames, evaluate
+from thalweg.bench.evaluate.course import Course, EvaluationConfig
+from thalweg.bench.evaluate.evaluation import Label, encoded_frames, evaluate
 from thalweg.bench.results.statistics import summarise
 from thalweg.train import load_policy
 from thalweg.train.river import RiverTraining, check_policy_fits, load_compatible_encoder

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from thalweg.bench.evaluate import evaluation
+from thalweg.bench.evaluate.course import UNSEEN
 from thalweg.cli.encoder import ENCODER_COMMANDS, EncoderTrain
 from thalweg.cli.main import COMMANDS, _parse, main
 from thalweg.cli.options import RiverFile, settings_from
@@ -617,8 +617,8 @@ def test_policies_are_evaluated_on_rivers_that_nothing_is_trained_on(tmp_path: P
     with open(out) as file:
         rows = list(csv.DictReader(file))
     assert [(row["world_seed"], row["episode"], row["level"]) for row in rows] == [
-        (str(evaluation.UNSEEN), "0", "Easy"),
-        (str(evaluation.UNSEEN + 1), "1", "Easy"),
+        (str(UNSEEN), "0", "Easy"),
+        (str(UNSEEN + 1), "1", "Easy"),
     ]
 
 

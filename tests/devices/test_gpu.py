@@ -13,7 +13,8 @@ import torch
 from benchmarks import gpu
 from thalweg.algos.interface import Task
 from thalweg.algos.registry import algorithm_named
-from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, encoded_frames, evaluate
+from thalweg.bench.evaluate.course import Course, EvaluationConfig
+from thalweg.bench.evaluate.evaluation import Label, encoded_frames, evaluate
 from thalweg.encoder import load_encoder
 from thalweg.env.config import ConfigError, EnvConfig
 from thalweg.env.torch_env import TensorRiverEnv

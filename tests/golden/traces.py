@@ -25,7 +25,8 @@ from thalweg.algos.imitation.student import Lesson, Student
 from thalweg.algos.interface import Task
 from thalweg.algos.policy.actions import actions_of
 from thalweg.bench.evaluate.baselines import BASELINES
-from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate
+from thalweg.bench.evaluate.course import Course, EvaluationConfig
+from thalweg.bench.evaluate.evaluation import Label, evaluate
 from thalweg.bench.execute.backend import PACKAGED_POLICY
 from thalweg.core import versions
 from thalweg.core.cache import file_hash

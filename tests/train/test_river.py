@@ -14,9 +14,9 @@ import yaml
 from tests.env.handmade import BlankRenderer, ring
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.policy import Policy
-from thalweg.bench.evaluate import evaluation
 from thalweg.bench.evaluate.baselines import BASELINES
-from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate
+from thalweg.bench.evaluate.course import Course, EvaluationConfig
+from thalweg.bench.evaluate.evaluation import Label, evaluate
 from thalweg.encoder import VAE, Encoder, EncoderFileError, EncoderInputError, VAEConfig, load_encoder, save_vae
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import RENDER_VERSION, Camera, compilation
@@ -224,7 +224,7 @@ def test_compilation_starts_with_an_encoder_and_not_for_those_who_see_nothing(
     started = []
     monkeypatch.setattr(compilation, "begin", lambda: started.append(True))
     world = ring()
-    monkeypatch.setattr(evaluation, "load_or_build", lambda *_: world)
+    monkeypatch.setattr("thalweg.bench.evaluate.course.load_or_build", lambda *_: world)
     course = Course.of_level("Easy", EvaluationConfig(episodes=2))
     evaluate(BASELINES["hover"], course, Label("hover", 0, "Easy"), EvaluationConfig(episodes=2))
     assert not started

@@ -12,8 +12,8 @@ from typing import Any
 
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import CONDITIONS
+from thalweg.bench.evaluate.course import EvaluationConfig
 from thalweg.bench.evaluate.episodes import Episode
-from thalweg.bench.evaluate.evaluation import EvaluationConfig
 from thalweg.bench.report.policies import COST_LIMIT, limit_met, training_regret
 from thalweg.bench.report.table import frame, markdown
 from thalweg.bench.results.inference import CONFIDENCE, MIN_SEEDS, Estimate, mean_estimate, score_matrix

@@ -13,7 +13,7 @@ from thalweg.core.suggestion import did_you_mean
 
 if TYPE_CHECKING:
     from thalweg.bench.evaluate.baselines import Policy
-    from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig
+    from thalweg.bench.evaluate.course import Course, EvaluationConfig
     from thalweg.encoder import Encoder
     from thalweg.world import Reach
 
@@ -52,7 +52,7 @@ class Evaluate:
 
     @property
     def config(self) -> "EvaluationConfig":
-        from thalweg.bench.evaluate.evaluation import EvaluationConfig
+        from thalweg.bench.evaluate.course import EvaluationConfig
 
         return EvaluationConfig(self.episodes, self.starts_seed, self.deterministic)
 
@@ -171,7 +171,7 @@ def load_named_policy(name: str) -> "Policy":
 
 def _courses(command: Evaluate, river: "str | Reach", *, drawn: bool) -> "tuple[Iterable[Course], str]":
     """Return the courses of a level, or of a real river, and the name that their rows have."""
-    from thalweg.bench.evaluate.evaluation import Course
+    from thalweg.bench.evaluate.course import Course
     from thalweg.train.river import announce_build
 
     if isinstance(river, str):

@@ -11,7 +11,8 @@ import torch
 from tests.bench.small_backend import SUITE, SmallBackend
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import APPEARANCE, CONDITIONS, MAIN, SUN, Condition, Trial
-from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Step, encoded_frames, evaluate
+from thalweg.bench.evaluate.course import Course, EvaluationConfig
+from thalweg.bench.evaluate.evaluation import Label, Step, encoded_frames, evaluate
 from thalweg.bench.execute.backend import RiverBackend
 from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.report.report import problems

@@ -11,15 +11,8 @@ from tests.env import handmade
 from tests.image_policies import image_policy
 from thalweg.algos.policy.policy import Policy
 from thalweg.bench.evaluate.baselines import BASELINES, sight_of
-from thalweg.bench.evaluate.evaluation import (
-    Course,
-    EvaluationConfig,
-    Label,
-    Step,
-    evaluate,
-    image_frames,
-    observation_function,
-)
+from thalweg.bench.evaluate.course import Course, EvaluationConfig
+from thalweg.bench.evaluate.evaluation import Label, Step, evaluate, image_frames, observation_function
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.render import Camera, Renderer
 from thalweg.render.records.appearance import PARAMETERS, Look

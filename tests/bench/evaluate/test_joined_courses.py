@@ -8,7 +8,8 @@ import torch
 
 from tests.env import handmade
 from thalweg.bench.evaluate.baselines import BASELINES, Sight
-from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Step, evaluate, image_frames
+from thalweg.bench.evaluate.course import Course, EvaluationConfig
+from thalweg.bench.evaluate.evaluation import Label, Step, evaluate, image_frames
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.world import World
 

@@ -16,8 +16,9 @@ from tests.image_policies import image_policy
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES, Constant
 from thalweg.bench.evaluate.conditions import CONDITIONS, MAIN, SHIELDED, Condition, Trial
+from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import COLUMNS, read_episodes, write_episodes
-from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, evaluate, image_frames
+from thalweg.bench.evaluate.evaluation import Label, evaluate, image_frames
 from thalweg.bench.evaluate.shielded import FlightShield, Screening, check_masks
 from thalweg.bench.execute.executors import is_evaluated
 from thalweg.bench.results.results import evaluation_path

@@ -17,7 +17,7 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate import evaluation
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.conditions import Condition, Trial
-from thalweg.bench.evaluate.evaluation import Course
+from thalweg.bench.evaluate.course import Course
 from thalweg.bench.execute import backend
 from thalweg.bench.execute.backend import RiverBackend
 from thalweg.bench.pictures import film

@@ -9,7 +9,8 @@ import pytest
 
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES
-from thalweg.bench.evaluate.evaluation import Course, EvaluationConfig, Label, Step, evaluate
+from thalweg.bench.evaluate.course import Course, EvaluationConfig
+from thalweg.bench.evaluate.evaluation import Label, Step, evaluate
 from thalweg.bench.pictures.film import FRAMES_PER_S, HOLD_S, Flight, RiverMap, write_film
 from thalweg.bench.pictures.film_format import LARGE, SMALL, FilmFormat
 from thalweg.env import sample_starts

@@ -12,16 +12,9 @@ from typing import Protocol
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES, DRAWN, Policy, sight_of
 from thalweg.bench.evaluate.conditions import MAIN, RIVERS, Trial
+from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import Episode
-from thalweg.bench.evaluate.evaluation import (
-    Course,
-    EvaluationConfig,
-    Label,
-    Observe,
-    Step,
-    evaluate,
-    observation_function,
-)
+from thalweg.bench.evaluate.evaluation import Label, Observe, Step, evaluate, observation_function
 from thalweg.bench.evaluate.shielded import FlightShield, check_masks
 from thalweg.bench.pictures.film_format import FilmFormat
 from thalweg.bench.suite.config import Arm, Run, Stage, Suite

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +66,20 @@ def test_a_river_that_is_expected_stays_longer():
     pool.expect([1])
     pool.leave(pool.take(5))
     assert set(pool.river) == {1, 3, 4, 5}
+
+
+def test_the_memory_of_a_slot_is_that_of_the_largest_level():
+    small, *others = different(6)
+    large = replace(ring(40.0, 400), name="Large")
+    pool = RiverPool(RiverList([small, *others, large, large]), CONFIG, 2)
+    assert pool.river == [0, 6]
+    assert pool.bytes_each == sum(array.nbytes for array in pack_courses([large], CONFIG))
+
+
+def test_first_rivers_of_levels_that_do_not_fit_are_left_for_later():
+    worlds = [replace(world, name=str(index)) for index, world in enumerate(different(9))]
+    pool = RiverPool(RiverList(worlds, in_memory=6), CONFIG, 2)
+    assert pool.river == [0, 1, 2, 3]
 
 
 class Gate(RiverList):

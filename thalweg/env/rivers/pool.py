@@ -27,9 +27,9 @@ class Prepared(NamedTuple):
     """What the renderer needs, as `SceneSlots.bake` returns it; None where nothing is drawn."""
 
     @property
-    def table_bytes(self) -> int:
-        """Bytes of the tables."""
-        return 0 if self.tables is None else self.tables.nbytes
+    def nbytes(self) -> int:
+        """Bytes of both."""
+        return sum(array.nbytes for array in self.course) + (0 if self.tables is None else self.tables.nbytes)
 
 
 class SceneSlots(Protocol):
@@ -40,7 +40,7 @@ class SceneSlots(Protocol):
         ...
 
     def bake(self, world: World) -> Any:
-        """Return the tables of a world, with their size in `nbytes`; called in another thread."""
+        """Return the tables of a world, with the size of a slot for them in `nbytes`; called in another thread."""
         ...
 
     def put(self, slot: int, tables: Any) -> None:
@@ -52,7 +52,7 @@ class RiverPool:
     """Up to K rivers in slots, and those that are being prepared."""
 
     def __init__(self, rivers: RiverList, config: EnvConfig, num_envs: int, tables: SceneSlots | None = None) -> None:
-        """`tables` bakes and holds what a renderer needs; None keeps courses alone. The first river of the list is
+        """`tables` bakes and holds what a renderer needs; None keeps courses alone. The first river of each level is
         prepared at once. Raises `ConfigError` for more rivers than fit into the memory."""
         self.rivers, self._config, self._tables = rivers, config, tables
         self._parts: list[CourseArrays] = []
@@ -67,15 +67,16 @@ class RiverPool:
         self._worker: Worker[Prepared] | None = None
         self.most_loaded = 0
         """Greatest number of rivers that were in memory at a time, those being prepared included."""
-        first = self._prepare(0)
-        self.bytes_each = sum(array.nbytes for array in first.course) + first.table_bytes
-        """Bytes of the first river of the list; others are similar."""
+        samples = {river: self._prepare(river) for river in rivers.samples}
+        self.bytes_each = max(each.nbytes for each in samples.values())
+        """Bytes of a slot: those of the largest among the first rivers of each level."""
         self.slots = slots_in_memory(len(rivers), rivers.in_memory, num_envs, self.bytes_each, free_bytes())
         """K."""
         if tables is not None:
             tables.reserve(self.slots)
         self._builder = None if tables is None else BackgroundBuilder(rivers.entries)
-        self._place(0, first)
+        for river in list(samples)[: self.slots]:
+            self._place(river, samples[river])
 
     @property
     def loaded(self) -> int:

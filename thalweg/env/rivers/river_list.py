@@ -61,6 +61,12 @@ class RiverList:
         ]
 
     @property
+    def samples(self) -> list[int]:
+        """Index of the first river of each level, the first of the list included."""
+        levels = [entry.name if isinstance(entry, World) else entry[0].name for entry in self.entries]
+        return [levels.index(level) for level in dict.fromkeys(levels)]
+
+    @property
     def most_segments(self) -> int:
         """Greatest number of segments of a river."""
         return max(entry.river.segments if isinstance(entry, World) else entry[0].samples for entry in self.entries)

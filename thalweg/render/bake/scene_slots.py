@@ -66,8 +66,8 @@ class WorldTables(NamedTuple):
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the tables that are not shared."""
-        return sum(table.nbytes for table in self.tables.values())
+        """Bytes of a slot for the tables that are not shared."""
+        return int(MARGIN * sum(table.nbytes for table in self.tables.values()))
 
 
 class SceneSlots:

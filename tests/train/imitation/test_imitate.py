@@ -25,6 +25,7 @@ from thalweg.train.imitation.flights import redraw
 from thalweg.train.imitation.imitate import Imitation
 from thalweg.train.imitation.sequences import Sequences
 from thalweg.train.imitation.trainer import ImitationTrainer
+from thalweg.train.rollouts.episodes import Episode
 from thalweg.world import Level, World
 
 SETTINGS = {
@@ -106,10 +107,22 @@ def test_a_share_of_the_flights_begins_anew_with_each_sequence(
     monkeypatch.setattr(ImitationTrainer, "update", watched)
     imitation(tmp_path / "run", settings=SETTINGS | {"start_share": share}).run()
     assert found == [restarted] * 6
-    # The statistics forget what was flown before: no episode is longer than a sequence where all begin anew.
+
+
+@pytest.mark.parametrize(("share", "flown"), [(0.0, {"0", "1"}), (0.5, {"1"}), (1.0, set())])
+def test_flights_that_begin_anew_are_no_episodes(
+    share: float, flown: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    step = ImitationTrainer.step
+
+    def crashing(trainer: ImitationTrainer) -> list[Episode]:
+        trainer.env.state.pose[:, 2] = 100.0
+        return step(trainer)
+
+    monkeypatch.setattr(ImitationTrainer, "step", crashing)
+    imitation(tmp_path / "run", settings=SETTINGS | {"start_share": share}).run()
     with open(tmp_path / "run" / "episodes.csv", newline="") as file:
-        lengths = [int(row["length"]) for row in csv.DictReader(file)]
-    assert share < 1.0 or all(length <= 4 for length in lengths)
+        assert {row["env"] for row in csv.DictReader(file)} == flown
 
 
 def test_a_policy_says_what_it_sees(tmp_path: Path):

@@ -56,10 +56,9 @@ class Flights:
         """Start new episodes in all environments."""
         self.images, _ = self.env.reset(seed=seeds)
 
-    def restart(self, rows: np.ndarray) -> None:
-        """Start new episodes in the environments `rows`, in place of the running ones; valid while no step is noted."""
-        mask = np.zeros(self.env.num_envs, bool)
-        mask[rows] = True
+    def restart(self, mask: np.ndarray) -> None:
+        """Start new episodes in the environments of a mask [N], in place of the running ones; valid while no step is
+        noted."""
         self.images, _ = self.env.reset(options={"reset_mask": mask})
         self.fresh = self.fresh | mask
 

@@ -23,8 +23,8 @@ class ImitationTrainer:
         self.flights = Flights(env, student, seed)
         self.store = SequenceStore(student.config.capacity, student.config.sequence)
         self.statistics = EpisodeStatistics(env.num_envs, world_names(env), done_reason_names(env))
-        self._restarted = np.arange(round(student.config.start_share * env.num_envs))
-        """Environments whose flights begin anew with each sequence."""
+        self._restarted = np.arange(env.num_envs) < round(student.config.start_share * env.num_envs)
+        """[N] whether flights begin anew with each sequence. They are no episodes: only short ones would end."""
         self.stages = {"act": 0.0, "env": 0.0, "learn": 0.0, "redraw": 0.0}
         self.updates, self.seconds = 0, 0.0
         self.warned: dict[str, str] = {}
@@ -70,7 +70,7 @@ class ImitationTrainer:
             terminated=terminated,
             truncated=truncated,
             valid=np.ones(self.env.num_envs, bool),
-            finished=np.flatnonzero(ended),
+            finished=np.flatnonzero(ended & ~self._restarted),
             reasons=info["done_reason"],
             rivers=info["river"],
         )
@@ -98,9 +98,8 @@ class ImitationTrainer:
         if len(sequences.fresh) == config.sequence:
             self.store.add(sequences)
         self.flights.begin()
-        if self._restarted.size:
+        if self._restarted.any():
             self.flights.restart(self._restarted)
-            self.statistics.discard_running(self._restarted)
         self.statistics.fresh.clear()
         self.updates += 1
         return {**found, "learning_rate": student.optimiser.rate, "stored_steps": self.store.count * config.sequence}

@@ -176,9 +176,9 @@ class EpisodeStatistics:
         self.recent = deque((Episode(**row) for row in state["recent"]), maxlen=RECENT_EPISODES)
         self.fresh = [Episode(**row) for row in state["fresh"]]
 
-    def discard_running(self, rows: np.ndarray | slice = slice(None)) -> None:
-        """Discard the running episodes of the environments `rows`, which are reset."""
-        self._sums[rows], self._lengths[rows] = 0.0, 0
+    def discard_running(self) -> None:
+        """Discard the running episodes of all environments, which are reset."""
+        self._sums[:], self._lengths[:] = 0.0, 0
 
     def _finish(self, env: int, step: StepRecord) -> Episode:
         """Return the record of an episode that ended in a step, and clear its sums."""

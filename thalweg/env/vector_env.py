@@ -201,6 +201,10 @@ class RiverVectorEnv(VectorEnv):
         """Return the observations of the current state, as `reset` and `step` do; for use after `set_state`."""
         return self._observe(self.frames.views(self.state))
 
+    def ideal_eye(self) -> np.ndarray:
+        """Return what the ideal eye sees of the current state [N, FEATURES] float32, whatever is observed."""
+        return self._see(self.frames.views(self.state))
+
     def draw(self, river: np.ndarray, views: Views) -> np.ndarray:
         """Return the frames [M, H, W, C] of any views, such as stored ones, as observations are.
 
@@ -413,7 +417,7 @@ class RiverVectorEnv(VectorEnv):
             (state.steps, courses.max_steps[self.world_index]),
         )
         if count > len(PROGRESS):
-            told[:, len(PROGRESS) :] = self._see(self.frames.views(self.state))
+            told[:, len(PROGRESS) :] = self.ideal_eye()
         return told
 
 

@@ -17,7 +17,6 @@ from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.env import RiverVectorEnv
 from thalweg.env.frame_renderer import Views
 from thalweg.env.task.bird_eye import open_water
-from thalweg.env.task.ideal_eye import FEATURES, see_all
 from thalweg.train.imitation.mask_noise import corrupt
 from thalweg.train.imitation.sequences import Sequences
 from thalweg.train.imitation.teachers import OPTIONS, teacher_worths
@@ -131,8 +130,6 @@ class Flights:
     def _note(self, worths: np.ndarray) -> None:
         """Note the current state and what the teacher knows of it."""
         env, state = self.env, self.env.state
-        privileged = np.empty((env.num_envs, len(FEATURES)), np.float32)
-        see_all(env.courses, env.limits.max_height, state.world, state.pose, state.segment, state.travel, privileged)
         maps = open_water(env.courses, state).reshape(env.num_envs, -1)
         values = {
             "river": env.rivers.state()["river"],
@@ -143,7 +140,7 @@ class Flights:
             "last": self.last.astype(np.int8),
             "fresh": self.fresh.copy(),
             "worths": worths.astype(np.float32),
-            "privileged": privileged,
+            "privileged": env.ideal_eye(),
             "maps": np.packbits(maps, axis=1),
         }
         for name, value in values.items():

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageDraw
+from PIL import Image
 
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.evaluation import Label, Step, encoded_frames, evaluate
@@ -24,7 +24,7 @@ VIEW_PX, SIDE_PX, GAP_PX = 384, 188, 8
 START, FIRST_STEP, EVERY, FRAMES, FRAME_MS = 3, 44, 2, 120, 80
 QUALITY = 55
 """Quality of WebP; the file stays below 3 MB."""
-TRACK, VEHICLE, PAPER = (255, 196, 61), (220, 50, 47), (24, 28, 32)
+PAPER = (24, 28, 32)
 
 
 def main() -> None:
@@ -58,20 +58,8 @@ def draw(world: World, poses: np.ndarray, times: np.ndarray) -> Iterator[Image.I
         canvas.paste(Image.fromarray(frame[..., :3]), (0, 0))
         mask = Image.fromarray(frame[..., 3]).resize((SIDE_PX, SIDE_PX))
         canvas.paste(mask.convert("RGB"), (VIEW_PX + GAP_PX, 0))
-        canvas.paste(track(river_map, poses[: step + 1]), (VIEW_PX + GAP_PX, VIEW_PX - SIDE_PX))
+        canvas.paste(river_map.with_track(poses[: step + 1]), (VIEW_PX + GAP_PX, VIEW_PX - SIDE_PX))
         yield canvas
-
-
-def track(river_map: RiverMap, poses: np.ndarray) -> Image.Image:
-    """Return the map with the track flown so far, and the vehicle as an arrow."""
-    picture = river_map.image.copy()
-    pen = ImageDraw.Draw(picture)
-    points = [river_map.pixel(x, y) for x, y in poses[:, :2]]
-    if len(points) > 1:
-        pen.line(points, TRACK, width=2)
-    (column, row), yaw = points[-1], poses[-1, 3]
-    pen.polygon([(column + 8 * np.cos(yaw + turn), row - 8 * np.sin(yaw + turn)) for turn in (0.0, 2.5, -2.5)], VEHICLE)
-    return picture
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.evaluation import Label, Step, evaluate
-from thalweg.bench.pictures.film import FRAMES_PER_S, HOLD_S, Flight, RiverMap, write_film
+from thalweg.bench.pictures.film import AROUND_M, FRAMES_PER_S, HOLD_S, START, VEHICLE, Flight, RiverMap, write_film
 from thalweg.bench.pictures.film_format import LARGE, SMALL, FilmFormat
 from thalweg.env import sample_starts
 from thalweg.render import Camera
@@ -46,6 +46,16 @@ def test_north_is_up_and_east_is_right_on_the_map(easy_world: World):
     column, row = river_map.pixel(x, y)
     assert river_map.pixel(x + 10, y)[0] > column
     assert river_map.pixel(x, y + 10)[1] < row
+
+
+def test_a_map_around_a_point_has_it_in_the_middle_and_the_end_of_the_track_on_it(easy_world: World):
+    x, y = easy_world.river.position_m[5]
+    river_map = RiverMap(easy_world, 100, np.array([x, y]))
+    assert river_map.pixel(x, y) == pytest.approx((50, 50))
+    assert river_map.pixel(x + AROUND_M, y - AROUND_M) == pytest.approx((100, 100))
+    track = np.array([[x - 5.0, y, 4.0, 0.0], [x, y, 4.0, 0.0]])
+    drawn = np.asarray(river_map.with_track(track))
+    assert tuple(drawn[50, 50]) == VEHICLE and tuple(drawn[50, 40]) == START
 
 
 @pytest.mark.slow

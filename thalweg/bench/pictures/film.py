@@ -24,7 +24,11 @@ from thalweg.world.map_image import view
 FRAMES_PER_S = 15
 HOLD_S = 1.5
 """How long the last frame is shown."""
-TEXT, BACKGROUND, TRACK, START = (235, 235, 235), (24, 28, 32), (255, 196, 61), (90, 220, 140)
+TEXT, BACKGROUND, TRACK, START, VEHICLE = (235, 235, 235), (24, 28, 32), (255, 196, 61), (90, 220, 140), (220, 50, 47)
+MARGIN_M = 12.0
+"""Margin of a map around a river."""
+AROUND_M = 25.0
+"""What a map around a point shows on each side."""
 
 
 @dataclass(frozen=True)
@@ -51,14 +55,30 @@ class Flight:
 
 
 class RiverMap:
-    """The river from above, with north at the top, in a square of pixels."""
+    """A river from above, with north at the top, in a square of pixels."""
 
-    def __init__(self, world: World, size_px: int = LARGE.map_px, margin_m: float = 12.0) -> None:
+    def __init__(self, world: World, size_px: int = LARGE.map_px, around: np.ndarray | None = None) -> None:
+        """Draw all of the river, or what is within `AROUND_M` east, west, north and south of a point [2]."""
         self.size_px = size_px
-        low, high = world.river.position_m.min(axis=0) - margin_m, world.river.position_m.max(axis=0) + margin_m
+        points = world.river.position_m if around is None else around[None]
+        margin = MARGIN_M if around is None else AROUND_M
+        low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
         self.side_m = float((high - low).max())
         self.corner_m = (low + high - self.side_m) / 2
         self.image = self._crop(world)
+
+    def with_track(self, poses: np.ndarray) -> Image.Image:
+        """Return the map with a track [T, 4], its start, and an arrow for its last pose."""
+        picture = self.image.copy()
+        draw = ImageDraw.Draw(picture)
+        points = [self.pixel(x, y) for x, y in poses[:, :2]]
+        if len(points) > 1:
+            draw.line(points, TRACK, width=2)
+        (x, y), (column, row), yaw = points[0], points[-1], poses[-1, 3]
+        draw.ellipse((x - 4, y - 4, x + 4, y + 4), START)
+        wings = [(column + 9 * np.cos(yaw + turn), row - 9 * np.sin(yaw + turn)) for turn in (0.0, 2.5, -2.5)]
+        draw.polygon(wings, VEHICLE, TEXT)
+        return picture
 
     def pixel(self, x: float, y: float) -> tuple[float, float]:
         """Return column and row of a point given in metres."""
@@ -95,7 +115,7 @@ def film_frames(
         camera_view = Image.fromarray(frame[..., :3]).resize((shape.view_px, shape.view_px))
         canvas.paste(camera_view, (MARGIN_PX, MARGIN_PX))
         _paste_mask(canvas, frame[..., 3], shape)
-        canvas.paste(_with_track(river_map, flight.poses[: index + 1]), (shape.map_left_px, MARGIN_PX))
+        canvas.paste(river_map.with_track(flight.poses[: index + 1]), (shape.map_left_px, MARGIN_PX))
         _draw_text(canvas, lines, fonts, shape)
         yield np.asarray(canvas)
 
@@ -136,20 +156,6 @@ def _paste_mask(canvas: Image.Image, mask: np.ndarray, shape: FilmFormat) -> Non
     corner = MARGIN_PX + shape.view_px - side - 8
     ImageDraw.Draw(canvas).rectangle((corner - 2, corner - 2, corner + side + 1, corner + side + 1), TEXT)
     canvas.paste(inset, (corner, corner))
-
-
-def _with_track(river_map: RiverMap, poses: np.ndarray) -> Image.Image:
-    """Return the map with the track so far, its start, and an arrow for the current pose."""
-    picture = river_map.image.copy()
-    draw = ImageDraw.Draw(picture)
-    points = [river_map.pixel(x, y) for x, y in poses[:, :2]]
-    if len(points) > 1:
-        draw.line(points, TRACK, width=2)
-    (x, y), (column, row), yaw = points[0], points[-1], poses[-1, 3]
-    draw.ellipse((x - 4, y - 4, x + 4, y + 4), START)
-    wings = [(column + 9 * np.cos(yaw + turn), row - 9 * np.sin(yaw + turn)) for turn in (0.0, 2.5, -2.5)]
-    draw.polygon(wings, (220, 50, 47), TEXT)
-    return picture
 
 
 def write_film(

@@ -6,12 +6,12 @@
     python benchmarks/ladder.py --write                             # the tables and the plot of docs/imitation.md
 
 An arm is a training: students of the steady pilot, and FOCOPS through frames, on 1, 4, 16, 64 and more rivers of a
-level with looks fixed or varied, and students that lack one thing each. A row of ladder.csv is appended as each cell is
-flown: an arm's flights of one kind on one level. `seen` flights are on rivers of the training, `unseen` ones on as many
-other rivers as episodes, `varied` ones on these under varied looks, suns, pitches and fields of view. A cell that has a
-row is skipped, and training resumes in the folder `--runs`. A row names the versions, settings and encoder that it
-depends on: with others, its cell is flown again. An arm that fails is named at the end, and the others go on, unless
-its process was killed.
+level with looks fixed or varied; FOCOPS end to end on one rung; and students that lack one thing each. A row of
+ladder.csv is appended as each cell is flown: an arm's flights of one kind on one level. `seen` flights are on rivers of
+the training, `unseen` ones on as many other rivers as episodes, `varied` ones on these under varied looks, suns,
+pitches and fields of view. A cell that has a row is skipped, and training resumes in the folder `--runs`. A row names
+the versions, settings and encoder that it depends on: with others, its cell is flown again. An arm that fails is named
+at the end, and the others go on, unless its process was killed.
 """
 
 import argparse
@@ -27,13 +27,14 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ladder_arms import CELL_KEY, KINDS, NUM_ENVS, VARIED, Arm, Cell, ablation_arms, ladder_arms
+from ladder_arms import CELL_KEY, KINDS, NUM_ENVS, VARIED, Arm, Cell, all_arms
 from ladder_page import PAGE, PICTURE, drawn_ladder, written_page
 from river_flights import RESULTS, append, figures_of, fly
 
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.evaluation import Label
 from thalweg.core.atomic_io import write_atomic
+from thalweg.encoder import Encoder
 from thalweg.env import EnvConfig
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train import load_policy
@@ -83,7 +84,7 @@ def train(arm: Arm, folder: Path, threads: int | None = None) -> None:
     rules = EnvConfig(randomisation=Randomisation() if arm.looks == VARIED else None)
     # Whatever their number, each episode is in a random river, as those of students are.
     training = RiverTraining(arm.levels, NUM_ENVS, tuple(arm.seeds), rules, rivers="episode")
-    encoder, settings = load_compatible_encoder(arm.encoder), dict(arm.settings) or None
+    encoder, settings = encoder_of(arm), dict(arm.settings) or None
     training.train(
         arm.algorithm, encoder, steps=arm.steps, seed=arm.seed, folder=folder, settings=settings, threads=threads
     )
@@ -92,9 +93,13 @@ def train(arm: Arm, folder: Path, threads: int | None = None) -> None:
 def measure(cell: Cell, folder: Path) -> dict[str, str]:
     """Fly a cell with the policy of a folder; returns its row."""
     arm = cell.arm
-    encoder = None if arm.is_student else load_compatible_encoder(arm.encoder)
     label = Label(arm.algorithm, arm.seed, cell.level)
-    return row_of(cell, figures_of(fly(load_policy(folder), cell.courses(), label, cell.config, encoder)))
+    return row_of(cell, figures_of(fly(load_policy(folder), cell.courses(), label, cell.config, encoder_of(arm))))
+
+
+def encoder_of(arm: Arm) -> Encoder | None:
+    """Return the encoder whose codes an arm sees; None for one that sees images."""
+    return None if arm.sees_images else load_compatible_encoder(arm.encoder)
 
 
 def row_of(cell: Cell, figures: Mapping[str, str]) -> dict[str, str]:
@@ -150,8 +155,7 @@ def missing_cells(arm: Arm, rows: Sequence[Mapping[str, str]], episodes: int, ki
 
 def chosen_arms(only: Sequence[str], steps: int | None) -> list[Arm]:
     """Return the arms whose labels match a pattern, all of them without patterns; `steps` replaces their own."""
-    arms = [*ladder_arms(), *ablation_arms()]
-    chosen = [arm for arm in arms if not only or any(fnmatch.fnmatchcase(arm.label, pattern) for pattern in only)]
+    chosen = [arm for arm in all_arms() if not only or any(fnmatch.fnmatchcase(arm.label, pattern) for pattern in only)]
     return chosen if steps is None else [replace(arm, steps=steps) for arm in chosen]
 
 

@@ -59,7 +59,7 @@ class Arm:
     name: str
     """Who climbs the ladder, or what a student lacks."""
     algorithm: str
-    """`STUDENT`, or an algorithm of the registry that sees codes."""
+    """`STUDENT`, or an algorithm of the registry, which sees codes unless its `settings` have `policy=cnn`."""
     rivers: int
     """Rivers of each level."""
     looks: str
@@ -90,6 +90,11 @@ class Arm:
         """Whether it learns from a teacher, and sees images."""
         return self.algorithm == STUDENT
 
+    @property
+    def sees_images(self) -> bool:
+        """Whether its policy sees images, and not codes of them."""
+        return self.is_student or self.settings.get("policy") == "cnn"
+
     @cached_property
     def resolved(self) -> dict[str, Any]:
         """All settings."""
@@ -111,7 +116,7 @@ class Arm:
             learner = {"imitation": versions.IMITATION}
         else:
             learner = {self.algorithm: versions.ALGORITHMS[self.algorithm], "training": versions.TRAINING}
-            if self.resolved.get("asymmetric_critics", False):
+            if self.sees_images or self.resolved.get("asymmetric_critics", False):
                 learner["privileged"] = versions.PRIVILEGED
         return learner | {"render": versions.RENDER, "rules": versions.RULES, "world": versions.WORLD}
 
@@ -126,14 +131,14 @@ class Arm:
             str(self.seed),
             str(self.steps),
             digest(self.resolved),
-            "none" if self.is_student else hash_of_encoder(self.encoder),
+            "none" if self.sees_images else hash_of_encoder(self.encoder),
             " ".join(f"{name}={number}" for name, number in made_with.items()),
         )
 
     @property
     def folder(self) -> str:
         """Name of the folder of its run, another one for everything that the policy depends on."""
-        encoder = None if self.is_student else hash_of_encoder(self.encoder)
+        encoder = None if self.sees_images else hash_of_encoder(self.encoder)
         parts = self.resolved, self.levels, self.training_versions, encoder
         return f"{self.label}-{self.steps}-{digest(parts)}"
 
@@ -205,6 +210,17 @@ CLIMBERS: tuple[Arm, ...] = (
 """Who climbs the ladder, on its first rung. Another encoder is a line of its own: `encoder=Path("geometry")`."""
 
 
+END_TO_END = Arm(
+    "FOCOPS-cnn", "FOCOPS", 16, FIXED, 0, STEPS["FOCOPS"], ("Medium",), ("Hard",), settings={"policy": "cnn"}
+)
+"""Compared with the climber of the same algorithm that sees codes, on one rung."""
+
+
+def end_to_end_arms() -> list[Arm]:
+    """Return the arms that learn convolutions and policy together."""
+    return [replace(END_TO_END, seed=seed) for seed in SEEDS]
+
+
 def ladder_arms() -> list[Arm]:
     """Return the arms of the ladder. A climber on several levels has no more than `MOST_RIVERS` on its last rung."""
     return [
@@ -224,3 +240,8 @@ def whole_student() -> Arm:
 def ablation_arms() -> list[Arm]:
     """Return the arms of the ablations."""
     return [replace(whole_student(), name=name, settings=settings) for name, settings in ABLATIONS.items()]
+
+
+def all_arms() -> list[Arm]:
+    """Return all arms."""
+    return [*ladder_arms(), *end_to_end_arms(), *ablation_arms()]

@@ -13,11 +13,11 @@ from ladder_arms import (
     ABLATIONS,
     ARM_KEY,
     CLIMBERS,
+    END_TO_END,
     FIXED,
     RUNGS,
     VARIED,
-    ablation_arms,
-    ladder_arms,
+    all_arms,
     whole_student,
 )
 from matplotlib.axes import Axes
@@ -43,7 +43,7 @@ Rows = Sequence[Mapping[str, str]]
 def current_rows(rows: Iterable[Mapping[str, str]]) -> list[Mapping[str, str]]:
     """Return the rows of today's arms, versions and settings; of the same flights, those of the longest training and
     of the most episodes."""
-    arms = {(arm.name, str(arm.rivers), arm.looks, str(arm.seed)): arm for arm in [*ladder_arms(), *ablation_arms()]}
+    arms = {(arm.name, str(arm.rivers), arm.looks, str(arm.seed)): arm for arm in all_arms()}
     found: dict[tuple[str, ...], Mapping[str, str]] = {}
     for row in rows:
         arm = arms.get((row["arm"], row["rivers"], row["looks"], row["seed"]))
@@ -82,7 +82,7 @@ def flights_text(rows: Rows) -> str:
 def ladder_table(rows: Rows) -> str:
     """Return the table of the ladder: a line for each climber, looks of training and number of rivers."""
     lines = []
-    for climber in CLIMBERS:
+    for climber in (*CLIMBERS, END_TO_END):
         for looks in (FIXED, VARIED):
             group = selected(rows, arm=climber.name, looks=looks)
             for rivers in sorted({int(row["rivers"]) for row in group}):
@@ -157,7 +157,7 @@ def _draw_line(axes: Axes, rows: Rows, **style: Any) -> None:
 
 def ladder_section(rows: Rows) -> str:
     """Return the section of the ladder."""
-    shown = [row for row in rows if row["arm"] in [climber.name for climber in CLIMBERS]]
+    shown = [row for row in rows if row["arm"] in [climber.name for climber in (*CLIMBERS, END_TO_END)]]
     if not shown:
         return NOTHING
     return f"![Return over the number of rivers](images/{PICTURE.name})\n\n{ladder_table(shown)}"

@@ -90,6 +90,15 @@ def test_ablations_differ_from_the_whole_student_in_one_setting(arms: ModuleType
     }
 
 
+def test_focops_learns_end_to_end_beside_the_climber_that_sees_codes(arms: ModuleType):
+    found = arms.end_to_end_arms()
+    assert [arm.label for arm in found] == [f"FOCOPS-cnn-16-fixed-{seed}" for seed in range(3)]
+    beside = next(arm for arm in arms.ladder_arms() if arm.label == "FOCOPS-16-fixed-0")
+    assert (found[0].algorithm, found[0].steps, found[0].levels) == (beside.algorithm, beside.steps, beside.levels)
+    assert found[0].sees_images and not beside.sees_images and found[0].resolved["policy"] == "cnn"
+    assert found[0].key[6] == "none" and "privileged" in found[0].training_versions
+
+
 def test_looks_reach_a_student_by_its_settings(student: Any):
     assert student.resolved["varied_looks"] is False
     assert replace(student, looks="varied").resolved["varied_looks"] is True

@@ -45,7 +45,7 @@ LEVELS, KINDS = ("Easy", "Medium", "Hard"), ("fixed", "unseen", "varied", "real"
 SEEDS, OBSERVATIONS = (0, 1, 2), ("rgb+mask", "rgb")
 TEACHER = "teacher"
 """In place of what a policy sees: the pilot that students are taught by."""
-STEPS, WORLD_SEEDS = 1_000_000, "1000:1064"
+STEPS, WORLD_SEEDS = 1_600_000, "1000:1064"
 LOOKS = Randomisation(suns=1)
 """Appearances of `varied` flights; each river has one sun."""
 VERSIONS = {

@@ -88,25 +88,33 @@ def test_an_interrupted_run_resumes_to_the_same_numbers(memory: int, tmp_path: P
     assert imitation(tmp_path / "parts", **given).run().already_finished
 
 
-@pytest.mark.parametrize(("share", "restarted"), [(0.0, 0), (0.5, 1), (1.0, 2)])
-def test_a_share_of_the_flights_begins_anew_with_each_sequence(
-    share: float, restarted: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("share", "restarted"), [(0.0, []), (0.5, [0]), (1.0, [0, 1])])
+def test_a_share_of_the_flights_begins_anew_every_few_steps(
+    share: float, restarted: list[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    update, found = ImitationTrainer.update, []
+    step, found = ImitationTrainer.step, []
 
-    def watched(trainer: ImitationTrainer) -> dict[str, float]:
-        before = trainer.env.state.pose.copy(), trainer.flights.images.copy()
-        losses = update(trainer)
-        moved = (trainer.env.state.pose != before[0]).any(axis=1)
-        assert (trainer.env.state.steps[moved] == 0).all() and trainer.flights.fresh[moved].all()
-        redrawn = (trainer.flights.images != before[1]).any(axis=(1, 2, 3))
-        assert (redrawn == moved).all()
-        found.append(int(moved.sum()))
-        return losses
+    def watched(trainer: ImitationTrainer) -> list[Episode]:
+        before = trainer.env.state.pose.copy()
+        poses: list[np.ndarray] = []
+        act = trainer.flights.act
 
-    monkeypatch.setattr(ImitationTrainer, "update", watched)
-    imitation(tmp_path / "run", settings=SETTINGS | {"start_share": share}).run()
-    assert found == [restarted] * 6
+        def acting(*given: float) -> np.ndarray:
+            poses.append(trainer.env.state.pose.copy())
+            assert (trainer.env.observe() == trainer.flights.images).all()
+            return act(*given)
+
+        monkeypatch.setattr(trainer.flights, "act", acting)
+        episodes = step(trainer)
+        monkeypatch.setattr(trainer.flights, "act", act)
+        moved = (poses[0] != before).any(axis=1)
+        found.append(np.flatnonzero(moved).tolist())
+        assert trainer.flights.sequences().fresh[-1][moved].all()
+        return episodes
+
+    monkeypatch.setattr(ImitationTrainer, "step", watched)
+    imitation(tmp_path / "run", settings=SETTINGS | {"start_share": share, "start_steps": 2}).run()
+    assert found == [restarted, []] * 12
 
 
 @pytest.mark.parametrize(("share", "flown"), [(0.0, {"0", "1"}), (0.5, {"1"}), (1.0, set())])

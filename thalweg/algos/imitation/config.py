@@ -56,10 +56,14 @@ class ImitationConfig:
     teacher_steps: NonNegativeInt = 40_000
     """Steps over which the share of episodes that the teacher flies falls from 1 to 0."""
     start_share: Fraction = 0.5
-    """Share of the environments whose flights begin anew with each sequence: a start shows less of the river than any
+    """Share of the environments whose flights begin anew every `start_steps`: a start shows less of the river than any
     other state, and a whole flight has only one."""
+    start_steps: PositiveInt = 8
+    """Steps of such a flight."""
     noise: Fraction = 0.05
     """Share of random moves in flights, whose consequences the student learns to mend."""
+    mirrored: Fraction = 0.5
+    """Share of the sequences that are drawn anew as in a mirror, with left and right exchanged."""
     corrupted_masks: Fraction = 0.2
     """Share of the sequences that are drawn anew whose masks are corrupted: rectangles of water and land that are not
     there. Has no effect without masks."""

@@ -56,10 +56,24 @@ FEATURES = (
 * island: metres along the course to the centre of the next island, `RANGE_M` without one, which counts until its middle
   is half its length behind. Then where the centre is, and half of its axes; 0 without one.
 """
+MIRRORED = {
+    name: (
+        {"left bank": "right bank", "right bank": "left bank"}.get(name, name),
+        -1.0 if name in ("heading error", "island left") or name.startswith("left at") else 1.0,
+    )
+    for name in FEATURES
+}
+"""What each number is in the mirror image of a view: another number, or itself, and its sign."""
 BEHIND_M = 3.0
 """Metres behind the vehicle up to which the middle of a bridge still counts as that of the next."""
 _POINTS = np.array(POINTS_M)
 _POINT_AT, _BRIDGE_AT, _ISLAND_AT = 5, 5 + 4 * len(POINTS_M), 8 + 4 * len(POINTS_M)
+
+
+def mirrored(numbers: np.ndarray) -> np.ndarray:
+    """Return the numbers [..., FEATURES] of mirror images of views."""
+    order, signs = zip(*((FEATURES.index(name), sign) for name, sign in MIRRORED.values()), strict=True)
+    return numbers[..., list(order)] * np.array(signs, numbers.dtype)
 
 
 @kernel(fastmath=False, allocates=False)

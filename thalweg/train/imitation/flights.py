@@ -18,6 +18,7 @@ from thalweg.env import RiverVectorEnv
 from thalweg.env.frame_renderer import Views
 from thalweg.env.task.bird_eye import open_water
 from thalweg.train.imitation.mask_noise import corrupt
+from thalweg.train.imitation.mirroring import mirror
 from thalweg.train.imitation.sequences import Sequences
 from thalweg.train.imitation.teachers import OPTIONS, teacher_worths
 
@@ -56,8 +57,7 @@ class Flights:
         self.images, _ = self.env.reset(seed=seeds)
 
     def restart(self, mask: np.ndarray) -> None:
-        """Start new episodes in the environments of a mask [N], in place of the running ones; valid while no step is
-        noted."""
+        """Start new episodes in the environments of a mask [N], in place of the running ones."""
         self.images, _ = self.env.reset(options={"reset_mask": mask})
         self.fresh = self.fresh | mask
 
@@ -96,13 +96,13 @@ class Flights:
         """Return the noted steps as the student learns from them; `sequences` are those of `sequences()`."""
         return lesson_of(sequences, np.stack(self._rows))
 
-    def drawn_again(self, sequences: Sequences, corrupted: float) -> Lesson:
-        """Return stored sequences as the student learns from them, drawn under new looks.
-
-        `corrupted` is the share of sequences with corrupted masks.
-        """
+    def drawn_again(self, sequences: Sequences) -> Lesson:
+        """Return stored sequences as the student learns from them: drawn under new looks, some mirrored in place, some
+        with corrupted masks."""
+        config = self.student.config
         images = redraw(self.env, sequences, self.rng)
-        corrupt(images, self.env.config.observation, corrupted, self.rng)
+        mirror(images, sequences, config.mirrored, self.rng)
+        corrupt(images, self.env.config.observation, config.corrupted_masks, self.rng)
         rows = [rows_of(*step) for step in zip(images, sequences.last.astype(np.int64), strict=True)]
         return lesson_of(sequences, np.stack(rows))
 

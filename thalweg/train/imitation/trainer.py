@@ -24,7 +24,7 @@ class ImitationTrainer:
         self.store = SequenceStore(student.config.capacity, student.config.sequence)
         self.statistics = EpisodeStatistics(env.num_envs, world_names(env), done_reason_names(env))
         self._restarted = np.arange(env.num_envs) < round(student.config.start_share * env.num_envs)
-        """[N] whether flights begin anew with each sequence. They are no episodes: only short ones would end."""
+        """[N] whether flights begin anew every `start_steps`. They are no episodes: only short ones would end."""
         self.stages = {"act": 0.0, "env": 0.0, "learn": 0.0, "redraw": 0.0}
         self.updates, self.seconds = 0, 0.0
         self.warned: dict[str, str] = {}
@@ -55,6 +55,8 @@ class ImitationTrainer:
         """Take one action in each environment; returns the episodes that it ended."""
         config = self.student.config
         before = time.perf_counter()
+        if self._restarted.any() and self.flights.noted % config.start_steps == 0:
+            self.flights.restart(self._restarted)
         share = 1.0 - self.statistics.steps / config.teacher_steps if config.teacher_steps else 0.0
         actions = self.flights.act(max(share, 0.0), config.noise)
         acted = time.perf_counter()
@@ -90,7 +92,7 @@ class ImitationTrainer:
         if self.store.count and replayed:
             chosen = self.flights.rng.integers(self.store.count, size=replayed)
             before = time.perf_counter()
-            again = self.flights.drawn_again(self.store.take(chosen), config.corrupted_masks)
+            again = self.flights.drawn_again(self.store.take(chosen))
             self.stages["redraw"] += time.perf_counter() - before
             found |= {f"replayed_{name}": value for name, value in self._learn(again).items()}
         else:
@@ -98,8 +100,6 @@ class ImitationTrainer:
         if len(sequences.fresh) == config.sequence:
             self.store.add(sequences)
         self.flights.begin()
-        if self._restarted.any():
-            self.flights.restart(self._restarted)
         self.statistics.fresh.clear()
         self.updates += 1
         return {**found, "learning_rate": student.optimiser.rate, "stored_steps": self.store.count * config.sequence}

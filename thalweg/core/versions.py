@@ -31,9 +31,9 @@ ALGORITHMS = {
     "OnCRPO": 3,
     "CPO": 3,
     "CUP": 3,
-    "DDPGLag": 3,
-    "TD3Lag": 3,
-    "SACLag": 3,
+    "DDPGLag": 4,
+    "TD3Lag": 4,
+    "SACLag": 4,
     "SafeLOOP": 4,
     "CCEPETS": 4,
 }

@@ -73,7 +73,7 @@ def test_metrics_are_reported_every_steps_per_update_and_at_the_end():
 def test_the_multiplier_is_updated_at_each_report():
     learner = ddpg(steps_per_update=8, multiplier_rate=1.0, multiplier_gain=0.0, multiplier_max=9.0, cost_limit=0.1)
     moved = [learner.agent.multipliers.values[0] for _ in range(6) if rounds(learner, 1) is not None]
-    assert moved == pytest.approx([0.0, 0.4, 0.4, 0.8, 0.8, 1.2])
+    assert moved == pytest.approx([0.0, 0.8, 0.8, 1.6, 1.6, 2.4])  # (0.5 - 0.1) / 0.5 each
 
 
 def test_a_limit_that_begins_wide_is_final_once_it_has_been_met():
@@ -86,7 +86,7 @@ def test_a_limit_that_begins_wide_is_final_once_it_has_been_met():
 
 def test_the_multiplier_waits_for_the_first_gradient_step():
     learner = ddpg(steps_per_update=4, random_steps=8, multiplier_rate=1.0, multiplier_gain=0.0)
-    assert [found["multiplier"] for found in rounds(learner, 3)] == pytest.approx([0.0, 0.0, 0.4])
+    assert [found["multiplier"] for found in rounds(learner, 3)] == pytest.approx([0.0, 0.0, 0.8])
 
 
 def test_omnisafes_multiplier_is_updated_at_each_gradient_step_after_its_warmup():
@@ -231,7 +231,7 @@ def test_mean_metrics_name_a_number_that_is_nan():
         ({"target_rate": 0.0}, "target_rate must be a number above 0 and at most 1"),
         ({"cost_critics": 3}, "cost_critics must be a whole number from 1 to 2"),
         ({"discount": 1.1}, "discount must be a number from 0 to 1"),
-        ({"multiplier_initial": 99.0}, "multiplier_initial must be at most multiplier_max = 2.0, got 99.0"),
+        ({"multiplier_initial": 99.0}, "multiplier_initial must be at most multiplier_max = 3.0, got 99.0"),
         ({"cost_limit": -1.0}, "cost_limit must be a finite number of at least 0"),
         ({"exploration": 1.5}, "exploration must be a number from 0 to 1"),
         ({"relaxation": 0.0}, "relaxation must be a number above 0"),

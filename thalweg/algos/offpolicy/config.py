@@ -6,7 +6,7 @@ from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, Pos
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.constraint.cost_limits import CostConfig
-from thalweg.algos.constraint.multiplier import MultiplierConfig, Violation
+from thalweg.algos.constraint.multiplier import MultiplierConfig
 from thalweg.algos.policy.actions import Adapter
 from thalweg.algos.policy.mlp import Initial
 from thalweg.algos.policy.mlp_autograd import Activation
@@ -29,17 +29,15 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     steps_per_update: PositiveInt = 2048
     """Steps between two reports, all environments together. At a report the multipliers are updated and metrics are
     logged."""
-    multiplier_violation: Violation = "absolute"
-    """The violation δ that λ responds to: J_c - d ("absolute"), or (J_c - d) / max(J_c, d) ("relative")."""
-    multiplier_rate: NonNegativeFloat = 0.5
+    multiplier_rate: NonNegativeFloat = 0.15
     """Step size of the integral part of λ; K_I of a PID multiplier. λ is the reward that one unit of cost is worth,
     both in the critics' units."""
-    multiplier_gain: NonNegativeFloat = 1.0
-    """K_P: added to λ at once for each unit by which the mean cost exceeds the limit; 0 for none."""
-    multiplier_max: NonNegativeFloat = 2.0
+    multiplier_gain: NonNegativeFloat = 0.5
+    """K_P: added to λ at once for each unit of the violation; 0 for none."""
+    multiplier_max: NonNegativeFloat = 3.0
     """Upper bound of λ. With `scale_returns` it is the number of deviations of the return that the largest cost of a
-    step is worth at most; from about three on, no cost is worth risking for all that an episode can pay, and the policy
-    does nothing."""
+    step is worth at most; where an episode pays no more than that, no cost is worth risking, and the policy does
+    nothing."""
     scale_returns: bool = True
     """Whether critics learn rewards and costs in units of their own: rewards divided by the running deviation of
     discounted returns, costs by the largest cost of a step so far. Multipliers, α and `output_decay` then do not depend

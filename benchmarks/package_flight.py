@@ -1,8 +1,8 @@
-"""Copies a trained policy into the package, with the command that trained it and its scores.
+"""Copies an imitated policy into the package, with the command that made it and its scores.
 
-    thalweg train --algorithm FOCOPS --level medium --steps 240000 --seed 0 --out runs/flight
-    thalweg evaluate runs/flight --levels easy medium hard --out runs/flight/evaluation.csv
-    python benchmarks/package_flight.py runs/flight
+    thalweg imitate --out runs/student --steps 1600000
+    thalweg evaluate runs/student --levels easy medium hard --unseen --episodes 100 --out runs/student/evaluation.csv
+    python benchmarks/package_flight.py runs/student
 
 The policy becomes thalweg/bench/execute/flight.safetensors; the rows of its evaluation become flight.csv beside this
 script.
@@ -29,10 +29,11 @@ def main() -> None:
     folder = Path(sys.argv[1])
     policy = load_policy(folder)
     run = yaml.safe_load((folder / "config.yaml").read_text())["run"]
-    level = policy.about.context["level"]
+    context = policy.about.context
     command = (
-        f"thalweg train --algorithm {run['algorithm']} --level {level.lower()} --steps {run['steps']}"
-        f" --seed {run['seed']} --out runs/{folder.name}"
+        f"thalweg imitate --out runs/{folder.name} --levels {' '.join(context['levels'])}"
+        f" --world-seeds {' '.join(map(str, context['world_seeds']))} --observation {context['observation']}"
+        f" --steps {run['steps']} --seed {run['seed']} --num-envs {run['num_envs']}"
     )
     episodes = read_episodes(folder / "evaluation.csv")
     scores = {}
@@ -44,7 +45,7 @@ def main() -> None:
             "cost": round(statistics.mean(episode.cost for episode in flown), 3),
             "success": round(statistics.mean(episode.success for episode in flown), 3),
         }
-    policy.about = replace(policy.about, context={**policy.about.context, "command": command, "scores": scores})
+    policy.about = replace(policy.about, context={**context, "command": command, "scores": scores})
     policy.save(PACKAGED_POLICY)
     shutil.copyfile(folder / "evaluation.csv", ROWS)
     print(command)

@@ -10,11 +10,10 @@ import numpy as np
 from PIL import Image
 
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
-from thalweg.bench.evaluate.evaluation import Label, Step, encoded_frames, evaluate
+from thalweg.bench.evaluate.evaluation import Label, Step, evaluate, observation_function
 from thalweg.bench.execute.backend import PACKAGED_POLICY
 from thalweg.bench.pictures.film import RiverMap
 from thalweg.core.atomic_io import atomic_path
-from thalweg.encoder import load_encoder
 from thalweg.render import Camera, Renderer
 from thalweg.train import load_policy
 from thalweg.world import World
@@ -40,10 +39,9 @@ def fly() -> tuple[World, np.ndarray, np.ndarray]:
     """Return the world, and poses [T, 4] and times [T] of a flight of the packaged policy on Medium."""
     course = Course.of_level("Medium", EvaluationConfig()).only(START)
     steps: list[Step] = []
-    view = encoded_frames(course, load_encoder())
-    (episode,) = evaluate(
-        load_policy(PACKAGED_POLICY), course, Label("packaged", 0, "Medium"), observe=view, on_step=steps.append
-    )
+    policy = load_policy(PACKAGED_POLICY)
+    view = observation_function(policy, course, None)
+    (episode,) = evaluate(policy, course, Label("packaged", 0, "Medium"), observe=view, on_step=steps.append)
     print(f"return {episode.return_:.2f}, cost {episode.cost:.1f}, {episode.length} steps")
     return course.world, np.concatenate([step.poses for step in steps]), np.concatenate([step.time_s for step in steps])
 

@@ -129,7 +129,7 @@ def rules() -> Trace:
 
 
 def evaluation() -> Trace:
-    """Starts on Easy, an evaluated episode of each baseline, and the first steps of the packaged policy's flight."""
+    """Starts on Easy, and evaluated episodes of baselines."""
     config = EvaluationConfig(episodes=2)
     course = Course.of_level("Easy", config)
     found = {"starts": np.asarray(course.starts)}

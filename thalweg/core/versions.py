@@ -40,5 +40,5 @@ ALGORITHMS = {
 """Updates of each algorithm, by its name in the registry."""
 PACKAGED_ENCODER = 2
 """The encoder file that comes with the package."""
-PACKAGED_POLICY = 2
+PACKAGED_POLICY = 3
 """The policy file that comes with the package."""

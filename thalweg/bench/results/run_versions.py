@@ -28,14 +28,14 @@ def current_versions(kind: str, algorithms: Iterable[str], *, observation: str =
 
     `algorithms` are those of all stages of its training, `observation` is what a trained policy sees: only codes of
     frames depend on the encoder, and only the privileged observation does not depend on the renderer. Critics of some
-    algorithms see that too. Baselines see neither.
+    algorithms see that too. The packaged policy sees images; baselines see nothing.
     """
     rivers: dict[str, int | None] = {"world": versions.WORLD, "rules": versions.RULES, EVALUATION: versions.EVALUATION}
     if kind == "baseline":
         return rivers
     render, encoder = {"render": versions.RENDER}, {"encoder": versions.PACKAGED_ENCODER}
     if kind == "packaged":
-        return rivers | render | encoder | {"packaged": versions.PACKAGED_POLICY}
+        return rivers | render | {"packaged": versions.PACKAGED_POLICY}
     learning = {name: versions.ALGORITHMS.get(name) for name in algorithms}
     seen = (render if observation != PRIVILEGED else {}) | (encoder if observation == FRAMES else {})
     if observation == PRIVILEGED or any(map(_has_asymmetric_critics, learning)):

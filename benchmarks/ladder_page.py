@@ -37,6 +37,8 @@ NOTHING = "This has not been measured yet.\n"
 SHOWN = (("seen", "Medium"), ("unseen", "Medium"), ("unseen", "Hard"), ("varied", "Medium"), ("varied", "Hard"))
 """Flights in the table of the ladder: kind and level, which all climbers have."""
 PLOTTED = "Medium"
+TABULATED = (*CLIMBERS, END_TO_END)
+"""Lines of the table of the ladder; only climbers are plotted."""
 Rows = Sequence[Mapping[str, str]]
 
 
@@ -82,7 +84,7 @@ def flights_text(rows: Rows) -> str:
 def ladder_table(rows: Rows) -> str:
     """Return the table of the ladder: a line for each climber, looks of training and number of rivers."""
     lines = []
-    for climber in (*CLIMBERS, END_TO_END):
+    for climber in TABULATED:
         for looks in (FIXED, VARIED):
             group = selected(rows, arm=climber.name, looks=looks)
             for rivers in sorted({int(row["rivers"]) for row in group}):
@@ -157,7 +159,7 @@ def _draw_line(axes: Axes, rows: Rows, **style: Any) -> None:
 
 def ladder_section(rows: Rows) -> str:
     """Return the section of the ladder."""
-    shown = [row for row in rows if row["arm"] in [climber.name for climber in (*CLIMBERS, END_TO_END)]]
+    shown = [row for row in rows if row["arm"] in [climber.name for climber in TABULATED]]
     if not shown:
         return NOTHING
     return f"![Return over the number of rivers](images/{PICTURE.name})\n\n{ladder_table(shown)}"

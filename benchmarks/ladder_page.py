@@ -23,11 +23,10 @@ from ladder_arms import (
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from page_sections import replace_section
+from river_flights import mean_return
 
 from thalweg.bench.report.figures import COLOURS, STYLE, png
 from thalweg.bench.report.table import frame, markdown
-from thalweg.bench.results.inference import Estimate, t_interval
-from thalweg.env.task.reward_cost import FULL_COURSE_REWARD
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PAGE, PICTURE = DOCS / "imitation.md", DOCS / "images" / "ladder.png"
@@ -65,13 +64,6 @@ def _extent(row: Mapping[str, str]) -> tuple[int, int]:
 def selected(rows: Rows, **values: str) -> list[Mapping[str, str]]:
     """Return the rows with these values in these columns."""
     return [row for row in rows if all(row[name] == value for name, value in values.items())]
-
-
-def mean_return(rows: Rows) -> Estimate:
-    """Return the mean return over seeds, with an interval where there are enough of them."""
-    per_seed = np.array([float(row["return"]) for row in rows])
-    found = t_interval(float(per_seed.mean()), per_seed)
-    return Estimate(found.value, max(found.low, 0.0), min(found.high, FULL_COURSE_REWARD))
 
 
 def flights_text(rows: Rows) -> str:

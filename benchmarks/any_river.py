@@ -13,6 +13,7 @@ them too, but for `varied`, since it sees no looks. Violations are episodes that
 """
 
 import argparse
+import itertools
 import multiprocessing
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -21,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 from page_sections import replace_section
-from river_flights import RESULTS, append, figures_of, fly
+from river_flights import RESULTS, append, figures_of, fly, mean_return
 
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.baselines import BASELINES, Policy
@@ -30,6 +31,7 @@ from thalweg.bench.evaluate.course import UNSEEN, Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.evaluate.evaluation import Label
 from thalweg.bench.report.table import frame, markdown
+from thalweg.bench.results.inference import wilson_interval
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.cache import file_hash
@@ -135,33 +137,33 @@ def measure(cell: Cell, path: Path | None) -> dict[str, str]:
 
 
 def page_table(rows: Sequence[dict[str, str]]) -> str:
-    """Return the table of the page: a row for each policy and kind of flights of today's versions, means over seeds."""
-    lines = []
+    """Return the table of the page: a line for each policy, kind of flights and river, of today's versions alone.
+
+    Returns are means over seeds, with 95 % intervals over seeds where there are enough. Violations are the share of all
+    seeds' flights, with Wilson's interval over these.
+    """
     rows = [row for row in rows if all(row[name] == str(version) for name, version in VERSIONS.items())]
-    for policy in dict.fromkeys(row["policy"] for row in rows):
-        for kind in KINDS:
-            cells = [row for row in rows if row["policy"] == policy and row["kind"] == kind]
+    lines = []
+    for policy, kind in itertools.product(dict.fromkeys(row["policy"] for row in rows), KINDS):
+        for level in levels_of(kind):
+            cells = [row for row in rows if (row["policy"], row["kind"], row["level"]) == (policy, kind, level)]
             if cells:
-                lines.append([policy, kind, str(len({row["seed"] for row in cells})), *_by_level(cells, kind)])
-    heading = ["sees", "flights", "seeds", *(f"{level}: return, violations" for level in LEVELS)]
-    real = f"The columns of `real` are {', '.join(RIVERS)}."
-    return f"{markdown(frame(heading, lines)).rstrip()}\n\n{real}"
+                seeds = len({row["seed"] for row in cells})
+                lines.append([policy, kind, level, str(seeds), str(mean_return(cells)), _violations(cells)])
+    return markdown(frame(["sees", "flights", "river", "seeds", "return", "violations"], lines))
+
+
+def _violations(cells: Sequence[dict[str, str]]) -> str:
+    """Return the share of flights with violations, and its interval, as text."""
+    flights = [int(row["episodes"]) for row in cells]
+    share = float(np.average([float(row["violations"]) for row in cells], weights=flights))
+    low, high = wilson_interval(share, sum(flights))
+    return f"{share:.1%} [{100 * low:.1f}, {100 * high:.1f}]"
 
 
 def levels_of(kind: str) -> tuple[str, ...]:
     """Return the levels that flights of a kind have, or the real rivers."""
     return tuple(RIVERS) if kind == "real" else LEVELS
-
-
-def _by_level(cells: Sequence[dict[str, str]], kind: str) -> list[str]:
-    """Return mean return and share of violations on each level, or real river."""
-    found = []
-    for level in levels_of(kind):
-        here = [row for row in cells if row["level"] == level]
-        returns = [float(row["return"]) for row in here]
-        violations = [float(row["violations"]) for row in here]
-        found.append(f"{np.mean(returns):.2f}, {np.mean(violations):.1%}" if here else "")
-    return found
 
 
 def main() -> None:

@@ -165,7 +165,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
     parser.add_argument("--episodes", type=int, default=EPISODES, help="flights of each cell")
     parser.add_argument("--steps", type=int, help="steps of training of each arm in place of its own")
-    parser.add_argument("--jobs", type=int, default=1, help="arms and cells at a time; an arm takes up to 8 GB")
+    parser.add_argument("--jobs", type=int, default=1, help="arms and cells at a time; an arm takes up to 10 GB")
     parser.add_argument("--threads", type=int, help="threads for learning of each arm")
     parser.add_argument("--runs", type=Path, default=HERE.parent / "runs" / "ladder", help="folder of the runs")
     parser.add_argument("--out", type=Path, default=TABLE, help="the table")

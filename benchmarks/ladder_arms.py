@@ -26,7 +26,7 @@ from thalweg.train.river import encoder_hash
 RUNGS = (1, 4, 16, 64, 256)
 """Rivers of each level that an arm is trained on."""
 MOST_RIVERS = 384
-"""Greatest number of rivers of an arm, all levels together: the renderer keeps 17 MB of each, 6.5 GB of these."""
+"""Greatest number of rivers of an arm, all levels together: the renderer keeps 20 MB of each, some 8 GB of these."""
 REPEATED, SEEDS = (16, 64), (0, 1, 2)
 """Rungs that all seeds climb; the others have the first alone."""
 FIRST_RIVER = 1000

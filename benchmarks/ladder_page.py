@@ -23,11 +23,10 @@ from ladder_arms import (
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from page_sections import replace_section
+from river_flights import mean_return
 
 from thalweg.bench.report.figures import COLOURS, STYLE, png
 from thalweg.bench.report.table import frame, markdown
-from thalweg.bench.results.inference import Estimate, t_interval
-from thalweg.env.task.reward_cost import FULL_COURSE_REWARD
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PAGE, PICTURE = DOCS / "imitation.md", DOCS / "images" / "ladder.png"
@@ -37,6 +36,8 @@ NOTHING = "This has not been measured yet.\n"
 SHOWN = (("seen", "Medium"), ("unseen", "Medium"), ("unseen", "Hard"), ("varied", "Medium"), ("varied", "Hard"))
 """Flights in the table of the ladder: kind and level, which all climbers have."""
 PLOTTED = "Medium"
+TABULATED = (*CLIMBERS, END_TO_END)
+"""Lines of the table of the ladder; only climbers are plotted."""
 Rows = Sequence[Mapping[str, str]]
 
 
@@ -65,13 +66,6 @@ def selected(rows: Rows, **values: str) -> list[Mapping[str, str]]:
     return [row for row in rows if all(row[name] == value for name, value in values.items())]
 
 
-def mean_return(rows: Rows) -> Estimate:
-    """Return the mean return over seeds, with an interval where there are enough of them."""
-    per_seed = np.array([float(row["return"]) for row in rows])
-    found = t_interval(float(per_seed.mean()), per_seed)
-    return Estimate(found.value, max(found.low, 0.0), min(found.high, FULL_COURSE_REWARD))
-
-
 def flights_text(rows: Rows) -> str:
     """Return mean return, its interval, and share of violations over seeds as text; empty without rows."""
     if not rows:
@@ -82,7 +76,7 @@ def flights_text(rows: Rows) -> str:
 def ladder_table(rows: Rows) -> str:
     """Return the table of the ladder: a line for each climber, looks of training and number of rivers."""
     lines = []
-    for climber in (*CLIMBERS, END_TO_END):
+    for climber in TABULATED:
         for looks in (FIXED, VARIED):
             group = selected(rows, arm=climber.name, looks=looks)
             for rivers in sorted({int(row["rivers"]) for row in group}):
@@ -157,7 +151,7 @@ def _draw_line(axes: Axes, rows: Rows, **style: Any) -> None:
 
 def ladder_section(rows: Rows) -> str:
     """Return the section of the ladder."""
-    shown = [row for row in rows if row["arm"] in [climber.name for climber in (*CLIMBERS, END_TO_END)]]
+    shown = [row for row in rows if row["arm"] in [climber.name for climber in TABULATED]]
     if not shown:
         return NOTHING
     return f"![Return over the number of rivers](images/{PICTURE.name})\n\n{ladder_table(shown)}"

@@ -10,7 +10,9 @@ from thalweg.bench.evaluate.baselines import Policy, RecurrentPolicy
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.evaluate.evaluation import Label, evaluate, observation_function
+from thalweg.bench.results.inference import Estimate, t_interval
 from thalweg.encoder import Encoder
+from thalweg.env.task.reward_cost import FULL_COURSE_REWARD
 
 TOGETHER = 16
 """Rivers with one start each that are flown together; each takes some 50 MB."""
@@ -60,6 +62,13 @@ def figures_of(episodes: Sequence[Episode]) -> dict[str, str]:
         "cost": f"{np.mean([episode.cost for episode in episodes]):.4f}",
         "reasons": " ".join(f"{reason}={count}" for reason, count in counts.items()),
     }
+
+
+def mean_return(rows: Sequence[Mapping[str, str]]) -> Estimate:
+    """Return the mean return over seeds, with an interval where there are enough of them."""
+    per_seed = np.array([float(row["return"]) for row in rows])
+    found = t_interval(float(per_seed.mean()), per_seed)
+    return Estimate(found.value, max(found.low, 0.0), min(found.high, FULL_COURSE_REWARD))
 
 
 def append(path: Path, columns: Sequence[str], row: Mapping[str, str]) -> None:

@@ -14,7 +14,7 @@ def record_current_versions(
 ) -> None:
     """Let the results of all policies have the current versions; `arms` are algorithms by the names of their
     arms, each with so many `seeds`, that see an `observation`."""
-    made = {f"{name}-0": current_versions("baseline", ()) for name in BASELINES}
+    made = {f"{name}-0": current_versions("baseline", [name]) for name in BASELINES}
     made[f"{PACKAGED}-0"] = current_versions("packaged", ())
     for name, algorithm in ({name: name for name in ALGORITHMS} | dict(arms or {})).items():
         made |= {

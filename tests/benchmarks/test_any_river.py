@@ -111,13 +111,14 @@ def test_a_cell_that_has_a_row_is_not_flown_again(
         assert len(list(csv.DictReader(file))) == 2
 
 
-def test_the_table_has_means_over_seeds(script: ModuleType):
+def test_the_table_has_means_and_intervals_over_seeds(script: ModuleType):
     rows = []
-    for seed, returned in ((0, 9.0), (1, 10.0)):
+    for seed, returned in ((0, 9.0), (1, 10.0), (2, 8.0)):
         cell = script.Cell("rgb+mask", 9, seed, "unseen", "Easy", 2)
-        rows.append(script.row_of(cell, [episode(returned, float(seed), "Success")] * 2))
+        rows.append(script.row_of(cell, [episode(returned, float(seed == 1), "Success")] * 2))
     real = script.Cell("rgb+mask", 9, 0, "real", "Cherwell", 2)
     rows.append(script.row_of(real, [episode(7.0, 0.0, "Success")] * 2))
-    table = script.page_table(rows)
-    assert "| rgb+mask | unseen | 2 | 9.50, 50.0% |" in table
-    assert "| rgb+mask | real | 1 |  |  | 7.00, 0.0% |" in " ".join(table.split(" "))
+    lines = [" ".join(line.split()) for line in script.page_table(rows).splitlines()]
+    # 9 ± 4.303 x 1 / sqrt(3), held within 0 and 10; Wilson's interval of two in six.
+    assert "| rgb+mask | unseen | Easy | 3 | 9.00 [6.52, 10.00] | 33.3% [9.7, 70.0] |" in lines
+    assert "| rgb+mask | real | Cherwell | 1 | 7.00 | 0.0% [0.0, 65.8] |" in lines

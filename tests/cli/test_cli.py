@@ -246,15 +246,17 @@ def test_an_unknown_word_ends_with_status_2(arguments: list[str], capsys: pytest
 
 
 def test_an_interrupt_explains_how_to_resume(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
-    def interrupted(*_):
+    def interrupted(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("thalweg.bench.report.report.write_report", interrupted)
     monkeypatch.setattr("thalweg.cli.bench.run_and_print", interrupted)
     assert main(["report", "x"]) == 130
     assert capsys.readouterr().err == "\nInterrupted. Nothing was saved; the same command starts from the beginning.\n"
-    assert main(["bench", "quick", "--out", "x"]) == 130
-    assert capsys.readouterr().err == "\nInterrupted. The same command resumes from the last checkpoint.\n"
+    monkeypatch.setattr("thalweg.train.imitation.imitate.Imitation.run", interrupted)
+    for resumable in (["bench", "quick", "--out", "x"], ["imitate", "--out", "x"]):
+        assert main(resumable) == 130
+        assert capsys.readouterr().err == "\nInterrupted. The same command resumes from the last checkpoint.\n"
 
 
 def test_a_terminated_run_warns_and_ends_as_an_interrupted_one():

@@ -7,6 +7,7 @@ import pytest
 
 from tests.render.plain import plane, plants_at
 from thalweg.render import Camera, Renderer, RenderError
+from thalweg.render.bake.scene_slots import MARGIN
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.render.slot_renderer import SlotRenderer
 from thalweg.world import World
@@ -39,6 +40,13 @@ def test_worlds_are_replaced_and_others_stay_as_they_were():
         expected = frames_of(all_four, [held[0], held[1], held[0]])
         assert np.array_equal(frames_of(slots, [0, 1, 0]), expected)
         assert not np.array_equal(expected[0], expected[1]) or held[0] == held[1]
+
+
+def test_a_slot_has_room_for_worlds_that_are_a_little_larger():
+    slots = SlotRenderer(CAMERA)
+    slots.reserve(1)
+    small, _, large, _ = map(slots.bake, worlds())
+    assert large.nbytes == int(MARGIN * sum(table.nbytes for table in large.tables.values())) > small.nbytes
 
 
 def under_suns(worlds: list[World]) -> list[World]:

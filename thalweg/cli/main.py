@@ -174,7 +174,7 @@ def _wrapped(line: str) -> str:
 
 def _after_interrupt(command: Any) -> str:
     """What becomes of a command that was interrupted."""
-    if isinstance(command, Train | Bench | EncoderTrain | EncoderStudy):
+    if isinstance(command, Train | Imitate | Bench | EncoderTrain | EncoderStudy):
         return "The same command resumes from the last checkpoint."
     return "Nothing was saved; the same command starts from the beginning."
 

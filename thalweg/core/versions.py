@@ -17,7 +17,7 @@ ENCODER = 1
 """Training of an encoder, and its codes of frames."""
 TRAINING = 1
 """Collection of rollouts, and the training loop that all algorithms share."""
-IMITATION = 3
+IMITATION = 4
 """What the steady pilot gives to moves, and what its student learns from them."""
 EVALUATION = 1
 """Starts, conditions and flights of evaluated episodes, baselines and the scripted pilot included."""

@@ -9,14 +9,22 @@ from tests.env.flights import at
 from tests.env.handmade import canal, ring
 from tests.env.winding import river
 from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv
+from thalweg.env.pilot.heights import UNBOUNDED
+from thalweg.env.pilot.sight import sight_height
 from thalweg.env.pilot.steady import FAILURE, HORIZON, MOVES, SteadyPilot
+from thalweg.env.pilot.ways import plan_ways
 from thalweg.env.rivers.bare_river import load_or_plan
 from thalweg.env.rivers.river_list import RiverList
+from thalweg.env.task.course_arrays import pack_courses
+from thalweg.env.task.motion import Pose
+from thalweg.env.task.progress import track_projection
 from thalweg.world import level_named
+from thalweg.world.bridges import bridge_across
 
 LEVELS = ("Easy", "Medium", "Hard")
 PRIVILEGED = EnvConfig(observation="privileged")
 EPISODE = 500
+BRIDGE = bridge_across(np.array([20.0, 0.0]), np.array([1.0, 0.0]), 8.0, 0.0, np.random.default_rng(1))[None]
 
 
 def flown(worlds, num_envs: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -87,6 +95,67 @@ def test_the_pilot_descends_to_its_height_while_it_flies():
         env.step(env.pilot_actions("steady"))
     assert env.state.pose[0, 2] == pytest.approx(4.5, abs=0.51)
     assert env.state.visited_count[0] >= 8
+
+
+@pytest.mark.parametrize("side", (1.0, -1.0))
+def test_the_pilot_descends_until_it_sees_water_before_it_turns_off_a_bank(side: float):
+    """Facing a bank 4 m away at 80 degrees, it sees water from 0.8 * 4 / sin 80 = 3.25 m, within half a step."""
+    env = at(canal(60.0, width_m=8.0), (20.0, 0.0, 10.5, side * math.radians(80.0)))
+    moves, heights = [], []
+    while abs(env.state.pose[0, 3]) > math.radians(20.0):
+        moves.append(MOVES[env.move_worths()[0].argmax()].tolist())
+        env.step(env.pilot_actions("steady"))
+        heights.append(env.state.pose[0, 2])
+    assert moves[:7] == [[-1, 0, 0, 0]] * 7
+    assert heights[6] == pytest.approx(3.5)
+    assert [move[1] for move in moves[7:]] == [-side] * 6
+    assert heights[7] == pytest.approx(3.5)
+    assert env.state.visited_count[0] > 0
+
+
+def test_the_pilot_turns_at_once_where_it_sees_water():
+    env = at(canal(60.0, width_m=8.0), (20.0, 0.0, 3.5, math.radians(80.0)))
+    assert MOVES[env.move_worths()[0].argmax(), 1] == -1
+
+
+@pytest.mark.parametrize("degrees", (56.0, 80.0))
+def test_where_water_is_out_of_view_the_pilot_takes_no_side(degrees: float):
+    """Every move but the descent is worth much less, even one after which no bank would be faced."""
+    env = at(canal(60.0, width_m=8.0), (20.0, 2.0, 10.5, math.radians(degrees)))
+    worths = env.move_worths()[0]
+    down = (MOVES == [-1, 0, 0, 0]).all(axis=1)
+    assert worths[down].item() - worths[~down].max() > 10.0
+
+
+@pytest.mark.parametrize(("bridges", "lowest"), [(None, 1.5), (BRIDGE, 3.5)])
+def test_over_a_bridge_the_pilot_descends_no_further_than_its_clearance(bridges: np.ndarray | None, lowest: float):
+    """Facing a bank 2 m away it would descend to 1.6 m; the bridge ends at 3.0 m, and 0.8 m above is clear of it."""
+    env = at(canal(60.0, width_m=8.0, bridges=bridges), (20.0, 2.0, 10.5, math.radians(80.0)))
+    heights = []
+    while abs(env.state.pose[0, 3]) > math.radians(60.0):
+        env.step(env.pilot_actions("steady"))
+        heights.append(env.state.pose[0, 2])
+    assert min(heights) == pytest.approx(lowest)
+
+
+@pytest.mark.parametrize(
+    ("pose", "travel", "height"),
+    [
+        ((20.0, 1.0, 9.0, 90.0), 1, 2.0 + 0.8 * 3.0),
+        ((20.0, 1.0, 9.0, -60.0), 1, 2.0 + 0.8 * 5.0 / math.sin(math.radians(60.0))),
+        ((20.0, 1.0, 9.0, 120.0), -1, 2.0 + 0.8 * 3.0 / math.sin(math.radians(60.0))),
+        ((20.0, 3.9, 9.0, 90.0), 1, 2.0 + 0.5 + 0.8),  # the lowest that the band of heights permits, and spare
+        ((20.0, 1.0, 9.0, 50.0), 1, UNBOUNDED),
+    ],
+)
+def test_water_is_seen_from_heights_worked_by_hand(pose: tuple[float, float, float, float], travel: int, height: float):
+    """On a canal 8 m wide with its water at 2 m."""
+    courses = pack_courses([canal(60.0, width_m=8.0, level_m=2.0)], EnvConfig())
+    ways = plan_ways(courses, EnvConfig())
+    x, y, z, degrees = pose
+    _, projection = track_projection(courses, 0, 20, x, y)
+    found = sight_height(courses, 0, projection, travel, ways, Pose(x, y, z, math.radians(degrees)))
+    assert found == pytest.approx(height)
 
 
 def test_worths_in_changing_rivers_are_those_in_each_river_alone():

@@ -19,7 +19,7 @@ from thalweg.env.rivers.memory import slots_in_memory
 from thalweg.env.rivers.pool import RiverPool
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.task.course_arrays import pack_courses
-from thalweg.world import World
+from thalweg.world import LEVELS, World
 
 ROOT = Path(__file__).resolve().parents[3]
 CONFIG = EnvConfig(observation="none")
@@ -68,18 +68,28 @@ def test_a_river_that_is_expected_stays_longer():
     assert set(pool.river) == {1, 3, 4, 5}
 
 
+class Levels(RiverList):
+    """Rivers of five levels, whose rings are the larger the higher the level."""
+
+    def __init__(self, in_memory: int | None = None) -> None:
+        super().__init__([(replace(LEVELS["Easy"], name=str(index % 5)), index) for index in range(15)], in_memory)
+
+    def course(self, index: int) -> World:
+        return different(5)[index % 5]
+
+
 def test_the_memory_of_a_slot_is_that_of_the_largest_level():
-    small, *others = different(6)
-    large = replace(ring(40.0, 400), name="Large")
-    pool = RiverPool(RiverList([small, *others, large, large]), CONFIG, 2)
-    assert pool.river == [0, 6]
-    assert pool.bytes_each == sum(array.nbytes for array in pack_courses([large], CONFIG))
+    pool = RiverPool(Levels(), CONFIG, 2)
+    assert pool.river == [0, 1, 2, 3, 4]
+    assert pool.bytes_each == sum(array.nbytes for array in pack_courses([different(5)[4]], CONFIG))
 
 
 def test_first_rivers_of_levels_that_do_not_fit_are_left_for_later():
-    worlds = [replace(world, name=str(index)) for index, world in enumerate(different(9))]
-    pool = RiverPool(RiverList(worlds, in_memory=6), CONFIG, 2)
-    assert pool.river == [0, 1, 2, 3]
+    assert RiverPool(Levels(in_memory=6), CONFIG, 2).river == [0, 1, 2, 3]
+
+
+def test_of_given_worlds_one_is_prepared_at_once():
+    assert RiverPool(RiverList(different(9)), CONFIG, 2).river == [0]
 
 
 class Gate(RiverList):

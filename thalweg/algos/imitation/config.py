@@ -59,11 +59,11 @@ class ImitationConfig:
     """Share of the environments whose flights begin anew every `start_steps`: a start shows less of the river than any
     other state, and a whole flight has only one."""
     start_steps: PositiveInt = 8
-    """Steps of such a flight."""
+    """Most steps of such a flight; it also ends with its sequence."""
     noise: Fraction = 0.05
     """Share of random moves in flights, whose consequences the student learns to mend."""
     mirrored: Fraction = 0.5
-    """Share of the sequences that are drawn anew as in a mirror, with left and right exchanged."""
+    """Share of the sequences drawn anew that are mirrored: left and right change places, memory begins empty."""
     corrupted_masks: Fraction = 0.2
     """Share of the sequences that are drawn anew whose masks are corrupted: rectangles of water and land that are not
     there. Has no effect without masks."""

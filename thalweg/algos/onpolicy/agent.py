@@ -221,31 +221,31 @@ class Agent:
     def step(
         self,
         inputs: Tensor | Sequences,
-        objective: Callable[[Distribution | TapedDistribution], Tensor],
+        loss_of: Callable[[Distribution | TapedDistribution], Tensor],
         imitated: Tensor | None = None,
     ) -> Tensor:
         """Take one step of Adam of the policy, and return the loss, detached; no step while critics warm up.
 
-        `objective` takes the policy's action distribution at the B states of `inputs` and returns a scalar. With
+        `loss_of` takes the policy's action distribution at the B states of `inputs` and returns a scalar. With
         `imitated`, parameters [B, P] of the policy that the run begins with, the KL from that one is added to it, see
         `imitation`.
         """
 
-        def loss_of(new: Distribution | TapedDistribution) -> Tensor:
-            return objective(new) if imitated is None else objective(new) + self.imitation(new, imitated)
+        def whole_loss(new: Distribution | TapedDistribution) -> Tensor:
+            return loss_of(new) if imitated is None else loss_of(new) + self.imitation(new, imitated)
 
         if self.critics_warm_up:
             with torch.no_grad():
-                return loss_of(self.policy.distribution_of(inputs))
+                return whole_loss(self.policy.distribution_of(inputs))
         if not fast_path.enabled():  # autograd, which defines the result
             self.policy_optimiser.zero_grad()
-            loss = loss_of(self.policy.distribution_of(inputs))
+            loss = whole_loss(self.policy.distribution_of(inputs))
             loss.backward()
             self.policy_optimiser.step(self.config.max_grad_norm)
             return loss.detach()
         parameters, backward = self.policy.actor.forward_and_backward(inputs)
         new = TapedDistribution(cast(AnalyticDistribution, self.policy.actions.distribution(parameters)))
-        loss = loss_of(new)
+        loss = whole_loss(new)
         loss.backward()
         backward(new.parameter_grad())
         self.policy_optimiser.step(self.config.max_grad_norm)

@@ -132,7 +132,7 @@ def _arms_by_name(record: dict[str, Any]) -> dict[str, Any]:
 def _versions_of(suite: Suite, run: Run) -> dict[str, int | None]:
     """Return the current versions of what a run depends on."""
     if run.kind != "train":
-        return current_versions(run.kind, ())
+        return current_versions(run.kind, [run.algorithm])
     arm = suite.arm(run.algorithm)
     algorithms = [stage.algorithm for stage in (*arm.before, arm)]
     return current_versions(run.kind, algorithms, observation=suite.observation_of(run) or FRAMES)

@@ -173,7 +173,7 @@ def _labelled(runs: _Runs, suite: Mapping[str, Any]) -> tuple[_Runs, dict[str, O
 def _current(suite: Mapping[str, Any], policy: str, recorded: Versions) -> dict[str, int | None]:
     """The versions that a policy's runs have now; if the suite does not name it, derived from the recorded ones."""
     if policy in suite.get("baselines", []):
-        return current_versions("baseline", ())
+        return current_versions("baseline", [policy])
     if policy == PACKAGED:
         return current_versions("packaged", ())
     arm = next((arm for arm in arms_of(suite) if arm["name"] == policy), None)

@@ -16,6 +16,8 @@ from thalweg.train.river import FRAMES, PRIVILEGED
 
 FILE = "versions.json"
 EVALUATION = "evaluation"
+TEACHER = "steady"
+"""The baseline that imitations are taught by: their version is its own."""
 UNKNOWN = "unknown versions"
 """Label of runs from before versions were recorded."""
 
@@ -26,13 +28,13 @@ Versions = Mapping[str, int | None]
 def current_versions(kind: str, algorithms: Iterable[str], *, observation: str = FRAMES) -> dict[str, int | None]:
     """The versions that a run of a kind (`train`, `baseline` or `packaged`) depends on.
 
-    `algorithms` are those of all stages of its training, `observation` is what a trained policy sees: only codes of
-    frames depend on the encoder, and only the privileged observation does not depend on the renderer. Critics of some
-    algorithms see that too. The packaged policy sees images; baselines see nothing.
+    `algorithms` are those of all stages of its training, or a baseline's name. `observation` is what a trained policy
+    sees: only codes of frames depend on the encoder, and only the privileged observation does not depend on the
+    renderer. Critics of some algorithms see that too. The packaged policy sees images; baselines see nothing.
     """
     rivers: dict[str, int | None] = {"world": versions.WORLD, "rules": versions.RULES, EVALUATION: versions.EVALUATION}
     if kind == "baseline":
-        return rivers
+        return rivers | ({"imitation": versions.IMITATION} if TEACHER in algorithms else {})
     render, encoder = {"render": versions.RENDER}, {"encoder": versions.PACKAGED_ENCODER}
     if kind == "packaged":
         return rivers | render | {"packaged": versions.PACKAGED_POLICY}

@@ -32,6 +32,12 @@ def plan_heights(courses: CourseArrays, config: EnvConfig, cruise_m: float) -> n
     return heights
 
 
+def plan_lowest(courses: CourseArrays, config: EnvConfig) -> np.ndarray:
+    """Return the least z [S] that bridges and the band of heights permit, in metres, for each sample of all worlds."""
+    worlds = range(len(courses.segments))
+    return np.concatenate([_height_limits(courses, world, config)[0] for world in worlds])
+
+
 def _height_limits(courses: CourseArrays, world: int, config: EnvConfig) -> tuple[np.ndarray, np.ndarray]:
     """Return the lowest and highest z [S] to fly at, at each sample of a world."""
     rows = slice(int(courses.first_sample[world]), int(courses.first_sample[world + 1]))

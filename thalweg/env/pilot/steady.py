@@ -1,9 +1,10 @@
 """The steady pilot, a teacher: its moves can be read off the frames that it flies through.
 
 It cruises at one height, in the middle of the channel, and looks where it flies, so that the banks it keeps off are in
-view. Each of its moves is judged: `worths` tries all of them, flies on by a simple law under the exact rules, and adds
-up progress and what is not steady. The law pursues a point ahead on the route. The pilot is deterministic and keeps no
-state.
+view. Where it faces a bank, it first descends until water is in view, and only then turns: from high up, a camera sees
+nothing of that bank but trees, which do not tell the way. Each of its moves is judged: `worths` tries all of them,
+flies on by a simple law under the exact rules, and adds up progress and what is not steady. The law pursues a point
+ahead on the route. The pilot is deterministic and keeps no state.
 """
 
 import itertools
@@ -13,6 +14,7 @@ import numpy as np
 
 from thalweg.core.compute.jit import kernel
 from thalweg.env.config import EnvConfig
+from thalweg.env.pilot.sight import sight_height
 from thalweg.env.pilot.ways import Ways, metres_left, missing_clearance, plan_ways, pursued_point
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.motion import UnitAction, move, wrap_angle
@@ -40,6 +42,9 @@ EFFORT = 0.05
 """The same for each branch that acts without being needed: a turn, a climb, a step aside."""
 HOVER_COST = 0.5
 """The same for a first move that is none: postponing a move must not be worth as much as making it."""
+BLIND_COST = 50.0
+"""The same for a first move other than straight down where a bank is faced and no water is in view; more than all else
+in a simulation."""
 FAILURE = -1000.0
 """Worth of a move that breaks a rule itself; each step that is flown before a rule is broken adds one."""
 
@@ -79,8 +84,10 @@ def _worth(row, first_move, courses, limits, ways, state):
     world, travel = state.world[row], state.travel[row]
     pose = pose_of(state.pose, row)
     _, projection = track_projection(courses, world, state.segment[row], pose.x, pose.y)
-    hovers = first_move[0] == 0 and first_move[1] == 0 and first_move[2] == 0 and first_move[3] == 0
-    worth = -HOVER_COST if hovers else 0.0
+    vertical = first_move[1] == 0 and first_move[2] == 0 and first_move[3] == 0
+    worth = -HOVER_COST if vertical and first_move[0] == 0 else 0.0
+    if _is_blind(pose, sight_height(courses, world, projection, travel, ways, pose), limits):
+        worth -= 0.0 if vertical and first_move[0] < 0 else BLIND_COST
     patience = 1.0 / (1.0 + state.idle[row])
     action = UnitAction(1.0 * first_move[0], 1.0 * first_move[1], 1.0 * first_move[2], 1.0 * first_move[3])
     for step in range(HORIZON):
@@ -103,14 +110,24 @@ def _worth(row, first_move, courses, limits, ways, state):
         left = metres_left(courses, world, projection, pose.x, pose.y)
         angle, dx, dy = pursued_point(courses, world, projection, travel, ways, left, LOOKAHEAD_M, pose)
         error = wrap_angle(angle - pose.yaw)
-        missing = interpolate(courses, world, projection, ways.height) - pose.z
+        sight = sight_height(courses, world, projection, travel, ways, pose)
+        missing = min(interpolate(courses, world, projection, ways.height), sight) - pose.z
         worth -= patience * (
             CLEARANCE_WEIGHT * missing_clearance(courses, world, projection, ways, left)
             + HEIGHT_WEIGHT * abs(missing)
             + TURN_WEIGHT * abs(error)
         )
-        action = _law(limits, pose, error, dx, dy, missing)
+        if _is_blind(pose, sight, limits):
+            action = UnitAction(-1.0, 0.0, 0.0, 0.0)
+        else:
+            action = _law(limits, pose, error, dx, dy, missing)
     return worth
+
+
+@kernel(fastmath=False, allocates=False)
+def _is_blind(pose, sight, limits):
+    """Return whether a `Pose` is higher than water is seen from, see `sight_height`."""
+    return pose.z - sight > 0.5 * limits.vertical_step
 
 
 @kernel(fastmath=False, allocates=False)

@@ -28,7 +28,7 @@ class Prepared(NamedTuple):
 
     @property
     def nbytes(self) -> int:
-        """Bytes of both."""
+        """Bytes of a slot for both."""
         return sum(array.nbytes for array in self.course) + (0 if self.tables is None else self.tables.nbytes)
 
 
@@ -67,16 +67,16 @@ class RiverPool:
         self._worker: Worker[Prepared] | None = None
         self.most_loaded = 0
         """Greatest number of rivers that were in memory at a time, those being prepared included."""
-        samples = {river: self._prepare(river) for river in rivers.samples}
-        self.bytes_each = max(each.nbytes for each in samples.values())
-        """Bytes of a slot: those of the largest among the first rivers of each level."""
+        firsts = {river: self._prepare(river) for river in rivers.firsts}
+        self.bytes_each = max(each.nbytes for each in firsts.values())
+        """Bytes of a slot, about: those of the largest among the first rivers of each level."""
         self.slots = slots_in_memory(len(rivers), rivers.in_memory, num_envs, self.bytes_each, free_bytes())
         """K."""
         if tables is not None:
             tables.reserve(self.slots)
         self._builder = None if tables is None else BackgroundBuilder(rivers.entries)
-        for river in list(samples)[: self.slots]:
-            self._place(river, samples[river])
+        for river in list(firsts)[: self.slots]:
+            self._place(river, firsts[river])
 
     @property
     def loaded(self) -> int:

@@ -61,9 +61,9 @@ class RiverList:
         ]
 
     @property
-    def samples(self) -> list[int]:
-        """Index of the first river of each level, the first of the list included."""
-        levels = [entry.name if isinstance(entry, World) else entry[0].name for entry in self.entries]
+    def firsts(self) -> list[int]:
+        """Index of the first river of each level, and of the first world that is there already."""
+        levels = [None if isinstance(entry, World) else entry[0] for entry in self.entries]
         return [levels.index(level) for level in dict.fromkeys(levels)]
 
     @property

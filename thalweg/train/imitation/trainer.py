@@ -24,7 +24,7 @@ class ImitationTrainer:
         self.store = SequenceStore(student.config.capacity, student.config.sequence)
         self.statistics = EpisodeStatistics(env.num_envs, world_names(env), done_reason_names(env))
         self._restarted = np.arange(env.num_envs) < round(student.config.start_share * env.num_envs)
-        """[N] whether flights begin anew every `start_steps`. They are no episodes: only short ones would end."""
+        """[N] whether flights begin anew every `start_steps`. Statistics leave them out: only failures would end."""
         self.stages = {"act": 0.0, "env": 0.0, "learn": 0.0, "redraw": 0.0}
         self.updates, self.seconds = 0, 0.0
         self.warned: dict[str, str] = {}
@@ -52,7 +52,7 @@ class ImitationTrainer:
         return self.flights.noted == self.student.config.sequence or (self.done and self.flights.noted > 0)
 
     def step(self) -> list[Episode]:
-        """Take one action in each environment; returns the episodes that it ended."""
+        """Take one action in each environment; returns the episodes that it ended, but for flights that begin anew."""
         config = self.student.config
         before = time.perf_counter()
         if self._restarted.any() and self.flights.noted % config.start_steps == 0:

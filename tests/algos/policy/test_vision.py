@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from safetensors.numpy import load_file
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.policy.actions import actions_of
@@ -101,6 +102,11 @@ def test_a_player_resumes_from_its_state():
 def test_other_images_are_refused(wrong: np.ndarray):
     with pytest.raises(AlgorithmError, match=r"this policy takes images uint8 \[N, 16, 16, 3\], got"):
         policy().player(2)(wrong, np.ones(2, bool))
+
+
+def test_a_file_has_no_statistics_of_pixels(tmp_path: Path):
+    policy().save(tmp_path / "policy.safetensors")
+    assert all(name.startswith("actor.") for name in load_file(tmp_path / "policy.safetensors"))
 
 
 def test_a_policy_starts_only_from_one_with_the_same_eyes():

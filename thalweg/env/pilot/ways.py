@@ -46,8 +46,9 @@ class Ways(NamedTuple):
     excess: np.ndarray
     """[S, P] float64, square metres of missing clearance beyond the least across the sample; `LAND` on islands."""
     height: np.ndarray
-    """[S] float64, metres: z to fly at, and the least that bridges and the band of heights permit."""
+    """[S] float64, metres: z to fly at."""
     lowest: np.ndarray
+    """[S] float64, metres: least z that bridges and the band of heights permit, with clearance."""
 
 
 def plan_ways(courses: CourseArrays, config: EnvConfig) -> Ways:

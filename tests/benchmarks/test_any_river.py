@@ -119,6 +119,23 @@ def test_the_table_has_means_and_intervals_over_seeds(script: ModuleType):
     real = script.Cell("rgb+mask", 9, 0, "real", "Cherwell", 2)
     rows.append(script.row_of(real, [episode(7.0, 0.0, "Success")] * 2))
     lines = [" ".join(line.split()) for line in script.page_table(rows).splitlines()]
-    # 9 ± 4.303 x 1 / sqrt(3), held within 0 and 10; Wilson's interval of two in six.
-    assert "| rgb+mask | unseen | Easy | 3 | 9.00 [6.52, 10.00] | 33.3% [9.7, 70.0] |" in lines
+    # 9 ± 4.303 x 1 / sqrt(3), held within 0 and 10; shares of 0, 1 and 0 tell nothing; Wilson's of none in two.
+    assert "| rgb+mask | unseen | Easy | 3 | 9.00 [6.52, 10.00] | 33.3% [0.0, 100.0] |" in lines
     assert "| rgb+mask | real | Cherwell | 1 | 7.00 | 0.0% [0.0, 65.8] |" in lines
+
+
+def test_equal_shares_of_seeds_are_as_uncertain_as_their_flights(script: ModuleType):
+    rows = [
+        script.row_of(script.Cell("rgb", 9, seed, "fixed", "Hard", 2), [episode(9.0, 0.0, "Success")] * 2)
+        for seed in range(3)
+    ]
+    assert "0.0% [0.0, 39.0]" in script.page_table(rows)  # Wilson's interval of none in six
+
+
+def test_of_one_seed_the_longest_training_and_the_most_episodes_count(script: ModuleType):
+    rows = []
+    for steps, episodes, returned in ((9, 3, 8.0), (9, 2, 7.0), (5, 4, 1.0)):
+        cell = script.Cell("rgb", steps, 0, "fixed", "Hard", episodes)
+        rows.append(script.row_of(cell, [episode(returned, 0.0, "Success")] * 2))
+    lines = [" ".join(line.split()) for line in script.page_table(rows).splitlines()]
+    assert [line for line in lines if "Hard" in line] == ["| rgb | fixed | Hard | 1 | 8.00 | 0.0% [0.0, 56.1] |"]

@@ -18,6 +18,7 @@ from thalweg.bench.evaluate.evaluation import Label, encoded_frames, evaluate
 from thalweg.encoder import load_encoder
 from thalweg.env.config import ConfigError, EnvConfig
 from thalweg.env.torch_env import TensorRiverEnv
+from thalweg.render import Renderer
 from thalweg.train import LatentTensorEnv, load_policy, run
 from thalweg.train.rollouts.tensor_collector import TensorCollector
 from thalweg.train.trainer import Trainer
@@ -61,6 +62,19 @@ def test_a_million_random_steps_equal_those_of_the_cpu(easy_world: World, medium
     table = gpu.Table("")
     gpu.check_rules(table, [easy_world, medium_world], 4096, 245, card)
     assert [row for row in table.rows if row["holds"] != "yes"] == []
+
+
+def test_replayed_frames_equal_those_that_are_launched(easy_world: World, medium_world: World, card: torch.device):
+    worlds, camera = [easy_world, medium_world], EnvConfig().camera
+    renderer = Renderer(worlds, device=str(card))
+    for channels in (4, 1):
+        out = torch.zeros(8, camera.height_px, camera.width_px, channels, dtype=torch.uint8, device=card)
+        for seed in range(4):  # launched, recorded, and replayed twice
+            views = gpu.views(worlds, 8, renderer, card, seed)
+            renderer.render_tensors(views, out)
+            again = torch.zeros_like(out)
+            Renderer(worlds, device=str(card)).render_tensors(views, again)
+            assert torch.equal(out, again)
 
 
 @pytest.mark.parametrize("name", SMALL)

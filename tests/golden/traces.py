@@ -248,13 +248,13 @@ def imitation() -> Trace:
 
 
 def shield() -> Trace:
-    """Odds, poses, and counts of the verdicts on the steady pilot's moves and random ones, by masks of Medium."""
+    """Odds, poses, and counts of the verdicts on the scripted pilot's moves and random ones, by masks of Medium."""
     env = RiverVectorEnv([load_or_build("Medium")], 4, EnvConfig(observation="mask"))
     masks, _ = env.reset(seed=3)
     guard, rng, verdicts = Shield(4), np.random.default_rng(7), []
     for _ in range(40):
         random = SHIELD_OPTIONS[rng.integers(len(SHIELD_OPTIONS), size=4)]
-        proposed = np.where(rng.random((4, 1)) < 0.5, random, env.pilot_actions("steady"))
+        proposed = np.where(rng.random((4, 1)) < 0.5, random, env.pilot_actions("scripted"))
         heights = heights_above_water(env.courses, env.state)
         made, found = guard.screen(np.arange(4), masks[..., 0], heights, proposed)
         verdicts.append(found)

@@ -20,7 +20,8 @@ TRAINING = 1
 IMITATION = 4
 """What the steady pilot gives to moves, and what its student learns from them."""
 EVALUATION = 1
-"""Starts, conditions and flights of evaluated episodes, baselines and the scripted pilot included."""
+"""Starts, conditions and flights of evaluated episodes, baselines included but for the steady pilot, which is part of
+`IMITATION`."""
 SHIELD = 1
 """What the shield remembers of masks, which moves it vetoes, and by which it replaces them."""
 ALGORITHMS = {

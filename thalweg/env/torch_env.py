@@ -19,6 +19,7 @@ from torch import Tensor
 
 from thalweg.core.compute import gpu
 from thalweg.core.compute.device import resolve_device
+from thalweg.core.compute.launch_graphs import LaunchGraphs
 from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, DoneReason, EnvConfig, integer_at_least
 from thalweg.env.device.memory import bytes_per_env, check_memory, free_bytes
 from thalweg.env.device.step import advance_all, reset_arguments
@@ -90,6 +91,10 @@ class TensorRiverEnv:
         randomisation."""
         self._allocate(courses)
         self._buffer, self._started = 0, False
+        self._actions = torch.zeros(self.num_envs, 4, dtype=torch.float64, device=self.device)
+        self._seen = torch.zeros(self.num_envs, len(FEATURES), dtype=torch.float32, device=self.device)
+        self._graphs = LaunchGraphs(self.device)
+        """Of the launches in a step, whose arguments are always the same."""
 
         size = config.camera.height_px, config.camera.width_px
         self.single_action_space = action_space(config.action)
@@ -217,13 +222,16 @@ class TensorRiverEnv:
 
     def _advance(self, unit_actions: Tensor) -> None:
         """Step or reset every environment by unit actions [N, 4] float64."""
-        arguments = self._array(unit_actions), *self._arguments
         if self.device.type == "cpu":
-            advance_all(*arguments)
+            advance_all(self._array(unit_actions), *self._arguments)
             return
+        self._actions.copy_(unit_actions)
+        self._graphs.run("advance", self._launch_advance)
+
+    def _launch_advance(self) -> None:
         from thalweg.env.device import cuda_step
 
-        blocks = -(-self.num_envs // cuda_step.THREADS)
+        blocks, arguments = -(-self.num_envs // cuda_step.THREADS), (self._array(self._actions), *self._arguments)
         gpu.launch(cuda_step.advance, blocks, cuda_step.THREADS, self.device, *arguments, fastmath=False)
 
     def _unit_actions(self, actions: Tensor) -> Tensor:
@@ -262,17 +270,22 @@ class TensorRiverEnv:
 
     def _see(self) -> Tensor:
         """Return what the ideal eye sees [N, FEATURES] float32."""
-        seen = torch.empty(self.num_envs, len(FEATURES), dtype=torch.float32, device=self.device)
-        state = (self._array(self._tensors[name]) for name in ("world", "pose", "segment", "travel"))
-        arguments = self._courses, self.config.limits.max_height, *state, self._array(seen)
         if self.device.type == "cpu":
-            see_all(*arguments)
-            return seen
+            see_all(*self._arguments_of_see())
+        else:
+            self._graphs.run("see", self._launch_see)
+        return self._seen.clone()
+
+    def _launch_see(self) -> None:
         from thalweg.env.device import cuda_step
 
-        blocks = -(-self.num_envs // cuda_step.THREADS)
+        blocks, arguments = -(-self.num_envs // cuda_step.THREADS), self._arguments_of_see()
         gpu.launch(cuda_step.see, blocks, cuda_step.THREADS, self.device, *arguments, fastmath=False)
-        return seen
+
+    def _arguments_of_see(self) -> tuple[Any, ...]:
+        """Return the arguments of `see_all`."""
+        state = (self._array(self._tensors[name]) for name in ("world", "pose", "segment", "travel"))
+        return self._courses, self.config.limits.max_height, *state, self._array(self._seen)
 
     def _info(self) -> Info:
         tensors = self._tensors

@@ -6,8 +6,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
+from safetensors.numpy import load_file, save_file
 
 from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.common.state import module_state
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.memory import Sequences
 from thalweg.algos.policy.networks import NetworkShape
@@ -101,6 +104,20 @@ def test_a_player_resumes_from_its_state():
 def test_other_images_are_refused(wrong: np.ndarray):
     with pytest.raises(AlgorithmError, match=r"this policy takes images uint8 \[N, 16, 16, 3\], got"):
         policy().player(2)(wrong, np.ones(2, bool))
+
+
+def test_a_file_has_no_statistics_of_pixels_and_one_that_has_them_is_read(tmp_path: Path):
+    made, path = policy(), tmp_path / "policy.safetensors"
+    made.save(path)
+    tensors = load_file(path)
+    assert set(tensors) == {f"actor.{name}" for name in module_state(made.actor)}
+    moments = dict.fromkeys(("normaliser.mean", "normaliser.square"), np.zeros(made.obs_size))
+    with safe_open(path, framework="numpy") as file:
+        save_file(tensors | moments, path, file.metadata())
+    assert np.array_equal(
+        Policy.load(path).player(2, deterministic=True)(images(2), np.ones(2, bool)),
+        made.player(2, deterministic=True)(images(2), np.ones(2, bool)),
+    )
 
 
 def test_a_policy_starts_only_from_one_with_the_same_eyes():

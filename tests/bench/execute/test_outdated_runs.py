@@ -15,7 +15,7 @@ from thalweg.bench.leaderboard import entries, leaderboard
 from thalweg.bench.report.comparison_tables import limit_table, pairwise_table
 from thalweg.bench.report.report import problems, write_report
 from thalweg.bench.report.result_tables import paper_table
-from thalweg.bench.results import outdated, run_versions
+from thalweg.bench.results import outdated, reading, run_versions
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.run_versions import current_versions, read_versions
@@ -107,6 +107,7 @@ def test_runs_that_see_images_depend_on_the_renderer_but_not_on_the_encoder():
 def test_the_pilot_that_students_are_taught_by_depends_on_the_version_of_imitations():
     pilot, steady = (current_versions("baseline", [name]) for name in ("pilot", "steady"))
     assert steady == pilot | {"imitation": versions.IMITATION}
+    assert reading._current({}, "steady", steady) == steady  # of a suite that does not name it
 
 
 def test_outdated_runs_are_shown_under_names_of_their_own(folder: Path, newer_frames: str):

@@ -9,8 +9,8 @@ from tests.env.flights import at
 from tests.env.handmade import canal, ring
 from tests.env.winding import river
 from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv
+from thalweg.env.pilot.bank_view import sight_height
 from thalweg.env.pilot.heights import UNBOUNDED
-from thalweg.env.pilot.sight import sight_height
 from thalweg.env.pilot.steady import FAILURE, HORIZON, MOVES, SteadyPilot
 from thalweg.env.pilot.ways import plan_ways
 from thalweg.env.rivers.bare_river import load_or_plan
@@ -101,21 +101,23 @@ def test_the_pilot_descends_to_its_height_while_it_flies():
 def test_the_pilot_descends_until_it_sees_water_before_it_turns_off_a_bank(side: float):
     """Facing a bank 4 m away at 80 degrees, it sees water from 0.8 * 4 / sin 80 = 3.25 m, within half a step."""
     env = at(canal(60.0, width_m=8.0), (20.0, 0.0, 10.5, side * math.radians(80.0)))
-    moves, heights = [], []
-    while abs(env.state.pose[0, 3]) > math.radians(20.0):
+    moves, poses = [], []
+    for _ in range(20):
         moves.append(MOVES[env.move_worths()[0].argmax()].tolist())
         env.step(env.pilot_actions("steady"))
-        heights.append(env.state.pose[0, 2])
+        poses.append(env.state.pose[0].copy())
     assert moves[:7] == [[-1, 0, 0, 0]] * 7
-    assert heights[6] == pytest.approx(3.5)
-    assert [move[1] for move in moves[7:]] == [-side] * 6
-    assert heights[7] == pytest.approx(3.5)
-    assert env.state.visited_count[0] > 0
+    assert [move[1] for move in moves[7:13]] == [-side] * 6
+    heights = [pose[2] for pose in poses]
+    assert heights[6:8] == pytest.approx([3.5, 3.5])
+    assert heights[-1] == pytest.approx(4.5) and abs(poses[-1][3]) < math.radians(20.0)
 
 
-def test_the_pilot_turns_at_once_where_it_sees_water():
-    env = at(canal(60.0, width_m=8.0), (20.0, 0.0, 3.5, math.radians(80.0)))
-    assert MOVES[env.move_worths()[0].argmax(), 1] == -1
+@pytest.mark.parametrize("side", (1.0, -1.0))
+@pytest.mark.parametrize(("height", "turn"), [(3.5, -1), (4.0, 0)])
+def test_the_pilot_turns_at_once_where_it_sees_water(side: float, height: float, turn: int):
+    env = at(canal(60.0, width_m=8.0), (20.0, 0.0, height, side * math.radians(80.0)))
+    assert MOVES[env.move_worths()[0].argmax(), 1] == side * turn
 
 
 @pytest.mark.parametrize("degrees", (56.0, 80.0))
@@ -132,7 +134,7 @@ def test_over_a_bridge_the_pilot_descends_no_further_than_its_clearance(bridges:
     """Facing a bank 2 m away it would descend to 1.6 m; the bridge ends at 3.0 m, and 0.8 m above is clear of it."""
     env = at(canal(60.0, width_m=8.0, bridges=bridges), (20.0, 2.0, 10.5, math.radians(80.0)))
     heights = []
-    while abs(env.state.pose[0, 3]) > math.radians(60.0):
+    for _ in range(14):
         env.step(env.pilot_actions("steady"))
         heights.append(env.state.pose[0, 2])
     assert min(heights) == pytest.approx(lowest)
@@ -146,6 +148,7 @@ def test_over_a_bridge_the_pilot_descends_no_further_than_its_clearance(bridges:
         ((20.0, 1.0, 9.0, 120.0), -1, 2.0 + 0.8 * 3.0 / math.sin(math.radians(60.0))),
         ((20.0, 3.9, 9.0, 90.0), 1, 2.0 + 0.5 + 0.8),  # the lowest that the band of heights permits, and spare
         ((20.0, 1.0, 9.0, 50.0), 1, UNBOUNDED),
+        ((20.0, 1.0, 9.0, 0.0), -1, UNBOUNDED),
     ],
 )
 def test_water_is_seen_from_heights_worked_by_hand(pose: tuple[float, float, float, float], travel: int, height: float):

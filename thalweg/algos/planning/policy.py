@@ -190,7 +190,8 @@ class PlannerPlayer:
                 self._current_action[deciding] = self.policy.actions.uniform(len(deciding), self.generator)
             else:
                 decision, self._current_action[deciding] = self._decide(seen[deciding], deciding)
-            self._repeats_left[deciding] = self.policy.config.action_repeat
+            # Assigning a number by index would copy it from the host and wait for the device.
+            self._repeats_left.index_fill_(0, deciding, self.policy.config.action_repeat)
         self._repeats_left -= 1
         return self._current_action.clone(), decision
 
@@ -203,7 +204,8 @@ class PlannerPlayer:
         )
         start = policy.ensemble.normalised(obs)
         decision = policy.planner.decide(policy.frozen, start, guess, policy.budget, self.generator)
-        self._plans[deciding], self._planned[deciding] = decision.plan, True
+        self._plans[deciding] = decision.plan
+        self._planned.index_fill_(0, deciding, True)
         best = search.mode(decision.plan)
         if not self.exploration:
             return decision, best

@@ -191,8 +191,9 @@ class Policy:
             "normaliser": {"count": self.normaliser.count, "enabled": self.normaliser.enabled},
         }
         tensors = {f"actor.{name}": value for name, value in module_state(self.actor).items()}
-        moments = self.normaliser.state()
-        tensors |= {f"normaliser.{name}": moments[name] for name in ("mean", "square")}
+        if self.shape.eyes is None:  # images are not normalised
+            moments = self.normaliser.state()
+            tensors |= {f"normaliser.{name}": moments[name] for name in ("mean", "square")}
         save_policy(path, header, tensors, self.about)
 
     @classmethod
@@ -212,7 +213,8 @@ class Policy:
             about=about,
         )
         load_module(policy.actor, tensors_of(tensors, "actor"))
-        policy.normaliser.load_state(header["normaliser"] | tensors_of(tensors, "normaliser"))
+        if shape.eyes is None:
+            policy.normaliser.load_state(header["normaliser"] | tensors_of(tensors, "normaliser"))
         return policy
 
     @staticmethod

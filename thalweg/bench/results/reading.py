@@ -180,8 +180,10 @@ def _current(suite: Mapping[str, Any], policy: str, recorded: Versions) -> dict[
     if arm is not None:
         stages = [stage["algorithm"] for stage in arm.get("before", []) if "algorithm" in stage]
         return current_versions("train", [*stages, arm["algorithm"]], observation=observation_of(suite, arm))
-    known = current_versions("train", [name for name in recorded if name in ALGORITHMS]) | current_versions(
-        "packaged", ()
+    known = (
+        current_versions("train", [name for name in recorded if name in ALGORITHMS])
+        | current_versions("packaged", ())
+        | current_versions("baseline", [policy])
     )
     return {name: version for name, version in known.items() if name in recorded or not recorded}
 

@@ -16,8 +16,8 @@ from thalweg.train.river import FRAMES, PRIVILEGED
 
 FILE = "versions.json"
 EVALUATION = "evaluation"
-TEACHER = "steady"
-"""The baseline that imitations are taught by: their version is its own."""
+STEADY = "steady"
+"""The baseline that teaches imitations; its flights depend on their version."""
 UNKNOWN = "unknown versions"
 """Label of runs from before versions were recorded."""
 
@@ -34,7 +34,7 @@ def current_versions(kind: str, algorithms: Iterable[str], *, observation: str =
     """
     rivers: dict[str, int | None] = {"world": versions.WORLD, "rules": versions.RULES, EVALUATION: versions.EVALUATION}
     if kind == "baseline":
-        return rivers | ({"imitation": versions.IMITATION} if TEACHER in algorithms else {})
+        return rivers | ({"imitation": versions.IMITATION} if STEADY in algorithms else {})
     render, encoder = {"render": versions.RENDER}, {"encoder": versions.PACKAGED_ENCODER}
     if kind == "packaged":
         return rivers | render | {"packaged": versions.PACKAGED_POLICY}

@@ -17,8 +17,9 @@ def compile_kernel(function: Callable, fastmath: bool) -> Any:
 
     A closure is compiled once for each function object.
     """
-    from numba import cuda  # not before a GPU is used
+    from numba import config, cuda  # not before a GPU is used
 
+    config.CUDA_LOW_OCCUPANCY_WARNINGS = 0  # few environments are what was asked for, and no mistake
     return cuda.jit(function, fastmath=fastmath)
 
 

@@ -18,10 +18,12 @@ CLIMB_SLOPE = 0.4
 UNBOUNDED = 1.0e9
 
 
-def plan_heights(courses: CourseArrays, config: EnvConfig, cruise_m: float) -> np.ndarray:
-    """Return z [S] to fly at, in metres, for each sample of all worlds; `cruise_m`: height above the water where no
-    limit requires another."""
-    heights = np.empty_like(courses.level)
+def plan_heights(courses: CourseArrays, config: EnvConfig, cruise_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return z [S] to fly at, and the least z [S] that bridges and the band of heights permit, in metres.
+
+    They are those of each sample of all worlds; `cruise_m`: height above the water where no limit requires another.
+    """
+    heights, least = np.empty_like(courses.level), np.empty_like(courses.level)
     for world in range(len(courses.segments)):
         rows = slice(courses.first_sample[world], courses.first_sample[world + 1])
         lowest, highest = _height_limits(courses, world, config)
@@ -29,13 +31,8 @@ def plan_heights(courses: CourseArrays, config: EnvConfig, cruise_m: float) -> n
             max(cruise_m, config.min_height_m), 0.5 * (config.min_height_m + config.max_height_m)
         )
         heights[rows] = np.clip(cruise, lowest, np.maximum(lowest, highest))
-    return heights
-
-
-def plan_lowest(courses: CourseArrays, config: EnvConfig) -> np.ndarray:
-    """Return the least z [S] that bridges and the band of heights permit, in metres, for each sample of all worlds."""
-    worlds = range(len(courses.segments))
-    return np.concatenate([_height_limits(courses, world, config)[0] for world in worlds])
+        least[rows] = lowest
+    return heights, least
 
 
 def _height_limits(courses: CourseArrays, world: int, config: EnvConfig) -> tuple[np.ndarray, np.ndarray]:

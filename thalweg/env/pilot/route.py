@@ -41,7 +41,7 @@ class Route(NamedTuple):
 
 def plan_route(courses: CourseArrays, config: EnvConfig) -> Route:
     """Return the routes through a batch of courses."""
-    route = Route(np.empty_like(courses.position), plan_heights(courses, config, CRUISE_M))
+    route = Route(np.empty_like(courses.position), plan_heights(courses, config, CRUISE_M)[0])
     for world in range(len(courses.segments)):
         _plan_line(courses, world, route.line)
     return route

@@ -2,7 +2,7 @@
 
 It cruises at one height, in the middle of the channel, and looks where it flies, so that the banks it keeps off are in
 view. Where it faces a bank, it first descends until water is in view, and only then turns: from high up, a camera sees
-nothing of that bank but trees, which do not tell the way. Each of its moves is judged: `worths` tries all of them,
+nothing but the trees behind it, which do not tell the way. Each of its moves is judged: `worths` tries all of them,
 flies on by a simple law under the exact rules, and adds up progress and what is not steady. The law pursues a point
 ahead on the route. The pilot is deterministic and keeps no state.
 """
@@ -14,7 +14,7 @@ import numpy as np
 
 from thalweg.core.compute.jit import kernel
 from thalweg.env.config import EnvConfig
-from thalweg.env.pilot.sight import sight_height
+from thalweg.env.pilot.bank_view import sight_height
 from thalweg.env.pilot.ways import Ways, metres_left, missing_clearance, plan_ways, pursued_point
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.motion import UnitAction, move, wrap_angle
@@ -43,8 +43,8 @@ EFFORT = 0.05
 HOVER_COST = 0.5
 """The same for a first move that is none: postponing a move must not be worth as much as making it."""
 BLIND_COST = 50.0
-"""The same for a first move other than straight down where a bank is faced and no water is in view; more than all else
-in a simulation."""
+"""The same, once, for a first move other than straight down where a bank is faced and no water is in view; more than a
+turn can gain. As a regret it counts as much as a fatal move, see `worst_regret` of imitations."""
 FAILURE = -1000.0
 """Worth of a move that breaks a rule itself; each step that is flown before a rule is broken adds one."""
 
@@ -86,8 +86,9 @@ def _worth(row, first_move, courses, limits, ways, state):
     _, projection = track_projection(courses, world, state.segment[row], pose.x, pose.y)
     vertical = first_move[1] == 0 and first_move[2] == 0 and first_move[3] == 0
     worth = -HOVER_COST if vertical and first_move[0] == 0 else 0.0
-    if _is_blind(pose, sight_height(courses, world, projection, travel, ways, pose), limits):
-        worth -= 0.0 if vertical and first_move[0] < 0 else BLIND_COST
+    descends = vertical and first_move[0] < 0
+    if not descends and _is_blind(pose, sight_height(courses, world, projection, travel, ways, pose), limits):
+        worth -= BLIND_COST
     patience = 1.0 / (1.0 + state.idle[row])
     action = UnitAction(1.0 * first_move[0], 1.0 * first_move[1], 1.0 * first_move[2], 1.0 * first_move[3])
     for step in range(HORIZON):
@@ -126,7 +127,7 @@ def _worth(row, first_move, courses, limits, ways, state):
 
 @kernel(fastmath=False, allocates=False)
 def _is_blind(pose, sight, limits):
-    """Return whether a `Pose` is higher than water is seen from, see `sight_height`."""
+    """Return whether a `Pose` is more than half a vertical step above its `sight_height`, in metres."""
     return pose.z - sight > 0.5 * limits.vertical_step
 
 

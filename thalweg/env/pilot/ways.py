@@ -11,7 +11,7 @@ import numpy as np
 
 from thalweg.core.compute.jit import kernel
 from thalweg.env.config import EnvConfig
-from thalweg.env.pilot.heights import plan_heights, plan_lowest
+from thalweg.env.pilot.heights import plan_heights
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.progress import interpolate, sample_rows, segment_at_offset
 from thalweg.env.task.termination import island_at
@@ -46,8 +46,9 @@ class Ways(NamedTuple):
     excess: np.ndarray
     """[S, P] float64, square metres of missing clearance beyond the least across the sample; `LAND` on islands."""
     height: np.ndarray
-    """[S] float64, metres: z to fly at, and the least that bridges and the band of heights permit."""
+    """[S] float64, metres: z to fly at."""
     lowest: np.ndarray
+    """[S] float64, metres: least z that bridges and the band of heights permit, with clearance."""
 
 
 def plan_ways(courses: CourseArrays, config: EnvConfig) -> Ways:
@@ -61,7 +62,7 @@ def plan_ways(courses: CourseArrays, config: EnvConfig) -> Ways:
         for way in range(2):
             _fill_onward(courses, world, reach, missing, way, onward)
     excess = missing - missing.min(axis=1, keepdims=True)
-    return Ways(reach, onward, excess, plan_heights(courses, config, CRUISE_M), plan_lowest(courses, config))
+    return Ways(reach, onward, excess, *plan_heights(courses, config, CRUISE_M))
 
 
 @kernel(fastmath=False, allocates=False)

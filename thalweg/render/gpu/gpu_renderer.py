@@ -7,11 +7,13 @@ the device, and nothing is copied from it.
 """
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from thalweg.core.compute import gpu
+from thalweg.core.compute.launch_graphs import LaunchGraphs
 from thalweg.render.errors import RenderError
 from thalweg.render.gpu import ground_profiles, pixel, postprocess, visible_plants
 from thalweg.render.kernels.camera_rays import Radiance
@@ -79,6 +81,9 @@ class GpuRenderer:
         """Cameras that a pass may have, set at the first draw, when frames already have their memory; 0 before."""
         self._capacity = 0
         self._scratch: dict[str, Any] = {}
+        self._inputs: list[Any] = []
+        """Tensors that hold the views of `draw_tensors`."""
+        self._graphs = LaunchGraphs(device)
 
     def draw(
         self, views: Views, images: Any = None, layers: tuple[Any, Any, Any] | None = None, masks: Any = None
@@ -110,13 +115,27 @@ class GpuRenderer:
 
     def draw_tensors(self, views: Sequence[Any], out: Any) -> None:
         """Draw frames from torch's tensors into one [N, H, W, 4] uint8, or masks into one [N, H, W, 1], all on this
-        device."""
-        if out.shape[-1] == 1:
-            masks = gpu.as_kernel_array(out, np.uint8).reshape(out.shape[:3])
-            self.draw(Views(*(gpu.as_kernel_array(tensor) for tensor in views)), masks=masks)
+        device.
+
+        Launches into the same memory are recorded and replayed, so that they cost the host little.
+        """
+        count = len(out)
+        if not count:
             return
-        images = gpu.as_kernel_array(out, np.uint32).reshape(out.shape[:3])
-        self.draw(Views(*(gpu.as_kernel_array(tensor) for tensor in views)), images)
+        if not self._inputs or len(self._inputs[0]) < count:
+            self._graphs.clear()
+            self._inputs = [tensor.clone() for tensor in views]
+        for held, tensor in zip(self._inputs, views, strict=True):
+            held[:count].copy_(tensor)
+        self._graphs.run((out.data_ptr(), tuple(out.shape)), partial(self._draw_held, out))
+
+    def _draw_held(self, out: Any) -> None:
+        """Draw the views of `_inputs` into a tensor."""
+        views = Views(*(gpu.as_kernel_array(tensor[: len(out)]) for tensor in self._inputs))
+        if out.shape[-1] == 1:
+            self.draw(views, masks=gpu.as_kernel_array(out, np.uint8).reshape(out.shape[:3]))
+        else:
+            self.draw(views, gpu.as_kernel_array(out, np.uint32).reshape(out.shape[:3]))
 
     def draw_for_host(self, views: Views, output: Output) -> None:
         """Draw frames into the arrays of an `Output` on the host."""
@@ -145,6 +164,7 @@ class GpuRenderer:
         if cameras <= self._capacity:
             return
         height, width = self._settings.height, self._settings.width
+        self._graphs.clear()
         # The old scratch is released first, so that both are never held at once.
         self._scratch.clear()
         shapes = {

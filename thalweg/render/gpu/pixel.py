@@ -1,16 +1,16 @@
 """The GPU kernel that draws one pixel a thread, from the same functions as the CPU, with spans of one ray.
 
 A block of threads draws a tile of `TILE` pixels a side. Its threads walk the list of plants together, as many at a time
-as there are threads: each looks at one plant and, if its billboard touches the tile, puts what all pixels of it share
-into shared memory. They stop once no pixel lets light through any more, or each shows ground nearer than all plants
-that are left. Arrays of one element stay in registers.
+as there are threads: each looks at one plant and, if its billboard touches the tile, sets its bit and puts what all
+pixels of it share into shared memory. They stop once no pixel lets light through any more, or each shows ground nearer
+than all plants that are left. Arrays of one element stay in registers.
 """
 
 from collections.abc import Callable
 from functools import cache
 
 import numpy as np
-from numba import cuda, float32, int32, uint8
+from numba import cuda, float32, int32, uint8, uint32
 
 from thalweg.core.compute.jit import kernel
 from thalweg.render.gpu.visible_plants import stored_camera
@@ -40,6 +40,9 @@ from thalweg.render.records.view import COLOURS, MASK, View
 f32 = np.float32
 
 THREADS = TILE * TILE
+WORD = 32
+WORDS = THREADS // WORD
+"""Bits of an integer, and integers with a bit for each thread of a block."""
 SHARED_FLOATS, SHARED_INTS = 19, 4
 """Numbers of a billboard that all its pixels share."""
 LESS_THAN_HALF = float(np.nextafter(f32(0.5), f32(0)))
@@ -268,36 +271,40 @@ def blend_plants(scene, view, plants, n, corner, r, asked, closed, reduced, rays
     plant_depth = f32(MISS)
     floats = cuda.shared.array((SHARED_FLOATS, THREADS), float32)
     ints = cuda.shared.array((SHARED_INTS, THREADS), int32)
-    touches = cuda.shared.array(THREADS, uint8)
+    touched = cuda.shared.array(WORDS, uint32)
     first_plant = scene.extents[view.world, layout.PLANT_FROM]
     total = counts[n]
     for first in range(0, total, THREADS):
         # The whole block stops together: a vote says whether any of its pixels still shows plants.
         nearest = nearest_depth(distance[n, order[n, first]], camera)
+        if thread < WORDS:
+            touched[thread] = uint32(0)
         if cuda.syncthreads_or(int32(asked and light > f32(0) and depth[0] > nearest)) == 0:
             break
         k = first + thread
         touching = k < total and touches_tile(boxes, n, k, tile_r, tile_c)
-        touches[thread] = uint8(1) if touching else uint8(0)
         if touching:
+            cuda.atomic.or_(touched, thread // WORD, uint32(uint32(1) << uint32(thread % WORD)))
             # Each thread prepares one billboard, and all threads then draw it from shared memory.
             p = order[n, k]
             share_billboard(make_billboard(scene, view, first_plant + p, distance[n, p], sharpen), floats, ints, thread)
         cuda.syncthreads()
-        for j in range(min(THREADS, total - first)):
+        # Only the plants that touch the tile are visited: a camera sees a thousand, a tile a few of them.
+        for word in range(WORDS):
+            bits = touched[word]
             # The same branch for all threads of the block, so that none waits for another.
-            if touches[j] == 0:
-                continue
-            board = shared_billboard(floats, ints, j)
-            add_r, add_g, add_b, part, t = billboard_light(
-                scene.atlas, board, dx, dy, dz, camera.near_m, depth[0], light, closed, reduced
-            )  # fmt: skip
-            red += add_r
-            green += add_g
-            blue += add_b
-            rest = light - part
-            plant_depth = t if light >= f32(0.5) and rest < f32(0.5) else plant_depth
-            light = rest
+            while bits != uint32(0):
+                board = shared_billboard(floats, ints, word * WORD + cuda.ffs(bits) - 1)
+                bits = uint32(bits & uint32(bits - uint32(1)))  # without the lowest one
+                add_r, add_g, add_b, part, t = billboard_light(
+                    scene.atlas, board, dx, dy, dz, camera.near_m, depth[0], light, closed, reduced
+                )  # fmt: skip
+                red += add_r
+                green += add_g
+                blue += add_b
+                rest = light - part
+                plant_depth = t if light >= f32(0.5) and rest < f32(0.5) else plant_depth
+                light = rest
         # Shared memory is written anew in the next round, so all must be done with it.
         cuda.syncthreads()
     return red, green, blue, light, plant_depth

@@ -9,7 +9,7 @@ from numba import cuda, float32, uint8, uint32
 from thalweg.core.compute.jit import kernel
 from thalweg.render.batch import buffers_of
 from thalweg.render.gpu.visible_plants import stored_camera
-from thalweg.render.kernels.bridge_edges import edge_colour
+from thalweg.render.kernels.bridge_edges import beside_edge, edge_colour
 from thalweg.render.kernels.shading import tone
 from thalweg.render.kernels.terrain.primary_hits import MISS
 from thalweg.render.records import classes
@@ -41,12 +41,13 @@ def adder(reduced: bool) -> Callable:
         for k in range(thread, height * width, THREADS):
             r = k // width
             c = k % width
-            if reduced:
-                a = frame.red[r, c]
-                b = frame.green[r, c]
-                d = frame.blue[r, c]
-            else:
-                a, b, d = edge_colour(scene, view, frame, r, c)
+            a = frame.red[r, c]
+            b = frame.green[r, c]
+            d = frame.blue[r, c]
+            if not reduced:
+                # Few pixels lie beside an edge, and the test needs only classes.
+                if beside_edge(frame.kind, r, c, width) == 1:
+                    a, b, d = edge_colour(scene, view, frame, r, c)
                 softened[0, n, r, c] = a
                 softened[1, n, r, c] = b
                 softened[2, n, r, c] = d

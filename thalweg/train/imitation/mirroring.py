@@ -18,8 +18,8 @@ SIDEWAYS = [1, 3]
 SIGNS = np.where(np.isin(np.arange(MOVES.shape[1]), SIDEWAYS), -1, 1)
 ORDER = (MOVES[:, None] == (MOVES * SIGNS)[None]).all(-1).argmax(axis=0)
 """[M] the move that each one is in a mirror."""
-MOST = OPTIONS.max()
-"""Greatest option of a branch: the mirror image of an option is as far from the other end."""
+GREATEST_OPTION = OPTIONS.max()
+"""Greatest option of a branch; in a mirror, option k becomes `GREATEST_OPTION` - k."""
 
 
 def mirror(images: np.ndarray, sequences: Sequences, share: float, rng: np.random.Generator) -> None:
@@ -29,7 +29,7 @@ def mirror(images: np.ndarray, sequences: Sequences, share: float, rng: np.rando
         return
     images[:, chosen] = images[:, chosen, :, ::-1]
     last = sequences.last[:, chosen]
-    last[..., SIDEWAYS] = np.where(last[..., SIDEWAYS] >= 0, MOST - last[..., SIDEWAYS], NO_OPTION)
+    last[..., SIDEWAYS] = np.where(last[..., SIDEWAYS] >= 0, GREATEST_OPTION - last[..., SIDEWAYS], NO_OPTION)
     last[0] = NO_OPTION
     sequences.last[:, chosen] = last
     sequences.fresh[0, chosen] = True

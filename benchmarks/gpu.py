@@ -48,8 +48,8 @@ WITHIN, SHARE = 2, 0.999
 POSE_M = 1e-9
 """Largest difference of equal poses."""
 STEPS_SHARE = 0.99999
-"""Required share of equal steps. A start from which two segments of the course are equally near counts to either of
-them, by rounding: one step in a million."""
+"""Required share of equal steps. Where a start lies equally near two segments of the course, rounding decides for which
+it counts: one step in a million."""
 SECONDS = 1.0
 """Least duration of a measurement."""
 REPEATS = 3
@@ -119,7 +119,7 @@ def rivers(count: int) -> list[World]:
 def views(
     worlds: Sequence[World], count: int, renderer: Renderer, device: torch.device, seed: int = 0
 ) -> tuple[Tensor, ...]:
-    """Return the inputs of `Renderer.render_tensors` for `count` cameras at random safe poses."""
+    """Return the inputs of `Renderer.render_tensors` for `count` cameras at random safe poses, drawn from `seed`."""
     several = [sample_starts(world, -(-count // len(worlds)), seed + place) for place, world in enumerate(worlds)]
     poses = np.concatenate(several, 1).reshape(-1, 4)[:count]  # the worlds in turn
     index = np.arange(count) % len(worlds)

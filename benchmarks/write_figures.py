@@ -1,8 +1,8 @@
 """Write what was measured here into the pages, between comments that name the section, so that no figure is typed.
 
 `peer.json` goes into the README, `speed.json` and `speed_avx2.json` into the page on speed, `stages.json`,
-`reference_accuracy.csv` and `scaling.csv` into the page on rendering, and the results of the study into the page of
-findings. What has not been measured is marked as such.
+`reference_accuracy.csv` and `scaling.csv` into the page on rendering, `gpu.csv` into the page on devices, and the
+results of the study into the page of findings. What has not been measured is marked as such.
 """
 
 import argparse
@@ -124,10 +124,43 @@ def scaling() -> str:
     return f"{markdown(frame(header, rows_by_size))}\n{by_worlds}"
 
 
+def gpu_speed() -> str:
+    """Return speeds on a GPU by the number of environments, and how they agree with the CPU."""
+    rows = read_csv(HERE / "gpu.csv", ("card", "what", "quality", "cameras", "worlds", "figure", "holds"))
+    speeds = [row for row in rows if not row["holds"]]
+    counts = sorted({int(row["cameras"]) for row in speeds})
+    lines = []
+    for what, quality, worlds in dict.fromkeys((row["what"], row["quality"], row["worlds"]) for row in speeds):
+        of = {
+            int(row["cameras"]): float(row["figure"])
+            for row in speeds
+            if (row["what"], row["quality"], row["worlds"]) == (what, quality, worlds)
+        }
+        lines.append(
+            [f"{what} {quality}".strip(), worlds, *(f"{of[count]:,.0f}" if count in of else "" for count in counts)]
+        )
+    lines.sort(key=lambda line: (int(line[1]), line[0]))
+    apart = {(row["what"], row["quality"]): row for row in rows if row["holds"]}
+    pixels = {quality: 1.0 - float(apart["pixels alike", quality]["figure"]) for quality in ("full", "fast")}
+    checked, flown = apart["pixels alike", "full"], apart["steps alike", ""]
+    note = wrap(
+        f"Environment steps or frames a second, of all together, on an {rows[0]['card']} with 16 processor cores."
+        f" `encode` is the encoder alone, `step` the rules alone, and `train` draws frames of full quality, encodes"
+        f" them, acts and learns. Of {checked['cameras']} frames in {checked['worlds']} rivers"
+        f" {pixels['full']:.4%} of the pixels of full quality and {pixels['fast']:.4%} of the fast one differ from the"
+        f" CPU's by more than 2 of 255; {1.0 - float(apart['steps alike', '']['figure']):.4%} of the steps of"
+        f" {int(flown['cameras']):,} environments have another reward, cost or reason, and poses are within"
+        f" {float(apart['poses apart', '']['figure']):.0e} m."
+    )
+    header = ["", "rivers", *(f"{count:,}" for count in counts)]
+    return f"{markdown(frame(header, lines))}\n{note}"
+
+
 SECTIONS: dict[tuple[Path, str], tuple[str, Callable[[], str]]] = {
     (ROOT / "README.md", "comparison"): ("peer.json", comparison),
     (ROOT / "docs" / "speed.md", "speed"): ("speed.json", speed),
     (ROOT / "docs" / "speed.md", "speed-avx2"): ("speed_avx2.json", other_processor),
+    (ROOT / "docs" / "devices.md", "gpu"): ("gpu.csv", gpu_speed),
     (ROOT / "docs" / "render.md", "stages"): ("stages.json", frame_stages),
     (ROOT / "docs" / "render.md", "reference"): ("reference_accuracy.csv", reference_accuracy),
     (ROOT / "docs" / "render.md", "scaling"): ("scaling.csv", scaling),

@@ -91,10 +91,8 @@ class TensorRiverEnv:
         randomisation."""
         self._allocate(courses)
         self._buffer, self._started = 0, False
-        self._actions = torch.zeros(self.num_envs, 4, dtype=torch.float64, device=self.device)
-        self._seen = torch.zeros(self.num_envs, len(FEATURES), dtype=torch.float32, device=self.device)
         self._graphs = LaunchGraphs(self.device)
-        """Of the launches in a step, whose arguments are always the same."""
+        """CUDA graphs of the launches of a step, whose arguments never change."""
 
         size = config.camera.height_px, config.camera.width_px
         self.single_action_space = action_space(config.action)
@@ -211,6 +209,16 @@ class TensorRiverEnv:
         camera = self.config.camera
         shape = self.num_envs, camera.height_px, camera.width_px, self.config.channels
         return [torch.zeros(shape, dtype=torch.uint8, device=self.device) for _ in range(BUFFERS)]
+
+    @cached_property
+    def _actions(self) -> Tensor:
+        """Unit actions [N, 4] float64 of a step on a GPU."""
+        return torch.zeros(self.num_envs, 4, dtype=torch.float64, device=self.device)
+
+    @cached_property
+    def _seen(self) -> Tensor:
+        """What the ideal eye sees [N, FEATURES] float32; memory that `_see` fills again and again."""
+        return torch.zeros(self.num_envs, len(FEATURES), dtype=torch.float32, device=self.device)
 
     @cached_property
     def _renderer(self) -> Any:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from thalweg.core.compute import launch_graphs
-from thalweg.core.compute.launch_graphs import MOST, LaunchGraphs
+from thalweg.core.compute.launch_graphs import MOST_GRAPHS, LaunchGraphs
 
 
 class Device:
@@ -18,7 +18,8 @@ class Device:
     def launches(self, name: str) -> Callable[[], None]:
         return lambda: self.done.append(f"launch {name}")
 
-    def recorded(self, launches: Callable[[], None], device: str) -> Callable[[], None]:
+    def record(self, launches: Callable[[], None], device: str) -> Callable[[], None]:
+        assert device == "card"
         launches()
         self.done[-1] = self.done[-1].replace("launch", "record")
         return lambda: self.done.append("replay")
@@ -27,8 +28,8 @@ class Device:
 @pytest.fixture
 def device(monkeypatch: pytest.MonkeyPatch) -> Device:
     device = Device()
-    monkeypatch.setattr(launch_graphs, "recorded", device.recorded)
-    monkeypatch.setattr(launch_graphs, "_is_recording", lambda _: device.recording)
+    monkeypatch.setattr(launch_graphs, "record_launches", device.record)
+    monkeypatch.setattr(launch_graphs, "caller_records", lambda card: card == "card" and device.recording)
     return device
 
 
@@ -54,7 +55,7 @@ def test_what_was_unused_for_longest_is_forgotten(device: Device):
     graphs = LaunchGraphs("card")
     for _ in range(2):
         graphs.run("a", device.launches("a"))
-    for number in range(MOST - 1):
+    for number in range(MOST_GRAPHS - 1):
         graphs.run(number, device.launches("n"))
     device.done.clear()
     graphs.run("a", device.launches("a"))  # used again, so that number 0 is the oldest

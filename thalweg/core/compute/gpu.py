@@ -15,11 +15,12 @@ import numpy as np
 def compile_kernel(function: Callable, fastmath: bool) -> Any:
     """Return a CUDA kernel of a function, compiled at its first launch; `fastmath` as in `jit.kernel`.
 
-    A closure is compiled once for each function object.
+    A closure is compiled once for each function object. Numba's warnings about launches of fewer than 128 blocks are
+    switched off for the process: few environments are intended.
     """
     from numba import config, cuda  # not before a GPU is used
 
-    config.CUDA_LOW_OCCUPANCY_WARNINGS = 0  # few environments are what was asked for, and no mistake
+    config.CUDA_LOW_OCCUPANCY_WARNINGS = 0
     return cuda.jit(function, fastmath=fastmath)
 
 

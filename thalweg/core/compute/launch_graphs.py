@@ -1,45 +1,52 @@
 """Launches on a GPU that repeat with the same arguments: recorded once as a CUDA graph, then replayed as one call.
 
-Preparing the arguments of a kernel with many arrays takes the host a millisecond, a replay some microseconds. A replay
-reads and writes the memory that was recorded, so whoever records keeps its inputs in tensors that stay where they are.
+Preparing the arguments of a kernel with many arrays takes the host a third of a millisecond, a replay of all kernels of
+a frame some microseconds. A replay reads and writes the memory that was recorded, so inputs must stay in the same
+tensors. `thalweg.algos.common.cuda_graphs` records gradient steps, which allocate memory and draw random numbers;
+launches do neither.
 """
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from typing import Any
 
-MOST = 8
+MOST_GRAPHS = 8
 """Most series of launches that are remembered; the one unused for longest is forgotten first."""
 
 
 class LaunchGraphs:
-    """Series of launches on one device, each recorded when it is asked for again."""
+    """Series of launches on one GPU, each recorded when it is asked for again."""
 
     def __init__(self, device: Any) -> None:
         self._device = device
         self._replays: OrderedDict[Hashable, Callable[[], None] | None] = OrderedDict()
         """None for a series that ran once, unrecorded."""
 
-    def run(self, key: Hashable, launches: Callable[[], None]) -> None:
-        """Launch, by replay if recorded. Launches of the same key have the same arguments; they must not allocate
-        memory or wait for the device when they run again.
+    @property
+    def caller_records(self) -> bool:
+        """Whether the caller is recording a CUDA graph on this device."""
+        return caller_records(self._device)
 
-        The first run is not recorded, since kernels are compiled and loaded in it. Neither is any while the caller
-        records a graph of their own.
+    def run(self, key: Hashable, launches: Callable[[], None]) -> None:
+        """Run the launches, or replay them if they are recorded.
+
+        Launches of the same key have the same arguments; from their second run on they must neither allocate memory
+        nor wait for the device. The first run is not recorded, since kernels are compiled and loaded in it. Nothing is
+        recorded while the caller records a graph.
         """
-        if _is_recording(self._device):
+        if self.caller_records:
             launches()
             return
         replay = self._replays.get(key)
         if replay is not None:
             replay()
         elif key in self._replays:
-            self._replays[key] = recorded(launches, self._device)
+            self._replays[key] = record_launches(launches, self._device)
         else:
             launches()
             self._replays[key] = None
         self._replays.move_to_end(key)
-        if len(self._replays) > MOST:
+        if len(self._replays) > MOST_GRAPHS:
             self._replays.popitem(last=False)
 
     def clear(self) -> None:
@@ -47,7 +54,7 @@ class LaunchGraphs:
         self._replays.clear()
 
 
-def recorded(launches: Callable[[], None], device: Any) -> Callable[[], None]:
+def record_launches(launches: Callable[[], None], device: Any) -> Callable[[], None]:
     """Record launches, run them, and return a function that replays them."""
     import torch
 
@@ -66,7 +73,9 @@ def recorded(launches: Callable[[], None], device: Any) -> Callable[[], None]:
     return graph.replay
 
 
-def _is_recording(device: Any) -> bool:
+def caller_records(device: Any) -> bool:
+    """Return whether a CUDA graph is being recorded on the current stream of a device."""
     import torch
 
-    return torch.device(device).type == "cuda" and torch.cuda.is_current_stream_capturing()
+    with torch.cuda.device(device):
+        return torch.cuda.is_current_stream_capturing()

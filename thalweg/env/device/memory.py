@@ -10,8 +10,9 @@ from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.rules import empty_outcome, empty_state
 from thalweg.world.generate import memory
 
-OVERHEAD_BYTES = 256
-"""Bytes of an environment's actions, seed and look, and of the results of a step."""
+OVERHEAD_BYTES = 640
+"""Bytes of an environment's actions, seed and look, of the results of a step, of what the ideal eye sees, and of what
+the renderer holds of a view."""
 
 
 def bytes_per_env(courses: CourseArrays, config: EnvConfig, frames: int) -> int:

@@ -7,7 +7,6 @@ the device, and nothing is copied from it.
 """
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -82,7 +81,7 @@ class GpuRenderer:
         self._capacity = 0
         self._scratch: dict[str, Any] = {}
         self._inputs: list[Any] = []
-        """Tensors that hold the views of `draw_tensors`."""
+        """Tensors [M, ...] that hold the views of `draw_tensors`; M as many as were ever drawn at once."""
         self._graphs = LaunchGraphs(device)
 
     def draw(
@@ -117,25 +116,39 @@ class GpuRenderer:
         """Draw frames from torch's tensors into one [N, H, W, 4] uint8, or masks into one [N, H, W, 1], all on this
         device.
 
-        Launches into the same memory are recorded and replayed, so that they cost the host little.
+        Launches into the same memory are recorded and replayed, so that they cost the host little. Whoever records a
+        CUDA graph of their own draws as many frames before, so that there is scratch, and never more afterwards.
         """
-        count = len(out)
-        if not count:
+        if not len(out):
             return
+        if self._graphs.caller_records:
+            self._draw_into(views, out)
+            return
+        self._hold(views, len(out))
+        self._graphs.run(
+            (out.data_ptr(), tuple(out.shape)),
+            lambda: self._draw_into([held[: len(out)] for held in self._inputs], out),
+        )
+
+    def _hold(self, views: Sequence[Any], count: int) -> None:
+        """Copy views to `_inputs`, whose place in memory recorded launches know."""
+        import torch
+
         if not self._inputs or len(self._inputs[0]) < count:
             self._graphs.clear()
-            self._inputs = [tensor.clone() for tensor in views]
+            # Tensors of an inference mode could not be written to outside it.
+            with torch.inference_mode(False):
+                self._inputs = [torch.empty_like(tensor) for tensor in views]
         for held, tensor in zip(self._inputs, views, strict=True):
             held[:count].copy_(tensor)
-        self._graphs.run((out.data_ptr(), tuple(out.shape)), partial(self._draw_held, out))
 
-    def _draw_held(self, out: Any) -> None:
-        """Draw the views of `_inputs` into a tensor."""
-        views = Views(*(gpu.as_kernel_array(tensor[: len(out)]) for tensor in self._inputs))
+    def _draw_into(self, views: Sequence[Any], out: Any) -> None:
+        """As `draw_tensors`, by launches."""
+        arrays = Views(*map(gpu.as_kernel_array, views))
         if out.shape[-1] == 1:
-            self.draw(views, masks=gpu.as_kernel_array(out, np.uint8).reshape(out.shape[:3]))
+            self.draw(arrays, masks=gpu.as_kernel_array(out, np.uint8).reshape(out.shape[:3]))
         else:
-            self.draw(views, gpu.as_kernel_array(out, np.uint32).reshape(out.shape[:3]))
+            self.draw(arrays, gpu.as_kernel_array(out, np.uint32).reshape(out.shape[:3]))
 
     def draw_for_host(self, views: Views, output: Output) -> None:
         """Draw frames into the arrays of an `Output` on the host."""

@@ -1,9 +1,9 @@
 """The GPU kernel that draws one pixel a thread, from the same functions as the CPU, with spans of one ray.
 
 A block of threads draws a tile of `TILE` pixels a side. Its threads walk the list of plants together, as many at a time
-as there are threads: each looks at one plant and, if its billboard touches the tile, sets its bit and puts what all
-pixels of it share into shared memory. They stop once no pixel lets light through any more, or each shows ground nearer
-than all plants that are left. Arrays of one element stay in registers.
+as there are threads: each looks at one plant and, if its billboard touches the tile, sets the plant's bit and puts what
+all pixels of it share into shared memory. They stop once no pixel lets light through any more, or each shows ground
+nearer than all plants that are left. Arrays of one element stay in registers.
 """
 
 from collections.abc import Callable
@@ -41,8 +41,9 @@ f32 = np.float32
 
 THREADS = TILE * TILE
 WORD = 32
+"""Bits of a word."""
 WORDS = THREADS // WORD
-"""Bits of an integer, and integers with a bit for each thread of a block."""
+"""Words with one bit for each thread of a block."""
 SHARED_FLOATS, SHARED_INTS = 19, 4
 """Numbers of a billboard that all its pixels share."""
 LESS_THAN_HALF = float(np.nextafter(f32(0.5), f32(0)))

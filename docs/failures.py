@@ -1,7 +1,8 @@
 """Pictures of failures of the packaged policy: `python docs/failures.py` draws them in about ten minutes.
 
-The policy flies rivers that nothing is trained on, as `benchmarks/any_river.py` does. Of each kind of flights the first
-failure for each reason is shown: what the policy saw in its last steps, and its track on the map.
+The policy flies rivers on which nothing is trained, as `benchmarks/any_river.py` does. For each level, with and without
+varied looks, the first failure for each reason is shown: what the policy saw in its last steps, and its track on the
+map.
 """
 
 import itertools
@@ -32,14 +33,15 @@ STEPS_BEFORE = (24, 12, 6, 1)
 """Steps before the end whose frames are shown."""
 MOST = 3
 """Greatest number of failures of a kind that are shown, each for another reason."""
-VIEW_PX, GAP_PX, TEXT_PX, QUALITY = 192, 6, 22, 70
 LOOKS = Randomisation(suns=1)
+"""Looks of the varied flights, as in `benchmarks/any_river.py`."""
+VIEW_PX, GAP_PX, TEXT_PX, QUALITY = 192, 6, 22, 70
 PAPER, INK = (255, 255, 255), (24, 28, 32)
 
 
 @dataclass(frozen=True)
 class Failure:
-    """A flight of T steps that ended early."""
+    """A flight of T steps that did not succeed."""
 
     world: World
     episode: Episode
@@ -51,7 +53,7 @@ class Failure:
 
     @property
     def title(self) -> str:
-        """What it is, in a line."""
+        """Level, river, reason, length and return, on one line."""
         looks = ", varied looks" if self.varied else ""
         ended = REASON_TEXT[self.episode.reason]
         return (
@@ -74,7 +76,7 @@ def main() -> None:
 
 
 def failures(policy: Any, level: str, varied: bool) -> Iterator[Failure]:
-    """Fly the rivers of a level, and yield the flights that end early."""
+    """Fly the rivers of a level, and yield the flights that do not succeed."""
     config = EvaluationConfig(RIVERS, deterministic=True)
     for index, course in enumerate(Course.of_seeds(level, range(UNSEEN, UNSEEN + RIVERS), config)):
         single = (course.varied(LOOKS, config) if varied else course).only(index)

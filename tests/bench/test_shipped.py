@@ -24,13 +24,14 @@ def test_the_encoder_of_the_package_fits_the_renderer():
 
 
 def test_the_policy_of_the_package_sees_images_of_the_renderer():
-    if not PACKAGED_POLICY.exists():
-        pytest.skip("NO POLICY COMES WITH THIS COPY: `make demo` has nothing to film but a policy of its own")
     policy = load_policy(PACKAGED_POLICY)
     check_policy_fits(policy, None)
-    assert observation_of(policy) == "rgb+mask"
-    assert policy.about.context["render_version"] == RENDER_VERSION
-    assert policy.about.context["command"].startswith("thalweg imitate ")
+    assert (observation_of(policy), policy.about.context["render_version"]) == ("rgb+mask", RENDER_VERSION)
+
+
+def test_the_policy_of_the_package_names_the_command_that_made_it_and_its_scores():
+    about = load_policy(PACKAGED_POLICY).about.context
+    assert about["command"].startswith("thalweg imitate ") and set(about["scores"]) == {"Easy", "Medium", "Hard"}
 
 
 def suite(folder: Path, die_at: int) -> int:

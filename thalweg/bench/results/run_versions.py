@@ -30,7 +30,8 @@ def current_versions(kind: str, algorithms: Iterable[str], *, observation: str =
 
     `algorithms` are those of all stages of its training, or a baseline's name. `observation` is what a trained policy
     sees: only codes of frames depend on the encoder, and only the privileged observation does not depend on the
-    renderer. Critics of some algorithms see that too. The packaged policy sees images; baselines see nothing.
+    renderer, and critics of some algorithms see the privileged one as well. The packaged policy sees images; baselines
+    see nothing.
     """
     rivers: dict[str, int | None] = {"world": versions.WORLD, "rules": versions.RULES, EVALUATION: versions.EVALUATION}
     if kind == "baseline":

@@ -29,8 +29,8 @@ RIVERS = 60
 """Rivers of each kind that are flown."""
 KINDS = (("Medium", False), ("Hard", False), ("Medium", True), ("Hard", True))
 """Levels, and whether looks vary."""
-STEPS_BEFORE = (24, 12, 6, 1)
-"""Steps before the end whose frames are shown."""
+LAST_STEPS, SHOWN = 24, 4
+"""Steps before the end over which the frames that are shown are spread, and the most frames."""
 MOST = 3
 """Greatest number of failures of a kind that are shown, each for another reason."""
 LOOKS = Randomisation(suns=1)
@@ -97,13 +97,11 @@ def failures(policy: Any, level: str, varied: bool) -> Iterator[Failure]:
 
 def picture(failure: Failure) -> Image.Image:
     """Return the last frames of a flight and a map with its track, side by side below its title."""
-    count = len(failure.frames)
-    tiles = [
-        Image.fromarray(np.ascontiguousarray(failure.frames[count - before][..., :3])).resize((VIEW_PX, VIEW_PX))
-        if before <= count
-        else Image.new("RGB", (VIEW_PX, VIEW_PX), PAPER)
-        for before in STEPS_BEFORE
-    ]
+    last = len(failure.frames) - 1
+    steps = np.unique(np.linspace(max(0, last - LAST_STEPS), last, SHOWN).round().astype(int))
+    frames = [np.ascontiguousarray(failure.frames[step][..., :3]) for step in steps]
+    tiles = [Image.fromarray(frame).resize((VIEW_PX, VIEW_PX)) for frame in frames]
+    tiles += [Image.new("RGB", (VIEW_PX, VIEW_PX), PAPER)] * (SHOWN - len(tiles))
     tiles.append(RiverMap(failure.world, VIEW_PX, failure.poses[-1, :2]).with_track(failure.poses))
     board = Image.new("RGB", (len(tiles) * (VIEW_PX + GAP_PX) - GAP_PX, TEXT_PX + VIEW_PX), PAPER)
     ImageDraw.Draw(board).text((0, 2), failure.title, INK, ImageFont.load_default(size=14))

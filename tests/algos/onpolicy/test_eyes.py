@@ -14,9 +14,10 @@ from tests.algos.rollouts import feedback
 from thalweg.algos import ALGORITHMS
 from thalweg.algos.interface import Rollout, Task
 from thalweg.algos.maths import losses
-from thalweg.algos.onpolicy.agent import Agent, KLMonitor, reward_signal
+from thalweg.algos.onpolicy.agent import Agent, reward_signal
 from thalweg.algos.onpolicy.config import NaturalConfig, settings_like
 from thalweg.algos.onpolicy.imitated import Imitated
+from thalweg.algos.onpolicy.kl_monitor import KLMonitor
 from thalweg.algos.onpolicy.natural_step import NaturalStep, vector_of
 from thalweg.algos.onpolicy.rollout_samples import Samples
 from thalweg.algos.policy.policy import Policy

@@ -8,8 +8,9 @@ from torch.nn.utils import parameters_to_vector
 from tests.algos.rollouts import rollout_of
 from thalweg.algos.interface import Rollout, Task
 from thalweg.algos.maths import losses
-from thalweg.algos.onpolicy.agent import Agent, KLMonitor, reward_signal
+from thalweg.algos.onpolicy.agent import Agent, reward_signal
 from thalweg.algos.onpolicy.config import NaturalConfig
+from thalweg.algos.onpolicy.kl_monitor import KLMonitor
 from thalweg.algos.onpolicy.natural_step import NaturalStep
 
 N, T, D = 4, 32, 5

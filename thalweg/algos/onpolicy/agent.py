@@ -1,4 +1,4 @@
-"""Shared components of on-policy algorithms: agent, optimisers, KL monitor, signals of critics and metrics.
+"""Shared components of on-policy algorithms: agent, optimisers, signals of critics and metrics.
 
 Losses, updates and the minibatch loop are not here on purpose: they are in the file of each algorithm. Letters:
 B valid steps, N environments, K frames, D numbers of an observation, C numbers that only critics see, M costs.
@@ -30,6 +30,7 @@ from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import centred, standardised
 from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig, OnPolicyConfig
 from thalweg.algos.onpolicy.imitated import Imitated
+from thalweg.algos.onpolicy.kl_monitor import KLMonitor
 from thalweg.algos.onpolicy.rollout_samples import RolloutMemory, Samples, Signal, of_valid_steps, samples_of
 from thalweg.algos.policy import fast_path
 from thalweg.algos.policy.actions import actions_of
@@ -310,56 +311,6 @@ def check_sight(config: OnPolicyConfig, task: Task) -> None:
             "with policy=cnn critics see what the environment tells them alone, and this one tells nothing: it needs"
             " single_critic_space and info['critic_obs']"
         )
-
-
-class KLMonitor:
-    """The KL divergence of the policy from the one that collected the rollout, measured after each pass."""
-
-    def __init__(self, agent: Agent, samples: Samples, *, new_first: bool = False) -> None:
-        """Remember the policy π_k; `new_first` measures KL(π_θ ‖ π_k) instead of KL(π_k ‖ π_θ)."""
-        self._agent, self._samples, self._new_first = agent, samples, new_first
-        with torch.no_grad():
-            self.old_parameters = agent.policy.actor.in_blocks(samples.inputs)
-            """Distribution parameters [B, P] of π_k."""
-            self._old = agent.policy.actions.distribution(self.old_parameters)
-            self.old_log_prob = self._old.log_prob(samples.actions)
-            """log π_k(a|s) [B]."""
-        self.passes, self.kl, self.entropy = 0, 0.0, 0.0
-        self.imitation_kl = float("nan")
-        """Mean KL(π_θ ‖ π_0) from the policy that the run begins with; NaN unless it is in the loss."""
-        self.kl_per_state = torch.zeros_like(self.old_log_prob)
-        """KL [B] of each state, in nats."""
-        self.log_prob = self.old_log_prob
-        """log π_θ(a|s) [B]."""
-
-    @torch.no_grad()
-    def measure(self) -> None:
-        """Measure KL and entropy after a pass; raise `NotFiniteError` if the policy has become NaN."""
-        policy = self._agent.policy
-        new = policy.actions.distribution(policy.actor.in_blocks(self._samples.inputs))
-        self.kl_per_state = new.kl(self._old) if self._new_first else self._old.kl(new)
-        self.log_prob = new.log_prob(self._samples.actions)
-        self.kl, self.entropy = float(self.kl_per_state.mean()), float(new.entropy().mean())
-        if self._samples.imitated.shape[1]:
-            self.imitation_kl = float(new.kl(policy.actions.distribution(self._samples.imitated)).mean())
-        self.passes += 1
-        require_finite(kl=self.kl, entropy=self.entropy)
-
-    @property
-    def ratio(self) -> Tensor:
-        """Probability ratio π_θ(a|s) / π_k(a|s) [B]."""
-        return (self.log_prob - self.old_log_prob).exp()
-
-    def clip_fraction(self, clip: float) -> float:
-        """Return the share of states whose ratio is outside 1 ± ε."""
-        return float(((self.ratio - 1.0).abs() > clip).float().mean())
-
-    @property
-    def may_continue(self) -> bool:
-        """Whether another pass is allowed: fewer than `passes` so far, and a KL of at most `target_kl`."""
-        config = self._agent.config
-        assert isinstance(config, FirstOrderConfig)
-        return self.passes < config.passes and self.kl <= config.target_kl
 
 
 def reward_signal(config: OnPolicyConfig, rollout: Rollout) -> Signal:

@@ -12,8 +12,9 @@ from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import centred, standardised
 from thalweg.algos.maths.trust_region import cpo_step
-from thalweg.algos.onpolicy.agent import Agent, KLMonitor, cost_signals, metrics_of, reward_signal
+from thalweg.algos.onpolicy.agent import Agent, cost_signals, metrics_of, reward_signal
 from thalweg.algos.onpolicy.config import ConstrainedConfig, NaturalConfig
+from thalweg.algos.onpolicy.kl_monitor import KLMonitor
 from thalweg.algos.onpolicy.natural_step import NaturalStep, most_violated
 from thalweg.core.config import frozen_config
 

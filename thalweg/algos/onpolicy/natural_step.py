@@ -11,8 +11,9 @@ from torch import Tensor
 from thalweg.algos.constraint.multiplier import SETTLING
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.trust_region import conjugate_gradient
-from thalweg.algos.onpolicy.agent import Agent, KLMonitor
+from thalweg.algos.onpolicy.agent import Agent
 from thalweg.algos.onpolicy.config import NaturalConfig
+from thalweg.algos.onpolicy.kl_monitor import KLMonitor
 from thalweg.algos.onpolicy.rollout_samples import Samples
 from thalweg.algos.policy.distributions import Distribution
 from thalweg.algos.policy.memory import Sequences

@@ -10,8 +10,9 @@ from thalweg.algos.constraint.cost_limits import cost_metrics
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import losses
 from thalweg.algos.maths.advantages import standardised
-from thalweg.algos.onpolicy.agent import Agent, KLMonitor, metrics_of, reward_signal
+from thalweg.algos.onpolicy.agent import Agent, metrics_of, reward_signal
 from thalweg.algos.onpolicy.config import FirstOrderConfig
+from thalweg.algos.onpolicy.kl_monitor import KLMonitor
 from thalweg.algos.policy.memory import Sequences
 from thalweg.core.config import Fraction, frozen_config
 

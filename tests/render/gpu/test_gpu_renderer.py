@@ -1,4 +1,4 @@
-"""Tests of the GPU renderer that need no GPU: refused devices and the memory of a pass."""
+"""Tests of the GPU renderer that need no GPU: refused devices, the memory of a pass, and what is replayed."""
 
 from collections.abc import Callable, Iterator
 from typing import Any

@@ -6,7 +6,7 @@ things differ: random numbers are those of `thalweg.env.device.step`, and tensor
 return is valid until the second step after; copy what is needed longer.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -233,14 +233,17 @@ class TensorRiverEnv:
         if self.device.type == "cpu":
             advance_all(self._array(unit_actions), *self._arguments)
             return
-        self._actions.copy_(unit_actions)
-        self._graphs.run("advance", self._launch_advance)
-
-    def _launch_advance(self) -> None:
         from thalweg.env.device import cuda_step
 
-        blocks, arguments = -(-self.num_envs // cuda_step.THREADS), (self._array(self._actions), *self._arguments)
-        gpu.launch(cuda_step.advance, blocks, cuda_step.THREADS, self.device, *arguments, fastmath=False)
+        self._actions.copy_(unit_actions)
+        self._launch("advance", cuda_step.advance, lambda: (self._array(self._actions), *self._arguments))
+
+    def _launch(self, name: str, kernel: Callable[..., None], arguments: Callable[[], tuple[Any, ...]]) -> None:
+        """Launch a kernel of `cuda_step`, or replay its launch; it always has the same arguments."""
+        from thalweg.env.device.cuda_step import THREADS
+
+        blocks = -(-self.num_envs // THREADS)
+        self._graphs.run(name, lambda: gpu.launch(kernel, blocks, THREADS, self.device, *arguments(), fastmath=False))
 
     def _unit_actions(self, actions: Tensor) -> Tensor:
         """Return actions as unit actions [N, 4] float64; raises `ActionError`."""
@@ -281,14 +284,10 @@ class TensorRiverEnv:
         if self.device.type == "cpu":
             see_all(*self._arguments_of_see())
         else:
-            self._graphs.run("see", self._launch_see)
+            from thalweg.env.device import cuda_step
+
+            self._launch("see", cuda_step.see, self._arguments_of_see)
         return self._seen.clone()
-
-    def _launch_see(self) -> None:
-        from thalweg.env.device import cuda_step
-
-        blocks, arguments = -(-self.num_envs // cuda_step.THREADS), self._arguments_of_see()
-        gpu.launch(cuda_step.see, blocks, cuda_step.THREADS, self.device, *arguments, fastmath=False)
 
     def _arguments_of_see(self) -> tuple[Any, ...]:
         """Return the arguments of `see_all`."""

@@ -1,0 +1,54 @@
+"""Launches of environments of tensors, by a card that the host plays: they are given what the CPU's loops are."""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import torch
+
+from thalweg.core.compute import gpu, launch_graphs
+from thalweg.env import EnvConfig
+from thalweg.env.device import cuda_step
+from thalweg.env.device.step import advance_all
+from thalweg.env.task.ideal_eye import see_all
+from thalweg.env.torch_env import TensorRiverEnv
+from thalweg.world import World
+
+ON_THE_HOST = {cuda_step.advance: advance_all, cuda_step.see: see_all}
+
+
+@pytest.fixture
+def launched(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names of the kernels as they are launched, in place of recorded or replayed."""
+    names = []
+
+    def launch(kernel: Callable, blocks: int, threads: int, device: Any, *arguments: Any, fastmath: bool) -> None:
+        assert blocks * threads >= len(arguments[-1]) and not fastmath
+        names.append(kernel.__name__)
+        ON_THE_HOST[kernel](*arguments)
+
+    def record(launches: Callable[[], None], device: Any) -> Callable[[], None]:
+        launches()
+        return launches
+
+    monkeypatch.setattr(gpu, "launch", launch)
+    monkeypatch.setattr(gpu, "as_kernel_array", lambda tensor: tensor.numpy())
+    monkeypatch.setattr(launch_graphs, "record_launches", record)
+    monkeypatch.setattr(launch_graphs, "caller_records", lambda device: False)
+    return names
+
+
+def test_launched_steps_equal_those_of_the_cpu(easy_world: World, launched: list[str]):
+    here, there = (TensorRiverEnv(easy_world, 5, EnvConfig(observation="privileged"), device="cpu") for _ in range(2))
+    for env in (here, there):
+        env.reset(seed=3)
+    assert there._actions.shape == (5, 4)  # allocated before the device is replaced
+    there.device = SimpleNamespace(type="cuda")  # pyright: ignore[reportAttributeAccessIssue]
+    there._unit_actions = here._unit_actions
+    for step in range(40):
+        actions = torch.randint(0, 3, (5, 4), generator=torch.Generator().manual_seed(step))
+        (seen, reward, *_, info), (seen_there, reward_there, *_, info_there) = here.step(actions), there.step(actions)
+        assert torch.equal(seen, seen_there) and torch.equal(reward, reward_there)
+        assert torch.equal(info["pose"], info_there["pose"])
+    assert launched == ["advance", "see"] * 40

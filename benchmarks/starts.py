@@ -5,7 +5,7 @@
     python benchmarks/starts.py --write               # the table of docs/packaged-policy.md
 
 Every start is one that the rules allow, at random on rivers on which nothing is trained. A start fails if its flight
-ends within `--steps`. starts.csv has a row for each level, range of angles, and water in the first frame or not.
+ends within `STEPS`. starts.csv has a row for each level, range of angles, and water in the first frame or not.
 """
 
 import argparse
@@ -16,9 +16,8 @@ from pathlib import Path
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from page_sections import replace_section, wrap
-from river_flights import append
 
-from thalweg.bench.csv_files import read_csv
+from thalweg.bench.csv_files import csv_text, read_csv
 from thalweg.bench.execute.backend import PACKAGED_POLICY
 from thalweg.bench.report.table import frame, markdown
 from thalweg.core.atomic_io import write_atomic
@@ -39,6 +38,8 @@ OFF_DEG = (0, 20, 45, 60, 70, 90)
 """Limits of the ranges of angles off the course, in degrees; starts of the default rules are within 80."""
 WATER_SHARE = 0.005
 """Least share of water in a frame that shows some."""
+STEPS = 30
+"""Steps of each flight."""
 TOGETHER = 64
 """Environments that fly together."""
 
@@ -48,9 +49,8 @@ def failures_at(path: Path, level: str, starts: int, steps: int) -> tuple[np.nda
     in the first frame, and whether the flight ended within `steps`."""
     policy = load_policy(path)
     rivers = RiverList.of_levels([(level, tuple(RIVERS))], len(RIVERS))
-    env = RiverVectorEnv(
-        rivers, TOGETHER, EnvConfig(observation="rgb+mask"), autoreset_mode=AutoresetMode.NEXT_STEP
-    )  # fmt: skip
+    config = EnvConfig(observation="rgb+mask")
+    env = RiverVectorEnv(rivers, TOGETHER, config, autoreset_mode=AutoresetMode.NEXT_STEP)
     off, water, failed = [], [], []
     frames, _ = env.reset(seed=list(range(TOGETHER)))
     for batch in range(-(-starts // TOGETHER)):
@@ -96,7 +96,9 @@ def page_section(rows: Sequence[dict[str, str]]) -> str:
             lines.append([level, f"{low}° to {high}°", *map(share, shown)])
         lines.append([level, "all", *(share([row for row in own if row["water"] == water]) for water in ("yes", "no"))])
     header = ["level", "off the course", "failed of those that show water", "failed of those that show none"]
-    note = f"Random starts on {len(RIVERS)} rivers of each level; a start fails if its flight ends within 30 steps."
+    note = (
+        f"Random starts on {len(RIVERS)} rivers of each level; a start fails if its flight ends within {STEPS} steps."
+    )
     return f"{markdown(frame(header, lines))}\n{wrap(note)}"
 
 
@@ -105,23 +107,20 @@ def main() -> None:
     parser.add_argument("--policy", type=Path, default=PACKAGED_POLICY, help="folder of a run or policy file")
     parser.add_argument("--levels", nargs="+", choices=LEVELS, default=["Medium", "Hard"])
     parser.add_argument("--starts", type=int, default=1024, help="starts on each level")
-    parser.add_argument("--steps", type=int, default=30, help="steps of each flight")
     parser.add_argument("--out", type=Path, default=TABLE, help="the table, which is written anew")
     parser.add_argument("--write", action="store_true", help="fly nothing, but write the table of the page")
     given = parser.parse_args()
-    if min(given.starts, given.steps) < 1:
-        parser.error("--starts and --steps must be at least 1")
+    if given.starts < 1:
+        parser.error("--starts must be at least 1")
     if given.write:
         section = page_section(read_csv(given.out, COLUMNS))
         write_atomic(PAGE, replace_section(PAGE.read_text(encoding="utf-8"), SECTION, section))
         return
     rows = []
     for level in given.levels:
-        rows += rows_of(level, *failures_at(given.policy, level, given.starts, given.steps))
+        rows += rows_of(level, *failures_at(given.policy, level, given.starts, STEPS))
         print(page_section(rows), flush=True)
-    given.out.unlink(missing_ok=True)
-    for row in rows:
-        append(given.out, COLUMNS, row)
+    write_atomic(given.out, csv_text(COLUMNS, ([row[name] for name in COLUMNS] for row in rows)))
 
 
 if __name__ == "__main__":

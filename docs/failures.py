@@ -5,7 +5,6 @@ varied looks, the first failure for each reason is shown: what the policy saw in
 map.
 """
 
-import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -69,7 +68,9 @@ def main() -> None:
         shown: dict[str, Failure] = {}
         for failure in failures(policy, level, varied):
             shown.setdefault(failure.episode.reason, failure)
-        rows += [picture(failure) for failure in itertools.islice(shown.values(), MOST)]
+            if len(shown) == MOST:
+                break
+        rows += map(picture, shown.values())
     with atomic_path(PATH) as draft:
         stacked(rows).save(draft, quality=QUALITY, method=6)
     print(f"docs/images/{PATH.name}: {len(rows)} failures")

@@ -26,7 +26,7 @@ from thalweg.env.device import cuda_step as rules
 from thalweg.env.device.step import reset_arguments
 from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.task.rules import State, empty_outcome, empty_state
-from thalweg.render.gpu import ground_profiles, pixel, postprocess, tile_plants, visible_plants
+from thalweg.render.gpu import ground_profiles, pixel, postprocess, visible_plants
 from thalweg.render.kernels.camera_rays import Radiance
 from thalweg.render.records.scene import Scene
 from thalweg.render.records.view import COLOURS, LAYERS, MASK, Buffers, FrameSettings, Views
@@ -103,7 +103,7 @@ def variants() -> dict[str, Variant]:
     for fast in (False, True):
         quality = "fast" if fast else "full"
         for drawn, what in ((COLOURS, ""), (LAYERS, ", no colours"), (MASK, ", mask")):
-            kernels[f"trace, {quality}{what}"] = Variant(pixel.tracer(fast, drawn), trace, tile_plants.THREADS)
+            kernels[f"trace, {quality}{what}"] = Variant(pixel.tracer(fast, drawn), trace, pixel.THREADS)
         kernels[f"add_up, {quality}"] = Variant(postprocess.adder(fast), add, postprocess.THREADS)
     kernels["tone_map"] = Variant(
         postprocess.tone_map,

@@ -14,7 +14,7 @@ import numpy as np
 from thalweg.core.compute import gpu
 from thalweg.core.compute.launch_graphs import LaunchGraphs
 from thalweg.render.errors import RenderError
-from thalweg.render.gpu import ground_profiles, pixel, postprocess, tile_plants, visible_plants
+from thalweg.render.gpu import ground_profiles, pixel, postprocess, visible_plants
 from thalweg.render.kernels.camera_rays import Radiance
 from thalweg.render.kernels.shading.tone import CODE_TABLE
 from thalweg.render.kernels.terrain.azimuth_planes import most_planes
@@ -221,9 +221,9 @@ class GpuRenderer:
             ground_profiles.find_nearness, count, ground_profiles.THREADS, device,
             scene, views, settings, cameras, nearness,
         )  # fmt: skip
-        tiles = -(-height // tile_plants.TILE) * -(-width // tile_plants.TILE)
+        tiles = -(-height // pixel.TILE) * -(-width // pixel.TILE)
         gpu.launch(
-            pixel.tracer(reduced, drawn), (tiles, count), tile_plants.THREADS, device,
+            pixel.tracer(reduced, drawn), (tiles, count), pixel.THREADS, device,
             scene, views, cameras, moments, nearness, plants, buffers,
         )  # fmt: skip
         if images is not None:

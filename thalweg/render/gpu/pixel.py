@@ -1,17 +1,26 @@
 """The GPU kernel that draws one pixel a thread, from the same functions as the CPU, with spans of one ray.
 
-A block of threads draws a tile of `TILE` pixels a side, and blends its plants together (`tile_plants`). Arrays of one
-element stay in registers.
+A block of threads draws a tile of `TILE` pixels a side. Its threads walk the list of plants together, as many at a time
+as there are threads: each looks at one plant and, if its billboard touches the tile, sets the plant's bit and puts what
+all pixels of it share into shared memory. They stop once no pixel lets light through any more, or each shows ground
+nearer than all plants that are left. Arrays of one element stay in registers.
 """
 
 from collections.abc import Callable
 from functools import cache
 
 import numpy as np
-from numba import cuda, float32, int32, uint8
+from numba import cuda, float32, int32, uint8, uint32
 
 from thalweg.core.compute.jit import kernel
-from thalweg.render.gpu.tile_plants import blend_plants
+from thalweg.render.gpu.shared_billboards import (
+    SHARED_FLOATS,
+    SHARED_INTS,
+    billboard_light,
+    share_billboard,
+    shared_billboard,
+    touches_tile,
+)
 from thalweg.render.gpu.visible_plants import stored_camera
 from thalweg.render.kernels import bridge_stone, bridges
 from thalweg.render.kernels.camera_rays import (
@@ -26,6 +35,7 @@ from thalweg.render.kernels.camera_rays import (
     square_rays,
 )
 from thalweg.render.kernels.plants import billboard, reduced_billboard
+from thalweg.render.kernels.plants.billboard import make_billboard, nearest_depth
 from thalweg.render.kernels.shading import ground, mirror, reduced_quality, sky, water
 from thalweg.render.kernels.shading.background import SEEN
 from thalweg.render.kernels.shading.shore import covered_share, water_shares
@@ -37,6 +47,11 @@ from thalweg.render.records.view import COLOURS, MASK, View
 
 f32 = np.float32
 
+THREADS = TILE * TILE
+WORD = 32
+"""Bits of a word."""
+WORDS = THREADS // WORD
+"""Words with one bit for each thread of a block."""
 LESS_THAN_HALF = float(np.nextafter(f32(0.5), f32(0)))
 """Greatest number below a half: light above it is at least a half, and a pixel below it is one of plants for good."""
 
@@ -209,6 +224,72 @@ def nearest_bridge(scene, view, rays, depth, kind, coloured):
                     scene, view, row, hit, ray, row_step(view.camera), slant, f32(1)
                 )
     return kind, red, green, blue
+
+
+@kernel(inlined=True)
+def blend_plants(scene, view, plants, n, corner, r, asked, closed, reduced, rays, depth):
+    """Return the red, green and blue that plants add to a pixel, the light that they let through, and their depth.
+
+    corner: row and column of the tile's first pixel; asked: whether the pixel counts; closed: light at which it no
+    longer does.
+    """
+    order, distance, boxes, counts = plants
+    tile_r, tile_c = corner
+    camera = view.camera
+    thread = cuda.threadIdx.x
+    sharpen = f32(reduced_billboard.SHARPEN) if reduced else f32(billboard.SHARPEN)
+    cell = f32(1) / scene.constants[view.world, layout.INV_CELL]
+    # In the reduced quality two rows share their texels and look through the middle between them.
+    off = f32(0)
+    if reduced:
+        off = (f32(r % reduced_billboard.ROWS) - f32(0.5 * reduced_billboard.ROWS - 0.5)) * row_step(camera)
+    dx = rays.x[0] * cell + off * camera.up_x
+    dy = rays.y[0] * cell + off * camera.up_y
+    dz = rays.z[0] + off * camera.up_z
+    red = f32(0)
+    green = f32(0)
+    blue = f32(0)
+    light = f32(1)
+    plant_depth = f32(MISS)
+    floats = cuda.shared.array((SHARED_FLOATS, THREADS), float32)
+    ints = cuda.shared.array((SHARED_INTS, THREADS), int32)
+    touched = cuda.shared.array(WORDS, uint32)
+    first_plant = scene.extents[view.world, layout.PLANT_FROM]
+    total = counts[n]
+    for first in range(0, total, THREADS):
+        # The whole block stops together: a vote says whether any of its pixels still shows plants.
+        nearest = nearest_depth(distance[n, order[n, first]], camera)
+        if thread < WORDS:
+            touched[thread] = uint32(0)
+        if cuda.syncthreads_or(int32(asked and light > f32(0) and depth[0] > nearest)) == 0:
+            break
+        k = first + thread
+        touching = k < total and touches_tile(boxes, n, k, tile_r, tile_c)
+        if touching:
+            cuda.atomic.or_(touched, thread // WORD, uint32(uint32(1) << uint32(thread % WORD)))
+            # Each thread prepares one billboard, and all threads then draw it from shared memory.
+            p = order[n, k]
+            share_billboard(make_billboard(scene, view, first_plant + p, distance[n, p], sharpen), floats, ints, thread)
+        cuda.syncthreads()
+        # Only the plants that touch the tile are visited: a camera sees a thousand, a tile a few of them.
+        for word in range(WORDS):
+            bits = touched[word]
+            # The same branch for all threads of the block, so that none waits for another.
+            while bits != uint32(0):
+                board = shared_billboard(floats, ints, word * WORD + cuda.ffs(bits) - 1)
+                bits = uint32(bits & uint32(bits - uint32(1)))  # without the lowest one
+                add_r, add_g, add_b, part, t = billboard_light(
+                    scene.atlas, board, dx, dy, dz, camera.near_m, depth[0], light, closed, reduced
+                )  # fmt: skip
+                red += add_r
+                green += add_g
+                blue += add_b
+                rest = light - part
+                plant_depth = t if light >= f32(0.5) and rest < f32(0.5) else plant_depth
+                light = rest
+        # Shared memory is written anew in the next round, so all must be done with it.
+        cuda.syncthreads()
+    return red, green, blue, light, plant_depth
 
 
 @kernel(inlined=True)

@@ -74,6 +74,8 @@ class Arm:
     """File or name of the encoder of codes; None: the one that comes with the package."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """Settings that differ from the defaults."""
+    first_river: int = FIRST_RIVER
+    """Seed of its first river."""
 
     @property
     def label(self) -> str:
@@ -83,7 +85,7 @@ class Arm:
     @property
     def seeds(self) -> range:
         """Seeds of its rivers."""
-        return range(FIRST_RIVER, FIRST_RIVER + self.rivers)
+        return range(self.first_river, self.first_river + self.rivers)
 
     @property
     def is_student(self) -> bool:
@@ -127,6 +129,7 @@ class Arm:
         return (
             self.name,
             str(self.rivers),
+            str(self.first_river),
             self.looks,
             str(self.seed),
             str(self.steps),
@@ -139,7 +142,7 @@ class Arm:
     def folder(self) -> str:
         """Name of the folder of its run, another one for everything that the policy depends on."""
         encoder = None if self.sees_images else hash_of_encoder(self.encoder)
-        parts = self.resolved, self.levels, self.training_versions, encoder
+        parts = self.resolved, self.levels, self.first_river, self.training_versions, encoder
         return f"{self.label}-{self.steps}-{digest(parts)}"
 
     def cells(self, episodes: int, kinds: Sequence[str] = KINDS) -> list["Cell"]:
@@ -152,7 +155,7 @@ class Arm:
         ]
 
 
-ARM_KEY = ("arm", "rivers", "looks", "seed", "steps", "config", "encoder", "versions")
+ARM_KEY = ("arm", "rivers", "first_river", "looks", "seed", "steps", "config", "encoder", "versions")
 """Columns that identify an arm. `config` is a hash of all settings."""
 
 

@@ -96,7 +96,7 @@ def test_focops_learns_end_to_end_beside_the_climber_that_sees_codes(arms: Modul
     beside = next(arm for arm in arms.ladder_arms() if arm.label == "FOCOPS-16-fixed-0")
     assert (found[0].algorithm, found[0].steps, found[0].levels) == (beside.algorithm, beside.steps, beside.levels)
     assert found[0].sees_images and not beside.sees_images and found[0].resolved["policy"] == "cnn"
-    assert found[0].key[6] == "none" and "privileged" in found[0].training_versions
+    assert found[0].key[7] == "none" and "privileged" in found[0].training_versions
 
 
 def test_looks_reach_a_student_by_its_settings(student: Any):
@@ -125,6 +125,7 @@ def test_arms_and_folders_differ_by_all_that_they_depend_on(
 ):
     others = [
         replace(student, rivers=1),
+        replace(student, first_river=7),
         replace(student, looks="varied"),
         replace(student, seed=1),
         replace(student, steps=8),
@@ -132,7 +133,7 @@ def test_arms_and_folders_differ_by_all_that_they_depend_on(
         arms.Arm("student", "FOCOPS", 4, "fixed", 0, 400_000),
     ]
     found = [student, *others]
-    assert len({arm.key for arm in found}) == len({arm.folder for arm in found}) == 7
+    assert len({arm.key for arm in found}) == len({arm.folder for arm in found}) == 8
     before = student.key, student.folder
     monkeypatch.setattr(versions, "RULES", versions.RULES + 1)
     assert student.key != before[0] and student.folder != before[1]
@@ -148,7 +149,7 @@ def test_another_encoder_is_another_arm_of_focops(arms: ModuleType, student: Any
     focops = replace(student, algorithm="FOCOPS")
     before = focops.key, student.key
     monkeypatch.setattr(arms, "hash_of_encoder", lambda encoder: f"other {encoder}")
-    assert focops.key != before[0] and focops.key[6] == "other None" and student.key == before[1]
+    assert focops.key != before[0] and focops.key[7] == "other None" and student.key == before[1]
 
 
 @pytest.mark.parametrize(
@@ -193,6 +194,7 @@ def test_a_row_by_hand(script: ModuleType, student: Any):
     assert len(config) == 8 and row == {
         "arm": "student",
         "rivers": "4",
+        "first_river": "1000",
         "looks": "fixed",
         "seed": "0",
         "steps": "400000",

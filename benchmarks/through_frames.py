@@ -1,0 +1,127 @@
+"""Checks of algorithms through frames: trained with the packaged encoder on one river of Medium, and flown there.
+
+    python benchmarks/through_frames.py --jobs 2                # trains and flies all that has no row yet
+    python benchmarks/through_frames.py --only 'PPOLag-*'       # checks by their labels, see --list
+    python benchmarks/through_frames.py --write                 # the table of docs/algorithms/README.md
+
+A row of through_frames.csv is appended as a check is flown. One that has a row is skipped, and training resumes in the
+folder `--runs`. A row names the versions, settings and encoder that it depends on: with others, its check is made
+again. Settings are compared on a river and with seeds of their own, which the reported checks do not share.
+"""
+
+import argparse
+import fnmatch
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from ladder import COLUMNS, Task, missing_cells, work_through
+from ladder_arms import CELL_KEY, FIXED, Arm
+from page_sections import replace_section
+from river_flights import mean_return
+
+from thalweg.bench.csv_files import read_csv
+from thalweg.bench.report.table import frame, markdown
+from thalweg.core.atomic_io import write_atomic
+from thalweg.world import level_named
+
+HERE = Path(__file__).resolve().parent
+TABLE = HERE / "through_frames.csv"
+PAGE, SECTION = HERE.parent / "docs" / "algorithms" / "README.md", "through frames"
+LEVEL = "Medium"
+STEPS, EPISODES = 200_000, 300
+FLIGHTS = ("seen",)
+"""Flights are on the river of training only."""
+REPORTED, CHOOSING = level_named(LEVEL).default_seed, 4000
+"""Seeds of the river of reported checks, the fixed one of the level, and of that where settings are compared."""
+SEEDS = {REPORTED: (0, 1, 2), CHOOSING: (10, 11, 12)}
+"""Seeds of the runs on each river."""
+CHECKED: tuple[tuple[str, str, Mapping[str, Any], int, int], ...] = (
+    ("PPO", "PPO", {}, REPORTED, 3),
+    ("PPOLag", "PPOLag", {}, REPORTED, 3),
+    ("OnCRPO", "OnCRPO", {}, REPORTED, 1),
+    ("TD3Lag", "TD3Lag", {}, REPORTED, 1),
+    ("PPOLag", "PPOLag", {}, CHOOSING, 3),
+    ("PPOLag-asymmetric", "PPOLag", {"asymmetric_critics": True}, CHOOSING, 3),
+)
+"""Name, algorithm, settings that differ from its defaults, seed of the river, and number of runs."""
+SHOWN = {"PPOLag-asymmetric": "PPOLag, `asymmetric_critics=true`"}
+"""Names in the table, if they differ."""
+
+
+def checks() -> list[Arm]:
+    """Return the runs that are compared."""
+    return [
+        Arm(name, algorithm, 1, FIXED, seed, STEPS, (LEVEL,), settings=settings, first_river=river)
+        for name, algorithm, settings, river, runs in CHECKED
+        for seed in SEEDS[river][:runs]
+    ]
+
+
+def current_rows(rows: Iterable[Mapping[str, str]]) -> list[Mapping[str, str]]:
+    """Return the rows of today's checks, versions and settings, in the order of the checks."""
+    found = {tuple(row[name] for name in CELL_KEY): row for row in rows}
+    keys = [cell.key for arm in checks() for cell in arm.cells(EPISODES, FLIGHTS)]
+    return [found[key] for key in keys if key in found]
+
+
+def table(rows: Iterable[Mapping[str, str]]) -> str:
+    """Return the table of the page: a line for all runs of a check."""
+    groups: dict[tuple[str, str], list[Mapping[str, str]]] = {}
+    for row in rows:
+        groups.setdefault((row["arm"], row["first_river"]), []).append(row)
+    lines = []
+    for (name, river), runs in groups.items():
+        each = ", ".join(f"{float(row['return']):.2f}" for row in runs)
+        cost = f"{np.mean([float(row['cost']) for row in runs]):.3f}"
+        lines.append([SHOWN.get(name, name), river, str(len(runs)), str(mean_return(runs)), each, cost])
+    return markdown(frame(["algorithm", f"river of {LEVEL}", "seeds", "return", "of each", "cost"], lines))
+
+
+def written_page(page: str, rows: Iterable[Mapping[str, str]]) -> str:
+    """Return the page with the section of the checks as the rows have it."""
+    shown = current_rows(rows)
+    return replace_section(page, SECTION, table(shown) if shown else "Nothing was measured with today's versions.\n")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="+", default=["*"], metavar="PATTERN", help="checks by their labels")
+    parser.add_argument("--jobs", type=int, default=1, help="checks at a time")
+    parser.add_argument("--threads", type=int, help="threads for learning of each check")
+    parser.add_argument("--runs", type=Path, default=HERE.parent / "runs" / "through_frames", help="folder of the runs")
+    parser.add_argument("--out", type=Path, default=TABLE, help="the table")
+    parser.add_argument("--list", action="store_true", help="train and fly nothing, but list the checks")
+    parser.add_argument("--write", action="store_true", help="train and fly nothing, but write the page")
+    given = parser.parse_args(arguments)
+    if given.jobs < 1:
+        parser.error(f"--jobs must be at least 1, not {given.jobs}")
+    chosen = [arm for arm in checks() if any(fnmatch.fnmatchcase(label(arm), pattern) for pattern in given.only)]
+    if not chosen:
+        parser.error(f"--only {' '.join(given.only)} matches no check; --list shows their labels")
+    rows = read_csv(given.out, COLUMNS) if given.out.is_file() else []
+    if given.write:
+        write_atomic(PAGE, written_page(PAGE.read_text(encoding="utf-8"), rows))
+        return 0
+    tasks = []
+    for arm in chosen:
+        missing = missing_cells(arm, rows, EPISODES, FLIGHTS)
+        print(f"{label(arm)}: {'to be flown' if missing else 'has a row'}", flush=True)
+        if missing:
+            tasks.append(Task(arm, given.runs / arm.folder, given.threads, tuple(missing)))
+    if given.list:
+        return 0
+    failures = work_through(tasks, given.jobs, given.out)
+    print(*(f"failed: {line}" for line in failures), sep="\n", end="\n" if failures else "", file=sys.stderr)
+    return int(bool(failures))
+
+
+def label(arm: Arm) -> str:
+    """Return the name by which a check is selected."""
+    return f"{arm.name}-{arm.first_river}-{arm.seed}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -10,19 +10,28 @@ import pytest
 
 from tests.known_answer.harness import Case, Result, reference
 from tests.known_answer.scores import Score
+from thalweg.algos import ALGORITHMS
 from thalweg.algos.common.errors import AlgorithmError
+from thalweg.core import versions
 from thalweg.core.config import frozen_config
 
 ROOT = Path(__file__).resolve().parents[2]
 CELL = Case("CPO", "box", "end")
+SCRIPTS = ("known_answer", "known_answer_page", "known_answer_rows")
 
 
 @pytest.fixture
 def script(monkeypatch: pytest.MonkeyPatch):
     """`benchmarks/known_answer.py`, which is in no package."""
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    yield importlib.import_module("known_answer")
-    sys.modules.pop("known_answer", None)
+    for name in SCRIPTS:
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    return importlib.import_module("known_answer")
+
+
+@pytest.fixture
+def table(script: ModuleType) -> ModuleType:
+    return sys.modules["known_answer_page"]
 
 
 def rows(script: ModuleType, monkeypatch: pytest.MonkeyPatch, *shares: float) -> dict:
@@ -45,8 +54,8 @@ def test_written_rows_are_read_back_by_their_keys(script: ModuleType, monkeypatc
 def test_a_row_names_the_versions_of_its_algorithm_and_of_training(
     script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ):
-    monkeypatch.setitem(script.versions.ALGORITHMS, "CPO", 7)
-    monkeypatch.setattr(script.versions, "TRAINING", 4)
+    monkeypatch.setitem(versions.ALGORITHMS, "CPO", 7)
+    monkeypatch.setattr(versions, "TRAINING", 4)
     written = rows(script, monkeypatch, 0.95) | {script.key(CELL, 1): script.failure(CELL, 1, ValueError("broken"))}
     script.write(tmp_path / "table.csv", written)
     found = script.finished(tmp_path / "table.csv").values()
@@ -56,7 +65,7 @@ def test_a_row_names_the_versions_of_its_algorithm_and_of_training(
 def test_rows_of_an_older_version_stay(script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     written = rows(script, monkeypatch, 0.95)
     script.write(tmp_path / "table.csv", written)
-    monkeypatch.setitem(script.versions.ALGORITHMS, "CPO", 7)
+    monkeypatch.setitem(versions.ALGORITHMS, "CPO", 7)
     assert script.finished(tmp_path / "table.csv") == written
 
 
@@ -70,13 +79,13 @@ def test_keys_differ_by_seed_settings_and_problem(script: ModuleType):
 def test_rows_of_other_defaults_are_dropped(script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     written = rows(script, monkeypatch, 0.95)
     script.write(tmp_path / "table.csv", written)
-    entry = script.ALGORITHMS["CPO"]
+    entry = ALGORITHMS["CPO"]
 
     @frozen_config(AlgorithmError)
     class Changed(entry.config):
         damping: float = 0.2
 
-    monkeypatch.setitem(script.ALGORITHMS, "CPO", replace(entry, config=Changed))
+    monkeypatch.setitem(ALGORITHMS, "CPO", replace(entry, config=Changed))
     assert script.finished(tmp_path / "table.csv") == {}
 
 
@@ -92,11 +101,14 @@ def test_a_run_that_failed_is_a_row_and_does_not_count_as_finished(
     assert "**95%, 0.100 (1/2)**" in script.page(found, 2)
 
 
-def test_rows_are_compared_with_the_current_optimum(script: ModuleType, monkeypatch: pytest.MonkeyPatch):
+def test_rows_are_compared_with_the_current_optimum(
+    script: ModuleType, table: ModuleType, monkeypatch: pytest.MonkeyPatch
+):
     written = rows(script, monkeypatch, 0.95)
     assert "95%, 0.100 (1/1)" in script.page(written, 1)
     better = replace(reference(CELL), reward=2.0 * reference(CELL).reward)
-    monkeypatch.setattr(script, "reference", lambda case: better)
+    monkeypatch.setattr(table, "reference", lambda case: better)
+    monkeypatch.setattr(sys.modules["known_answer_rows"], "reference", lambda case: better)
     assert "**48%, 0.100 (0/1)**" in script.page(written, 1)
 
 
@@ -105,3 +117,27 @@ def test_the_page_marks_what_some_seed_missed(script: ModuleType, monkeypatch: p
     assert "**90%, 0.100 (1/2)**" in page
     page = script.page(rows(script, monkeypatch, 0.95, 0.97), 2)
     assert "| 96%, 0.100 (2/2) |" in page and "not run" in page
+
+
+def test_the_section_of_an_algorithm_names_the_seeds_that_miss(
+    script: ModuleType, table: ModuleType, monkeypatch: pytest.MonkeyPatch
+):
+    native = Case("CPO", "multidiscrete", "end")
+    found = {}
+    for seed, share in enumerate((0.95, 0.85, 1.0)):
+        result = Result(
+            native, Score.of(replace(reference(native), reward=share * reference(native).reward)), reference(native)
+        )
+        monkeypatch.setattr(script, "trained", lambda *_, result=result: result)
+        found[script.key(native, seed)] = script.measure(native, seed, Path("unused"))
+    found[script.key(native, 2)] = script.failure(native, 2, ValueError("broken"))
+    text = " ".join(table.section(found, "CPO").split())
+    assert text.endswith("| `end` | 0.1 | 2.07, 0.100 | 90.0%, 0.100 | 1 of 3 | seed 1: 85.0%, 0.100; seed 2 failed |")
+    assert table.section({}, "CPO") == "No run of today's defaults yet.\n"
+
+
+def test_the_pages_are_as_the_rows_have_them(script: ModuleType, table: ModuleType):
+    for path, text in table.written_pages(script.finished(ROOT / "benchmarks" / "known_answer.csv")).items():
+        assert path.read_text(encoding="utf-8") == text, (
+            f"python benchmarks/known_answer.py --write changes {path.name}"
+        )

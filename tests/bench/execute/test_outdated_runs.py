@@ -18,7 +18,7 @@ from thalweg.bench.report.result_tables import paper_table
 from thalweg.bench.results import outdated, reading, run_versions
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
-from thalweg.bench.results.run_versions import current_versions, read_versions
+from thalweg.bench.results.run_versions import critics_are_asymmetric, current_versions, read_versions
 from thalweg.core import versions
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
@@ -79,6 +79,26 @@ def test_versions_are_recorded_for_each_run(finished: Path):
         "PPO": versions.ALGORITHMS["PPO"], "privileged": versions.PRIVILEGED,
     }  # fmt: skip
     assert "privileged" not in made["FOCOPS-1"]
+
+
+def test_critics_that_see_more_by_a_setting_depend_on_the_ideal_eye(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    blind = replace(ARMS[0], name="blind", settings={"asymmetric_critics": False})
+    told = replace(ARMS[1], name="told", settings={"asymmetric_critics": True})
+    study = replace(ARMS[0], name="study", preset="paper")
+    run_suite(replace(SUITE, arms=(blind, told, study)), tmp_path, SmallBackend())
+    made = read_versions(tmp_path)
+    assert [name for name, of in made.items() if "privileged" in of] == ["told-0", "told-1"]
+    assert not read_results(tmp_path).outdated
+    monkeypatch.setattr(versions, "PRIVILEGED", versions.PRIVILEGED + 1)
+    assert set(read_results(tmp_path).outdated) == {f"told (privileged {versions.PRIVILEGED - 1})"}
+
+
+def test_what_this_copy_lacks_has_no_such_critics():
+    assert critics_are_asymmetric("PPO", {}) and not critics_are_asymmetric("PPO", {}, "paper")
+    assert critics_are_asymmetric("FOCOPS", {"policy": "cnn"})
+    assert not critics_are_asymmetric("SafeLOOP", {})
+    assert not critics_are_asymmetric("MyPPO", {})
+    assert not critics_are_asymmetric("PPO", {}, "mine") and not critics_are_asymmetric("PPO", {"mine": 1})
 
 
 def test_runs_that_see_no_frames_depend_on_neither_renderer_nor_encoder(

@@ -21,7 +21,13 @@ from thalweg.bench.results.results import (
     RunRow,
     read_runs,
 )
-from thalweg.bench.results.run_versions import Versions, current_versions, read_versions, version_label
+from thalweg.bench.results.run_versions import (
+    Versions,
+    critics_are_asymmetric,
+    current_versions,
+    read_versions,
+    version_label,
+)
 from thalweg.bench.results.statistics import TrainingLog
 from thalweg.bench.suite.config import PACKAGED
 from thalweg.bench.suite.record import arms_of, observation_of, read_suite
@@ -178,10 +184,18 @@ def _current(suite: Mapping[str, Any], policy: str, recorded: Versions) -> dict[
         return current_versions("packaged", ())
     arm = next((arm for arm in arms_of(suite) if arm["name"] == policy), None)
     if arm is not None:
-        stages = [stage["algorithm"] for stage in arm.get("before", []) if "algorithm" in stage]
-        return current_versions("train", [*stages, arm["algorithm"]], observation=observation_of(suite, arm))
+        stages = [stage for stage in (*arm.get("before", []), arm) if "algorithm" in stage]
+        return current_versions(
+            "train",
+            [stage["algorithm"] for stage in stages],
+            observation=observation_of(suite, arm),
+            asymmetric_critics=any(
+                critics_are_asymmetric(stage["algorithm"], stage.get("settings", {}), stage.get("preset", "default"))
+                for stage in stages
+            ),
+        )
     known = (
-        current_versions("train", [name for name in recorded if name in ALGORITHMS])
+        current_versions("train", [name for name in recorded if name in ALGORITHMS], asymmetric_critics=True)
         | current_versions("packaged", ())
         | current_versions("baseline", [policy])
     )

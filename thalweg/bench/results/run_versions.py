@@ -7,12 +7,15 @@ has changed, and only flown again if nothing but the evaluation has.
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
-from thalweg.algos.registry import ALGORITHMS
+from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.registry import algorithm_named
 from thalweg.bench.csv_files import ResultsError
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.train.river import FRAMES, PRIVILEGED
+from thalweg.train.run import has_asymmetric_critics
 
 FILE = "versions.json"
 EVALUATION = "evaluation"
@@ -25,13 +28,19 @@ Versions = Mapping[str, int | None]
 """Versions by what they are of; None for what this copy of Thalweg lacks."""
 
 
-def current_versions(kind: str, algorithms: Iterable[str], *, observation: str = FRAMES) -> dict[str, int | None]:
+def current_versions(
+    kind: str,
+    algorithms: Iterable[str],
+    *,
+    observation: str = FRAMES,
+    asymmetric_critics: bool = False,
+) -> dict[str, int | None]:
     """The versions that a run of a kind (`train`, `baseline` or `packaged`) depends on.
 
     `algorithms` are those of all stages of its training, or a baseline's name. `observation` is what a trained policy
     sees: only codes of frames depend on the encoder, and only the privileged observation does not depend on the
-    renderer, and critics of some algorithms see the privileged one as well. The packaged policy sees images; baselines
-    see nothing.
+    renderer; `asymmetric_critics` is whether the critics of some stage see the privileged one as well. The packaged
+    policy sees images; baselines see nothing.
     """
     rivers: dict[str, int | None] = {"world": versions.WORLD, "rules": versions.RULES, EVALUATION: versions.EVALUATION}
     if kind == "baseline":
@@ -41,14 +50,20 @@ def current_versions(kind: str, algorithms: Iterable[str], *, observation: str =
         return rivers | render | {"packaged": versions.PACKAGED_POLICY}
     learning = {name: versions.ALGORITHMS.get(name) for name in algorithms}
     seen = (render if observation != PRIVILEGED else {}) | (encoder if observation == FRAMES else {})
-    if observation == PRIVILEGED or any(map(_has_asymmetric_critics, learning)):
+    if observation == PRIVILEGED or asymmetric_critics:
         seen["privileged"] = versions.PRIVILEGED
     return rivers | seen | {"training": versions.TRAINING} | learning
 
 
-def _has_asymmetric_critics(algorithm: str) -> bool:
-    """Return whether the critics of an algorithm see what the ideal eye does, by default."""
-    return algorithm in ALGORITHMS and getattr(ALGORITHMS[algorithm].config(), "asymmetric_critics", False)
+def critics_are_asymmetric(algorithm: str, settings: Mapping[str, Any], preset: str = "default") -> bool:
+    """Return whether the critics of an algorithm see what the ideal eye does, with these settings of a preset.
+
+    They do not if this copy of Thalweg lacks the algorithm, the preset or a setting.
+    """
+    try:
+        return has_asymmetric_critics(algorithm_named(algorithm).configure(dict(settings), preset))
+    except AlgorithmError:
+        return False
 
 
 def needs_training(recorded: Versions, current: Versions) -> bool:

@@ -106,7 +106,7 @@ def test_the_policy_stays_as_it_was_during_the_warmup_of_critics(
 ):
     """Two updates of 128 steps each, the second of which begins within 255 steps, but not within 128."""
     # It refuses a run that teaches the policy nothing. `thalweg.train.run` is the function, not its module.
-    monkeypatch.setattr(importlib.import_module("thalweg.train.run"), "_check_warmup", lambda *_: None)
+    monkeypatch.setattr(importlib.import_module("thalweg.train.run"), "check_warmup", lambda *_: None)
     train(tmp_path, steps=256, begin_with=first, config=SMALL | {"critic_warmup_steps": warmup})
     assert np.array_equal(shown(tmp_path), shown(first)) == stays
 

@@ -111,7 +111,7 @@ def run(
     settings = {"algorithm": entry.name, "preset": preset, "config": to_plain(resolved), "steps": steps, "seed": seed}
     identity = settings | _task_identity(task, learner, collector)
     if how.begin_with is not None:
-        _check_warmup(getattr(resolved, "critic_warmup_steps", 0), steps, learner.rollout_steps * task.num_envs)
+        check_warmup(resolved, steps, task.num_envs)
         identity["begin_with"] = _initialise_policy(learner, policy_file(how.begin_with))
     elif getattr(resolved, "imitation_kl", 0.0):
         raise AlgorithmError(
@@ -165,9 +165,10 @@ def _check_graphs(entry: Entry, device: torch.device) -> None:
         raise DeviceError(f"graphs are recorded on a GPU only, not on {device}")
 
 
-def _check_warmup(warmup: int, steps: int, rollout: int) -> None:
-    """Raise `TrainingError` if no rollout begins after the critics' warm-up; `rollout`: steps of one, all environments
-    together."""
+def check_warmup(config: Any, steps: int, num_envs: int) -> None:
+    """Raise `TrainingError` if no rollout begins after the warm-up of critics, in a run that begins with another
+    policy."""
+    warmup, rollout = getattr(config, "critic_warmup_steps", 0), config.rollout_steps(num_envs) * num_envs
     most = (steps - 1) // rollout * rollout
     if warmup > most:
         raise TrainingError(

@@ -96,15 +96,15 @@ def test_stages_are_trained_in_order_each_beginning_as_the_one_before(tmp_path: 
 
     monkeypatch.setattr(RiverTraining, "train", train)
     monkeypatch.setattr(backend, "load_compatible_encoder", lambda: None)
-    before = (Stage("PPO", "Easy", 100), Stage("FOCOPS", "Medium", 200, settings={"cost_limit": 0.3}))
-    arm = Arm("FOCOPS", seeds=(4,), steps=300, level="Hard", before=before, name="curriculum")
+    before = (Stage("PPO", "Easy", 100), Stage("FOCOPS", "Medium", 20_000, settings={"cost_limit": 0.3}))
+    arm = Arm("FOCOPS", seeds=(4,), steps=30_000, level="Hard", before=before, name="curriculum")
     home = tmp_path / "curriculum-4"
     RiverBackend(replace(SUITE, arms=(arm,))).train(Run("train", "curriculum", 4), home)
     first, second = home / ".before" / "0", home / ".before" / "1"
     assert told == [
         ("Easy", "PPO", 100, 4, first, None),
-        ("Medium", "FOCOPS", 200, 4, second, first),
-        ("Hard", "FOCOPS", 300, 4, home, second),
+        ("Medium", "FOCOPS", 20_000, 4, second, first),
+        ("Hard", "FOCOPS", 30_000, 4, home, second),
     ]
 
 
@@ -114,7 +114,7 @@ def test_each_stage_is_trained_on_its_own_rivers_or_those_of_its_arm_or_suite(
     given: list[Any] = []
     monkeypatch.setattr(RiverTraining, "train", lambda ground, *_, **__: given.append((ground.river, ground.seeds)))
     monkeypatch.setattr(backend, "load_compatible_encoder", lambda: "the encoder")
-    stages = (Stage("PPO", "Easy", 1, world_seeds="3:6"), Stage("PPO", "Hard", 1))  # pyright: ignore[reportArgumentType]
+    stages = (Stage("PPO", "Easy", 1, world_seeds="3:6"), Stage("PPO", "Hard", 20_000))  # pyright: ignore[reportArgumentType]
     arms = (Arm("PPO", before=stages, world_seeds=[8, "10:12"], name="own"), Arm("CUP"))  # pyright: ignore
     place = RiverBackend(replace(SUITE, arms=arms, world_seeds="1000:1003", train_level="Medium"))
     for label in ("own", "CUP"):

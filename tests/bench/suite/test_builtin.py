@@ -1,6 +1,7 @@
 """Suites by name and from YAML files, and the messages for invalid files."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -193,3 +194,17 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path):
         load_suite(written(tmp_path, "arms: ["))
     with pytest.raises(ResultsError, match=r"mine\.yaml is empty: a suite is a mapping with arms"):
         load_suite(written(tmp_path, ""))
+
+
+@pytest.mark.parametrize(
+    ("arm", "most"),
+    [
+        (Arm("PPO", steps=4096, before=(Stage("PPO", "Easy", 1),), name="short"), 2048),
+        (Arm("PPO", before=(Stage("PPO", "Easy", 1), Stage("TD3Lag", "Hard", 600)), name="short"), 576),
+    ],
+)
+def test_stages_too_short_for_the_warmup_of_critics_are_refused_before_anything_runs(arm: Arm, most: int):
+    with pytest.raises(ResultsError, match=f"short: critic_warmup_steps must be at most {most} in a run"):
+        Suite("mine", (arm,))
+    first = replace(arm, before=(), steps=1)
+    assert Suite("mine", (first,)).arm("short").steps == 1  # the first stage begins with no policy

@@ -129,7 +129,7 @@ class Agent:
     @property
     def rollout_steps(self) -> int:
         """T: steps of each environment between two rounds of learning."""
-        return max(1, self.config.steps_per_collection // self.num_envs)
+        return self.config.rollout_steps(self.num_envs)
 
     @property
     def target_actor(self) -> StackedMLP:

@@ -128,6 +128,10 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
             raise ValueError(f"largest_costs must be {len(self.limits)}, one per limit, got {list(self.largest_costs)}")
         return self
 
+    def rollout_steps(self, num_envs: int) -> int:
+        """Return T, the steps of each environment between two rounds of learning."""
+        return max(1, self.steps_per_collection // num_envs)
+
     @property
     def shape(self) -> NetworkShape:
         """NetworkShape of the networks."""

@@ -89,7 +89,7 @@ class Agent:
     @property
     def rollout_steps(self) -> int:
         """T: steps of each environment between updates."""
-        return max(2, self.config.steps_per_update // self._player.num_envs)
+        return self.config.rollout_steps(self._player.num_envs)
 
     def warm_up_critics(self) -> None:
         """Let only the critics learn in the rollouts that begin within the next `critic_warmup_steps`.

@@ -93,6 +93,10 @@ class OnPolicyConfig:
         """Whether critics see what the environment tells them beyond the observation."""
         return self.asymmetric_critics or self.sees_images
 
+    def rollout_steps(self, num_envs: int) -> int:
+        """Return T, the steps of each environment between two updates."""
+        return max(2, self.steps_per_update // num_envs)
+
     def shape(self, image: tuple[int, int, int] | None = None) -> NetworkShape:
         """Return the shape of the policy's network, for images [H, W, C] with policy=cnn."""
         memory = self.memory_size if self.memory == "gru" else 0

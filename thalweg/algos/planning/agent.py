@@ -60,7 +60,7 @@ class Agent:
     @property
     def rollout_steps(self) -> int:
         """T, steps of each environment between two fits of the model."""
-        return max(1, self.config.steps_per_collection // self.num_envs)
+        return self.config.rollout_steps(self.num_envs)
 
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Return raw actions [N, A] for observations float32 [N, K * D]: random during `random_steps`, then planned."""

@@ -166,6 +166,10 @@ class PlanningConfig(CostConfig):
             )
         return self
 
+    def rollout_steps(self, num_envs: int) -> int:
+        """Return T, the steps of each environment between two fits of the model."""
+        return max(1, self.steps_per_collection // num_envs)
+
     def sized(self) -> Sizes:
         """Return the sizes that `size` stands for; each planner defines its own."""
         raise NotImplementedError

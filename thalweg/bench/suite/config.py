@@ -16,6 +16,8 @@ from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.conditions import CONDITIONS, MAIN, NAME, SHIELDED, Condition, Trial
 from thalweg.core.config import TupleOf, WholeNumber, frozen_config, to_plain
 from thalweg.core.seeds import compact_seeds, parse_seeds
+from thalweg.train.errors import TrainingError
+from thalweg.train.run import check_warmup
 from thalweg.world import LEVELS
 
 PACKAGED = "packaged"
@@ -152,10 +154,12 @@ class Suite:
         if not self.runs() or not self.test_levels:
             raise ValueError(f"suite {self.name} has nothing to do")
         for arm in self.arms:
-            for each in (*arm.before, arm):
+            for index, each in enumerate((*arm.before, arm)):
                 try:
-                    ALGORITHMS[each.algorithm].configure(dict(each.settings), each.preset, self.num_envs)
-                except AlgorithmError as error:
+                    config = ALGORITHMS[each.algorithm].configure(dict(each.settings), each.preset, self.num_envs)
+                    if index:  # it begins with the policy of the stage before
+                        check_warmup(config, each.steps, self.num_envs)
+                except (AlgorithmError, TrainingError) as error:
                     raise ValueError(f"suite {self.name}, {arm.label}: {error}") from error
         return self
 

@@ -18,9 +18,12 @@ ADDED: Mapping[str, Any] = {
     "curvature_steps": 0,
 }
 """Settings that were added after rows were committed, with the defaults with which they do nothing."""
+ADDED_TO_PLANNERS: Mapping[str, Any] = {"return_bounds": []}
+"""The same of planners alone."""
 
 
 def settings_hash(settings: Mapping[str, Any]) -> str:
     """Return eight digits that identify plain settings."""
-    counted = {name: value for name, value in settings.items() if name not in ADDED or value != ADDED[name]}
+    added = {**ADDED, **ADDED_TO_PLANNERS} if "planning_discount" in settings else ADDED
+    counted = {name: value for name, value in settings.items() if name not in added or value != added[name]}
     return hashlib.sha256(json.dumps(counted, sort_keys=True).encode()).hexdigest()[:8]

@@ -7,6 +7,7 @@ from types import ModuleType
 import pytest
 
 from thalweg.algos.onpolicy.config import NaturalConfig
+from thalweg.algos.planning.ccepets import CCEPETSConfig
 from thalweg.core.config import to_plain
 
 
@@ -26,3 +27,12 @@ def test_other_values_give_another_hash_and_added_settings_count_once_they_are_c
 def test_the_added_settings_have_their_defaults(script: ModuleType):
     defaults = to_plain(NaturalConfig())
     assert {name: defaults[name] for name in script.ADDED} == dict(script.ADDED)
+    planner = to_plain(CCEPETSConfig())
+    assert {name: planner[name] for name in script.ADDED_TO_PLANNERS} == dict(script.ADDED_TO_PLANNERS)
+
+
+def test_bounds_of_returns_were_added_to_planners_alone(script: ModuleType):
+    early = {"planning_discount": 0.97}
+    assert script.settings_hash(early | {"return_bounds": []}) == script.settings_hash(early)
+    assert script.settings_hash(early | {"return_bounds": [0.0, 1.0]}) != script.settings_hash(early)
+    assert script.settings_hash({"return_bounds": []}) != script.settings_hash({})

@@ -19,6 +19,7 @@ from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.evaluation import Label, evaluate
 from thalweg.encoder import VAE, Encoder, EncoderFileError, EncoderInputError, VAEConfig, load_encoder, save_vae
 from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.config import ConfigError
 from thalweg.render import RENDER_VERSION, Camera, compilation
 from thalweg.train import river, run
 from thalweg.train.errors import TrainingError
@@ -269,3 +270,20 @@ def test_the_river_of_a_file_is_always_announced_because_it_is_never_cached(
     river.print_once.cache_clear()
     river.announce_build(Reach(Path("rivers/brook.geojson")), 5)
     assert capsys.readouterr().err == "building the river brook.geojson, seed 5: a few seconds\n"
+
+
+def test_fixed_rivers_say_what_they_take_and_are_refused_if_they_do_not_fit(monkeypatch: pytest.MonkeyPatch, capsys):
+    loaded: list[int] = []
+
+    monkeypatch.setattr(river, "drawn_bytes", lambda world: 20_000_000)
+    monkeypatch.setattr(river, "announce_build", lambda *_: None)
+    monkeypatch.setattr(river, "load_or_build", lambda level, seed: loaded.append(seed))
+    monkeypatch.setattr(river, "free_bytes", lambda: 120_000_000)
+    river.print_once.cache_clear()
+    RiverTraining("Medium", 4, "0:3").worlds()  # pyright: ignore[reportArgumentType]
+    assert loaded == [0, 1, 2] and capsys.readouterr().err == "3 rivers, all of them in memory, 60.0 MB\n"
+    with pytest.raises(ConfigError, match=r"4 rivers of 20.0 MB need 0.08 GB.* at most 3 fit"):
+        RiverTraining("Medium", 4, "0:4").worlds()  # pyright: ignore[reportArgumentType]
+    assert loaded == [0, 1, 2, 0]
+    RiverTraining("Medium", 4).worlds()
+    assert capsys.readouterr().err == ""  # a single river says nothing

@@ -20,6 +20,7 @@ from thalweg.encoder import Encoder, check_render_version, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.config import DEFAULT_CONFIG
 from thalweg.env.rivers.assignment import DrawnRivers
+from thalweg.env.rivers.memory import check_all_fit, drawn_bytes
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.spaces import CHANNELS
 from thalweg.env.task.ideal_eye import FEATURES
@@ -30,6 +31,7 @@ from thalweg.train.latent import LatentTensorEnv, LatentVectorEnv
 from thalweg.train.run import configured, has_asymmetric_critics, run, sees_images
 from thalweg.train.run_in_folder import RunResult, load_policy
 from thalweg.world import Level, Reach, World, level_named, load_or_build
+from thalweg.world.generate.memory import free_bytes
 from thalweg.world.store.world_cache import cache_path
 
 BRANCHES = (3, 3, 3, 3)
@@ -270,18 +272,23 @@ class RiverTraining:
         return {**ground, "world_seeds": list(self.seeds)}
 
     def worlds(self) -> list[World]:
-        """Return the rivers, built or loaded from the cache; a build is announced on the terminal.
+        """Return the rivers, built or loaded from the cache; a build is announced on the terminal, and so is the memory
+        that several of them take.
 
-        Raises `WorldError` for a file from which no river can be made, before anything is announced.
+        Raises `WorldError` for a file from which no river can be made, before anything is announced, and `ConfigError`
+        for more rivers than fit into the memory, once the first one is there.
         """
         if isinstance(self.river, Reach):
             self.river.check()
+        found: list[World] = []
         for ground, seed in self.listed:
             announce_build(ground, seed)
-        return [
-            ground.build(seed) if isinstance(ground, Reach) else load_or_build(ground, seed)
-            for ground, seed in self.listed
-        ]
+            found.append(ground.build(seed) if isinstance(ground, Reach) else load_or_build(ground, seed))
+            if len(found) == 1 and (count := len(self.listed)) > 1:
+                each = drawn_bytes(found[0])
+                check_all_fit(count, each, free_bytes())
+                print_once(f"{count:,} rivers, all of them in memory, {count * each / 1e6:,.1f} MB")
+        return found
 
     def train(
         self,

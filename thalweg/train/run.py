@@ -1,5 +1,6 @@
 """Training runs: `run` trains an algorithm on an environment and writes a folder, from which it also resumes."""
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -121,6 +122,8 @@ def run(
     status = open_folder(folder := Path(folder), identity, how.threads)
     if status.get("state") == "finished":
         return result_of(folder, status, resumed_from=None, already_finished=True)
+    if how.progress and (line := learnt_bounds(resolved)):
+        print(line, file=sys.stderr)
     trainer = Trainer(collector, learner, steps, seed, how.threads)
     return train_to_end(folder, trainer, identity, progress=how.progress, checkpoint_seconds=how.checkpoint_seconds)
 
@@ -147,6 +150,16 @@ def has_asymmetric_critics(config: Any) -> bool:
     """Return whether the critics of an algorithm with a config see more than the observation; planners have none that
     do."""
     return bool(getattr(config, "told_critics", getattr(config, "asymmetric_critics", False)))
+
+
+def learnt_bounds(config: Any) -> str:
+    """Return a line that names the bounds of values which a config leaves to be learnt; empty if there are none."""
+    if not getattr(config, "bound_targets", False):
+        return ""
+    given = {name: getattr(config, name) for name in ("return_bounds", "largest_costs") if hasattr(config, name)}
+    missing = [name for name, bounds in given.items() if not bounds]
+    verb = "are" if len(missing) > 1 else "is"
+    return f"values are held within learnt bounds, as {' and '.join(missing)} {verb} not given" if missing else ""
 
 
 def _execution(options: ExecutionOptions) -> Execution:

@@ -14,6 +14,7 @@ import torch
 from tests.algos.planning.planning_fixtures import BOX, OPTIONS, generator
 from tests.train.toys import Walk
 from thalweg.algos import ALGORITHMS, NotFiniteError
+from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.planning.policy import METHODS
 from thalweg.algos.planning.safeloop import SafeARC
@@ -300,3 +301,37 @@ def test_paper_preset_runs(name, tmp_path: Path):
     with pytest.warns(UserWarning, match="has not bound anything"):
         result = run(name, Walk(2), steps=600, seed=0, folder=tmp_path, config=small, preset="paper")
     assert result.steps == 600 and load_policy(tmp_path).config.drop_terminal
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_a_warning_names_a_mean_value_that_no_episode_can_pay(name: str):
+    learner = learner_for(name, bound_targets=False, return_bounds=(0.0, 2.0), critic_learning_rate=0.0)
+    reports = [report for report in updated(learner, 6) if report]
+    unit = float(learner.agent.policy.ensemble.reward.std)
+    assert learner.agent.value_bounds() == (0.0, 2.0) and math.isfinite(reports[-1]["value"])
+    learner.agent._last_value = 1.9 / unit
+    assert "impossible_value_of_reward" not in learner.warnings(FEEDBACK)
+    learner.agent._last_value = 2.1 / unit
+    found = learner.warnings(FEEDBACK)["impossible_value_of_reward"]
+    assert (
+        "value of the reward is 2.1, more than the 2 that an episode can pay" in found and "set bound_targets" in found
+    )
+    assert "impossible_value_of_reward" not in learner.warnings(dataclasses.replace(FEEDBACK, episodes=19))
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_values_are_learnt_within_the_bounds_of_the_settings(name: str):
+    learner = learner_for(name, return_bounds=(-1.0, 3.0))
+    wild = torch.tensor([99.0, 0.5, -99.0])
+    assert learner.agent.bounded(wild, 2.0).tolist() == [1.5, 0.5, -0.5]
+    assert learner.agent.bounded(wild, 2.0, above=1.0).tolist() == [2.5, 0.5, -0.5]
+    free = learner_for(name)
+    assert free.agent.bounded(wild, 2.0).tolist() == wild.tolist()  # no episode has ended
+    updated(free, 2)
+    assert max(free.agent.bounded(wild, 1.0).tolist()) < 99.0
+
+
+@pytest.mark.parametrize("bounds", [[1.0], [2.0, 1.0], [0.0, float("inf")]])
+def test_bounds_that_are_none_are_refused(bounds: list[float]):
+    with pytest.raises(AlgorithmError, match="return_bounds"):
+        learner_for("CCEPETS", return_bounds=bounds)

@@ -1,6 +1,7 @@
 """Tests of the rivers in memory: which are loaded, when, and how many at a time."""
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -15,11 +16,12 @@ import pytest
 from tests.env.handmade import canal, hairpin, ring
 from thalweg.env import ConfigError, EnvConfig
 from thalweg.env.rivers.courses import join_courses
-from thalweg.env.rivers.memory import slots_in_memory
+from thalweg.env.rivers.memory import check_all_fit, drawn_bytes, slots_in_memory
 from thalweg.env.rivers.pool import RiverPool
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.task.course_arrays import pack_courses
-from thalweg.world import LEVELS, World
+from thalweg.render.bake.scene_slots import SceneSlots
+from thalweg.world import LEVELS, World, load_or_build
 
 ROOT = Path(__file__).resolve().parents[3]
 CONFIG = EnvConfig(observation="none")
@@ -218,3 +220,17 @@ def test_all_rivers_are_in_memory_if_they_fit(rivers, in_memory, num_envs, free,
 def test_too_many_rivers_are_refused_with_the_number_that_fits(in_memory, free, message):
     with pytest.raises(ConfigError, match=message):
         slots_in_memory(100, in_memory, 4, 10, free)
+
+
+def test_rivers_of_which_none_may_be_left_out_are_refused_with_the_number_that_fits():
+    check_all_fit(7, 10, 2 * 70)
+    check_all_fit(7, 10, None)
+    with pytest.raises(ConfigError, match=r"8 rivers of 0.0 MB need .* 0.00 GB of memory are free.* at most 7 fit"):
+        check_all_fit(8, 10, 2 * 79)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("level", LEVELS)
+def test_a_world_that_is_drawn_takes_its_own_bytes_and_those_of_its_tables(level: str):
+    world = load_or_build(LEVELS[level], LEVELS[level].default_seed)
+    assert drawn_bytes(world) == pytest.approx(len(pickle.dumps(world)) + SceneSlots().bake(world).nbytes, rel=0.1)

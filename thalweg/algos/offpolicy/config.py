@@ -11,9 +11,8 @@ from thalweg.algos.policy.actions import Adapter
 from thalweg.algos.policy.mlp import Initial
 from thalweg.algos.policy.mlp_autograd import Activation
 from thalweg.algos.policy.networks import NetworkShape
-from thalweg.core.config import FiniteNonNegative, Fraction, TupleOf, frozen_config
+from thalweg.core.config import FiniteNonNegative, FiniteNumber, Fraction, TupleOf, frozen_config
 
-FiniteNumber = Annotated[float, Field(allow_inf_nan=False)]
 Schedule = Literal["report", "gradient_step"]
 """When the multipliers are updated."""
 

@@ -17,13 +17,12 @@ import torch
 from torch import Tensor
 
 from thalweg.algos.common.return_statistics import ReturnStatistics
+from thalweg.algos.common.value_bounds import impossible_values
 from thalweg.algos.constraint.cost_limits import ENOUGH_EPISODES, as_word, cost_suffixes
 from thalweg.algos.interface import Feedback, Rollout
 
 LEAST_UNIT = 0.1
 """Least unit of the reward, as a share of the largest return: no return exceeds ten units, however rare it is."""
-ROUNDING = 1e-3
-"""Share of a bound by which a mean value may exceed it before a warning is given."""
 
 
 class ValueScaleConfig(Protocol):
@@ -129,22 +128,9 @@ class ValueScale:
         words = ["reward", *(f"{as_word(name)}cost" for name in cost_suffixes(self._costs))]
         low, high = self.bounds()
         high[0] += above
-        found: dict[str, str] = {}
-        for word, mean, least, most in zip(words, means, low.tolist(), high.tolist(), strict=True):
-            pays = "pay" if word == "reward" else "cost"
-            if least == most:  # nothing has been paid yet: an untrained critic is no news
-                continue
-            if mean > most + ROUNDING * abs(most):
-                sentence = f"more than the {most:.4g} that an episode can {pays}"
-            elif mean < least - ROUNDING * abs(least):
-                sentence = f"less than the {least:.4g} that an episode must {pays}"
-            else:
-                continue
-            found[f"impossible_value_of_{word.replace(' ', '_')}"] = (
-                f"the critics' mean value of the {word} is {mean:.4g}, {sentence}: lower critic_learning_rate or "
-                f"target_rate, {'or correct the bounds' if self.config.bound_targets else 'or set bound_targets'}"
-            )
-        return found
+        bounded = "correct the bounds" if self.config.bound_targets else "set bound_targets"
+        remedy = f"lower critic_learning_rate or target_rate, or {bounded}"
+        return impossible_values(words, means, low.tolist(), high.tolist(), remedy)
 
     def state(self) -> dict[str, Any]:
         """Return the statistics as arrays and plain data."""

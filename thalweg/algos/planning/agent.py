@@ -3,6 +3,7 @@
 How candidates are weighted and what the critics minimise is defined in each algorithm's own file.
 """
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -12,7 +13,8 @@ from torch import Tensor
 from thalweg.algos.common.errors import require_finite
 from thalweg.algos.common.return_statistics import ReturnStatistics
 from thalweg.algos.common.state import generator_state, load_generator, load_module, module_state, new_generator
-from thalweg.algos.constraint.cost_limits import cost_metrics, cost_suffixes
+from thalweg.algos.common.value_bounds import impossible_values
+from thalweg.algos.constraint.cost_limits import ENOUGH_EPISODES, cost_metrics, cost_suffixes, limit_warnings
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.planning.config import PlanningConfig
 from thalweg.algos.planning.ending_costs import EndingCosts
@@ -56,6 +58,7 @@ class Agent:
         )
         self._steps, self._reported_at = 0, 0
         self._metrics = MeanMetrics()
+        self._last_value = math.nan
 
     @property
     def rollout_steps(self) -> int:
@@ -114,14 +117,23 @@ class Agent:
 
         `below` and `above` widen the bounds, in these units, for what a target contains beside rewards.
         """
-        if not self.config.bound_targets or not self.returns.count:
+        low, high = self.value_bounds()
+        if not self.config.bound_targets or not (math.isfinite(low) and math.isfinite(high)):
             return targets
-        low, high = (float(bound[0]) for bound in self.returns.bounds(self.config.bound_margin))
         least, most = (
             torch.as_tensor(bound, dtype=targets.dtype, device=targets.device)
             for bound in (low / unit - below, high / unit + above)
         )
         return targets.clamp(least, most)
+
+    def value_bounds(self) -> tuple[float, float]:
+        """Return the smallest and the largest discounted return from a step on, in the task's units: those of the
+        settings, or learnt ones, which are infinite before any episode has finished."""
+        if self.config.return_bounds:
+            low, high = self.config.return_bounds
+            return low, high
+        low, high = self.returns.bounds(self.config.bound_margin)
+        return float(low[0]), float(high[0])
 
     def log(self, **numbers: Tensor) -> None:
         """Add metrics whose means the next report contains."""
@@ -145,7 +157,22 @@ class Agent:
         sizes = {"replay_size": float(self.replay.size), "episode_length": self.lengths.mean}
         metrics = self._nan_metrics() | self._metrics.means() | held_out | budgets | sizes
         self._metrics.clear()
+        self._last_value = metrics.get("value", math.nan)
         return metrics | cost_metrics(feedback, self.policy.limits)
+
+    def warnings(self, feedback: Feedback, unit: float, below: float = 0.0, above: float = 0.0) -> dict[str, str]:
+        """Return warnings, by a short code, about cost limits and about a mean value that no episode can pay.
+
+        Values are in units of `unit`; `below` and `above`, in these units, widen the bounds as those of `bounded` do.
+        """
+        found = limit_warnings(self.config, feedback)
+        if feedback.episodes < ENOUGH_EPISODES:
+            return found
+        low, high = self.value_bounds()
+        bounded = "correct return_bounds" if self.config.bound_targets else "set bound_targets"
+        remedy = f"lower critic_learning_rate or target_rate, or {bounded}"
+        mean, least, most = self._last_value * unit, low - below * unit, high + above * unit
+        return found | impossible_values(["reward"], [mean], [least], [most], remedy)
 
     def _nan_metrics(self) -> dict[str, float]:
         """Return NaN for each metric that may have no value yet, so that every report has the same names."""

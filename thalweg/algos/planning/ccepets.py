@@ -11,7 +11,6 @@ from torch import Tensor, nn
 from thalweg.algos.common.adam import Adam
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.common.state import load_module, module_state
-from thalweg.algos.constraint.cost_limits import limit_warnings
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import advantages, losses, planning
 from thalweg.algos.planning.agent import Agent
@@ -140,8 +139,8 @@ class CCEPETS:
         self.agent.log(value_loss=loss.detach(), value=values.detach().mean())
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Return warnings about cost limits that no episode exceeds."""
-        return limit_warnings(self.config, feedback)
+        """Return warnings about cost limits, and values that no episode can pay."""
+        return self.agent.warnings(feedback, float(self.policy.ensemble.reward.std))
 
     def state(self) -> dict[str, Any]:
         return self.agent.state() | {

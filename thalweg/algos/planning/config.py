@@ -8,7 +8,7 @@ from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, Pos
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.constraint.cost_limits import CostConfig
 from thalweg.algos.policy.actions import Adapter
-from thalweg.core.config import FinitePositive, Fraction, Hint, TupleOf, frozen_config
+from thalweg.core.config import FiniteNumber, FinitePositive, Fraction, Hint, TupleOf, frozen_config
 
 Size = Literal["small", "lite", "full"]
 Precision = Literal["float32", "bfloat16"]
@@ -119,9 +119,13 @@ class PlanningConfig(CostConfig):
     hidden: TupleOf[PositiveInt] = (64, 64)
     """Sizes of the hidden layers of critics and actor."""
     bound_targets: bool = True
-    """Whether the critics' targets are held within the extremes of the discounted returns of all episodes so far."""
+    """Whether the critics' targets are held within what an episode can pay from a step on: within `return_bounds`, or
+    within learnt bounds where the task's are not given."""
+    return_bounds: TupleOf[FiniteNumber] = ()
+    """Smallest and largest discounted return of the task from any step on; none: learnt, the extremes of all episodes
+    so far, widened by `bound_margin`."""
     bound_margin: NonNegativeFloat = 0.5
-    """Widening of these bounds on either side, as a share of the distance between them."""
+    """Widening of learnt bounds on either side, as a share of the distance between them."""
     critic_learning_rate: NonNegativeFloat = 1e-3
     """Learning rate of Adam for the critics."""
     critic_steps: NonNegativeInt = 64
@@ -155,6 +159,13 @@ class PlanningConfig(CostConfig):
     def _elites_are_samples(self) -> Self:
         if not 0 < self.sizes.elites <= self.sizes.samples:
             raise ValueError(f"elites must be from 1 to {self.sizes.samples}, the samples, got {self.sizes.elites}")
+        return self
+
+    @model_validator(mode="after")
+    def _bounds_are_ordered(self) -> Self:
+        bounds = self.return_bounds
+        if bounds and (len(bounds) != 2 or bounds[0] >= bounds[1]):
+            raise ValueError(f"return_bounds must be two, the smaller one first, got {list(bounds)}")
         return self
 
     @model_validator(mode="after")

@@ -16,7 +16,6 @@ from torch import Tensor, nn
 from thalweg.algos.common.adam import Adam
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.common.state import CPU, array_of, load_module, module_state, tensor_of
-from thalweg.algos.constraint.cost_limits import limit_warnings
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import advantages, losses, planning
 from thalweg.algos.planning.agent import Agent
@@ -238,8 +237,10 @@ class SafeLOOP:
         return below, weight * (most * decisions)
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Return warnings about cost limits that no episode exceeds."""
-        return limit_warnings(self.config, feedback)
+        """Return warnings about cost limits, and values that no episode can pay."""
+        weight = self.log_alpha.detach().exp() if self.config.entropy_in_targets else torch.zeros(())
+        below, above = (float(slack) for slack in self._entropy_slack(weight))
+        return self.agent.warnings(feedback, float(self.method.unit), below, above)
 
     def state(self) -> dict[str, Any]:
         return self.agent.state() | {

@@ -1,9 +1,30 @@
 """How many rivers of a list are held in memory at a time, from the free memory."""
 
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
 from thalweg.env.config import ConfigError
+from thalweg.world import World
 
 SHARE = 0.5
 """Share of the free memory that rivers may take; the encoder, the learner and its buffers need the rest."""
+
+DRAWN = 2.4
+"""Bytes of a world and of the tables from which it is drawn, for each byte of the world: 2.2 to 2.4 on all levels."""
+
+
+def drawn_bytes(world: World) -> int:
+    """Return about how many bytes a world takes where it is drawn."""
+    return int(DRAWN * _bytes_of(world))
+
+
+def _bytes_of(value: Any) -> int:
+    """Return the bytes of all arrays in a record, nested ones included."""
+    if isinstance(value, np.ndarray):
+        return value.nbytes
+    return sum(_bytes_of(getattr(value, each.name)) for each in fields(value)) if is_dataclass(value) else 0
 
 
 def slots_in_memory(rivers: int, in_memory: int | None, num_envs: int, each: int, free: int | None) -> int:
@@ -36,6 +57,16 @@ def slots_in_memory(rivers: int, in_memory: int | None, num_envs: int, each: int
                 f" {free_words(free)}: at most {free // max(each, 1):,} fit"
             )
     return rivers if rivers <= most else most - num_envs
+
+
+def check_all_fit(rivers: int, each: int, free: int | None) -> None:
+    """Raise `ConfigError`, with the number that fits, for rivers of `each` bytes of which none may be left out."""
+    most = rivers if free is None else int(SHARE * free) // max(each, 1)
+    if rivers > most:
+        raise ConfigError(
+            f"{rivers:,} rivers of {each / 1e6:.1f} MB need {rivers * each / 1e9:.2f} GB, and {free_words(free)}, of"
+            f" which rivers may take half: at most {most:,} fit"
+        )
 
 
 def free_words(free: int | None) -> str:

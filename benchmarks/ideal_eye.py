@@ -216,7 +216,12 @@ def page_section(rows: Sequence[Mapping[str, str]], algorithm: str) -> str:
     of_algorithm = [row for row in rows if row["algorithm"] == algorithm]
     reported = [row for row in of_algorithm if row["rivers"] != chosen and row["changes"] == "none"]
     tried = [row for row in of_algorithm if row["rivers"] == chosen]
-    parts = [("The defaults:", reported), ("Settings that were tried, on other rivers with other seeds:", tried)]
+    told = to_plain(algorithm_named(algorithm).configure({})).get("asymmetric_critics", False)
+    critics = "also see progress" if told else "see what the policy sees"
+    parts = [
+        (f"The defaults, whose critics {critics}:", reported),
+        ("Settings that were tried, on other rivers with other seeds:", tried),
+    ]
     tables = [f"{title}\n\n{trial_table(table)}" for title, table in parts if table]
     return "\n\n".join(tables) or "No trial of today's versions yet.\n"
 

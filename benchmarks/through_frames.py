@@ -69,6 +69,7 @@ def current_rows(rows: Iterable[Mapping[str, str]]) -> list[Mapping[str, str]]:
 
 def table(rows: Iterable[Mapping[str, str]]) -> str:
     """Return the table of the page: a line for all runs of a check."""
+    told = {arm.name for arm in checks() if arm.resolved.get("asymmetric_critics", False)}
     groups: dict[tuple[str, str], list[Mapping[str, str]]] = {}
     for row in rows:
         groups.setdefault((row["arm"], row["first_river"]), []).append(row)
@@ -76,8 +77,10 @@ def table(rows: Iterable[Mapping[str, str]]) -> str:
     for (name, river), runs in groups.items():
         each = ", ".join(f"{float(row['return']):.2f}" for row in runs)
         cost = f"{np.mean([float(row['cost']) for row in runs]):.3f}"
-        lines.append([SHOWN.get(name, name), river, str(len(runs)), str(mean_return(runs)), each, cost])
-    return markdown(frame(["algorithm", f"river of {LEVEL}", "seeds", "return", "of each", "cost"], lines))
+        critics = "the privileged state too" if name in told else "what the policy sees"
+        lines.append([SHOWN.get(name, name), critics, river, str(len(runs)), str(mean_return(runs)), each, cost])
+    header = ["algorithm", "critics see", f"river of {LEVEL}", "seeds", "return", "of each", "cost"]
+    return markdown(frame(header, lines))
 
 
 def written_page(page: str, rows: Iterable[Mapping[str, str]]) -> str:

@@ -16,6 +16,9 @@ from thalweg.bench.results.results import RunRow, evaluation_path, read_runs, wr
 from thalweg.bench.suite.config import Arm, Stage, Suite
 from thalweg.cli.main import main
 
+AT_ONCE = {"critic_warmup_steps": 0}
+"""Settings of a run so short that its policy must learn at once."""
+
 ARMS = tuple(Arm(name, steps=1000) for name in ("PPO", "FOCOPS", "P3O"))
 SUITE = Suite("small", ARMS, conditions=(UNSEEN,), baselines=(), packaged=False)
 COSTS = {"PPO": (1.0, 0.9, 1.0), "FOCOPS": (0.0, 0.0, 0.0), "P3O": (0.0, 0.1, 0.2)}
@@ -83,7 +86,7 @@ def test_those_that_surely_keep_the_limit_come_first_then_the_greater_return(tmp
         (replace(SUITE, arms=(replace(ARMS[0], seeds=(0, 1)),)), ("3 seeds",)),
         (replace(SUITE, arms=(replace(ARMS[0], steps=200_001),)), ("no more than 200,000 steps",)),
         (
-            replace(SUITE, arms=(replace(ARMS[0], before=(Stage("PPO", "Easy", 200_000),)),)),
+            replace(SUITE, arms=(replace(ARMS[0], before=(Stage("PPO", "Easy", 200_000),), settings=AT_ONCE),)),
             ("no more than 200,000 steps",),
         ),
         (replace(SUITE, starts_seed=1), ("flights from the starts of `starts_seed` 0",)),

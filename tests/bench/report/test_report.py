@@ -70,6 +70,16 @@ def test_the_page_says_which_policies_see_no_frames(tiny_results: Path):
     assert " eye see images (rgb) instead of codes of frames." in page and said not in page
 
 
+def test_the_page_says_whose_critics_saw_more_in_training(tiny_results: Path):
+    page = write_report(tiny_results).page.read_text()
+    assert "In training, the critics of all policies also saw the privileged state and progress." in page
+    arms = [{"name": name, "algorithm": name, "seeds": [0, 1], "steps": 400} for name in ("PPO", "CUP")]
+    with_suite(tiny_results, arms=arms)
+    assert "the critics of PPO also saw the privileged state" in write_report(tiny_results).page.read_text()
+    with_suite(tiny_results, arms=[arms[1]])
+    assert "the critics of" not in write_report(tiny_results).page.read_text()
+
+
 def test_conditions_of_the_appearance_are_not_planned_for_policies_that_see_no_frames(tiny_results: Path):
     haze, mode = ({"name": name, "levels": ["Easy"], "rivers": {}, "blind": False} for name in ("haze", "mode"))
     conditions = [haze | {"varied": ["haze"]}, mode | {"varied": []}]

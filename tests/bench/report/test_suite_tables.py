@@ -1,11 +1,13 @@
 """Tests of the tables of algorithms and runs."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.report.suite_tables import algorithm_table, constraint_method, domain
-from thalweg.bench.results.results import Results
+from thalweg.bench.results.results import OutdatedPolicy, Results
 from thalweg.bench.suite.config import Arm, Suite
+from thalweg.core.versions import ALGORITHMS as ALGORITHMS_NOW
 
 ON_POLICY = ("PPO", "PPOLag", "FOCOPS", "P3O", "OnCRPO", "CPO", "CUP")
 
@@ -44,3 +46,20 @@ def test_policies_that_see_images_are_told_from_those_that_see_codes_of_frames()
     arms = [Arm("PPO").as_data(), Arm("CUP").as_data() | {"observation": "rgb+mask"}]
     table = algorithm_table(Results(Path(), {"name": "it", "arms": arms}, [], [], [], [])).text
     assert table["observation"].tolist() == ["frames", "rgb+mask"]
+
+
+def test_what_critics_see_is_a_column_where_some_see_more():
+    told = Arm("CUP", settings={"asymmetric_critics": True}, name="told")
+    suite = Suite("it", (Arm("PPO"), Arm("CUP"), Arm("PPO", "paper"), told)).as_data()
+    results = Results(Path(), suite, [], [], [], [])
+    more, same = "the privileged state and progress too", "what the policy sees"
+    assert algorithm_table(results).text["critics see"].tolist() == [more, same, same, more]
+    outdated = {"PPO (PPO 1)": OutdatedPolicy("PPO", "PPO 1")}
+    assert replace(results, outdated=outdated).told_critics == ["told"]
+    before = {"PPO-0": {"render": 1, "PPO": 1}, "told-0": {"render": 1, "CUP": 1, "privileged": 1}}
+    assert replace(results, versions=before).told_critics == ["told"]
+    eye = replace(results, suite=suite | {"observation": "privileged"})
+    now = {"PPO-0": {"privileged": 1, "PPO": ALGORITHMS_NOW["PPO"]}, "told-0": {"privileged": 1, "CUP": 1}}
+    assert replace(eye, versions=now).told_critics == ["PPO"]  # today's settings say nothing of CUP as it was
+    alike = Suite("it", (Arm("CUP"),)).as_data()
+    assert "critics see" not in algorithm_table(Results(Path(), alike, [], [], [], [])).text

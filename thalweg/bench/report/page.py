@@ -75,7 +75,7 @@ def _introduction(results: Results) -> str:
 
 
 def _observations(results: Results) -> Iterator[str]:
-    """Sentences on what policies see, except for codes of frames."""
+    """Sentences on what policies see, except for codes of frames, and on critics that see more."""
     seen = results.observations
     for observation in sorted({*seen.values()} - {FRAMES}):
         named = [name for name, each in seen.items() if each == observation]
@@ -84,6 +84,9 @@ def _observations(results: Results) -> Iterator[str]:
         if observation == PRIVILEGED:
             what = "what a perfect camera could tell (the privileged observation) instead of frames"
         yield f"{who} see {what}."
+    if told := results.told_critics:
+        which = "all policies" if len(told) == len(seen) else ", ".join(told)
+        yield f"In training, the critics of {which} also saw the privileged state and progress."
 
 
 def _contents(

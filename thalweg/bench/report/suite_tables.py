@@ -29,15 +29,18 @@ def constraint_method(entry: Entry) -> str:
 def algorithm_table(results: Results) -> Table:
     """Return the domain and the method of each arm of the suite; `unknown` where its algorithm no longer exists.
 
-    What the policies see is a column where it is not frames for all of them.
+    What the policies see is a column where it is not frames for all of them, and what critics see in training where
+    some see more.
     """
     columns, rows, seen = ["policy", "domain", "limit kept by", "method"], list[list[Cell]](), results.observations
-    differs = any(observation != FRAMES for observation in seen.values())
+    differs, told = any(observation != FRAMES for observation in seen.values()), results.told_critics
+    columns += ["observation"] * differs + ["critics see"] * bool(told)
     for arm in arms_of(results.suite):
         entry = ALGORITHMS.get(arm["algorithm"])
         rest = ["unknown"] * 3 if entry is None else [domain(entry), constraint_method(entry), entry.about]
-        rows.append([arm["name"], *rest, *([seen[arm["name"]]] if differs else [])])
-    return table_from_cells([*columns, "observation"] if differs else columns, rows)
+        critics = "the privileged state and progress too" if arm["name"] in told else "what the policy sees"
+        rows.append([arm["name"], *rest, *[seen[arm["name"]]] * differs, *[critics] * bool(told)])
+    return table_from_cells(columns, rows)
 
 
 def runs_table(results: Results) -> Table:

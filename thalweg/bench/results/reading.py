@@ -98,6 +98,7 @@ def read_results(folder: Path, *, as_recorded: bool = False) -> Results:
         reader.skipped,
         condition_episodes=by_condition,
         outdated={name: policy for name, policy in outdated.items() if name in runs.policies},
+        versions=runs.versions,
     )
     _sort_episodes(results)
     return with_films(results)

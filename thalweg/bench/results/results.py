@@ -13,16 +13,20 @@ films/PPO-best.mp4, ...       the same for the best flight and the typical failu
 report/                       the report, made from the files above alone
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from thalweg.bench.csv_files import ResultsError, csv_text, read_csv
 from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.evaluate.episodes import Episode
+from thalweg.bench.results.run_versions import Versions, critics_are_asymmetric
 from thalweg.bench.results.statistics import TrainingLog
 from thalweg.bench.suite.config import PACKAGED
 from thalweg.bench.suite.record import arms_of, observation_of
 from thalweg.core.atomic_io import write_atomic
+from thalweg.core.versions import ALGORITHMS
 from thalweg.train.river import PRIVILEGED
 
 RUN_COLUMNS = ("run", "kind", "algorithm", "seed", "steps", "status", "error", "wall_s", "steps_per_s")
@@ -114,6 +118,8 @@ class Results:
     """Episodes under each condition other than the main one, in the order of the suite."""
     outdated: dict[str, OutdatedPolicy] = field(default_factory=dict)
     """Policies with other versions, by the names that their runs and episodes have here."""
+    versions: dict[str, Versions] = field(default_factory=dict)
+    """Versions of each run, as far as they are recorded, see `thalweg.bench.results.run_versions`."""
 
     @property
     def levels(self) -> list[str]:
@@ -160,6 +166,25 @@ class Results:
     def privileged(self) -> set[str]:
         """Names of the arms whose policies see the privileged observation instead of frames."""
         return {name for name, seen in self.observations.items() if seen == PRIVILEGED}
+
+    @property
+    def told_critics(self) -> list[str]:
+        """Names of the arms whose critics see the privileged state in training, whatever their policies see.
+
+        Arms that are in the results only with other versions are left out: their defaults may have been others.
+        """
+        replaced = {policy.policy for policy in self.outdated.values()} - {row.algorithm for row in self.runs}
+        return [arm["name"] for arm in arms_of(self.suite) if arm["name"] not in replaced and self._is_told(arm)]
+
+    def _is_told(self, arm: Mapping[str, Any]) -> bool:
+        """Return whether the critics of an arm see the privileged state: as its runs recorded it, or by its settings
+        where they recorded nothing, or depend on that state anyhow."""
+        by_settings = critics_are_asymmetric(arm["algorithm"], arm.get("settings", {}), arm.get("preset", "default"))
+        recorded = [self.versions.get(f"{arm['name']}-{seed}") for seed in arm["seeds"]]
+        recorded = [each for each in recorded if each is not None]
+        if recorded and arm["name"] not in self.privileged:
+            return any("privileged" in each for each in recorded)
+        return by_settings and all(each.get(arm["algorithm"]) == ALGORITHMS[arm["algorithm"]] for each in recorded)
 
     @property
     def flights(self) -> set[tuple[str, str, int, str]]:

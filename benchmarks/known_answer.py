@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
+# The rows come first: they let the problems, which are part of the tests, be imported.
 from known_answer_page import page, written_pages
 from known_answer_rows import COLUMNS, HERE, KEY, SEEDS, Table, finished, key, result_of, row_versions
 
@@ -81,11 +82,14 @@ def main() -> str | None:
     if chosen.seeds < 1 or chosen.jobs < 1:
         parser.error("--seeds and --jobs must be at least 1")
 
+    if chosen.write and chosen.out != HERE:
+        parser.error("--write is for the rows of this folder; leave --out out")
+
     path = chosen.out / "known_answer.csv"
     if chosen.write:
         rows = finished(path)
         write_atomic(chosen.out / "known_answer.md", page(rows, chosen.seeds))
-        for target, text in written_pages(rows).items():
+        for target, text in written_pages(rows, chosen.seeds).items():
             write_atomic(target, text)
         return None
     rows = {name: row for name, row in finished(path).items() if row["algorithm"] not in chosen.again}

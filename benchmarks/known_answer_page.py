@@ -57,7 +57,7 @@ def _problem_table(rows: Table, problem: str, seeds: int) -> pd.DataFrame:
 
 def _entry(rows: Table, case: Case, seeds: int) -> str:
     """Return the entry of a case: share and cost of its runs, and the number of them that reached the optimum."""
-    runs = [rows[name] for name in (key(case, seed) for seed in range(seeds)) if name in rows]
+    runs = list(_runs_of(rows, case, seeds).values())
     results = [result_of(case, run) for run in runs if not run["error"]]
     if not results:
         return "**failed**" if runs else "not run"
@@ -77,10 +77,10 @@ def section(rows: Table, algorithm: str, seeds: int = SEEDS) -> str:
     lines = []
     for problem in requirement.problems:
         case = Case(algorithm, requirement.action_setups[0], problem)
-        runs = {seed: rows[key(case, seed)] for seed in range(seeds) if key(case, seed) in rows}
-        results = {seed: result_of(case, run) for seed, run in runs.items() if not run["error"]}
-        if not results:
+        runs = _runs_of(rows, case, seeds)
+        if not runs:
             continue
+        results = {seed: result_of(case, run) for seed, run in runs.items() if not run["error"]}
         best = reference(case)
         limits = " and ".join(f"{limit:g}" for limit in PROBLEMS[problem].limits)
         missed = [f"seed {seed}: {_outcome([result], 1)}" for seed, result in results.items() if not result.reached]
@@ -90,7 +90,7 @@ def section(rows: Table, algorithm: str, seeds: int = SEEDS) -> str:
                 f"`{problem}`",
                 "none" if requirement.against == "free" else limits,
                 f"{best.reward:.2f}, {_costs([best.costs.tolist()])}",
-                _outcome(list(results.values()), 1),
+                _outcome(list(results.values()), 1) if results else "failed",
                 f"{len(runs) - len(missed)} of {len(runs)}",
                 "; ".join(missed),
             ]
@@ -98,12 +98,17 @@ def section(rows: Table, algorithm: str, seeds: int = SEEDS) -> str:
     if not lines:
         return "No run of today's defaults yet.\n"
     introduction = wrap(
-        f"Seeds that reach {SHARE:.0%} of the [optimum](README.md#known-answers)'s return with a cost at most"
-        f" {EXCESS:.0%} or {LEAST_EXCESS} above the limit, in the native action space: means of return, as a share of"
-        " the optimum's, and cost, and the same of each seed that misses it."
+        f"Each row has the mean over its seeds, in the native action space. A seed reaches what is required with at"
+        f" least {SHARE:.0%} of the return of the [optimum](README.md#known-answers) and, if there is a limit, a cost at most"
+        f" {EXCESS:.0%} or {LEAST_EXCESS} above it. Seeds that miss it have their own figures."
     )
     header = ["problem", "limit", "optimum: return, cost", "share, cost", "reached", "missed"]
     return f"{introduction}\n{markdown(frame(header, lines))}"
+
+
+def _runs_of(rows: Table, case: Case, seeds: int) -> dict[int, dict[str, str]]:
+    """Return the rows of a case by their seeds, as far as they were run."""
+    return {seed: rows[key(case, seed)] for seed in range(seeds) if key(case, seed) in rows}
 
 
 def _outcome(results: Sequence[Result], decimals: int = 0) -> str:
@@ -112,10 +117,10 @@ def _outcome(results: Sequence[Result], decimals: int = 0) -> str:
     return f"{share:.{decimals}%}, {_costs([result.score.costs.tolist() for result in results])}"
 
 
-def written_pages(rows: Table) -> dict[Path, str]:
+def written_pages(rows: Table, seeds: int = SEEDS) -> dict[Path, str]:
     """Return the pages of algorithms as they must be."""
     paths = {algorithm: PAGES / f"{algorithm.lower()}.md" for algorithm in REQUIREMENTS}
     return {
-        path: replace_section(path.read_text(encoding="utf-8"), SECTION, section(rows, algorithm))
+        path: replace_section(path.read_text(encoding="utf-8"), SECTION, section(rows, algorithm, seeds))
         for algorithm, path in paths.items()
     }

@@ -19,7 +19,7 @@ ADDED: Mapping[str, Any] = {
 }
 """Settings that were added after rows were committed, with the defaults with which they do nothing."""
 ADDED_TO_PLANNERS: Mapping[str, Any] = {"return_bounds": []}
-"""The same of planners alone."""
+"""Settings that were added to planners only: rows of off-policy algorithms have counted them from the start."""
 
 
 def settings_hash(settings: Mapping[str, Any]) -> str:

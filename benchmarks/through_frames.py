@@ -79,7 +79,7 @@ def table(rows: Iterable[Mapping[str, str]]) -> str:
         cost = f"{np.mean([float(row['cost']) for row in runs]):.3f}"
         critics = "the privileged state too" if name in told else "what the policy sees"
         lines.append([SHOWN.get(name, name), critics, river, str(len(runs)), str(mean_return(runs)), each, cost])
-    header = ["algorithm", "critics see", f"river of {LEVEL}", "seeds", "return", "of each", "cost"]
+    header = ["algorithm", "critics see", f"river of {LEVEL}", "seeds", "return", "return by seed", "cost"]
     return markdown(frame(header, lines))
 
 
@@ -101,6 +101,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     if given.jobs < 1:
         parser.error(f"--jobs must be at least 1, not {given.jobs}")
+    if given.write and given.out != TABLE:
+        parser.error("--write is for the table of this folder; leave --out out")
     chosen = [arm for arm in checks() if any(fnmatch.fnmatchcase(label(arm), pattern) for pattern in given.only)]
     if not chosen:
         parser.error(f"--only {' '.join(given.only)} matches no check; --list shows their labels")

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from thalweg.bench.evaluate.baselines import BASELINES
-from thalweg.bench.results.run_versions import critics_are_asymmetric, current_versions, write_versions
+from thalweg.bench.results.run_versions import current_versions, some_critics_are_asymmetric, write_versions
 from thalweg.bench.suite.config import PACKAGED
 from thalweg.core.versions import ALGORITHMS
 
@@ -17,7 +17,7 @@ def record_current_versions(
     made = {f"{name}-0": current_versions("baseline", [name]) for name in BASELINES}
     made[f"{PACKAGED}-0"] = current_versions("packaged", ())
     for name, algorithm in ({name: name for name in ALGORITHMS} | dict(arms or {})).items():
-        told = critics_are_asymmetric(algorithm, {})
+        told = some_critics_are_asymmetric([(algorithm, {}, "default")])
         own = current_versions("train", [algorithm], observation=observation, asymmetric_critics=told)
         made |= {f"{name}-{seed}": own for seed in range(seeds)}
     write_versions(folder, made)

@@ -134,10 +134,14 @@ def test_the_section_of_an_algorithm_names_the_seeds_that_miss(
     text = " ".join(table.section(found, "CPO").split())
     assert text.endswith("| `end` | 0.1 | 2.07, 0.100 | 90.0%, 0.100 | 1 of 3 | seed 1: 85.0%, 0.100; seed 2 failed |")
     assert table.section({}, "CPO") == "No run of today's defaults yet.\n"
+    only = {script.key(native, 0): script.failure(native, 0, ValueError("broken"))}
+    assert "| failed | 0 of 1 | seed 0 failed |" in " ".join(table.section(only, "CPO").split())
 
 
 def test_the_pages_are_as_the_rows_have_them(script: ModuleType, table: ModuleType):
-    for path, text in table.written_pages(script.finished(ROOT / "benchmarks" / "known_answer.csv")).items():
+    found = script.finished(ROOT / "benchmarks" / "known_answer.csv")
+    assert (ROOT / "benchmarks" / "known_answer.md").read_text(encoding="utf-8") == table.page(found, script.SEEDS)
+    for path, text in table.written_pages(found).items():
         assert path.read_text(encoding="utf-8") == text, (
             f"python benchmarks/known_answer.py --write changes {path.name}"
         )

@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from thalweg.bench.csv_files import read_csv
+
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 SCRIPTS = ("any_river", "ladder_arms", "ladder_page", "ladder", "river_flights", "through_frames")
 FIGURES = {"return": "9.000", "return_error": "0.100", "violations": "0.0200", "cost": "0.0100", "reasons": "Success=2"}
@@ -56,11 +58,17 @@ def test_the_table_has_the_rows_of_today_and_an_interval_over_three_seeds(script
     assert "Nothing was measured with today's versions." in script.written_page(MARKS, [outdated])
 
 
+def test_the_page_is_as_the_committed_rows_have_it(script: ModuleType):
+    page = script.PAGE.read_text(encoding="utf-8")
+    assert script.written_page(page, read_csv(script.TABLE, script.COLUMNS)) == page
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["--only", "CPO-*"], "--only CPO-* matches no check; --list shows their labels"),
         (["--jobs", "0"], "--jobs must be at least 1, not 0"),
+        (["--write", "--out", "other.csv"], "--write is for the table of this folder; leave --out out"),
     ],
 )
 def test_wrong_arguments_are_refused(script: ModuleType, arguments: list[str], message: str, capsys):

@@ -80,7 +80,7 @@ def test_slow_copies_follow_the_policy_that_was_taken_over(algorithm: str, tmp_p
         learn(agent, feedback, looked)
 
     monkeypatch.setattr(Agent, "learn", look)
-    config = small(algorithm) | {"critic_warmup_steps": 64}
+    config = small(algorithm) | {"critic_warmup_steps": 24}
     train(tmp_path / "then", algorithm, steps=256, config=config, begin_with=tmp_path / "first")
     assert found == [True]
 

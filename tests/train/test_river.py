@@ -238,7 +238,7 @@ def test_environments_draw_no_more_than_the_encoder_sees(
     monkeypatch: pytest.MonkeyPatch, inputs: str, observation: str
 ):
     monkeypatch.setattr(river, "RiverVectorEnv", BlankEnv)
-    monkeypatch.setattr(RiverTraining, "worlds", lambda self: [ring()])
+    monkeypatch.setattr(RiverTraining, "worlds", lambda self, **_: [ring()])
     encoder = Encoder(VAE(VAEConfig(inputs=inputs, latent=4)))
     env = RiverTraining("Easy", 2)._envs(encoder, "cpu")
     assert env.env.config.observation == observation
@@ -285,5 +285,8 @@ def test_fixed_rivers_say_what_they_take_and_are_refused_if_they_do_not_fit(monk
     with pytest.raises(ConfigError, match=r"4 rivers of 20.0 MB need 0.08 GB.* at most 3 fit"):
         RiverTraining("Medium", 4, "0:4").worlds()  # pyright: ignore[reportArgumentType]
     assert loaded == [0, 1, 2, 0]
+    monkeypatch.setattr(river, "bytes_of", lambda world: 15_000_000)
+    RiverTraining("Medium", 4, "0:4").worlds(drawn=False)  # pyright: ignore[reportArgumentType]
+    assert capsys.readouterr().err == "4 rivers, all of them in memory, 60.0 MB\n"
     RiverTraining("Medium", 4).worlds()
     assert capsys.readouterr().err == ""  # a single river says nothing

@@ -357,6 +357,7 @@ def test_the_bar_shows_and_is_gone_afterwards(tmp_path, capsys):
         ("TD3Lag", {"return_bounds": [0, 10], "largest_costs": [1.0]}, ""),
         ("TD3Lag", {"bound_targets": False}, ""),
         ("CCEPETS", {}, "values are held within learnt bounds, as return_bounds is not given"),
+        ("CCEPETS", {"terminal_value": False}, ""),
         ("PPO", {}, ""),
     ],
 )

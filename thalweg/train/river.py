@@ -20,7 +20,7 @@ from thalweg.encoder import Encoder, check_render_version, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.config import DEFAULT_CONFIG
 from thalweg.env.rivers.assignment import DrawnRivers
-from thalweg.env.rivers.memory import check_all_fit, drawn_bytes
+from thalweg.env.rivers.memory import bytes_of, check_all_fit, drawn_bytes
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.spaces import CHANNELS
 from thalweg.env.task.ideal_eye import FEATURES
@@ -271,9 +271,9 @@ class RiverTraining:
             return {**ground, "world_seeds": compact_seeds(self.seeds), "rivers": "episode"}
         return {**ground, "world_seeds": list(self.seeds)}
 
-    def worlds(self) -> list[World]:
+    def worlds(self, *, drawn: bool = True) -> list[World]:
         """Return the rivers, built or loaded from the cache; a build is announced on the terminal, and so is the memory
-        that several of them take.
+        of the host that several of them take, more if they are `drawn`.
 
         Raises `WorldError` for a file from which no river can be made, before anything is announced, and `ConfigError`
         for more rivers than fit into the memory, once the first one is there.
@@ -285,7 +285,7 @@ class RiverTraining:
             announce_build(ground, seed)
             found.append(ground.build(seed) if isinstance(ground, Reach) else load_or_build(ground, seed))
             if len(found) == 1 and (count := len(self.listed)) > 1:
-                each = drawn_bytes(found[0])
+                each = drawn_bytes(found[0]) if drawn else bytes_of(found[0])
                 check_all_fit(count, each, free_bytes())
                 print_once(f"{count:,} rivers, all of them in memory, {count * each / 1e6:,.1f} MB")
         return found
@@ -380,14 +380,14 @@ class RiverTraining:
             )
         from thalweg.env.torch_env import TensorRiverEnv
 
-        tensors = TensorRiverEnv(self.worlds(), self.num_envs, config, device=device)
+        tensors = TensorRiverEnv(self.worlds(drawn=config.channels > 0), self.num_envs, config, device=device)
         return tensors if encoder is None else LatentTensorEnv(tensors, encoder)
 
     def _vector_env(self, config: EnvConfig) -> RiverVectorEnv:
         """Return the environments on the CPU; says how many rivers are in memory if they change."""
         levels = self.levels
         if not levels or (config.channels and not self.changes_river):
-            return RiverVectorEnv(self.worlds(), self.num_envs, config)
+            return RiverVectorEnv(self.worlds(drawn=config.channels > 0), self.num_envs, config)
         rivers = RiverList.of_levels([(level, self.seeds) for level in levels], self.rivers_in_memory)
         if not self.changes_river:
             # Where nothing is drawn, rivers need no land, which takes most of the time to build.

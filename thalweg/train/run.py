@@ -154,7 +154,7 @@ def has_asymmetric_critics(config: Any) -> bool:
 
 def learnt_bounds(config: Any) -> str:
     """Return a line that names the bounds of values which a config leaves to be learnt; empty if there are none."""
-    if not getattr(config, "bound_targets", False):
+    if not getattr(config, "bound_targets", False) or not getattr(config, "terminal_value", True):
         return ""
     given = {name: getattr(config, name) for name in ("return_bounds", "largest_costs") if hasattr(config, name)}
     missing = [name for name, bounds in given.items() if not bounds]
@@ -181,12 +181,14 @@ def _check_graphs(entry: Entry, device: torch.device) -> None:
 def check_warmup(config: Any, steps: int, num_envs: int) -> None:
     """Raise `TrainingError` if no rollout begins after the warm-up of critics, in a run that begins with another
     policy."""
-    warmup, rollout = getattr(config, "critic_warmup_steps", 0), config.rollout_steps(num_envs) * num_envs
-    most = (steps - 1) // rollout * rollout
-    if warmup > most:
+    warmup, rollout = getattr(config, "warmup_steps", 0), config.rollout_steps(num_envs) * num_envs
+    last = (steps - 1) // rollout * rollout
+    if warmup > last:
+        given = config.critic_warmup_steps
+        most = max(last - (warmup - given), 0)
         raise TrainingError(
             f"critic_warmup_steps must be at most {most} in a run of {steps} steps that begins with another policy, "
-            f"got {warmup}: only the critics learn during the warm-up, so that the policy would never change"
+            f"got {given}: only the critics learn during the warm-up, so that the policy would never change"
         )
 
 

@@ -309,6 +309,7 @@ def test_a_warning_names_a_mean_value_that_no_episode_can_pay(name: str):
     reports = [report for report in updated(learner, 6) if report]
     unit = float(learner.agent.policy.ensemble.reward.std)
     assert learner.agent.value_bounds() == (0.0, 2.0) and math.isfinite(reports[-1]["value"])
+    assert learner.agent._last_value == reports[-1]["value"]
     learner.agent._last_value = 1.9 / unit
     assert "impossible_value_of_reward" not in learner.warnings(FEEDBACK)
     learner.agent._last_value = 2.1 / unit
@@ -317,6 +318,16 @@ def test_a_warning_names_a_mean_value_that_no_episode_can_pay(name: str):
         "value of the reward is 2.1, more than the 2 that an episode can pay" in found and "set bound_targets" in found
     )
     assert "impossible_value_of_reward" not in learner.warnings(dataclasses.replace(FEEDBACK, episodes=19))
+    learner.agent._last_value = -0.1 / unit
+    assert "less than the 0 that an episode must pay" in learner.warnings(FEEDBACK)["impossible_value_of_reward"]
+    assert "impossible_value_of_reward" not in learner.agent.warnings(FEEDBACK, unit, below=0.2 / unit)
+
+
+def test_the_warning_advises_bounds_where_none_are_given():
+    learner = learner_for("CCEPETS")
+    updated(learner, 6)
+    learner.agent._last_value = 1e6
+    assert learner.warnings(FEEDBACK)["impossible_value_of_reward"].endswith("or set return_bounds")
 
 
 @pytest.mark.parametrize("name", PLANNERS)

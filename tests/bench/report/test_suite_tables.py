@@ -6,7 +6,7 @@ from pathlib import Path
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.report.suite_tables import algorithm_table, constraint_method, domain
 from thalweg.bench.results.results import OutdatedPolicy, Results
-from thalweg.bench.suite.config import Arm, Suite
+from thalweg.bench.suite.config import Arm, Stage, Suite
 from thalweg.core.versions import ALGORITHMS as ALGORITHMS_NOW
 
 ON_POLICY = ("PPO", "PPOLag", "FOCOPS", "P3O", "OnCRPO", "CPO", "CUP")
@@ -55,11 +55,15 @@ def test_what_critics_see_is_a_column_where_some_see_more():
     more, same = "the privileged state and progress too", "what the policy sees"
     assert algorithm_table(results).text["critics see"].tolist() == [more, same, same, more]
     outdated = {"PPO (PPO 1)": OutdatedPolicy("PPO", "PPO 1")}
-    assert replace(results, outdated=outdated).told_critics == ["told"]
+    assert replace(results, outdated=outdated).with_asymmetric_critics == ["told"]
     before = {"PPO-0": {"render": 1, "PPO": 1}, "told-0": {"render": 1, "CUP": 1, "privileged": 1}}
-    assert replace(results, versions=before).told_critics == ["told"]
+    assert replace(results, versions=before).with_asymmetric_critics == ["told"]
     eye = replace(results, suite=suite | {"observation": "privileged"})
     now = {"PPO-0": {"privileged": 1, "PPO": ALGORITHMS_NOW["PPO"]}, "told-0": {"privileged": 1, "CUP": 1}}
-    assert replace(eye, versions=now).told_critics == ["PPO"]  # today's settings say nothing of CUP as it was
+    assert replace(eye, versions=now).with_asymmetric_critics == [
+        "PPO"
+    ]  # today's settings say nothing of CUP as it was
+    begun = Suite("it", (Arm("CUP", before=(Stage("PPO", "Easy", 1),)),)).as_data()
+    assert Results(Path(), begun, [], [], [], []).with_asymmetric_critics == ["CUP"]
     alike = Suite("it", (Arm("CUP"),)).as_data()
     assert "critics see" not in algorithm_table(Results(Path(), alike, [], [], [], [])).text

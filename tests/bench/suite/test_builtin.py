@@ -200,11 +200,11 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path):
     ("arm", "most"),
     [
         (Arm("PPO", steps=4096, before=(Stage("PPO", "Easy", 1),), name="short"), 2048),
-        (Arm("PPO", before=(Stage("PPO", "Easy", 1), Stage("TD3Lag", "Hard", 600)), name="short"), 576),
+        (Arm("PPO", before=(Stage("PPO", "Easy", 1), Stage("TD3Lag", "Hard", 10_500)), name="short"), 9_496),
     ],
 )
 def test_stages_too_short_for_the_warmup_of_critics_are_refused_before_anything_runs(arm: Arm, most: int):
-    with pytest.raises(ResultsError, match=f"short: critic_warmup_steps must be at most {most} in a run"):
+    with pytest.raises(ResultsError, match=f"short, stage 2: critic_warmup_steps must be at most {most} in a run"):
         Suite("mine", (arm,))
     first = replace(arm, before=(), steps=1)
     assert Suite("mine", (first,)).arm("short").steps == 1  # the first stage begins with no policy

@@ -1,4 +1,4 @@
-"""Warnings about critics whose mean values no episode can pay or cost."""
+"""Warnings about critics whose mean value is outside what an episode can pay or cost."""
 
 from collections.abc import Sequence
 
@@ -7,20 +7,20 @@ ROUNDING = 1e-3
 
 
 def impossible_values(
-    words: Sequence[str], means: Sequence[float], low: Sequence[float], high: Sequence[float], remedy: str
+    names: Sequence[str], means: Sequence[float], low: Sequence[float], high: Sequence[float], remedy: str
 ) -> dict[str, str]:
     """Return a warning, by a short code, for each mean value outside its bounds; none for equal bounds.
 
     Args:
-        words: What each value is of: "reward", or a kind of cost.
+        names: Name of each value: "reward", or a kind of cost.
         means: Mean values, in the task's units.
         low: The smallest possible values.
         high: The largest possible values.
         remedy: What to change, which ends the sentence.
     """
     found: dict[str, str] = {}
-    for word, mean, least, most in zip(words, means, low, high, strict=True):
-        pays = "pay" if word == "reward" else "cost"
+    for name, mean, least, most in zip(names, means, low, high, strict=True):
+        pays = "pay" if name == "reward" else "cost"
         if least == most:  # nothing has been paid yet: an untrained critic is no news
             continue
         if mean > most + ROUNDING * abs(most):
@@ -29,7 +29,7 @@ def impossible_values(
             sentence = f"less than the {least:.4g} that an episode must {pays}"
         else:
             continue
-        found[f"impossible_value_of_{word.replace(' ', '_')}"] = (
-            f"the critics' mean value of the {word} is {mean:.4g}, {sentence}: {remedy}"
+        found[f"impossible_value_of_{name.replace(' ', '_')}"] = (
+            f"the critics' mean value of the {name} is {mean:.4g}, {sentence}: {remedy}"
         )
     return found

@@ -153,7 +153,7 @@ class Agent:
 
     @property
     def _warmup_end(self) -> int:
-        return self.config.random_steps + self.config.critic_warmup_steps if self._policy_given else 0
+        return self.config.warmup_steps if self._policy_given else 0
 
     def warm_up_critics(self) -> None:
         """Let the policy, which was given, act from the first step, and only the critics learn at first.

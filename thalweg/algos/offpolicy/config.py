@@ -127,6 +127,11 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
             raise ValueError(f"largest_costs must be {len(self.limits)}, one per limit, got {list(self.largest_costs)}")
         return self
 
+    @property
+    def warmup_steps(self) -> int:
+        """Steps in which the policy does not learn, in a run that begins with another policy."""
+        return self.random_steps + self.critic_warmup_steps
+
     def rollout_steps(self, num_envs: int) -> int:
         """Return T, the steps of each environment between two rounds of learning."""
         return max(1, self.steps_per_collection // num_envs)

@@ -93,6 +93,11 @@ class OnPolicyConfig:
         """Whether critics see what the environment tells them beyond the observation."""
         return self.asymmetric_critics or self.sees_images
 
+    @property
+    def warmup_steps(self) -> int:
+        """Steps during which only critics learn, in a run that begins with another policy."""
+        return self.critic_warmup_steps
+
     def rollout_steps(self, num_envs: int) -> int:
         """Return T, the steps of each environment between two updates."""
         return max(2, self.steps_per_update // num_envs)

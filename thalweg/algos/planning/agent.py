@@ -169,7 +169,8 @@ class Agent:
         if feedback.episodes < ENOUGH_EPISODES:
             return found
         low, high = self.value_bounds()
-        bounded = "correct return_bounds" if self.config.bound_targets else "set bound_targets"
+        given = "correct return_bounds" if self.config.return_bounds else "set return_bounds"
+        bounded = given if self.config.bound_targets else "set bound_targets"
         remedy = f"lower critic_learning_rate or target_rate, or {bounded}"
         mean, least, most = self._last_value * unit, low - below * unit, high + above * unit
         return found | impossible_values(["reward"], [mean], [least], [most], remedy)

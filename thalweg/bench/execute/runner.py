@@ -22,7 +22,7 @@ from thalweg.bench.report.report import Report, write_report
 from thalweg.bench.results.outdated import discard, is_current, prepare
 from thalweg.bench.results.reading import read_results, with_films
 from thalweg.bench.results.results import Results, RunRow, read_runs, write_runs
-from thalweg.bench.results.run_versions import critics_are_asymmetric, current_versions
+from thalweg.bench.results.run_versions import current_versions, some_critics_are_asymmetric
 from thalweg.bench.suite.config import Run, Suite
 from thalweg.bench.suite.record import read_suite
 from thalweg.core.machine import machine_info, package_versions
@@ -139,8 +139,8 @@ def _versions_of(suite: Suite, run: Run) -> dict[str, int | None]:
         run.kind,
         [stage.algorithm for stage in stages],
         observation=suite.observation_of(run) or FRAMES,
-        asymmetric_critics=any(
-            critics_are_asymmetric(stage.algorithm, stage.settings, stage.preset) for stage in stages
+        asymmetric_critics=some_critics_are_asymmetric(
+            (stage.algorithm, stage.settings, stage.preset) for stage in stages
         ),
     )
 

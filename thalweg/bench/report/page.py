@@ -84,7 +84,7 @@ def _observations(results: Results) -> Iterator[str]:
         if observation == PRIVILEGED:
             what = "what a perfect camera could tell (the privileged observation) instead of frames"
         yield f"{who} see {what}."
-    if told := results.told_critics:
+    if told := results.with_asymmetric_critics:
         which = "all policies" if len(told) == len(seen) else ", ".join(told)
         yield f"In training, the critics of {which} also saw the privileged state and progress."
 

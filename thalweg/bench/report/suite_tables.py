@@ -33,7 +33,7 @@ def algorithm_table(results: Results) -> Table:
     some see more.
     """
     columns, rows, seen = ["policy", "domain", "limit kept by", "method"], list[list[Cell]](), results.observations
-    differs, told = any(observation != FRAMES for observation in seen.values()), results.told_critics
+    differs, told = any(observation != FRAMES for observation in seen.values()), results.with_asymmetric_critics
     columns += ["observation"] * differs + ["critics see"] * bool(told)
     for arm in arms_of(results.suite):
         entry = ALGORITHMS.get(arm["algorithm"])

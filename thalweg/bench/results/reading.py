@@ -23,14 +23,14 @@ from thalweg.bench.results.results import (
 )
 from thalweg.bench.results.run_versions import (
     Versions,
-    critics_are_asymmetric,
     current_versions,
     read_versions,
+    some_critics_are_asymmetric,
     version_label,
 )
 from thalweg.bench.results.statistics import TrainingLog
 from thalweg.bench.suite.config import PACKAGED
-from thalweg.bench.suite.record import arms_of, observation_of, read_suite
+from thalweg.bench.suite.record import arms_of, observation_of, read_suite, stages_of
 from thalweg.core.versions import ALGORITHMS
 
 Value = TypeVar("Value")
@@ -185,15 +185,12 @@ def _current(suite: Mapping[str, Any], policy: str, recorded: Versions) -> dict[
         return current_versions("packaged", ())
     arm = next((arm for arm in arms_of(suite) if arm["name"] == policy), None)
     if arm is not None:
-        stages = [stage for stage in (*arm.get("before", []), arm) if "algorithm" in stage]
+        stages = stages_of(arm)
         return current_versions(
             "train",
-            [stage["algorithm"] for stage in stages],
+            [algorithm for algorithm, _, _ in stages],
             observation=observation_of(suite, arm),
-            asymmetric_critics=any(
-                critics_are_asymmetric(stage["algorithm"], stage.get("settings", {}), stage.get("preset", "default"))
-                for stage in stages
-            ),
+            asymmetric_critics=some_critics_are_asymmetric(stages),
         )
     known = (
         current_versions("train", [name for name in recorded if name in ALGORITHMS], asymmetric_critics=True)

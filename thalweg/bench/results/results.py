@@ -21,10 +21,10 @@ from typing import Any
 from thalweg.bench.csv_files import ResultsError, csv_text, read_csv
 from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.evaluate.episodes import Episode
-from thalweg.bench.results.run_versions import Versions, critics_are_asymmetric
+from thalweg.bench.results.run_versions import Versions, some_critics_are_asymmetric
 from thalweg.bench.results.statistics import TrainingLog
 from thalweg.bench.suite.config import PACKAGED
-from thalweg.bench.suite.record import arms_of, observation_of
+from thalweg.bench.suite.record import arms_of, observation_of, stages_of
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.versions import ALGORITHMS
 from thalweg.train.river import PRIVILEGED
@@ -168,23 +168,30 @@ class Results:
         return {name for name, seen in self.observations.items() if seen == PRIVILEGED}
 
     @property
-    def told_critics(self) -> list[str]:
-        """Names of the arms whose critics see the privileged state in training, whatever their policies see.
+    def with_asymmetric_critics(self) -> list[str]:
+        """Names of the arms of which critics see the privileged state in some stage, whatever their policies see.
 
         Arms that are in the results only with other versions are left out: their defaults may have been others.
         """
         replaced = {policy.policy for policy in self.outdated.values()} - {row.algorithm for row in self.runs}
-        return [arm["name"] for arm in arms_of(self.suite) if arm["name"] not in replaced and self._is_told(arm)]
+        return [
+            arm["name"]
+            for arm in arms_of(self.suite)
+            if arm["name"] not in replaced and self._has_asymmetric_critics(arm)
+        ]
 
-    def _is_told(self, arm: Mapping[str, Any]) -> bool:
-        """Return whether the critics of an arm see the privileged state: as its runs recorded it, or by its settings
-        where they recorded nothing, or depend on that state anyhow."""
-        by_settings = critics_are_asymmetric(arm["algorithm"], arm.get("settings", {}), arm.get("preset", "default"))
+    def _has_asymmetric_critics(self, arm: Mapping[str, Any]) -> bool:
+        """Return whether critics of an arm see the privileged state, by the versions that its runs recorded.
+
+        Those of a policy that sees the privileged observation say nothing of its critics. Then, and without records,
+        the settings decide, if the algorithm has the version of today.
+        """
+        by_settings = some_critics_are_asymmetric(stages_of(arm))
         recorded = [self.versions.get(f"{arm['name']}-{seed}") for seed in arm["seeds"]]
         recorded = [each for each in recorded if each is not None]
         if recorded and arm["name"] not in self.privileged:
             return any("privileged" in each for each in recorded)
-        return by_settings and all(each.get(arm["algorithm"]) == ALGORITHMS[arm["algorithm"]] for each in recorded)
+        return by_settings and all(each.get(arm["algorithm"]) == ALGORITHMS.get(arm["algorithm"]) for each in recorded)
 
     @property
     def flights(self) -> set[tuple[str, str, int, str]]:

@@ -55,11 +55,15 @@ def current_versions(
     return rivers | seen | {"training": versions.TRAINING} | learning
 
 
-def critics_are_asymmetric(algorithm: str, settings: Mapping[str, Any], preset: str = "default") -> bool:
-    """Return whether the critics of an algorithm see what the ideal eye does, with these settings of a preset.
+def some_critics_are_asymmetric(stages: Iterable[tuple[str, Mapping[str, Any], str]]) -> bool:
+    """Return whether critics of some stage of training see what the ideal eye does, by algorithm, settings and preset.
 
     They do not if this copy of Thalweg lacks the algorithm, the preset or a setting.
     """
+    return any(_critics_are_asymmetric(*stage) for stage in stages)
+
+
+def _critics_are_asymmetric(algorithm: str, settings: Mapping[str, Any], preset: str) -> bool:
     try:
         return has_asymmetric_critics(algorithm_named(algorithm).configure(dict(settings), preset))
     except AlgorithmError:

@@ -160,7 +160,8 @@ class Suite:
                     if index:  # it begins with the policy of the stage before
                         check_warmup(config, each.steps, self.num_envs)
                 except (AlgorithmError, TrainingError) as error:
-                    raise ValueError(f"suite {self.name}, {arm.label}: {error}") from error
+                    stage = f", stage {index + 1}" if arm.before else ""
+                    raise ValueError(f"suite {self.name}, {arm.label}{stage}: {error}") from error
         return self
 
     def _check_known(self) -> None:

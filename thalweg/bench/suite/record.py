@@ -21,6 +21,9 @@ class StageRecord:
     """Record of a `thalweg.bench.suite.config.Stage`."""
 
     steps: int
+    algorithm: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    preset: str = "default"
 
 
 @frozen_config(ResultsError, extra="ignore")
@@ -34,6 +37,8 @@ class ArmRecord:
     level: str = ""
     before: TupleOf[StageRecord] = ()
     observation: str | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    preset: str = "default"
 
 
 @frozen_config(ResultsError, extra="ignore")
@@ -100,6 +105,16 @@ def arms_of(record: Mapping[str, Any]) -> list[dict[str, Any]]:
         return list(record["arms"])
     common = {"seeds": record.get("seeds", []), "steps": record.get("steps", 0)}
     return [{"name": name, "algorithm": name, **common} for name in record.get("algorithms", [])]
+
+
+def stages_of(arm: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any], str]]:
+    """Return algorithm, settings and preset of each stage of training of an arm in a suite's record, as far as it names
+    them."""
+    return [
+        (stage["algorithm"], stage.get("settings", {}), stage.get("preset", "default"))
+        for stage in (*arm.get("before", []), arm)
+        if "algorithm" in stage
+    ]
 
 
 def observation_of(record: Mapping[str, Any], arm: Mapping[str, Any]) -> str:

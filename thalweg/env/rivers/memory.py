@@ -1,4 +1,4 @@
-"""How many rivers of a list are held in memory at a time, from the free memory."""
+"""Memory of rivers: the size of one, and how many fit into the free memory."""
 
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -17,14 +17,14 @@ DRAWN = 2.4
 
 def drawn_bytes(world: World) -> int:
     """Return about how many bytes a world takes where it is drawn."""
-    return int(DRAWN * _bytes_of(world))
+    return int(DRAWN * bytes_of(world))
 
 
-def _bytes_of(value: Any) -> int:
+def bytes_of(record: Any) -> int:
     """Return the bytes of all arrays in a record, nested ones included."""
-    if isinstance(value, np.ndarray):
-        return value.nbytes
-    return sum(_bytes_of(getattr(value, each.name)) for each in fields(value)) if is_dataclass(value) else 0
+    if isinstance(record, np.ndarray):
+        return record.nbytes
+    return sum(bytes_of(getattr(record, each.name)) for each in fields(record)) if is_dataclass(record) else 0
 
 
 def slots_in_memory(rivers: int, in_memory: int | None, num_envs: int, each: int, free: int | None) -> int:
@@ -36,7 +36,7 @@ def slots_in_memory(rivers: int, in_memory: int | None, num_envs: int, each: int
     """
     least = 3 * num_envs
     if in_memory is None:
-        most = rivers if free is None else int(SHARE * free) // max(each, 1)
+        most = _most_that_fit(rivers, each, free)
         if rivers > most and most < least:
             raise ConfigError(
                 f"{num_envs:,} environments that change river need {min(rivers, least):,} rivers of"
@@ -61,12 +61,17 @@ def slots_in_memory(rivers: int, in_memory: int | None, num_envs: int, each: int
 
 def check_all_fit(rivers: int, each: int, free: int | None) -> None:
     """Raise `ConfigError`, with the number that fits, for rivers of `each` bytes of which none may be left out."""
-    most = rivers if free is None else int(SHARE * free) // max(each, 1)
+    most = _most_that_fit(rivers, each, free)
     if rivers > most:
         raise ConfigError(
             f"{rivers:,} rivers of {each / 1e6:.1f} MB need {rivers * each / 1e9:.2f} GB, and {free_words(free)}, of"
             f" which rivers may take half: at most {most:,} fit"
         )
+
+
+def _most_that_fit(rivers: int, each: int, free: int | None) -> int:
+    """Return how many rivers of `each` bytes fit into the share of the free memory; all if that is unknown."""
+    return rivers if free is None else int(SHARE * free) // max(each, 1)
 
 
 def free_words(free: int | None) -> str:

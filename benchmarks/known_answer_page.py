@@ -99,8 +99,8 @@ def section(rows: Table, algorithm: str, seeds: int = SEEDS) -> str:
         return "No run of today's defaults yet.\n"
     introduction = wrap(
         f"Each row has the mean over its seeds, in the native action space. A seed reaches what is required with at"
-        f" least {SHARE:.0%} of the return of the [optimum](README.md#known-answers) and, if there is a limit, a cost at"
-        f" most {EXCESS:.0%} or {LEAST_EXCESS} above it. Seeds that miss it have their own figures."
+        f" least {SHARE:.0%} of the return of the [optimum](README.md#known-answers) and, if there is a limit, a cost"
+        f" at most {EXCESS:.0%} or {LEAST_EXCESS} above it. Seeds that miss it have their own figures."
     )
     header = ["problem", "limit", "optimum: return, cost", "share, cost", "reached", "missed"]
     return f"{introduction}\n{markdown(frame(header, lines))}"

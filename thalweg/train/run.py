@@ -188,7 +188,8 @@ def check_warmup(config: Any, steps: int, num_envs: int) -> None:
         most = max(last - (warmup - given), 0)
         raise TrainingError(
             f"critic_warmup_steps must be at most {most} in a run of {steps} steps that begins with another policy, "
-            f"got {given}: only the critics learn during the warm-up, so that the policy would never change"
+            f"got {given}: only the critics learn during the warm-up, so that the policy would never change; take more"
+            " steps, or set critic_warmup_steps"
         )
 
 

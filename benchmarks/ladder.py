@@ -134,6 +134,13 @@ def work_through(tasks: Sequence[Task], jobs: int, table: Path) -> list[str]:
     return failures
 
 
+def status_of(tasks: Sequence[Task], jobs: int, table: Path) -> int:
+    """Do tasks as `work_through` does, and name those that failed at the end; returns the exit status."""
+    failures = work_through(tasks, jobs, table)
+    print(*(f"failed: {line}" for line in failures), sep="\n", end="\n" if failures else "", file=sys.stderr)
+    return int(bool(failures))
+
+
 def end_with_parent() -> None:
     """End this process as soon as its parent ends, however that was: the same command may train in the same folder."""
     parent = multiprocessing.parent_process()
@@ -192,9 +199,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             tasks.append(Task(arm, given.runs / arm.folder, given.threads, tuple(missing)))
     if given.list:
         return 0
-    failures = work_through(tasks, given.jobs, given.out)
-    print(*(f"failed: {line}" for line in failures), sep="\n", end="\n" if failures else "", file=sys.stderr)
-    return int(bool(failures))
+    return status_of(tasks, given.jobs, given.out)
 
 
 if __name__ == "__main__":

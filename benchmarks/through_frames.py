@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ladder import COLUMNS, Task, missing_cells, work_through
+from ladder import COLUMNS, Task, missing_cells, status_of
 from ladder_arms import CELL_KEY, FIXED, Arm
 from page_sections import replace_section
 from river_flights import mean_return
@@ -118,9 +118,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             tasks.append(Task(arm, given.runs / arm.folder, given.threads, tuple(missing)))
     if given.list:
         return 0
-    failures = work_through(tasks, given.jobs, given.out)
-    print(*(f"failed: {line}" for line in failures), sep="\n", end="\n" if failures else "", file=sys.stderr)
-    return int(bool(failures))
+    return status_of(tasks, given.jobs, given.out)
 
 
 def label(arm: Arm) -> str:

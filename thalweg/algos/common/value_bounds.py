@@ -1,9 +1,15 @@
-"""Warnings about critics whose mean value is outside what an episode can pay or cost."""
+"""The check of given bounds of returns, and warnings about critics whose mean value is outside its bounds."""
 
 from collections.abc import Sequence
 
 ROUNDING = 1e-3
 """Share of a bound by which a mean value may exceed it before a warning is given."""
+
+
+def check_return_bounds(bounds: Sequence[float]) -> None:
+    """Raise `ValueError` unless bounds of returns are two, the smaller one first, or none."""
+    if bounds and (len(bounds) != 2 or bounds[0] >= bounds[1]):
+        raise ValueError(f"return_bounds must be two, the smaller one first, got {list(bounds)}")
 
 
 def impossible_values(

@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
 
 from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.common.value_bounds import check_return_bounds
 from thalweg.algos.constraint.cost_limits import CostConfig
 from thalweg.algos.policy.actions import Adapter
 from thalweg.core.config import FiniteNumber, FinitePositive, Fraction, Hint, TupleOf, frozen_config
@@ -163,9 +164,7 @@ class PlanningConfig(CostConfig):
 
     @model_validator(mode="after")
     def _bounds_are_ordered(self) -> Self:
-        bounds = self.return_bounds
-        if bounds and (len(bounds) != 2 or bounds[0] >= bounds[1]):
-            raise ValueError(f"return_bounds must be two, the smaller one first, got {list(bounds)}")
+        check_return_bounds(self.return_bounds)
         return self
 
     @model_validator(mode="after")

@@ -41,6 +41,7 @@ from thalweg.core.config import to_plain
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.rivers.bare_river import load_or_plan
 from thalweg.train import run
+from thalweg.train.river import SEEN_BY_CRITICS
 from thalweg.world import World, level_named
 
 HERE = Path(__file__).resolve().parent
@@ -217,9 +218,8 @@ def page_section(rows: Sequence[Mapping[str, str]], algorithm: str) -> str:
     reported = [row for row in of_algorithm if row["rivers"] != chosen and row["changes"] == "none"]
     tried = [row for row in of_algorithm if row["rivers"] == chosen]
     told = to_plain(algorithm_named(algorithm).configure({})).get("asymmetric_critics", False)
-    critics = "also see progress" if told else "see what the policy sees"
     parts = [
-        (f"The defaults, whose critics {critics}:", reported),
+        (f"The defaults, whose critics see {SEEN_BY_CRITICS[told]}:", reported),
         ("Settings that were tried, on other rivers with other seeds:", tried),
     ]
     tables = [f"{title}\n\n{trial_table(table)}" for title, table in parts if table]

@@ -13,6 +13,7 @@ import argparse
 import fnmatch
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from river_flights import mean_return
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.report.table import frame, markdown
 from thalweg.core.atomic_io import write_atomic
+from thalweg.train.river import SEEN_BY_CRITICS
 from thalweg.world import level_named
 
 HERE = Path(__file__).resolve().parent
@@ -38,26 +40,57 @@ REPORTED, CHOOSING = level_named(LEVEL).default_seed, 4000
 """Seeds of the river of reported checks, the fixed one of the level, and of that where settings are compared."""
 SEEDS = {REPORTED: (0, 1, 2), CHOOSING: (10, 11, 12)}
 """Seeds of the runs on each river."""
-CHECKED: tuple[tuple[str, str, Mapping[str, Any], int, int], ...] = (
-    ("PPO", "PPO", {}, REPORTED, 3),
-    ("PPOLag", "PPOLag", {}, REPORTED, 3),
-    ("OnCRPO", "OnCRPO", {}, REPORTED, 1),
-    ("TD3Lag", "TD3Lag", {}, REPORTED, 1),
-    ("PPOLag", "PPOLag", {}, CHOOSING, 3),
-    ("PPOLag-asymmetric", "PPOLag", {"asymmetric_critics": True}, CHOOSING, 3),
+
+
+@dataclass(frozen=True)
+class Check:
+    """An algorithm that is trained on a river with some seeds."""
+
+    algorithm: str
+    river: int
+    """`REPORTED` or `CHOOSING`."""
+    runs: int = 3
+    change: str = ""
+    """Name of its `settings`; empty for the defaults."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """Settings that differ from the defaults."""
+
+    @property
+    def name(self) -> str:
+        """Name of its arms."""
+        return f"{self.algorithm}-{self.change}" if self.change else self.algorithm
+
+    @property
+    def shown(self) -> str:
+        """Name in the table."""
+        changes = [f"`{name}={value}`" for name, value in self.settings.items()]
+        return " ".join([f"{self.algorithm},", *changes]) if changes else self.algorithm
+
+    def arms(self) -> list[Arm]:
+        """Return its runs."""
+        seeds = SEEDS[self.river][: self.runs]
+        made_with = {"settings": self.settings, "first_river": self.river}
+        return [Arm(self.name, self.algorithm, 1, FIXED, seed, STEPS, (LEVEL,), **made_with) for seed in seeds]
+
+
+CHECKED = (
+    Check("PPO", REPORTED),
+    Check("PPOLag", REPORTED),
+    Check("OnCRPO", REPORTED, runs=1),
+    Check("TD3Lag", REPORTED, runs=1),
+    Check("PPO", CHOOSING),
+    Check("PPO", CHOOSING, change="symmetric", settings={"asymmetric_critics": False}),
+    *(
+        Check(name, CHOOSING, change=change, settings=settings)
+        for name in ("PPOLag", "FOCOPS", "TD3Lag")
+        for change, settings in (("", {}), ("asymmetric", {"asymmetric_critics": True}))
+    ),
 )
-"""Name, algorithm, settings that differ from its defaults, seed of the river, and number of runs."""
-SHOWN = {"PPOLag-asymmetric": "PPOLag, `asymmetric_critics=true`"}
-"""Names in the table, if they differ."""
 
 
 def checks() -> list[Arm]:
     """Return the runs that are compared."""
-    return [
-        Arm(name, algorithm, 1, FIXED, seed, STEPS, (LEVEL,), settings=settings, first_river=river)
-        for name, algorithm, settings, river, runs in CHECKED
-        for seed in SEEDS[river][:runs]
-    ]
+    return [arm for check in CHECKED for arm in check.arms()]
 
 
 def current_rows(rows: Iterable[Mapping[str, str]]) -> list[Mapping[str, str]]:
@@ -69,7 +102,8 @@ def current_rows(rows: Iterable[Mapping[str, str]]) -> list[Mapping[str, str]]:
 
 def table(rows: Iterable[Mapping[str, str]]) -> str:
     """Return the table of the page: a line for all runs of a check."""
-    told = {arm.name for arm in checks() if arm.resolved.get("asymmetric_critics", False)}
+    told = {arm.name: arm.resolved.get("asymmetric_critics", False) for arm in checks()}
+    shown = {check.name: check.shown for check in CHECKED}
     groups: dict[tuple[str, str], list[Mapping[str, str]]] = {}
     for row in rows:
         groups.setdefault((row["arm"], row["first_river"]), []).append(row)
@@ -77,8 +111,8 @@ def table(rows: Iterable[Mapping[str, str]]) -> str:
     for (name, river), runs in groups.items():
         each = ", ".join(f"{float(row['return']):.2f}" for row in runs)
         cost = f"{np.mean([float(row['cost']) for row in runs]):.3f}"
-        critics = "the privileged state too" if name in told else "what the policy sees"
-        lines.append([SHOWN.get(name, name), critics, river, str(len(runs)), str(mean_return(runs)), each, cost])
+        critics = SEEN_BY_CRITICS[told[name]]
+        lines.append([shown[name], critics, river, str(len(runs)), str(mean_return(runs)), each, cost])
     header = ["algorithm", "critics see", f"river of {LEVEL}", "seeds", "return", "return by seed", "cost"]
     return markdown(frame(header, lines))
 
@@ -122,7 +156,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def label(arm: Arm) -> str:
-    """Return the name by which a check is selected."""
+    """Return the name by which a run is selected."""
     return f"{arm.name}-{arm.first_river}-{arm.seed}"
 
 

@@ -31,11 +31,10 @@ def row(script: ModuleType, arm: Any, returned: float) -> dict[str, str]:
 
 def test_settings_are_compared_on_another_river_with_other_seeds(script: ModuleType):
     found = [(script.label(arm), arm.settings) for arm in script.checks()]
-    assert len({label for label, _ in found}) == len(found) == 14
+    assert len({label for label, _ in found}) == len(found) == 32
+    changed = ("PPO-symmetric", "PPOLag-asymmetric", "FOCOPS-asymmetric", "TD3Lag-asymmetric")
     assert [label for label, changes in found if changes] == [
-        "PPOLag-asymmetric-4000-10",
-        "PPOLag-asymmetric-4000-11",
-        "PPOLag-asymmetric-4000-12",
+        f"{name}-4000-{seed}" for name in changed for seed in (10, 11, 12)
     ]
     assert [label for label, _ in found if label.startswith("PPOLag-1-")] == ["PPOLag-1-0", "PPOLag-1-1", "PPOLag-1-2"]
 
@@ -48,12 +47,13 @@ def test_flights_are_on_the_river_of_training(script: ModuleType):
 
 def test_the_table_has_the_rows_of_today_and_an_interval_over_three_seeds(script: ModuleType):
     ppo = [arm for arm in script.checks() if arm.name == "PPO"]
-    other = script.checks()[-1]
+    other = next(arm for arm in script.checks() if arm.name == "PPOLag-asymmetric")
     rows = [row(script, arm, 7.0 + arm.seed) for arm in ppo] + [row(script, other, 6.5)]
     outdated = row(script, other, 1.0) | {"versions": "PPOLag=0"}
     page = " ".join(script.written_page(MARKS, [*rows, outdated]).split())
-    assert "| PPO | the privileged state too | 1 | 3 | 8.00 [5.52, 10.00] | 7.00, 8.00, 9.00 | 0.010 |" in page
-    assert "| PPOLag, `asymmetric_critics=true` | the privileged state too | 4000 | 1 | 6.50 | 6.50 | 0.010 |" in page
+    assert "| PPO | the privileged state and progress too | 1 | 3 | 8.00 [5.52, 10.00] | 7.00, 8.00, 9.00 | 0.010 |" in page
+    told = "the privileged state and progress too"
+    assert f"| PPOLag, `asymmetric_critics=True` | {told} | 4000 | 1 | 6.50 | 6.50 | 0.010 |" in page
     assert "old" not in page and page.startswith("before") and page.endswith("after")
     assert "Nothing was measured with today's versions." in script.written_page(MARKS, [outdated])
 

@@ -42,6 +42,8 @@ FRAMES, PRIVILEGED, IMAGES = "frames", "privileged", tuple(CHANNELS)
 IN_WORDS = {FRAMES: "frames through an encoder", PRIVILEGED: "the privileged observation"} | {
     channels: f"images ({channels})" for channels in IMAGES
 }
+SEEN_BY_CRITICS = {True: "the privileged state and progress too", False: "what the policy sees"}
+"""What critics see in training, by whether they are asymmetric."""
 
 
 def load_compatible_encoder(path: Path | None = None, device: str = "cpu") -> Encoder:

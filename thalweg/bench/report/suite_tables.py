@@ -8,7 +8,7 @@ from thalweg.algos.registry import ALGORITHMS, Entry
 from thalweg.bench.report.table import Cell, Table, frame, table_from_cells
 from thalweg.bench.results.results import RUN_COLUMNS, Results
 from thalweg.bench.suite.record import arms_of
-from thalweg.train.river import FRAMES
+from thalweg.train.river import FRAMES, SEEN_BY_CRITICS
 
 DOMAINS = {OnPolicyConfig: "on-policy", OffPolicyConfig: "off-policy", PlanningConfig: "model-based"}
 """The paper's domains, by the base class of their algorithms' configs."""
@@ -38,7 +38,7 @@ def algorithm_table(results: Results) -> Table:
     for arm in arms_of(results.suite):
         entry = ALGORITHMS.get(arm["algorithm"])
         rest = ["unknown"] * 3 if entry is None else [domain(entry), constraint_method(entry), entry.about]
-        critics = "the privileged state and progress too" if arm["name"] in told else "what the policy sees"
+        critics = SEEN_BY_CRITICS[arm["name"] in told]
         rows.append([arm["name"], *rest, *[seen[arm["name"]]] * differs, *[critics] * bool(told)])
     return table_from_cells(columns, rows)
 

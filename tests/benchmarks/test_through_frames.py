@@ -51,8 +51,8 @@ def test_the_table_has_the_rows_of_today_and_an_interval_over_three_seeds(script
     rows = [row(script, arm, 7.0 + arm.seed) for arm in ppo] + [row(script, other, 6.5)]
     outdated = row(script, other, 1.0) | {"versions": "PPOLag=0"}
     page = " ".join(script.written_page(MARKS, [*rows, outdated]).split())
-    assert "| PPO | the privileged state and progress too | 1 | 3 | 8.00 [5.52, 10.00] | 7.00, 8.00, 9.00 | 0.010 |" in page
     told = "the privileged state and progress too"
+    assert f"| PPO | {told} | 1 | 3 | 8.00 [5.52, 10.00] | 7.00, 8.00, 9.00 | 0.010 |" in page
     assert f"| PPOLag, `asymmetric_critics=True` | {told} | 4000 | 1 | 6.50 | 6.50 | 0.010 |" in page
     assert "old" not in page and page.startswith("before") and page.endswith("after")
     assert "Nothing was measured with today's versions." in script.written_page(MARKS, [outdated])

@@ -16,6 +16,7 @@ from thalweg.cli.encoder import ENCODER_COMMANDS, EncoderTrain
 from thalweg.cli.main import COMMANDS, _parse, main
 from thalweg.cli.options import RiverFile, settings_from
 from thalweg.cli.render import RenderFrames
+from thalweg.train.folder.checkpoint import save_checkpoint
 from thalweg.world import World
 
 
@@ -245,7 +246,9 @@ def test_an_unknown_word_ends_with_status_2(arguments: list[str], capsys: pytest
     assert ended.value.code == 2
 
 
-def test_an_interrupt_explains_how_to_resume(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
+def test_an_interrupt_explains_how_to_resume(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
@@ -254,12 +257,18 @@ def test_an_interrupt_explains_how_to_resume(monkeypatch: pytest.MonkeyPatch, ca
     assert main(["report", "x"]) == 130
     assert capsys.readouterr().err == "\nInterrupted. Nothing was saved; the same command starts from the beginning.\n"
     monkeypatch.setattr("thalweg.train.imitation.imitate.Imitation.run", interrupted)
-    for resumable in (["bench", "quick", "--out", "x"], ["imitate", "--out", "x"]):
-        assert main(resumable) == 130
-        assert capsys.readouterr().err == "\nInterrupted. The same command resumes from the last checkpoint.\n"
+    out = str(tmp_path / "x")
+    assert main(["bench", "quick", "--out", out]) == 130
+    assert capsys.readouterr().err == "\nInterrupted. The same command resumes from the last checkpoint.\n"
+    assert main(["imitate", "--out", out]) == 130
+    none_yet = "There was no checkpoint yet; the same command starts from the beginning."
+    assert capsys.readouterr().err == f"\nInterrupted. {none_yet}\n"
+    save_checkpoint(tmp_path / "x", 24_576, {})
+    assert main(["imitate", "--out", out]) == 130
+    assert capsys.readouterr().err == "\nInterrupted. The same command resumes from step 24,576.\n"
 
 
-def test_a_terminated_run_warns_and_ends_as_an_interrupted_one():
+def test_a_terminated_run_warns_and_ends_as_an_interrupted_one(tmp_path: Path):
     code = """
 import os, signal, sys, warnings
 from thalweg.cli import main as cli
@@ -268,11 +277,13 @@ def run(command):
     os.kill(os.getpid(), signal.SIGTERM)
     raise SystemExit("not ended")
 cli.Train.run = run
-sys.argv = ["thalweg", "train", "--out", "x"]
+sys.argv = ["thalweg", "train", "--out", sys.argv[1]]
 sys.exit(cli.main())
 """
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    message = "Warning: the limit never binds\n\nInterrupted. The same command resumes from the last checkpoint.\n"
+    save_checkpoint(tmp_path, 2048, {})
+    command = [sys.executable, "-c", code, str(tmp_path)]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    message = "Warning: the limit never binds\n\nInterrupted. The same command resumes from step 2,048.\n"
     assert (ended.returncode, ended.stderr) == (130, message)
 
 

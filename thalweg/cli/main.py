@@ -174,7 +174,14 @@ def _wrapped(line: str) -> str:
 
 def _after_interrupt(command: Any) -> str:
     """What becomes of a command that was interrupted."""
-    if isinstance(command, Train | Imitate | Bench | EncoderTrain | EncoderStudy):
+    if isinstance(command, Train | Imitate):
+        from thalweg.train.folder.checkpoint import newest_step
+
+        step = newest_step(command.out)
+        if step is not None:
+            return f"The same command resumes from step {step:,}."
+        return "There was no checkpoint yet; the same command starts from the beginning."
+    if isinstance(command, Bench | EncoderTrain | EncoderStudy):
         return "The same command resumes from the last checkpoint."
     return "Nothing was saved; the same command starts from the beginning."
 

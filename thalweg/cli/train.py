@@ -21,7 +21,7 @@ class Train:
     out: Path
     """Folder of the run."""
     algorithm: str = "FOCOPS"
-    """Name of the algorithm; an unknown name is an error that lists the known ones."""
+    """PPO, PPOLag, FOCOPS, P3O, OnCRPO, CPO, CUP, DDPGLag, TD3Lag, SACLag, CCEPETS or SafeLOOP."""
     level: tuple[str, ...] = ()
     """Easy, Medium or Hard, or several of them. Medium by default."""
     world_seeds: tuple[str, ...] = ()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from thalweg.train.errors import TrainingError
-from thalweg.train.folder.checkpoint import load_checkpoint, save_checkpoint
+from thalweg.train.folder.checkpoint import load_checkpoint, newest_step, save_checkpoint
 from thalweg.train.folder.loggers import CsvTable
 
 STATE = {
@@ -45,6 +45,13 @@ def test_a_half_written_checkpoint_is_not_seen_and_is_cleared_away(tmp_path):
     assert load_checkpoint(tmp_path) == (5, {"at": 5})
     save_checkpoint(tmp_path, 12, {"at": 12})
     assert not rest.exists()
+
+
+def test_the_step_to_resume_from_is_that_of_the_newest(tmp_path):
+    assert newest_step(tmp_path) is None
+    for step in (9, 1024, 24576):
+        save_checkpoint(tmp_path, step, {})
+    assert newest_step(tmp_path) == 24576
 
 
 def test_no_checkpoint_is_none(tmp_path):

@@ -78,6 +78,12 @@ def load_checkpoint(run_folder: Path) -> tuple[int, dict[str, Any]] | None:
         ) from error
 
 
+def newest_step(run_folder: Path) -> int | None:
+    """Return the step of the newest checkpoint of a run, from which it resumes; None if there is none."""
+    checkpoints = _complete(run_folder / FOLDER)
+    return int(checkpoints[-1].name) if checkpoints else None
+
+
 def _complete(parent: Path) -> list[Path]:
     """Return the folders of complete checkpoints, oldest first."""
     return sorted(path for path in parent.glob("[0-9]*") if path.is_dir())

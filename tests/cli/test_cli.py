@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.evaluate.course import UNSEEN
 from thalweg.cli.encoder import ENCODER_COMMANDS, EncoderTrain
 from thalweg.cli.main import COMMANDS, _parse, main
@@ -69,6 +70,12 @@ def test_the_help_of_an_option_is_broken_nowhere_but_at_the_width(
     texts = [line for line in inside if ("  " in line or not line.startswith("-")) and not line.startswith("-h")]
     assert texts
     assert [text for text in texts if not text.endswith(")")] == []  # a text ends with its default, or (required)
+
+
+def test_the_help_of_train_names_every_algorithm(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
+    text = "\n".join(help_lines(["train"], 1000, monkeypatch, capsys))
+    *names, last = ALGORITHMS
+    assert f"{', '.join(names)} or {last}." in text
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGPIPE")

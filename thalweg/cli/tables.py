@@ -17,11 +17,16 @@ def make_console() -> Console:
     return Console() if Console().is_terminal else Console(width=WIDTH)
 
 
+def _column(heading: str, index: int) -> Column:
+    """Return a column wide enough for each word of its heading; numbers are to the right of the first column."""
+    return Column(heading, justify="right" if index else "left", min_width=max(map(len, heading.split())))
+
+
 def print_tables(console: Console, results: Results, *, detail: bool = True) -> None:
     """The paper's table, and with `detail` what it leaves out."""
     texts = [paper_table(results).text] + ([detail_table(results).text] if detail else [])
     for text in texts:
-        table = Table(*(Column(name, justify="right" if index else "left") for index, name in enumerate(text.columns)))
+        table = Table(*map(_column, text.columns, range(len(text.columns))))
         for row in text.itertuples(index=False, name=None):
             published = is_published(row[0])
             table.add_row("published *" if published else row[0], *row[1:], style="dim" if published else None)

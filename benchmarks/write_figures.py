@@ -56,8 +56,8 @@ def comparison() -> str:
     ]
     note = wrap(
         "We measured Thalweg and Safety-Gymnasium in one run on two processor cores without a GPU;"
-        " [the benchmarks](benchmarks/README.md) have the details. The speed of the Safe Riverine Environment is that of"
-        " its published training logs, which have 32 to 48 training steps a second."
+        " [the benchmarks](benchmarks/README.md) have the details. The speed of the Safe Riverine Environment is"
+        " that of its published training logs, which have 32 to 48 training steps a second."
     )
     return f"{markdown(frame(header, rows))}\n{note}"
 

@@ -14,9 +14,10 @@ def print_result(result: "RunResult", evaluation: Sequence[str]) -> None:
         print(f"{result.folder} was finished before; nothing was trained.")
     elif result.resumed_from is not None:
         print(f"{result.folder} resumed from step {result.resumed_from:,}.")
+    last = f"last 50: return {result.return_mean:.2f}, cost {result.cost_mean:.2f}"
     print(
         f"{result.folder}: {result.algorithm}, {result.steps:,} steps, {result.episodes:,} episodes in"
-        f" {result.seconds:.0f} s; last 50: return {result.return_mean:.2f}, cost {result.cost_mean:.2f}"
+        f" {result.seconds:.0f} s; {last if result.episodes else 'too few steps for an episode to end'}"
     )
     if result.already_finished or result.resumed_from is not None:  # else they have been shown
         for line in result.warnings:

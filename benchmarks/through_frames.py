@@ -82,7 +82,7 @@ CHECKED = (
     Check("PPO", CHOOSING, change="symmetric", settings={"asymmetric_critics": False}),
     *(
         Check(name, CHOOSING, change=change, settings=settings)
-        for name in ("PPOLag", "FOCOPS", "TD3Lag")
+        for name in ("PPOLag", "FOCOPS", "P3O", "OnCRPO", "CPO", "CUP", "TD3Lag")
         for change, settings in (("", {}), ("asymmetric", {"asymmetric_critics": True}))
     ),
 )

@@ -31,8 +31,9 @@ def row(script: ModuleType, arm: Any, returned: float) -> dict[str, str]:
 
 def test_settings_are_compared_on_another_river_with_other_seeds(script: ModuleType):
     found = [(script.label(arm), arm.settings) for arm in script.checks()]
-    assert len({label for label, _ in found}) == len(found) == 32
-    changed = ("PPO-symmetric", "PPOLag-asymmetric", "FOCOPS-asymmetric", "TD3Lag-asymmetric")
+    assert len({label for label, _ in found}) == len(found) == 56
+    asymmetric = ("PPOLag", "FOCOPS", "P3O", "OnCRPO", "CPO", "CUP", "TD3Lag")
+    changed = ("PPO-symmetric", *(f"{name}-asymmetric" for name in asymmetric))
     assert [label for label, changes in found if changes] == [
         f"{name}-4000-{seed}" for name in changed for seed in (10, 11, 12)
     ]

@@ -4,8 +4,9 @@
     python benchmarks/pace.py --write
 
 Each run has 200,000 steps on Medium with the default settings and one seed, rendering included. An interrupted run
-resumes; a finished one becomes a row of pace.csv and a curve of pace_curves.csv. `--write` trains nothing: it writes
-the table into docs/algorithms/README.md and draws each curve for the page of its algorithm.
+resumes; a finished one becomes a row of pace.csv and a curve of pace_curves.csv, in place of those of another version.
+`--write` trains nothing: it writes the table into docs/algorithms/README.md and draws each curve for the page of its
+algorithm.
 """
 
 import argparse
@@ -22,7 +23,9 @@ from thalweg.algos.registry import ALGORITHMS, algorithm_named
 from thalweg.bench.csv_files import csv_text, read_csv
 from thalweg.bench.report.figures import STYLE
 from thalweg.bench.report.table import frame, markdown
+from thalweg.core import versions
 from thalweg.core.atomic_io import atomic_path, write_atomic
+from thalweg.train.folder.run_record import read_config
 from thalweg.train.river import RiverTraining, load_compatible_encoder
 
 HERE = Path(__file__).resolve().parent
@@ -35,7 +38,7 @@ STAGES = ("act", "env", "learn", "encode", "other")
 """Stages of training: choosing actions (planning included), frames and rules, updates, the encoder, and the rest."""
 CURVE_INTERVAL = 4096
 """Steps between two points of a curve."""
-COLUMNS = ("algorithm", "steps", "seconds", *STAGES, "return_mean_50", "cost_mean_50")
+COLUMNS = ("algorithm", "version", "processor", "steps", "seconds", *STAGES, "return_mean_50", "cost_mean_50")
 CURVE = ("algorithm", "steps", "return_mean_50", "cost_mean_50")
 Rows = list[dict[str, str]]
 
@@ -45,12 +48,26 @@ def rows_of(path: Path, columns: tuple[str, ...]) -> Rows:
     return read_csv(path, columns) if path.exists() else []
 
 
-def row_of(algorithm: str, metrics: Rows) -> dict[str, str]:
+def row_of(algorithm: str, processor: str, metrics: Rows) -> dict[str, str]:
     """Return the row of a finished run: its seconds by stage, and its final return and cost."""
+    made_with = {"version": str(versions.ALGORITHMS[algorithm]), "processor": processor}
     spent = {stage: f"{sum(float(row[f'time_{stage}']) for row in metrics):.1f}" for stage in STAGES}
     last = metrics[-1]
     ends = {name: f"{float(last[name]):.3f}" for name in ("return_mean_50", "cost_mean_50")}
-    return {"algorithm": algorithm, "steps": last["steps"], "seconds": f"{float(last['seconds']):.1f}"} | spent | ends
+    taken = {"steps": last["steps"], "seconds": f"{float(last['seconds']):.1f}"}
+    return {"algorithm": algorithm} | made_with | taken | spent | ends
+
+
+def processor_of(folder: Path) -> str:
+    """Return the kind of processor of a run, and the number of its cores."""
+    machine = (read_config(folder) or {})["machine"]
+    return f"{machine['cpu']} ({machine['cpu_type']}), {machine['cores']} cores"
+
+
+def has_row(algorithm: str) -> bool:
+    """Return whether today's version of an algorithm has a row."""
+    current = str(versions.ALGORITHMS[algorithm])
+    return any((row["algorithm"], row["version"]) == (algorithm, current) for row in rows_of(TABLE, COLUMNS))
 
 
 def curve_of(algorithm: str, metrics: Rows) -> Rows:
@@ -81,26 +98,30 @@ def measure(algorithm: str, folder: Path) -> None:
     )
     metrics = read_csv(folder / "metrics.csv", ("steps", "seconds", *CURVE[2:]))
     replace_rows(CURVES, CURVE, algorithm, curve_of(algorithm, metrics))
-    replace_rows(TABLE, COLUMNS, algorithm, [row_of(algorithm, metrics)])
+    replace_rows(TABLE, COLUMNS, algorithm, [row_of(algorithm, processor_of(folder), metrics)])
 
 
 def table() -> str:
-    """Return the table of the page: minutes, and the share of each stage."""
-    head = ["algorithm", "minutes", "steps a second", *STAGES, "return", "cost"]
+    """Return the table of the page: minutes, the share of each stage, and the processors below."""
+    head = ["algorithm", "version", "minutes", "steps a second", *STAGES, "return", "cost"]
     lines = []
-    for row in rows_of(TABLE, COLUMNS):
+    rows = rows_of(TABLE, COLUMNS)
+    for row in rows:
         seconds = float(row["seconds"])
         shares = [f"{float(row[stage]) / seconds:.0%}" for stage in STAGES]
         ends = [f"{float(row[name]):.2f}" for name in ("return_mean_50", "cost_mean_50")]
-        lines.append([row["algorithm"], f"{seconds / 60:.1f}", f"{float(row['steps']) / seconds:,.0f}", *shares, *ends])
-    return markdown(frame(head, lines))
+        pace = [f"{seconds / 60:.1f}", f"{float(row['steps']) / seconds:,.0f}"]
+        lines.append([row["algorithm"], row["version"], *pace, *shares, *ends])
+    processors = dict.fromkeys(row["processor"] for row in rows)
+    return f"{markdown(frame(head, lines))}\nProcessor: {'; '.join(processors)}.\n"
 
 
-def draw(algorithm: str, rows: Rows, path: Path) -> None:
+def draw(algorithm: str, version: str, rows: Rows, path: Path) -> None:
     """Draw return and cost over the steps."""
     steps = [int(row["steps"]) for row in rows]
     with matplotlib.rc_context(STYLE):
-        figure, axes = plt.subplots(1, 2, figsize=(6.4, 2.2))
+        figure, axes = plt.subplots(1, 2, figsize=(6.4, 2.4))
+        figure.suptitle(f"{algorithm}, version {version}, seed {SEED}")
         for axis, name, top in zip(axes, CURVE[2:], (10.0, 1.0), strict=True):
             axis.plot(steps, [float(row[name]) for row in rows], color="#1b6ca8")
             axis.set(title=f"{name.split('_')[0]}, mean of the last 50 episodes", xlabel="steps", xlim=(0, STEPS))
@@ -130,12 +151,14 @@ def main(arguments: list[str] | None = None) -> int:
             return int(fresh != page)
         write_atomic(PAGE, fresh)
         curves = rows_of(CURVES, CURVE)
-        for name in {row["algorithm"] for row in curves}:
-            draw(name, [row for row in curves if row["algorithm"] == name], PICTURES / f"{name.lower()}.png")
+        for row in rows_of(TABLE, COLUMNS):
+            name = row["algorithm"]
+            curve = [each for each in curves if each["algorithm"] == name]
+            draw(name, row["version"], curve, PICTURES / f"{name.lower()}.png")
         return 0
     for name in given.algorithms:
         algorithm = algorithm_named(name).name
-        if algorithm not in {row["algorithm"] for row in rows_of(TABLE, COLUMNS)}:
+        if not has_row(algorithm):
             measure(algorithm, given.out / algorithm)
     return 0
 

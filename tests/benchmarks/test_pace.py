@@ -8,6 +8,8 @@ from types import ModuleType
 
 import pytest
 
+from thalweg.core import versions
+
 
 @pytest.fixture
 def pace(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
@@ -32,7 +34,7 @@ def metrics(updates: int = 9, steps: int = 2048) -> list[dict[str, str]]:
 
 
 def test_a_row_has_the_sum_of_each_stage_and_the_final_return_and_cost(pace: ModuleType):
-    row = pace.row_of("PPO", metrics())
+    row = pace.row_of("PPO", "fast", metrics())
     assert [row[stage] for stage in pace.STAGES] == ["0.9", "9.0", "4.5", "2.7", "0.9"]
     assert (row["steps"], row["seconds"], row["return_mean_50"], row["cost_mean_50"]) == (
         "18432",
@@ -52,18 +54,29 @@ def test_a_curve_has_a_point_every_4096_steps_and_a_last_one(pace: ModuleType):
 def test_a_repeated_run_replaces_the_previous_one(pace: ModuleType, tmp_path: Path):
     path = tmp_path / "pace.csv"
     for name, returns in (("SACLag", 1), ("PPO", 2), ("SACLag", 3)):
-        pace.replace_rows(path, pace.COLUMNS, name, [pace.row_of(name, metrics(returns))])
+        pace.replace_rows(path, pace.COLUMNS, name, [pace.row_of(name, "fast", metrics(returns))])
     rows = list(csv.DictReader(path.open()))
     assert [(row["algorithm"], row["return_mean_50"]) for row in rows] == [("PPO", "2.000"), ("SACLag", "3.000")]
 
 
 def test_the_table_has_minutes_and_shares(pace: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(pace, "TABLE", tmp_path / "pace.csv")
-    pace.replace_rows(pace.TABLE, pace.COLUMNS, "PPO", [pace.row_of("PPO", metrics())])
-    assert "| PPO | 0.3 | 1,024 | 5% | 50% | 25% | 15% | 5% | 9.00 | 0.25 |" in pace.table()
+    pace.replace_rows(pace.TABLE, pace.COLUMNS, "PPO", [pace.row_of("PPO", "fast", metrics())])
+    version = versions.ALGORITHMS["PPO"]
+    assert f"| PPO | {version} | 0.3 | 1,024 | 5% | 50% | 25% | 15% | 5% | 9.00 | 0.25 |" in pace.table()
+    assert pace.table().endswith("\nProcessor: fast.\n")
+
+
+def test_an_algorithm_of_another_version_has_no_row(pace: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(pace, "TABLE", tmp_path / "pace.csv")
+    row = pace.row_of("PPO", "fast", metrics())
+    pace.replace_rows(pace.TABLE, pace.COLUMNS, "PPO", [row])
+    assert pace.has_row("PPO") and not pace.has_row("CPO")
+    pace.replace_rows(pace.TABLE, pace.COLUMNS, "PPO", [row | {"version": "0"}])
+    assert not pace.has_row("PPO")
 
 
 def test_the_curve_is_drawn_as_a_png(pace: ModuleType, tmp_path: Path):
     path = tmp_path / "new" / "ppo.png"
-    pace.draw("PPO", pace.curve_of("PPO", metrics()), path)
+    pace.draw("PPO", "3", pace.curve_of("PPO", metrics()), path)
     assert path.read_bytes()[:4] == b"\x89PNG"

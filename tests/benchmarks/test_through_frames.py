@@ -67,7 +67,7 @@ def test_the_page_is_as_the_committed_rows_have_it(script: ModuleType):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--only", "CPO-*"], "--only CPO-* matches no check; --list shows their labels"),
+        (["--only", "TRPO-*"], "--only TRPO-* matches no check; --list shows their labels"),
         (["--jobs", "0"], "--jobs must be at least 1, not 0"),
         (["--write", "--out", "other.csv"], "--write is for the table of this folder; leave --out out"),
     ],

@@ -72,7 +72,10 @@ def test_the_page_is_as_the_committed_rows_have_it(script: ModuleType):
         (["--write", "--out", "other.csv"], "--write is for the table of this folder; leave --out out"),
     ],
 )
-def test_wrong_arguments_are_refused(script: ModuleType, arguments: list[str], message: str, capsys):
+def test_wrong_arguments_are_refused(
+    script: ModuleType, arguments: list[str], message: str, capsys, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(script, "status_of", lambda *_: pytest.fail("the checks were run"))
     with pytest.raises(SystemExit):
         script.main(arguments)
     assert message in capsys.readouterr().err

@@ -1,6 +1,7 @@
 """Tests of the command line: help, error messages and exit codes."""
 
 import csv
+import errno
 import os
 import subprocess
 import sys
@@ -309,6 +310,53 @@ def test_errors_in_rendering_and_writing_are_one_line(tmp_path: Path, easy_world
         error = capsys.readouterr().err
         assert message in error
         assert "Traceback" not in error
+
+
+PRIVILEGED_RUN = ["--level", "easy", "--observation", "privileged", "--steps", "100"]
+FROM_THE_START = ". There was no checkpoint yet; the same command starts from the beginning."
+
+
+@pytest.mark.parametrize(
+    ("arguments", "file", "resumes"),
+    [
+        (["world", "--level", "easy", "--out", "map.png"], "map.png", ""),
+        (["render", "--level", "easy", "--size", "32", "--count", "1", "--out", "x.webp"], "x.webp", ""),
+        (["evaluate", "hover", "--levels", "easy", "--episodes", "1", "--out", "x.csv"], "x.csv", ""),
+        (["train", *PRIVILEGED_RUN, "--out", "run"], str(Path("run", "config.yaml")), FROM_THE_START),
+        (
+            ["bench", "quick", "--jobs", "1", "--out", "quick"],
+            str(Path("quick", "suite.json")),
+            ". The same command resumes from the last checkpoint.",
+        ),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else "",
+)
+def test_a_full_disk_is_one_line_that_names_the_file(
+    arguments: list[str],
+    file: str,
+    resumes: str,
+    tmp_path: Path,
+    easy_world,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
+):
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(os, "fsync", full)
+    assert main(arguments) == 2
+    *_, last = capsys.readouterr().err.splitlines()
+    assert last == f"thalweg: {file} cannot be written: No space left on device{resumes}"
+
+
+def test_a_full_disk_without_a_name_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("thalweg.bench.report.report.write_report", full)
+    assert main(["report", "x"]) == 2
+    assert capsys.readouterr().err == "thalweg: a file cannot be written: No space left on device\n"
 
 
 def test_frames_are_drawn_from_a_given_pose(tmp_path: Path, easy_world, capsys: pytest.CaptureFixture):

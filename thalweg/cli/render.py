@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from thalweg.cli.options import NO_FILE, POSE, River, UsageError, check_file, load_world
-from thalweg.core.atomic_io import atomic_path
+from thalweg.core.atomic_io import write_picture
 
 PICTURES = (".png", ".jpg", ".jpeg", ".webp")
 
@@ -91,8 +91,7 @@ class RenderFrames:
     def _write_gallery(self, world: Any, pose: Any) -> None:
         from thalweg.bench.pictures.gallery import gallery
 
-        with atomic_path(self.out) as draft:
-            gallery(world, pose, self._camera).save(draft)
+        write_picture(self.out, gallery(world, pose, self._camera))
         print(f"{self.out}: the ranges of domain randomisation in {world.name}, seed {world.seed}")
 
     def _write_frames(self, world: Any, poses: Any) -> None:
@@ -102,8 +101,7 @@ class RenderFrames:
         frames = Renderer([world], self._camera, self.quality).render(poses)
         if self.frames is not None:
             write_frames(self.frames, frames)
-        with atomic_path(self.out) as draft:
-            contact_sheet(frames).save(draft)
+        write_picture(self.out, contact_sheet(frames))
         for x, y, z, yaw in poses:
             print(f"--pose {x:.3f} {y:.3f} {z:.3f} {yaw:.4f}")
         print(f"{self.out}: {len(frames)} frames of {world.name}, seed {world.seed}")

@@ -4,7 +4,6 @@ A film is made again only if it would show another flight, or if its caption wou
 versions are not filmed; films of them stay until there are others.
 """
 
-import errno
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from thalweg.bench.pictures.film_format import LARGE, SMALL
 from thalweg.bench.results.results import FILMS, KINDS, MAIN_FILM, FilmFiles, Results
 from thalweg.bench.results.statistics import mean_and_std_text, summarise
 from thalweg.bench.suite.config import Run, Suite
-from thalweg.core.atomic_io import write_atomic
+from thalweg.core.atomic_io import is_disk_error, write_atomic
 
 BEST, FAILURE = KINDS
 WHOSE = {"packaged": "the packaged policy", "train": "trained policies", "baseline": "baselines"}
@@ -76,7 +75,7 @@ def _film(shot: Shot, folder: Path, backend: Backend, console: Console) -> None:
         write_atomic(files.caption, caption)
         files.failure.unlink(missing_ok=True)
     except Exception as error:
-        if isinstance(error, OSError) and error.errno == errno.ENOSPC:
+        if is_disk_error(error):
             raise
         files.film.unlink(missing_ok=True)
         write_atomic(files.failure, " ".join(f"{type(error).__name__}: {error}".split()) + "\n")

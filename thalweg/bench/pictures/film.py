@@ -3,12 +3,17 @@
 The episode is repeated from its start with the same random generator, so that the film shows the episode of the table.
 """
 
+import errno
+import os
+import shutil
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import imageio.v2 as imageio
+import imageio_ffmpeg
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
@@ -29,6 +34,8 @@ MARGIN_M = 12.0
 """Margin of a map around a river."""
 AROUND_M = 25.0
 """What a map around a point shows on each side."""
+FULL_BYTES = 100_000
+"""Free space on a disk below which it counts as full."""
 
 
 @dataclass(frozen=True)
@@ -173,10 +180,23 @@ def write_film(
         raise ResultsError("a flight without a step cannot be filmed")
     options = ["-crf", str(shape.crf), "-preset", "medium", "-movflags", "+faststart"]
     settings = {"fps": FRAMES_PER_S, "codec": "libx264", "pixelformat": "yuv420p", "quality": None}
-    with atomic_path(path) as draft, imageio.get_writer(draft, output_params=options, **settings) as writer:
-        for picture in film_frames(world, flight, policy, shape, camera):
-            writer.append_data(picture)  # pyright: ignore[reportAttributeAccessIssue]
-            if on_frame is not None:
-                on_frame()
-        for _ in range(round(HOLD_S * FRAMES_PER_S)):
-            writer.append_data(picture)  # pyright: ignore
+    with atomic_path(path) as draft, _disk_errors_of_ffmpeg(path):
+        with imageio.get_writer(draft, output_params=options, **settings) as writer:
+            for picture in film_frames(world, flight, policy, shape, camera):
+                writer.append_data(picture)  # pyright: ignore[reportAttributeAccessIssue]
+                if on_frame is not None:
+                    on_frame()
+            for _ in range(round(HOLD_S * FRAMES_PER_S)):
+                writer.append_data(picture)  # pyright: ignore
+        imageio_ffmpeg.count_frames_and_secs(str(draft))  # raises for a film without an end
+
+
+@contextmanager
+def _disk_errors_of_ffmpeg(path: Path) -> Iterator[None]:
+    """Raise the error of a full disk, with the name of `path`, for one of ffmpeg, which only tells of a broken pipe."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        if shutil.disk_usage(path.parent).free >= FULL_BYTES:
+            raise
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error

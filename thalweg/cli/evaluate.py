@@ -44,7 +44,7 @@ class Evaluate:
     shield: bool = False
     """Replace moves that would leave the water remembered from past masks; results say so, and are apart."""
     encoder: Path | None = None
-    """File of the encoder, for policies that see its codes; by default the one that comes with the package."""
+    """File of the encoder, or folder of its run, for policies that see codes; by default that of their training."""
     out: Path | None = None
     """Also write one row per episode to this .csv file, replacing it."""
     device: str = "cpu"
@@ -132,9 +132,10 @@ def _encoder_for(policy: "Policy", command: Evaluate) -> "Encoder | None":
     """Return the encoder whose codes a policy sees, None for one that sees none.
 
     Raises `UsageError` for an encoder that a policy of the privileged observation or of images is given, and the errors
-    of `load_compatible_encoder` and `check_policy_fits`.
+    of `encoder_of`, `load_compatible_encoder` and `check_policy_fits`.
     """
     from thalweg.bench.evaluate.baselines import sight_of
+    from thalweg.train.encoder_of_run import encoder_of
     from thalweg.train.river import IN_WORDS, check_policy_fits, load_compatible_encoder, observation_of
 
     sight = sight_of(policy)
@@ -144,7 +145,8 @@ def _encoder_for(policy: "Policy", command: Evaluate) -> "Encoder | None":
             f"{command.policy} sees {IN_WORDS[observation_of(policy)]}, not {instead}: leave --encoder"
             f" {command.encoder} out"
         )
-    encoder = load_compatible_encoder(command.encoder, command.device) if sight == "frames" else None
+    file = encoder_of(policy) if sight == "frames" and command.encoder is None else command.encoder
+    encoder = load_compatible_encoder(file, command.device) if sight == "frames" else None
     check_policy_fits(policy, encoder)
     return encoder
 

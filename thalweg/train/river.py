@@ -25,6 +25,7 @@ from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.spaces import CHANNELS
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION, compilation
+from thalweg.train.encoder_of_run import check_camera_fits, context_of, encoder_in_words, file_of_its_own
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import RUN_FOLDER, read_config
 from thalweg.train.latent import LatentTensorEnv, LatentVectorEnv
@@ -70,7 +71,7 @@ def observation_of(policy: Any) -> str:
     A policy that does not say it sees frames: files of earlier versions knew nothing else. Raises `TrainingError` for
     any other observation, and for a policy with convolutions that does not say which images it sees.
     """
-    found = _context_of(policy).get("observation", FRAMES)
+    found = context_of(policy).get("observation", FRAMES)
     if found not in (FRAMES, PRIVILEGED, *IMAGES):
         raise TrainingError(
             f"the policy was trained on the observation {found!r}; on rivers policies see {FRAMES}, {PRIVILEGED},"
@@ -90,7 +91,7 @@ def check_policy_fits(policy: Any, encoder: Encoder | None, *, offered: str | No
     The observation is the codes of the encoder. For None it is `offered`, by default images for a policy of images, and
     the privileged observation for any other. A policy without spaces, such as a baseline, always fits.
     """
-    context, seen = _context_of(policy), observation_of(policy)
+    context, seen = context_of(policy), observation_of(policy)
     if encoder is not None:
         offered = FRAMES
     elif offered is None:
@@ -109,8 +110,8 @@ def check_policy_fits(policy: Any, encoder: Encoder | None, *, offered: str | No
     trained_with = context.get("encoder")
     if encoder is not None and trained_with is not None and trained_with != (current := encoder_hash(encoder)):
         raise TrainingError(
-            f"the policy was trained on the codes of encoder {trained_with}, but this is encoder {current};"
-            " use the encoder that it was trained with"
+            f"the policy was trained on the codes of {encoder_in_words(context)}, but {encoder.about['path']} is"
+            f" another encoder (its hash: {current}); use the one that it was trained with"
         )
 
 
@@ -150,11 +151,6 @@ def _image_of(policy: Any) -> tuple[int, int, int] | None:
     """Return H, W, C of the images that a policy with convolutions takes; None for any other."""
     eyes = getattr(getattr(policy, "shape", None), "eyes", None)
     return None if eyes is None else eyes.image
-
-
-def _context_of(policy: Any) -> dict[str, Any]:
-    """Return the context in which a policy was trained; empty for one that was not."""
-    return getattr(getattr(policy, "about", None), "context", {})
 
 
 def observation_of_run(images: bool, encoder: Encoder | None, chosen: str | None, begun: Any = None) -> str:
@@ -326,6 +322,8 @@ class RiverTraining:
         context = self._context(seen, encoder)
         existing = (read_config(folder) or {"run": {}})["run"].get("context", {})
         RUN_FOLDER.require_same_file(folder, existing.get("river", {}), context.get("river", {}))
+        if encoder is not None:
+            check_camera_fits(self.config.camera, encoder)
         if begun is not None:
             check_policy_fits(begun, encoder, offered=seen)
         device = resolve_device(device)
@@ -357,7 +355,7 @@ class RiverTraining:
     def _context(self, seen: str, encoder: Encoder | None) -> dict[str, Any]:
         """Return what the policy file and config.yaml say about rivers, observation and rules."""
         if encoder is not None:
-            codes = {"encoder": encoder_hash(encoder), "render_version": RENDER_VERSION}
+            codes = {"encoder": encoder_hash(encoder), **file_of_its_own(encoder), "render_version": RENDER_VERSION}
             return {**self.about(), **codes, "env": self.config.as_data()}
         version = {"privileged_version": versions.PRIVILEGED}
         if seen in IMAGES:

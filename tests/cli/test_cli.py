@@ -117,20 +117,27 @@ def test_the_package_runs_as_a_module():
 WRONG = [
     (["world", "--level", "medum"], "Easy, Medium, Hard"),
     (["render", "--level", "medum"], "Easy, Medium, Hard"),
-    (["render", "--count", "-2"], "--count must be at least 1, not -2"),
-    (["render", "--size", "0"], "--size must be at least 1, not 0"),
+    (["render", "--count", "-2"], "--count must be at least 1, not -2; such as --count 8"),
+    (["render", "--size", "0"], "--size must be from 16 to 2048, not 0; such as --size 128"),
     (["render", "--level", "hrad"], "unknown level 'hrad' (did you mean 'Hard'?)"),
     (["render", "--gallery", "--quality", "fast"], "leave out --frames and --quality"),
     (["render", "--gallery", "--frames", "x"], "leave out --frames and --quality"),
     (["render", "--pose", "0", "0", "3", "0", "--poses", "pilot"], "give --pose or --poses pilot, not both"),
     (["train", "--algorithm", "FOCUPS", "--out", "x"], "PPO, PPOLag, FOCOPS"),
     (["train", "--algorithm", "FOCUPS", "--out", "x"], "(did you mean 'FOCOPS'?)"),
+    (["train", "--algorithm", "FOCPOS", "--out", "x"], "there is no algorithm 'FOCPOS' (did you mean 'FOCOPS'?)"),
+    (["bench", "quick", "--out", "x", "--only", "FOCPOS"], "has no 'FOCPOS' (did you mean 'FOCOPS'?)"),
+    (["bench", "quick", "--out", "x", "--jobs", "0"], "--jobs must be at least 1, not 0; such as --jobs 2"),
+    (["train", "--steps", "0", "--observation", "privileged", "--out", "x"], "--steps must be at least 1, got 0; such"),
     (["train", "--set", "learning_rate", "--out", "x"], "key=value"),
     (["evaluate", "nothing_here"], "packaged, random, hover, forward, pilot, steady"),
     (["evaluate", "pilto"], "(did you mean 'pilot'?)"),
     (["evaluate", "hover", "--levels", "medum"], "Easy, Medium, Hard"),
     (["evaluate", "hover", "--levels", "easy", "hard", "Easy"], "--levels names Easy twice; each level is flown once"),
-    (["evaluate", "hover", "--episodes", "0"], "episodes must be a whole number of at least 1, got 0"),
+    (
+        ["evaluate", "hover", "--episodes", "0"],
+        "--episodes must be a whole number of at least 1, got 0; such as --episodes 20",
+    ),
     (["bench", "papr", "--out", "x"], "quick, easy, open, protocols, paper"),
     (["bench", "quick", "--out", "x", "--cpus", "2"], "--cpus goes with --cluster"),
     (["bench", "quick", "--out", "x", "--cluster", "ray://head:10001"], "Ray's client is not supported"),
@@ -138,7 +145,7 @@ WRONG = [
     (["report", __file__], "is a file; name the folder"),
     (["encoder", "show", "--path", "nothing_here"], "nothing_here"),
     (["encoder", "train", "--architecture", "huge", "--out", "x"], "lean"),
-    (["encoder", "train", "--epochs", "0", "--out", "x"], "epochs must be at least 1"),
+    (["encoder", "train", "--epochs", "0", "--out", "x"], "--epochs must be at least 1, not 0; such as --epochs 100"),
     (["encoder", "train", "--images", "1", "--held-out", "0", "--out", "x"], "at least 2"),
     (["encoder", "train", "--held-out", "-1", "--out", "x"], "-1 can't be held out"),
     (["encoder", "train", "--level", "medum", "--out", "x"], "Easy, Medium, Hard"),
@@ -146,7 +153,7 @@ WRONG = [
     (["train", "--set", "hidden=[64", "--out", "x"], "'hidden=[64' cannot be understood"),
     (
         ["train", "--set", "learning_rate=fast", "--out", "x"],
-        "--set learning_rate=fast: learning_rate must be a number of at least 0, got 'fast'",
+        "learning_rate must be a number of at least 0, got 'fast'; such as --set learning_rate=0.001",
     ),
     (
         ["train", "--set", "learing_rate=1", "passes=2", "--out", "x"],
@@ -154,7 +161,7 @@ WRONG = [
         " known: steps_per_update, passes, minibatch, ",
     ),
     (["train", "--preset", "study", "--out", "x"], "no preset 'study'; there are default, paper"),
-    (["train", "--num-envs", "0", "--out", "x"], "num_envs must be at least 1"),
+    (["train", "--num-envs", "0", "--out", "x"], "--num-envs must be at least 1, not 0; such as --num-envs 16"),
     (
         ["train", "--observation", "privileged", "--encoder", "mine.safetensors", "--out", "x"],
         "--observation privileged takes no encoder: leave --encoder mine.safetensors out",
@@ -169,7 +176,7 @@ WRONG = [
     ),
     (
         ["train", "--observation", "mask", "--out", "x"],
-        "the observation mask is for policies with convolutions: set policy=cnn",
+        "the observation mask is for policies with convolutions: --set policy=cnn",
     ),
     (
         ["train", "--algorithm", "SACLag", "--set", "policy=cnn", "--out", "x"],
@@ -178,14 +185,14 @@ WRONG = [
     (["train", "--set", "policy=cnn", "frame_stack=2", "--out", "x"], "frame_stack must be 1 with policy=cnn, got 2"),
     (["world", "--seed", "-1"], "--seed must be 0 or more, not -1"),
     (["render", "--poses-seed", "-1"], "--poses-seed must be 0 or more, not -1"),
-    (["train", "--seed", "-1", "--out", "x"], "--seed must be 0 or more, not -1"),
+    (["train", "--seed", "-1", "--out", "x"], "--seed must be 0 or more, not -1; such as --seed 0"),
     (["train", "--world-seeds", "3", "-4", "--out", "x"], "--world-seeds: a seed must be 0 or more, not -4"),
     (["train", "--world-seeds", "16:3", "--out", "x"], "--world-seeds: 16:3 holds no seed; write 3:16"),
     (["train", "--world-seeds", "5", "0:9", "--out", "x"], "--world-seeds: the seed 5 is given twice"),
     (["train", "--world-seeds", "1-5", "--out", "x"], "ranges such as 1000:1016, whose end is excluded; not '1-5'"),
     (
         ["train", "--world-seeds", "0:4", "--num-envs", "4", "--rivers-in-memory", "9", "--out", "x"],
-        "rivers_in_memory is for rivers that change with each episode; these are fixed",
+        "--rivers-in-memory is for rivers that change with each episode; these are fixed",
     ),
     (["encoder", "train", "--world-seeds", "2:2", "--out", "x"], "--world-seeds: 2:2 holds no seed"),
     (
@@ -194,8 +201,8 @@ WRONG = [
     ),
     (["evaluate", "hover", "--seed", "-2"], "--seed must be 0 or more, not -2"),
     (["evaluate", "hover", "--starts-seed", "-2"], "--starts-seed must be 0 or more, not -2"),
-    (["encoder", "train", "--seed", "-1", "--out", "x"], "--seed must be 0 or more, not -1"),
-    (["encoder", "show", "--seed", "-1"], "--seed must be 0 or more, not -1"),
+    (["encoder", "train", "--seed", "-1", "--out", "x"], "--seed must be 0 or more, not -1; such as --seed 0"),
+    (["encoder", "show", "--seed", "-1"], "--seed must be 0 or more, not -1; such as --seed 1"),
 ]
 
 
@@ -302,7 +309,7 @@ def test_errors_in_rendering_and_writing_are_one_line(tmp_path: Path, easy_world
     for arguments, message in (
         ([*render, "--pose", "5000", "5000", "3", "0"], "x = 5000, y = 5000 is outside the map of Easy"),
         ([*render, "--pose", "nan", "0", "3", "0"], "is outside the map"),
-        ([*render, "--size", "4"], "height_px must be a whole number from 16 to 2048, got 4"),
+        ([*render, "--size", "4"], "--size must be from 16 to 2048, not 4"),
         ([*render[:-1], str(file / "x.png"), "--size", "16"], f"{file} is not a folder"),
         (["world", "--level", "easy", "--out", str(tmp_path)], f"{tmp_path} is a folder; name a file in it, such as"),
     ):
@@ -668,7 +675,10 @@ def test_a_file_without_a_river_is_refused_before_a_river_is_announced(
         (["--geojson", "none.geojson", "--level", "easy"], "thalweg: give --level or --geojson, not both"),
         (["--width-m", "9"], "thalweg: --width-m goes with --geojson"),
         (["--level", "easy", "--start-m", "0"], "thalweg: --start-m goes with --geojson"),
-        (["--geojson", "none.geojson", "--length-m", "3"], "thalweg: length_m is 3 m; expected 15 to 10400 m"),
+        (
+            ["--geojson", "none.geojson", "--length-m", "3"],
+            "thalweg: --length-m is 3 m; expected 15 to 10400 m; such as --length-m 300",
+        ),
     ],
 )
 def test_options_of_a_real_river_that_cannot_be_are_refused(

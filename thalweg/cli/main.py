@@ -32,6 +32,7 @@ from thalweg.cli.render import RenderFrames
 from thalweg.cli.report import Report
 from thalweg.cli.speed import Speed
 from thalweg.cli.train import Train
+from thalweg.cli.wording import in_options
 from thalweg.cli.world import DrawWorld
 from thalweg.core.atomic_io import is_disk_error
 from thalweg.core.seeds import parse_seeds
@@ -110,8 +111,10 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 
 def _in_words(error: Exception, command: Any) -> str:
-    """Return an error as one line; that of a full disk says what becomes of the command."""
-    if not (isinstance(error, OSError) and is_disk_error(error)):
+    """Return an error as one line that names options; that of a full disk says what becomes of the command."""
+    if not isinstance(error, OSError):
+        return str(error) if command is None else in_options(str(error), command)
+    if not is_disk_error(error):
         return str(error)
     where = "a file" if error.filename is None else error.filename
     resumes = f". {_after_interrupt(command)}" if isinstance(command, RESUMABLE) else ""

@@ -8,6 +8,8 @@ from typing import Any, Literal
 from thalweg.cli.options import NO_FILE, POSE, River, UsageError, check_file, load_world
 from thalweg.core.atomic_io import write_picture
 
+LIMITS_PX = 16, 2048
+"""Least and greatest height of a camera's frame, see `thalweg.render.Camera`."""
 PICTURES = (".png", ".jpg", ".jpeg", ".webp")
 
 
@@ -56,8 +58,9 @@ class RenderFrames:
         """Raise `UsageError` for options that do not go together, or a picture that cannot be written."""
         if self.count < 1:
             raise UsageError(f"--count must be at least 1, not {self.count}")
-        if self.size < 1:
-            raise UsageError(f"--size must be at least 1, not {self.size}")
+        least, most = LIMITS_PX
+        if not least <= self.size <= most:
+            raise UsageError(f"--size must be from {least} to {most}, not {self.size}")
         if self.gallery and (self.frames is not None or self.quality != "full"):
             raise UsageError("--gallery draws one view in the full quality: leave out --frames and --quality")
         if self.pose is not None and self.poses != "random":

@@ -1,5 +1,6 @@
 """`thalweg train`: training of a policy on a river, from codes of an encoder, images or the privileged observation."""
 
+import json
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from thalweg.cli.options import NO_FILE, River, UsageError, settings_from
 from thalweg.cli.run_result import print_result
+from thalweg.core.config import to_plain
 from thalweg.core.seeds import parse_seeds
 
 if TYPE_CHECKING:
@@ -106,4 +108,8 @@ class Train:
         try:
             algorithm.configure(settings, self.preset, self.num_envs)
         except AlgorithmError as error:
-            raise UsageError(f"--set {shlex.join(self.set)}: {error}") from error
+            default = algorithm.configure({}, self.preset, self.num_envs)
+            wrong = [name for name in settings if str(error).startswith(f"{name} must ")]
+            values = [json.dumps(to_plain(getattr(default, name))) for name in wrong]
+            to_try = f"; such as --set {wrong[0]}={values[0]}" if wrong else ""
+            raise UsageError(f"--set {shlex.join(self.set)}: {error}{to_try}") from error

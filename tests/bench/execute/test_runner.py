@@ -128,9 +128,18 @@ def test_a_full_disk_stops_the_suite_and_keeps_what_was_finished(tmp_path: Path,
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"arms": (Arm("PPO"), Arm("FOCUPS"))}, "unknown algorithm 'FOCUPS'; known: PPO, PPOLag, FOCOPS"),
-        ({"test_levels": ("Easy", "Meduim")}, "unknown level 'Meduim'; known: Easy, Medium, Hard"),
-        ({"baselines": ("hoover",)}, "unknown baseline 'hoover'; known: random, hover, forward, pilot, steady"),
+        (
+            {"arms": (Arm("PPO"), Arm("FOCUPS"))},
+            r"unknown algorithm 'FOCUPS' \(did you mean 'FOCOPS'\?\); known: PPO, PPOLag, FOCOPS",
+        ),
+        (
+            {"test_levels": ("Easy", "Meduim")},
+            r"unknown level 'Meduim' \(did you mean 'Medium'\?\); known: Easy, Medium, Hard",
+        ),
+        (
+            {"baselines": ("hoover",)},
+            r"unknown baseline 'hoover' \(did you mean 'hover'\?\); known: random, hover, forward, pilot, steady",
+        ),
         (
             {"arms": ({"algorithm": "PPO", "steps": 0},)},
             r"arms\[0\]\.steps must be .* of at least 1, got 0",

@@ -14,7 +14,7 @@ from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.conditions import CONDITIONS, MAIN, NAME, SHIELDED, Condition, Trial
-from thalweg.core.config import TupleOf, WholeNumber, frozen_config, to_plain
+from thalweg.core.config import TupleOf, WholeNumber, frozen_config, refuse_unknown, to_plain
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.train.errors import TrainingError
 from thalweg.train.run import check_warmup
@@ -173,9 +173,7 @@ class Suite:
             ("level", [self.train_level, *self.test_levels, *levels], LEVELS),
             ("baseline", self.baselines, BASELINES),
         ):
-            for name in names:
-                if name not in known:
-                    raise ValueError(f"unknown {what} {name!r}; known: {', '.join(known)}")
+            refuse_unknown(what, names, known, ValueError)
 
     def _check_repeated(self) -> None:
         """Raise `ValueError` for anything that is named twice: its results would count twice."""

@@ -36,6 +36,15 @@ def written(folder: Path, text: str) -> str:
     return str(folder / "mine.yaml")
 
 
+@pytest.mark.parametrize(("written", "film"), [("false", "none"), ("none", "none"), ("best", "best")])
+def test_a_file_says_what_is_filmed(tmp_path: Path, written: str, film: str):
+    (tmp_path / "mine.yaml").write_text(f"arms: [{{algorithm: PPO}}]\nfilm: {written}\n")
+    assert load_suite(str(tmp_path / "mine.yaml")).film == film
+    (tmp_path / "mine.yaml").write_text("arms: [{algorithm: PPO}]\nfilm: all\n")
+    with pytest.raises(ResultsError, match="film must be one of 'packaged', 'best', 'none', got 'all'"):
+        load_suite(str(tmp_path / "mine.yaml"))
+
+
 def test_no_run_of_a_suite_is_too_short_to_learn():
     for suite in SUITES.values():
         for arm in suite.arms:

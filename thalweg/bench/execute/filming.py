@@ -1,4 +1,4 @@
-"""Films of flights: the best of all, and for each trained policy its best and its typical failure.
+"""Films of flights: the main one, and for each trained policy its best and its typical failure.
 
 A film is made again only if it would show another flight, or if its caption would change. Flights with outdated
 versions are not filmed; films of them stay until there are others.
@@ -44,10 +44,12 @@ class Shot:
 
 
 def film_flights(suite: Suite, results: Results, backend: Backend, console: Console) -> None:
-    """Make the missing films, and remove those of flights that are no longer to be shown.
+    """Make the missing films, and remove those of flights that are no longer to be shown; a suite may want none.
 
     An error is named in the report; only a full disk is raised (`OSError`).
     """
+    if suite.film == "none":
+        return
     shots = [shot for shot in (best_of_all(suite, results), *policy_shots(suite, results)) if shot is not None]
     wanted = {path for shot in shots for path in FilmFiles.of(results.folder, shot.name).paths}
     flown = {episode.algorithm for episode in results.episodes}
@@ -83,9 +85,12 @@ def _film(shot: Shot, folder: Path, backend: Backend, console: Console) -> None:
 
 
 def best_of_all(suite: Suite, results: Results) -> Shot | None:
-    """Return the best flight on the training level of the packaged policy, else of a trained one, else a baseline."""
+    """Return the best flight on the training level of the packaged policy, else of a trained one, else a baseline.
+
+    If the suite films the `best`, trained policies come first.
+    """
     level = suite.train_level if suite.train_level in suite.test_levels else suite.test_levels[0]
-    for kind in ("packaged", "train", "baseline"):
+    for kind in ("train", "packaged", "baseline") if suite.film == "best" else ("packaged", "train", "baseline"):
         flights = _flights([run for run in suite.runs() if run.kind == kind], level, results)
         if flights:
             run, episode = _best(flights)

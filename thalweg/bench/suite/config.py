@@ -26,6 +26,15 @@ Count = Annotated[WholeNumber, Field(ge=1)]
 Seed = Annotated[WholeNumber, Field(ge=0)]
 
 
+def _film(value: Any) -> Any:
+    """Return `none` for false, and any other value unchanged."""
+    return "none" if value is False else value
+
+
+Film = Annotated[Literal["packaged", "best", "none"], BeforeValidator(_film)]
+"""Which flight the main film of a suite shows."""
+
+
 def _seeds(value: Any) -> tuple[int, ...]:
     """Return seeds of rivers as numbers."""
     return parse_seeds(value, "seeds of rivers")
@@ -143,6 +152,9 @@ class Suite:
     """What policies see that are trained, unless their arm says otherwise."""
     world_seeds: RiverSeeds = ()
     """Seeds of the rivers to train on, unless the arm has its own; if empty, the fixed river of the level."""
+    film: Film = "packaged"
+    """Whose best flight the main film shows: that of the `packaged` policy, if it is evaluated, or the `best` trained
+    one's; `none`, or false: nothing is filmed. It does not belong to the results, and may be changed."""
 
     @model_validator(mode="after")
     def _check(self) -> "Suite":
@@ -231,9 +243,10 @@ class Suite:
 
     def as_data(self) -> dict[str, Any]:
         """Return the suite as plain data for JSON; without an observation of frames, and without seeds of rivers if
-        there are none, as before there were others."""
+        there are none, as before there were others, and without what is filmed, which changes no result."""
         conditions = [condition.as_data() for condition in self.conditions]
-        data = _without(to_plain(self), observation="frames", world_seeds=[]) | _rivers(self.world_seeds)
+        data = _without(to_plain(self), observation="frames", world_seeds=[], film=self.film)
+        data |= _rivers(self.world_seeds)
         return data | {"arms": [arm.as_data() for arm in self.arms], "conditions": conditions}
 
 

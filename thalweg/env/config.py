@@ -5,6 +5,7 @@ Quantities that follow from a world, such as its length, are in `thalweg.env.tas
 
 import math
 import operator
+from collections.abc import Iterable
 from dataclasses import asdict, field, fields, replace
 from enum import IntEnum
 from typing import Annotated, Any, Literal, NamedTuple, Self
@@ -24,6 +25,23 @@ RewardScheme = Literal["paper", "package"]
 
 class ConfigError(ValueError):
     """An unknown key of a config, or a value that is unknown or out of range."""
+
+
+class UnknownOptionError(ConfigError, TypeError):
+    """An unknown option of an environment; a `TypeError` too, as of any function that is given an unknown argument.
+
+    Other libraries look for Python's own words in it, such as TorchRL for "unexpected keyword argument 'frameskip'".
+    """
+
+
+def check_options(given: Iterable[str], known: Iterable[str]) -> None:
+    """Raise `UnknownOptionError`, which lists the known ones, for an option that is not among them."""
+    known = list(known)
+    try:
+        refuse_unknown("option", given, known, ConfigError)
+    except ConfigError as error:
+        first = min(set(given) - set(known))
+        raise UnknownOptionError(f"unexpected keyword argument {first!r}: {error}") from None
 
 
 def integer_at_least(name: str, value: object, least: int) -> int:
@@ -161,7 +179,7 @@ class EnvConfig:
 
     def with_options(self, **options: Any) -> "EnvConfig":
         """Return a copy with some fields changed; raises `ConfigError` for an unknown key and lists the known ones."""
-        refuse_unknown("option", options, (entry.name for entry in fields(self)), ConfigError)
+        check_options(options, (entry.name for entry in fields(self)))
         return replace(self, **options)
 
     def as_data(self) -> dict[str, Any]:

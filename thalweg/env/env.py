@@ -12,9 +12,6 @@ from thalweg.env.spaces import batch_of_one, observation_at
 from thalweg.env.vector_env import RiverVectorEnv
 from thalweg.world.record import World
 
-SCALARS = {"cost": float, "done_reason": int, "progress": float}
-"""Entries of the info of one environment that are plain numbers; the others are arrays."""
-
 
 class RiverEnv(gymnasium.Env):
     """One environment in one world; `info` has the keys of `RiverVectorEnv` without the leading dimension."""
@@ -88,9 +85,8 @@ class RiverEnv(gymnasium.Env):
 
 
 def _single(info: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the info of a vector of one without the leading dimension and without Gymnasium's masks."""
-    return {
-        key: SCALARS[key](value[0]) if key in SCALARS else value[0].copy()
-        for key, value in info.items()
-        if not key.startswith("_")
-    }
+    """Return the info of a vector of one without the leading dimension and without Gymnasium's masks.
+
+    Numbers are NumPy's scalars, of which other libraries read the type.
+    """
+    return {key: value[0].copy() for key, value in info.items() if not key.startswith("_")}

@@ -35,6 +35,7 @@ from thalweg.cli.train import Train
 from thalweg.cli.wording import in_options
 from thalweg.cli.world import DrawWorld
 from thalweg.core.atomic_io import is_disk_error
+from thalweg.core.extras import advice_for
 from thalweg.core.seeds import parse_seeds
 
 DESCRIPTION = (
@@ -112,6 +113,8 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 def _in_words(error: Exception, command: Any) -> str:
     """Return an error as one line that names options; that of a full disk says what becomes of the command."""
+    if isinstance(error, ModuleNotFoundError):
+        return advice_for(error) or str(error)
     if not isinstance(error, OSError):
         return str(error) if command is None else in_options(str(error), command)
     if not is_disk_error(error):
@@ -210,7 +213,10 @@ def _after_interrupt(command: Any) -> str:
 
 
 def _is_expected(error: Exception) -> bool:
-    """Whether an error says what is wrong with what it was given: our own, or the system's of a file."""
+    """Whether an error says what is wrong with what it was given: our own, the system's of a file, or that of a module
+    which an extra of the package installs."""
+    if isinstance(error, ModuleNotFoundError):
+        return advice_for(error) is not None
     of_file = isinstance(error, OSError) and (error.filename is not None or is_disk_error(error))
     return of_file or isinstance(error, UsageError) or type(error).__module__.split(".")[0] == "thalweg"
 

@@ -1,4 +1,4 @@
-"""Tests of the encoder that `thalweg evaluate` looks through."""
+"""Tests of the encoder that `thalweg evaluate` looks through, and of how it takes actions."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from thalweg.cli.evaluate import Evaluate, _encoder_for
+from thalweg.cli.evaluate import Evaluate, _encoder_for, load_named_policy, sampling
+from thalweg.cli.main import main
 from thalweg.core.cache import file_hash
 
 
@@ -24,3 +25,22 @@ def test_a_run_flies_through_the_encoder_that_it_was_trained_with(
     monkeypatch.setattr("thalweg.train.river.check_policy_fits", lambda *_: None)
     _encoder_for(policy, Evaluate("run", encoder=given))
     assert loaded == [given or own]
+
+
+def test_the_packaged_policy_samples_if_asked_to():
+    policy: Any = load_named_policy("packaged")
+    sampled: Any = sampling(policy, "packaged")
+    assert policy.greedy and policy.player(1).deterministic
+    assert not sampled.player(1).deterministic and sampled.player(1, deterministic=True).deterministic
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["hover", "--sample"], "--sample is for policies with probabilities of actions; hover has none"),
+        (["packaged", "--sample", "--deterministic"], "give --sample or --deterministic, not both"),
+    ],
+)
+def test_what_cannot_be_sampled_is_refused(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]):
+    assert main(["evaluate", *arguments]) == 2
+    assert capsys.readouterr().err == f"thalweg: {message}\n"

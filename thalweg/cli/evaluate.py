@@ -1,5 +1,6 @@
 """`thalweg evaluate`: evaluation of a policy from the fixed starts of levels, or on a real river."""
 
+import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,6 +40,8 @@ class Evaluate:
     """Seed for action sampling."""
     deterministic: bool = False
     """Take the most probable action instead of sampling."""
+    sample: bool = False
+    """Sample actions, also of policies that always take the most probable one, such as the packaged policy."""
     unseen: bool = False
     """Fly on unseen rivers of the levels, on which nothing is trained: one start on each, one river per episode."""
     shield: bool = False
@@ -62,6 +65,8 @@ class Evaluate:
         return parse_seeds(self.world_seeds, "--world-seeds", UsageError)
 
     def run(self) -> int:
+        if self.sample and self.deterministic:
+            raise UsageError("give --sample or --deterministic, not both")
         if self.out is not None:
             check_file("--out", self.out, ".csv")
         reach = self.river.reach("--levels", self.levels)
@@ -99,10 +104,13 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
         if rivers.count(river) > 1:
             raise ResultsError(f"--levels names {river} twice; each level is flown once")
     policy = load_named_policy(command.policy)
+    if command.sample:
+        policy = sampling(policy, command.policy)
     encoder = _encoder_for(policy, command)
     if command.shield:
         check_masks(policy, encoder)
     name = command.policy if command.policy in (*BASELINES, PACKAGED) else Path(command.policy).resolve().name
+    name = f"{name} (sampled)" if command.sample else name
     name = f"{name} (shield)" if command.shield else name
     rows: list[Episode] = []
     for river in rivers:
@@ -169,6 +177,15 @@ def load_named_policy(name: str) -> "Policy":
             f" {', '.join(known)}"
         )
     return load_policy(path)
+
+
+def sampling(policy: "Policy", name: str) -> "Policy":
+    """Return a policy that samples its actions; raises `UsageError` for a baseline or a planner, which has no such."""
+    if not hasattr(policy, "greedy"):
+        raise UsageError(f"--sample is for policies with probabilities of actions; {name} has none")
+    policy = copy.copy(policy)
+    policy.greedy = False  # pyright: ignore[reportAttributeAccessIssue]
+    return policy
 
 
 def _courses(command: Evaluate, river: "str | Reach", *, drawn: bool) -> "tuple[Iterable[Course], str]":

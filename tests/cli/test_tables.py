@@ -38,7 +38,7 @@ def test_a_line_in_a_pipe_is_as_long_as_its_table_needs():
     file = io.StringIO()
     lines = printed_rows(Console(width=WIDTH, file=file), file)
     ours = [line for line in lines if LONG in line]
-    assert [line.count("│") for line in ours] == [8, *[12] * 3]  # whole cells: nothing is on a second line
+    assert [line.count("│") for line in ours] == [9, *[12] * 3]  # whole cells: nothing is on a second line
     assert "…" not in "".join(lines)
     assert len([line for line in lines if line.startswith("│")]) == len(ours)
 

@@ -80,6 +80,7 @@ def _film(shot: Shot, folder: Path, backend: Backend, console: Console) -> None:
         if is_disk_error(error):
             raise
         files.film.unlink(missing_ok=True)
+        files.poster.unlink(missing_ok=True)
         write_atomic(files.failure, " ".join(f"{type(error).__name__}: {error}".split()) + "\n")
         console.print(f"No film {shot.name}: {error}", style="red", highlight=False, markup=False)
 

@@ -410,7 +410,7 @@ def test_a_policy_is_trained_on_a_real_river(
         return RunResult(given["folder"], "PPO", 5, 1, 0.0, 0.0, 0.0, 1.0, None, False, ())
 
     monkeypatch.setattr(river, "run", run)
-    options = ["--geojson", str(brook), "--width-m", "6", "--length-m", "60", "--smooth-m", "4"]
+    options = ["--river", str(brook), "--width-m", "6", "--length-m", "60", "--smooth-m", "4"]
     given = ["train", *options, "--world-seeds", "3", "4", "--num-envs", "2", "--out", str(tmp_path / "run")]
     assert main(given) == 0
     context, worlds = told["context"], told["worlds"]

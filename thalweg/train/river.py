@@ -178,7 +178,7 @@ def observation_of_run(images: bool, encoder: Encoder | None, chosen: str | None
 
 def announce_build(level: Level | Reach, seed: int) -> None:
     """Print a line if the river of a level or a file and a seed is not cached."""
-    if isinstance(level, Reach) or not cache_path(level, seed).is_file():
+    if not (level.is_cached(seed) if isinstance(level, Reach) else cache_path(level, seed).is_file()):
         print_once(f"building the river {level.name}, seed {seed}: a few seconds")
 
 

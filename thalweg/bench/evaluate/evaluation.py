@@ -186,7 +186,7 @@ def evaluate(
     if shield is not None:
         shield.begin(env, course.looks)
     players = [_player(policy, episode_generator(label, int(index)), config) for index in course.indices]
-    totals = _EpisodeTotals(len(course.starts))
+    totals = _EpisodeTotals(_share_ahead(course, env.get_state()))
     actions = np.ones((len(course.starts), 4), dtype=np.int64)
     while len(flying := np.flatnonzero(totals.reason < 0)):
         state = env.get_state()
@@ -235,10 +235,21 @@ def _make_env(course: Course, config: EvaluationConfig, sees: Sight) -> RiverVec
     return env
 
 
+def _share_ahead(course: Course, state: dict[str, np.ndarray]) -> np.ndarray:
+    """Return [K] the share of the course's segments from that of each start on, in its direction; NaN on a loop."""
+    rivers = [world.river for world in course.rivers or (course.world,) * len(course.starts)]
+    segments = np.array([river.segments for river in rivers])
+    ahead = np.where(state["travel"] > 0, segments - state["segment"], state["segment"] + 1)
+    return np.where([river.closed for river in rivers], np.nan, ahead / segments)
+
+
 class _EpisodeTotals:
     """Totals of each episode until its first end; later steps of its slot do not count."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, share_ahead: np.ndarray) -> None:
+        """share_ahead [K]: share of the segments that lie ahead of each start; NaN on a loop."""
+        count = len(share_ahead)
+        self.share_ahead = share_ahead
         self.return_ = np.zeros(count)
         self.costs = np.zeros((count, 2))
         self.cost = np.zeros(count)
@@ -255,6 +266,11 @@ class _EpisodeTotals:
         self.progress[flying] = info["progress"][flying]
         self.reason[flying] = info["done_reason"][flying]
         self.ends[flying] = info["pose"][flying, :3]
+
+    def _ahead(self, index: int) -> float | None:
+        """Return the share flown of what lay ahead of a start; None on a loop."""
+        share = self.progress[index] / self.share_ahead[index]
+        return None if np.isnan(share) else min(float(share), 1.0)
 
     def rows(self, course: Course, label: Label) -> list[Episode]:
         return [
@@ -273,6 +289,7 @@ class _EpisodeTotals:
                 reason=REASONS[self.reason[index]],
                 success=REASONS[self.reason[index]] == "Success",
                 progress=float(self.progress[index]),
+                ahead=self._ahead(index),
                 **dict(zip(END_COLUMNS, map(float, self.ends[index]), strict=True)),
             )
             for index in range(len(course.starts))

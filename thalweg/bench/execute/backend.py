@@ -11,7 +11,7 @@ from typing import Protocol
 
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES, DRAWN, Policy, sight_of
-from thalweg.bench.evaluate.conditions import MAIN, RIVERS, Trial
+from thalweg.bench.evaluate.conditions import MAIN, Trial
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.evaluate.evaluation import Label, Observe, Step, evaluate, observation_function
@@ -92,7 +92,9 @@ class RiverBackend:
         if condition.unseen:
             return Course.unseen(level, config, drawn=drawn)
         real = level in condition.rivers
-        course = Course.on(RIVERS[level].build(), config) if real else Course.of_level(level, config, drawn=drawn)
+        course = (
+            Course.on(condition.river(level).build(), config) if real else Course.of_level(level, config, drawn=drawn)
+        )
         return [course if condition.randomisation is None else course.varied(condition.randomisation, config)]
 
     def train(self, run: Run, folder: Path) -> None:

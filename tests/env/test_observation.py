@@ -1,5 +1,7 @@
 """Tests of how observations are named, and of the spaces of their parts."""
 
+from typing import Any
+
 import gymnasium
 import numpy as np
 import pytest
@@ -98,7 +100,6 @@ def test_a_combination_is_plain_data_from_which_the_same_config_follows():
     config = EnvConfig(observation=("rgb", "depth"))
     assert config.as_data()["observation"] == ["rgb", "depth"]
     assert EnvConfig(observation=config.as_data()["observation"]) == config
-    fingerprints = {
-        config_fingerprint(EnvConfig(observation=each)) for each in ("rgb", "dict", ("rgb",), ("rgb", "mask"))
-    }
+    different: list[Any] = ["rgb", "dict", ("rgb",), ("rgb", "mask")]
+    fingerprints = {config_fingerprint(EnvConfig(observation=each)) for each in different}
     assert len(fingerprints) == 4

@@ -222,7 +222,8 @@ def test_a_run_resumes_to_the_bit(mode: str):
 
 def test_the_last_step_is_part_of_a_state_only_where_it_is_felt():
     felt, others = made("proprioception"), made("mask,privileged")
-    felt.reset(seed=0), others.reset(seed=0)
+    for env in (felt, others):
+        env.reset(seed=0)
     felt.step(np.array([FORWARD] * 3))
     state = felt.get_state()
     assert set(state) - set(others.get_state()) == {"last_pose", "last_action"}

@@ -105,21 +105,27 @@ def test_the_privileged_observation_comes_first_too():
     assert env.get_state()["last_action"].shape == (2, 4)
 
 
-def test_environments_of_tensors_have_the_same_observations():
-    for parts, wrapped in (
-        (("mask", "proprioception"), lambda env: LatentTensorEnv(env, FirstPixels())),
-        (("privileged", "proprioception"), NumbersTensorEnv),
-    ):
-        config = EnvConfig(observation=parts)
-        env, plain = wrapped(TensorRiverEnv(plane(), 3, config, device="cpu")), TensorRiverEnv(
-            plane(), 3, config, device="cpu"
-        )  # fmt: skip
-        ours, theirs = env.reset(seed=2)[0], plain.reset(seed=2)[0]
-        for _ in range(3):
-            first = theirs["privileged"] if "privileged" in theirs else FirstPixels().of_tensor(theirs["mask"])
-            assert torch.equal(ours, torch.cat([first, theirs["proprioception"]], 1))
-            assert ours.shape[1:] == env.single_observation_space.shape
-            ours, theirs = (each.step(torch.zeros(3, 4, dtype=torch.int64))[0] for each in (env, plain))
+@pytest.mark.parametrize(
+    ("parts", "wrapped", "first"),
+    [
+        (
+            ("mask", "proprioception"),
+            lambda env: LatentTensorEnv(env, FirstPixels()),
+            lambda obs: FirstPixels().of_tensor(obs["mask"]),
+        ),
+        (("privileged", "proprioception"), NumbersTensorEnv, lambda obs: obs["privileged"]),
+    ],
+    ids=["codes", "privileged"],
+)
+def test_environments_of_tensors_have_the_same_observations(parts: Any, wrapped: Any, first: Any):
+    config = EnvConfig(observation=parts)
+    plain, joined = (TensorRiverEnv(plane(), 3, config, device="cpu") for _ in range(2))
+    env = wrapped(joined)
+    ours, theirs = env.reset(seed=2)[0], plain.reset(seed=2)[0]
+    for _ in range(3):
+        assert torch.equal(ours, torch.cat([first(theirs), theirs["proprioception"]], 1))
+        assert ours.shape[1:] == env.single_observation_space.shape
+        ours, theirs = (each.step(torch.zeros(3, 4, dtype=torch.int64))[0] for each in (env, plain))
 
 
 def test_a_run_is_that_on_the_joined_environment_and_says_so(tmp_path: Path, rings: None):

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 from matplotlib import rc_context
+from matplotlib.artist import Artist
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -50,7 +51,9 @@ def failure_maps(results: Results, level: str, world: World) -> Figure | None:
             _draw_panel(axis, world, rows)
             failed = sum(not row.success for row in rows)
             axis.set_title(f"{name}: {failed} of {len(rows)} failed", fontsize=8)
-        handles = [Line2D([], [], marker="o", markersize=4, linestyle="", color=COLOURS[reason]) for reason in FAILED]
+        handles: list[Artist] = [
+            Line2D([], [], marker="o", markersize=4, linestyle="", color=COLOURS[reason]) for reason in FAILED
+        ]
         labels = [REASON_TEXT[reason] for reason in FAILED]
         for name, face, edge, shown in (("bridge", DECK, RAIL, world.bridges), ("island", LAND, SHORE, world.islands)):
             if len(shown):

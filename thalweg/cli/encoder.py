@@ -62,7 +62,7 @@ class EncoderShow:
     """Describe an encoder, and draw frames, masks and their reconstructions."""
 
     path: Path | None = None
-    """Encoder file, such as runs/encoder/encoder.safetensors; by default the one that comes with the package."""
+    """Folder of `encoder train`, or encoder file; by default the one that comes with the package."""
     level: str = "Medium"
     """Level whose river the frames show."""
     count: int = 8

@@ -15,13 +15,14 @@ import torch
 from thalweg.algos.policy.policy import Player
 from thalweg.bench.evaluate.baselines import DRAWN, Policy, RecurrentPolicy, Sight, sight_of
 from thalweg.bench.evaluate.course import DEFAULT_EVALUATION, Course, EvaluationConfig
-from thalweg.bench.evaluate.episodes import END_COLUMNS, REASONS, Episode
+from thalweg.bench.evaluate.episodes import ALL_REASONS, END_COLUMNS, Episode
 from thalweg.bench.evaluate.shielded import FlightShield, check_shield
 from thalweg.core.compute.device import resolve_device
 from thalweg.encoder import Encoder
 from thalweg.env import RiverVectorEnv
 from thalweg.env.pilot.in_rivers import PILOTS
 from thalweg.env.spaces import CHANNELS
+from thalweg.env.task.counter_random import scene_of
 from thalweg.render import Renderer
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.train.river import observation_of
@@ -231,6 +232,9 @@ def _make_env(course: Course, config: EvaluationConfig, sees: Sight) -> RiverVec
     env.reset(seed=config.starts_seed, options={"pose": course.starts})
     state = env.get_state()
     state["time_s"] = course.clocks_s.copy()
+    if "scene" in state:  # what moves belongs to the start, whichever others are flown beside it
+        moves = env.courses.swimmers[env.world_index] > 0
+        state["scene"] = np.where(moves, [scene_of(config.starts_seed, index) for index in course.indices], 0)
     env.set_state(state)
     return env
 
@@ -249,7 +253,7 @@ class _EpisodeTotals:
 
     def add(self, flying: np.ndarray, reward: np.ndarray, info: dict) -> None:
         self.return_[flying] += reward[flying]
-        self.costs[flying] += info["costs"][flying]
+        self.costs[flying] += info["costs"][flying, :2]
         self.cost[flying] += info["cost"][flying]
         self.length[flying] += 1
         self.progress[flying] = info["progress"][flying]
@@ -270,8 +274,8 @@ class _EpisodeTotals:
                 tight=float(self.costs[index, 0]),
                 loose=float(self.costs[index, 1]),
                 length=int(self.length[index]),
-                reason=REASONS[self.reason[index]],
-                success=REASONS[self.reason[index]] == "Success",
+                reason=ALL_REASONS[self.reason[index]],
+                success=ALL_REASONS[self.reason[index]] == "Success",
                 progress=float(self.progress[index]),
                 **dict(zip(END_COLUMNS, map(float, self.ends[index]), strict=True)),
             )

@@ -149,7 +149,8 @@ def _check_inputs(policy: Any, offered: str, encoder: Encoder | None, task: str)
         needed = (camera.height_px, camera.width_px, CHANNELS[offered])
         offers = f"{IN_WORDS[offered]} have the shape"
     elif encoder is None:
-        needed, offers = len(features_of(task)), f"privileged observation of the task {task} has"
+        of_task = "" if task == "River" else f" of the task {task}"
+        needed, offers = len(features_of(task)), f"privileged observation{of_task} has"
     else:
         needed, offers = encoder.latent, "encoder returns"
     takes = _image_of(policy) or getattr(policy, "obs_size", needed)

@@ -15,6 +15,8 @@ TASKS = 1
 """What the tasks beside the paper's pay and cost, when they end, and what they add to the ideal eye."""
 PRIVILEGED = 2
 """The numbers of the ideal eye."""
+PROPRIOCEPTION = 1
+"""What a vehicle measures of itself."""
 ENCODER = 1
 """Training of an encoder, and its codes of frames."""
 TRAINING = 1

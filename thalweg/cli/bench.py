@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
-from thalweg.cli.options import NO_FILE, River, RiverFile
+from thalweg.cli.options import NO_FILE, River, RiverFile, checked_task
 
 if TYPE_CHECKING:
     from thalweg.bench.execute.executors import Executor
@@ -29,21 +29,29 @@ class Bench:
     """Run on a Ray cluster, at most --jobs runs at a time: auto for this machine's, or HOST:PORT of its head."""
     cpus: int | None = None
     """Processors and threads of each run on a cluster; by default 1."""
+    task: str | None = None
+    """River, Swimmers, Nests, RacingLine or Portage; by default that of the suite."""
     river: River = NO_FILE
     only: tuple[str, ...] = ()
     """Policies (FOCOPS, hover), with all their seeds, or runs (PPO-0), such as --only FOCOPS PPO-0; all by default."""
 
     def run(self) -> int:
         executor = executor_for(self.jobs, self.cluster, self.cpus)
-        return run_and_print(self.suite, self.out, self.only, executor, self.river)
+        return run_and_print(self.suite, self.out, self.only, executor, self.river, self.task)
 
 
 def run_and_print(
-    name: str, folder: Path, only: tuple[str, ...], executor: "Executor", river: RiverFile = NO_FILE
+    name: str,
+    folder: Path,
+    only: tuple[str, ...],
+    executor: "Executor",
+    river: RiverFile = NO_FILE,
+    task: str | None = None,
 ) -> int:
     """Run a suite, or a part of it, and print its tables; returns 1 if a run failed.
 
-    All policies also fly on the `river` of a file, if one is given, as a condition of its own.
+    All policies also fly on the `river` of a file, if one is given, as a condition of its own. `task` replaces that of
+    the suite.
     """
     from thalweg.bench.execute.runner import run_suite
     from thalweg.bench.suite.builtin import load_suite
@@ -51,6 +59,8 @@ def run_and_print(
 
     console = make_console()
     suite = load_suite(name)
+    if task is not None:
+        suite = replace(suite, task=checked_task(task))
     if (reach := river.reach("a suite", None)) is not None:
         suite = with_river(suite, reach)
     outcome = run_suite(suite, folder, console=console, executor=executor, only=only)

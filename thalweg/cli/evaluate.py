@@ -2,13 +2,13 @@
 
 import copy
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
-from thalweg.cli.options import NO_FILE, River, UsageError, check_file
+from thalweg.cli.options import NO_FILE, River, UsageError, check_file, checked_task
 from thalweg.core.seeds import parse_seeds
 from thalweg.core.suggestion import did_you_mean
 
@@ -40,6 +40,10 @@ class Evaluate:
     """Seed for action sampling."""
     deterministic: bool = False
     """Take the most probable action instead of sampling."""
+    task: str | None = None
+    """River, Swimmers, Nests, RacingLine or Portage; by default that on which the policy was trained."""
+    hard: bool = False
+    """End an episode at the first cost of the task; not for River."""
     sample: bool = False
     """Sample actions, also of policies that always take the most probable one, such as the packaged policy."""
     unseen: bool = False
@@ -56,8 +60,10 @@ class Evaluate:
     @property
     def config(self) -> "EvaluationConfig":
         from thalweg.bench.evaluate.course import EvaluationConfig
+        from thalweg.env import EnvConfig
 
-        return EvaluationConfig(self.episodes, self.starts_seed, self.deterministic)
+        rules = EnvConfig(observation="none", task=checked_task(self.task or "River"), hard=self.hard)
+        return EvaluationConfig(self.episodes, self.starts_seed, self.deterministic, rules)
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -96,6 +102,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     from thalweg.bench.results.results import Results
     from thalweg.bench.suite.config import PACKAGED
     from thalweg.cli.tables import make_console, print_tables
+    from thalweg.train.observations import task_of
     from thalweg.world import Reach, level_named
 
     console = make_console()
@@ -106,6 +113,8 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     policy = load_named_policy(command.policy)
     if command.sample:
         policy = sampling(policy, command.policy)
+    command = replace(command, task=command.task or task_of(policy))
+    command.config  # noqa: B018  # a task that does not exist is refused before anything is loaded
     encoder = _encoder_for(policy, command)
     if command.shield:
         check_masks(policy, encoder)
@@ -156,7 +165,7 @@ def _encoder_for(policy: "Policy", command: Evaluate) -> "Encoder | None":
         )
     file = encoder_of(policy) if sight == "frames" and command.encoder is None else command.encoder
     encoder = load_compatible_encoder(file, command.device) if sight == "frames" else None
-    check_policy_fits(policy, encoder)
+    check_policy_fits(policy, encoder, task=command.task or "River")
     return encoder
 
 

@@ -206,7 +206,7 @@ class RiverTraining:
         existing = (read_config(folder) or {"run": {}})["run"].get("context", {})
         RUN_FOLDER.require_same_file(folder, existing.get("river", {}), context.get("river", {}))
         if begun is not None:
-            check_policy_fits(begun, encoder, offered=seen, proprioception=felt)
+            check_policy_fits(begun, encoder, offered=seen, proprioception=felt, task=self.config.task)
         if encoder is not None:
             check_camera_fits(self.config.camera, encoder)
         device = resolve_device(device)
@@ -251,6 +251,8 @@ class RiverTraining:
             about = {"observation": seen, "privileged_version": versions.PRIVILEGED}
         if felt:
             about[FELT] = versions.PROPRIOCEPTION
+        if self.config.task != "River":
+            about["tasks_version"] = versions.TASKS
         config = self.config if encoder is not None and not felt else self._config_of(seen, encoder, felt)
         return {**self.about(), **about, "env": config.as_data()}
 

@@ -16,6 +16,7 @@ from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.conditions import CONDITIONS, MAIN, NAME, SHIELDED, Condition, Trial
 from thalweg.core.config import TupleOf, WholeNumber, frozen_config, refuse_unknown, to_plain
 from thalweg.core.seeds import compact_seeds, parse_seeds
+from thalweg.env.tasks import TaskName
 from thalweg.train.errors import TrainingError
 from thalweg.train.run import check_warmup
 from thalweg.world import LEVELS
@@ -152,6 +153,8 @@ class Suite:
     """What policies see that are trained, unless their arm says otherwise."""
     world_seeds: RiverSeeds = ()
     """Seeds of the rivers to train on, unless the arm has its own; if empty, the fixed river of the level."""
+    task: TaskName = "River"
+    """Task that is trained and flown, see `thalweg.env.tasks`."""
     film: Film = "packaged"
     """Whose best flight the main film shows: that of the `packaged` policy, if it is evaluated, or the `best` trained
     one's; `none`, or false: nothing is filmed. It does not belong to the results, and may be changed."""
@@ -242,11 +245,11 @@ class Suite:
         return "frames" if run.kind == "packaged" else self.arm(run.algorithm).observation or self.observation
 
     def as_data(self) -> dict[str, Any]:
-        """Return the suite as plain data for JSON; without an observation of frames, and without seeds of rivers if
-        there are none, as before there were others, and without what is filmed, which changes no result."""
+        """Return the suite as plain data for JSON; without an observation of frames, seeds of rivers if there are none,
+        and the paper's task, as before there were others, and without what is filmed, which changes no result."""
         conditions = [condition.as_data() for condition in self.conditions]
-        data = _without(to_plain(self), observation="frames", world_seeds=[], film=self.film)
-        data |= _rivers(self.world_seeds)
+        usual = {"observation": "frames", "world_seeds": [], "task": "River", "film": self.film}
+        data = _without(to_plain(self), **usual) | _rivers(self.world_seeds)
         return data | {"arms": [arm.as_data() for arm in self.arms], "conditions": conditions}
 
 

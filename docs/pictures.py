@@ -25,7 +25,7 @@ STARTS = {"Easy": (3, 6), "Medium": (7, 10, 13), "Hard": (6, 9, 14)}
 """Indices of the starts that are shown for each level."""
 LOOK_START = 10
 """Index of the start on Medium from which the looks are shown."""
-PROP_SAMPLES = (120, 700, 1500)
+PROP_SAMPLES = (30, 118, 208)
 """Samples of the river of Medium above which the camera of the picture of props is."""
 PROP_PLACES = (
     (PropKind.SWIMMER, 7.0, 0.15), (PropKind.BUOY, 10.0, -0.2), (PropKind.KAYAK, 14.0, 0.05),

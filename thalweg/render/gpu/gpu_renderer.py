@@ -38,8 +38,8 @@ def bytes_of(scene: Scene) -> int:
 
 def bytes_of_props(count: int) -> int:
     """Scratch that a camera of a pass with so many props takes on a device."""
-    # Parts of float32, two numbers, and two rectangles of four.
-    return count * (models.MOST_PARTS * PART_COLUMNS + 2 + 8) * 4 + 4
+    # Parts of float32, two numbers, and three rectangles of four.
+    return count * (models.MOST_PARTS * PART_COLUMNS + 2 + 12) * 4 + 4
 
 
 def bytes_each(scene: Scene, height: int, width: int, reduced: bool) -> int:
@@ -237,7 +237,7 @@ class GpuRenderer:
             "parts": ((cameras, count * models.MOST_PARTS, PART_COLUMNS), np.float32),
             "numbers": ((cameras, count, 2), np.int32),
             "boxes": ((cameras, count, 4), np.int32),
-            "zones": ((cameras, count, 4), np.int32),
+            "zones": ((cameras, count, 8), np.int32),
             "counts": ((cameras,), np.int32),
         }
         self._props = {name: gpu.empty(shape, kind, self.device) for name, (shape, kind) in shapes.items()}

@@ -269,7 +269,8 @@ def touch_props(props, n, corner, touched, stirred):
         bit = uint32(uint32(1) << uint32(k % WORD))
         if touches_tile(boxes, n, k, tile_r, tile_c):
             cuda.atomic.or_(touched, k // WORD, bit)
-        if touches_tile(zones, n, k, tile_r, tile_c):
+        mirrors = touches_tile(zones[..., :4], n, k, tile_r, tile_c)
+        if mirrors or touches_tile(zones[..., 4:], n, k, tile_r, tile_c):
             cuda.atomic.or_(stirred, k // WORD, bit)
     cuda.syncthreads()
 
@@ -321,7 +322,7 @@ def is_stirred(scene, view, props, n, stirred, r, c, rays, depth):
         while bits != uint32(0):
             k = word * WORD + cuda.ffs(bits) - 1
             bits = uint32(bits & uint32(bits - uint32(1)))
-            found = found or within_box(zones[n, k], r, place)
+            found = found or within_box(zones[n, k, :4], r, place) or within_box(zones[n, k, 4:], r, place)
     origin = map_origin(scene, view)
     at = depth_map(scene, view.world)
     return found and bilinear(at, origin.x + rays.x[0] * depth, origin.y + rays.y[0] * depth) >= f32(SHORE_M)
@@ -344,7 +345,7 @@ def shade_stirred(scene, view, props, n, stirred, r, c, depth, out):
         while bits != uint32(0):
             k = word * WORD + cuda.ffs(bits) - 1
             bits = uint32(bits & uint32(bits - uint32(1)))
-            add_waves(scene, view, rows[n, numbers[n, k, 0]], zones[n, k], r, place, points, pixel, surface, 1)
+            add_waves(scene, view, rows[n, numbers[n, k, 0]], zones[n, k, 4:], r, place, points, pixel, surface, 1)
     mirror.mirror_canopy(scene, view, points, pixel, surface, mirrored, out, 1)
     for back in range(WORDS):
         word = WORDS - 1 - back
@@ -357,7 +358,7 @@ def shade_stirred(scene, view, props, n, stirred, r, c, depth, out):
             first = k * models.MOST_PARTS
             own = parts[n, first : first + numbers[n, k, 1]]
             prop = rows[n, numbers[n, k, 0]]
-            mirror_prop(scene, view, prop, own, zones[n, k], r, place, points, pixel, surface, mirrored, 1)
+            mirror_prop(scene, view, prop, own, zones[n, k, :4], r, place, points, pixel, surface, mirrored, 1)
     water.compose(scene, view, points, pixel, surface, mirrored, out, 1)
     sky.add_haze(scene, view, points, out, 1)
 

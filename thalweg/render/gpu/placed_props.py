@@ -7,7 +7,7 @@ from thalweg.render.gpu.visible_plants import stored_camera
 from thalweg.render.kernels.props import models
 from thalweg.render.kernels.props.draw import join_boxes
 from thalweg.render.kernels.props.pose import depth_in_view, place_prop
-from thalweg.render.kernels.props.water import water_zone
+from thalweg.render.kernels.props.water import fill_zone
 from thalweg.render.records.props import MOST_PROPS
 from thalweg.render.records.view import View
 
@@ -21,7 +21,7 @@ def place(scene, views, settings, cameras, moments, props, parts, numbers, boxes
     """One block a camera: its props [N, P, PROP_COLUMNS] in view, near to far; how many there are goes to counts [N].
 
     parts [N, P * MOST_PARTS, PART_COLUMNS]: those of the k-th begin at k * MOST_PARTS; numbers [N, P, 2] int32: which
-    prop it is, and its parts; boxes and zones [N, P, 4] int32: of `draw.PlacedProps` and `water.Stirred`.
+    prop it is, and its parts; boxes [N, P, 4] and zones [N, P, 8] int32: of `draw.PlacedProps` and `water.Stirred`.
     """
     n = cuda.blockIdx.x
     p = cuda.threadIdx.x
@@ -47,5 +47,4 @@ def place(scene, views, settings, cameras, moments, props, parts, numbers, boxes
         numbers[n, rank, 0] = p
         numbers[n, rank, 1] = count
         join_boxes(own, count, boxes[n, rank])
-        zone = water_zone(props[n, p], own, camera)
-        zones[n, rank, 0], zones[n, rank, 1], zones[n, rank, 2], zones[n, rank, 3] = zone
+        fill_zone(props[n, p], own, camera, zones[n, rank])

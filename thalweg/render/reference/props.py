@@ -89,7 +89,7 @@ def place(materials: Materials, prop: np.ndarray) -> list[PlacedPart]:
                 int(kind) + CLASS_OFFSET,
                 z,
                 sunlit,
-                number < numbers[models.MIRRORED],
+                number < numbers[models.MAIN],
             )
         )
     return placed

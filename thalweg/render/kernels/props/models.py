@@ -71,12 +71,12 @@ def arm(side: int, joint: int) -> list[float]:
     return part(SPHERE, (0.33, 0.0, 0.0), (0.36, 0.06, 0.06), SKIN, joint=joint, pivot=(0.34, side * 0.2, 0.04))
 
 
-# The parts that the water mirrors come first.
+# The parts that the water mirrors, and that are drawn from afar, come first.
 SWIMMER: list[list[float]] = [
     part(SPHERE, (-1.80, 0.25, 0.11), (0.36, 0.19, 0.17), ORANGE, stripes=(DARK, 0, 1, -0.45, 0.10), gloss=0.25),
     part(SPHERE, (0.56, 0.0, 0.09), (0.125, 0.105, 0.125), SCARLET, gloss=0.2),
-    part(SPHERE, (0.62, 0.0, 0.04), (0.09, 0.085, 0.09), SKIN),
     part(SPHERE, (0.10, 0.0, -0.02), (0.46, 0.22, 0.11), SKIN, gloss=0.1),
+    part(SPHERE, (0.62, 0.0, 0.04), (0.09, 0.085, 0.09), SKIN),
     part(SPHERE, (-0.36, 0.0, -0.02), (0.24, 0.17, 0.10), DARK),
     arm(1, LEFT_ARM),
     arm(-1, RIGHT_ARM),
@@ -89,8 +89,8 @@ HANDS = (0.25, 0.0, 0.58)
 KAYAK: list[list[float]] = [
     part(SPHERE, (0.0, 0.0, 0.04), (2.1, 0.33, 0.22), SCARLET, stripes=(WHITE, 0, 1, -0.80, 0.06), gloss=0.3),
     part(SPHERE, (-0.22, 0.0, 0.52), (0.17, 0.24, 0.33), YELLOW),
-    part(SPHERE, (-0.20, 0.0, 0.99), (0.115, 0.10, 0.14), SKIN),
     part(SPHERE, (-0.205, 0.0, 1.05), (0.125, 0.115, 0.10), WHITE, gloss=0.2),
+    part(SPHERE, (-0.20, 0.0, 0.99), (0.115, 0.10, 0.14), SKIN),
     part(SPHERE, (-0.10, 0.0, 0.235), (0.50, 0.26, 0.06), DARK),
     part(SPHERE, (0.02, 0.30, 0.60), (0.27, 0.065, 0.065), DARK, turns=(0.0, 0.30, 0.35)),
     part(SPHERE, (0.02, -0.30, 0.60), (0.27, 0.065, 0.065), DARK, turns=(0.0, 0.30, -0.35)),
@@ -128,21 +128,20 @@ MODELS: dict[PropKind, list[list[float]]] = {
 PARTS = np.array([row for model in MODELS.values() for row in model], np.float32)
 """[parts, MODEL_COLUMNS], of all kinds in their order."""
 MOST_PARTS = max(map(len, MODELS.values()))
-# Columns of KINDS: the first part and the one after the last; how many of them the water mirrors; the ball around all,
+# Columns of KINDS: the first part and the one after the last; how many of them are the main ones; the ball around all,
 # by the height of its middle and its radius; amplitudes of bobbing (metres), roll and pitch (radians); half the length
 # and half the width of the hull from which waves spread, their slope, and their reach.
-FIRST, LAST, MIRRORED, MIDDLE, RADIUS, BOB, ROCK_ROLL, ROCK_PITCH = range(8)
-HULL_LENGTH, HULL_WIDTH, WAVE, WAVE_REACH = range(8, 12)
+FIRST, LAST, MAIN, MIDDLE, RADIUS, BOB, ROCK_ROLL, ROCK_PITCH, HULL_LENGTH, HULL_WIDTH, WAVE, WAVE_REACH = range(12)
 KIND_COLUMNS = 12
 
 
 def kind_table() -> np.ndarray:
     """Return `KINDS`, [kinds, KIND_COLUMNS] float32."""
     motion: dict[PropKind, tuple[float, ...]] = {
-        # mirrored, middle, radius, bob, roll, pitch, length, width, wave, reach
-        PropKind.SWIMMER: (3, 0.1, 2.2, 0.02, 0.22, 0.0, 0.9, 0.15, 0.16, 2.0),
-        PropKind.KAYAK: (3, 0.4, 2.3, 0.02, 0.03, 0.015, 1.7, 0.22, 0.12, 2.4),
-        PropKind.BUOY: (4, 0.9, 1.3, 0.04, 0.07, 0.05, 0.0, 0.45, 0.07, 1.3),
+        # main, middle, radius, bob, roll, pitch, length, width, wave, reach
+        PropKind.SWIMMER: (3, 0.1, 2.2, 0.02, 0.22, 0.0, 0.9, 0.15, 0.16, 1.6),
+        PropKind.KAYAK: (3, 0.4, 2.3, 0.02, 0.03, 0.015, 1.7, 0.22, 0.12, 1.6),
+        PropKind.BUOY: (4, 0.9, 1.3, 0.04, 0.07, 0.05, 0.0, 0.45, 0.07, 1.0),
         PropKind.STATION: (3, 1.5, 5.5, 0.0, 0.0, 0.0, 0.0, 0.1, 0.05, 0.8),
     }
     table: Any = np.zeros((len(PropKind), KIND_COLUMNS), np.float32)

@@ -29,6 +29,8 @@ LEAST_SEEN = 0.6
 """A part whose longest half is shorter than this share of that least size is not drawn."""
 STRETCH = 0.2
 """How far ripples stretch a mirror image to either side, as a share of its width, and, twice that, down its height."""
+DETAIL_M = (0.2, 0.3)
+"""Side of a pixel, where a prop is, over which all but its main parts fade away."""
 LEAST_LAND_M = 0.25
 """Least height above the water of what stands on land."""
 
@@ -39,8 +41,12 @@ CAMERA, AHEAD, RIGHT, UP = 11, 14, 17, 20
 FADE, SUNLIT, LEVEL = 23, 24, 25
 LOOKS = 26
 """Where the columns of `models.PARTS` from RED on begin."""
-C0, C1, R0, R1 = range(LOOKS + models.MODEL_COLUMNS - models.RED, LOOKS + models.MODEL_COLUMNS - models.RED + 4)
-PART_COLUMNS = R1 + 1
+C0 = LOOKS + models.MODEL_COLUMNS - models.RED
+C1, R0, R1 = range(C0 + 1, C0 + 4)
+"""The rectangle of pixels: columns from, to and rows from, to."""
+MIDDLE, REACH = C0 + 4, C0 + 7
+"""The middle in metres from the camera, three columns, and the radius of the ball around the part."""
+PART_COLUMNS = REACH + 1
 
 
 class Turn(NamedTuple):
@@ -105,6 +111,13 @@ def joint_turn(joint, phase):
 
 
 @kernel(inlined=True, allocates=False)
+def depth_of(camera, prop):
+    """Return the depth in metres of the water at a prop."""
+    ahead = (prop[X] - camera.x) * camera.forward_x + (prop[Y] - camera.y) * camera.forward_y
+    return ahead + (prop[Z] - camera.z) * camera.forward_z
+
+
+@kernel(inlined=True, allocates=False)
 def depth_in_view(prop, camera):
     """Return the depth in metres of a prop's middle if any of it, or of the water around it, may be seen; else -1."""
     kind = int32(prop[KIND])
@@ -161,6 +174,10 @@ def place_prop(scene, view, prop, parts):
     )
     bob = models.KINDS[kind, models.BOB] * swing
     lift, sunlit = ground_at(scene, view.world, prop, body)
+    pixel = depth_of(view.camera, prop) * row_step(view.camera)
+    detail = clamp((f32(DETAIL_M[1]) - pixel) / f32(DETAIL_M[1] - DETAIL_M[0]), f32(0), f32(1))
+    if detail == f32(0):
+        count = int32(models.KINDS[kind, models.MAIN])
     for k in range(count):
         model = models.PARTS[first + k]
         own = Turn(
@@ -178,6 +195,7 @@ def place_prop(scene, view, prop, parts):
             x, y, z = turned(joint, x, y, z)
         x, y, z = turned(body, x + model[models.PIVOT_X], y + model[models.PIVOT_Y], z + model[models.PIVOT_Z])
         place_part(view.camera, model, joined(body, own), prop[X] + x, prop[Y] + y, prop[Z] + z + bob, parts[k])
+        parts[k, FADE] *= f32(1) if k < int32(models.KINDS[kind, models.MAIN]) else detail
         parts[k, SUNLIT] = sunlit
         parts[k, LEVEL] = prop[Z]
     return count
@@ -210,12 +228,20 @@ def place_part(camera, model, turn, x, y, z, part):
     least = max(ahead, camera.near_m) * row_step(camera) * f32(LEAST_PX)
     part[FADE] = f32(0)
     part[C0], part[C1], part[R0], part[R1] = f32(0), f32(0), f32(0), f32(0)
+    part[MIDDLE], part[MIDDLE + 1], part[MIDDLE + 2] = px, py, pz
     # What would hardly be seen is left out.
     if max(model[models.HALF_X], max(model[models.HALF_Y], model[models.HALF_Z])) < f32(LEAST_SEEN) * least:
         return
     half_x = max(model[models.HALF_X], least)
     half_y = max(model[models.HALF_Y], least)
     half_z = max(model[models.HALF_Z], least)
+    # A cube's corner is √3 of its half size away, and nothing else is farther.
+    longest = max(half_x, max(half_y, half_z))
+    part[REACH] = (
+        longest
+        if model[models.SHAPE] == f32(models.SPHERE)
+        else math.sqrt(half_x * half_x + half_y * half_y + half_z * half_z)
+    )
     part[SHAPE] = model[models.SHAPE]
     part[TAPER] = model[models.TAPER]
     # The map is the inverse of turn and stretch: its rows are the solid's axes over its half sizes.
@@ -288,13 +314,7 @@ def mirror_box(part, camera):
     a = part[MAP] * part[MAP] + part[MAP + 1] * part[MAP + 1] + part[MAP + 2] * part[MAP + 2]
     b = part[MAP + 3] * part[MAP + 3] + part[MAP + 4] * part[MAP + 4] + part[MAP + 5] * part[MAP + 5]
     c = part[MAP + 6] * part[MAP + 6] + part[MAP + 7] * part[MAP + 7] + part[MAP + 8] * part[MAP + 8]
-    px = -(part[MAP] * part[CAMERA] / a + part[MAP + 3] * part[CAMERA + 1] / b + part[MAP + 6] * part[CAMERA + 2] / c)
-    py = -(
-        part[MAP + 1] * part[CAMERA] / a + part[MAP + 4] * part[CAMERA + 1] / b + part[MAP + 7] * part[CAMERA + 2] / c
-    )
-    pz = -(
-        part[MAP + 2] * part[CAMERA] / a + part[MAP + 5] * part[CAMERA + 1] / b + part[MAP + 8] * part[CAMERA + 2] / c
-    )
+    px, py, pz = part[MIDDLE], part[MIDDLE + 1], part[MIDDLE + 2]
     low_x, high_x, low_y, high_y = f32(1e9), f32(-1e9), f32(1e9), f32(-1e9)
     behind = 0
     for corner in range(8):

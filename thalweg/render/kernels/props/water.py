@@ -13,16 +13,30 @@ from numba import int32
 
 from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.camera_rays import HitPoints, Radiance, hit_points, map_origin, place_of, row_step
+from thalweg.render.kernels.fast_math import floor
 from thalweg.render.kernels.props import models
 from thalweg.render.kernels.props.draw import rows_of_box
 from thalweg.render.kernels.props.paint import part_radiance
-from thalweg.render.kernels.props.pose import CAMERA, FADE, SHAPE, TAPER, mapped, mirror_box, pixel_box, seen_at
+from thalweg.render.kernels.props.pose import (
+    CAMERA,
+    FADE,
+    MIDDLE,
+    REACH,
+    SHAPE,
+    TAPER,
+    depth_of,
+    mapped,
+    mirror_box,
+    pixel_box,
+    seen_at,
+)
 from thalweg.render.kernels.props.solids import SolidRay, meet_solid
 from thalweg.render.kernels.shading import mirror, sky, water
 from thalweg.render.kernels.shading.background import CHUNK, SEEN, SHORE_M, fill_up
 from thalweg.render.kernels.shading.water_optics import ROUGHNESS, footprint, mirrored_ray
 from thalweg.render.kernels.table_lookup import clamp
 from thalweg.render.records import layout
+from thalweg.render.records.appearance import RIPPLE, RIPPLE_1
 from thalweg.render.records.classes import WATER
 from thalweg.render.records.props import KIND, PHASE, YAW, X, Y, Z
 from thalweg.render.records.view import LANES
@@ -35,8 +49,10 @@ WAVE_RATE = 2.0
 """Waves that pass by in a period of the prop's motion."""
 WAVE_START_M = 0.12
 """Distance from the hull over which they begin."""
-WAVES_SEEN_M = 26.0
-"""Waves farther than this are too fine to be seen."""
+WAVES_SEEN_M, WAVES_FADE_M = 26.0, 6.0
+"""Depth from which on waves are too fine to be seen, and over how many metres before they fade."""
+MIRRORED_M, MIRROR_FADE_M = 45.0, 10.0
+"""The same for mirror images."""
 SOFTNESS = 0.5
 """Share of the softening of mirrored canopies that edges of a mirrored prop have."""
 
@@ -45,7 +61,8 @@ class Stirred(NamedTuple):
     """Pixels of water around props, and what they would show without them."""
 
     zones: Any
-    """[K, 4] int32, columns from, to and rows from, to of the image around each placed prop."""
+    """[K, 8] int32, columns from, to and rows from, to of the image that the mirror image of each placed prop may
+    touch, and the same for its waves."""
     first: Any
     """[K + 1] int32, where the pixels of each prop begin."""
     places: Any
@@ -65,26 +82,23 @@ class StirredScratch(NamedTuple):
 
 
 @kernel(inlined=True, allocates=False)
-def water_zone(prop, parts, camera):
-    """Return the columns from, to and rows from, to of the image in which the water shows something of a prop.
-
-    parts: its placed ones. Nothing is cut by the near plane: a camera that flies is not that near.
-    """
+def fill_zone(prop, parts, camera, zone):
+    """Fill zone [8] with the rectangles of `Stirred.zones` for a prop; parts: its placed ones."""
     kind = int32(prop[KIND])
     c0, c1, r0, r1 = int32(camera.width), int32(0), int32(camera.height), int32(0)
-    for k in range(int32(models.KINDS[kind, models.MIRRORED])):
-        if parts[k, FADE] > f32(0):
-            a0, a1, b0, b1 = mirror_box(parts[k], camera)
-            shown = (a0 < a1) & (b0 < b1)
-            c0, c1 = min(c0, a0) if shown else c0, max(c1, a1) if shown else c1
-            r0, r1 = min(r0, b0) if shown else r0, max(r1, b1) if shown else r1
-    px, py, pz = prop[X] - camera.x, prop[Y] - camera.y, prop[Z] - camera.z
-    if px * px + py * py + pz * pz < f32(WAVES_SEEN_M * WAVES_SEEN_M):
-        a0, a1, b0, b1 = wave_box(kind, f32(math.cos(prop[YAW])), f32(math.sin(prop[YAW])), px, py, pz, camera)
-        shown = (a0 < a1) & (b0 < b1)
-        c0, c1 = min(c0, a0) if shown else c0, max(c1, a1) if shown else c1
-        r0, r1 = min(r0, b0) if shown else r0, max(r1, b1) if shown else r1
-    return c0, max(c1, c0), r0, max(r1, r0)
+    if depth_of(camera, prop) < f32(MIRRORED_M):
+        for k in range(int32(models.KINDS[kind, models.MAIN])):
+            if parts[k, FADE] > f32(0):
+                a0, a1, b0, b1 = mirror_box(parts[k], camera)
+                shown = (a0 < a1) & (b0 < b1)
+                c0, c1 = min(c0, a0) if shown else c0, max(c1, a1) if shown else c1
+                r0, r1 = min(r0, b0) if shown else r0, max(r1, b1) if shown else r1
+    zone[0], zone[1], zone[2], zone[3] = c0, max(c1, c0), r0, max(r1, r0)
+    c0, c1, r0, r1 = int32(0), int32(0), int32(0), int32(0)
+    if depth_of(camera, prop) < f32(WAVES_SEEN_M):
+        px, py, pz = prop[X] - camera.x, prop[Y] - camera.y, prop[Z] - camera.z
+        c0, c1, r0, r1 = wave_box(kind, f32(math.cos(prop[YAW])), f32(math.sin(prop[YAW])), px, py, pz, camera)
+    zone[4], zone[5], zone[6], zone[7] = c0, c1, r0, r1
 
 
 @kernel(inlined=True, allocates=False)
@@ -110,15 +124,15 @@ def hold_water(view, props, placed, reduced, top, rows):
     """Take the pixels of water around props out of `Buffers` [R, W'], whose rows begin with row `top` of the image, by
     leaving them no light; returns them as `Stirred`. There are none in the reduced quality."""
     count = 0 if reduced else len(placed.counts)
-    zones = np.empty((count, 4), np.int32)
+    zones = np.empty((count, 8), np.int32)
     pixels = 0
     for k in range(count):
         first = k * models.MOST_PARTS
         parts = placed.parts[first : first + placed.counts[k]]
-        c0, c1, r0, r1 = water_zone(props[placed.numbers[k]], parts, view.camera)
-        zones[k, 0], zones[k, 1], zones[k, 2], zones[k, 3] = c0, c1, r0, r1
-        _, _, _, _, size = rows_of_box(zones[k], top, len(rows.depth))
-        pixels += size
+        fill_zone(props[placed.numbers[k]], parts, view.camera, zones[k])
+        for half in range(2):
+            _, _, _, _, size = rows_of_box(zones[k, 4 * half : 4 * half + 4], top, len(rows.depth))
+            pixels += size
     stirred = Stirred(zones, np.empty(count + 1, np.int32), np.empty(pixels, np.int32), np.empty(pixels, np.float32))
     gather_water(top, rows, stirred)
     return stirred
@@ -130,16 +144,18 @@ def gather_water(top, rows, stirred):
     n = 0
     for k in range(len(stirred.zones)):
         stirred.first[k] = n
-        c0, c1, r0, r1, _ = rows_of_box(stirred.zones[k], top, len(rows.depth))
-        for r in range(r0, r1):
-            for c in range(c0, c1):
-                wet = (rows.kind[r, c] == np.uint8(WATER)) & (rows.water[r, c] >= f32(SHORE_M))
-                # A pixel that an earlier zone holds has no light any more.
-                if wet & (rows.transmittance[r, c] > f32(SEEN)):
-                    stirred.places[n] = place_of(int32(r), int32(c))
-                    stirred.light[n] = rows.transmittance[r, c]
-                    rows.transmittance[r, c] = f32(0)
-                    n += 1
+        for half in range(2):
+            box = stirred.zones[k, 4 * half : 4 * half + 4]
+            c0, c1, r0, r1, _ = rows_of_box(box, top, len(rows.depth))
+            for r in range(r0, r1):
+                for c in range(c0, c1):
+                    wet = (rows.kind[r, c] == np.uint8(WATER)) & (rows.water[r, c] >= f32(SHORE_M))
+                    # A pixel that an earlier zone holds has no light any more.
+                    if wet & (rows.transmittance[r, c] > f32(SEEN)):
+                        stirred.places[n] = place_of(int32(r), int32(c))
+                        stirred.light[n] = rows.transmittance[r, c]
+                        rows.transmittance[r, c] = f32(0)
+                        n += 1
     stirred.first[len(stirred.zones)] = n
 
 
@@ -192,13 +208,13 @@ def shade_chunk(scene, view, props, placed, top, zones, k, places, points, pixel
     """
     water.ripple_surface(scene, view, points, pixel, work.surface, n)
     for j in range(len(zones)):
-        if boxes_touch(zones[k], zones[j]):
+        if zones_touch(zones[k], zones[j, 4:]):
             prop = props[placed.numbers[j]]
-            add_waves(scene, view, prop, zones[j], top, places, points, pixel, work.surface, n)
+            add_waves(scene, view, prop, zones[j, 4:], top, places, points, pixel, work.surface, n)
     mirror.mirror_canopy(scene, view, points, pixel, work.surface, work.mirrored, out, n)
     # From far to near, so that the nearest is mirrored last, before all others.
     for j in range(len(zones) - 1, -1, -1):
-        if boxes_touch(zones[k], zones[j]):
+        if zones_touch(zones[k], zones[j, :4]):
             first = j * models.MOST_PARTS
             parts = placed.parts[first : first + placed.counts[j]]
             prop = props[placed.numbers[j]]
@@ -215,84 +231,111 @@ def within_box(box, top, place):
 
 
 @kernel(inlined=True, allocates=False)
-def boxes_touch(one, other):
-    """Return whether two rectangles of pixels [4] have any in common."""
-    return (one[0] < other[1]) & (other[0] < one[1]) & (one[2] < other[3]) & (other[2] < one[3])
+def zones_touch(zone, box):
+    """Return whether either rectangle of a zone [8] may have pixels in common with a rectangle [4]."""
+    first = (zone[0] < box[1]) & (box[0] < zone[1]) & (zone[2] < box[3]) & (box[2] < zone[3])
+    second = (zone[4] < box[1]) & (box[0] < zone[5]) & (zone[6] < box[3]) & (box[2] < zone[7])
+    return first | second
 
 
-@kernel(allocates=False)
-def add_waves(scene, view, prop, zone, top, places, points, pixel, surface, n):
-    """Add the waves of a prop to a `water.Surface` [n] at `HitPoints` of pixels at places [n] within its zone [4]."""
+@kernel(inlined=True, allocates=False)
+def wave(turns):
+    """Return a wave of height one at a phase in turns: two parabolas, near to a sine, which vectorise."""
+    part = turns - floor(turns)
+    half = part if part < f32(0.5) else part - f32(0.5)
+    arc = f32(16) * half * (f32(0.5) - half)
+    return arc if part < f32(0.5) else -arc
+
+
+@kernel(disjoint=True, allocates=False)
+def add_waves(scene, view, prop, box, top, places, points, pixel, surface, n):
+    """Add the waves of a prop to a `water.Surface` [n] at `HitPoints` of pixels at places [n] within a box [4]."""
     kind = int32(prop[KIND])
     cell = f32(1) / scene.constants[view.world, layout.INV_CELL]
     # The prop in metres from the map's origin, as the points.
     px = prop[X] - scene.constants[view.world, layout.ORIGIN_X]
     py = prop[Y] - scene.constants[view.world, layout.ORIGIN_Y]
     cos, sin = f32(math.cos(prop[YAW])), f32(math.sin(prop[YAW]))
-    steep = models.KINDS[kind, models.WAVE] * min(view.look[water.RIPPLE] * f32(1 / 0.42), f32(1.5))
-    reach = models.KINDS[kind, models.WAVE_REACH]
-    dx, dy, dz = prop[X] - view.camera.x, prop[Y] - view.camera.y, prop[Z] - view.camera.z
-    if dx * dx + dy * dy + dz * dz >= f32(WAVES_SEEN_M * WAVES_SEEN_M):
-        return
+    steep = models.KINDS[kind, models.WAVE] * min(view.look[RIPPLE] * f32(1 / RIPPLE_1), f32(1.5))
+    near = clamp(f32(WAVES_SEEN_M) - depth_of(view.camera, prop), f32(0), f32(WAVES_FADE_M)) * f32(1 / WAVES_FADE_M)
+    half, wide = models.KINDS[kind, models.HULL_LENGTH], models.KINDS[kind, models.HULL_WIDTH]
+    per_reach = f32(1) / models.KINDS[kind, models.WAVE_REACH]
+    beat = f32(WAVE_RATE / (2 * math.pi)) * prop[PHASE]
+    x, y, _, sight_x, sight_y, sight_z, distance = points
+    slope_x, slope_y, spread, facing, mirror_x, mirror_y, mirror_z = surface
+    c0, c1, r0, r1 = box[0], box[1], box[2] - int32(top), box[3] - int32(top)
     for i in range(n):
-        dx = points.x[i] * cell - px
-        dy = points.y[i] * cell - py
+        dx = x[i] * cell - px
+        dy = y[i] * cell - py
         along = dx * cos + dy * sin
         # From the nearest point of the hull's middle line.
-        back = along - clamp(along, -models.KINDS[kind, models.HULL_LENGTH], models.KINDS[kind, models.HULL_LENGTH])
+        back = along - clamp(along, -half, half)
         side = dy * cos - dx * sin
         away = math.sqrt(back * back + side * side) + f32(1e-4)
-        far = away - models.KINDS[kind, models.HULL_WIDTH]
-        if far > f32(0) and far < reach and within_box(zone, top, places[i]):
-            foot = footprint(points.distance[i], pixel, points.sight_z[i])
-            # What is finer than two pixels is seen as roughness.
-            seen = clamp(f32(1.5) - f32(2 / WAVE_M) * foot, f32(0), f32(1))
-            fade = f32(1) - far / reach
-            size = steep * fade * min(far * f32(1 / WAVE_START_M), f32(1))
-            turn = f32(2 * math.pi / WAVE_M) * far - f32(WAVE_RATE) * prop[PHASE]
-            lean = size * seen * f32(math.sin(turn)) / away
-            lean_x = surface.slope_x[i] + lean * (back * cos - side * sin)
-            lean_y = surface.slope_y[i] + lean * (back * sin + side * cos)
-            surface.slope_x[i], surface.slope_y[i] = lean_x, lean_y
-            surface.spread[i] += f32(0.5) * size * size * (f32(1) - seen * seen)
-            surface.facing[i], surface.mirror_x[i], surface.mirror_y[i], surface.mirror_z[i] = mirrored_ray(
-                points.sight_x[i], points.sight_y[i], points.sight_z[i], lean_x, lean_y
-            )
+        far = away - wide
+        c, r = places[i] & int32(0xFFFF), places[i] >> int32(16)
+        inside = (c >= c0) & (c < c1) & (r >= r0) & (r < r1) & (far > f32(0))
+        # What is finer than two pixels is seen as roughness.
+        foot = footprint(distance[i], pixel, sight_z[i])
+        seen = clamp(f32(1.5) - f32(2 / WAVE_M) * foot, f32(0), f32(1))
+        size = steep * near * max(f32(1) - far * per_reach, f32(0)) * min(far * f32(1 / WAVE_START_M), f32(1))
+        size = size if inside else f32(0)
+        lean = size * seen * wave(far * f32(1 / WAVE_M) - beat) / away
+        lean_x = slope_x[i] + lean * (back * cos - side * sin)
+        lean_y = slope_y[i] + lean * (back * sin + side * cos)
+        slope_x[i] = lean_x
+        slope_y[i] = lean_y
+        spread[i] += f32(0.5) * size * size * (f32(1) - seen * seen)
+        facing[i], mirror_x[i], mirror_y[i], mirror_z[i] = mirrored_ray(
+            sight_x[i], sight_y[i], sight_z[i], lean_x, lean_y
+        )
 
 
 @kernel(allocates=False)
-def mirror_prop(scene, view, prop, parts, zone, top, places, points, pixel, surface, mirrored, n):
+def mirror_prop(scene, view, prop, parts, box, top, places, points, pixel, surface, mirrored, n):
     """Put a prop before what the mirrored rays of a `water.Surface` at `HitPoints` meet, in `Mirrored` [n].
 
-    parts: its placed ones; zone: [4], outside which pixels at places [n] do not mirror it; pixel: height of a pixel at
+    parts: its placed ones; box: [4], outside which pixels at places [n] do not mirror it; pixel: height of a pixel at
     distance one.
     """
     kind = int32(prop[KIND])
     cell = f32(1) / scene.constants[view.world, layout.INV_CELL]
     origin_x, origin_y = scene.constants[view.world, layout.ORIGIN_X], scene.constants[view.world, layout.ORIGIN_Y]
-    radius, middle = models.KINDS[kind, models.RADIUS], models.KINDS[kind, models.MIDDLE]
+    near = clamp(f32(MIRRORED_M) - depth_of(view.camera, prop), f32(0), f32(MIRROR_FADE_M)) * f32(1 / MIRROR_FADE_M)
     for i in range(n):
-        x, y, z = points.x[i] * cell + origin_x, points.y[i] * cell + origin_y, points.z[i]
-        rx, ry, rz = surface.mirror_x[i], surface.mirror_y[i], surface.mirror_z[i]
-        px, py, pz = prop[X] - x, prop[Y] - y, prop[Z] + middle - z
-        along = max(px * rx + py * ry + pz * rz, f32(0))
-        beside = (px - along * rx) ** 2 + (py - along * ry) ** 2 + (pz - along * rz) ** 2
-        if beside > radius * radius or not within_box(zone, top, places[i]):
+        if not within_box(box, top, places[i]):
             continue
+        x, y, z = points.x[i] * cell + origin_x, points.y[i] * cell + origin_y, points.z[i]
         lost = max(surface.spread[i] - f32(ROUGHNESS), f32(0))
         soft = f32(SOFTNESS) * math.sqrt(f32(mirror.SPREAD_BLUR**2) * lost + f32(mirror.BLUR**2)) + pixel
-        for k in range(int32(models.KINDS[kind, models.MIRRORED])):
-            if parts[k, FADE] == f32(0):
+        towards = surface.mirror_x[i], surface.mirror_y[i], surface.mirror_z[i]
+        for k in range(int32(models.KINDS[kind, models.MAIN])):
+            if parts[k, FADE] == f32(0) or passes_by(view.camera, parts[k], (x, y, z), towards, soft):
                 continue
             cover, red, green, blue = mirrored_part(
-                scene, view, parts[k], (x, y, z), (rx, ry, rz), soft, points.distance[i], pixel
+                scene, view, parts[k], (x, y, z), towards, soft, points.distance[i], pixel
             )
             if cover > f32(0):
+                cover *= near
                 rest = f32(1) - cover
                 mirrored.passing[i] *= rest
                 mirrored.red[i] = mirrored.red[i] * rest + cover * red
                 mirrored.green[i] = mirrored.green[i] * rest + cover * green
                 mirrored.blue[i] = mirrored.blue[i] * rest + cover * blue
+
+
+@kernel(inlined=True, allocates=False)
+def passes_by(camera, part, at, towards, soft):
+    """Return whether a mirrored ray misses the ball around a placed part, by more than the ray's own width."""
+    x = part[MIDDLE] + camera.x - at[0]
+    y = part[MIDDLE + 1] + camera.y - at[1]
+    z = part[MIDDLE + 2] + camera.z - at[2]
+    along = max(x * towards[0] + y * towards[1] + z * towards[2], f32(0))
+    reach = part[REACH] + soft * along
+    x -= along * towards[0]
+    y -= along * towards[1]
+    z -= along * towards[2]
+    return x * x + y * y + z * z > reach * reach
 
 
 @kernel(inlined=True, allocates=False)

@@ -163,10 +163,19 @@ def test_views_of_an_inference_mode_can_be_followed_by_others(card: Card, render
     assert card.done[-1] == ("record", [2.0])
 
 
+def test_a_series_of_launches_has_its_own_layers(card: Card, renderer: GpuRenderer):
+    out = torch.zeros(1, 8, 8, 4, dtype=torch.uint8)
+    layers = [(torch.zeros(1, 8, 8), torch.zeros(1, 8, 8, dtype=torch.uint8)) for _ in range(2)]
+    for which in (0, 0, 1, 0):
+        renderer.draw_tensors(views_at([7.0]), out, layers[which])
+    renderer.draw_tensors(views_at([7.0]), out)
+    assert [what for what, _ in card.done] == ["launch", "record", "launch", "replay", "launch"]
+
+
 def test_a_replay_draws_the_props_that_are_given(card: Card, renderer: GpuRenderer):
     out = torch.zeros(1, 8, 8, 4, dtype=torch.uint8)
     for x in (1.0, 2.0, 3.0):
-        renderer.draw_tensors(views_at([7.0]), out, torch.tensor([[[PropKind.BUOY, x, 0.0, 0.0, 0.0, 0.0]]]))
+        renderer.draw_tensors(views_at([7.0]), out, props=torch.tensor([[[PropKind.BUOY, x, 0.0, 0.0, 0.0, 0.0]]]))
     assert [what for what, _ in card.done] == ["launch", "record", "replay"]
     assert renderer._inputs[-1][0, 0, 1] == 3.0
 
@@ -175,7 +184,7 @@ def test_another_number_of_props_replays_nothing(card: Card, renderer: GpuRender
     out = torch.zeros(1, 8, 8, 4, dtype=torch.uint8)
     for count in (2, 2, None, 0, 3, 3):
         props = None if count is None else torch.zeros(1, count, 6)
-        renderer.draw_tensors(views_at([7.0]), out, props)
+        renderer.draw_tensors(views_at([7.0]), out, props=props)
     assert [what for what, _ in card.done] == ["launch", "record", "launch", "record", "launch", "record"]
 
 

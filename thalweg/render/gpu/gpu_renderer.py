@@ -99,7 +99,7 @@ class GpuRenderer:
         self,
         views: Views,
         images: Any = None,
-        layers: tuple[Any, Any, Any] | None = None,
+        layers: Sequence[Any] | None = None,
         masks: Any = None,
         props: Any = None,
     ) -> None:
@@ -109,7 +109,8 @@ class GpuRenderer:
             views: N of them, on the device.
             images: [N, H, W] uint32, red, green, blue from the lowest byte up and the water mask on top; if None,
                 nothing is shaded.
-            layers: [N, H, W] each: float32 depths, uint8 classes, and uint8 masks of 0 or 255; None for none.
+            layers: [N, H, W] each: float32 depths, uint8 classes, and uint8 masks of 0 or 255, or None in place of
+                masks that are not wanted; None for none.
             masks: [N, H, W] uint8, for masks without images and layers.
             props: [N, P, PROP_COLUMNS] float32 of `thalweg.render.records.props`, P at least 1; None for none.
         """
@@ -127,14 +128,16 @@ class GpuRenderer:
             self._draw_pass(
                 Views(*(values[part] for values in views)),
                 None if images is None else images[part],
-                None if layers is None else tuple(layer[part] for layer in layers),
+                None if layers is None else tuple(None if layer is None else layer[part] for layer in layers),
                 None if masks is None else masks[part],
                 None if props is None else props[part],
             )
 
-    def draw_tensors(self, views: Sequence[Any], out: Any, props: Any = None) -> None:
-        """Draw frames from torch's tensors into one [N, H, W, 4] uint8, or masks into one [N, H, W, 1], all on this
-        device; props: as of `draw`.
+    def draw_tensors(
+        self, views: Sequence[Any], out: Any, layers: tuple[Any, Any] | None = None, props: Any = None
+    ) -> None:
+        """Draw frames from torch's tensors into one [N, H, W, 4] uint8, or masks into one [N, H, W, 1], and depths
+        and classes into `layers`, [N, H, W] float32 and uint8, all on this device; props: as of `draw`.
 
         Launches into the same memory are recorded and replayed, so that they cost the host little. Whoever records a
         CUDA graph of their own draws as many frames before, so that there is scratch, and never more afterwards.
@@ -143,12 +146,12 @@ class GpuRenderer:
             return
         inputs = [*views] if props is None or not props.shape[1] else [*views, props]
         if self._graphs.caller_records:
-            self._draw_into(inputs, out)
+            self._draw_into(inputs, out, layers)
             return
         self._hold(inputs, len(out))
         self._graphs.run(
-            (out.data_ptr(), tuple(out.shape)),
-            lambda: self._draw_into([held[: len(out)] for held in self._inputs], out),
+            (out.data_ptr(), tuple(out.shape), *(layer.data_ptr() for layer in layers or ())),
+            lambda: self._draw_into([held[: len(out)] for held in self._inputs], out, layers),
         )
 
     def _hold(self, inputs: Sequence[Any], count: int) -> None:
@@ -164,15 +167,20 @@ class GpuRenderer:
         for held, tensor in zip(self._inputs, inputs, strict=True):
             held[:count].copy_(tensor)
 
-    def _draw_into(self, inputs: Sequence[Any], out: Any) -> None:
+    def _draw_into(self, inputs: Sequence[Any], out: Any, layers: tuple[Any, Any] | None) -> None:
         """As `draw_tensors`, by launches; inputs: the views, and the props if there are any."""
         arrays = [gpu.as_kernel_array(tensor) for tensor in inputs]
         props = arrays.pop() if len(arrays) > len(Views._fields) else None
-        views = Views(*arrays)
+        views, shape, pair = Views(*arrays), out.shape[:3], None
+        if layers is not None:
+            pair = gpu.as_kernel_array(layers[0]), gpu.as_kernel_array(layers[1], np.uint8)
         if out.shape[-1] == 1:
-            self.draw(views, masks=gpu.as_kernel_array(out, np.uint8).reshape(out.shape[:3]), props=props)
+            masks = gpu.as_kernel_array(out, np.uint8).reshape(shape)
+            both = None if pair is None else (*pair, masks)
+            self.draw(views, layers=both, masks=masks if pair is None else None, props=props)
         else:
-            self.draw(views, gpu.as_kernel_array(out, np.uint32).reshape(out.shape[:3]), props=props)
+            image = gpu.as_kernel_array(out, np.uint32).reshape(shape)
+            self.draw(views, image, None if pair is None else (*pair, None), props=props)
 
     def draw_for_host(self, views: Views, output: Output, props: np.ndarray = NO_PROPS) -> None:
         """Draw frames into the arrays of an `Output` on the host."""
@@ -291,6 +299,12 @@ class GpuRenderer:
                 colours, buffers.kind, buffers.transmittance, views.looks, keys, gains, self._codes, images,
             )  # fmt: skip
         if layers is not None:
-            gpu.launch(postprocess.write_layers, pixels, postprocess.THREADS, device, buffers, *layers)
+            depths, classes, wanted = layers
+            # Each thread reads the kind of its pixel before it writes: masks that nobody wants may take its place.
+            unwanted = buffers.kind[:count]
+            gpu.launch(
+                postprocess.write_layers, pixels, postprocess.THREADS, device,
+                buffers, depths, classes, unwanted if wanted is None else wanted,
+            )  # fmt: skip
         elif masks is not None:
             gpu.launch(postprocess.write_mask, pixels, postprocess.THREADS, device, buffers, masks)

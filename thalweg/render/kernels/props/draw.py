@@ -102,17 +102,14 @@ def place_props(scene, view, props):
 @kernel(inlined=True, allocates=False)
 def join_boxes(parts, count, box):
     """Fill box [4] with the rectangle around those of the first `count` of placed parts."""
-    c0, c1, r0, r1 = f32(1e9), f32(0), f32(1e9), f32(0)
+    far = int32(1 << 30)
+    c0, c1, r0, r1 = far, int32(0), far, int32(0)
     for k in range(count):
         # An empty rectangle touches nothing.
         if parts[k, C0] < parts[k, C1] and parts[k, R0] < parts[k, R1]:
-            c0, c1 = min(c0, parts[k, C0]), max(c1, parts[k, C1])
-            r0, r1 = min(r0, parts[k, R0]), max(r1, parts[k, R1])
-    empty = c1 <= f32(0)
-    box[0] = int32(0) if empty else int32(c0)
-    box[1] = int32(c1)
-    box[2] = int32(0) if empty else int32(r0)
-    box[3] = int32(r1)
+            c0, c1 = min(c0, int32(parts[k, C0])), max(c1, int32(parts[k, C1]))
+            r0, r1 = min(r0, int32(parts[k, R0])), max(r1, int32(parts[k, R1]))
+    box[0], box[1], box[2], box[3] = min(c0, c1), c1, min(r0, r1), r1
 
 
 @kernel
@@ -198,14 +195,14 @@ def mark(row, r, c, cover, layers, depth, kind, at, own):
 def parts_in_row(parts, row, active):
     """Fill active [MOST_PARTS] with the numbers of the placed parts that may touch a row of the image; returns how many
     there are, and the columns from, to that they may touch."""
-    x, low, high = f32(row), f32(1e9), f32(0)
+    x, low, high = f32(row), int32(1 << 30), int32(0)
     n = 0
     for k in range(len(parts)):
         if x >= parts[k, R0] and x < parts[k, R1] and parts[k, C0] < parts[k, C1]:
             active[n] = k
             n += 1
-            low, high = min(low, parts[k, C0]), max(high, parts[k, C1])
-    return n, int32(low) if n > 0 else int32(0), int32(high)
+            low, high = min(low, int32(parts[k, C0])), max(high, int32(parts[k, C1]))
+    return n, min(low, high), high
 
 
 @kernel(inlined=True, allocates=False)

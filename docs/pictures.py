@@ -13,6 +13,7 @@ from thalweg.bench.pictures.gallery import gallery
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.env.pilot.flight_poses import FLIGHT_STEPS, pilot_poses
 from thalweg.render import Camera, Renderer
+from thalweg.render.records.props import PropKind
 from thalweg.render.records.quality import QUALITIES
 from thalweg.world import LEVELS, World, load_or_build
 from thalweg.world.map_image import draw, size_in_scale
@@ -24,8 +25,22 @@ STARTS = {"Easy": (3, 6), "Medium": (7, 10, 13), "Hard": (6, 9, 14)}
 """Indices of the starts that are shown for each level."""
 LOOK_START = 10
 """Index of the start on Medium from which the looks are shown."""
+PROP_SAMPLES = (30, 118, 208)
+"""Samples of the river of Medium above which the camera of the picture of props is."""
+PROP_PLACES = (
+    (PropKind.SWIMMER, 7.0, 0.15), (PropKind.BUOY, 10.0, -0.2), (PropKind.KAYAK, 14.0, 0.05),
+    (PropKind.STATION, 15.0, 0.5), (PropKind.SWIMMER, 19.0, -0.2), (PropKind.BUOY, 24.0, 0.25),
+    (PropKind.KAYAK, 30.0, -0.1), (PropKind.BUOY, 38.0, 0.2),
+)  # fmt: skip
+"""Kinds of props, their distances along the river in metres, and their places across it as shares of its width."""
 
-CLASS_COLOURS = np.array([[200, 220, 240], [40, 90, 200], [150, 120, 80], [40, 130, 50], [220, 60, 60]], np.uint8)
+CLASS_COLOURS = np.array(
+    [
+        [200, 220, 240], [40, 90, 200], [150, 120, 80], [40, 130, 50], [220, 60, 60],
+        [250, 150, 60], [180, 40, 120], [240, 220, 40], [110, 110, 120],
+    ],
+    np.uint8,
+)  # fmt: skip
 """Colour in which each class is shown, in the order of `thalweg.render.records.classes.CLASSES`."""
 DEPTHS_M = (2.0, 100.0)
 """Depths that are shown black and white, with logarithms between them."""
@@ -37,7 +52,8 @@ def main() -> None:
     save(parts(), "parts.png")
     save(levels(), "levels.png")
     save(qualities(), "qualities.png")
-    for picture, name in ((looks(), "looks.jpg"), (real_river(), "cam.jpg"), (flights(), "flights.jpg")):
+    drawn = ((looks(), "looks.jpg"), (real_river(), "cam.jpg"), (flights(), "flights.jpg"), (props(), "props.jpg"))
+    for picture, name in drawn:
         picture.save(IMAGES / name, quality=88)
         print(f"docs/images/{name}")
 
@@ -79,6 +95,26 @@ def looks(size: int = 128) -> Image.Image:
     world = load_or_build("Medium")
     pose = sample_starts(world, LOOK_START + 1, 0)[LOOK_START]
     return gallery(world, pose, Camera(size, size))
+
+
+def props(size: int = 384) -> Image.Image:
+    """Return props of each kind on Medium, from three, five and eight metres above the water."""
+    river = load_or_build("Medium").river
+    poses, rows = [], []
+    for number, (sample, height) in enumerate(zip(PROP_SAMPLES, (3.0, 5.0, 8.0), strict=True)):
+        rng = np.random.default_rng(number)
+        (x, y), (east, north) = river.position_m[sample], river.tangent[sample]
+        poses.append([x, y, river.level_m[sample] + height, np.arctan2(north, east)])
+        here = []
+        for kind, distance, side in PROP_PLACES:
+            at = int(np.searchsorted(river.arc_m, river.arc_m[sample] + distance)) % len(river.arc_m)
+            left = np.array([-river.tangent[at][1], river.tangent[at][0]])
+            place = river.position_m[at] + left * side * river.width_m[at]
+            yaw = np.arctan2(-left[1] * side, -left[0] * side) if kind == PropKind.STATION else rng.uniform(-3, 3)
+            here.append([kind, *place, river.level_m[at], yaw, rng.uniform(0, 6)])
+        rows.append(here)
+    frames = Renderer([load_or_build("Medium")], Camera(size, size)).render(poses, time_s=2.0, props=rows)
+    return tile_grid([frame[..., :3] for frame in frames], columns=3)
 
 
 def flights(size: int = 128) -> Image.Image:

@@ -9,6 +9,7 @@ from tests.render.plain import plane, plants_at
 from thalweg.env import EnvConfig
 from thalweg.env.torch_env import TensorRiverEnv
 from thalweg.render import Camera, Look
+from thalweg.render.records.props import PropKind
 from thalweg.world.record import World
 
 CAMERA = Camera(16, 16)
@@ -57,6 +58,16 @@ def _mixed(places):
 
 POSES = np.array([[-16.0, 0.0, 4.0, 0.1], [-4.0, -9.0, 2.6, 0.75], [12.0, -12.0, 6.0, 1.7], [3.0, 4.0, 5.0, -2.0]])
 WORLD_INDEX = np.array([0, 0, 0, 1])
+PROPS = np.array(
+    [
+        [[PropKind.BUOY, -9.0, 0.5, 0.0, 0.0, 0.3], [PropKind.KAYAK, 5.0, 1.5, 0.0, 1.0, 2.0]],
+        [[PropKind.KAYAK, 1.5, -4.0, 0.0, 0.2, 1.0], [PropKind.SWIMMER, 0.5, -5.5, 0.0, 2.0, 0.5]],
+        [[PropKind.STATION, 9.0, -3.0, 0.0, 0.4, 0.0], [PropKind.BUOY, 11.0, -4.0, 0.0, 0.0, 1.0]],
+        [[PropKind.NONE, 0.0, 0.0, 0.0, 0.0, 0.0], [PropKind.KAYAK, 0.5, -1.5, 0.5, 0.5, 4.0]],
+    ],
+    np.float32,
+)
+"""[4, 2, 6], some of each kind in front of the cameras."""
 A_PASS = 3
 """Number of cameras in a pass, so that there are two passes."""
 TIMES = np.array([0.0, 3.5, 8.25, 1.0])

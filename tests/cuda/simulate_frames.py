@@ -38,8 +38,15 @@ def main(path: str, scene_path: str, quality: str) -> None:
     on_device.draw(views, None, alone)
     masks = np.zeros(shape, np.uint8)
     on_device.draw(views, masks=masks)
+    with_props = np.zeros(shape, np.uint32)
+    prop_layers = np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
+    on_device.draw(views, with_props, prop_layers, props=cases.PROPS)
+    prop_masks = np.zeros(shape, np.uint8)
+    on_device.draw(views, masks=prop_masks, props=cases.PROPS)
     found = {"images": images, "depth": layers[0], "kind": layers[1], "mask": layers[2]}
     found |= {"alone_depth": alone[0], "alone_kind": alone[1], "alone_mask": alone[2], "only_mask": masks}
+    found |= {"props_images": with_props, "props_only_mask": prop_masks}
+    found |= dict(zip(("props_depth", "props_kind", "props_mask"), prop_layers, strict=True))
     if quality == "fast":  # which takes a simulator less time
         public = Renderer(cases.worlds(), cases.CAMERA, quality, simulated.DEVICE)
         frame = public.render_layers(cases.POSES[:1], look=cases.LOOKS[:1])

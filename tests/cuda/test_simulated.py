@@ -13,7 +13,8 @@ from thalweg.render import Renderer
 from thalweg.render.bake.scene_tables import build_scene
 from thalweg.render.batch import bands_of, draw
 from thalweg.render.records.appearance import look_rows, look_values
-from thalweg.render.records.classes import BRIDGE, GROUND, PLANT, SKY, WATER
+from thalweg.render.records.classes import BRIDGE, BUOY, GROUND, KAYAK, PLANT, SKY, STATION, SWIMMER, WATER
+from thalweg.render.records.props import NO_PROPS
 from thalweg.render.records.view import COLOURS, FrameSettings, Views, output
 
 ROOT = Path(__file__).parents[2]
@@ -27,7 +28,7 @@ def simulated(module: str, *arguments: str) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def frames_of_the_cpu(quality: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def frames_of_the_cpu(quality: str, props: np.ndarray = NO_PROPS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Frames [N, SIDE, SIDE] uint32, smaller than a `Camera` may be, and the depth and class of each pixel."""
     count, side = len(cases.POSES), cases.SIDE
     images = np.zeros((count, side, side), np.uint32)
@@ -37,7 +38,7 @@ def frames_of_the_cpu(quality: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     scene = build_scene(cases.worlds())
     bands = bands_of(side, 1, count)
     views = Views(cases.WORLD_INDEX, cases.POSES, cases.TIMES, looks)
-    draw(scene, views, settings, output(COLOURS, images, None, layers), bands)
+    draw(scene, views, settings, output(COLOURS, images, None, layers), bands, props)
     return images, *layers
 
 
@@ -51,12 +52,8 @@ def test_frames_and_layers_equal_those_of_the_cpu(tmp_path: Path, quality: str):
     np.savez(tmp_path / "scene.npz", **build_scene(cases.worlds())._asdict())
     simulated("simulate_frames", str(path), str(tmp_path / "scene.npz"), quality)
     found = np.load(path)
-    ours, theirs = (a.view(np.uint8).reshape(*a.shape, 4).astype(int) for a in (images, found["images"]))
+    ours = check_images(images, found["images"])
     assert ours[..., :3].std() > 30
-    np.testing.assert_array_equal(theirs[..., 3], ours[..., 3])
-    apart = np.abs(ours - theirs)[..., :3]
-    assert (apart <= 2).mean() > 0.999
-    assert apart.max() <= 8
     if quality == "fast":
         wanted = Renderer(cases.worlds(), cases.CAMERA, "fast").render_layers(cases.POSES[:1], look=cases.LOOKS[:1])
         assert np.abs(found["rgb"].astype(int) - wanted.rgb).max() <= 8
@@ -68,6 +65,23 @@ def test_frames_and_layers_equal_those_of_the_cpu(tmp_path: Path, quality: str):
         np.testing.assert_array_equal(found[f"{alone}mask"], ours[..., 3])
         np.testing.assert_array_equal(found[f"{alone}kind"], classes)
         np.testing.assert_allclose(found[f"{alone}depth"], depth, rtol=1e-5)
+    images, depth, shown = frames_of_the_cpu(quality, cases.PROPS)
+    assert {SWIMMER, KAYAK, BUOY, STATION} & set(np.unique(shown)) and (shown != classes).any()
+    ours = check_images(images, found["props_images"])
+    for mask in ("props_mask", "props_only_mask"):
+        np.testing.assert_array_equal(found[mask], ours[..., 3])
+    np.testing.assert_array_equal(found["props_kind"], shown)
+    np.testing.assert_allclose(found["props_depth"], depth, rtol=1e-4)
+
+
+def check_images(images: np.ndarray, simulated: np.ndarray) -> np.ndarray:
+    """Compare images [N, SIDE, SIDE] uint32 of the CPU with simulated ones; returns the CPU's as [N, SIDE, SIDE, 4]."""
+    ours, theirs = (a.view(np.uint8).reshape(*a.shape, 4).astype(int) for a in (images, simulated))
+    np.testing.assert_array_equal(theirs[..., 3], ours[..., 3])
+    apart = np.abs(ours - theirs)[..., :3]
+    assert (apart <= 2).mean() > 0.999
+    assert apart.max() <= 8
+    return ours
 
 
 @pytest.mark.slow

@@ -19,6 +19,7 @@ from tests.encoder.synthetic_frames import synthetic_frames
 from tests.env.handmade import ring
 from tests.env.task.priced.flights import PRICED, erratic
 from tests.render import golden as golden_frames
+from tests.render import lake
 from tests.train.small_runs import rows_of, small, train
 from thalweg.algos import ALGORITHMS
 from thalweg.algos.imitation.config import ImitationConfig
@@ -41,7 +42,7 @@ from thalweg.env.shield.shield import OPTIONS as SHIELD_OPTIONS
 from thalweg.env.shield.shield import Shield
 from thalweg.env.shield.water_map import LEAST, MOST
 from thalweg.env.task.altimeter import heights_above_water
-from thalweg.render import Renderer
+from thalweg.render import Camera, Look, Renderer
 from thalweg.render.records.quality import QUALITIES
 from thalweg.train.imitation.flights import OPTIONS
 from thalweg.world import World, load_or_build
@@ -97,6 +98,21 @@ def render() -> Trace:
     layers = Renderer(worlds).render_layers(poses, index, times)
     found["depth"] = np.where(layers.depth_m < 0, 0.0, layers.depth_m).mean(axis=(1, 2), dtype=np.float64)
     found["class"] = np.array([np.bincount(each.ravel(), minlength=5) for each in layers.class_id], np.float64)
+    return found
+
+
+def props() -> Trace:
+    """Mean colour, class and depth of a lake with one prop of each kind, in both qualities and two looks."""
+    found = {}
+    poses, rows = np.repeat(lake.POSE, 2, axis=0), np.repeat(lake.ALL, 2, axis=0)
+    rows[1, :, -1] += 2.0
+    looks = [Look(), Look(haze=20.0, warmth=0.5, ripple=0.3)]
+    for quality in QUALITIES:
+        renderer = Renderer([lake.lake(bridges=lake.arch_at(24.0))], Camera(64, 64), quality)
+        layers = renderer.render_layers(poses, time_s=1.0, look=looks, props=rows)
+        found[quality] = layers.rgb.mean(axis=(1, 2), dtype=np.float64)
+        found[f"{quality} class"] = np.array([np.bincount(each.ravel(), minlength=9) for each in layers.class_id])
+        found[f"{quality} depth"] = np.where(layers.class_id > 4, layers.depth_m, 0.0).mean(axis=(1, 2), dtype=float)
     return found
 
 
@@ -301,6 +317,7 @@ def _digits(path: Path) -> np.ndarray:
 GOLDENS: dict[str, Golden] = {
     "world": Golden("WORLD", versions.WORLD, world, tolerance=1e-4),
     "render": Golden("RENDER", versions.RENDER, render, tolerance=0.02),
+    "props": Golden("PROPS", versions.PROPS, props, tolerance=0.02),
     "rules": Golden("RULES", versions.RULES, rules, tolerance=1e-9),
     "tasks": Golden("TASKS", versions.TASKS, tasks, tolerance=1e-6, smallest=1e-3),
     "privileged": Golden("PRIVILEGED", versions.PRIVILEGED, privileged, tolerance=1e-4, smallest=1e-3),

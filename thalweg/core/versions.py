@@ -9,6 +9,8 @@ WORLD = 2
 """Worlds that `thalweg.world.build` makes of a level and a seed, or of a line."""
 RENDER = 3
 """Frames of a world at a pose, time and look."""
+PROPS = 1
+"""Props in frames: their shapes, places and classes, and the water around them."""
 RULES = 1
 """Motion, progress, reward, cost and termination."""
 TASKS = 1

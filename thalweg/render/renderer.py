@@ -177,8 +177,8 @@ class Renderer:
 
         views: world_index [N] int64, poses [N, 4] and times [N] float64, and looks as rows [N, LOOK_COLUMNS] float32 of
         `thalweg.render.records.appearance.look_rows`; out: [N, H, W, 4] uint8, or [N, H, W, 1] for the mask alone;
-        layers: tensors for the depths [N, H, W] float32 and the classes [N, H, W] uint8 too, see `Frame`; props: None,
-        or [N, P, 6] float32 of `thalweg.render.records.props`.
+        layers: tensors for the depths [N, H, W] float32 and the classes [N, H, W] uint8 too, see `Frame`;
+        props: None, or [N, P, 6] float32 of `thalweg.render.records.props`.
         """
         if self._gpu is not None:
             self._gpu.draw_tensors(views, out, layers, props)
@@ -189,7 +189,8 @@ class Renderer:
             wanted = output(MASK if pair is None else LAYERS, masks=array[..., 0], layers=pair)
         else:
             wanted = output(COLOURS, _packed(array), layers=pair)
-        self._draw(Views(*(tensor.numpy() for tensor in views)), wanted, NO_PROPS if props is None else props.numpy())
+        own_props = NO_PROPS if props is None else props.numpy()
+        self._draw(Views(*(tensor.numpy() for tensor in views)), wanted, own_props)
 
     @property
     def scratch_bytes(self) -> int:

@@ -13,11 +13,12 @@ from thalweg.core.compute.device import DeviceError
 from thalweg.render import Camera, Renderer
 from thalweg.render.bake.scene_tables import build_scene
 from thalweg.render.errors import RenderError
-from thalweg.render.gpu import gpu_renderer
+from thalweg.render.gpu import gpu_renderer, pixel, placed_props
 from thalweg.render.gpu.gpu_renderer import GpuRenderer
 from thalweg.render.kernels.terrain.azimuth_planes import most_planes
 from thalweg.render.records.appearance import look_rows, look_values
-from thalweg.render.records.view import FrameSettings, Views
+from thalweg.render.records.props import PropKind
+from thalweg.render.records.view import COLOURS, FrameSettings, Views
 
 
 def test_a_renderer_refuses_a_device_before_it_builds_anything():
@@ -169,3 +170,31 @@ def test_a_series_of_launches_has_its_own_layers(card: Card, renderer: GpuRender
         renderer.draw_tensors(views_at([7.0]), out, layers[which])
     renderer.draw_tensors(views_at([7.0]), out)
     assert [what for what, _ in card.done] == ["launch", "record", "launch", "replay", "launch"]
+
+
+def test_a_replay_draws_the_props_that_are_given(card: Card, renderer: GpuRenderer):
+    out = torch.zeros(1, 8, 8, 4, dtype=torch.uint8)
+    for x in (1.0, 2.0, 3.0):
+        renderer.draw_tensors(views_at([7.0]), out, props=torch.tensor([[[PropKind.BUOY, x, 0.0, 0.0, 0.0, 0.0]]]))
+    assert [what for what, _ in card.done] == ["launch", "record", "replay"]
+    assert renderer._inputs[-1][0, 0, 1] == 3.0
+
+
+def test_another_number_of_props_replays_nothing(card: Card, renderer: GpuRenderer):
+    out = torch.zeros(1, 8, 8, 4, dtype=torch.uint8)
+    for count in (2, 2, None, 0, 3, 3):
+        props = None if count is None else torch.zeros(1, count, 6)
+        renderer.draw_tensors(views_at([7.0]), out, props=props)
+    assert [what for what, _ in card.done] == ["launch", "record", "launch", "record", "launch", "record"]
+
+
+def test_frames_with_props_are_drawn_by_kernels_that_know_them(monkeypatch: pytest.MonkeyPatch, card: Card, renderer):
+    launched: list[Any] = []
+    monkeypatch.setattr(gpu, "launch", lambda function, *rest: launched.append(function))
+    views = Views(*(tensor.numpy() for tensor in views_at([1.0])))
+    for props in (None, np.zeros((1, 3, 6), np.float32)):
+        renderer.draw(views, np.zeros((1, 8, 8), np.uint32), props=props)
+    without, with_props = pixel.tracer(True, COLOURS, False), pixel.tracer(True, COLOURS, True)
+    assert [each for each in launched if each in (placed_props.place, without, with_props)] == [
+        without, placed_props.place, with_props,
+    ]  # fmt: skip

@@ -23,7 +23,8 @@ def test_props_become_rows_of_float32():
 def test_the_class_of_a_prop_has_the_name_of_its_kind():
     for kind in list(PropKind)[1:]:
         assert kind + CLASS_OFFSET == getattr(classes, kind.name)
-    assert max(PropKind) + CLASS_OFFSET + 1 == len(classes.CLASSES)
+    assert len(classes.CLASSES) == max(PropKind) + CLASS_OFFSET + 1
+    assert classes.CLASSES[classes.SWIMMER :] == tuple(kind.name.lower() for kind in list(PropKind)[1:])
 
 
 def buoy(**changed: float) -> np.ndarray:

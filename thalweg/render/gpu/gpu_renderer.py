@@ -1,9 +1,9 @@
-"""`GpuRenderer`: frames drawn on a GPU by five to seven kernels a pass.
+"""`GpuRenderer`: frames drawn on a GPU by five to eight kernels a pass.
 
-They place cameras, find the plants in view, walk over the ground in vertical planes and draw pixels; with colours they
-add up the light for the exposure and map tones; at last they write layers or masks. A pass draws as many cameras as the
-scratch is large enough for. Everything lies in torch's memory on the device and is allocated once; nothing waits for
-the device, and nothing is copied from it.
+They place cameras, find the plants in view, walk over the ground in vertical planes, place props if there are any, and
+draw pixels; with colours they add up the light for the exposure and map tones; at last they write layers or masks. A
+pass draws as many cameras as the scratch is large enough for. Everything lies in torch's memory on the device and is
+allocated once; nothing waits for the device, and nothing is copied from it.
 """
 
 from collections.abc import Sequence
@@ -14,8 +14,10 @@ import numpy as np
 from thalweg.core.compute import gpu
 from thalweg.core.compute.launch_graphs import LaunchGraphs
 from thalweg.render.errors import RenderError
-from thalweg.render.gpu import ground_profiles, pixel, postprocess, visible_plants
+from thalweg.render.gpu import ground_profiles, pixel, placed_props, postprocess, visible_plants
 from thalweg.render.kernels.camera_rays import Radiance
+from thalweg.render.kernels.props import models
+from thalweg.render.kernels.props.pose import PART_COLUMNS
 from thalweg.render.kernels.shading.tone import CODE_TABLE
 from thalweg.render.kernels.terrain.azimuth_planes import most_planes
 from thalweg.render.records.layout import PLANT_FROM, PLANT_TO
@@ -34,8 +36,14 @@ def bytes_of(scene: Scene) -> int:
     return sum(table.nbytes for table in scene)
 
 
+def bytes_of_props(count: int) -> int:
+    """Scratch that a camera of a pass with so many props takes on a device."""
+    # Parts of float32, two numbers, and three rectangles of four.
+    return count * (models.MOST_PARTS * PART_COLUMNS + 2 + 12) * 4 + 4
+
+
 def bytes_each(scene: Scene, height: int, width: int, reduced: bool) -> int:
-    """Scratch that a camera of a pass takes on a device."""
+    """Scratch that a camera of a pass takes on a device, without props."""
     plants = most_plants(scene)
     # Order and distance take four bytes each, a box four times two.
     buffers = height * width * (BUFFER_BYTES + (0 if reduced else 3 * 4)) + height * most_planes(width) * 4
@@ -82,10 +90,19 @@ class GpuRenderer:
         self._capacity = 0
         self._scratch: dict[str, Any] = {}
         self._inputs: list[Any] = []
-        """Tensors [M, ...] that hold the views of `draw_tensors`; M as many as were ever drawn at once."""
+        """Tensors [M, ...] that hold the views and props of `draw_tensors`; M as many as were ever drawn at once."""
+        self._props: dict[str, Any] = {}
+        """Scratch for the props of a pass."""
         self._graphs = LaunchGraphs(device)
 
-    def draw(self, views: Views, images: Any = None, layers: Sequence[Any] | None = None, masks: Any = None) -> None:
+    def draw(
+        self,
+        views: Views,
+        images: Any = None,
+        layers: Sequence[Any] | None = None,
+        masks: Any = None,
+        props: Any = None,
+    ) -> None:
         """Draw one frame per view into arrays on the device; what is not asked for is not computed.
 
         Args:
@@ -95,14 +112,17 @@ class GpuRenderer:
             layers: [N, H, W] each: float32 depths, uint8 classes, and uint8 masks of 0 or 255, or None in place of
                 masks that are not wanted; None for none.
             masks: [N, H, W] uint8, for masks without images and layers.
+            props: [N, P, PROP_COLUMNS] float32 of `thalweg.render.records.props`, P at least 1; None for none.
         """
         count = len(views.poses)
         if not count:
             return
         # Measured here and not before: by now torch has allocated the frames, and what is free is free for scratch.
         if not self.cameras:
-            self.cameras = cameras_of_a_pass(gpu.free_bytes(self.device), self.scratch_bytes)
+            each = self.scratch_bytes + bytes_of_props(1 if props is None else props.shape[1])
+            self.cameras = cameras_of_a_pass(gpu.free_bytes(self.device), each)
         self._allocate(min(count, self.cameras))
+        self._allocate_props(1 if props is None else props.shape[1])
         for first in range(0, count, self._capacity):
             part = slice(first, min(first + self._capacity, count))
             self._draw_pass(
@@ -110,51 +130,57 @@ class GpuRenderer:
                 None if images is None else images[part],
                 None if layers is None else tuple(None if layer is None else layer[part] for layer in layers),
                 None if masks is None else masks[part],
+                None if props is None else props[part],
             )
 
     def draw_tensors(
         self, views: Sequence[Any], out: Any, layers: tuple[Any, Any] | None = None, props: Any = None
     ) -> None:
         """Draw frames from torch's tensors into one [N, H, W, 4] uint8, or masks into one [N, H, W, 1], and depths
-        and classes into `layers`, [N, H, W] float32 and uint8, all on this device.
+        and classes into `layers`, [N, H, W] float32 and uint8, all on this device; props: as of `draw`.
 
         Launches into the same memory are recorded and replayed, so that they cost the host little. Whoever records a
         CUDA graph of their own draws as many frames before, so that there is scratch, and never more afterwards.
         """
         if not len(out):
             return
+        inputs = [*views] if props is None or not props.shape[1] else [*views, props]
         if self._graphs.caller_records:
-            self._draw_into(views, out, layers)
+            self._draw_into(inputs, out, layers)
             return
-        self._hold(views, len(out))
+        self._hold(inputs, len(out))
         self._graphs.run(
             (out.data_ptr(), tuple(out.shape), *(layer.data_ptr() for layer in layers or ())),
             lambda: self._draw_into([held[: len(out)] for held in self._inputs], out, layers),
         )
 
-    def _hold(self, views: Sequence[Any], count: int) -> None:
-        """Copy views to `_inputs`, whose place in memory recorded launches know."""
+    def _hold(self, inputs: Sequence[Any], count: int) -> None:
+        """Copy views and props to `_inputs`, whose place in memory recorded launches know."""
         import torch
 
-        if not self._inputs or len(self._inputs[0]) < count:
+        same = [held.shape[1:] for held in self._inputs] == [tensor.shape[1:] for tensor in inputs]
+        if not same or len(self._inputs[0]) < count:
             self._graphs.clear()
             # Tensors of an inference mode could not be written to outside it.
             with torch.inference_mode(False):
-                self._inputs = [torch.empty_like(tensor) for tensor in views]
-        for held, tensor in zip(self._inputs, views, strict=True):
+                self._inputs = [torch.empty_like(tensor) for tensor in inputs]
+        for held, tensor in zip(self._inputs, inputs, strict=True):
             held[:count].copy_(tensor)
 
-    def _draw_into(self, views: Sequence[Any], out: Any, layers: tuple[Any, Any] | None) -> None:
-        """As `draw_tensors`, by launches."""
-        arrays, shape, pair = Views(*map(gpu.as_kernel_array, views)), out.shape[:3], None
+    def _draw_into(self, inputs: Sequence[Any], out: Any, layers: tuple[Any, Any] | None) -> None:
+        """As `draw_tensors`, by launches; inputs: the views, and the props if there are any."""
+        arrays = [gpu.as_kernel_array(tensor) for tensor in inputs]
+        props = arrays.pop() if len(arrays) > len(Views._fields) else None
+        views, shape, pair = Views(*arrays), out.shape[:3], None
         if layers is not None:
             pair = gpu.as_kernel_array(layers[0]), gpu.as_kernel_array(layers[1], np.uint8)
         if out.shape[-1] == 1:
             masks = gpu.as_kernel_array(out, np.uint8).reshape(shape)
-            self.draw(arrays, layers=None if pair is None else (*pair, masks), masks=masks if pair is None else None)
+            both = None if pair is None else (*pair, masks)
+            self.draw(views, layers=both, masks=masks if pair is None else None, props=props)
         else:
             image = gpu.as_kernel_array(out, np.uint32).reshape(shape)
-            self.draw(arrays, image, None if pair is None else (*pair, None))
+            self.draw(views, image, None if pair is None else (*pair, None), props=props)
 
     def draw_for_host(self, views: Views, output: Output, props: np.ndarray = NO_PROPS) -> None:
         """Draw frames into the arrays of an `Output` on the host."""
@@ -170,7 +196,8 @@ class GpuRenderer:
             )
         )
         layers = (depths, classes, masks) if output.want_layers else None
-        self.draw(views, images, layers, masks if output.drawn == MASK else None)
+        own_props = gpu.to_device(props, self.device) if props.shape[1] else None
+        self.draw(views, images, layers, masks if output.drawn == MASK else None, own_props)
         targets = [(output.images, images), (output.depths, depths), (output.classes, classes)]
         if output.drawn != COLOURS:
             targets.append((output.masks, masks))
@@ -205,8 +232,25 @@ class GpuRenderer:
         shapes["water"] = (cameras, 1, 1), np.float32
         self._scratch = {name: gpu.empty(shape, kind, self.device) for name, (shape, kind) in shapes.items()}
         self._capacity = cameras
+        self._props.clear()
 
-    def _draw_pass(self, views: Views, images: Any, layers: Any, masks: Any) -> None:
+    def _allocate_props(self, count: int) -> None:
+        """Make scratch for so many props of each camera of a pass, unless it is of this size."""
+        if self._props and self._props["numbers"].shape[1] == count:
+            return
+        self._graphs.clear()
+        self._props.clear()
+        cameras = self._capacity
+        shapes = {
+            "parts": ((cameras, count * models.MOST_PARTS, PART_COLUMNS), np.float32),
+            "numbers": ((cameras, count, 2), np.int32),
+            "boxes": ((cameras, count, 4), np.int32),
+            "zones": ((cameras, count, 8), np.int32),
+            "counts": ((cameras,), np.int32),
+        }
+        self._props = {name: gpu.empty(shape, kind, self.device) for name, (shape, kind) in shapes.items()}
+
+    def _draw_pass(self, views: Views, images: Any, layers: Any, masks: Any, props: Any) -> None:
         count, (height, width, _, reduced) = len(views.poses), self._settings
         cameras, moments, keys, gains = (self._scratch[name] for name in ("cameras", "moments", "keys", "gains"))
         plants = tuple(self._scratch[name] for name in ("order", "distance", "boxes", "counts"))
@@ -227,10 +271,16 @@ class GpuRenderer:
             ground_profiles.find_nearness, count, ground_profiles.THREADS, device,
             scene, views, settings, cameras, nearness,
         )  # fmt: skip
+        placed = tuple(self._props.values())
+        if props is not None:
+            gpu.launch(
+                placed_props.place, count, placed_props.THREADS, device,
+                scene, views, settings, cameras, moments, props, *placed,
+            )  # fmt: skip
         tiles = -(-height // pixel.TILE) * -(-width // pixel.TILE)
         gpu.launch(
-            pixel.tracer(reduced, drawn), (tiles, count), pixel.THREADS, device,
-            scene, views, cameras, moments, nearness, plants, buffers,
+            pixel.tracer(reduced, drawn, props is not None), (tiles, count), pixel.THREADS, device,
+            scene, views, cameras, moments, nearness, plants, (nearness if props is None else props, *placed), buffers,
         )  # fmt: skip
         if images is not None:
             softened = self._scratch["softened"]

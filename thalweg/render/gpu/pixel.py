@@ -36,13 +36,18 @@ from thalweg.render.kernels.camera_rays import (
 )
 from thalweg.render.kernels.plants import billboard, reduced_billboard
 from thalweg.render.kernels.plants.billboard import make_billboard, nearest_depth
+from thalweg.render.kernels.props import models
+from thalweg.render.kernels.props.draw import HALF, LEAST_COVER, meet_parts
+from thalweg.render.kernels.props.water import add_waves, mirror_prop, within_box
 from thalweg.render.kernels.shading import ground, mirror, reduced_quality, sky, water
-from thalweg.render.kernels.shading.background import SEEN
+from thalweg.render.kernels.shading.background import SEEN, SHORE_M
 from thalweg.render.kernels.shading.shore import covered_share, water_shares
+from thalweg.render.kernels.table_lookup import bilinear, depth_map
 from thalweg.render.kernels.terrain import azimuth_planes, heightfield_march
 from thalweg.render.kernels.terrain.heightfield_march import SQUARE, TILE, Tangents, Track
 from thalweg.render.kernels.terrain.primary_hits import MISS, class_of
 from thalweg.render.records import classes, layout
+from thalweg.render.records.props import CLASS_OFFSET, KIND
 from thalweg.render.records.view import COLOURS, MASK, View
 
 f32 = np.float32
@@ -57,19 +62,20 @@ LESS_THAN_HALF = float(np.nextafter(f32(0.5), f32(0)))
 
 
 @cache
-def tracer(reduced: bool, drawn: int) -> Callable:
+def tracer(reduced: bool, drawn: int, with_props: bool = False) -> Callable:
     """Return the kernel for a quality and for what is drawn (see `Output`): without colours, it finds only depth, class
-    and mask; for the mask alone, bridges and plants only where they hide water."""
+    and mask; for the mask alone, bridges, props and plants only where they hide water. Frames that have no props are
+    drawn by a kernel that knows none."""
     coloured, only_mask = drawn == COLOURS, drawn == MASK
     closed = LESS_THAN_HALF
     if coloured:
         closed = reduced_billboard.CLOSED if reduced else billboard.CLOSED
 
-    def trace(scene, views, cameras, moments, nearness, plants, buffers):
+    def trace(scene, views, cameras, moments, nearness, plants, props, buffers):
         """One block a tile (x) of a camera (y): fill `Buffers` [N, H, W].
 
         moments: of `visible_plants.place_cameras`; nearness: of `ground_profiles.find_nearness`; plants: order,
-        distance, boxes, counts of `visible_plants.find`.
+        distance, boxes, counts of `visible_plants.find`; props: their rows, and what `placed_props.place` fills.
         """
         n = cuda.blockIdx.y
         height, width = buffers.kind.shape[1:]
@@ -86,27 +92,50 @@ def tracer(reduced: bool, drawn: int) -> Callable:
         stone_r, stone_g, stone_b = f32(0), f32(0), f32(0)
         if not only_mask or kind == classes.WATER:
             kind, stone_r, stone_g, stone_b = nearest_bridge(scene, view, rays, depth, kind, coloured)
+        corner = tile_r, tile_c
+        behind, behind_depth = kind, depth[0]
+        touched = cuda.shared.array(WORDS, uint32)
+        stirred = cuda.shared.array(WORDS, uint32)
+        cover, prop_r, prop_g, prop_b = f32(0), f32(0), f32(0), f32(0)
+        if with_props:
+            touch_props(props, n, corner, touched, stirred)
+            kind, cover, prop_r, prop_g, prop_b = meet_props(
+                scene, view, props, n, touched, r, c, depth, kind, only_mask, coloured
+            )
         # Threads outside the image stay alive: they still load plants and meet the barriers.
         inside = r < height and c < width
         asked = inside and (not only_mask or kind == classes.WATER)
-        corner = tile_r, tile_c
         red, green, blue, light, plant_depth = blend_plants(
             scene, view, plants, n, corner, r, asked, f32(closed), reduced, rays, depth
         )
+        seen_depth = depth[0]
+        passing = light * (f32(1) - cover)
         # As on the CPU, what dense foliage hides is not shaded.
-        if coloured and light > f32(SEEN):
+        if coloured and passing > f32(SEEN):
             out = Radiance(cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32))
-            if kind == classes.BRIDGE:
+            depth[0] = behind_depth
+            if behind == classes.BRIDGE:
                 out.red[0] = stone_r
                 out.green[0] = stone_g
                 out.blue[0] = stone_b
+            elif (
+                with_props
+                and not reduced
+                and behind == classes.WATER
+                and is_stirred(scene, view, props, n, stirred, r, c, rays, behind_depth)
+            ):
+                shade_stirred(scene, view, props, n, stirred, r, c, depth, out)
             else:
-                shade_background(scene, view, kind, reduced, r, c, depth, out)
-            red += light * out.red[0]
-            green += light * out.green[0]
-            blue += light * out.blue[0]
+                shade_background(scene, view, behind, reduced, r, c, depth, out)
+            red += passing * out.red[0]
+            green += passing * out.green[0]
+            blue += passing * out.blue[0]
+        if coloured and with_props:
+            red += light * prop_r
+            green += light * prop_g
+            blue += light * prop_b
         if inside:
-            buffers.depth[n, r, c] = depth[0]
+            buffers.depth[n, r, c] = seen_depth
             buffers.kind[n, r, c] = kind
             buffers.transmittance[n, r, c] = light
             buffers.plant_depth[n, r, c] = plant_depth
@@ -227,6 +256,114 @@ def nearest_bridge(scene, view, rays, depth, kind, coloured):
 
 
 @kernel(inlined=True)
+def touch_props(props, n, corner, touched, stirred):
+    """Set a bit for each of a camera's props whose parts touch a tile, and for each whose water does."""
+    _, _, _, boxes, zones, counts = props
+    tile_r, tile_c = corner
+    k = cuda.threadIdx.x
+    if k < WORDS:
+        touched[k] = uint32(0)
+        stirred[k] = uint32(0)
+    cuda.syncthreads()
+    if k < counts[n]:
+        bit = uint32(uint32(1) << uint32(k % WORD))
+        if touches_tile(boxes, n, k, tile_r, tile_c):
+            cuda.atomic.or_(touched, k // WORD, bit)
+        mirrors = touches_tile(zones[..., :4], n, k, tile_r, tile_c)
+        if mirrors or touches_tile(zones[..., 4:], n, k, tile_r, tile_c):
+            cuda.atomic.or_(stirred, k // WORD, bit)
+    cuda.syncthreads()
+
+
+@kernel(inlined=True)
+def meet_props(scene, view, props, n, touched, r, c, depth, kind, only_mask, coloured):
+    """Return the class of pixel (r, c) with props drawn, the share that they cover, and their radiance times share.
+
+    depth [1] becomes that of a prop that covers half of the pixel or more.
+    """
+    rows, parts, numbers, boxes, _, _ = props
+    red, green, blue = f32(0), f32(0), f32(0)
+    passing = f32(1)
+    place = place_of(int32(0), int32(c))
+    for word in range(WORDS):
+        bits = touched[word]
+        # From near to far, as they are numbered.
+        while bits != uint32(0):
+            k = word * WORD + cuda.ffs(bits) - 1
+            bits = uint32(bits & uint32(bits - uint32(1)))
+            if not within_box(boxes[n, k], r, place) or (only_mask and kind != classes.WATER):
+                continue
+            first = k * models.MOST_PARTS
+            layers = meet_parts(
+                scene, view, parts[n, first : first + numbers[n, k, 1]], r, c, depth[0], kind == classes.WATER, coloured
+            )
+            rest = f32(1) - layers.cover
+            cover = layers.cover + rest * layers.back_cover
+            if cover < f32(LEAST_COVER):
+                continue
+            red += passing * (layers.red + rest * layers.back_red)
+            green += passing * (layers.green + rest * layers.back_green)
+            blue += passing * (layers.blue + rest * layers.back_blue)
+            passing *= f32(1) - cover
+            if cover >= f32(HALF):
+                depth[0] = layers.t if layers.cover >= f32(HALF) * cover else layers.back_t
+                kind = int32(rows[n, numbers[n, k, 0], KIND]) + int32(CLASS_OFFSET)
+    return kind, f32(1) - passing, red, green, blue
+
+
+@kernel(inlined=True)
+def is_stirred(scene, view, props, n, stirred, r, c, rays, depth):
+    """Return whether pixel (r, c), which shows water at a depth, lies in the water around a prop, and off the shore."""
+    zones = props[4]
+    place = place_of(int32(0), int32(c))
+    found = False
+    for word in range(WORDS):
+        bits = stirred[word]
+        while bits != uint32(0):
+            k = word * WORD + cuda.ffs(bits) - 1
+            bits = uint32(bits & uint32(bits - uint32(1)))
+            found = found or within_box(zones[n, k, :4], r, place) or within_box(zones[n, k, 4:], r, place)
+    origin = map_origin(scene, view)
+    at = depth_map(scene, view.world)
+    return found and bilinear(at, origin.x + rays.x[0] * depth, origin.y + rays.y[0] * depth) >= f32(SHORE_M)
+
+
+@kernel(inlined=True)
+def shade_stirred(scene, view, props, n, stirred, r, c, depth, out):
+    """Fill `Radiance` [1] with that of water around props at pixel (r, c), haze included."""
+    rows, parts, numbers, _, zones, _ = props
+    pixel = row_step(view.camera)
+    place = cuda.local.array(1, int32)
+    place[0] = place_of(int32(0), int32(c))
+    points = empty_points()
+    inv_cell = scene.constants[view.world, layout.INV_CELL]
+    hit_points(view.camera, map_origin(scene, view), inv_cell, r, place, depth, points, 1)
+    surface, mirrored = empty_surface(), empty_mirrored()
+    water.ripple_surface(scene, view, points, pixel, surface, 1)
+    for word in range(WORDS):
+        bits = stirred[word]
+        while bits != uint32(0):
+            k = word * WORD + cuda.ffs(bits) - 1
+            bits = uint32(bits & uint32(bits - uint32(1)))
+            add_waves(scene, view, rows[n, numbers[n, k, 0]], zones[n, k, 4:], r, place, points, pixel, surface, 1)
+    mirror.mirror_canopy(scene, view, points, pixel, surface, mirrored, out, 1)
+    for back in range(WORDS):
+        word = WORDS - 1 - back
+        bits = stirred[word]
+        # From far to near: the nearest is mirrored before all others.
+        while bits != uint32(0):
+            high = WORD - 1 - cuda.clz(bits)
+            bits = uint32(bits ^ uint32(uint32(1) << uint32(high)))
+            k = word * WORD + high
+            first = k * models.MOST_PARTS
+            own = parts[n, first : first + numbers[n, k, 1]]
+            prop = rows[n, numbers[n, k, 0]]
+            mirror_prop(scene, view, prop, own, zones[n, k, :4], r, place, points, pixel, surface, mirrored, 1)
+    water.compose(scene, view, points, pixel, surface, mirrored, out, 1)
+    sky.add_haze(scene, view, points, out, 1)
+
+
+@kernel(inlined=True)
 def blend_plants(scene, view, plants, n, corner, r, asked, closed, reduced, rays, depth):
     """Return the red, green and blue that plants add to a pixel, the light that they let through, and their depth.
 
@@ -299,11 +436,7 @@ def shade_background(scene, view, kind, reduced, r, c, depth, out):
     pixel = row_step(view.camera)
     place = cuda.local.array(1, int32)
     place[0] = place_of(int32(0), int32(c))
-    points = HitPoints(
-        cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32),
-        cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32),
-        cuda.local.array(1, float32),
-    )  # fmt: skip
+    points = empty_points()
     hit_points(view.camera, map_origin(scene, view), inv_cell, r, place, depth, points, 1)
     if kind == classes.SKY:
         if reduced:
@@ -348,13 +481,34 @@ def shade_water(scene, view, points, pixel, reduced, out):
     if reduced:
         reduced_quality.shade_water(scene, view, points, pixel, out, 1)
     else:
-        surface = water.Surface(
-            cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32),
-            cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32),
-            cuda.local.array(1, float32),
-        )  # fmt: skip
-        mirrored = mirror.Mirrored(
-            cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32),
-            cuda.local.array(1, float32),
-        )  # fmt: skip
-        water.shade_water(scene, view, points, pixel, water.WaterScratch(surface, mirrored), out, 1)
+        scratch = water.WaterScratch(empty_surface(), empty_mirrored())
+        water.shade_water(scene, view, points, pixel, scratch, out, 1)
+
+
+@kernel(inlined=True)
+def empty_points():
+    """Return the `HitPoints` of one pixel, in registers."""
+    return HitPoints(
+        cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32),
+        cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32),
+        cuda.local.array(1, float32),
+    )  # fmt: skip
+
+
+@kernel(inlined=True)
+def empty_surface():
+    """Return the `water.Surface` of one pixel, in registers."""
+    return water.Surface(
+        cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32),
+        cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32),
+        cuda.local.array(1, float32),
+    )  # fmt: skip
+
+
+@kernel(inlined=True)
+def empty_mirrored():
+    """Return the `mirror.Mirrored` of one pixel, in registers."""
+    return mirror.Mirrored(
+        cuda.local.array(1, float32), cuda.local.array(1, float32), cuda.local.array(1, float32),
+        cuda.local.array(1, float32),
+    )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Kernels that draw one frame: primary hits, bridges, plants, shading and exposure, in this order.
+"""Kernels that draw one frame: primary hits, bridges, props, plants, shading and exposure, in this order.
 
 A frame depends on nothing but its world, pose, time and camera. No state is kept from one to the next, so that batch
 size, order and number of threads change no bit.
@@ -15,6 +15,8 @@ from thalweg.render.kernels.bridge_edges import soften_edges
 from thalweg.render.kernels.camera_rays import Radiance, image_x, image_y, ray_direction, row_step
 from thalweg.render.kernels.layers import draw_layers
 from thalweg.render.kernels.plants.draw import draw_plants
+from thalweg.render.kernels.props.draw import draw_props, hold_marks, place_props, release_marks
+from thalweg.render.kernels.props.water import hold_water, release_water
 from thalweg.render.kernels.shading import tone
 from thalweg.render.kernels.shading.background import shade
 from thalweg.render.kernels.terrain.primary_hits import MISS, find_primary_hits
@@ -77,12 +79,19 @@ def draw_rows(scene, view, props, reduced, drawn, top, bottom, buffers):
     # One call of each for all that may be drawn, so that masks and layers have the depths of the frame to the bit.
     find_primary_hits(scene, view, top, reduced, rows.depth, rows.kind, rows.water)
     stone = draw_bridges(scene, view, top, drawn, rows.depth, rows.kind)
+    placed = place_props(scene, view, props)
+    marks = draw_props(scene, view, props, placed, top, drawn, rows.depth, rows.kind)
     if drawn != COLOURS:
         draw_layers(scene, view, top, reduced, drawn == MASK, rows)
         return
     draw_plants(scene, view, top, reduced, rows)
+    # What shows props, or water around them, is shaded apart; everything else stays as it is without them.
+    hold_marks(marks, rows.depth, rows.kind, rows.transmittance)
+    stirred = hold_water(view, props, placed, reduced, top, rows)
     shade(scene, view, top, reduced, rows)
     add_stone(stone, rows)
+    release_water(scene, view, props, placed, top, stirred, rows)
+    release_marks(marks, rows)
 
 
 @kernel(allocates=False)

@@ -20,6 +20,7 @@ from thalweg.render.records.camera import Camera
 from thalweg.render.reference import bridge as reference_bridge
 from thalweg.render.reference.materials import Materials, bilinear
 from thalweg.render.reference.plants import blend_plants
+from thalweg.render.reference.props import Props
 from thalweg.world.record import World
 
 
@@ -45,12 +46,18 @@ def draw(
     samples: int = 4,
     time_s: float = 0.0,
     look: Look | None = None,
+    props: np.ndarray | None = None,
 ) -> ReferenceFrame:
-    """Return the frame of a pose [4] (x, y, z, yaw) with samples x samples rays per pixel, without sensor noise."""
+    """Return the frame of a pose [4] (x, y, z, yaw) with samples x samples rays per pixel, without sensor noise.
+
+    props: [P, 6], see `thalweg.render.records.props`.
+    """
     seen = look or Look()
     row = look_rows(look_values(seen, 1), camera)[0].astype(np.float64)
     camera = replace(camera, pitch_deg=camera.pitch_deg + seen.pitch_deg, fov_deg=camera.fov_deg + seen.fov_deg)
     materials = Materials(world, row)
+    if props is not None and len(props):
+        materials.props = Props(materials, props)
     radiance, _, _ = trace(materials, pose, camera, samples, time_s)
     height, width = camera.height_px, camera.width_px
     radiance = radiance.reshape(height, samples, width, samples, 3).mean(axis=(1, 3))
@@ -99,6 +106,12 @@ def trace(
     radiance[wet] = materials.water(point[wet], sight[wet], time_s)
     clear = np.exp(-far * materials.look[appearance.HAZE_PER_M])[..., None]
     radiance = np.where(sky_seen[..., None], radiance, radiance * clear + materials.fog * (1 - clear))
+
+    if materials.props is not None:
+        shown, passing, prop_depth, prop_kind = materials.props.before(origin, ray, camera.near_m, depth)
+        radiance = shown + passing[..., None] * radiance
+        depth = np.minimum(depth, prop_depth)
+        kind = np.where(prop_kind > 0, prop_kind, kind)
 
     green, light, solid = blend_plants(materials, origin, ray, (forward, right, up), camera, depth)
     radiance = green + light[..., None] * radiance

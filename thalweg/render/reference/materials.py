@@ -1,5 +1,7 @@
 """Materials of the reference renderer: the radiance of sky, ground, water and stone at points, without filtering."""
 
+from typing import Any
+
 import numpy as np
 
 from thalweg.render.bake import clouds, impostors, ripples, sky
@@ -33,6 +35,8 @@ class Materials:
         four, packed = canopy_map(world, self.lit, self.atlas, self.sun)
         self.canopy_code = (four & 255).astype(np.float64)
         self.canopy_paint = np.stack([packed >> shift & 255 for shift in (0, 8, 16, 24)], axis=-1).astype(np.float64)
+        self.props: Any = None
+        """`thalweg.render.reference.props.Props` whose waves and mirror images the water shows, or None."""
 
     def node(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return node coordinates of points in metres."""
@@ -144,7 +148,8 @@ class Materials:
         turned_x, turned_y = 0.6 * x + 0.8 * y, 0.6 * y - 0.8 * x
         b = repeating(self.tile, (turned_x + b_x * time_s) * b_scale, (turned_y + b_y * time_s) * b_scale)
         slope = a[..., :2] + np.stack([0.6 * b[..., 0] - 0.8 * b[..., 1], 0.8 * b[..., 0] + 0.6 * b[..., 1]], axis=-1)
-        return self.look[appearance.RIPPLE] * slope
+        waves = 0.0 if self.props is None else self.props.slopes(x, y)
+        return self.look[appearance.RIPPLE] * slope + waves
 
     def mirrored(self, point: np.ndarray, mirror_ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what reflected rays see [K, 3], and the share [K] of sky in it: canopies are met in growing steps."""
@@ -164,6 +169,8 @@ class Materials:
             far, far_at = np.where(to_far, share, far), np.where(to_far, s, far_at)
             s *= mirror.GROWTH**0.5
         above, passing = np.zeros((len(point), 3)), np.ones(len(point))
+        if self.props is not None:
+            above, passing = self.props.mirrored(point, mirror_ray)
         for share, met_at in ((near, near_at), (np.maximum(far, 0), far_at)):
             before = np.where(share >= 0.5, met_at / mirror.GROWTH**0.5, met_at)
             for _ in range(8):

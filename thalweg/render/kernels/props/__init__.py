@@ -1,0 +1,1 @@
+"""Kernels for props: solids, their poses, their light, and the water around them."""

@@ -5,7 +5,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from thalweg.env.task.ideal_eye import FEATURES
+from thalweg.env.task.priced.eye import features_of
 
 FORWARD = 2
 """Index of the branch forward."""
@@ -86,13 +86,13 @@ def from_unit_actions(kind: str, unit_actions: np.ndarray, fast_ratio: float = 0
     return actions
 
 
-def observation_space(kind: str, height_px: int, width_px: int) -> gymnasium.spaces.Space:
-    """Return the observation space of one environment; `kind` as in `EnvConfig.observation`."""
+def observation_space(kind: str, height_px: int, width_px: int, task: str = "River") -> gymnasium.spaces.Space:
+    """Return the observation space of one environment; `kind` as in `EnvConfig.observation`, `task` as there."""
     image = lambda channels: gymnasium.spaces.Box(0, 255, (height_px, width_px, channels), np.uint8)  # noqa: E731
     if kind == "dict":
         return gymnasium.spaces.Dict({"rgb": image(3), "mask": image(1)})
     if kind == "privileged":
-        return gymnasium.spaces.Box(-np.inf, np.inf, (len(FEATURES),), np.float32)
+        return gymnasium.spaces.Box(-np.inf, np.inf, (len(features_of(task)),), np.float32)
     if kind == "none":
         return gymnasium.spaces.Box(-np.inf, np.inf, (4,), np.float64)
     return image(CHANNELS[kind])

@@ -30,9 +30,12 @@ from thalweg.env.snapshot import StateError, env_identity, fingerprints
 from thalweg.env.spaces import FORWARD, ActionError, action_space, observation_space, to_unit_actions
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
 from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
-from thalweg.env.task.ideal_eye import FEATURES, see_all
+from thalweg.env.task.ideal_eye import see_all
+from thalweg.env.task.priced.eye import features_of, see_all_in_task
+from thalweg.env.task.priced.props import all_props
 from thalweg.env.task.rules import TASK_STATE, Outcome, State, empty_outcome, empty_state
 from thalweg.render.records.appearance import look_rows, look_values
+from thalweg.render.records.props import PROP_COLUMNS
 from thalweg.world.record import World
 
 LOOKS = 4096
@@ -99,11 +102,11 @@ class TensorRiverEnv:
 
         size = config.camera.height_px, config.camera.width_px
         self.single_action_space = action_space(config.action)
-        self.single_observation_space = observation_space(config.observation, *size)
+        self.single_observation_space = observation_space(config.observation, *size, config.task)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         if config.critic_info:
-            self.single_critic_space = critic_space(config.observation)
+            self.single_critic_space = critic_space(config.observation, config.task)
 
     def _draw_looks(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the looks [LOOKS, P] of the randomisation and the light [LOOKS] of each; one of each without it."""
@@ -223,8 +226,16 @@ class TensorRiverEnv:
 
     @cached_property
     def _seen(self) -> Tensor:
-        """What the ideal eye sees [N, FEATURES] float32; memory that `_see` fills again and again."""
-        return torch.zeros(self.num_envs, len(FEATURES), dtype=torch.float32, device=self.device)
+        """What the ideal eye sees [N, F] float32; memory that `_see` fills again and again."""
+        features = len(features_of(self.config.task))
+        return torch.zeros(self.num_envs, features, dtype=torch.float32, device=self.device)
+
+    @cached_property
+    def _props(self) -> Tensor | None:
+        """Objects [N, P, 6] float32 of the task about each vehicle, drawn with the frames; None without any."""
+        most = self.config.task_record.props
+        shape = self.num_envs, most, PROP_COLUMNS
+        return torch.zeros(shape, dtype=torch.float32, device=self.device) if most else None
 
     @cached_property
     def _renderer(self) -> Any:
@@ -287,25 +298,44 @@ class TensorRiverEnv:
         tensors, look = self._tensors, self._tensors["look"]
         lit_world = tensors["world"] * self._lights + self._look_lights[look]
         views = lit_world, tensors["pose"], tensors["time_s"], self._look_rows[look]
-        self._renderer.render_tensors(views, frames)
+        if self._props is None:
+            self._renderer.render_tensors(views, frames)
+        else:
+            self._run("props", all_props, self._arguments_of_props)
+            self._renderer.render_tensors(views, frames, self._props)
         if kind == "dict":
             return {"rgb": frames[..., :3], "mask": frames[..., 3:]}
         return frames[..., :3] if kind == "rgb" else frames
 
     def _see(self) -> Tensor:
-        """Return what the ideal eye sees [N, FEATURES] float32."""
-        if self.device.type == "cpu":
-            see_all(*self._arguments_of_see())
+        """Return what the ideal eye sees [N, F] float32."""
+        if self.config.task == "River":
+            self._run("see", see_all, self._arguments_of_see)
         else:
-            from thalweg.env.device import cuda_step
-
-            self._launch("see", cuda_step.see, self._arguments_of_see)
+            self._run("see_in_task", see_all_in_task, self._arguments_of_see)
         return self._seen.clone()
 
+    def _run(self, name: str, on_the_cpu: Callable[..., None], arguments: Callable[[], tuple[Any, ...]]) -> None:
+        """Run a function of the CPU, or launch the kernel of this name of `cuda_step`, which does the same."""
+        if self.device.type == "cpu":
+            on_the_cpu(*arguments())
+            return
+        from thalweg.env.device import cuda_step
+
+        self._launch(name, getattr(cuda_step, name), arguments)
+
     def _arguments_of_see(self) -> tuple[Any, ...]:
-        """Return the arguments of `see_all`."""
-        state = (self._array(self._tensors[name]) for name in ("world", "pose", "segment", "travel"))
-        return self._courses, self.config.limits.max_height, *state, self._array(self._seen)
+        """Return the arguments of `see_all`, or of `see_all_in_task`."""
+        names, limits = ["world", "pose", "segment", "travel"], self.config.limits.max_height
+        if self.config.task != "River":
+            names, limits = [*names, "steps", "scene", "station"], self.config.limits
+        return self._courses, limits, *(self._array(self._tensors[name]) for name in names), self._array(self._seen)
+
+    def _arguments_of_props(self) -> tuple[Any, ...]:
+        """Return the arguments of `all_props`."""
+        assert self._props is not None
+        state = (self._array(self._tensors[name]) for name in ("world", "pose", "steps", "scene", "station"))
+        return self._courses, self.config.limits, *state, self._array(self._props)
 
     def _info(self) -> Info:
         tensors = self._tensors

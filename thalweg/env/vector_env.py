@@ -32,7 +32,9 @@ from thalweg.env.spaces import (
 )
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
-from thalweg.env.task.ideal_eye import FEATURES, see_all
+from thalweg.env.task.ideal_eye import see_all
+from thalweg.env.task.priced.eye import features_of, see_all_in_task
+from thalweg.env.task.priced.props import props_in
 from thalweg.env.task.rules import TASK_STATE, begin_task, clear_outcome, empty_outcome, empty_state, step_all
 from thalweg.world.record import World
 
@@ -126,12 +128,12 @@ class RiverVectorEnv(VectorEnv):
 
         self.single_action_space = action_space(config.action)
         self.single_observation_space = observation_space(
-            config.observation, self.camera.height_px, self.camera.width_px
+            config.observation, self.camera.height_px, self.camera.width_px, config.task
         )
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         if config.critic_info:
-            self.single_critic_space = critic_space(config.observation)
+            self.single_critic_space = critic_space(config.observation, config.task)
 
     @property
     def courses(self) -> CourseArrays:
@@ -207,7 +209,8 @@ class RiverVectorEnv(VectorEnv):
         return self._observe(self.frames.views(self.state))
 
     def ideal_eye(self) -> np.ndarray:
-        """Return what the ideal eye sees of the current state [N, FEATURES] float32, whatever is observed."""
+        """Return what the ideal eye sees of the current state [N, F] float32, whatever is observed; its F numbers are
+        `thalweg.env.task.priced.eye.features_of` the task."""
         return self._see(self.frames.views(self.state))
 
     def draw(self, river: np.ndarray, views: Views) -> np.ndarray:
@@ -229,12 +232,18 @@ class RiverVectorEnv(VectorEnv):
         self._rendered = None
         return drawn
 
+    def props(self) -> np.ndarray | None:
+        """Return the objects [N, P, 6] of the task about each vehicle, as `thalweg.render.records.props`; None in a
+        task without any."""
+        return self._props(self.frames.views(self.state))
+
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Return the frames of the current state, N of [H, W, 3] uint8, or None without a render mode."""
         if self.render_mode is None:
             return None
         if self._rendered is None:
-            self._rendered = self.frames.render(self.frames.views(self.state))[..., :3].copy()
+            views = self.frames.views(self.state)
+            self._rendered = self.frames.render(views, self._props(views))[..., :3].copy()
         return tuple(frame.copy() for frame in self._rendered)
 
     def pilot_actions(self, pilot: str = "scripted") -> np.ndarray:
@@ -412,17 +421,26 @@ class RiverVectorEnv(VectorEnv):
             return self._see(views)
         if self.config.observation == "mask":
             # Colours are drawn only if `render` asks for them.
-            return self.frames.render_masks(views)
-        frames = self.frames.render(views)
+            return self.frames.render_masks(views, self._props(views))
+        frames = self.frames.render(views, self._props(views))
         if self.render_mode is not None:
             self._rendered = frames[: self.num_envs, ..., :3].copy()
         return frames_to_observations(self.config.observation, frames)
 
     def _see(self, views: Views) -> np.ndarray:
-        """Return what the ideal eye sees [M, FEATURES] float32."""
-        seen = np.empty((len(views.pose), len(FEATURES)), np.float32)
-        see_all(self.courses, self.limits.max_height, views.world, views.pose, views.segment, views.travel, seen)
+        """Return what the ideal eye sees [M, F] float32."""
+        seen = np.empty((len(views.pose), len(features_of(self.config.task))), np.float32)
+        at = views.world, views.pose, views.segment, views.travel
+        if self.config.task == "River":
+            see_all(self.courses, self.limits.max_height, *at, seen)
+        else:
+            see_all_in_task(self.courses, self.limits, *at, views.steps, views.scene, views.station, seen)
         return seen
+
+    def _props(self, views: Views) -> np.ndarray | None:
+        """Return the objects [M, P, 6] of the task in each view, None in a task without any."""
+        at = views.world, views.pose, views.steps, views.scene, views.station
+        return props_in(self.courses, self.config, at)
 
     def _critic_obs(self) -> np.ndarray:
         """Return what critics may see beside the observations of the current state [N, C] float32."""

@@ -50,6 +50,8 @@ class Step:
     """[K] float64."""
     returns: np.ndarray
     """[K] float64, returns so far."""
+    props: np.ndarray | None = None
+    """[K, P, 6] float32, the objects of the task in each view (`thalweg.render.records.props`); None without any."""
     waiting: int = 0
     """Number of episodes on other rivers that have not started."""
 
@@ -153,7 +155,8 @@ def _frames_of(
         size = len(rows), camera.height_px, camera.width_px, channels
         frames = torch.empty(size, dtype=torch.uint8, device=device)
         views = tuple(torch.from_numpy(np.ascontiguousarray(array)).to(device) for array in arrays)
-        renderer.render_tensors(views, frames)
+        props = {} if step.props is None else {"props": torch.from_numpy(step.props).to(device)}
+        renderer.render_tensors(views, frames, **props)
         return frames
 
     return draw
@@ -191,7 +194,9 @@ def evaluate(
     actions = np.ones((len(course.starts), 4), dtype=np.int64)
     while len(flying := np.flatnonzero(totals.reason < 0)):
         state = env.get_state()
-        step = Step(flying, state["pose"][flying], state["time_s"][flying], totals.return_[flying])
+        props = env.props() if config.env.task_record.props else None
+        seen = None if props is None else props[flying]
+        step = Step(flying, state["pose"][flying], state["time_s"][flying], totals.return_[flying], seen)
         if on_step is not None:
             on_step(step)
         if sees in (*DRAWN, "privileged") and observe is not None:

@@ -81,7 +81,7 @@ class CourseArrays(NamedTuple):
     first_buoy: np.ndarray
     """[W + 1] int64."""
     buoy: np.ndarray
-    """[Q, 6] float64, buoys at the edges of reserves, as in `thalweg.env.task.priced.props`."""
+    """[Q, 6] float64, buoys at the edges of reserves, as in `thalweg.render.records.props`."""
 
 
 def pack_courses(worlds: Sequence[World], config: EnvConfig) -> CourseArrays:

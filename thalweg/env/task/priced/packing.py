@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from thalweg.env.task.priced.columns import BUOY, COLUMNS
 from thalweg.env.tasks import Task
+from thalweg.render.records.props import PROP_COLUMNS, PropKind
 from thalweg.world.record import River, World
 
 HAUNT_SPACING_M = 2.0
@@ -62,7 +62,7 @@ def reserves_of(world: World, task: Task) -> np.ndarray:
 
 
 def buoys_of(river: River, reserves: np.ndarray) -> np.ndarray:
-    """Return the buoys [Q, 6], as in `COLUMNS`, along both edges of reserves [R, 2]."""
+    """Return the buoys [Q, 6], as in `thalweg.render.records.props`, along both edges of reserves [R, 2]."""
     rows = []
     for begin, end in reserves:
         for arc in np.linspace(begin, end, 1 + math.ceil((end - begin) / BUOY_SPACING_M)):
@@ -70,8 +70,10 @@ def buoys_of(river: River, reserves: np.ndarray) -> np.ndarray:
             for side in (1.0, -1.0):
                 aside = side * (0.5 * width - BUOY_INSET_M)
                 # Buoys that bob in step would look like one body.
-                rows.append([BUOY, x - aside * ty, y + aside * tx, level, 0.0, (1.7 * arc + side) % (2 * math.pi)])
-    return np.array(rows).reshape(-1, len(COLUMNS))
+                rows.append(
+                    [PropKind.BUOY, x - aside * ty, y + aside * tx, level, 0.0, (1.7 * arc + side) % (2 * math.pi)]
+                )
+    return np.array(rows).reshape(-1, PROP_COLUMNS)
 
 
 def at_arc(river: River, arc: float) -> np.ndarray:

@@ -10,10 +10,12 @@ from typing import NamedTuple
 from thalweg.core.compute.jit import kernel
 from thalweg.env.task.counter_random import uniform
 from thalweg.env.task.motion import metres_forward, wrap_angle
-from thalweg.env.task.priced.columns import KAYAK, SWIMMER
 from thalweg.env.task.priced.packing import REACH_M
 from thalweg.env.task.progress import course_direction, interpolate, projection_at
 from thalweg.env.task.termination import TOLERANCE
+from thalweg.render.records.props import PropKind
+
+SWIMMER, KAYAK = int(PropKind.SWIMMER), int(PropKind.KAYAK)
 
 KAYAK_SHARE = 0.25
 """Share of kayaks."""

@@ -186,7 +186,7 @@ def evaluate(
     if sees in DRAWN and observe is None:
         such = "encoded_frames(world, load_encoder())" if sees == "frames" else "image_frames(world, 'rgb+mask')"
         raise ValueError(f"this policy sees {sees}: give `observe`, such as {such}")
-    env = _make_env(course, config, sees)
+    env = start_env(course, config, sees)
     if shield is not None:
         shield.begin(env, course.looks)
     players = [_player(policy, episode_generator(label, int(index)), config) for index in course.indices]
@@ -230,7 +230,7 @@ def _observations(env: RiverVectorEnv, sees: Sight) -> np.ndarray:
     return env.pilot_actions(sees) if sees in PILOTS else np.zeros((env.num_envs, 0), np.float32)
 
 
-def _make_env(course: Course, config: EvaluationConfig, sees: Sight) -> RiverVectorEnv:
+def start_env(course: Course, config: EvaluationConfig, sees: Sight = "nothing") -> RiverVectorEnv:
     """Return an environment with one slot per start. A slot whose episode has ended resets itself and is ignored."""
     rules = config.env.with_options(observation="privileged") if sees == "privileged" else config.env
     env = RiverVectorEnv(course.rivers or [course.world], len(course.starts), config=rules)

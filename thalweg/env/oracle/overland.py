@@ -15,7 +15,7 @@ CELL_M = 1.0
 """Edge of a cell."""
 BORDER_M = 4.0
 """Land around the river that may be flown over."""
-NEAR_M, NEAR_WEIGHT = 3.0, 2.0
+NEAR_M, NEAR_WEIGHT = 1.5, 0.3
 """Metres within which water is near land, and how much longer a step there seems."""
 SHIFTS = tuple((dy, dx) for dy in range(-2, 3) for dx in range(-2, 3) if np.gcd(dy, dx) == 1)
 """Moves between cells: 16 directions."""
@@ -48,7 +48,7 @@ class LandGrid:
         """
         rows, columns = self.ashore.shape
         # Ways over water keep off the land by more than a step aside where that is no detour to speak of.
-        offshore = scipy.ndimage.distance_transform_edt(self.ashore == 0, sampling=CELL_M)
+        offshore = np.asarray(scipy.ndimage.distance_transform_edt(self.ashore == 0, sampling=CELL_M))
         near = np.where(self.ashore, 0.0, NEAR_WEIGHT * np.clip(1.0 - offshore / NEAR_M, 0.0, 1.0))
         weight = ((1.0 + price_steps * self.ashore + min(price_steps, 1.0) * near) / pace).ravel()
         numbers = np.arange(rows * columns).reshape(rows, columns)

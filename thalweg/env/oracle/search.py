@@ -17,7 +17,7 @@ from thalweg.env.task.priced.reserves import view_quality
 from thalweg.env.task.progress import interpolate, track_projection
 from thalweg.env.task.rules import step_one
 
-SUCCESS, MAX_STEP_REACHED = int(DoneReason.SUCCESS), int(DoneReason.MAX_STEP_REACHED)
+SUCCESS, IDLE = int(DoneReason.SUCCESS), int(DoneReason.IDLE)
 HORIZON = 6
 """Steps of a trial."""
 LOOKAHEAD_M = 3.5
@@ -26,7 +26,7 @@ TURN_STEPS = 1.5
 """Steps that a radian off the pursued point at the end of a trial is worth."""
 IMPATIENCE = 0.3
 """Share of a metre's worth that a metre which is still to be flown takes off in a task without a deadline."""
-FAILURE = -1000.0
+FAILURE = -1.0e9
 """Value of a trial that ends by a violation; each step before that adds one."""
 CRUISE_M = 7.0
 """Height above the water of flights that cross land: above every bridge of the levels."""
@@ -109,7 +109,7 @@ def _value(courses, limits, plan, row, ahead, trial, fallback, outcome, action):
         ahead = reached
         if outcome.reason[0] == SUCCESS:
             return total + plan.step_worth * (HORIZON - step)
-        if outcome.reason[0] == MAX_STEP_REACHED:
+        if outcome.reason[0] >= 0:
             break
         _follow(courses, limits, plan, row, ahead, projection, trial, aside, action)
     error = _pursuit_error(courses, plan, row, ahead, trial, aside)
@@ -122,8 +122,9 @@ def _value(courses, limits, plan, row, ahead, trial, fallback, outcome, action):
 
 @kernel(fastmath=False, allocates=False)
 def _failed(outcome):
-    """Return whether the step ended the episode other than by success or the deadline."""
-    return 0 <= outcome.reason[0] < MAX_STEP_REACHED or outcome.reason[0] > SUCCESS
+    """Return whether the step ended the episode by a violation other than waiting too long, whose cost may be worth
+    it."""
+    return 0 <= outcome.reason[0] < IDLE or outcome.reason[0] > SUCCESS
 
 
 @kernel(fastmath=False, allocates=False)

@@ -7,6 +7,8 @@ from thalweg.env.task.progress import interpolate
 
 HEIGHT_STEP_M = 0.5
 """Distance between heights of the tables; a vertical step of 1 m is two of them."""
+CLIMB_SHARE = 0.8
+"""Share of a vertical step that is planned for each metre: steps aside take a flight further than a metre."""
 TOO_LOW = -100.0
 """Value of a height at which a bridge or the band of heights is in the way."""
 
@@ -40,7 +42,7 @@ def _fill_height(courses, world, limits, lowest, metre_worth, plan, row, start, 
     arc = arc_at(courses, world, start, travel, ahead + 1.0)
     best = -1.0e30
     for climb in (0, 1, -1):
-        height = limits.min_height + HEIGHT_STEP_M * index + climb * limits.vertical_step + drop
+        height = limits.min_height + HEIGHT_STEP_M * index + climb * CLIMB_SHARE * limits.vertical_step + drop
         if height < limits.min_height - 1.0e-6 or height > limits.max_height or level + height < lowest[ahead + 1]:
             total = TOO_LOW
         else:

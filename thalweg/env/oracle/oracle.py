@@ -91,6 +91,7 @@ class Oracle:
         _fill_along(self.courses, plan, lowest, least)
         plan = plan._replace(
             reach=np.zeros((count, metres), np.float32),
+            place=np.zeros((count, metres, POINTS, 2)),
             lane=np.zeros((count, metres, POINTS), np.int8),
             lane_steps=np.zeros((count, metres, POINTS), np.float32),
             height=height,

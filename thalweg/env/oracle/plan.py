@@ -20,6 +20,8 @@ class Plan(NamedTuple):
     """[N] float64, metres ahead at which the course is completed."""
     reach: np.ndarray
     """[N, G] float32, metres from the centre line to the outer points across, at each metre ahead."""
+    place: np.ndarray
+    """[N, G, P, 2] float64, metres: x and y of the points across."""
     lane: np.ndarray
     """[N, G, P] int8, the point across to fly to at the next metre ahead."""
     lane_steps: np.ndarray
@@ -54,6 +56,7 @@ def empty_plan(flights: int, price: float, step_worth: float) -> Plan:
         travel=np.ones(flights, np.int64),
         completed_m=np.zeros(flights),
         reach=table(1, np.float32),
+        place=np.zeros((flights, 1, 1, 2)),
         lane=table(2, np.int8),
         lane_steps=table(2, np.float32),
         height=table(1, np.float32),

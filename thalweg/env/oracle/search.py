@@ -10,7 +10,7 @@ from thalweg.core.compute.jit import kernel
 from thalweg.env.config import DoneReason
 from thalweg.env.oracle.ahead import interpolated, metres_ahead, metres_to_the_left
 from thalweg.env.oracle.climbs import height_index
-from thalweg.env.oracle.lanes import POINTS, place
+from thalweg.env.oracle.lanes import POINTS
 from thalweg.env.oracle.overland import CELL_M
 from thalweg.env.task.motion import wrap_angle
 from thalweg.env.task.priced.reserves import view_quality
@@ -177,11 +177,13 @@ def _pursued(courses, plan, row, ahead, trial):
         return _pursued_cell(plan, row, x, y)
     sample = min(max(int(ahead) + 1, 0), plan.lane.shape[1] - 1)
     point = int(_point_across(courses, plan, row, ahead, trial.world[0], x, y) + 0.5)
-    px, py = place(courses, trial.world[0], plan, row, sample, point)
+    px = plan.place[row, sample, point, 0]
+    py = plan.place[row, sample, point, 1]
     while math.hypot(px - x, py - y) < LOOKAHEAD_M and sample < plan.lane.shape[1] - 1:
         point = plan.lane[row, sample, point]
         sample += 1
-        px, py = place(courses, trial.world[0], plan, row, sample, point)
+        px = plan.place[row, sample, point, 0]
+        py = plan.place[row, sample, point, 1]
     return px, py
 
 

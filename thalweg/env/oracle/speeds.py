@@ -5,24 +5,27 @@ Where swimmers and kayaks will be is known, for it follows from the episode's sc
 
 import math
 
+import numpy as np
+
 from thalweg.core.compute.jit import kernel
 from thalweg.env.oracle.ahead import frame_at
 from thalweg.env.task.priced.swimmers import mover_at
 
 
-@kernel(fastmath=False, allocates=False)
+@kernel(fastmath=False)
 def fill_near(courses, world, scene, distance, start_arc, travel, near):
     """Fill near [T, G] uint8: 1 where a swimmer or kayak is within a distance (metres) of the centre line, after so
     many steps and so many metres ahead of a start."""
+    near[:] = 0
+    places = np.empty((near.shape[1], 2))
     for ahead in range(near.shape[1]):
-        _, x, y, _ = frame_at(courses, world, start_arc, travel, float(ahead))
-        for steps in range(near.shape[0]):
-            near[steps, ahead] = 0
-            for index in range(courses.swimmers[world]):
-                mover = mover_at(courses, world, scene, steps, index)
-                if math.hypot(mover.x - x, mover.y - y) <= distance:
+        _, places[ahead, 0], places[ahead, 1], _ = frame_at(courses, world, start_arc, travel, float(ahead))
+    for steps in range(near.shape[0]):
+        for index in range(courses.swimmers[world]):
+            mover = mover_at(courses, world, scene, steps, index)
+            for ahead in range(near.shape[1]):
+                if math.hypot(mover.x - places[ahead, 0], mover.y - places[ahead, 1]) <= distance:
                     near[steps, ahead] = 1
-                    break
 
 
 @kernel(fastmath=False, allocates=False)

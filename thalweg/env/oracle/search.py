@@ -109,6 +109,8 @@ def _value(courses, limits, plan, row, ahead, trial, fallback, outcome, action):
         ahead = reached
         if outcome.reason[0] == SUCCESS:
             return total + plan.step_worth * (HORIZON - step)
+        if outcome.reason[0] == IDLE:
+            return total - _lost_by_waiting(limits, plan, row, ahead, trial)
         if outcome.reason[0] >= 0:
             break
         _follow(courses, limits, plan, row, ahead, projection, trial, aside, action)
@@ -125,6 +127,16 @@ def _failed(outcome):
     """Return whether the step ended the episode by a violation other than waiting too long, whose cost may be worth
     it."""
     return 0 <= outcome.reason[0] < IDLE or outcome.reason[0] > SUCCESS
+
+
+@kernel(fastmath=False, allocates=False)
+def _lost_by_waiting(limits, plan, row, ahead, trial):
+    """Return what an episode that waited too long is worse than one that flies on at no cost, in units of return: what
+    was still to be had, and in tables of steps also those that it does not fly."""
+    if _counts_rewards(limits):
+        return 0.0
+    left = trial.way[0] if limits.task.portage != 0 else plan.completed_m[row] - ahead
+    return 2.0 * plan.step_worth * max(left, 0.0)
 
 
 @kernel(fastmath=False, allocates=False)

@@ -92,14 +92,14 @@ TASKS: dict[str, Task] = {
         kind="swimmers",
         fast_step_m=2.0,
         passing_distance_m=10.0,
-        swimmer_spacing_m=40.0,
+        swimmer_spacing_m=20.0,
         deadline_steps_per_m=0.6,
         props=24,
     ),
     "Nests": Task(
         kind="nests", view_height_m=2.5, reserve_share=1 / 3, reserve_height_m=8.0, props=24,
     ),
-    "RacingLine": Task(kind="clearance", clearance_m=1.5, fast_step_m=2.0, deadline_steps_per_m=0.45),
+    "RacingLine": Task(kind="clearance", clearance_m=2.5, fast_step_m=2.0, deadline_steps_per_m=0.45),
     "Portage": Task(kind="land", portage=True, deadline_steps_per_m=0.6, props=1),
 }  # fmt: skip
 """Tasks by name. Their numbers are those of version `thalweg.core.versions.TASKS`.

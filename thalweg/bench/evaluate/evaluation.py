@@ -188,7 +188,7 @@ def evaluate(
         such = "encoded_frames(world, load_encoder())" if sees == "frames" else "image_frames(world, 'rgb+mask')"
         raise ValueError(f"this policy sees {sees}: give `observe`, such as {such}")
     felt = feels(policy)
-    env = _make_env(course, config, sees, felt)
+    env = start_env(course, config, sees, felt)
     if shield is not None:
         shield.begin(env, course.looks)
     players = [_player(policy, episode_generator(label, int(index)), config) for index in course.indices]
@@ -234,7 +234,9 @@ def _observations(env: RiverVectorEnv, sees: Sight) -> np.ndarray:
     return env.pilot_actions(sees) if sees in PILOTS else np.zeros((env.num_envs, 0), np.float32)
 
 
-def _make_env(course: Course, config: EvaluationConfig, sees: Sight, felt: bool) -> RiverVectorEnv:
+def start_env(
+    course: Course, config: EvaluationConfig, sees: Sight = "nothing", felt: bool = False
+) -> RiverVectorEnv:
     """Return an environment with one slot per start, which also observes proprioception if it is `felt`. A slot whose
     episode has ended resets itself and is ignored."""
     rules = config.env

@@ -55,7 +55,7 @@ def test_the_cost_of_clearance_falls_with_the_distance_from_bank_island_and_ston
     costs = []
     for _, _, told, _ in flown(env, 60 if name == "Hard" else 120):
         costs.append(told["costs"][2])
-        wanted = 1 - min(reference.clearance(world, told["pose"], 0.5), 1.5) / 1.5
+        wanted = 1 - min(reference.clearance(world, told["pose"], 0.5), 2.5) / 2.5
         if told["done_reason"] < 0:
             assert costs[-1] == pytest.approx(wanted, abs=1e-5)
     assert 0.02 < np.mean(np.array(costs) > 0) < 0.98 and len(np.unique(costs)) > 20

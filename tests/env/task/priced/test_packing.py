@@ -13,7 +13,7 @@ def test_swimmers_and_kayaks_keep_to_the_water_and_move_slowly(name: str):
     world = rivers()[name]
     courses = made("Swimmers", world, 1).courses
     count = int(courses.swimmers[0])
-    assert count == max(1, round(world.river.length_m / 40))
+    assert count == max(1, round(world.river.length_m / 20))
     kinds = set()
     for index in range(count):
         places = []

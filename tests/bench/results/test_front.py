@@ -39,6 +39,16 @@ def test_the_greatest_return_is_that_of_the_best_mixture():
         assert front.greatest_return(limit) == pytest.approx(-best.fun)
 
 
+def test_the_least_cost_is_where_the_hull_has_the_return():
+    front = Front.of(COSTS, RETURNS)
+    np.testing.assert_allclose(front.least_cost(np.array([1.0, 4.5, 10.0, 10.1])), [0.0, 2.0, 10.0, np.nan])
+
+
+def test_half_of_the_return_is_kept_at_the_cost_of_the_middle_return():
+    # The middle of 2 and 10 is 6, four fifths of the way from (0, 2) to (4, 7).
+    assert Front.of(COSTS, RETURNS).kept(0.5) == pytest.approx(3.2)
+
+
 def test_regret_is_the_distance_to_what_is_attainable_at_the_same_cost():
     front = Front.of(COSTS, RETURNS)
     assert front.regret(2.0, 3.0) == pytest.approx(1.5)

@@ -43,7 +43,17 @@ class Front:
     def greatest_return(self, cost: float | np.ndarray) -> np.ndarray:
         """Return the greatest mean return at a mean cost of no more than `cost`, of any shape; NaN below the safest
         point."""
-        return np.interp(cost, self.cost, self.return_, left=np.nan)
+        return np.asarray(np.interp(cost, self.cost, self.return_, left=np.nan))
+
+    def least_cost(self, return_: float | np.ndarray) -> np.ndarray:
+        """Return the least mean cost at which a mean return is attainable, of any shape; NaN above the greatest one,
+        and the safest point's below its return."""
+        return np.asarray(np.interp(return_, self.return_, self.cost, right=np.nan))
+
+    def kept(self, share: float | np.ndarray) -> np.ndarray:
+        """Return the mean cost at which a share of the return between the safest point (0) and the most costly one (1)
+        is attainable, of any shape."""
+        return self.least_cost(self.return_[0] + np.asarray(share) * (self.return_[-1] - self.return_[0]))
 
     def regret(self, cost: float, return_: float) -> float:
         """Return how much less a policy of this mean cost and mean return returns than is attainable at its cost.

@@ -27,6 +27,7 @@ from thalweg.cli.evaluate import Evaluate
 from thalweg.cli.imitate import Imitate
 from thalweg.cli.leaderboard import Leaderboard
 from thalweg.cli.options import REGISTRY, UsageError
+from thalweg.cli.oracle import FlyOracle
 from thalweg.cli.render import RenderFrames
 from thalweg.cli.report import Report
 from thalweg.cli.speed import Speed
@@ -49,6 +50,7 @@ COMMANDS = {
     "bench": Bench,
     "report": Report,
     "leaderboard": Leaderboard,
+    "oracle": FlyOracle,
     "speed": Speed,
 }
 

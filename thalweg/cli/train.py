@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from thalweg.cli.options import NO_FILE, River, UsageError, settings_from
+from thalweg.cli.options import NO_FILE, River, UsageError, checked_task, settings_from
 from thalweg.cli.run_result import print_result
 from thalweg.core.seeds import parse_seeds
 
@@ -31,6 +31,10 @@ class Train:
     rivers_in_memory: int | None = None
     """Greatest number of rivers in memory, if they change; by default as many as fit into half of the free memory."""
     river: River = NO_FILE
+    task: str = "River"
+    """River, that of the paper, or Swimmers, Nests, RacingLine or Portage, in which each step may have a cost."""
+    hard: bool = False
+    """End an episode at the first cost of the task; not for River."""
     steps: int = 200_000
     """Steps of training, over all environments together."""
     seed: int = 0
@@ -56,14 +60,16 @@ class Train:
 
     def run(self) -> int:
         from thalweg.algos.registry import algorithm_named
+        from thalweg.env import EnvConfig
         from thalweg.train.river import RiverTraining, load_compatible_encoder
 
         settings = settings_from(self.set)
         algorithm = algorithm_named(self.algorithm)
         river = self.river.reach("--level", self.level) or self.level or ("Medium",)
         seeds = parse_seeds(self.world_seeds, "--world-seeds", UsageError)
+        rules = EnvConfig(task=checked_task(self.task), hard=self.hard)
         training = RiverTraining(
-            river, self.num_envs, seeds, rivers=self.rivers, rivers_in_memory=self.rivers_in_memory
+            river, self.num_envs, seeds, rules, rivers=self.rivers, rivers_in_memory=self.rivers_in_memory
         )
         self._check_settings(algorithm, settings)
         images = settings.get("policy") == "cnn"

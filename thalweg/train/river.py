@@ -23,7 +23,7 @@ from thalweg.env.rivers.assignment import DrawnRivers
 from thalweg.env.rivers.memory import bytes_of, check_all_fit, drawn_bytes
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.spaces import CHANNELS
-from thalweg.env.task.ideal_eye import FEATURES
+from thalweg.env.task.priced.eye import features_of
 from thalweg.render import RENDER_VERSION, compilation
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import RUN_FOLDER, read_config
@@ -84,11 +84,17 @@ def observation_of(policy: Any) -> str:
     return found
 
 
-def check_policy_fits(policy: Any, encoder: Encoder | None, *, offered: str | None = None) -> None:
+def task_of(policy: Any) -> str:
+    """Return the task that a policy was trained on, that of the paper if it does not say it."""
+    return _context_of(policy).get("env", {}).get("task", "River")
+
+
+def check_policy_fits(policy: Any, encoder: Encoder | None, *, offered: str | None = None, task: str = "River") -> None:
     """Raise `TrainingError` unless a policy fits an observation and the actions of the river task.
 
     The observation is the codes of the encoder. For None it is `offered`, by default images for a policy of images, and
-    the privileged observation for any other. A policy without spaces, such as a baseline, always fits.
+    the privileged observation, which differs by `task`, for any other. A policy without spaces, such as a baseline,
+    always fits.
     """
     context, seen = _context_of(policy), observation_of(policy)
     if encoder is not None:
@@ -101,7 +107,7 @@ def check_policy_fits(policy: Any, encoder: Encoder | None, *, offered: str | No
             f" choose {IN_WORDS[seen]}, or another policy"
         )
     _check_versions(seen, context)
-    _check_inputs(policy, offered, encoder)
+    _check_inputs(policy, offered, encoder, task)
     actions: Actions | None = getattr(policy, "actions", None)
     if actions is not None and (actions.sizes, actions.start, actions.shape) != (BRANCHES, (0, 0, 0, 0), (4,)):
         found = f"{actions.sizes} from {actions.start}" if actions.sizes else f"a Box of shape {actions.shape}"
@@ -122,6 +128,12 @@ def _check_versions(seen: str, context: dict[str, Any]) -> None:
             f"the policy was trained on version {made_with} of the privileged observation, but this is version"
             f" {versions.PRIVILEGED}; train it again"
         )
+    tasks = context.get("tasks_version", versions.TASKS)
+    if tasks != versions.TASKS:
+        raise TrainingError(
+            f"the policy was trained on version {tasks} of the tasks, but this is version {versions.TASKS}; train it"
+            " again"
+        )
     drawn_with = context.get("render_version")
     if seen in IMAGES and drawn_with != RENDER_VERSION:
         raise TrainingError(
@@ -130,14 +142,14 @@ def _check_versions(seen: str, context: dict[str, Any]) -> None:
         )
 
 
-def _check_inputs(policy: Any, offered: str, encoder: Encoder | None) -> None:
+def _check_inputs(policy: Any, offered: str, encoder: Encoder | None, task: str) -> None:
     """Raise `TrainingError` unless a policy takes as many numbers, or images of the shape, that it is offered."""
     if offered in IMAGES:
         camera = DEFAULT_CONFIG.camera
         needed = (camera.height_px, camera.width_px, CHANNELS[offered])
         offers = f"{IN_WORDS[offered]} have the shape"
     elif encoder is None:
-        needed, offers = len(FEATURES), "privileged observation has"
+        needed, offers = len(features_of(task)), f"privileged observation of the task {task} has"
     else:
         needed, offers = encoder.latent, "encoder returns"
     takes = _image_of(policy) or getattr(policy, "obs_size", needed)
@@ -327,7 +339,7 @@ class RiverTraining:
         existing = (read_config(folder) or {"run": {}})["run"].get("context", {})
         RUN_FOLDER.require_same_file(folder, existing.get("river", {}), context.get("river", {}))
         if begun is not None:
-            check_policy_fits(begun, encoder, offered=seen)
+            check_policy_fits(begun, encoder, offered=seen, task=self.config.task)
         device = resolve_device(device)
         if seen in IMAGES and device != "cpu":
             raise TrainingError(f"policy=cnn learns on the CPU only, not on {device}: leave the device out")
@@ -356,13 +368,14 @@ class RiverTraining:
 
     def _context(self, seen: str, encoder: Encoder | None) -> dict[str, Any]:
         """Return what the policy file and config.yaml say about rivers, observation and rules."""
+        tasks = {} if self.config.task == "River" else {"tasks_version": versions.TASKS}
         if encoder is not None:
             codes = {"encoder": encoder_hash(encoder), "render_version": RENDER_VERSION}
-            return {**self.about(), **codes, "env": self.config.as_data()}
+            return {**self.about(), **codes, **tasks, "env": self.config.as_data()}
         version = {"privileged_version": versions.PRIVILEGED}
         if seen in IMAGES:
             version = {"render_version": RENDER_VERSION}
-        return {**self.about(), "observation": seen, **version, "env": self._config_of(seen).as_data()}
+        return {**self.about(), "observation": seen, **version, **tasks, "env": self._config_of(seen).as_data()}
 
     def _config_of(self, seen: str) -> EnvConfig:
         return self.config.with_options(observation=seen)

@@ -1,0 +1,82 @@
+"""Tests of the oracle's flights against exact dynamic programming and in worlds whose best flight is known."""
+
+import numpy as np
+import pytest
+
+from tests.env.handmade import canal, hairpin
+from tests.env.task.priced.flights import made
+from thalweg.env import ConfigError, EnvConfig, RiverVectorEnv
+from thalweg.env.oracle.oracle import Oracle
+from thalweg.env.spaces import from_unit_actions
+from thalweg.env.task.course_arrays import pack_courses
+
+
+def flight(env: RiverVectorEnv, price: float, pose: tuple[float, ...] | None = None, seed: int = 0):
+    """Return (returns [N], costs [N], plan) of flights at a price."""
+    env.reset(seed=seed, options=None if pose is None else {"pose": np.array(pose)})
+    oracle = Oracle(env.courses, env.config, price)
+    plan, ahead = oracle.plan(env.state)
+    returns, costs, flying = np.zeros(env.num_envs), np.zeros(env.num_envs), np.ones(env.num_envs, bool)
+    while flying.any():
+        actions = from_unit_actions("multidiscrete", oracle.actions(plan, env.state, ahead, flying))
+        _, reward, terminated, truncated, info = env.step(actions)
+        returns[flying] += reward[flying]
+        costs[flying] += info["cost"][flying]
+        flying &= ~(terminated | truncated)
+    return returns, costs, plan
+
+
+@pytest.mark.parametrize("price", [0.0, 0.05, 1.0])
+def test_hurrying_past_swimmers_is_nearly_as_good_as_the_exact_optimum(price: float):
+    env = made("Swimmers", canal(length_m=200.0, width_m=8.0), 4)
+    returns, costs, plan = flight(env, price, (2.0, 0.0, 7.0, 0.0))
+    exact = plan.speed_value[:, 0, 0]
+    assert (returns - price * costs > exact - 0.4).all()
+    # A move aside makes a step of 1 m longer by 12 %, which the tables leave out.
+    assert (returns - price * costs < 1.12 * exact + 0.2).all()
+
+
+def test_a_dear_flight_past_swimmers_costs_nothing_and_returns_less():
+    env = made("Swimmers", canal(length_m=200.0, width_m=8.0), 4)
+    free, dear = (flight(env, price, (2.0, 0.0, 7.0, 0.0)) for price in (0.0, 5.0))
+    assert (dear[1] == 0.0).all() and (free[1] > 5).all()
+    assert (dear[0] < free[0] - 1.0).all()
+
+
+@pytest.mark.parametrize("price", [0.0, 1.0])
+def test_climbing_over_reserves_is_nearly_as_good_as_the_exact_optimum(price: float):
+    env = made("Nests", canal(length_m=200.0, width_m=8.0), 2)
+    returns, costs, plan = flight(env, price, (2.0, 0.0, 2.0, 0.0))
+    index = round((2.0 - env.limits.min_height) / 0.5)
+    exact = plan.climb_value[:, 0, index]
+    assert (returns - price * costs > exact - 0.4).all()
+
+
+def test_a_free_portage_crosses_the_neck_and_a_dear_one_stays_over_water():
+    env = made("Portage", hairpin(), 1)
+    x, y = env.courses.position[2]
+    course = np.arctan2(env.courses.tangent[2, 1], env.courses.tangent[2, 0])
+    free, dear = (flight(env, price, (x, y, 7.0, course)) for price in (0.0, 10.0))
+    assert free[0][0] > 9.0 and free[1][0] > 3
+    assert dear[1][0] == 0.0 and dear[0][0] < free[0][0]
+
+
+def test_a_wide_canal_costs_no_clearance():
+    env = made("RacingLine", canal(length_m=100.0, width_m=12.0), 2)
+    returns, costs, _ = flight(env, 1.0, (2.0, 0.0, 7.0, 0.0))
+    assert (costs == 0.0).all() and (returns > 9.0).all()
+
+
+@pytest.mark.parametrize(
+    ("task", "worlds", "price", "message"),
+    [
+        ("River", 1, 0.0, "the task River has no price"),
+        ("Nests", 2, 0.0, "in one river, not in 2"),
+        ("Nests", 1, -1.0, "price must be 0 or more, not -1.0"),
+        ("Nests", 1, float("nan"), "price must be 0 or more, not nan"),
+    ],
+)
+def test_what_an_oracle_cannot_fly_is_refused(task, worlds, price, message):
+    config = EnvConfig(observation="none", task=task)
+    with pytest.raises(ConfigError, match=message):
+        Oracle(pack_courses([canal()] * worlds, config), config, price)

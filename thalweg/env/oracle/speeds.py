@@ -1,0 +1,51 @@
+"""When to hurry past swimmers: exact dynamic programming over steps and metres ahead, along the centre line.
+
+Where swimmers and kayaks will be is known, for it follows from the episode's scene.
+"""
+
+import math
+
+from thalweg.core.compute.jit import kernel
+from thalweg.env.oracle.ahead import frame_at
+from thalweg.env.task.priced.swimmers import mover_at
+
+
+@kernel(fastmath=False, allocates=False)
+def fill_near(courses, world, scene, distance, start_arc, travel, near):
+    """Fill near [T, G] uint8: 1 where a swimmer or kayak is within a distance (metres) of the centre line, after so
+    many steps and so many metres ahead of a start."""
+    for ahead in range(near.shape[1]):
+        _, x, y, _ = frame_at(courses, world, start_arc, travel, float(ahead))
+        for steps in range(near.shape[0]):
+            near[steps, ahead] = 0
+            for index in range(courses.swimmers[world]):
+                mover = mover_at(courses, world, scene, steps, index)
+                if math.hypot(mover.x - x, mover.y - y) <= distance:
+                    near[steps, ahead] = 1
+                    break
+
+
+@kernel(fastmath=False, allocates=False)
+def fill_speeds(near, completed_m, metre_worth, price, value, speed):
+    """Fill value [T, G] float32 and speed [T, G] int8: return less priced cost to be had until the last step, and the
+    metres forward, 0 to 2, by which it is had.
+
+    A metre that is not yet visited is worth `metre_worth`; a move of 2 metres that ends where near [T, G] is 1 costs 1.
+    The course ends completed_m ahead.
+    """
+    last, metres = near.shape[0] - 1, near.shape[1]
+    for steps in range(last, -1, -1):
+        for ahead in range(metres):
+            best = 0.0
+            fastest = 0
+            if steps < last and ahead < completed_m:
+                for forward in range(3):
+                    reached = min(ahead + forward, metres - 1)
+                    gained = metre_worth * (min(float(reached), completed_m) - ahead)
+                    cost = price if forward == 2 and near[steps + 1, reached] != 0 else 0.0
+                    total = gained - cost + value[steps + 1, reached]
+                    if total > best + 1.0e-6:
+                        best = total
+                        fastest = forward
+            value[steps, ahead] = best
+            speed[steps, ahead] = fastest

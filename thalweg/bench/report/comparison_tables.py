@@ -29,7 +29,7 @@ from thalweg.bench.results.inference import Estimate, mean_estimate, proportion
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
 from thalweg.bench.suite.record import task_of
-from thalweg.env.task.tasks import PAPER_TASK
+from thalweg.env.tasks import PAPER_TASK
 
 
 def limit_table(results: Results) -> Table:

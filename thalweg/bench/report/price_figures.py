@@ -16,7 +16,7 @@ from thalweg.bench.results.inference import Estimate
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes, mean_and_std, running_mean
 from thalweg.bench.suite.record import arms_of, task_of
-from thalweg.env.task.tasks import PAPER_TASK
+from thalweg.env.tasks import PAPER_TASK
 
 MARKERS = "os^Dv"
 """Markers of an algorithm's policies, by rising limit."""

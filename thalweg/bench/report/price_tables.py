@@ -22,7 +22,7 @@ from thalweg.bench.results.results import Results
 from thalweg.bench.results.risk import conditional_value_at_risk, share_above
 from thalweg.bench.results.statistics import group_episodes
 from thalweg.bench.suite.record import arms_of, stages_of, task_of
-from thalweg.env.task.tasks import PAPER_TASK
+from thalweg.env.tasks import PAPER_TASK
 
 PRICE_COLUMNS = (
     *("policy", "seeds", "limit", "cost", "limit met", "flights above", "worst tenth costs"),

@@ -90,11 +90,13 @@ class TrainingLog:
     """[K] float64, sum of the episode's loose costs."""
     last_step: int
     """Total steps of the run; of a failed run, the steps until it failed."""
+    total: np.ndarray | None = None
+    """[K] float64, sum of the episode's costs of all kinds; None: tight and loose are all."""
 
     @property
     def cost(self) -> np.ndarray:
         """[K] float64, sum of the episode's costs."""
-        return self.tight + self.loose
+        return self.tight + self.loose if self.total is None else self.total
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 TaskName = Literal["River", "Swimmers", "Nests", "RacingLine", "Portage"]
+PAPER_TASK: TaskName = "River"
 ENDING_KINDS = ("tight", "loose")
 """Kinds of cost that the end of an episode may have, in every task."""
 

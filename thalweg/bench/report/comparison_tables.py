@@ -28,15 +28,17 @@ from thalweg.bench.results.comparison import (
 from thalweg.bench.results.inference import Estimate, mean_estimate, proportion
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
+from thalweg.bench.suite.record import task_of
+from thalweg.env.tasks import PAPER_TASK
 
 
 def limit_table(results: Results) -> Table:
     """Return whether each trained policy meets the cost limit on the training level: its cost in evaluation, and its
-    cost in training."""
+    cost in training; no row for tasks other than the paper's, which have limits of their own (`price_table`)."""
     level, groups = train_level(results), group_episodes(results.episodes)
     columns = ("policy", "seeds", "cost", "limit met", "violations", "regret in training", "minutes", "steps a second")
     rows: list[list[Cell]] = []
-    for name in trained_policies(results):
+    for name in trained_policies(results) if task_of(results.suite) == PAPER_TASK else ():
         episodes = groups.get((name, level))
         if episodes is None:
             rows.append([name, seeds_text(results, name, 0), *[results.gap(name)] * (len(columns) - 2)])

@@ -15,6 +15,8 @@ from thalweg.bench.report.comparison_tables import condition_table, limit_table,
 from thalweg.bench.report.failure_maps import failures_on, levels_from_above
 from thalweg.bench.report.figures import failure_bars, training_curves
 from thalweg.bench.report.policies import COST_LIMIT
+from thalweg.bench.report.price_figures import front_figure, training_costs
+from thalweg.bench.report.price_tables import area_table, price_table
 from thalweg.bench.report.published import SOURCE
 from thalweg.bench.report.result_tables import detail_table, paper_table
 from thalweg.bench.report.suite_tables import algorithm_table, runs_table
@@ -132,6 +134,42 @@ SECTIONS: tuple[Section, ...] = (
         " above it, and otherwise unsure; with fewer than three seeds, the table only says on which side the mean lies."
         " Violations: share of episodes with any cost. Regret: the cost above the limit in blocks of 50 episodes, per"
         " episode of the last training stage. Minutes of training and steps per second are means over runs.",
+        fallback="",
+    ),
+    FigureSection(
+        "front",
+        "Return against cost",
+        front_figure,
+        lambda _: "Points: mean cost and mean return of each policy, below the line of what an oracle attains.",
+        "On the training level of the suite. Black: the oracle, a planner that knows the map, at several prices of"
+        " cost; the line joins what it attains by drawing one of two prices for each episode. A cross has no limit; other"
+        " markers differ by limit. Lines through a point: 95 % confidence intervals over training seeds.",
+        fallback="",
+    ),
+    TableSection(
+        "price",
+        "What the limit costs",
+        price_table,
+        "On the training level of the suite, each policy beside the limit that it was trained with. Flights above:"
+        " share of episodes that cost more than the limit. Worst tenth costs: mean cost of the tenth of the episodes"
+        " that cost most (CVaR). Below the oracle: how much more return is attainable at the policy's mean cost, or at the"
+        " oracle's least cost if the policy's is less.",
+        fallback="",
+    ),
+    TableSection(
+        "area",
+        "All limits together",
+        area_table,
+        "Hypervolume: the area below an algorithm's policies at all their limits and the mixtures of these, from their"
+        " least cost to the cost of the oracle without a price, in shares of the oracle's area.",
+        fallback="",
+    ),
+    FigureSection(
+        "training_costs",
+        "Cost in training",
+        training_costs,
+        lambda _: "Curves: the cost of episodes over training steps, a panel for each algorithm.",
+        "Dotted: limits. Shaded areas: one standard deviation over seeds, where there is more than one.",
         fallback="",
     ),
     TableSection(

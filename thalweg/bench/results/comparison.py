@@ -72,7 +72,8 @@ def _widen_to_starts(estimate: Estimate, first: np.ndarray, second: np.ndarray, 
         below = np.hypot(one.value - one.low, other.high - other.value)
         above = np.hypot(one.high - one.value, other.value - other.low)
         over_starts = Estimate(estimate.value, estimate.value - float(below), estimate.value + float(above))
-    return clip(widen(estimate, over_starts), -field_range(field), field_range(field))
+    most = field_range(field, first, second)
+    return clip(widen(estimate, over_starts), -most, most)
 
 
 def matched_scores(first: Sequence[Episode], second: Sequence[Episode], field: str) -> tuple[np.ndarray, np.ndarray]:

@@ -26,8 +26,8 @@ CONFIDENCE = 0.95
 RESAMPLES = 2000
 """Resamples of a bootstrap."""
 FIELD_RANGES = {"return_": (0.0, FULL_COURSE_REWARD), "cost": (0.0, 1.0)}
-"""Least and greatest return and cost of an episode under the paper's rewards, which all suites use; intervals of their
-means are clipped to these ranges."""
+"""Least and greatest return and cost of an episode of the paper's task, whose rewards all tasks share; intervals of
+means are clipped to these ranges. The costs of other tasks have no greatest value, see `field_bounds`."""
 TOLERANCE = 1e-9
 """Returns that differ by no more are equal: a return is a sum, and its last digits depend on the order of rewards."""
 Statistic = Callable[..., np.ndarray]
@@ -108,7 +108,7 @@ def iqm_return(rows: Sequence[Episode]) -> Estimate:
         scores = score_matrix(rows)
     except ValueError:
         scores = np.array([[row.return_] for row in rows])
-    estimate = _clip_to_field(seed_estimate(scores), "return_")
+    estimate = clip(seed_estimate(scores), *field_bounds("return_", scores))
     return Estimate(estimate.value) if np.ptp(iqm(scores, axis=0)) <= TOLERANCE else estimate
 
 
@@ -146,16 +146,16 @@ def mean_estimate(rows: Sequence[Episode], field: str) -> Estimate:
         scores = score_matrix(rows, field)
     except ValueError:
         return Estimate(float(np.mean([getattr(row, field) for row in rows])))
-    return _clip_to_field(widen(seed_estimate(scores, np.mean), independent_mean(scores, field)), field)
+    return clip(widen(seed_estimate(scores, np.mean), independent_mean(scores, field)), *field_bounds(field, scores))
 
 
 def independent_mean(scores: np.ndarray, field: str) -> Estimate:
     """Return the mean of scores [L, M] with the interval that they have if all are independent: Student's t, or
     Wilson's where all scores are equal."""
     estimate = t_interval(float(scores.mean()), scores.ravel())
-    if field not in FIELD_RANGES or np.ptp(scores) > TOLERANCE:
+    least, most = field_bounds(field, scores)
+    if not np.isfinite(most) or np.ptp(scores) > TOLERANCE:
         return estimate
-    least, most = FIELD_RANGES[field]
     ends = wilson_interval(float(np.clip((estimate.value - least) / (most - least), 0.0, 1.0)), scores.size)
     return Estimate(estimate.value, *(least + (most - least) * end for end in ends))
 
@@ -180,14 +180,17 @@ def clip(estimate: Estimate, least: float, most: float) -> Estimate:
     return Estimate(estimate.value, *(float(np.clip(end, least, most)) for end in (estimate.low, estimate.high)))
 
 
-def _clip_to_field(estimate: Estimate, field: str) -> Estimate:
-    """Return the estimate with its interval clipped to the range of the field."""
-    return clip(estimate, *FIELD_RANGES.get(field, (-np.inf, np.inf)))
-
-
-def field_range(field: str) -> float:
-    """Return the greatest possible difference of two means of a field."""
+def field_bounds(field: str, *scores: np.ndarray) -> tuple[float, float]:
+    """Return the least and the greatest value of a field of episodes with these scores; infinite where none is known,
+    as of costs where an episode costs more than any of the paper's task."""
     least, most = FIELD_RANGES.get(field, (-np.inf, np.inf))
+    exceeded = any(each.size and each.max() > most + TOLERANCE for each in scores)
+    return least, np.inf if exceeded else most
+
+
+def field_range(field: str, *scores: np.ndarray) -> float:
+    """Return the greatest possible difference of two means of a field of episodes with these scores."""
+    least, most = field_bounds(field, *scores)
     return most - least
 
 

@@ -94,6 +94,13 @@ class TrainingLog:
     """[K] float64, sum of the episode's loose costs."""
     last_step: int
     """Total steps of the run; of a failed run, the steps until it failed."""
+    total: np.ndarray | None = None
+    """[K] float64, sum of the episode's costs of all kinds; None: tight and loose are all."""
+
+    @property
+    def cost(self) -> np.ndarray:
+        """[K] float64, sum of the episode's costs."""
+        return self.tight + self.loose if self.total is None else self.total
 
 
 @dataclass(frozen=True)
@@ -112,18 +119,29 @@ class TrainingCurve:
 
 def training_curve(log: TrainingLog, grid: np.ndarray) -> TrainingCurve:
     """Return the paper's training curves at the grid's steps [G] (positive): running return and violation rates."""
-    ended = np.searchsorted(log.step, grid, side="right")
-    sums = np.concatenate([[0.0], np.cumsum(log.return_)])
-    first = np.maximum(ended - MEAN_EPISODES, 0)
-    reached = grid <= log.last_step * (1 + 1e-9)  # rounding may put the grid's last point just past the last step
-    with np.errstate(invalid="ignore"):
-        mean = np.where(reached, (sums[ended] - sums[first]) / (ended - first), np.nan)
+    ended, reached = np.searchsorted(log.step, grid, side="right"), _reached(log, grid)
 
     def rate(violated: np.ndarray) -> np.ndarray:
         return np.where(reached, np.concatenate([[0], np.cumsum(violated)])[ended] / grid, np.nan)
 
     tight, loose = log.tight > 0, log.loose > 0
+    mean = running_mean(log, log.return_, grid)
     return TrainingCurve(grid, mean, rate(tight | loose), rate(tight), rate(loose))
+
+
+def running_mean(log: TrainingLog, values: np.ndarray, grid: np.ndarray) -> np.ndarray:
+    """Return the mean [G] of the values [K] of the last `MEAN_EPISODES` episodes of a run at the grid's steps [G]; NaN
+    before the first episode has ended, and after the run's last step."""
+    ended = np.searchsorted(log.step, grid, side="right")
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    first = np.maximum(ended - MEAN_EPISODES, 0)
+    with np.errstate(invalid="ignore"):
+        return np.where(_reached(log, grid), (sums[ended] - sums[first]) / (ended - first), np.nan)
+
+
+def _reached(log: TrainingLog, grid: np.ndarray) -> np.ndarray:
+    """Return which of the grid's steps [G] a run has reached."""
+    return grid <= log.last_step * (1 + 1e-9)  # rounding may put the grid's last point just past the last step
 
 
 def mean_and_std(values: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -144,7 +162,7 @@ def regret(log: TrainingLog, limit: float) -> float:
     for one above it: later care does not undo a collision ("strong" regret: Efroni, Mannor, Pirotta 2020). NaN without
     episodes.
     """
-    costs = log.tight + log.loose
+    costs = log.cost
     if not len(costs):
         return float("nan")
     blocks = np.split(costs, np.arange(MEAN_EPISODES, len(costs), MEAN_EPISODES))

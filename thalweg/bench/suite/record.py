@@ -14,6 +14,7 @@ from pydantic import model_validator
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import NAME
 from thalweg.core.config import TupleOf, frozen_config, parse_config
+from thalweg.env.tasks import PAPER_TASK
 
 
 @frozen_config(ResultsError, extra="ignore")
@@ -122,6 +123,11 @@ def observation_of(record: Mapping[str, Any], arm: Mapping[str, Any]) -> str:
     """Return what an arm of a suite's record sees, see `thalweg.train.observations.IN_WORDS`; frames if it does not
     say it."""
     return arm.get("observation") or record.get("observation", "frames")
+
+
+def task_of(record: Mapping[str, Any]) -> str:
+    """Return the task of a suite's record; the paper's if it does not say it."""
+    return record.get("task", PAPER_TASK)
 
 
 def _to_json(value: Any) -> str:

@@ -1,0 +1,108 @@
+"""Tests of tables and figures of tasks where a limit has a price, on results whose statistics are known."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.bench.report.small_results import flights
+from thalweg.bench.fronts.fronts import FrontPoint
+from thalweg.bench.report import price_figures, price_tables
+from thalweg.bench.report.comparison_tables import limit_table
+from thalweg.bench.report.price_figures import front_figure, training_costs
+from thalweg.bench.report.price_tables import area_table, limit_of, price_table
+from thalweg.bench.report.table import Table
+from thalweg.bench.results.results import Results, RunRow
+from thalweg.bench.results.statistics import TrainingLog
+from thalweg.bench.suite.config import Arm, Suite
+
+SAFE = FrontPoint("Nests", "Medium", "fixed", 10.0, 50, 6.0, 5.9, 6.1, 0.0, 0.0, 0.0, 1)
+FREE = replace(SAFE, price=0.0, return_=10.0, return_low=9.9, return_high=10.0, cost=40.0)
+SUITE = Suite(
+    "it",
+    (
+        Arm("PPO"),
+        Arm("FOCOPS", settings={"cost_limit": 5.0}, name="FOCOPS-5"),
+        Arm("FOCOPS", settings={"cost_limit": 20.0}, name="FOCOPS-20"),
+    ),
+    test_levels=("Medium",),
+    baselines=(),
+    packaged=False,
+    task="Nests",
+)
+
+
+@pytest.fixture
+def priced(monkeypatch: pytest.MonkeyPatch) -> Results:
+    """Policies of three seeds and two starts: PPO costs 0 and 30, FOCOPS 0 and 4, and 0 and 20."""
+    for module in (price_tables, price_figures):
+        monkeypatch.setattr(module, "oracle_points", lambda _: [SAFE, FREE])
+    episodes = [
+        *flights("PPO", 3, 6.0, 30.0),
+        *flights("FOCOPS-5", 3, 4.0, 4.0),
+        *flights("FOCOPS-20", 3, 5.0, 20.0),
+    ]
+    runs = [
+        RunRow(f"{name}-{seed}", "train", name, seed, 1000, "finished")
+        for name in ("PPO", "FOCOPS-5", "FOCOPS-20")
+        for seed in range(3)
+    ]
+    zeros = np.zeros(3)
+    logs = [TrainingLog("FOCOPS-5", 0, np.array([1, 2, 3]), zeros, zeros, zeros, 200_000, np.array([9.0, 6.0, 3.0]))]
+    return Results(Path(), SUITE.as_data(), runs, episodes, logs, [])
+
+
+def rows_of(table: Table) -> dict[str, dict[str, str]]:
+    """The rows of a table as people read it, by the first cell."""
+    rows = [dict(zip(table.text.columns, row, strict=True)) for row in table.text.itertuples(index=False)]
+    return {row[table.text.columns[0]]: row for row in rows}
+
+
+def test_the_limit_is_that_which_a_policy_was_trained_with(priced: Results):
+    assert [limit_of(priced, name) for name in ("PPO", "FOCOPS-5", "FOCOPS-20")] == [None, 5.0, 20.0]
+
+
+def test_each_policy_stands_beside_its_own_limit_and_the_oracle(priced: Results):
+    rows = rows_of(price_table(priced))
+    assert list(rows) == ["PPO", "FOCOPS-5", "FOCOPS-20"]
+    # Returns 4 + seed + (0 or 2), so 6 in the mean, at a mean cost of 2, where 6.2 is attainable.
+    tight = rows["FOCOPS-5"]
+    assert tight["limit"] == "5.00" and tight["cost"].startswith("2.00 [") and tight["flights above"].startswith("0.00")
+    assert tight["worst tenth costs"].startswith("4.00") and tight["below the oracle"].startswith("0.20 [")
+    assert rows["FOCOPS-20"]["flights above"].startswith("0.00") and rows["FOCOPS-20"]["limit met"] == "yes"
+    assert (rows["PPO"]["limit"], rows["PPO"]["limit met"]) == ("none", "no limit")
+
+
+def test_a_cost_above_one_is_not_clipped(priced: Results):
+    assert rows_of(price_table(priced))["PPO"]["cost"].startswith("15.00 [15.00, 15.00]")
+
+
+def test_the_area_of_an_algorithm_is_that_below_its_policies_at_all_limits(priced: Results):
+    # Seed 1 has (2, 6) and (10, 7): a trapezium of 8 and a rectangle to 40; the oracle covers 40 times 8.
+    row = rows_of(area_table(priced))["FOCOPS"]
+    wanted = (8 * 6.5 + 30 * 7) / 320
+    assert (row["limits"], row["seeds"]) == ("2", "3") and row["share of the oracle's area"].startswith(
+        f"{wanted:.2f} ["
+    )
+
+
+def test_the_paper_has_no_table_of_prices_and_priced_tasks_none_of_its_limit(priced: Results, results: Results):
+    assert price_table(results).text.empty and not limit_table(results).text.empty
+    assert limit_table(priced).text.empty
+    assert front_figure(results) is None and training_costs(results) is None
+
+
+def test_the_figure_shows_each_policy_at_its_mean_cost_and_return(priced: Results):
+    figure = front_figure(priced)
+    assert figure is not None
+    points = {line.get_label(): (line.get_xdata()[0], line.get_ydata()[0]) for line in figure.axes[0].lines}
+    assert points["FOCOPS-20"] == pytest.approx((10.0, 7.0)) and points["PPO"] == pytest.approx((15.0, 8.0))
+    assert "oracle, which knows the map" in points
+
+
+def test_costs_of_training_are_those_of_all_kinds(priced: Results):
+    figure = training_costs(priced)
+    assert figure is not None and [axis.get_title() for axis in figure.axes] == ["FOCOPS"]
+    curve, limit = figure.axes[0].lines
+    assert curve.get_ydata()[-1] == pytest.approx(6.0) and limit.get_ydata()[0] == 5.0

@@ -1,0 +1,139 @@
+"""Tables of tasks where a limit has a price: each policy beside the oracle, and the area that an algorithm's limits
+cover.
+
+The oracle's front is that of the training level's fixed river. Intervals are over seeds; there is none for fewer than
+three.
+"""
+
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from thalweg.algos.registry import ALGORITHMS
+from thalweg.bench.evaluate.episodes import Episode
+from thalweg.bench.fronts.fronts import PACKAGED_FRONTS, FrontPoint, front_of, points_of, read_fronts
+from thalweg.bench.report.policies import evaluated_seeds, limit_met, train_level, trained_policies
+from thalweg.bench.report.table import Cell, Table, table_from_cells
+from thalweg.bench.results.front import Front
+from thalweg.bench.results.inference import Estimate, t_interval
+from thalweg.bench.results.results import Results
+from thalweg.bench.results.risk import conditional_value_at_risk, share_above
+from thalweg.bench.results.statistics import group_episodes
+from thalweg.bench.suite.record import arms_of, stages_of, task_of
+from thalweg.env.tasks import PAPER_TASK
+
+PRICE_COLUMNS = (
+    *("policy", "seeds", "limit", "cost", "limit met", "flights above", "worst tenth costs"),
+    *("return", "below the oracle"),
+)
+AREA_COLUMNS = ("algorithm", "limits", "seeds", "share of the oracle's area")
+
+
+def oracle_points(results: Results) -> list[FrontPoint]:
+    """Return the oracle's points on the fixed river of the training level; none for the paper's task, or where there
+    is no front."""
+    task = task_of(results.suite)
+    if task == PAPER_TASK or not PACKAGED_FRONTS.is_file():
+        return []
+    return points_of(read_fronts(), task, train_level(results))
+
+
+def limit_of(results: Results, policy: str) -> float | None:
+    """Return the cost limit of an episode that a policy was trained with; None for one without."""
+    name = results.outdated[policy].policy if policy in results.outdated else policy
+    arm = next((arm for arm in arms_of(results.suite) if arm["name"] == name), None)
+    if arm is None or arm.get("algorithm") not in ALGORITHMS:
+        return None
+    algorithm, settings, preset = stages_of(arm)[-1]
+    num_envs = results.suite.get("num_envs", 1)
+    return getattr(ALGORITHMS[algorithm].configure(dict(settings), preset, num_envs), "cost_limit", None)
+
+
+def by_seed(episodes: Sequence[Episode], figure: Callable[[Sequence[Episode]], float]) -> Estimate:
+    """Return a figure of all episodes, with an interval over its values for each seed."""
+    groups: dict[int, list[Episode]] = defaultdict(list)
+    for row in episodes:
+        groups[row.seed].append(row)
+    return t_interval(figure(episodes), np.array([figure(rows) for rows in groups.values()]))
+
+
+def costs_of(episodes: Sequence[Episode]) -> np.ndarray:
+    """Return the costs [K] of episodes."""
+    return np.array([row.cost for row in episodes])
+
+
+def mean_cost(episodes: Sequence[Episode]) -> float:
+    """Return the mean cost of episodes."""
+    return float(costs_of(episodes).mean())
+
+
+def mean_return(episodes: Sequence[Episode]) -> float:
+    """Return the mean return of episodes."""
+    return float(np.mean([row.return_ for row in episodes]))
+
+
+def price_table(results: Results) -> Table:
+    """Return each trained policy's cost, how it is distributed about its own limit, and its return, beside the
+    oracle's at that cost; no row for the paper's task."""
+    points = oracle_points(results)
+    groups, level = group_episodes(results.episodes), train_level(results)
+    rows: list[list[Cell]] = []
+    if task_of(results.suite) == PAPER_TASK:
+        return table_from_cells(PRICE_COLUMNS, rows)
+    for name in trained_policies(results):
+        episodes = groups.get((name, level))
+        if episodes is None:
+            rows.append([name, *[results.gap(name)] * (len(PRICE_COLUMNS) - 1)])
+            continue
+        rows.append(_price_row(results, name, episodes, front_of(points) if points else None))
+    return table_from_cells(PRICE_COLUMNS, rows)
+
+
+def _price_row(results: Results, name: str, episodes: Sequence[Episode], front: Front | None) -> list[Cell]:
+    limit, cost = limit_of(results, name), by_seed(episodes, mean_cost)
+    about_limit: list[Cell] = ["none", cost, "no limit", "no limit"]
+    if limit is not None:
+        above = by_seed(episodes, lambda rows: share_above(costs_of(rows), limit))
+        about_limit = [limit, cost, limit_met(cost, limit), above]
+    regret: Cell = "unknown"
+    if front is not None:
+        regret = by_seed(episodes, lambda rows: front.regret(mean_cost(rows), mean_return(rows)))
+    tail = by_seed(episodes, lambda rows: conditional_value_at_risk(costs_of(rows)))
+    seeds = evaluated_seeds(results, name, episodes)
+    return [name, seeds, *about_limit, tail, by_seed(episodes, mean_return), regret]
+
+
+def area_table(results: Results) -> Table:
+    """Return for each algorithm that was trained with several limits the area of cost and return that its policies
+    cover, in shares of the oracle's."""
+    points = oracle_points(results)
+    rows: list[list[Cell]] = []
+    for algorithm, policies in _by_algorithm(results).items() if points else ():
+        front = front_of(points)
+        reference = float(front.cost[-1])
+        seeds = sorted(set.intersection(*({row.seed for row in rows} for rows in policies)))
+        areas = [_area(policies, seed, reference) / front.hypervolume(reference) for seed in seeds]
+        if areas:
+            estimate = t_interval(float(np.mean(areas)), np.array(areas))
+            rows.append([algorithm, str(len(policies)), str(len(seeds)), estimate])
+    return table_from_cells(AREA_COLUMNS, rows)
+
+
+def _by_algorithm(results: Results) -> dict[str, list[list[Episode]]]:
+    """Return the episodes of each policy with a limit, by its algorithm."""
+    groups, level = group_episodes(results.episodes), train_level(results)
+    found: dict[str, list[list[Episode]]] = defaultdict(list)
+    arms: dict[str, Any] = {arm["name"]: arm for arm in arms_of(results.suite)}
+    for name in trained_policies(results):
+        if name in arms and (name, level) in groups and limit_of(results, name) is not None:
+            found[arms[name]["algorithm"]].append(groups[name, level])
+    return found
+
+
+def _area(policies: Sequence[Sequence[Episode]], seed: int, reference: float) -> float:
+    """Return the hypervolume of the policies of one seed."""
+    flights = [[row for row in rows if row.seed == seed] for rows in policies]
+    front = Front.of(np.array([mean_cost(rows) for rows in flights]), np.array([mean_return(rows) for rows in flights]))
+    return front.hypervolume(reference)

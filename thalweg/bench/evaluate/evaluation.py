@@ -234,9 +234,7 @@ def _observations(env: RiverVectorEnv, sees: Sight) -> np.ndarray:
     return env.pilot_actions(sees) if sees in PILOTS else np.zeros((env.num_envs, 0), np.float32)
 
 
-def start_env(
-    course: Course, config: EvaluationConfig, sees: Sight = "nothing", felt: bool = False
-) -> RiverVectorEnv:
+def start_env(course: Course, config: EvaluationConfig, sees: Sight = "nothing", felt: bool = False) -> RiverVectorEnv:
     """Return an environment with one slot per start, which also observes proprioception if it is `felt`. A slot whose
     episode has ended resets itself and is ignored."""
     rules = config.env

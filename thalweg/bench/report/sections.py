@@ -142,8 +142,8 @@ SECTIONS: tuple[Section, ...] = (
         front_figure,
         lambda _: "Points: mean cost and mean return of each policy, below the line of what an oracle attains.",
         "On the training level of the suite. Black: the oracle, a planner that knows the map, at several prices of"
-        " cost; the line joins what it attains by drawing one of two prices for each episode. A cross has no limit; other"
-        " markers differ by limit. Lines through a point: 95 % confidence intervals over training seeds.",
+        " cost; the line joins what it attains by drawing one of two prices for each episode. A cross has no limit;"
+        " other markers differ by limit. Lines through a point: 95 % confidence intervals over training seeds.",
         fallback="",
     ),
     TableSection(
@@ -152,8 +152,8 @@ SECTIONS: tuple[Section, ...] = (
         price_table,
         "On the training level of the suite, each policy beside the limit that it was trained with. Flights above:"
         " share of episodes that cost more than the limit. Worst tenth costs: mean cost of the tenth of the episodes"
-        " that cost most (CVaR). Below the oracle: how much more return is attainable at the policy's mean cost, or at the"
-        " oracle's least cost if the policy's is less.",
+        " that cost most (CVaR). Below the oracle: how much more return is attainable at the policy's mean cost, or at"
+        " the oracle's least cost if the policy's is less.",
         fallback="",
     ),
     TableSection(

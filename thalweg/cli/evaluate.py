@@ -44,7 +44,7 @@ class Evaluate:
     shield: bool = False
     """Replace moves that would leave the water remembered from past masks; results say so, and are apart."""
     encoder: Path | None = None
-    """File of the encoder, for policies that see its codes; by default the one that comes with the package."""
+    """`default`, `geometry` or a file, for policies that see its codes; by default that of the policy's training."""
     out: Path | None = None
     """Also write one row per episode to this .csv file, replacing it."""
     device: str = "cpu"
@@ -135,7 +135,13 @@ def _encoder_for(policy: "Policy", command: Evaluate) -> "Encoder | None":
     of `load_compatible_encoder` and `check_policy_fits`.
     """
     from thalweg.bench.evaluate.baselines import sight_of
-    from thalweg.train.river import IN_WORDS, check_policy_fits, load_compatible_encoder, observation_of
+    from thalweg.train.river import (
+        IN_WORDS,
+        check_policy_fits,
+        load_compatible_encoder,
+        observation_of,
+        packaged_encoder_of,
+    )
 
     sight = sight_of(policy)
     if sight in ("privileged", "images") and command.encoder is not None:
@@ -144,7 +150,8 @@ def _encoder_for(policy: "Policy", command: Evaluate) -> "Encoder | None":
             f"{command.policy} sees {IN_WORDS[observation_of(policy)]}, not {instead}: leave --encoder"
             f" {command.encoder} out"
         )
-    encoder = load_compatible_encoder(command.encoder, command.device) if sight == "frames" else None
+    chosen = packaged_encoder_of(policy) if command.encoder is None else command.encoder
+    encoder = load_compatible_encoder(chosen, command.device) if sight == "frames" else None
     check_policy_fits(policy, encoder)
     return encoder
 

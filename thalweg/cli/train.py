@@ -40,7 +40,7 @@ class Train:
     observation: Literal["frames", "privileged", "rgb+mask", "rgb", "mask"] = "frames"
     """`frames` through an encoder; `privileged`: what an ideal eye tells; the others: images, for --set policy=cnn."""
     encoder: Path | None = None
-    """File of the encoder; by default the one that comes with the package. For `frames` without policy=cnn only."""
+    """`default`, `geometry`, which tells where the banks are, or a file; for `frames` without policy=cnn only."""
     preset: str = "default"
     """`default`, or `paper` for the settings of the study, as far as they are known."""
     set: tuple[str, ...] = ()

@@ -16,7 +16,7 @@ from thalweg.core.cache import file_hash
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.torch_threads import default_torch_threads
 from thalweg.core.seeds import compact_seeds, parse_seeds
-from thalweg.encoder import Encoder, check_render_version, load_encoder
+from thalweg.encoder import PACKAGED, Encoder, check_render_version, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.config import DEFAULT_CONFIG
 from thalweg.env.rivers.assignment import DrawnRivers
@@ -46,8 +46,10 @@ SEEN_BY_CRITICS = {True: "the privileged state and progress too", False: "what t
 """What critics see in training, by whether they are asymmetric."""
 
 
-def load_compatible_encoder(path: Path | None = None, device: str = "cpu") -> Encoder:
+def load_compatible_encoder(path: str | Path | None = None, device: str = "cpu") -> Encoder:
     """Load an encoder that was trained on frames of this version of the renderer, and start compiling the renderer.
+
+    `path` is that of its file, or the name of one that comes with the package; None: `default`.
 
     Raises `EncoderFileError` or `EncoderInputError` for another one.
     """
@@ -62,6 +64,12 @@ def load_compatible_encoder(path: Path | None = None, device: str = "cpu") -> En
 def encoder_hash(encoder: Encoder) -> str:
     """Return the hash of the encoder's file, which identifies it."""
     return file_hash(Path(encoder.about["path"]))
+
+
+def packaged_encoder_of(policy: Any) -> str | None:
+    """Return the name of the packaged encoder whose codes a policy was trained on; None if it was none of them."""
+    trained_with = _context_of(policy).get("encoder")
+    return next((name for name, path in PACKAGED.items() if path.is_file() and file_hash(path) == trained_with), None)
 
 
 def observation_of(policy: Any) -> str:

@@ -37,6 +37,7 @@ class ArmRecord:
     level: str = ""
     before: TupleOf[StageRecord] = ()
     observation: str | None = None
+    encoder: str | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     preset: str = "default"
 
@@ -73,6 +74,7 @@ class SuiteRecord:
     conditions: TupleOf[ConditionRecord] = ()
     made_by: Mapping[str, Any] = field(default_factory=dict)
     observation: str = "frames"
+    encoder: str = "default"
 
     @model_validator(mode="after")
     def _check(self) -> "SuiteRecord":
@@ -120,6 +122,11 @@ def stages_of(arm: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any], str]
 def observation_of(record: Mapping[str, Any], arm: Mapping[str, Any]) -> str:
     """Return what an arm of a suite's record sees, see `thalweg.train.river.IN_WORDS`; frames if it does not say it."""
     return arm.get("observation") or record.get("observation", "frames")
+
+
+def encoder_of(record: Mapping[str, Any], arm: Mapping[str, Any]) -> str:
+    """Return the name of the packaged encoder whose codes an arm of a suite's record sees, if it sees any."""
+    return arm.get("encoder") or record.get("encoder", "default")
 
 
 def _to_json(value: Any) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from thalweg.cli.options import UsageError, check_file
+from thalweg.cli.options import NO_FILE, River, UsageError, check_file
 from thalweg.core.seeds import parse_seeds
 
 
@@ -26,6 +26,7 @@ class EncoderTrain:
     """`lean`, or `paper` for the architecture of the paper, which trains far more slowly."""
     level: tuple[str, ...] = ()
     """Level whose river the images show, by default Medium; for geometry several, by default all."""
+    river: River = NO_FILE
     world_seeds: tuple[str, ...] = ()
     """Seeds of the rivers, such as 0 5 1000:1016 (1016 excluded); by default the fixed one, for geometry 1000:1022."""
     held_out_seeds: tuple[str, ...] = ()
@@ -58,13 +59,14 @@ class EncoderTrain:
             raise UsageError(f"{option} is for --target geometry: leave it out, or choose that target")
         if len(self.level) > 1:
             raise UsageError(f"--level takes one level for --target image, not {' '.join(self.level)}")
+        reach = self.river.reach("--level", self.level)
         result = collect_and_train(
             self.out,
             VAEConfig(inputs=self.inputs, architecture=self.architecture, **self._given("latent")),
+            level=reach or (self.level[0] if self.level else "Medium"),
             world_seeds=parse_seeds(self.world_seeds, "--world-seeds", UsageError),
             seed=self.seed,
             command=shlex.join(["thalweg", *sys.argv[1:]]),
-            **({"level": self.level[0]} if self.level else {}),
             **self._given("images", "held_out", "epochs"),
         )
         held_out = "" if result.held_out_mse is None else f", on held-out images {result.held_out_mse:.5f}"
@@ -75,6 +77,10 @@ class EncoderTrain:
         """Train an encoder of geometry."""
         from thalweg.train.encoder.geometry import GeometryTraining, geometry_config
 
+        if self.river.reach("--level", self.level) is not None:
+            raise UsageError(
+                "--river is for --target image: geometry is learnt on rivers of several levels, and judged on others"
+            )
         seeds = {
             name: parse_seeds(given, f"--{name.replace('_', '-')}", UsageError)
             for name, given in self._given("world_seeds", "held_out_seeds").items()
@@ -98,7 +104,7 @@ class EncoderShow:
     """Describe an encoder, and draw frames, masks and their reconstructions if it has any."""
 
     path: Path | None = None
-    """Encoder file, such as runs/encoder/encoder.safetensors, or `geometry`; by default the packaged autoencoder."""
+    """Folder of `encoder train`, encoder file, or `geometry`; by default the packaged autoencoder."""
     level: str = "Medium"
     """Level whose river the frames show."""
     count: int = 8

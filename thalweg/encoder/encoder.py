@@ -22,7 +22,8 @@ from torch import Tensor, nn
 
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.torch_threads import run_in_torch_threads
-from thalweg.encoder.files import EncoderFileError, load_model
+from thalweg.core.suggestion import did_you_mean
+from thalweg.encoder.files import EncoderFileError, encoder_file, load_model
 from thalweg.encoder.geometry import GeometryNetwork
 from thalweg.encoder.leaky_convolution import LeakyConvolution
 from thalweg.encoder.mask_layers import encode_masks, mask_layers, output_shape
@@ -163,11 +164,14 @@ class Encoder:
 
     def _check(self, shape: tuple[int, ...], dtype: Any) -> None:
         size, channels = self.config.size_px, self.config.channels
-        if len(shape) != 4 or shape[1:3] != (size, size) or shape[3] not in (len(channels), 4):
+        if len(shape) == 4 and shape[1:3] != (size, size):
             raise EncoderInputError(
-                f"an encoder of {self.inputs} takes frames [N, {size}, {size}, {len(channels)}]"
-                f" or [N, {size}, {size}, 4], not {list(shape)}"
+                f"this encoder takes frames of {size} x {size} pixels, not of {shape[1]} x {shape[2]} (height x width):"
+                f" set height_px and width_px of the camera to {size}, or use another encoder"
             )
+        if len(shape) != 4 or shape[3] not in (len(channels), 4):
+            counts = " or ".join(f"[N, {size}, {size}, {count}]" for count in dict.fromkeys((len(channels), 4)))
+            raise EncoderInputError(f"an encoder of {self.inputs} takes frames {counts}, not {list(shape)}")
         if dtype not in (np.uint8, torch.uint8):
             raise EncoderInputError(f"frames must be uint8, not {dtype}")
 
@@ -199,7 +203,9 @@ def fold_batch_norms(model: Model) -> tuple[list[nn.Conv2d], nn.Module]:
 def load_encoder(
     path: str | Path | None = None, *, latent: int | None = None, precision: str = "float32", device: str = "cpu"
 ) -> Encoder:
-    """Load the encoder of a file, or one of `PACKAGED` by its name; `latent` is the required code size, if any.
+    """Load the encoder of a file, of the folder of a run that trained it, or one of `PACKAGED` by its name.
+
+    The default is the autoencoder of the package; `latent` is the required code size, if any.
 
     Raises `EncoderFileError` for a file that is missing, truncated, foreign, of another version or code size, and
     `DeviceError` for an unusable device.
@@ -212,8 +218,17 @@ def load_encoder(
 
 
 def encoder_path(given: str | Path | None) -> Path:
-    """Return the path of an encoder's file; a name of `PACKAGED` is that of the package's, None that of the default."""
-    return DEFAULT_PATH if given is None else PACKAGED.get(str(given), Path(given))
+    """Return the path of an encoder's file, given by itself, by the folder of its run or by a name of `PACKAGED`.
+
+    None is the default of the package. Raises `EncoderFileError` for what is none of these.
+    """
+    path = DEFAULT_PATH if given is None else PACKAGED.get(str(given), Path(given))
+    if not path.exists():
+        raise EncoderFileError(
+            f"{path}: no such file{did_you_mean(str(given), PACKAGED)}; give an encoder's file, the folder of"
+            f" `thalweg encoder train`, or the name of one that comes with the package: {', '.join(PACKAGED)}"
+        )
+    return encoder_file(path)
 
 
 def check_render_version(encoder: Encoder, version: int) -> None:

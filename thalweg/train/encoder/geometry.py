@@ -17,6 +17,7 @@ from thalweg.core.atomic_io import write_atomic
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import Encoder, EncoderInputError, load_encoder
 from thalweg.encoder.checkpoint import check_folder
+from thalweg.encoder.files import FILE
 from thalweg.encoder.geometry import GeometryConfig, Scale
 from thalweg.encoder.geometry_training import GEOMETRY_FOLDER, Labelled, train_geometry, write_geometry
 from thalweg.encoder.linear_probe import probe_r_squared
@@ -112,7 +113,7 @@ class GeometryTraining:
             for name, each in {"geometry": encoder, "default": load_encoder()}.items()
             for kind, views in held_out.items()
         }
-        path = self.folder / "encoder.safetensors"
+        path = self.folder / FILE
         write_geometry(path, network, {**self._about, "r_squared": _as_data(scores)})
         write_atomic(self.folder / "probe.csv", probe_table(scores))
         return GeometryResult(path, scores)

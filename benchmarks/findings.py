@@ -39,6 +39,11 @@ CONDITIONS = {"sampled": "", "deterministic": "deterministic", "unseen rivers": 
 REAL = "real"
 """Condition on real rivers."""
 ENCODER_COLUMNS = (*CASE, "train_mse", "held_out_mse", "iou_mask", "iou_colours", "iou_ceiling")
+GEOMETRY = (
+    "encoder", "views", "left_bank", "right_bank", "heading_error", "height", "left_at_4_m", "left_at_11_m",
+    "half_width_at_11_m", "bridge", "island",
+)  # fmt: skip
+"""Columns of geometry.csv that the page shows."""
 PAIR = ("first", "second", "paper")
 """Columns of entropy.csv that do not depend on the smoothing."""
 
@@ -177,6 +182,11 @@ def sizes() -> str:
 def probes() -> str:
     """Return what a linear regression predicts from the codes."""
     return table(read_csv(ENCODERS / "sizes.csv", SIZE_COLUMNS), (*CASE, *READ))
+
+
+def geometry() -> str:
+    """Return what a linear regression reads from the codes of the packaged encoders on rivers held out."""
+    return table(read_csv(ENCODERS / "geometry.csv", GEOMETRY), GEOMETRY)
 
 
 def entropies() -> str:

@@ -1,8 +1,9 @@
 """Write what was measured here into the pages, between comments that name the section, so that no figure is typed.
 
 `peer.json` goes into the README, `speed.json` and `speed_avx2.json` into the page on speed, `stages.json`,
-`reference_accuracy.csv` and `scaling.csv` into the page on rendering, `gpu.csv` into the page on devices, and the
-results of the study into the page of findings. What has not been measured is marked as such.
+`reference_accuracy.csv` and `scaling.csv` into the page on rendering, `gpu.csv` into the page on devices, probes of the
+packaged encoders into the page on encoders, and the results of the study into the page of findings. What has not been
+measured is marked as such.
 """
 
 import argparse
@@ -165,6 +166,7 @@ SECTIONS: dict[tuple[Path, str], tuple[str, Callable[[], str]]] = {
     (ROOT / "docs" / "render.md", "stages"): ("stages.json", frame_stages),
     (ROOT / "docs" / "render.md", "reference"): ("reference_accuracy.csv", reference_accuracy),
     (ROOT / "docs" / "render.md", "scaling"): ("scaling.csv", scaling),
+    (ROOT / "docs" / "encoder.md", "geometry"): ("encoders/geometry.csv", findings.geometry),
     (FOUND, "study"): ("paper/runs.csv", findings.returns_and_costs),
     (FOUND, "keeping"): ("paper/runs.csv", findings.limits),
     (FOUND, "pairs"): ("paper/runs.csv", findings.pairs_with_ppo),

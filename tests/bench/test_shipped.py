@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from thalweg.bench.execute.backend import PACKAGED_POLICY
-from thalweg.encoder import DEFAULT_PATH
+from thalweg.encoder import DEFAULT_PATH, PACKAGED, GeometryConfig
+from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION
 from thalweg.train import load_policy
 from thalweg.train.observations import check_policy_fits, observation_of
@@ -16,6 +17,14 @@ from thalweg.train.river import load_compatible_encoder
 
 ROOT = Path(__file__).resolve().parents[2]
 NEVER = 1_000_000
+
+
+def test_the_encoder_of_geometry_fits_the_renderer_and_the_ideal_eye():
+    encoder = load_compatible_encoder("geometry")
+    assert encoder.about["path"] == str(PACKAGED["geometry"])
+    assert isinstance(encoder.config, GeometryConfig) and encoder.config.targets == FEATURES
+    assert (encoder.latent, encoder.inputs) == (32, "rgb+mask")
+    assert PACKAGED["geometry"].stat().st_size < 3.6e6
 
 
 def test_the_encoder_of_the_package_fits_the_renderer():

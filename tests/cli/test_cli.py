@@ -150,6 +150,13 @@ WRONG = [
     (["encoder", "train", "--held-out", "-1", "--out", "x"], "-1 can't be held out"),
     (["encoder", "train", "--level", "medum", "--out", "x"], "Easy, Medium, Hard"),
     (["encoder", "train", "--out", "/dev/null"], "/dev/null is not a folder"),
+    (["encoder", "train", "--level", "easy", "hard", "--out", "x"], "--level takes one level for --target image"),
+    (["encoder", "train", "--held-out-seeds", "5", "--out", "x"], "--held-out-seeds is for --target geometry"),
+    (["encoder", "train", "--target", "geometry", "--out", "/dev/null"], "/dev/null is not a folder"),
+    (["encoder", "train", "--target", "geometry", "--river", "a.gpx", "--out", "x"], "--river is for --target image"),
+    (["encoder", "train", "--level", "Medium", "--river", "a.gpx", "--out", "x"], "give --level or --river, not both"),
+    (["encoder", "train", "--target", "geometry", "--level", "medum", "--out", "x"], "Easy, Medium, Hard"),
+    (["encoder", "train", "--target", "geometry", "--world-seeds", "1:9", "--held-out-seeds", "8", "--out", "x"], "8"),
     (["train", "--set", "hidden=[64", "--out", "x"], "'hidden=[64' cannot be understood"),
     (
         ["train", "--set", "learning_rate=fast", "--out", "x"],
@@ -504,6 +511,28 @@ def test_a_policy_of_images_is_trained_and_evaluated_without_an_encoder(
     assert f"Evaluate it: thalweg evaluate {then} --levels easy\n" in capsys.readouterr().out
     assert main(["evaluate", str(then), "--levels", "easy", "--episodes", "1", "--out", str(out)]) == 0
     assert len(out.read_text().splitlines()) == 2
+
+
+@pytest.mark.slow
+def test_a_policy_is_trained_on_the_codes_of_geometry_and_evaluated_through_the_same_encoder(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+):
+    from thalweg.core.cache import file_hash
+    from thalweg.encoder import PACKAGED
+    from thalweg.train import load_policy
+
+    run, out = tmp_path / "run", tmp_path / "rows.csv"
+    settings = ["--set", "steps_per_update=64", "passes=1", "--steps", "64", "--num-envs", "2"]
+    given = ["train", "--encoder", "geometry", "--algorithm", "ppo", "--level", "easy", *settings]
+    assert main([*given, "--out", str(run)]) == 0
+    assert f"thalweg evaluate {run} --levels easy --encoder geometry\n" in capsys.readouterr().out
+    policy = load_policy(run)
+    assert (policy.obs_size, policy.about.context["encoder"]) == (32, file_hash(PACKAGED["geometry"]))
+    flown = ["evaluate", str(run), "--levels", "easy", "--episodes", "1", "--out", str(out)]
+    assert main(flown) == 0, "the packaged encoder of a policy is found without --encoder"
+    assert len(out.read_text().splitlines()) == 2
+    assert main([*flown, "--encoder", "default"]) == 2
+    assert "the policy takes 32 numbers, but the encoder returns 16" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("felt", [False, True], ids=["alone", "with proprioception"])

@@ -60,6 +60,12 @@ def test_a_missing_file_is_named(tmp_path):
         load_encoder(tmp_path / "none.safetensors")
 
 
+def test_a_misspelt_name_of_a_packaged_encoder_is_named_with_what_there_is():
+    message = r"geometri: no such file \(did you mean 'geometry'\?\); .* comes with the package: default, geometry$"
+    with pytest.raises(EncoderFileError, match=message):
+        load_encoder("geometri")
+
+
 def test_the_folder_of_a_run_stands_for_the_file_in_it(path):
     codes = synthetic_frames(4, 64)
     loaded = load_encoder(path.parent)

@@ -34,7 +34,7 @@ from thalweg.core import versions
 from thalweg.core.cache import file_hash
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.core.config import parse_config
-from thalweg.encoder import DEFAULT_PATH, load_encoder, train_encoder
+from thalweg.encoder import DEFAULT_PATH, PACKAGED, load_encoder, train_encoder
 from thalweg.encoder.vae import VAEConfig
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.shield.moves import VERDICTS
@@ -261,6 +261,14 @@ def packaged_encoder() -> Trace:
     return {"file": _digits(DEFAULT_PATH), "codes": np.asarray(codes, np.float64)}
 
 
+def packaged_geometry() -> Trace:
+    """The hash of the file of the packaged encoder of geometry, and its codes and predictions of synthetic frames."""
+    encoder = load_encoder("geometry")
+    codes = encoder(synthetic_frames(4, 128))
+    found = {"codes": codes, "predictions": encoder.predict(codes)}
+    return {"file": _digits(PACKAGED["geometry"])} | {name: each.astype(np.float64) for name, each in found.items()}
+
+
 def packaged_policy() -> Trace:
     """The hash of the packaged policy's file."""
     return {"file": _digits(PACKAGED_POLICY)}
@@ -326,6 +334,7 @@ GOLDENS: dict[str, Golden] = {
     "training": Golden("TRAINING", versions.TRAINING, training),
     "encoder": Golden("ENCODER", versions.ENCODER, encoder, tolerance=0.05, smallest=0.05),
     "packaged encoder": Golden("PACKAGED_ENCODER", versions.PACKAGED_ENCODER, packaged_encoder, tolerance=0.02),
+    "packaged geometry": Golden("PACKAGED_GEOMETRY", versions.PACKAGED_GEOMETRY, packaged_geometry, tolerance=0.02),
     "packaged policy": Golden("PACKAGED_POLICY", versions.PACKAGED_POLICY, packaged_policy, tolerance=0.0),
     "shield": Golden("SHIELD", versions.SHIELD, shield, tolerance=0.02, smallest=20.0),
     "imitation": Golden("IMITATION", versions.IMITATION, imitation),

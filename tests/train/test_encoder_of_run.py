@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from thalweg.core.cache import file_hash
-from thalweg.encoder import DEFAULT_PATH, VAE, Encoder, VAEConfig, load_encoder, save_vae
+from thalweg.encoder import PACKAGED, VAE, Encoder, VAEConfig, load_encoder, save_vae
 from thalweg.env import EnvConfig
 from thalweg.render import RENDER_VERSION, Camera
-from thalweg.train.encoder_of_run import check_camera_fits, encoder_of, file_of_its_own
+from thalweg.train.encoder_of_run import check_camera_fits, encoder_in_words, encoder_of, file_of_its_own
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import require_same
 from thalweg.train.river import RiverTraining
@@ -35,14 +35,17 @@ def test_the_encoder_of_a_run_is_the_file_that_it_was_trained_with(own: Encoder,
     assert file_of_its_own(own) == {"encoder_file": str(tmp_path / "run" / "encoder.safetensors")}
 
 
-def test_the_packaged_encoder_is_found_wherever_the_package_is():
-    packaged = load_encoder()
+@pytest.mark.parametrize("name", PACKAGED)
+def test_a_packaged_encoder_is_found_wherever_the_package_is(name: str):
+    packaged, path = load_encoder(name), PACKAGED[name]
     assert file_of_its_own(packaged) == {}
-    assert encoder_of(trained_with(packaged)) is None
-    moved = SimpleNamespace(
-        about=SimpleNamespace(context={"encoder": file_hash(DEFAULT_PATH), "encoder_file": "/gone"})
-    )
-    assert encoder_of(moved) is None
+    assert encoder_of(trained_with(packaged)) == path
+    moved = {"encoder": file_hash(path), "encoder_file": "/gone"}
+    assert encoder_of(SimpleNamespace(about=SimpleNamespace(context=moved))) == path
+    assert encoder_in_words(moved) == f"the encoder '{name}' that comes with the package"
+
+
+def test_a_policy_that_was_not_trained_names_no_encoder():
     assert encoder_of(SimpleNamespace()) is None
 
 

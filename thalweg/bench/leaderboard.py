@@ -20,7 +20,7 @@ from thalweg.bench.results.inference import CONFIDENCE, MIN_SEEDS, Estimate, mea
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
-from thalweg.bench.suite.record import arms_of, observation_of
+from thalweg.bench.suite.record import arms_of, encoder_of, observation_of
 from thalweg.train.observations import FRAMES, IMAGES, PRIVILEGED
 from thalweg.world import LEVELS
 
@@ -71,6 +71,8 @@ class Entry:
     """What the results lack of `REQUIREMENTS`."""
     observation: str = FRAMES
     """What the policy sees, see `thalweg.train.observations.IN_WORDS`."""
+    encoder: str = "default"
+    """Name of the packaged encoder of its frames, if it sees their codes."""
 
     @property
     def privileged(self) -> bool:
@@ -139,6 +141,7 @@ def _entry(
         regret=training_regret(results, name),
         missing=("current versions",) if outdated else tuple(_missing(results, arm, usual, unseen)),
         observation=observation_of(results.suite, arm),
+        encoder=encoder_of(results.suite, arm),
     )
 
 
@@ -239,8 +242,8 @@ limit, per episode of the last stage. *Versions* is *current* if the row was mad
 everything that results depend on. Otherwise it names the versions that differ, and the row is not ranked until it has
 been run again.
 
-Policies see frames through an encoder. The name of one that sees images itself is followed by their channels,
-{" or ".join(f"*({channels})*" for channels in IMAGES)}.
+Policies see frames through an encoder, that of the autoencoder unless *(geometry)* follows the name. The name of one
+that sees images itself is followed by their channels, {" or ".join(f"*({channels})*" for channels in IMAGES)}.
 """
 PRIVILEGED_NOTE = """These policies see what a perfect camera could tell instead of frames, so they are ranked among
 themselves."""
@@ -263,5 +266,6 @@ def _row(entry: Entry) -> list[str]:
     cost = "missing" if entry.cost is None else str(entry.cost)
     regret = "unknown" if entry.regret is None else f"{entry.regret:.2f}"
     rest = [regret, entry.level, f"{entry.steps:,}", str(entry.seeds), entry.versions]
-    policy = entry.policy if entry.observation == FRAMES else f"{entry.policy} ({entry.observation})"
+    seen = entry.encoder if entry.observation == FRAMES else entry.observation
+    policy = entry.policy if seen == "default" else f"{entry.policy} ({seen})"
     return [policy, entry.source, entry.limit_met, cost, *returns, *rest]

@@ -4,7 +4,7 @@ import shlex
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from thalweg.cli.options import NO_FILE, River, UsageError, check_file
 from thalweg.core.seeds import parse_seeds
@@ -12,57 +12,99 @@ from thalweg.core.seeds import parse_seeds
 
 @dataclass(frozen=True)
 class EncoderTrain:
-    """Collect frames from random poses and train an autoencoder on them; the same command resumes."""
+    """Train an autoencoder, or an encoder of geometry, on frames of rivers; the same command resumes."""
 
     out: Path
     """Folder of the run."""
+    target: Literal["image", "geometry"] = "image"
+    """What is learnt: the image itself, by an autoencoder, or what an ideal eye sees of the river."""
     inputs: Literal["rgb+mask", "rgb", "mask"] = "rgb+mask"
     """Channels that the encoder sees."""
-    latent: int = 16
-    """Size of a code."""
+    latent: int | None = None
+    """Size of a code; 16 of images and 32 of geometry by default."""
     architecture: str = "lean"
     """`lean`, or `paper` for the architecture of the paper, which trains far more slowly."""
-    level: str = "Medium"
-    """Level whose river the images show."""
+    level: tuple[str, ...] = ()
+    """Level whose river the images show, by default Medium; for geometry several, by default all."""
     river: River = NO_FILE
     world_seeds: tuple[str, ...] = ()
-    """Seeds of the rivers, such as 0 5 1000:1016, where 1016 is excluded; by default the fixed river of the level."""
-    images: int = 2000
-    """Number of training images."""
-    held_out: int = 200
-    """Number of further images, used for measurement only."""
-    epochs: int = 100
-    """Epochs of training."""
+    """Seeds of the rivers, such as 0 5 1000:1016 (1016 excluded); by default the fixed one, for geometry 1000:1022."""
+    held_out_seeds: tuple[str, ...] = ()
+    """For geometry only: seeds of the rivers of each level on which codes are judged; 3000:3006 by default."""
+    images: int | None = None
+    """Number of training images, by default 2000; for geometry those that are drawn for an epoch, by default 4096."""
+    held_out: int | None = None
+    """Number of further images, for measurement only; 200 by default, for geometry 1024 of flights and of starts."""
+    epochs: int | None = None
+    """Epochs of training; 100 by default, for geometry 16."""
+    rivers_in_memory: int | None = None
+    """For geometry only: greatest number of rivers in memory; derived from the free memory by default."""
     seed: int = 0
     """Seed of the poses and of the training."""
 
     def run(self) -> int:
+        return self._learn_geometry() if self.target == "geometry" else self._learn_images()
+
+    def _given(self, *names: str) -> dict[str, Any]:
+        """Return the options of these names that were given."""
+        return {name: value for name in names if (value := getattr(self, name)) not in (None, ())}
+
+    def _learn_images(self) -> int:
+        """Train an autoencoder."""
         from thalweg.encoder import VAEConfig
         from thalweg.train.encoder.training import collect_and_train
 
-        reach = self.river.reach("--level", None if self.level == "Medium" else self.level)
+        if others := self._given("held_out_seeds", "rivers_in_memory"):
+            option = f"--{next(iter(others)).replace('_', '-')}"
+            raise UsageError(f"{option} is for --target geometry: leave it out, or choose that target")
+        if len(self.level) > 1:
+            raise UsageError(f"--level takes one level for --target image, not {' '.join(self.level)}")
+        reach = self.river.reach("--level", self.level)
         result = collect_and_train(
             self.out,
-            VAEConfig(inputs=self.inputs, latent=self.latent, architecture=self.architecture),
-            level=reach or self.level,
+            VAEConfig(inputs=self.inputs, architecture=self.architecture, **self._given("latent")),
+            level=reach or (self.level[0] if self.level else "Medium"),
             world_seeds=parse_seeds(self.world_seeds, "--world-seeds", UsageError),
-            images=self.images,
-            held_out=self.held_out,
-            epochs=self.epochs,
             seed=self.seed,
             command=shlex.join(["thalweg", *sys.argv[1:]]),
+            **self._given("images", "held_out", "epochs"),
         )
         held_out = "" if result.held_out_mse is None else f", on held-out images {result.held_out_mse:.5f}"
         print(f"{result.path}: mean squared error {result.train_mse:.5f}{held_out}")
         return 0
 
+    def _learn_geometry(self) -> int:
+        """Train an encoder of geometry."""
+        from thalweg.train.encoder.geometry import GeometryTraining, geometry_config
+
+        if self.river.reach("--level", self.level) is not None:
+            raise UsageError(
+                "--river is for --target image: geometry is learnt on rivers of several levels, and judged on others"
+            )
+        seeds = {
+            name: parse_seeds(given, f"--{name.replace('_', '-')}", UsageError)
+            for name, given in self._given("world_seeds", "held_out_seeds").items()
+        }
+        result = GeometryTraining(
+            self.out,
+            geometry_config(inputs=self.inputs, architecture=self.architecture, **self._given("latent")),
+            seed=self.seed,
+            command=shlex.join(["thalweg", *sys.argv[1:]]),
+            **({"levels": self.level} if self.level else {}),
+            **seeds,
+            **self._given("images", "held_out", "epochs", "rivers_in_memory"),
+        ).run()
+        print(f"{result.path}, judged on rivers held out, under all looks, by R² of a linear regression on the code:")
+        print("\n".join(result.lines))
+        return 0
+
 
 @dataclass(frozen=True)
 class EncoderShow:
-    """Describe an encoder, and draw frames, masks and their reconstructions."""
+    """Describe an encoder, and draw frames, masks and their reconstructions if it has any."""
 
     path: Path | None = None
-    """Folder of `encoder train`, or encoder file; by default the one that comes with the package."""
+    """Folder of `encoder train`, encoder file, or `geometry`; by default the packaged autoencoder."""
     level: str = "Medium"
     """Level whose river the frames show."""
     count: int = 8
@@ -73,13 +115,15 @@ class EncoderShow:
     """The picture, a PNG; one that is there is replaced."""
 
     def run(self) -> int:
-        from thalweg.encoder import draw_reconstructions, load_encoder
+        from thalweg.encoder import VAE, draw_reconstructions, load_encoder
         from thalweg.train.encoder.frames import collect_frames
 
         check_file("--out", self.out, ".png")
         encoder = load_encoder(self.path)
         for key, value in encoder.about.items():
             print(f"{key}: {value}")
+        if not isinstance(encoder.model, VAE):
+            return 0
         draw_reconstructions(collect_frames(self.count, level=self.level, seed=self.seed), encoder, self.out)
         print(f"{self.out}: {self.count} frames and their reconstructions")
         return 0

@@ -51,7 +51,7 @@ class Evaluate:
     shield: bool = False
     """Replace moves that would leave the water remembered from past masks; results say so, and are apart."""
     encoder: Path | None = None
-    """File of the encoder, or folder of its run, for policies that see codes; by default that of their training."""
+    """`default`, `geometry`, a file or the folder of its run, for policies that see codes; by default their own."""
     out: Path | None = None
     """Also write one row per episode to this .csv file, replacing it."""
     device: str = "cpu"

@@ -48,7 +48,7 @@ class Train:
     proprioception: bool = False
     """Beside codes or the privileged observation, also height, velocities, yaw rate and the last action."""
     encoder: Path | None = None
-    """Encoder file, or folder of `encoder train`, for `frames` without policy=cnn; by default that of the package."""
+    """`default`, `geometry`, which tells where the banks are, a file, or a folder of `encoder train`; for `frames`."""
     preset: str = "default"
     """`default`, or `paper` for the settings of the study, as far as they are known."""
     set: tuple[str, ...] = ()

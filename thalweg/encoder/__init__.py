@@ -1,7 +1,15 @@
 """Encoder of frames: variational autoencoder, training, files and fast frozen encoder."""
 
-from thalweg.encoder.encoder import DEFAULT_PATH, Encoder, check_render_version, fold_batch_norms, load_encoder
-from thalweg.encoder.files import EncoderFileError, load_vae, save_vae
+from thalweg.encoder.encoder import (
+    DEFAULT_PATH,
+    PACKAGED,
+    Encoder,
+    check_render_version,
+    fold_batch_norms,
+    load_encoder,
+)
+from thalweg.encoder.files import EncoderFileError, load_vae, save_geometry, save_vae
+from thalweg.encoder.geometry import GeometryConfig, GeometryNetwork
 from thalweg.encoder.reconstruction import draw_reconstructions, mean_image_mse, reconstruct, reconstruction_mse
 from thalweg.encoder.training import Source, TrainingResult, train_encoder
 from thalweg.encoder.vae import ARCHITECTURES, VAE, EncoderInputError, VAEConfig, kl_divergence, vae_loss
@@ -9,10 +17,13 @@ from thalweg.encoder.vae import ARCHITECTURES, VAE, EncoderInputError, VAEConfig
 __all__ = [
     "ARCHITECTURES",
     "DEFAULT_PATH",
+    "PACKAGED",
     "VAE",
     "Encoder",
     "EncoderFileError",
     "EncoderInputError",
+    "GeometryConfig",
+    "GeometryNetwork",
     "Source",
     "TrainingResult",
     "VAEConfig",
@@ -25,6 +36,7 @@ __all__ = [
     "mean_image_mse",
     "reconstruct",
     "reconstruction_mse",
+    "save_geometry",
     "save_vae",
     "train_encoder",
     "vae_loss",

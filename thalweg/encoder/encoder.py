@@ -1,9 +1,10 @@
 """Frozen encoder from frames to codes: fast inference that is bit-identical for any batch.
 
 Batch norms are folded into the convolutions and the division by 255 into the first of them, which leaves six
-convolutions and one linear layer. float32 is the default although bfloat16 is 1.5 times as fast: codes then agree
-between machines with and without bfloat16. The model is not compiled, since that would take more time than it saves.
-The first layers of an encoder of masks are computed only where a mask is not uniform, see `mask_layers`.
+convolutions and one linear layer, or two of an encoder of geometry. float32 is the default although bfloat16 is 1.5
+times as fast: codes then agree between machines with and without bfloat16. The model is not compiled, since that would
+take more time than it saves. The first layers of an encoder of masks are computed only where a mask is not uniform, see
+`mask_layers`.
 
 A frame gives the same bits in a batch of any size and content. Two cases sum in another order and would break that: a
 convolution of a single image, which is therefore encoded together with a copy of itself, and a linear layer of few
@@ -21,13 +22,19 @@ from torch import Tensor, nn
 
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.torch_threads import run_in_torch_threads
-from thalweg.encoder.files import EncoderFileError, encoder_file, load_vae
+from thalweg.core.suggestion import did_you_mean
+from thalweg.encoder.files import EncoderFileError, encoder_file, load_model
+from thalweg.encoder.geometry import GeometryNetwork
 from thalweg.encoder.leaky_convolution import LeakyConvolution
 from thalweg.encoder.mask_layers import encode_masks, mask_layers, output_shape
 from thalweg.encoder.vae import VAE, EncoderInputError
 
 DEFAULT_PATH = Path(__file__).with_name("default.safetensors")
-"""The encoder that comes with the package."""
+"""The autoencoder that comes with the package, whose encoder is used by default."""
+PACKAGED = {"default": DEFAULT_PATH, "geometry": Path(__file__).with_name("geometry.safetensors")}
+"""Files of the encoders that come with the package, by their names: `geometry` was trained to predict the ideal eye."""
+Model = VAE | GeometryNetwork
+"""What has convolutions that are its `encoder`, and `dense_layers` behind them that give the code."""
 ROWS = 16
 """The rows of the linear layer are padded with zeros to a multiple of this number."""
 CHUNKS = {"cpu": 64, "cuda": 1024}
@@ -38,20 +45,21 @@ PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16}
 
 
 class Encoder:
-    """Frames uint8 [N, H, W, C] to codes float32 [N, Z] (the mean of the Gaussian), on one device, without gradients.
+    """Frames uint8 [N, H, W, C] to codes float32 [N, Z], on one device, without gradients.
 
-    C is the number of channels of `inputs`, or 4, of which the channels of `inputs` are selected.
+    The code of an autoencoder is the mean of its Gaussian. C is the number of channels of `inputs`, or 4, of which the
+    channels of `inputs` are selected.
     """
 
-    def __init__(self, vae: VAE, about: Mapping[str, Any] | None = None, *, precision="float32", device="cpu"):
+    def __init__(self, model: Model, about: Mapping[str, Any] | None = None, *, precision="float32", device="cpu"):
         if precision not in PRECISIONS:
             raise EncoderInputError(f"unknown precision {precision!r}; known: {', '.join(PRECISIONS)}")
-        self.vae = vae.cpu().eval()
-        self.config = vae.config
+        self.model = model.cpu().eval()
+        self.config = model.config
         self.about = dict(about or {})
         self._device = torch.device(device)
         self._dtype = PRECISIONS[precision]
-        convolutions, self._head = fold_batch_norms(vae)
+        convolutions, self._head = fold_batch_norms(model)
         for layer in convolutions:
             layer.to(self._device, self._dtype, memory_format=torch.channels_last)  # pyright: ignore
         sparse = self.inputs == "mask" and self._device.type == "cpu" and self._dtype == torch.float32
@@ -79,6 +87,13 @@ class Encoder:
     def inputs(self) -> str:
         """Channels that are encoded: "rgb", "mask" or "rgb+mask"."""
         return self.config.inputs
+
+    @property
+    def vae(self) -> VAE:
+        """The autoencoder; raises `EncoderInputError` for an encoder of geometry, which is none."""
+        if not isinstance(self.model, VAE):
+            raise EncoderInputError("an encoder of geometry has no decoder: its codes are no images")
+        return self.model
 
     @property
     def render_version(self) -> int | None:
@@ -128,12 +143,24 @@ class Encoder:
         return frames.to(self._device).to(self._dtype).permute(0, 3, 1, 2)
 
     def decode(self, codes: np.ndarray) -> np.ndarray:
-        """Return reconstructed frames uint8 [N, H, W, C] from codes [N, Z]; C is the number of channels of `inputs`."""
+        """Return reconstructed frames uint8 [N, H, W, C] from codes [N, Z]; C is the number of channels of `inputs`.
+
+        Raises `EncoderInputError` for codes of another shape, and for an encoder of geometry.
+        """
+        vae = self.vae
         if codes.ndim != 2 or codes.shape[1] != self.latent:
             raise EncoderInputError(f"codes must have the shape [N, {self.latent}], not {list(codes.shape)}")
         with torch.inference_mode():
-            images = self.vae.decode(torch.as_tensor(codes, dtype=torch.float32))
+            images = vae.decode(torch.as_tensor(codes, dtype=torch.float32))
         return (images.permute(0, 2, 3, 1) * 255).round().to(torch.uint8).numpy()
+
+    def predict(self, codes: np.ndarray) -> np.ndarray:
+        """Return the quantities float32 [N, T], `config.targets` in their units, that an encoder of geometry reads from
+        codes [N, Z]; raises `EncoderInputError` for any other encoder."""
+        if not isinstance(self.model, GeometryNetwork):
+            raise EncoderInputError("only an encoder of geometry predicts quantities; this is an autoencoder")
+        with torch.inference_mode():
+            return self.model.predict(torch.as_tensor(codes, dtype=torch.float32)).numpy()
 
     def _check(self, shape: tuple[int, ...], dtype: Any) -> None:
         size, channels = self.config.size_px, self.config.channels
@@ -155,14 +182,14 @@ class Encoder:
 
 
 @torch.no_grad()
-def fold_batch_norms(vae: VAE) -> tuple[list[nn.Conv2d], nn.Linear]:
-    """Return the convolutions with folded batch norms, for pixels in 0..255, and a copy of the mean's linear layer.
+def fold_batch_norms(model: Model) -> tuple[list[nn.Conv2d], nn.Module]:
+    """Return the convolutions with folded batch norms, for pixels in 0..255, and the layers behind them.
 
     With γ, β the norm's scale and shift, m, v its running mean and variance:
     γ (Wx − m) / √(v + ε) + β = (γ/√(v + ε)) W x + β − γ m/√(v + ε). The first W also takes the division by 255.
     """
     convolutions = []
-    layers = list(vae.encoder)
+    layers = list(model.encoder)
     for convolution, norm in zip(layers[0::3], layers[1::3], strict=True):
         assert isinstance(convolution, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d)
         assert norm.running_mean is not None and norm.running_var is not None
@@ -170,26 +197,38 @@ def fold_batch_norms(vae: VAE) -> tuple[list[nn.Conv2d], nn.Linear]:
         weight = convolution.weight.double() * scale[:, None, None, None]
         shift = norm.bias.double() - scale * norm.running_mean.double()
         convolutions.append(_convolution(weight if convolutions else weight / 255, shift))
-    head = nn.Linear(vae.mean.in_features, vae.mean.out_features).requires_grad_(False)
-    head.load_state_dict(vae.mean.state_dict())
-    return convolutions, head
+    return convolutions, model.dense_layers()
 
 
 def load_encoder(
     path: str | Path | None = None, *, latent: int | None = None, precision: str = "float32", device: str = "cpu"
 ) -> Encoder:
-    """Load the encoder of a file, or of the folder of a run that trained it, by default that of the package.
+    """Load the encoder of a file, of the folder of a run that trained it, or one of `PACKAGED` by its name.
 
-    `latent` is the required code size, if any.
+    The default is the autoencoder of the package; `latent` is the required code size, if any.
 
     Raises `EncoderFileError` for a file that is missing, truncated, foreign, of another version or code size, and
     `DeviceError` for an unusable device.
     """
-    path, device = encoder_file(DEFAULT_PATH if path is None else path), resolve_device(device)
-    vae, about = load_vae(path)
-    if latent is not None and vae.config.latent != latent:
-        raise EncoderFileError(f"{path}: encodes to {vae.config.latent} numbers, but {latent} are needed")
-    return Encoder(vae, {**about, "path": str(path)}, precision=precision, device=device)
+    path, device = encoder_path(path), resolve_device(device)
+    model, about = load_model(path)
+    if latent is not None and model.config.latent != latent:
+        raise EncoderFileError(f"{path}: encodes to {model.config.latent} numbers, but {latent} are needed")
+    return Encoder(model, {**about, "path": str(path)}, precision=precision, device=device)
+
+
+def encoder_path(given: str | Path | None) -> Path:
+    """Return the path of an encoder's file, given by itself, by the folder of its run or by a name of `PACKAGED`.
+
+    None is the default of the package. Raises `EncoderFileError` for what is none of these.
+    """
+    path = DEFAULT_PATH if given is None else PACKAGED.get(str(given), Path(given))
+    if not path.exists():
+        raise EncoderFileError(
+            f"{path}: no such file{did_you_mean(str(given), PACKAGED)}; give an encoder's file, the folder of"
+            f" `thalweg encoder train`, or the name of one that comes with the package: {', '.join(PACKAGED)}"
+        )
+    return encoder_file(path)
 
 
 def check_render_version(encoder: Encoder, version: int) -> None:

@@ -8,14 +8,15 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as serialize
 
 from thalweg.core.atomic_io import write_atomic
-from thalweg.core.config import parse_config
+from thalweg.core.config import parse_config, to_plain
+from thalweg.encoder.geometry import GeometryConfig, GeometryNetwork
 from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig
 
 FORMAT = 1
@@ -24,6 +25,12 @@ FILE = "encoder.safetensors"
 """Name of the file in the folder of a run that trains an encoder."""
 KEY = "thalweg"
 """Key of the JSON text in the metadata of a safetensors file; a single key keeps the bytes deterministic."""
+
+AUTOENCODER, GEOMETRY = "encoder", "geometry encoder"
+"""Kinds of files that hold an encoder."""
+MODELS: dict[str, tuple[Any, Any]] = {AUTOENCODER: (VAE, VAEConfig), GEOMETRY: (GeometryNetwork, GeometryConfig)}
+"""Model and configuration of each kind."""
+C = TypeVar("C", VAEConfig, GeometryConfig)
 
 
 class EncoderFileError(ValueError):
@@ -36,8 +43,9 @@ def write_tensors(path: str | Path, tensors: Mapping[str, torch.Tensor], about: 
     write_atomic(path, serialize(plain, {KEY: json.dumps(about, sort_keys=True)}))
 
 
-def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
-    """Return the tensors and JSON of a file of the given kind; raises `EncoderFileError` for any other file."""
+def read_tensors(path: str | Path, kind: str, *others: str) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
+    """Return the tensors and JSON of a file of the given kind, or one of the others; raises `EncoderFileError` for any
+    other file, which names the first kind."""
     path = Path(path)
     if not path.is_file():
         raise EncoderFileError(f"{path}: no such file")
@@ -48,7 +56,7 @@ def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, torch.Tensor], 
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (a file, not a dict)
     except (SafetensorError, json.JSONDecodeError, OSError) as error:
         raise EncoderFileError(f"{path}: truncated, damaged or not a safetensors file ({error})") from error
-    if not isinstance(about, dict) or about.get("kind") != kind:
+    if not isinstance(about, dict) or about.get("kind") not in (kind, *others):
         found = about.get("kind") if isinstance(about, dict) else None
         raise EncoderFileError(f"{path}: a safetensors file, but no {kind} of Thalweg (its kind: {found})")
     if about.get("format") != FORMAT:
@@ -66,22 +74,41 @@ def save_vae(path: str | Path, vae: VAE, about: Mapping[str, Any], *, half_decod
         decodes = name.startswith(("decoder.", "expand."))
         small = half_decoder and decodes and tensor.is_floating_point() and bool(tensor.half().isfinite().all())
         tensors[name] = tensor.half() if small else tensor
-    write_tensors(path, tensors, {**about, "kind": "encoder", "format": FORMAT, "config": asdict(vae.config)})
+    write_tensors(path, tensors, {**about, "kind": AUTOENCODER, "format": FORMAT, "config": asdict(vae.config)})
 
 
 def load_vae(path: str | Path) -> tuple[VAE, dict[str, Any]]:
     """Return the autoencoder of a file, in float32 and evaluation mode, and its JSON; raises `EncoderFileError`."""
-    tensors, about = read_tensors(path, "encoder")
-    vae = VAE(config_of(path, about))
-    expected = {name: tuple(tensor.shape) for name, tensor in vae.state_dict().items()}
+    return _loaded(path, *read_tensors(path, AUTOENCODER))
+
+
+def save_geometry(path: str | Path, network: GeometryNetwork, about: Mapping[str, Any]) -> None:
+    """Write an encoder of geometry and its description `about`."""
+    described = {**about, "kind": GEOMETRY, "format": FORMAT, "config": to_plain(network.config)}
+    write_tensors(path, network.state_dict(), described)
+
+
+def load_model(path: str | Path) -> tuple[VAE | GeometryNetwork, dict[str, Any]]:
+    """Return the autoencoder or the encoder of geometry of a file, in evaluation mode, and its JSON.
+
+    Raises `EncoderFileError` for any other file.
+    """
+    return _loaded(path, *read_tensors(path, *MODELS))
+
+
+def _loaded(path: str | Path, tensors: Mapping[str, torch.Tensor], about: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
+    """Return the model of a file's tensors and JSON, with the latter; raises `EncoderFileError`."""
+    network, kind = MODELS[about["kind"]]
+    model = network(config_of(path, about, kind))
+    expected = {name: tuple(tensor.shape) for name, tensor in model.state_dict().items()}
     found = {name: tuple(tensor.shape) for name, tensor in tensors.items()}
     for name in sorted(expected.keys() | found.keys()):
         if expected.get(name) != found.get(name):
             raise EncoderFileError(f"{path}: tensor {name} has shape {found.get(name)}, not {expected.get(name)}")
         if not torch.isfinite(tensors[name]).all():
             raise EncoderFileError(f"{path}: tensor {name} holds numbers that are not finite")
-    vae.load_state_dict({name: tensor.to(vae.state_dict()[name].dtype) for name, tensor in tensors.items()})
-    return vae.eval(), about
+    model.load_state_dict({name: tensor.to(model.state_dict()[name].dtype) for name, tensor in tensors.items()})
+    return model.eval(), about
 
 
 def encoder_file(path: str | Path) -> Path:
@@ -98,14 +125,14 @@ def encoder_file(path: str | Path) -> Path:
     return path / FILE if path.is_dir() else path
 
 
-def config_of(path: str | Path, about: Mapping[str, Any]) -> VAEConfig:
+def config_of(path: str | Path, about: Mapping[str, Any], kind: type[C]) -> C:
     """Return the configuration in a file's JSON; raises `EncoderFileError` for unknown, missing or bad values."""
     found = about.get("config")
-    known = {field.name for field in fields(VAEConfig)}
+    known = {field.name for field in fields(kind)}  # pyright: ignore[reportArgumentType]
     if not isinstance(found, dict) or set(found) != known:
         names = ", ".join(sorted(found)) if isinstance(found, dict) else found
         raise EncoderFileError(f"{path}: the configuration has {names}, not {', '.join(sorted(known))}")
     try:
-        return parse_config(VAEConfig, found)
+        return parse_config(kind, found)
     except EncoderInputError as error:
         raise EncoderFileError(f"{path}: bad configuration: {error}") from error

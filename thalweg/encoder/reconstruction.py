@@ -13,6 +13,7 @@ from PIL import Image, ImageDraw
 
 from thalweg.core.atomic_io import write_picture
 from thalweg.encoder.encoder import Encoder
+from thalweg.encoder.geometry import GeometryConfig
 from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig
 
 CHUNK = 64
@@ -21,7 +22,7 @@ FIGURE_GAP_PX = 4
 FIGURE_LABEL_PX = 16
 
 
-def check_images(images: np.ndarray, config: VAEConfig, held_out: int = 0) -> None:
+def check_images(images: np.ndarray, config: VAEConfig | GeometryConfig, held_out: int = 0) -> None:
     """Raise `EncoderInputError` unless images are uint8 [K, H, W, 4] of the config's size and 2 remain to train on."""
     shape, kind = np.shape(images), getattr(images, "dtype", None)
     if len(shape) != 4 or shape[1:] != (config.size_px, config.size_px, 4) or kind != np.uint8:
@@ -32,7 +33,9 @@ def check_images(images: np.ndarray, config: VAEConfig, held_out: int = 0) -> No
         raise EncoderInputError(f"of {shape[0]} images, {held_out} can't be held out: at least 2 must be left")
 
 
-def to_batch(images: np.ndarray, config: VAEConfig, device: torch.device | str = "cpu") -> torch.Tensor:
+def to_batch(
+    images: np.ndarray, config: VAEConfig | GeometryConfig, device: torch.device | str = "cpu"
+) -> torch.Tensor:
     """Return the config's channels of images uint8 [N, H, W, 4] as float32 [N, C, H, W] in 0..1, channels last."""
     first, last = config.channels[0], config.channels[-1] + 1
     pixels = torch.from_numpy(np.ascontiguousarray(images[..., first:last])).to(device)

@@ -10,7 +10,7 @@ import hashlib
 import io
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -22,6 +22,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.run_folder import FolderKind
+from thalweg.encoder.checkpoint import restore_state, state_tensors
 from thalweg.encoder.files import FILE, FORMAT, EncoderFileError, read_tensors, save_vae, write_tensors
 from thalweg.encoder.reconstruction import check_images, mean_image_mse, reconstruction_mse, to_batch
 from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig, vae_loss
@@ -31,6 +32,8 @@ COLUMNS = ("epoch", "loss", "mse", "kl", "held_out_mse", "images_per_s")
 `held_out_mse` is as the encoder is used, on the images held out, and empty when there are none."""
 
 
+PREFIX = "vae."
+"""Prefix of the names of the model's tensors in a checkpoint."""
 ENCODER_FOLDER = FolderKind("encoder training", "checkpoint.safetensors", EncoderFileError)
 
 Row = dict[str, float | None]
@@ -106,7 +109,7 @@ def train_encoder(
     train_images, held_out_images = (images[part] for part in split_indices(len(images), held_out, seed))
     state = _State(config, run, device)
     rows = state.resume(folder / "checkpoint.safetensors")
-    with _progress_bar(progress) as bar:
+    with progress_bar(progress) as bar:
         task = bar.add_task("training the encoder", total=epochs, completed=len(rows), note="")
         for epoch in range(len(rows), epochs):
             started = time.perf_counter()
@@ -115,7 +118,7 @@ def train_encoder(
             row["held_out_mse"] = reconstruction_mse(state.vae, held_out_images) if held_out else None
             rows.append({**row, "images_per_s": round(speed, 1)})
             state.save(folder / "checkpoint.safetensors", rows)
-            _write_rows(folder / "metrics.csv", rows)
+            write_rows(folder / "metrics.csv", COLUMNS, rows)
             bar.update(task, advance=1, note=f"{speed:.0f} images/s, mse {row['mse']:.5f}, kl {row['kl']:.2f}")
     return _write_encoder(folder / FILE, state, train_images, held_out_images, rows, source)
 
@@ -173,9 +176,7 @@ class _State:
 
     def save(self, path: Path, rows: list[Row]) -> None:
         """Write the state that the next epoch needs and the rows so far to one file."""
-        tensors = {f"vae.{name}": tensor for name, tensor in self.vae.state_dict().items()}
-        for index, moments in self.optimizer.state_dict()["state"].items():
-            tensors |= {f"adam.{index}.{name}": tensor for name, tensor in moments.items()}
+        tensors = state_tensors(self.vae, PREFIX, self.optimizer)
         write_tensors(path, tensors, {"kind": "encoder training", "format": FORMAT, "run": self.run, "rows": rows})
 
     def resume(self, path: Path) -> list[Row]:
@@ -185,35 +186,21 @@ class _State:
         tensors, about = read_tensors(path, "encoder training")
         recorded = {name: value for name, value in about.get("run", {}).items() if name in self.run}
         ENCODER_FOLDER.require_same(path.parent, recorded, self.run)
-        state = {**self.optimizer.state_dict(), "state": {}}
-        for name, tensor in tensors.items():
-            if name.startswith("adam."):
-                _, index, moment = name.split(".")
-                state["state"].setdefault(int(index), {})[moment] = tensor
-        try:
-            self.vae.load_state_dict({name[4:]: value for name, value in tensors.items() if name.startswith("vae.")})
-            self.optimizer.load_state_dict(state)
-            self._restore_memory_layout()
-        except (RuntimeError, ValueError) as error:
-            raise EncoderFileError(f"{path}: the tensors don't fit the model: {error}") from error
+        restore_state(path, tensors, self.vae, PREFIX, self.optimizer)
         return about["rows"]
 
-    def _restore_memory_layout(self) -> None:
-        """Give Adam's moments the memory layout of their weights, which the fused step assumes."""
-        for weight, moments in self.optimizer.state.items():
-            for name in ("exp_avg", "exp_avg_sq"):
-                moments[name] = torch.empty_like(weight).copy_(moments[name])
 
-
-def _write_rows(path: Path, rows: list[Row]) -> None:
+def write_rows(path: Path, columns: Sequence[str], rows: list[Row]) -> None:
+    """Write rows with these columns as a CSV file, atomically."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows([row[name] for name in COLUMNS] for row in rows)
+    writer.writerow(columns)
+    writer.writerows([row[name] for name in columns] for row in rows)
     write_atomic(path, text.getvalue())
 
 
-def _progress_bar(shown: bool) -> Progress:
+def progress_bar(shown: bool) -> Progress:
+    """Return a progress bar of epochs, with a note behind it."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     return Progress(*columns, TextColumn("{task.fields[note]}"), disable=not shown)
 

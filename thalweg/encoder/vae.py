@@ -77,22 +77,28 @@ class VAEConfig:
 
     @model_validator(mode="after")
     def _names_are_known_and_the_size_fits(self) -> Self:
-        if self.inputs not in CHANNELS:
-            raise ValueError(f"unknown inputs {self.inputs!r}; known: {', '.join(CHANNELS)}")
-        if self.architecture not in ARCHITECTURES:
-            raise ValueError(f"unknown architecture {self.architecture!r}; known: {', '.join(ARCHITECTURES)}")
-        shape = ARCHITECTURES[self.architecture]
-        step = max(shape.stride, shape.growth)
-        if self.size_px < step or self.size_px % step:
-            raise ValueError(
-                f"size_px must be a multiple of {step} for the {self.architecture} architecture, got {self.size_px}"
-            )
+        check_architecture(self.inputs, self.architecture, self.size_px)
         return self
 
     @property
     def channels(self) -> tuple[int, ...]:
         """The channels of a frame [H, W, 4] that are encoded."""
         return CHANNELS[self.inputs]
+
+
+def check_architecture(inputs: str, architecture: str, size_px: int, *, decodes: bool = True) -> None:
+    """Raise `ValueError` for unknown inputs or architectures, and for a size that its layers do not divide.
+
+    `decodes` is whether the model has the architecture's decoder.
+    """
+    if inputs not in CHANNELS:
+        raise ValueError(f"unknown inputs {inputs!r}; known: {', '.join(CHANNELS)}")
+    if architecture not in ARCHITECTURES:
+        raise ValueError(f"unknown architecture {architecture!r}; known: {', '.join(ARCHITECTURES)}")
+    shape = ARCHITECTURES[architecture]
+    step = max(shape.stride, shape.growth) if decodes else shape.stride
+    if size_px < step or size_px % step:
+        raise ValueError(f"size_px must be a multiple of {step} for the {architecture} architecture, got {size_px}")
 
 
 class VAE(nn.Module):
@@ -104,7 +110,7 @@ class VAE(nn.Module):
         shape = ARCHITECTURES[config.architecture]
         small = config.size_px // shape.stride
         features = shape.encoder[-1] * small * small
-        self.encoder = _encoder_layers(len(config.channels), shape)
+        self.encoder = encoder_layers(len(config.channels), shape)
         self.mean = nn.Linear(features, config.latent)
         self.log_variance = nn.Linear(features, config.latent)
         start = config.size_px // shape.growth
@@ -128,6 +134,12 @@ class VAE(nn.Module):
         mean, log_variance = self.encode(images)
         return self.decode(mean + noise * torch.exp(0.5 * log_variance)), mean, log_variance
 
+    def dense_layers(self) -> nn.Linear:
+        """Return a copy of the layer behind the convolutions that gives the mean of a code."""
+        head = nn.Linear(self.mean.in_features, self.mean.out_features).requires_grad_(False)
+        head.load_state_dict(self.mean.state_dict())
+        return head
+
 
 def kl_divergence(mean: torch.Tensor, log_variance: torch.Tensor) -> torch.Tensor:
     """Return KL(N(mean, variance) || N(0, 1)) in nats, summed over the code and averaged over the batch.
@@ -146,7 +158,8 @@ def vae_loss(
     return error + weight * divergence, error, divergence
 
 
-def _encoder_layers(channels: int, shape: Architecture) -> nn.Sequential:
+def encoder_layers(channels: int, shape: Architecture) -> nn.Sequential:
+    """Return the convolutions of an encoder, each with its batch norm and activation."""
     layers: list[nn.Module] = []
     for width in shape.encoder:
         # No bias: the batch norm that follows would remove it.

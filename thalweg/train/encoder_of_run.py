@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from thalweg.core.cache import file_hash
-from thalweg.encoder import DEFAULT_PATH, Encoder
+from thalweg.encoder import PACKAGED, Encoder
 from thalweg.render import Camera
 from thalweg.train.errors import TrainingError
 
@@ -19,20 +19,27 @@ def context_of(policy: Any) -> dict[str, Any]:
 
 
 def file_of_its_own(encoder: Encoder) -> dict[str, str]:
-    """Return the entry of a context for the file of an encoder; empty for the one that comes with the package."""
+    """Return the entry of a context for the file of an encoder; empty for one that comes with the package."""
     file = Path(encoder.about["path"]).resolve()
-    return {} if file == DEFAULT_PATH.resolve() else {FILE: str(file)}
+    return {} if file in [path.resolve() for path in PACKAGED.values()] else {FILE: str(file)}
+
+
+def packaged_name(digest: str) -> str | None:
+    """Return the name of the encoder of the package whose file has a hash; None if none of them has it."""
+    return next((name for name, path in PACKAGED.items() if path.is_file() and file_hash(path) == digest), None)
 
 
 def encoder_of(policy: Any) -> Path | None:
-    """Return the file of the encoder that a policy was trained with; None for the one that comes with the package.
+    """Return the file of the encoder that a policy was trained with, wherever the package is; None if it names none.
 
     Raises `TrainingError`, which says which file is needed, if that one is not where it was.
     """
     context = context_of(policy)
     needed, file = context.get("encoder"), context.get(FILE)
-    if needed is None or needed == file_hash(DEFAULT_PATH):
+    if needed is None:
         return None
+    if (name := packaged_name(needed)) is not None:
+        return PACKAGED[name]
     if file is None:
         what = "its run did not record the file's name"
     elif not Path(file).is_file():
@@ -49,8 +56,8 @@ def encoder_of(policy: Any) -> Path | None:
 def encoder_in_words(context: Mapping[str, Any]) -> str:
     """Return what identifies the encoder that a policy was trained with."""
     digest = context["encoder"]
-    if digest == file_hash(DEFAULT_PATH):
-        return "the encoder that comes with the package"
+    if (name := packaged_name(digest)) is not None:
+        return f"the encoder {name!r} that comes with the package"
     return f"{context.get(FILE, 'an encoder of its own')} (its hash: {digest})"
 
 

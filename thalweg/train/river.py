@@ -42,8 +42,11 @@ from thalweg.world.generate.memory import free_bytes
 from thalweg.world.store.world_cache import cache_path
 
 
-def load_compatible_encoder(path: Path | None = None, device: str = "cpu") -> Encoder:
+def load_compatible_encoder(path: str | Path | None = None, device: str = "cpu") -> Encoder:
     """Load an encoder that was trained on frames of this version of the renderer, and start compiling the renderer.
+
+    `path` is that of its file or of the folder of its run, or the name of one that comes with the package; None:
+    `default`.
 
     Raises `EncoderFileError` or `EncoderInputError` for another one.
     """

@@ -95,7 +95,7 @@ def test_stages_are_trained_in_order_each_beginning_as_the_one_before(tmp_path: 
         )
 
     monkeypatch.setattr(RiverTraining, "train", train)
-    monkeypatch.setattr(backend, "load_compatible_encoder", lambda: None)
+    monkeypatch.setattr(backend, "load_compatible_encoder", lambda _: None)
     before = (Stage("PPO", "Easy", 100), Stage("FOCOPS", "Medium", 20_000, settings={"cost_limit": 0.3}))
     arm = Arm("FOCOPS", seeds=(4,), steps=30_000, level="Hard", before=before, name="curriculum")
     home = tmp_path / "curriculum-4"
@@ -113,7 +113,7 @@ def test_each_stage_is_trained_on_its_own_rivers_or_those_of_its_arm_or_suite(
 ):
     given: list[Any] = []
     monkeypatch.setattr(RiverTraining, "train", lambda ground, *_, **__: given.append((ground.river, ground.seeds)))
-    monkeypatch.setattr(backend, "load_compatible_encoder", lambda: "the encoder")
+    monkeypatch.setattr(backend, "load_compatible_encoder", lambda _: "the encoder")
     stages = (Stage("PPO", "Easy", 1, world_seeds="3:6"), Stage("PPO", "Hard", 20_000))  # pyright: ignore[reportArgumentType]
     arms = (Arm("PPO", before=stages, world_seeds=[8, "10:12"], name="own"), Arm("CUP"))  # pyright: ignore
     place = RiverBackend(replace(SUITE, arms=arms, world_seeds="1000:1003", train_level="Medium"))
@@ -132,7 +132,7 @@ def test_an_arm_sees_frames_or_the_privileged_observation_in_all_its_stages(
 ):
     given: list[Any] = []
     monkeypatch.setattr(RiverTraining, "train", lambda _, algorithm, encoder, **__: given.append((algorithm, encoder)))
-    monkeypatch.setattr(backend, "load_compatible_encoder", lambda: "the encoder")
+    monkeypatch.setattr(backend, "load_compatible_encoder", lambda _: "the encoder")
     arms = (Arm("PPO", before=(Stage("P3O", "Easy", 1),)), Arm("CUP", observation="privileged"))
     place = RiverBackend(replace(SUITE, arms=arms))
     for label in ("PPO", "CUP-privileged"):
@@ -140,10 +140,26 @@ def test_an_arm_sees_frames_or_the_privileged_observation_in_all_its_stages(
     assert given == [("P3O", "the encoder"), ("PPO", "the encoder"), ("CUP", None)]
 
 
+def test_an_arm_sees_the_codes_of_its_own_encoder_or_of_the_suites_each_loaded_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    given, loaded = [], []
+    monkeypatch.setattr(RiverTraining, "train", lambda _, algorithm, encoder, **__: given.append((algorithm, encoder)))
+    monkeypatch.setattr(backend, "load_compatible_encoder", lambda name: loaded.append(name) or f"the {name} encoder")
+    arms = (Arm("PPO", before=(Stage("P3O", "Easy", 1),)), Arm("CUP", encoder="geometry"))
+    for suite in (replace(SUITE, arms=arms), replace(SUITE, arms=arms[:1], encoder="geometry")):
+        place = RiverBackend(suite)
+        for arm in suite.arms:
+            place.train(Run("train", arm.label, 0), tmp_path)
+    ours, theirs = "the default encoder", "the geometry encoder"
+    assert given == [("P3O", ours), ("PPO", ours), ("CUP", theirs), ("P3O", theirs), ("PPO", theirs)]
+    assert loaded == ["default", "geometry", "geometry"]
+
+
 def test_a_policy_of_the_privileged_observation_is_flown_and_filmed_without_an_encoder(
     rivers: RiverBackend, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    def loaded() -> None:
+    def loaded(_: str) -> None:
         raise AssertionError("an encoder was loaded")
 
     filmed: list[Any] = []
@@ -178,7 +194,7 @@ def renderers(rivers: RiverBackend, monkeypatch: pytest.MonkeyPatch) -> list[Dra
     """The renderers that a backend makes, which needs no encoder for policies of images."""
     made: list[Drawn] = []
 
-    def loaded() -> None:
+    def loaded(_: str) -> None:
         raise AssertionError("an encoder was loaded")
 
     monkeypatch.setattr(backend, "load_compatible_encoder", loaded)

@@ -127,6 +127,18 @@ def test_runs_that_see_no_frames_depend_on_neither_renderer_nor_encoder(
     assert calls(backend, "train") == ["FOCOPS-0", "FOCOPS-1"]
 
 
+def test_runs_through_the_encoder_of_geometry_depend_on_it_in_place_of_the_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    suite = replace(SUITE, arms=(replace(ARMS[0], encoder="geometry"), ARMS[1]))
+    run_suite(suite, tmp_path, SmallBackend())
+    made = read_versions(tmp_path)
+    assert made["PPO-geometry-0"]["geometry"] == versions.PACKAGED_GEOMETRY and "encoder" not in made["PPO-geometry-0"]
+    assert made["FOCOPS-0"]["encoder"] == versions.PACKAGED_ENCODER and "geometry" not in made["FOCOPS-0"]
+    monkeypatch.setattr(versions, "PACKAGED_GEOMETRY", versions.PACKAGED_GEOMETRY + 1)
+    assert set(read_results(tmp_path).outdated) == {f"PPO-geometry (geometry {versions.PACKAGED_GEOMETRY - 1})"}
+
+
 def test_runs_that_see_images_depend_on_the_renderer_but_not_on_the_encoder():
     images, codes = (current_versions("train", ["FOCOPS"], observation=seen) for seen in ("rgb", "frames"))
     assert images | {"encoder": versions.PACKAGED_ENCODER} == codes

@@ -53,6 +53,15 @@ def test_every_case_has_a_row_and_no_number_that_its_input_can_not_have(study: P
         assert all(float(row[f"read_{name}"]) <= 1 for name in ("height", "left_bank"))
 
 
+@pytest.mark.slow
+def test_the_encoders_of_the_package_are_probed_on_the_same_frames(study: Path):
+    found = rows(study / "packaged.csv")
+    assert [(row["encoder"], row["numbers"]) for row in found] == [("default", "16"), ("geometry", "32")]
+    assert all(float(row["read_height"]) <= 1 for row in found)
+    assert "packaged" not in (study / "sizes.csv").read_text()
+    assert "The same for the encoders that come with the package" in (study / "study.md").read_text()
+
+
 def test_errors_are_those_of_the_encoders_own_files(study: Path):
     about = load_encoder(study / "lean-rgb-mask-8" / "encoder.safetensors").about
     assert rows(study / "sizes.csv")[3]["held_out_mse"] == f"{about['held_out_mse']:.5f}"

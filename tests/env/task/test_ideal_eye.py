@@ -92,7 +92,7 @@ def test_the_next_island_has_its_place_and_size():
 
 
 def test_round_a_river_they_are_those_of_other_methods(medium_world: World):
-    """The banks are those of `privileged_state`, and points ahead those of arc lengths that are interpolated."""
+    """Heights, banks and points ahead are those of a course whose samples are interpolated by the arc length."""
     env = RiverVectorEnv([medium_world], 32, CONFIG)
     observations, info = env.reset(seed=3)
     river = medium_world.river
@@ -100,13 +100,21 @@ def test_round_a_river_they_are_those_of_other_methods(medium_world: World):
     line = np.vstack([river.position_m, river.position_m[:1]])
     for _ in range(12):
         poses = info["pose"]
-        state = privileged_state(medium_world, poses)
-        usual = np.abs(state[:, 2]) < 1.3  # who looks across might fly either way
-        assert usual.sum() > 20
-        np.testing.assert_allclose(observations[usual, 1:3], state[usual, :2], atol=1e-4)
-        np.testing.assert_allclose(observations[usual, 0], state[usual, 2], atol=1e-5)
-        np.testing.assert_allclose(observations[:, 3], state[:, 3], atol=1e-5)
         here = nearest_arcs(river, poses[:, :2])
+        across = poses[:, :2] - np.stack([np.interp(here, arc, line[:, axis]) for axis in (0, 1)], axis=1)
+        further = (here + 0.01 * env.state.travel) % river.length_m
+        along = np.stack([np.interp(further, arc, line[:, axis]) for axis in (0, 1)], axis=1) - (poses[:, :2] - across)
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        left = along[:, 0] * across[:, 1] - along[:, 1] * across[:, 0]
+        half_width, level = (
+            np.interp(here, arc, np.append(values, values[0])) for values in (0.5 * river.width_m, river.level_m)
+        )
+        np.testing.assert_allclose(observations[:, 1], half_width - left, atol=0.02)
+        np.testing.assert_allclose(observations[:, 2], half_width + left, atol=0.02)
+        np.testing.assert_allclose(observations[:, 3], poses[:, 2] - level, atol=0.01)
+        course = np.arctan2(along[:, 1], along[:, 0])
+        apart = np.angle(np.exp(1j * (observations[:, 0] - poses[:, 3] + course)))
+        np.testing.assert_allclose(apart, 0.0, atol=0.1)  # the course is smoother than its samples
         for k, metres in enumerate(POINTS_M):
             at = (here + env.state.travel * metres) % river.length_m
             offset = np.stack([np.interp(at, arc, line[:, axis]) for axis in (0, 1)], axis=1) - poses[:, :2]

@@ -5,7 +5,6 @@ The runner sees only `Backend`, so that tests can replace the rivers by a small 
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
@@ -42,6 +41,7 @@ def installed_versions() -> dict[str, int | None]:
         "training": versions.TRAINING,
         "evaluation": versions.EVALUATION,
         "encoder": versions.PACKAGED_ENCODER,
+        "geometry": versions.PACKAGED_GEOMETRY,
         "packaged": versions.PACKAGED_POLICY if PACKAGED_POLICY.exists() else None,
         **versions.ALGORITHMS,
     }
@@ -70,19 +70,23 @@ class Backend(Protocol):
 
 
 class RiverBackend:
-    """Trains on rivers, seen through the packaged encoder or by the privileged observation, and flies on them, also by
+    """Trains on rivers, seen through a packaged encoder or by the privileged observation, and flies on them, also by
     policies that see images.
 
-    The encoder is loaded when its codes are first seen; it and the main views are loaded once.
+    An encoder is loaded when its codes are first seen; it and the main views are loaded once.
     """
 
     def __init__(self, suite: Suite) -> None:
         self.suite = suite
-        self._observers: dict[tuple[str, str], Observe | None] = {}
+        self._observers: dict[tuple[str, str, str], Observe | None] = {}
+        self._encoders: dict[str, Encoder] = {}
 
-    @cached_property
-    def encoder(self) -> Encoder:
-        return load_compatible_encoder()
+    def encoder(self, run: Run) -> Encoder:
+        """Return the encoder whose codes a run's policy sees."""
+        name = self.suite.encoder_of(run)
+        if name not in self._encoders:
+            self._encoders[name] = load_compatible_encoder(name)
+        return self._encoders[name]
 
     def config(self, trial: Trial) -> EvaluationConfig:
         """Return the configuration of a trial's evaluation."""
@@ -113,7 +117,7 @@ class RiverBackend:
         seeds = self.suite.seeds_of(self.suite.arm(run.algorithm), stage)
         RiverTraining(level, self.suite.num_envs, seeds, EnvConfig(task=self.suite.task)).train(
             stage.algorithm,
-            self.encoder if self.suite.observation_of(run) == "frames" else None,
+            self.encoder(run) if self.suite.observation_of(run) == "frames" else None,
             steps=stage.steps,
             seed=run.seed,
             folder=folder,
@@ -128,17 +132,17 @@ class RiverBackend:
             return BASELINES[run.algorithm]
         return load_policy(PACKAGED_POLICY if run.kind == "packaged" else folder)
 
-    def observers(self, trial: Trial, courses: Sequence[Course], policy: Policy) -> list[Observe | None]:
+    def observers(self, run: Run, trial: Trial, courses: Sequence[Course], policy: Policy) -> list[Observe | None]:
         """Return the observation function for each course; None for a policy for which nothing is drawn."""
         sees = sight_of(policy)
-        encoder = self.encoder if sees == "frames" else None
+        encoder = self.encoder(run) if sees == "frames" else None
         check_policy_fits(policy, encoder, task=self.suite.task)
         shielded = trial.condition.shield
         if shielded:
             check_masks(policy, encoder)
         if trial.condition != MAIN or sees not in DRAWN:
             return [observation_function(policy, course, encoder, shielded=shielded) for course in courses]
-        view = trial.level, observation_of(policy)
+        view = trial.level, observation_of(policy), "" if encoder is None else self.suite.encoder_of(run)
         if view not in self._observers:
             self._observers[view] = observation_function(policy, courses[0].world, encoder)
         return [self._observers[view]]
@@ -150,7 +154,7 @@ class RiverBackend:
         courses = self.courses(trial, drawn=shielded or sight_of(policy) in DRAWN)
         label, config = Label(run.algorithm, run.seed, trial.level), self.config(trial)
         waiting = sum(len(course.starts) for course in courses)
-        for course, observe in zip(courses, self.observers(trial, courses, policy), strict=True):
+        for course, observe in zip(courses, self.observers(run, trial, courses, policy), strict=True):
             waiting -= len(course.starts)
 
             def report(step: Step, waiting: int = waiting) -> None:
@@ -180,7 +184,7 @@ class RiverBackend:
         course = full_course.only(episode.episode)
         label = Label(run.algorithm, run.seed, episode.level)
         steps: list[Step] = []
-        (observe,) = self.observers(trial, [course], policy)
+        (observe,) = self.observers(run, trial, [course], policy)
         (repeated,) = evaluate(policy, course, label, self.config(trial), observe=observe, on_step=steps.append)
         _require_same(repeated, episode)
         title = self.title(run, folder)

@@ -141,6 +141,7 @@ def _versions_of(suite: Suite, run: Run) -> dict[str, int | None]:
         run.kind,
         [stage.algorithm for stage in stages],
         observation=suite.observation_of(run) or FRAMES,
+        encoder=suite.encoder_of(run),
         asymmetric_critics=some_critics_are_asymmetric(
             (stage.algorithm, stage.settings, stage.preset) for stage in stages
         ),

@@ -22,6 +22,7 @@ from thalweg.bench.results.results import (
     read_runs,
 )
 from thalweg.bench.results.run_versions import (
+    GEOMETRY,
     Versions,
     current_versions,
     read_versions,
@@ -30,7 +31,7 @@ from thalweg.bench.results.run_versions import (
 )
 from thalweg.bench.results.statistics import TrainingLog
 from thalweg.bench.suite.config import PACKAGED
-from thalweg.bench.suite.record import arms_of, observation_of, read_suite, stages_of
+from thalweg.bench.suite.record import arms_of, encoder_of, observation_of, read_suite, stages_of
 from thalweg.core.versions import ALGORITHMS
 
 Value = TypeVar("Value")
@@ -191,11 +192,13 @@ def _current(suite: Mapping[str, Any], policy: str, recorded: Versions) -> dict[
             "train",
             [algorithm for algorithm, _, _ in stages],
             observation=observation_of(suite, arm),
+            encoder=encoder_of(suite, arm),
             asymmetric_critics=some_critics_are_asymmetric(stages),
             task=task,
         )
     known = (
         current_versions("train", [name for name in recorded if name in ALGORITHMS], asymmetric_critics=True)
+        | current_versions("train", (), encoder=GEOMETRY)
         | current_versions("packaged", ())
         | current_versions("baseline", [policy], task=task)
     )

@@ -19,6 +19,8 @@ from thalweg.train.run import has_asymmetric_critics
 
 FILE = "versions.json"
 EVALUATION = "evaluation"
+DEFAULT, GEOMETRY = "default", "geometry"
+"""Names of the encoders that come with the package."""
 STEADY = "steady"
 """The baseline that teaches imitations; its flights depend on their version."""
 UNKNOWN = "unknown versions"
@@ -33,26 +35,30 @@ def current_versions(
     algorithms: Iterable[str],
     *,
     observation: str = FRAMES,
+    encoder: str = DEFAULT,
     asymmetric_critics: bool = False,
     task: str = "River",
 ) -> dict[str, int | None]:
     """The versions that a run of a kind (`train`, `baseline` or `packaged`) depends on.
 
     `algorithms` are those of all stages of its training, or a baseline's name. `observation` is what a trained policy
-    sees: only codes of frames depend on the encoder, and only the privileged observation does not depend on the
-    renderer; `asymmetric_critics` is whether the critics of some stage see the privileged one as well. The packaged
-    policy sees images; baselines see nothing. Only results of a `task` beside the paper's depend on the tasks.
+    sees: only codes of frames depend on the packaged `encoder` of this name, and only the privileged observation does
+    not depend on the renderer; `asymmetric_critics` is whether the critics of some stage see the privileged one as
+    well. The packaged policy sees images; baselines see nothing. Only results of a `task` beside the paper's depend on
+    the tasks.
     """
     rivers: dict[str, int | None] = {"world": versions.WORLD, "rules": versions.RULES, EVALUATION: versions.EVALUATION}
     if task != "River":
         rivers["tasks"] = versions.TASKS
     if kind == "baseline":
         return rivers | ({"imitation": versions.IMITATION} if STEADY in algorithms else {})
-    render, encoder = {"render": versions.RENDER}, {"encoder": versions.PACKAGED_ENCODER}
+    render, coded = {"render": versions.RENDER}, {"encoder": versions.PACKAGED_ENCODER}
+    if encoder != DEFAULT:
+        coded = {encoder: versions.PACKAGED_GEOMETRY if encoder == GEOMETRY else None}
     if kind == "packaged":
         return rivers | render | {"packaged": versions.PACKAGED_POLICY}
     learning = {name: versions.ALGORITHMS.get(name) for name in algorithms}
-    seen = (render if observation != PRIVILEGED else {}) | (encoder if observation == FRAMES else {})
+    seen = (render if observation != PRIVILEGED else {}) | (coded if observation == FRAMES else {})
     if observation == PRIVILEGED or asymmetric_critics:
         seen["privileged"] = versions.PRIVILEGED
     return rivers | seen | {"training": versions.TRAINING} | learning

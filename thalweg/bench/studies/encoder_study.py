@@ -5,6 +5,7 @@ written after its training; the tables are computed from them and from the codes
 """
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,9 +17,12 @@ from thalweg.bench.csv_files import ResultsError, csv_text
 from thalweg.bench.report.figures import png
 from thalweg.bench.studies.encoder_tables import (
     ENTROPY_COLUMNS,
+    PACKAGED_COLUMNS,
+    PROBED,
     SIZE_COLUMNS,
     Case,
     entropy_rows,
+    packaged_row,
     page,
     size_figure,
     size_row,
@@ -35,11 +39,12 @@ from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.config import TupleOf, frozen_config, to_plain
 from thalweg.core.run_folder import FolderKind
-from thalweg.encoder import Encoder, Source, draw_reconstructions, load_encoder, train_encoder
+from thalweg.encoder import PACKAGED, Encoder, Source, draw_reconstructions, load_encoder, train_encoder
 from thalweg.encoder.linear_probe import probe_r_squared
 from thalweg.encoder.reconstruction import reconstruct
 from thalweg.encoder.training import resolve_precision, split_indices
-from thalweg.env.privileged_state import PRIVILEGED_NAMES, privileged_state
+from thalweg.env.privileged_state import privileged_state
+from thalweg.env.task.ideal_eye import FEATURES, RANGE_M
 from thalweg.render import RENDER_VERSION, Renderer
 from thalweg.train.encoder.frames import level_worlds, render_frames, sample_views
 from thalweg.world import level_named
@@ -62,7 +67,13 @@ CASES = tuple(dict.fromkeys((*COMPARED, *SWEEP, *PAPERS)))
 
 def current_versions() -> dict[str, int]:
     """Return the versions that the measures of a case depend on."""
-    return {"world": versions.WORLD, "render": versions.RENDER, "rules": versions.RULES, "encoder": versions.ENCODER}
+    return {
+        "world": versions.WORLD,
+        "render": versions.RENDER,
+        "rules": versions.RULES,
+        "privileged": versions.PRIVILEGED,
+        "encoder": versions.ENCODER,
+    }
 
 
 def _known_precision(value: Any) -> Any:
@@ -99,7 +110,7 @@ class Scenes:
     frames: np.ndarray
     """[K, H, W, 4] uint8."""
     truths: np.ndarray
-    """[K, T] float64, see `thalweg.env.privileged_state`."""
+    """[K, T], the numbers `PROBED` of the ideal eye; NaN for the bridge where none is seen."""
 
 
 def run_study(folder: Path, config: StudyConfig = DEFAULT_STUDY, *, command: str = "", progress: bool = True) -> Path:
@@ -151,7 +162,15 @@ def collect(config: StudyConfig, progress: bool = True) -> Scenes:
     worlds = level_worlds(config.level, 1)
     poses, index, clocks = sample_views(worlds, config.images + config.held_out, config.seed)
     frames = render_frames(Renderer(worlds), poses, index, clocks, progress=progress)
-    return Scenes(frames, privileged_state(worlds[0], poses))
+    return Scenes(frames, probed_truths(privileged_state(worlds[0], poses)))
+
+
+def probed_truths(seen: np.ndarray) -> np.ndarray:
+    """Return the numbers `PROBED` [K, T] of what the ideal eye sees [K, FEATURES]."""
+    truths = seen[:, [FEATURES.index(name) for name in PROBED]]
+    bridge = PROBED.index("bridge")
+    truths[:, bridge] = np.where(truths[:, bridge] < RANGE_M, truths[:, bridge], np.nan)
+    return truths
 
 
 def measures(
@@ -171,11 +190,11 @@ def measures(
     found["iou_ceiling"] = mean_iou(water_in(segmenter, frames), truth)
     codes = [encoder(scenes.frames[part]) for part in (train, held_out)]
     read = probe_r_squared(codes[0], scenes.truths[train], codes[1], scenes.truths[held_out])
-    return found | {"read": dict(zip(PRIVILEGED_NAMES, read.tolist(), strict=True))}
+    return found | {"read": dict(zip(PROBED, read.tolist(), strict=True))}
 
 
 def write_tables(folder: Path, config: StudyConfig, scenes: Scenes, train: np.ndarray, held_out: np.ndarray) -> Path:
-    """Write sizes.csv, entropy.csv, sizes.png, inputs.png and study.md; every case must have its measures."""
+    """Write sizes.csv, packaged.csv, entropy.csv, the figures and study.md; every case must have its measures."""
     known = {case: _read(folder / case.name / MEASURES) for case in config.cases}
     rows = [size_row(case, found) for case, found in known.items()]
     write_atomic(folder / "sizes.csv", csv_text(SIZE_COLUMNS, ([row[name] for name in SIZE_COLUMNS] for row in rows)))
@@ -188,13 +207,27 @@ def write_tables(folder: Path, config: StudyConfig, scenes: Scenes, train: np.nd
         entropies = [list(row) for row in entropy_rows(codes)]
         write_atomic(folder / "entropy.csv", csv_text(ENTROPY_COLUMNS, entropies))
         draw_reconstructions(scenes.frames[held_out[:SHOWN]], compared, folder / "inputs.png")
+    packaged = list(packaged_rows(scenes, train, held_out))
+    write_atomic(
+        folder / "packaged.csv",
+        csv_text(PACKAGED_COLUMNS, ([row[name] for name in PACKAGED_COLUMNS] for row in packaged)),
+    )
     write_atomic(folder / "sizes.png", png(size_figure(known)))
     about = (
         f"{config.images:,} frames of {config.level} to train on and {config.held_out:,} held out,"
         f" {config.epochs} epochs in {config.precision}, seed {config.seed}."
     )
-    write_atomic(folder / "study.md", page(about, rows, entropies))
+    write_atomic(folder / "study.md", page(about, rows, entropies, packaged))
     return folder / "study.md"
+
+
+def packaged_rows(scenes: Scenes, train: np.ndarray, held_out: np.ndarray) -> Iterator[dict[str, str]]:
+    """Yield a row of packaged.csv for each encoder that comes with the package, as far as they see these frames."""
+    for name, path in PACKAGED.items():
+        encoder = load_encoder(path)
+        codes = [encoder(scenes.frames[part]) for part in (train, held_out)]
+        read = probe_r_squared(codes[0], scenes.truths[train], codes[1], scenes.truths[held_out])
+        yield packaged_row(name, encoder.latent, read)
 
 
 def _claim(folder: Path, config: StudyConfig) -> StudyConfig:

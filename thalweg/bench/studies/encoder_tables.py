@@ -15,19 +15,22 @@ from thalweg.bench.report.table import frame, markdown
 from thalweg.core.config import frozen_config
 from thalweg.encoder import VAEConfig
 from thalweg.encoder.entropy import SMOOTHING, relative_entropy
-from thalweg.env.privileged_state import PRIVILEGED_NAMES
+from thalweg.env.task.ideal_eye import RANGE_M
 
 OTHER_SMOOTHINGS = (1e-9, 1e-4, 1e-3)
 """Alternative smoothing constants, which show how much the choice matters."""
 CASE = ("architecture", "inputs", "numbers")
 ERRORS = ("train_mse", "held_out_mse", "mean_image_mse")
 RIVER = ("iou_mask", "iou_colours", "iou_ceiling")
-READ = tuple(f"read_{name.replace(' ', '_')}" for name in PRIVILEGED_NAMES)
+PROBED = ("left bank", "right bank", "heading error", "height", "bridge")
+"""Numbers of the ideal eye that codes are probed for; the bridge where one is seen."""
+READ = tuple(f"read_{name.replace(' ', '_')}" for name in PROBED)
 SIZE_COLUMNS = (*CASE, *ERRORS, *RIVER, *READ)
+PACKAGED_COLUMNS = ("encoder", "numbers", *READ)
 ENTROPY_COLUMNS = ("first", "second", "paper", *(f"smoothing_{value:g}" for value in (SMOOTHING, *OTHER_SMOOTHINGS)))
 Measures = Mapping[str, Any]
 """By the names of `ERRORS` and `RIVER`, None where an input has none; and `read`: R² by the names of
-`PRIVILEGED_NAMES`."""
+`PROBED`."""
 
 
 @frozen_config(ResultsError)
@@ -53,9 +56,15 @@ class Case:
 def size_row(case: Case, found: Measures) -> dict[str, str]:
     """Return a row of sizes.csv; measures that an input does not have are empty."""
     values = {name: found[name] for name in (*ERRORS, *RIVER)}
-    values |= {column: found["read"][name] for column, name in zip(READ, PRIVILEGED_NAMES, strict=True)}
+    values |= {column: found["read"][name] for column, name in zip(READ, PROBED, strict=True)}
     cells = {name: "" if value is None or math.isnan(value) else f"{value:.5f}" for name, value in values.items()}
     return {"architecture": case.architecture, "inputs": case.inputs, "numbers": str(case.latent)} | cells
+
+
+def packaged_row(name: str, latent: int, read: np.ndarray) -> dict[str, str]:
+    """Return a row of packaged.csv: an encoder, its code size, and R² [T] with which its codes tell `PROBED`."""
+    cells = {column: "" if math.isnan(value) else f"{value:.5f}" for column, value in zip(READ, read, strict=True)}
+    return {"encoder": name, "numbers": str(latent)} | cells
 
 
 def entropy_rows(codes: dict[str, np.ndarray]) -> Iterator[list[str]]:
@@ -68,7 +77,12 @@ def entropy_rows(codes: dict[str, np.ndarray]) -> Iterator[list[str]]:
             yield [first, second, f"{published:.3f}", *(f"{value:.3f}" for value in ours)]
 
 
-def page(about: str, rows: Sequence[Mapping[str, str]], entropies: Sequence[list[str]]) -> str:
+def page(
+    about: str,
+    rows: Sequence[Mapping[str, str]],
+    entropies: Sequence[list[str]],
+    packaged: Sequence[Mapping[str, str]] = (),
+) -> str:
     """Return the page in Markdown: the tables and the meaning of their columns; `about` describes the training."""
     parts = [
         f"# The encoder study\n\n{about}\n\n## Code size, preservation of the river, and linear probes\n",
@@ -79,8 +93,13 @@ def page(about: str, rows: Sequence[Mapping[str, str]], entropies: Sequence[list
         table(rows, (*CASE, *READ)),
         "R² on held-out images of a linear regression on the code. It predicts the distances to the banks, heading"
         " error, height above the water, and the distance along the course to the middle of the next bridge within"
-        " 60 m.\n",
+        f" {RANGE_M:g} m.\n",
     ]
+    if packaged:
+        parts += [
+            table(packaged, PACKAGED_COLUMNS),
+            "The same for the encoders that come with the package, which were trained on other frames.\n",
+        ]
     if entropies:
         parts += [
             "## Inputs: relative entropy of the codes\n",

@@ -44,7 +44,9 @@ def _seeds(value: Any) -> tuple[int, ...]:
 RiverSeeds = Annotated[tuple[int, ...], BeforeValidator(_seeds)]
 """Seeds of rivers to train on: numbers, and ranges such as "1000:1016", whose end is excluded."""
 Observation = Literal["frames", "privileged"]
-"""What trained policies see: frames through the packaged encoder, or the privileged observation."""
+"""What trained policies see: frames through a packaged encoder, or the privileged observation."""
+EncoderName = Literal["default", "geometry"]
+"""Encoders that come with the package: the autoencoder's, and the one that predicts the ideal eye."""
 
 
 @frozen_config(ResultsError)
@@ -78,9 +80,11 @@ class Arm:
     """Earlier stages in order, with the same seed: a curriculum, or a transfer from another algorithm."""
     name: str = ""
     """Name of its results; if empty, the algorithm, with the preset unless that is the default one, and with the
-    observation if the arm has one of its own."""
+    observation and the encoder if the arm has them of its own."""
     observation: Observation | None = None
     """What it sees in all stages; if None, what the suite says."""
+    encoder: EncoderName | None = None
+    """Encoder of the frames in all stages; if None, that of the suite."""
     world_seeds: RiverSeeds = ()
     """Seeds of the level's rivers; if empty, those of the suite."""
 
@@ -96,13 +100,13 @@ class Arm:
     @property
     def label(self) -> str:
         preset = None if self.preset == "default" else self.preset
-        return self.name or "-".join(part for part in (self.algorithm, preset, self.observation) if part)
+        return self.name or "-".join(part for part in (self.algorithm, preset, self.observation, self.encoder) if part)
 
     def as_data(self) -> dict[str, Any]:
-        """Return plain data for JSON, with the label as the name; without an observation or rivers that are the
-        suite's, as before arms had them."""
+        """Return plain data for JSON, with the label as the name; without an observation, an encoder or rivers
+        that are the suite's, as before arms had them."""
         before = [_without(to_plain(stage), world_seeds=[]) | _rivers(stage.world_seeds) for stage in self.before]
-        own = _without(to_plain(self), observation=None, world_seeds=[]) | _rivers(self.world_seeds)
+        own = _without(to_plain(self), observation=None, encoder=None, world_seeds=[]) | _rivers(self.world_seeds)
         return own | {"before": before, "name": self.label}
 
 
@@ -151,6 +155,8 @@ class Suite:
     """Conditions under which policies are flown, besides the main one."""
     observation: Observation = "frames"
     """What policies see that are trained, unless their arm says otherwise."""
+    encoder: EncoderName = "default"
+    """Encoder of the frames that they see, unless their arm says otherwise."""
     world_seeds: RiverSeeds = ()
     """Seeds of the rivers to train on, unless the arm has its own; if empty, the fixed river of the level."""
     task: TaskName = "River"
@@ -244,11 +250,17 @@ class Suite:
             return None
         return "frames" if run.kind == "packaged" else self.arm(run.algorithm).observation or self.observation
 
+    def encoder_of(self, run: Run) -> EncoderName:
+        """Return the name of the encoder of the frames that a run's policy sees, if it sees any."""
+        own = self.arm(run.algorithm).encoder if run.kind == "train" else "default"
+        return own or self.encoder
+
     def as_data(self) -> dict[str, Any]:
-        """Return the suite as plain data for JSON; without an observation of frames, seeds of rivers if there are none,
-        and the paper's task, as before there were others, and without what is filmed, which changes no result."""
+        """Return the suite as plain data for JSON; without an observation of frames, the default encoder, seeds of rivers
+        if there are none, and the paper's task, as before there were others, and without what is filmed, which changes
+        no result."""
         conditions = [condition.as_data() for condition in self.conditions]
-        usual = {"observation": "frames", "world_seeds": [], "task": "River", "film": self.film}
+        usual = {"observation": "frames", "encoder": "default", "world_seeds": [], "task": "River", "film": self.film}
         data = _without(to_plain(self), **usual) | _rivers(self.world_seeds)
         return data | {"arms": [arm.as_data() for arm in self.arms], "conditions": conditions}
 

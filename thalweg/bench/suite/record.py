@@ -38,6 +38,7 @@ class ArmRecord:
     level: str = ""
     before: TupleOf[StageRecord] = ()
     observation: str | None = None
+    encoder: str | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     preset: str = "default"
 
@@ -74,7 +75,8 @@ class SuiteRecord:
     conditions: TupleOf[ConditionRecord] = ()
     made_by: Mapping[str, Any] = field(default_factory=dict)
     observation: str = "frames"
-    task: str = "River"
+    task: str = PAPER_TASK
+    encoder: str = "default"
 
     @model_validator(mode="after")
     def _check(self) -> "SuiteRecord":
@@ -128,6 +130,11 @@ def observation_of(record: Mapping[str, Any], arm: Mapping[str, Any]) -> str:
 def task_of(record: Mapping[str, Any]) -> str:
     """Return the task of a suite's record; the paper's if it does not say it."""
     return record.get("task", PAPER_TASK)
+
+
+def encoder_of(record: Mapping[str, Any], arm: Mapping[str, Any]) -> str:
+    """Return the name of the packaged encoder whose codes an arm of a suite's record sees, if it sees any."""
+    return arm.get("encoder") or record.get("encoder", "default")
 
 
 def _to_json(value: Any) -> str:

@@ -8,14 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from thalweg.core.seeds import compact_seeds, parse_seeds
-from thalweg.encoder import EncoderFileError, EncoderInputError, Source, TrainingResult, VAEConfig, train_encoder
-from thalweg.encoder.files import read_tensors
+from thalweg.encoder import EncoderInputError, Source, TrainingResult, VAEConfig, train_encoder
+from thalweg.encoder.checkpoint import check_folder
 from thalweg.encoder.training import ENCODER_FOLDER
 from thalweg.render import RENDER_VERSION
 from thalweg.train.encoder import frames as frame_collection
 from thalweg.world import Reach, level_named
-
-CHECKPOINT = "checkpoint.safetensors"
 
 
 def collect_and_train(
@@ -59,19 +57,7 @@ def collect_and_train(
         "held_out": held_out,
         "images": images + held_out,
     }
-    _check_folder(folder, run)
+    check_folder(folder, ENCODER_FOLDER, run)
     frames = frame_collection.collect_frames(images + held_out, level=level, seed=seed, world_seeds=seeds)
     source = Source(name, seed, RENDER_VERSION, command, tuple(compact_seeds(seeds)))
     return train_encoder(frames, config, folder, epochs=epochs, seed=seed, held_out=held_out, source=source)
-
-
-def _check_folder(folder: Path, run: dict[str, object]) -> None:
-    """Raise `EncoderFileError` if the path is a file, or the folder holds a training with other settings than `run`."""
-    if folder.exists() and not folder.is_dir():
-        raise EncoderFileError(f"{folder} is not a folder")
-    path = folder / CHECKPOINT
-    if not path.exists():
-        return
-    _, about = read_tensors(path, "encoder training")
-    recorded = about.get("run", {})
-    ENCODER_FOLDER.require_same(folder, {key: recorded[key] for key in run if key in recorded}, run)

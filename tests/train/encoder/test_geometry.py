@@ -1,0 +1,121 @@
+"""Training of an encoder of geometry on rivers: its views, what is true of them, and what a run writes and refuses."""
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from thalweg.encoder import EncoderFileError, EncoderInputError, load_encoder
+from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.privileged_state import privileged_state
+from thalweg.env.rivers.river_list import RiverList
+from thalweg.env.task.ideal_eye import FEATURES
+from thalweg.render import RENDER_VERSION, Renderer
+from thalweg.render.records.randomisation import Randomisation
+from thalweg.train.encoder.geometry import GeometryTraining, geometry_config, half_mirrored
+from thalweg.train.encoder.views import STRIDE, TARGETS, draw_views, flight_views, start_views
+from thalweg.world import World
+
+
+@pytest.fixture(scope="module")
+def rivers(easy_world: World, medium_world: World) -> RiverList:
+    return RiverList([easy_world, medium_world])
+
+
+def test_views_of_flights_are_of_all_rivers_in_turn_and_true(rivers: RiverList, medium_world: World):
+    views = flight_views(rivers, 5, seed=3)
+    assert views.river.tolist() == [0, 1] * 5 and views.truths.shape == (10, len(TARGETS))
+    here = views.rows(views.river == 1)
+    usual = np.abs(here.truths[:, FEATURES.index("heading error")]) < 1.3  # who looks across might fly either way
+    assert usual.sum() >= 3
+    np.testing.assert_allclose(privileged_state(medium_world, here.pose[usual]), here.truths[usual], atol=1e-4)
+    moved = np.linalg.norm(np.diff(here.pose[:, :2], axis=0), axis=1)
+    assert (moved > 0).all() and (moved <= STRIDE * 1.2).all(), "the first views are of one flight"
+    for again, first in zip(flight_views(rivers, 5, seed=3), views, strict=True):
+        assert np.array_equal(again, first)
+    assert not np.array_equal(flight_views(rivers, 5, seed=4).pose, views.pose)
+
+
+def test_views_of_starts_are_those_of_new_episodes(rivers: RiverList):
+    views = start_views(rivers, 3, seed=3)
+    assert views.river.tolist() == [0, 1] * 3
+    assert len(np.unique(views.pose[:, 0])) == 6 and (views.time_s >= 0).all()
+    assert np.degrees(np.abs(views.truths[:, FEATURES.index("heading error")])).max() <= 80.0 + 1e-3
+    assert np.array_equal(flight_views(rivers, 1, seed=3).pose, views.rows(slice(2)).pose), "flights begin at starts"
+
+
+@pytest.mark.slow
+def test_views_are_drawn_as_the_renderer_draws_them(rivers: RiverList, easy_world: World, medium_world: World):
+    views = start_views(rivers, 1, seed=3)
+    env = RiverVectorEnv(rivers, 1, EnvConfig(randomisation=Randomisation.only(haze=(1.0, 1.0))))
+    frames = draw_views(env, views, np.random.default_rng(0))
+    env.close()
+    plain = Renderer([easy_world, medium_world]).render(views.pose, views.river, views.time_s)
+    assert np.array_equal(frames, plain)
+
+
+def test_mirrored_frames_have_mirrored_truths():
+    frames = np.arange(8 * 2 * 2 * 4, dtype=np.uint8).reshape(8, 2, 2, 4)
+    truths = np.arange(8 * len(FEATURES), dtype=np.float32).reshape(8, -1)
+    found = half_mirrored(frames, truths, np.random.default_rng(0))
+    turned = (found.frames == frames[:, :, ::-1]).all(axis=(1, 2, 3))
+    assert 0 < turned.sum() < 8
+    left, right, error = (FEATURES.index(name) for name in ("left bank", "right bank", "heading error"))
+    for row in range(8):
+        same = not turned[row]
+        assert np.array_equal(found.frames[row], frames[row] if same else frames[row, :, ::-1])
+        assert found.truths[row, left] == truths[row, left if same else right]
+        assert found.truths[row, error] == (1 if same else -1) * truths[row, error]
+
+
+def run(folder: Path, **options: Any) -> GeometryTraining:
+    given = {
+        "levels": ("Easy",),
+        "world_seeds": (1,),
+        "held_out_seeds": (2,),
+        "views": 32,
+        "images": 16,
+        "passes": 1,
+        "held_out": 16,
+        "epochs": 2,
+        "precision": "float32",
+    }
+    return GeometryTraining(folder, geometry_config(hidden=8, latent=4, batch=8), **(given | options))
+
+
+@pytest.mark.slow
+def test_a_run_writes_an_encoder_and_what_is_read_from_its_codes(tmp_path: Path):
+    result = run(tmp_path).run(progress=False)
+    encoder = load_encoder(result.path)
+    assert encoder.render_version == RENDER_VERSION and encoder.latent == 4
+    assert encoder.about["r_squared"]["flights"].keys() == set(TARGETS)
+    with (tmp_path / "probe.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    expected = [(name, kind) for name in ("geometry", "default") for kind in ("flights", "starts")]
+    assert [(row["encoder"], row["views"]) for row in rows] == expected
+    assert float(rows[0]["height"]) == pytest.approx(encoder.about["r_squared"]["flights"]["height"], abs=1e-4)
+    assert len(result.lines) == 4 and result.lines[0].startswith("geometry, flights: left bank ")
+    with pytest.raises(EncoderFileError, match="belongs to another geometry encoder training: passes is 1 there"):
+        run(tmp_path, passes=2).run()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"held_out_seeds": "1:3"}, "world_seeds and held_out_seeds share 1: codes are judged on other rivers"),
+        ({"levels": ("Easy", "easy")}, "levels must be at least one, each once, not Easy, Easy"),
+        ({"images": 8}, "images must be at least 16, not 8"),
+        ({"epochs": 0}, "epochs must be at least 1, not 0"),
+        ({"seed": -1}, "seed must be 0 or more, not -1"),
+        ({"world_seeds": "5:5"}, "world_seeds: 5:5 holds no seed"),
+    ],
+)
+def test_wrong_settings_are_refused_before_anything_is_drawn(
+    options: dict[str, Any], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(GeometryTraining, "drawn", None)
+    with pytest.raises(EncoderInputError, match=message):
+        run(tmp_path / "new", **options).run()
+    assert not (tmp_path / "new").exists()

@@ -1,0 +1,278 @@
+"""Training of an encoder of geometry on rivers: what it learns from, and what a linear probe reads from its codes.
+
+Stored are poses; frames are drawn anew in each epoch, each under another look. Codes are judged on rivers that were
+never trained on, under all looks, along flights and at random starts.
+"""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from thalweg.core.atomic_io import write_atomic
+from thalweg.core.seeds import compact_seeds, parse_seeds
+from thalweg.encoder import Encoder, EncoderInputError, load_encoder
+from thalweg.encoder.checkpoint import check_folder
+from thalweg.encoder.files import FILE
+from thalweg.encoder.geometry import GeometryConfig, Scale
+from thalweg.encoder.geometry_training import GEOMETRY_FOLDER, Labelled, train_geometry, write_geometry
+from thalweg.encoder.linear_probe import probe_r_squared
+from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.rivers.river_list import RiverList
+from thalweg.env.task.ideal_eye import mirrored
+from thalweg.render import RENDER_VERSION, compilation
+from thalweg.render.records.quality import Quality
+from thalweg.render.records.randomisation import Randomisation
+from thalweg.train.encoder.views import TARGETS, KnownViews, draw_views, flight_views, start_views
+from thalweg.world import level_named
+
+WEIGHTS = {"left bank": 4.0, "right bank": 4.0, "heading error": 4.0, "height": 2.0, "room above": 0.0}
+"""Weights of quantities in the loss; that of all others is 1. The room above is the height once more."""
+CHUNK = 1024
+"""Frames that are drawn at a time."""
+FITTED = 4096
+"""Greatest number of frames of the rivers of training that the linear probe is fitted to."""
+SHOWN = ("left bank", "right bank", "heading error", "height")
+"""Quantities that decide a flight."""
+KINDS = {"flights": flight_views, "starts": start_views}
+"""Kinds of views on which codes are judged."""
+VERSION = 1
+"""Version of the views and of what is learnt from them: a folder of another one is refused."""
+
+
+def geometry_config(**settings: Any) -> GeometryConfig:
+    """Return the config of an encoder that predicts the ideal eye; `settings` differ from the defaults."""
+    return GeometryConfig(targets=TARGETS, weights=tuple(WEIGHTS.get(name, 1.0) for name in TARGETS), **settings)
+
+
+@dataclass(frozen=True)
+class GeometryTraining:
+    """A training on rivers of some levels, and its measurement on others."""
+
+    folder: Path
+    """Folder of the training; an interrupted one is resumed."""
+    config: GeometryConfig
+    levels: tuple[str, ...] = ("Easy", "Medium", "Hard")
+    world_seeds: Any = "1000:1022"
+    """Seeds of the rivers of each level, as `thalweg.core.seeds.parse_seeds` reads them."""
+    held_out_seeds: Any = "3000:3006"
+    """Seeds of the rivers of each level on which the codes are judged."""
+    views: int = 96
+    """Stored views of each river, of flights."""
+    images: int = 4096
+    """Frames that are drawn for an epoch."""
+    passes: int = 4
+    """How often a drawn frame is learnt from, each time with a random half of them mirrored."""
+    held_out: int = 1024
+    """Frames of each kind of views on which codes are judged."""
+    epochs: int = 16
+    seed: int = 0
+    quality: Quality = "fast"
+    """Quality of the frames of training; those on which codes are judged are full."""
+    rivers_in_memory: int | None = None
+    """Greatest number of rivers in memory; None derives it from the free memory."""
+    precision: str = "auto"
+    command: str = ""
+    """Command, which is stored in the encoder's file."""
+
+    def run(self, *, progress: bool = True) -> "GeometryResult":
+        """Train and measure, or resume the training in the folder.
+
+        Raises `EncoderInputError` for settings out of range, `EncoderFileError` for the folder of another training and
+        `WorldError` for an unknown level, before anything is drawn.
+        """
+        self._check()
+        check_folder(self.folder, GEOMETRY_FOLDER, {**self._identity, "epochs": self.epochs, "seed": self.seed})
+        compilation.begin()
+        with ThreadPoolExecutor(1, "thalweg-held-out") as worker:  # loading rivers takes one core each
+            judged = worker.submit(self._judged)
+            lessons = RiverLessons(self)
+            held_out = judged.result()
+        lessons.held_out = held_out["flights"]
+        try:
+            network = train_geometry(
+                lessons,
+                self.config,
+                self.folder,
+                epochs=self.epochs,
+                seed=self.seed,
+                precision=self.precision,
+                identity=self._identity,
+                progress=progress,
+            )
+            fitted = lessons.fitted()
+        finally:
+            lessons.close()
+        encoder = Encoder(network)
+        scores = {
+            (name, kind): probe_r_squared(each(fitted.frames), fitted.truths, each(views.frames), views.truths)
+            for name, each in {"geometry": encoder, "default": load_encoder()}.items()
+            for kind, views in held_out.items()
+        }
+        path = self.folder / FILE
+        write_geometry(path, network, {**self._about, "r_squared": _as_data(scores)})
+        write_atomic(self.folder / "probe.csv", probe_table(scores))
+        return GeometryResult(path, scores)
+
+    def _check(self) -> None:
+        """Raise an error for settings that don't fit."""
+        names = [level_named(level).name for level in self.levels]
+        if not names or len(set(names)) < len(names):
+            raise EncoderInputError(f"levels must be at least one, each once, not {', '.join(names) or 'none'}")
+        if shared := sorted(set(self.seeds) & set(self.judged_seeds)):
+            raise EncoderInputError(
+                f"world_seeds and held_out_seeds share {shared[0]}: codes are judged on other rivers"
+            )
+        for name in ("views", "images", "passes", "held_out", "epochs"):
+            least = 16 if name in ("images", "held_out") else 1
+            if (value := getattr(self, name)) < least:
+                raise EncoderInputError(f"{name} must be at least {least}, not {value}")
+        if self.seed < 0:
+            raise EncoderInputError(f"seed must be 0 or more, not {self.seed}")
+
+    @cached_property
+    def seeds(self) -> tuple[int, ...]:
+        """Seeds of the rivers of training."""
+        return parse_seeds(self.world_seeds, "world_seeds", EncoderInputError)
+
+    @cached_property
+    def judged_seeds(self) -> tuple[int, ...]:
+        """Seeds of the rivers on which codes are judged."""
+        return parse_seeds(self.held_out_seeds, "held_out_seeds", EncoderInputError)
+
+    def rivers(self, seeds: tuple[int, ...]) -> RiverList:
+        """Return the rivers of all levels with these seeds."""
+        return RiverList.of_levels([(level, seeds) for level in self.levels], self.rivers_in_memory)
+
+    def drawn(self, rivers: RiverList, quality: Quality) -> RiverVectorEnv:
+        """Return an environment that draws rivers under all looks."""
+        return RiverVectorEnv(rivers, 1, EnvConfig(randomisation=Randomisation(), quality=quality))
+
+    def _judged(self) -> dict[str, Labelled]:
+        """Return frames of rivers held out, by the kind of views."""
+        rivers, found = self.rivers(self.judged_seeds), {}
+        env = self.drawn(rivers, "full")
+        for number, (kind, views_of) in enumerate(KINDS.items()):
+            views = views_of(rivers, -(-self.held_out // len(rivers)), self.seed).rows(slice(self.held_out))
+            frames = draw_views(env, views, np.random.default_rng([self.seed, 4, number]))
+            found[kind] = Labelled(frames, views.truths)
+        env.close()
+        return found
+
+    @property
+    def _identity(self) -> dict[str, Any]:
+        """Return what distinguishes the lessons from others, as plain data."""
+        return {
+            "levels": [level_named(level).name for level in self.levels],
+            "world_seeds": compact_seeds(self.seeds),
+            "held_out_seeds": compact_seeds(self.judged_seeds),
+            "views": self.views,
+            "images": self.images,
+            "passes": self.passes,
+            "held_out": self.held_out,
+            "quality": self.quality,
+            "render_version": RENDER_VERSION,
+            "lessons_version": VERSION,
+        }
+
+    @property
+    def _about(self) -> dict[str, Any]:
+        """Return what the encoder's file says about its training."""
+        return {**self._identity, "epochs": self.epochs, "seed": self.seed, "command": self.command}
+
+
+class RiverLessons:
+    """Frames of stored views of rivers, drawn anew in each epoch."""
+
+    def __init__(self, training: GeometryTraining) -> None:
+        self.training = training
+        self.held_out = Labelled(np.zeros((0, 0, 0, 4), np.uint8), np.zeros((0, len(TARGETS))))
+        rivers = training.rivers(training.seeds)
+        self.views = flight_views(rivers, training.views, training.seed)
+        self.scale = Scale.of(self.views.truths)
+        self._env = training.drawn(rivers, training.quality)
+        draw_views(self._env, self.views.rows(slice(len(rivers))), np.random.default_rng(0))  # loads the rivers
+
+    def draw(self, epoch: int) -> Iterator[Labelled]:
+        """Yield the sets of frames of an epoch, `CHUNK` at a time, each as often as there are passes.
+
+        While one set is learnt from, the next one is drawn in the background.
+        """
+        order, looks, mirrors = (np.random.default_rng([self.training.seed, stream, epoch]) for stream in (5, 7, 8))
+        chosen = list(self._chosen(self.training.images, order))
+        with ThreadPoolExecutor(1, "thalweg-lessons") as worker:
+            ahead = worker.submit(draw_views, self._env, chosen[0], looks)
+            for views, following in zip(chosen, [*chosen[1:], None], strict=True):
+                frames = ahead.result()
+                if following is not None:
+                    ahead = worker.submit(draw_views, self._env, following, looks)
+                for _ in range(self.training.passes):
+                    yield half_mirrored(frames, views.truths, mirrors)
+
+    def fitted(self) -> Labelled:
+        """Return the frames of the rivers of training that a probe is fitted to."""
+        generator = np.random.default_rng([self.training.seed, 6])
+        chosen = list(self._chosen(min(FITTED, 2 * self.training.held_out), generator))
+        frames = [draw_views(self._env, views, generator) for views in chosen]
+        return Labelled(np.concatenate(frames), np.concatenate([views.truths for views in chosen]))
+
+    def _chosen(self, count: int, generator: np.random.Generator) -> Iterator[KnownViews]:
+        """Yield random views, `CHUNK` at a time; none is chosen twice before all were."""
+        stored, order = len(self.views.river), np.zeros(0, np.int64)
+        while len(order) < count:
+            order = np.concatenate([order, generator.permutation(stored)])
+        for start in range(0, count, CHUNK):
+            yield self.views.rows(order[start : min(start + CHUNK, count)])
+
+    def close(self) -> None:
+        """Stop what runs in the background."""
+        self._env.close()
+
+
+@dataclass(frozen=True)
+class GeometryResult:
+    """File and measurement of a finished training."""
+
+    path: Path
+    """The encoder's file."""
+    scores: dict[tuple[str, str], np.ndarray]
+    """R² [T] of linear probes by encoder, `geometry` or the package's `default`, and kind of views."""
+
+    @property
+    def lines(self) -> list[str]:
+        """A line for each encoder and kind of views, with R² of what decides a flight."""
+        return [
+            f"{name}, {kind}: " + ", ".join(f"{key} {found[TARGETS.index(key)]:.2f}" for key in SHOWN)
+            for (name, kind), found in self.scores.items()
+        ]
+
+
+def half_mirrored(frames: np.ndarray, truths: np.ndarray, generator: np.random.Generator) -> Labelled:
+    """Return frames [K, H, W, C] and truths [K, T], each with probability 1/2 those of the view in a mirror."""
+    chosen = generator.random(len(frames)) < 0.5
+    seen, known = frames.copy(), truths.copy()
+    seen[chosen], known[chosen] = frames[chosen, :, ::-1], mirrored(truths[chosen])
+    return Labelled(seen, known)
+
+
+def probe_table(scores: dict[tuple[str, str], np.ndarray]) -> str:
+    """Return R² of probes as CSV: a row per encoder and kind of views."""
+    lines = [",".join(("encoder", "views", *(name.replace(" ", "_") for name in TARGETS)))]
+    for (name, kind), found in scores.items():
+        lines.append(",".join((name, kind, *("" if np.isnan(value) else f"{value:.4f}" for value in found))))
+    return "\n".join(lines) + "\n"
+
+
+def _as_data(scores: dict[tuple[str, str], np.ndarray]) -> dict[str, dict[str, float | None]]:
+    """Return R² of the geometry encoder as plain data, by kind of views and quantity."""
+    return {
+        kind: {
+            key: None if np.isnan(value) else round(float(value), 4) for key, value in zip(TARGETS, found, strict=True)
+        }
+        for (name, kind), found in scores.items()
+        if name == "geometry"
+    }

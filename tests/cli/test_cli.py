@@ -175,6 +175,10 @@ WRONG = [
         "policy=cnn sees images, rgb+mask or rgb or mask, not the privileged observation",
     ),
     (
+        ["train", "--set", "policy=cnn", "--proprioception", "--out", "x"],
+        "policy=cnn sees images alone: leave proprioception out, or use policy=mlp",
+    ),
+    (
         ["train", "--observation", "mask", "--out", "x"],
         "the observation mask is for policies with convolutions: --set policy=cnn",
     ),
@@ -465,7 +469,7 @@ def test_a_policy_is_trained_on_a_real_river(
         return RunResult(given["folder"], "PPO", 5, 1, 0.0, 0.0, 0.0, 1.0, None, False, ())
 
     monkeypatch.setattr(river, "run", run)
-    options = ["--geojson", str(brook), "--width-m", "6", "--length-m", "60", "--smooth-m", "4"]
+    options = ["--river", str(brook), "--width-m", "6", "--length-m", "60", "--smooth-m", "4"]
     given = ["train", *options, "--world-seeds", "3", "4", "--num-envs", "2", "--out", str(tmp_path / "run")]
     assert main(given) == 0
     context, worlds = told["context"], told["worlds"]
@@ -502,12 +506,14 @@ def test_a_policy_of_images_is_trained_and_evaluated_without_an_encoder(
     assert len(out.read_text().splitlines()) == 2
 
 
+@pytest.mark.parametrize("felt", [False, True], ids=["alone", "with proprioception"])
 def test_a_policy_of_the_privileged_observation_is_trained_and_evaluated_without_an_encoder(
-    tmp_path: Path, easy_world: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+    felt: bool, tmp_path: Path, easy_world: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ):
     from thalweg.bench.evaluate.episodes import read_episodes
     from thalweg.env import EnvConfig, RiverVectorEnv
     from thalweg.train import load_policy
+    from thalweg.train.numbers import NumbersVectorEnv
 
     def drawn(*_: object, **__: object):
         raise AssertionError("frames were drawn, or an encoder was loaded")
@@ -517,11 +523,13 @@ def test_a_policy_of_the_privileged_observation_is_trained_and_evaluated_without
     run, out = tmp_path / "run", tmp_path / "rows.csv"
     settings = ["--set", "steps_per_update=64", "passes=1", "--steps", "64", "--num-envs", "2"]
     given = ["train", "--observation", "privileged", "--algorithm", "ppo", "--level", "easy", *settings]
-    assert main([*given, "--out", str(run)]) == 0
+    assert main([*given, *["--proprioception"] * felt, "--out", str(run)]) == 0
     assert f"Evaluate it: thalweg evaluate {run} --levels easy\n" in capsys.readouterr().out
     flown = ["evaluate", str(run), "--levels", "easy", "--episodes", "2", "--deterministic"]
     assert main([*flown, "--out", str(out)]) == 0
-    env = RiverVectorEnv([easy_world], 1, EnvConfig(observation="privileged"))
+    parts: Any = ("privileged", "proprioception") if felt else "privileged"
+    env: Any = RiverVectorEnv([easy_world], 1, EnvConfig(observation=parts))
+    env = NumbersVectorEnv(env) if felt else env
     for row in read_episodes(out):
         obs, _ = env.reset(seed=0, options={"pose": [row.x, row.y, row.z, row.yaw]})
         policy, return_, ended, length = load_policy(run), 0.0, np.zeros(1, bool), 0
@@ -589,7 +597,9 @@ def test_a_shield_is_refused_to_a_policy_without_masks(tmp_path: Path, capsys: p
 def test_options_of_a_river_are_typed_again_as_they_were_given():
     options = RiverFile(Path("a river.geojson"), width_m=6.0, start_m=1234.5678, length_m=1e6, smooth_m=0.1)
     typed = ["--width-m", "6", "--start-m", "1234.5678", "--length-m", "1000000", "--smooth-m", "0.1"]
-    assert options.words() == ["--geojson", "a river.geojson", *typed]
+    assert options.words() == ["--river", "a river.geojson", *typed]
+    named = RiverFile(Path("b.kml"), crs="EPSG:32632", river_name="River Cam", reverse=True)
+    assert named.words() == ["--river", "b.kml", "--crs", "EPSG:32632", "--river-name", "River Cam", "--reverse"]
 
 
 @pytest.mark.parametrize(
@@ -597,16 +607,16 @@ def test_options_of_a_river_are_typed_again_as_they_were_given():
     [
         (
             ["render", "--geojson", "none.geojson", "--level", "easy"],
-            "give --level or --geojson, not both: easy and none.",
+            "give --level or --river, not both: easy and none.",
         ),
         (["render", "--geojson", "none.geojson"], "none.geojson: there is no such file"),
-        (["render", "--width-m", "9"], "--width-m goes with --geojson"),
+        (["render", "--width-m", "9"], "--width-m goes with --river"),
         (
             ["train", "--geojson", "none.geojson", "--level", "easy", "--out", "x"],
-            "give --level or --geojson, not both",
+            "give --level or --river, not both",
         ),
         (["train", "--geojson", "none.geojson", "--out", "x"], "none.geojson: there is no such file"),
-        (["train", "--smooth-m", "9", "--out", "x"], "--smooth-m goes with --geojson"),
+        (["train", "--smooth-m", "9", "--out", "x"], "--smooth-m goes with --river"),
         (
             ["evaluate", "hover", "--geojson", "none.geojson", "--levels", "easy", "hard"],
             "not both: easy hard and none.",
@@ -614,14 +624,14 @@ def test_options_of_a_river_are_typed_again_as_they_were_given():
         (["evaluate", "hover", "--geojson", "none.geojson"], "none.geojson: there is no such file"),
         (
             ["evaluate", "hover", "--world-seed", "3"],
-            "--world-seed goes with --geojson; rivers of the levels are chosen",
+            "--world-seed goes with --river; rivers of the levels are chosen",
         ),
         (["evaluate", "hover", "--unseen", "--world-seeds", "3"], "--world-seeds does not go with --unseen"),
         (["evaluate", "hover", "--world-seeds", "3:3"], "--world-seeds: 3:3"),
         (["evaluate", "hover", "--geojson", "none.geojson", "--unseen"], "--unseen goes with --levels"),
         (
             ["evaluate", "hover", "--geojson", "none.geojson", "--world-seeds", "3"],
-            "--world-seeds does not go with --geojson, whose plants and hills --world-seed chooses",
+            "--world-seeds does not go with --river, whose plants and hills --world-seed chooses",
         ),
         (["evaluate", "hover", "--geojson", "none.geojson", "--world-seed", "-3"], "--world-seed must be 0 or more"),
     ],
@@ -672,9 +682,9 @@ def test_a_file_without_a_river_is_refused_before_a_river_is_announced(
     ("given", "message"),
     [
         (["--geojson", "none.geojson"], "thalweg: none.geojson: there is no such file"),
-        (["--geojson", "none.geojson", "--level", "easy"], "thalweg: give --level or --geojson, not both"),
-        (["--width-m", "9"], "thalweg: --width-m goes with --geojson"),
-        (["--level", "easy", "--start-m", "0"], "thalweg: --start-m goes with --geojson"),
+        (["--geojson", "none.geojson", "--level", "easy"], "thalweg: give --level or --river, not both"),
+        (["--width-m", "9"], "thalweg: --width-m goes with --river"),
+        (["--level", "easy", "--start-m", "0"], "thalweg: --start-m goes with --river"),
         (
             ["--geojson", "none.geojson", "--length-m", "3"],
             "thalweg: --length-m is 3 m; expected 15 to 10400 m; such as --length-m 300",

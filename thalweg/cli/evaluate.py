@@ -29,7 +29,7 @@ class Evaluate:
     """Levels to fly on; by default Easy, Medium and Hard."""
     river: River = NO_FILE
     world_seed: int | None = None
-    """Seed of the plants and hills; only with --geojson."""
+    """Seed of the plants and hills; only with --river."""
     world_seeds: tuple[str, ...] = ()
     """Seeds of rivers of each level, such as 0 5 1000:1016 (1016 excluded); by default that of its fixed river."""
     episodes: int = 20
@@ -71,14 +71,14 @@ class Evaluate:
             check_file("--out", self.out, ".csv")
         reach = self.river.reach("--levels", self.levels)
         if reach is not None and self.unseen:
-            raise UsageError("--unseen goes with --levels: a GeoJSON file has only one river")
+            raise UsageError("--unseen goes with --levels: a file has only one river")
         if reach is None and self.world_seed is not None:
-            raise UsageError("--world-seed goes with --geojson; rivers of the levels are chosen with --world-seeds")
+            raise UsageError("--world-seed goes with --river; rivers of the levels are chosen with --world-seeds")
         if self.seeds and (self.unseen or reach is not None):
             other = (
                 "--unseen, which chooses its own rivers"
                 if self.unseen
-                else "--geojson, whose plants and hills --world-seed chooses"
+                else "--river, whose plants and hills --world-seed chooses"
             )
             raise UsageError(f"--world-seeds does not go with {other}")
         evaluate_and_print(self, (reach,) if reach is not None else self.levels or ("Easy", "Medium", "Hard"))
@@ -144,7 +144,8 @@ def _encoder_for(policy: "Policy", command: Evaluate) -> "Encoder | None":
     """
     from thalweg.bench.evaluate.baselines import sight_of
     from thalweg.train.encoder_of_run import encoder_of
-    from thalweg.train.river import IN_WORDS, check_policy_fits, load_compatible_encoder, observation_of
+    from thalweg.train.observations import IN_WORDS, check_policy_fits, observation_of
+    from thalweg.train.river import load_compatible_encoder
 
     sight = sight_of(policy)
     if sight in ("privileged", "images") and command.encoder is not None:

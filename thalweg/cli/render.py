@@ -20,7 +20,7 @@ class RenderFrames:
     level: str | None = None
     """Easy, Medium or Hard. Medium by default."""
     seed: int | None = None
-    """Seed of the river; by default the fixed river of the level. With --geojson: of its plants and hills."""
+    """Seed of the river; by default the fixed river of the level. With --river: of its plants and hills."""
     river: River = NO_FILE
     pose: POSE | None = None
     """Pose of the camera: x, y, z in metres and yaw in radians; random poses by default."""

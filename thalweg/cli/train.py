@@ -41,6 +41,8 @@ class Train:
     """Number of environments that step together."""
     observation: Literal["frames", "privileged", "rgb+mask", "rgb", "mask"] = "frames"
     """`frames` through an encoder; `privileged`: what an ideal eye tells; the others: images, for --set policy=cnn."""
+    proprioception: bool = False
+    """Beside codes or the privileged observation, also height, velocities, yaw rate and the last action."""
     encoder: Path | None = None
     """Encoder file, or folder of `encoder train`, for `frames` without policy=cnn; by default that of the package."""
     preset: str = "default"
@@ -77,6 +79,7 @@ class Train:
             algorithm.name,
             load_compatible_encoder(self.encoder, self.device) if coded else None,
             observation=None if self.observation == "frames" else self.observation,
+            proprioception=self.proprioception,
             steps=self.steps,
             seed=self.seed,
             folder=self.out,

@@ -13,6 +13,8 @@ RULES = 1
 """Motion, progress, reward, cost and termination."""
 PRIVILEGED = 2
 """The numbers of the ideal eye."""
+PROPRIOCEPTION = 1
+"""What a vehicle measures of itself."""
 ENCODER = 1
 """Training of an encoder, and its codes of frames."""
 TRAINING = 1

@@ -127,7 +127,8 @@ def detail_table(results: Results) -> Table:
             proportion(rows, lambda row: row.tight > 0),
             proportion(rows, lambda row: row.loose > 0),
         )
-        means = [f"{cell.progress_mean:.0%}", f"{cell.length_mean:.0f}"]
+        ahead = "" if cell.ahead_mean is None else f" ({cell.ahead_mean:.0%} of what lay ahead)"
+        means = [f"{cell.progress_mean:.0%}{ahead}", f"{cell.length_mean:.0f}"]
         texts.append([algorithm, level, str(cell.episodes), seeds, *map(str, estimates), *means])
         numbers = [number for estimate in estimates for number in estimate_figures(estimate)]
         counts = [cell.episodes, cell.seeds, planned]

@@ -239,7 +239,7 @@ def _write_title(figure: Figure, world: World, height: float, width: float, poin
     river = world.river
     shape = "loop" if river.closed else "open course"
     narrow = width < 1000.0 * point
-    size = min(1.0, width / (800.0 * point)) * point
+    size = min(1.0, width / (880.0 * point)) * point
     name = f"{world.name}, seed {world.seed}"
     facts = (
         f"{shape} of {river.length_m:.1f} m, N = {river.segments}, "

@@ -109,7 +109,7 @@ def test_an_unknown_option_is_told_in_pythons_words_too(make):
 
 def test_a_known_option_with_a_wrong_value_is_no_type_error():
     with pytest.raises(ConfigError) as raised:
-        gymnasium.make("thalweg/Easy-v0", world=ring(), observation="depth")
+        gymnasium.make("thalweg/Easy-v0", world=ring(), observation="colour")
     assert not isinstance(raised.value, TypeError)
 
 

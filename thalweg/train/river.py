@@ -205,10 +205,10 @@ class RiverTraining:
         context = self._context(seen, encoder, felt)
         existing = (read_config(folder) or {"run": {}})["run"].get("context", {})
         RUN_FOLDER.require_same_file(folder, existing.get("river", {}), context.get("river", {}))
-        if encoder is not None:
-            check_camera_fits(self.config.camera, encoder)
         if begun is not None:
             check_policy_fits(begun, encoder, offered=seen, proprioception=felt)
+        if encoder is not None:
+            check_camera_fits(self.config.camera, encoder)
         device = resolve_device(device)
         if seen in IMAGES and device != "cpu":
             raise TrainingError(f"policy=cnn learns on the CPU only, not on {device}: leave the device out")

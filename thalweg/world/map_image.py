@@ -38,6 +38,8 @@ SHARES, FIXED_PX = (0.055, 0.045), (12, 10)
 """Heights of the title above the map and of the legend below it: a share of the longer side, and pixels."""
 SOLIDS, MARKERS = 4, 5
 """Drawing order: the markers on the centre line go over the bridges, which would hide them."""
+BARS_M, BAR_SHARE = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0), 0.3
+"""Lengths of scale bars, and the greatest share of a map's width that one takes."""
 MARKER_SPACING_M = 50.0
 """Distance between the markers on the centre line."""
 DECK = "#cbbfa8"
@@ -201,9 +203,9 @@ def deck(bridge: np.ndarray) -> np.ndarray:
 
 
 def _draw_scale_and_north(axes, world: World, box: tuple[float, float, float, float], point: float) -> None:
-    """Draw a scale bar of 50 m, or 10 m on a small map, an arrow to the north, and the direction of the sun."""
+    """Draw a scale bar with its length at its end, an arrow to the north, and the direction of the sun."""
     west, east, south, north = box
-    length = 50.0 if east - west > 120.0 else 10.0
+    length = max(metres for metres in BARS_M if metres <= max(BAR_SHARE * (east - west), BARS_M[0]))
     x, y = west + 0.03 * (east - west), south + 0.03 * (north - south)
     edge = [withStroke(linewidth=3.0 * point, foreground="#10202a")]
     text = {"color": "white", "fontsize": 10 * point, "path_effects": edge, "ha": "center"}
@@ -211,8 +213,8 @@ def _draw_scale_and_north(axes, world: World, box: tuple[float, float, float, fl
     for part, colour in enumerate(("white", "#222222")):
         corner = (x + 0.5 * part * length, y - 0.5 * high)
         axes.add_patch(Rectangle(corner, 0.5 * length, high, fc=colour, ec="white", lw=point, path_effects=edge))
-    for metres, unit in ((0.0, ""), (0.5 * length, ""), (length, " m")):
-        axes.text(x + metres, y + high, f"{metres:.0f}{unit}", va="bottom", **text)
+    for metres, label in ((0.0, "0"), (length, f"{length:.0f} m")):
+        axes.text(x + metres, y + high, label, va="bottom", **text)
     x, y, size = east - 0.05 * (east - west), south + 0.04 * (north - south), 0.06 * (north - south)
     arrow = {
         "arrowstyle": "-|>",
@@ -237,7 +239,7 @@ def _write_title(figure: Figure, world: World, height: float, width: float, poin
     river = world.river
     shape = "loop" if river.closed else "open course"
     narrow = width < 1000.0 * point
-    size = min(1.0, width / (800.0 * point)) * point
+    size = min(1.0, width / (880.0 * point)) * point
     name = f"{world.name}, seed {world.seed}"
     facts = (
         f"{shape} of {river.length_m:.1f} m, N = {river.segments}, "

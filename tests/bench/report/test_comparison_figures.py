@@ -48,8 +48,8 @@ def test_a_map_marks_where_flights_failed(results: Results):
     figure = failure_maps(results, "Medium", world)
     assert figure is not None
     _, islands, bridges, *_ = figure.axes[0].collections
-    np.testing.assert_allclose(islands.get_paths()[0].vertices[:-1].mean(axis=0), [10.0, 3.0], atol=0.05)
-    np.testing.assert_allclose(bridges.get_paths()[0].vertices[:4], deck(world.bridges[0]))
+    np.testing.assert_allclose(np.asarray(islands.get_paths()[0].vertices)[:-1].mean(axis=0), [10.0, 3.0], atol=0.05)
+    np.testing.assert_allclose(np.asarray(bridges.get_paths()[0].vertices)[:4], deck(world.bridges[0]))
     assert [text.get_text() for text in figure.legends[0].get_texts()][-2:] == ["bridge", "island"]
     old = [replace(row, end_x=float("nan")) for row in results.episodes]
     assert failure_maps(replace(results, episodes=old), "Medium", handmade.ring()) is None

@@ -256,3 +256,13 @@ def test_a_line_of_two_positions_is_a_straight_river(tmp_path):
     plan = planned(write(tmp_path, line([(0, 0), (200, 0)], width=12)))
     assert plan.river.length_m == pytest.approx(200, abs=1e-3)
     assert plan.river.segments == round(200 / 1.3)
+
+
+def test_the_polygon_of_a_whole_river_is_cut_to_the_ways(tmp_path):
+    """80 km of banks would be too much; the way is 200 m long."""
+    whole = polygon(box(-40_000, -6, 40_000, 6), natural="water")
+    plan = planned(write(tmp_path, whole, RIVER))
+    assert plan.river.length_m == pytest.approx(200, abs=10)
+    np.testing.assert_allclose(plan.river.width_m, 12, atol=0.1)
+    with pytest.raises(WorldFileError, match="its banks extend over more than 60 km: cut them to the reach"):
+        planned(write(tmp_path, whole))

@@ -129,8 +129,8 @@ def _axis(drawing: Drawing, stem: Stem | None) -> tuple[bank_polygons.Axis | Non
 
     Ways of which too little lies in the banks, or which make a ring, are the course themselves: there is no line then.
     """
-    banks = bank_polygons.unite(drawing.banks)
     along = None if stem is None else stem.places[:, :2]
+    banks = bank_polygons.unite(drawing.banks, along)
     if along is not None:
         share = float(bank_polygons.share_inside(banks, along).max())
         if np.array_equal(along[0], along[-1]):

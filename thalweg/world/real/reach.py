@@ -31,6 +31,7 @@ class Reach(Selection):
         It is stored in the cache folder, and loaded from there if it was built before from the same file with the same
         options.
         """
+        self.check_options()
         return load_or_make(self._cache_path(seed), lambda: from_file(self.path, seed=seed, **self._options()))
 
     def is_cached(self, seed: int = 0) -> bool:

@@ -27,6 +27,8 @@ MIN_ELONGATION = 3.0
 """Least length of a river relative to its median width."""
 ROUNDING = 0.35
 """Standard deviation of the Gaussian along the axis, relative to the median width."""
+AROUND_M = 150.0
+"""Water this far around the box of the ways counts."""
 MAX_SPAN_M = 60_000.0
 """Maximum extent of all banks: plane metres serve no longer beyond it."""
 LEAST_WIDTH_M = 2 * CLEARANCE_M + 0.2
@@ -61,28 +63,24 @@ class Axis:
     """[K]."""
 
 
-def unite(polygons: Sequence[Feature]) -> Banks:
-    """Return the water of polygons; raises `WorldError` for one that crosses itself, or that are far apart."""
+def unite(polygons: Sequence[Feature], along: np.ndarray | None = None) -> Banks:
+    """Return the water of polygons; raises `WorldError` for one that crosses itself, or that are far apart.
+
+    Along a line [K, 2] in degrees, only the water in the box around it counts: maps have polygons of whole rivers.
+    """
     shapely = need("shapely", "a polygon of banks")
-    places = np.concatenate([ring[:, :2] for feature in polygons for ring in feature.rings])
-    low, high = places.min(axis=0), places.max(axis=0)
-    if high[0] - low[0] > 180:
-        raise WorldError("its banks lie on both sides of 180 degrees of longitude: draw a line of the river instead")
-    origin = (low + high) / 2
-    span = np.ptp(local_metres(np.array([low, high]), origin), axis=0).max() if high[0] - low[0] < 2 else np.inf
-    if span > MAX_SPAN_M:
-        raise WorldError(f"its banks extend over more than {MAX_SPAN_M / 1000:.0f} km: cut them to the reach")
-    shapes = []
-    for feature in polygons:
-        rings = [local_metres(ring[:, :2], origin) for ring in feature.rings]
-        shape = shapely.Polygon(rings[0], rings[1:])
-        if not shape.is_valid:
-            raise WorldError(_what_is_wrong(shape, origin, feature.label))
-        shapes.append(shape)
+    places = along if along is not None else np.concatenate([ring[:, :2] for each in polygons for ring in each.rings])
+    origin = _origin(places)
+    shapes = [_shape(feature, origin) for feature in polygons]
+    if along is not None:
+        metres = local_metres(along, origin)
+        around = shapely.box(*(metres.min(axis=0) - AROUND_M), *(metres.max(axis=0) + AROUND_M))
+        shapes = [shape.intersection(around) for shape in shapes]
     united = shapely.union_all(shapes)
     if len(shapes) > 1:
         united = united.buffer(SLIVER_M / 2, join_style="mitre").buffer(-SLIVER_M / 2, join_style="mitre")
-    parts = sorted((part for part in shapely.get_parts(united) if not part.is_empty), key=lambda part: -part.area)
+    parts = [part for part in shapely.get_parts(united) if part.geom_type == "Polygon" and not part.is_empty]
+    parts.sort(key=lambda part: -part.area)
     holes = [hole for part in parts for hole in part.interiors if shapely.Polygon(hole).area >= MIN_HOLE_M2]
     return Banks(
         origin,
@@ -90,6 +88,28 @@ def unite(polygons: Sequence[Feature]) -> Banks:
         tuple(degrees_of(shapely.get_coordinates(hole)[:, :2], origin) for hole in holes),
         local_metres(polygons[0].rings[0][:1, :2], origin)[0],
     )
+
+
+def _origin(places: np.ndarray) -> np.ndarray:
+    """Return the middle [2] of places [K, 2] in degrees; raises `WorldError` for places that are far apart."""
+    low, high = places.min(axis=0), places.max(axis=0)
+    if high[0] - low[0] > 180:
+        raise WorldError("its banks lie on both sides of 180 degrees of longitude: draw a line of the river instead")
+    middle = (low + high) / 2
+    span = np.ptp(local_metres(np.array([low, high]), middle), axis=0).max() if high[0] - low[0] < 2 else np.inf
+    if span > MAX_SPAN_M:
+        raise WorldError(f"its banks extend over more than {MAX_SPAN_M / 1000:.0f} km: cut them to the reach")
+    return middle
+
+
+def _shape(feature: Feature, origin: np.ndarray) -> Any:
+    """Return the polygon of a feature in plane metres; raises `WorldError` for one that crosses itself."""
+    shapely = need("shapely", "a polygon of banks")
+    rings = [local_metres(ring[:, :2], origin) for ring in feature.rings]
+    shape = shapely.Polygon(rings[0], rings[1:])
+    if not shape.is_valid:
+        raise WorldError(_what_is_wrong(shape, origin, feature.label))
+    return shape
 
 
 def _what_is_wrong(shape: Any, origin: np.ndarray, label: str) -> str:
@@ -108,7 +128,8 @@ def share_inside(banks: Banks, degrees: np.ndarray) -> np.ndarray:
     """Return [P] the share of a line [K, 2] in degrees that lies in each piece of water."""
     shapely = need("shapely", "a polygon of banks")
     line = shapely.LineString(banks.metres(degrees))
-    return np.array([line.intersection(piece).length for piece in banks.pieces]) / max(line.length, 1e-9)
+    inside = [line.intersection(piece).length for piece in banks.pieces] or [0.0]
+    return np.array(inside) / max(line.length, 1e-9)
 
 
 def axis_of(banks: Banks, along: np.ndarray | None) -> Axis:

@@ -22,7 +22,7 @@ def test_a_run_flies_through_the_encoder_that_it_was_trained_with(
     loaded: list[Path | None] = []
     monkeypatch.setattr("thalweg.bench.evaluate.baselines.sight_of", lambda _: "frames")
     monkeypatch.setattr("thalweg.train.river.load_compatible_encoder", lambda path, _: loaded.append(path))
-    monkeypatch.setattr("thalweg.train.observations.check_policy_fits", lambda *_: None)
+    monkeypatch.setattr("thalweg.train.observations.check_policy_fits", lambda *_, **__: None)
     _encoder_for(policy, Evaluate("run", encoder=given))
     assert loaded == [given or own]
 

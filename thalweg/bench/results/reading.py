@@ -39,16 +39,18 @@ Value = TypeVar("Value")
 
 def read_training(path: Path, row: RunRow) -> TrainingLog:
     """The finished episodes of a training run from its `episodes.csv`; raises `ResultsError`."""
-    columns = ("step", "return", "tight", "loose", "cost")
+    columns = ("step", "return", "tight", "loose")
     lines = read_csv(path, columns)
     try:
         values = {name: np.array([float(line[name]) for line in lines]) for name in columns}
+        total = np.array([float(line["cost"]) for line in lines]) if lines and "cost" in lines[0] else None
     except ValueError as error:
         raise ResultsError(f"{path.name}: {error}") from error
     order = np.argsort(values["step"], kind="stable")
-    step, return_, tight, loose, cost = (values[name][order] for name in columns)
+    step, return_, tight, loose = (values[name][order] for name in columns)
+    total = None if total is None else total[order]
     last = max(row.steps, int(step[-1]) if len(step) else 0)
-    return TrainingLog(row.algorithm, row.seed, step.astype(np.int64), return_, tight, loose, last, cost)
+    return TrainingLog(row.algorithm, row.seed, step.astype(np.int64), return_, tight, loose, last, total)
 
 
 def read_results(folder: Path, *, as_recorded: bool = False) -> Results:

@@ -256,9 +256,9 @@ class Suite:
         return own or self.encoder
 
     def as_data(self) -> dict[str, Any]:
-        """Return the suite as plain data for JSON; without an observation of frames, the default encoder, seeds of rivers
-        if there are none, and the paper's task, as before there were others, and without what is filmed, which changes
-        no result."""
+        """Return the suite as plain data for JSON; without an observation of frames, the default encoder, seeds of
+        rivers if there are none, and the paper's task, as before there were others, and without what is filmed, which
+        changes no result."""
         conditions = [condition.as_data() for condition in self.conditions]
         usual = {"observation": "frames", "encoder": "default", "world_seeds": [], "task": "River", "film": self.film}
         data = _without(to_plain(self), **usual) | _rivers(self.world_seeds)

@@ -87,6 +87,13 @@ def eye_types() -> tuple[Any, ...]:
     return courses, types.float64, world, pose, segment, travel, PLANE
 
 
+def boat_eye_types() -> tuple[Any, ...]:
+    """Return the argument types of the kernel of the boat's ideal eye, as `TensorRiverEnv` passes them."""
+    _, courses, limits, _, state, *_ = rule_types()
+    world, pose = (dict(zip(State._fields, state.types, strict=True))[name] for name in SEEN[:2])
+    return courses, limits, world, pose, PLANE
+
+
 def variants() -> dict[str, Variant]:
     """Return every kernel of a frame, in every form that `GpuRenderer` launches, and those of rules and ideal eye."""
     trace = (SCENE, VIEWS, PLANE, LINE, SPACE, types.Tuple(FOUND), BUFFERS)
@@ -111,7 +118,9 @@ def variants() -> dict[str, Variant]:
         postprocess.THREADS,
     )
     kernels["advance"] = Variant(rules.advance, rule_types(), rules.THREADS, fastmath=False)
+    kernels["advance_boats"] = Variant(rules.advance_boats, rule_types(), rules.THREADS, fastmath=False)
     kernels["see"] = Variant(rules.see, eye_types(), rules.THREADS, fastmath=False)
+    kernels["see_boats"] = Variant(rules.see_boats, boat_eye_types(), rules.THREADS, fastmath=False)
     kernels["write_layers"] = Variant(postprocess.write_layers, (BUFFERS, SPACE, KINDS, KINDS), postprocess.THREADS)
     kernels["write_mask"] = Variant(postprocess.write_mask, (BUFFERS, KINDS), postprocess.THREADS)
     return kernels

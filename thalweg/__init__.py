@@ -12,13 +12,15 @@ if TYPE_CHECKING:
 
 LEVEL_IDS = {name: f"thalweg/{name}-v0" for name in ("Easy", "Medium", "Hard")}
 """Gymnasium id of each level's fixed river."""
+BOAT_IDS = {"Easy": "thalweg/Easy-ASV-v0", "Medium-Deep": "thalweg/Medium-ASV-v0", "Hard-Deep": "thalweg/Hard-ASV-v0"}
+"""Gymnasium id of the boat (`EnvConfig.vehicle = "asv"`) on the fixed river of each level with water enough for it."""
 
 
 def make_torch(level: str, num_envs: int = 1, **options: Any) -> "TensorRiverEnv":
     """Return N environments of a level whose observations, rewards and costs are tensors on one device.
 
     Args:
-        level: "Easy", "Medium" or "Hard".
+        level: "Easy", "Medium" or "Hard"; for boats (`vehicle="asv"`) "Easy", "Medium-Deep" or "Hard-Deep".
         num_envs: N, the number of environments.
         options: `device` ("auto" by default, see `thalweg.core.compute.device`), `world_seeds` or `worlds`, `config`,
             and the fields of `thalweg.env.EnvConfig`.
@@ -30,13 +32,15 @@ def make_torch(level: str, num_envs: int = 1, **options: Any) -> "TensorRiverEnv
 
 def register_envs() -> None:
     """Register the Gymnasium ids of the levels; a second call changes nothing."""
-    for level, name in LEVEL_IDS.items():
+    kwargs = {name: {"level": level} for level, name in LEVEL_IDS.items()}
+    kwargs |= {name: {"level": level, "vehicle": "asv"} for level, name in BOAT_IDS.items()}
+    for name, arguments in kwargs.items():
         if name not in registry:
             register(
                 id=name,
                 entry_point="thalweg.env:make_single",
                 vector_entry_point="thalweg.env:make_vector",
-                kwargs={"level": level},
+                kwargs=arguments,
             )
 
 

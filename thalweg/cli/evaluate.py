@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from thalweg.encoder import Encoder
     from thalweg.world import Reach
 
+LEVELS_OF = {"uav": ("Easy", "Medium", "Hard"), "asv": ("Easy", "Medium-Deep", "Hard-Deep")}
+"""Levels of each vehicle, where none are named."""
+
 
 @dataclass(frozen=True)
 class Evaluate:
@@ -25,12 +28,14 @@ class Evaluate:
     policy: Positional[str]
     """A run's folder, a policy file, `packaged`, or a baseline: random, hover, forward, pilot, steady."""
     levels: tuple[str, ...] = ()
-    """Levels to fly on; by default Easy, Medium and Hard."""
+    """Levels to fly on; by default Easy, Medium and Hard, for the boat Easy, Medium-Deep and Hard-Deep."""
     river: River = NO_FILE
     world_seed: int | None = None
     """Seed of the plants and hills; only with --geojson."""
     world_seeds: tuple[str, ...] = ()
     """Seeds of rivers of each level, such as 0 5 1000:1016 (1016 excluded); by default that of its fixed river."""
+    vehicle: Literal["uav", "asv"] = "uav"
+    """`uav` flies; `asv` is a boat, for Easy, Medium-Deep and Hard-Deep."""
     episodes: int = 20
     """Number of starts per river, each flown once."""
     starts_seed: int = 0
@@ -53,8 +58,10 @@ class Evaluate:
     @property
     def config(self) -> "EvaluationConfig":
         from thalweg.bench.evaluate.course import EvaluationConfig
+        from thalweg.env import EnvConfig
 
-        return EvaluationConfig(self.episodes, self.starts_seed, self.deterministic)
+        rules = EnvConfig(observation="none", vehicle=self.vehicle)
+        return EvaluationConfig(self.episodes, self.starts_seed, self.deterministic, rules)
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -76,7 +83,7 @@ class Evaluate:
                 else "--geojson, whose plants and hills --world-seed chooses"
             )
             raise UsageError(f"--world-seeds does not go with {other}")
-        evaluate_and_print(self, (reach,) if reach is not None else self.levels or ("Easy", "Medium", "Hard"))
+        evaluate_and_print(self, (reach,) if reach is not None else self.levels or LEVELS_OF[self.vehicle])
         return 0
 
 
@@ -145,7 +152,7 @@ def _encoder_for(policy: "Policy", command: Evaluate) -> "Encoder | None":
             f" {command.encoder} out"
         )
     encoder = load_compatible_encoder(command.encoder, command.device) if sight == "frames" else None
-    check_policy_fits(policy, encoder)
+    check_policy_fits(policy, encoder, vehicle=command.vehicle)
     return encoder
 
 

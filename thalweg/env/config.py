@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, InstanceOf, PositiveInt, model_validator
 
 from thalweg.core.config import FiniteNonNegative, FinitePositive, Hint, frozen_config, refuse_unknown
+from thalweg.env.vehicle.boat import Boat
 from thalweg.render.records.camera import Camera
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
@@ -20,6 +21,7 @@ from thalweg.render.records.randomisation import Randomisation
 Observation = Literal["rgb+mask", "rgb", "mask", "dict", "privileged", "none"]
 ActionSpace = Literal["multidiscrete", "continuous"]
 RewardScheme = Literal["paper", "package"]
+Vehicle = Literal["uav", "asv"]
 
 
 class ConfigError(ValueError):
@@ -78,6 +80,14 @@ class Limits(NamedTuple):
     """1: the reward is proportional to the share of segments a step visits; 0: it is 1 for any new segment."""
     tight_cost: float
     loose_cost: float
+    is_boat: int = 0
+    """1: the vehicle floats, and has the sizes below, see `thalweg.env.vehicle.boat.Boat`; 0: it flies."""
+    half_length: float = 0.0
+    half_beam: float = 0.0
+    draught: float = 0.0
+    keel_margin: float = 1.0
+    camera_height: float = 0.0
+    shallow_cost: float = 0.0
 
 
 def _default_ranges(value: Any) -> Any:
@@ -144,6 +154,12 @@ class EnvConfig:
     """Whether `info["critic_obs"]` says what critics may see beside the observation in training, see
     `thalweg.env.task.critic_info`. The task is the same either way, and states fit both."""
 
+    vehicle: Vehicle = "uav"
+    """`uav` flies; `asv` is a boat: it stays on the water, must not touch ground, rocks and bridges, and pays for
+    shallow water. See `thalweg.env.vehicle`."""
+    boat: InstanceOf[Boat] = field(default_factory=Boat)
+    """Sizes of the boat; without a meaning for the `uav`."""
+
     @model_validator(mode="after")
     def _maximum_height_is_above_the_minimum(self) -> Self:
         if not self.max_height_m > self.min_height_m:
@@ -165,8 +181,10 @@ class EnvConfig:
         return replace(self, **options)
 
     def as_data(self) -> dict[str, Any]:
-        """Return what defines the task as plain data: all fields but `critic_info`, which nothing in it depends on."""
-        return {name: value for name, value in asdict(self).items() if name != "critic_info"}
+        """Return what defines the task as plain data: all fields but `critic_info`, which nothing in it depends on, and
+        the vehicle only where it is not the usual one."""
+        left_out = ("critic_info", "vehicle", "boat") if self.vehicle == "uav" else ("critic_info",)
+        return {name: value for name, value in asdict(self).items() if name not in left_out}
 
     @property
     def channels(self) -> int:
@@ -204,7 +222,22 @@ class EnvConfig:
             int(self.reward_scheme == "paper"),
             self.tight_cost,
             self.loose_cost,
+            *self._boat_limits,
         )
+
+    @property
+    def _boat_limits(self) -> tuple[float, ...]:
+        """The numbers of the boat, in the order of `Limits`; none for the UAV, for which those have their defaults."""
+        if self.vehicle == "uav":
+            return ()
+        boat = self.boat
+        sizes = (0.5 * boat.length_m, 0.5 * boat.beam_m, boat.draught_m, boat.keel_margin_m, boat.camera_height_m)
+        return (1, *(float(value) for value in (*sizes, boat.shallow_cost)))
+
+    @property
+    def cost_kinds(self) -> tuple[str, ...]:
+        """Names of the columns of `info["costs"]`."""
+        return ("tight", "loose") if self.vehicle == "uav" else ("tight", "loose", "shallow")
 
 
 DEFAULT_CONFIG = EnvConfig()

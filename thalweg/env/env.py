@@ -38,6 +38,8 @@ class RiverEnv(gymnasium.Env):
         self.render_mode = render_mode
         self.observation_space = self.vector.single_observation_space
         self.action_space = self.vector.single_action_space
+        self.cost_kinds = self.vector.cost_kinds
+        """Names of the K kinds of `info["costs"]`."""
         if config.critic_info:
             self.critic_space = self.vector.single_critic_space
 

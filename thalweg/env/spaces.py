@@ -5,7 +5,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from thalweg.env.task.ideal_eye import FEATURES
+from thalweg.env.task.ideal_eye import features_of
 
 BRANCHES = ("vertical", "yaw", "longitudinal", "lateral")
 """Branches of an action. Options 0, 1, 2: up, none, down; left, none, right; forward, none, backward; left, none,
@@ -69,13 +69,13 @@ def from_unit_actions(kind: str, unit_actions: np.ndarray) -> np.ndarray:
     return (1 - unit_actions).astype(np.int64) if kind == "multidiscrete" else unit_actions.astype(np.float32)
 
 
-def observation_space(kind: str, height_px: int, width_px: int) -> gymnasium.spaces.Space:
-    """Return the observation space of one environment; `kind` as in `EnvConfig.observation`."""
+def observation_space(kind: str, height_px: int, width_px: int, vehicle: str = "uav") -> gymnasium.spaces.Space:
+    """Return the observation space of one environment; `kind` and `vehicle` as in `EnvConfig`."""
     image = lambda channels: gymnasium.spaces.Box(0, 255, (height_px, width_px, channels), np.uint8)  # noqa: E731
     if kind == "dict":
         return gymnasium.spaces.Dict({"rgb": image(3), "mask": image(1)})
     if kind == "privileged":
-        return gymnasium.spaces.Box(-np.inf, np.inf, (len(FEATURES),), np.float32)
+        return gymnasium.spaces.Box(-np.inf, np.inf, (len(features_of(vehicle)),), np.float32)
     if kind == "none":
         return gymnasium.spaces.Box(-np.inf, np.inf, (4,), np.float64)
     return image(CHANNELS[kind])

@@ -30,8 +30,9 @@ from thalweg.env.snapshot import StateError, env_identity, fingerprints
 from thalweg.env.spaces import ActionError, action_space, observation_space, to_unit_actions
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
 from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
-from thalweg.env.task.ideal_eye import FEATURES, see_all
+from thalweg.env.task.ideal_eye import features_of, see_all
 from thalweg.env.task.rules import Outcome, State, empty_outcome, empty_state
+from thalweg.env.vehicle.boat_eye import see_boats
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.world.record import World
 
@@ -46,10 +47,11 @@ Info = dict[str, Tensor]
 class TensorRiverEnv:
     """N environments over one or several worlds on one device; environment i flies in world i % len(worlds).
 
-    `info` belongs to the action just taken: `cost` [N], `costs` [N, 2] (tight, loose), `done_reason` [N], `progress`
-    [N] (share of segments visited) and `pose` [N, 4]. With `EnvConfig.critic_info`, `critic_obs` [N, C] float32 belongs
-    to the state that the observation shows, see `thalweg.env.task.critic_info`. Environment i is seeded with seed + i,
-    so that its episodes do not depend on the number of environments. Rewards, costs and poses are float64.
+    `info` belongs to the action just taken: `cost` [N], `costs` [N, K] by kind (`cost_kinds`), `done_reason` [N],
+    `progress` [N] (share of segments visited) and `pose` [N, 4]. With `EnvConfig.critic_info`, `critic_obs` [N, C]
+    float32 belongs to the state that the observation shows, see `thalweg.env.task.critic_info`. Environment i is seeded
+    with seed + i, so that its episodes do not depend on the number of environments. Rewards, costs and poses are
+    float64.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
@@ -75,6 +77,8 @@ class TensorRiverEnv:
             raise ConfigError("environments of tensors do not change river: give worlds, not a list of rivers")
         self.worlds = (worlds,) if isinstance(worlds, World) else tuple(worlds)
         self.num_envs, self.config = integer_at_least("num_envs", num_envs, 1), config
+        self.cost_kinds = config.cost_kinds
+        """Names of the K kinds of `info["costs"]`."""
         self.device = torch.device(resolve_device(device))
         courses = pack_courses(self.worlds, config)
         shared = 0
@@ -96,11 +100,11 @@ class TensorRiverEnv:
 
         size = config.camera.height_px, config.camera.width_px
         self.single_action_space = action_space(config.action)
-        self.single_observation_space = observation_space(config.observation, *size)
+        self.single_observation_space = observation_space(config.observation, *size, config.vehicle)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         if config.critic_info:
-            self.single_critic_space = critic_space(config.observation)
+            self.single_critic_space = critic_space(config.observation, config.vehicle)
 
     def _draw_looks(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the looks [LOOKS, P] of the randomisation and the light [LOOKS] of each; one of each without it."""
@@ -115,7 +119,7 @@ class TensorRiverEnv:
     def _allocate(self, courses: CourseArrays) -> None:
         """Create the tensors of all episodes, and the kernels' views of them."""
         state = empty_state(self.world_index, courses)._asdict()
-        outcome = empty_outcome(self.num_envs)._asdict()
+        outcome = empty_outcome(self.num_envs, len(self.cost_kinds))._asdict()
         counters: dict[str, np.ndarray] = {
             name: np.zeros(self.num_envs, np.int64) for name in ("seed", "episode", "look")
         }
@@ -218,7 +222,9 @@ class TensorRiverEnv:
     @cached_property
     def _seen(self) -> Tensor:
         """What the ideal eye sees [N, FEATURES] float32; memory that `_see` fills again and again."""
-        return torch.zeros(self.num_envs, len(FEATURES), dtype=torch.float32, device=self.device)
+        return torch.zeros(
+            self.num_envs, len(features_of(self.config.vehicle)), dtype=torch.float32, device=self.device
+        )
 
     @cached_property
     def _renderer(self) -> Any:
@@ -236,7 +242,8 @@ class TensorRiverEnv:
         from thalweg.env.device import cuda_step
 
         self._actions.copy_(unit_actions)
-        self._launch("advance", cuda_step.advance, lambda: (self._array(self._actions), *self._arguments))
+        advance = cuda_step.advance_boats if self.config.limits.is_boat else cuda_step.advance
+        self._launch("advance", advance, lambda: (self._array(self._actions), *self._arguments))
 
     def _launch(self, name: str, kernel: Callable[..., None], arguments: Callable[[], tuple[Any, ...]]) -> None:
         """Launch a kernel of `cuda_step`, or replay its launch; it always has the same arguments."""
@@ -283,16 +290,25 @@ class TensorRiverEnv:
         """Return what the ideal eye sees [N, FEATURES] float32."""
         if self.device.type == "cpu":
             see_all(*self._arguments_of_see())
+            if self.config.limits.is_boat:
+                see_boats(*self._arguments_of_see_boats())
         else:
             from thalweg.env.device import cuda_step
 
             self._launch("see", cuda_step.see, self._arguments_of_see)
+            if self.config.limits.is_boat:
+                self._launch("see boats", cuda_step.see_boats, self._arguments_of_see_boats)
         return self._seen.clone()
 
     def _arguments_of_see(self) -> tuple[Any, ...]:
         """Return the arguments of `see_all`."""
         state = (self._array(self._tensors[name]) for name in ("world", "pose", "segment", "travel"))
         return self._courses, self.config.limits.max_height, *state, self._array(self._seen)
+
+    def _arguments_of_see_boats(self) -> tuple[Any, ...]:
+        """Return the arguments of `see_boats`."""
+        world, pose = (self._array(self._tensors[name]) for name in ("world", "pose"))
+        return self._courses, self.config.limits, world, pose, self._array(self._seen)
 
     def _info(self) -> Info:
         tensors = self._tensors

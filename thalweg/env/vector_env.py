@@ -32,8 +32,9 @@ from thalweg.env.spaces import (
 )
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
-from thalweg.env.task.ideal_eye import FEATURES, see_all
-from thalweg.env.task.rules import clear_outcome, empty_outcome, empty_state, step_all
+from thalweg.env.task.ideal_eye import features_of, see_all
+from thalweg.env.task.rules import afloat, clear_outcome, empty_outcome, empty_state, pose_of, step_all
+from thalweg.env.vehicle.boat_eye import see_boats
 from thalweg.world.record import World
 
 RESET_OPTIONS = ("pose", "reset_mask")
@@ -46,12 +47,12 @@ class RiverVectorEnv(VectorEnv):
     of the list that its own generator draws, all with the same probability, and the next ones are prepared in the
     background; `info["river"]` [N] is the index of the river in the list.
 
-    In every autoreset mode, `info` belongs to the action just taken: `cost` [N], `costs` [N, 2] (tight, loose),
-    `done_reason` [N], `progress` [N] (share of segments visited) and `pose` [N, 4]. `final_obs` and `final_info` are as
-    Gymnasium defines them. With `EnvConfig.critic_info`, `critic_obs` [N, C] float32 belongs to the state that the
-    observation shows, see `thalweg.env.task.critic_info`; after an automatic reset in the same step, that of the last
-    state is in `final_info`. Environment i has a random generator of its own, seeded with seed + i, so that its
-    episodes do not depend on the number of environments.
+    In every autoreset mode, `info` belongs to the action just taken: `cost` [N], `costs` [N, K] by kind
+    (`cost_kinds`: tight, loose, and for a boat shallow), `done_reason` [N], `progress` [N] (share of segments visited)
+    and `pose` [N, 4]. `final_obs` and `final_info` are as Gymnasium defines them. With `EnvConfig.critic_info`,
+    `critic_obs` [N, C] float32 belongs to the state that the observation shows, see `thalweg.env.task.critic_info`;
+    after an automatic reset in the same step, that of the last state is in `final_info`. Environment i has a random
+    generator of its own, seeded with seed + i, so that its episodes do not depend on the number of environments.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -115,18 +116,20 @@ class RiverVectorEnv(VectorEnv):
         self.generators: list[np.random.Generator | None] = [None] * self.num_envs
         self._started = np.zeros(self.num_envs, dtype=bool)
         self._ended = np.zeros(self.num_envs, dtype=bool)
-        self._outcome = empty_outcome(self.num_envs)
+        self.cost_kinds = config.cost_kinds
+        """Names of the K kinds of `info["costs"]`."""
+        self._outcome = empty_outcome(self.num_envs, len(self.cost_kinds))
         self._rendered: np.ndarray | None = None
         """[N, H, W, 3] frames of the current state, if they are known."""
 
         self.single_action_space = action_space(config.action)
         self.single_observation_space = observation_space(
-            config.observation, self.camera.height_px, self.camera.width_px
+            config.observation, self.camera.height_px, self.camera.width_px, config.vehicle
         )
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         if config.critic_info:
-            self.single_critic_space = critic_space(config.observation)
+            self.single_critic_space = critic_space(config.observation, config.vehicle)
 
     @property
     def courses(self) -> CourseArrays:
@@ -249,12 +252,13 @@ class RiverVectorEnv(VectorEnv):
         """Return a pilot in the rivers of now, and the state as it takes it."""
         from thalweg.env.pilot.in_rivers import PILOTS, PilotInRivers
 
-        if name not in PILOTS:
-            raise ConfigError(f"unknown pilot {name!r}; known: {', '.join(PILOTS)}")
+        pilots = PILOTS[self.config.vehicle]
+        if name not in pilots:
+            raise ConfigError(f"unknown pilot {name!r} of the {self.config.vehicle}; known: {', '.join(pilots)}")
         if not self._started.all():
             raise gymnasium.error.ResetNeeded("call reset() before asking a pilot")
         if name not in self._pilots:
-            self._pilots[name] = PilotInRivers(PILOTS[name], self.config)
+            self._pilots[name] = PilotInRivers(pilots[name], self.config)
         return self._pilots[name].pilot(self.rivers, self.state)
 
     def get_state(self) -> dict[str, np.ndarray]:
@@ -336,6 +340,7 @@ class RiverVectorEnv(VectorEnv):
         state.pose[row] = pose
         x, y, _, yaw = state.pose[row]
         projection = project_anywhere(self.courses, world, x, y)
+        state.pose[row] = afloat(self.courses, world, self.limits, projection, pose_of(state.pose, row))
         state.segment[row] = projection.segment
         state.travel[row] = travel_direction(self.courses, world, projection, yaw)
         state.visited[row] = 0
@@ -401,8 +406,10 @@ class RiverVectorEnv(VectorEnv):
 
     def _see(self, views: Views) -> np.ndarray:
         """Return what the ideal eye sees [M, FEATURES] float32."""
-        seen = np.empty((len(views.pose), len(FEATURES)), np.float32)
+        seen = np.empty((len(views.pose), len(features_of(self.config.vehicle))), np.float32)
         see_all(self.courses, self.limits.max_height, views.world, views.pose, views.segment, views.travel, seen)
+        if self.limits.is_boat:
+            see_boats(self.courses, self.limits, views.world, views.pose, seen)
         return seen
 
     def _critic_obs(self) -> np.ndarray:

@@ -23,7 +23,7 @@ from thalweg.env.rivers.assignment import DrawnRivers
 from thalweg.env.rivers.memory import bytes_of, check_all_fit, drawn_bytes
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.spaces import CHANNELS
-from thalweg.env.task.ideal_eye import FEATURES
+from thalweg.env.task.ideal_eye import features_of
 from thalweg.render import RENDER_VERSION, compilation
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import RUN_FOLDER, read_config
@@ -84,11 +84,14 @@ def observation_of(policy: Any) -> str:
     return found
 
 
-def check_policy_fits(policy: Any, encoder: Encoder | None, *, offered: str | None = None) -> None:
+def check_policy_fits(
+    policy: Any, encoder: Encoder | None, *, offered: str | None = None, vehicle: str = "uav"
+) -> None:
     """Raise `TrainingError` unless a policy fits an observation and the actions of the river task.
 
     The observation is the codes of the encoder. For None it is `offered`, by default images for a policy of images, and
-    the privileged observation for any other. A policy without spaces, such as a baseline, always fits.
+    the privileged observation for any other. A policy without spaces, such as a baseline, always fits. `vehicle` is
+    that of `EnvConfig`, which must be the one that the policy was trained for.
     """
     context, seen = _context_of(policy), observation_of(policy)
     if encoder is not None:
@@ -101,7 +104,10 @@ def check_policy_fits(policy: Any, encoder: Encoder | None, *, offered: str | No
             f" choose {IN_WORDS[seen]}, or another policy"
         )
     _check_versions(seen, context)
-    _check_inputs(policy, offered, encoder)
+    trained_for = context.get("env", {}).get("vehicle", "uav")
+    if context and trained_for != vehicle:
+        raise TrainingError(f"the policy was trained for the vehicle {trained_for}, not {vehicle}")
+    _check_inputs(policy, offered, encoder, vehicle)
     actions: Actions | None = getattr(policy, "actions", None)
     if actions is not None and (actions.sizes, actions.start, actions.shape) != (BRANCHES, (0, 0, 0, 0), (4,)):
         found = f"{actions.sizes} from {actions.start}" if actions.sizes else f"a Box of shape {actions.shape}"
@@ -122,6 +128,11 @@ def _check_versions(seen: str, context: dict[str, Any]) -> None:
             f"the policy was trained on version {made_with} of the privileged observation, but this is version"
             f" {versions.PRIVILEGED}; train it again"
         )
+    if seen == PRIVILEGED and (made_with := context.get("vehicles_version", versions.VEHICLES)) != versions.VEHICLES:
+        raise TrainingError(
+            f"the policy was trained on version {made_with} of the boat, but this is version {versions.VEHICLES};"
+            " train it again"
+        )
     drawn_with = context.get("render_version")
     if seen in IMAGES and drawn_with != RENDER_VERSION:
         raise TrainingError(
@@ -130,14 +141,14 @@ def _check_versions(seen: str, context: dict[str, Any]) -> None:
         )
 
 
-def _check_inputs(policy: Any, offered: str, encoder: Encoder | None) -> None:
+def _check_inputs(policy: Any, offered: str, encoder: Encoder | None, vehicle: str) -> None:
     """Raise `TrainingError` unless a policy takes as many numbers, or images of the shape, that it is offered."""
     if offered in IMAGES:
         camera = DEFAULT_CONFIG.camera
         needed = (camera.height_px, camera.width_px, CHANNELS[offered])
         offers = f"{IN_WORDS[offered]} have the shape"
     elif encoder is None:
-        needed, offers = len(FEATURES), "privileged observation has"
+        needed, offers = len(features_of(vehicle)), "privileged observation has"
     else:
         needed, offers = encoder.latent, "encoder returns"
     takes = _image_of(policy) or getattr(policy, "obs_size", needed)
@@ -321,13 +332,18 @@ class RiverTraining:
         """
         entry = algorithm_named(algorithm)
         resolved = configured(entry, settings, preset, self.num_envs, begin_with)
+        if getattr(resolved, "separate_costs", False) and len(self.config.cost_kinds) > 2:
+            raise TrainingError(
+                "cost_limits are limits of tight and loose costs, but this task has also"
+                f" {', '.join(self.config.cost_kinds[2:])}: set cost_limit, that of their sum"
+            )
         begun = None if begin_with is None else load_policy(begin_with)
         seen = observation_of_run(sees_images(resolved), encoder, observation, begun)
         context = self._context(seen, encoder)
         existing = (read_config(folder) or {"run": {}})["run"].get("context", {})
         RUN_FOLDER.require_same_file(folder, existing.get("river", {}), context.get("river", {}))
         if begun is not None:
-            check_policy_fits(begun, encoder, offered=seen)
+            check_policy_fits(begun, encoder, offered=seen, vehicle=self.config.vehicle)
         device = resolve_device(device)
         if seen in IMAGES and device != "cpu":
             raise TrainingError(f"policy=cnn learns on the CPU only, not on {device}: leave the device out")
@@ -362,6 +378,8 @@ class RiverTraining:
         version = {"privileged_version": versions.PRIVILEGED}
         if seen in IMAGES:
             version = {"render_version": RENDER_VERSION}
+        elif self.config.vehicle != "uav":
+            version["vehicles_version"] = versions.VEHICLES
         return {**self.about(), "observation": seen, **version, "env": self._config_of(seen).as_data()}
 
     def _config_of(self, seen: str) -> EnvConfig:
@@ -393,7 +411,8 @@ class RiverTraining:
         rivers = RiverList.of_levels([(level, self.seeds) for level in levels], self.rivers_in_memory)
         if not self.changes_river:
             # Where nothing is drawn, rivers need no land, which takes most of the time to build.
-            return RiverVectorEnv([rivers.course(river) for river in range(len(rivers))], self.num_envs, config)
+            bare = rivers.course if config.vehicle == "uav" else rivers.sounded
+            return RiverVectorEnv([bare(river) for river in range(len(rivers))], self.num_envs, config)
         env = RiverVectorEnv(rivers, self.num_envs, config)
         if isinstance(env.rivers, DrawnRivers):
             print_once(env.rivers.pool.description)

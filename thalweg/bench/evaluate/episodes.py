@@ -41,7 +41,7 @@ class Episode:
     return_: float
     """Sum of the rewards; the column is called `return`."""
     cost: float
-    """Sum of the costs, tight and loose."""
+    """Sum of the costs of all kinds."""
     tight: float
     loose: float
     length: int

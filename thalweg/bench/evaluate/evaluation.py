@@ -221,7 +221,7 @@ def _observations(env: RiverVectorEnv, sees: Sight) -> np.ndarray:
     """Return what a policy for which nothing is drawn sees in each slot [N, D]."""
     if sees == "privileged":
         return env.observe()
-    return env.pilot_actions(sees) if sees in PILOTS else np.zeros((env.num_envs, 0), np.float32)
+    return env.pilot_actions(sees) if sees in PILOTS["uav"] else np.zeros((env.num_envs, 0), np.float32)
 
 
 def _make_env(course: Course, config: EvaluationConfig, sees: Sight) -> RiverVectorEnv:
@@ -249,7 +249,7 @@ class _EpisodeTotals:
 
     def add(self, flying: np.ndarray, reward: np.ndarray, info: dict) -> None:
         self.return_[flying] += reward[flying]
-        self.costs[flying] += info["costs"][flying]
+        self.costs[flying] += info["costs"][flying, :2]
         self.cost[flying] += info["cost"][flying]
         self.length[flying] += 1
         self.progress[flying] = info["progress"][flying]

@@ -17,7 +17,7 @@ the renderer holds of a view."""
 
 def bytes_per_env(courses: CourseArrays, config: EnvConfig, frames: int) -> int:
     """Return the bytes of one environment with a number of frames."""
-    arrays = (*empty_state(np.zeros(1, np.int64), courses), *empty_outcome(1))
+    arrays = (*empty_state(np.zeros(1, np.int64), courses), *empty_outcome(1, len(config.cost_kinds)))
     frame = config.channels * config.camera.height_px * config.camera.width_px
     return sum(array.nbytes for array in arrays) + OVERHEAD_BYTES + frames * frame
 

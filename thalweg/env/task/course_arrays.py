@@ -16,6 +16,8 @@ import numpy as np
 import scipy
 
 from thalweg.env.config import EnvConfig
+from thalweg.env.vehicle.lanes import lanes_through
+from thalweg.env.vehicle.soundings import no_soundings, take_soundings
 from thalweg.world.record import River, World
 
 LEVEL_MAX_STEPS = 500
@@ -66,15 +68,36 @@ class CourseArrays(NamedTuple):
     """[I] float64, metres along the course of the point that is nearest to the centre of each island."""
     bridge_arc: np.ndarray
     """[B] float64, the same of the middle of each bridge."""
+    first_depth: np.ndarray
+    """[W + 1] int64; this and what follows are for boats, and have no rows for vehicles that fly."""
+    depth_layout: np.ndarray
+    """[W, 5] float64: x and y of the first node of each world's map of depths and the distance of the nodes, in metres;
+    rows and columns."""
+    depth: np.ndarray
+    """[D] float32, metres of water at each node, negative on land; row after row."""
+    first_rock: np.ndarray
+    """[W + 1] int64."""
+    rock: np.ndarray
+    """[R, 3] float64: x, y and radius of each rock that a hull can touch, in metres."""
+    arch: np.ndarray
+    """[B, 8] float64, of each bridge: x, y; cos, sin of the direction across the river; half of its length and width,
+    and half of the opening of its arch at the top of the hull and at that of the mast."""
+    through: np.ndarray
+    """[S, 2, P] uint8, 1 for points across each sample from which the boat can go on, up and down the course; see
+    `thalweg.env.vehicle.lanes`."""
 
 
 def pack_courses(worlds: Sequence[World], config: EnvConfig) -> CourseArrays:
-    """Return the course arrays of a batch of worlds under a config."""
+    """Return the course arrays of a batch of worlds under a config.
+
+    Raises `thalweg.env.vehicle.boat.FitError` for a boat and a river that it does not fit.
+    """
     if not worlds:
         raise ValueError("at least one world is needed")
     rivers = [world.river for world in worlds]
     hulls = [grown_hull(row, config.body_m) for world in worlds for row in world.bridges]
-    return CourseArrays(
+    floats = config.vehicle == "asv"
+    courses = CourseArrays(
         first_sample=_offsets([len(river.arc_m) for river in rivers]),
         closed=np.array([int(river.closed) for river in rivers], dtype=np.int64),
         segments=np.array([river.segments for river in rivers], dtype=np.int64),
@@ -93,7 +116,11 @@ def pack_courses(worlds: Sequence[World], config: EnvConfig) -> CourseArrays:
         plane=_concatenate([planes for planes, _ in hulls], 4),
         island_arc=_concatenate([nearest_arcs(world.river, np.asarray(world.islands)[:, :2]) for world in worlds]),
         bridge_arc=_concatenate([nearest_arcs(world.river, np.asarray(world.bridges)[:, :2]) for world in worlds]),
+        **(take_soundings(worlds, config.boat) if floats else no_soundings()),
     )
+    if not floats:
+        return courses
+    return courses._replace(through=lanes_through(courses, config.limits, config.boat, worlds))
 
 
 def nearest_arcs(river: River, points_m: np.ndarray) -> np.ndarray:
@@ -115,9 +142,9 @@ def step_limit(world: World, config: EnvConfig) -> int:
     """Return the maximum length of an episode in a world, in steps."""
     if config.max_steps is not None:
         return int(config.max_steps)
-    from thalweg.world.levels import LEVELS
+    from thalweg.world.levels import ALL_LEVELS
 
-    for level in LEVELS.values():
+    for level in ALL_LEVELS.values():
         similar = abs(world.river.length_m - level.length_m) <= LEVEL_LENGTH_SHARE * level.length_m
         if world.name.lower() == level.name.lower() and similar:
             return LEVEL_MAX_STEPS
@@ -165,9 +192,10 @@ def fingerprint(world: World) -> int:
 
 def config_fingerprint(config: EnvConfig) -> int:
     """Return a hash of a config's task; equal values give the same hash, whether written as 15 or 15.0."""
-    values = {**config.as_data(), "camera": asdict(config.camera)}
-    plain = {name: float(value) if isinstance(value, Real) else value for name, value in values.items()}
-    plain["camera"] = {name: float(value) for name, value in values["camera"].items()}
+    plain = {name: float(value) if isinstance(value, Real) else value for name, value in config.as_data().items()}
+    for name in ("camera", "boat"):
+        if name in plain:
+            plain[name] = {key: float(value) for key, value in asdict(getattr(config, name)).items()}
     return _first_64_bits(hashlib.sha256(repr(plain).encode()))
 
 

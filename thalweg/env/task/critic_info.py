@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from thalweg.env.task.ideal_eye import FEATURES
+from thalweg.env.task.ideal_eye import features_of
 
 PROGRESS = ("visited", "idle", "steps")
 """Names of the numbers of the progress, shares in 0..1.
@@ -21,18 +21,19 @@ PROGRESS = ("visited", "idle", "steps")
 """
 
 
-def critic_features(observation: str) -> tuple[str, ...]:
-    """Return the names of the C numbers of `info["critic_obs"]`, in order; `observation` as in `EnvConfig.observation`.
+def critic_features(observation: str, vehicle: str = "uav") -> tuple[str, ...]:
+    """Return the names of the C numbers of `info["critic_obs"]`, in order; `observation` and `vehicle` as in
+    `EnvConfig`.
 
-    They are `PROGRESS`, then those of the ideal eye (`thalweg.env.task.ideal_eye.FEATURES`, in metres and radians),
+    They are `PROGRESS`, then those of the ideal eye (`thalweg.env.task.ideal_eye.features_of`, in metres and radians),
     unless the observation has these already.
     """
-    return PROGRESS if observation == "privileged" else (*PROGRESS, *FEATURES)
+    return PROGRESS if observation == "privileged" else (*PROGRESS, *features_of(vehicle))
 
 
-def critic_space(observation: str) -> gymnasium.spaces.Box:
+def critic_space(observation: str, vehicle: str = "uav") -> gymnasium.spaces.Box:
     """Return the space of the C numbers of one environment."""
-    return gymnasium.spaces.Box(-np.inf, np.inf, (len(critic_features(observation)),), np.float32)
+    return gymnasium.spaces.Box(-np.inf, np.inf, (len(critic_features(observation, vehicle)),), np.float32)
 
 
 def write_progress(out: Any, visited: Any, idle: Any, steps: Any) -> None:

@@ -10,9 +10,10 @@ import numpy as np
 from thalweg.core.compute.jit import kernel
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.motion import Pose, UnitAction, move
-from thalweg.env.task.progress import course_completed, track_projection, visit_segments
+from thalweg.env.task.progress import course_completed, interpolate, track_projection, visit_segments
 from thalweg.env.task.reward_cost import step_costs, step_reward
 from thalweg.env.task.termination import RUNNING, done_reason, rule_broken
+from thalweg.env.vehicle.hull import shallow_cost
 
 
 class State(NamedTuple):
@@ -44,7 +45,8 @@ class Outcome(NamedTuple):
     reward: np.ndarray
     """[N] float64."""
     costs: np.ndarray
-    """[N, 2] float64, tight and loose."""
+    """[N, K] float64, with the columns `EnvConfig.cost_kinds`: tight and loose, and last that of shallow water for a
+    boat."""
     reason: np.ndarray
     """[N] int64, code of `DoneReason`."""
 
@@ -66,9 +68,9 @@ def empty_state(world: np.ndarray, courses: CourseArrays) -> State:
     )
 
 
-def empty_outcome(count: int) -> Outcome:
-    """Return an outcome of N environments without reward or cost, in which every episode is running."""
-    return Outcome(np.zeros(count), np.zeros((count, 2)), np.full(count, RUNNING, dtype=np.int64))
+def empty_outcome(count: int, kinds: int = 2) -> Outcome:
+    """Return an outcome of N environments without reward or costs of K kinds, in which every episode is running."""
+    return Outcome(np.zeros(count), np.zeros((count, kinds)), np.full(count, RUNNING, dtype=np.int64))
 
 
 @kernel(fastmath=False, allocates=False)
@@ -81,9 +83,18 @@ def pose_of(poses, row):
 def clear_outcome(outcome, row):
     """Set the outcome of environment `row` to that of a step in which nothing happened."""
     outcome.reward[row] = 0.0
-    outcome.costs[row, 0] = 0.0
-    outcome.costs[row, 1] = 0.0
+    for kind in range(outcome.costs.shape[1]):
+        outcome.costs[row, kind] = 0.0
     outcome.reason[row] = RUNNING
+
+
+@kernel(fastmath=False, allocates=False)
+def afloat(courses, world, limits, projection, pose):
+    """Return a `Pose` with a boat's camera at its height above the water; that of another vehicle unchanged."""
+    if limits.is_boat == 0:
+        return pose
+    level = interpolate(courses, world, projection, courses.level)
+    return Pose(pose.x, pose.y, level + limits.camera_height, pose.yaw)
 
 
 @kernel(fastmath=False, allocates=False)
@@ -95,6 +106,7 @@ def step_one(row, actions, courses, limits, state, outcome):
     after = move(before, action, limits)
     segment_before = state.segment[row]
     offset, projection = track_projection(courses, world, segment_before, after.x, after.y)
+    after = afloat(courses, world, limits, projection, after)
     new = visit_segments(courses, world, segment_before, offset, state.visited[row])
     state.pose[row, 0], state.pose[row, 1], state.pose[row, 2], state.pose[row, 3] = after
     state.segment[row] = projection.segment
@@ -107,6 +119,12 @@ def step_one(row, actions, courses, limits, state, outcome):
     reason = done_reason(broken, state.idle[row], state.steps[row], completed, limits, courses.max_steps[world])
     outcome.reward[row] = step_reward(new, courses.segments[world], limits)
     outcome.costs[row, 0], outcome.costs[row, 1] = step_costs(reason, limits)
+    if limits.is_boat != 0:
+        # Aground or against something, the boat pays for that alone.
+        stranded = outcome.costs[row, 0] > 0.0
+        outcome.costs[row, outcome.costs.shape[1] - 1] = (
+            0.0 if stranded else shallow_cost(courses, world, limits, after)
+        )
     outcome.reason[row] = reason
 
 

@@ -110,8 +110,9 @@ class EnvStepper:
         finished = np.flatnonzero(done)
         cost = np.where(valid, self._cost(info, done, len(finished) > 0), 0.0)
         reward = np.where(valid, np.asarray(reward, dtype=np.float64), 0.0)
-        costs = _info_value(info, "costs", done, (self.num_envs, 2))
-        costs = None if costs is None else np.where(valid[:, None], costs, 0.0)
+        kinds = len(getattr(getattr(self.env, "unwrapped", self.env), "cost_kinds", ("tight", "loose")))
+        costs = _info_value(info, "costs", done, (self.num_envs, kinds))
+        costs = None if costs is None else np.where(valid[:, None], costs[:, :2], 0.0)
         self._require_finite(reward=reward, cost=cost)
         if costs is not None:
             self._require_finite(costs=costs)

@@ -2,6 +2,7 @@
 
     python benchmarks/boat_pilot.py                       # resumes; rivers that are in the table are not run again
     python benchmarks/boat_pilot.py --levels Easy --seeds 3000:3010 --out trial.csv
+    python benchmarks/boat_pilot.py --write               # the table of docs/boats.md
 
 boat_pilot.csv has a row for each river: its return, of 10, the costs by kind, the length and the reason of the end. The
 pilot knows the map. It shows that each of these rivers can be run at no cost, from wherever an episode begins.
@@ -13,15 +14,18 @@ from pathlib import Path
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
+from page_sections import replace_section
 
 from thalweg import BOAT_IDS
 from thalweg.bench.csv_files import csv_text, read_csv
+from thalweg.bench.report.table import frame, markdown
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.seeds import parse_seeds
 from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv
 from thalweg.env.rivers.sounded_river import load_or_sound
 from thalweg.world import level_named
 
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "boats.md"
 TABLE = Path(__file__).resolve().with_suffix(".csv")
 COLUMNS = ("level", "seed", "return", "tight", "loose", "shallow", "length", "reason")
 SEEDS = "3000:3300"
@@ -51,18 +55,18 @@ def voyages(level: str, seeds: Sequence[int]) -> Iterator[dict[str, str]]:
         yield dict(zip(COLUMNS, map(str, told), strict=True))
 
 
-def summary(rows: Sequence[dict[str, str]]) -> str:
-    """Return a line for each level: rivers, the least return, rivers without cost, and the greatest length."""
+def page_section(rows: Sequence[dict[str, str]]) -> str:
+    """Return the table of the page, a line for each level: rivers, the least return, rivers without any cost, and the
+    greatest length."""
     lines = []
     for level in dict.fromkeys(row["level"] for row in rows):
         own = [row for row in rows if row["level"] == level]
         free = sum(all(float(row[kind]) == 0.0 for kind in ("tight", "loose", "shallow")) for row in own)
         least = min(float(row["return"]) for row in own)
         longest = max(int(row["length"]) for row in own)
-        lines.append(
-            f"{level}: {len(own)} rivers, least return {least:.2f}, {free} at no cost, at most {longest} steps"
-        )
-    return "\n".join(lines)
+        lines.append([level, str(len(own)), f"{least:.2f}", str(free), str(longest)])
+    header = ["level", "rivers", "least return", "rivers at no cost", "longest, in steps"]
+    return f"{markdown(frame(header, lines))}\n"
 
 
 def main() -> None:
@@ -72,7 +76,12 @@ def main() -> None:
         "--seeds", nargs="+", default=[SEEDS], help=f"seeds of the rivers of each level, by default {SEEDS}"
     )
     parser.add_argument("--out", type=Path, default=TABLE, help="the table, to which missing rivers are added")
+    parser.add_argument("--write", action="store_true", help="run nothing, but write the table of the page")
     given = parser.parse_args()
+    if given.write:
+        section = page_section(read_csv(given.out, COLUMNS))
+        write_atomic(PAGE, replace_section(PAGE.read_text(encoding="utf-8"), "pilot", section))
+        return
     seeds = parse_seeds(given.seeds, "--seeds", SystemExit)
     rows = read_csv(given.out, COLUMNS) if given.out.is_file() else []
     for level in given.levels:
@@ -82,7 +91,7 @@ def main() -> None:
             rows += voyages(level, missing[begin : begin + TOGETHER])
             rows.sort(key=lambda row: (list(BOAT_IDS).index(row["level"]), int(row["seed"])))
             write_atomic(given.out, csv_text(COLUMNS, ([row[name] for name in COLUMNS] for row in rows)))
-            print(summary(rows), flush=True)
+            print(page_section(rows), flush=True)
 
 
 if __name__ == "__main__":
